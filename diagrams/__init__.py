@@ -1,0 +1,1 @@
+"""The diagrams, one module each with `build(...) -> Diagram`."""

@@ -1,0 +1,86 @@
+"""The autopilot: hand controllers, attitude reference, phase-space control and jet selection.
+
+    hand_controllers --> attitude_reference --attitude_error--> phase_space_controller --request--> jet_selection
+    gyro ----------------^--------------------------------------^                                    |   |  command
+                                                                ^------------- delivered ------------'   '--------->
+"""
+
+from __future__ import annotations
+
+from pydrake.systems.framework import Diagram, DiagramBuilder
+
+from massprop_drake import settings as make
+from massprop_drake.scenario import Scenario
+from massprop_drake.systems.attitude_reference import AttitudeReference
+from massprop_drake.systems.hand_controllers import HandControllers, Window
+from massprop_drake.systems.jet_selection import JetSelection
+from massprop_drake.systems.phase_space_controller import PhaseSpaceController
+
+
+def build(scenario: Scenario) -> Diagram:
+    """The autopilot diagram of a scenario.
+
+    Ports:
+        gyro (in, 3): measured rate, rad/s, body axes.
+        estimate (in, 10), converged (in, 1): see `JetSelection`; may stay unconnected.
+        command (out, n_jets), held_command (out, n_jets): see `JetSelection`.
+        hand_controllers (out, 6): see `HandControllers`.
+        attitude_error (out, 3): rad, body axes.
+        request (out, 8): see `PhaseSpaceController`.
+        selection_counts (out, 4): see `JetSelection`.
+    """
+    vehicle = scenario.vehicle_data
+    period = vehicle.sample_period_s
+    control = make.phase_space_settings(scenario)
+    builder = DiagramBuilder()
+
+    controllers = builder.AddNamedSystem("hand_controllers", HandControllers(_windows(scenario)))
+    reference = builder.AddNamedSystem(
+        "attitude_reference", AttitudeReference(period_s=period, capture_rate=control.capture_rate)
+    )
+    controller = builder.AddNamedSystem("phase_space_controller", PhaseSpaceController(control, period_s=period))
+    selection = builder.AddNamedSystem(
+        "jet_selection",
+        JetSelection(
+            wrenches=vehicle.wrenches,
+            mass_flows=vehicle.mass_flows,
+            minimum_on_times_s=vehicle.minimum_on_times_s,
+            selectable=make.selectable(scenario),
+            mass_properties=vehicle.nominal.vector(),
+            period_s=period,
+        ),
+    )
+
+    for system in (reference, controller):
+        builder.Connect(
+            controllers.GetOutputPort("hand_controllers"), system.GetInputPort("hand_controllers")
+        )
+    builder.Connect(reference.GetOutputPort("attitude_error"), controller.GetInputPort("attitude_error"))
+    builder.Connect(controller.GetOutputPort("request"), selection.GetInputPort("request"))
+    builder.Connect(selection.GetOutputPort("delivered"), controller.GetInputPort("delivered"))
+
+    gyro = builder.ExportInput(reference.GetInputPort("gyro"), "gyro")
+    builder.ConnectInput(gyro, controller.GetInputPort("gyro"))
+    builder.ExportInput(selection.GetInputPort("estimate"), "estimate")
+    builder.ExportInput(selection.GetInputPort("converged"), "converged")
+    builder.ExportOutput(selection.GetOutputPort("command"), "command")
+    builder.ExportOutput(selection.GetOutputPort("held_command"), "held_command")
+    builder.ExportOutput(controllers.GetOutputPort("hand_controllers"), "hand_controllers")
+    builder.ExportOutput(reference.GetOutputPort("attitude_error"), "attitude_error")
+    builder.ExportOutput(controller.GetOutputPort("request"), "request")
+    builder.ExportOutput(selection.GetOutputPort("counts"), "selection_counts")
+    diagram = builder.Build()
+    diagram.set_name("autopilot")
+    return diagram
+
+
+def _windows(scenario: Scenario) -> tuple[Window, ...]:
+    return tuple(
+        Window(
+            channel=(0 if window.controller == "rhc" else 3) + "xyz".index(window.axis[1]),
+            sign=1.0 if window.axis[0] == "+" else -1.0,
+            start_s=window.start_s,
+            end_s=window.end_s,
+        )
+        for window in scenario.maneuver
+    )

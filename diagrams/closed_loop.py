@@ -1,0 +1,44 @@
+"""The closed loop: autopilot, vehicle and estimators.
+
+    autopilot --command, held_command--> vehicle --gyros, accelerometers--> estimation --> estimate
+        ^ ^                                 |            ^ jet_commands = held_command        |
+        | '------------ gyro ---------------'                                                 |
+        '---------------- estimate, converged (autopilot.mass_properties: estimated) ---------'
+"""
+
+from __future__ import annotations
+
+from pydrake.systems.framework import Diagram, DiagramBuilder
+
+from massprop_drake import settings as make
+from massprop_drake.diagrams import autopilot, estimation, vehicle
+from massprop_drake.diagrams._wiring import connect_estimation, export_outputs
+from massprop_drake.scenario import Scenario
+
+
+def build(scenario: Scenario) -> Diagram:
+    """The closed-loop diagram of a scenario.
+
+    Ports: none in; out every output of the `vehicle`, `autopilot` and `estimation` diagrams, by the same
+    names.
+
+    Timing: at t_k the sensors report the body, the autopilot decides the command of [t_k, t_k+1), and
+    the estimators use the readings with the command of [t_k-1, t_k).
+    """
+    builder = DiagramBuilder()
+    pilot = builder.AddNamedSystem("autopilot", autopilot.build(scenario))
+    body = builder.AddNamedSystem("vehicle", vehicle.build(scenario))
+    estimators = builder.AddNamedSystem("estimation", estimation.build(scenario))
+
+    builder.Connect(body.GetOutputPort(make.gyro(scenario).name), pilot.GetInputPort("gyro"))
+    builder.Connect(pilot.GetOutputPort("command"), body.GetInputPort("command"))
+    builder.Connect(pilot.GetOutputPort("held_command"), body.GetInputPort("held_command"))
+    connect_estimation(builder, body, pilot, estimators, scenario)
+    if scenario.autopilot.mass_properties == "estimated":
+        for name in ("estimate", "converged"):
+            builder.Connect(estimators.GetOutputPort(name), pilot.GetInputPort(name))
+
+    export_outputs(builder, (body, pilot, estimators))
+    diagram = builder.Build()
+    diagram.set_name("closed_loop")
+    return diagram

@@ -1,0 +1,102 @@
+"""The estimators: all that is known from gyros, accelerometers and commands. Nothing here sees the truth.
+
+    jet_commands --> impulse_model --impulses--> rotation_estimator --> convergence_monitor --> estimate
+    gyros ----------------------------------------^     |  rate_sample, prediction    ^
+                                                        v                             |
+    accelerometers --------------------------> mass_estimator ------------------------'
+
+The same diagram serves the closed loop, the open loop and recorded telemetry.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from pydrake.systems.framework import Diagram, DiagramBuilder
+
+from massprop_drake import settings as make
+from massprop_drake.maths.mass_properties import N_ROTATION
+from massprop_drake.scenario import Scenario
+from massprop_drake.systems.convergence_monitor import ConvergenceMonitor
+from massprop_drake.systems.impulse_model import ImpulseModel
+from massprop_drake.systems.mass_estimator import MassEstimator
+from massprop_drake.systems.rotation_estimator import Package, RotationEstimator
+
+
+def build(scenario: Scenario) -> Diagram:
+    """The estimation diagram of a scenario.
+
+    Ports:
+        jet_commands (in, n_jets): fraction commanded over the interval that ends now, 0 to 1.
+        <gyro> (in, 3): measured rate, rad/s, body axes, for each package.
+        <accelerometer> (in, 3): integrated specific force, ft/s or m/s, body axes, for each package.
+        estimate (out, 10), standard_deviation (out, 10), converged (out, 1): see `ConvergenceMonitor`.
+        impulses (out, 8): see `ImpulseModel`.
+        rotation_estimate (out, 9), rotation_covariance (out, 81), rotation_standard_deviation (out, 9),
+        rotation_innovation (out, 3), rotation_innovation_covariance (out, 9), rotation_status (out, 7):
+            see `RotationEstimator`.
+        mass_estimate (out, 2), mass_innovation (out, 3), mass_innovation_covariance (out, 9), mass_status (out, 5): see
+            `MassEstimator`.
+    """
+    vehicle = scenario.vehicle_data
+    estimate, deviation = make.initial_estimate(scenario), make.initial_deviation(scenario)
+    gyro, accelerometer = make.gyro(scenario), make.accelerometer(scenario)
+    builder = DiagramBuilder()
+
+    impulses = builder.AddNamedSystem(
+        "impulse_model",
+        ImpulseModel(
+            wrenches=vehicle.wrenches,
+            time_constants_s=make.estimator_time_constants(scenario),
+            period_s=vehicle.sample_period_s,
+        ),
+    )
+    rotation = builder.AddNamedSystem(
+        "rotation_estimator",
+        RotationEstimator(
+            estimate=estimate[:N_ROTATION],
+            covariance=np.diag(deviation[:N_ROTATION] ** 2),
+            gyros=tuple(Package(package.name, package.variance) for package in vehicle.gyros),
+            gyro=gyro.name,
+            settings=make.rotation_settings(scenario),
+        ),
+    )
+    monitor = builder.AddNamedSystem(
+        "convergence_monitor", ConvergenceMonitor(make.convergence_limits(scenario))
+    )
+    builder.ExportInput(impulses.GetInputPort("jet_commands"), "jet_commands")
+    builder.Connect(impulses.GetOutputPort("impulses"), rotation.GetInputPort("impulses"))
+    for package in vehicle.gyros:
+        builder.ExportInput(rotation.GetInputPort(package.name), package.name)
+    builder.Connect(rotation.GetOutputPort("estimate"), monitor.GetInputPort("rotation_estimate"))
+    builder.Connect(rotation.GetOutputPort("covariance"), monitor.GetInputPort("rotation_covariance"))
+
+    if accelerometer is not None:
+        mass = builder.AddNamedSystem(
+            "mass_estimator",
+            MassEstimator(
+                mass_reciprocal=float(estimate[9]),
+                variance=float(deviation[9] ** 2),
+                accelerometers=tuple(Package(package.name, package.variance) for package in vehicle.accelerometers),
+                accelerometer=accelerometer.name,
+                position=np.array(accelerometer.position),
+                rate_variance=gyro.variance,
+                settings=make.mass_settings(scenario),
+            ),
+        )
+        builder.Connect(impulses.GetOutputPort("impulses"), mass.GetInputPort("impulses"))
+        for name in ("rate_sample", "predicted_estimate", "predicted_covariance"):
+            builder.Connect(rotation.GetOutputPort(name), mass.GetInputPort(name))
+        for package in vehicle.accelerometers:
+            builder.ExportInput(mass.GetInputPort(package.name), package.name)
+        builder.Connect(mass.GetOutputPort("estimate"), monitor.GetInputPort("mass_estimate"))
+        for name in ("estimate", "innovation", "innovation_covariance", "status"):
+            builder.ExportOutput(mass.GetOutputPort(name), f"mass_{name}")
+
+    builder.ExportOutput(impulses.GetOutputPort("impulses"), "impulses")
+    for name in ("estimate", "covariance", "standard_deviation", "innovation", "innovation_covariance", "status"):
+        builder.ExportOutput(rotation.GetOutputPort(name), f"rotation_{name}")
+    for name in ("estimate", "standard_deviation", "converged"):
+        builder.ExportOutput(monitor.GetOutputPort(name), name)
+    diagram = builder.Build()
+    diagram.set_name("estimation")
+    return diagram

@@ -1,0 +1,37 @@
+"""The open loop: a prescribed jet schedule, the vehicle and the estimators.
+
+    jet_schedule --command, held_command--> vehicle --gyros, accelerometers--> estimation --> estimate
+"""
+
+from __future__ import annotations
+
+from pydrake.systems.framework import Diagram, DiagramBuilder
+
+from massprop_drake import settings as make
+from massprop_drake.diagrams import estimation, vehicle
+from massprop_drake.diagrams._wiring import connect_estimation, export_outputs
+from massprop_drake.scenario import Scenario
+from massprop_drake.systems.jet_schedule import JetSchedule
+
+
+def build(scenario: Scenario) -> Diagram:
+    """The open-loop diagram of a scenario.
+
+    Ports: none in; out every output of the `vehicle` and `estimation` diagrams and of `JetSchedule`, by
+    the same names.
+    """
+    builder = DiagramBuilder()
+    schedule = builder.AddNamedSystem(
+        "jet_schedule", JetSchedule(make.commands(scenario), period_s=scenario.vehicle_data.sample_period_s)
+    )
+    body = builder.AddNamedSystem("vehicle", vehicle.build(scenario))
+    estimators = builder.AddNamedSystem("estimation", estimation.build(scenario))
+
+    builder.Connect(schedule.GetOutputPort("command"), body.GetInputPort("command"))
+    builder.Connect(schedule.GetOutputPort("held_command"), body.GetInputPort("held_command"))
+    connect_estimation(builder, body, schedule, estimators, scenario)
+
+    export_outputs(builder, (body, schedule, estimators))
+    diagram = builder.Build()
+    diagram.set_name("open_loop")
+    return diagram

@@ -1,0 +1,84 @@
+"""The vehicle: jets, rigid body and sensors. The only place that knows the truth.
+
+    command ------> reaction_jets --wrench--> rigid_body --body_state--> gyros, accelerometers --> readings
+    held_command -->                                          noise_source --noise-->
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from pydrake.systems.framework import Diagram, DiagramBuilder
+
+from massprop_drake import settings as make
+from massprop_drake.scenario import Scenario
+from massprop_drake.systems.integrating_accelerometer import IntegratingAccelerometer
+from massprop_drake.systems.noise_source import NoiseSource
+from massprop_drake.systems.rate_gyro import RateGyro
+from massprop_drake.systems.reaction_jets import ReactionJets
+from massprop_drake.systems.rigid_body_plant import RigidBodyPlant
+
+
+def build(scenario: Scenario) -> Diagram:
+    """The vehicle diagram of a scenario.
+
+    Ports:
+        command (in, n_jets), held_command (in, n_jets): see `ReactionJets`.
+        <gyro> (out, 3): measured rate, rad/s, body axes, for each package.
+        <accelerometer> (out, 3): integrated specific force, ft/s or m/s, body axes, for each package.
+        body_state (out, 23), structure (out, 9), mass_properties (out, 10): the truth, see
+            `RigidBodyPlant`.
+        thrust (out, n_jets): mean force over the coming sample, see `ReactionJets`.
+    """
+    vehicle = scenario.vehicle_data
+    period = vehicle.sample_period_s
+    builder = DiagramBuilder()
+
+    jets = builder.AddNamedSystem(
+        "reaction_jets",
+        ReactionJets(
+            wrenches=make.plant_wrenches(scenario),
+            time_constants_s=make.plant_time_constants(scenario),
+            period_s=period,
+        ),
+    )
+    body = builder.AddNamedSystem(
+        "rigid_body",
+        RigidBodyPlant(
+            make.true_properties(scenario),
+            time_step=make.time_step(scenario),
+            lag_time_constants_s=jets.lag_time_constants_s,
+            initial_rate=np.array(scenario.plant.initial_rate),
+        ),
+    )
+    wrench = "wrench" if make.time_step(scenario) == 0.0 else "wrench_profile"
+    builder.Connect(jets.GetOutputPort(wrench), body.GetInputPort(wrench))
+    builder.ExportInput(jets.GetInputPort("command"), "command")
+    builder.ExportInput(jets.GetInputPort("held_command"), "held_command")
+
+    noisy = []
+    for package in (*vehicle.gyros, *vehicle.accelerometers):
+        model = make.sensor_model(scenario, package)
+        if package in vehicle.gyros:
+            sensor = RateGyro(package.name, model)
+        else:
+            sensor = IntegratingAccelerometer(package.name, model, position=np.array(package.position))
+        builder.AddNamedSystem(package.name, sensor)
+        builder.Connect(body.GetOutputPort("body_state"), sensor.GetInputPort("body_state"))
+        builder.ExportOutput(sensor.GetOutputPort("reading"), package.name)
+        if model.noisy:
+            noisy.append(sensor)
+
+    if noisy:
+        streams = {sensor.get_name(): 6 for sensor in noisy}
+        noise = builder.AddNamedSystem(
+            "noise_source", NoiseSource(scenario.seed, period_s=period, streams=streams)
+        )
+        for sensor in noisy:
+            builder.Connect(noise.GetOutputPort(sensor.get_name()), sensor.GetInputPort("noise"))
+
+    for name in ("body_state", "structure", "mass_properties"):
+        builder.ExportOutput(body.GetOutputPort(name), name)
+    builder.ExportOutput(jets.GetOutputPort("thrust"), "thrust")
+    diagram = builder.Build()
+    diagram.set_name("vehicle")
+    return diagram

@@ -1,0 +1,28 @@
+"""The error that tells a user what is wrong with their input."""
+
+from __future__ import annotations
+
+
+class InputError(ValueError):
+    """Bad input: a file, a field, an option.
+
+    Args:
+        problems: one sentence each, saying what, where, and what would be right.
+    """
+
+    def __init__(self, *problems: str):
+        self.problems = problems
+        more = len(problems) - 1
+        tail = "" if more == 0 else f" (and {more} more problem{'s' if more > 1 else ''})"
+        super().__init__(problems[0] + tail)
+
+
+def suggestion(word: object, valid: list[str]) -> str:
+    """'; did you mean ...?' when a valid word is close, else the list of valid words."""
+    import difflib
+
+    close = difflib.get_close_matches(str(word), valid, n=1)
+    if close:
+        return f"; did you mean '{close[0]}'?"
+    shown = ", ".join(valid[:30]) + (", ..." if len(valid) > 30 else "")
+    return f"; valid are: {shown}" if valid else ""

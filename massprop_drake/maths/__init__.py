@@ -1,0 +1,1 @@
+"""Pure functions on numpy arrays: the mathematics behind every system. Knows nothing of Drake."""

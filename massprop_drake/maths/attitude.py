@@ -1,0 +1,75 @@
+r"""Attitude of the body in the inertial frame: unit quaternions, scalar first.
+
+``quaternion`` is q_NB = (w, x, y, z): it takes body components to inertial ones, v_N = R(q) v_B,
+and obeys dq/dt = 1/2 q (0, w_NB_B) with the angular velocity in body axes.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from massprop_drake.maths.linear_algebra import Array
+
+
+def rotation_matrix(quaternion: Array) -> Array:
+    """The matrix R_NB of a unit quaternion q_NB, shape (3, 3)."""
+    w, x, y, z = quaternion.tolist()
+    return np.array(
+        [
+            [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
+            [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
+            [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
+        ]
+    )
+
+
+def multiply(left: Array, right: Array) -> Array:
+    """The quaternion product left * right: q_AC = q_AB q_BC."""
+    a, b, c, d = left.tolist()
+    w, x, y, z = right.tolist()
+    return np.array(
+        [
+            a * w - b * x - c * y - d * z,
+            a * x + b * w + c * z - d * y,
+            a * y - b * z + c * w + d * x,
+            a * z + b * y - c * x + d * w,
+        ]
+    )
+
+
+def conjugate(quaternion: Array) -> Array:
+    """The inverse of a unit quaternion."""
+    w, x, y, z = quaternion.tolist()
+    return np.array([w, -x, -y, -z])
+
+
+def from_rotation_vector(vector: Array) -> Array:
+    """The unit quaternion of a rotation vector, radians (axis times angle)."""
+    x, y, z = vector.tolist()
+    angle = math.sqrt(x * x + y * y + z * z)
+    # sin(angle / 2) / angle, with its series where the quotient would lose digits
+    factor = 0.5 - angle * angle / 48.0 if angle < 1e-4 else math.sin(0.5 * angle) / angle
+    return np.array([math.cos(0.5 * angle), factor * x, factor * y, factor * z])
+
+
+def to_rotation_vector(quaternion: Array) -> Array:
+    """The rotation vector, radians, of a unit quaternion; its angle lies between 0 and pi."""
+    w, x, y, z = quaternion.tolist()
+    if w < 0.0:
+        w, x, y, z = -w, -x, -y, -z
+    sine = math.sqrt(x * x + y * y + z * z)
+    # angle / sin(angle / 2), with its limit where the quotient would lose digits
+    factor = 2.0 / w if sine < 1e-8 else 2.0 * math.atan2(sine, w) / sine
+    return np.array([factor * x, factor * y, factor * z])
+
+
+def propagated(quaternion: Array, rate: Array, duration_s: float) -> Array:
+    """Attitude after turning at a constant body rate, rad/s, for a time; renormalised.
+
+    With the mean of the two rates that bound a sample this is the strapdown integration of a rate
+    gyro, correct to second order in the sample period.
+    """
+    turned = multiply(quaternion, from_rotation_vector(rate * duration_s))
+    return turned / math.sqrt(float(turned @ turned))

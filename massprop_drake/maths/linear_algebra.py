@@ -1,0 +1,123 @@
+"""Three-dimensional linear algebra for the inner loops, and the error that names a bad matrix.
+
+The functions work element by element on 3x3 matrices because numpy's general routines cost several
+times more than the arithmetic itself at this size.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+class NotPositiveDefiniteError(ArithmeticError):
+    """A covariance lost definiteness: internal numerical trouble, never patched over.
+
+    Args:
+        matrix: the matrix that failed.
+        what: which matrix it is.
+        time_s: when it happened, once a system that knows the time passes the error on.
+    """
+
+    def __init__(self, matrix: Array, what: str = "matrix", time_s: float | None = None):
+        self.matrix = np.array(matrix)
+        self.what = what
+        self.time_s = time_s
+        when = "" if time_s is None else f" at t = {time_s:.6g} s"
+        super().__init__(f"{what} is not positive definite{when}:\n{self.matrix}")
+
+    def at(self, time_s: float, where: str) -> NotPositiveDefiniteError:
+        """The same trouble, with the time and the system it happened in."""
+        return NotPositiveDefiniteError(self.matrix, f"{where}: {self.what}", time_s)
+
+
+def skew(vector: Array) -> Array:
+    """The matrix [v x] with [v x] u = v x u, shape (3, 3)."""
+    x, y, z = vector.tolist()
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
+def cross(left: Array, right: Array) -> Array:
+    """The cross product of two vectors of shape (3,); several times faster than numpy's."""
+    a, b, c = left.tolist()
+    x, y, z = right.tolist()
+    return np.array([b * z - c * y, c * x - a * z, a * y - b * x])
+
+
+def inverse_positive_definite(matrix: Array, what: str = "matrix") -> Array:
+    """Inverse of a symmetric positive definite 3x3 matrix, by its Cholesky factor.
+
+    Args:
+        matrix: shape (3, 3); only the lower triangle is read.
+        what: the matrix's name, for the error.
+
+    Raises:
+        NotPositiveDefiniteError: when a pivot is not positive (or not a number).
+    """
+    (a, _, _), (b, c, _), (d, e, f) = matrix.tolist()
+    # L: lower Cholesky factor with rows (l00), (l10, l11), (l20, l21, l22)
+    if not a > 0.0:
+        raise NotPositiveDefiniteError(matrix, what)
+    l00 = math.sqrt(a)
+    l10 = b / l00
+    pivot = c - l10 * l10
+    if not pivot > 0.0:
+        raise NotPositiveDefiniteError(matrix, what)
+    l11 = math.sqrt(pivot)
+    l20 = d / l00
+    l21 = (e - l20 * l10) / l11
+    pivot = f - l20 * l20 - l21 * l21
+    if not pivot > 0.0:
+        raise NotPositiveDefiniteError(matrix, what)
+    l22 = math.sqrt(pivot)
+    # M: the inverse of L; the inverse of the matrix is then transpose(M) M
+    m00, m11, m22 = 1.0 / l00, 1.0 / l11, 1.0 / l22
+    m10 = -l10 * m00 * m11
+    m21 = -l21 * m11 * m22
+    m20 = -(l20 * m00 + l21 * m10) * m22
+    xy = m10 * m11 + m20 * m21
+    xz = m20 * m22
+    yz = m21 * m22
+    return np.array(
+        [
+            [m00 * m00 + m10 * m10 + m20 * m20, xy, xz],
+            [xy, m11 * m11 + m21 * m21, yz],
+            [xz, yz, m22 * m22],
+        ]
+    )
+
+
+def is_positive_definite(matrix: Array) -> bool:
+    """Whether a symmetric 3x3 matrix is positive definite, by its leading minors."""
+    (a, _, _), (b, c, _), (d, e, f) = matrix.tolist()
+    minor = a * c - b * b
+    determinant = f * minor - e * (a * e - b * d) + d * (b * e - c * d)
+    return bool(a > 0.0 and minor > 0.0 and determinant > 0.0)
+
+
+def symmetrised(matrix: Array) -> Array:
+    """The symmetric part of a square matrix."""
+    return 0.5 * (matrix + matrix.T)
+
+
+def is_covariance(matrix: Array, tolerance: float = 1e-9) -> bool:
+    """Whether a matrix is symmetric and positive semidefinite, judged after scaling to a unit diagonal.
+
+    The scaling matters: the elements of the rotation filter's covariance span more than twenty
+    orders of magnitude in slug and feet. Rows whose variance is zero must be zero altogether.
+    """
+    variance = np.diag(matrix)
+    if not np.all(np.isfinite(matrix)) or np.any(variance < 0.0):
+        return False
+    known = variance == 0.0
+    if np.any(matrix[known]) or np.any(matrix[:, known]):
+        return False
+    scale = np.where(known, 1.0, np.sqrt(variance))
+    scaled = matrix / np.outer(scale, scale)
+    if not np.allclose(scaled, scaled.T, rtol=0.0, atol=tolerance):
+        return False
+    return bool(np.linalg.eigvalsh(symmetrised(scaled)).min() > -tolerance)

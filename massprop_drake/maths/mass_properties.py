@@ -1,0 +1,190 @@
+r"""The ten mass properties: their order, packing, derived quantities and first uncertainty.
+
+The rotational state, the order used everywhere (2-49):
+
+    x = [Ixx^-1, Iyy^-1, Izz^-1, Iyz^-1, Ixz^-1, Ixy^-1, x_cm, y_cm, z_cm]
+
+elements of the inverse inertia matrix about the centre of mass in body axes, and the centre of mass
+in the vehicle frame. The mass reciprocal 1/m is the tenth. Products carry the tensor's sign: they are
+the matrix entries, I_xy = -integral of x y dm (2-12).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_drake.maths.linear_algebra import Array, is_positive_definite, symmetrised
+
+NAMES = ("Ixx_inv", "Iyy_inv", "Izz_inv", "Iyz_inv", "Ixz_inv", "Ixy_inv", "x_cm", "y_cm", "z_cm", "m_inv")
+N_ROTATION = 9  # elements of the rotational state
+
+# element (i, j) of the inverse inertia is x[ELEMENT[i, j]]
+ELEMENT = np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])
+_ROWS = np.array([0, 1, 2, 1, 0, 0])
+_COLUMNS = np.array([0, 1, 2, 2, 2, 1])
+
+
+class MassProperties(NamedTuple):
+    """Mass, centre of mass and inertia of a rigid body: truth, nominal and estimate alike.
+
+    Attributes:
+        mass: slug or kg.
+        center_of_mass: in the vehicle frame, ft or m, shape (3,).
+        inertia: about the centre of mass, body axes, slug-ft^2 or kg-m^2, shape (3, 3).
+    """
+
+    mass: float
+    center_of_mass: Array
+    inertia: Array
+
+    def vector(self) -> Array:
+        """The ten parameters in their order, shape (10,)."""
+        inverse = symmetrised(np.linalg.inv(self.inertia))
+        return pack(inverse, self.center_of_mass, 1.0 / self.mass)
+
+
+def symmetric(elements: Array) -> Array:
+    """The symmetric 3x3 matrix of six elements in the order 11, 22, 33, 23, 13, 12."""
+    return elements[ELEMENT]
+
+
+def six_elements(matrix: Array) -> Array:
+    """The six elements 11, 22, 33, 23, 13, 12 of a symmetric 3x3 matrix."""
+    return matrix[_ROWS, _COLUMNS]
+
+
+def pack(inverse_inertia: Array, center_of_mass: Array, mass_reciprocal: float) -> Array:
+    """The vector of ten parameters, shape (10,)."""
+    return np.concatenate([six_elements(inverse_inertia), center_of_mass, [mass_reciprocal]])
+
+
+def could_be_inertia(inertia: Array, tolerance: float = 1e-9) -> bool:
+    """Whether some distribution of mass has this inertia matrix.
+
+    The matrix must be positive definite, and no principal moment may exceed the sum of the other two:
+    half the trace times the identity, minus the inertia, must be positive semidefinite.
+
+    Args:
+        inertia: symmetric, shape (3, 3).
+        tolerance: allowed violation of the triangle inequality, relative to the trace.
+    """
+    if not np.all(np.isfinite(inertia)) or not is_positive_definite(inertia):
+        return False
+    moments = np.linalg.eigvalsh(inertia)
+    return bool(moments[2] - moments[0] - moments[1] <= tolerance * moments.sum())
+
+
+class Derived(NamedTuple):
+    """Mass and inertia that follow from an estimate of their inverses, with first-order 1-sigma.
+
+    Attributes:
+        mass: slug or kg; None where the estimate of 1/m is not positive.
+        mass_std: slug or kg; None likewise.
+        inertia: about the centre of mass, slug-ft^2 or kg-m^2, shape (3, 3); None where the
+            estimated inverse is singular.
+        inertia_std: of each element, shape (3, 3); None likewise.
+        physically_possible: whether a rigid body can have this mass and this inertia.
+    """
+
+    mass: float | None
+    mass_std: float | None
+    inertia: Array | None
+    inertia_std: Array | None
+    physically_possible: bool
+
+
+def derived(estimate: Array, covariance: Array) -> Derived:
+    r"""Mass and inertia from the estimated inverses.
+
+    The uncertainties follow from the differentials dI = -I d(I^-1) I and dm = -m^2 d(1/m).
+
+    Args:
+        estimate: the ten parameters, shape (10,).
+        covariance: of their errors, shape (10, 10).
+    """
+    reciprocal = float(estimate[9])
+    mass = mass_std = None
+    if reciprocal > 0.0:
+        mass = 1.0 / reciprocal
+        mass_std = mass**2 * float(np.sqrt(covariance[9, 9]))
+    inverse = symmetric(estimate[:6])
+    scale = np.abs(inverse).max()
+    if not scale > 0.0 or np.linalg.cond(inverse / scale) > 1e12:
+        return Derived(mass, mass_std, None, None, False)
+    inertia = symmetrised(np.linalg.inv(inverse))
+    jacobian = np.empty((6, 6))
+    for column in range(6):
+        direction = symmetric(np.eye(6)[column])
+        jacobian[:, column] = -six_elements(inertia @ direction @ inertia)
+    variance = np.einsum("ij,jk,ik->i", jacobian, covariance[:6, :6], jacobian)
+    possible = mass is not None and could_be_inertia(inertia)
+    return Derived(mass, mass_std, inertia, symmetric(np.sqrt(np.maximum(variance, 0.0))), possible)
+
+
+def initial_standard_deviation(
+    nominal: Array, fraction: float, center_of_mass_floor: float | None, *, floors: bool = True
+) -> Array:
+    r"""1-sigma of the ten parameters before any measurement: a fraction of the nominal values.
+
+    A nominal value that is zero or small cannot scale its own uncertainty, so with ``floors``
+    each product element has at least the fraction times sqrt(I_ii^-1 I_jj^-1), and each coordinate of
+    the centre of mass at least its floor.
+
+    Args:
+        nominal: the ten nominal parameters, shape (10,).
+        fraction: 1-sigma relative to the nominal value (1: 100 %).
+        center_of_mass_floor: ft or m; None leaves the centre of mass without one.
+        floors: whether the floors apply; without them a zero nominal is taken as exactly known.
+    """
+    deviation = fraction * np.abs(nominal)
+    if floors:
+        diagonal = np.abs(nominal[:3])
+        for element, (i, j) in zip((3, 4, 5), ((1, 2), (0, 2), (0, 1)), strict=True):
+            deviation[element] = max(deviation[element], fraction * np.sqrt(diagonal[i] * diagonal[j]))
+        if center_of_mass_floor is not None:
+            deviation[6:9] = np.maximum(deviation[6:9], center_of_mass_floor)
+    return deviation
+
+
+def percent_error(estimate: Array, truth: Array) -> Array:
+    """100 (estimate - truth) / |truth| of each parameter; NaN where the truth is below its floor.
+
+    The floor of a product element is 1e-9 of sqrt(I_ii^-1 I_jj^-1), that of a coordinate of the centre
+    of mass 1e-9 of the vector's length: smaller values are zero for every practical purpose.
+    """
+    floor = np.zeros(10)
+    diagonal = np.abs(truth[:3])
+    floor[3:6] = 1e-9 * np.sqrt(diagonal[[1, 0, 0]] * diagonal[[2, 2, 1]])
+    floor[6:9] = 1e-9 * np.linalg.norm(truth[6:9])
+    known = np.abs(truth) > floor
+    error = np.full(10, np.nan)
+    error[known] = 100.0 * (estimate[known] - truth[known]) / np.abs(truth[known])
+    return error
+
+
+def converged(standard_deviation: Array, estimate: Array, limits: Array) -> bool:
+    r"""Whether estimates are good enough to act on.
+
+    Three tests, each 1-sigma against its limit: the diagonal of the inverse inertia and the mass
+    reciprocal relative to their estimates, which must be positive, and the centre of mass in length.
+
+    Args:
+        standard_deviation: of the ten parameters, shape (10,).
+        estimate: the ten parameters, shape (10,).
+        limits: relative limit of the diagonal, limit of the centre of mass (ft or m), relative limit
+            of the mass reciprocal, shape (3,).
+    """
+    s = standard_deviation.tolist()
+    x = estimate.tolist()
+    diagonal, center, reciprocal = limits.tolist()
+    return (
+        0.0 < s[0] < diagonal * x[0]
+        and 0.0 < s[1] < diagonal * x[1]
+        and 0.0 < s[2] < diagonal * x[2]
+        and s[6] < center
+        and s[7] < center
+        and s[8] < center
+        and 0.0 < s[9] < reciprocal * x[9]
+    )

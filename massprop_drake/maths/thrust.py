@@ -1,0 +1,67 @@
+r"""Thrust build-up and tail-off: a first-order lag of each jet's level, in closed form.
+
+A jet's level l (0: no thrust, 1: its full thrust) follows its target u as dl/dt = (u - l) / tau.
+Over one sample the target is constant, so with s the time since the sample began
+
+    l(s) = u + (l_0 - u) exp(-s / tau).
+
+A time constant of zero means instantaneous thrust.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_drake.maths.linear_algebra import Array
+
+
+class LagFactors(NamedTuple):
+    """What one sample period does to the lag, each of shape (n_jets,).
+
+    Attributes:
+        remaining: exp(-T / tau), the share of an initial difference left at the end of the period.
+        mean: (tau / T) (1 - exp(-T / tau)), its share on average over the period.
+    """
+
+    remaining: Array
+    mean: Array
+
+
+def lag_factors(time_constants_s: Array, period_s: float) -> LagFactors:
+    """The lag's factors over one period.
+
+    Args:
+        time_constants_s: time constant of each jet, s, zero or positive, shape (n_jets,).
+        period_s: the sample period, s.
+    """
+    ratio = np.zeros_like(time_constants_s)
+    lagged = time_constants_s > 0.0
+    ratio[lagged] = time_constants_s[lagged] / period_s
+    remaining = np.zeros_like(ratio)
+    remaining[lagged] = np.exp(-1.0 / ratio[lagged])
+    return LagFactors(remaining, ratio * (1.0 - remaining))
+
+
+def level_after(level: Array, target: Array, remaining: Array) -> Array:
+    """Level at the end of a period that began at ``level`` with a constant ``target``."""
+    return target + (level - target) * remaining
+
+
+def mean_level(level: Array, target: Array, mean: Array) -> Array:
+    """Level averaged over a period that began at ``level`` with a constant ``target``."""
+    return target + (level - target) * mean
+
+
+def level_at(level: Array, target: Array, time_constants_s: Array, elapsed_s: float) -> Array:
+    """Level at a time, s, after the period began; the target itself where there is no lag."""
+    if elapsed_s <= 0.0:
+        return np.where(time_constants_s > 0.0, level, target)
+    return level_after(level, target, lag_factors(time_constants_s, elapsed_s).remaining)
+
+
+def decay_integral(time_constant_s: float, elapsed_s: float) -> float:
+    """The integral of exp(-s / tau) from 0 to the elapsed time, s."""
+    return -time_constant_s * math.expm1(-elapsed_s / time_constant_s)

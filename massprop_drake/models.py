@@ -1,0 +1,344 @@
+"""Typed, validated data from YAML files: what vehicle, scenario and other files have in common.
+
+A file is read with its line numbers, checked against a pydantic model, and every problem is reported
+with file, line and dotted field. YAML is read by the 1.2 rules for scalars: 1e-6 is a number, `on` and
+`yes` are words.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+import types
+import typing
+from pathlib import Path
+from typing import Annotated, Any, TypeVar
+
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from massprop_drake.errors import InputError, suggestion
+
+Real = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+Whole = Annotated[int, Field(strict=True)]
+Flag = Annotated[bool, Field(strict=True)]
+Text = Annotated[str, Field(strict=True)]
+Vector3 = tuple[Real, Real, Real]
+Matrix3 = tuple[Vector3, Vector3, Vector3]
+
+
+class Model(BaseModel):
+    """Base of all file models: frozen, no unknown keys, no NaN or infinity."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+M = TypeVar("M", bound=Model)
+
+
+def described(default: Any, meaning: str, unit: str = "-", **constraints: Any) -> Any:
+    """A field with its default, meaning and unit; `...` as default makes it required."""
+    return Field(default, description=meaning, json_schema_extra={"unit": unit}, **constraints)
+
+
+# ---------------------------------------------------------------------------------------- reading
+
+
+class _Loader(yaml.SafeLoader):
+    """Safe YAML with the scalars of YAML 1.2."""
+
+
+_Loader.yaml_implicit_resolvers = {
+    first: [(tag, pattern) for tag, pattern in resolvers if not tag.endswith((":bool", ":float", ":int", ":timestamp"))]
+    for first, resolvers in yaml.SafeLoader.yaml_implicit_resolvers.items()
+}
+_Loader.add_implicit_resolver("tag:yaml.org,2002:bool", re.compile(r"^(?:true|True|TRUE|false|False|FALSE)$"), list("tTfF"))
+_Loader.add_implicit_resolver("tag:yaml.org,2002:int", re.compile(r"^[-+]?[0-9]+$"), list("-+0123456789"))
+_Loader.add_implicit_resolver(
+    "tag:yaml.org,2002:float",
+    re.compile(
+        r"^(?:[-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?|[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN))$"
+    ),
+    list("-+0123456789."),
+)
+# 007 and 1_000 are not numbers of YAML 1.1's kinds here: an int is decimal
+_Loader.add_constructor("tag:yaml.org,2002:int", lambda loader, node: int(loader.construct_scalar(node)))
+_Loader.add_constructor(
+    "tag:yaml.org,2002:float",
+    lambda loader, node: float(loader.construct_scalar(node).lower().replace(".inf", "inf").replace(".nan", "nan")),
+)
+
+Path_ = tuple[str | int, ...]
+
+
+class Document:
+    """A YAML document: its data, and the line of each part.
+
+    Args:
+        text: the YAML text.
+        source: what to call it in messages, a file's path as the user gave it.
+
+    Raises:
+        InputError: when the text is not YAML, is empty, is no mapping, or has a key twice.
+    """
+
+    def __init__(self, text: str, source: str):
+        self.source = source
+        self._lines: dict[Path_, int] = {}
+        try:
+            loader = _Loader(text)
+            node = loader.get_single_node()
+        except yaml.YAMLError as error:
+            raise InputError(f"{source}: not valid YAML: {_yaml_problem(error)}") from None
+        if not isinstance(node, yaml.MappingNode):
+            what = "is empty" if node is None else "is no mapping"
+            raise InputError(f"{source}: the document {what}; expected keys with values, such as 'name: ...'")
+        self._walk(node, ())
+        try:
+            self.data: dict[str, Any] = loader.construct_document(node)
+        except (yaml.YAMLError, ValueError) as error:
+            raise InputError(f"{source}: not valid YAML: {_yaml_problem(error)}") from None
+
+    def _walk(self, node: yaml.Node, path: Path_) -> None:
+        self._lines[path] = node.start_mark.line + 1
+        if isinstance(node, yaml.MappingNode):
+            seen: dict[str, int] = {}
+            for key, value in node.value:
+                line = key.start_mark.line + 1
+                if not isinstance(key, yaml.ScalarNode):
+                    raise InputError(f"{self.source}, line {line}: a key must be a plain word")
+                if key.value in seen:
+                    raise InputError(
+                        f"{self.source}, line {line}: {dotted((*path, key.value))}: the key appears twice, "
+                        f"first in line {seen[key.value]}; keep one of them"
+                    )
+                seen[key.value] = line
+                self._walk(value, (*path, key.value))
+                self._lines[(*path, key.value)] = line
+        elif isinstance(node, yaml.SequenceNode):
+            for index, value in enumerate(node.value):
+                self._walk(value, (*path, index))
+
+    def where(self, path: Path_) -> str:
+        """File, line where it is known, and dotted field: the beginning of a message."""
+        for length in range(len(path), 0, -1):
+            if path[:length] in self._lines:
+                return f"{self.source}, line {self._lines[path[:length]]}: {dotted(path)}"
+        return f"{self.source}: {dotted(path)}" if path else self.source
+
+
+def _yaml_problem(error: Exception) -> str:
+    mark = getattr(error, "problem_mark", None)
+    problem = getattr(error, "problem", None) or str(error).splitlines()[0]
+    return problem if mark is None else f"{problem} (line {mark.line + 1}, column {mark.column + 1})"
+
+
+def dotted(path: Path_) -> str:
+    """A path as people write it: jets[3].direction."""
+    text = ""
+    for part in path:
+        text += f"[{part}]" if isinstance(part, int) else (f".{part}" if text else str(part))
+    return text
+
+
+def read_text(path: Path) -> str:
+    """A text file's content.
+
+    Raises:
+        InputError: when it is missing, unreadable or not UTF-8.
+    """
+    try:
+        return path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file") from None
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: not a text file in UTF-8") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+
+
+def validated(model: type[M], data: Any, document: Document | None = None, source: str = "") -> M:
+    """A model made of data, or one message per problem.
+
+    Args:
+        model: the pydantic model.
+        data: a mapping, from a file or a program.
+        document: where the data came from, for lines; without it ``source`` names it.
+        source: what to call the data in messages.
+
+    Raises:
+        InputError: naming each field that is wrong.
+    """
+    try:
+        return model.model_validate(data)
+    except ValidationError as error:
+        raise InputError(*_problems(model, data, error, document, source)) from None
+
+
+def _problems(
+    model: type[Model], data: Any, error: ValidationError, document: Document | None, source: str
+) -> list[str]:
+    problems = []
+    for item in error.errors(include_url=False):
+        path = _without_union_tags(item["loc"], data)
+        if document is not None:
+            where = document.where(path)
+        else:
+            where = ": ".join(part for part in (source, dotted(path)) if part)
+        problems.append(f"{where}: {_sentence(model, item, path)}")
+    return list(dict.fromkeys(problems))
+
+
+def _without_union_tags(location: tuple[str | int, ...], data: Any) -> Path_:
+    """pydantic names the member of a union in its path; the file has no such key."""
+    path: list[str | int] = []
+    for part in location:
+        if isinstance(data, dict) and part in data:
+            path.append(part)
+            data = data[part]
+        elif isinstance(data, (list, tuple)) and isinstance(part, int) and part < len(data):
+            path.append(part)
+            data = data[part]
+        elif isinstance(data, dict) and part == location[-1]:
+            path.append(part)
+    return tuple(path)
+
+
+def _sentence(model: type[Model], item: Any, path: Path_) -> str:
+    kind, given = item["type"], item.get("input")
+    if kind == "missing":
+        return "missing; this field is required"
+    if kind == "extra_forbidden":
+        return f"unknown key{suggestion(path[-1], _keys_at(model, path[:-1]))}"
+    message = item["msg"].removeprefix("Value error, ")
+    if kind == "value_error":
+        return message
+    message = message[0].lower() + message[1:]
+    if kind == "literal_error":
+        return f"{given!r} is not one of {item['ctx']['expected']}"
+    if isinstance(given, (str, int, float, bool)) or given is None:
+        return f"{message}, got {given!r}"
+    if isinstance(given, (list, tuple)) and "length" in kind:
+        return f"{message}, got {len(given)}"
+    return message
+
+
+def _keys_at(model: type[Model], path: Path_) -> list[str]:
+    here: Any = model
+    for part in path:
+        if isinstance(part, int):
+            continue
+        here = _model_in(here.model_fields[part].annotation) if part in here.model_fields else None
+        if here is None:
+            return []
+    return list(here.model_fields)
+
+
+def _model_in(annotation: Any) -> type[Model] | None:
+    """The first model that an annotation such as list[Model] or Model | None holds."""
+    if isinstance(annotation, type) and issubclass(annotation, Model):
+        return annotation
+    for argument in typing.get_args(annotation):
+        found = _model_in(argument)
+        if found is not None:
+            return found
+    return None
+
+
+# ---------------------------------------------------------------------------------------- writing
+
+
+class _Dumper(yaml.SafeDumper):
+    """Short lists of numbers on one line; floats that read back exactly."""
+
+
+def _represent_float(dumper: yaml.SafeDumper, value: float) -> yaml.Node:
+    return dumper.represent_scalar("tag:yaml.org,2002:float", repr(value))
+
+
+def _represent_list(dumper: yaml.SafeDumper, value: list[Any]) -> yaml.Node:
+    flat = all(not isinstance(item, (list, dict)) for item in value)
+    return dumper.represent_sequence("tag:yaml.org,2002:seq", value, flow_style=flat)
+
+
+_Dumper.add_representer(float, _represent_float)
+_Dumper.add_representer(list, _represent_list)
+
+
+def yaml_text(model: Model) -> str:
+    """A model as YAML in full, every default written out; reading it gives an equal model."""
+    return yaml.dump(model.model_dump(mode="json"), Dumper=_Dumper, sort_keys=False, width=110, allow_unicode=True)
+
+
+def digest(model: Model) -> str:
+    """SHA-256 of a model's full content, hexadecimal."""
+    return hashlib.sha256(yaml_text(model).encode()).hexdigest()
+
+
+# ----------------------------------------------------------------------------------------- schema
+
+
+class Key(typing.NamedTuple):
+    """One key of a file: for `massprop check --schema` and the documentation."""
+
+    name: str
+    type: str
+    unit: str
+    default: str
+    meaning: str
+
+
+def keys(model: type[Model], prefix: str = "") -> list[Key]:
+    """Every key of a model and of the models in it, in order."""
+    found = []
+    for name, field in model.model_fields.items():
+        extra = field.json_schema_extra
+        unit = str(extra.get("unit", "-")) if isinstance(extra, dict) else "-"
+        if field.is_required():
+            default = "required"
+        else:
+            value = field.get_default(call_default_factory=True)  # type: ignore[call-arg]
+            default = "see below" if isinstance(value, Model) else _plain(value)
+        full = f"{prefix}{name}"
+        found.append(Key(full, _type_name(field.annotation), unit, default, field.description or ""))
+        inner = _model_in(field.annotation)
+        if inner is not None:
+            kind = _type_name(field.annotation)
+            inside = "[]" if kind.startswith("list") else "{}" if kind.startswith("map of") else ""
+            found.extend(keys(inner, f"{full}{inside}."))
+    return found
+
+
+def _plain(value: Any) -> str:
+    if value is None:
+        return "null"
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, (list, tuple)):
+        return "[" + ", ".join(_plain(item) for item in value) + "]"
+    if isinstance(value, dict):
+        return "{}"
+    return str(value)
+
+
+def _type_name(annotation: Any) -> str:
+    if annotation is None or annotation is type(None):
+        return "null"
+    if hasattr(annotation, "__metadata__"):
+        return _type_name(typing.get_args(annotation)[0])
+    origin, arguments = typing.get_origin(annotation), typing.get_args(annotation)
+    if origin is typing.Literal:
+        return " | ".join(str(argument) for argument in arguments)
+    if origin in (typing.Union, types.UnionType):
+        return " | ".join(_type_name(argument) for argument in arguments)
+    if origin is list:
+        return f"list of {_type_name(arguments[0])}"
+    if origin is tuple:
+        inner = _type_name(arguments[0])
+        if Ellipsis in arguments:
+            return f"list of {inner}"
+        return f"{len(arguments)} {inner}"
+    if origin is dict:
+        return f"map of {_type_name(arguments[1])}"
+    names = {float: "number", int: "integer", bool: "true | false", str: "text"}
+    return names.get(annotation, "mapping")

@@ -1,0 +1,406 @@
+"""Scenarios: one case to simulate, and how to estimate in it; read from YAML and validated.
+
+Every variant of a method is a field here, never an edit of code. Angles are radians.
+"""
+
+from __future__ import annotations
+
+import os
+from importlib import resources
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import yaml
+from pydantic import field_validator, model_validator
+
+from massprop_drake.errors import InputError, suggestion
+from massprop_drake.models import (
+    Document,
+    Flag,
+    Model,
+    Real,
+    Text,
+    Vector3,
+    Whole,
+    described,
+    read_text,
+    validated,
+)
+from massprop_drake.vehicle import MassPropertiesModel, Vehicle, load_vehicle
+
+_DEGREE = np.pi / 180.0
+
+
+class HandControllerWindow(Model):
+    """A hand controller held out of detent for a while."""
+
+    controller: Literal["rhc", "thc"] = described(
+        ..., "rhc: rotational (discrete rate), thc: translational (acceleration)"
+    )
+    axis: Literal["+x", "-x", "+y", "-y", "+z", "-z"] = described(..., "body axis and direction")
+    start_s: Real = described(..., "leaves detent", "s", ge=0.0)
+    end_s: Real = described(..., "returns to detent", "s", gt=0.0)
+
+    @model_validator(mode="after")
+    def _ordered(self) -> HandControllerWindow:
+        _require_order(self.start_s, self.end_s)
+        return self
+
+
+class JetPulse(Model):
+    """A jet commanded on for a while, in a scenario with a prescribed jet schedule."""
+
+    jet: Text = described(..., "designation")
+    start_s: Real = described(..., "first commanded", "s", ge=0.0)
+    end_s: Real = described(..., "no longer commanded", "s", gt=0.0)
+
+    @model_validator(mode="after")
+    def _ordered(self) -> JetPulse:
+        _require_order(self.start_s, self.end_s)
+        return self
+
+
+def _require_order(start_s: float, end_s: float) -> None:
+    if end_s <= start_s:
+        raise ValueError(f"end_s must be later than start_s, got {start_s:g} to {end_s:g}")
+
+
+class PlantSettings(Model):
+    """The true vehicle."""
+
+    time_step: Real | None = described(
+        None,
+        "0: continuous, by Drake's integrator; the sample period: fixed steps of high order; null: the sample period",
+        "s",
+    )
+    integrator: Text = described("runge_kutta5", "Drake integration scheme of the continuous plant")
+    accuracy: Real = described(1e-10, "accuracy asked of that integrator", "-", gt=0.0, le=1e-2)
+    thrust_transient: Literal["none", "vehicle"] = described(
+        "vehicle", "none: thrust instantaneous; vehicle: first-order lag with the vehicle file's time constants"
+    )
+    depletion: Flag = described(True, "whether firing uses up mass (inertia and center of mass stay)")
+    mass_properties: MassPropertiesModel | None = described(
+        None, "true mass properties at the start; null: the vehicle's nominal ones"
+    )
+    initial_rate: Vector3 = described((0.0, 0.0, 0.0), "angular rate at the start, body axes", "rad/s")
+
+
+class SensorErrors(Model):
+    """Errors of one sensor package, true but unknown to the estimators. In the order a signal meets them."""
+
+    sensor: Text = described(..., "name of a gyro or accelerometer package")
+    scale_factor: Vector3 = described((0.0, 0.0, 0.0), "relative error of scale per axis: reading = (1 + this) x truth")
+    bandwidth_hz: Real | None = described(None, "corner of a first-order low-pass; null: unlimited", "Hz", gt=0.0)
+    bias: Vector3 = described((0.0, 0.0, 0.0), "constant bias; of an accelerometer, of the acceleration", "rad/s | ft/s^2 | m/s^2")
+    bias_random_walk: Real = described(
+        0.0, "the bias's random walk, 1-sigma after one second", "rad/s/sqrt(s) | ft/s^2/sqrt(s) | m/s^2/sqrt(s)", ge=0.0
+    )
+    noise_std: Real | None = described(None, "white noise of a reading, 1-sigma; null: the vehicle's", "rad/s | ft/s | m/s", ge=0.0)
+    quantum: Real | None = described(None, "step of a reading; null: the vehicle's", "rad/s | ft/s | m/s", ge=0.0)
+    delay_samples: Whole = described(0, "whole samples by which readings are late", "-", ge=0, le=100)
+
+
+class SensorSettings(Model):
+    """The sensors."""
+
+    quantiser_phase: Literal["seeded", "equal"] = described(
+        "seeded", "seeded: each component's marks are offset at random, from the seed; equal: none is"
+    )
+    gyro: Text | None = described(None, "package the estimators and the autopilot use; null: the first")
+    accelerometer: Text | None = described(None, "package the mass estimator uses; null: the vehicle's preferred one")
+    errors: tuple[SensorErrors, ...] = described((), "errors beyond the vehicle file's quanta and noise")
+
+
+class AutopilotSettings(Model):
+    """Manual modes of the thesis: discrete rate, attitude hold, acceleration."""
+
+    mass_properties: Literal["nominal", "estimated"] = described(
+        "nominal", "for activity vectors; estimated: the estimates once they have converged, nominal before"
+    )
+    jet_kinds: tuple[Text, ...] = described(("primary",), "kinds of jets that may be selected", min_length=1)
+    discrete_rate: Real = described(0.5 * _DEGREE, "rate that the rotational hand controller commands", "rad/s", gt=0.0)
+    hold_gain: Real = described(0.15, "rate commanded per attitude error in hold", "1/s", ge=0.0)
+    hold_rate_limit: Real = described(0.1 * _DEGREE, "largest rate commanded in hold", "rad/s", ge=0.0)
+    capture_rate: Real = described(
+        0.05 * _DEGREE, "back in detent, an axis holds attitude once its rate is below this", "rad/s", gt=0.0
+    )
+    rate_deadband: Real = described(0.02 * _DEGREE, "rate error that asks for a correction", "rad/s", gt=0.0)
+    acceleration: Real = described(0.5, "that the translational hand controller commands", "ft/s^2 | m/s^2", gt=0.0)
+    horizon_s: Real = described(2.0, "a translation is requested for this long at a time", "s", gt=0.0)
+    resolve_rate: Real = described(0.2 * _DEGREE, "in a translation, rate error that asks for a new selection", "rad/s", gt=0.0)
+    resolve_after_s: Real = described(0.4, "least time between two selections in a translation", "s", ge=0.0)
+
+
+class ConvergenceLimits(Model):
+    """1-sigma below which estimates may be acted on."""
+
+    diagonal: Real = described(0.02, "of the inverse inertia's diagonal, relative to the estimate", "-", gt=0.0)
+    mass_reciprocal: Real = described(0.2, "of the mass reciprocal, relative to the estimate", "-", gt=0.0)
+    center_of_mass: Real | None = described(None, "of the center of mass; null: 3 % of the jets' RMS arm", "ft | m", gt=0.0)
+
+
+class EstimationSettings(Model):
+    """What the estimators start from, and what they make of commands."""
+
+    start: Literal["nominal", "zero"] = described("nominal", "estimates begin at the nominal values, or at zero")
+    std_fraction: Real | None = described(
+        None, "1-sigma at the start relative to the nominal values; null: 0.3 for nominal, 1 for zero", "-", gt=0.0
+    )
+    floors: Flag = described(
+        True, "least 1-sigma at the start for products of inertia and center of mass, whose nominal values may be zero"
+    )
+    thrust_transient: Literal["gate", "gate_lag"] = described(
+        "gate_lag",
+        "gate: samples whose jets have just changed are skipped, thrust taken as instantaneous; gate_lag: the same "
+        "gate, impulses from the lagged thrust level",
+    )
+    convergence: ConvergenceLimits = described(ConvergenceLimits(), "when estimates may be acted on")
+
+
+class RotationFilterSettings(Model):
+    """The filter for inverse inertia and center of mass."""
+
+    filter: Literal["second_order", "extended"] = described(
+        "second_order", "second_order: with bias and covariance of the curvature; extended: Kalman filter without them"
+    )
+    coupling: Literal["subtract", "ignore", "hybrid"] = described(
+        "hybrid", "dynamic coupling: subtract it, ignore it, or subtract it once the estimates are good enough"
+    )
+    coupling_limit: Real = described(
+        50.0, "hybrid: innovation variance below this many times the measurement's starts the subtraction", "-", gt=0.0
+    )
+    jump: Literal["none", "covariance_increment"] = described(
+        "covariance_increment", "what a too large innovation does: nothing, or raise the covariance"
+    )
+    jump_threshold: Real = described(25.0, "NIS that counts as too large; 11.34 in the thesis", "-", gt=0.0)
+    jump_std_fraction: Real = described(1.0, "1-sigma then added, relative to that at the start", "-", gt=0.0)
+    process_noise_std: tuple[Real, Real, Real, Real, Real, Real, Real, Real, Real] = described(
+        (0.0,) * 9, "1-sigma of the change per sample, in state order", "1/(slug-ft^2) | 1/(kg-m^2), ft | m"
+    )
+    disturbance_std: Real = described(0.0, "1-sigma per sample of unmodelled rate increments", "rad/s", ge=0.0)
+
+    @field_validator("process_noise_std")
+    @classmethod
+    def _not_negative(cls, value: tuple[float, ...]) -> tuple[float, ...]:
+        if min(value) < 0.0:
+            raise ValueError("must be zero or positive")
+        return value
+
+
+class MassFilterSettings(Model):
+    """The filter for the mass reciprocal."""
+
+    compensation: Literal["none", "transverse", "transverse_centripetal"] = described(
+        "transverse", "what of the rotation is taken out of the velocity increments"
+    )
+    compensation_covariance: Flag = described(True, "whether the measurement covariance grows by what is unknown of it")
+    process_noise_std: Real = described(0.0, "1-sigma of the change of 1/m per sample", "1/slug | 1/kg", ge=0.0)
+    disturbance_std: Real = described(0.0, "1-sigma per sample of unmodelled velocity increments", "ft/s | m/s", ge=0.0)
+
+
+class Scenario(Model):
+    """One case: a vehicle, what it is told to do, and how its mass properties are estimated."""
+
+    name: Text = described("scenario", "short name; the run's folder is named after it", pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$")
+    description: Text = described("", "one line")
+    vehicle: Text | Vehicle = described("orbiter", "a bundled vehicle, a file (relative to this one), or a vehicle's data")
+    duration_s: Real = described(50.0, "length of the run", "s", gt=0.0, le=1e6)
+    seed: Whole = described(0, "of everything drawn by chance", "-", ge=0, lt=2**63)
+    maneuver: tuple[HandControllerWindow, ...] = described((), "hand-controller windows, flown by the autopilot")
+    jet_schedule: tuple[JetPulse, ...] = described((), "jet commands prescribed instead, with no autopilot")
+    plant: PlantSettings = described(PlantSettings(), "the true vehicle")
+    sensors: SensorSettings = described(SensorSettings(), "the sensors")
+    autopilot: AutopilotSettings = described(AutopilotSettings(), "the autopilot")
+    estimation: EstimationSettings = described(EstimationSettings(), "start of the estimators")
+    rotation: RotationFilterSettings = described(RotationFilterSettings(), "filter for inverse inertia and center of mass")
+    mass: MassFilterSettings = described(MassFilterSettings(), "filter for the mass reciprocal")
+
+    @model_validator(mode="after")
+    def _windows(self) -> Scenario:
+        if self.maneuver and self.jet_schedule:
+            raise ValueError("give either maneuver or jet_schedule, not both: a jet schedule has no autopilot")
+        _require_apart("maneuver", [(w.controller + w.axis[1], w.start_s, w.end_s) for w in self.maneuver])
+        _require_apart("jet_schedule", [(p.jet, p.start_s, p.end_s) for p in self.jet_schedule])
+        return self
+
+    @property
+    def vehicle_data(self) -> Vehicle:
+        """The vehicle itself; a loaded scenario always holds it."""
+        if isinstance(self.vehicle, Vehicle):
+            return self.vehicle
+        return load_vehicle(self.vehicle)
+
+
+def _require_apart(field: str, windows: list[tuple[str, float, float]]) -> None:
+    for index, (what, start, end) in enumerate(windows):
+        for other in range(index):
+            if windows[other][0] == what and start < windows[other][2] and windows[other][1] < end:
+                raise ValueError(
+                    f"{field}[{index}] overlaps {field}[{other}] on the same axis or jet ({what}): "
+                    f"{start:g} to {end:g} s and {windows[other][1]:g} to {windows[other][2]:g} s"
+                )
+
+
+def _check_against_vehicle(scenario: Scenario, vehicle: Vehicle) -> list[str]:
+    """Problems of a scenario that only its vehicle shows, each with its dotted field."""
+    problems = []
+    for index, pulse in enumerate(scenario.jet_schedule):
+        if pulse.jet not in vehicle.designations:
+            problems.append((("jet_schedule", index, "jet"), _unknown("jet", pulse.jet, vehicle, list(vehicle.designations))))
+    for index, errors in enumerate(scenario.sensors.errors):
+        if errors.sensor not in vehicle.sensor_names():
+            problems.append(
+                (("sensors", "errors", index, "sensor"), _unknown("sensor", errors.sensor, vehicle, vehicle.sensor_names()))
+            )
+    named = [errors.sensor for errors in scenario.sensors.errors]
+    for index, name in enumerate(named):
+        if name in named[:index]:
+            problems.append((("sensors", "errors", index, "sensor"), f"'{name}' has errors already; give one entry"))
+    gyros = [gyro.name for gyro in vehicle.gyros]
+    accelerometers = [accelerometer.name for accelerometer in vehicle.accelerometers]
+    for field, name, valid in (
+        ("gyro", scenario.sensors.gyro, gyros),
+        ("accelerometer", scenario.sensors.accelerometer, accelerometers),
+    ):
+        if name is not None and name not in valid:
+            problems.append((("sensors", field), _unknown(field, name, vehicle, valid)))
+    for index, kind in enumerate(scenario.autopilot.jet_kinds):
+        if kind not in vehicle.jet_kinds:
+            problems.append((("autopilot", "jet_kinds", index), _unknown("jet kind", kind, vehicle, list(vehicle.jet_kinds))))
+    step = scenario.plant.time_step
+    if step not in (None, 0.0) and not np.isclose(step, vehicle.sample_period_s, rtol=1e-12, atol=0.0):
+        problems.append(
+            (
+                ("plant", "time_step"),
+                f"must be 0 (continuous) or the vehicle's sample period, {vehicle.sample_period_s:g} s; got {step:g}",
+            )
+        )
+    if scenario.duration_s < vehicle.sample_period_s:
+        problems.append((("duration_s",), f"must be at least one sample period, {vehicle.sample_period_s:g} s"))
+    return problems  # type: ignore[return-value]
+
+
+def _unknown(what: str, name: str, vehicle: Vehicle, valid: list[str]) -> str:
+    return f"{name!r} is no {what} of vehicle '{vehicle.name}'{suggestion(name, valid)}"
+
+
+# ----------------------------------------------------------------------------------------- loading
+
+
+def bundled_scenarios() -> list[str]:
+    """Names of the scenarios that come with the package."""
+    folder = resources.files("massprop_drake.scenarios")
+    return sorted(item.name.removesuffix(".yaml") for item in folder.iterdir() if item.name.endswith(".yaml"))
+
+
+def load_scenario(scenario: str | Path, overrides: list[str] | None = None) -> Scenario:
+    """A bundled scenario by name, or one from a YAML file, with its vehicle loaded into it.
+
+    Args:
+        scenario: a name that `massprop list` shows, or the path of a file.
+        overrides: `KEY=VALUE` each, KEY dotted (`sensors.errors[0].noise_std`), VALUE read as YAML.
+
+    Raises:
+        InputError: when there is none of that name, or its data are wrong; the message says where.
+    """
+    name = str(scenario)
+    folder = Path()
+    if name in bundled_scenarios():
+        text = (resources.files("massprop_drake.scenarios") / f"{name}.yaml").read_text(encoding="utf-8")
+        document = Document(text, f"scenario '{name}'")
+    else:
+        path = Path(scenario)
+        if path.is_dir() and (path / "scenario.yaml").exists():
+            path = path / "scenario.yaml"
+        if not path.exists() and path.suffix not in (".yaml", ".yml") and path.parent == Path():
+            raise InputError(f"'{name}' is neither a bundled scenario nor a file{suggestion(name, bundled_scenarios())}")
+        document = Document(read_text(path), str(path))
+        folder = path.parent
+    for override in overrides or []:
+        _override(document.data, override)
+    return resolved(document.data, document, folder)
+
+
+def resolved(data: Any, document: Document | None = None, folder: Path | None = None) -> Scenario:
+    """A scenario from data, its vehicle loaded into it and checked against it.
+
+    Args:
+        data: a mapping of a scenario's fields.
+        document: the document it came from, for messages.
+        folder: what a vehicle's file is relative to; default the current one.
+
+    Raises:
+        InputError: naming each field that is wrong.
+    """
+    inline = isinstance(data.get("vehicle"), dict)
+    if inline:  # validated by itself, so that messages name its fields
+        vehicle = _inline_vehicle(data["vehicle"], document)
+        scenario = validated(Scenario, {**data, "vehicle": vehicle}, document)
+    else:
+        scenario = validated(Scenario, data, document)
+        assert isinstance(scenario.vehicle, str)
+        vehicle = _find_vehicle(scenario.vehicle, folder or Path(), document)
+    problems = _check_against_vehicle(scenario, vehicle)
+    if problems:
+        where = document.where if document is not None else lambda path: Document("a: 1", "scenario").where(path)
+        raise InputError(*(f"{where(path)}: {text}" for path, text in problems))  # type: ignore[misc]
+    return scenario.model_copy(update={"vehicle": vehicle})
+
+
+def _inline_vehicle(data: Any, document: Document | None) -> Vehicle:
+    try:
+        return validated(Vehicle, data, None)
+    except InputError as error:
+        source = document.source if document is not None else "scenario"
+        raise InputError(*(f"{source}: vehicle.{problem}" for problem in error.problems)) from None
+
+
+def _find_vehicle(name: str, folder: Path, document: Document | None) -> Vehicle:
+    beside = Path(os.path.normpath(folder / name))
+    try:
+        return load_vehicle(beside if beside.is_file() else name)
+    except InputError as error:
+        if document is None:
+            raise
+        raise InputError(*(f"{document.where(('vehicle',))}: {problem}" for problem in error.problems)) from None
+
+
+def _override(data: Any, override: str) -> None:
+    """Sets one field of a document's data from KEY=VALUE."""
+    key, separator, text = override.partition("=")
+    if not separator or not key:
+        raise InputError(f"--set {override}: expected KEY=VALUE, such as --set rotation.filter=extended")
+    value = Document(f"value: {text}" if text.strip() else "value: null", f"--set {override}").data["value"]
+    path = _parsed_key(key, override)
+    here = data
+    for part, following in zip(path[:-1], path[1:], strict=True):
+        if isinstance(part, str) and isinstance(here, dict):
+            here = here.setdefault(part, [] if isinstance(following, int) else {})
+            continue
+        if isinstance(part, int) and isinstance(here, list) and part < len(here):
+            here = here[part]
+            continue
+        raise InputError(f"--set {override}: there is no {part!r} to set in")
+    last = path[-1]
+    if isinstance(last, str) and isinstance(here, dict):
+        here[last] = value
+    elif isinstance(last, int) and isinstance(here, list) and last <= len(here):
+        here[last : last + 1] = [value]
+    else:
+        raise InputError(f"--set {override}: there is no {last!r} to set")
+
+
+def _parsed_key(key: str, override: str) -> list[str | int]:
+    path: list[str | int] = []
+    for part in key.split("."):
+        name, *indices = part.split("[")
+        if name:
+            path.append(name)
+        for index in indices:
+            if not index.endswith("]") or not index[:-1].isdigit():
+                raise InputError(f"--set {override}: expected an index such as [0] in {key!r}")
+            path.append(int(index[:-1]))
+        if not name and not indices:
+            raise InputError(f"--set {override}: empty part in {key!r}")
+    return path

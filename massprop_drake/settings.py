@@ -1,0 +1,191 @@
+"""From a vehicle and a scenario's choices to what the mathematics takes: numbers and arrays.
+
+The diagrams and the real-time `Estimator` both build their parts from these, so they agree.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from massprop_drake.maths import mass_filter, rotation_filter
+from massprop_drake.maths.mass_properties import N_ROTATION, MassProperties, initial_standard_deviation
+from massprop_drake.maths.noise import uniform_phase
+from massprop_drake.maths.phase_space import PhaseSpaceSettings
+from massprop_drake.maths.sensing import SensorModel, smoothing_factor
+from massprop_drake.scenario import Scenario, SensorErrors
+from massprop_drake.vehicle import Accelerometer, Gyro
+
+Array = NDArray[np.float64]
+
+_COUPLING = {
+    "subtract": rotation_filter.SUBTRACT,
+    "ignore": rotation_filter.IGNORE,
+    "hybrid": rotation_filter.HYBRID,
+}
+_COMPENSATION = {
+    "none": mass_filter.NO_COMPENSATION,
+    "transverse": mass_filter.TRANSVERSE,
+    "transverse_centripetal": mass_filter.TRANSVERSE_CENTRIPETAL,
+}
+
+
+def initial_estimate(scenario: Scenario) -> Array:
+    """The ten parameters that the filters start from, shape (10,)."""
+    nominal = scenario.vehicle_data.nominal.vector()
+    return nominal if scenario.estimation.start == "nominal" else np.zeros(10)
+
+
+def initial_deviation(scenario: Scenario) -> Array:
+    """1-sigma of the ten parameters at the start, shape (10,)."""
+    estimation, vehicle = scenario.estimation, scenario.vehicle_data
+    fraction = estimation.std_fraction
+    if fraction is None:
+        fraction = 0.3 if estimation.start == "nominal" else 1.0
+    return initial_standard_deviation(
+        vehicle.nominal.vector(), fraction, vehicle.center_of_mass_floor, floors=estimation.floors
+    )
+
+
+def rotation_settings(scenario: Scenario) -> rotation_filter.RotationSettings:
+    """Settings of the rotation filter."""
+    rotation = scenario.rotation
+    jump_std = rotation.jump_std_fraction * initial_deviation(scenario)[:N_ROTATION]
+    return rotation_filter.RotationSettings(
+        period_s=scenario.vehicle_data.sample_period_s,
+        second_order=rotation.filter == "second_order",
+        coupling=_COUPLING[rotation.coupling],
+        coupling_limit=rotation.coupling_limit,
+        jump_threshold=rotation.jump_threshold if rotation.jump == "covariance_increment" else math.inf,
+        jump_covariance=np.diag(jump_std**2),
+        process_noise=np.diag(np.square(rotation.process_noise_std)),
+        disturbance_covariance=rotation.disturbance_std**2 * np.eye(3),
+    )
+
+
+def mass_settings(scenario: Scenario) -> mass_filter.MassSettings:
+    """Settings of the mass filter."""
+    mass = scenario.mass
+    return mass_filter.MassSettings(
+        period_s=scenario.vehicle_data.sample_period_s,
+        compensation=_COMPENSATION[mass.compensation],
+        compensation_covariance=mass.compensation_covariance,
+        process_noise=mass.process_noise_std**2,
+        disturbance_covariance=mass.disturbance_std**2 * np.eye(3),
+    )
+
+
+def phase_space_settings(scenario: Scenario) -> PhaseSpaceSettings:
+    """Settings of the phase-space controller."""
+    autopilot = scenario.autopilot
+    return PhaseSpaceSettings(
+        discrete_rate=autopilot.discrete_rate,
+        hold_gain=autopilot.hold_gain,
+        hold_rate_limit=autopilot.hold_rate_limit,
+        capture_rate=autopilot.capture_rate,
+        rate_deadband=autopilot.rate_deadband,
+        acceleration=autopilot.acceleration,
+        horizon_s=autopilot.horizon_s,
+        resolve_rate=autopilot.resolve_rate,
+        resolve_after_s=autopilot.resolve_after_s,
+    )
+
+
+def convergence_limits(scenario: Scenario) -> Array:
+    """Limits of `mass_properties.converged`, shape (3,)."""
+    limits = scenario.estimation.convergence
+    center = limits.center_of_mass or 0.03 * scenario.vehicle_data.rms_arm
+    return np.array([limits.diagonal, center, limits.mass_reciprocal])
+
+
+def plant_time_constants(scenario: Scenario) -> Array:
+    """Time constants of the true thrust, s, shape (n_jets,); zero: instantaneous."""
+    constants = scenario.vehicle_data.time_constants_s
+    return constants if scenario.plant.thrust_transient == "vehicle" else np.zeros_like(constants)
+
+
+def estimator_time_constants(scenario: Scenario) -> Array:
+    """Time constants that the impulse model uses, s, shape (n_jets,); zero: instantaneous."""
+    constants = scenario.vehicle_data.time_constants_s
+    return constants if scenario.estimation.thrust_transient == "gate_lag" else np.zeros_like(constants)
+
+
+def gyro(scenario: Scenario) -> Gyro:
+    """The gyro package in use."""
+    gyros = scenario.vehicle_data.gyros
+    name = scenario.sensors.gyro
+    return next((package for package in gyros if package.name == name), gyros[0])
+
+
+def accelerometer(scenario: Scenario) -> Accelerometer | None:
+    """The accelerometer package in use; None when the vehicle has none."""
+    vehicle = scenario.vehicle_data
+    name = scenario.sensors.accelerometer or vehicle.preferred_accelerometer
+    packages = vehicle.accelerometers
+    return next((package for package in packages if package.name == name), packages[0] if packages else None)
+
+
+def time_step(scenario: Scenario) -> float:
+    """Step of the plant, s; zero: continuous."""
+    step = scenario.plant.time_step
+    return scenario.vehicle_data.sample_period_s if step is None else step
+
+
+def selectable(scenario: Scenario) -> NDArray[np.bool_]:
+    """Which jets the autopilot may select, by their kind, shape (n_jets,)."""
+    return np.array([jet.kind in scenario.autopilot.jet_kinds for jet in scenario.vehicle_data.jets])
+
+
+def sensor_model(scenario: Scenario, sensor: Gyro | Accelerometer) -> SensorModel:
+    """The true errors of a sensor package: the vehicle's quantum and noise, and the scenario's errors."""
+    period = scenario.vehicle_data.sample_period_s
+    errors = next(
+        (entry for entry in scenario.sensors.errors if entry.sensor == sensor.name), SensorErrors(sensor=sensor.name)
+    )
+    seeded = scenario.sensors.quantiser_phase == "seeded"
+    return SensorModel(
+        period_s=period,
+        scale_factor=np.array(errors.scale_factor),
+        smoothing=smoothing_factor(errors.bandwidth_hz, period),
+        bias=np.array(errors.bias),
+        walk_std=errors.bias_random_walk * math.sqrt(period),
+        integrates=isinstance(sensor, Accelerometer),
+        noise_std=sensor.noise_std if errors.noise_std is None else errors.noise_std,
+        quantum=sensor.quantum if errors.quantum is None else errors.quantum,
+        phase=uniform_phase(scenario.seed, sensor.name, 3) if seeded else np.zeros(3),
+        delay=errors.delay_samples,
+    )
+
+
+def true_properties(scenario: Scenario) -> MassProperties:
+    """Mass properties of the true vehicle at the start."""
+    properties = scenario.plant.mass_properties
+    return scenario.vehicle_data.nominal if properties is None else properties.properties()
+
+
+def plant_wrenches(scenario: Scenario) -> Array:
+    """Torque about the vehicle origin, force and mass flow of each jet, shape (n_jets, 7)."""
+    vehicle = scenario.vehicle_data
+    flows = vehicle.mass_flows if scenario.plant.depletion else np.zeros(len(vehicle.jets))
+    return np.column_stack([vehicle.wrenches, flows])
+
+
+def commands(scenario: Scenario) -> Array:
+    """The prescribed jet schedule, a row per sample: 1 where a pulse is on, shape (n_samples, n_jets).
+
+    A pulse is on at t_k with start <= t_k < end, to within a billionth of the sample period.
+    """
+    vehicle = scenario.vehicle_data
+    period = vehicle.sample_period_s
+    table = np.zeros((sample_count(scenario), len(vehicle.jets)))
+    for pulse in scenario.jet_schedule:
+        first, last = (math.ceil(time / period - 1e-9) for time in (pulse.start_s, pulse.end_s))
+        table[first:last, vehicle.jet_index(pulse.jet)] = 1.0
+    return table
+
+
+def sample_count(scenario: Scenario) -> int:
+    """Number of sample intervals in a run: the last sample is at or just before the end."""
+    return math.floor(scenario.duration_s / scenario.vehicle_data.sample_period_s + 1e-9)

@@ -1,0 +1,1 @@
+"""LeafSystems: thin plumbing around `massprop_drake.maths`, one file each."""

@@ -1,0 +1,52 @@
+"""A cache entry that several ports and an update share, so that they cannot disagree."""
+
+from __future__ import annotations
+
+import weakref
+from collections.abc import Callable, Iterable
+from typing import Any
+
+from pydrake.common.value import Value
+from pydrake.systems.framework import DependencyTicket, LeafSystem, ValueProducer
+
+from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
+
+
+class Cached:
+    """One computation of a system, done once per change of what it depends on.
+
+    Args:
+        system: the system it belongs to; not kept alive by the entry.
+        description: name of the entry.
+        compute: bound method `compute(context) -> result` of the system; a covariance that loses
+            definiteness in it is reported with the time and the system's name.
+        prerequisites: tickets of all it reads.
+    """
+
+    def __init__(
+        self,
+        system: LeafSystem,
+        description: str,
+        compute: Callable[[Any], Any],
+        prerequisites: Iterable[DependencyTicket],
+    ):
+        # a bound method here would keep the system, and with it the whole diagram, alive for ever
+        method = weakref.WeakMethod(compute)
+
+        def calc(context: Any, value: Any) -> None:
+            bound = method()
+            assert bound is not None
+            try:
+                value.set_value((bound(context),))
+            except NotPositiveDefiniteError as error:
+                raise error.at(context.get_time(), bound.__self__.get_name()) from None
+
+        entry = system.DeclareCacheEntry(
+            description, ValueProducer(allocate=lambda: Value[object](()), calc=calc), set(prerequisites)
+        )
+        self._index = entry.cache_index()
+        self.ticket = entry.ticket()
+
+    def get(self, system: LeafSystem, context: Any) -> Any:
+        """The result for a context."""
+        return system.get_cache_entry(self._index).Eval(context)[0]

@@ -1,0 +1,53 @@
+"""Jet commands prescribed beforehand, for open-loop runs."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.systems.framework import LeafSystem
+
+Array = NDArray[np.float64]
+
+
+class JetSchedule(LeafSystem):
+    """Plays back a table of jet commands, a row per sample.
+
+    Ports:
+        command (out, n_jets): fraction commanded over the coming sample, 0 to 1; zero after the table.
+        held_command (out, n_jets): the command of the last sample. No feedthrough.
+
+    State: held_command (n_jets).
+
+    Timing: as `JetSelection`: `command` at t_k acts on [t_k, t_k+1).
+
+    Args:
+        commands: row k acts on [k T, (k + 1) T), shape (n_samples, n_jets).
+        period_s: sample period T, s.
+    """
+
+    def __init__(self, commands: Array, *, period_s: float):
+        super().__init__()
+        self.set_name("jet_schedule")
+        self._commands = np.array(commands, dtype=float)
+        self._period_s = period_s
+        n_jets = self._commands.shape[1]
+        self._held = self.DeclareDiscreteState(n_jets)
+        self.DeclareVectorOutputPort(
+            "command", n_jets, self._calc_command, prerequisites_of_calc={self.time_ticket()}
+        )
+        self.DeclareStateOutputPort("held_command", self._held)
+        self.DeclarePeriodicDiscreteUpdateEvent(period_sec=period_s, offset_sec=0.0, update=self._update)
+
+    def _command(self, context: Any) -> Array:
+        sample = round(context.get_time() / self._period_s)
+        if sample < self._commands.shape[0]:
+            return self._commands[sample]
+        return np.zeros(self._commands.shape[1])
+
+    def _calc_command(self, context: Any, output: Any) -> None:
+        output.SetFromVector(self._command(context))
+
+    def _update(self, context: Any, state: Any) -> None:
+        state.set_value(self._held, self._command(context))

@@ -1,0 +1,141 @@
+"""Jet selection: which jets fire, and for how many cycles."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.systems.framework import LeafSystem
+
+from massprop_drake.maths.jet_selection import activity_vectors, burst_cycles, least_change
+from massprop_drake.maths.phase_space import AT_ONCE, WHEN_IDLE
+from massprop_drake.systems._caching import Cached
+from massprop_drake.systems.jet_selection_program import JetSelectionProgram, Outcome
+
+Array = NDArray[np.float64]
+
+
+class _Burst(NamedTuple):
+    """The burst in force at a sample."""
+
+    remaining: Array  # cycles still to fire, this one included
+    command: Array
+    counts: Array  # see the state `counts`
+    refused: Array  # see the state `refused`
+
+
+class JetSelection(LeafSystem):
+    r"""Serves rate-change requests by bursts of jet firings of least propellant.
+
+    A request is taken when no burst is running, or at once if it says so. The on-times of the linear
+    programme (1-1) to (1-4) are rounded to whole cycles, and every selected jet fires from now on for
+    its number of cycles. A request that cannot be met is relaxed and counted, never dropped; see
+    `JetSelectionProgram`.
+
+    Ports:
+        request (in, 8): see `PhaseSpaceController`. Required.
+        estimate (in, 10): estimated mass properties, see `maths.mass_properties`. Optional.
+        converged (in, 1): non-zero when the estimate may be used. Optional, with `estimate`.
+        command (out, n_jets): 1 for each jet that fires over the coming sample, else 0. Feedthrough.
+        held_command (out, n_jets): the command decided at the last sample. No feedthrough.
+        delivered (out, 3): velocity change that the held command gives in one sample by the mass
+            properties in use, ft/s or m/s. No feedthrough.
+        counts (out, 4): programmes solved; requests met in part (velocity change reduced); requests
+            met by the closest reachable one; share of the last request's velocity change that was
+            granted. No feedthrough.
+
+    State: remaining (n_jets), cycles left of the burst; held_command (n_jets); delivered (3);
+    counts (4); refused (4): rate change of the last request if it rounded to no firing at all, and by how
+    much it must change to be asked again, rad/s.
+
+    Timing: `command` at t_k acts on [t_k, t_k+1); it is for a plant that is stepped at t_k, and for
+    logs. `held_command` equals it after the update at t_k; it is for a continuous plant, and at t_k
+    tells what acted on the past interval.
+
+    Args:
+        wrenches: torque about the vehicle origin and force of each jet, shape (n_jets, 6).
+        mass_flows: of each jet, slug/s or kg/s, shape (n_jets,).
+        minimum_on_times_s: of each jet, s, shape (n_jets,).
+        selectable: which jets may be selected, boolean, shape (n_jets,).
+        mass_properties: nominal, the ten parameters, shape (10,).
+        period_s: control period, s.
+    """
+
+    def __init__(
+        self,
+        *,
+        wrenches: Array,
+        mass_flows: Array,
+        minimum_on_times_s: Array,
+        selectable: NDArray[np.bool_],
+        mass_properties: Array,
+        period_s: float,
+    ):
+        super().__init__()
+        self.set_name("jet_selection")
+        n_jets = wrenches.shape[0]
+        self._wrenches = wrenches
+        self._minimum = minimum_on_times_s
+        self._selectable = selectable
+        self._nominal_activity = activity_vectors(wrenches, mass_properties)
+        self._program = JetSelectionProgram(mass_flows)
+        self._period_s = period_s
+
+        self._request = self.DeclareVectorInputPort("request", 8)
+        self._estimate = self.DeclareVectorInputPort("estimate", 10)
+        self._converged = self.DeclareVectorInputPort("converged", 1)
+        self._remaining = self.DeclareDiscreteState(n_jets)
+        self._held = self.DeclareDiscreteState(n_jets)
+        self._delivered = self.DeclareDiscreteState(3)
+        self._counts = self.DeclareDiscreteState([0.0, 0.0, 0.0, 1.0])
+        self._refused = self.DeclareDiscreteState(4)
+        self._burst = Cached(self, "burst", self._compute, {self.xd_ticket(), self.all_input_ports_ticket()})
+        self.DeclareVectorOutputPort(
+            "command", n_jets, self._calc_command, prerequisites_of_calc={self._burst.ticket}
+        )
+        self.DeclareStateOutputPort("held_command", self._held)
+        self.DeclareStateOutputPort("delivered", self._delivered)
+        self.DeclareStateOutputPort("counts", self._counts)
+        self.DeclarePeriodicDiscreteUpdateEvent(period_sec=period_s, offset_sec=0.0, update=self._update)
+
+    def _activity(self, context: Any) -> Array:
+        """Activity vectors by the mass properties in use."""
+        if self._converged.HasValue(context) and self._converged.Eval(context)[0] != 0.0:
+            return activity_vectors(self._wrenches, self._estimate.Eval(context))
+        return self._nominal_activity
+
+    def _compute(self, context: Any) -> _Burst:
+        request = self._request.Eval(context)
+        remaining = context.get_discrete_state(self._remaining).CopyToVector()
+        counts = context.get_discrete_state(self._counts).CopyToVector()
+        refused = context.get_discrete_state(self._refused).CopyToVector()
+        urgency = request[7]
+        change = max(abs(element) for element in (request[:3] - refused[:3]).tolist())
+        if urgency == AT_ONCE or (urgency == WHEN_IDLE and change >= refused[3] and not remaining.any()):
+            before = self._program.solves
+            limits = np.where(self._selectable, request[6], 0.0)
+            selection = self._program.solve(self._activity(context), request[:6], limits)
+            remaining = burst_cycles(selection.on_times_s, self._period_s, self._minimum)
+            refused = np.zeros(4)
+            if not remaining.any():
+                refused[:3] = request[:3]
+                refused[3] = least_change(request[:6], selection.on_times_s, self._period_s)
+            wanted = float(np.linalg.norm(request[3:6]))
+            counts[0] += self._program.solves - before
+            counts[1] += selection.outcome == Outcome.REDUCED
+            counts[2] += selection.outcome == Outcome.CLOSEST
+            counts[3] = float(np.linalg.norm(selection.reached[3:])) / wanted if wanted > 0.0 else 1.0
+        return _Burst(remaining, np.where(remaining > 0.0, 1.0, 0.0), counts, refused)
+
+    def _calc_command(self, context: Any, output: Any) -> None:
+        output.SetFromVector(self._burst.get(self, context).command)
+
+    def _update(self, context: Any, state: Any) -> None:
+        burst = self._burst.get(self, context)
+        delivered = self._activity(context)[3:] @ burst.command * self._period_s
+        state.set_value(self._remaining, np.maximum(burst.remaining - 1.0, 0.0))
+        state.set_value(self._held, burst.command)
+        state.set_value(self._delivered, delivered)
+        state.set_value(self._counts, burst.counts)
+        state.set_value(self._refused, burst.refused)

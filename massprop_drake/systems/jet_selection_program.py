@@ -1,0 +1,196 @@
+r"""The linear programme of jet selection, by Drake's MathematicalProgram and the simplex solver Clp.
+
+    minimise  sum_j c_j t_j   subject to   A t = b,   0 <= t <= limit          (1-1) to (1-4)
+
+A holds the activity vectors, b the request [dw; dv], c the mass flows. A basic solution has at most
+six on-times strictly between their bounds. The programme is built once and its data changed.
+
+Clp works with fixed absolute tolerances, so every row of A and b is divided by the row's largest
+element, and b and the on-times by the largest element of b; unscaled answers are wrong in the third
+digit.
+
+A request that cannot be met is relaxed, by the same solver, and the result says so:
+
+1. as much of dv as can be had with all of dw: the largest s in [0, 1] with A t = [dw; s dv];
+2. where even dw is out of reach: the closest request, by the weighted sum of absolute differences of
+   the scaled rows, rotation counting ten times as much as translation.
+
+Each is followed by the programme above for the least propellant.
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.solvers import ClpSolver, MathematicalProgram, MathematicalProgramResult
+
+Array = NDArray[np.float64]
+
+_ROTATION_WEIGHT = 10.0
+_TINY = 1e-9  # share of a relaxed request given up so that rounding cannot make it infeasible again
+
+
+class Outcome(IntEnum):
+    """What became of a request."""
+
+    EXACT = 0  # met in full
+    REDUCED = 1  # all of the rate change, part of the velocity change
+    CLOSEST = 2  # the closest that can be reached
+
+
+class Selection(NamedTuple):
+    """Answer of jet selection.
+
+    Attributes:
+        on_times_s: of each jet, s, shape (n_jets,).
+        propellant: mass used, slug or kg.
+        outcome: whether the request was met.
+        reached: the request that these on-times give, rad/s and ft/s or m/s, shape (6,).
+    """
+
+    on_times_s: Array
+    propellant: float
+    outcome: Outcome
+    reached: Array
+
+
+class JetSelectionProgram:
+    """Chooses on-times of least propellant for a six-dimensional rate-change request.
+
+    Args:
+        mass_flows: propellant each jet uses at full thrust, slug/s or kg/s, positive, shape (n_jets,).
+    """
+
+    def __init__(self, mass_flows: Array):
+        self._cost = np.array(mass_flows, dtype=float)
+        if not (np.all(np.isfinite(self._cost)) and np.all(self._cost > 0.0)):
+            raise ValueError(f"mass flows must be positive and finite, got {self._cost}")
+        n = self._n = self._cost.size
+        self._solver = ClpSolver()
+        self.solves = 0  # programmes solved so far, for statistics
+
+        self._exact = MathematicalProgram()
+        t = self._exact.NewContinuousVariables(n, "t")
+        self._exact_rows = self._exact.AddLinearEqualityConstraint(np.ones((6, n)), np.zeros(6), t).evaluator()
+        self._exact_box = self._exact.AddBoundingBoxConstraint(np.zeros(n), np.full(n, np.inf), t).evaluator()
+        self._exact.AddLinearCost(self._cost / self._cost.max(), 0.0, t)
+        self._exact_t = t
+
+        # on-times and the share s
+        self._share = MathematicalProgram()
+        ts = self._share.NewContinuousVariables(n + 1, "t")
+        self._share_rows = self._share.AddLinearEqualityConstraint(
+            np.ones((6, n + 1)), np.zeros(6), ts
+        ).evaluator()
+        self._share_box = self._share.AddBoundingBoxConstraint(np.zeros(n + 1), np.ones(n + 1), ts).evaluator()
+        self._share.AddLinearCost(-np.eye(n + 1)[n], 0.0, ts)
+        self._share_t = ts
+
+        # on-times, shortfall and excess of each row
+        self._near = MathematicalProgram()
+        tn = self._near.NewContinuousVariables(n + 12, "t")
+        self._near_rows = self._near.AddLinearEqualityConstraint(
+            np.ones((6, n + 12)), np.zeros(6), tn
+        ).evaluator()
+        self._near_box = self._near.AddBoundingBoxConstraint(
+            np.zeros(n + 12), np.full(n + 12, np.inf), tn
+        ).evaluator()
+        weights = np.array([_ROTATION_WEIGHT] * 3 + [1.0] * 3)
+        self._near.AddLinearCost(np.concatenate([np.zeros(n), weights, weights]), 0.0, tn)
+        self._near_t = tn
+
+    def solve(self, activity: Array, request: Array, limits_s: Array) -> Selection:
+        """On-times for a request.
+
+        Args:
+            activity: activity vectors as columns, shape (6, n_jets).
+            request: [dw; dv], rad/s and ft/s or m/s, shape (6,).
+            limits_s: largest on-time of each jet, s; zero takes a jet out, shape (n_jets,).
+
+        Raises:
+            ValueError: when a shape is wrong or a number is not finite (limits may be infinite).
+            ArithmeticError: when the solver fails for another reason than infeasibility.
+        """
+        self._check(activity, request, limits_s)
+        on_times = self._least_propellant(activity, request, limits_s)
+        outcome = Outcome.EXACT
+        target = request
+        if on_times is None:
+            outcome = Outcome.REDUCED
+            share = self._largest_share(activity, request, limits_s)
+            if share is not None:
+                target = np.concatenate([request[:3], share * (1.0 - _TINY) * request[3:]])
+            else:
+                outcome = Outcome.CLOSEST
+                target = self._closest(activity, request, limits_s)
+            on_times = self._least_propellant(activity, target, limits_s)
+            if on_times is None:
+                raise ArithmeticError(f"a relaxed request came out infeasible: {request} relaxed to {target}")
+        return Selection(on_times, float(self._cost @ on_times), outcome, activity @ on_times)
+
+    def _check(self, activity: Array, request: Array, limits_s: Array) -> None:
+        for name, array, shape in (
+            ("activity", activity, (6, self._n)),
+            ("request", request, (6,)),
+            ("limits_s", limits_s, (self._n,)),
+        ):
+            if array.shape != shape:
+                raise ValueError(f"{name} must have shape {shape}, got {array.shape}")
+        if not (np.isfinite(activity).all() and np.isfinite(request).all()):
+            raise ValueError(f"activity vectors and request must be finite, got {activity} and {request}")
+        if not (limits_s >= 0.0).all():  # NaN fails too
+            raise ValueError(f"limits_s must be zero or positive, got {limits_s}")
+
+    def _least_propellant(self, activity: Array, request: Array, limits_s: Array) -> Array | None:
+        rows, target, scale = _scaled(activity, request)
+        if scale == 0.0:
+            return np.zeros(self._n)
+        self._exact_rows.UpdateCoefficients(rows, target)
+        self._exact_box.set_bounds(np.zeros(self._n), limits_s / scale)
+        result = self._solve(self._exact)
+        if result is None:
+            return None
+        return np.clip(result.GetSolution(self._exact_t) * scale, 0.0, limits_s)
+
+    def _largest_share(self, activity: Array, request: Array, limits_s: Array) -> float | None:
+        rows, target, scale = _scaled(activity, request)
+        column = np.concatenate([np.zeros(3), -target[3:]])
+        self._share_rows.UpdateCoefficients(
+            np.column_stack([rows, column]), np.concatenate([target[:3], np.zeros(3)])
+        )
+        self._share_box.set_bounds(np.zeros(self._n + 1), np.append(limits_s / scale, 1.0))
+        result = self._solve(self._share)
+        return None if result is None else float(result.GetSolution(self._share_t)[-1])
+
+    def _closest(self, activity: Array, request: Array, limits_s: Array) -> Array:
+        rows, target, scale = _scaled(activity, request)
+        self._near_rows.UpdateCoefficients(np.hstack([rows, np.eye(6), -np.eye(6)]), target)
+        limits = np.concatenate([limits_s / scale, np.full(12, np.inf)])
+        self._near_box.set_bounds(np.zeros(self._n + 12), limits)
+        result = self._solve(self._near)
+        if result is None:
+            raise ArithmeticError(f"no relaxed request found for {request}")
+        return activity @ np.clip(result.GetSolution(self._near_t)[: self._n] * scale, 0.0, limits_s)
+
+    def _solve(self, program: MathematicalProgram) -> MathematicalProgramResult | None:
+        """The result; None when the programme is infeasible."""
+        self.solves += 1
+        result = self._solver.Solve(program, None, None)
+        if result.is_success():
+            return result
+        status = result.get_solution_result().name
+        if "Infeasible" in status:
+            return None
+        raise ArithmeticError(f"jet selection: the solver says {status}")
+
+
+def _scaled(activity: Array, request: Array) -> tuple[Array, Array, float]:
+    """Rows of a largest element 1 on both sides, and what to multiply the on-times by."""
+    size = np.abs(activity).max(axis=1)
+    size[size == 0.0] = 1.0
+    target = request / size
+    scale = float(np.abs(target).max())
+    return activity / size[:, None], target / scale if scale > 0.0 else target, scale

@@ -1,0 +1,139 @@
+"""Estimates the mass reciprocal."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.systems.framework import LeafSystem
+
+from massprop_drake.maths import mass_filter
+from massprop_drake.maths.mass_filter import MassCycle, MassSettings
+from massprop_drake.maths.mass_properties import N_ROTATION
+from massprop_drake.maths.sensing import increment_noise
+from massprop_drake.systems._caching import Cached
+from massprop_drake.systems.impulse_model import N_IMPULSES
+from massprop_drake.systems.rotation_estimator import Package
+
+Array = NDArray[np.float64]
+
+
+class MassEstimator(LeafSystem):
+    r"""Estimates the mass reciprocal from velocity increments and known impulses.
+
+    The Kalman filter (3-81) to (3-87) with transverse and centripetal compensation, see
+    `massprop_drake.maths.mass_filter`.
+
+    Ports:
+        <accelerometer> (in, 3), one per package: integrated specific force, ft/s or m/s, body axes; NaN
+            where missing. Required of the package in use.
+        impulses (in, 8): see `ImpulseModel`. Required.
+        rate_sample (in, 6), predicted_estimate (in, 9), predicted_covariance (in, 81): see
+            `RotationEstimator`. Required.
+        innovation (out, 3): measured minus predicted velocity increment after compensation, ft/s or
+            m/s, NaN where not measured.
+        innovation_covariance (out, 9): row by row.
+        estimate (out, 2): 1/m and its variance, after this sample's measurement.
+        status (out, 5): the innovation (3) again; its NIS, NaN where not measured; 1 when the sample was
+            used. One port, because all of it is logged.
+
+    State: estimate (5): 1/m, its variance, and the last reading (3), NaN before the first.
+
+    Timing: as `RotationEstimator`; the centre of mass is the rotation filter's prediction (3-40).
+
+    Args:
+        mass_reciprocal, variance: at the start, 1/slug or 1/kg, and squared.
+        accelerometers: packages with an input port.
+        accelerometer: name of the one in use.
+        position: of the package in use, vehicle frame, ft or m, shape (3,).
+        rate_variance: of the error of one rate reading per component, rad^2/s^2.
+        settings: see `maths.mass_filter.MassSettings`.
+    """
+
+    def __init__(
+        self,
+        *,
+        mass_reciprocal: float,
+        variance: float,
+        accelerometers: tuple[Package, ...],
+        accelerometer: str,
+        position: Array,
+        rate_variance: float,
+        settings: MassSettings,
+    ):
+        super().__init__()
+        self.set_name("mass_estimator")
+        self._settings = settings
+        self._position = np.array(position, dtype=float)
+        ports = {package.name: self.DeclareVectorInputPort(package.name, 3) for package in accelerometers}
+        self._accelerometer = ports[accelerometer]
+        self._noise = increment_noise(
+            next(p.variance for p in accelerometers if p.name == accelerometer)
+        )
+        self._rate_variance = 2.0 * rate_variance  # of an increment
+        self._impulses = self.DeclareVectorInputPort("impulses", N_IMPULSES)
+        self._rate_sample = self.DeclareVectorInputPort("rate_sample", 6)
+        self._predicted = self.DeclareVectorInputPort("predicted_estimate", N_ROTATION)
+        self._predicted_covariance = self.DeclareVectorInputPort("predicted_covariance", N_ROTATION**2)
+
+        self._state = self.DeclareDiscreteState([mass_reciprocal, variance, np.nan, np.nan, np.nan])
+
+        inputs = (self._accelerometer, self._impulses, self._rate_sample, self._predicted, self._predicted_covariance)
+        self._cycle = Cached(
+            self,
+            "cycle",
+            self._compute,
+            {self.xd_ticket(), *(self.input_port_ticket(port.get_index()) for port in inputs)},
+        )
+        for name, size, calc in (
+            ("innovation", 3, self._calc_innovation),
+            ("innovation_covariance", 9, self._calc_innovation_covariance),
+            ("estimate", 2, self._calc_estimate),
+            ("status", 5, self._calc_status),
+        ):
+            self.DeclareVectorOutputPort(name, size, calc, prerequisites_of_calc={self._cycle.ticket})
+        self.DeclarePeriodicDiscreteUpdateEvent(
+            period_sec=settings.period_s, offset_sec=0.0, update=self._update
+        )
+
+    def _compute(self, context: Any) -> MassCycle:
+        impulses = self._impulses.Eval(context)
+        rate_sample = self._rate_sample.Eval(context)
+        state = context.get_discrete_state(self._state).CopyToVector()
+        covariance = self._predicted_covariance.Eval(context).reshape(N_ROTATION, N_ROTATION)
+        return mass_filter.cycle(
+            float(state[0]),
+            float(state[1]),
+            state[2:],
+            self._accelerometer.Eval(context),
+            self._noise,
+            self._position - self._predicted.Eval(context)[6:],
+            covariance[6:, 6:],
+            rate_sample[:3],
+            rate_sample[3:],
+            self._rate_variance,
+            impulses[3:6],
+            impulses[6] != 0.0,
+            impulses[7] != 0.0,
+            self._settings,
+        )
+
+    def _calc_innovation(self, context: Any, output: Any) -> None:
+        output.SetFromVector(self._cycle.get(self, context).innovation.innovation)
+
+    def _calc_innovation_covariance(self, context: Any, output: Any) -> None:
+        output.SetFromVector(self._cycle.get(self, context).innovation.covariance.ravel())
+
+    def _calc_estimate(self, context: Any, output: Any) -> None:
+        cycle = self._cycle.get(self, context)
+        output.SetFromVector(np.array([cycle.mass_reciprocal, cycle.variance]))
+
+    def _calc_status(self, context: Any, output: Any) -> None:
+        cycle = self._cycle.get(self, context)
+        output.SetFromVector(np.array([*cycle.innovation.innovation, cycle.innovation.nis, cycle.used]))
+
+    def _update(self, context: Any, state: Any) -> None:
+        cycle = self._cycle.get(self, context)
+        velocity = self._accelerometer.Eval(context)
+        state.set_value(self._state, np.array([cycle.mass_reciprocal, cycle.variance, *velocity]))

@@ -1,0 +1,1 @@
+"""The vehicles that come with the package, one YAML file each."""
