@@ -1,1 +1,47 @@
-"""x"""
+"""Real-time mass-property estimation and jet-failure identification on the Drake systems framework.
+
+    from massprop_drake import load_scenario, simulate
+    run = simulate(load_scenario("sample_maneuver"))
+
+Names are loaded when they are first used, so that `Estimator` needs neither Drake nor matplotlib.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from massprop_drake.errors import InputError as InputError
+    from massprop_drake.estimator import Estimator as Estimator
+    from massprop_drake.estimator import EstimatorStep as EstimatorStep
+    from massprop_drake.run import Run as Run
+    from massprop_drake.scenario import Scenario as Scenario
+    from massprop_drake.scenario import load_scenario as load_scenario
+    from massprop_drake.simulation import simulate as simulate
+    from massprop_drake.vehicle import Vehicle as Vehicle
+    from massprop_drake.vehicle import load_vehicle as load_vehicle
+
+_HOMES = {
+    "InputError": "errors",
+    "Estimator": "estimator",
+    "EstimatorStep": "estimator",
+    "Run": "run",
+    "Scenario": "scenario",
+    "load_scenario": "scenario",
+    "simulate": "simulation",
+    "Vehicle": "vehicle",
+    "load_vehicle": "vehicle",
+}
+
+__all__ = sorted(_HOMES)  # noqa: PLE0605 (the names are those of the mapping above)
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_HOMES})

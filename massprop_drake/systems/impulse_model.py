@@ -10,7 +10,7 @@ from pydrake.systems.framework import LeafSystem
 
 from massprop_drake.maths.impulses import Impulses, interval_impulses
 from massprop_drake.maths.thrust import lag_factors
-from massprop_drake.systems._caching import Cached
+from massprop_drake.systems._caching import Cached, Stopwatch
 
 Array = NDArray[np.float64]
 
@@ -41,6 +41,7 @@ class ImpulseModel(LeafSystem):
         super().__init__()
         self.set_name("impulse_model")
         n_jets = wrenches.shape[0]
+        self.stopwatch = Stopwatch()
         self._impulse_per_level = wrenches * period_s
         self._lag = lag_factors(time_constants_s, period_s)
         self._command = self.DeclareVectorInputPort("jet_commands", n_jets)
@@ -56,7 +57,8 @@ class ImpulseModel(LeafSystem):
 
     def _compute(self, context: Any) -> Impulses:
         memory = context.get_discrete_state(self._memory).CopyToVector()
-        return interval_impulses(
+        return self.stopwatch.measure(
+            interval_impulses,
             self._command.Eval(context),
             memory[: self._n_jets],
             memory[self._n_jets :],

@@ -10,7 +10,7 @@ from pydrake.systems.framework import LeafSystem
 
 from massprop_drake.maths.jet_selection import activity_vectors, burst_cycles, least_change
 from massprop_drake.maths.phase_space import AT_ONCE, WHEN_IDLE
-from massprop_drake.systems._caching import Cached
+from massprop_drake.systems._caching import Cached, Stopwatch
 from massprop_drake.systems.jet_selection_program import JetSelectionProgram, Outcome
 
 Array = NDArray[np.float64]
@@ -75,6 +75,7 @@ class JetSelection(LeafSystem):
         super().__init__()
         self.set_name("jet_selection")
         n_jets = wrenches.shape[0]
+        self.stopwatch = Stopwatch()  # of the linear programme
         self._wrenches = wrenches
         self._minimum = minimum_on_times_s
         self._selectable = selectable
@@ -115,7 +116,8 @@ class JetSelection(LeafSystem):
         if urgency == AT_ONCE or (urgency == WHEN_IDLE and change >= refused[3] and not remaining.any()):
             before = self._program.solves
             limits = np.where(self._selectable, request[6], 0.0)
-            selection = self._program.solve(self._activity(context), request[:6], limits)
+            activity = self._activity(context)
+            selection = self.stopwatch.measure(self._program.solve, activity, request[:6], limits)
             remaining = burst_cycles(selection.on_times_s, self._period_s, self._minimum)
             refused = np.zeros(4)
             if not remaining.any():

@@ -12,7 +12,7 @@ from massprop_drake.maths import mass_filter
 from massprop_drake.maths.mass_filter import MassCycle, MassSettings
 from massprop_drake.maths.mass_properties import N_ROTATION
 from massprop_drake.maths.sensing import increment_noise
-from massprop_drake.systems._caching import Cached
+from massprop_drake.systems._caching import Cached, Stopwatch
 from massprop_drake.systems.impulse_model import N_IMPULSES
 from massprop_drake.systems.rotation_estimator import Package
 
@@ -65,6 +65,7 @@ class MassEstimator(LeafSystem):
         super().__init__()
         self.set_name("mass_estimator")
         self._settings = settings
+        self.stopwatch = Stopwatch()
         self._position = np.array(position, dtype=float)
         ports = {package.name: self.DeclareVectorInputPort(package.name, 3) for package in accelerometers}
         self._accelerometer = ports[accelerometer]
@@ -102,7 +103,8 @@ class MassEstimator(LeafSystem):
         rate_sample = self._rate_sample.Eval(context)
         state = context.get_discrete_state(self._state).CopyToVector()
         covariance = self._predicted_covariance.Eval(context).reshape(N_ROTATION, N_ROTATION)
-        return mass_filter.cycle(
+        return self.stopwatch.measure(
+            mass_filter.cycle,
             float(state[0]),
             float(state[1]),
             state[2:],

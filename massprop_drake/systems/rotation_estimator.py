@@ -12,7 +12,7 @@ from massprop_drake.maths import rotation_filter
 from massprop_drake.maths.mass_properties import N_ROTATION
 from massprop_drake.maths.rotation_filter import RotationCycle, RotationSettings
 from massprop_drake.maths.sensing import increment_noise
-from massprop_drake.systems._caching import Cached
+from massprop_drake.systems._caching import Cached, Stopwatch
 from massprop_drake.systems.impulse_model import N_IMPULSES
 
 Array = NDArray[np.float64]
@@ -81,6 +81,7 @@ class RotationEstimator(LeafSystem):
         super().__init__()
         self.set_name("rotation_estimator")
         self._settings = settings
+        self.stopwatch = Stopwatch()
         ports = {package.name: self.DeclareVectorInputPort(package.name, 3) for package in gyros}
         self._gyro = ports[gyro]
         self._noise = increment_noise(next(p.variance for p in gyros if p.name == gyro))
@@ -115,7 +116,8 @@ class RotationEstimator(LeafSystem):
     def _compute(self, context: Any) -> RotationCycle:
         impulses = self._impulses.Eval(context)
         memory = context.get_discrete_state(self._memory).CopyToVector()
-        return rotation_filter.cycle(
+        return self.stopwatch.measure(
+            rotation_filter.cycle,
             context.get_discrete_state(self._estimate).CopyToVector(),
             context.get_discrete_state(self._covariance).CopyToVector().reshape(N_ROTATION, N_ROTATION),
             memory[:3],

@@ -1,0 +1,5 @@
+"""`python -m massprop_drake` is `massprop`."""
+
+from massprop_drake.cli import main
+
+main()

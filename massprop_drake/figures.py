@@ -1,0 +1,222 @@
+"""Figures of named signals, in the manner of figures 5-2 to 5-15 of the thesis."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from matplotlib.ticker import FuncFormatter, NullLocator
+from numpy.typing import NDArray
+from scipy.special import chdtri
+
+from massprop_drake.scenario import HandControllerWindow, Scenario
+from massprop_drake.signals import (
+    BAND_COLOUR,
+    COLOURS,
+    SIGNALS,
+    SYMBOLS,
+    WINDOW_COLOUR,
+    in_units,
+    mass_property_units,
+)
+
+Array = NDArray[np.float64]
+
+_STYLE = {"linewidth": 1.1}
+_DEGREES = 180.0 / np.pi
+
+
+class Plots:
+    """Draws a run's signals; every method returns a matplotlib figure.
+
+    Args:
+        time_s: sample times, s, shape (n,).
+        signals: by name, shape (n, components).
+        scenario: for units, manoeuvre windows and jets.
+    """
+
+    def __init__(self, time_s: Array, signals: Mapping[str, Array], scenario: Scenario):
+        self._time_s = time_s
+        self._signals = signals
+        self._scenario = scenario
+        self._vehicle = scenario.vehicle_data
+        self._names = self._vehicle.unit_names
+
+    def all(self) -> dict[str, Figure]:
+        """Every figure by name, in the order to read them."""
+        drawings: dict[str, Callable[[], Figure]] = {
+            "rates": self.rates,
+            "velocities": self.velocities,
+            "jets": self.jets,
+            "torques": self.torques,
+            "forces": self.forces,
+            "inverse_inertia_diagonal": self.inverse_inertia_diagonal,
+            "inverse_inertia_products": self.inverse_inertia_products,
+            "center_of_mass": self.center_of_mass,
+            "mass_reciprocal": self.mass_reciprocal,
+            "consistency": self.consistency,
+        }
+        return {name: draw() for name, draw in drawings.items()}
+
+    def rates(self) -> Figure:
+        """Angular velocity (figure 5-2)."""
+        return self._three_axes("rate", "Angular rate", "deg/s", scale=_DEGREES)
+
+    def velocities(self) -> Figure:
+        """Velocity of the center of mass relative to the start (figure 5-3)."""
+        return self._three_axes("velocity", "Velocity of the center of mass, relative to the start, inertial axes")
+
+    def torques(self) -> Figure:
+        """Applied torque about the center of mass (figure 5-4)."""
+        return self._three_axes("torque", "Applied torque about the center of mass", steps=True)
+
+    def forces(self) -> Figure:
+        """Applied force (figure 5-5)."""
+        return self._three_axes("force", "Applied force", steps=True)
+
+    def inverse_inertia_diagonal(self) -> Figure:
+        """Errors of the diagonal of the inverse inertia (figure 5-6a)."""
+        return self._errors((0, 1, 2), "Inverse inertia, diagonal")
+
+    def inverse_inertia_products(self) -> Figure:
+        """Errors of the products of the inverse inertia (figure 5-6b)."""
+        return self._errors((3, 4, 5), "Inverse inertia, products")
+
+    def center_of_mass(self) -> Figure:
+        """Errors of the center of mass (figure 5-7)."""
+        return self._errors((6, 7, 8), "Center of mass")
+
+    def mass_reciprocal(self) -> Figure:
+        """Error of the mass reciprocal (figure 5-12)."""
+        return self._errors((9,), "Mass reciprocal")
+
+    def consistency(self) -> Figure:
+        """NIS of both filters at the samples used (figures 5-8, 5-13)."""
+        figure, axes = self._panels(2, "Consistency: NIS at the samples used")
+        filters = (("rotation", "rotation filter"), ("mass", "mass filter"))
+        for panel, (name, label), colour in zip(axes, filters, COLOURS, strict=False):
+            used = self._signals[f"{name}_used"][:, 0] != 0.0
+            nis = self._signals[f"{name}_nis"][used, 0]
+            panel.axhspan(*chdtri(3, [0.975, 0.025]), color=BAND_COLOUR, alpha=0.35, linewidth=0.0)
+            panel.plot(self._time_s[used], nis, ".", color=colour, markersize=4)
+            panel.set_yscale("log")
+            panel.set_ylabel(f"NIS, {label}")
+            mean = f"mean {nis.mean():.2f} of {nis.size} samples" if nis.size else "no sample used"
+            handles = [
+                Line2D([], [], color=colour, marker=".", linestyle="", label=mean),
+                Patch(color=BAND_COLOUR, alpha=0.35, label="95 % of chi-square, 3 degrees of freedom"),
+            ]
+            panel.legend(handles=handles, loc="upper right", fontsize=8, ncols=2)
+        return figure
+
+    def jets(self) -> Figure:
+        """Which jet was commanded when, by cluster."""
+        command = self._signals["command"]
+        jets = self._vehicle.jets
+        order = sorted(range(len(jets)), key=lambda index: (jets[index].cluster, index))
+        figure = Figure(figsize=(9.0, max(3.0, 0.15 * len(jets) + 1.2)), dpi=110, layout="constrained")
+        panel = figure.add_subplot()
+        period = self._vehicle.sample_period_s
+        for row, index in enumerate(order):
+            on = np.flatnonzero(command[:, index] > 0.0)
+            spans = [(float(self._time_s[sample]), period) for sample in on]
+            colour = COLOURS[jets[index].cluster % (len(COLOURS) - 1)]
+            panel.broken_barh(spans, (row - 0.42, 0.84), facecolors=colour, linewidth=0.0)
+        panel.set_yticks(range(len(order)))
+        panel.set_yticklabels([f"{jets[i].designation}  ({jets[i].cluster})" for i in order], fontsize=7)
+        panel.set_ylim(len(order) - 0.4, -0.6)
+        panel.set_ylabel("jet (cluster)")
+        panel.grid(axis="y", alpha=0.15)
+        figure.suptitle(f"Jets commanded: {self._caption()}", fontsize=11)
+        self._finish([panel])
+        return figure
+
+    # ------------------------------------------------------------------------------------ drawing
+
+    def _caption(self) -> str:
+        return f"{self._vehicle.name}, {self._scenario.name}, seed {self._scenario.seed}"
+
+    def _panels(self, count: int, title: str) -> tuple[Figure, list[Axes]]:
+        figure = Figure(figsize=(9.0, 1.9 * count + 1.0), dpi=110, layout="constrained")
+        axes = list(np.atleast_1d(figure.subplots(count, 1, sharex=True)))
+        figure.suptitle(f"{title}: {self._caption()}", fontsize=11)
+        self._finish(axes)
+        return figure, axes
+
+    def _finish(self, axes: Sequence[Axes]) -> None:
+        for panel in axes:
+            panel.grid(alpha=0.25)
+            panel.spines[["top", "right"]].set_visible(False)
+            panel.set_xlim(float(self._time_s[0]), float(self._time_s[-1]))
+            for window in self._scenario.maneuver:
+                panel.axvspan(window.start_s, window.end_s, color=WINDOW_COLOUR, alpha=0.10, linewidth=0.0)
+        for window in self._scenario.maneuver:
+            self._label_window(axes[0], window)
+        axes[-1].set_xlabel("time, s   (shaded: hand controller out of detent)")
+
+    def _label_window(self, panel: Axes, window: HandControllerWindow) -> None:
+        # windows that begin together are labelled one above the other
+        same = [w for w in self._scenario.maneuver if w.start_s == window.start_s]
+        panel.annotate(
+            f"{window.controller.upper()} {window.axis}",
+            xy=(window.start_s, 1.0),
+            xycoords=("data", "axes fraction"),
+            xytext=(1, 2 + 8 * same.index(window)),
+            textcoords="offset points",
+            fontsize=6,
+            color="#555555",
+            annotation_clip=False,
+        )
+
+    def _three_axes(
+        self, name: str, title: str, unit: str | None = None, *, scale: float = 1.0, steps: bool = False
+    ) -> Figure:
+        signal = SIGNALS[name]
+        figure, axes = self._panels(3, title)
+        values = scale * self._signals[name]
+        for axis, (panel, letter) in enumerate(zip(axes, signal.components, strict=True)):
+            style = {"drawstyle": "steps-post"} if steps else {}
+            panel.plot(self._time_s, values[:, axis], color=COLOURS[axis], **_STYLE, **style)
+            panel.set_ylabel(f"{letter}, {unit or in_units(signal.unit, self._names)}")
+        return figure
+
+    def _errors(self, elements: tuple[int, ...], title: str) -> Figure:
+        """Estimation errors in percent of the truth, with their 3-sigma band."""
+        figure, axes = self._panels(len(elements), f"{title}: estimation error")
+        truth = self._signals["truth"]
+        units = mass_property_units(self._names)
+        for panel, element in zip(axes, elements, strict=True):
+            true = truth[:, element]
+            size = np.abs(true).max()
+            relative = size > 1e-12 * np.abs(truth).max()
+            scale = 100.0 / np.abs(true) if relative else np.ones_like(true)
+            error = scale * (self._signals["estimate"][:, element] - true)
+            band = scale * 3.0 * self._signals["standard_deviation"][:, element]
+            panel.fill_between(self._time_s, -band, band, color=BAND_COLOUR, alpha=0.35, linewidth=0.0)
+            panel.plot(self._time_s, error, color=COLOURS[element % 3], **_STYLE)
+            unit = "%" if relative else units[element]
+            _symmetric_log(panel, float(band[-1]), float(np.nanmax(np.abs([error, band]))))
+            panel.set_ylabel(f"{SYMBOLS[element]}, {unit}")
+            handles = [
+                Line2D([], [], color=COLOURS[element % 3], label=f"error, at the end {error[-1]:.3g} {unit}"),
+                Patch(color=BAND_COLOUR, alpha=0.35, label=f"3-sigma, at the end {band[-1]:.3g} {unit}"),
+            ]
+            panel.legend(handles=handles, loc="upper right", fontsize=8, ncols=2)
+        return figure
+
+
+def _symmetric_log(panel: Axes, small: float, large: float) -> None:
+    """A vertical axis that is linear up to the final band and logarithmic beyond, with few marks."""
+    first = math.ceil(math.log10(max(small, 1e-300)))
+    last = max(math.floor(math.log10(max(large, 1e-300))), first)
+    step = max(1, round((last - first) / 3))
+    marks = [10.0**power for power in range(first, last + 1, step)]
+    panel.set_yscale("symlog", linthresh=10.0**first, linscale=0.8)
+    panel.set_yticks([*(-mark for mark in reversed(marks)), 0.0, *marks])
+    panel.yaxis.set_minor_locator(NullLocator())
+    panel.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))

@@ -1,0 +1,108 @@
+"""The logged signals: name, unit, label and colour of each, in one place for files, plots and tables."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from massprop_drake.maths.mass_properties import NAMES
+
+Array = NDArray[np.float64]
+
+AXES = ("x", "y", "z")
+
+# Colours that people with any colour vision tell apart (Okabe and Ito), in the order of use
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+TRUTH_COLOUR = "#000000"
+BAND_COLOUR = "#9AA5B1"
+WINDOW_COLOUR = "#E69F00"
+
+
+class Signal(NamedTuple):
+    """A logged quantity.
+
+    Attributes:
+        name: as in `Run.signals` and files.
+        label: as on a plot's axis.
+        unit: with {length}, {mass}, {force} for the vehicle's units; "-" for none.
+        components: names of its columns; empty for one per jet.
+    """
+
+    name: str
+    label: str
+    unit: str
+    components: tuple[str, ...]
+
+
+_INVERSE_INERTIA = "1/({mass}-{length}^2)"
+_MASS_PROPERTY_UNITS = (_INVERSE_INERTIA,) * 6 + ("{length}",) * 3 + ("1/{mass}",)
+_MIXED = "; ".join((_INVERSE_INERTIA + " (6)", "{length} (3)", "1/{mass} (1)"))
+
+SIGNALS = {
+    signal.name: signal
+    for signal in (
+        Signal("rate", "angular rate", "rad/s", AXES),
+        Signal("attitude", "attitude quaternion q_NB", "-", ("w", "x", "y", "z")),
+        Signal("position", "position of the center of mass", "{length}", AXES),
+        Signal("velocity", "velocity of the center of mass", "{length}/s", AXES),
+        Signal("truth", "true mass properties", _MIXED, NAMES),
+        Signal("command", "commanded fraction", "-", ()),
+        Signal("thrust", "thrust, mean over the coming sample", "{force}", ()),
+        Signal("torque", "torque about the center of mass", "{length}-{force}", AXES),
+        Signal("force", "force", "{force}", AXES),
+        Signal("hand_controllers", "hand controllers", "-", tuple(f"{c}_{a}" for c in ("rhc", "thc") for a in AXES)),
+        Signal("attitude_error", "attitude error in hold", "rad", AXES),
+        Signal(
+            "request",
+            "rate-change request",
+            "rad/s (3); {length}/s (3); s; -",
+            (*(f"dw_{a}" for a in AXES), *(f"dv_{a}" for a in AXES), "time_limit", "urgency"),
+        ),
+        Signal("selection_counts", "jet selection", "-", ("solved", "reduced", "closest", "granted")),
+        Signal("angular_impulse", "angular impulse about the vehicle origin", "{force}-{length}-s", AXES),
+        Signal("linear_impulse", "linear impulse", "{force}-s", AXES),
+        Signal("usable", "steady combination of jets", "-", ("usable",)),
+        Signal("firing", "any jet commanded", "-", ("firing",)),
+        Signal("estimate", "estimated mass properties", _MIXED, NAMES),
+        Signal("standard_deviation", "1-sigma of the estimates", _MIXED, NAMES),
+        Signal("converged", "estimates may be acted on", "-", ("converged",)),
+        Signal("rotation_innovation", "innovation of the rotation filter", "rad/s", AXES),
+        Signal("rotation_nis", "NIS of the rotation filter", "-", ("nis",)),
+        Signal("rotation_used", "sample used by the rotation filter", "-", ("used",)),
+        Signal("rotation_jump", "covariance incremented", "-", ("jump",)),
+        Signal("coupling_subtracted", "dynamic coupling subtracted", "-", ("subtracted",)),
+        Signal("mass_innovation", "innovation of the mass filter", "{length}/s", AXES),
+        Signal("mass_nis", "NIS of the mass filter", "-", ("nis",)),
+        Signal("mass_used", "sample used by the mass filter", "-", ("used",)),
+    )
+}
+
+# The ten parameters as people write them
+SYMBOLS = ("Ixx⁻¹", "Iyy⁻¹", "Izz⁻¹", "Iyz⁻¹", "Ixz⁻¹", "Ixy⁻¹", "x_cm", "y_cm", "z_cm", "1/m")
+
+
+def gyro_signal(name: str) -> Signal:
+    """The readings of a gyro package."""
+    return Signal(name, f"reading of {name}", "rad/s", AXES)
+
+
+def accelerometer_signal(name: str) -> Signal:
+    """The readings of an integrating-accelerometer package."""
+    return Signal(name, f"reading of {name}", "{length}/s", AXES)
+
+
+def in_units(unit: str, names: dict[str, str]) -> str:
+    """A unit template with the vehicle's units, such as ft/s for {length}/s.
+
+    Args:
+        unit: template of a `Signal`.
+        names: of the units of length, mass and force, as `Vehicle.unit_names`.
+    """
+    return unit.format(**names)
+
+
+def mass_property_units(names: dict[str, str]) -> tuple[str, ...]:
+    """Units of the ten parameters in the vehicle's units."""
+    return tuple(in_units(unit, names) for unit in _MASS_PROPERTY_UNITS)
