@@ -50,7 +50,7 @@ def dot_text(diagram: Diagram, depth: int) -> str:
     def renumbered(match: re.Match[str]) -> str:
         return f"{match.group(1)}{numbers.setdefault(match.group(2), len(numbers))}"
 
-    return re.sub(r"\b(_|s|cluster|clusters)(\d+)(?=(?:diagram|in|out)?\b)", renumbered, text)
+    return re.sub(r"\b(_|s|cluster|clusters)(\d+)(?=(?:diagram|subsystems|in|out)?\b)", renumbered, text)
 
 
 def svg_text(dot: str) -> str | None:
