@@ -102,13 +102,33 @@ def fly(scenario: Scenario) -> BareRun:
             level = imp.level
             arm, center_covariance = acc_position - x[6:], S[6:, 6:]
             turned = rotation_filter.cycle(
-                x, S, rate_reading, hybrid, w, rate_noise, imp.angular_impulse, imp.linear_impulse,
-                imp.usable, imp.firing, rotation,
+                x,
+                S,
+                rate_reading,
+                hybrid,
+                w,
+                rate_noise,
+                imp.angular_impulse,
+                imp.linear_impulse,
+                imp.usable,
+                imp.firing,
+                rotation,
             )
             weighed = mass_filter.cycle(
-                m_inv, variance, velocity_reading, v, velocity_noise, arm, center_covariance,
-                turned.sample.increment, turned.sample.rate, 2.0 * gyro.variance, imp.linear_impulse,
-                imp.usable, imp.firing, mass,
+                m_inv,
+                variance,
+                velocity_reading,
+                v,
+                velocity_noise,
+                arm,
+                center_covariance,
+                turned.sample.increment,
+                turned.sample.rate,
+                2.0 * gyro.variance,
+                imp.linear_impulse,
+                imp.usable,
+                imp.firing,
+                mass,
             )
             x, S, hybrid = turned.estimate, turned.covariance, turned.innovation.subtract_coupling
             m_inv, variance = weighed.mass_reciprocal, weighed.variance

@@ -1,8 +1,8 @@
 """The autopilot: hand controllers, attitude reference, phase-space control and jet selection.
 
-    hand_controllers --> attitude_reference --attitude_error--> phase_space_controller --request--> jet_selection
-    gyro ----------------^--------------------------------------^                                    |   |  command
-                                                                ^------------- delivered ------------'   '--------->
+hand_controllers --> attitude_reference --attitude_error--> phase_space_controller --request--> jet_selection
+gyro ----------------^--------------------------------------^                                    |   |  command
+                                                            ^------------- delivered ------------'   '--------->
 """
 
 from __future__ import annotations
@@ -52,9 +52,7 @@ def build(scenario: Scenario) -> Diagram:
     )
 
     for system in (reference, controller):
-        builder.Connect(
-            controllers.GetOutputPort("hand_controllers"), system.GetInputPort("hand_controllers")
-        )
+        builder.Connect(controllers.GetOutputPort("hand_controllers"), system.GetInputPort("hand_controllers"))
     builder.Connect(reference.GetOutputPort("attitude_error"), controller.GetInputPort("attitude_error"))
     builder.Connect(controller.GetOutputPort("request"), selection.GetInputPort("request"))
     builder.Connect(selection.GetOutputPort("delivered"), controller.GetInputPort("delivered"))

@@ -1,9 +1,9 @@
 """The closed loop: autopilot, vehicle and estimators.
 
-    autopilot --command, held_command--> vehicle --gyros, accelerometers--> estimation --> estimate
-        ^ ^                                 |            ^ jet_commands = held_command        |
-        | '------------ gyro ---------------'                                                 |
-        '---------------- estimate, converged (autopilot.mass_properties: estimated) ---------'
+autopilot --command, held_command--> vehicle --gyros, accelerometers--> estimation --> estimate
+    ^ ^                                 |            ^ jet_commands = held_command        |
+    | '------------ gyro ---------------'                                                 |
+    '---------------- estimate, converged (autopilot.mass_properties: estimated) ---------'
 """
 
 from __future__ import annotations

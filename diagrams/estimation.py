@@ -60,9 +60,7 @@ def build(scenario: Scenario) -> Diagram:
             settings=make.rotation_settings(scenario),
         ),
     )
-    monitor = builder.AddNamedSystem(
-        "convergence_monitor", ConvergenceMonitor(make.convergence_limits(scenario))
-    )
+    monitor = builder.AddNamedSystem("convergence_monitor", ConvergenceMonitor(make.convergence_limits(scenario)))
     builder.ExportInput(impulses.GetInputPort("jet_commands"), "jet_commands")
     builder.Connect(impulses.GetOutputPort("impulses"), rotation.GetInputPort("impulses"))
     for package in vehicle.gyros:

@@ -1,6 +1,6 @@
 """The open loop: a prescribed jet schedule, the vehicle and the estimators.
 
-    jet_schedule --command, held_command--> vehicle --gyros, accelerometers--> estimation --> estimate
+jet_schedule --command, held_command--> vehicle --gyros, accelerometers--> estimation --> estimate
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The vehicle: jets, rigid body and sensors. The only place that knows the truth.
 
-    command ------> reaction_jets --wrench--> rigid_body --body_state--> gyros, accelerometers --> readings
-    held_command -->                                          noise_source --noise-->
+command ------> reaction_jets --wrench--> rigid_body --body_state--> gyros, accelerometers --> readings
+held_command -->                                          noise_source --noise-->
 """
 
 from __future__ import annotations
@@ -70,9 +70,7 @@ def build(scenario: Scenario) -> Diagram:
 
     if noisy:
         streams = {sensor.get_name(): 6 for sensor in noisy}
-        noise = builder.AddNamedSystem(
-            "noise_source", NoiseSource(scenario.seed, period_s=period, streams=streams)
-        )
+        noise = builder.AddNamedSystem("noise_source", NoiseSource(scenario.seed, period_s=period, streams=streams))
         for sensor in noisy:
             builder.Connect(noise.GetOutputPort(sensor.get_name()), sensor.GetInputPort("noise"))
 

@@ -92,11 +92,18 @@ class SensorErrors(Model):
     sensor: Text = described(..., "name of a gyro or accelerometer package")
     scale_factor: Vector3 = described((0.0, 0.0, 0.0), "relative error of scale per axis: reading = (1 + this) x truth")
     bandwidth_hz: Real | None = described(None, "corner of a first-order low-pass; null: unlimited", "Hz", gt=0.0)
-    bias: Vector3 = described((0.0, 0.0, 0.0), "constant bias; of an accelerometer, of the acceleration", "rad/s | ft/s^2 | m/s^2")
-    bias_random_walk: Real = described(
-        0.0, "the bias's random walk, 1-sigma after one second", "rad/s/sqrt(s) | ft/s^2/sqrt(s) | m/s^2/sqrt(s)", ge=0.0
+    bias: Vector3 = described(
+        (0.0, 0.0, 0.0), "constant bias; of an accelerometer, of the acceleration", "rad/s | ft/s^2 | m/s^2"
     )
-    noise_std: Real | None = described(None, "white noise of a reading, 1-sigma; null: the vehicle's", "rad/s | ft/s | m/s", ge=0.0)
+    bias_random_walk: Real = described(
+        0.0,
+        "the bias's random walk, 1-sigma after one second",
+        "rad/s/sqrt(s) | ft/s^2/sqrt(s) | m/s^2/sqrt(s)",
+        ge=0.0,
+    )
+    noise_std: Real | None = described(
+        None, "white noise of a reading, 1-sigma; null: the vehicle's", "rad/s | ft/s | m/s", ge=0.0
+    )
     quantum: Real | None = described(None, "step of a reading; null: the vehicle's", "rad/s | ft/s | m/s", ge=0.0)
     delay_samples: Whole = described(0, "whole samples by which readings are late", "-", ge=0, le=100)
 
@@ -128,7 +135,9 @@ class AutopilotSettings(Model):
     rate_deadband: Real = described(0.02 * _DEGREE, "rate error that asks for a correction", "rad/s", gt=0.0)
     acceleration: Real = described(0.5, "that the translational hand controller commands", "ft/s^2 | m/s^2", gt=0.0)
     horizon_s: Real = described(2.0, "a translation is requested for this long at a time", "s", gt=0.0)
-    resolve_rate: Real = described(0.2 * _DEGREE, "in a translation, rate error that asks for a new selection", "rad/s", gt=0.0)
+    resolve_rate: Real = described(
+        0.2 * _DEGREE, "in a translation, rate error that asks for a new selection", "rad/s", gt=0.0
+    )
     resolve_after_s: Real = described(0.4, "least time between two selections in a translation", "s", ge=0.0)
 
 
@@ -137,7 +146,9 @@ class ConvergenceLimits(Model):
 
     diagonal: Real = described(0.02, "of the inverse inertia's diagonal, relative to the estimate", "-", gt=0.0)
     mass_reciprocal: Real = described(0.2, "of the mass reciprocal, relative to the estimate", "-", gt=0.0)
-    center_of_mass: Real | None = described(None, "of the center of mass; null: 3 % of the jets' RMS arm", "ft | m", gt=0.0)
+    center_of_mass: Real | None = described(
+        None, "of the center of mass; null: 3 % of the jets' RMS arm", "ft | m", gt=0.0
+    )
 
 
 class EstimationSettings(Model):
@@ -202,9 +213,13 @@ class MassFilterSettings(Model):
 class Scenario(Model):
     """One case: a vehicle, what it is told to do, and how its mass properties are estimated."""
 
-    name: Text = described("scenario", "short name; the run's folder is named after it", pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$")
+    name: Text = described(
+        "scenario", "short name; the run's folder is named after it", pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$"
+    )
     description: Text = described("", "one line")
-    vehicle: Text | Vehicle = described("orbiter", "a bundled vehicle, a file (relative to this one), or a vehicle's data")
+    vehicle: Text | Vehicle = described(
+        "orbiter", "a bundled vehicle, a file (relative to this one), or a vehicle's data"
+    )
     duration_s: Real = described(50.0, "length of the run", "s", gt=0.0, le=1e6)
     seed: Whole = described(0, "of everything drawn by chance", "-", ge=0, lt=2**63)
     maneuver: tuple[HandControllerWindow, ...] = described((), "hand-controller windows, flown by the autopilot")
@@ -213,7 +228,9 @@ class Scenario(Model):
     sensors: SensorSettings = described(SensorSettings(), "the sensors")
     autopilot: AutopilotSettings = described(AutopilotSettings(), "the autopilot")
     estimation: EstimationSettings = described(EstimationSettings(), "start of the estimators")
-    rotation: RotationFilterSettings = described(RotationFilterSettings(), "filter for inverse inertia and center of mass")
+    rotation: RotationFilterSettings = described(
+        RotationFilterSettings(), "filter for inverse inertia and center of mass"
+    )
     mass: MassFilterSettings = described(MassFilterSettings(), "filter for the mass reciprocal")
 
     @model_validator(mode="after")
@@ -247,11 +264,16 @@ def _check_against_vehicle(scenario: Scenario, vehicle: Vehicle) -> list[str]:
     problems = []
     for index, pulse in enumerate(scenario.jet_schedule):
         if pulse.jet not in vehicle.designations:
-            problems.append((("jet_schedule", index, "jet"), _unknown("jet", pulse.jet, vehicle, list(vehicle.designations))))
+            problems.append(
+                (("jet_schedule", index, "jet"), _unknown("jet", pulse.jet, vehicle, list(vehicle.designations)))
+            )
     for index, errors in enumerate(scenario.sensors.errors):
         if errors.sensor not in vehicle.sensor_names():
             problems.append(
-                (("sensors", "errors", index, "sensor"), _unknown("sensor", errors.sensor, vehicle, vehicle.sensor_names()))
+                (
+                    ("sensors", "errors", index, "sensor"),
+                    _unknown("sensor", errors.sensor, vehicle, vehicle.sensor_names()),
+                )
             )
     named = [errors.sensor for errors in scenario.sensors.errors]
     for index, name in enumerate(named):
@@ -267,7 +289,9 @@ def _check_against_vehicle(scenario: Scenario, vehicle: Vehicle) -> list[str]:
             problems.append((("sensors", field), _unknown(field, name, vehicle, valid)))
     for index, kind in enumerate(scenario.autopilot.jet_kinds):
         if kind not in vehicle.jet_kinds:
-            problems.append((("autopilot", "jet_kinds", index), _unknown("jet kind", kind, vehicle, list(vehicle.jet_kinds))))
+            problems.append(
+                (("autopilot", "jet_kinds", index), _unknown("jet kind", kind, vehicle, list(vehicle.jet_kinds)))
+            )
     step = scenario.plant.time_step
     if step not in (None, 0.0) and not np.isclose(step, vehicle.sample_period_s, rtol=1e-12, atol=0.0):
         problems.append(
@@ -314,7 +338,9 @@ def load_scenario(scenario: str | Path, overrides: list[str] | None = None) -> S
         if path.is_dir() and (path / "scenario.yaml").exists():
             path = path / "scenario.yaml"
         if not path.exists() and path.suffix not in (".yaml", ".yml") and path.parent == Path():
-            raise InputError(f"'{name}' is neither a bundled scenario nor a file{suggestion(name, bundled_scenarios())}")
+            raise InputError(
+                f"'{name}' is neither a bundled scenario nor a file{suggestion(name, bundled_scenarios())}"
+            )
         document = Document(read_text(path), str(path))
         folder = path.parent
     for override in overrides or []:

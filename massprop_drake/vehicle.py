@@ -85,8 +85,10 @@ class Jet(Model):
     )
     thrust: Real = described(..., "force on the vehicle, plume impingement included", "lbf | N", gt=0.0)
     mass_flow: Real | None = described(
-        None, "propellant flow at full thrust; null: nominal thrust / (g0 x specific impulse) of its kind",
-        "slug/s | kg/s", gt=0.0,
+        None,
+        "propellant flow at full thrust; null: nominal thrust / (g0 x specific impulse) of its kind",
+        "slug/s | kg/s",
+        gt=0.0,
     )
 
     @field_validator("direction")
@@ -137,7 +139,9 @@ class Accelerometer(Model):
 
 def _require_noise(name: str, quantum: float, noise_std: float) -> None:
     if quantum == 0.0 and noise_std == 0.0:
-        raise ValueError(f"sensor '{name}' needs a quantum or a noise_std above zero: a filter cannot use a perfect sensor")
+        raise ValueError(
+            f"sensor '{name}' needs a quantum or a noise_std above zero: a filter cannot use a perfect sensor"
+        )
 
 
 class Vehicle(Model):
@@ -157,9 +161,7 @@ class Vehicle(Model):
     )
     gyros: tuple[Gyro, ...] = described(..., "rate-gyro packages", min_length=1)
     accelerometers: tuple[Accelerometer, ...] = described((), "integrating-accelerometer packages")
-    preferred_accelerometer: Text | None = described(
-        None, "the package used where one is enough; null: the first"
-    )
+    preferred_accelerometer: Text | None = described(None, "the package used where one is enough; null: the first")
     jet_kinds: dict[str, JetKind] = described(..., "kinds of jets by name", min_length=1)
     jets: tuple[Jet, ...] = described(..., "reaction-control jets", min_length=1)
 
@@ -179,7 +181,8 @@ class Vehicle(Model):
         preferred = self.preferred_accelerometer
         if preferred is not None and preferred not in accelerometers:
             raise ValueError(
-                f"preferred_accelerometer: {preferred!r} is not an accelerometer" + suggestion(preferred, accelerometers)
+                f"preferred_accelerometer: {preferred!r} is not an accelerometer"
+                + suggestion(preferred, accelerometers)
             )
         return self
 

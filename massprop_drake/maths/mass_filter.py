@@ -255,9 +255,7 @@ def cycle(
     if not math.isfinite(sum(increment.tolist()) + sum(rate_increment.tolist())):
         innovation = MassInnovation(_NOT_MEASURED, noise, noise, noise, math.nan)
         return MassCycle(innovation, mass_reciprocal, variance + settings.process_noise, used=False)
-    sample = MassSample(
-        increment, noise, arm, center_covariance, rate_increment, rate, rate_variance, linear_impulse
-    )
+    sample = MassSample(increment, noise, arm, center_covariance, rate_increment, rate, rate_variance, linear_impulse)
     innovation = innovate(mass_reciprocal, variance, sample, settings)
     if not (usable and firing):
         return MassCycle(innovation, mass_reciprocal, variance + settings.process_noise, used=False)

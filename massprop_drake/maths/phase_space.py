@@ -101,9 +101,7 @@ def attitude_step(
     return AttitudeStep(attitude, reference, error, np.array(now))
 
 
-def commanded_rate(
-    rotation_command: Array, attitude_error: Array, settings: PhaseSpaceSettings
-) -> Array:
+def commanded_rate(rotation_command: Array, attitude_error: Array, settings: PhaseSpaceSettings) -> Array:
     """Rate that each axis should have, rad/s: the discrete rate, or the way back to the held attitude."""
     gain, limit = settings.hold_gain, settings.hold_rate_limit
     return np.array(

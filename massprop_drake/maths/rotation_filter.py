@@ -45,10 +45,7 @@ _AXES = np.arange(3)
 # S.ravel()[_PRODUCT] is the (ij) x (mn) table of P[E(i, m), E(j, n)]
 _PRODUCT = np.array(
     [
-        [
-            [ELEMENT[i, m] * N_ROTATION + ELEMENT[j, n] for m in range(3) for n in range(3)]
-            for j in range(3)
-        ]
+        [[ELEMENT[i, m] * N_ROTATION + ELEMENT[j, n] for m in range(3) for n in range(3)] for j in range(3)]
         for i in range(3)
     ]
 ).reshape(9, 9)
@@ -63,9 +60,7 @@ _NOT_MEASURED = np.full(3, np.nan)
 def angular_block(vector: Array) -> Array:
     """A_6(v): the 3x6 matrix with A_6(v) x_6 = I^-1 v, the left block of (2-53)."""
     x, y, z = vector.tolist()
-    return np.array(
-        [[x, 0.0, 0.0, 0.0, z, y], [0.0, y, 0.0, z, 0.0, x], [0.0, 0.0, z, y, x, 0.0]]
-    )
+    return np.array([[x, 0.0, 0.0, 0.0, z, y], [0.0, y, 0.0, z, 0.0, x], [0.0, 0.0, z, y, x, 0.0]])
 
 
 def rate_increment(estimate: Array, angular_impulse: Array, linear_impulse: Array) -> Array:
@@ -350,6 +345,4 @@ def cycle(
             sample, innovation, estimate, covariance + settings.process_noise, used=False, jumped=False
         )
     updated = update(estimate, covariance, sample, innovation, settings)
-    return RotationCycle(
-        sample, innovation, updated.estimate, updated.covariance, used=True, jumped=updated.jumped
-    )
+    return RotationCycle(sample, innovation, updated.estimate, updated.covariance, used=True, jumped=updated.jumped)

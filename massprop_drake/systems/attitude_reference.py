@@ -43,9 +43,7 @@ class AttitudeReference(LeafSystem):
         start = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, np.nan, np.nan, np.nan]
         self._memory = self.DeclareDiscreteState(start)
         self._step = Cached(self, "step", self._compute, {self.xd_ticket(), self.all_input_ports_ticket()})
-        self.DeclareVectorOutputPort(
-            "attitude_error", 3, self._calc_error, prerequisites_of_calc={self._step.ticket}
-        )
+        self.DeclareVectorOutputPort("attitude_error", 3, self._calc_error, prerequisites_of_calc={self._step.ticket})
         self.DeclarePeriodicDiscreteUpdateEvent(period_sec=period_s, offset_sec=0.0, update=self._update)
 
     def _compute(self, context: Any) -> AttitudeStep:

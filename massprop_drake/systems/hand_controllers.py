@@ -40,9 +40,7 @@ class HandControllers(LeafSystem):
         super().__init__()
         self.set_name("hand_controllers")
         self._windows = windows
-        self.DeclareVectorOutputPort(
-            "hand_controllers", 6, self._calc, prerequisites_of_calc={self.time_ticket()}
-        )
+        self.DeclareVectorOutputPort("hand_controllers", 6, self._calc, prerequisites_of_calc={self.time_ticket()})
 
     def _calc(self, context: Any, output: Any) -> None:
         time = context.get_time()

@@ -47,9 +47,7 @@ class ImpulseModel(LeafSystem):
         self._command = self.DeclareVectorInputPort("jet_commands", n_jets)
         self._n_jets = n_jets
         self._memory = self.DeclareDiscreteState(2 * n_jets)
-        self._impulses = Cached(
-            self, "impulses", self._compute, {self.xd_ticket(), self.all_input_ports_ticket()}
-        )
+        self._impulses = Cached(self, "impulses", self._compute, {self.xd_ticket(), self.all_input_ports_ticket()})
         self.DeclareVectorOutputPort(
             "impulses", N_IMPULSES, self._calc_impulses, prerequisites_of_calc={self._impulses.ticket}
         )

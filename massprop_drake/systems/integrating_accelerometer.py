@@ -32,6 +32,4 @@ class IntegratingAccelerometer(Sensor):
         self._position = np.array(position, dtype=float)
 
     def _signal(self, body_state: Array) -> Array:
-        return point_velocity(
-            body_state[ORIGIN_VELOCITY], body_state[RATE], body_state[SPIN_INTEGRAL], self._position
-        )
+        return point_velocity(body_state[ORIGIN_VELOCITY], body_state[RATE], body_state[SPIN_INTEGRAL], self._position)

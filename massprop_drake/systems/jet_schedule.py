@@ -34,9 +34,7 @@ class JetSchedule(LeafSystem):
         self._period_s = period_s
         n_jets = self._commands.shape[1]
         self._held = self.DeclareDiscreteState(n_jets)
-        self.DeclareVectorOutputPort(
-            "command", n_jets, self._calc_command, prerequisites_of_calc={self.time_ticket()}
-        )
+        self.DeclareVectorOutputPort("command", n_jets, self._calc_command, prerequisites_of_calc={self.time_ticket()})
         self.DeclareStateOutputPort("held_command", self._held)
         self.DeclarePeriodicDiscreteUpdateEvent(period_sec=period_s, offset_sec=0.0, update=self._update)
 

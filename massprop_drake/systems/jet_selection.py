@@ -92,9 +92,7 @@ class JetSelection(LeafSystem):
         self._counts = self.DeclareDiscreteState([0.0, 0.0, 0.0, 1.0])
         self._refused = self.DeclareDiscreteState(4)
         self._burst = Cached(self, "burst", self._compute, {self.xd_ticket(), self.all_input_ports_ticket()})
-        self.DeclareVectorOutputPort(
-            "command", n_jets, self._calc_command, prerequisites_of_calc={self._burst.ticket}
-        )
+        self.DeclareVectorOutputPort("command", n_jets, self._calc_command, prerequisites_of_calc={self._burst.ticket})
         self.DeclareStateOutputPort("held_command", self._held)
         self.DeclareStateOutputPort("delivered", self._delivered)
         self.DeclareStateOutputPort("counts", self._counts)

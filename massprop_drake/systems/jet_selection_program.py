@@ -82,9 +82,7 @@ class JetSelectionProgram:
         # on-times and the share s
         self._share = MathematicalProgram()
         ts = self._share.NewContinuousVariables(n + 1, "t")
-        self._share_rows = self._share.AddLinearEqualityConstraint(
-            np.ones((6, n + 1)), np.zeros(6), ts
-        ).evaluator()
+        self._share_rows = self._share.AddLinearEqualityConstraint(np.ones((6, n + 1)), np.zeros(6), ts).evaluator()
         self._share_box = self._share.AddBoundingBoxConstraint(np.zeros(n + 1), np.ones(n + 1), ts).evaluator()
         self._share.AddLinearCost(-np.eye(n + 1)[n], 0.0, ts)
         self._share_t = ts
@@ -92,12 +90,8 @@ class JetSelectionProgram:
         # on-times, shortfall and excess of each row
         self._near = MathematicalProgram()
         tn = self._near.NewContinuousVariables(n + 12, "t")
-        self._near_rows = self._near.AddLinearEqualityConstraint(
-            np.ones((6, n + 12)), np.zeros(6), tn
-        ).evaluator()
-        self._near_box = self._near.AddBoundingBoxConstraint(
-            np.zeros(n + 12), np.full(n + 12, np.inf), tn
-        ).evaluator()
+        self._near_rows = self._near.AddLinearEqualityConstraint(np.ones((6, n + 12)), np.zeros(6), tn).evaluator()
+        self._near_box = self._near.AddBoundingBoxConstraint(np.zeros(n + 12), np.full(n + 12, np.inf), tn).evaluator()
         weights = np.array([_ROTATION_WEIGHT] * 3 + [1.0] * 3)
         self._near.AddLinearCost(np.concatenate([np.zeros(n), weights, weights]), 0.0, tn)
         self._near_t = tn
@@ -158,9 +152,7 @@ class JetSelectionProgram:
     def _largest_share(self, activity: Array, request: Array, limits_s: Array) -> float | None:
         rows, target, scale = _scaled(activity, request)
         column = np.concatenate([np.zeros(3), -target[3:]])
-        self._share_rows.UpdateCoefficients(
-            np.column_stack([rows, column]), np.concatenate([target[:3], np.zeros(3)])
-        )
+        self._share_rows.UpdateCoefficients(np.column_stack([rows, column]), np.concatenate([target[:3], np.zeros(3)]))
         self._share_box.set_bounds(np.zeros(self._n + 1), np.append(limits_s / scale, 1.0))
         result = self._solve(self._share)
         return None if result is None else float(result.GetSolution(self._share_t)[-1])

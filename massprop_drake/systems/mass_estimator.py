@@ -69,9 +69,7 @@ class MassEstimator(LeafSystem):
         self._position = np.array(position, dtype=float)
         ports = {package.name: self.DeclareVectorInputPort(package.name, 3) for package in accelerometers}
         self._accelerometer = ports[accelerometer]
-        self._noise = increment_noise(
-            next(p.variance for p in accelerometers if p.name == accelerometer)
-        )
+        self._noise = increment_noise(next(p.variance for p in accelerometers if p.name == accelerometer))
         self._rate_variance = 2.0 * rate_variance  # of an increment
         self._impulses = self.DeclareVectorInputPort("impulses", N_IMPULSES)
         self._rate_sample = self.DeclareVectorInputPort("rate_sample", 6)
@@ -94,9 +92,7 @@ class MassEstimator(LeafSystem):
             ("status", 5, self._calc_status),
         ):
             self.DeclareVectorOutputPort(name, size, calc, prerequisites_of_calc={self._cycle.ticket})
-        self.DeclarePeriodicDiscreteUpdateEvent(
-            period_sec=settings.period_s, offset_sec=0.0, update=self._update
-        )
+        self.DeclarePeriodicDiscreteUpdateEvent(period_sec=settings.period_s, offset_sec=0.0, update=self._update)
 
     def _compute(self, context: Any) -> MassCycle:
         impulses = self._impulses.Eval(context)

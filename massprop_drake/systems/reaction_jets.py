@@ -85,7 +85,11 @@ class ReactionJets(LeafSystem):
         self._updated_s = self.DeclareDiscreteState(1)
         # `wrench` must not depend on `command`: with a continuous plant that would close an algebraic
         # loop through the sensors and the autopilot
-        coming = {self.input_port_ticket(command.get_index()), self.input_port_ticket(held.get_index()), self.xd_ticket()}
+        coming = {
+            self.input_port_ticket(command.get_index()),
+            self.input_port_ticket(held.get_index()),
+            self.xd_ticket(),
+        }
         now = {self.input_port_ticket(held.get_index()), self.xd_ticket(), self.time_ticket()}
         self.DeclareVectorOutputPort("thrust", n_jets, self._calc_thrust, prerequisites_of_calc=coming)
         self.DeclareVectorOutputPort("wrench", N_WRENCH, self._calc_wrench, prerequisites_of_calc=now)

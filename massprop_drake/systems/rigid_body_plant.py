@@ -73,9 +73,7 @@ class RigidBodyPlant(LeafSystem):
             self._state = self.DeclareContinuousState(BasicVector(start))
             self.DeclareStateOutputPort("body_state", self._state)
         else:
-            self._wrench = self.DeclareVectorInputPort(
-                "wrench_profile", N_WRENCH * (1 + len(lag_time_constants_s))
-            )
+            self._wrench = self.DeclareVectorInputPort("wrench_profile", N_WRENCH * (1 + len(lag_time_constants_s)))
             self._state = self.DeclareDiscreteState(start)
             self.DeclareStateOutputPort("body_state", self._state)
             self.DeclarePeriodicDiscreteUpdateEvent(period_sec=time_step, offset_sec=0.0, update=self._update)

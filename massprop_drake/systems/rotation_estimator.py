@@ -109,9 +109,7 @@ class RotationEstimator(LeafSystem):
             ("status", 7, self._calc_status),
         ):
             self.DeclareVectorOutputPort(name, size, calc, prerequisites_of_calc={self._cycle.ticket})
-        self.DeclarePeriodicDiscreteUpdateEvent(
-            period_sec=settings.period_s, offset_sec=0.0, update=self._update
-        )
+        self.DeclarePeriodicDiscreteUpdateEvent(period_sec=settings.period_s, offset_sec=0.0, update=self._update)
 
     def _compute(self, context: Any) -> RotationCycle:
         impulses = self._impulses.Eval(context)

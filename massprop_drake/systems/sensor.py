@@ -51,9 +51,7 @@ class Sensor(LeafSystem):
             self.DeclareVectorOutputPort(
                 "reading", 3, self._calc_remembering, prerequisites_of_calc={self._step.ticket}
             )
-            self.DeclarePeriodicDiscreteUpdateEvent(
-                period_sec=model.period_s, offset_sec=0.0, update=self._update
-            )
+            self.DeclarePeriodicDiscreteUpdateEvent(period_sec=model.period_s, offset_sec=0.0, update=self._update)
         else:
             self.DeclareVectorOutputPort("reading", 3, self._calc_direct, prerequisites_of_calc=inputs)
 

@@ -1,0 +1,87 @@
+"""Speed of the closed loop with every log: ratios that hold on any machine, best of several runs.
+
+    python benchmarks/closed_loop.py
+
+Prints how many times faster than real time the sample manoeuvre runs, what Drake adds to a plain loop
+of the same functions, the time of the estimators, of a linear programme, and of each module.
+"""
+
+from __future__ import annotations
+
+import cProfile
+import pstats
+import statistics
+import time
+from pathlib import Path
+
+import numpy as np
+from bare_loop import fly
+
+from massprop_drake import Estimator, load_scenario, simulate
+from massprop_drake.run import Run
+
+REPEATS = 7
+
+
+def main() -> None:
+    """Prints the figures."""
+    scenario = load_scenario("sample_maneuver")
+    duration = scenario.duration_s
+    simulate(scenario)
+    simulated, bare = [], []
+    for _ in range(REPEATS):  # in turns, so that a busy moment strikes both
+        run = simulate(scenario)
+        simulated.append(run.summary["timing"]["wall_s"])
+        began = time.perf_counter()
+        loop = fly(scenario)
+        bare.append(time.perf_counter() - began)
+    same = np.array_equal(run["estimate"][-1], loop.estimate) and np.array_equal(run["command"], loop.commands)
+    print(f"closed loop with logging   {duration / min(simulated):6.0f} times real time (median {duration / statistics.median(simulated):.0f})")
+    print(f"plain loop without Drake   {duration / min(bare):6.0f} times real time; same numbers: {'yes' if same else 'NO'}")
+    print(f"Drake adds                 {100.0 * (min(simulated) / min(bare) - 1.0):6.0f} %")
+
+    cycles = len(run.time_s)
+    spent = run.summary["timing"]["cycle_us"]
+    solves = run.summary["autopilot"]["lp_solves"]
+    print(f"linear programme           {spent['jet_selection']:6.0f} us a request, {solves} programmes in {cycles} cycles")
+    _estimator(run)
+    _modules(scenario)
+
+
+def _estimator(run: Run) -> None:
+    """Time of one call of the real-time estimator, all cycles and those with a jet on."""
+    scenario = run.scenario
+    packages = scenario.vehicle_data.sensor_names()
+    spent = np.empty((REPEATS, len(run.time_s)))
+    for repeat in range(REPEATS):
+        estimator = Estimator(scenario.vehicle_data, scenario)
+        for k, now in enumerate(run.time_s):
+            readings = {name: run[name][k] for name in packages}
+            began = time.perf_counter()
+            estimator.step(now, readings, readings, run["command"][k])
+            spent[repeat, k] = time.perf_counter() - began
+    cycle_us = 1e6 * spent.min(axis=0)
+    firing = run["firing"][:, 0] > 0.0
+    print(f"one cycle of estimators    {np.median(cycle_us):6.0f} us median, {np.median(cycle_us[firing]):.0f} us with a jet on")
+
+
+def _modules(scenario: object) -> None:
+    """Own time of each module of the package, from a profile (which slows everything by half)."""
+    profile = cProfile.Profile()
+    profile.enable()
+    run = simulate(scenario)  # type: ignore[arg-type]
+    profile.disable()
+    own: dict[str, float] = {}
+    for (file, _, _), (_, _, total, _, _) in pstats.Stats(profile).stats.items():  # type: ignore[attr-defined]
+        path = Path(file)
+        name = f"{path.parent.name}/{path.name}" if path.parent.name in ("maths", "systems") else "numpy, Drake and the rest"
+        own[name] = own.get(name, 0.0) + total
+    cycles = len(run.time_s)
+    print("own time per cycle under the profiler, us:")
+    for name, total in sorted(own.items(), key=lambda item: -item[1]):
+        if 1e6 * total / cycles >= 1.0:
+            print(f"  {name:40} {1e6 * total / cycles:6.1f}")
+
+
+if __name__ == "__main__":
+    main()
