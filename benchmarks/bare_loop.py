@@ -38,7 +38,7 @@ class BareRun(NamedTuple):
     estimator_s: Array
 
 
-def fly(scenario: Scenario) -> BareRun:
+def fly(scenario: Scenario) -> BareRun:  # noqa: PLR0915 (one plain loop is its point)
     """Flies a scenario with hand controllers, sensors quantised only, nominal activity vectors."""
     vehicle = scenario.vehicle_data
     period = vehicle.sample_period_s

@@ -19,6 +19,7 @@ from bare_loop import fly
 
 from massprop_drake import Estimator, load_scenario, simulate
 from massprop_drake.run import Run
+from massprop_drake.scenario import Scenario
 
 REPEATS = 7
 
@@ -35,15 +36,19 @@ def main() -> None:
         began = time.perf_counter()
         loop = fly(scenario)
         bare.append(time.perf_counter() - began)
+    fastest, typical = duration / min(simulated), duration / statistics.median(simulated)
+    print(f"closed loop with logging   {fastest:6.0f} times real time (median {typical:.0f})")
     same = np.array_equal(run["estimate"][-1], loop.estimate) and np.array_equal(run["command"], loop.commands)
-    print(f"closed loop with logging   {duration / min(simulated):6.0f} times real time (median {duration / statistics.median(simulated):.0f})")
-    print(f"plain loop without Drake   {duration / min(bare):6.0f} times real time; same numbers: {'yes' if same else 'NO'}")
+    print(f"plain loop without Drake   {duration / min(bare):6.0f} times real time")
+    print(f"the same numbers           {'yes' if same else 'NO':>6}")
     print(f"Drake adds                 {100.0 * (min(simulated) / min(bare) - 1.0):6.0f} %")
 
     cycles = len(run.time_s)
     spent = run.summary["timing"]["cycle_us"]
     solves = run.summary["autopilot"]["lp_solves"]
-    print(f"linear programme           {spent['jet_selection']:6.0f} us a request, {solves} programmes in {cycles} cycles")
+    print(
+        f"linear programme           {spent['jet_selection']:6.0f} us a request, {solves} programmes in {cycles} cycles"
+    )
     _estimator(run)
     _modules(scenario)
 
@@ -62,19 +67,21 @@ def _estimator(run: Run) -> None:
             spent[repeat, k] = time.perf_counter() - began
     cycle_us = 1e6 * spent.min(axis=0)
     firing = run["firing"][:, 0] > 0.0
-    print(f"one cycle of estimators    {np.median(cycle_us):6.0f} us median, {np.median(cycle_us[firing]):.0f} us with a jet on")
+    median, median_firing = np.median(cycle_us), np.median(cycle_us[firing])
+    print(f"one cycle of estimators    {median:6.0f} us median, {median_firing:.0f} us with a jet on")
 
 
-def _modules(scenario: object) -> None:
+def _modules(scenario: Scenario) -> None:
     """Own time of each module of the package, from a profile (which slows everything by half)."""
     profile = cProfile.Profile()
     profile.enable()
-    run = simulate(scenario)  # type: ignore[arg-type]
+    run = simulate(scenario)
     profile.disable()
     own: dict[str, float] = {}
     for (file, _, _), (_, _, total, _, _) in pstats.Stats(profile).stats.items():  # type: ignore[attr-defined]
         path = Path(file)
-        name = f"{path.parent.name}/{path.name}" if path.parent.name in ("maths", "systems") else "numpy, Drake and the rest"
+        ours = path.parent.name in ("maths", "systems")
+        name = f"{path.parent.name}/{path.name}" if ours else "numpy, Drake and the rest"
         own[name] = own.get(name, 0.0) + total
     cycles = len(run.time_s)
     print("own time per cycle under the profiler, us:")

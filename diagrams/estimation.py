@@ -10,6 +10,8 @@ The same diagram serves the closed loop, the open loop and recorded telemetry.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
@@ -20,6 +22,7 @@ from massprop_drake.systems.convergence_monitor import ConvergenceMonitor
 from massprop_drake.systems.impulse_model import ImpulseModel
 from massprop_drake.systems.mass_estimator import MassEstimator
 from massprop_drake.systems.rotation_estimator import Package, RotationEstimator
+from massprop_drake.vehicle import SensorPackage
 
 
 def build(scenario: Scenario) -> Diagram:
@@ -55,7 +58,7 @@ def build(scenario: Scenario) -> Diagram:
         RotationEstimator(
             estimate=estimate[:N_ROTATION],
             covariance=np.diag(deviation[:N_ROTATION] ** 2),
-            gyros=tuple(Package(package.name, package.variance) for package in vehicle.gyros),
+            gyros=_packages(vehicle.gyros),
             gyro=gyro.name,
             settings=make.rotation_settings(scenario),
         ),
@@ -63,8 +66,8 @@ def build(scenario: Scenario) -> Diagram:
     monitor = builder.AddNamedSystem("convergence_monitor", ConvergenceMonitor(make.convergence_limits(scenario)))
     builder.ExportInput(impulses.GetInputPort("jet_commands"), "jet_commands")
     builder.Connect(impulses.GetOutputPort("impulses"), rotation.GetInputPort("impulses"))
-    for package in vehicle.gyros:
-        builder.ExportInput(rotation.GetInputPort(package.name), package.name)
+    for sensor in vehicle.gyros:
+        builder.ExportInput(rotation.GetInputPort(sensor.name), sensor.name)
     builder.Connect(rotation.GetOutputPort("estimate"), monitor.GetInputPort("rotation_estimate"))
     builder.Connect(rotation.GetOutputPort("covariance"), monitor.GetInputPort("rotation_covariance"))
 
@@ -74,7 +77,7 @@ def build(scenario: Scenario) -> Diagram:
             MassEstimator(
                 mass_reciprocal=float(estimate[9]),
                 variance=float(deviation[9] ** 2),
-                accelerometers=tuple(Package(package.name, package.variance) for package in vehicle.accelerometers),
+                accelerometers=_packages(vehicle.accelerometers),
                 accelerometer=accelerometer.name,
                 position=np.array(accelerometer.position),
                 rate_variance=gyro.variance,
@@ -84,8 +87,8 @@ def build(scenario: Scenario) -> Diagram:
         builder.Connect(impulses.GetOutputPort("impulses"), mass.GetInputPort("impulses"))
         for name in ("rate_sample", "predicted_estimate", "predicted_covariance"):
             builder.Connect(rotation.GetOutputPort(name), mass.GetInputPort(name))
-        for package in vehicle.accelerometers:
-            builder.ExportInput(mass.GetInputPort(package.name), package.name)
+        for instrument in vehicle.accelerometers:
+            builder.ExportInput(mass.GetInputPort(instrument.name), instrument.name)
         builder.Connect(mass.GetOutputPort("estimate"), monitor.GetInputPort("mass_estimate"))
         for name in ("estimate", "innovation", "innovation_covariance", "status"):
             builder.ExportOutput(mass.GetOutputPort(name), f"mass_{name}")
@@ -98,3 +101,7 @@ def build(scenario: Scenario) -> Diagram:
     diagram = builder.Build()
     diagram.set_name("estimation")
     return diagram
+
+
+def _packages(sensors: Sequence[SensorPackage]) -> tuple[Package, ...]:
+    return tuple(Package(sensor.name, sensor.variance) for sensor in sensors)

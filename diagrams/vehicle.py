@@ -10,12 +10,15 @@ import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from massprop_drake import settings as make
+from massprop_drake.maths.sensing import SensorModel
 from massprop_drake.scenario import Scenario
 from massprop_drake.systems.integrating_accelerometer import IntegratingAccelerometer
 from massprop_drake.systems.noise_source import NoiseSource
 from massprop_drake.systems.rate_gyro import RateGyro
 from massprop_drake.systems.reaction_jets import ReactionJets
 from massprop_drake.systems.rigid_body_plant import RigidBodyPlant
+from massprop_drake.systems.sensor import Sensor
+from massprop_drake.vehicle import Accelerometer, SensorPackage
 
 
 def build(scenario: Scenario) -> Diagram:
@@ -56,13 +59,9 @@ def build(scenario: Scenario) -> Diagram:
     builder.ExportInput(jets.GetInputPort("held_command"), "held_command")
 
     noisy = []
-    for package in (*vehicle.gyros, *vehicle.accelerometers):
+    for package in vehicle.sensors:
         model = make.sensor_model(scenario, package)
-        if package in vehicle.gyros:
-            sensor = RateGyro(package.name, model)
-        else:
-            sensor = IntegratingAccelerometer(package.name, model, position=np.array(package.position))
-        builder.AddNamedSystem(package.name, sensor)
+        sensor = builder.AddNamedSystem(package.name, _sensor(package, model))
         builder.Connect(body.GetOutputPort("body_state"), sensor.GetInputPort("body_state"))
         builder.ExportOutput(sensor.GetOutputPort("reading"), package.name)
         if model.noisy:
@@ -80,3 +79,9 @@ def build(scenario: Scenario) -> Diagram:
     diagram = builder.Build()
     diagram.set_name("vehicle")
     return diagram
+
+
+def _sensor(package: SensorPackage, model: SensorModel) -> Sensor:
+    if isinstance(package, Accelerometer):
+        return IntegratingAccelerometer(package.name, model, position=np.array(package.position))
+    return RateGyro(package.name, model)

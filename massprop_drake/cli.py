@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import json
+import math
 import sys
 import time
 from collections.abc import Iterable
-from enum import Enum
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -34,7 +35,7 @@ Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but er
 _PROGRESS_AFTER_S = 2.0
 
 
-class Schema(str, Enum):
+class Schema(StrEnum):
     """Kinds of files whose keys can be shown."""
 
     vehicle = "vehicle"
@@ -51,7 +52,7 @@ def main() -> None:
         _fail("interrupted", 130)
     except BrokenPipeError:
         sys.exit(0)
-    except Exception as error:  # noqa: BLE001 (the last line of defence: say it, and say it is ours)
+    except Exception as error:  # the last line of defence: say it, and say it is ours
         _fail(f"internal failure: {type(error).__name__}: {error}", 1)
 
 
@@ -281,9 +282,9 @@ def _print_run(summary: dict[str, Any], vehicle: Vehicle, folder: Path) -> None:
             unit,
             f"{estimate:.6g}",
             f"{truth:.6g}",
-            "-" if percent != percent else f"{percent:+.4f}",
+            "-" if math.isnan(percent) else f"{percent:+.4f}",
             f"{deviation:.3g}",
-            "-" if percent != percent else f"{100.0 * deviation / abs(truth):.4f}",
+            "-" if math.isnan(percent) else f"{100.0 * deviation / abs(truth):.4f}",
             "yes" if inside else "[bold red]no[/bold red]",
         )
     console.print(table)

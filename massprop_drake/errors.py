@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import difflib
+
 
 class InputError(ValueError):
     """Bad input: a file, a field, an option.
@@ -19,8 +21,6 @@ class InputError(ValueError):
 
 def suggestion(word: object, valid: list[str]) -> str:
     """'; did you mean ...?' when a valid word is close, else the list of valid words."""
-    import difflib
-
     close = difflib.get_close_matches(str(word), valid, n=1)
     if close:
         return f"; did you mean '{close[0]}'?"

@@ -27,7 +27,7 @@ from massprop_drake.signals import (
 
 Array = NDArray[np.float64]
 
-_STYLE = {"linewidth": 1.1}
+_LINE_WIDTH = 1.1
 _DEGREES = 180.0 / np.pi
 
 
@@ -179,9 +179,9 @@ class Plots:
         signal = SIGNALS[name]
         figure, axes = self._panels(3, title)
         values = scale * self._signals[name]
+        style = "steps-post" if steps else "default"
         for axis, (panel, letter) in enumerate(zip(axes, signal.components, strict=True)):
-            style = {"drawstyle": "steps-post"} if steps else {}
-            panel.plot(self._time_s, values[:, axis], color=COLOURS[axis], **_STYLE, **style)
+            panel.plot(self._time_s, values[:, axis], color=COLOURS[axis], linewidth=_LINE_WIDTH, drawstyle=style)
             panel.set_ylabel(f"{letter}, {unit or in_units(signal.unit, self._names)}")
         return figure
 
@@ -198,7 +198,7 @@ class Plots:
             error = scale * (self._signals["estimate"][:, element] - true)
             band = scale * 3.0 * self._signals["standard_deviation"][:, element]
             panel.fill_between(self._time_s, -band, band, color=BAND_COLOUR, alpha=0.35, linewidth=0.0)
-            panel.plot(self._time_s, error, color=COLOURS[element % 3], **_STYLE)
+            panel.plot(self._time_s, error, color=COLOURS[element % 3], linewidth=_LINE_WIDTH)
             unit = "%" if relative else units[element]
             _symmetric_log(panel, float(band[-1]), float(np.nanmax(np.abs([error, band]))))
             panel.set_ylabel(f"{SYMBOLS[element]}, {unit}")

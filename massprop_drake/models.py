@@ -63,12 +63,18 @@ _Loader.add_implicit_resolver(
     ),
     list("-+0123456789."),
 )
-# 007 and 1_000 are not numbers of YAML 1.1's kinds here: an int is decimal
-_Loader.add_constructor("tag:yaml.org,2002:int", lambda loader, node: int(loader.construct_scalar(node)))
-_Loader.add_constructor(
-    "tag:yaml.org,2002:float",
-    lambda loader, node: float(loader.construct_scalar(node).lower().replace(".inf", "inf").replace(".nan", "nan")),
-)
+
+
+def _int(_: yaml.SafeLoader, node: Any) -> int:
+    return int(node.value)  # decimal: 007 is 7
+
+
+def _float(_: yaml.SafeLoader, node: Any) -> float:
+    return float(node.value.lower().replace(".inf", "inf").replace(".nan", "nan"))
+
+
+_Loader.add_constructor("tag:yaml.org,2002:int", _int)
+_Loader.add_constructor("tag:yaml.org,2002:float", _float)
 
 Path_ = tuple[str | int, ...]
 
@@ -192,13 +198,11 @@ def _problems(
 
 
 def _without_union_tags(location: tuple[str | int, ...], data: Any) -> Path_:
-    """pydantic names the member of a union in its path; the file has no such key."""
+    """Pydantic names the member of a union in its path; the file has no such key."""
     path: list[str | int] = []
     for part in location:
-        if isinstance(data, dict) and part in data:
-            path.append(part)
-            data = data[part]
-        elif isinstance(data, (list, tuple)) and isinstance(part, int) and part < len(data):
+        within = isinstance(data, (list, tuple)) and isinstance(part, int) and part < len(data)
+        if within or (isinstance(data, dict) and part in data):
             path.append(part)
             data = data[part]
         elif isinstance(data, dict) and part == location[-1]:
@@ -299,7 +303,7 @@ def keys(model: type[Model], prefix: str = "") -> list[Key]:
         if field.is_required():
             default = "required"
         else:
-            value = field.get_default(call_default_factory=True)  # type: ignore[call-arg]
+            value = field.get_default(call_default_factory=True)
             default = "see below" if isinstance(value, Model) else _plain(value)
         full = f"{prefix}{name}"
         found.append(Key(full, _type_name(field.annotation), unit, default, field.description or ""))

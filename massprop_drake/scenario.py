@@ -5,13 +5,15 @@ Every variant of a method is a field here, never an edit of code. Angles are rad
 
 from __future__ import annotations
 
+import math
 import os
+from collections.abc import Iterable
 from importlib import resources
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-import yaml
 from pydantic import field_validator, model_validator
 
 from massprop_drake.errors import InputError, suggestion
@@ -19,11 +21,13 @@ from massprop_drake.models import (
     Document,
     Flag,
     Model,
+    Path_,
     Real,
     Text,
     Vector3,
     Whole,
     described,
+    dotted,
     read_text,
     validated,
 )
@@ -259,54 +263,39 @@ def _require_apart(field: str, windows: list[tuple[str, float, float]]) -> None:
                 )
 
 
-def _check_against_vehicle(scenario: Scenario, vehicle: Vehicle) -> list[str]:
-    """Problems of a scenario that only its vehicle shows, each with its dotted field."""
-    problems = []
+def _check_against_vehicle(scenario: Scenario, vehicle: Vehicle) -> list[tuple[Path_, str]]:
+    """Problems of a scenario that only its vehicle shows, each with the path of its field."""
+    problems: list[tuple[Path_, str]] = []
+
+    def require(what: str, name: str, valid: Iterable[str], *path: str | int) -> None:
+        names = list(valid)
+        if name not in names:
+            problem = f"{name!r} is no {what} of vehicle '{vehicle.name}'{suggestion(name, names)}"
+            problems.append((path, problem))
+
     for index, pulse in enumerate(scenario.jet_schedule):
-        if pulse.jet not in vehicle.designations:
-            problems.append(
-                (("jet_schedule", index, "jet"), _unknown("jet", pulse.jet, vehicle, list(vehicle.designations)))
-            )
+        require("jet", pulse.jet, vehicle.designations, "jet_schedule", index, "jet")
+    named: list[str] = []
     for index, errors in enumerate(scenario.sensors.errors):
-        if errors.sensor not in vehicle.sensor_names():
-            problems.append(
-                (
-                    ("sensors", "errors", index, "sensor"),
-                    _unknown("sensor", errors.sensor, vehicle, vehicle.sensor_names()),
-                )
-            )
-    named = [errors.sensor for errors in scenario.sensors.errors]
-    for index, name in enumerate(named):
-        if name in named[:index]:
-            problems.append((("sensors", "errors", index, "sensor"), f"'{name}' has errors already; give one entry"))
-    gyros = [gyro.name for gyro in vehicle.gyros]
-    accelerometers = [accelerometer.name for accelerometer in vehicle.accelerometers]
-    for field, name, valid in (
-        ("gyro", scenario.sensors.gyro, gyros),
-        ("accelerometer", scenario.sensors.accelerometer, accelerometers),
-    ):
-        if name is not None and name not in valid:
-            problems.append((("sensors", field), _unknown(field, name, vehicle, valid)))
+        require("sensor", errors.sensor, vehicle.sensor_names(), "sensors", "errors", index, "sensor")
+        if errors.sensor in named:
+            problem = f"'{errors.sensor}' has errors already; give one entry"
+            problems.append((("sensors", "errors", index, "sensor"), problem))
+        named.append(errors.sensor)
+    if scenario.sensors.gyro is not None:
+        require("gyro", scenario.sensors.gyro, (gyro.name for gyro in vehicle.gyros), "sensors", "gyro")
+    if scenario.sensors.accelerometer is not None:
+        packages = (package.name for package in vehicle.accelerometers)
+        require("accelerometer", scenario.sensors.accelerometer, packages, "sensors", "accelerometer")
     for index, kind in enumerate(scenario.autopilot.jet_kinds):
-        if kind not in vehicle.jet_kinds:
-            problems.append(
-                (("autopilot", "jet_kinds", index), _unknown("jet kind", kind, vehicle, list(vehicle.jet_kinds)))
-            )
-    step = scenario.plant.time_step
-    if step not in (None, 0.0) and not np.isclose(step, vehicle.sample_period_s, rtol=1e-12, atol=0.0):
-        problems.append(
-            (
-                ("plant", "time_step"),
-                f"must be 0 (continuous) or the vehicle's sample period, {vehicle.sample_period_s:g} s; got {step:g}",
-            )
-        )
-    if scenario.duration_s < vehicle.sample_period_s:
-        problems.append((("duration_s",), f"must be at least one sample period, {vehicle.sample_period_s:g} s"))
-    return problems  # type: ignore[return-value]
-
-
-def _unknown(what: str, name: str, vehicle: Vehicle, valid: list[str]) -> str:
-    return f"{name!r} is no {what} of vehicle '{vehicle.name}'{suggestion(name, valid)}"
+        require("jet kind", kind, vehicle.jet_kinds, "autopilot", "jet_kinds", index)
+    step, period = scenario.plant.time_step, vehicle.sample_period_s
+    if step not in (None, 0.0) and not math.isclose(step, period, rel_tol=1e-12):
+        problem = f"must be 0 (continuous) or the vehicle's sample period, {period:g} s; got {step:g}"
+        problems.append((("plant", "time_step"), problem))
+    if scenario.duration_s < period:
+        problems.append((("duration_s",), f"must be at least one sample period, {period:g} s"))
+    return problems
 
 
 # ----------------------------------------------------------------------------------------- loading
@@ -369,9 +358,12 @@ def resolved(data: Any, document: Document | None = None, folder: Path | None = 
         vehicle = _find_vehicle(scenario.vehicle, folder or Path(), document)
     problems = _check_against_vehicle(scenario, vehicle)
     if problems:
-        where = document.where if document is not None else lambda path: Document("a: 1", "scenario").where(path)
-        raise InputError(*(f"{where(path)}: {text}" for path, text in problems))  # type: ignore[misc]
+        raise InputError(*(f"{_place(path, document)}: {problem}" for path, problem in problems))
     return scenario.model_copy(update={"vehicle": vehicle})
+
+
+def _place(path: Path_, document: Document | None) -> str:
+    return f"scenario: {dotted(path)}" if document is None else document.where(path)
 
 
 def _inline_vehicle(data: Any, document: Document | None) -> Vehicle:
@@ -400,7 +392,7 @@ def _override(data: Any, override: str) -> None:
     value = Document(f"value: {text}" if text.strip() else "value: null", f"--set {override}").data["value"]
     path = _parsed_key(key, override)
     here = data
-    for part, following in zip(path[:-1], path[1:], strict=True):
+    for part, following in pairwise(path):
         if isinstance(part, str) and isinstance(here, dict):
             here = here.setdefault(part, [] if isinstance(following, int) else {})
             continue

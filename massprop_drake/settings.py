@@ -16,7 +16,7 @@ from massprop_drake.maths.noise import uniform_phase
 from massprop_drake.maths.phase_space import PhaseSpaceSettings
 from massprop_drake.maths.sensing import SensorModel, smoothing_factor
 from massprop_drake.scenario import Scenario, SensorErrors
-from massprop_drake.vehicle import Accelerometer, Gyro
+from massprop_drake.vehicle import Accelerometer, Gyro, SensorPackage
 
 Array = NDArray[np.float64]
 
@@ -138,7 +138,7 @@ def selectable(scenario: Scenario) -> NDArray[np.bool_]:
     return np.array([jet.kind in scenario.autopilot.jet_kinds for jet in scenario.vehicle_data.jets])
 
 
-def sensor_model(scenario: Scenario, sensor: Gyro | Accelerometer) -> SensorModel:
+def sensor_model(scenario: Scenario, sensor: SensorPackage) -> SensorModel:
     """The true errors of a sensor package: the vehicle's quantum and noise, and the scenario's errors."""
     period = scenario.vehicle_data.sample_period_s
     errors = next(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import math
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -39,6 +40,6 @@ def write_csv(path: Path, vehicle: Vehicle, time_s: Array, readings: Mapping[str
 
 
 def _cell(value: float) -> str:
-    if value != value:  # NaN: not measured, or not commanded
+    if math.isnan(value):  # not measured, or not commanded
         return ""
     return str(int(value)) if value in (0.0, 1.0) else repr(value)

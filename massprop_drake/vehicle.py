@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import ValidationInfo, field_validator, model_validator
+from pydantic import field_validator, model_validator
 
 from massprop_drake.errors import InputError, suggestion
 from massprop_drake.maths.impulses import thrust_wrenches
@@ -100,48 +100,35 @@ class Jet(Model):
         return value
 
 
-class Gyro(Model):
-    """A package of three rate gyros along the body axes."""
+class SensorPackage(Model):
+    """Three sensors along the body axes: what gyros and accelerometers have in common."""
 
     name: Text = described(..., "unique name; its columns in telemetry are <name>_x, _y, _z", min_length=1)
-    quantum: Real = described(0.0, "step of a reading", "rad/s", ge=0.0)
-    noise_std: Real = described(0.0, "white noise of a reading, 1-sigma", "rad/s", ge=0.0)
+    quantum: Real = described(0.0, "step of a reading", "rad/s | ft/s | m/s", ge=0.0)
+    noise_std: Real = described(0.0, "white noise of a reading, 1-sigma", "rad/s | ft/s | m/s", ge=0.0)
 
     @model_validator(mode="after")
-    def _noisy(self) -> Gyro:
-        _require_noise(self.name, self.quantum, self.noise_std)
+    def _noisy(self) -> SensorPackage:
+        if self.quantum == 0.0 and self.noise_std == 0.0:
+            raise ValueError(
+                f"sensor '{self.name}' needs a quantum or a noise_std above zero: a filter cannot use a perfect sensor"
+            )
         return self
 
     @property
     def variance(self) -> float:
-        """Of the error of one reading: quantum^2 / 12 + noise_std^2, rad^2/s^2."""
+        """Of the error of one reading: quantum^2 / 12 + noise_std^2, the reading's unit squared."""
         return self.quantum**2 / 12.0 + self.noise_std**2
 
 
-class Accelerometer(Model):
-    """A package of three integrating accelerometers along the body axes."""
+class Gyro(SensorPackage):
+    """A package of three rate gyros."""
 
-    name: Text = described(..., "unique name; its columns in telemetry are <name>_x, _y, _z", min_length=1)
+
+class Accelerometer(SensorPackage):
+    """A package of three integrating accelerometers."""
+
     position: Vector3 = described(..., "in the vehicle frame", "ft | m")
-    quantum: Real = described(0.0, "step of a reading", "ft/s | m/s", ge=0.0)
-    noise_std: Real = described(0.0, "white noise of a reading, 1-sigma", "ft/s | m/s", ge=0.0)
-
-    @model_validator(mode="after")
-    def _noisy(self) -> Accelerometer:
-        _require_noise(self.name, self.quantum, self.noise_std)
-        return self
-
-    @property
-    def variance(self) -> float:
-        """Of the error of one reading: quantum^2 / 12 + noise_std^2, ft^2/s^2 or m^2/s^2."""
-        return self.quantum**2 / 12.0 + self.noise_std**2
-
-
-def _require_noise(name: str, quantum: float, noise_std: float) -> None:
-    if quantum == 0.0 and noise_std == 0.0:
-        raise ValueError(
-            f"sensor '{name}' needs a quantum or a noise_std above zero: a filter cannot use a perfect sensor"
-        )
 
 
 class Vehicle(Model):
@@ -169,8 +156,7 @@ class Vehicle(Model):
     def _consistent(self) -> Vehicle:
         _require_unique("jets", "designation", [jet.designation for jet in self.jets])
         _require_unique("jets", "number", [jet.number for jet in self.jets])
-        names = [sensor.name for sensor in (*self.gyros, *self.accelerometers)]
-        _require_unique("sensors", "name", names)
+        _require_unique("sensors", "name", self.sensor_names())
         for index, jet in enumerate(self.jets):
             if jet.kind not in self.jet_kinds:
                 raise ValueError(
@@ -185,6 +171,11 @@ class Vehicle(Model):
                 + suggestion(preferred, accelerometers)
             )
         return self
+
+    @property
+    def sensors(self) -> tuple[SensorPackage, ...]:
+        """All packages, gyros first."""
+        return (*self.gyros, *self.accelerometers)
 
     @cached_property
     def designations(self) -> tuple[str, ...]:
@@ -262,7 +253,7 @@ class Vehicle(Model):
 
     def sensor_names(self) -> list[str]:
         """Of all packages, gyros first."""
-        return [sensor.name for sensor in (*self.gyros, *self.accelerometers)]
+        return [sensor.name for sensor in self.sensors]
 
 
 def _require_unique(where: str, what: str, values: list[Any]) -> None:

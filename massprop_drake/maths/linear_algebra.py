@@ -99,6 +99,11 @@ def is_positive_definite(matrix: Array) -> bool:
     return bool(a > 0.0 and minor > 0.0 and determinant > 0.0)
 
 
+def inverse(matrix: Array) -> Array:
+    """The inverse of any square matrix; where time does not matter."""
+    return np.asarray(np.linalg.inv(matrix), dtype=np.float64)
+
+
 def symmetrised(matrix: Array) -> Array:
     """The symmetric part of a square matrix."""
     return 0.5 * (matrix + matrix.T)

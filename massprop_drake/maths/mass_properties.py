@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from massprop_drake.maths import linear_algebra
 from massprop_drake.maths.linear_algebra import Array, is_positive_definite, symmetrised
 
 NAMES = ("Ixx_inv", "Iyy_inv", "Izz_inv", "Iyz_inv", "Ixz_inv", "Ixy_inv", "x_cm", "y_cm", "z_cm", "m_inv")
@@ -41,7 +42,7 @@ class MassProperties(NamedTuple):
 
     def vector(self) -> Array:
         """The ten parameters in their order, shape (10,)."""
-        inverse = symmetrised(np.linalg.inv(self.inertia))
+        inverse = symmetrised(linear_algebra.inverse(self.inertia))
         return pack(inverse, self.center_of_mass, 1.0 / self.mass)
 
 
@@ -113,7 +114,7 @@ def derived(estimate: Array, covariance: Array) -> Derived:
     scale = np.abs(inverse).max()
     if not scale > 0.0 or np.linalg.cond(inverse / scale) > 1e12:
         return Derived(mass, mass_std, None, None, False)
-    inertia = symmetrised(np.linalg.inv(inverse))
+    inertia = symmetrised(linear_algebra.inverse(inverse))
     jacobian = np.empty((6, 6))
     for column in range(6):
         direction = symmetric(np.eye(6)[column])

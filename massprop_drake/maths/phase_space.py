@@ -170,10 +170,9 @@ def phase_space_request(
     rate_error = commanded_rate(rotation_command, attitude_error, settings) - rate
     largest = max(abs(element) for element in rate_error.tolist())
     if not translation_command.any():
-        if memory.command.any():
-            urgency = AT_ONCE  # back in detent: what is left of the translation is dropped
-        else:
-            urgency = WHEN_IDLE if largest > settings.rate_deadband else NO_REQUEST
+        urgency = WHEN_IDLE if largest > settings.rate_deadband else NO_REQUEST
+        if memory.command.any():  # back in detent: what is left of the translation is dropped
+            urgency = AT_ONCE
         return Request(rate_error, _NONE, np.inf, urgency), TranslationMemory(translation_command, _NONE, 0.0, 0.0)
 
     changed = bool((translation_command != memory.command).any())

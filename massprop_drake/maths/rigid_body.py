@@ -28,7 +28,7 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_drake.maths.attitude import rotation_matrix
-from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.maths.linear_algebra import Array, inverse
 from massprop_drake.maths.mass_properties import MassProperties, six_elements, symmetric
 from massprop_drake.maths.thrust import decay_integral
 
@@ -66,10 +66,9 @@ class Body(NamedTuple):
 
 def body_of(properties: MassProperties) -> Body:
     """The constants of motion of a body with these mass properties."""
-    inverse = np.linalg.inv(properties.inertia)
     return Body(
         tuple(six_elements(properties.inertia).tolist()),
-        tuple(six_elements(inverse).tolist()),
+        tuple(six_elements(inverse(properties.inertia)).tolist()),
         tuple(np.asarray(properties.center_of_mass).tolist()),
     )
 
@@ -102,8 +101,8 @@ def _derivative(state: Array, wrench: list[float], gathered: list[float] | None,
     """Derivative of the state less its transient part.
 
     ``gathered`` is the impulse (torque about the vehicle origin, force, mass) that decaying thrust has
-    given since the step began, and its mass flow now. Its effect on rate, velocity and origin velocity is known in closed
-    form; what is integrated here is the rest:
+    given since the step began, and its mass flow now. Its effect on rate, velocity and origin velocity
+    is known in closed form; what is integrated here is the rest:
 
         w = w' + I^-1 E_M,   v_N = v_N' + R E_F / m,   V_O = V_O' + E_F / m - (I^-1 E_M) x r_cm
     """

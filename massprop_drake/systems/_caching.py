@@ -12,7 +12,6 @@ from pydrake.systems.framework import DependencyTicket, LeafSystem, ValueProduce
 
 from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
 
-
 T = TypeVar("T")
 
 
@@ -58,6 +57,7 @@ class Cached:
         compute: Callable[[Any], Any],
         prerequisites: Iterable[DependencyTicket],
     ):
+        where = f"{system.get_name()}: {description}"
         # a bound method here would keep the system, and with it the whole diagram, alive for ever
         method = weakref.WeakMethod(compute)
 
@@ -67,7 +67,7 @@ class Cached:
             try:
                 value.set_value((bound(context),))
             except NotPositiveDefiniteError as error:
-                raise error.at(context.get_time(), bound.__self__.get_name()) from None
+                raise error.at(context.get_time(), where) from None
 
         entry = system.DeclareCacheEntry(
             description, ValueProducer(allocate=lambda: Value[object](()), calc=calc), set(prerequisites)

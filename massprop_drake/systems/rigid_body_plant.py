@@ -98,7 +98,7 @@ class RigidBodyPlant(LeafSystem):
         mass = float(self._body_state(context)[MASS])
         output.SetFromVector(np.array([*body.inverse, *body.center, 1.0 / mass]))
 
-    def DoCalcTimeDerivatives(self, context: Any, derivatives: Any) -> None:
+    def DoCalcTimeDerivatives(self, context: Any, derivatives: Any) -> None:  # noqa: N802 (overrides Drake's)
         """The continuous plant's equations of motion."""
         if self._time_step == 0.0:
             wrench = self._wrench.Eval(context)
