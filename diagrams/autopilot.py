@@ -22,12 +22,13 @@ def build(scenario: Scenario) -> Diagram:
 
     Ports:
         gyro (in, 3): measured rate, rad/s, body axes.
-        estimate (in, 10), converged (in, 1): see `JetSelection`; may stay unconnected.
+        estimate (in, 10), converged (in, 1), reconfiguration (in, 7 + n_jets): see `JetSelection`; may
+            stay unconnected.
         command (out, n_jets), held_command (out, n_jets): see `JetSelection`.
         hand_controllers (out, 6): see `HandControllers`.
         attitude_error (out, 3): rad, body axes.
         request (out, 8): see `PhaseSpaceController`.
-        selection_counts (out, 4): see `JetSelection`.
+        selection_counts (out, 4), out_of_use (out, n_jets): see `JetSelection`.
     """
     vehicle = scenario.vehicle_data
     period = vehicle.sample_period_s
@@ -61,12 +62,14 @@ def build(scenario: Scenario) -> Diagram:
     builder.ConnectInput(gyro, controller.GetInputPort("gyro"))
     builder.ExportInput(selection.GetInputPort("estimate"), "estimate")
     builder.ExportInput(selection.GetInputPort("converged"), "converged")
+    builder.ExportInput(selection.GetInputPort("reconfiguration"), "reconfiguration")
     builder.ExportOutput(selection.GetOutputPort("command"), "command")
     builder.ExportOutput(selection.GetOutputPort("held_command"), "held_command")
     builder.ExportOutput(controllers.GetOutputPort("hand_controllers"), "hand_controllers")
     builder.ExportOutput(reference.GetOutputPort("attitude_error"), "attitude_error")
     builder.ExportOutput(controller.GetOutputPort("request"), "request")
     builder.ExportOutput(selection.GetOutputPort("counts"), "selection_counts")
+    builder.ExportOutput(selection.GetOutputPort("out_of_use"), "out_of_use")
     diagram = builder.Build()
     diagram.set_name("autopilot")
     return diagram

@@ -34,6 +34,8 @@ def build(scenario: Scenario) -> Diagram:
     builder.Connect(pilot.GetOutputPort("command"), body.GetInputPort("command"))
     builder.Connect(pilot.GetOutputPort("held_command"), body.GetInputPort("held_command"))
     connect_estimation(builder, body, pilot, estimators, scenario)
+    if estimators.HasOutputPort("reconfiguration"):
+        builder.Connect(estimators.GetOutputPort("reconfiguration"), pilot.GetInputPort("reconfiguration"))
     if scenario.autopilot.mass_properties == "estimated":
         for name in ("estimate", "converged"):
             builder.Connect(estimators.GetOutputPort(name), pilot.GetInputPort(name))

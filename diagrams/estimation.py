@@ -5,6 +5,9 @@
                                                         v                             |
     accelerometers --------------------------> mass_estimator ------------------------'
 
+    innovations of both filters --> failure_detector --> adaptation (to both), known_force (to all three),
+                                                         reconfiguration (to the autopilot)
+
 The same diagram serves the closed loop, the open loop and recorded telemetry.
 """
 
@@ -13,12 +16,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.framework import Diagram, DiagramBuilder, InputPortIndex
 
 from massprop_drake import settings as make
 from massprop_drake.maths.mass_properties import N_ROTATION
 from massprop_drake.scenario import Scenario
 from massprop_drake.systems.convergence_monitor import ConvergenceMonitor
+from massprop_drake.systems.failure_detector import FailureDetector
 from massprop_drake.systems.impulse_model import ImpulseModel
 from massprop_drake.systems.mass_estimator import MassEstimator
 from massprop_drake.systems.rotation_estimator import Package, RotationEstimator
@@ -37,8 +41,11 @@ def build(scenario: Scenario) -> Diagram:
         rotation_estimate (out, 9), rotation_covariance (out, 81), rotation_standard_deviation (out, 9),
         rotation_innovation (out, 3), rotation_innovation_covariance (out, 9), rotation_status (out, 7):
             see `RotationEstimator`.
-        mass_estimate (out, 2), mass_innovation (out, 3), mass_innovation_covariance (out, 9), mass_status (out, 5): see
+        mass_estimate (out, 2), mass_innovation (out, 3), mass_innovation_covariance (out, 9), mass_status (out, 6): see
             `MassEstimator`.
+        reconfiguration (out, 7 + n_jets), detector_status (out, 14), detector_likelihood (out, n_jets),
+        detector_magnitude (out, n_jets), detector_memory (out, 4 + 3 n_jets), with a detector: see
+            `FailureDetector`.
     """
     vehicle = scenario.vehicle_data
     estimate, deviation = make.initial_estimate(scenario), make.initial_deviation(scenario)
@@ -64,7 +71,7 @@ def build(scenario: Scenario) -> Diagram:
         ),
     )
     monitor = builder.AddNamedSystem("convergence_monitor", ConvergenceMonitor(make.convergence_limits(scenario)))
-    builder.ExportInput(impulses.GetInputPort("jet_commands"), "jet_commands")
+    commands = builder.ExportInput(impulses.GetInputPort("jet_commands"), "jet_commands")
     builder.Connect(impulses.GetOutputPort("impulses"), rotation.GetInputPort("impulses"))
     for sensor in vehicle.gyros:
         builder.ExportInput(rotation.GetInputPort(sensor.name), sensor.name)
@@ -92,6 +99,8 @@ def build(scenario: Scenario) -> Diagram:
         builder.Connect(mass.GetOutputPort("estimate"), monitor.GetInputPort("mass_estimate"))
         for name in ("estimate", "innovation", "innovation_covariance", "status"):
             builder.ExportOutput(mass.GetOutputPort(name), f"mass_{name}")
+        if scenario.detector.kind != "off":
+            _add_detector(builder, scenario, impulses, rotation, mass, commands)
 
     builder.ExportOutput(impulses.GetOutputPort("impulses"), "impulses")
     for name in ("estimate", "covariance", "standard_deviation", "innovation", "innovation_covariance", "status"):
@@ -101,6 +110,41 @@ def build(scenario: Scenario) -> Diagram:
     diagram = builder.Build()
     diagram.set_name("estimation")
     return diagram
+
+
+def _add_detector(
+    builder: DiagramBuilder,
+    scenario: Scenario,
+    impulses: ImpulseModel,
+    rotation: RotationEstimator,
+    mass: MassEstimator,
+    commands: InputPortIndex,
+) -> None:
+    """Puts the failure detector between the filters' innovations and their updates."""
+    detector = builder.AddNamedSystem(
+        "failure_detector",
+        FailureDetector(
+            make.detector_settings(scenario),
+            limits=make.convergence_limits(scenario),
+            jump_window=make.mass_settings(scenario).jump_window,
+        ),
+    )
+    builder.ConnectInput(commands, detector.GetInputPort("jet_commands"))
+    builder.Connect(impulses.GetOutputPort("impulses"), detector.GetInputPort("impulses"))
+    for name in ("innovation", "innovation_covariance"):
+        builder.Connect(rotation.GetOutputPort(name), detector.GetInputPort(f"rotation_{name}"))
+        builder.Connect(mass.GetOutputPort(name), detector.GetInputPort(f"mass_{name}"))
+    for name in ("predicted_estimate", "predicted_covariance"):
+        builder.Connect(rotation.GetOutputPort(name), detector.GetInputPort(name))
+    builder.Connect(mass.GetOutputPort("predicted"), detector.GetInputPort("mass_predicted"))
+
+    for system in (impulses, rotation, mass):
+        builder.Connect(detector.GetOutputPort("known_force"), system.GetInputPort("known_force"))
+    for system in (rotation, mass):
+        builder.Connect(detector.GetOutputPort("adaptation"), system.GetInputPort("adaptation"))
+    builder.ExportOutput(detector.GetOutputPort("reconfiguration"), "reconfiguration")
+    for name in ("status", "likelihood", "magnitude", "memory"):
+        builder.ExportOutput(detector.GetOutputPort(name), f"detector_{name}")
 
 
 def _packages(sensors: Sequence[SensorPackage]) -> tuple[Package, ...]:

@@ -11,12 +11,12 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from massprop_drake import settings as make
 from massprop_drake.maths.sensing import SensorModel
-from massprop_drake.scenario import Scenario
+from massprop_drake.scenario import Scenario, jump_terms
 from massprop_drake.systems.integrating_accelerometer import IntegratingAccelerometer
 from massprop_drake.systems.noise_source import NoiseSource
 from massprop_drake.systems.rate_gyro import RateGyro
 from massprop_drake.systems.reaction_jets import ReactionJets
-from massprop_drake.systems.rigid_body_plant import RigidBodyPlant
+from massprop_drake.systems.rigid_body_plant import Jump, RigidBodyPlant
 from massprop_drake.systems.sensor import Sensor
 from massprop_drake.vehicle import Accelerometer, SensorPackage
 
@@ -42,6 +42,8 @@ def build(scenario: Scenario) -> Diagram:
             wrenches=make.plant_wrenches(scenario),
             time_constants_s=make.plant_time_constants(scenario),
             period_s=period,
+            failures=make.jet_failures(scenario),
+            seed=scenario.seed,
         ),
     )
     body = builder.AddNamedSystem(
@@ -51,6 +53,8 @@ def build(scenario: Scenario) -> Diagram:
             time_step=make.time_step(scenario),
             lag_time_constants_s=jets.lag_time_constants_s,
             initial_rate=np.array(scenario.plant.initial_rate),
+            jumps=tuple(Jump(jump.time_s, *jump_terms(jump)) for jump in scenario.jumps),
+            period_s=period,
         ),
     )
     wrench = "wrench" if make.time_step(scenario) == 0.0 else "wrench_profile"

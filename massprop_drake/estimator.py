@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from massprop_drake import settings as make
-from massprop_drake.maths import mass_filter, rotation_filter
+from massprop_drake.maths import detection, mass_filter, mass_jump, rotation_filter
+from massprop_drake.maths.adaptation import NO_ADAPTATION
 from massprop_drake.maths.impulses import interval_impulses
 from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
 from massprop_drake.maths.mass_properties import N_ROTATION, converged
@@ -20,6 +21,28 @@ from massprop_drake.scenario import Scenario
 from massprop_drake.vehicle import Vehicle
 
 Array = NDArray[np.float64]
+
+
+class Detection(NamedTuple):
+    """A failure or a jump declared at a cycle.
+
+    Attributes:
+        kind: "jet", "mass_property_jump" or "withdrawn".
+        onset_s: end of the last sample that showed nothing, s.
+        cluster: number of the suspected jet's cluster; None for a jump.
+        jet: designation of the suspected jet, the likeliest of its cluster; None for a jump.
+        isolated: whether the data name the jet, not only its cluster.
+        magnitude: force too much (positive) or missing (negative), lbf or N.
+        magnitude_std: its 1-sigma.
+    """
+
+    kind: str
+    onset_s: float
+    cluster: int | None
+    jet: str | None
+    isolated: bool
+    magnitude: float
+    magnitude_std: float
 
 
 class EstimatorStep(NamedTuple):
@@ -34,6 +57,10 @@ class EstimatorStep(NamedTuple):
         mass_used: whether the mass filter used it.
         rotation_nis: of the rotation filter's innovation; NaN where not measured.
         mass_nis: of the mass filter's.
+        alarm: whether the sample shows a failed jet.
+        detection: what was declared at this cycle; None: nothing.
+        known_wrench: torque about the vehicle origin and force of failed jets from now on, shape (6,).
+        removed: jets to be taken out of use, boolean, shape (n_jets,).
     """
 
     time_s: float
@@ -44,18 +71,22 @@ class EstimatorStep(NamedTuple):
     mass_used: bool
     rotation_nis: float
     mass_nis: float
+    alarm: bool
+    detection: Detection | None
+    known_wrench: Array
+    removed: NDArray[np.bool_]
 
 
 class Estimator:
-    """Estimates mass properties from gyro, accelerometers and commands, cycle by cycle.
+    """Estimates mass properties and finds failed jets, cycle by cycle.
 
-    The same mathematics as the `estimation` diagram, and the same answers. Call `step` once per sample
+    From gyro, accelerometers and commands. The same mathematics as the `estimation` diagram, and the same answers. Call `step` once per sample
     period, in order of time; nothing it keeps grows.
 
     Args:
         vehicle: jets, sensors and nominal mass properties.
-        settings: a scenario whose `sensors`, `estimation`, `rotation` and `mass` fields are used;
-            default: all at their defaults.
+        settings: a scenario whose `sensors`, `estimation`, `rotation`, `mass` and `detector`
+            fields are used; default: all at their defaults.
 
     Raises:
         ValueError: when the settings are of another vehicle, or the vehicle has no accelerometer.
@@ -84,6 +115,10 @@ class Estimator:
         self._subtract_coupling = False
         self._rate = self._velocity = np.full(3, np.nan)
         self._commands = self._commands_before = self._level = np.zeros(n_jets)
+        self._window = mass_jump.empty_window(self._mass.jump_window)
+        self._detector = None if scenario.detector.kind == "off" else make.detector_settings(scenario)
+        self._suspicion = detection.initial_state(n_jets)
+        self._unit_wrenches = make.unit_wrenches(vehicle)
         self._time_s = -math.inf
 
     @property
@@ -125,49 +160,90 @@ class Estimator:
         if not ((coming >= 0.0) & (coming <= 1.0)).all():
             raise ValueError("commands must be fractions from 0 to 1")
 
+        try:
+            step = self._cycle(time_s, rate, velocity)
+        except NotPositiveDefiniteError as error:
+            raise error.at(time_s, "estimator") from None
+        self._rate, self._velocity = rate, velocity
+        self._commands_before, self._commands = self._commands, coming.copy()
+        self._time_s = time_s
+        return step
+
+    def _cycle(self, time_s: float, rate: Array, velocity: Array) -> EstimatorStep:
         impulses = interval_impulses(
             self._commands, self._commands_before, self._level, self._impulse_per_level, self._lag
         )
         estimate, covariance = self._estimate, self._covariance
-        try:
-            turned = rotation_filter.cycle(
+        known = detection.NO_KNOWN_FORCE
+        if self._detector is not None:
+            parameters = np.append(estimate, self._mass_reciprocal)
+            known = detection.known_force(self._suspicion, parameters, self._detector)
+        impulse = known.wrench * self._vehicle.sample_period_s
+        angular_impulse = impulses.angular_impulse + impulse[:3]
+        linear_impulse = impulses.linear_impulse + impulse[3:]
+        firing = impulses.firing or bool(known.wrench.any())
+
+        turning = rotation_filter.measure(
+            estimate,
+            covariance,
+            self._rate,
+            self._subtract_coupling,
+            rate,
+            self._rate_noise + known.rotation_spread,
+            angular_impulse,
+            linear_impulse,
+            firing,
+            self._rotation,
+        )
+        moving = mass_filter.measure(
+            self._mass_reciprocal,
+            self._variance,
+            self._velocity,
+            velocity,
+            self._velocity_noise + known.translation_spread,
+            self._position - estimate[6:],
+            covariance[6:, 6:],
+            turning.sample.increment,
+            turning.sample.rate,
+            2.0 * self._gyro.variance,
+            linear_impulse,
+            self._mass,
+        )
+        judged = None
+        if self._detector is not None:
+            judged = detection.judged(
+                self._suspicion,
+                time_s,
+                self._commands,
+                impulses.usable,
+                firing,
+                moving.innovation.innovation,
+                turning.innovation.innovation,
+                moving.innovation.covariance,
+                turning.innovation.covariance,
                 estimate,
                 covariance,
-                self._rate,
-                self._subtract_coupling,
-                rate,
-                self._rate_noise,
-                impulses.angular_impulse,
-                impulses.linear_impulse,
-                impulses.usable,
-                impulses.firing,
-                self._rotation,
+                np.array([self._mass_reciprocal, self._variance]),
+                self._limits,
+                self._detector,
             )
-            weighed = mass_filter.cycle(
-                self._mass_reciprocal,
-                self._variance,
-                self._velocity,
-                velocity,
-                self._velocity_noise,
-                self._position - estimate[6:],
-                covariance[6:, 6:],
-                turned.sample.increment,
-                turned.sample.rate,
-                2.0 * self._gyro.variance,
-                impulses.linear_impulse,
-                impulses.usable,
-                impulses.firing,
-                self._mass,
-            )
-        except NotPositiveDefiniteError as error:
-            raise error.at(time_s, "estimator") from None
-
+            self._suspicion = judged.state
+        adaptation = NO_ADAPTATION if judged is None else judged.adaptation
+        turned = rotation_filter.finish(estimate, covariance, turning, impulses.usable, adaptation, self._rotation)
+        weighed = mass_filter.finish(
+            self._mass_reciprocal,
+            self._variance,
+            self._window,
+            moving,
+            impulses.usable,
+            firing,
+            adaptation,
+            self._mass,
+        )
         self._estimate, self._covariance = turned.estimate, turned.covariance
-        self._subtract_coupling = turned.innovation.subtract_coupling
-        self._mass_reciprocal, self._variance = weighed.mass_reciprocal, weighed.variance
-        self._rate, self._velocity = rate, velocity
-        self._commands_before, self._commands, self._level = self._commands, coming.copy(), impulses.level
-        self._time_s = time_s
+        self._subtract_coupling = turning.innovation.subtract_coupling
+        self._mass_reciprocal, self._variance, self._window = weighed[:3]
+        self._level = impulses.level
 
         ten = np.append(self._estimate, self._mass_reciprocal)
         deviation = np.sqrt(np.append(self._covariance.diagonal(), self._variance))
@@ -178,8 +254,28 @@ class Estimator:
             converged(deviation, ten, self._limits),
             turned.used,
             weighed.used,
-            turned.innovation.nis,
-            weighed.innovation.nis,
+            turning.innovation.nis,
+            moving.innovation.nis,
+            judged is not None and judged.finding.alarm,
+            None if judged is None else self._detection(judged.finding),
+            self._suspicion.force @ self._unit_wrenches,
+            self._suspicion.removed != 0.0,
+        )
+
+    def _detection(self, finding: detection.Finding) -> Detection | None:
+        if finding.event == detection.NOTHING:
+            return None
+        if finding.event == detection.JUMP:
+            return Detection("mass_property_jump", finding.onset_s, None, None, False, 0.0, 0.0)
+        jet = self._vehicle.jets[finding.isolation.jet]
+        return Detection(
+            "jet" if finding.event == detection.DECLARED else "withdrawn",
+            finding.onset_s,
+            jet.cluster,
+            jet.designation,
+            finding.jet_isolated,
+            finding.magnitude,
+            finding.magnitude_std,
         )
 
 

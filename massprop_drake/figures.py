@@ -20,6 +20,7 @@ from massprop_drake.signals import (
     COLOURS,
     SIGNALS,
     SYMBOLS,
+    TRUTH_COLOUR,
     WINDOW_COLOUR,
     in_units,
     mass_property_units,
@@ -61,6 +62,13 @@ class Plots:
             "mass_reciprocal": self.mass_reciprocal,
             "consistency": self.consistency,
         }
+        if "likelihood" in self._signals:
+            drawings |= {
+                "likelihoods": self.likelihoods,
+                "margins": self.margins,
+                "failure_magnitude": self.failure_magnitude,
+                "detection_timeline": self.detection_timeline,
+            }
         return {name: draw() for name, draw in drawings.items()}
 
     def rates(self) -> Figure:
@@ -134,6 +142,105 @@ class Plots:
         panel.grid(axis="y", alpha=0.15)
         figure.suptitle(f"Jets commanded: {self._caption()}", fontsize=11)
         self._finish([panel])
+        return figure
+
+    def likelihoods(self) -> Figure:
+        """Likelihood arguments of all jets, and of the clusters (figures 5-16, 5-19, 5-22, 5-25)."""
+        figure, axes = self._panels(2, "Likelihood arguments of a failed jet")
+        likelihood = self._signals["likelihood"]
+        clusters = np.array([jet.cluster for jet in self._vehicle.jets])
+        numbers = np.unique(clusters)
+        by_cluster = np.stack([likelihood[:, clusters == number].max(axis=1) for number in numbers], axis=1)
+        tested = self._signals["tested"][:, 0] != 0.0
+        names = (list(self._vehicle.designations), [f"cluster {number}" for number in numbers])
+        for panel, values, labels in zip(axes, (likelihood, by_cluster), names, strict=True):
+            shown = np.maximum(values[tested], 0.1)
+            panel.set_yscale("log")
+            panel.set_ylim(0.1, max(10.0, 2.0 * float(shown.max(initial=1.0))))
+            if not shown.size:
+                continue
+            # the three that ever reach highest are named, the others are grey
+            top = np.argsort(-shown.max(axis=0))[:3]
+            rest = np.setdiff1d(np.arange(shown.shape[1]), top)
+            panel.plot(self._time_s[tested], shown[:, rest], ".", color=BAND_COLOUR, markersize=2)
+            for colour, column in zip(COLOURS, top, strict=False):
+                panel.plot(
+                    self._time_s[tested], shown[:, column], ".", color=colour, markersize=4, label=labels[column]
+                )
+            panel.legend(loc="upper left", fontsize=8, ncols=3)
+        axes[0].set_ylabel("of the jets")
+        axes[1].set_ylabel("of the clusters")
+        return figure
+
+    def margins(self) -> Figure:
+        """Margins of the likeliest jet and cluster (figures 5-17, 5-20, 5-23, 5-26)."""
+        figure, axes = self._panels(2, "Margins of the likeliest")
+        tested = self._signals["tested"][:, 0] != 0.0
+        limit = self._scenario.detector.margin
+        sides = (("jet_margin", "jet, within its cluster"), ("cluster_margin", "cluster, over all others"))
+        for panel, (name, label), colour in zip(axes, sides, COLOURS, strict=False):
+            values = np.maximum(self._signals[name][tested, 0], 0.1)
+            panel.plot(self._time_s[tested], values, ".", color=colour, markersize=4)
+            panel.axhline(limit, color=TRUTH_COLOUR, linewidth=0.8, linestyle="--", label=f"isolated above {limit:g}")
+            panel.set_yscale("log")
+            panel.set_ylabel(label)
+            panel.legend(loc="upper left", fontsize=8)
+        return figure
+
+    def failure_magnitude(self) -> Figure:
+        """Estimated magnitude of the likeliest jet where there is an alarm, with 1-sigma and the truth
+        (figures 5-18, 5-21, 5-24, 5-27), and the known force from then on.
+        """
+        figure, axes = self._panels(1, "Magnitude of the failure")
+        panel = axes[0]
+        alarm = np.flatnonzero(self._signals["alarm"][:, 0])
+        if alarm.size:
+            jets = self._signals["suspected_jet"][alarm, 0].astype(int)
+            magnitude = self._signals["suspected_magnitude"][alarm, 0]
+            deviation = self._signals["suspected_magnitude_std"][alarm, 0]
+            bars = {"fmt": ".", "color": COLOURS[0], "markersize": 4, "elinewidth": 0.8}
+            panel.errorbar(self._time_s[alarm], magnitude, deviation, label="likeliest jet, 1-sigma", **bars)
+            for jet, colour in zip(dict.fromkeys(jets.tolist()), (TRUTH_COLOUR, *COLOURS[2:]), strict=False):
+                full = self._vehicle.jets[jet].thrust
+                truth = self._signals["thrust"][:, jet] - full * self._signals["command"][:, jet]
+                label = f"truth, {self._vehicle.designations[jet]}"
+                panel.plot(self._time_s, truth, color=colour, linewidth=0.9, drawstyle="steps-post", label=label)
+        known = self._signals["known_force_variance"] > 0.0
+        for jet in np.flatnonzero(known.any(axis=0)):
+            force = np.where(known[:, jet], self._signals["known_force"][:, jet], np.nan)
+            label = f"known force, {self._vehicle.designations[jet]}"
+            panel.plot(self._time_s, force, color=COLOURS[1], linewidth=1.4, linestyle="--", label=label)
+        panel.set_ylabel(self._names["force"])
+        if panel.get_legend_handles_labels()[0]:
+            panel.legend(loc="upper left", fontsize=8)
+        return figure
+
+    def detection_timeline(self) -> Figure:
+        """Failures, alarms and declarations over the rates and the number of jets commanded."""
+        figure, axes = self._panels(3, "Detection")
+        for axis, letter in enumerate(SIGNALS["rate"].components):
+            rate = _DEGREES * self._signals["rate"][:, axis]
+            axes[0].plot(self._time_s, rate, color=COLOURS[axis], linewidth=_LINE_WIDTH, label=letter)
+        axes[0].set_ylabel("rate, deg/s")
+        axes[0].legend(loc="upper left", fontsize=8, ncols=3)
+        count = (self._signals["command"] > 0.0).sum(axis=1)
+        axes[1].fill_between(self._time_s, count, step="post", color=COLOURS[0], alpha=0.6, linewidth=0.0)
+        axes[1].set_ylabel("jets commanded")
+        rows = ("tested", "alarm", "jet_isolated")
+        for row, (name, colour) in enumerate(zip(rows, (BAND_COLOUR, COLOURS[4], COLOURS[1]), strict=True)):
+            at = self._time_s[self._signals[name][:, 0] != 0.0]
+            axes[2].plot(at, np.full(at.shape, -row), "|", color=colour, markersize=9)
+        axes[2].set_yticks([0, -1, -2], ["tested", "alarm", "names the jet"], fontsize=8)
+        axes[2].set_ylim(-2.6, 0.6)
+        events = self._signals["detector_event"][:, 0]
+        for panel in axes:
+            for failure in self._scenario.failures:
+                panel.axvline(failure.start_s, color=TRUTH_COLOUR, linewidth=0.9, linestyle=":")
+            for jump in self._scenario.jumps:
+                panel.axvline(jump.time_s, color=TRUTH_COLOUR, linewidth=0.9, linestyle=":")
+            for time in self._time_s[events != 0.0]:
+                panel.axvline(time, color=COLOURS[1], linewidth=0.9)
+        axes[-1].set_xlabel("time, s   (dotted: it happens, red line: it is declared)")
         return figure
 
     # ------------------------------------------------------------------------------------ drawing

@@ -11,15 +11,18 @@ from collections.abc import Iterable
 from importlib import resources
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import field_validator, model_validator
+from numpy.typing import NDArray
+from pydantic import Field, field_validator, model_validator
 
 from massprop_drake.errors import InputError, suggestion
+from massprop_drake.maths.mass_properties import could_be_inertia, joined
 from massprop_drake.models import (
     Document,
     Flag,
+    Matrix3,
     Model,
     Path_,
     Real,
@@ -32,6 +35,8 @@ from massprop_drake.models import (
     validated,
 )
 from massprop_drake.vehicle import MassPropertiesModel, Vehicle, load_vehicle
+
+Array = NDArray[np.float64]
 
 _DEGREE = np.pi / 180.0
 
@@ -88,6 +93,76 @@ class PlantSettings(Model):
         None, "true mass properties at the start; null: the vehicle's nominal ones"
     )
     initial_rate: Vector3 = described((0.0, 0.0, 0.0), "angular rate at the start, body axes", "rad/s")
+
+
+class _Timed(Model):
+    """What every jet failure has."""
+
+    jet: Text = described(..., "designation")
+    start_s: Real = described(..., "onset", "s", ge=0.0)
+    end_s: Real | None = described(None, "when the jet is well again; null: never", "s", gt=0.0)
+
+    @model_validator(mode="after")
+    def _ordered(self) -> _Timed:
+        if self.end_s is not None:
+            _require_order(self.start_s, self.end_s)
+        return self
+
+
+class StuckOn(_Timed):
+    """The jet fires whatever it is told."""
+
+    kind: Literal["stuck_on"] = described(..., "kind of failure")
+
+
+class StuckOff(_Timed):
+    """The jet never fires."""
+
+    kind: Literal["stuck_off"] = described(..., "kind of failure")
+
+
+class Degraded(_Timed):
+    """The jet gives a fraction of its thrust."""
+
+    kind: Literal["degraded"] = described(..., "kind of failure")
+    fraction: Real = described(..., "of the thrust that is left", "-", ge=0.0, le=1.0)
+
+
+class Leak(_Timed):
+    """The jet gives a force along its direction, commanded or not."""
+
+    kind: Literal["leak"] = described(..., "kind of failure")
+    force: Real = described(..., "that it gives besides what it is told", "lbf | N", gt=0.0)
+
+
+class Intermittent(_Timed):
+    """The jet's valve fails now and then, sample by sample."""
+
+    kind: Literal["intermittent"] = described(..., "kind of failure")
+    probability: Real = described(..., "of failing in any one sample", "-", ge=0.0, le=1.0)
+    level: Real = described(0.0, "thrust while it fails: 0 off, 1 on", "-", ge=0.0, le=1.0)
+
+
+class Drift(_Timed):
+    """The jet's thrust changes slowly."""
+
+    kind: Literal["drift"] = described(..., "kind of failure")
+    rate_per_s: Real = described(..., "change of the thrust, relative", "1/s")
+
+
+Failure = Annotated[StuckOn | StuckOff | Degraded | Leak | Intermittent | Drift, Field(discriminator="kind")]
+
+
+class MassJump(Model):
+    """A payload that leaves the vehicle or is fixed to it, moving as the structure does."""
+
+    kind: Literal["release", "dock"] = described(..., "whether it leaves or comes")
+    time_s: Real = described(..., "when; it happens at the first sample not before this", "s", ge=0.0)
+    mass: Real = described(..., "of the payload", "slug | kg", gt=0.0)
+    position: Vector3 = described(..., "of its center of mass, vehicle frame", "ft | m")
+    inertia: Matrix3 | None = described(
+        None, "of it about its own center of mass, body axes; null: a point mass", "slug-ft^2 | kg-m^2"
+    )
 
 
 class SensorErrors(Model):
@@ -210,8 +285,43 @@ class MassFilterSettings(Model):
         "transverse", "what of the rotation is taken out of the velocity increments"
     )
     compensation_covariance: Flag = described(True, "whether the measurement covariance grows by what is unknown of it")
+    jump: Literal["none", "single_sample", "glr"] = described(
+        "single_sample",
+        "test for a jump of 1/m: none, of one sample, or generalised likelihood ratio over a window of used samples",
+    )
+    jump_false_alarm_rate: Real = described(
+        1e-6, "of that test, per used sample; 0.01 in the thesis", "-", gt=0.0, lt=1.0
+    )
+    jump_window: Whole = described(5, "used samples that glr looks back", "-", ge=2, le=1000)
     process_noise_std: Real = described(0.0, "1-sigma of the change of 1/m per sample", "1/slug | 1/kg", ge=0.0)
     disturbance_std: Real = described(0.0, "1-sigma per sample of unmodelled velocity increments", "ft/s | m/s", ge=0.0)
+
+
+class DetectorSettings(Model):
+    """Detection and isolation of failed jets, and of jumps of the mass properties."""
+
+    kind: Literal["off", "cglr"] = described(
+        "cglr", "off, or the constrained generalised likelihood ratio of one sample"
+    )
+    margin: Real = described(6.0, "by which a cluster, and a jet in it, must lead in likelihood argument", "-", gt=0.0)
+    threshold: Real = described(0.0, "least likelihood argument of an alarm", "-", ge=0.0)
+    magnitude_threshold: Real = described(0.0, "least magnitude of an alarm", "lbf | N", ge=0.0)
+    mirror_sign_rule: Flag = described(False, "whether a jet that is on cannot give too much")
+    signature_uncertainty: Flag = described(True, "whether signatures count as uncertain; not in the thesis")
+    unexplained_limit: Real | None = described(
+        20.5,
+        "largest part of the innovations that a failed jet may leave unexplained (0.1 % of chi-square, 5 degrees); "
+        "null: any",
+        "-",
+        gt=0.0,
+    )
+    on_detection: Literal["correct", "correct_thesis", "reject"] = described(
+        "correct", "what the filters do with a sample that shows a failure"
+    )
+    reconfigure_after: Whole | None = described(
+        2, "alarms in a row that declare a failure and reset the jet logic; null: never", "-", ge=1
+    )
+    alarm_gap: Whole = described(3, "cycles between two alarms in a row at the most", "-", ge=1)
 
 
 class Scenario(Model):
@@ -236,12 +346,16 @@ class Scenario(Model):
         RotationFilterSettings(), "filter for inverse inertia and center of mass"
     )
     mass: MassFilterSettings = described(MassFilterSettings(), "filter for the mass reciprocal")
+    detector: DetectorSettings = described(DetectorSettings(), "detection of failed jets")
+    failures: tuple[Failure, ...] = described((), "failures of jets")
+    jumps: tuple[MassJump, ...] = described((), "payloads that leave or come")
 
     @model_validator(mode="after")
     def _windows(self) -> Scenario:
         if self.maneuver and self.jet_schedule:
             raise ValueError("give either maneuver or jet_schedule, not both: a jet schedule has no autopilot")
         _require_apart("maneuver", [(w.controller + w.axis[1], w.start_s, w.end_s) for w in self.maneuver])
+        _require_apart("failures", [(f.jet, f.start_s, f.end_s or math.inf) for f in self.failures])
         _require_apart("jet_schedule", [(p.jet, p.start_s, p.end_s) for p in self.jet_schedule])
         return self
 
@@ -275,6 +389,9 @@ def _check_against_vehicle(scenario: Scenario, vehicle: Vehicle) -> list[tuple[P
 
     for index, pulse in enumerate(scenario.jet_schedule):
         require("jet", pulse.jet, vehicle.designations, "jet_schedule", index, "jet")
+    for index, failure in enumerate(scenario.failures):
+        require("jet", failure.jet, vehicle.designations, "failures", index, "jet")
+    problems.extend(_impossible_jumps(scenario, vehicle))
     named: list[str] = []
     for index, errors in enumerate(scenario.sensors.errors):
         require("sensor", errors.sensor, vehicle.sensor_names(), "sensors", "errors", index, "sensor")
@@ -296,6 +413,30 @@ def _check_against_vehicle(scenario: Scenario, vehicle: Vehicle) -> list[tuple[P
     if scenario.duration_s < period:
         problems.append((("duration_s",), f"must be at least one sample period, {period:g} s"))
     return problems
+
+
+def _impossible_jumps(scenario: Scenario, vehicle: Vehicle) -> list[tuple[Path_, str]]:
+    """Payloads whose coming or going leaves no possible body."""
+    properties = scenario.plant.mass_properties
+    body = vehicle.nominal if properties is None else properties.properties()
+    order = sorted(range(len(scenario.jumps)), key=lambda index: scenario.jumps[index].time_s)
+    for index in order:
+        jump = scenario.jumps[index]
+        mass, position, inertia = jump_terms(jump)
+        if body.mass + mass <= 0.0:
+            return [(("jumps", index, "mass"), f"releases {-mass:g} of a vehicle that has {body.mass:g} left")]
+        body = joined(body, mass, position, inertia)
+        if not could_be_inertia(body.inertia):
+            problem = "leaves an inertia that no rigid body has; check mass, position and inertia"
+            return [(("jumps", index), problem)]
+    return []
+
+
+def jump_terms(jump: MassJump) -> tuple[float, Array, Array]:
+    """Mass, position and inertia of a payload, those that leave being negative."""
+    sign = -1.0 if jump.kind == "release" else 1.0
+    inertia = np.zeros((3, 3)) if jump.inertia is None else np.array(jump.inertia)
+    return sign * jump.mass, np.array(jump.position), sign * inertia
 
 
 # ----------------------------------------------------------------------------------------- loading

@@ -9,14 +9,16 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import chdtri
 
-from massprop_drake.maths import mass_filter, rotation_filter
+from massprop_drake.maths import adaptation, failures, mass_filter, rotation_filter
+from massprop_drake.maths.detection import DetectorSettings
 from massprop_drake.maths.mass_properties import N_ROTATION, MassProperties, initial_standard_deviation
 from massprop_drake.maths.noise import uniform_phase
 from massprop_drake.maths.phase_space import PhaseSpaceSettings
 from massprop_drake.maths.sensing import SensorModel, smoothing_factor
-from massprop_drake.scenario import Scenario, SensorErrors
-from massprop_drake.vehicle import Accelerometer, Gyro, SensorPackage
+from massprop_drake.scenario import Intermittent, Scenario, SensorErrors
+from massprop_drake.vehicle import Accelerometer, Gyro, SensorPackage, Vehicle
 
 Array = NDArray[np.float64]
 
@@ -68,11 +70,17 @@ def rotation_settings(scenario: Scenario) -> rotation_filter.RotationSettings:
 def mass_settings(scenario: Scenario) -> mass_filter.MassSettings:
     """Settings of the mass filter."""
     mass = scenario.mass
+    window = mass.jump_window if mass.jump == "glr" else 1
+    # chi-square with one degree of freedom for each sample of the window
+    threshold = math.inf if mass.jump == "none" else float(chdtri(1, mass.jump_false_alarm_rate / window))
     return mass_filter.MassSettings(
         period_s=scenario.vehicle_data.sample_period_s,
         compensation=_COMPENSATION[mass.compensation],
         compensation_covariance=mass.compensation_covariance,
         process_noise=mass.process_noise_std**2,
+        jump_variance=float(scenario.vehicle_data.nominal.vector()[9] ** 2),
+        jump_threshold=threshold,
+        jump_window=window,
         disturbance_covariance=mass.disturbance_std**2 * np.eye(3),
     )
 
@@ -189,3 +197,72 @@ def commands(scenario: Scenario) -> Array:
 def sample_count(scenario: Scenario) -> int:
     """Number of sample intervals in a run: the last sample is at or just before the end."""
     return math.floor(scenario.duration_s / scenario.vehicle_data.sample_period_s + 1e-9)
+
+
+_FAILURES = {
+    "stuck_on": failures.STUCK_ON,
+    "stuck_off": failures.STUCK_OFF,
+    "degraded": failures.DEGRADED,
+    "leak": failures.LEAK,
+    "intermittent": failures.INTERMITTENT,
+    "drift": failures.DRIFT,
+}
+
+
+def jet_failures(scenario: Scenario) -> tuple[failures.Failure, ...]:
+    """The true failures of jets."""
+    vehicle = scenario.vehicle_data
+    result = []
+    for number, entry in enumerate(scenario.failures):
+        jet = vehicle.jet_index(entry.jet)
+        amount = {
+            "degraded": lambda entry=entry: entry.fraction,
+            "leak": lambda entry=entry, jet=jet: entry.force / vehicle.jets[jet].thrust,
+            "intermittent": lambda entry=entry: entry.level,
+            "drift": lambda entry=entry: entry.rate_per_s,
+        }.get(entry.kind, lambda: 0.0)()
+        result.append(
+            failures.Failure(
+                jet=jet,
+                kind=_FAILURES[entry.kind],
+                start_s=entry.start_s,
+                end_s=math.inf if entry.end_s is None else entry.end_s,
+                amount=amount,
+                probability=entry.probability if isinstance(entry, Intermittent) else 0.0,
+                stream=f"failure {number} of {entry.jet}",
+            )
+        )
+    return tuple(result)
+
+
+def unit_wrenches(vehicle: Vehicle) -> Array:
+    """Torque about the vehicle origin and force of a unit force along each jet, shape (n_jets, 6)."""
+    return vehicle.wrenches / np.linalg.norm(vehicle.thrusts, axis=1)[:, None]
+
+
+_ACTIONS = {
+    "correct": adaptation.CORRECT,
+    "correct_thesis": adaptation.CORRECT_THESIS,
+    "reject": adaptation.REJECT,
+}
+
+
+def detector_settings(scenario: Scenario) -> DetectorSettings:
+    """Settings of the failure detector."""
+    vehicle, detector = scenario.vehicle_data, scenario.detector
+    limit = detector.unexplained_limit
+    return DetectorSettings(
+        period_s=vehicle.sample_period_s,
+        clusters=np.array([jet.cluster for jet in vehicle.jets]),
+        unit_wrenches=unit_wrenches(vehicle),
+        margin=detector.margin,
+        threshold=detector.threshold,
+        magnitude_threshold=detector.magnitude_threshold,
+        mirror_sign_rule=detector.mirror_sign_rule,
+        signature_uncertainty=detector.signature_uncertainty,
+        unexplained_limit=math.inf if limit is None else limit,
+        alarms_to_declare=detector.reconfigure_after or 0,
+        alarm_gap=detector.alarm_gap,
+        action=_ACTIONS[detector.on_detection],
+        force_variance_floor=0.01,
+    )

@@ -15,12 +15,13 @@ from pydrake.systems.primitives import LogVectorOutput, VectorLogSink
 
 from massprop_drake import settings as make
 from massprop_drake.diagrams import closed_loop, open_loop
-from massprop_drake.maths import mass_properties
+from massprop_drake.maths import detection, mass_properties
 from massprop_drake.maths.mass_properties import N_ROTATION, MassProperties, six_elements, symmetric
 from massprop_drake.maths.rigid_body import MASS, POSITION, QUATERNION, RATE, VELOCITY
 from massprop_drake.models import digest
 from massprop_drake.run import Run
 from massprop_drake.scenario import Scenario
+from massprop_drake.vehicle import Vehicle
 
 Array = NDArray[np.float64]
 
@@ -33,13 +34,34 @@ _LOGGED = (
     "attitude_error",
     "request",
     "selection_counts",
+    "out_of_use",
     "impulses",
     "rotation_estimate",
     "rotation_standard_deviation",
     "rotation_status",
     "mass_estimate",
     "mass_status",
+    "detector_status",
+    "detector_likelihood",
+    "detector_magnitude",
+    "detector_memory",
 )
+_DETECTOR_STATUS = {
+    "tested": 1,
+    "alarm": 1,
+    "detector_event": 1,
+    "suspected_cluster": 1,
+    "suspected_jet": 1,
+    "jet_isolated": 1,
+    "suspected_magnitude": 1,
+    "suspected_magnitude_std": 1,
+    "suspected_likelihood": 1,
+    "cluster_margin": 1,
+    "jet_margin": 1,
+    "unexplained": 1,
+    "onset": 1,
+    "alarms": 1,
+}
 _CHUNK_S = 5.0  # of simulated time between two reports of progress
 
 
@@ -128,7 +150,7 @@ def _signals(scenario: Scenario, logs: dict[str, Array]) -> dict[str, Array]:
     wrench = level @ vehicle.wrenches
     signals["force"] = wrench[:, 3:]
     signals["torque"] = wrench[:, :3] - np.cross(structure[:, 6:], wrench[:, 3:])
-    for name in ("hand_controllers", "attitude_error", "request", "selection_counts"):
+    for name in ("hand_controllers", "attitude_error", "request", "selection_counts", "out_of_use"):
         if name in logs:
             signals[name] = logs[name]
     signals |= _parts(logs["impulses"], angular_impulse=3, linear_impulse=3, usable=1, firing=1)
@@ -150,7 +172,13 @@ def _signals(scenario: Scenario, logs: dict[str, Array]) -> dict[str, Array]:
         rotation_jump=1,
         coupling_subtracted=1,
     )
-    signals |= _parts(logs["mass_status"], mass_innovation=3, mass_nis=1, mass_used=1)
+    signals |= _parts(logs["mass_status"], mass_innovation=3, mass_nis=1, mass_used=1, mass_jump=1)
+    if "detector_status" in logs:
+        signals |= _parts(logs["detector_status"], **_DETECTOR_STATUS)
+        signals["likelihood"] = logs["detector_likelihood"]
+        signals["failure_magnitude"] = logs["detector_magnitude"]
+        n_jets = len(vehicle.jets)
+        signals |= _parts(logs["detector_memory"][:, 4:], known_force=n_jets, known_force_variance=n_jets)
     for name in vehicle.sensor_names():
         signals[name] = logs[name]
     return signals
@@ -198,7 +226,7 @@ def _summary(
         "derived": _derived(estimate, covariance),
         "truth": by_name(truth),
         "percent_error": by_name(mass_properties.percent_error(estimate, truth)),
-        "detections": [],
+        "detections": detections(vehicle, time_s, signals),
         "consistency": {
             "rotation_nis_mean": _mean(signals["rotation_nis"][used, 0]),
             "translation_nis_mean": _mean(signals["mass_nis"][mass_used, 0]),
@@ -206,7 +234,7 @@ def _summary(
         },
         "autopilot": {
             "firings": int(firings(commands)),
-            "propellant_mass": float(1.0 / signals["truth"][0, 9] - 1.0 / truth[9]),
+            "propellant_mass": _propellant(scenario, signals),
             **_selection(signals),
         },
         "provenance": {
@@ -218,9 +246,66 @@ def _summary(
         "timing": {
             "wall_s": wall_s,
             "real_time_factor": float(time_s[-1]) / wall_s,
-            "cycle_us": _cycle_times(diagram),
+            "cycle_us": _cycle_times(diagram, len(time_s)),
         },
     }
+
+
+def detections(vehicle: Vehicle, time_s: Array, signals: dict[str, Array]) -> list[dict[str, Any]]:
+    """One entry per declared failure or jump, as `summary.json` has them."""
+    if "detector_event" not in signals:
+        return []
+    entries: list[dict[str, Any]] = []
+    for k in np.flatnonzero(signals["detector_event"][:, 0]):
+        at = {name: float(signals[name][k, 0]) for name in _DETECTOR_STATUS}
+        jet = int(at["suspected_jet"])
+        event = int(at["detector_event"])
+        if event == detection.WITHDRAWN:
+            for entry in entries:
+                if entry["jet_index"] == jet and entry["withdrawn_s"] is None:
+                    entry["withdrawn_s"] = float(time_s[k])
+            continue
+        entry = {
+            "onset_s": at["onset"],
+            "time_s": float(time_s[k]),
+            "kind": "mass_property_jump",
+            "cluster": None,
+            "jet": None,
+            "isolated_to": None,
+            "magnitude": None,
+            "magnitude_std": None,
+            "statistic": float(signals["rotation_nis"][k, 0]),
+            "alarms": int(at["alarms"]),
+            "withdrawn_s": None,
+            "jet_index": None,
+        }
+        if event == detection.DECLARED:
+            magnitude, std = at["suspected_magnitude"], at["suspected_magnitude_std"]
+            isolated = bool(at["jet_isolated"])
+            entry |= {
+                "kind": _kind(magnitude, std, vehicle.jets[jet].thrust),
+                "cluster": vehicle.jets[jet].cluster,
+                "jet": vehicle.designations[jet] if isolated else None,
+                "isolated_to": "jet" if isolated else "cluster",
+                "magnitude": magnitude,
+                "magnitude_std": std,
+                "statistic": at["suspected_likelihood"],
+                "jet_index": jet,
+            }
+        entries.append(entry)
+    for entry in entries:
+        jet = entry.pop("jet_index")
+        if entry["kind"] == "jet_on" and signals["known_force_variance"][-1, jet] > 0.0:
+            entry["magnitude"] = float(signals["known_force"][-1, jet])
+            entry["magnitude_std"] = float(np.sqrt(signals["known_force_variance"][-1, jet]))
+    return entries
+
+
+def _kind(magnitude: float, std: float, thrust: float) -> str:
+    if magnitude > 0.0:
+        return "jet_on"
+    lost_all = -magnitude > 0.9 * thrust or abs(magnitude + thrust) < 3.0 * std
+    return "jet_off" if lost_all else "jet_degraded"
 
 
 def by_name(parameters: Array) -> dict[str, Any]:
@@ -255,6 +340,13 @@ def firings(commands: NDArray[np.bool_]) -> int:
     return int((commands & ~before).sum())
 
 
+def _propellant(scenario: Scenario, signals: dict[str, Array]) -> float:
+    """Propellant used, slug or kg: what the thrust of every sample took."""
+    vehicle = scenario.vehicle_data
+    level = signals["thrust"][:-1] / np.linalg.norm(vehicle.thrusts, axis=1)
+    return float((level @ make.plant_wrenches(scenario)[:, 6]).sum() * vehicle.sample_period_s)
+
+
 def _selection(signals: dict[str, Array]) -> dict[str, int | None]:
     if "selection_counts" not in signals:
         return {"lp_solves": None, "lp_infeasible": None}
@@ -266,14 +358,16 @@ def _mean(values: Array) -> float | None:
     return float(values.mean()) if values.size else None
 
 
-def _cycle_times(diagram: Diagram) -> dict[str, float | None]:
+def _cycle_times(diagram: Diagram, cycles: int) -> dict[str, float | None]:
     """Mean time per cycle spent in the mathematics of each part, microseconds."""
     estimation = diagram.GetSubsystemByName("estimation")
     names = [system.get_name() for system in estimation.GetSystems()]
     estimators = [name for name in ("impulse_model", "rotation_estimator", "mass_estimator") if name in names]
-    spent = sum(estimation.GetSubsystemByName(name).stopwatch.mean_us for name in estimators)
-    selection = None
+    spent = sum(estimation.GetSubsystemByName(name).stopwatch.spent_s for name in estimators)
+    selection = detector = None
     if diagram.HasSubsystemNamed("autopilot"):
         autopilot = diagram.GetSubsystemByName("autopilot")
-        selection = autopilot.GetSubsystemByName("jet_selection").stopwatch.mean_us
-    return {"estimators": spent, "detector": None, "jet_selection": selection}
+        selection = 1e6 * autopilot.GetSubsystemByName("jet_selection").stopwatch.spent_s / cycles
+    if "failure_detector" in names:
+        detector = 1e6 * estimation.GetSubsystemByName("failure_detector").stopwatch.spent_s / cycles
+    return {"estimators": 1e6 * spent / cycles, "detector": detector, "jet_selection": selection}

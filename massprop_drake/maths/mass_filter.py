@@ -24,7 +24,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from massprop_drake.maths.adaptation import CORRECT_THESIS, NO_ACTION, REJECT, Adaptation
 from massprop_drake.maths.linear_algebra import Array, inverse_positive_definite, skew
+from massprop_drake.maths.mass_jump import empty_window, jump_test
 
 NO_COMPENSATION, TRANSVERSE, TRANSVERSE_CENTRIPETAL = 0, 1, 2
 
@@ -87,6 +89,9 @@ class MassSettings(NamedTuple):
         compensation: NO_COMPENSATION, TRANSVERSE or TRANSVERSE_CENTRIPETAL.
         compensation_covariance: whether R' grows by what is unknown of the compensation.
         process_noise: variance of 1/m added per sample (3-82).
+        jump_variance: of 1/m, added when the mass properties have jumped.
+        jump_threshold: on the likelihood argument of a jump of 1/m (3-110); infinity: no test.
+        jump_window: samples that the test looks back, 1: the single-sample test.
         disturbance_covariance: R^d of a velocity increment, ft^2/s^2 or m^2/s^2, shape (3, 3).
     """
 
@@ -94,6 +99,9 @@ class MassSettings(NamedTuple):
     compensation: int
     compensation_covariance: bool
     process_noise: float
+    jump_variance: float
+    jump_threshold: float
+    jump_window: int
     disturbance_covariance: Array
 
 
@@ -146,10 +154,14 @@ class MassUpdate(NamedTuple):
     Attributes:
         mass_reciprocal: 1/m, 1/slug or 1/kg.
         variance: of its error.
+        window: of the jump test, shape (n, 3).
+        jumped: whether the jump test found a jump.
     """
 
     mass_reciprocal: float
     variance: float
+    window: Array
+    jumped: bool
 
 
 def innovate(
@@ -191,36 +203,63 @@ def innovate(
 def update(
     mass_reciprocal: float,
     variance: float,
+    window: Array,
     linear_impulse: Array,
     innovation: MassInnovation,
+    adaptation: Adaptation,
     settings: MassSettings,
 ) -> MassUpdate:
-    """Measurement update (3-83), (3-86), variance in Joseph's form of (3-84), then (3-82)."""
-    gain = variance * (innovation.information @ linear_impulse)
+    """Measurement update (3-83), (3-86), variance in Joseph's form of (3-84), then (3-82).
+
+    A jump of the mass reciprocal is tested for, and corrected, unless a jet's failure explains the
+    sample; see `maths.mass_jump`.
+
+    Args:
+        mass_reciprocal, variance: predicted 1/m and its variance.
+        window: of the jump test, shape (n, 3).
+        linear_impulse: lambda over the sample, lbf-s or N-s, shape (3,).
+        innovation: what `measure` made of the sample.
+        adaptation: see `maths.adaptation`.
+        settings: see `MassSettings`.
+    """
+    if adaptation.action == REJECT:
+        return MassUpdate(mass_reciprocal, variance + settings.process_noise, window, jumped=False)
+    information, noise, error = innovation.information, innovation.noise, innovation.innovation
+    if adaptation.action != NO_ACTION:
+        error = error - adaptation.translation
+        noise = noise + adaptation.translation_spread
+    if adaptation.action == CORRECT_THESIS:
+        enlarged = innovation.covariance + adaptation.translation_spread
+        information = inverse_positive_definite(enlarged, "innovation covariance")
+    gain = variance * (information @ linear_impulse)
     kept = 1.0 - float(gain @ linear_impulse)
-    return MassUpdate(
-        mass_reciprocal + float(gain @ innovation.innovation),
-        kept * kept * variance + float(gain @ innovation.noise @ gain) + settings.process_noise,
-    )
+    mass_reciprocal += float(gain @ error)
+    variance = kept * kept * variance + float(gain @ noise @ gain)
+    jumped = False
+    if settings.jump_threshold < math.inf and adaptation.action == NO_ACTION:
+        test = jump_test(window, linear_impulse, information, error, gain)
+        window = test.window
+        jumped = test.likelihood > settings.jump_threshold
+        if jumped:
+            mass_reciprocal += test.correction
+            variance += test.growth
+            window = empty_window(settings.jump_window)
+    return MassUpdate(mass_reciprocal, variance + settings.process_noise, window, jumped)
 
 
-class MassCycle(NamedTuple):
-    """One cycle of the mass filter, measured or not, used or not.
+class MassMeasurement(NamedTuple):
+    """A sample's impulse and its innovation.
 
     Attributes:
-        innovation: before the update.
-        mass_reciprocal: 1/m after the cycle.
-        variance: of its error.
-        used: whether the estimate was updated.
+        linear_impulse: lambda, lbf-s or N-s, shape (3,).
+        innovation: before any update; NaN where not measured.
     """
 
+    linear_impulse: Array
     innovation: MassInnovation
-    mass_reciprocal: float
-    variance: float
-    used: bool
 
 
-def cycle(
+def measure(
     mass_reciprocal: float,
     variance: float,
     velocity_before: Array,
@@ -232,11 +271,9 @@ def cycle(
     rate: Array,
     rate_variance: float,
     linear_impulse: Array,
-    usable: bool,
-    firing: bool,
     settings: MassSettings,
-) -> MassCycle:
-    """One cycle: increment, innovation, and the update when the sample can be used.
+) -> MassMeasurement:
+    """First half of a cycle: the increment and its innovation.
 
     Args:
         mass_reciprocal, variance: predicted 1/m and its variance.
@@ -247,17 +284,69 @@ def cycle(
         rate_increment, rate: measured increment and mean of the rate, rad/s, NaN where missing.
         rate_variance: of the rate increment's error per component, rad^2/s^2.
         linear_impulse: lambda over the sample, lbf-s or N-s, shape (3,).
-        usable: whether the combination of jets was steady.
-        firing: whether any jet fired.
         settings: see `MassSettings`.
     """
     increment = velocity - velocity_before
-    if not math.isfinite(sum(increment.tolist()) + sum(rate_increment.tolist())):
+    if math.isfinite(sum(increment.tolist()) + sum(rate_increment.tolist())):
+        sample = MassSample(
+            increment, noise, arm, center_covariance, rate_increment, rate, rate_variance, linear_impulse
+        )
+        innovation = innovate(mass_reciprocal, variance, sample, settings)
+    else:
         innovation = MassInnovation(_NOT_MEASURED, noise, noise, noise, math.nan)
-        return MassCycle(innovation, mass_reciprocal, variance + settings.process_noise, used=False)
-    sample = MassSample(increment, noise, arm, center_covariance, rate_increment, rate, rate_variance, linear_impulse)
-    innovation = innovate(mass_reciprocal, variance, sample, settings)
-    if not (usable and firing):
-        return MassCycle(innovation, mass_reciprocal, variance + settings.process_noise, used=False)
-    updated = update(mass_reciprocal, variance, linear_impulse, innovation, settings)
-    return MassCycle(innovation, updated.mass_reciprocal, updated.variance, used=True)
+    return MassMeasurement(linear_impulse, innovation)
+
+
+def finish(
+    mass_reciprocal: float,
+    variance: float,
+    window: Array,
+    measurement: MassMeasurement,
+    usable: bool,
+    firing: bool,
+    adaptation: Adaptation,
+    settings: MassSettings,
+) -> MassCycle:
+    """Second half of a cycle: the update, when the sample can be used.
+
+    After a jump of the mass properties beyond doubt the variance is raised, and the sample used with
+    it.
+
+    Args:
+        mass_reciprocal, variance: predicted 1/m and its variance.
+        window: of the jump test, shape (n, 3).
+        measurement: what `measure` made of the sample.
+        usable: whether the combination of jets was steady.
+        firing: whether a known impulse acted.
+        adaptation: see `maths.adaptation`.
+        settings: see `MassSettings`.
+    """
+    impulse, innovation = measurement
+    if adaptation.mass_jumped:
+        variance = variance + settings.jump_variance
+        if not math.isnan(innovation.nis):
+            grown = innovation.covariance + impulse[:, None] * (impulse * settings.jump_variance)
+            information = inverse_positive_definite(grown, "innovation covariance")
+            innovation = innovation._replace(covariance=grown, information=information)
+    if math.isnan(innovation.nis) or not (usable and firing):
+        return MassCycle(mass_reciprocal, variance + settings.process_noise, window, used=False, jumped=False)
+    updated = update(mass_reciprocal, variance, window, impulse, innovation, adaptation, settings)
+    return MassCycle(*updated[:3], used=adaptation.action != REJECT, jumped=updated.jumped)
+
+
+class MassCycle(NamedTuple):
+    """State of the mass filter after a cycle, measured or not, used or not.
+
+    Attributes:
+        mass_reciprocal: 1/m.
+        variance: of its error.
+        window: of the jump test, shape (n, 3).
+        used: whether the estimate was updated.
+        jumped: whether the jump test found a jump.
+    """
+
+    mass_reciprocal: float
+    variance: float
+    window: Array
+    used: bool
+    jumped: bool

@@ -46,6 +46,29 @@ class MassProperties(NamedTuple):
         return pack(inverse, self.center_of_mass, 1.0 / self.mass)
 
 
+def joined(body: MassProperties, mass: float, position: Array, inertia: Array) -> MassProperties:
+    """A body with another one fixed to it, or, with a negative mass, taken from it.
+
+    By the parallel-axis theorem, I_total = I_1 + m_1 (d_1^2 1 - d_1 d_1^T) + the same of the other, about
+    the new centre of mass.
+
+    Args:
+        body: before.
+        mass: of the other, slug or kg; negative: it leaves.
+        position: of its centre of mass in the vehicle frame, ft or m, shape (3,).
+        inertia: of it about its own centre of mass, body axes, shape (3, 3); negative if it leaves.
+    """
+    total = body.mass + mass
+    center = (body.mass * body.center_of_mass + mass * position) / total
+
+    def offset(of_mass: float, at: Array) -> Array:
+        arm = at - center
+        return of_mass * (float(arm @ arm) * np.eye(3) - np.outer(arm, arm))
+
+    moved = body.inertia + offset(body.mass, body.center_of_mass) + inertia + offset(mass, position)
+    return MassProperties(total, center, symmetrised(moved))
+
+
 def symmetric(elements: Array) -> Array:
     """The symmetric 3x3 matrix of six elements in the order 11, 22, 33, 23, 13, 12."""
     return elements[ELEMENT]

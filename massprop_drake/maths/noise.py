@@ -40,3 +40,9 @@ def normal_sample(seed: int, stream: str, number: int, size: int) -> Array:
 def uniform_phase(seed: int, stream: str, size: int) -> Array:
     """Numbers drawn once per run, uniform in [-1/2, 1/2): phases of a quantiser, shape (size,)."""
     return np.random.default_rng(stream_seed(seed, f"phase of {stream}")).uniform(-0.5, 0.5, size)
+
+
+def uniform_sample(seed: int, stream: str, number: int) -> float:
+    """A number uniform in [0, 1): sample ``number`` (0, 1, ...) of a stream."""
+    key = stream_seed(seed, stream).generate_state(2, np.uint64)
+    return float(np.random.Generator(np.random.Philox(key=key, counter=[0, number, 0, 0])).random())

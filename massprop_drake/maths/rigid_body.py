@@ -275,6 +275,25 @@ def _add_transient(state: Array, gathered: Array, body: Body) -> None:
     state[ORIGIN_VELOCITY] += velocity_change - np.cross(rate_change, center)
 
 
+def with_properties(state: Array, before: MassProperties, after: MassProperties) -> Array:
+    """The state when the mass properties change at once, by a payload that moves with the structure.
+
+    Rate, attitude and the motion of every point of the structure go on as they were; the new centre of
+    mass has that structure's motion where it lies, so what leaves takes its momentum along.
+
+    Args:
+        state: shape (23,).
+        before, after: mass properties.
+    """
+    moved = rotation_matrix(state[QUATERNION])
+    shift = after.center_of_mass - before.center_of_mass
+    result = state.copy()
+    result[POSITION] += moved @ shift
+    result[VELOCITY] += moved @ np.cross(state[RATE], shift)
+    result[MASS] = after.mass
+    return result
+
+
 def angular_momentum(state: Array, properties: MassProperties) -> Array:
     """Angular momentum about the centre of mass in N, shape (3,)."""
     return rotation_matrix(state[QUATERNION]) @ (properties.inertia @ state[RATE])

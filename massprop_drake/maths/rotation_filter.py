@@ -30,6 +30,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from massprop_drake.maths.adaptation import CORRECT_THESIS, NO_ACTION, REJECT, Adaptation
 from massprop_drake.maths.linear_algebra import (
     Array,
     cross,
@@ -251,58 +252,54 @@ def update(
     covariance: Array,
     sample: RotationSample,
     innovation: RotationInnovation,
+    adaptation: Adaptation,
     settings: RotationSettings,
 ) -> RotationUpdate:
     r"""Measurement update of one usable firing sample, then the time update (2-123).
 
     When the innovation's NIS exceeds the jump threshold, the covariance is first incremented and the
-    innovation formed again from the same measurement (2-138).
+    innovation formed again from the same measurement (2-138), unless a jet's failure explains it.
 
     Args:
         estimate, covariance: predicted state (9,) and its covariance (9, 9).
         sample: see `RotationSample`.
-        innovation: what `innovate` made of the same sample.
+        innovation: what `measure` made of the same sample.
+        adaptation: see `maths.adaptation`.
         settings: see `RotationSettings`.
 
     Raises:
         NotPositiveDefiniteError: when an innovation covariance is not positive definite.
     """
-    jumped = innovation.nis > settings.jump_threshold
+    if adaptation.action == REJECT:
+        return RotationUpdate(estimate, covariance + settings.process_noise, jumped=False)
+    jumped = adaptation.action == NO_ACTION and innovation.nis > settings.jump_threshold
     if jumped:
         covariance = covariance + settings.jump_covariance
         innovation = innovate(estimate, covariance, sample, innovation.subtract_coupling, settings)
-    estimate, covariance = joseph_update(
-        estimate,
-        covariance,
-        innovation.innovation,
-        innovation.information,
-        innovation.jacobian,
-        innovation.noise,
-    )
+    information, noise, error = innovation.information, innovation.noise, innovation.innovation
+    if adaptation.action != NO_ACTION:
+        error = error - adaptation.rotation
+        noise = noise + adaptation.rotation_spread
+    if adaptation.action == CORRECT_THESIS:
+        enlarged = innovation.covariance + adaptation.rotation_spread
+        information = inverse_positive_definite(enlarged, "innovation covariance")
+    estimate, covariance = joseph_update(estimate, covariance, error, information, innovation.jacobian, noise)
     return RotationUpdate(estimate, covariance + settings.process_noise, jumped)
 
 
-class RotationCycle(NamedTuple):
-    """One cycle of the rotation filter, measured or not, used or not.
+class RotationMeasurement(NamedTuple):
+    """A sample and its innovation.
 
     Attributes:
         sample: what was measured.
-        innovation: before the update.
-        estimate: x after the cycle, shape (9,).
-        covariance: S after the cycle, shape (9, 9).
-        used: whether the estimate was updated.
-        jumped: whether the covariance was incremented first.
+        innovation: before any update; NaN where not measured.
     """
 
     sample: RotationSample
     innovation: RotationInnovation
-    estimate: Array
-    covariance: Array
-    used: bool
-    jumped: bool
 
 
-def cycle(
+def measure(
     estimate: Array,
     covariance: Array,
     rate_before: Array,
@@ -311,13 +308,10 @@ def cycle(
     noise: Array,
     angular_impulse: Array,
     linear_impulse: Array,
-    usable: bool,
     firing: bool,
     settings: RotationSettings,
-) -> RotationCycle:
-    """One cycle: increments, innovation, and the update when the sample can be used.
-
-    A sample is used when both readings are there, the jets' combination was steady, and a jet fired.
+) -> RotationMeasurement:
+    """First half of a cycle: the increment and its innovation.
 
     Args:
         estimate, covariance: predicted state (9,) and its covariance (9, 9).
@@ -325,24 +319,59 @@ def cycle(
         subtract_coupling_before: the hybrid rule's last decision.
         noise: covariance of their difference, rad^2/s^2, shape (3, 3).
         angular_impulse, linear_impulse: a and lambda over the sample, shape (3,) each.
-        usable: whether the combination of jets was steady.
-        firing: whether any jet fired.
+        firing: whether a known impulse acted.
         settings: see `RotationSettings`.
     """
     increment = rate - rate_before
     mean_rate = 0.5 * (rate + rate_before)
     sample = RotationSample(increment, mean_rate, noise, angular_impulse, linear_impulse, firing)
-    if not math.isfinite(increment[0] + increment[1] + increment[2]):
+    if math.isfinite(increment[0] + increment[1] + increment[2]):
+        innovation = innovate(estimate, covariance, sample, subtract_coupling_before, settings)
+    else:
         innovation = RotationInnovation(
             _NOT_MEASURED, noise, noise, _COASTING, noise, subtract_coupling_before, math.nan
         )
-        return RotationCycle(
-            sample, innovation, estimate, covariance + settings.process_noise, used=False, jumped=False
-        )
-    innovation = innovate(estimate, covariance, sample, subtract_coupling_before, settings)
-    if not (usable and firing):
-        return RotationCycle(
-            sample, innovation, estimate, covariance + settings.process_noise, used=False, jumped=False
-        )
-    updated = update(estimate, covariance, sample, innovation, settings)
-    return RotationCycle(sample, innovation, updated.estimate, updated.covariance, used=True, jumped=updated.jumped)
+    return RotationMeasurement(sample, innovation)
+
+
+def finish(
+    estimate: Array,
+    covariance: Array,
+    measurement: RotationMeasurement,
+    usable: bool,
+    adaptation: Adaptation,
+    settings: RotationSettings,
+) -> RotationCycle:
+    """Second half of a cycle: the update, when the sample can be used.
+
+    A sample is used when both readings are there, the jets' combination was steady, and an impulse
+    acted.
+
+    Args:
+        estimate, covariance: predicted state (9,) and its covariance (9, 9).
+        measurement: what `measure` made of the sample.
+        usable: whether the combination of jets was steady.
+        adaptation: see `maths.adaptation`.
+        settings: see `RotationSettings`.
+    """
+    sample, innovation = measurement
+    if math.isnan(innovation.nis) or not (usable and sample.firing):
+        return RotationCycle(estimate, covariance + settings.process_noise, used=False, jumped=False)
+    updated = update(estimate, covariance, sample, innovation, adaptation, settings)
+    return RotationCycle(updated.estimate, updated.covariance, used=adaptation.action != REJECT, jumped=updated.jumped)
+
+
+class RotationCycle(NamedTuple):
+    """State of the rotation filter after a cycle, measured or not, used or not.
+
+    Attributes:
+        estimate: x, shape (9,).
+        covariance: S, shape (9, 9).
+        used: whether the estimate was updated.
+        jumped: whether the covariance was incremented first.
+    """
+
+    estimate: Array
+    covariance: Array
+    used: bool
+    jumped: bool

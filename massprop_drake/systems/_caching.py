@@ -22,21 +22,14 @@ class Stopwatch:
     """
 
     def __init__(self) -> None:
-        self._calls = 0
-        self._spent_s = 0.0
+        self.spent_s = 0.0
 
     def measure(self, function: Callable[..., T], *arguments: Any) -> T:
         """Calls a function and adds the time it took."""
         began = time.perf_counter()
         result = function(*arguments)
-        self._spent_s += time.perf_counter() - began
-        self._calls += 1
+        self.spent_s += time.perf_counter() - began
         return result
-
-    @property
-    def mean_us(self) -> float:
-        """Mean time of a call, microseconds; 0 before the first."""
-        return 1e6 * self._spent_s / self._calls if self._calls else 0.0
 
 
 class Cached:

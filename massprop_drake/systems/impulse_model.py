@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import LeafSystem
 
+from massprop_drake.maths.detection import N_KNOWN_FORCE
 from massprop_drake.maths.impulses import Impulses, interval_impulses
 from massprop_drake.maths.thrust import lag_factors
 from massprop_drake.systems._caching import Cached, Stopwatch
@@ -22,9 +23,11 @@ class ImpulseModel(LeafSystem):
 
     Ports:
         jet_commands (in, n_jets): fraction commanded over the interval that ends now, 0 to 1. Required.
+        known_force (in, 24): see `FailureDetector`; its wrench acts over the whole interval. Unconnected:
+            none.
         impulses (out, 8): angular impulse about the vehicle origin (3), lbf-ft-s or N-m-s; linear
             impulse (3), lbf-s or N-s; usable, 1 when the combination was steady; firing, 1 when any
-            jet was commanded.
+            jet was commanded or a known force acted.
 
     State: memory (2 n_jets): the command of the interval before, and the thrust level by the lag at the
     start of this one.
@@ -45,11 +48,18 @@ class ImpulseModel(LeafSystem):
         self._impulse_per_level = wrenches * period_s
         self._lag = lag_factors(time_constants_s, period_s)
         self._command = self.DeclareVectorInputPort("jet_commands", n_jets)
+        self._known_force = self.DeclareVectorInputPort("known_force", N_KNOWN_FORCE)
+        self._period_s = period_s
         self._n_jets = n_jets
         self._memory = self.DeclareDiscreteState(2 * n_jets)
-        self._impulses = Cached(self, "impulses", self._compute, {self.xd_ticket(), self.all_input_ports_ticket()})
+        self._impulses = Cached(
+            self, "impulses", self._compute, {self.xd_ticket(), self.input_port_ticket(self._command.get_index())}
+        )
         self.DeclareVectorOutputPort(
-            "impulses", N_IMPULSES, self._calc_impulses, prerequisites_of_calc={self._impulses.ticket}
+            "impulses",
+            N_IMPULSES,
+            self._calc_impulses,
+            prerequisites_of_calc={self._impulses.ticket, self.input_port_ticket(self._known_force.get_index())},
         )
         self.DeclarePeriodicDiscreteUpdateEvent(period_sec=period_s, offset_sec=0.0, update=self._update)
 
@@ -66,9 +76,13 @@ class ImpulseModel(LeafSystem):
 
     def _calc_impulses(self, context: Any, output: Any) -> None:
         impulses = self._impulses.get(self, context)
-        output.SetFromVector(
-            np.array([*impulses.angular_impulse, *impulses.linear_impulse, impulses.usable, impulses.firing])
-        )
+        vector = np.array([*impulses.angular_impulse, *impulses.linear_impulse, impulses.usable, impulses.firing])
+        if self._known_force.HasValue(context):
+            wrench = self._known_force.Eval(context)[:6]
+            if wrench.any():
+                vector[:6] += wrench * self._period_s
+                vector[7] = 1.0
+        output.SetFromVector(vector)
 
     def _update(self, context: Any, state: Any) -> None:
         level = self._impulses.get(self, context).level

@@ -23,6 +23,7 @@ class _Burst(NamedTuple):
     command: Array
     counts: Array  # see the state `counts`
     refused: Array  # see the state `refused`
+    out_of_use: Array  # see the state `out_of_use`
 
 
 class JetSelection(LeafSystem):
@@ -37,10 +38,14 @@ class JetSelection(LeafSystem):
         request (in, 8): see `PhaseSpaceController`. Required.
         estimate (in, 10): estimated mass properties, see `maths.mass_properties`. Optional.
         converged (in, 1): non-zero when the estimate may be used. Optional, with `estimate`.
+        reconfiguration (in, 7 + n_jets): see `FailureDetector`. Optional. A declared failure stops the
+            running burst; the jets in question are not selected again, if control about every axis
+            remains without them; known forces are met by asking in every idle cycle for what undoes them.
         command (out, n_jets): 1 for each jet that fires over the coming sample, else 0. Feedthrough.
         held_command (out, n_jets): the command decided at the last sample. No feedthrough.
         delivered (out, 3): velocity change that the held command gives in one sample by the mass
             properties in use, ft/s or m/s. No feedthrough.
+        out_of_use (out, n_jets): 1 for each jet taken out of use. No feedthrough.
         counts (out, 4): programmes solved; requests met in part (velocity change reduced); requests
             met by the closest reachable one; share of the last request's velocity change that was
             granted. No feedthrough.
@@ -79,6 +84,7 @@ class JetSelection(LeafSystem):
         self._wrenches = wrenches
         self._minimum = minimum_on_times_s
         self._selectable = selectable
+        self._nominal = mass_properties
         self._nominal_activity = activity_vectors(wrenches, mass_properties)
         self._program = JetSelectionProgram(mass_flows)
         self._period_s = period_s
@@ -86,47 +92,90 @@ class JetSelection(LeafSystem):
         self._request = self.DeclareVectorInputPort("request", 8)
         self._estimate = self.DeclareVectorInputPort("estimate", 10)
         self._converged = self.DeclareVectorInputPort("converged", 1)
+        self._reconfiguration = self.DeclareVectorInputPort("reconfiguration", 7 + n_jets)
         self._remaining = self.DeclareDiscreteState(n_jets)
         self._held = self.DeclareDiscreteState(n_jets)
         self._delivered = self.DeclareDiscreteState(3)
         self._counts = self.DeclareDiscreteState([0.0, 0.0, 0.0, 1.0])
         self._refused = self.DeclareDiscreteState(4)
+        self._out_of_use = self.DeclareDiscreteState(n_jets)
         self._burst = Cached(self, "burst", self._compute, {self.xd_ticket(), self.all_input_ports_ticket()})
         self.DeclareVectorOutputPort("command", n_jets, self._calc_command, prerequisites_of_calc={self._burst.ticket})
         self.DeclareStateOutputPort("held_command", self._held)
         self.DeclareStateOutputPort("delivered", self._delivered)
         self.DeclareStateOutputPort("counts", self._counts)
+        self.DeclareStateOutputPort("out_of_use", self._out_of_use)
         self.DeclarePeriodicDiscreteUpdateEvent(period_sec=period_s, offset_sec=0.0, update=self._update)
+
+    def _properties(self, context: Any) -> Array:
+        """The mass properties in use."""
+        if self._converged.HasValue(context) and self._converged.Eval(context)[0] != 0.0:
+            return self._estimate.Eval(context)
+        return self._nominal
 
     def _activity(self, context: Any) -> Array:
         """Activity vectors by the mass properties in use."""
-        if self._converged.HasValue(context) and self._converged.Eval(context)[0] != 0.0:
-            return activity_vectors(self._wrenches, self._estimate.Eval(context))
-        return self._nominal_activity
+        properties = self._properties(context)
+        if properties is self._nominal:
+            return self._nominal_activity
+        return activity_vectors(self._wrenches, properties)
 
     def _compute(self, context: Any) -> _Burst:
         request = self._request.Eval(context)
         remaining = context.get_discrete_state(self._remaining).CopyToVector()
         counts = context.get_discrete_state(self._counts).CopyToVector()
         refused = context.get_discrete_state(self._refused).CopyToVector()
+        out_of_use = context.get_discrete_state(self._out_of_use).CopyToVector()
+        wrench = None
+        before = self._program.solves
+        if self._reconfiguration.HasValue(context):
+            reconfiguration = self._reconfiguration.Eval(context)
+            if reconfiguration[0] != 0.0:
+                remaining = np.zeros_like(remaining)
+                out_of_use = self._reduced(context, out_of_use, reconfiguration[7:])
+            if reconfiguration[1:7].any():
+                wrench = reconfiguration[1:7]
         urgency = request[7]
-        change = max(abs(element) for element in (request[:3] - refused[:3]).tolist())
-        if urgency == AT_ONCE or (urgency == WHEN_IDLE and change >= refused[3] and not remaining.any()):
-            before = self._program.solves
-            limits = np.where(self._selectable, request[6], 0.0)
+        idle = not remaining.any()
+        if wrench is None:
+            change = max(abs(element) for element in (request[:3] - refused[:3]).tolist())
+            asked = urgency == WHEN_IDLE and change >= refused[3]
+        else:
+            asked = True
+        if urgency == AT_ONCE or (asked and idle):
+            limits = np.where(self._selectable & (out_of_use == 0.0), request[6], 0.0)
             activity = self._activity(context)
-            selection = self.stopwatch.measure(self._program.solve, activity, request[:6], limits)
+            wanted = request[:6]
+            if wrench is not None:
+                lasting = request[6] if urgency == AT_ONCE and np.isfinite(request[6]) else self._period_s
+                wanted = wanted - self._effect(context, wrench) * lasting
+            selection = self.stopwatch.measure(self._program.solve, activity, wanted, limits)
             remaining = burst_cycles(selection.on_times_s, self._period_s, self._minimum)
             refused = np.zeros(4)
             if not remaining.any():
-                refused[:3] = request[:3]
-                refused[3] = least_change(request[:6], selection.on_times_s, self._period_s)
-            wanted = float(np.linalg.norm(request[3:6]))
-            counts[0] += self._program.solves - before
+                refused[:3] = wanted[:3]
+                refused[3] = least_change(wanted, selection.on_times_s, self._period_s)
+            size = float(np.linalg.norm(wanted[3:]))
             counts[1] += selection.outcome == Outcome.REDUCED
             counts[2] += selection.outcome == Outcome.CLOSEST
-            counts[3] = float(np.linalg.norm(selection.reached[3:])) / wanted if wanted > 0.0 else 1.0
-        return _Burst(remaining, np.where(remaining > 0.0, 1.0, 0.0), counts, refused)
+            counts[3] = float(np.linalg.norm(selection.reached[3:])) / size if size > 0.0 else 1.0
+        counts[0] += self._program.solves - before
+        return _Burst(remaining, np.where(remaining > 0.0, 1.0, 0.0), counts, refused, out_of_use)
+
+    def _effect(self, context: Any, wrench: Array) -> Array:
+        """Rates of change of rate and velocity by a wrench about the vehicle origin, shape (6,)."""
+        return activity_vectors(wrench[None, :], self._properties(context))[:, 0]
+
+    def _reduced(self, context: Any, out_of_use: Array, proposed: Array) -> Array:
+        """The jets out of use when those proposed are added, if rotation about every axis remains."""
+        available = self._selectable & (proposed == 0.0)
+        limits = np.where(available, 1.0, 0.0)
+        activity = self._activity(context)
+        for row in range(3):
+            for sign in (1.0, -1.0):
+                if self._program.reach(activity, row, sign, limits) == 0.0:
+                    return out_of_use
+        return proposed
 
     def _calc_command(self, context: Any, output: Any) -> None:
         output.SetFromVector(self._burst.get(self, context).command)
@@ -139,3 +188,4 @@ class JetSelection(LeafSystem):
         state.set_value(self._delivered, delivered)
         state.set_value(self._counts, burst.counts)
         state.set_value(self._refused, burst.refused)
+        state.set_value(self._out_of_use, burst.out_of_use)

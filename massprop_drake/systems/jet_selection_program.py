@@ -125,6 +125,33 @@ class JetSelectionProgram:
                 raise ArithmeticError(f"a relaxed request came out infeasible: {request} relaxed to {target}")
         return Selection(on_times, float(self._cost @ on_times), outcome, activity @ on_times)
 
+    def reach(self, activity: Array, row: int, sign: float, limits_s: Array) -> float:
+        """Largest change of one element of the request with the other rotations at zero.
+
+        Args:
+            activity: activity vectors as columns, shape (6, n_jets).
+            row: 0 to 2 rotation about x, y, z, translation left free; 3 to 5 translation along them.
+            sign: +1 or -1.
+            limits_s: largest on-time of each jet, s, finite; zero takes a jet out, shape (n_jets,).
+
+        Returns:
+            The change, rad/s or ft/s or m/s, zero or positive.
+        """
+        far = np.zeros(6)
+        far[row] = sign * float(np.abs(activity[row]) @ limits_s + 1.0)
+        self._check(activity, far, limits_s)
+        held = [*range(3), *([row] if row > 2 else [])]
+        rows, target, scale = _scaled(activity[held], far[held])
+        column = np.where(target != 0.0, -target, 0.0)
+        missing = 6 - len(held)
+        self._share_rows.UpdateCoefficients(
+            np.vstack([np.column_stack([rows, column]), np.zeros((missing, self._n + 1))]), np.zeros(6)
+        )
+        self._share_box.set_bounds(np.zeros(self._n + 1), np.append(limits_s / scale, 1.0))
+        result = self._solve(self._share)
+        share = 0.0 if result is None else float(result.GetSolution(self._share_t)[-1])
+        return max(share, 0.0) * abs(float(far[row]))
+
     def _check(self, activity: Array, request: Array, limits_s: Array) -> None:
         for name, array, shape in (
             ("activity", activity, (6, self._n)),

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import LeafSystem
 
+from massprop_drake.maths.failures import Failure, delivered
 from massprop_drake.maths.rigid_body import N_WRENCH
 from massprop_drake.maths.thrust import lag_factors, level_after, level_at, mean_level
 
@@ -57,7 +58,7 @@ class ReactionJets(LeafSystem):
             `maths.rigid_body.step`.
 
     State: level (n_jets) at the last update's sample; time of that update, s. Neither changes when all
-    thrust is instantaneous.
+    thrust is instantaneous and nothing fails.
 
     Timing: after the update at t_k the state holds the level at t_k, reached under the command of
     [t_k-1, t_k).
@@ -66,9 +67,19 @@ class ReactionJets(LeafSystem):
         wrenches: torque about the vehicle origin, force, mass flow at full thrust, shape (n_jets, 7).
         time_constants_s: of each jet, s, shape (n_jets,).
         period_s: sample period, s.
+        failures: what jets deliver in place of what they are told; see `maths.failures`.
+        seed: of intermittent failures.
     """
 
-    def __init__(self, *, wrenches: Array, time_constants_s: Array, period_s: float):
+    def __init__(
+        self,
+        *,
+        wrenches: Array,
+        time_constants_s: Array,
+        period_s: float,
+        failures: tuple[Failure, ...] = (),
+        seed: int = 0,
+    ):
         super().__init__()
         self.set_name("reaction_jets")
         n_jets = wrenches.shape[0]
@@ -78,17 +89,21 @@ class ReactionJets(LeafSystem):
         self._lag = lag_factors(time_constants_s, period_s)
         self._classes = lag_classes(wrenches, time_constants_s)
         self._instantaneous = not time_constants_s.any()
+        self._period_s = period_s
+        self._failures = failures
+        self._seed = seed
 
         command = self._command = self.DeclareVectorInputPort("command", n_jets)
         held = self._held = self.DeclareVectorInputPort("held_command", n_jets)
         self._level = self.DeclareDiscreteState(n_jets)
-        self._updated_s = self.DeclareDiscreteState(1)
+        self._updated_s = self.DeclareDiscreteState([-period_s])
         # `wrench` must not depend on `command`: with a continuous plant that would close an algebraic
         # loop through the sensors and the autopilot
         coming = {
             self.input_port_ticket(command.get_index()),
             self.input_port_ticket(held.get_index()),
             self.xd_ticket(),
+            self.time_ticket(),
         }
         now = {self.input_port_ticket(held.get_index()), self.xd_ticket(), self.time_ticket()}
         self.DeclareVectorOutputPort("thrust", n_jets, self._calc_thrust, prerequisites_of_calc=coming)
@@ -99,7 +114,7 @@ class ReactionJets(LeafSystem):
             self._calc_profile,
             prerequisites_of_calc=coming,
         )
-        if not self._instantaneous:
+        if failures or not self._instantaneous:
             self.DeclarePeriodicDiscreteUpdateEvent(period_sec=period_s, offset_sec=0.0, update=self._update)
 
     @property
@@ -107,13 +122,23 @@ class ReactionJets(LeafSystem):
         """The distinct positive time constants, s, in the order of `wrench_profile`."""
         return self._classes.time_constants_s
 
+    def _target(self, context: Any) -> Array:
+        """What each jet's level tends to over the coming sample."""
+        sample = round(context.get_time() / self._period_s)
+        return delivered(self._command.Eval(context), sample, self._period_s, self._failures, self._seed)
+
+    def _held_target(self, context: Any) -> Array:
+        """What it tends to over the sample that the last update began."""
+        sample = round(context.get_discrete_state(self._updated_s).GetAtIndex(0) / self._period_s)
+        return delivered(self._held.Eval(context), sample, self._period_s, self._failures, self._seed)
+
     def _level_now(self, context: Any) -> Array:
         """Level at this sample, before the update: a period after the level in the state."""
         level = context.get_discrete_state(self._level).CopyToVector()
-        return level_after(level, self._held.Eval(context), self._lag.remaining)
+        return level_after(level, self._held_target(context), self._lag.remaining)
 
     def _mean_level(self, context: Any) -> Array:
-        command = self._command.Eval(context)
+        command = self._target(context)
         if self._instantaneous:
             return command
         return mean_level(self._level_now(context), command, self._lag.mean)
@@ -124,14 +149,14 @@ class ReactionJets(LeafSystem):
     def _calc_wrench(self, context: Any, output: Any) -> None:
         elapsed = context.get_time() - context.get_discrete_state(self._updated_s).GetAtIndex(0)
         level = context.get_discrete_state(self._level).CopyToVector()
-        target = self._held.Eval(context)
+        target = self._held_target(context)
         output.SetFromVector(level_at(level, target, self._time_constants_s, elapsed) @ self._wrenches)
 
     def _calc_profile(self, context: Any, output: Any) -> None:
-        command = self._command.Eval(context)
-        profile = command @ self._wrenches
+        target = self._target(context)
+        profile = target @ self._wrenches
         if not self._instantaneous:
-            difference = self._level_now(context) - command
+            difference = self._level_now(context) - target
             profile = np.concatenate([profile, *(difference @ wrenches for wrenches in self._classes.wrenches)])
         output.SetFromVector(profile)
 

@@ -2,18 +2,35 @@
 
 from __future__ import annotations
 
+import math
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import BasicVector, LeafSystem
 
 from massprop_drake.maths import rigid_body
-from massprop_drake.maths.mass_properties import MassProperties, six_elements, symmetric
+from massprop_drake.maths.mass_properties import MassProperties, joined, six_elements, symmetric
 from massprop_drake.maths.rigid_body import MASS, N_WRENCH, RATE
 
 Array = NDArray[np.float64]
+
+
+class Jump(NamedTuple):
+    """Something that is fixed to the vehicle, or leaves it, at once.
+
+    Attributes:
+        time_s: when, s; it happens at the first sample not before this.
+        mass: slug or kg; negative: it leaves.
+        position: of its centre of mass in the vehicle frame, ft or m, shape (3,).
+        inertia: about its own centre of mass, body axes, shape (3, 3); negative if it leaves.
+    """
+
+    time_s: float
+    mass: float
+    position: Array
+    inertia: Array
 
 
 @lru_cache(maxsize=256)
@@ -48,6 +65,8 @@ class RigidBodyPlant(LeafSystem):
         time_step: 0 for a continuous plant; positive, s: steps of this length.
         lag_time_constants_s: of the profile's dying parts, s.
         initial_rate: rad/s, body axes, shape (3,).
+        jumps: of the mass properties.
+        period_s: sample period, s; needed with jumps.
     """
 
     def __init__(
@@ -57,6 +76,8 @@ class RigidBodyPlant(LeafSystem):
         time_step: float,
         lag_time_constants_s: tuple[float, ...] = (),
         initial_rate: Array | None = None,
+        jumps: tuple[Jump, ...] = (),
+        period_s: float = 0.0,
     ):
         super().__init__()
         self.set_name("rigid_body")
@@ -77,6 +98,12 @@ class RigidBodyPlant(LeafSystem):
             self._state = self.DeclareDiscreteState(start)
             self.DeclareStateOutputPort("body_state", self._state)
             self.DeclarePeriodicDiscreteUpdateEvent(period_sec=time_step, offset_sec=0.0, update=self._update)
+        self._jumps: dict[int, list[Jump]] = {}
+        for jump in jumps:
+            self._jumps.setdefault(math.ceil(jump.time_s / period_s - 1e-9), []).append(jump)
+        self._period_s = period_s
+        if jumps:
+            self.DeclarePeriodicUnrestrictedUpdateEvent(period_sec=period_s, offset_sec=0.0, update=self._jump)
         self.DeclareStateOutputPort("structure", self._structure)
         self.DeclareVectorOutputPort(
             "mass_properties",
@@ -106,6 +133,24 @@ class RigidBodyPlant(LeafSystem):
             derivatives.get_mutable_vector().SetFromVector(
                 rigid_body.derivative(self._body_state(context), wrench, body)
             )
+
+    def _jump(self, context: Any, state: Any) -> None:
+        body_state = self._body_state(context)
+        properties = self._properties(context)
+        for jump in self._jumps.get(round(context.get_time() / self._period_s), ()):
+            after = joined(properties, jump.mass, jump.position, jump.inertia)
+            body_state = rigid_body.with_properties(body_state, properties, after)
+            properties = after
+        structure = np.concatenate([six_elements(properties.inertia), properties.center_of_mass])
+        state.get_mutable_discrete_state(self._structure).SetFromVector(structure)
+        if self._time_step == 0.0:
+            state.get_mutable_continuous_state().SetFromVector(body_state)
+        else:
+            state.get_mutable_discrete_state(self._state).SetFromVector(body_state)
+
+    def _properties(self, context: Any) -> MassProperties:
+        structure = context.get_discrete_state(self._structure).CopyToVector()
+        return MassProperties(float(self._body_state(context)[MASS]), structure[6:], symmetric(structure[:6]))
 
     def _update(self, context: Any, state: Any) -> None:
         profile = self._wrench.Eval(context).reshape(-1, N_WRENCH)

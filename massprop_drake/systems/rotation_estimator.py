@@ -9,8 +9,10 @@ from numpy.typing import NDArray
 from pydrake.systems.framework import LeafSystem
 
 from massprop_drake.maths import rotation_filter
+from massprop_drake.maths.adaptation import N_ADAPTATION, NO_ADAPTATION, unpacked
+from massprop_drake.maths.detection import N_KNOWN_FORCE
 from massprop_drake.maths.mass_properties import N_ROTATION
-from massprop_drake.maths.rotation_filter import RotationCycle, RotationSettings
+from massprop_drake.maths.rotation_filter import RotationCycle, RotationMeasurement, RotationSettings
 from massprop_drake.maths.sensing import increment_noise
 from massprop_drake.systems._caching import Cached, Stopwatch
 from massprop_drake.systems.impulse_model import N_IMPULSES
@@ -40,6 +42,7 @@ class RotationEstimator(LeafSystem):
         <gyro> (in, 3), one per package: measured rate, rad/s, body axes; NaN where missing. Required
             of the package in use.
         impulses (in, 8): see `ImpulseModel`. Required.
+        known_force (in, 24), adaptation (in, 26): see `FailureDetector`. Unconnected: no failures.
         predicted_estimate (out, 9): x before this sample's measurement. No feedthrough.
         predicted_covariance (out, 81): its covariance S, row by row. No feedthrough.
         rate_sample (out, 6): measured rate increment (3) and mean rate (3) over the sample, rad/s.
@@ -87,57 +90,81 @@ class RotationEstimator(LeafSystem):
         self._noise = increment_noise(next(p.variance for p in gyros if p.name == gyro))
         self._impulses = self.DeclareVectorInputPort("impulses", N_IMPULSES)
 
+        self._known_force = self.DeclareVectorInputPort("known_force", N_KNOWN_FORCE)
+        self._adaptation = self.DeclareVectorInputPort("adaptation", N_ADAPTATION)
+
         self._estimate = self.DeclareDiscreteState(estimate)
         self._covariance = self.DeclareDiscreteState(covariance.ravel())
         self._memory = self.DeclareDiscreteState([np.nan, np.nan, np.nan, 0.0])
 
-        measured = {
-            self.input_port_ticket(self._gyro.get_index()),
-            self.input_port_ticket(self._impulses.get_index()),
-            self.xd_ticket(),
-        }
-        self._cycle = Cached(self, "cycle", self._compute, measured)
+        # the innovation must not depend on the adaptation: the detector makes the one from the other
+        inputs = (self._gyro, self._impulses, self._known_force)
+        measured = {self.xd_ticket(), *(self.input_port_ticket(port.get_index()) for port in inputs)}
+        self._measurement = Cached(self, "measurement", self._measure, measured)
+        adapted = {self._measurement.ticket, self.input_port_ticket(self._adaptation.get_index())}
+        self._cycle = Cached(self, "cycle", self._finish, {self.xd_ticket(), *adapted})
         self.DeclareStateOutputPort("predicted_estimate", self._estimate)
         self.DeclareStateOutputPort("predicted_covariance", self._covariance)
-        for name, size, calc in (
-            ("rate_sample", 6, self._calc_rate_sample),
-            ("innovation", 3, self._calc_innovation),
-            ("innovation_covariance", 9, self._calc_innovation_covariance),
-            ("estimate", N_ROTATION, self._calc_estimate),
-            ("covariance", N_ROTATION**2, self._calc_covariance),
-            ("standard_deviation", N_ROTATION, self._calc_deviation),
-            ("status", 7, self._calc_status),
+        for name, size, calc, entry in (
+            ("rate_sample", 6, self._calc_rate_sample, self._measurement),
+            ("innovation", 3, self._calc_innovation, self._measurement),
+            ("innovation_covariance", 9, self._calc_innovation_covariance, self._measurement),
+            ("estimate", N_ROTATION, self._calc_estimate, self._cycle),
+            ("covariance", N_ROTATION**2, self._calc_covariance, self._cycle),
+            ("standard_deviation", N_ROTATION, self._calc_deviation, self._cycle),
+            ("status", 7, self._calc_status, self._cycle),
         ):
-            self.DeclareVectorOutputPort(name, size, calc, prerequisites_of_calc={self._cycle.ticket})
+            self.DeclareVectorOutputPort(name, size, calc, prerequisites_of_calc={entry.ticket})
         self.DeclarePeriodicDiscreteUpdateEvent(period_sec=settings.period_s, offset_sec=0.0, update=self._update)
 
-    def _compute(self, context: Any) -> RotationCycle:
+    def _predicted(self, context: Any) -> tuple[Array, Array]:
+        covariance = context.get_discrete_state(self._covariance).CopyToVector()
+        estimate = context.get_discrete_state(self._estimate).CopyToVector()
+        return estimate, covariance.reshape(N_ROTATION, N_ROTATION)
+
+    def _measure(self, context: Any) -> RotationMeasurement:
         impulses = self._impulses.Eval(context)
         memory = context.get_discrete_state(self._memory).CopyToVector()
+        noise = self._noise
+        if self._known_force.HasValue(context):
+            noise = noise + self._known_force.Eval(context)[15:].reshape(3, 3)
         return self.stopwatch.measure(
-            rotation_filter.cycle,
-            context.get_discrete_state(self._estimate).CopyToVector(),
-            context.get_discrete_state(self._covariance).CopyToVector().reshape(N_ROTATION, N_ROTATION),
+            rotation_filter.measure,
+            *self._predicted(context),
             memory[:3],
             memory[3] != 0.0,
             self._gyro.Eval(context),
-            self._noise,
+            noise,
             impulses[:3],
             impulses[3:6],
-            impulses[6] != 0.0,
             impulses[7] != 0.0,
             self._settings,
         )
 
+    def _finish(self, context: Any) -> RotationCycle:
+        adaptation = NO_ADAPTATION
+        if self._adaptation.HasValue(context):
+            adaptation = unpacked(self._adaptation.Eval(context))
+        measurement = self._measurement.get(self, context)
+        usable = self._impulses.Eval(context)[6] != 0.0
+        return self.stopwatch.measure(
+            rotation_filter.finish,
+            *self._predicted(context),
+            measurement,
+            usable,
+            adaptation,
+            self._settings,
+        )
+
     def _calc_rate_sample(self, context: Any, output: Any) -> None:
-        sample = self._cycle.get(self, context).sample
+        sample = self._measurement.get(self, context).sample
         output.SetFromVector(np.concatenate([sample.increment, sample.rate]))
 
     def _calc_innovation(self, context: Any, output: Any) -> None:
-        output.SetFromVector(self._cycle.get(self, context).innovation.innovation)
+        output.SetFromVector(self._measurement.get(self, context).innovation.innovation)
 
     def _calc_innovation_covariance(self, context: Any, output: Any) -> None:
-        output.SetFromVector(self._cycle.get(self, context).innovation.covariance.ravel())
+        output.SetFromVector(self._measurement.get(self, context).innovation.covariance.ravel())
 
     def _calc_estimate(self, context: Any, output: Any) -> None:
         output.SetFromVector(self._cycle.get(self, context).estimate)
@@ -150,13 +177,14 @@ class RotationEstimator(LeafSystem):
 
     def _calc_status(self, context: Any, output: Any) -> None:
         cycle = self._cycle.get(self, context)
-        before = cycle.innovation
+        before = self._measurement.get(self, context).innovation
         output.SetFromVector(
             np.array([*before.innovation, before.nis, cycle.used, cycle.jumped, before.subtract_coupling])
         )
 
     def _update(self, context: Any, state: Any) -> None:
         cycle = self._cycle.get(self, context)
+        subtract_coupling = self._measurement.get(self, context).innovation.subtract_coupling
         state.set_value(self._estimate, cycle.estimate)
         state.set_value(self._covariance, cycle.covariance.ravel())
-        state.set_value(self._memory, np.append(self._gyro.Eval(context), cycle.innovation.subtract_coupling))
+        state.set_value(self._memory, np.append(self._gyro.Eval(context), subtract_coupling))

@@ -1,0 +1,481 @@
+r"""From the tests of single samples to declared failures, and what follows from them.
+
+One cycle of the detector (section 4.3 to 4.5 of the thesis, with the rules marked [own]):
+
+- A sample is tested when both innovations are there, the combination of jets was steady (the empty one
+  counts as steady), and the estimates have converged [own].
+- An alarm names a cluster by the margin of six. It passes as a jet's only if the jet leaves no more
+  unexplained than chance would; otherwise the mass properties may have jumped [own], which is left to
+  the filters' own tests.
+- While an alarm stands, its signature is taken out of the innovations before the filters use them.
+- Alarms of one cluster that follow each other closely enough declare a failure. A force that should not
+  be there then becomes a known force, followed by a filter of one state [own]; the jets in question are
+  to be taken out of use.
+- An alarm about a jet whose force is known already corrects that force; when nothing is left of it the
+  declaration is withdrawn [own].
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_drake.maths.adaptation import NO_ADAPTATION, Adaptation
+from massprop_drake.maths.jet_failures import (
+    Isolation,
+    JetTests,
+    isolate,
+    jet_tests,
+    signatures,
+    uncertain_jet_tests,
+)
+from massprop_drake.maths.linear_algebra import Array, inverse_positive_definite
+from massprop_drake.maths.mass_properties import converged
+
+NOTHING, DECLARED, JUMP, WITHDRAWN = 0, 1, 2, 3  # events
+
+_JUMP_NIS = 50.0  # of the rotation filter: a jump beyond doubt (chi-square, 3 degrees: 1e-10)
+N_KNOWN_FORCE = 24  # of a packed `KnownForce`: wrench, then the two spreads row by row
+_QUIET = -1.0  # no cluster is suspected
+
+
+class DetectorSettings(NamedTuple):
+    """What shapes the detector.
+
+    Attributes:
+        period_s: sample period, s.
+        clusters: index of each jet's cluster, shape (n_jets,).
+        unit_wrenches: torque about the vehicle origin and force of a unit force along each jet, shape
+            (n_jets, 6).
+        margin: by which a cluster, and a jet in it, must lead.
+        threshold: least likelihood argument of an alarm.
+        magnitude_threshold: least magnitude of an alarm, lbf or N.
+        mirror_sign_rule: whether a jet that is on cannot give too much.
+        signature_uncertainty: whether signatures count as uncertain.
+        unexplained_limit: largest g of a jet's alarm.
+        alarms_to_declare: alarms in a row that declare a failure; 0: never declare.
+        alarm_gap: cycles between two alarms in a row at the most.
+        action: what the filters do on an alarm, see `maths.adaptation`.
+        force_variance_floor: of a known force, lbf^2 or N^2.
+    """
+
+    period_s: float
+    clusters: Array
+    unit_wrenches: Array
+    margin: float
+    threshold: float
+    magnitude_threshold: float
+    mirror_sign_rule: bool
+    signature_uncertainty: bool
+    unexplained_limit: float
+    alarms_to_declare: int
+    alarm_gap: int
+    action: int
+    force_variance_floor: float
+
+
+class DetectorState(NamedTuple):
+    """What the detector remembers; `packed` and `unpacked` turn it into a vector and back.
+
+    Attributes:
+        cluster: index of the cluster under suspicion, -1: none.
+        alarms: so many in a row have named it.
+        since: cycles since the last of them.
+        onset_s: end of the last sample before the first of them, s.
+        force: known force of each jet, lbf or N, shape (n_jets,).
+        variance: of it; zero where no force is known, shape (n_jets,).
+        removed: 1 for each jet to be taken out of use, shape (n_jets,).
+    """
+
+    cluster: float
+    alarms: float
+    since: float
+    onset_s: float
+    force: Array
+    variance: Array
+    removed: Array
+
+
+def initial_state(n_jets: int) -> DetectorState:
+    """Nothing suspected, nothing known."""
+    return DetectorState(_QUIET, 0.0, 0.0, 0.0, np.zeros(n_jets), np.zeros(n_jets), np.zeros(n_jets))
+
+
+def packed(state: DetectorState) -> Array:
+    """The state as a vector, shape (4 + 3 n_jets,)."""
+    head = [state.cluster, state.alarms, state.since, state.onset_s]
+    return np.concatenate([head, state.force, state.variance, state.removed])
+
+
+def unpacked(vector: Array, n_jets: int) -> DetectorState:
+    """The inverse of `packed`."""
+    parts = vector[4:].reshape(3, n_jets)
+    return DetectorState(*vector[:4].tolist(), *parts)
+
+
+class DetectorSample(NamedTuple):
+    """What one sample brings to the detector.
+
+    Attributes:
+        time_s: of the sample, s.
+        command: fraction commanded over the interval that ended, shape (n_jets,).
+        usable: whether the combination of jets was steady.
+        firing: whether a known impulse acted.
+        converged: whether the predicted estimates may be acted on.
+        translation, rotation: innovations, NaN where not measured, shape (3,) each.
+        translation_covariance, rotation_covariance: Y_zeta and Y_z, shape (3, 3) each.
+        translation_information, rotation_information: their inverses.
+        mass_properties: the ten predicted parameters, shape (10,).
+        state_covariance: S, predicted, shape (9, 9).
+        mass_variance: of 1/m, predicted.
+    """
+
+    time_s: float
+    command: Array
+    usable: bool
+    firing: bool
+    converged: bool
+    translation: Array
+    rotation: Array
+    translation_covariance: Array
+    rotation_covariance: Array
+    translation_information: Array
+    rotation_information: Array
+    mass_properties: Array
+    state_covariance: Array
+    mass_variance: float
+
+
+class Finding(NamedTuple):
+    """What the detector makes of one sample.
+
+    Attributes:
+        tested: whether the sample was tested.
+        alarm: whether an alarm passed as a jet's.
+        isolation: see `jet_failures.isolate`; of no meaning when not tested.
+        jet_isolated: whether the alarm names the jet.
+        magnitude: of the likeliest jet, lbf or N.
+        magnitude_std: 1-sigma of it.
+        unexplained: g of the likeliest jet.
+        event: NOTHING, DECLARED, JUMP or WITHDRAWN.
+        onset_s: of the alarms in a row that this one belongs to, s.
+        alarms: how many they are.
+    """
+
+    tested: bool
+    alarm: bool
+    isolation: Isolation
+    jet_isolated: bool
+    magnitude: float
+    magnitude_std: float
+    unexplained: float
+    event: int
+    onset_s: float
+    alarms: float
+
+
+_NOT_TESTED = Finding(False, False, Isolation(0, 0, 0.0, 0.0), False, 0.0, 0.0, 0.0, NOTHING, 0.0, 0.0)
+
+
+class DetectorCycle(NamedTuple):
+    """Result of one cycle.
+
+    Attributes:
+        state: to remember.
+        tests: of every jet; arguments are NaN where the sample was not tested.
+        finding: of this sample.
+        adaptation: for the filters.
+    """
+
+    state: DetectorState
+    tests: JetTests
+    finding: Finding
+    adaptation: Adaptation
+
+
+def cycle(state: DetectorState, sample: DetectorSample, settings: DetectorSettings) -> DetectorCycle:
+    """One cycle of the detector.
+
+    Args:
+        state: of the cycle before.
+        sample: see `DetectorSample`.
+        settings: see `DetectorSettings`.
+    """
+    state = _aged(state, settings)
+    measured = np.isfinite(sample.translation[0]) and np.isfinite(sample.rotation[0])
+    if not (measured and sample.usable and sample.converged):
+        blank = np.full(state.force.size, np.nan)
+        return DetectorCycle(state, JetTests(blank, blank, blank, blank), _NOT_TESTED, NO_ADAPTATION)
+
+    innovation = np.concatenate([sample.translation, sample.rotation])
+    coefficients = signatures(settings.unit_wrenches, sample.mass_properties, settings.period_s)
+    known = state.variance > 0.0
+    off = sample.command == 0.0
+    impossible_negative = off & ~known
+    impossible_positive = ~off & ~known if settings.mirror_sign_rule else np.zeros_like(off)
+    tests = jet_tests(
+        coefficients,
+        innovation,
+        sample.translation_information,
+        sample.rotation_information,
+        impossible_negative,
+        impossible_positive,
+    )
+    isolation = isolate(tests.likelihood, settings.clusters)
+    suspicious = isolation.cluster_margin > settings.margin
+    if suspicious and settings.signature_uncertainty:
+        tests = uncertain_jet_tests(
+            tests,
+            coefficients,
+            settings.unit_wrenches,
+            innovation,
+            sample.translation_covariance,
+            sample.rotation_covariance,
+            sample.mass_properties,
+            sample.state_covariance,
+            sample.mass_variance,
+            settings.period_s,
+            impossible_negative,
+            impossible_positive,
+        )
+        isolation = isolate(tests.likelihood, settings.clusters)
+    jet = isolation.jet
+    magnitude, unexplained = float(tests.magnitude[jet]), float(tests.unexplained[jet])
+    alarm = (
+        isolation.cluster_margin > settings.margin
+        and tests.likelihood[jet] >= settings.threshold
+        and abs(magnitude) >= settings.magnitude_threshold
+        and unexplained < settings.unexplained_limit
+    )
+    finding = Finding(
+        True,
+        bool(alarm),
+        isolation,
+        bool(alarm and isolation.jet_margin > settings.margin),
+        magnitude,
+        float(np.sqrt(tests.variance[jet])),
+        unexplained,
+        NOTHING,
+        0.0,
+        0.0,
+    )
+    if not alarm:
+        jumped = sample.firing and _rotation_nis(sample) > _JUMP_NIS
+        if jumped:
+            finding = finding._replace(event=JUMP, onset_s=sample.time_s - settings.period_s, alarms=1.0)
+        adaptation = NO_ADAPTATION._replace(mass_jumped=bool(jumped))
+        state = state if jumped else _followed(state, coefficients, sample, settings)
+        return DetectorCycle(state, tests, finding, adaptation)
+
+    adaptation = _correction(coefficients[jet], tests, jet, settings)
+    if known[jet]:
+        state, event = _corrected_force(state, tests, jet, settings)
+        onset_s, alarms = sample.time_s - settings.period_s, 1.0
+    else:
+        state, onset_s, alarms, event = _counted(state, tests, isolation, sample, settings)
+    finding = finding._replace(event=event, onset_s=onset_s, alarms=alarms)
+    return DetectorCycle(state, tests, finding, adaptation)
+
+
+def _rotation_nis(sample: DetectorSample) -> float:
+    return float(sample.rotation @ sample.rotation_information @ sample.rotation)
+
+
+def _aged(state: DetectorState, settings: DetectorSettings) -> DetectorState:
+    """A cycle later; a suspicion without a new alarm in time is dropped."""
+    if state.cluster == _QUIET:
+        return state
+    since = state.since + 1.0
+    if since > settings.alarm_gap:
+        return state._replace(cluster=_QUIET, alarms=0.0, since=0.0)
+    return state._replace(since=since)
+
+
+def _correction(signature: Array, tests: JetTests, jet: int, settings: DetectorSettings) -> Adaptation:
+    """Takes the likeliest jet's signature out of the innovations (4-29) to (4-32)."""
+    effect = float(tests.magnitude[jet]) * signature
+    spread = float(tests.variance[jet]) * (signature[:, None] * signature)
+    return Adaptation(settings.action, effect[:3], effect[3:], spread[:3, :3], spread[3:, 3:], mass_jumped=False)
+
+
+def _counted(
+    state: DetectorState,
+    tests: JetTests,
+    isolation: Isolation,
+    sample: DetectorSample,
+    settings: DetectorSettings,
+) -> tuple[DetectorState, float, float, int]:
+    """Counts an alarm, and declares the failure when there are enough in a row."""
+    jet, cluster = isolation.jet, float(isolation.cluster)
+    if state.cluster == cluster:
+        state = state._replace(alarms=state.alarms + 1.0, since=0.0)
+    else:
+        onset_s = sample.time_s - settings.period_s
+        state = state._replace(cluster=cluster, alarms=1.0, since=0.0, onset_s=onset_s)
+    onset_s, alarms = state.onset_s, state.alarms
+    if settings.alarms_to_declare == 0 or state.alarms < settings.alarms_to_declare:
+        return state, onset_s, alarms, NOTHING
+    force, variance, removed = state.force.copy(), state.variance.copy(), state.removed.copy()
+    # the jets that the data cannot tell apart are in question together
+    alike = (settings.clusters == isolation.cluster) & (tests.likelihood >= tests.likelihood[jet] - settings.margin)
+    removed[alike] = 1.0
+    if tests.magnitude[jet] > 0.0:
+        force[jet] = tests.magnitude[jet]
+        variance[jet] = max(float(tests.variance[jet]), settings.force_variance_floor)
+    state = state._replace(cluster=_QUIET, alarms=0.0, since=0.0, force=force, variance=variance, removed=removed)
+    return state, onset_s, alarms, DECLARED
+
+
+def _corrected_force(
+    state: DetectorState, tests: JetTests, jet: int, settings: DetectorSettings
+) -> tuple[DetectorState, int]:
+    """Corrects a known force that an alarm shows to have changed; withdraws it when nothing is left."""
+    force, variance = state.force.copy(), state.variance.copy()
+    force[jet] += tests.magnitude[jet]
+    variance[jet] = max(float(tests.variance[jet]), settings.force_variance_floor)
+    state = state._replace(force=force, variance=variance)
+    if abs(force[jet]) > 3.0 * np.sqrt(variance[jet]):
+        return state, NOTHING
+    force[jet] = variance[jet] = 0.0
+    return state, WITHDRAWN
+
+
+def _followed(
+    state: DetectorState, coefficients: Array, sample: DetectorSample, settings: DetectorSettings
+) -> DetectorState:
+    """One step of the filter of each known force on a sample without an alarm."""
+    jets = np.flatnonzero(state.variance)
+    if jets.size == 0:
+        return state
+    force, variance = state.force.copy(), state.variance.copy()
+    for jet in jets:
+        # Y holds variance c c^T already, so this is the Kalman gain
+        weighted = np.concatenate(
+            [
+                sample.translation_information @ coefficients[jet, :3],
+                sample.rotation_information @ coefficients[jet, 3:],
+            ]
+        )
+        innovation = np.concatenate([sample.translation, sample.rotation])
+        force[jet] += variance[jet] * float(weighted @ innovation)
+        information = float(weighted @ coefficients[jet])
+        variance[jet] = max(variance[jet] * (1.0 - variance[jet] * information), settings.force_variance_floor)
+    return state._replace(force=force, variance=variance)
+
+
+class KnownForce(NamedTuple):
+    """Effect of the known forces of failed jets on one sample.
+
+    Attributes:
+        wrench: torque about the vehicle origin and force, shape (6,).
+        translation_spread, rotation_spread: what their uncertainty adds to the covariances of the
+            velocity and rate increments, shape (3, 3) each.
+    """
+
+    wrench: Array
+    translation_spread: Array
+    rotation_spread: Array
+
+
+_NO_SPREAD = np.zeros((3, 3))
+NO_KNOWN_FORCE = KnownForce(np.zeros(6), _NO_SPREAD, _NO_SPREAD)
+
+
+def known_force(state: DetectorState, mass_properties: Array, settings: DetectorSettings) -> KnownForce:
+    """The wrench of known forces, and what their uncertainty adds to the measurements' covariance.
+
+    Args:
+        state: of the detector.
+        mass_properties: the ten predicted parameters, shape (10,).
+        settings: see `DetectorSettings`.
+    """
+    jets = np.flatnonzero(state.variance)
+    if jets.size == 0:
+        return NO_KNOWN_FORCE
+    wrenches = settings.unit_wrenches[jets]
+    c = signatures(wrenches, mass_properties, settings.period_s)
+    variance = state.variance[jets]
+    return KnownForce(
+        state.force[jets] @ wrenches,
+        (c[:, :3].T * variance) @ c[:, :3],
+        (c[:, 3:].T * variance) @ c[:, 3:],
+    )
+
+
+def judged(
+    state: DetectorState,
+    time_s: float,
+    command: Array,
+    usable: bool,
+    firing: bool,
+    translation: Array,
+    rotation: Array,
+    translation_covariance: Array,
+    rotation_covariance: Array,
+    rotation_estimate: Array,
+    state_covariance: Array,
+    mass_estimate: Array,
+    limits: Array,
+    settings: DetectorSettings,
+) -> DetectorCycle:
+    """One cycle of the detector from the filters' predictions and innovations.
+
+    Args:
+        state: of the cycle before.
+        time_s: of the sample, s.
+        command: fraction commanded over the interval that ended, shape (n_jets,).
+        usable, firing: see `DetectorSample`.
+        translation, rotation: innovations, NaN where not measured, shape (3,) each.
+        translation_covariance, rotation_covariance: theirs, shape (3, 3) each.
+        rotation_estimate: x, predicted, shape (9,).
+        state_covariance: S, predicted, shape (9, 9).
+        mass_estimate: 1/m and its variance, predicted; more elements are ignored.
+        limits: of convergence, see `mass_properties.converged`, shape (3,).
+        settings: see `DetectorSettings`.
+
+    Raises:
+        NotPositiveDefiniteError: when an innovation covariance is not positive definite.
+    """
+    parameters = np.append(rotation_estimate, mass_estimate[0])
+    deviation = np.sqrt(np.append(state_covariance.diagonal(), mass_estimate[1]))
+    sample = DetectorSample(
+        time_s=time_s,
+        command=command,
+        usable=usable,
+        firing=firing,
+        converged=converged(deviation, parameters, limits),
+        translation=translation,
+        rotation=rotation,
+        translation_covariance=translation_covariance,
+        rotation_covariance=rotation_covariance,
+        translation_information=inverse_positive_definite(translation_covariance, "innovation covariance"),
+        rotation_information=inverse_positive_definite(rotation_covariance, "innovation covariance"),
+        mass_properties=parameters,
+        state_covariance=state_covariance,
+        mass_variance=float(mass_estimate[1]),
+    )
+    return cycle(state, sample, settings)
+
+
+def status(result: DetectorCycle) -> Array:
+    """A cycle's finding as a vector for logs, shape (14,); see the `FailureDetector`'s port."""
+    finding = result.finding
+    return np.array(
+        [
+            finding.tested,
+            finding.alarm,
+            finding.event,
+            finding.isolation.cluster,
+            finding.isolation.jet,
+            finding.jet_isolated,
+            finding.magnitude,
+            finding.magnitude_std,
+            result.tests.likelihood[finding.isolation.jet],
+            finding.isolation.cluster_margin,
+            finding.isolation.jet_margin,
+            finding.unexplained,
+            finding.onset_s,
+            finding.alarms,
+        ]
+    )

@@ -1,0 +1,165 @@
+"""Detects and isolates failed jets."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.systems.framework import LeafSystem
+
+from massprop_drake.maths import adaptation, detection
+from massprop_drake.maths.detection import (
+    DECLARED,
+    N_KNOWN_FORCE,
+    DetectorCycle,
+    DetectorSettings,
+    DetectorState,
+    KnownForce,
+)
+from massprop_drake.maths.mass_properties import N_ROTATION
+from massprop_drake.systems._caching import Cached, Stopwatch
+from massprop_drake.systems.impulse_model import N_IMPULSES
+
+Array = NDArray[np.float64]
+
+N_STATUS = 14
+
+
+class FailureDetector(LeafSystem):
+    r"""Finds failed jets from the innovations of both filters, and what the filters are to do about them.
+
+    The constrained generalised likelihood ratio of one sample, the two-step isolation by the margin of
+    six, and the count of alarms that declares a failure; see `massprop_drake.maths.jet_failures` and
+    `massprop_drake.maths.detection`.
+
+    Ports:
+        jet_commands (in, n_jets): fraction commanded over the interval that ends now. Required.
+        impulses (in, 8): see `ImpulseModel`. Required.
+        rotation_innovation (in, 3), rotation_innovation_covariance (in, 9), predicted_estimate (in, 9),
+            predicted_covariance (in, 81): see `RotationEstimator`. Required.
+        mass_innovation (in, 3), mass_innovation_covariance (in, 9), mass_predicted (in, 5 + 3 n): see
+            `MassEstimator`. Required.
+        known_force (out, 24): wrench about the vehicle origin (6) of the known forces of failed jets, and
+            what their uncertainty adds to the covariances of the velocity (9) and rate (9) increments. No
+            feedthrough from innovations.
+        adaptation (out, 26): see `maths.adaptation`.
+        reconfiguration (out, 7 + n_jets): 1 when a failure is declared at this sample; wrench of the
+            known forces from now on (6); 1 for each jet to be taken out of use.
+        status (out, 14): tested; alarm; event (0 none, 1 declared, 2 jump, 3 withdrawn); index of the
+            likeliest jet's cluster; its index; 1 when the alarm names the jet; its magnitude and 1-sigma,
+            lbf or N; its likelihood argument; margins of the cluster and of the jet; what it leaves
+            unexplained; onset, s; alarms in a row.
+        likelihood (out, n_jets): argument of every jet, NaN where the sample was not tested.
+        magnitude (out, n_jets): estimated magnitude of every jet, lbf or N, likewise.
+        memory (out, 4 + 3 n_jets): the state. No feedthrough.
+
+    State: memory (4 + 3 n_jets): see `maths.detection.packed`.
+
+    Timing: outputs at t_k judge the interval [t_k-1, t_k) with predictions made before it.
+
+    Assumptions and limitations: one jet fails at a time; a failure below the sensors' resolution, or one
+    whose effect another jet's failure could have as well, is not told from it.
+
+    Args:
+        settings: see `maths.detection.DetectorSettings`.
+        limits: of convergence, see `maths.mass_properties.converged`, shape (3,).
+        jump_window: n of `mass_predicted`.
+    """
+
+    def __init__(self, settings: DetectorSettings, *, limits: Array, jump_window: int = 1):
+        super().__init__()
+        self.set_name("failure_detector")
+        n_jets = self._n_jets = settings.clusters.size
+        self._settings = settings
+        self._limits = limits
+        self.stopwatch = Stopwatch()
+
+        self._command = self.DeclareVectorInputPort("jet_commands", n_jets)
+        self._impulses = self.DeclareVectorInputPort("impulses", N_IMPULSES)
+        self._rotation = self.DeclareVectorInputPort("rotation_innovation", 3)
+        self._rotation_covariance = self.DeclareVectorInputPort("rotation_innovation_covariance", 9)
+        self._predicted = self.DeclareVectorInputPort("predicted_estimate", N_ROTATION)
+        self._predicted_covariance = self.DeclareVectorInputPort("predicted_covariance", N_ROTATION**2)
+        self._mass = self.DeclareVectorInputPort("mass_innovation", 3)
+        self._mass_covariance = self.DeclareVectorInputPort("mass_innovation_covariance", 9)
+        self._mass_predicted = self.DeclareVectorInputPort("mass_predicted", 5 + 3 * jump_window)
+        self._memory = self.DeclareDiscreteState(detection.packed(detection.initial_state(n_jets)))
+
+        # known forces enter the impulses, which make the innovations: they depend on the past alone
+        predictions = (self._predicted, self._mass_predicted)
+        self._known = Cached(
+            self,
+            "known force",
+            self._compute_known_force,
+            {self.xd_ticket(), *(self.input_port_ticket(port.get_index()) for port in predictions)},
+        )
+        self._cycle = Cached(self, "cycle", self._compute, {self.xd_ticket(), self.all_input_ports_ticket()})
+        self.DeclareVectorOutputPort(
+            "known_force", N_KNOWN_FORCE, self._calc_known_force, prerequisites_of_calc={self._known.ticket}
+        )
+        for name, size, calc in (
+            ("adaptation", adaptation.N_ADAPTATION, self._calc_adaptation),
+            ("reconfiguration", 7 + n_jets, self._calc_reconfiguration),
+            ("status", N_STATUS, self._calc_status),
+            ("likelihood", n_jets, self._calc_likelihood),
+            ("magnitude", n_jets, self._calc_magnitude),
+        ):
+            self.DeclareVectorOutputPort(name, size, calc, prerequisites_of_calc={self._cycle.ticket})
+        self.DeclareStateOutputPort("memory", self._memory)
+        self.DeclarePeriodicDiscreteUpdateEvent(period_sec=settings.period_s, offset_sec=0.0, update=self._update)
+
+    def _state(self, context: Any) -> DetectorState:
+        return detection.unpacked(context.get_discrete_state(self._memory).CopyToVector(), self._n_jets)
+
+    def _compute_known_force(self, context: Any) -> KnownForce:
+        estimate = np.append(self._predicted.Eval(context), self._mass_predicted.Eval(context)[0])
+        return detection.known_force(self._state(context), estimate, self._settings)
+
+    def _compute(self, context: Any) -> DetectorCycle:
+        impulses = self._impulses.Eval(context)
+        mass = self._mass_predicted.Eval(context)
+        return self.stopwatch.measure(
+            detection.judged,
+            self._state(context),
+            context.get_time(),
+            self._command.Eval(context),
+            impulses[6] != 0.0,
+            impulses[7] != 0.0,
+            self._mass.Eval(context),
+            self._rotation.Eval(context),
+            self._mass_covariance.Eval(context).reshape(3, 3),
+            self._rotation_covariance.Eval(context).reshape(3, 3),
+            self._predicted.Eval(context),
+            self._predicted_covariance.Eval(context).reshape(N_ROTATION, N_ROTATION),
+            mass,
+            self._limits,
+            self._settings,
+        )
+
+    def _calc_known_force(self, context: Any, output: Any) -> None:
+        known = self._known.get(self, context)
+        output.SetFromVector(
+            np.concatenate([known.wrench, known.translation_spread.ravel(), known.rotation_spread.ravel()])
+        )
+
+    def _calc_adaptation(self, context: Any, output: Any) -> None:
+        output.SetFromVector(adaptation.packed(self._cycle.get(self, context).adaptation))
+
+    def _calc_reconfiguration(self, context: Any, output: Any) -> None:
+        cycle = self._cycle.get(self, context)
+        wrench = cycle.state.force @ self._settings.unit_wrenches
+        declared = cycle.finding.event == DECLARED
+        output.SetFromVector(np.concatenate([[declared], wrench, cycle.state.removed]))
+
+    def _calc_status(self, context: Any, output: Any) -> None:
+        output.SetFromVector(detection.status(self._cycle.get(self, context)))
+
+    def _calc_likelihood(self, context: Any, output: Any) -> None:
+        output.SetFromVector(self._cycle.get(self, context).tests.likelihood)
+
+    def _calc_magnitude(self, context: Any, output: Any) -> None:
+        output.SetFromVector(self._cycle.get(self, context).tests.magnitude)
+
+    def _update(self, context: Any, state: Any) -> None:
+        state.set_value(self._memory, detection.packed(self._cycle.get(self, context).state))
