@@ -36,6 +36,9 @@ def build(scenario: Scenario) -> Diagram:
     connect_estimation(builder, body, pilot, estimators, scenario)
     if estimators.HasOutputPort("reconfiguration"):
         builder.Connect(estimators.GetOutputPort("reconfiguration"), pilot.GetInputPort("reconfiguration"))
+    if scenario.detector.close_manifold and estimators.HasOutputPort("closed"):
+        for name in ("closed", "held_closed"):
+            builder.Connect(estimators.GetOutputPort(name), body.GetInputPort(name))
     if scenario.autopilot.mass_properties == "estimated":
         for name in ("estimate", "converged"):
             builder.Connect(estimators.GetOutputPort(name), pilot.GetInputPort(name))

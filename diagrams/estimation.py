@@ -44,7 +44,8 @@ def build(scenario: Scenario) -> Diagram:
         mass_estimate (out, 2), mass_innovation (out, 3), mass_innovation_covariance (out, 9), mass_status (out, 6): see
             `MassEstimator`.
         reconfiguration (out, 7 + n_jets), detector_status (out, 14), detector_likelihood (out, n_jets),
-        detector_magnitude (out, n_jets), detector_memory (out, 4 + 3 n_jets), with a detector: see
+        detector_magnitude (out, n_jets), detector_memory (out, 4 + 4 n_jets), closed (out, n_jets), held_closed (out, n_jets), with a
+            detector: see
             `FailureDetector`.
     """
     vehicle = scenario.vehicle_data
@@ -142,7 +143,8 @@ def _add_detector(
         builder.Connect(detector.GetOutputPort("known_force"), system.GetInputPort("known_force"))
     for system in (rotation, mass):
         builder.Connect(detector.GetOutputPort("adaptation"), system.GetInputPort("adaptation"))
-    builder.ExportOutput(detector.GetOutputPort("reconfiguration"), "reconfiguration")
+    for name in ("reconfiguration", "closed", "held_closed"):
+        builder.ExportOutput(detector.GetOutputPort(name), name)
     for name in ("status", "likelihood", "magnitude", "memory"):
         builder.ExportOutput(detector.GetOutputPort(name), f"detector_{name}")
 

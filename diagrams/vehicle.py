@@ -26,6 +26,7 @@ def build(scenario: Scenario) -> Diagram:
 
     Ports:
         command (in, n_jets), held_command (in, n_jets): see `ReactionJets`.
+        closed (in, n_jets), held_closed (in, n_jets): see `ReactionJets`; may stay unconnected.
         <gyro> (out, 3): measured rate, rad/s, body axes, for each package.
         <accelerometer> (out, 3): integrated specific force, ft/s or m/s, body axes, for each package.
         body_state (out, 23), structure (out, 9), mass_properties (out, 10): the truth, see
@@ -59,8 +60,8 @@ def build(scenario: Scenario) -> Diagram:
     )
     wrench = "wrench" if make.time_step(scenario) == 0.0 else "wrench_profile"
     builder.Connect(jets.GetOutputPort(wrench), body.GetInputPort(wrench))
-    builder.ExportInput(jets.GetInputPort("command"), "command")
-    builder.ExportInput(jets.GetInputPort("held_command"), "held_command")
+    for name in ("command", "held_command", "closed", "held_closed"):
+        builder.ExportInput(jets.GetInputPort(name), name)
 
     noisy = []
     for package in vehicle.sensors:

@@ -187,13 +187,15 @@ def _problems(
     model: type[Model], data: Any, error: ValidationError, document: Document | None, source: str
 ) -> list[str]:
     problems = []
-    for item in error.errors(include_url=False):
+    # unknown keys first: a misspelt one is often the cause of a missing one
+    items = sorted(error.errors(include_url=False), key=lambda item: item["type"] != "extra_forbidden")
+    for item in items:
         path = _without_union_tags(item["loc"], data)
         if document is not None:
             where = document.where(path)
         else:
             where = ": ".join(part for part in (source, dotted(path)) if part)
-        problems.append(f"{where}: {_sentence(model, item, path)}")
+        problems.append(f"{where}: {_sentence(model, data, item, path)}")
     return list(dict.fromkeys(problems))
 
 
@@ -210,12 +212,16 @@ def _without_union_tags(location: tuple[str | int, ...], data: Any) -> Path_:
     return tuple(path)
 
 
-def _sentence(model: type[Model], item: Any, path: Path_) -> str:
+def _sentence(model: type[Model], data: Any, item: Any, path: Path_) -> str:
     kind, given = item["type"], item.get("input")
     if kind == "missing":
         return "missing; this field is required"
     if kind == "extra_forbidden":
-        return f"unknown key{suggestion(path[-1], _keys_at(model, path[:-1]))}"
+        return f"unknown key{suggestion(path[-1], list(_model_at(model, path[:-1], data).model_fields))}"
+    if kind in ("union_tag_not_found", "union_tag_invalid"):
+        expected = item["ctx"].get("expected_tags", "'kind'")
+        found = f"kind {item['ctx']['tag']!r} is not one of" if "tag" in item["ctx"] else "missing kind; one of"
+        return f"{found} {_tags_at(model, path, data) or expected}"
     message = item["msg"].removeprefix("Value error, ")
     if kind == "value_error":
         return message
@@ -229,26 +235,36 @@ def _sentence(model: type[Model], item: Any, path: Path_) -> str:
     return message
 
 
-def _keys_at(model: type[Model], path: Path_) -> list[str]:
-    here: Any = model
+def _model_at(model: type[Model], path: Path_, data: Any) -> type[Model]:
+    """The model at a path of some data."""
+    here: list[type[Model]] = [model]
     for part in path:
-        if isinstance(part, int):
-            continue
-        here = _model_in(here.model_fields[part].annotation) if part in here.model_fields else None
-        if here is None:
-            return []
-    return list(here.model_fields)
+        data = data[part]
+        if isinstance(part, str) and part in here[0].model_fields:
+            here = _models_in(here[0].model_fields[part].annotation) or here
+        if len(here) > 1 and isinstance(data, dict):  # a union: the member that the data name
+            here = [member for member in here if _tag_of(member) == data.get("kind")] or here
+    return here[0]
 
 
-def _model_in(annotation: Any) -> type[Model] | None:
-    """The first model that an annotation such as list[Model] or Model | None holds."""
+def _tags_at(model: type[Model], path: Path_, data: Any) -> str:
+    """Kinds that the union at a path of some data knows."""
+    names = [part for part in path if isinstance(part, str)]
+    holder = _model_at(model, path[: path.index(names[-1])], data)
+    members = _models_in(holder.model_fields[names[-1]].annotation)
+    return ", ".join(_tag_of(member) for member in members)
+
+
+def _models_in(annotation: Any) -> list[type[Model]]:
+    """The models that an annotation such as list[Model], Model | None or a union of models holds."""
     if isinstance(annotation, type) and issubclass(annotation, Model):
-        return annotation
-    for argument in typing.get_args(annotation):
-        found = _model_in(argument)
-        if found is not None:
-            return found
-    return None
+        return [annotation]
+    return [found for argument in typing.get_args(annotation) for found in _models_in(argument)]
+
+
+def _tag_of(model: type[Model]) -> str:
+    """The value of `kind` that picks a member of a union."""
+    return str(typing.get_args(model.model_fields["kind"].annotation)[0])
 
 
 # ---------------------------------------------------------------------------------------- writing
@@ -307,11 +323,12 @@ def keys(model: type[Model], prefix: str = "") -> list[Key]:
             default = "see below" if isinstance(value, Model) else _plain(value)
         full = f"{prefix}{name}"
         found.append(Key(full, _type_name(field.annotation), unit, default, field.description or ""))
-        inner = _model_in(field.annotation)
-        if inner is not None:
-            kind = _type_name(field.annotation)
-            inside = "[]" if kind.startswith("list") else "{}" if kind.startswith("map of") else ""
-            found.extend(keys(inner, f"{full}{inside}."))
+        kind = _type_name(field.annotation)
+        inside = "[]" if kind.startswith("list") else "{}" if kind.startswith("map of") else ""
+        members = _models_in(field.annotation)
+        for member in members:
+            which = "" if len(members) == 1 else f" ({_tag_of(member)})"
+            found.extend(keys(member, f"{full}{inside}{which}."))
     return found
 
 
@@ -336,7 +353,7 @@ def _type_name(annotation: Any) -> str:
     if origin is typing.Literal:
         return " | ".join(str(argument) for argument in arguments)
     if origin in (typing.Union, types.UnionType):
-        return " | ".join(_type_name(argument) for argument in arguments)
+        return " | ".join(dict.fromkeys(_type_name(argument) for argument in arguments))
     if origin is list:
         return f"list of {_type_name(arguments[0])}"
     if origin is tuple:

@@ -321,6 +321,9 @@ class DetectorSettings(Model):
     reconfigure_after: Whole | None = described(
         2, "alarms in a row that declare a failure and reset the jet logic; null: never", "-", ge=1
     )
+    close_manifold: Flag = described(
+        False, "whether a declared failure closes the jet's manifold: its jets stop, and all are out of use"
+    )
     alarm_gap: Whole = described(3, "cycles between two alarms in a row at the most", "-", ge=1)
 
 

@@ -247,6 +247,12 @@ _ACTIONS = {
 }
 
 
+def _manifolds(vehicle: Vehicle) -> NDArray[np.int_]:
+    """Index of each jet's manifold, -1 where it has none."""
+    names = sorted({jet.manifold for jet in vehicle.jets if jet.manifold is not None})
+    return np.array([-1 if jet.manifold is None else names.index(jet.manifold) for jet in vehicle.jets])
+
+
 def detector_settings(scenario: Scenario) -> DetectorSettings:
     """Settings of the failure detector."""
     vehicle, detector = scenario.vehicle_data, scenario.detector
@@ -265,4 +271,5 @@ def detector_settings(scenario: Scenario) -> DetectorSettings:
         alarm_gap=detector.alarm_gap,
         action=_ACTIONS[detector.on_detection],
         force_variance_floor=0.01,
+        manifolds=_manifolds(vehicle) if detector.close_manifold else np.full(len(vehicle.jets), -1),
     )

@@ -16,11 +16,13 @@ from pydrake.systems.primitives import LogVectorOutput, VectorLogSink
 from massprop_drake import settings as make
 from massprop_drake.diagrams import closed_loop, open_loop
 from massprop_drake.maths import detection, mass_properties
+from massprop_drake.maths.jet_selection import activity_vectors
 from massprop_drake.maths.mass_properties import N_ROTATION, MassProperties, six_elements, symmetric
 from massprop_drake.maths.rigid_body import MASS, POSITION, QUATERNION, RATE, VELOCITY
 from massprop_drake.models import digest
 from massprop_drake.run import Run
 from massprop_drake.scenario import Scenario
+from massprop_drake.systems.jet_selection_program import JetSelectionProgram
 from massprop_drake.vehicle import Vehicle
 
 Array = NDArray[np.float64]
@@ -236,6 +238,7 @@ def _summary(
             "firings": int(firings(commands)),
             "propellant_mass": _propellant(scenario, signals),
             **_selection(signals),
+            "control_authority": _authority(scenario, signals),
         },
         "provenance": {
             "drake": version("drake"),
@@ -345,6 +348,29 @@ def _propellant(scenario: Scenario, signals: dict[str, Array]) -> float:
     vehicle = scenario.vehicle_data
     level = signals["thrust"][:-1] / np.linalg.norm(vehicle.thrusts, axis=1)
     return float((level @ make.plant_wrenches(scenario)[:, 6]).sum() * vehicle.sample_period_s)
+
+
+def _authority(scenario: Scenario, signals: dict[str, Array]) -> dict[str, Any] | None:
+    """Largest change of rate and velocity in one second of firing, per axis and direction, by nominal mass
+    properties: with all selectable jets, and with those left at the end. None without an autopilot.
+    """
+    if "out_of_use" not in signals:
+        return None
+    vehicle = scenario.vehicle_data
+    program = JetSelectionProgram(vehicle.mass_flows)
+    activity = activity_vectors(vehicle.wrenches, vehicle.nominal.vector())
+    left = make.selectable(scenario) & (signals["out_of_use"][-1] == 0.0)
+
+    def reach(available: NDArray[np.bool_]) -> dict[str, float]:
+        limits = np.where(available, 1.0, 0.0)
+        return {
+            f"{quantity}_{sign}{axis}": program.reach(activity, row, 1.0 if sign == "+" else -1.0, limits)
+            for row, (quantity, axis) in enumerate((q, a) for q in ("rotation", "translation") for a in "xyz")
+            for sign in "+-"
+        }
+
+    before = reach(make.selectable(scenario))
+    return {"before": before, "after": before if left.sum() == make.selectable(scenario).sum() else reach(left)}
 
 
 def _selection(signals: dict[str, Array]) -> dict[str, int | None]:

@@ -84,6 +84,9 @@ class Jet(Model):
         ..., "direction of the force on the vehicle, body axes; length 1 within 0.002, normalised"
     )
     thrust: Real = described(..., "force on the vehicle, plume impingement included", "lbf | N", gt=0.0)
+    manifold: Text | None = described(
+        None, "name of the propellant manifold that feeds it; null: none that can be closed"
+    )
     mass_flow: Real | None = described(
         None,
         "propellant flow at full thrust; null: nominal thrust / (g0 x specific impulse) of its kind",

@@ -20,6 +20,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from massprop_drake.maths.adaptation import NO_ADAPTATION, Adaptation
 from massprop_drake.maths.jet_failures import (
@@ -58,10 +59,12 @@ class DetectorSettings(NamedTuple):
         alarm_gap: cycles between two alarms in a row at the most.
         action: what the filters do on an alarm, see `maths.adaptation`.
         force_variance_floor: of a known force, lbf^2 or N^2.
+        manifolds: index of the manifold that is closed when a jet's failure is declared, -1: none is,
+            shape (n_jets,).
     """
 
     period_s: float
-    clusters: Array
+    clusters: NDArray[np.int_]
     unit_wrenches: Array
     margin: float
     threshold: float
@@ -73,6 +76,7 @@ class DetectorSettings(NamedTuple):
     alarm_gap: int
     action: int
     force_variance_floor: float
+    manifolds: NDArray[np.int_]
 
 
 class DetectorState(NamedTuple):
@@ -86,6 +90,7 @@ class DetectorState(NamedTuple):
         force: known force of each jet, lbf or N, shape (n_jets,).
         variance: of it; zero where no force is known, shape (n_jets,).
         removed: 1 for each jet to be taken out of use, shape (n_jets,).
+        closed: 1 for each jet whose manifold has been closed, shape (n_jets,).
     """
 
     cluster: float
@@ -95,22 +100,23 @@ class DetectorState(NamedTuple):
     force: Array
     variance: Array
     removed: Array
+    closed: Array
 
 
 def initial_state(n_jets: int) -> DetectorState:
     """Nothing suspected, nothing known."""
-    return DetectorState(_QUIET, 0.0, 0.0, 0.0, np.zeros(n_jets), np.zeros(n_jets), np.zeros(n_jets))
+    return DetectorState(_QUIET, 0.0, 0.0, 0.0, *np.zeros((4, n_jets)))
 
 
 def packed(state: DetectorState) -> Array:
-    """The state as a vector, shape (4 + 3 n_jets,)."""
+    """The state as a vector, shape (4 + 4 n_jets,)."""
     head = [state.cluster, state.alarms, state.since, state.onset_s]
-    return np.concatenate([head, state.force, state.variance, state.removed])
+    return np.concatenate([head, state.force, state.variance, state.removed, state.closed])
 
 
 def unpacked(vector: Array, n_jets: int) -> DetectorState:
     """The inverse of `packed`."""
-    parts = vector[4:].reshape(3, n_jets)
+    parts = vector[4:].reshape(4, n_jets)
     return DetectorState(*vector[:4].tolist(), *parts)
 
 
@@ -319,12 +325,17 @@ def _counted(
     force, variance, removed = state.force.copy(), state.variance.copy(), state.removed.copy()
     # the jets that the data cannot tell apart are in question together
     alike = (settings.clusters == isolation.cluster) & (tests.likelihood >= tests.likelihood[jet] - settings.margin)
+    manifold = settings.manifolds[jet]
+    closed = state.closed
+    if manifold >= 0:
+        alike |= settings.manifolds == manifold
+        closed = np.where(settings.manifolds == manifold, 1.0, closed)
     removed[alike] = 1.0
-    if tests.magnitude[jet] > 0.0:
+    if tests.magnitude[jet] > 0.0 and manifold < 0:
         force[jet] = tests.magnitude[jet]
         variance[jet] = max(float(tests.variance[jet]), settings.force_variance_floor)
     state = state._replace(cluster=_QUIET, alarms=0.0, since=0.0, force=force, variance=variance, removed=removed)
-    return state, onset_s, alarms, DECLARED
+    return state._replace(closed=closed), onset_s, alarms, DECLARED
 
 
 def _corrected_force(

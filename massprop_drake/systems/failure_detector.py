@@ -46,15 +46,17 @@ class FailureDetector(LeafSystem):
         adaptation (out, 26): see `maths.adaptation`.
         reconfiguration (out, 7 + n_jets): 1 when a failure is declared at this sample; wrench of the
             known forces from now on (6); 1 for each jet to be taken out of use.
+        closed (out, n_jets): 1 for each jet whose manifold is closed from now on.
+        held_closed (out, n_jets): the same up to now. No feedthrough.
         status (out, 14): tested; alarm; event (0 none, 1 declared, 2 jump, 3 withdrawn); index of the
             likeliest jet's cluster; its index; 1 when the alarm names the jet; its magnitude and 1-sigma,
             lbf or N; its likelihood argument; margins of the cluster and of the jet; what it leaves
             unexplained; onset, s; alarms in a row.
         likelihood (out, n_jets): argument of every jet, NaN where the sample was not tested.
         magnitude (out, n_jets): estimated magnitude of every jet, lbf or N, likewise.
-        memory (out, 4 + 3 n_jets): the state. No feedthrough.
+        memory (out, 4 + 4 n_jets): the state. No feedthrough.
 
-    State: memory (4 + 3 n_jets): see `maths.detection.packed`.
+    State: memory (4 + 4 n_jets): see `maths.detection.packed`.
 
     Timing: outputs at t_k judge the interval [t_k-1, t_k) with predictions made before it.
 
@@ -101,11 +103,15 @@ class FailureDetector(LeafSystem):
         for name, size, calc in (
             ("adaptation", adaptation.N_ADAPTATION, self._calc_adaptation),
             ("reconfiguration", 7 + n_jets, self._calc_reconfiguration),
+            ("closed", n_jets, self._calc_closed),
             ("status", N_STATUS, self._calc_status),
             ("likelihood", n_jets, self._calc_likelihood),
             ("magnitude", n_jets, self._calc_magnitude),
         ):
             self.DeclareVectorOutputPort(name, size, calc, prerequisites_of_calc={self._cycle.ticket})
+        self.DeclareVectorOutputPort(
+            "held_closed", n_jets, self._calc_held_closed, prerequisites_of_calc={self.xd_ticket()}
+        )
         self.DeclareStateOutputPort("memory", self._memory)
         self.DeclarePeriodicDiscreteUpdateEvent(period_sec=settings.period_s, offset_sec=0.0, update=self._update)
 
@@ -151,6 +157,12 @@ class FailureDetector(LeafSystem):
         wrench = cycle.state.force @ self._settings.unit_wrenches
         declared = cycle.finding.event == DECLARED
         output.SetFromVector(np.concatenate([[declared], wrench, cycle.state.removed]))
+
+    def _calc_closed(self, context: Any, output: Any) -> None:
+        output.SetFromVector(self._cycle.get(self, context).state.closed)
+
+    def _calc_held_closed(self, context: Any, output: Any) -> None:
+        output.SetFromVector(self._state(context).closed)
 
     def _calc_status(self, context: Any, output: Any) -> None:
         output.SetFromVector(detection.status(self._cycle.get(self, context)))

@@ -50,6 +50,8 @@ class ReactionJets(LeafSystem):
             `thrust` and `wrench_profile`.
         held_command (in, n_jets): the command of the sample now running; at t_k before the update,
             of the one that ended. Required.
+        closed (in, n_jets), held_closed (in, n_jets): 1 for each jet whose manifold is closed over the
+            coming and over the running sample. Optional.
         thrust (out, n_jets): mean force over the coming sample, lbf or N, along each jet's direction.
         wrench (out, 7): torque about the vehicle origin (3), force (3), body axes, and mass flow, at this
             instant; for a continuous plant.
@@ -95,19 +97,17 @@ class ReactionJets(LeafSystem):
 
         command = self._command = self.DeclareVectorInputPort("command", n_jets)
         held = self._held = self.DeclareVectorInputPort("held_command", n_jets)
+        closed = self._closed = self.DeclareVectorInputPort("closed", n_jets)
+        held_closed = self._held_closed = self.DeclareVectorInputPort("held_closed", n_jets)
         self._level = self.DeclareDiscreteState(n_jets)
         self._updated_s = self.DeclareDiscreteState([-period_s])
         # `wrench` must not depend on `command`: with a continuous plant that would close an algebraic
         # loop through the sensors and the autopilot
-        coming = {
-            self.input_port_ticket(command.get_index()),
-            self.input_port_ticket(held.get_index()),
-            self.xd_ticket(),
-            self.time_ticket(),
-        }
-        now = {self.input_port_ticket(held.get_index()), self.xd_ticket(), self.time_ticket()}
+        running = {self.input_port_ticket(port.get_index()) for port in (held, held_closed)}
+        running |= {self.xd_ticket(), self.time_ticket()}
+        coming = running | {self.input_port_ticket(port.get_index()) for port in (command, closed)}
         self.DeclareVectorOutputPort("thrust", n_jets, self._calc_thrust, prerequisites_of_calc=coming)
-        self.DeclareVectorOutputPort("wrench", N_WRENCH, self._calc_wrench, prerequisites_of_calc=now)
+        self.DeclareVectorOutputPort("wrench", N_WRENCH, self._calc_wrench, prerequisites_of_calc=running)
         self.DeclareVectorOutputPort(
             "wrench_profile",
             N_WRENCH * (1 + len(self._classes.time_constants_s)),
@@ -125,12 +125,17 @@ class ReactionJets(LeafSystem):
     def _target(self, context: Any) -> Array:
         """What each jet's level tends to over the coming sample."""
         sample = round(context.get_time() / self._period_s)
-        return delivered(self._command.Eval(context), sample, self._period_s, self._failures, self._seed)
+        target = delivered(self._command.Eval(context), sample, self._period_s, self._failures, self._seed)
+        return self._unless_closed(context, target, self._closed)
 
     def _held_target(self, context: Any) -> Array:
         """What it tends to over the sample that the last update began."""
         sample = round(context.get_discrete_state(self._updated_s).GetAtIndex(0) / self._period_s)
-        return delivered(self._held.Eval(context), sample, self._period_s, self._failures, self._seed)
+        target = delivered(self._held.Eval(context), sample, self._period_s, self._failures, self._seed)
+        return self._unless_closed(context, target, self._held_closed)
+
+    def _unless_closed(self, context: Any, target: Array, closed: Any) -> Array:
+        return target * (1.0 - closed.Eval(context)) if closed.HasValue(context) else target
 
     def _level_now(self, context: Any) -> Array:
         """Level at this sample, before the update: a period after the level in the state."""
