@@ -1,0 +1,89 @@
+# Everything is installed into a virtual environment, .venv. Once it is there, every target works offline:
+# packages are installed again only when pyproject.toml has changed.
+#
+#   make demo PYTHON=python3.13        another Python (of a new environment)
+#   make test PYTEST_FLAGS="-k gyro"   other flags for pytest
+
+PYTHON ?= python3
+VENV := .venv
+PYTEST_FLAGS ?= -n 2
+
+BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip --disable-pip-version-check
+# built with the environment's own setuptools: an isolated build would download it anew each time
+INSTALL := $(PIP) install --no-build-isolation
+
+# folders count too: they are newer once a file in them has gone
+PACKAGE := $(shell find massprop_drake diagrams scenarios -name __pycache__ -prune -o -print)
+TYPES := build/types
+
+# what else is on the search path could shadow the environment
+unexport PYTHONPATH PYTHONHOME
+
+.DELETE_ON_ERROR:
+.NOTPARALLEL:
+.PHONY: help demo test lint types bench wheel clean
+
+help: ## shows this list
+	@sed -n 's/^\([a-z]*\):.*## \(.*\)/  make \1:\2/p' $(MAKEFILE_LIST) | awk -F: '{ printf "%-14s %s\n", $$1, $$2 }'
+
+demo: $(VENV)/.installed ## estimates the orbiter's mass properties from the sample maneuver
+	$(BIN)/massprop run sample_maneuver
+
+test: $(VENV)/.installed-test ## runs all tests
+	$(BIN)/python -m pytest $(PYTEST_FLAGS)
+
+lint: $(VENV)/.installed-dev ## checks style and format
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+# the wheel, in an environment of its own and from another folder: the checkout would shadow the package,
+# and mypy does not follow an editable install's mapping of diagrams/ and scenarios/
+types: $(TYPES)/.installed ## checks types of the built wheel
+	cd $(TYPES) && venv/bin/mypy --config-file "$(CURDIR)/pyproject.toml" -p massprop_drake
+
+bench: $(VENV)/.installed ## measures speed
+	$(BIN)/python benchmarks/closed_loop.py
+
+wheel: dist/.built ## builds the wheel into dist/
+
+clean: ## removes environments, builds and caches; leaves runs/
+	rm -rf $(VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
+
+# ------------------------------------------------------------------------------------ environments
+
+$(VENV)/.created:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+	    { echo "massprop_drake needs Python 3.11 or newer; name one with 'make PYTHON=python3.12 ...'" >&2; exit 1; }
+	$(PYTHON) -m venv --clear $(VENV)
+	$(PIP) install "setuptools>=77"
+	@touch $@
+
+# each environment holds the one before it, so whatever order they are made in, nothing is made twice
+$(VENV)/.installed: pyproject.toml $(VENV)/.created
+	$(INSTALL) --editable .
+	@touch $@
+
+$(VENV)/.installed-test: $(VENV)/.installed
+	$(INSTALL) --editable ".[test]"
+	@touch $@
+
+$(VENV)/.installed-dev: $(VENV)/.installed-test
+	$(INSTALL) --editable ".[dev]"
+	@touch $@
+
+# setuptools would pack what an earlier build left in build/lib
+dist/.built: pyproject.toml README.md LICENSE $(PACKAGE) $(VENV)/.created
+	rm -rf dist build/lib build/bdist.*
+	$(PIP) wheel --no-build-isolation --no-deps --wheel-dir dist .
+	@touch $@
+
+$(TYPES)/.created: pyproject.toml | dist/.built
+	$(BIN)/python -m venv --clear $(TYPES)/venv
+	wheel="$$(echo dist/*.whl)" && $(TYPES)/venv/bin/python -m pip --disable-pip-version-check install "$$wheel[types]"
+	@touch $@
+
+$(TYPES)/.installed: dist/.built $(TYPES)/.created
+	$(TYPES)/venv/bin/python -m pip --disable-pip-version-check install --no-deps --force-reinstall dist/*.whl
+	@touch $@

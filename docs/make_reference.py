@@ -1,0 +1,86 @@
+"""Writes the tables of keys in vehicle.md and scenario.md from the code; the text above them is kept.
+
+python docs/make_reference.py
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+from massprop_drake.models import Key, Model, keys
+from massprop_drake.scenario import Scenario
+from massprop_drake.vehicle import Vehicle
+
+DOCS = Path(__file__).parent
+PAGES: dict[str, type[Model]] = {"vehicle.md": Vehicle, "scenario.md": Scenario}
+MARK = "<!-- docs/make_reference.py writes what follows from the code: edit the descriptions there -->"
+HEADINGS = ("key", "type", "unit", "default", "meaning")
+_LONG = 12  # characters of a number beyond which its page shows six digits
+
+
+def updated(text: str, model: type[Model]) -> str:
+    """A page's text with its tables made anew.
+
+    Args:
+        text: of the page; what stands before `MARK` is kept.
+        model: whose keys are shown.
+
+    Raises:
+        ValueError: when the page has no `MARK`.
+    """
+    introduction, mark, _ = text.partition(MARK)
+    if not mark:
+        raise ValueError(f"the page has no line '{MARK}' to write below")
+    return f"{introduction}{MARK}\n\n{reference(model)}"
+
+
+def reference(model: type[Model]) -> str:
+    """A table of keys for the file itself, then one for each mapping in it, in Markdown."""
+    shown = [key for key in keys(model) if not key.name.startswith("vehicle.")]  # a scenario's: on a page of its own
+    meanings = {key.name: key.meaning for key in shown}
+    groups: dict[str, list[Key]] = {}
+    for key in shown:
+        groups.setdefault(key.name.rpartition(".")[0], []).append(key)
+    parts = []
+    for parent, members in groups.items():
+        meaning = meanings.get(parent.removesuffix("[]").removesuffix("{}"), "")
+        heading = f"`{parent}`: {_escaped(meaning.partition(';')[0])}" if parent else "Top level"
+        parts.append("\n".join([f"### {heading}", "", *_table(members)]))
+    return "\n\n".join(parts) + "\n"
+
+
+def _table(members: list[Key]) -> list[str]:
+    rows = [HEADINGS, ("---",) * len(HEADINGS), *map(_cells, members)]
+    return ["| " + " | ".join(cells) + " |" for cells in rows]
+
+
+def _cells(key: Key) -> tuple[str, ...]:
+    return (f"`{key.name}`", *map(_escaped, (key.type, key.unit)), _default(key), _escaped(key.meaning))
+
+
+def _escaped(text: str) -> str:
+    """Text with what Markdown's tables would take as marks."""
+    return text.replace("|", "\\|").replace("<", "\\<")
+
+
+def _default(key: Key) -> str:
+    """A default as it is written in a file; angles in degrees too."""
+    if key.default in ("required", "see below"):
+        return key.default
+    if key.type != "number" or len(key.default) < _LONG:
+        return f"`{key.default}`" if key.default else '`""`'
+    value = float(key.default)
+    degrees = f" ({math.degrees(value):.6g} deg{key.unit.removeprefix('rad')})" if key.unit.startswith("rad") else ""
+    return f"`{value:.6g}`{degrees}"
+
+
+def main() -> None:
+    """Writes the pages."""
+    for name, model in PAGES.items():
+        page = DOCS / name
+        page.write_text(updated(page.read_text(encoding="utf-8"), model), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,47 @@
+"""What README.md shows works as shown."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from massprop_drake import load_scenario, simulate
+
+README = (Path(__file__).parent.parent / "README.md").read_text(encoding="utf-8")
+
+
+def blocks(language: str) -> list[str]:
+    return re.findall(rf"^```{language}\n(.*?)^```$", README, flags=re.DOTALL | re.MULTILINE)
+
+
+@pytest.mark.parametrize(
+    "code", blocks("python"), ids=lambda code: f"line {README[: README.index(code)].count(chr(10))}"
+)
+def test_python_runs(code: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    exec(compile(code, "README.md", "exec"), {"__name__": "readme"})
+
+
+def test_real_time_example_prints_what_the_text_says(capsys: pytest.CaptureFixture[str]) -> None:
+    code = next(code for code in blocks("python") if "estimator.step" in code)
+    exec(compile(code, "README.md", "exec"), {"__name__": "readme"})
+    printed = capsys.readouterr().out.strip()
+    assert f"This prints `{printed}`" in README
+
+
+def test_scenario_runs(tmp_path: Path) -> None:
+    (text,) = blocks("yaml")
+    path = tmp_path / "with_payload.yaml"
+    path.write_text(text, encoding="utf-8")
+    scenario = load_scenario(path)
+    assert scenario.name == path.stem
+    assert simulate(scenario).summary["duration_s"] == pytest.approx(scenario.duration_s)
+
+
+def test_links_lead_somewhere() -> None:
+    links = [link for link in re.findall(r"\]\(([^)#]+)\)", README) if not link.startswith("https://")]
+    missing = [link for link in links if not (Path(__file__).parent.parent / link).exists()]
+    assert "LICENSE" in links
+    assert missing == []

@@ -1,0 +1,81 @@
+"""The pages on file formats say what the code says, and their examples work."""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+from massprop_drake import load_scenario, load_vehicle, simulate
+from massprop_drake.models import keys
+from massprop_drake.scenario import Scenario
+from massprop_drake.vehicle import Vehicle
+
+DOCS = Path(__file__).parent.parent / "docs"
+
+
+@pytest.fixture(scope="module")
+def make_reference() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("make_reference", DOCS / "make_reference.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def yaml_examples(page: str) -> list[str]:
+    text = (DOCS / page).read_text(encoding="utf-8")
+    return re.findall(r"^```yaml\n(.*?)^```$", text, flags=re.DOTALL | re.MULTILINE)
+
+
+@pytest.fixture
+def examples(tmp_path: Path) -> Path:
+    """A folder with the examples of both pages as files, named by their names."""
+    for text in (*yaml_examples("vehicle.md"), *yaml_examples("scenario.md")):
+        name = re.match(r"name: (\w+)$", text, flags=re.MULTILINE)
+        assert name is not None, text
+        (tmp_path / f"{name[1]}.yaml").write_text(text, encoding="utf-8")
+    return tmp_path
+
+
+@pytest.mark.parametrize("name", ["vehicle.md", "scenario.md"])
+def test_page_matches_the_code(name: str, make_reference: ModuleType) -> None:
+    page = (DOCS / name).read_text(encoding="utf-8")
+    expected = make_reference.updated(page, make_reference.PAGES[name])
+    assert page == expected, "run 'python docs/make_reference.py' and commit what it writes"
+
+
+@pytest.mark.parametrize(("name", "model"), [("vehicle.md", Vehicle), ("scenario.md", Scenario)])
+def test_page_has_every_key_once(name: str, model: type[Vehicle] | type[Scenario]) -> None:
+    page = (DOCS / name).read_text(encoding="utf-8")
+    shown = re.findall(r"^\| `([^`]+)` \|", page, flags=re.MULTILINE)
+    # a vehicle inside a scenario has a page of its own
+    assert sorted(shown) == sorted(key.name for key in keys(model) if not key.name.startswith("vehicle."))
+
+
+def test_page_without_its_mark_is_refused(make_reference: ModuleType) -> None:
+    with pytest.raises(ValueError, match="the page has no line"):
+        make_reference.updated("# A page\n", Vehicle)
+
+
+def test_example_vehicle_is_valid(examples: Path) -> None:
+    vehicle = load_vehicle(examples / "servicer.yaml")
+    assert vehicle.units == "si"
+    assert len(vehicle.jets) == 12
+
+
+def test_example_scenario_finds_the_truth(examples: Path) -> None:
+    run = simulate(load_scenario(examples / "check_out.yaml"))
+    estimate, truth = run["estimate"][-1], run["truth"][-1]
+    assert truth[9] == pytest.approx(1.0 / 432.0, rel=1e-3)  # less 0.1 kg of propellant
+    assert (abs(estimate - truth) <= 4.0 * run["standard_deviation"][-1]).all()
+
+
+def test_example_of_variants_is_valid(examples: Path) -> None:
+    scenario = load_scenario(examples / "extended_filter.yaml")
+    assert scenario.rotation.filter == "extended"
+    assert scenario.mass.compensation == "transverse_centripetal"
