@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from massprop_drake import load_scenario, simulate
 from massprop_drake.signals import SYMBOLS
-from massprop_drake.simulation import from_names
+from massprop_drake.summary import from_names
 
 Array = NDArray[np.float64]
 

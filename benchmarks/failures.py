@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from massprop_drake import load_scenario, simulate
-from massprop_drake.simulation import from_names
+from massprop_drake.summary import from_names
 
 Array = NDArray[np.float64]
 
@@ -75,6 +75,11 @@ def fly(case: tuple[str, ...], seed: int) -> Outcome:
     )
 
 
+def say(label: str, value: object) -> None:
+    """Prints a row."""
+    print(f"  {label:50} {value}")
+
+
 def span(values: Any) -> str:
     """Median and range."""
     array = np.asarray(list(values), dtype=float)
@@ -90,38 +95,34 @@ def first(outcome: Outcome, mask: Array, after: float = 50.0) -> float:
 def stuck(results: list[Outcome], healthy: list[Outcome], jet: int, cluster: int, magnitude: float) -> None:
     """A hard failure with reconfiguration."""
     wrong = sum(int((r.alarm & r.isolated & (r.jet != jet) & (r.time_s < 56.0)).sum()) for r in results)
-    print(
-        f"  first alarm of its cluster, samples after 50 s   {span(first(r, r.alarm & (r.cluster == cluster)) for r in results)}"
+    say(
+        "first alarm of its cluster, samples after 50 s",
+        span(first(r, r.alarm & (r.cluster == cluster)) for r in results),
     )
-    print(
-        f"  first alarm that names the jet                   {span(first(r, r.alarm & r.isolated & (r.jet == jet)) for r in results)}"
-    )
-    print(f"  alarms that name a wrong jet (to 56 s)           {wrong}")
-    print(
-        f"  declared, s after 50 s                           {span(d['time_s'] - 50.0 for r in results for d in r.detections[:1])}"
-    )
-    print(
-        f"  kinds and jets declared                          {sorted({(d['kind'], d['jet']) for r in results for d in r.detections})}"
-    )
+    say("first alarm that names the jet", span(first(r, r.alarm & r.isolated & (r.jet == jet)) for r in results))
+    say("alarms that name a wrong jet (to 56 s)", wrong)
+    say("declared, s after 50 s", span(d["time_s"] - 50.0 for r in results for d in r.detections[:1]))
+    say("kinds and jets declared", sorted({(d["kind"], d["jet"]) for r in results for d in r.detections}))
     print(
         f"  magnitude declared - {magnitude:g}                    {span(d['magnitude'] - magnitude for r in results for d in r.detections[:1])}"
     )
-    print(
-        f"  likelihood argument of the first alarm           {span(r.likelihood[np.flatnonzero(r.alarm)[0]] for r in results)}"
-    )
+    say("likelihood argument of the first alarm", span(r.likelihood[np.flatnonzero(r.alarm)[0]] for r in results))
     late = [r.time_s > 52.0 for r in results]
-    print(
-        f"  rates after 52 s, largest in hold, deg/s         {span(np.abs(np.where(r.commanded == 0, r.rate, 0.0))[m].max() for r, m in zip(results, late, strict=True))}"
+    say(
+        "rates after 52 s, largest in hold, deg/s",
+        span(np.abs(np.where(r.commanded == 0, r.rate, 0.0))[m].max() for r, m in zip(results, late, strict=True)),
     )
-    print(
-        f"  attitude error in hold after 52 s, deg           {span(np.abs(r.held[m]).max() for r, m in zip(results, late, strict=True))}"
+    say(
+        "attitude error in hold after 52 s, deg",
+        span(np.abs(r.held[m]).max() for r, m in zip(results, late, strict=True)),
     )
-    print(
-        f"  propellant per 10 s after 51 s                   {span(10.0 * (r.propellant[-1] - r.propellant[r.time_s > 51.0][0]) / (r.time_s[-1] - 51.0) for r in results)}"
+    say(
+        "propellant per 10 s after 51 s",
+        span(10.0 * (r.propellant[-1] - r.propellant[r.time_s > 51.0][0]) / (r.time_s[-1] - 51.0) for r in results),
     )
     ours = np.sqrt(np.mean(np.square([r.errors for r in results]), axis=0))
     theirs = np.sqrt(np.mean(np.square([r.errors for r in healthy]), axis=0))
-    print(f"  RMS of errors over healthy runs' RMS             {np.round(ours / theirs, 2)}")
+    say("RMS of errors over healthy runs' RMS", np.round(ours / theirs, 2))
 
 
 def soft(results: list[Outcome], jet: int, cluster: int, magnitude: float) -> None:
@@ -132,10 +133,10 @@ def soft(results: list[Outcome], jet: int, cluster: int, magnitude: float) -> No
     wrong = sum(int((m & r.alarm & r.isolated & (r.jet != jet)).sum()) for r, m in zip(results, after, strict=True))
     other = sum(int((m & r.alarm & (r.cluster != cluster)).sum()) for r, m in zip(results, after, strict=True))
     count = sum(int(m.sum()) for m in after)
-    print(
-        f"  first alarm of its cluster, samples after 50 s   {span(first(r, a) for r, a in zip(results, right, strict=True))}"
+    say(
+        "first alarm of its cluster, samples after 50 s", span(first(r, a) for r, a in zip(results, right, strict=True))
     )
-    print(f"  tested samples after 50 s                        {count}")
+    say("tested samples after 50 s", count)
     print(
         f"  alarms naming the jet / a wrong jet / another cluster  {named} ({100 * named / count:.1f} %) / {wrong} / {other}"
     )
@@ -144,8 +145,9 @@ def soft(results: list[Outcome], jet: int, cluster: int, magnitude: float) -> No
     print(
         f"  magnitude - {magnitude:g}, of the jet / of the likeliest   {span(force - magnitude)} / {span(any_jet - magnitude)}"
     )
-    print(
-        f"  likelihood argument                              {span(np.concatenate([r.likelihood[m & a] for r, m, a in zip(results, after, right, strict=True)]))}"
+    say(
+        "likelihood argument",
+        span(np.concatenate([r.likelihood[m & a] for r, m, a in zip(results, after, right, strict=True)])),
     )
 
 
@@ -176,7 +178,7 @@ def main() -> None:
         results = runs("stuck_off_11")
         stuck(results, runs("stuck_off_11", "failures=[]"), 10, 5, -874.185)
         reached = [r.time_s[np.flatnonzero((r.rate[:, 2] < -0.44) & (r.time_s > 50.0))[0]] - 50.0 for r in results]
-        print(f"  commanded rate reached, s after 50 s             {span(reached)}")
+        say("commanded rate reached, s after 50 s", span(reached))
         print("\nvernier 39 stuck on")
         soft(runs("vernier_stuck_on_39"), 38, 4, 24.483)
         print("\njet 24 leaking 10.4 lbf")
@@ -212,13 +214,9 @@ def main() -> None:
             print(
                 f"  declared { ({k: kinds.count(k) for k in set(kinds)}) }, jets out of use {[r.out_of_use for r in results]}"
             )
-            print(f"  single alarms of a jet                           {sum(int(r.alarm.sum()) for r in results)}")
-            print(
-                f"  diagonal within 1 %, s after the release         {span(recovery(r, 45.0, slice(0, 3), 1.0) for r in results)}"
-            )
-            print(
-                f"  mass within 10 %, s after the release            {span(recovery(r, 45.0, 9, 10.0) for r in results)}"
-            )
+            say("single alarms of a jet", sum(int(r.alarm.sum()) for r in results))
+            say("diagonal within 1 %, s after the release", span(recovery(r, 45.0, slice(0, 3), 1.0) for r in results))
+            say("mass within 10 %, s after the release", span(recovery(r, 45.0, 9, 10.0) for r in results))
 
 
 if __name__ == "__main__":

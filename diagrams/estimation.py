@@ -44,9 +44,8 @@ def build(scenario: Scenario) -> Diagram:
         mass_estimate (out, 2), mass_innovation (out, 3), mass_innovation_covariance (out, 9), mass_status (out, 6): see
             `MassEstimator`.
         reconfiguration (out, 7 + n_jets), detector_status (out, 14), detector_likelihood (out, n_jets),
-        detector_magnitude (out, n_jets), detector_memory (out, 4 + 4 n_jets), closed (out, n_jets), held_closed (out, n_jets), with a
-            detector: see
-            `FailureDetector`.
+        detector_magnitude (out, n_jets), detector_memory (out, 4 + 4 n_jets), closed (out, n_jets),
+            held_closed (out, n_jets), with a detector: see `FailureDetector`.
     """
     vehicle = scenario.vehicle_data
     estimate, deviation = make.initial_estimate(scenario), make.initial_deviation(scenario)

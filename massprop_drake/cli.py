@@ -8,6 +8,7 @@ import sys
 import time
 from collections.abc import Iterable
 from enum import StrEnum
+from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -40,6 +41,21 @@ class Schema(StrEnum):
 
     vehicle = "vehicle"
     scenario = "scenario"
+
+
+def _show_version(shown: bool) -> None:
+    if shown:
+        sys.stdout.write(f"massprop {version('massprop-drake')}\n")
+        raise typer.Exit
+
+
+@app.callback()
+def common(
+    _: Annotated[
+        bool, typer.Option("--version", is_eager=True, callback=_show_version, help="Show the version.")
+    ] = False,
+) -> None:
+    """Estimates a spacecraft's mass properties and finds failed jets, in real time, and simulates the vehicle."""
 
 
 def main() -> None:
@@ -163,7 +179,9 @@ def check(
 ) -> None:
     """Validates vehicle and scenario files and says what is wrong, or shows the keys they may have."""
     if schema is not None:
-        _print_schema(keys(Vehicle if schema is Schema.vehicle else Scenario), as_json)
+        found = keys(Vehicle) if schema is Schema.vehicle else keys(Scenario)
+        # a scenario may hold a whole vehicle, whose keys are the other schema's
+        _print_schema([key for key in found if not key.name.startswith("vehicle.")], as_json)
         return
     if not files:
         raise InputError("nothing to check: name a file, or --schema vehicle or --schema scenario")
@@ -266,7 +284,7 @@ def _escaped(text: str) -> str:
 def _print_run(summary: dict[str, Any], vehicle: Vehicle, folder: Path) -> None:
     """The table of ten parameters, how the run went, and where its files lie."""
     from massprop_drake.signals import SYMBOLS, mass_property_units  # noqa: PLC0415
-    from massprop_drake.simulation import from_names  # noqa: PLC0415 (loads Drake)
+    from massprop_drake.summary import from_names  # noqa: PLC0415 (loads Drake)
 
     console = Console(width=None if sys.stdout.isatty() else 120, highlight=False)
     title = f"{summary['scenario']}: {summary['vehicle']}, {summary['duration_s']:g} s, seed {summary['seed']}"
@@ -276,6 +294,9 @@ def _print_run(summary: dict[str, Any], vehicle: Vehicle, folder: Path) -> None:
     columns = (summary[key] for key in ("estimates", "truth", "standard_deviations", "percent_error"))
     rows = zip(SYMBOLS, mass_property_units(vehicle.unit_names), *map(from_names, columns), strict=True)
     for symbol, unit, estimate, truth, deviation, percent in rows:
+        if math.isnan(estimate):
+            table.add_row(symbol, unit, "not observable", f"{truth:.6g}", *["-"] * 4)
+            continue
         inside = abs(estimate - truth) <= 3.0 * deviation
         table.add_row(
             symbol,
@@ -298,8 +319,20 @@ def _print_run(summary: dict[str, Any], vehicle: Vehicle, folder: Path) -> None:
         f"autopilot:   {autopilot['firings']} firings, {autopilot['propellant_mass']:.2f} {mass} of propellant"
         + _shortfalls(autopilot)
     )
+    for entry in summary["detections"]:
+        console.print(f"detected:    {_detected(entry, vehicle.unit_names['force'])}", soft_wrap=True)
     console.print(f"speed:       {timing['real_time_factor']:.0f} times real time")
     console.print(f"files:       {folder}/   figures: {folder}/figures/", markup=False, soft_wrap=True)
+
+
+def _detected(entry: dict[str, Any], force: str) -> str:
+    when = f"declared at {entry['time_s']:.2f} s, since {entry['onset_s']:.2f} s"
+    kind = entry["kind"].replace("_", " ")
+    if entry["cluster"] is None:
+        return f"{kind}, {when}"
+    where = f"jet {entry['jet']} (cluster {entry['cluster']})" if entry["jet"] else f"a jet of cluster {entry['cluster']}"
+    withdrawn = "" if entry["withdrawn_s"] is None else f", withdrawn at {entry['withdrawn_s']:.2f} s"
+    return f"{kind}: {where}, {entry['magnitude']:+.1f} +- {entry['magnitude_std']:.1f} {force}, {when}{withdrawn}"
 
 
 def _number(value: float | None) -> str:

@@ -80,7 +80,8 @@ class EstimatorStep(NamedTuple):
 class Estimator:
     """Estimates mass properties and finds failed jets, cycle by cycle.
 
-    From gyro, accelerometers and commands. The same mathematics as the `estimation` diagram, and the same answers. Call `step` once per sample
+    From gyro, accelerometers and commands. The same mathematics as the `estimation` diagram, and the same
+    answers. Call `step` once per sample
     period, in order of time; nothing it keeps grows.
 
     Args:

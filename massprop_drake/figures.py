@@ -62,6 +62,8 @@ class Plots:
             "mass_reciprocal": self.mass_reciprocal,
             "consistency": self.consistency,
         }
+        if "mass_nis" not in self._signals:  # no accelerometer
+            del drawings["mass_reciprocal"]
         if "likelihood" in self._signals:
             drawings |= {
                 "likelihoods": self.likelihoods,
@@ -105,8 +107,8 @@ class Plots:
 
     def consistency(self) -> Figure:
         """NIS of both filters at the samples used (figures 5-8, 5-13)."""
-        figure, axes = self._panels(2, "Consistency: NIS at the samples used")
-        filters = (("rotation", "rotation filter"), ("mass", "mass filter"))
+        filters = [(name, f"{name} filter") for name in ("rotation", "mass") if f"{name}_nis" in self._signals]
+        figure, axes = self._panels(len(filters), "Consistency: NIS at the samples used")
         for panel, (name, label), colour in zip(axes, filters, COLOURS, strict=False):
             used = self._signals[f"{name}_used"][:, 0] != 0.0
             nis = self._signals[f"{name}_nis"][used, 0]
@@ -140,7 +142,7 @@ class Plots:
         panel.set_ylim(len(order) - 0.4, -0.6)
         panel.set_ylabel("jet (cluster)")
         panel.grid(axis="y", alpha=0.15)
-        figure.suptitle(f"Jets commanded: {self._caption()}", fontsize=11)
+        figure.suptitle(f"Jets commanded   ({self._caption()})", fontsize=11)
         self._finish([panel])
         return figure
 
@@ -251,7 +253,7 @@ class Plots:
     def _panels(self, count: int, title: str) -> tuple[Figure, list[Axes]]:
         figure = Figure(figsize=(9.0, 1.9 * count + 1.0), dpi=110, layout="constrained")
         axes = list(np.atleast_1d(figure.subplots(count, 1, sharex=True)))
-        figure.suptitle(f"{title}: {self._caption()}", fontsize=11)
+        figure.suptitle(f"{title}   ({self._caption()})", fontsize=11)
         self._finish(axes)
         return figure, axes
 

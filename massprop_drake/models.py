@@ -16,6 +16,7 @@ from typing import Annotated, Any, TypeVar
 
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic.fields import FieldInfo
 
 from massprop_drake.errors import InputError, suggestion
 
@@ -225,7 +226,7 @@ def _sentence(model: type[Model], data: Any, item: Any, path: Path_) -> str:
     message = item["msg"].removeprefix("Value error, ")
     if kind == "value_error":
         return message
-    message = message[0].lower() + message[1:]
+    message = (message[0].lower() + message[1:]).replace("tuple", "list").replace("dictionary", "mapping")
     if kind == "literal_error":
         return f"{given!r} is not one of {item['ctx']['expected']}"
     if isinstance(given, (str, int, float, bool)) or given is None:
@@ -253,6 +254,20 @@ def _tags_at(model: type[Model], path: Path_, data: Any) -> str:
     holder = _model_at(model, path[: path.index(names[-1])], data)
     members = _models_in(holder.model_fields[names[-1]].annotation)
     return ", ".join(_tag_of(member) for member in members)
+
+
+_BOUNDS = {"gt": "> {:g}", "ge": ">= {:g}", "lt": "< {:g}", "le": "<= {:g}", "min_length": "at least {:g} long"}
+
+
+def _range(field: FieldInfo) -> str:
+    """The bounds of a field's value, as text; "-" without any."""
+    bounds = [
+        text.format(getattr(part, name))
+        for part in field.metadata
+        for name, text in _BOUNDS.items()
+        if getattr(part, name, None) is not None
+    ]
+    return ", ".join(bounds) or "-"
 
 
 def _models_in(annotation: Any) -> list[type[Model]]:
@@ -307,6 +322,7 @@ class Key(typing.NamedTuple):
     type: str
     unit: str
     default: str
+    range: str
     meaning: str
 
 
@@ -322,7 +338,7 @@ def keys(model: type[Model], prefix: str = "") -> list[Key]:
             value = field.get_default(call_default_factory=True)
             default = "see below" if isinstance(value, Model) else _plain(value)
         full = f"{prefix}{name}"
-        found.append(Key(full, _type_name(field.annotation), unit, default, field.description or ""))
+        found.append(Key(full, _type_name(field.annotation), unit, default, _range(field), field.description or ""))
         kind = _type_name(field.annotation)
         inside = "[]" if kind.startswith("list") else "{}" if kind.startswith("map of") else ""
         members = _models_in(field.annotation)
@@ -335,6 +351,8 @@ def keys(model: type[Model], prefix: str = "") -> list[Key]:
 def _plain(value: Any) -> str:
     if value is None:
         return "null"
+    if value == "":
+        return "(empty)"
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, (list, tuple)):
@@ -360,7 +378,9 @@ def _type_name(annotation: Any) -> str:
         inner = _type_name(arguments[0])
         if Ellipsis in arguments:
             return f"list of {inner}"
-        return f"{len(arguments)} {inner}"
+        if inner.endswith(" numbers"):
+            return f"{len(arguments)} x {inner}"
+        return f"{len(arguments)} {inner}s"
     if origin is dict:
         return f"map of {_type_name(arguments[1])}"
     names = {float: "number", int: "integer", bool: "true | false", str: "text"}

@@ -17,6 +17,7 @@ from massprop_drake.files import whole_folder
 from massprop_drake.models import yaml_text
 from massprop_drake.scenario import Scenario, load_scenario
 from massprop_drake.signals import SIGNALS, Signal, accelerometer_signal, gyro_signal, in_units
+from massprop_drake.summary import null_for_nan
 
 if TYPE_CHECKING:
     from massprop_drake.figures import Plots
@@ -123,7 +124,7 @@ class Run:
             raise InputError(f"{path}: holds no run that can be read: {error}") from None
         scenario = load_scenario(path / "scenario.yaml")
         time_s = arrays.pop("time_s")
-        return Run(scenario, summary, time_s, arrays, np.array(summary["covariance"]))
+        return Run(scenario, summary, time_s, arrays, np.array(summary["covariance"], dtype=float))
 
     def _write_telemetry(self, path: Path) -> None:
         vehicle = self.scenario.vehicle_data
@@ -141,8 +142,8 @@ class Run:
         return {
             "format": 1,
             "time_s": float(self.time_s[-1]),
-            "estimate": self.signals["estimate"][-1].tolist(),
-            "covariance": self.covariance.tolist(),
+            "estimate": null_for_nan(self.signals["estimate"][-1]),
+            "covariance": null_for_nan(self.covariance),
         }
 
 

@@ -83,7 +83,9 @@ class PlantSettings(Model):
         "0: continuous, by Drake's integrator; the sample period: fixed steps of high order; null: the sample period",
         "s",
     )
-    integrator: Text = described("runge_kutta5", "Drake integration scheme of the continuous plant")
+    integrator: Literal["runge_kutta3", "runge_kutta5", "bogacki_shampine3"] = described(
+        "runge_kutta5", "Drake's integration scheme for the continuous plant"
+    )
     accuracy: Real = described(1e-10, "accuracy asked of that integrator", "-", gt=0.0, le=1e-2)
     thrust_transient: Literal["none", "vehicle"] = described(
         "vehicle", "none: thrust instantaneous; vehicle: first-order lag with the vehicle file's time constants"

@@ -127,11 +127,16 @@ class SensorPackage(Model):
 class Gyro(SensorPackage):
     """A package of three rate gyros."""
 
+    quantum: Real = described(0.0, "step of a reading", "rad/s", ge=0.0)
+    noise_std: Real = described(0.0, "white noise of a reading, 1-sigma", "rad/s", ge=0.0)
+
 
 class Accelerometer(SensorPackage):
     """A package of three integrating accelerometers."""
 
     position: Vector3 = described(..., "in the vehicle frame", "ft | m")
+    quantum: Real = described(0.0, "step of a reading", "ft/s | m/s", ge=0.0)
+    noise_std: Real = described(0.0, "white noise of a reading, 1-sigma", "ft/s | m/s", ge=0.0)
 
 
 class Vehicle(Model):

@@ -23,7 +23,7 @@ class Impulses(NamedTuple):
         angular_impulse: a, about the vehicle origin, body axes, lbf-ft-s or N-m-s, shape (3,).
         linear_impulse: lambda, body axes, lbf-s or N-s, shape (3,).
         usable: whether the combination of jets was steady, so that the impulses can be believed.
-        firing: whether any jet was commanded, or still pushed.
+        firing: whether any jet was commanded.
         level: thrust level of each jet at the end of the interval, shape (n_jets,).
     """
 

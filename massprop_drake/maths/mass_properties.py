@@ -143,7 +143,7 @@ def derived(estimate: Array, covariance: Array) -> Derived:
         direction = symmetric(np.eye(6)[column])
         jacobian[:, column] = -six_elements(inertia @ direction @ inertia)
     variance = np.einsum("ij,jk,ik->i", jacobian, covariance[:6, :6], jacobian)
-    possible = mass is not None and could_be_inertia(inertia)
+    possible = not reciprocal <= 0.0 and could_be_inertia(inertia)  # not observed (NaN) says nothing against it
     return Derived(mass, mass_std, inertia, symmetric(np.sqrt(np.maximum(variance, 0.0))), possible)
 
 

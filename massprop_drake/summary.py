@@ -1,0 +1,230 @@
+"""What `summary.json` says of a run."""
+
+from __future__ import annotations
+
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from massprop_drake import settings as make
+from massprop_drake.maths import detection, mass_properties
+from massprop_drake.maths.jet_selection import activity_vectors
+from massprop_drake.maths.mass_properties import six_elements
+from massprop_drake.models import digest
+from massprop_drake.scenario import Scenario
+from massprop_drake.systems.jet_selection_program import JetSelectionProgram
+from massprop_drake.vehicle import Vehicle
+
+Array = NDArray[np.float64]
+
+# parts of the detector's status port, and so signals
+DETECTOR_STATUS = {
+    "tested": 1,
+    "alarm": 1,
+    "detector_event": 1,
+    "suspected_cluster": 1,
+    "suspected_jet": 1,
+    "jet_isolated": 1,
+    "suspected_magnitude": 1,
+    "suspected_magnitude_std": 1,
+    "suspected_likelihood": 1,
+    "cluster_margin": 1,
+    "jet_margin": 1,
+    "unexplained": 1,
+    "onset": 1,
+    "alarms": 1,
+}
+
+
+def summarize(
+    scenario: Scenario,
+    time_s: Array,
+    signals: dict[str, Array],
+    covariance: Array,
+    timing: dict[str, Any],
+) -> dict[str, Any]:
+    """The content of `summary.json`.
+
+    Args:
+        scenario: as run.
+        time_s: sample times, s, shape (n,).
+        signals: by name, shape (n, components).
+        covariance: of the ten estimates at the end, shape (10, 10).
+        timing: how long it took.
+    """
+    vehicle = scenario.vehicle_data
+    estimate, truth = signals["estimate"][-1], signals["truth"][-1]
+    used = signals["rotation_used"][:, 0] != 0.0
+    translation_nis = signals["mass_nis"][signals["mass_used"][:, 0] != 0.0, 0] if "mass_nis" in signals else None
+    commands = signals["command"][:-1] > 0.0
+    return {
+        "format": 1,
+        "version": version("massprop-drake"),
+        "scenario": scenario.name,
+        "vehicle": vehicle.name,
+        "units": vehicle.units,
+        "seed": scenario.seed,
+        "duration_s": float(time_s[-1]),
+        "estimates": by_name(estimate),
+        "standard_deviations": by_name(signals["standard_deviation"][-1]),
+        "covariance": null_for_nan(covariance),
+        "derived": _derived(estimate, covariance),
+        "truth": by_name(truth),
+        "percent_error": by_name(mass_properties.percent_error(estimate, truth)),
+        "detections": detections(vehicle, time_s, signals),
+        "consistency": {
+            "rotation_nis_mean": _mean(signals["rotation_nis"][used, 0]),
+            "translation_nis_mean": None if translation_nis is None else _mean(translation_nis),
+            "samples": int(used.sum()),
+        },
+        "autopilot": {
+            "firings": int(firings(commands)),
+            "propellant_mass": _propellant(scenario, signals),
+            **_selection(signals),
+            "control_authority": _authority(scenario, signals),
+        },
+        "provenance": {
+            "drake": version("drake"),
+            "numpy": version("numpy"),
+            "vehicle_sha256": digest(vehicle),
+            "scenario_sha256": digest(scenario),
+        },
+        "timing": timing,
+    }
+
+
+def detections(vehicle: Vehicle, time_s: Array, signals: dict[str, Array]) -> list[dict[str, Any]]:
+    """One entry per declared failure or jump, as `summary.json` has them."""
+    if "detector_event" not in signals:
+        return []
+    entries: list[dict[str, Any]] = []
+    for k in np.flatnonzero(signals["detector_event"][:, 0]):
+        at = {name: float(signals[name][k, 0]) for name in DETECTOR_STATUS}
+        jet = int(at["suspected_jet"])
+        event = int(at["detector_event"])
+        if event == detection.WITHDRAWN:
+            for entry in entries:
+                if entry["jet_index"] == jet and entry["withdrawn_s"] is None:
+                    entry["withdrawn_s"] = float(time_s[k])
+            continue
+        entry = {
+            "onset_s": at["onset"],
+            "time_s": float(time_s[k]),
+            "kind": "mass_property_jump",
+            "cluster": None,
+            "jet": None,
+            "isolated_to": None,
+            "magnitude": None,
+            "magnitude_std": None,
+            "statistic": float(signals["rotation_nis"][k, 0]),
+            "alarms": int(at["alarms"]),
+            "withdrawn_s": None,
+            "jet_index": None,
+        }
+        if event == detection.DECLARED:
+            magnitude, std = at["suspected_magnitude"], at["suspected_magnitude_std"]
+            isolated = bool(at["jet_isolated"])
+            entry |= {
+                "kind": _kind(magnitude, std, vehicle.jets[jet].thrust),
+                "cluster": vehicle.jets[jet].cluster,
+                "jet": vehicle.designations[jet] if isolated else None,
+                "isolated_to": "jet" if isolated else "cluster",
+                "magnitude": magnitude,
+                "magnitude_std": std,
+                "statistic": at["suspected_likelihood"],
+                "jet_index": jet,
+            }
+        entries.append(entry)
+    for entry in entries:
+        jet = entry.pop("jet_index")
+        if entry["kind"] == "jet_on" and signals["known_force_variance"][-1, jet] > 0.0:
+            entry["magnitude"] = float(signals["known_force"][-1, jet])
+            entry["magnitude_std"] = float(np.sqrt(signals["known_force_variance"][-1, jet]))
+    return entries
+
+
+def _kind(magnitude: float, std: float, thrust: float) -> str:
+    if magnitude > 0.0:
+        return "jet_on"
+    lost_all = -magnitude > 0.9 * thrust or abs(magnitude + thrust) < 3.0 * std
+    return "jet_off" if lost_all else "jet_degraded"
+
+
+def null_for_nan(values: Array) -> Any:
+    """An array as nested lists, NaN as None."""
+    return np.where(np.isnan(values), None, values.astype(object)).tolist()
+
+
+def by_name(parameters: Array) -> dict[str, Any]:
+    """Ten parameters as files have them: matrix, vector and number; NaN becomes null."""
+    values = [None if np.isnan(value) else float(value) for value in parameters]
+    matrix = [[values[index] for index in row] for row in mass_properties.ELEMENT.tolist()]
+    return {"inverse_inertia": matrix, "center_of_mass": values[6:9], "mass_reciprocal": values[9]}
+
+
+def from_names(values: dict[str, Any]) -> Array:
+    """The inverse of `by_name`: ten parameters, null as NaN, shape (10,)."""
+    inverse = np.array(values["inverse_inertia"], dtype=float)
+    center = np.array(values["center_of_mass"], dtype=float)
+    reciprocal = np.array([values["mass_reciprocal"]], dtype=float)
+    return np.concatenate([six_elements(inverse), center, reciprocal])
+
+
+def _derived(estimate: Array, covariance: Array) -> dict[str, Any]:
+    derived = mass_properties.derived(estimate, covariance)
+    return {
+        "mass": derived.mass,
+        "mass_std": derived.mass_std,
+        "inertia": None if derived.inertia is None else derived.inertia.tolist(),
+        "inertia_std": None if derived.inertia_std is None else derived.inertia_std.tolist(),
+        "physically_possible": derived.physically_possible,
+    }
+
+
+def firings(commands: NDArray[np.bool_]) -> int:
+    """Number of off-to-on transitions over all jets, shape (n_samples, n_jets)."""
+    before = np.vstack([np.zeros((1, commands.shape[1]), dtype=bool), commands[:-1]])
+    return int((commands & ~before).sum())
+
+
+def _propellant(scenario: Scenario, signals: dict[str, Array]) -> float:
+    """Propellant used, slug or kg: what the thrust of every sample took."""
+    vehicle = scenario.vehicle_data
+    level = signals["thrust"][:-1] / np.linalg.norm(vehicle.thrusts, axis=1)
+    return float((level @ make.plant_wrenches(scenario)[:, 6]).sum() * vehicle.sample_period_s)
+
+
+def _authority(scenario: Scenario, signals: dict[str, Array]) -> dict[str, Any] | None:
+    """Largest change of rate and velocity in one second of firing, per axis and direction, by nominal mass
+    properties: with all selectable jets, and with those left at the end. None without an autopilot.
+    """
+    if "out_of_use" not in signals:
+        return None
+    vehicle = scenario.vehicle_data
+    program = JetSelectionProgram(vehicle.mass_flows)
+    activity = activity_vectors(vehicle.wrenches, vehicle.nominal.vector())
+    left = make.selectable(scenario) & (signals["out_of_use"][-1] == 0.0)
+
+    def reach(available: NDArray[np.bool_]) -> dict[str, float]:
+        limits = np.where(available, 1.0, 0.0)
+        return {
+            f"{quantity}_{sign}{axis}": program.reach(activity, row, 1.0 if sign == "+" else -1.0, limits)
+            for row, (quantity, axis) in enumerate((q, a) for q in ("rotation", "translation") for a in "xyz")
+            for sign in "+-"
+        }
+
+    before = reach(make.selectable(scenario))
+    return {"before": before, "after": before if left.sum() == make.selectable(scenario).sum() else reach(left)}
+
+
+def _selection(signals: dict[str, Array]) -> dict[str, int | None]:
+    if "selection_counts" not in signals:
+        return {"lp_solves": None, "lp_infeasible": None}
+    solved, reduced, closest, _ = signals["selection_counts"][-1].tolist()
+    return {"lp_solves": int(solved), "lp_infeasible": int(reduced + closest)}
+
+
+def _mean(values: Array) -> float | None:
+    return float(values.mean()) if values.size else None
