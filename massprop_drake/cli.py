@@ -330,7 +330,9 @@ def _detected(entry: dict[str, Any], force: str) -> str:
     kind = entry["kind"].replace("_", " ")
     if entry["cluster"] is None:
         return f"{kind}, {when}"
-    where = f"jet {entry['jet']} (cluster {entry['cluster']})" if entry["jet"] else f"a jet of cluster {entry['cluster']}"
+    where = (
+        f"jet {entry['jet']} (cluster {entry['cluster']})" if entry["jet"] else f"a jet of cluster {entry['cluster']}"
+    )
     withdrawn = "" if entry["withdrawn_s"] is None else f", withdrawn at {entry['withdrawn_s']:.2f} s"
     return f"{kind}: {where}, {entry['magnitude']:+.1f} +- {entry['magnitude_std']:.1f} {force}, {when}{withdrawn}"
 

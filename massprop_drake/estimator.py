@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from massprop_drake import settings as make
+from massprop_drake.errors import InputError
 from massprop_drake.maths import detection, mass_filter, mass_jump, rotation_filter
 from massprop_drake.maths.adaptation import NO_ADAPTATION
 from massprop_drake.maths.impulses import interval_impulses
@@ -17,7 +18,8 @@ from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
 from massprop_drake.maths.mass_properties import N_ROTATION, converged
 from massprop_drake.maths.sensing import increment_noise
 from massprop_drake.maths.thrust import lag_factors
-from massprop_drake.scenario import Scenario
+from massprop_drake.models import dotted
+from massprop_drake.scenario import Scenario, check_against_vehicle
 from massprop_drake.vehicle import Vehicle
 
 Array = NDArray[np.float64]
@@ -90,15 +92,19 @@ class Estimator:
             fields are used; default: all at their defaults.
 
     Raises:
-        ValueError: when the settings are of another vehicle, or the vehicle has no accelerometer.
+        InputError: (a ValueError) when the settings name what the vehicle does not have, or it has no
+            accelerometer.
     """
 
     def __init__(self, vehicle: Vehicle, settings: Scenario | None = None):
         scenario = (settings or Scenario()).model_copy(update={"vehicle": vehicle})
+        problems = check_against_vehicle(scenario, vehicle)
+        if problems:
+            raise InputError(*(f"settings: {dotted(path)}: {problem}" for path, problem in problems))
         self._vehicle = vehicle
         accelerometer = make.accelerometer(scenario)
         if accelerometer is None:
-            raise ValueError(f"vehicle '{vehicle.name}' has no accelerometer: its mass cannot be observed")
+            raise InputError(f"vehicle '{vehicle.name}' has no accelerometer: its mass cannot be observed")
         self._gyro, self._accelerometer = make.gyro(scenario), accelerometer
         self._position = np.array(accelerometer.position)
         self._rotation, self._mass = make.rotation_settings(scenario), make.mass_settings(scenario)

@@ -47,6 +47,7 @@ class Plots:
         self._scenario = scenario
         self._vehicle = scenario.vehicle_data
         self._names = self._vehicle.unit_names
+        self._windows = [window for window in scenario.maneuver if window.start_s < time_s[-1]]
 
     def all(self) -> dict[str, Figure]:
         """Every figure by name, in the order to read them."""
@@ -262,15 +263,15 @@ class Plots:
             panel.grid(alpha=0.25)
             panel.spines[["top", "right"]].set_visible(False)
             panel.set_xlim(float(self._time_s[0]), float(self._time_s[-1]))
-            for window in self._scenario.maneuver:
+            for window in self._windows:
                 panel.axvspan(window.start_s, window.end_s, color=WINDOW_COLOUR, alpha=0.10, linewidth=0.0)
-        for window in self._scenario.maneuver:
+        for window in self._windows:
             self._label_window(axes[0], window)
         axes[-1].set_xlabel("time, s   (shaded: hand controller out of detent)")
 
     def _label_window(self, panel: Axes, window: HandControllerWindow) -> None:
         # windows that begin together are labelled one above the other
-        same = [w for w in self._scenario.maneuver if w.start_s == window.start_s]
+        same = [w for w in self._windows if w.start_s == window.start_s]
         panel.annotate(
             f"{window.controller.upper()} {window.axis}",
             xy=(window.start_s, 1.0),

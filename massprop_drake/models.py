@@ -46,7 +46,16 @@ def described(default: Any, meaning: str, unit: str = "-", **constraints: Any) -
 
 
 class _Loader(yaml.SafeLoader):
-    """Safe YAML with the scalars of YAML 1.2."""
+    """Safe YAML with the scalars of YAML 1.2 and without aliases, which can make small files endless."""
+
+    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
+        """A node; refuses an alias."""
+        if self.check_event(yaml.events.AliasEvent):  # type: ignore[no-untyped-call]
+            event = self.peek_event()  # type: ignore[no-untyped-call]
+            raise yaml.composer.ComposerError(
+                None, None, f"alias *{event.anchor} is not supported; write the value out", event.start_mark
+            )
+        return super().compose_node(parent, index)
 
 
 _Loader.yaml_implicit_resolvers = {
@@ -99,6 +108,8 @@ class Document:
             node = loader.get_single_node()
         except yaml.YAMLError as error:
             raise InputError(f"{source}: not valid YAML: {_yaml_problem(error)}") from None
+        except RecursionError:
+            raise InputError(f"{source}: nested too deeply; no file of ours needs more than a few levels") from None
         if not isinstance(node, yaml.MappingNode):
             what = "is empty" if node is None else "is no mapping"
             raise InputError(f"{source}: the document {what}; expected keys with values, such as 'name: ...'")
@@ -150,6 +161,14 @@ def dotted(path: Path_) -> str:
     return text
 
 
+def exists(path: Path) -> bool:
+    """Whether there is such a file or folder; no for a name that none can have."""
+    try:
+        return path.exists()
+    except OSError:
+        return False
+
+
 def read_text(path: Path) -> str:
     """A text file's content.
 
@@ -190,7 +209,7 @@ def _problems(
     problems = []
     # unknown keys first: a misspelt one is often the cause of a missing one
     items = sorted(error.errors(include_url=False), key=lambda item: item["type"] != "extra_forbidden")
-    for item in items:
+    for item in _without_echoes(items):
         path = _without_union_tags(item["loc"], data)
         if document is not None:
             where = document.where(path)
@@ -198,6 +217,27 @@ def _problems(
             where = ": ".join(part for part in (source, dotted(path)) if part)
         problems.append(f"{where}: {_sentence(model, data, item, path)}")
     return list(dict.fromkeys(problems))
+
+
+def _without_echoes(items: list[Any]) -> list[Any]:
+    """The errors less those that another one brings along.
+
+    A list with a bad item counts as too short besides, and each value that a short list lacks is missing.
+    """
+    kept = []
+    lacking: dict[Path_, int] = {}
+    for item in items:
+        place = item["loc"]
+        if item["type"] == "missing" and isinstance(place[-1], int):
+            lacking[place[:-1]] = max(lacking.get(place[:-1], 0), place[-1] + 1)
+            if place[:-1] in [other["loc"] for other in kept]:
+                continue
+            kept.append({**item, "type": "too_few_values", "loc": place[:-1], "ctx": lacking})
+            continue
+        inside = [other for other in items if len(other["loc"]) > len(place) and other["loc"][: len(place)] == place]
+        if not (item["type"] == "too_short" and inside):
+            kept.append(item)
+    return kept
 
 
 def _without_union_tags(location: tuple[str | int, ...], data: Any) -> Path_:
@@ -219,6 +259,8 @@ def _sentence(model: type[Model], data: Any, item: Any, path: Path_) -> str:
         return "missing; this field is required"
     if kind == "extra_forbidden":
         return f"unknown key{suggestion(path[-1], list(_model_at(model, path[:-1], data).model_fields))}"
+    if kind == "too_few_values":
+        return f"must have {item['ctx'][item['loc']]} values, got {len(_at(data, path))}"
     if kind in ("union_tag_not_found", "union_tag_invalid"):
         expected = item["ctx"].get("expected_tags", "'kind'")
         found = f"kind {item['ctx']['tag']!r} is not one of" if "tag" in item["ctx"] else "missing kind; one of"
@@ -234,6 +276,12 @@ def _sentence(model: type[Model], data: Any, item: Any, path: Path_) -> str:
     if isinstance(given, (list, tuple)) and "length" in kind:
         return f"{message}, got {len(given)}"
     return message
+
+
+def _at(data: Any, path: Path_) -> Any:
+    for part in path:
+        data = data[part]
+    return data
 
 
 def _model_at(model: type[Model], path: Path_, data: Any) -> type[Model]:

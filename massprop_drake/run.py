@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import zipfile
+import zlib
 from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
@@ -118,9 +120,9 @@ class Run:
         path = Path(folder)
         try:
             summary = json.loads((path / "summary.json").read_text(encoding="utf-8"))
-            with np.load(path / "history.npz", allow_pickle=False) as stored:
+            with (path / "history.npz").open("rb") as file, np.load(file, allow_pickle=False) as stored:
                 arrays = {name: stored[name] for name in stored.files if not name.startswith("_")}
-        except (OSError, ValueError) as error:
+        except (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error) as error:
             raise InputError(f"{path}: holds no run that can be read: {error}") from None
         scenario = load_scenario(path / "scenario.yaml")
         time_s = arrays.pop("time_s")

@@ -31,6 +31,7 @@ from massprop_drake.models import (
     Whole,
     described,
     dotted,
+    exists,
     read_text,
     validated,
 )
@@ -382,7 +383,7 @@ def _require_apart(field: str, windows: list[tuple[str, float, float]]) -> None:
                 )
 
 
-def _check_against_vehicle(scenario: Scenario, vehicle: Vehicle) -> list[tuple[Path_, str]]:
+def check_against_vehicle(scenario: Scenario, vehicle: Vehicle) -> list[tuple[Path_, str]]:
     """Problems of a scenario that only its vehicle shows, each with the path of its field."""
     problems: list[tuple[Path_, str]] = []
 
@@ -470,9 +471,9 @@ def load_scenario(scenario: str | Path, overrides: list[str] | None = None) -> S
         document = Document(text, f"scenario '{name}'")
     else:
         path = Path(scenario)
-        if path.is_dir() and (path / "scenario.yaml").exists():
+        if exists(path / "scenario.yaml"):
             path = path / "scenario.yaml"
-        if not path.exists() and path.suffix not in (".yaml", ".yml") and path.parent == Path():
+        if not exists(path) and path.suffix not in (".yaml", ".yml") and path.parent == Path():
             raise InputError(
                 f"'{name}' is neither a bundled scenario nor a file{suggestion(name, bundled_scenarios())}"
             )
@@ -502,7 +503,7 @@ def resolved(data: Any, document: Document | None = None, folder: Path | None = 
         scenario = validated(Scenario, data, document)
         assert isinstance(scenario.vehicle, str)
         vehicle = _find_vehicle(scenario.vehicle, folder or Path(), document)
-    problems = _check_against_vehicle(scenario, vehicle)
+    problems = check_against_vehicle(scenario, vehicle)
     if problems:
         raise InputError(*(f"{_place(path, document)}: {problem}" for path, problem in problems))
     return scenario.model_copy(update={"vehicle": vehicle})
@@ -523,7 +524,7 @@ def _inline_vehicle(data: Any, document: Document | None) -> Vehicle:
 def _find_vehicle(name: str, folder: Path, document: Document | None) -> Vehicle:
     beside = Path(os.path.normpath(folder / name))
     try:
-        return load_vehicle(beside if beside.is_file() else name)
+        return load_vehicle(beside if exists(beside) else name)
     except InputError as error:
         if document is None:
             raise

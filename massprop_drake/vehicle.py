@@ -15,7 +15,20 @@ from pydantic import field_validator, model_validator
 from massprop_drake.errors import InputError, suggestion
 from massprop_drake.maths.impulses import thrust_wrenches
 from massprop_drake.maths.mass_properties import MassProperties, could_be_inertia
-from massprop_drake.models import Document, Matrix3, Model, Real, Text, Vector3, Whole, described, read_text, validated
+from massprop_drake.models import (
+    Document,
+    Matrix3,
+    Model,
+    Real,
+    Text,
+    Vector3,
+    Whole,
+    described,
+    exists,
+    read_text,
+    validated,
+)
+from massprop_drake.signals import SIGNALS
 
 Array = NDArray[np.float64]
 
@@ -24,6 +37,7 @@ UNITS = {
     "us": {"length": "ft", "mass": "slug", "force": "lbf"},
     "si": {"length": "m", "mass": "kg", "force": "N"},
 }
+_RESERVED = {*SIGNALS, "time_s", "jet", "known_force", "known_torque"}  # names that a sensor may not have
 _UNIT_LENGTH_TOLERANCE = 0.002  # of a direction, as printed tables have it
 
 
@@ -165,6 +179,9 @@ class Vehicle(Model):
         _require_unique("jets", "designation", [jet.designation for jet in self.jets])
         _require_unique("jets", "number", [jet.number for jet in self.jets])
         _require_unique("sensors", "name", self.sensor_names())
+        for name in self.sensor_names():
+            if name in _RESERVED:
+                raise ValueError(f"sensors: name {name!r} is a signal of every run; give the sensor another")
         for index, jet in enumerate(self.jets):
             if jet.kind not in self.jet_kinds:
                 raise ValueError(
@@ -293,7 +310,7 @@ def load_vehicle(vehicle: str | Path) -> Vehicle:
         document = Document(text, f"vehicle '{name}'")
     else:
         path = Path(vehicle)
-        if not path.exists() and path.suffix not in (".yaml", ".yml") and path.parent == Path():
+        if not exists(path) and path.suffix not in (".yaml", ".yml") and path.parent == Path():
             raise InputError(f"'{name}' is neither a bundled vehicle nor a file{suggestion(name, bundled_vehicles())}")
         document = Document(read_text(path), str(path))
     return validated(Vehicle, document.data, document)

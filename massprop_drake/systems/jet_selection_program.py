@@ -15,7 +15,7 @@ A request that cannot be met is relaxed, by the same solver, and the result says
 2. where even dw is out of reach: the closest request, by the weighted sum of absolute differences of
    the scaled rows, rotation counting ten times as much as translation.
 
-Each is followed by the programme above for the least propellant.
+Each is followed by the programme above for the least propellant that gives as much.
 """
 
 from __future__ import annotations
@@ -106,23 +106,21 @@ class JetSelectionProgram:
 
         Raises:
             ValueError: when a shape is wrong or a number is not finite (limits may be infinite).
-            ArithmeticError: when the solver fails for another reason than infeasibility.
+            ArithmeticError: when the solver finds nothing even for a relaxed request.
         """
         self._check(activity, request, limits_s)
         on_times = self._least_propellant(activity, request, limits_s)
         outcome = Outcome.EXACT
-        target = request
         if on_times is None:
             outcome = Outcome.REDUCED
-            share = self._largest_share(activity, request, limits_s)
-            if share is not None:
-                target = np.concatenate([request[:3], share * (1.0 - _TINY) * request[3:]])
-            else:
+            relaxed = self._largest_share(activity, request, limits_s)
+            if relaxed is None:
                 outcome = Outcome.CLOSEST
-                target = self._closest(activity, request, limits_s)
-            on_times = self._least_propellant(activity, target, limits_s)
-            if on_times is None:
-                raise ArithmeticError(f"a relaxed request came out infeasible: {request} relaxed to {target}")
+                relaxed = self._closest(activity, request, limits_s)
+            target, within_reach = relaxed
+            # at the very edge of what can be reached rounding may leave no room to save propellant
+            saving = self._least_propellant(activity, target, limits_s)
+            on_times = within_reach if saving is None else saving
         return Selection(on_times, float(self._cost @ on_times), outcome, activity @ on_times)
 
     def reach(self, activity: Array, row: int, sign: float, limits_s: Array) -> float:
@@ -176,34 +174,37 @@ class JetSelectionProgram:
             return None
         return np.clip(result.GetSolution(self._exact_t) * scale, 0.0, limits_s)
 
-    def _largest_share(self, activity: Array, request: Array, limits_s: Array) -> float | None:
+    def _largest_share(self, activity: Array, request: Array, limits_s: Array) -> tuple[Array, Array] | None:
+        """The largest part [dw; s dv] of a request, and on-times that give it; None without dw."""
         rows, target, scale = _scaled(activity, request)
         column = np.concatenate([np.zeros(3), -target[3:]])
         self._share_rows.UpdateCoefficients(np.column_stack([rows, column]), np.concatenate([target[:3], np.zeros(3)]))
         self._share_box.set_bounds(np.zeros(self._n + 1), np.append(limits_s / scale, 1.0))
         result = self._solve(self._share)
-        return None if result is None else float(result.GetSolution(self._share_t)[-1])
+        if result is None:
+            return None
+        solution = result.GetSolution(self._share_t)
+        share = float(solution[-1]) * (1.0 - _TINY)
+        on_times = np.clip(solution[:-1] * scale, 0.0, limits_s)
+        return np.concatenate([request[:3], share * request[3:]]), on_times
 
-    def _closest(self, activity: Array, request: Array, limits_s: Array) -> Array:
+    def _closest(self, activity: Array, request: Array, limits_s: Array) -> tuple[Array, Array]:
+        """The closest request that can be reached, and on-times that give it."""
         rows, target, scale = _scaled(activity, request)
         self._near_rows.UpdateCoefficients(np.hstack([rows, np.eye(6), -np.eye(6)]), target)
         limits = np.concatenate([limits_s / scale, np.full(12, np.inf)])
         self._near_box.set_bounds(np.zeros(self._n + 12), limits)
         result = self._solve(self._near)
         if result is None:
-            raise ArithmeticError(f"no relaxed request found for {request}")
-        return activity @ np.clip(result.GetSolution(self._near_t)[: self._n] * scale, 0.0, limits_s)
+            raise ArithmeticError(f"jet selection: the solver finds no on-times close to the request {request}")
+        on_times = np.clip(result.GetSolution(self._near_t)[: self._n] * scale, 0.0, limits_s)
+        return activity @ on_times, on_times
 
     def _solve(self, program: MathematicalProgram) -> MathematicalProgramResult | None:
-        """The result; None when the programme is infeasible."""
+        """The result; None when the programme is infeasible, or Clp gives up on it as it then may."""
         self.solves += 1
         result = self._solver.Solve(program, None, None)
-        if result.is_success():
-            return result
-        status = result.get_solution_result().name
-        if "Infeasible" in status:
-            return None
-        raise ArithmeticError(f"jet selection: the solver says {status}")
+        return result if result.is_success() else None
 
 
 def _scaled(activity: Array, request: Array) -> tuple[Array, Array, float]:
