@@ -15,7 +15,7 @@ from massprop_drake.vehicle import Vehicle
 DOCS = Path(__file__).parent
 PAGES: dict[str, type[Model]] = {"vehicle.md": Vehicle, "scenario.md": Scenario}
 MARK = "<!-- docs/make_reference.py writes what follows from the code: edit the descriptions there -->"
-HEADINGS = ("key", "type", "unit", "default", "meaning")
+HEADINGS = ("key", "type", "unit", "default", "range", "meaning")
 _LONG = 12  # characters of a number beyond which its page shows six digits
 
 
@@ -56,7 +56,8 @@ def _table(members: list[Key]) -> list[str]:
 
 
 def _cells(key: Key) -> tuple[str, ...]:
-    return (f"`{key.name}`", *map(_escaped, (key.type, key.unit)), _default(key), _escaped(key.meaning))
+    shown = (_escaped(part) for part in (key.type, key.unit))
+    return (f"`{key.name}`", *shown, _default(key), _escaped(key.range), _escaped(key.meaning))
 
 
 def _escaped(text: str) -> str:

@@ -60,8 +60,8 @@ def delivered(command: Array, sample: int, period_s: float, failures: tuple[Fail
         share = min(max(covered / period_s, 0.0), 1.0)
         if share <= 1e-9:
             continue
-        told = level[failure.jet]
-        level[failure.jet] = told + share * (_failed_level(told, sample, begins, failure, seed) - told)
+        told = float(command[failure.jet])
+        level[failure.jet] += share * (_failed_level(told, sample, begins, failure, seed) - told)
     return level
 
 
@@ -79,4 +79,4 @@ def _failed_level(told: float, sample: int, begins_s: float, failure: Failure, s
             struck = uniform_sample(seed, failure.stream, sample) < failure.probability
             return failure.amount if struck else told
         case _:
-            return told * max(0.0, 1.0 + failure.amount * (begins_s - failure.start_s))
+            return told * max(0.0, 1.0 + failure.amount * max(0.0, begins_s - failure.start_s))
