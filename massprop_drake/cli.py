@@ -271,7 +271,7 @@ def _print_schema(found: Iterable[Key], as_json: bool) -> None:
         return
     table = Table(box=None, header_style="bold")
     for heading in Key._fields:
-        table.add_column(heading, overflow="fold")
+        table.add_column(heading, overflow="fold", no_wrap=heading == "name")
     for key in found:
         table.add_row(*(_escaped(part) for part in key))
     Console(width=None if sys.stdout.isatty() else 160).print(table)

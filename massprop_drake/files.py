@@ -57,13 +57,14 @@ def require_writable(target: Path, *, force: bool = False) -> None:
     Raises:
         InputError: when the place is taken by something that is not ours, or cannot be written to.
     """
-    if target.exists() and not target.is_dir():
-        raise InputError(f"{target}: is a file; give a folder to write to")
-    if target.exists() and not _is_ours(target) and not force:
-        raise InputError(
-            f"{target}: holds files that are not of an earlier run; give another folder, or --force to write into it"
-        )
     try:
+        if target.exists() and not target.is_dir():
+            raise InputError(f"{target}: is a file; give a folder to write to")
+        if target.exists() and not _is_ours(target) and not force:
+            raise InputError(
+                f"{target}: holds files that are not of an earlier run; "
+                "give another folder, or --force to write into it"
+            )
         target.parent.mkdir(parents=True, exist_ok=True)
         probe = tempfile.mkdtemp(prefix=f".{target.name}.", dir=target.parent)
         os.rmdir(probe)

@@ -33,6 +33,14 @@ class Model(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
+    def __eq__(self, other: object) -> bool:
+        # by its fields alone: arrays derived from them may be cached beside
+        if type(self) is not type(other):
+            return False
+        return all(getattr(self, name) == getattr(other, name) for name in type(self).model_fields)
+
+    __hash__ = None  # type: ignore[assignment] # a vehicle holds mappings
+
 
 M = TypeVar("M", bound=Model)
 
@@ -391,7 +399,11 @@ def keys(model: type[Model], prefix: str = "") -> list[Key]:
         inside = "[]" if kind.startswith("list") else "{}" if kind.startswith("map of") else ""
         members = _models_in(field.annotation)
         for member in members:
-            which = "" if len(members) == 1 else f" ({_tag_of(member)})"
+            which = ""
+            if len(members) > 1:
+                which = f" ({_tag_of(member)})"
+                meaning = (member.__doc__ or "").strip().removesuffix(".")
+                found.append(Key(f"{full}{inside}{which}", "mapping", "-", "-", "-", meaning))
             found.extend(keys(member, f"{full}{inside}{which}."))
     return found
 

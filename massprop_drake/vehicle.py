@@ -37,7 +37,14 @@ UNITS = {
     "us": {"length": "ft", "mass": "slug", "force": "lbf"},
     "si": {"length": "m", "mass": "kg", "force": "N"},
 }
-_RESERVED = {*SIGNALS, "time_s", "jet", "known_force", "known_torque"}  # names that a sensor may not have
+# names that a sensor may not have: of signals, telemetry columns, and of ports and systems beside it
+_RESERVED = {
+    *SIGNALS,
+    *("time_s", "jet", "known_force", "known_torque"),
+    *("reaction_jets", "rigid_body", "noise_source", "body_state", "structure", "mass_properties"),
+    *("closed", "held_closed", "command", "held_command", "jet_commands", "impulses", "rate_sample"),
+    *("predicted_estimate", "predicted_covariance", "adaptation", "reconfiguration", "innovation", "status"),
+}
 _UNIT_LENGTH_TOLERANCE = 0.002  # of a direction, as printed tables have it
 
 

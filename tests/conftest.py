@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
+import yaml
 
 from massprop_drake import load_scenario, load_vehicle, simulate
 from massprop_drake.run import Run
@@ -28,3 +30,62 @@ def sample_maneuver() -> Scenario:
 def sample_run(sample_maneuver: Scenario) -> Run:
     """The sample manoeuvre with seed 0; do not change its arrays."""
     return simulate(sample_maneuver)
+
+
+@pytest.fixture(scope="session")
+def short_scenario() -> Scenario:
+    """The first 7 s of the sample manoeuvre: two rotations."""
+    return load_scenario("sample_maneuver", ["duration_s=7"])
+
+
+@pytest.fixture(scope="session")
+def short_run(short_scenario: Scenario) -> Run:
+    """A run of it; do not change its arrays."""
+    return simulate(short_scenario)
+
+
+SENSOR_ERRORS = """
+[{sensor: gyro, scale_factor: [1.0e-4, 0, -1.0e-4], bias: [1.0e-6, 0, -2.0e-6], bias_random_walk: 1.0e-7,
+  noise_std: 2.0e-6},
+ {sensor: acc2, bandwidth_hz: 20.0, bias: [1.0e-3, 0, 0], noise_std: 0.01, delay_samples: 1}]
+"""
+
+
+@pytest.fixture(scope="session")
+def noisy_run() -> Run:
+    """The sample manoeuvre's first 24 s with every sensor error on; do not change its arrays."""
+    errors = " ".join(SENSOR_ERRORS.split())
+    return simulate(load_scenario("sample_maneuver", ["duration_s=24", "seed=7", f"sensors.errors={errors}"]))
+
+
+TOY = """
+name: toy
+units: si
+sample_period_s: 0.1
+mass_properties:
+  mass: 100.0
+  center_of_mass: [0.0, 0.0, 0.0]
+  inertia: [[100.0, 1.0, -2.0], [1.0, 120.0, 3.0], [-2.0, 3.0, 140.0]]
+gyros:
+  - {name: gyro, quantum: 1.0e-6}
+accelerometers:
+  - {name: acc, position: [1.0, 0.0, 0.0], quantum: 1.0e-3}
+jet_kinds:
+  primary: {nominal_thrust: 10.0, specific_impulse_s: 70.0}
+"""
+
+
+@pytest.fixture
+def toy_data() -> dict[str, Any]:
+    """A small vehicle in SI units as a file has it, a fresh copy for each test: a pair of jets per side of a cube."""
+    data: dict[str, Any] = yaml.safe_load(TOY)
+    data["jets"] = []
+    for axis in range(3):
+        for sign in (1.0, -1.0):
+            for side in (1.0, -1.0):
+                position, direction = [0.0] * 3, [0.0] * 3
+                position[(axis + 1) % 3], direction[axis] = side, sign
+                number = len(data["jets"]) + 1
+                jet = {"number": number, "designation": f"J{number}", "cluster": number, "kind": "primary"}
+                data["jets"].append({**jet, "position": position, "direction": direction, "thrust": 10.0})
+    return data

@@ -32,7 +32,7 @@ def test_real_time_example_prints_what_the_text_says(capsys: pytest.CaptureFixtu
 
 
 def test_scenario_runs(tmp_path: Path) -> None:
-    (text,) = blocks("yaml")
+    (text,) = (block for block in blocks("yaml") if block.startswith("name:"))
     path = tmp_path / "with_payload.yaml"
     path.write_text(text, encoding="utf-8")
     scenario = load_scenario(path)

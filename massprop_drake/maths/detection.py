@@ -267,7 +267,8 @@ def cycle(state: DetectorState, sample: DetectorSample, settings: DetectorSettin
         0.0,
     )
     if not alarm:
-        jumped = sample.firing and _rotation_nis(sample) > _JUMP_NIS
+        # without a commanded impulse mass properties do not show
+        jumped = not off.all() and _rotation_nis(sample) > _JUMP_NIS
         if jumped:
             finding = finding._replace(event=JUMP, onset_s=sample.time_s - settings.period_s, alarms=1.0)
         adaptation = NO_ADAPTATION._replace(mass_jumped=bool(jumped))
@@ -320,7 +321,8 @@ def _counted(
         onset_s = sample.time_s - settings.period_s
         state = state._replace(cluster=cluster, alarms=1.0, since=0.0, onset_s=onset_s)
     onset_s, alarms = state.onset_s, state.alarms
-    if settings.alarms_to_declare == 0 or state.alarms < settings.alarms_to_declare:
+    known_already = state.removed[jet] != 0.0 and tests.magnitude[jet] < 0.0  # declared, but still in use
+    if settings.alarms_to_declare == 0 or state.alarms < settings.alarms_to_declare or known_already:
         return state, onset_s, alarms, NOTHING
     force, variance, removed = state.force.copy(), state.variance.copy(), state.removed.copy()
     # the jets that the data cannot tell apart are in question together
@@ -361,17 +363,19 @@ def _followed(
         return state
     force, variance = state.force.copy(), state.variance.copy()
     for jet in jets:
-        # Y holds variance c c^T already, so this is the Kalman gain
-        weighted = np.concatenate(
-            [
-                sample.translation_information @ coefficients[jet, :3],
-                sample.rotation_information @ coefficients[jet, 3:],
-            ]
-        )
-        innovation = np.concatenate([sample.translation, sample.rotation])
-        force[jet] += variance[jet] * float(weighted @ innovation)
-        information = float(weighted @ coefficients[jet])
-        variance[jet] = max(variance[jet] * (1.0 - variance[jet] * information), settings.force_variance_floor)
+        prior = float(variance[jet])
+        information, projection = 1.0 / prior, 0.0
+        for signature, weight, innovation in (
+            (coefficients[jet, :3], sample.translation_information, sample.translation),
+            (coefficients[jet, 3:], sample.rotation_information, sample.rotation),
+        ):
+            # Y holds prior c c^T already: c^T (Y - prior c c^T)^-1 = c^T Y^-1 / (1 - prior c^T Y^-1 c)
+            weighted = weight @ signature
+            share = 1.0 - prior * float(weighted @ signature)
+            information += float(weighted @ signature) / share
+            projection += float(weighted @ innovation) / share
+        force[jet] += projection / information
+        variance[jet] = max(1.0 / information, settings.force_variance_floor)
     return state._replace(force=force, variance=variance)
 
 

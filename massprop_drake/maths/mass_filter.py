@@ -68,8 +68,8 @@ def compensated(
         mixing = mixing + spin @ spin * period_s
     result = velocity_increment - mixing @ arm
     if compensation == TRANSVERSE_CENTRIPETAL:
-        # the measured [w x]^2 is too large by E{[v x]^2} = -2 var (3-69); the mean of two readings
-        # has a quarter of the increment's variance
+        # E{[v x]^2} = -2 var (3-69) for an error v independent of the reading, as a quantiser's is; the
+        # mean of two readings has a quarter of the increment's variance
         result += 0.5 * rate_variance * period_s * arm
     if not grow_covariance:
         return result, velocity_noise
@@ -287,7 +287,10 @@ def measure(
         settings: see `MassSettings`.
     """
     increment = velocity - velocity_before
-    if math.isfinite(sum(increment.tolist()) + sum(rate_increment.tolist())):
+    needed = sum(increment.tolist())
+    if settings.compensation != NO_COMPENSATION:
+        needed += sum(rate_increment.tolist())
+    if math.isfinite(needed):
         sample = MassSample(
             increment, noise, arm, center_covariance, rate_increment, rate, rate_variance, linear_impulse
         )

@@ -1,4 +1,4 @@
-"""Reproducible sensor noise: sample k of a stream is a pure function of (seed, stream, k).
+"""Reproducible sensor noise: sample k of a stream of a given size is a pure function of (seed, stream, k).
 
 A simulator may evaluate a sensor's reading at t_k any number of times and in any order, for the log
 and for the filter; the noise in it must be the same every time. numpy's counter-based Philox

@@ -43,7 +43,7 @@ MASS = 13
 ORIGIN_VELOCITY = slice(14, 17)
 SPIN_INTEGRAL = slice(17, 23)
 
-# One substep turns the body by at most this much, rad: the classical Runge-Kutta step then errs by
+# One substep turns the body by at most this much about each axis, rad: the classical Runge-Kutta step then errs by
 # less than (angle^5 / 120) = 3e-14 of the rate.
 _LARGEST_ANGLE = 0.005
 

@@ -1,0 +1,194 @@
+"""The mass estimator as a system: ports, timing and missing readings."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from systems_probe import PERIOD_S, advance, feedthrough, inputs, outputs
+
+from massprop_drake.maths.mass_filter import NO_COMPENSATION, TRANSVERSE, TRANSVERSE_CENTRIPETAL, MassSettings
+from massprop_drake.systems.mass_estimator import MassEstimator
+from massprop_drake.systems.rotation_estimator import Package
+
+RECIPROCAL, VARIANCE = 0.1, 4e-4
+READING_VARIANCE = 5e-3  # so that of an increment is 0.01
+SETTINGS = MassSettings(
+    period_s=PERIOD_S,
+    compensation=NO_COMPENSATION,
+    compensation_covariance=False,
+    process_noise=0.0,
+    jump_variance=0.0,
+    jump_threshold=np.inf,
+    jump_window=1,
+    disturbance_covariance=np.zeros((3, 3)),
+)
+PUSH = [0.0, 0.0, 0.0, 5.0, 0.0, 0.0, 1.0, 1.0]  # a linear impulse of 5 along x, usable, firing
+STILL = [0.0] * 6
+CENTER = np.array([1.0, 0.0, 0.0])
+
+
+def _dut(
+    accelerometers: tuple[str, ...] = ("acc",), rate_variance: float = 0.0, **settings: Any
+) -> tuple[MassEstimator, Any]:
+    dut = MassEstimator(
+        mass_reciprocal=RECIPROCAL,
+        variance=VARIANCE,
+        accelerometers=tuple(Package(name, READING_VARIANCE) for name in accelerometers),
+        accelerometer=accelerometers[-1],
+        position=np.array([3.0, 0.0, 0.0]),
+        rate_variance=rate_variance,
+        settings=SETTINGS._replace(**settings),
+    )
+    context = dut.CreateDefaultContext()
+    dut.GetInputPort("predicted_estimate").FixValue(context, np.concatenate([np.zeros(6), CENTER]))
+    dut.GetInputPort("predicted_covariance").FixValue(context, np.zeros(81))
+    dut.GetInputPort("rate_sample").FixValue(context, STILL)
+    dut.GetInputPort("impulses").FixValue(context, PUSH)
+    return dut, context
+
+
+def _sample(
+    dut: MassEstimator,
+    context: Any,
+    reading: list[float],
+    impulses: list[float] | None = None,
+    rate_sample: list[float] | None = None,
+) -> np.ndarray:
+    """The status of a sample; the sample is then over."""
+    dut.GetInputPort("acc").FixValue(context, reading)
+    dut.GetInputPort("impulses").FixValue(context, impulses or PUSH)
+    dut.GetInputPort("rate_sample").FixValue(context, rate_sample or STILL)
+    status = dut.GetOutputPort("status").Eval(context)
+    advance(dut, context)
+    return status
+
+
+def _estimate(dut: MassEstimator, context: Any) -> np.ndarray:
+    """1/m and its variance in the state."""
+    return context.get_discrete_state(0).CopyToVector()[:2]
+
+
+def test_topology() -> None:
+    dut, context = _dut(("spare", "acc"))
+    assert inputs(dut) == {
+        "spare": 3,
+        "acc": 3,
+        "impulses": 8,
+        "rate_sample": 6,
+        "predicted_estimate": 9,
+        "predicted_covariance": 81,
+        "known_force": 24,
+        "adaptation": 26,
+    }
+    assert outputs(dut) == {"predicted": 8, "innovation": 3, "innovation_covariance": 9, "estimate": 2, "status": 6}
+    used = set(inputs(dut)) - {"spare"}
+    # the detector makes the adaptation from the innovation, which therefore must not wait for it
+    measured = used - {"adaptation"}
+    assert feedthrough(dut) == {
+        "predicted": set(),
+        "innovation": measured,
+        "innovation_covariance": measured,
+        "estimate": used,
+        "status": used,
+    }
+    assert context.get_discrete_state(0).size() == 8
+
+
+def test_the_first_reading_measures_nothing() -> None:
+    dut, context = _dut()
+    np.testing.assert_array_equal(_sample(dut, context, [7.0, 8.0, 9.0]), [np.nan] * 4 + [0.0, 0.0])
+    np.testing.assert_array_equal(_estimate(dut, context), [RECIPROCAL, VARIANCE])
+
+
+def test_one_sample_by_hand() -> None:
+    dut, context = _dut()
+    _sample(dut, context, [1.0, 1.0, 1.0])
+    dut.GetInputPort("acc").FixValue(context, [1.6, 1.2, 1.0])
+    # e = (0.6, 0.2, 0) - 5 x 0.1; Y = diag(25 x 4e-4 + 0.01, 0.01, 0.01)
+    np.testing.assert_allclose(dut.GetOutputPort("innovation").Eval(context), [0.1, 0.2, 0.0], rtol=1e-14, atol=1e-16)
+    covariance = dut.GetOutputPort("innovation_covariance").Eval(context).reshape(3, 3)
+    np.testing.assert_allclose(covariance, np.diag([0.02, 0.01, 0.01]), rtol=1e-14)
+    status = dut.GetOutputPort("status").Eval(context)
+    np.testing.assert_allclose(status, [0.1, 0.2, 0.0, 0.01 / 0.02 + 0.04 / 0.01, 1.0, 0.0], rtol=1e-13, atol=1e-16)
+    # gain 4e-4 x 5 / 0.02 = 0.1, so 0.1 + 0.1 x 0.1; the variance halves
+    estimate = dut.GetOutputPort("estimate").Eval(context)
+    np.testing.assert_allclose(estimate, [0.11, 2e-4], rtol=1e-13)
+    np.testing.assert_array_equal(_estimate(dut, context), [RECIPROCAL, VARIANCE])  # not before the update
+    advance(dut, context)
+    np.testing.assert_array_equal(_estimate(dut, context), estimate)
+
+
+@pytest.mark.parametrize(("usable", "firing"), [(0.0, 1.0), (1.0, 0.0), (0.0, 0.0)])
+def test_a_sample_that_is_unsteady_or_without_thrust_is_measured_and_not_used(usable: float, firing: float) -> None:
+    dut, context = _dut()
+    _sample(dut, context, [1.0, 1.0, 1.0])
+    status = _sample(dut, context, [1.6, 1.0, 1.0], [*PUSH[:6], usable, firing])
+    assert np.isfinite(status[:4]).all()
+    assert status[4] == 0.0
+    np.testing.assert_array_equal(_estimate(dut, context), [RECIPROCAL, VARIANCE])
+
+
+def test_a_missing_reading_costs_two_samples_and_harms_nothing() -> None:
+    dut, context = _dut()
+    _sample(dut, context, [0.0, 0.0, 0.0])
+    used = []
+    for reading in ([0.6, 0.0, 0.0], [np.nan] * 3, [1.8, 0.0, 0.0], [2.4, 0.0, 0.0]):
+        status = _sample(dut, context, reading)
+        used.append(status[4])
+        assert np.isnan(status[3]) == (status[4] == 0.0)
+        assert np.isfinite(_estimate(dut, context)).all()
+    assert used == [1.0, 0.0, 0.0, 1.0]
+
+
+def test_a_sample_without_its_rates_is_not_used() -> None:
+    dut, context = _dut(compensation=TRANSVERSE)
+    _sample(dut, context, [0.0, 0.0, 0.0])
+    status = _sample(dut, context, [0.6, 0.0, 0.0], rate_sample=[np.nan] * 6)
+    np.testing.assert_array_equal(status, [np.nan] * 4 + [0.0, 0.0])
+    np.testing.assert_array_equal(_estimate(dut, context), [RECIPROCAL, VARIANCE])
+    assert _sample(dut, context, [1.2, 0.0, 0.0])[4] == 1.0  # the reading itself was there
+
+
+def test_transverse_motion_is_taken_out_about_the_predicted_centre_of_mass() -> None:
+    # dw = (0, 0, 0.1) at 2 ahead of the centre of mass: dw x r = (0, 0.2, 0)
+    dut, context = _dut(compensation=TRANSVERSE)
+    _sample(dut, context, [0.0, 0.0, 0.0])
+    status = _sample(dut, context, [0.5, 0.2, 0.0], rate_sample=[0.0, 0.0, 0.1, 0.0, 0.0, 0.05])
+    np.testing.assert_allclose(status[:3], [0.0, 0.0, 0.0], atol=1e-16)
+    # with the centre of mass 1 further aft, 0.3 is expected
+    dut, context = _dut(compensation=TRANSVERSE)
+    dut.GetInputPort("predicted_estimate").FixValue(context, np.zeros(9))
+    _sample(dut, context, [0.0, 0.0, 0.0])
+    status = _sample(dut, context, [0.5, 0.2, 0.0], rate_sample=[0.0, 0.0, 0.1, 0.0, 0.0, 0.05])
+    np.testing.assert_allclose(status[:3], [0.0, -0.1, 0.0], rtol=1e-14, atol=1e-16)
+
+
+def test_centripetal_motion_is_taken_out_too() -> None:
+    # turning about z at 0.5: w x (w x r) T = -0.25 x 2 x 0.08 along x
+    dut, context = _dut(compensation=TRANSVERSE_CENTRIPETAL)
+    _sample(dut, context, [0.0, 0.0, 0.0])
+    status = _sample(dut, context, [0.5 - 0.04, 0.0, 0.0], rate_sample=[0.0, 0.0, 0.0, 0.0, 0.0, 0.5])
+    np.testing.assert_allclose(status[:3], [0.0, 0.0, 0.0], atol=1e-16)
+
+
+def test_unknown_rotation_and_centre_of_mass_widen_the_innovation() -> None:
+    # dw = (0, 0, 0.1), S_cm = 0.09 in y: [dw x] S [dw x]^T has 0.01 x 0.09 in x;
+    # W = var (tr M 1 - M), var = 2 x 0.0005, M = diag(4, 0.09, 0)
+    dut, context = _dut(compensation=TRANSVERSE, compensation_covariance=True, rate_variance=5e-4)
+    covariance = np.zeros((9, 9))
+    covariance[7, 7] = 0.09
+    dut.GetInputPort("predicted_covariance").FixValue(context, covariance.ravel())
+    _sample(dut, context, [0.0, 0.0, 0.0])
+    dut.GetInputPort("acc").FixValue(context, [0.5, 0.2, 0.0])
+    dut.GetInputPort("rate_sample").FixValue(context, [0.0, 0.0, 0.1, 0.0, 0.0, 0.05])
+    found = dut.GetOutputPort("innovation_covariance").Eval(context).reshape(3, 3)
+    expected = np.diag([0.02 + 0.0009 + 1e-3 * 0.09, 0.01 + 1e-3 * 4.0, 0.01 + 1e-3 * 4.09])
+    np.testing.assert_allclose(found, expected, rtol=1e-13, atol=1e-18)
+
+
+def test_only_the_package_in_use_need_be_connected() -> None:
+    dut, context = _dut(("spare", "acc"))
+    _sample(dut, context, [0.0, 0.0, 0.0])
+    assert _sample(dut, context, [0.6, 0.0, 0.0])[4] == 1.0

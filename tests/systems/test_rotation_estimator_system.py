@@ -1,0 +1,219 @@
+"""The rotation estimator as a system: ports, timing and missing readings."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from systems_probe import PERIOD_S, advance, feedthrough, inputs, outputs
+
+from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
+from massprop_drake.maths.rotation_filter import HYBRID, IGNORE, SUBTRACT, RotationSettings
+from massprop_drake.systems.rotation_estimator import Package, RotationEstimator
+
+# inverse inertia diag(0.5, 0.25, 0.2), centre of mass (1, 0, 0), 1-sigma 0.1 each
+ESTIMATE = np.array([0.5, 0.25, 0.2, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0])
+VARIANCE = 0.01
+READING_VARIANCE = 5e-4  # so that of an increment is 1e-3
+SETTINGS = RotationSettings(
+    period_s=PERIOD_S,
+    second_order=True,
+    coupling=IGNORE,
+    coupling_limit=50.0,
+    jump_threshold=math.inf,
+    jump_covariance=np.zeros((9, 9)),
+    process_noise=np.zeros((9, 9)),
+    disturbance_covariance=np.zeros((3, 3)),
+)
+# 2 about x, no force: h = (0.5 x 2, 0, 0), H = A_6((2, 0, 0)), curvature 0
+TWIST = [2.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+COAST = [0.0] * 6 + [1.0, 0.0]
+
+
+def _dut(gyros: tuple[str, ...] = ("gyro",), **settings: Any) -> tuple[RotationEstimator, Any]:
+    dut = RotationEstimator(
+        estimate=ESTIMATE,
+        covariance=VARIANCE * np.eye(9),
+        gyros=tuple(Package(name, READING_VARIANCE) for name in gyros),
+        gyro=gyros[-1],
+        settings=SETTINGS._replace(**settings),
+    )
+    context = dut.CreateDefaultContext()
+    dut.GetInputPort("impulses").FixValue(context, COAST)
+    return dut, context
+
+
+def _sample(dut: RotationEstimator, context: Any, gyro: list[float], impulses: list[float] | None = None) -> np.ndarray:
+    """The status of a sample; the sample is then over."""
+    dut.GetInputPort("gyro").FixValue(context, gyro)
+    dut.GetInputPort("impulses").FixValue(context, impulses or COAST)
+    status = dut.GetOutputPort("status").Eval(context)
+    advance(dut, context)
+    return status
+
+
+def _out(dut: RotationEstimator, context: Any, name: str) -> np.ndarray:
+    return dut.GetOutputPort(name).Eval(context)
+
+
+def test_topology() -> None:
+    dut, context = _dut(("spare", "gyro"))
+    assert inputs(dut) == {"spare": 3, "gyro": 3, "impulses": 8, "known_force": 24, "adaptation": 26}
+    assert outputs(dut) == {
+        "predicted_estimate": 9,
+        "predicted_covariance": 81,
+        "rate_sample": 6,
+        "innovation": 3,
+        "innovation_covariance": 9,
+        "estimate": 9,
+        "covariance": 81,
+        "standard_deviation": 9,
+        "status": 7,
+    }
+    # the mass filter uses the prediction, which must not wait for the measurement
+    # and the detector makes the adaptation from the innovation, which must not wait for it
+    measured = {"gyro", "impulses", "known_force"}
+    expected = dict.fromkeys(outputs(dut), measured | {"adaptation"})
+    expected |= dict.fromkeys(("rate_sample", "innovation", "innovation_covariance"), measured)
+    expected |= dict.fromkeys(("predicted_estimate", "predicted_covariance"), set())
+    assert feedthrough(dut) == expected
+    assert [context.get_discrete_state(group).size() for group in range(3)] == [9, 81, 4]
+
+
+def test_it_starts_from_what_it_is_given() -> None:
+    dut, context = _dut()
+    np.testing.assert_array_equal(_out(dut, context, "predicted_estimate"), ESTIMATE)
+    np.testing.assert_array_equal(_out(dut, context, "predicted_covariance").reshape(9, 9), VARIANCE * np.eye(9))
+
+
+def test_the_first_reading_measures_nothing() -> None:
+    dut, context = _dut()
+    status = _sample(dut, context, [0.1, 0.2, 0.3], [*TWIST, 1.0, 1.0])
+    np.testing.assert_array_equal(status, [np.nan, np.nan, np.nan, np.nan, 0.0, 0.0, 0.0])
+    np.testing.assert_array_equal(_out(dut, context, "predicted_estimate"), ESTIMATE)
+
+
+def test_one_sample_by_hand() -> None:
+    dut, context = _dut()
+    _sample(dut, context, [0.0, 0.0, 0.0])
+    dut.GetInputPort("gyro").FixValue(context, [1.2, -0.1, 0.05])
+    dut.GetInputPort("impulses").FixValue(context, [*TWIST, 1.0, 1.0])
+    # increment and mean of the two readings
+    np.testing.assert_allclose(_out(dut, context, "rate_sample"), [1.2, -0.1, 0.05, 0.6, -0.05, 0.025], rtol=1e-15)
+    # e = dw - (0.5 x 2, 0, 0); Y = (4 x 0.01 + 0.001) 1
+    np.testing.assert_allclose(_out(dut, context, "innovation"), [0.2, -0.1, 0.05], rtol=1e-14)
+    np.testing.assert_allclose(_out(dut, context, "innovation_covariance").reshape(3, 3), 0.041 * np.eye(3), rtol=1e-14)
+    status = _out(dut, context, "status")
+    np.testing.assert_allclose(status[:4], [0.2, -0.1, 0.05, (0.04 + 0.01 + 0.0025) / 0.041], rtol=1e-13)
+    np.testing.assert_array_equal(status[4:], [1.0, 0.0, 0.0])
+    # gain 2 x 0.01 / 0.041 on Ixx^-1, Ixy^-1 and Ixz^-1, in that order of the innovation
+    gain = 0.02 / 0.041
+    expected = ESTIMATE + gain * np.array([0.2, 0.0, 0.0, 0.0, 0.05, -0.1, 0.0, 0.0, 0.0])
+    np.testing.assert_allclose(_out(dut, context, "estimate"), expected, rtol=1e-13)
+    variance = np.full(9, VARIANCE)
+    variance[[0, 4, 5]] *= 0.001 / 0.041
+    np.testing.assert_allclose(
+        _out(dut, context, "covariance").reshape(9, 9), np.diag(variance), rtol=1e-12, atol=1e-18
+    )
+    np.testing.assert_allclose(_out(dut, context, "standard_deviation"), np.sqrt(variance), rtol=1e-12)
+
+
+def test_the_update_makes_the_estimate_the_next_prediction() -> None:
+    dut, context = _dut()
+    _sample(dut, context, [0.0, 0.0, 0.0])
+    dut.GetInputPort("gyro").FixValue(context, [1.2, -0.1, 0.05])
+    dut.GetInputPort("impulses").FixValue(context, [*TWIST, 1.0, 1.0])
+    estimate, covariance = _out(dut, context, "estimate"), _out(dut, context, "covariance")
+    np.testing.assert_array_equal(_out(dut, context, "predicted_estimate"), ESTIMATE)  # not before the update
+    advance(dut, context)
+    np.testing.assert_array_equal(_out(dut, context, "predicted_estimate"), estimate)
+    np.testing.assert_array_equal(_out(dut, context, "predicted_covariance"), covariance)
+    assert not np.array_equal(estimate, ESTIMATE)
+
+
+@pytest.mark.parametrize(("usable", "firing"), [(0.0, 1.0), (1.0, 0.0), (0.0, 0.0)])
+def test_a_sample_that_is_unsteady_or_without_thrust_is_measured_and_not_used(usable: float, firing: float) -> None:
+    dut, context = _dut()
+    _sample(dut, context, [0.0, 0.0, 0.0])
+    status = _sample(dut, context, [1.2, 0.0, 0.0], [*TWIST, usable, firing])
+    assert np.isfinite(status[:4]).all()
+    assert status[4] == 0.0
+    np.testing.assert_array_equal(_out(dut, context, "predicted_estimate"), ESTIMATE)
+    np.testing.assert_array_equal(_out(dut, context, "predicted_covariance").reshape(9, 9), VARIANCE * np.eye(9))
+
+
+def test_a_missing_reading_costs_two_samples_and_harms_nothing() -> None:
+    dut, context = _dut()
+    fire = [*TWIST, 1.0, 1.0]
+    _sample(dut, context, [0.0, 0.0, 0.0])
+    used, estimates = [], []
+    for gyro in ([1.1, 0.0, 0.0], [np.nan] * 3, [3.3, 0.0, 0.0], [4.4, 0.0, 0.0]):
+        status = _sample(dut, context, gyro, fire)
+        used.append(status[4])
+        assert np.isnan(status[3]) == (status[4] == 0.0)
+        estimates.append(_out(dut, context, "predicted_estimate"))
+    # neither the increment to the missing reading nor the one from it is known
+    assert used == [1.0, 0.0, 0.0, 1.0]
+    np.testing.assert_array_equal(estimates[1], estimates[0])
+    np.testing.assert_array_equal(estimates[2], estimates[0])
+    assert np.isfinite(estimates[3]).all()
+    assert not np.array_equal(estimates[3], estimates[2])
+
+
+def test_a_reading_with_one_axis_missing_is_not_used() -> None:
+    dut, context = _dut()
+    _sample(dut, context, [0.0, 0.0, 0.0])
+    status = _sample(dut, context, [1.1, 0.0, np.nan], [*TWIST, 1.0, 1.0])
+    assert status[4] == 0.0
+    np.testing.assert_array_equal(_out(dut, context, "predicted_estimate"), ESTIMATE)
+
+
+def test_only_the_package_in_use_need_be_connected() -> None:
+    dut, context = _dut(("spare", "gyro"))
+    _sample(dut, context, [0.0, 0.0, 0.0])
+    assert _sample(dut, context, [1.2, 0.0, 0.0], [*TWIST, 1.0, 1.0])[4] == 1.0
+
+
+def test_a_large_innovation_raises_the_covariance_first() -> None:
+    # NIS 0.04 / 0.041 is below 1, above 0.5
+    jump = np.zeros((9, 9))
+    jump[0, 0] = 1.0
+    for threshold, jumped in ((1.0, 0.0), (0.5, 1.0)):
+        dut, context = _dut(jump_threshold=threshold, jump_covariance=jump)
+        _sample(dut, context, [0.0, 0.0, 0.0])
+        status = _sample(dut, context, [1.2, 0.0, 0.0], [*TWIST, 1.0, 1.0])
+        np.testing.assert_allclose(status[3], 0.04 / 0.041, rtol=1e-13)  # reported as it was before
+        assert status[5] == jumped
+        variance = VARIANCE + jumped
+        gain = 2.0 * variance / (4.0 * variance + 0.001)
+        np.testing.assert_allclose(_out(dut, context, "predicted_estimate")[0], 0.5 + 0.2 * gain, rtol=1e-12)
+
+
+def test_the_hybrid_rule_is_remembered_while_coasting() -> None:
+    # Y = 0.041 and R = 0.001: subtract when the limit is above 41
+    for limit, subtracts in ((42.0, 1.0), (40.0, 0.0)):
+        dut, context = _dut(coupling=HYBRID, coupling_limit=limit)
+        assert _sample(dut, context, [0.0, 0.0, 0.0])[6] == 0.0
+        assert _sample(dut, context, [0.01, 0.0, 0.0])[6] == 0.0  # coasting says nothing
+        assert _sample(dut, context, [1.01, 0.0, 0.0], [*TWIST, 0.0, 1.0])[6] == subtracts
+        assert _sample(dut, context, [1.01, 0.0, 0.0])[6] == subtracts
+
+
+def test_dynamic_coupling_is_subtracted() -> None:
+    # turning with (1, 1, 0), I = diag(2, 4, 5): w x I w = (0, 0, 2), so dw_z = -0.2 x 2 x 0.08
+    dut, context = _dut(coupling=SUBTRACT)
+    _sample(dut, context, [1.0, 1.0, 0.0])
+    status = _sample(dut, context, [1.0, 1.0, -0.032])
+    # the mean rate has w_z = -0.016: what it adds is w x I w = (1 x 5 - 4) x -0.016 and (2 - 5) x -0.016
+    np.testing.assert_allclose(status[2], 0.0, atol=1e-15)
+    np.testing.assert_allclose(status[:2], [-0.016 * 0.5 * PERIOD_S, 0.048 * 0.25 * PERIOD_S], rtol=1e-12)
+
+
+def test_a_lost_definiteness_names_the_system_and_the_time() -> None:
+    dut, context = _dut(disturbance_covariance=-1.0 * np.eye(3))
+    _sample(dut, context, [0.0, 0.0, 0.0])
+    dut.GetInputPort("gyro").FixValue(context, [0.1, 0.0, 0.0])
+    with pytest.raises(NotPositiveDefiniteError, match=r"rotation_estimator: .*innovation covariance.*at t = 0\.08 s"):
+        _out(dut, context, "estimate")

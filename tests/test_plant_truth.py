@@ -1,0 +1,315 @@
+"""The true vehicle against Drake's MultibodyPlant, its two plants against each other, and by hand."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.multibody.plant import MultibodyPlant, Propeller, PropellerInfo
+from pydrake.multibody.tree import RotationalInertia, SpatialInertia
+from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import FirstOrderLowPassFilter, LogVectorOutput
+
+from massprop_drake import Run, Scenario, Vehicle, simulate
+from massprop_drake.maths.attitude import conjugate, multiply, rotation_matrix, to_rotation_vector
+from massprop_drake.models import yaml_text
+from massprop_drake.scenario import resolved
+from massprop_drake.systems.jet_schedule import JetSchedule
+
+Array = NDArray[np.float64]
+
+TOLERANCE = 1e-9  # rad/s, and rad: what the two kinds of plant and the truth must agree to over 50 s
+# With a lag the stepped plant's rates are within 7e-11 rad/s of the truth, which adds up over 50 s
+LAGGING_ANGLE = 1e-8  # rad
+
+
+class Motion(NamedTuple):
+    """A body's motion at the samples.
+
+    Attributes:
+        rate: rad/s, body axes, shape (n, 3).
+        attitude: q_NB, shape (n, 4).
+        velocity: of the centre of mass, inertial axes, shape (n, 3).
+        position: likewise.
+    """
+
+    rate: Array
+    attitude: Array
+    velocity: Array
+    position: Array
+
+
+def _motion(run: Run) -> Motion:
+    return Motion(run["rate"], run["attitude"], run["velocity"], run["position"])
+
+
+def _angles_between(one: Array, other: Array) -> Array:
+    """Angle between two attitudes at each sample, rad."""
+    pairs = zip(one, other, strict=True)
+    return np.array([np.linalg.norm(to_rotation_vector(multiply(conjugate(a), b))) for a, b in pairs])
+
+
+def _pulses(commands: Array, vehicle: Vehicle) -> list[dict[str, Any]]:
+    """A table of commands as a jet schedule; edges half a sample early, so that rounding cannot move them."""
+    period = vehicle.sample_period_s
+    pulses = []
+    for jet, designation in enumerate(vehicle.designations):
+        edges = np.flatnonzero(np.diff(np.concatenate([[0.0], commands[:, jet], [0.0]])))
+        for first, last in edges.reshape(-1, 2).tolist():
+            times = {"start_s": max(0.0, (first - 0.5) * period), "end_s": (last - 0.5) * period}
+            pulses.append({"jet": designation, **times})
+    return pulses
+
+
+@pytest.fixture(scope="module")
+def commands(sample_run: Run) -> Array:
+    """The jets commanded in the sample manoeuvre, a row per sample."""
+    return sample_run["command"][:-1]
+
+
+@pytest.fixture(scope="module")
+def prescribed(orbiter: Vehicle, commands: Array) -> Callable[..., Run]:
+    """Runs the sample manoeuvre's commands in open loop, by choices of the plant; each choice once."""
+    pulses = _pulses(commands, orbiter)
+    kept: dict[str, Run] = {}
+
+    def run(**plant: Any) -> Run:
+        key = repr(sorted(plant.items()))
+        if key not in kept:
+            data = {"vehicle": "orbiter", "duration_s": 50.0, "jet_schedule": pulses}
+            kept[key] = simulate(resolved({**data, "plant": {"depletion": False, **plant}}))
+        return kept[key]
+
+    return run
+
+
+def _truth(vehicle: Vehicle, commands: Array, *, lag: bool, initial_rate: Array | None = None) -> Motion:
+    """The same by Drake: a free body with a propeller for each jet, and a low-pass filter for the lag."""
+    period = vehicle.sample_period_s
+    properties = vehicle.nominal
+    builder = DiagramBuilder()
+    plant = builder.AddSystem(MultibodyPlant(0.0))
+    plant.mutable_gravity_field().set_gravity_vector(np.zeros(3))
+    (xx, xy, xz), (_, yy, yz), (_, _, zz) = properties.inertia
+    inertia = RotationalInertia(xx, yy, zz, xy, xz, yz)
+    body = plant.AddRigidBody("vehicle", SpatialInertia.MakeFromCentralInertia(properties.mass, np.zeros(3), inertia))
+    plant.Finalize()
+
+    jets = []
+    fires = np.flatnonzero(commands.any(axis=0)) if commands.any() else np.arange(1)
+    for jet in (vehicle.jets[index] for index in fires):  # a propeller pushes along its z axis
+        axis = np.array(jet.direction) / np.linalg.norm(jet.direction)
+        pose = RigidTransform(RotationMatrix.MakeFromOneVector(axis, 2), jet.position - properties.center_of_mass)
+        jets.append(PropellerInfo(body.index(), pose, jet.thrust, 0.0))
+    propellers = builder.AddSystem(Propeller(jets))
+    schedule = builder.AddSystem(JetSchedule(commands[:, fires], period_s=period))
+    if lag:
+        filters = builder.AddSystem(FirstOrderLowPassFilter(vehicle.time_constants_s[fires]))
+        builder.Connect(schedule.GetOutputPort("held_command"), filters.get_input_port())
+        builder.Connect(filters.get_output_port(), propellers.get_command_input_port())
+    else:
+        builder.Connect(schedule.GetOutputPort("held_command"), propellers.get_command_input_port())
+    builder.Connect(plant.get_body_poses_output_port(), propellers.get_body_poses_input_port())
+    builder.Connect(propellers.get_spatial_forces_output_port(), plant.get_applied_spatial_force_input_port())
+    sink = LogVectorOutput(plant.get_state_output_port(), builder, period)
+
+    simulator = Simulator(builder.Build())
+    # error control alone leaves 1e-8 rad where thrust sets in: a third of a time constant leaves 1e-10
+    longest = 0.005 if lag else period
+    config = SimulatorConfig(
+        integration_scheme="runge_kutta5", max_step_size=longest, accuracy=1e-12, use_error_control=True
+    )
+    ApplySimulatorConfig(config, simulator)
+    context = simulator.get_mutable_context()
+    if initial_rate is not None:
+        plant.SetVelocities(plant.GetMyMutableContextFromRoot(context), np.concatenate([initial_rate, np.zeros(3)]))
+    simulator.Initialize()
+    simulator.AdvanceTo(commands.shape[0] * period)
+    # quaternion, position, angular velocity and velocity, all in the world
+    states = np.array(sink.FindLog(context).data().T)
+    rate = np.array([rotation_matrix(state[:4]).T @ state[7:10] for state in states])
+    return Motion(rate, states[:, :4], states[:, 10:], states[:, 4:7])
+
+
+@pytest.fixture(scope="module")
+def truth(orbiter: Vehicle, commands: Array) -> Motion:
+    return _truth(orbiter, commands, lag=False)
+
+
+@pytest.fixture(scope="module")
+def lagging_truth(orbiter: Vehicle, commands: Array) -> Motion:
+    return _truth(orbiter, commands, lag=True)
+
+
+def _assert_same_motion(found: Motion, expected: Motion, angle: float) -> None:
+    np.testing.assert_allclose(found.rate, expected.rate, rtol=0.0, atol=TOLERANCE)
+    assert _angles_between(found.attitude, expected.attitude).max() < angle
+    # the angle turns a velocity change of about 1 ft/s, and 50 s of that are in the position
+    np.testing.assert_allclose(found.velocity, expected.velocity, rtol=0.0, atol=angle)
+    np.testing.assert_allclose(found.position, expected.position, rtol=0.0, atol=50.0 * angle)
+
+
+def test_the_schedule_is_that_of_the_run(prescribed: Callable[..., Run], commands: Array) -> None:
+    np.testing.assert_array_equal(prescribed(thrust_transient="none")["command"][:-1], commands)
+    assert commands.any(axis=0).sum() > 10  # many jets take part
+    assert prescribed(thrust_transient="none")["rate"].max() > 0.005
+
+
+@pytest.mark.parametrize("time_step", [None, 0.0])
+def test_the_plant_moves_as_a_multibody_plant_does(
+    prescribed: Callable[..., Run], truth: Motion, time_step: float | None
+) -> None:
+    _assert_same_motion(_motion(prescribed(thrust_transient="none", time_step=time_step)), truth, TOLERANCE)
+
+
+@pytest.mark.parametrize("time_step", [None, 0.0])
+def test_with_a_lag_the_plant_moves_as_a_multibody_plant_with_filters_does(
+    prescribed: Callable[..., Run], lagging_truth: Motion, time_step: float | None
+) -> None:
+    _assert_same_motion(
+        _motion(prescribed(thrust_transient="vehicle", time_step=time_step)), lagging_truth, LAGGING_ANGLE
+    )
+
+
+def test_the_lag_makes_a_difference(truth: Motion, lagging_truth: Motion) -> None:
+    # or the tests above would compare the same thing twice
+    assert np.abs(truth.rate - lagging_truth.rate).max() > 1e5 * TOLERANCE
+
+
+@pytest.mark.parametrize("transient", ["none", "vehicle"])
+@pytest.mark.parametrize("depletion", [False, True])
+def test_stepped_and_continuous_plant_agree(prescribed: Callable[..., Run], transient: str, depletion: bool) -> None:
+    stepped = prescribed(thrust_transient=transient, depletion=depletion)
+    continuous = prescribed(thrust_transient=transient, depletion=depletion, time_step=0.0)
+    _assert_same_motion(_motion(stepped), _motion(continuous), TOLERANCE if transient == "none" else LAGGING_ANGLE)
+    # a reading near the edge of a quantum may fall on either side
+    np.testing.assert_allclose(stepped["truth"], continuous["truth"], rtol=1e-12)
+    for name in ("acc1", "acc2", "acc3"):
+        np.testing.assert_allclose(stepped[name], continuous[name], rtol=0.0, atol=0.0345)
+    np.testing.assert_array_equal(stepped["command"], continuous["command"])
+    np.testing.assert_allclose(stepped["thrust"], continuous["thrust"], rtol=1e-12, atol=1e-12)
+
+
+def test_firing_uses_up_thrust_times_time_over_specific_impulse(
+    prescribed: Callable[..., Run], orbiter: Vehicle
+) -> None:
+    run = prescribed(thrust_transient="vehicle", depletion=True)
+    mass = 1.0 / run["truth"][:, 9]
+    forces = np.linalg.norm(orbiter.thrusts, axis=1)
+    flow = (run["thrust"] / forces) @ orbiter.mass_flows
+    np.testing.assert_allclose(np.diff(mass), -flow[:-1] * orbiter.sample_period_s, rtol=0.0, atol=1e-11)
+    constant = prescribed(thrust_transient="vehicle")
+    np.testing.assert_array_equal(constant["truth"][:, 9], 1.0 / orbiter.nominal.mass)
+
+
+# ----------------------------------------------------------------------------------------- coasting
+
+
+def _coasting(rate: list[float], **plant: Any) -> Run:
+    data = {"duration_s": 40.0, "jet_schedule": [{"jet": "R4R", "start_s": 90.0, "end_s": 91.0}]}
+    return simulate(resolved({**data, "plant": {"initial_rate": rate, **plant}}))
+
+
+@pytest.mark.parametrize("time_step", [None, 0.0])
+def test_coasting_keeps_angular_momentum_and_energy(orbiter: Vehicle, time_step: float | None) -> None:
+    run = _coasting([0.03, -0.05, 0.04], time_step=time_step, accuracy=1e-12)
+    assert not run["command"].any()
+    inertia = orbiter.nominal.inertia
+    momentum = np.array([rotation_matrix(q) @ inertia @ w for q, w in zip(run["attitude"], run["rate"], strict=True)])
+    energy = 0.5 * np.einsum("ki,ij,kj->k", run["rate"], inertia, run["rate"])
+    # a tumble of more than two radians in 500 steps: rounding adds up to less than this
+    np.testing.assert_allclose(
+        momentum, np.tile(momentum[0], (run.time_s.size, 1)), rtol=0.0, atol=1e-11 * np.linalg.norm(momentum[0])
+    )
+    np.testing.assert_allclose(energy, energy[0], rtol=1e-11)
+    assert np.abs(run["rate"] - run["rate"][0]).max() > 0.01  # it does tumble
+    np.testing.assert_allclose(np.linalg.norm(run["attitude"], axis=1), 1.0, rtol=1e-13)
+
+
+def test_coasting_tumbles_as_a_multibody_plant_does(orbiter: Vehicle) -> None:
+    rate = [0.03, -0.05, 0.04]
+    found = _coasting(rate)
+    expected = _truth(orbiter, np.zeros((500, 44)), lag=False, initial_rate=np.array(rate))
+    np.testing.assert_allclose(found["rate"], expected.rate, rtol=0.0, atol=TOLERANCE)
+    assert _angles_between(found["attitude"], expected.attitude).max() < TOLERANCE
+
+
+# ------------------------------------------------------------------------------------------ by hand
+
+
+def _toy(toy_data: dict[str, Any], **plant: Any) -> Scenario:
+    """Jet J1 at (0, 1, 0) m pushes with 10 N along x, so turns with -10 N-m about z, from 0.2 to 0.5 s.
+
+    100 kg, 140 kg-m^2 about z, no products, samples of 0.1 s: -10 / 140 x 0.1 rad/s a sample.
+    """
+    toy_data["mass_properties"]["inertia"] = [[100.0, 0.0, 0.0], [0.0, 120.0, 0.0], [0.0, 0.0, 140.0]]
+    pulse = {"jet": "J1", "start_s": 0.2, "end_s": 0.5}
+    return resolved({"vehicle": toy_data, "duration_s": 0.8, "jet_schedule": [pulse], "plant": plant})
+
+
+STEPS_DONE = np.array([0, 0, 0, 1, 2, 3, 3, 3, 3])  # whole samples of thrust before each row
+PER_SAMPLE = -10.0 / 140.0 * 0.1
+
+
+@pytest.mark.parametrize("time_step", [None, 0.0])
+def test_a_jet_on_at_a_sample_moves_the_rate_until_the_next(toy_data: dict[str, Any], time_step: float | None) -> None:
+    run = simulate(_toy(toy_data, time_step=time_step))
+    assert run.time_s.size == 9
+    assert run["command"][:, 0].tolist() == [0, 0, 1, 1, 1, 0, 0, 0, 0]
+    assert run["thrust"][:, 0].tolist() == [0, 0, 10, 10, 10, 0, 0, 0, 0]
+    assert not run["command"][:, 1:].any()
+    np.testing.assert_allclose(run["rate"][:, 2], PER_SAMPLE * STEPS_DONE, rtol=1e-10, atol=1e-18)
+    np.testing.assert_allclose(run["rate"][:, :2], 0.0, atol=1e-18)
+    # the gyro reads the rate of its own row to half a quantum of 1e-6 rad/s
+    np.testing.assert_allclose(run["gyro"], run["rate"], rtol=0.0, atol=0.5e-6 * (1 + 1e-9))
+    # propellant: 10 / (9.80665 x 70) kg/s
+    mass = 1.0 / run["truth"][:, 9]
+    np.testing.assert_allclose(mass, 100.0 - 10.0 / (9.80665 * 70.0) * 0.1 * STEPS_DONE, rtol=1e-12)
+    # 10 N along body x on 100 kg: 0.01 m/s a sample, less what turning and lost mass change of it (< 0.1 %)
+    np.testing.assert_allclose(run["velocity"][:, 0], 0.01 * STEPS_DONE, rtol=1e-3, atol=1e-18)
+
+
+@pytest.mark.parametrize("time_step", [None, 0.0])
+def test_thrust_that_lags_arrives_in_full_a_little_late(toy_data: dict[str, Any], time_step: float | None) -> None:
+    toy_data["jet_kinds"]["primary"]["time_constant_s"] = 0.02
+    run = simulate(_toy(toy_data, time_step=time_step))
+    # level l after a time s on: 1 - exp(-s / tau); its integral s - tau (1 - exp(-s / tau)); off: dying away
+    tau, on = 0.02, 0.3
+    elapsed = 0.1 * np.maximum(np.arange(9) - 2, 0)
+    while_on = elapsed - tau * -np.expm1(-elapsed / tau)
+    at_end = on - tau * -np.expm1(-on / tau)
+    after = at_end + -np.expm1(-on / tau) * tau * -np.expm1(-(elapsed - on) / tau)
+    impulse = np.where(elapsed <= on, while_on, after)
+    # the continuous plant is integrated to an accuracy of 1e-10
+    np.testing.assert_allclose(run["rate"][:, 2], -10.0 / 140.0 * impulse, rtol=1e-8, atol=1e-17)
+    # mean thrust of each row
+    np.testing.assert_allclose(run["thrust"][:-1, 0], 10.0 * np.diff(impulse) / 0.1, rtol=1e-12, atol=1e-13)
+
+
+def test_telemetry_of_the_hand_worked_schedule(toy_data: dict[str, Any], tmp_path: Path) -> None:
+    run = simulate(_toy(toy_data))
+    run.save(tmp_path / "run", pictures=False)
+    with (tmp_path / "run" / "telemetry.csv").open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [row["jet_J1"] for row in rows] == ["0", "0", "1", "1", "1", "0", "0", "0", ""]
+    assert {row["jet_J2"] for row in rows[:-1]} == {"0"}
+    readings = [float(row["gyro_z"]) for row in rows]
+    np.testing.assert_allclose(readings, PER_SAMPLE * STEPS_DONE, rtol=0.0, atol=0.5e-6 * (1 + 1e-9))
+    # what the filter makes of it: increments over [t_k-1, t_k) with the command of that interval
+    impulse = np.array([0, 0, 0, 1, 1, 1, 0, 0, 0]) * -10.0 * 0.1
+    np.testing.assert_allclose(run["angular_impulse"][:, 2], impulse, rtol=1e-14, atol=1e-18)
+    assert run["firing"][:, 0].tolist() == [0, 0, 0, 1, 1, 1, 0, 0, 0]
+    # steady: the command of this interval and of the one before agree
+    assert run["usable"][:, 0].tolist() == [1, 1, 1, 0, 1, 1, 0, 1, 1]
+    assert run["rotation_used"][:, 0].tolist() == [0, 0, 0, 0, 1, 1, 0, 0, 0]
+
+
+def test_the_scenario_of_the_run_holds_its_schedule(toy_data: dict[str, Any]) -> None:
+    assert "jet: J1" in yaml_text(simulate(_toy(toy_data)).scenario)
