@@ -103,9 +103,8 @@ def stuck(results: list[Outcome], healthy: list[Outcome], jet: int, cluster: int
     say("alarms that name a wrong jet (to 56 s)", wrong)
     say("declared, s after 50 s", span(d["time_s"] - 50.0 for r in results for d in r.detections[:1]))
     say("kinds and jets declared", sorted({(d["kind"], d["jet"]) for r in results for d in r.detections}))
-    print(
-        f"  magnitude declared - {magnitude:g}                    {span(d['magnitude'] - magnitude for r in results for d in r.detections[:1])}"
-    )
+    errors = [d["magnitude"] - magnitude for r in results for d in r.detections[:1]]
+    say(f"magnitude declared - {magnitude:g}", span(errors))
     say("likelihood argument of the first alarm", span(r.likelihood[np.flatnonzero(r.alarm)[0]] for r in results))
     late = [r.time_s > 52.0 for r in results]
     say(
@@ -137,18 +136,23 @@ def soft(results: list[Outcome], jet: int, cluster: int, magnitude: float) -> No
         "first alarm of its cluster, samples after 50 s", span(first(r, a) for r, a in zip(results, right, strict=True))
     )
     say("tested samples after 50 s", count)
-    print(
-        f"  alarms naming the jet / a wrong jet / another cluster  {named} ({100 * named / count:.1f} %) / {wrong} / {other}"
-    )
+    share = 100.0 * named / count
+    say("alarms naming the jet / a wrong jet / another cluster", f"{named} ({share:.1f} %) / {wrong} / {other}")
     force = np.concatenate([r.magnitude[m & r.alarm & (r.jet == jet)] for r, m in zip(results, after, strict=True)])
     any_jet = np.concatenate([r.magnitude[m & a] for r, m, a in zip(results, after, right, strict=True)])
-    print(
-        f"  magnitude - {magnitude:g}, of the jet / of the likeliest   {span(force - magnitude)} / {span(any_jet - magnitude)}"
-    )
+    say(f"magnitude - {magnitude:g}, of the jet", span(force - magnitude))
+    say(f"magnitude - {magnitude:g}, of the likeliest jet", span(any_jet - magnitude))
     say(
         "likelihood argument",
         span(np.concatenate([r.likelihood[m & a] for r, m, a in zip(results, after, right, strict=True)])),
     )
+
+
+def health(results: list[Outcome], sensors: str) -> None:
+    """Alarms while nothing fails."""
+    alarms, tested = sum(int(r.alarm.sum()) for r in results), sum(int(r.tested.sum()) for r in results)
+    say(f"{sensors}: declarations", sum(len(r.detections) for r in results))
+    say(f"{sensors}: alarms per tested sample", f"{alarms} of {tested}: {alarms / tested:.5f}")
 
 
 def recovery(outcome: Outcome, jump_s: float, elements: slice | int, percent: float) -> float:
@@ -194,26 +198,19 @@ def main() -> None:
         print("\ntwo failures")
         results = runs("two_failures")
         both = [tuple((d["jet"], d["kind"]) for d in r.detections) for r in results]
-        print(
-            f"  {sum(b == (('R4R', 'jet_on'), ('F2R', 'jet_off')) for b in both)} of {len(both)} both isolated; {set(both)}"
-        )
+        wanted = (("R4R", "jet_on"), ("F2R", "jet_off"))
+        say(f"both isolated, of {len(both)}", both.count(wanted))
         print("\nhealthy, ten minutes")
         results = runs("healthy_long", seeds=12)
-        print(
-            f"  declarations {sum(len(r.detections) for r in results)}, alarms {sum(int(r.alarm.sum()) for r in results)} in {sum(int(r.tested.sum()) for r in results)} tested samples"
-        )
+        health(results, "quantised sensors")
         results = runs("healthy_long", gaussian, seeds=12)
-        alarms, tested = sum(int(r.alarm.sum()) for r in results), sum(int(r.tested.sum()) for r in results)
-        print(
-            f"  Gaussian sensors: declarations {sum(len(r.detections) for r in results)}, {alarms} alarms in {tested} tested samples: {alarms / tested:.5f}"
-        )
+        health(results, "Gaussian sensors")
         for mass in (1000, 300, 2000):
             print(f"\npayload of {mass} slug released at 45 s")
             results = runs("payload_release", f"jumps[0].mass={mass}", seeds=20)
             kinds = [tuple(d["kind"] for d in r.detections) for r in results]
-            print(
-                f"  declared { ({k: kinds.count(k) for k in set(kinds)}) }, jets out of use {[r.out_of_use for r in results]}"
-            )
+            say("declared", {kind: kinds.count(kind) for kind in set(kinds)})
+            say("jets out of use", sum(r.out_of_use for r in results))
             say("single alarms of a jet", sum(int(r.alarm.sum()) for r in results))
             say("diagonal within 1 %, s after the release", span(recovery(r, 45.0, slice(0, 3), 1.0) for r in results))
             say("mass within 10 %, s after the release", span(recovery(r, 45.0, 9, 10.0) for r in results))

@@ -77,7 +77,7 @@ def test_topology() -> None:
     measured = {"gyro", "impulses", "known_force"}
     expected = dict.fromkeys(outputs(dut), measured | {"adaptation"})
     expected |= dict.fromkeys(("rate_sample", "innovation", "innovation_covariance"), measured)
-    expected |= dict.fromkeys(("predicted_estimate", "predicted_covariance"), set())
+    expected |= {"predicted_estimate": set(), "predicted_covariance": set()}
     assert feedthrough(dut) == expected
     assert [context.get_discrete_state(group).size() for group in range(3)] == [9, 81, 4]
 
