@@ -201,8 +201,16 @@ class Plots:
             jets = self._signals["suspected_jet"][alarm, 0].astype(int)
             magnitude = self._signals["suspected_magnitude"][alarm, 0]
             deviation = self._signals["suspected_magnitude_std"][alarm, 0]
-            bars = {"fmt": ".", "color": COLOURS[0], "markersize": 4, "elinewidth": 0.8}
-            panel.errorbar(self._time_s[alarm], magnitude, deviation, label="likeliest jet, 1-sigma", **bars)
+            panel.errorbar(
+                self._time_s[alarm],
+                magnitude,
+                deviation,
+                fmt=".",
+                color=COLOURS[0],
+                markersize=4,
+                elinewidth=0.8,
+                label="likeliest jet, 1-sigma",
+            )
             for jet, colour in zip(dict.fromkeys(jets.tolist()), (TRUTH_COLOUR, *COLOURS[2:]), strict=False):
                 full = self._vehicle.jets[jet].thrust
                 truth = self._signals["thrust"][:, jet] - full * self._signals["command"][:, jet]

@@ -58,7 +58,7 @@ class _Loader(yaml.SafeLoader):
 
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
         """A node; refuses an alias."""
-        if self.check_event(yaml.events.AliasEvent):  # type: ignore[no-untyped-call]
+        if self.check_event(yaml.events.AliasEvent):
             event = self.peek_event()  # type: ignore[no-untyped-call]
             raise yaml.composer.ComposerError(
                 None, None, f"alias *{event.anchor} is not supported; write the value out", event.start_mark
@@ -232,7 +232,7 @@ def _without_echoes(items: list[Any]) -> list[Any]:
 
     A list with a bad item counts as too short besides, and each value that a short list lacks is missing.
     """
-    kept = []
+    kept: list[Any] = []
     lacking: dict[Path_, int] = {}
     for item in items:
         place = item["loc"]

@@ -17,7 +17,7 @@ from massprop_drake.maths.mass_properties import N_ROTATION, MassProperties, ini
 from massprop_drake.maths.noise import uniform_phase
 from massprop_drake.maths.phase_space import PhaseSpaceSettings
 from massprop_drake.maths.sensing import SensorModel, smoothing_factor
-from massprop_drake.scenario import Intermittent, Scenario, SensorErrors
+from massprop_drake.scenario import Degraded, Drift, Failure, Intermittent, Leak, Scenario, SensorErrors
 from massprop_drake.vehicle import Accelerometer, Gyro, SensorPackage, Vehicle
 
 Array = NDArray[np.float64]
@@ -215,24 +215,33 @@ def jet_failures(scenario: Scenario) -> tuple[failures.Failure, ...]:
     result = []
     for number, entry in enumerate(scenario.failures):
         jet = vehicle.jet_index(entry.jet)
-        amount = {
-            "degraded": lambda entry=entry: entry.fraction,
-            "leak": lambda entry=entry, jet=jet: entry.force / vehicle.jets[jet].thrust,
-            "intermittent": lambda entry=entry: entry.level,
-            "drift": lambda entry=entry: entry.rate_per_s,
-        }.get(entry.kind, lambda: 0.0)()
         result.append(
             failures.Failure(
                 jet=jet,
                 kind=_FAILURES[entry.kind],
                 start_s=entry.start_s,
                 end_s=math.inf if entry.end_s is None else entry.end_s,
-                amount=amount,
+                amount=_amount(entry, vehicle.jets[jet].thrust),
                 probability=entry.probability if isinstance(entry, Intermittent) else 0.0,
                 stream=f"failure {number} of {entry.jet}",
             )
         )
     return tuple(result)
+
+
+def _amount(entry: Failure, thrust: float) -> float:
+    """What `maths.failures.Failure` calls the amount."""
+    match entry:
+        case Degraded():
+            return entry.fraction
+        case Leak():
+            return entry.force / thrust
+        case Intermittent():
+            return entry.level
+        case Drift():
+            return entry.rate_per_s
+        case _:
+            return 0.0
 
 
 def unit_wrenches(vehicle: Vehicle) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from importlib.metadata import version
 from typing import Any
 
@@ -154,7 +155,9 @@ def _kind(magnitude: float, std: float, thrust: float) -> str:
 
 def null_for_nan(values: Array) -> Any:
     """An array as nested lists, NaN as None."""
-    return np.where(np.isnan(values), None, values.astype(object)).tolist()
+    if values.ndim > 1:
+        return [null_for_nan(row) for row in values]
+    return [None if math.isnan(value) else value for value in values.tolist()]
 
 
 def by_name(parameters: Array) -> dict[str, Any]:

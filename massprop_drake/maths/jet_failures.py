@@ -31,6 +31,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import ELEMENT, N_ROTATION
@@ -192,7 +193,7 @@ class Isolation(NamedTuple):
     jet_margin: float
 
 
-def isolate(likelihood: Array, clusters: Array) -> Isolation:
+def isolate(likelihood: Array, clusters: NDArray[np.int_]) -> Isolation:
     """The likeliest jet, and by how much it leads in its cluster and its cluster among all.
 
     Args:

@@ -15,6 +15,8 @@ from massprop_drake.systems.jet_selection_program import JetSelectionProgram, Ou
 
 Array = NDArray[np.float64]
 
+_LEAST_CONTROL = 0.01  # share of the reach about an axis that must be left when jets are taken out
+
 
 class _Burst(NamedTuple):
     """The burst in force at a sample."""
@@ -167,15 +169,27 @@ class JetSelection(LeafSystem):
         return activity_vectors(wrench[None, :], self._properties(context))[:, 0]
 
     def _reduced(self, context: Any, out_of_use: Array, proposed: Array) -> Array:
-        """The jets out of use when those proposed are added, if rotation about every axis remains."""
-        available = self._selectable & (proposed == 0.0)
-        limits = np.where(available, 1.0, 0.0)
+        """The jets out of use when those proposed are added, as far as control about every axis remains."""
         activity = self._activity(context)
-        for row in range(3):
-            for sign in (1.0, -1.0):
-                if self._program.reach(activity, row, sign, limits) == 0.0:
-                    return out_of_use
-        return proposed
+        needed = [_LEAST_CONTROL * reach for reach in self._reaches(activity, np.zeros_like(proposed))]
+
+        def controllable(out: Array) -> bool:
+            return all(reach > least for reach, least in zip(self._reaches(activity, out), needed, strict=True))
+
+        together = np.maximum(out_of_use, proposed)
+        if controllable(together):
+            return together
+        for jet in np.flatnonzero(together - out_of_use):
+            one_more = out_of_use.copy()
+            one_more[jet] = 1.0
+            if controllable(one_more):
+                out_of_use = one_more
+        return out_of_use
+
+    def _reaches(self, activity: Array, out_of_use: Array) -> list[float]:
+        """Largest rate change per second of firing about each axis, both ways, without some jets."""
+        limits = np.where(self._selectable & (out_of_use == 0.0), 1.0, 0.0)
+        return [self._program.reach(activity, row, sign, limits) for row in range(3) for sign in (1.0, -1.0)]
 
     def _calc_command(self, context: Any, output: Any) -> None:
         output.SetFromVector(self._burst.get(self, context).command)

@@ -136,8 +136,10 @@ class JetSelectionProgram:
             The change, rad/s or ft/s or m/s, zero or positive.
         """
         far = np.zeros(6)
-        far[row] = sign * float(np.abs(activity[row]) @ limits_s + 1.0)
         self._check(activity, far, limits_s)
+        far[row] = sign * float(np.abs(activity[row]) @ limits_s)
+        if far[row] == 0.0:
+            return 0.0
         held = [*range(3), *([row] if row > 2 else [])]
         rows, target, scale = _scaled(activity[held], far[held])
         column = np.where(target != 0.0, -target, 0.0)
