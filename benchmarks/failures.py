@@ -69,7 +69,7 @@ def fly(case: tuple[str, ...], seed: int) -> Outcome:
         propellant=mass[0] - mass,
         errors=from_names(run.summary["percent_error"]),
         percent=100.0 * (run["estimate"] - truth) / np.abs(truth),
-        out_of_use=int(run["out_of_use"][-1].sum()),
+        out_of_use=int((run["out_of_use"][-1] > 0.0).sum()),
         jumps=int(run["rotation_jump"].sum()),
         wall=run.summary["timing"]["real_time_factor"],
     )

@@ -319,6 +319,9 @@ def _print_run(summary: dict[str, Any], vehicle: Vehicle, folder: Path) -> None:
         f"autopilot:   {autopilot['firings']} firings, {autopilot['propellant_mass']:.2f} {mass} of propellant"
         + _shortfalls(autopilot)
     )
+    for key, words in (("jets_out_of_use", "out of use"), ("jets_left_in", "left in, though in question")):
+        if autopilot[key]:
+            console.print(f"             {words}: {', '.join(autopilot[key])}", markup=False)
     for entry in summary["detections"]:
         console.print(f"detected:    {_detected(entry, vehicle.unit_names['force'])}", soft_wrap=True)
     console.print(f"speed:       {timing['real_time_factor']:.0f} times real time")

@@ -188,7 +188,8 @@ class Estimator:
         impulse = known.wrench * self._vehicle.sample_period_s
         angular_impulse = impulses.angular_impulse + impulse[:3]
         linear_impulse = impulses.linear_impulse + impulse[3:]
-        firing = impulses.firing or bool(known.wrench.any())
+        acting = bool(angular_impulse.any() or linear_impulse.any())
+        firing = impulses.firing
 
         turning = rotation_filter.measure(
             estimate,
@@ -199,7 +200,7 @@ class Estimator:
             self._rate_noise + known.rotation_spread,
             angular_impulse,
             linear_impulse,
-            firing,
+            acting,
             self._rotation,
         )
         moving = mass_filter.measure(
@@ -236,7 +237,9 @@ class Estimator:
             )
             self._suspicion = judged.state
         adaptation = NO_ADAPTATION if judged is None else judged.adaptation
-        turned = rotation_filter.finish(estimate, covariance, turning, impulses.usable, adaptation, self._rotation)
+        # a known force alone is no reason to learn: it may have ceased
+        usable = impulses.usable and firing
+        turned = rotation_filter.finish(estimate, covariance, turning, usable, adaptation, self._rotation)
         weighed = mass_filter.finish(
             self._mass_reciprocal,
             self._variance,

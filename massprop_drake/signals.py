@@ -77,7 +77,7 @@ SIGNALS = {
         Signal("mass_nis", "NIS of the mass filter", "-", ("nis",)),
         Signal("mass_used", "sample used by the mass filter", "-", ("used",)),
         Signal("mass_jump", "jump of 1/m found", "-", ("jump",)),
-        Signal("out_of_use", "jets out of use", "-", ()),
+        Signal("out_of_use", "jets out of use (1), left in though in question (-1)", "-", ()),
         Signal("tested", "sample tested for failed jets", "-", ("tested",)),
         Signal("alarm", "alarm of a failed jet", "-", ("alarm",)),
         Signal("detector_event", "0 none, 1 failure declared, 2 jump, 3 withdrawn", "-", ("event",)),

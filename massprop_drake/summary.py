@@ -84,6 +84,7 @@ def summarize(
             "firings": int(firings(commands)),
             "propellant_mass": _propellant(scenario, signals),
             **_selection(signals),
+            **_jets_in_question(vehicle, signals),
             "control_authority": _authority(scenario, signals),
         },
         "provenance": {
@@ -199,6 +200,17 @@ def _propellant(scenario: Scenario, signals: dict[str, Array]) -> float:
     return float((level @ make.plant_wrenches(scenario)[:, 6]).sum() * vehicle.sample_period_s)
 
 
+def _jets_in_question(vehicle: Vehicle, signals: dict[str, Array]) -> dict[str, list[str] | None]:
+    """Designations of the jets taken out of use, and of those left in because control needs them."""
+    if "out_of_use" not in signals:
+        return {"jets_out_of_use": None, "jets_left_in": None}
+    state = signals["out_of_use"][-1]
+    return {
+        name: [jet for jet, value in zip(vehicle.designations, state, strict=True) if value == wanted]
+        for name, wanted in (("jets_out_of_use", 1.0), ("jets_left_in", -1.0))
+    }
+
+
 def _authority(scenario: Scenario, signals: dict[str, Array]) -> dict[str, Any] | None:
     """Largest change of rate and velocity in one second of firing, per axis and direction, by nominal mass
     properties: with all selectable jets, and with those left at the end. None without an autopilot.
@@ -208,7 +220,7 @@ def _authority(scenario: Scenario, signals: dict[str, Array]) -> dict[str, Any] 
     vehicle = scenario.vehicle_data
     program = JetSelectionProgram(vehicle.mass_flows)
     activity = activity_vectors(vehicle.wrenches, vehicle.nominal.vector())
-    left = make.selectable(scenario) & (signals["out_of_use"][-1] == 0.0)
+    left = make.selectable(scenario) & (signals["out_of_use"][-1] <= 0.0)
 
     def reach(available: NDArray[np.bool_]) -> dict[str, float]:
         limits = np.where(available, 1.0, 0.0)

@@ -199,7 +199,10 @@ BAD_SCENARIOS = {
     "NaN": ("duration_s: .nan\n", "duration_s: input should be a finite number, got nan"),
     "repeated key": ("seed: 1\nseed: 2\n", "seed: the key appears twice"),
     "unknown jet": ("jet_schedule:\n  - {jet: R9R, start_s: 0, end_s: 1}\n", "'R9R' is no jet of vehicle 'orbiter'"),
-    "negative time": (MANEUVER.replace("0.2", "-0.2"), "maneuver[0].start_s: input should be greater than or equal to 0"),
+    "negative time": (
+        MANEUVER.replace("0.2", "-0.2"),
+        "maneuver[0].start_s: input should be greater than or equal to 0, got -0.2",
+    ),
     "overlapping windows": (
         MANEUVER + "  - {controller: rhc, axis: -x, start_s: 0.5, end_s: 2}\n",
         "maneuver[1] overlaps maneuver[0]",
@@ -209,7 +212,7 @@ BAD_SCENARIOS = {
     "unknown vehicle": ("vehicle: orbitr\n", "did you mean 'orbiter'?"),
     "unknown integrator": (MANEUVER + "duration_s: 1\nplant: {time_step: 0, integrator: euler}\n", "plant.integrator"),
     "endless alias": ("plant: &x\n  initial_rate: *x\n", "alias *x is not supported"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize(("text", "words"), list(BAD_SCENARIOS.values()), ids=list(BAD_SCENARIOS))

@@ -90,6 +90,8 @@ SUMMARY: dict[str, Any] = {
         "propellant_mass": float,
         "lp_solves": int,
         "lp_infeasible": int,
+        "jets_out_of_use": list,
+        "jets_left_in": list,
         "control_authority": {"before": dict, "after": dict},
     },
     "provenance": {"drake": str, "numpy": str, "vehicle_sha256": str, "scenario_sha256": str},
@@ -130,6 +132,8 @@ def test_the_summary_of_an_open_loop_has_no_jet_selection() -> None:
         "propellant_mass": summary["autopilot"]["propellant_mass"],
         "lp_solves": None,
         "lp_infeasible": None,
+        "jets_out_of_use": None,
+        "jets_left_in": None,
         "control_authority": None,
     }
     assert summary["timing"]["cycle_us"]["jet_selection"] is None

@@ -127,7 +127,7 @@ class DetectorSample(NamedTuple):
         time_s: of the sample, s.
         command: fraction commanded over the interval that ended, shape (n_jets,).
         usable: whether the combination of jets was steady.
-        firing: whether a known impulse acted.
+        firing: whether any jet was commanded.
         converged: whether the predicted estimates may be acted on.
         translation, rotation: innovations, NaN where not measured, shape (3,) each.
         translation_covariance, rotation_covariance: Y_zeta and Y_z, shape (3, 3) each.
@@ -268,7 +268,7 @@ def cycle(state: DetectorState, sample: DetectorSample, settings: DetectorSettin
     )
     if not alarm:
         # without a commanded impulse mass properties do not show
-        jumped = not off.all() and _rotation_nis(sample) > _JUMP_NIS
+        jumped = sample.firing and _rotation_nis(sample) > _JUMP_NIS
         if jumped:
             finding = finding._replace(event=JUMP, onset_s=sample.time_s - settings.period_s, alarms=1.0)
         adaptation = NO_ADAPTATION._replace(mass_jumped=bool(jumped))

@@ -350,7 +350,7 @@ def finish(
     Args:
         estimate, covariance: predicted state (9,) and its covariance (9, 9).
         measurement: what `measure` made of the sample.
-        usable: whether the combination of jets was steady.
+        usable: whether the combination of jets was steady and a jet commanded.
         adaptation: see `maths.adaptation`.
         settings: see `RotationSettings`.
     """

@@ -27,7 +27,7 @@ class ImpulseModel(LeafSystem):
             none.
         impulses (out, 8): angular impulse about the vehicle origin (3), lbf-ft-s or N-m-s; linear
             impulse (3), lbf-s or N-s; usable, 1 when the combination was steady; firing, 1 when any
-            jet was commanded or a known force acted.
+            jet was commanded.
 
     State: memory (2 n_jets): the command of the interval before, and the thrust level by the lag at the
     start of this one.
@@ -81,7 +81,6 @@ class ImpulseModel(LeafSystem):
             wrench = self._known_force.Eval(context)[:6]
             if wrench.any():
                 vector[:6] += wrench * self._period_s
-                vector[7] = 1.0
         output.SetFromVector(vector)
 
     def _update(self, context: Any, state: Any) -> None:

@@ -47,7 +47,8 @@ class JetSelection(LeafSystem):
         held_command (out, n_jets): the command decided at the last sample. No feedthrough.
         delivered (out, 3): velocity change that the held command gives in one sample by the mass
             properties in use, ft/s or m/s. No feedthrough.
-        out_of_use (out, n_jets): 1 for each jet taken out of use. No feedthrough.
+        out_of_use (out, n_jets): 1 for each jet taken out of use, -1 for one in question that is left in
+            because control needs it. No feedthrough.
         counts (out, 4): programmes solved; requests met in part (velocity change reduced); requests
             met by the closest reachable one; share of the last request's velocity change that was
             granted. No feedthrough.
@@ -145,7 +146,7 @@ class JetSelection(LeafSystem):
         else:
             asked = True
         if urgency == AT_ONCE or (asked and idle):
-            limits = np.where(self._selectable & (out_of_use == 0.0), request[6], 0.0)
+            limits = np.where(self._selectable & (out_of_use <= 0.0), request[6], 0.0)
             activity = self._activity(context)
             wanted = request[:6]
             if wrench is not None:
@@ -169,26 +170,21 @@ class JetSelection(LeafSystem):
         return activity_vectors(wrench[None, :], self._properties(context))[:, 0]
 
     def _reduced(self, context: Any, out_of_use: Array, proposed: Array) -> Array:
-        """The jets out of use when those proposed are added, as far as control about every axis remains."""
+        """The state `out_of_use` when jets are proposed: those that control about every axis can spare go."""
         activity = self._activity(context)
         needed = [_LEAST_CONTROL * reach for reach in self._reaches(activity, np.zeros_like(proposed))]
 
         def controllable(out: Array) -> bool:
             return all(reach > least for reach, least in zip(self._reaches(activity, out), needed, strict=True))
 
-        together = np.maximum(out_of_use, proposed)
-        if controllable(together):
-            return together
-        for jet in np.flatnonzero(together - out_of_use):
-            one_more = out_of_use.copy()
-            one_more[jet] = 1.0
-            if controllable(one_more):
-                out_of_use = one_more
-        return out_of_use
+        # all jets that the data cannot tell apart, or none: those in question since the last time
+        group = (proposed != 0.0) & (out_of_use == 0.0)
+        spared = controllable(np.where(group, 1.0, out_of_use))
+        return np.where(group, 1.0 if spared else -1.0, out_of_use)
 
     def _reaches(self, activity: Array, out_of_use: Array) -> list[float]:
         """Largest rate change per second of firing about each axis, both ways, without some jets."""
-        limits = np.where(self._selectable & (out_of_use == 0.0), 1.0, 0.0)
+        limits = np.where(self._selectable & (out_of_use <= 0.0), 1.0, 0.0)
         return [self._program.reach(activity, row, sign, limits) for row in range(3) for sign in (1.0, -1.0)]
 
     def _calc_command(self, context: Any, output: Any) -> None:

@@ -137,7 +137,7 @@ class RotationEstimator(LeafSystem):
             noise,
             impulses[:3],
             impulses[3:6],
-            impulses[7] != 0.0,
+            bool(impulses[:6].any()),
             self._settings,
         )
 
@@ -146,7 +146,8 @@ class RotationEstimator(LeafSystem):
         if self._adaptation.HasValue(context):
             adaptation = unpacked(self._adaptation.Eval(context))
         measurement = self._measurement.get(self, context)
-        usable = self._impulses.Eval(context)[6] != 0.0
+        # a known force alone is no reason to learn: it may have ceased
+        usable = bool(self._impulses.Eval(context)[6:8].all())
         return self.stopwatch.measure(
             rotation_filter.finish,
             *self._predicted(context),
