@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import itertools
 import re
 import shutil
 import subprocess
@@ -50,7 +51,13 @@ def dot_text(diagram: Diagram, depth: int) -> str:
     def renumbered(match: re.Match[str]) -> str:
         return f"{match.group(1)}{numbers.setdefault(match.group(2), len(numbers))}"
 
-    return re.sub(r"\b(_|s|cluster|clusters)(\d+)(?=(?:diagram|subsystems|in|out)?\b)", renumbered, text)
+    text = re.sub(r"\b(_|s|cluster|clusters)(\d+)(?=(?:diagram|subsystems|in|out)?\b)", renumbered, text)
+    # and Drake lists the connections of a diagram in no fixed order
+    lines: list[str] = []
+    for connections, group in itertools.groupby(text.splitlines(), key=lambda line: " -> " in line):
+        block = list(group)
+        lines.extend(sorted(block) if connections else block)
+    return "\n".join(lines) + "\n"
 
 
 def svg_text(dot: str) -> str | None:

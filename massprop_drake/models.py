@@ -256,7 +256,7 @@ def _without_union_tags(location: tuple[str | int, ...], data: Any) -> Path_:
         if within or (isinstance(data, dict) and part in data):
             path.append(part)
             data = data[part]
-        elif isinstance(data, dict) and part == location[-1]:
+        elif isinstance(data, dict) and part == location[-1] and part != data.get("kind"):
             path.append(part)
     return tuple(path)
 

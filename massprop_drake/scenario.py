@@ -327,7 +327,13 @@ class DetectorSettings(Model):
     close_manifold: Flag = described(
         False, "whether a declared failure closes the jet's manifold: its jets stop, and all are out of use"
     )
-    alarm_gap: Whole = described(3, "cycles between two alarms in a row at the most", "-", ge=1)
+    alarm_gap: Whole = described(
+        3,
+        "cycles between two alarms in a row at the most, if samples tested in between show nothing; samples that "
+        "could not be tested do not break the row",
+        "-",
+        ge=1,
+    )
 
 
 class Scenario(Model):

@@ -214,7 +214,7 @@ def test_a_jet_that_every_tested_sample_names_is_declared() -> None:
     run = stuck_on("F1L", 56.0)
     tested = samples(run, "tested")
     assert len(tested) >= 3
-    assert samples(run, "alarm")[:3] == tested[:3]
+    assert samples(run, "alarm")[:2] == tested[:2]
     assert names_given(run) == {"F1L"}
     assert [entry["jet"] for entry in run.summary["detections"]] == ["F1L"]
 

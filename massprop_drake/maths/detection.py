@@ -7,8 +7,10 @@ One cycle of the detector (section 4.3 to 4.5 of the thesis, with the rules mark
 - An alarm names a cluster by the margin of six. It passes as a jet's only if the jet leaves no more
   unexplained than chance would; otherwise the mass properties may have jumped [own], which is left to
   the filters' own tests.
+- A sample that a jet explains, but two jets alike, is not used by the filters [own].
 - While an alarm stands, its signature is taken out of the innovations before the filters use them.
-- Alarms of one cluster that follow each other closely enough declare a failure. A force that should not
+- Alarms of one cluster that follow each other closely enough declare a failure. Samples that were not
+  tested neither count nor break the row. A force that should not
   be there then becomes a known force, followed by a filter of one state [own]; the jets in question are
   to be taken out of use.
 - An alarm about a jet whose force is known already corrects that force; when nothing is left of it the
@@ -22,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_drake.maths.adaptation import NO_ADAPTATION, Adaptation
+from massprop_drake.maths.adaptation import NO_ADAPTATION, REJECT, Adaptation
 from massprop_drake.maths.jet_failures import (
     Isolation,
     JetTests,
@@ -36,6 +38,8 @@ from massprop_drake.maths.mass_properties import converged
 
 NOTHING, DECLARED, JUMP, WITHDRAWN = 0, 1, 2, 3  # events
 
+_AMBIGUOUS = 25.0  # likelihood argument of a failure beyond doubt, whichever jet it is
+_LONGEST_GATE = 25.0  # cycles that alarms in a row may lie apart with no sample tested between them
 _JUMP_NIS = 50.0  # of the rotation filter: a jump beyond doubt (chi-square, 3 degrees: 1e-10)
 N_KNOWN_FORCE = 24  # of a packed `KnownForce`: wrench, then the two spreads row by row
 _QUIET = -1.0  # no cluster is suspected
@@ -56,7 +60,8 @@ class DetectorSettings(NamedTuple):
         signature_uncertainty: whether signatures count as uncertain.
         unexplained_limit: largest g of a jet's alarm.
         alarms_to_declare: alarms in a row that declare a failure; 0: never declare.
-        alarm_gap: cycles between two alarms in a row at the most.
+        alarm_gap: cycles between two alarms in a row at the most, where samples tested in between show
+            nothing; gated samples neither count nor break the row, for up to 25 cycles.
         action: what the filters do on an alarm, see `maths.adaptation`.
         force_variance_floor: of a known force, lbf^2 or N^2.
         manifolds: index of the manifold that is closed when a jet's failure is declared, -1: none is,
@@ -208,7 +213,7 @@ def cycle(state: DetectorState, sample: DetectorSample, settings: DetectorSettin
         sample: see `DetectorSample`.
         settings: see `DetectorSettings`.
     """
-    state = _aged(state, settings)
+    state = _aged(state)
     measured = np.isfinite(sample.translation[0]) and np.isfinite(sample.rotation[0])
     if not (measured and sample.usable and sample.converged):
         blank = np.full(state.force.size, np.nan)
@@ -229,7 +234,7 @@ def cycle(state: DetectorState, sample: DetectorSample, settings: DetectorSettin
         impossible_positive,
     )
     isolation = isolate(tests.likelihood, settings.clusters)
-    suspicious = isolation.cluster_margin > settings.margin
+    suspicious = isolation.cluster_margin > settings.margin or tests.likelihood[isolation.jet] > _AMBIGUOUS
     if suspicious and settings.signature_uncertainty:
         tests = uncertain_jet_tests(
             tests,
@@ -267,6 +272,10 @@ def cycle(state: DetectorState, sample: DetectorSample, settings: DetectorSettin
         0.0,
     )
     if not alarm:
+        state = _unconfirmed(state, settings)
+        if tests.likelihood[jet] > _AMBIGUOUS and unexplained < settings.unexplained_limit:
+            # a jet has failed, but which one the sample does not say: no jump, and nothing to learn from
+            return DetectorCycle(state, tests, finding, NO_ADAPTATION._replace(action=REJECT))
         # without a commanded impulse mass properties do not show
         jumped = sample.firing and _rotation_nis(sample) > _JUMP_NIS
         if jumped:
@@ -289,14 +298,20 @@ def _rotation_nis(sample: DetectorSample) -> float:
     return float(sample.rotation @ sample.rotation_information @ sample.rotation)
 
 
-def _aged(state: DetectorState, settings: DetectorSettings) -> DetectorState:
-    """A cycle later; a suspicion without a new alarm in time is dropped."""
+def _aged(state: DetectorState) -> DetectorState:
+    """A cycle later; a suspicion is dropped when no sample has borne on it for long."""
     if state.cluster == _QUIET:
         return state
-    since = state.since + 1.0
-    if since > settings.alarm_gap:
+    if state.since >= _LONGEST_GATE:
         return state._replace(cluster=_QUIET, alarms=0.0, since=0.0)
-    return state._replace(since=since)
+    return state._replace(since=state.since + 1.0)
+
+
+def _unconfirmed(state: DetectorState, settings: DetectorSettings) -> DetectorState:
+    """After a tested sample without an alarm; when any further one would come too late, the row is broken."""
+    if state.cluster != _QUIET and state.since >= settings.alarm_gap:
+        return state._replace(cluster=_QUIET, alarms=0.0, since=0.0)
+    return state
 
 
 def _correction(signature: Array, tests: JetTests, jet: int, settings: DetectorSettings) -> Adaptation:

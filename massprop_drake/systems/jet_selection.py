@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,10 +12,11 @@ from pydrake.systems.framework import LeafSystem
 from massprop_drake.maths.jet_selection import activity_vectors, burst_cycles, least_change
 from massprop_drake.maths.phase_space import AT_ONCE, WHEN_IDLE
 from massprop_drake.systems._caching import Cached, Stopwatch
-from massprop_drake.systems.jet_selection_program import JetSelectionProgram, Outcome
+from massprop_drake.systems.jet_selection_program import JetSelectionProgram, Outcome, Selection
 
 Array = NDArray[np.float64]
 
+_LONGEST_BURST_S = 2.0  # against a force that acts all along
 _LEAST_CONTROL = 0.01  # share of the reach about an axis that must be left when jets are taken out
 
 
@@ -146,13 +148,8 @@ class JetSelection(LeafSystem):
         else:
             asked = True
         if urgency == AT_ONCE or (asked and idle):
-            limits = np.where(self._selectable & (out_of_use <= 0.0), request[6], 0.0)
-            activity = self._activity(context)
-            wanted = request[:6]
-            if wrench is not None:
-                lasting = request[6] if urgency == AT_ONCE and np.isfinite(request[6]) else self._period_s
-                wanted = wanted - self._effect(context, wrench) * lasting
-            selection = self.stopwatch.measure(self._program.solve, activity, wanted, limits)
+            available = self._selectable & (out_of_use <= 0.0)
+            wanted, selection = self._selected(context, request, wrench, available)
             remaining = burst_cycles(selection.on_times_s, self._period_s, self._minimum)
             refused = np.zeros(4)
             if not remaining.any():
@@ -164,6 +161,35 @@ class JetSelection(LeafSystem):
             counts[3] = float(np.linalg.norm(selection.reached[3:])) / size if size > 0.0 else 1.0
         counts[0] += self._program.solves - before
         return _Burst(remaining, np.where(remaining > 0.0, 1.0, 0.0), counts, refused, out_of_use)
+
+    def _selected(
+        self, context: Any, request: Array, wrench: Array | None, available: NDArray[np.bool_]
+    ) -> tuple[Array, Selection]:
+        """The change of rate and velocity asked for, and the answer.
+
+        A force that acts all along is undone over the time that the burst takes: that of the change alone,
+        in whole cycles, and twice that as often as it takes until on-times within it are enough.
+        """
+        activity = self._activity(context)
+
+        def solved(wanted: Array, longest_s: float) -> Selection:
+            limits = np.where(available, longest_s, 0.0)
+            return self.stopwatch.measure(self._program.solve, activity, wanted, limits)
+
+        if wrench is None:
+            return request[:6], solved(request[:6], request[6])
+        effect = self._effect(context, wrench)
+        if np.isfinite(request[6]):  # a translation, which has its time
+            wanted = request[:6] - effect * request[6]
+            return wanted, solved(wanted, request[6])
+        alone = float(solved(request[:6], np.inf).on_times_s.max())
+        duration = self._period_s * max(1, math.ceil(alone / self._period_s - 1e-9))
+        while True:
+            wanted = request[:6] - effect * duration
+            selection = solved(wanted, duration)
+            if selection.outcome == Outcome.EXACT or duration >= _LONGEST_BURST_S:
+                return wanted, selection
+            duration *= 2.0
 
     def _effect(self, context: Any, wrench: Array) -> Array:
         """Rates of change of rate and velocity by a wrench about the vehicle origin, shape (6,)."""

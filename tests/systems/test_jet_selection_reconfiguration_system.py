@@ -183,26 +183,26 @@ def test_a_second_failure_adds_to_the_first(pilot: Pilot) -> None:
 
 
 def test_a_known_force_is_made_up_for_in_every_idle_cycle(pilot: Pilot) -> None:
-    # +1 of torque about z for each period takes one period of jet 5
-    pilot.hear(wrench=[0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
+    # 0.9 of torque about z over a period of 0.08 s takes 0.072 s of jet 5: one cycle
+    pilot.hear(wrench=[0.0, 0.0, 0.9, 0.0, 0.0, 0.0])
     assert [pilot.fire() for _ in range(4)] == [[5]] * 4
     pilot.hear()
     assert pilot.fire() == []
 
 
 def test_a_known_push_off_the_center_of_mass_is_made_up_for_in_turning_and_pushing() -> None:
-    # the center of mass at (0, 0, -1): 1 lbf along x at the origin turns by +1 about y; the jets' own torques
-    # are about the origin too, so a push along -x undoes both
+    # the center of mass at (0, 0, -1): a push of 0.9 along x at the origin turns by 0.9 about y; the jets' own
+    # torques are about the origin too, so a push along -x undoes both
     moved = UNIT_BODY.copy()
     moved[8] = -1.0
     pilot = Pilot(moved)
-    pilot.hear(wrench=[0.0, 0.0, 0.0, 1.0, 0.0, 0.0])
+    pilot.hear(wrench=[0.0, 0.0, 0.0, 0.9, 0.0, 0.0])
     assert pilot.fire() == [7]
 
 
 def test_a_known_force_is_undone_together_with_the_request(pilot: Pilot) -> None:
-    # +y turn of 0.16 less what the known torque gives in one period, 0.08: one cycle
-    pilot.hear(wrench=[0.0, 1.0, 0.0, 0.0, 0.0, 0.0])
+    # +y turn of 0.16, two cycles by itself, less what the known torque gives in them, 0.08: one cycle
+    pilot.hear(wrench=[0.0, 0.5, 0.0, 0.0, 0.0, 0.0])
     pilot.ask([0.0, 0.16, 0.0, 0.0, 0.0, 0.0], WHEN_IDLE)
     assert pilot.fire() == [NO_SPARE]
     pilot.hear()
@@ -228,9 +228,9 @@ def test_a_known_force_too_small_for_a_cycle_leaves_the_jets_alone(pilot: Pilot)
 
 def test_the_failed_jet_is_not_used_against_itself(pilot: Pilot) -> None:
     # jet 9 (-y force) sticks on; what undoes it is jet 8, and jet 9 is out of use
-    pilot.hear(9, declared=True, wrench=WRENCHES[9])
+    pilot.hear(9, declared=True, wrench=0.9 * WRENCHES[9])
     assert pilot.fire() == [PUSH]
-    pilot.hear(9, wrench=WRENCHES[9])
+    pilot.hear(9, wrench=0.9 * WRENCHES[9])
     assert pilot.fire() == [PUSH]
     assert pilot.out_of_use() == [9]
 
