@@ -8,11 +8,11 @@ autopilot --command, held_command--> vehicle --gyros, accelerometers--> estimati
 
 from __future__ import annotations
 
-from massprop_drake.diagrams import autopilot, estimation, vehicle
-from massprop_drake.diagrams._wiring import connect_estimation, export_outputs
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from massprop_drake import settings as make
+from massprop_drake.diagrams import autopilot, estimation, vehicle
+from massprop_drake.diagrams._wiring import connect_estimation, export_outputs
 from massprop_drake.scenario import Scenario
 
 

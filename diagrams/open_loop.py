@@ -5,11 +5,11 @@ jet_schedule --command, held_command--> vehicle --gyros, accelerometers--> estim
 
 from __future__ import annotations
 
-from massprop_drake.diagrams import estimation, vehicle
-from massprop_drake.diagrams._wiring import connect_estimation, export_outputs
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from massprop_drake import settings as make
+from massprop_drake.diagrams import estimation, vehicle
+from massprop_drake.diagrams._wiring import connect_estimation, export_outputs
 from massprop_drake.scenario import Scenario
 from massprop_drake.systems.jet_schedule import JetSchedule
 

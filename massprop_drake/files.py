@@ -11,7 +11,7 @@ from pathlib import Path
 
 from massprop_drake.errors import InputError
 
-MARKER = "summary.json"  # a folder that holds it, or nothing, is one of ours
+MARKERS = ("summary.json", "scenario.yaml")  # a folder that holds them, or nothing, is one of ours
 
 
 @contextlib.contextmanager
@@ -73,7 +73,7 @@ def require_writable(target: Path, *, force: bool = False) -> None:
 
 
 def _is_ours(folder: Path) -> bool:
-    return (folder / MARKER).is_file() or not any(folder.iterdir())
+    return all((folder / name).is_file() for name in MARKERS) or not any(folder.iterdir())
 
 
 def _umask() -> int:

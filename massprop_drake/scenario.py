@@ -416,7 +416,7 @@ def check_against_vehicle(scenario: Scenario, vehicle: Vehicle) -> list[tuple[Pa
     if scenario.sensors.accelerometer is not None:
         packages = (package.name for package in vehicle.accelerometers)
         require("accelerometer", scenario.sensors.accelerometer, packages, "sensors", "accelerometer")
-    for index, kind in enumerate(scenario.autopilot.jet_kinds):
+    for index, kind in enumerate(scenario.autopilot.jet_kinds if not scenario.jet_schedule else ()):
         require("jet kind", kind, vehicle.jet_kinds, "autopilot", "jet_kinds", index)
     step, period = scenario.plant.time_step, vehicle.sample_period_s
     if step not in (None, 0.0) and not math.isclose(step, period, rel_tol=1e-12):

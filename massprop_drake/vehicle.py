@@ -37,14 +37,16 @@ UNITS = {
     "us": {"length": "ft", "mass": "slug", "force": "lbf"},
     "si": {"length": "m", "mass": "kg", "force": "N"},
 }
-# names that a sensor may not have: of signals, telemetry columns, and of ports and systems beside it
+# names that a sensor may not have: of signals and telemetry columns, and of ports and systems beside it
 _RESERVED = {
     *SIGNALS,
-    *("time_s", "jet", "known_force", "known_torque"),
+    *("time_s", "file", "jet", "known_force", "known_torque"),
     *("reaction_jets", "rigid_body", "noise_source", "body_state", "structure", "mass_properties"),
     *("closed", "held_closed", "command", "held_command", "jet_commands", "impulses", "rate_sample"),
-    *("predicted_estimate", "predicted_covariance", "adaptation", "reconfiguration", "innovation", "status"),
+    *("estimate", "covariance", "innovation", "innovation_covariance", "status", "adaptation", "reconfiguration"),
 }
+_RESERVED_BEGINNINGS = ("rotation_", "mass_", "predicted_", "detector_")
+_SENSOR_NAME = r"^[A-Za-z][A-Za-z0-9_]*$"
 _UNIT_LENGTH_TOLERANCE = 0.002  # of a direction, as printed tables have it
 
 
@@ -127,7 +129,11 @@ class Jet(Model):
 class SensorPackage(Model):
     """Three sensors along the body axes: what gyros and accelerometers have in common."""
 
-    name: Text = described(..., "unique name; its columns in telemetry are <name>_x, _y, _z", min_length=1)
+    name: Text = described(
+        ...,
+        "unique name of letters, digits and underscores; its columns in telemetry are <name>_x, _y, _z",
+        pattern=_SENSOR_NAME,
+    )
     quantum: Real = described(0.0, "step of a reading", "rad/s | ft/s | m/s", ge=0.0)
     noise_std: Real = described(0.0, "white noise of a reading, 1-sigma", "rad/s | ft/s | m/s", ge=0.0)
 
@@ -187,7 +193,7 @@ class Vehicle(Model):
         _require_unique("jets", "number", [jet.number for jet in self.jets])
         _require_unique("sensors", "name", self.sensor_names())
         for name in self.sensor_names():
-            if name in _RESERVED:
+            if name in _RESERVED or name.startswith(_RESERVED_BEGINNINGS):
                 raise ValueError(f"sensors: name {name!r} is a signal of every run; give the sensor another")
         for index, jet in enumerate(self.jets):
             if jet.kind not in self.jet_kinds:

@@ -155,6 +155,8 @@ class RigidBodyPlant(LeafSystem):
     def _update(self, context: Any, state: Any) -> None:
         profile = self._wrench.Eval(context).reshape(-1, N_WRENCH)
         body = self._body(context)
+        if self._body_state(context)[MASS] <= 0.0:
+            raise ArithmeticError(f"at t = {context.get_time():g} s the vehicle has used up its whole mass")
         state.set_value(
             self._state,
             rigid_body.step(self._body_state(context), profile[0], profile[1:], self._lags, self._time_step, body),

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+import contextlib
 from types import ModuleType
 from typing import Any
 
 import numpy as np
 import pytest
-from massprop_drake.diagrams import autopilot, closed_loop, estimation, open_loop, vehicle
 from numpy.typing import NDArray
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram, DiagramBuilder, InputPortIndex, LeafSystem, OutputPortIndex
 from pydrake.systems.primitives import LogVectorOutput
 
-from massprop_drake import Estimator, Run, Scenario, graphs, load_scenario, simulate
+from massprop_drake import Estimator, Run, Scenario, Vehicle, graphs, load_scenario, simulate
+from massprop_drake.diagrams import autopilot, closed_loop, estimation, open_loop, vehicle
 from massprop_drake.scenario import bundled_scenarios
 
 Array = NDArray[np.float64]
@@ -109,6 +110,19 @@ def test_every_exported_port_is_documented(module: ModuleType) -> None:
     if module is not autopilot:
         assert "<gyro>" in text
         assert "<accelerometer>" in text
+
+
+def test_no_sensor_may_take_the_name_of_a_port_or_a_part(sample_maneuver: Scenario) -> None:
+    """Two ports or parts of one name cannot be built; the history file uses `file` and `_...` itself."""
+    taken = {"file", "_description", *ESTIMATION_OUT, *VEHICLE_OUT, *PORTS[estimation][0], *AUTOPILOT_OUT}
+    taken |= {system.get_name() for system in vehicle.build(sample_maneuver).GetSystems()}
+    data = sample_maneuver.vehicle_data.model_dump(mode="json")
+    accepted = []
+    for name in sorted(taken - set(SENSORS)):
+        data["gyros"][0]["name"] = name
+        with contextlib.suppress(ValueError):
+            accepted.append(Vehicle.model_validate(data).gyros[0].name)
+    assert accepted == []
 
 
 def test_sensors_read_the_body_before_the_command_of_the_same_sample(sample_maneuver: Scenario) -> None:

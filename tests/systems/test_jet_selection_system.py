@@ -176,6 +176,19 @@ def test_delivered_is_the_velocity_change_of_the_command_that_is_held() -> None:
     assert not dut.GetOutputPort("delivered").Eval(context).any()
 
 
+def test_delivered_is_reckoned_with_the_mass_in_use() -> None:
+    # by the estimate the body has half the mass: one cycle gives twice the velocity
+    dut, context = _dut()
+    estimate = UNIT_BODY.copy()
+    estimate[9] = 2.0
+    dut.GetInputPort("estimate").FixValue(context, estimate)
+    for converged, delivered in ((0.0, 0.08), (1.0, 0.16)):
+        dut.GetInputPort("converged").FixValue(context, [converged])
+        _ask(dut, context, [0.0, 0.0, 0.0, 0.8, 0.0, 0.0], AT_ONCE, limit_s=2.0)
+        advance(dut, context)
+        np.testing.assert_allclose(dut.GetOutputPort("delivered").Eval(context), [delivered, 0.0, 0.0], rtol=1e-15)
+
+
 def test_jets_that_may_not_be_selected_never_fire() -> None:
     selectable = np.ones(N, dtype=bool)
     selectable[0] = False  # nothing else turns about +x
