@@ -13,7 +13,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from massprop_drake import settings as make
-from massprop_drake.maths import impulses, jet_selection, mass_filter, phase_space, rigid_body, rotation_filter, sensing
+from massprop_drake.maths import (
+    detection,
+    impulses,
+    jet_selection,
+    mass_filter,
+    phase_space,
+    rigid_body,
+    rotation_filter,
+    sensing,
+)
+from massprop_drake.maths.adaptation import NO_ADAPTATION
+from massprop_drake.maths.mass_jump import empty_window
 from massprop_drake.maths.noise import uniform_phase
 from massprop_drake.maths.thrust import lag_factors, level_after
 from massprop_drake.scenario import Scenario
@@ -39,7 +50,7 @@ class BareRun(NamedTuple):
 
 
 def fly(scenario: Scenario) -> BareRun:  # noqa: PLR0915 (one plain loop is its point)
-    """Flies a scenario with hand controllers, sensors quantised only, nominal activity vectors."""
+    """Flies a scenario with hand controllers, sensors quantised only, nominal activity vectors, nothing failing."""
     vehicle = scenario.vehicle_data
     period = vehicle.sample_period_s
     n = len(vehicle.jets)
@@ -81,6 +92,9 @@ def fly(scenario: Scenario) -> BareRun:  # noqa: PLR0915 (one plain loop is its 
     factors = lag_factors(make.estimator_time_constants(scenario), period)
     level, u, u_before = np.zeros(n), np.zeros(n), np.zeros(n)
     hybrid, jumps = False, 0
+    rows = empty_window(mass.jump_window)
+    detector = None if scenario.detector.kind == "off" else make.detector_settings(scenario)
+    suspicion, limits = detection.initial_state(n), make.convergence_limits(scenario)
     rate_reading = velocity_reading = None
     rates, velocities, commands, nis_r, nis_t = [], [], [], [], []
     solve_s, estimator_s = 0.0, []
@@ -101,20 +115,10 @@ def fly(scenario: Scenario) -> BareRun:  # noqa: PLR0915 (one plain loop is its 
             imp = impulses.interval_impulses(u, u_before, level, impulse_per_level, factors)
             level = imp.level
             arm, center_covariance = acc_position - x[6:], S[6:, 6:]
-            turned = rotation_filter.cycle(
-                x,
-                S,
-                rate_reading,
-                hybrid,
-                w,
-                rate_noise,
-                imp.angular_impulse,
-                imp.linear_impulse,
-                imp.usable,
-                imp.firing,
-                rotation,
+            turning = rotation_filter.measure(
+                x, S, rate_reading, hybrid, w, rate_noise, imp.angular_impulse, imp.linear_impulse, imp.firing, rotation
             )
-            weighed = mass_filter.cycle(
+            moving = mass_filter.measure(
                 m_inv,
                 variance,
                 velocity_reading,
@@ -122,20 +126,39 @@ def fly(scenario: Scenario) -> BareRun:  # noqa: PLR0915 (one plain loop is its 
                 velocity_noise,
                 arm,
                 center_covariance,
-                turned.sample.increment,
-                turned.sample.rate,
+                turning.sample.increment,
+                turning.sample.rate,
                 2.0 * gyro.variance,
                 imp.linear_impulse,
-                imp.usable,
-                imp.firing,
                 mass,
             )
-            x, S, hybrid = turned.estimate, turned.covariance, turned.innovation.subtract_coupling
-            m_inv, variance = weighed.mass_reciprocal, weighed.variance
+            adaptation = NO_ADAPTATION
+            if detector is not None:
+                judged = detection.judged(
+                    suspicion,
+                    t,
+                    u,
+                    imp.usable,
+                    imp.firing,
+                    moving.innovation.innovation,
+                    turning.innovation.innovation,
+                    moving.innovation.covariance,
+                    turning.innovation.covariance,
+                    x,
+                    S,
+                    np.array([m_inv, variance]),
+                    limits,
+                    detector,
+                )
+                suspicion, adaptation = judged.state, judged.adaptation
+            turned = rotation_filter.finish(x, S, turning, imp.usable and imp.firing, adaptation, rotation)
+            weighed = mass_filter.finish(m_inv, variance, rows, moving, imp.usable, imp.firing, adaptation, mass)
+            x, S, hybrid = turned.estimate, turned.covariance, turning.innovation.subtract_coupling
+            m_inv, variance, rows = weighed.mass_reciprocal, weighed.variance, weighed.window
             jumps += turned.jumped
             if turned.used:
-                nis_r.append((t, turned.innovation.nis))
-                nis_t.append((t, weighed.innovation.nis))
+                nis_r.append((t, turning.innovation.nis))
+                nis_t.append((t, moving.innovation.nis))
         estimator_s.append(time.perf_counter() - began)
         # autopilot
         rhc, thc = np.zeros(3), np.zeros(3)

@@ -39,13 +39,14 @@ def build(scenario: Scenario) -> Diagram:
         estimate (out, 10), standard_deviation (out, 10), converged (out, 1): see `ConvergenceMonitor`.
         impulses (out, 8): see `ImpulseModel`.
         rotation_estimate (out, 9), rotation_covariance (out, 81), rotation_standard_deviation (out, 9),
-        rotation_innovation (out, 3), rotation_innovation_covariance (out, 9), rotation_status (out, 7):
-            see `RotationEstimator`.
-        mass_estimate (out, 2), mass_innovation (out, 3), mass_innovation_covariance (out, 9), mass_status (out, 6): see
-            `MassEstimator`.
-        reconfiguration (out, 7 + n_jets), detector_status (out, 14), detector_likelihood (out, n_jets),
-        detector_magnitude (out, n_jets), detector_memory (out, 4 + 4 n_jets), closed (out, n_jets),
-            held_closed (out, n_jets), with a detector: see `FailureDetector`.
+            rotation_innovation (out, 3), rotation_innovation_covariance (out, 9), rotation_status (out, 7),
+            rotation_report (out, 25): see `RotationEstimator`.
+        mass_estimate (out, 2), mass_innovation (out, 3), mass_innovation_covariance (out, 9),
+            mass_status (out, 6), mass_report (out, 8), with an accelerometer: see `MassEstimator`.
+        reconfiguration (out, 7 + n_jets), closed (out, n_jets), held_closed (out, n_jets),
+            detector_status (out, 14), detector_likelihood (out, n_jets), detector_magnitude (out, n_jets),
+            detector_report (out, 14 + 2 n_jets), detector_memory (out, 4 + 4 n_jets), with a detector: see
+            `FailureDetector`.
     """
     vehicle = scenario.vehicle_data
     estimate, deviation = make.initial_estimate(scenario), make.initial_deviation(scenario)
@@ -97,13 +98,21 @@ def build(scenario: Scenario) -> Diagram:
         for instrument in vehicle.accelerometers:
             builder.ExportInput(mass.GetInputPort(instrument.name), instrument.name)
         builder.Connect(mass.GetOutputPort("estimate"), monitor.GetInputPort("mass_estimate"))
-        for name in ("estimate", "innovation", "innovation_covariance", "status"):
+        for name in ("estimate", "innovation", "innovation_covariance", "status", "report"):
             builder.ExportOutput(mass.GetOutputPort(name), f"mass_{name}")
         if scenario.detector.kind != "off":
             _add_detector(builder, scenario, impulses, rotation, mass, commands)
 
     builder.ExportOutput(impulses.GetOutputPort("impulses"), "impulses")
-    for name in ("estimate", "covariance", "standard_deviation", "innovation", "innovation_covariance", "status"):
+    for name in (
+        "estimate",
+        "covariance",
+        "standard_deviation",
+        "innovation",
+        "innovation_covariance",
+        "status",
+        "report",
+    ):
         builder.ExportOutput(rotation.GetOutputPort(name), f"rotation_{name}")
     for name in ("estimate", "standard_deviation", "converged"):
         builder.ExportOutput(monitor.GetOutputPort(name), name)
@@ -131,9 +140,8 @@ def _add_detector(
     )
     builder.ConnectInput(commands, detector.GetInputPort("jet_commands"))
     builder.Connect(impulses.GetOutputPort("impulses"), detector.GetInputPort("impulses"))
-    for name in ("innovation", "innovation_covariance"):
-        builder.Connect(rotation.GetOutputPort(name), detector.GetInputPort(f"rotation_{name}"))
-        builder.Connect(mass.GetOutputPort(name), detector.GetInputPort(f"mass_{name}"))
+    builder.Connect(rotation.GetOutputPort("judged"), detector.GetInputPort("rotation_judged"))
+    builder.Connect(mass.GetOutputPort("judged"), detector.GetInputPort("mass_judged"))
     for name in ("predicted_estimate", "predicted_covariance"):
         builder.Connect(rotation.GetOutputPort(name), detector.GetInputPort(name))
     builder.Connect(mass.GetOutputPort("predicted"), detector.GetInputPort("mass_predicted"))
@@ -144,7 +152,7 @@ def _add_detector(
         builder.Connect(detector.GetOutputPort("adaptation"), system.GetInputPort("adaptation"))
     for name in ("reconfiguration", "closed", "held_closed"):
         builder.ExportOutput(detector.GetOutputPort(name), name)
-    for name in ("status", "likelihood", "magnitude", "memory"):
+    for name in ("status", "likelihood", "magnitude", "report", "memory"):
         builder.ExportOutput(detector.GetOutputPort(name), f"detector_{name}")
 
 

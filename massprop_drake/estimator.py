@@ -188,8 +188,8 @@ class Estimator:
         impulse = known.wrench * self._vehicle.sample_period_s
         angular_impulse = impulses.angular_impulse + impulse[:3]
         linear_impulse = impulses.linear_impulse + impulse[3:]
-        acting = bool(angular_impulse.any() or linear_impulse.any())
         firing = impulses.firing
+        acting = firing or known is not detection.NO_KNOWN_FORCE
 
         turning = rotation_filter.measure(
             estimate,

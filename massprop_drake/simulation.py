@@ -34,14 +34,9 @@ _LOGGED = (
     "selection_counts",
     "out_of_use",
     "impulses",
-    "rotation_estimate",
-    "rotation_standard_deviation",
-    "rotation_status",
-    "mass_estimate",
-    "mass_status",
-    "detector_status",
-    "detector_likelihood",
-    "detector_magnitude",
+    "rotation_report",
+    "mass_report",
+    "detector_report",
     "detector_memory",
 )
 _CHUNK_S = 5.0  # of simulated time between two reports of progress
@@ -142,10 +137,10 @@ def _signals(scenario: Scenario, logs: dict[str, Array]) -> dict[str, Array]:
         if name in logs:
             signals[name] = logs[name]
     signals |= _parts(logs["impulses"], angular_impulse=3, linear_impulse=3, usable=1, firing=1)
-    mass = logs.get("mass_estimate", np.full((body.shape[0], 2), np.nan))  # without accelerometer
-    signals["estimate"] = np.hstack([logs["rotation_estimate"], mass[:, :1]])
-    deviation = np.sqrt(mass[:, 1:])
-    signals["standard_deviation"] = np.hstack([logs["rotation_standard_deviation"], deviation])
+    rotation = logs["rotation_report"]
+    mass = logs.get("mass_report", np.full((body.shape[0], 2), np.nan))  # without accelerometer
+    signals["estimate"] = np.hstack([rotation[:, :9], mass[:, :1]])
+    signals["standard_deviation"] = np.hstack([rotation[:, 9:18], np.sqrt(mass[:, 1:2])])
     limits = make.convergence_limits(scenario)
     signals["converged"] = np.array(
         [
@@ -154,20 +149,18 @@ def _signals(scenario: Scenario, logs: dict[str, Array]) -> dict[str, Array]:
         ]
     )
     signals |= _parts(
-        logs["rotation_status"],
+        rotation[:, 18:],
         rotation_innovation=3,
         rotation_nis=1,
         rotation_used=1,
         rotation_jump=1,
         coupling_subtracted=1,
     )
-    if "mass_status" in logs:
-        signals |= _parts(logs["mass_status"], mass_innovation=3, mass_nis=1, mass_used=1, mass_jump=1)
-    if "detector_status" in logs:
-        signals |= _parts(logs["detector_status"], **DETECTOR_STATUS)
-        signals["likelihood"] = logs["detector_likelihood"]
-        signals["failure_magnitude"] = logs["detector_magnitude"]
+    if "mass_report" in logs:
+        signals |= _parts(mass[:, 2:], mass_innovation=3, mass_nis=1, mass_used=1, mass_jump=1)
+    if "detector_report" in logs:
         n_jets = len(vehicle.jets)
+        signals |= _parts(logs["detector_report"], **DETECTOR_STATUS, likelihood=n_jets, failure_magnitude=n_jets)
         signals |= _parts(logs["detector_memory"][:, 4:], known_force=n_jets, known_force_variance=n_jets)
     for name in vehicle.sensor_names():
         signals[name] = logs[name]

@@ -213,11 +213,10 @@ def cycle(state: DetectorState, sample: DetectorSample, settings: DetectorSettin
         sample: see `DetectorSample`.
         settings: see `DetectorSettings`.
     """
-    state = _aged(state)
     measured = np.isfinite(sample.translation[0]) and np.isfinite(sample.rotation[0])
     if not (measured and sample.usable and sample.converged):
-        blank = np.full(state.force.size, np.nan)
-        return DetectorCycle(state, JetTests(blank, blank, blank, blank), _NOT_TESTED, NO_ADAPTATION)
+        return _untested(state)
+    state = _aged(state)
 
     innovation = np.concatenate([sample.translation, sample.rotation])
     coefficients = signatures(settings.unit_wrenches, sample.mass_properties, settings.period_s)
@@ -274,13 +273,18 @@ def cycle(state: DetectorState, sample: DetectorSample, settings: DetectorSettin
     if not alarm:
         state = _unconfirmed(state, settings)
         if tests.likelihood[jet] > _AMBIGUOUS and unexplained < settings.unexplained_limit:
+            if known[jet]:  # whatever else could explain it, its force is not what it was
+                adaptation = _correction(coefficients[jet], tests, jet, settings)
+                state, event = _corrected_force(state, tests, jet, settings)
+                finding = finding._replace(event=event, onset_s=sample.time_s - settings.period_s, alarms=1.0)
+                return DetectorCycle(state, tests, finding, adaptation)
             # a jet has failed, but which one the sample does not say: no jump, and nothing to learn from
             return DetectorCycle(state, tests, finding, NO_ADAPTATION._replace(action=REJECT))
         # without a commanded impulse mass properties do not show
         jumped = sample.firing and _rotation_nis(sample) > _JUMP_NIS
         if jumped:
             finding = finding._replace(event=JUMP, onset_s=sample.time_s - settings.period_s, alarms=1.0)
-        adaptation = NO_ADAPTATION._replace(mass_jumped=bool(jumped))
+        adaptation = NO_ADAPTATION._replace(mass_jumped=True) if jumped else NO_ADAPTATION
         state = state if jumped else _followed(state, coefficients, sample, settings)
         return DetectorCycle(state, tests, finding, adaptation)
 
@@ -292,6 +296,11 @@ def cycle(state: DetectorState, sample: DetectorSample, settings: DetectorSettin
         state, onset_s, alarms, event = _counted(state, tests, isolation, sample, settings)
     finding = finding._replace(event=event, onset_s=onset_s, alarms=alarms)
     return DetectorCycle(state, tests, finding, adaptation)
+
+
+def _untested(state: DetectorState) -> DetectorCycle:
+    blank = np.full(state.force.size, np.nan)
+    return DetectorCycle(_aged(state), JetTests(blank, blank, blank, blank), _NOT_TESTED, NO_ADAPTATION)
 
 
 def _rotation_nis(sample: DetectorSample) -> float:
@@ -467,14 +476,18 @@ def judged(
     Raises:
         NotPositiveDefiniteError: when an innovation covariance is not positive definite.
     """
-    parameters = np.append(rotation_estimate, mass_estimate[0])
-    deviation = np.sqrt(np.append(state_covariance.diagonal(), mass_estimate[1]))
+    parameters, variance = np.empty(10), np.empty(10)
+    parameters[:9], parameters[9] = rotation_estimate, mass_estimate[0]
+    variance[:9], variance[9] = state_covariance.diagonal(), mass_estimate[1]
+    good = usable and converged(np.sqrt(variance), parameters, limits)
+    if not good:
+        return _untested(state)
     sample = DetectorSample(
         time_s=time_s,
         command=command,
         usable=usable,
         firing=firing,
-        converged=converged(deviation, parameters, limits),
+        converged=good,
         translation=translation,
         rotation=rotation,
         translation_covariance=translation_covariance,

@@ -228,6 +228,7 @@ def update(
     if adaptation.action != NO_ACTION:
         error = error - adaptation.translation
         noise = noise + adaptation.translation_spread
+        window = empty_window(settings.jump_window)  # its sums are of plain updates
     if adaptation.action == CORRECT_THESIS:
         enlarged = innovation.covariance + adaptation.translation_spread
         information = inverse_positive_definite(enlarged, "innovation covariance")

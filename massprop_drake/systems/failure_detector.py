@@ -15,7 +15,6 @@ from massprop_drake.maths.detection import (
     DetectorCycle,
     DetectorSettings,
     DetectorState,
-    KnownForce,
 )
 from massprop_drake.maths.mass_properties import N_ROTATION
 from massprop_drake.systems._caching import Cached, Stopwatch
@@ -24,6 +23,8 @@ from massprop_drake.systems.impulse_model import N_IMPULSES
 Array = NDArray[np.float64]
 
 N_STATUS = 14
+_NO_KNOWN_FORCE = np.zeros(N_KNOWN_FORCE)
+_NO_ADAPTATION = adaptation.packed(adaptation.NO_ADAPTATION)
 
 
 class FailureDetector(LeafSystem):
@@ -36,10 +37,9 @@ class FailureDetector(LeafSystem):
     Ports:
         jet_commands (in, n_jets): fraction commanded over the interval that ends now. Required.
         impulses (in, 8): see `ImpulseModel`. Required.
-        rotation_innovation (in, 3), rotation_innovation_covariance (in, 9), predicted_estimate (in, 9),
-            predicted_covariance (in, 81): see `RotationEstimator`. Required.
-        mass_innovation (in, 3), mass_innovation_covariance (in, 9), mass_predicted (in, 5 + 3 n): see
-            `MassEstimator`. Required.
+        rotation_judged (in, 12), predicted_estimate (in, 9), predicted_covariance (in, 81): see
+            `RotationEstimator`. Required.
+        mass_judged (in, 12), mass_predicted (in, 5 + 3 n): see `MassEstimator`. Required.
         known_force (out, 24): wrench about the vehicle origin (6) of the known forces of failed jets, and
             what their uncertainty adds to the covariances of the velocity (9) and rate (9) increments. No
             feedthrough from innovations.
@@ -54,6 +54,7 @@ class FailureDetector(LeafSystem):
             unexplained; onset, s; alarms in a row.
         likelihood (out, n_jets): argument of every jet, NaN where the sample was not tested.
         magnitude (out, n_jets): estimated magnitude of every jet, lbf or N, likewise.
+        report (out, 14 + 2 n_jets): status, likelihood and magnitude in one, for logs.
         memory (out, 4 + 4 n_jets): the state. No feedthrough.
 
     State: memory (4 + 4 n_jets): see `maths.detection.packed`.
@@ -79,26 +80,26 @@ class FailureDetector(LeafSystem):
 
         self._command = self.DeclareVectorInputPort("jet_commands", n_jets)
         self._impulses = self.DeclareVectorInputPort("impulses", N_IMPULSES)
-        self._rotation = self.DeclareVectorInputPort("rotation_innovation", 3)
-        self._rotation_covariance = self.DeclareVectorInputPort("rotation_innovation_covariance", 9)
+        self._rotation = self.DeclareVectorInputPort("rotation_judged", 12)
         self._predicted = self.DeclareVectorInputPort("predicted_estimate", N_ROTATION)
         self._predicted_covariance = self.DeclareVectorInputPort("predicted_covariance", N_ROTATION**2)
-        self._mass = self.DeclareVectorInputPort("mass_innovation", 3)
-        self._mass_covariance = self.DeclareVectorInputPort("mass_innovation_covariance", 9)
+        self._mass = self.DeclareVectorInputPort("mass_judged", 12)
         self._mass_predicted = self.DeclareVectorInputPort("mass_predicted", 5 + 3 * jump_window)
         self._memory = self.DeclareDiscreteState(detection.packed(detection.initial_state(n_jets)))
 
+        self._cycle = Cached(
+            self, "cycle", self._compute, {self.xd_ticket(), self.all_input_ports_ticket(), self.time_ticket()}
+        )
         # known forces enter the impulses, which make the innovations: they depend on the past alone
         predictions = (self._predicted, self._mass_predicted)
-        self._known = Cached(
-            self,
-            "known force",
-            self._compute_known_force,
-            {self.xd_ticket(), *(self.input_port_ticket(port.get_index()) for port in predictions)},
-        )
-        self._cycle = Cached(self, "cycle", self._compute, {self.xd_ticket(), self.all_input_ports_ticket()})
         self.DeclareVectorOutputPort(
-            "known_force", N_KNOWN_FORCE, self._calc_known_force, prerequisites_of_calc={self._known.ticket}
+            "known_force",
+            N_KNOWN_FORCE,
+            self._calc_known_force,
+            prerequisites_of_calc={
+                self.xd_ticket(),
+                *(self.input_port_ticket(port.get_index()) for port in predictions),
+            },
         )
         for name, size, calc in (
             ("adaptation", adaptation.N_ADAPTATION, self._calc_adaptation),
@@ -107,6 +108,7 @@ class FailureDetector(LeafSystem):
             ("status", N_STATUS, self._calc_status),
             ("likelihood", n_jets, self._calc_likelihood),
             ("magnitude", n_jets, self._calc_magnitude),
+            ("report", N_STATUS + 2 * n_jets, self._calc_report),
         ):
             self.DeclareVectorOutputPort(name, size, calc, prerequisites_of_calc={self._cycle.ticket})
         self.DeclareVectorOutputPort(
@@ -118,13 +120,10 @@ class FailureDetector(LeafSystem):
     def _state(self, context: Any) -> DetectorState:
         return detection.unpacked(context.get_discrete_state(self._memory).CopyToVector(), self._n_jets)
 
-    def _compute_known_force(self, context: Any) -> KnownForce:
-        estimate = np.append(self._predicted.Eval(context), self._mass_predicted.Eval(context)[0])
-        return detection.known_force(self._state(context), estimate, self._settings)
-
     def _compute(self, context: Any) -> DetectorCycle:
         impulses = self._impulses.Eval(context)
         mass = self._mass_predicted.Eval(context)
+        translation, rotation = self._mass.Eval(context), self._rotation.Eval(context)
         return self.stopwatch.measure(
             detection.judged,
             self._state(context),
@@ -132,10 +131,10 @@ class FailureDetector(LeafSystem):
             self._command.Eval(context),
             impulses[6] != 0.0,
             impulses[7] != 0.0,
-            self._mass.Eval(context),
-            self._rotation.Eval(context),
-            self._mass_covariance.Eval(context).reshape(3, 3),
-            self._rotation_covariance.Eval(context).reshape(3, 3),
+            translation[:3],
+            rotation[:3],
+            translation[3:].reshape(3, 3),
+            rotation[3:].reshape(3, 3),
             self._predicted.Eval(context),
             self._predicted_covariance.Eval(context).reshape(N_ROTATION, N_ROTATION),
             mass,
@@ -144,13 +143,19 @@ class FailureDetector(LeafSystem):
         )
 
     def _calc_known_force(self, context: Any, output: Any) -> None:
-        known = self._known.get(self, context)
+        state = self._state(context)
+        if not state.variance.any():
+            output.SetFromVector(_NO_KNOWN_FORCE)
+            return
+        estimate = np.append(self._predicted.Eval(context), self._mass_predicted.Eval(context)[0])
+        known = detection.known_force(state, estimate, self._settings)
         output.SetFromVector(
             np.concatenate([known.wrench, known.translation_spread.ravel(), known.rotation_spread.ravel()])
         )
 
     def _calc_adaptation(self, context: Any, output: Any) -> None:
-        output.SetFromVector(adaptation.packed(self._cycle.get(self, context).adaptation))
+        todo = self._cycle.get(self, context).adaptation
+        output.SetFromVector(_NO_ADAPTATION if todo is adaptation.NO_ADAPTATION else adaptation.packed(todo))
 
     def _calc_reconfiguration(self, context: Any, output: Any) -> None:
         cycle = self._cycle.get(self, context)
@@ -172,6 +177,10 @@ class FailureDetector(LeafSystem):
 
     def _calc_magnitude(self, context: Any, output: Any) -> None:
         output.SetFromVector(self._cycle.get(self, context).tests.magnitude)
+
+    def _calc_report(self, context: Any, output: Any) -> None:
+        cycle = self._cycle.get(self, context)
+        output.SetFromVector(np.concatenate([detection.status(cycle), cycle.tests.likelihood, cycle.tests.magnitude]))
 
     def _update(self, context: Any, state: Any) -> None:
         state.set_value(self._memory, detection.packed(self._cycle.get(self, context).state))

@@ -218,7 +218,9 @@ class JetSelection(LeafSystem):
 
     def _update(self, context: Any, state: Any) -> None:
         burst = self._burst.get(self, context)
-        delivered = self._activity(context)[3:] @ burst.command * self._period_s
+        delivered = np.zeros(3)
+        if burst.command.any():
+            delivered = self._activity(context)[3:] @ burst.command * self._period_s
         state.set_value(self._remaining, np.maximum(burst.remaining - 1.0, 0.0))
         state.set_value(self._held, burst.command)
         state.set_value(self._delivered, delivered)

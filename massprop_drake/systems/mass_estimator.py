@@ -39,9 +39,11 @@ class MassEstimator(LeafSystem):
         innovation (out, 3): measured minus predicted velocity increment after compensation, ft/s or
             m/s, NaN where not measured.
         innovation_covariance (out, 9): row by row.
+        judged (out, 12): innovation and innovation_covariance in one, for the detector.
         estimate (out, 2): 1/m and its variance, after this sample's measurement.
         status (out, 6): the innovation (3) again; its NIS, NaN where not measured; 1 when the sample was
-            used; 1 when a jump of 1/m was found. One port, because all of it is logged.
+            used; 1 when a jump of 1/m was found.
+        report (out, 8): estimate and status in one, for logs.
 
     State: estimate (5 + 3 n): 1/m, its variance, the last reading (3), NaN before the first, and the
     window of the jump test, n the samples that it looks back.
@@ -105,8 +107,10 @@ class MassEstimator(LeafSystem):
         for name, size, calc, entry in (
             ("innovation", 3, self._calc_innovation, self._measurement),
             ("innovation_covariance", 9, self._calc_innovation_covariance, self._measurement),
+            ("judged", 12, self._calc_judged, self._measurement),
             ("estimate", 2, self._calc_estimate, self._cycle),
             ("status", 6, self._calc_status, self._cycle),
+            ("report", 8, self._calc_report, self._cycle),
         ):
             self.DeclareVectorOutputPort(name, size, calc, prerequisites_of_calc={entry.ticket})
         self.DeclarePeriodicDiscreteUpdateEvent(period_sec=settings.period_s, offset_sec=0.0, update=self._update)
@@ -117,7 +121,9 @@ class MassEstimator(LeafSystem):
         covariance = self._predicted_covariance.Eval(context).reshape(N_ROTATION, N_ROTATION)
         noise = self._noise
         if self._known_force.HasValue(context):
-            noise = noise + self._known_force.Eval(context)[6:15].reshape(3, 3)
+            known = self._known_force.Eval(context)
+            if known.any():
+                noise = noise + known[6:15].reshape(3, 3)
         return self.stopwatch.measure(
             mass_filter.measure,
             float(state[0]),
@@ -158,6 +164,12 @@ class MassEstimator(LeafSystem):
     def _calc_innovation_covariance(self, context: Any, output: Any) -> None:
         output.SetFromVector(self._measurement.get(self, context).innovation.covariance.ravel())
 
+    def _calc_judged(self, context: Any, output: Any) -> None:
+        innovation = self._measurement.get(self, context).innovation
+        vector = np.empty(12)
+        vector[:3], vector[3:] = innovation.innovation, innovation.covariance.ravel()
+        output.SetFromVector(vector)
+
     def _calc_estimate(self, context: Any, output: Any) -> None:
         cycle = self._cycle.get(self, context)
         output.SetFromVector(np.array([cycle.mass_reciprocal, cycle.variance]))
@@ -166,6 +178,13 @@ class MassEstimator(LeafSystem):
         innovation = self._measurement.get(self, context).innovation
         cycle = self._cycle.get(self, context)
         output.SetFromVector(np.array([*innovation.innovation, innovation.nis, cycle.used, cycle.jumped]))
+
+    def _calc_report(self, context: Any, output: Any) -> None:
+        innovation = self._measurement.get(self, context).innovation
+        cycle = self._cycle.get(self, context)
+        estimate = (cycle.mass_reciprocal, cycle.variance)
+        status = (*innovation.innovation, innovation.nis, cycle.used, cycle.jumped)
+        output.SetFromVector(np.array([*estimate, *status]))
 
     def _update(self, context: Any, state: Any) -> None:
         cycle = self._cycle.get(self, context)

@@ -69,7 +69,12 @@ class PhaseSpaceController(LeafSystem):
         )
 
     def _calc_request(self, context: Any, output: Any) -> None:
-        output.SetFromVector(np.hstack(self._step.get(self, context)[0]))
+        request = self._step.get(self, context)[0]
+        output.SetFromVector(
+            np.array([*request.rate_change, *request.velocity_change, request.time_limit_s, request.urgency])
+        )
 
     def _update(self, context: Any, state: Any) -> None:
-        state.set_value(self._translation, np.hstack(self._step.get(self, context)[1]))
+        memory = self._step.get(self, context)[1]
+        left, since = memory.horizon_left_s, memory.since_selection_s
+        state.set_value(self._translation, np.array([*memory.command, *memory.velocity_left, left, since]))

@@ -124,8 +124,10 @@ class ReactionJets(LeafSystem):
 
     def _target(self, context: Any) -> Array:
         """What each jet's level tends to over the coming sample."""
-        sample = round(context.get_time() / self._period_s)
-        target = delivered(self._command.Eval(context), sample, self._period_s, self._failures, self._seed)
+        target = self._command.Eval(context)
+        if self._failures:
+            sample = round(context.get_time() / self._period_s)
+            target = delivered(target, sample, self._period_s, self._failures, self._seed)
         return self._unless_closed(context, target, self._closed)
 
     def _held_target(self, context: Any) -> Array:
@@ -135,7 +137,9 @@ class ReactionJets(LeafSystem):
         return self._unless_closed(context, target, self._held_closed)
 
     def _unless_closed(self, context: Any, target: Array, closed: Any) -> Array:
-        return target * (1.0 - closed.Eval(context)) if closed.HasValue(context) else target
+        if closed.HasValue(context):
+            return target * (1.0 - closed.Eval(context))
+        return target
 
     def _level_now(self, context: Any) -> Array:
         """Level at this sample, before the update: a period after the level in the state."""

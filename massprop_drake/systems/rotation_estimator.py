@@ -48,12 +48,14 @@ class RotationEstimator(LeafSystem):
         rate_sample (out, 6): measured rate increment (3) and mean rate (3) over the sample, rad/s.
         innovation (out, 3): measured minus predicted rate increment, rad/s, NaN where not measured.
         innovation_covariance (out, 9): row by row, rad^2/s^2.
+        judged (out, 12): innovation and innovation_covariance in one, for the detector.
         estimate (out, 9): x after this sample's measurement.
         covariance (out, 81): its covariance S, row by row.
         standard_deviation (out, 9): square roots of its diagonal.
         status (out, 7): the innovation (3) again; its NIS before any covariance increment, NaN where not
             measured; 1 when the sample was used; 1 when the covariance was incremented; 1 when dynamic
-            coupling was to be subtracted. One port, because all of it is logged.
+            coupling was to be subtracted.
+        report (out, 25): estimate, standard_deviation and status in one, for logs.
 
     State: estimate (9); covariance (81); memory (4): the last reading (3), NaN before the first, and the
     hybrid rule's last decision.
@@ -109,10 +111,12 @@ class RotationEstimator(LeafSystem):
             ("rate_sample", 6, self._calc_rate_sample, self._measurement),
             ("innovation", 3, self._calc_innovation, self._measurement),
             ("innovation_covariance", 9, self._calc_innovation_covariance, self._measurement),
+            ("judged", 12, self._calc_judged, self._measurement),
             ("estimate", N_ROTATION, self._calc_estimate, self._cycle),
             ("covariance", N_ROTATION**2, self._calc_covariance, self._cycle),
             ("standard_deviation", N_ROTATION, self._calc_deviation, self._cycle),
             ("status", 7, self._calc_status, self._cycle),
+            ("report", 2 * N_ROTATION + 7, self._calc_report, self._cycle),
         ):
             self.DeclareVectorOutputPort(name, size, calc, prerequisites_of_calc={entry.ticket})
         self.DeclarePeriodicDiscreteUpdateEvent(period_sec=settings.period_s, offset_sec=0.0, update=self._update)
@@ -125,9 +129,11 @@ class RotationEstimator(LeafSystem):
     def _measure(self, context: Any) -> RotationMeasurement:
         impulses = self._impulses.Eval(context)
         memory = context.get_discrete_state(self._memory).CopyToVector()
-        noise = self._noise
+        noise, acting = self._noise, impulses[7] != 0.0
         if self._known_force.HasValue(context):
-            noise = noise + self._known_force.Eval(context)[15:].reshape(3, 3)
+            known = self._known_force.Eval(context)
+            if known.any():
+                noise, acting = noise + known[15:].reshape(3, 3), True
         return self.stopwatch.measure(
             rotation_filter.measure,
             *self._predicted(context),
@@ -137,7 +143,7 @@ class RotationEstimator(LeafSystem):
             noise,
             impulses[:3],
             impulses[3:6],
-            bool(impulses[:6].any()),
+            acting,
             self._settings,
         )
 
@@ -167,6 +173,12 @@ class RotationEstimator(LeafSystem):
     def _calc_innovation_covariance(self, context: Any, output: Any) -> None:
         output.SetFromVector(self._measurement.get(self, context).innovation.covariance.ravel())
 
+    def _calc_judged(self, context: Any, output: Any) -> None:
+        innovation = self._measurement.get(self, context).innovation
+        vector = np.empty(12)
+        vector[:3], vector[3:] = innovation.innovation, innovation.covariance.ravel()
+        output.SetFromVector(vector)
+
     def _calc_estimate(self, context: Any, output: Any) -> None:
         output.SetFromVector(self._cycle.get(self, context).estimate)
 
@@ -177,11 +189,17 @@ class RotationEstimator(LeafSystem):
         output.SetFromVector(np.sqrt(self._cycle.get(self, context).covariance.diagonal()))
 
     def _calc_status(self, context: Any, output: Any) -> None:
+        output.SetFromVector(self._status(context))
+
+    def _calc_report(self, context: Any, output: Any) -> None:
+        cycle = self._cycle.get(self, context)
+        deviation = np.sqrt(cycle.covariance.diagonal())
+        output.SetFromVector(np.concatenate([cycle.estimate, deviation, self._status(context)]))
+
+    def _status(self, context: Any) -> Array:
         cycle = self._cycle.get(self, context)
         before = self._measurement.get(self, context).innovation
-        output.SetFromVector(
-            np.array([*before.innovation, before.nis, cycle.used, cycle.jumped, before.subtract_coupling])
-        )
+        return np.array([*before.innovation, before.nis, cycle.used, cycle.jumped, before.subtract_coupling])
 
     def _update(self, context: Any, state: Any) -> None:
         cycle = self._cycle.get(self, context)

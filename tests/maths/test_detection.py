@@ -623,6 +623,21 @@ def test_a_known_force_that_has_ceased_is_withdrawn(bench: Bench) -> None:
     np.testing.assert_allclose(result.adaptation.rotation, -868.0 * bench.signatures[STUCK][3:], rtol=1e-9)
 
 
+def test_a_known_force_that_has_ceased_is_withdrawn_though_a_healthy_jet_could_explain_it(bench: Bench) -> None:
+    # a jet of cluster 8 pushing with 13 lbf looks much like jet 15 no longer pushing with 50; but the one is known
+    # to have failed, and a force that is no longer there must not be made up for
+    with_known(bench, 14, 50.0, 0.01)
+    events = []
+    for _ in range(5):
+        result = bench.step(-bench.state.force[14] * bench.signatures[14])
+        assert result.finding.isolation.jet == 14
+        events.append(result.finding.event)
+        if events[-1] == WITHDRAWN:
+            break
+    assert events[-1] == WITHDRAWN
+    assert not bench.state.force.any()
+
+
 def test_a_withdrawn_force_can_be_declared_again(bench: Bench) -> None:
     bench.declare(STUCK, 868.8)
     bench.step(-868.8 * bench.signatures[STUCK])

@@ -82,7 +82,15 @@ def test_topology() -> None:
         "known_force": 24,
         "adaptation": 26,
     }
-    assert outputs(dut) == {"predicted": 8, "innovation": 3, "innovation_covariance": 9, "estimate": 2, "status": 6}
+    assert outputs(dut) == {
+        "predicted": 8,
+        "innovation": 3,
+        "innovation_covariance": 9,
+        "estimate": 2,
+        "status": 6,
+        "judged": 12,
+        "report": 8,
+    }
     used = set(inputs(dut)) - {"spare"}
     # the detector makes the adaptation from the innovation, which therefore must not wait for it
     measured = used - {"adaptation"}
@@ -90,6 +98,8 @@ def test_topology() -> None:
         "predicted": set(),
         "innovation": measured,
         "innovation_covariance": measured,
+        "judged": measured,
+        "report": used,
         "estimate": used,
         "status": used,
     }

@@ -71,12 +71,14 @@ def test_topology() -> None:
         "covariance": 81,
         "standard_deviation": 9,
         "status": 7,
+        "judged": 12,
+        "report": 25,
     }
     # the mass filter uses the prediction, which must not wait for the measurement
     # and the detector makes the adaptation from the innovation, which must not wait for it
     measured = {"gyro", "impulses", "known_force"}
     expected = dict.fromkeys(outputs(dut), measured | {"adaptation"})
-    expected |= dict.fromkeys(("rate_sample", "innovation", "innovation_covariance"), measured)
+    expected |= dict.fromkeys(("rate_sample", "innovation", "innovation_covariance", "judged"), measured)
     expected |= {"predicted_estimate": set(), "predicted_covariance": set()}
     assert feedthrough(dut) == expected
     assert [context.get_discrete_state(group).size() for group in range(3)] == [9, 81, 4]
