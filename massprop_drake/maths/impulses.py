@@ -64,12 +64,16 @@ def interval_impulses(
         impulse_per_level: torque and force of each jet times the sample period, shape (n_jets, 6).
         lag: factors of the thrust lag; with zero time constants the level is the command.
     """
-    impulse = mean_level(level, command, lag.mean) @ impulse_per_level
+    if lag.instantaneous:
+        mean = after = command
+    else:
+        mean, after = mean_level(level, command, lag.mean), level_after(level, command, lag.remaining)
+    impulse = mean @ impulse_per_level
     steady = bool((command == previous_command).all() and ((command == 0.0) | (command == 1.0)).all())
     return Impulses(
         angular_impulse=impulse[:3],
         linear_impulse=impulse[3:],
         usable=steady,
         firing=bool(command.any()),
-        level=level_after(level, command, lag.remaining),
+        level=after,
     )

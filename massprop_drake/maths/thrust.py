@@ -19,15 +19,17 @@ from massprop_drake.maths.linear_algebra import Array
 
 
 class LagFactors(NamedTuple):
-    """What one sample period does to the lag, each of shape (n_jets,).
+    """What one sample period does to the lag, arrays of shape (n_jets,).
 
     Attributes:
         remaining: exp(-T / tau), the share of an initial difference left at the end of the period.
         mean: (tau / T) (1 - exp(-T / tau)), its share on average over the period.
+        instantaneous: whether no jet lags at all (a single flag).
     """
 
     remaining: Array
     mean: Array
+    instantaneous: bool
 
 
 def lag_factors(time_constants_s: Array, period_s: float) -> LagFactors:
@@ -42,7 +44,7 @@ def lag_factors(time_constants_s: Array, period_s: float) -> LagFactors:
     ratio[lagged] = time_constants_s[lagged] / period_s
     remaining = np.zeros_like(ratio)
     remaining[lagged] = np.exp(-1.0 / ratio[lagged])
-    return LagFactors(remaining, ratio * (1.0 - remaining))
+    return LagFactors(remaining, ratio * (1.0 - remaining), not lagged.any())
 
 
 def level_after(level: Array, target: Array, remaining: Array) -> Array:

@@ -25,9 +25,7 @@ class _Burst(NamedTuple):
 
     remaining: Array  # cycles still to fire, this one included
     command: Array
-    counts: Array  # see the state `counts`
-    refused: Array  # see the state `refused`
-    out_of_use: Array  # see the state `out_of_use`
+    changed: tuple[Array, Array, Array] | None  # states `counts`, `refused`, `out_of_use`; None: as they were
 
 
 class JetSelection(LeafSystem):
@@ -128,26 +126,29 @@ class JetSelection(LeafSystem):
     def _compute(self, context: Any) -> _Burst:
         request = self._request.Eval(context)
         remaining = context.get_discrete_state(self._remaining).CopyToVector()
+        wrench, declared = None, False
+        if self._reconfiguration.HasValue(context):
+            reconfiguration = self._reconfiguration.Eval(context)
+            declared = bool(reconfiguration[0] != 0.0)
+            if reconfiguration[1:7].any():
+                wrench = reconfiguration[1:7]
+        if declared:
+            remaining = np.zeros_like(remaining)
+        urgency = request[7]
+        asked = urgency == WHEN_IDLE or wrench is not None
+        if urgency != AT_ONCE and not declared and (not asked or remaining.any()):
+            return _Burst(remaining, np.where(remaining > 0.0, 1.0, 0.0), None)
+
         counts = context.get_discrete_state(self._counts).CopyToVector()
         refused = context.get_discrete_state(self._refused).CopyToVector()
         out_of_use = context.get_discrete_state(self._out_of_use).CopyToVector()
-        wrench = None
         before = self._program.solves
-        if self._reconfiguration.HasValue(context):
-            reconfiguration = self._reconfiguration.Eval(context)
-            if reconfiguration[0] != 0.0:
-                remaining = np.zeros_like(remaining)
-                out_of_use = self._reduced(context, out_of_use, reconfiguration[7:])
-            if reconfiguration[1:7].any():
-                wrench = reconfiguration[1:7]
-        urgency = request[7]
-        idle = not remaining.any()
-        if wrench is None:
+        if declared:
+            out_of_use = self._reduced(context, out_of_use, reconfiguration[7:])
+        if wrench is None and urgency == WHEN_IDLE:
             change = max(abs(element) for element in (request[:3] - refused[:3]).tolist())
-            asked = urgency == WHEN_IDLE and change >= refused[3]
-        else:
-            asked = True
-        if urgency == AT_ONCE or (asked and idle):
+            asked = change >= refused[3]
+        if urgency == AT_ONCE or asked:
             available = self._selectable & (out_of_use <= 0.0)
             wanted, selection = self._selected(context, request, wrench, available)
             remaining = burst_cycles(selection.on_times_s, self._period_s, self._minimum)
@@ -160,7 +161,7 @@ class JetSelection(LeafSystem):
             counts[2] += selection.outcome == Outcome.CLOSEST
             counts[3] = float(np.linalg.norm(selection.reached[3:])) / size if size > 0.0 else 1.0
         counts[0] += self._program.solves - before
-        return _Burst(remaining, np.where(remaining > 0.0, 1.0, 0.0), counts, refused, out_of_use)
+        return _Burst(remaining, np.where(remaining > 0.0, 1.0, 0.0), (counts, refused, out_of_use))
 
     def _selected(
         self, context: Any, request: Array, wrench: Array | None, available: NDArray[np.bool_]
@@ -224,6 +225,7 @@ class JetSelection(LeafSystem):
         state.set_value(self._remaining, np.maximum(burst.remaining - 1.0, 0.0))
         state.set_value(self._held, burst.command)
         state.set_value(self._delivered, delivered)
-        state.set_value(self._counts, burst.counts)
-        state.set_value(self._refused, burst.refused)
-        state.set_value(self._out_of_use, burst.out_of_use)
+        if burst.changed is not None:
+            groups = (self._counts, self._refused, self._out_of_use)
+            for group, value in zip(groups, burst.changed, strict=True):
+                state.set_value(group, value)
