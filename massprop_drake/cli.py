@@ -196,15 +196,10 @@ def check(
     elif not quiet:
         for finding in findings:
             for line in finding["findings"]:  # type: ignore[attr-defined]
-                text = f"{name_of(finding)}: ok: {line}" if finding["ok"] else line
+                text = f"{finding['file']}: ok: {line}" if finding["ok"] else line
                 Console(highlight=False, soft_wrap=True).print(text, markup=False)
     if not all(finding["ok"] for finding in findings):
         raise typer.Exit(2)
-
-
-def name_of(finding: dict[str, Any]) -> str:
-    """The file that a finding is about."""
-    return str(finding["file"])
 
 
 def _checked(name: str) -> str:

@@ -307,19 +307,24 @@ def _rotation_nis(sample: DetectorSample) -> float:
     return float(sample.rotation @ sample.rotation_information @ sample.rotation)
 
 
+def _unsuspecting(state: DetectorState) -> DetectorState:
+    """The state with no cluster under suspicion."""
+    return state._replace(cluster=_QUIET, alarms=0.0, since=0.0)
+
+
 def _aged(state: DetectorState) -> DetectorState:
     """A cycle later; a suspicion is dropped when no sample has borne on it for long."""
     if state.cluster == _QUIET:
         return state
     if state.since >= _LONGEST_GATE:
-        return state._replace(cluster=_QUIET, alarms=0.0, since=0.0)
+        return _unsuspecting(state)
     return state._replace(since=state.since + 1.0)
 
 
 def _unconfirmed(state: DetectorState, settings: DetectorSettings) -> DetectorState:
     """After a tested sample without an alarm; when any further one would come too late, the row is broken."""
     if state.cluster != _QUIET and state.since >= settings.alarm_gap:
-        return state._replace(cluster=_QUIET, alarms=0.0, since=0.0)
+        return _unsuspecting(state)
     return state
 
 
@@ -360,8 +365,8 @@ def _counted(
     if tests.magnitude[jet] > 0.0 and manifold < 0:
         force[jet] = tests.magnitude[jet]
         variance[jet] = max(float(tests.variance[jet]), settings.force_variance_floor)
-    state = state._replace(cluster=_QUIET, alarms=0.0, since=0.0, force=force, variance=variance, removed=removed)
-    return state._replace(closed=closed), onset_s, alarms, DECLARED
+    state = _unsuspecting(state)._replace(force=force, variance=variance, removed=removed, closed=closed)
+    return state, onset_s, alarms, DECLARED
 
 
 def _corrected_force(

@@ -175,16 +175,16 @@ class MassEstimator(LeafSystem):
         output.SetFromVector(np.array([cycle.mass_reciprocal, cycle.variance]))
 
     def _calc_status(self, context: Any, output: Any) -> None:
-        innovation = self._measurement.get(self, context).innovation
-        cycle = self._cycle.get(self, context)
-        output.SetFromVector(np.array([*innovation.innovation, innovation.nis, cycle.used, cycle.jumped]))
+        output.SetFromVector(np.array(self._status(context)))
 
     def _calc_report(self, context: Any, output: Any) -> None:
+        cycle = self._cycle.get(self, context)
+        output.SetFromVector(np.array([cycle.mass_reciprocal, cycle.variance, *self._status(context)]))
+
+    def _status(self, context: Any) -> list[float]:
         innovation = self._measurement.get(self, context).innovation
         cycle = self._cycle.get(self, context)
-        estimate = (cycle.mass_reciprocal, cycle.variance)
-        status = (*innovation.innovation, innovation.nis, cycle.used, cycle.jumped)
-        output.SetFromVector(np.array([*estimate, *status]))
+        return [*innovation.innovation, innovation.nis, cycle.used, cycle.jumped]
 
     def _update(self, context: Any, state: Any) -> None:
         cycle = self._cycle.get(self, context)
