@@ -238,7 +238,10 @@ class EstimationSettings(Model):
 
     start: Literal["nominal", "zero"] = described("nominal", "estimates begin at the nominal values, or at zero")
     std_fraction: Real | None = described(
-        None, "1-sigma at the start relative to the nominal values; null: 0.3 for nominal, 1 for zero", "-", gt=0.0
+        None,
+        "1-sigma at the start relative to the nominal values; null: the vehicle's for nominal, 1 for zero",
+        "-",
+        gt=0.0,
     )
     floors: Flag = described(
         True, "least 1-sigma at the start for products of inertia and center of mass, whose nominal values may be zero"

@@ -45,7 +45,7 @@ def initial_deviation(scenario: Scenario) -> Array:
     estimation, vehicle = scenario.estimation, scenario.vehicle_data
     fraction = estimation.std_fraction
     if fraction is None:
-        fraction = 0.3 if estimation.start == "nominal" else 1.0
+        fraction = vehicle.uncertainty if estimation.start == "nominal" else 1.0
     return initial_standard_deviation(
         vehicle.nominal.vector(), fraction, vehicle.center_of_mass_floor, floors=estimation.floors
     )

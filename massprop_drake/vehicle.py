@@ -47,6 +47,7 @@ _RESERVED = {
 }
 _RESERVED_BEGINNINGS = ("rotation_", "mass_", "predicted_", "detector_")
 _SENSOR_NAME = r"^[A-Za-z][A-Za-z0-9_]*$"
+_RANGE = "largest reading either way, where the sensor saturates; the filters skip such a reading; null: unlimited"
 _UNIT_LENGTH_TOLERANCE = 0.002  # of a direction, as printed tables have it
 
 
@@ -136,6 +137,7 @@ class SensorPackage(Model):
     )
     quantum: Real = described(0.0, "step of a reading", "rad/s | ft/s | m/s", ge=0.0)
     noise_std: Real = described(0.0, "white noise of a reading, 1-sigma", "rad/s | ft/s | m/s", ge=0.0)
+    range: Real | None = described(None, _RANGE, "rad/s | ft/s | m/s", gt=0.0)
 
     @model_validator(mode="after")
     def _noisy(self) -> SensorPackage:
@@ -156,6 +158,7 @@ class Gyro(SensorPackage):
 
     quantum: Real = described(0.0, "step of a reading", "rad/s", ge=0.0)
     noise_std: Real = described(0.0, "white noise of a reading, 1-sigma", "rad/s", ge=0.0)
+    range: Real | None = described(None, _RANGE, "rad/s", gt=0.0)
 
 
 class Accelerometer(SensorPackage):
@@ -164,6 +167,7 @@ class Accelerometer(SensorPackage):
     position: Vector3 = described(..., "in the vehicle frame", "ft | m")
     quantum: Real = described(0.0, "step of a reading", "ft/s | m/s", ge=0.0)
     noise_std: Real = described(0.0, "white noise of a reading, 1-sigma", "ft/s | m/s", ge=0.0)
+    range: Real | None = described(None, _RANGE, "ft/s | m/s", gt=0.0)
 
 
 class Vehicle(Model):
@@ -178,6 +182,9 @@ class Vehicle(Model):
     units: Literal["us", "si"] = described(..., "us: ft, slug, lbf; si: m, kg, N; both s, rad")
     sample_period_s: Real = described(..., "period of control and estimation", "s", gt=0.0)
     mass_properties: MassPropertiesModel = described(..., "nominal mass properties")
+    uncertainty: Real = described(
+        0.3, "1-sigma of the nominal mass properties, relative to them; products have floors", "-", gt=0.0
+    )
     center_of_mass_std: Real | None = described(
         None, "least 1-sigma of the center of mass at the start; null: 10 % of the jets' RMS arm", "ft | m", gt=0.0
     )
