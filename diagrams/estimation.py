@@ -13,19 +13,20 @@ The same diagram serves the closed loop, the open loop and recorded telemetry.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
-import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder, InputPortIndex
 
 from massprop_drake import settings as make
 from massprop_drake.maths.mass_properties import N_ROTATION
 from massprop_drake.scenario import Scenario
+from massprop_drake.systems._readings import Package
 from massprop_drake.systems.convergence_monitor import ConvergenceMonitor
 from massprop_drake.systems.failure_detector import FailureDetector
 from massprop_drake.systems.impulse_model import ImpulseModel
 from massprop_drake.systems.mass_estimator import MassEstimator
-from massprop_drake.systems.rotation_estimator import Package, RotationEstimator
+from massprop_drake.systems.rotation_estimator import RotationEstimator
 from massprop_drake.vehicle import SensorPackage
 
 
@@ -33,7 +34,9 @@ def build(scenario: Scenario) -> Diagram:
     """The estimation diagram of a scenario.
 
     Ports:
-        jet_commands (in, n_jets): fraction commanded over the interval that ends now, 0 to 1.
+        jet_commands (in, n_jets): fraction commanded over the interval that ends now, 0 to 1, NaN where not
+            known.
+        outside_wrench (in, 6): known outside forces, see `ImpulseModel`; may stay unconnected.
         <gyro> (in, 3): measured rate, rad/s, body axes, for each package.
         <accelerometer> (in, 3): integrated specific force, ft/s or m/s, body axes, for each package.
         estimate (out, 10), standard_deviation (out, 10), converged (out, 1): see `ConvergenceMonitor`.
@@ -49,8 +52,8 @@ def build(scenario: Scenario) -> Diagram:
             `FailureDetector`.
     """
     vehicle = scenario.vehicle_data
-    estimate, deviation = make.initial_estimate(scenario), make.initial_deviation(scenario)
-    gyro, accelerometer = make.gyro(scenario), make.accelerometer(scenario)
+    estimate, covariance = make.initial_estimate(scenario), make.initial_covariance(scenario)
+    thrust_errors = make.thrust_errors(scenario)
     builder = DiagramBuilder()
 
     impulses = builder.AddNamedSystem(
@@ -65,34 +68,37 @@ def build(scenario: Scenario) -> Diagram:
         "rotation_estimator",
         RotationEstimator(
             estimate=estimate[:N_ROTATION],
-            covariance=np.diag(deviation[:N_ROTATION] ** 2),
-            gyros=_packages(vehicle.gyros),
-            gyro=gyro.name,
+            covariance=covariance[:N_ROTATION, :N_ROTATION],
+            gyros=_packages(make.gyros(scenario)),
             settings=make.rotation_settings(scenario),
+            thrust_errors=thrust_errors,
         ),
     )
     monitor = builder.AddNamedSystem("convergence_monitor", ConvergenceMonitor(make.convergence_limits(scenario)))
     commands = builder.ExportInput(impulses.GetInputPort("jet_commands"), "jet_commands")
+    builder.ExportInput(impulses.GetInputPort("outside_wrench"), "outside_wrench")
     builder.Connect(impulses.GetOutputPort("impulses"), rotation.GetInputPort("impulses"))
+    if thrust_errors is not None:
+        builder.Connect(impulses.GetOutputPort("mean_level"), rotation.GetInputPort("mean_level"))
     for sensor in vehicle.gyros:
         builder.ExportInput(rotation.GetInputPort(sensor.name), sensor.name)
     builder.Connect(rotation.GetOutputPort("estimate"), monitor.GetInputPort("rotation_estimate"))
     builder.Connect(rotation.GetOutputPort("covariance"), monitor.GetInputPort("rotation_covariance"))
 
-    if accelerometer is not None:
+    if vehicle.accelerometers:
         mass = builder.AddNamedSystem(
             "mass_estimator",
             MassEstimator(
                 mass_reciprocal=float(estimate[9]),
-                variance=float(deviation[9] ** 2),
-                accelerometers=_packages(vehicle.accelerometers),
-                accelerometer=accelerometer.name,
-                position=np.array(accelerometer.position),
-                rate_variance=gyro.variance,
+                variance=float(covariance[9, 9]),
+                accelerometers=_packages(make.accelerometers(scenario)),
                 settings=make.mass_settings(scenario),
+                thrust_errors=thrust_errors,
             ),
         )
         builder.Connect(impulses.GetOutputPort("impulses"), mass.GetInputPort("impulses"))
+        if thrust_errors is not None:
+            builder.Connect(impulses.GetOutputPort("mean_level"), mass.GetInputPort("mean_level"))
         for name in ("rate_sample", "predicted_estimate", "predicted_covariance"):
             builder.Connect(rotation.GetOutputPort(name), mass.GetInputPort(name))
         for instrument in vehicle.accelerometers:
@@ -135,7 +141,7 @@ def _add_detector(
         FailureDetector(
             make.detector_settings(scenario),
             limits=make.convergence_limits(scenario),
-            jump_window=make.mass_settings(scenario).jump_window,
+            mass_size=mass.GetOutputPort("predicted").size(),
         ),
     )
     builder.ConnectInput(commands, detector.GetInputPort("jet_commands"))
@@ -145,6 +151,10 @@ def _add_detector(
     for name in ("predicted_estimate", "predicted_covariance"):
         builder.Connect(rotation.GetOutputPort(name), detector.GetInputPort(name))
     builder.Connect(mass.GetOutputPort("predicted"), detector.GetInputPort("mass_predicted"))
+
+    if make.thrust_errors(scenario) is not None:
+        for name, system in (("rotation", rotation), ("mass", mass)):
+            builder.Connect(system.GetOutputPort("thrust_error_effects"), detector.GetInputPort(f"{name}_effects"))
 
     for system in (impulses, rotation, mass):
         builder.Connect(detector.GetOutputPort("known_force"), system.GetInputPort("known_force"))
@@ -157,4 +167,4 @@ def _add_detector(
 
 
 def _packages(sensors: Sequence[SensorPackage]) -> tuple[Package, ...]:
-    return tuple(Package(sensor.name, sensor.variance) for sensor in sensors)
+    return tuple(Package(sensor.name, math.inf if sensor.range is None else sensor.range) for sensor in sensors)

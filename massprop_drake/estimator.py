@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -15,12 +15,14 @@ from massprop_drake.maths import detection, mass_filter, mass_jump, rotation_fil
 from massprop_drake.maths.adaptation import NO_ADAPTATION
 from massprop_drake.maths.impulses import interval_impulses
 from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
+from massprop_drake.maths.mass_filter import MassState
 from massprop_drake.maths.mass_properties import N_ROTATION, converged
-from massprop_drake.maths.sensing import increment_noise
+from massprop_drake.maths.rotation_filter import RotationState
+from massprop_drake.maths.sensing import unsaturated
 from massprop_drake.maths.thrust import lag_factors
 from massprop_drake.models import dotted
 from massprop_drake.scenario import Scenario, check_against_vehicle
-from massprop_drake.vehicle import Vehicle
+from massprop_drake.vehicle import SensorPackage, Vehicle
 
 Array = NDArray[np.float64]
 
@@ -102,27 +104,34 @@ class Estimator:
         if problems:
             raise InputError(*(f"settings: {dotted(path)}: {problem}" for path, problem in problems))
         self._vehicle = vehicle
-        accelerometer = make.accelerometer(scenario)
-        if accelerometer is None:
+        if not vehicle.accelerometers:
             raise InputError(f"vehicle '{vehicle.name}' has no accelerometer: its mass cannot be observed")
-        self._gyro, self._accelerometer = make.gyro(scenario), accelerometer
-        self._position = np.array(accelerometer.position)
+        self._gyros, self._accelerometers = make.gyros(scenario), make.accelerometers(scenario)
         self._rotation, self._mass = make.rotation_settings(scenario), make.mass_settings(scenario)
         self._limits = make.convergence_limits(scenario)
-        self._rate_noise = increment_noise(self._gyro.variance)
-        self._velocity_noise = increment_noise(accelerometer.variance)
         self._impulse_per_level = vehicle.wrenches * vehicle.sample_period_s
         self._lag = lag_factors(make.estimator_time_constants(scenario), vehicle.sample_period_s)
+        self._thrust_errors = make.thrust_errors(scenario)
 
-        estimate, deviation = make.initial_estimate(scenario), make.initial_deviation(scenario)
+        estimate, covariance = make.initial_estimate(scenario), make.initial_covariance(scenario)
         n_jets = len(vehicle.jets)
-        self._estimate = estimate[:N_ROTATION]
-        self._covariance = np.diag(deviation[:N_ROTATION] ** 2)
-        self._mass_reciprocal, self._variance = float(estimate[9]), float(deviation[9] ** 2)
+        considers = self._thrust_errors is not None
+        self._turning = RotationState(
+            estimate[:N_ROTATION],
+            covariance[:N_ROTATION, :N_ROTATION],
+            np.zeros((N_ROTATION, n_jets)) if considers else None,
+        )
+        self._moving = MassState(
+            float(estimate[9]),
+            float(covariance[9, 9]),
+            mass_jump.empty_window(self._mass.jump_window),
+            np.zeros(n_jets) if considers else None,
+        )
         self._subtract_coupling = False
-        self._rate = self._velocity = np.full(3, np.nan)
+        self._rates = np.full((len(self._gyros), 3), np.nan)
+        self._velocities = np.full((len(self._accelerometers), 3), np.nan)
         self._commands = self._commands_before = self._level = np.zeros(n_jets)
-        self._window = mass_jump.empty_window(self._mass.jump_window)
+        self._outside = np.zeros(6)
         self._detector = None if scenario.detector.kind == "off" else make.detector_settings(scenario)
         self._suspicion = detection.initial_state(n_jets)
         self._unit_wrenches = make.unit_wrenches(vehicle)
@@ -132,8 +141,8 @@ class Estimator:
     def covariance(self) -> Array:
         """Covariance of the ten estimates, shape (10, 10)."""
         covariance = np.zeros((10, 10))
-        covariance[:N_ROTATION, :N_ROTATION] = self._covariance
-        covariance[9, 9] = self._variance
+        covariance[:N_ROTATION, :N_ROTATION] = self._turning.covariance
+        covariance[9, 9] = self._moving.variance
         return covariance
 
     def step(
@@ -142,16 +151,20 @@ class Estimator:
         gyro: ArrayLike | Mapping[str, ArrayLike],
         accelerometers: ArrayLike | Mapping[str, ArrayLike],
         commands: ArrayLike,
+        outside_wrench: ArrayLike | None = None,
     ) -> EstimatorStep:
         """Takes in the readings of one sample, and the commands that act from now on.
 
         Args:
             time_s: of the sample, s; one sample period after the last call's.
-            gyro: angular rate, rad/s, body axes, shape (3,), or a mapping from package names. NaN where
-                missing.
+            gyro: angular rate, rad/s, body axes, shape (3,) of the package in use, or a mapping from
+                package names. NaN where missing.
             accelerometers: integrated specific force, ft/s or m/s, body axes, shape (3,) of the package
                 in use, or a mapping from package names. NaN where missing.
-            commands: fraction commanded over the interval that starts now, 0 to 1, shape (n_jets,).
+            commands: fraction commanded over the interval that starts now, 0 to 1, NaN where not known,
+                shape (n_jets,).
+            outside_wrench: torque about the vehicle origin and force of known outside forces, mean over
+                that interval, shape (6,); None: none.
 
         Raises:
             ValueError: when time goes backwards, a shape is wrong, or a fraction is outside 0 to 1.
@@ -159,63 +172,76 @@ class Estimator:
         """
         if not time_s > self._time_s:
             raise ValueError(f"time must go forward: {time_s} s after {self._time_s} s")
-        rate = _reading(gyro, self._gyro.name, "gyro")
-        velocity = _reading(accelerometers, self._accelerometer.name, "accelerometers")
-        coming = np.asarray(commands, dtype=float)
+        rates = _readings(gyro, self._gyros, "gyro")
+        velocities = _readings(accelerometers, self._accelerometers, "accelerometers")
+        coming = np.array(commands, dtype=float)  # copies: the caller may reuse its buffers
         if coming.shape != self._level.shape:
             raise ValueError(f"commands must have shape {self._level.shape}, got {coming.shape}")
-        if not ((coming >= 0.0) & (coming <= 1.0)).all():
+        if ((coming < 0.0) | (coming > 1.0)).any():
             raise ValueError("commands must be fractions from 0 to 1")
+        outside = np.zeros(6) if outside_wrench is None else np.array(outside_wrench, dtype=float)
+        if outside.shape != (6,):
+            raise ValueError(f"outside_wrench must have shape (6,), got {outside.shape}")
 
         try:
-            step = self._cycle(time_s, rate, velocity)
+            step = self._cycle(time_s, rates, velocities)
         except NotPositiveDefiniteError as error:
             raise error.at(time_s, "estimator") from None
-        self._rate, self._velocity = rate, velocity
-        self._commands_before, self._commands = self._commands, coming.copy()
+        self._rates, self._velocities = rates, velocities
+        self._commands_before, self._commands, self._outside = self._commands, coming, outside
         self._time_s = time_s
         return step
 
-    def _cycle(self, time_s: float, rate: Array, velocity: Array) -> EstimatorStep:
+    def _cycle(self, time_s: float, rates: Array, velocities: Array) -> EstimatorStep:
+        period = self._vehicle.sample_period_s
         impulses = interval_impulses(
-            self._commands, self._commands_before, self._level, self._impulse_per_level, self._lag
+            self._commands,
+            self._commands_before,
+            self._level,
+            self._impulse_per_level,
+            self._lag,
+            self._outside * period,
         )
-        estimate, covariance = self._estimate, self._covariance
+        estimate, covariance = self._turning.estimate, self._turning.covariance
         known = detection.NO_KNOWN_FORCE
         if self._detector is not None:
-            parameters = np.append(estimate, self._mass_reciprocal)
+            parameters = np.append(estimate, self._moving.mass_reciprocal)
             known = detection.known_force(self._suspicion, parameters, self._detector)
-        impulse = known.wrench * self._vehicle.sample_period_s
+        impulse = known.wrench * period
         angular_impulse = impulses.angular_impulse + impulse[:3]
         linear_impulse = impulses.linear_impulse + impulse[3:]
         firing = impulses.firing
-        acting = firing or known is not detection.NO_KNOWN_FORCE
+        failed = known is not detection.NO_KNOWN_FORCE
+        spread, linear_spread = None, None
+        if self._thrust_errors is not None:
+            spread = impulses.mean_level[:, None] * self._thrust_errors
+            linear_spread = self._thrust_errors[:, 3:].T * impulses.mean_level
 
         turning = rotation_filter.measure(
-            estimate,
-            covariance,
-            self._rate,
+            self._turning,
+            self._rates,
             self._subtract_coupling,
-            rate,
-            self._rate_noise + known.rotation_spread,
+            rates,
+            known.rotation_spread if failed else None,
             angular_impulse,
             linear_impulse,
-            acting,
+            firing or failed,
             self._rotation,
+            spread,
+        )
+        sample = turning.sample
+        rotation = mass_filter.Rotation(
+            sample.increment, sample.rate, sample.gyro_variance, estimate[6:], covariance[6:, 6:]
         )
         moving = mass_filter.measure(
-            self._mass_reciprocal,
-            self._variance,
-            self._velocity,
-            velocity,
-            self._velocity_noise + known.translation_spread,
-            self._position - estimate[6:],
-            covariance[6:, 6:],
-            turning.sample.increment,
-            turning.sample.rate,
-            2.0 * self._gyro.variance,
+            self._moving,
+            self._velocities,
+            velocities,
+            known.translation_spread if failed else None,
+            rotation,
             linear_impulse,
             self._mass,
+            linear_spread,
         )
         judged = None
         if self._detector is not None:
@@ -231,32 +257,23 @@ class Estimator:
                 turning.innovation.covariance,
                 estimate,
                 covariance,
-                np.array([self._mass_reciprocal, self._variance]),
+                np.array([self._moving.mass_reciprocal, self._moving.variance]),
                 self._limits,
                 self._detector,
+                detection.shared_covariance(moving.innovation.effects, turning.innovation.effects),
             )
             self._suspicion = judged.state
         adaptation = NO_ADAPTATION if judged is None else judged.adaptation
         # a known force alone is no reason to learn: it may have ceased
         usable = impulses.usable and firing
-        turned = rotation_filter.finish(estimate, covariance, turning, usable, adaptation, self._rotation)
-        weighed = mass_filter.finish(
-            self._mass_reciprocal,
-            self._variance,
-            self._window,
-            moving,
-            impulses.usable,
-            firing,
-            adaptation,
-            self._mass,
-        )
-        self._estimate, self._covariance = turned.estimate, turned.covariance
+        turned = rotation_filter.finish(self._turning, turning, usable, adaptation, self._rotation)
+        weighed = mass_filter.finish(self._moving, moving, impulses.usable, firing, adaptation, self._mass)
+        self._turning, self._moving = turned.state, weighed.state
         self._subtract_coupling = turning.innovation.subtract_coupling
-        self._mass_reciprocal, self._variance, self._window = weighed[:3]
         self._level = impulses.level
 
-        ten = np.append(self._estimate, self._mass_reciprocal)
-        deviation = np.sqrt(np.append(self._covariance.diagonal(), self._variance))
+        ten = np.append(self._turning.estimate, self._moving.mass_reciprocal)
+        deviation = np.sqrt(np.append(self._turning.covariance.diagonal(), self._moving.variance))
         return EstimatorStep(
             time_s,
             ten,
@@ -289,12 +306,20 @@ class Estimator:
         )
 
 
-def _reading(readings: ArrayLike | Mapping[str, ArrayLike], package: str, what: str) -> Array:
-    if isinstance(readings, Mapping):
-        if package not in readings:
-            raise ValueError(f"{what}: no reading of package '{package}' among {sorted(readings)}")
-        readings = readings[package]
-    reading = np.array(readings, dtype=float)  # a copy: the caller may reuse its buffer
-    if reading.shape != (3,):
-        raise ValueError(f"{what} must have shape (3,), got {reading.shape}")
-    return reading
+def _readings(readings: ArrayLike | Mapping[str, ArrayLike], packages: Sequence[SensorPackage], what: str) -> Array:
+    """Of all packages, the one in use first, NaN where missing or saturated, shape (s, 3)."""
+    if not isinstance(readings, Mapping):
+        readings = {packages[0].name: readings}
+    known = [package.name for package in packages]
+    unknown = [name for name in readings if name not in known]
+    if unknown or not readings:
+        given = f"'{unknown[0]}' is no package" if unknown else "no reading"
+        raise ValueError(f"{what}: {given}; the vehicle has {known}")
+    result = np.full((len(packages), 3), np.nan)
+    for row, package in zip(result, packages, strict=True):
+        if package.name in readings:
+            reading = np.asarray(readings[package.name], dtype=float)
+            if reading.shape != (3,):
+                raise ValueError(f"{what} must have shape (3,), got {reading.shape}")
+            row[:] = unsaturated(reading, math.inf if package.range is None else package.range)
+    return result

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from pydantic import Field, field_validator, model_validator
 
 from massprop_drake.errors import InputError, suggestion
+from massprop_drake.maths.linear_algebra import is_covariance
 from massprop_drake.maths.mass_properties import could_be_inertia, joined
 from massprop_drake.models import (
     Document,
@@ -90,6 +91,9 @@ class PlantSettings(Model):
     accuracy: Real = described(1e-10, "accuracy asked of that integrator", "-", gt=0.0, le=1e-2)
     thrust_transient: Literal["none", "vehicle"] = described(
         "vehicle", "none: thrust instantaneous; vehicle: first-order lag with the vehicle file's time constants"
+    )
+    thrust_dispersion: Real = described(
+        0.0, "each jet's thrust is off for good by a fraction of this 1-sigma, drawn from the seed", "-", ge=0.0, le=0.3
     )
     depletion: Flag = described(True, "whether firing uses up mass (inertia and center of mass stay)")
     mass_properties: MassPropertiesModel | None = described(
@@ -190,6 +194,24 @@ class SensorErrors(Model):
     delay_samples: Whole = described(0, "whole samples by which readings are late", "-", ge=0, le=100)
 
 
+_RULES = Literal["single", "most_accurate", "mid_value", "average", "weighted_average", "serial"]
+_RULE = (
+    "single: the package in use, where it is missing the next; most_accurate: the least covariance; mid_value: the "
+    "middle one, component by component; average; weighted_average: by covariance; serial: one update after the other"
+)
+
+
+class CombineSettings(Model):
+    """How the filters use several packages of one kind."""
+
+    gyros: _RULES = described("single", _RULE)
+    accelerometers: _RULES = described("single", _RULE)
+    correlated: Flag = described(
+        False,
+        "whether averages of accelerometers account for what their errors share; serial then is one stacked update",
+    )
+
+
 class SensorSettings(Model):
     """The sensors."""
 
@@ -198,6 +220,7 @@ class SensorSettings(Model):
     )
     gyro: Text | None = described(None, "package the estimators and the autopilot use; null: the first")
     accelerometer: Text | None = described(None, "package the mass estimator uses; null: the vehicle's preferred one")
+    combine: CombineSettings = described(CombineSettings(), "use of redundant packages")
     errors: tuple[SensorErrors, ...] = described((), "errors beyond the vehicle file's quanta and noise")
 
 
@@ -223,6 +246,10 @@ class AutopilotSettings(Model):
     resolve_after_s: Real = described(0.4, "least time between two selections in a translation", "s", ge=0.0)
 
 
+_Ten = tuple[Real, Real, Real, Real, Real, Real, Real, Real, Real, Real]
+_TEN_UNITS = "1/(slug-ft^2) | 1/(kg-m^2) (6), ft | m (3), 1/slug | 1/kg"
+
+
 class ConvergenceLimits(Model):
     """1-sigma below which estimates may be acted on."""
 
@@ -233,10 +260,41 @@ class ConvergenceLimits(Model):
     )
 
 
+class GivenStart(Model):
+    """Mass properties known beforehand, and how well."""
+
+    mass_properties: MassPropertiesModel | None = described(None, "estimates at the start; null: the nominal ones")
+    standard_deviation: _Ten | None = described(
+        None,
+        "1-sigma of the ten parameters at the start, in the order of `summary.json`'s covariance",
+        _TEN_UNITS,
+    )
+    covariance: tuple[_Ten, _Ten, _Ten, _Ten, _Ten, _Ten, _Ten, _Ten, _Ten, _Ten] | None = described(
+        None, "their covariance instead; none between 1/m and the others, whose filters are apart", "products of those"
+    )
+
+    @model_validator(mode="after")
+    def _one(self) -> GivenStart:
+        if (self.standard_deviation is None) == (self.covariance is None):
+            raise ValueError("give either standard_deviation or covariance")
+        if self.standard_deviation is not None and min(self.standard_deviation) < 0.0:
+            raise ValueError("standard_deviation: must be zero or positive")
+        if self.covariance is not None:
+            covariance = np.array(self.covariance)
+            if not is_covariance(covariance):
+                raise ValueError("covariance: must be symmetric and positive semidefinite")
+            if covariance[9, :9].any():
+                raise ValueError("covariance: must be zero between 1/m and the others, whose filters are apart")
+        return self
+
+
 class EstimationSettings(Model):
     """What the estimators start from, and what they make of commands."""
 
-    start: Literal["nominal", "zero"] = described("nominal", "estimates begin at the nominal values, or at zero")
+    start: Literal["nominal", "zero", "given"] = described(
+        "nominal", "estimates begin at the nominal values, at zero, or at what `given` says"
+    )
+    given: GivenStart | None = described(None, "with start: given")
     std_fraction: Real | None = described(
         None,
         "1-sigma at the start relative to the nominal values; null: the vehicle's for nominal, 1 for zero",
@@ -251,7 +309,20 @@ class EstimationSettings(Model):
         "gate: samples whose jets have just changed are skipped, thrust taken as instantaneous; gate_lag: the same "
         "gate, impulses from the lagged thrust level",
     )
+    thrust_uncertainty: Real = described(
+        0.0,
+        "1-sigma of each jet's constant, unknown thrust error, relative; filters and detector consider it",
+        "-",
+        ge=0.0,
+        le=0.3,
+    )
     convergence: ConvergenceLimits = described(ConvergenceLimits(), "when estimates may be acted on")
+
+    @model_validator(mode="after")
+    def _start_is_given(self) -> EstimationSettings:
+        if (self.start == "given") != (self.given is not None):
+            raise ValueError("start: given and the field `given` go together")
+        return self
 
 
 class RotationFilterSettings(Model):
@@ -311,6 +382,12 @@ class DetectorSettings(Model):
     )
     margin: Real = described(6.0, "by which a cluster, and a jet in it, must lead in likelihood argument", "-", gt=0.0)
     threshold: Real = described(0.0, "least likelihood argument of an alarm", "-", ge=0.0)
+    dispersion_threshold: Real = described(
+        16.0,
+        "the same while jets fire, with thrust_uncertainty: thrust errors last, so a chance alarm would come again",
+        "-",
+        ge=0.0,
+    )
     magnitude_threshold: Real = described(0.0, "least magnitude of an alarm", "lbf | N", ge=0.0)
     mirror_sign_rule: Flag = described(False, "whether a jet that is on cannot give too much")
     signature_uncertainty: Flag = described(True, "whether signatures count as uncertain; not in the thesis")

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri
 
-from massprop_drake.maths import adaptation, failures, mass_filter, rotation_filter
+from massprop_drake.maths import adaptation, failures, mass_filter, redundancy, rotation_filter
 from massprop_drake.maths.detection import DetectorSettings
 from massprop_drake.maths.mass_properties import N_ROTATION, MassProperties, initial_standard_deviation
-from massprop_drake.maths.noise import uniform_phase
+from massprop_drake.maths.noise import normal_sample, uniform_phase
 from massprop_drake.maths.phase_space import PhaseSpaceSettings
 from massprop_drake.maths.sensing import SensorModel, smoothing_factor
 from massprop_drake.scenario import Degraded, Drift, Failure, Intermittent, Leak, Scenario, SensorErrors
@@ -34,29 +34,49 @@ _COMPENSATION = {
 }
 
 
+_RULES = {
+    "single": redundancy.SINGLE,
+    "most_accurate": redundancy.MOST_ACCURATE,
+    "mid_value": redundancy.MID_VALUE,
+    "average": redundancy.AVERAGE,
+    "weighted_average": redundancy.WEIGHTED_AVERAGE,
+    "serial": redundancy.SERIAL,
+}
+
+
 def initial_estimate(scenario: Scenario) -> Array:
     """The ten parameters that the filters start from, shape (10,)."""
-    nominal = scenario.vehicle_data.nominal.vector()
-    return nominal if scenario.estimation.start == "nominal" else np.zeros(10)
+    estimation, nominal = scenario.estimation, scenario.vehicle_data.nominal
+    if estimation.start == "zero":
+        return np.zeros(10)
+    given = None if estimation.given is None else estimation.given.mass_properties
+    return (nominal if given is None else given.properties()).vector()
 
 
-def initial_deviation(scenario: Scenario) -> Array:
-    """1-sigma of the ten parameters at the start, shape (10,)."""
+def initial_covariance(scenario: Scenario) -> Array:
+    """Covariance of the ten parameters at the start, shape (10, 10)."""
     estimation, vehicle = scenario.estimation, scenario.vehicle_data
+    if estimation.given is not None:
+        if estimation.given.covariance is not None:
+            return np.array(estimation.given.covariance)
+        return np.diag(np.square(estimation.given.standard_deviation))
     fraction = estimation.std_fraction
     if fraction is None:
         fraction = vehicle.uncertainty if estimation.start == "nominal" else 1.0
-    return initial_standard_deviation(
+    deviation = initial_standard_deviation(
         vehicle.nominal.vector(), fraction, vehicle.center_of_mass_floor, floors=estimation.floors
     )
+    return np.diag(deviation**2)
 
 
 def rotation_settings(scenario: Scenario) -> rotation_filter.RotationSettings:
     """Settings of the rotation filter."""
     rotation = scenario.rotation
-    jump_std = rotation.jump_std_fraction * initial_deviation(scenario)[:N_ROTATION]
+    jump_std = rotation.jump_std_fraction * np.sqrt(initial_covariance(scenario).diagonal()[:N_ROTATION])
     return rotation_filter.RotationSettings(
         period_s=scenario.vehicle_data.sample_period_s,
+        gyro_variances=np.array([package.variance for package in gyros(scenario)]),
+        rule=_RULES[scenario.sensors.combine.gyros],
         second_order=rotation.filter == "second_order",
         coupling=_COUPLING[rotation.coupling],
         coupling_limit=rotation.coupling_limit,
@@ -75,6 +95,10 @@ def mass_settings(scenario: Scenario) -> mass_filter.MassSettings:
     threshold = math.inf if mass.jump == "none" else float(chdtri(1, mass.jump_false_alarm_rate / window))
     return mass_filter.MassSettings(
         period_s=scenario.vehicle_data.sample_period_s,
+        positions=np.array([package.position for package in accelerometers(scenario)]),
+        variances=np.array([package.variance for package in accelerometers(scenario)]),
+        rule=_RULES[scenario.sensors.combine.accelerometers],
+        correlated=scenario.sensors.combine.correlated,
         compensation=_COMPENSATION[mass.compensation],
         compensation_covariance=mass.compensation_covariance,
         process_noise=mass.process_noise_std**2,
@@ -120,19 +144,40 @@ def estimator_time_constants(scenario: Scenario) -> Array:
     return constants if scenario.estimation.thrust_transient == "gate_lag" else np.zeros_like(constants)
 
 
+def gyros(scenario: Scenario) -> tuple[Gyro, ...]:
+    """The gyro packages, the one in use first."""
+    packages = scenario.vehicle_data.gyros
+    return tuple(sorted(packages, key=lambda package: package.name != scenario.sensors.gyro))
+
+
+def accelerometers(scenario: Scenario) -> tuple[Accelerometer, ...]:
+    """The accelerometer packages, the one in use first."""
+    vehicle = scenario.vehicle_data
+    preferred = scenario.sensors.accelerometer or vehicle.preferred_accelerometer
+    return tuple(sorted(vehicle.accelerometers, key=lambda package: package.name != preferred))
+
+
 def gyro(scenario: Scenario) -> Gyro:
     """The gyro package in use."""
-    gyros = scenario.vehicle_data.gyros
-    name = scenario.sensors.gyro
-    return next((package for package in gyros if package.name == name), gyros[0])
+    return gyros(scenario)[0]
 
 
-def accelerometer(scenario: Scenario) -> Accelerometer | None:
-    """The accelerometer package in use; None when the vehicle has none."""
-    vehicle = scenario.vehicle_data
-    name = scenario.sensors.accelerometer or vehicle.preferred_accelerometer
-    packages = vehicle.accelerometers
-    return next((package for package in packages if package.name == name), packages[0] if packages else None)
+def thrust_errors(scenario: Scenario) -> Array | None:
+    """Impulses of one sigma of each jet's thrust error at full level over a sample, about the vehicle origin,
+    shape (n_jets, 6); None where thrust is taken as known.
+    """
+    uncertainty, vehicle = scenario.estimation.thrust_uncertainty, scenario.vehicle_data
+    return uncertainty * vehicle.wrenches * vehicle.sample_period_s if uncertainty > 0.0 else None
+
+
+def thrust_factors(scenario: Scenario) -> Array:
+    """True over nominal thrust of each jet, shape (n_jets,)."""
+    spread, jets = scenario.plant.thrust_dispersion, scenario.vehicle_data.jets
+    if spread == 0.0:
+        return np.ones(len(jets))
+    stream = "thrust dispersion"
+    factors = 1.0 + spread * normal_sample(scenario.seed, stream, 0, len(jets))
+    return np.maximum(factors, 0.0)
 
 
 def time_step(scenario: Scenario) -> float:
@@ -164,6 +209,7 @@ def sensor_model(scenario: Scenario, sensor: SensorPackage) -> SensorModel:
         quantum=sensor.quantum if errors.quantum is None else errors.quantum,
         phase=uniform_phase(scenario.seed, sensor.name, 3) if seeded else np.zeros(3),
         delay=errors.delay_samples,
+        limit=math.inf if sensor.range is None else sensor.range,
     )
 
 
@@ -177,7 +223,7 @@ def plant_wrenches(scenario: Scenario) -> Array:
     """Torque about the vehicle origin, force and mass flow of each jet, shape (n_jets, 7)."""
     vehicle = scenario.vehicle_data
     flows = vehicle.mass_flows if scenario.plant.depletion else np.zeros(len(vehicle.jets))
-    return np.column_stack([vehicle.wrenches, flows])
+    return thrust_factors(scenario)[:, None] * np.column_stack([vehicle.wrenches, flows])
 
 
 def commands(scenario: Scenario) -> Array:
@@ -212,6 +258,7 @@ _FAILURES = {
 def jet_failures(scenario: Scenario) -> tuple[failures.Failure, ...]:
     """The true failures of jets."""
     vehicle = scenario.vehicle_data
+    factors = thrust_factors(scenario)
     result = []
     for number, entry in enumerate(scenario.failures):
         jet = vehicle.jet_index(entry.jet)
@@ -221,7 +268,7 @@ def jet_failures(scenario: Scenario) -> tuple[failures.Failure, ...]:
                 kind=_FAILURES[entry.kind],
                 start_s=entry.start_s,
                 end_s=math.inf if entry.end_s is None else entry.end_s,
-                amount=_amount(entry, vehicle.jets[jet].thrust),
+                amount=_amount(entry, factors[jet] * vehicle.jets[jet].thrust),
                 probability=entry.probability if isinstance(entry, Intermittent) else 0.0,
                 stream=f"failure {number} of {entry.jet}",
             )
@@ -272,6 +319,7 @@ def detector_settings(scenario: Scenario) -> DetectorSettings:
         unit_wrenches=unit_wrenches(vehicle),
         margin=detector.margin,
         threshold=detector.threshold,
+        dispersion_threshold=detector.dispersion_threshold,
         magnitude_threshold=detector.magnitude_threshold,
         mirror_sign_rule=detector.mirror_sign_rule,
         signature_uncertainty=detector.signature_uncertainty,

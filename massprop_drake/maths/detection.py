@@ -7,6 +7,9 @@ One cycle of the detector (section 4.3 to 4.5 of the thesis, with the rules mark
 - An alarm names a cluster by the margin of six. It passes as a jet's only if the jet leaves no more
   unexplained than chance would; otherwise the mass properties may have jumped [own], which is left to
   the filters' own tests.
+- Where thrust errors are considered, they count in the covariance of the innovations, and what translation
+  and rotation share of them in its blocks off the diagonal. They last, so a chance alarm would come again
+  at each firing: while jets fire, an alarm must stand out by more [own].
 - A sample that a jet explains, but two jets alike, is not used by the filters [own].
 - While an alarm stands, its signature is taken out of the innovations before the filters use them.
 - Alarms of one cluster that follow each other closely enough declare a failure. Samples that were not
@@ -33,7 +36,7 @@ from massprop_drake.maths.jet_failures import (
     signatures,
     uncertain_jet_tests,
 )
-from massprop_drake.maths.linear_algebra import Array, inverse_positive_definite
+from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError, inverse_positive_definite
 from massprop_drake.maths.mass_properties import converged
 
 NOTHING, DECLARED, JUMP, WITHDRAWN = 0, 1, 2, 3  # events
@@ -55,6 +58,7 @@ class DetectorSettings(NamedTuple):
             (n_jets, 6).
         margin: by which a cluster, and a jet in it, must lead.
         threshold: least likelihood argument of an alarm.
+        dispersion_threshold: the same for samples on which considered thrust errors bear.
         magnitude_threshold: least magnitude of an alarm, lbf or N.
         mirror_sign_rule: whether a jet that is on cannot give too much.
         signature_uncertainty: whether signatures count as uncertain.
@@ -73,6 +77,7 @@ class DetectorSettings(NamedTuple):
     unit_wrenches: Array
     margin: float
     threshold: float
+    dispersion_threshold: float
     magnitude_threshold: float
     mirror_sign_rule: bool
     signature_uncertainty: bool
@@ -131,12 +136,11 @@ class DetectorSample(NamedTuple):
     Attributes:
         time_s: of the sample, s.
         command: fraction commanded over the interval that ended, shape (n_jets,).
-        usable: whether the combination of jets was steady.
         firing: whether any jet was commanded.
-        converged: whether the predicted estimates may be acted on.
-        translation, rotation: innovations, NaN where not measured, shape (3,) each.
-        translation_covariance, rotation_covariance: Y_zeta and Y_z, shape (3, 3) each.
-        translation_information, rotation_information: their inverses.
+        innovation: of translation and rotation, shape (6,).
+        covariance: Y, shape (6, 6).
+        information: its inverse, shape (6, 6).
+        thrust_errors: whether considered thrust errors bear on the sample.
         mass_properties: the ten predicted parameters, shape (10,).
         state_covariance: S, predicted, shape (9, 9).
         mass_variance: of 1/m, predicted.
@@ -144,15 +148,11 @@ class DetectorSample(NamedTuple):
 
     time_s: float
     command: Array
-    usable: bool
     firing: bool
-    converged: bool
-    translation: Array
-    rotation: Array
-    translation_covariance: Array
-    rotation_covariance: Array
-    translation_information: Array
-    rotation_information: Array
+    innovation: Array
+    covariance: Array
+    information: Array
+    thrust_errors: bool
     mass_properties: Array
     state_covariance: Array
     mass_variance: float
@@ -206,19 +206,15 @@ class DetectorCycle(NamedTuple):
 
 
 def cycle(state: DetectorState, sample: DetectorSample, settings: DetectorSettings) -> DetectorCycle:
-    """One cycle of the detector.
+    """One cycle of the detector, with a sample that can be tested.
 
     Args:
         state: of the cycle before.
         sample: see `DetectorSample`.
         settings: see `DetectorSettings`.
     """
-    measured = np.isfinite(sample.translation[0]) and np.isfinite(sample.rotation[0])
-    if not (measured and sample.usable and sample.converged):
-        return _untested(state)
     state = _aged(state)
-
-    innovation = np.concatenate([sample.translation, sample.rotation])
+    innovation = sample.innovation
     coefficients = signatures(settings.unit_wrenches, sample.mass_properties, settings.period_s)
     known = state.variance > 0.0
     off = sample.command == 0.0
@@ -227,8 +223,7 @@ def cycle(state: DetectorState, sample: DetectorSample, settings: DetectorSettin
     tests = jet_tests(
         coefficients,
         innovation,
-        sample.translation_information,
-        sample.rotation_information,
+        sample.information,
         impossible_negative,
         impossible_positive,
     )
@@ -240,8 +235,7 @@ def cycle(state: DetectorState, sample: DetectorSample, settings: DetectorSettin
             coefficients,
             settings.unit_wrenches,
             innovation,
-            sample.translation_covariance,
-            sample.rotation_covariance,
+            sample.covariance,
             sample.mass_properties,
             sample.state_covariance,
             sample.mass_variance,
@@ -252,9 +246,10 @@ def cycle(state: DetectorState, sample: DetectorSample, settings: DetectorSettin
         isolation = isolate(tests.likelihood, settings.clusters)
     jet = isolation.jet
     magnitude, unexplained = float(tests.magnitude[jet]), float(tests.unexplained[jet])
+    threshold = max(settings.threshold, settings.dispersion_threshold) if sample.thrust_errors else settings.threshold
     alarm = (
         isolation.cluster_margin > settings.margin
-        and tests.likelihood[jet] >= settings.threshold
+        and tests.likelihood[jet] >= threshold
         and abs(magnitude) >= settings.magnitude_threshold
         and unexplained < settings.unexplained_limit
     )
@@ -304,7 +299,8 @@ def _untested(state: DetectorState) -> DetectorCycle:
 
 
 def _rotation_nis(sample: DetectorSample) -> float:
-    return float(sample.rotation @ sample.rotation_information @ sample.rotation)
+    rotation = sample.innovation[3:]
+    return float(rotation @ inverse_positive_definite(sample.covariance[3:, 3:]) @ rotation)
 
 
 def _unsuspecting(state: DetectorState) -> DetectorState:
@@ -391,18 +387,20 @@ def _followed(
     if jets.size == 0:
         return state
     force, variance = state.force.copy(), state.variance.copy()
+    blocks = [
+        (block, inverse_positive_definite(sample.covariance[block, block], "innovation covariance"))
+        for block in (slice(0, 3), slice(3, 6))
+    ]
     for jet in jets:
         prior = float(variance[jet])
         information, projection = 1.0 / prior, 0.0
-        for signature, weight, innovation in (
-            (coefficients[jet, :3], sample.translation_information, sample.translation),
-            (coefficients[jet, 3:], sample.rotation_information, sample.rotation),
-        ):
+        for block, weight in blocks:
             # Y holds prior c c^T already: c^T (Y - prior c c^T)^-1 = c^T Y^-1 / (1 - prior c^T Y^-1 c)
+            signature = coefficients[jet, block]
             weighted = weight @ signature
             share = 1.0 - prior * float(weighted @ signature)
             information += float(weighted @ signature) / share
-            projection += float(weighted @ innovation) / share
+            projection += float(weighted @ sample.innovation[block]) / share
         force[jet] += projection / information
         variance[jet] = max(1.0 / information, settings.force_variance_floor)
     return state._replace(force=force, variance=variance)
@@ -447,6 +445,21 @@ def known_force(state: DetectorState, mass_properties: Array, settings: Detector
     )
 
 
+def shared_covariance(translation_effects: Array | None, rotation_effects: Array | None) -> Array | None:
+    """Covariance of the translation innovation with the rotation innovation by thrust errors, shape (3, 3).
+
+    None where none is considered, or none bears on the sample.
+
+    Args:
+        translation_effects, rotation_effects: what one sigma of each jet's thrust error does to them, shape
+            (3, n_jets) each.
+    """
+    if translation_effects is None or rotation_effects is None or not rotation_effects.any():
+        return None
+    shared: Array = translation_effects @ rotation_effects.T
+    return shared
+
+
 def judged(
     state: DetectorState,
     time_s: float,
@@ -462,6 +475,7 @@ def judged(
     mass_estimate: Array,
     limits: Array,
     settings: DetectorSettings,
+    shared_covariance: Array | None = None,
 ) -> DetectorCycle:
     """One cycle of the detector from the filters' predictions and innovations.
 
@@ -477,6 +491,8 @@ def judged(
         mass_estimate: 1/m and its variance, predicted; more elements are ignored.
         limits: of convergence, see `mass_properties.converged`, shape (3,).
         settings: see `DetectorSettings`.
+        shared_covariance: of the translation innovation with the rotation innovation, by considered thrust
+            errors, shape (3, 3); None: none bears on the sample.
 
     Raises:
         NotPositiveDefiniteError: when an innovation covariance is not positive definite.
@@ -484,26 +500,42 @@ def judged(
     parameters, variance = np.empty(10), np.empty(10)
     parameters[:9], parameters[9] = rotation_estimate, mass_estimate[0]
     variance[:9], variance[9] = state_covariance.diagonal(), mass_estimate[1]
-    good = usable and converged(np.sqrt(variance), parameters, limits)
-    if not good:
+    measured = np.isfinite(translation[0]) and np.isfinite(rotation[0])
+    if not (measured and usable and converged(np.sqrt(variance), parameters, limits)):
         return _untested(state)
+    covariance, information = np.zeros((6, 6)), np.zeros((6, 6))
+    covariance[:3, :3], covariance[3:, 3:] = translation_covariance, rotation_covariance
+    if shared_covariance is None:
+        information[:3, :3] = inverse_positive_definite(translation_covariance, "innovation covariance")
+        information[3:, 3:] = inverse_positive_definite(rotation_covariance, "innovation covariance")
+    else:
+        covariance[:3, 3:], covariance[3:, :3] = shared_covariance, shared_covariance.T
+        information = _inverse(covariance)
     sample = DetectorSample(
         time_s=time_s,
         command=command,
-        usable=usable,
         firing=firing,
-        converged=good,
-        translation=translation,
-        rotation=rotation,
-        translation_covariance=translation_covariance,
-        rotation_covariance=rotation_covariance,
-        translation_information=inverse_positive_definite(translation_covariance, "innovation covariance"),
-        rotation_information=inverse_positive_definite(rotation_covariance, "innovation covariance"),
+        innovation=np.concatenate([translation, rotation]),
+        covariance=covariance,
+        information=information,
+        thrust_errors=shared_covariance is not None,
         mass_properties=parameters,
         state_covariance=state_covariance,
         mass_variance=float(mass_estimate[1]),
     )
     return cycle(state, sample, settings)
+
+
+def _inverse(covariance: Array) -> Array:
+    """Inverse of a covariance of any size, scaled to a unit diagonal on the way."""
+    scale = np.sqrt(covariance.diagonal())
+    try:
+        factor = np.linalg.cholesky(covariance / (scale[:, None] * scale))
+    except np.linalg.LinAlgError:
+        raise NotPositiveDefiniteError(covariance, "innovation covariance") from None
+    half = np.linalg.inv(factor) / scale
+    result: Array = half.T @ half
+    return result
 
 
 def status(result: DetectorCycle) -> Array:

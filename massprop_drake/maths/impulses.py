@@ -3,7 +3,8 @@ r"""What the commanded jets did over one sample: the impulses a and lambda, and 
     lambda = sum_i T_i l_i dt                  (2-45)
     a      = sum_i r'_i x T_i l_i dt           (2-46), about the origin of the vehicle frame
 
-with l_i the mean thrust level over the sample: the command itself, or the level of the thrust lag.
+with l_i the mean thrust level over the sample: the command itself, or the level of the thrust lag. Known
+outside forces add to both.
 """
 
 from __future__ import annotations
@@ -23,8 +24,9 @@ class Impulses(NamedTuple):
         angular_impulse: a, about the vehicle origin, body axes, lbf-ft-s or N-m-s, shape (3,).
         linear_impulse: lambda, body axes, lbf-s or N-s, shape (3,).
         usable: whether the combination of jets was steady, so that the impulses can be believed.
-        firing: whether any jet was commanded.
+        firing: whether a known impulse acted: any jet was commanded, or an outside force is known.
         level: thrust level of each jet at the end of the interval, shape (n_jets,).
+        mean_level: on average over the interval, shape (n_jets,).
     """
 
     angular_impulse: Array
@@ -32,6 +34,7 @@ class Impulses(NamedTuple):
     usable: bool
     firing: bool
     level: Array
+    mean_level: Array
 
 
 def thrust_wrenches(positions: Array, thrusts: Array) -> Array:
@@ -50,30 +53,39 @@ def interval_impulses(
     level: Array,
     impulse_per_level: Array,
     lag: LagFactors,
+    outside_impulse: Array | None = None,
 ) -> Impulses:
     r"""Impulses over the interval that ended now.
 
     The steady-combination gate: a sample is usable when the commands of this interval and of the one
     before are equal and each is 0 or 1, so that build-up and tail-off have passed (section 5.4 of
-    the thesis). An empty combination counts as steady.
+    the thesis). An empty combination counts as steady. Where a command is not known, nothing is taken to
+    have fired, and the sample is not usable.
 
     Args:
-        command: fraction commanded over the interval, 0 to 1, shape (n_jets,).
-        previous_command: fraction commanded over the interval before, shape (n_jets,).
+        command: fraction commanded over the interval, 0 to 1, NaN where not known, shape (n_jets,).
+        previous_command: fraction commanded over the interval before, likewise.
         level: thrust level at the start of the interval, shape (n_jets,).
         impulse_per_level: torque and force of each jet times the sample period, shape (n_jets, 6).
         lag: factors of the thrust lag; with zero time constants the level is the command.
+        outside_impulse: of known outside forces, about the vehicle origin, shape (6,); None: none.
     """
+    steady = bool((command == previous_command).all() and ((command == 0.0) | (command == 1.0)).all())
+    if not steady:  # costly, and needless for a steady one
+        command = np.nan_to_num(command, nan=0.0)
     if lag.instantaneous:
         mean = after = command
     else:
         mean, after = mean_level(level, command, lag.mean), level_after(level, command, lag.remaining)
     impulse = mean @ impulse_per_level
-    steady = bool((command == previous_command).all() and ((command == 0.0) | (command == 1.0)).all())
+    firing = bool(command.any())
+    if outside_impulse is not None and outside_impulse.any():
+        impulse, firing = impulse + outside_impulse, True
     return Impulses(
         angular_impulse=impulse[:3],
         linear_impulse=impulse[3:],
         usable=steady,
-        firing=bool(command.any()),
+        firing=firing,
         level=after,
+        mean_level=mean,
     )

@@ -34,7 +34,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from massprop_drake.maths.linear_algebra import Array
-from massprop_drake.maths.mass_properties import ELEMENT, N_ROTATION
+from massprop_drake.maths.mass_properties import ELEMENT
+from massprop_drake.maths.rotation_filter import rate_increment_jacobians
 
 
 class JetTests(NamedTuple):
@@ -75,8 +76,7 @@ def signatures(unit_wrenches: Array, mass_properties: Array, period_s: float) ->
 def jet_tests(
     coefficients: Array,
     innovation: Array,
-    translation_information: Array,
-    rotation_information: Array,
+    information: Array,
     impossible_negative: Array,
     impossible_positive: Array,
 ) -> JetTests:
@@ -85,23 +85,20 @@ def jet_tests(
     Args:
         coefficients: c of every jet, shape (n_jets, 6).
         innovation: e, translation first, shape (6,).
-        translation_information, rotation_information: inverses of Y_zeta and Y_z, shape (3, 3) each.
+        information: inverse of Y, shape (6, 6).
         impossible_negative: jets that cannot have lost thrust, boolean, shape (n_jets,).
         impossible_positive: jets that cannot give too much, boolean, shape (n_jets,).
     """
-    weighted = np.empty_like(coefficients)
-    np.matmul(coefficients[:, :3], translation_information, out=weighted[:, :3])
-    np.matmul(coefficients[:, 3:], rotation_information, out=weighted[:, 3:])
+    weighted = coefficients @ information
     projection = weighted @ innovation
-    information = (weighted * coefficients).sum(axis=1)
-    magnitude = projection / information
+    strength = (weighted * coefficients).sum(axis=1)
+    magnitude = projection / strength
     likelihood = projection * magnitude
     ruled_out = (impossible_negative & (magnitude < 0.0)) | (impossible_positive & (magnitude > 0.0))
     magnitude[ruled_out] = 0.0
     likelihood[ruled_out] = 0.0
-    total = innovation[:3] @ translation_information @ innovation[:3]
-    total = total + innovation[3:] @ rotation_information @ innovation[3:]
-    return JetTests(magnitude, 1.0 / information, likelihood, total - likelihood)
+    total = innovation @ information @ innovation
+    return JetTests(magnitude, 1.0 / strength, likelihood, total - likelihood)
 
 
 def uncertain_jet_tests(
@@ -109,8 +106,7 @@ def uncertain_jet_tests(
     coefficients: Array,
     unit_wrenches: Array,
     innovation: Array,
-    translation_covariance: Array,
-    rotation_covariance: Array,
+    covariance: Array,
     mass_properties: Array,
     state_covariance: Array,
     mass_variance: float,
@@ -125,7 +121,7 @@ def uncertain_jet_tests(
         coefficients: c of every jet, shape (n_jets, 6).
         unit_wrenches: see `signatures`.
         innovation: e, translation first, shape (6,).
-        translation_covariance, rotation_covariance: Y_zeta and Y_z, shape (3, 3) each.
+        covariance: Y, shape (6, 6).
         mass_properties: the ten parameters, shape (10,).
         state_covariance: S, shape (9, 9).
         mass_variance: of 1/m.
@@ -134,47 +130,27 @@ def uncertain_jet_tests(
     """
     force = tests.magnitude[:, None, None]
     directions = unit_wrenches[:, 3:] * period_s
-    jacobian = _jacobians(unit_wrenches * period_s, mass_properties)
-    rotation = rotation_covariance + force**2 * (jacobian @ state_covariance @ jacobian.transpose(0, 2, 1))
-    translation = translation_covariance + (force**2 * mass_variance) * (
-        directions[:, :, None] * directions[:, None, :]
-    )
-    weight_t, weight_r = np.linalg.inv(translation), np.linalg.inv(rotation)
-    c_t, c_r = coefficients[:, :3], coefficients[:, 3:]
-    e_t, e_r = innovation[:3], innovation[3:]
-    we_t, we_r = weight_t @ e_t, weight_r @ e_r
-    projection = (c_t * we_t).sum(axis=1) + (c_r * we_r).sum(axis=1)
-    information = np.einsum("ij,ijk,ik->i", c_t, weight_t, c_t) + np.einsum("ij,ijk,ik->i", c_r, weight_r, c_r)
-    magnitude = projection / information
-    unexplained = we_t @ e_t + we_r @ e_r - projection * magnitude
-    growth = (
-        np.linalg.slogdet(translation)[1]
-        + np.linalg.slogdet(rotation)[1]
-        - np.linalg.slogdet(translation_covariance)[1]
-        - np.linalg.slogdet(rotation_covariance)[1]
-    )
+    jacobians = rate_increment_jacobians(mass_properties, unit_wrenches * period_s)
+    enlarged = np.broadcast_to(covariance, (tests.magnitude.size, 6, 6)).copy()
+    enlarged[:, :3, :3] += (force**2 * mass_variance) * (directions[:, :, None] * directions[:, None, :])
+    enlarged[:, 3:, 3:] += force**2 * (jacobians @ state_covariance @ jacobians.transpose(0, 2, 1))
+    # scaled: translation and rotation differ by many orders of magnitude
+    scale = np.sqrt(covariance.diagonal())
+    enlarged /= scale[:, None] * scale
+    c, e = coefficients / scale, innovation / scale
+    weight = np.linalg.inv(enlarged)
+    weighted_c, weighted_e = np.einsum("ijk,ik->ij", weight, c), weight @ e
+    projection = weighted_c @ e
+    strength = (weighted_c * c).sum(axis=1)
+    magnitude = projection / strength
+    unexplained = weighted_e @ e - projection * magnitude
+    growth = np.linalg.slogdet(enlarged)[1] - np.linalg.slogdet(covariance / (scale[:, None] * scale))[1]
     total = tests.unexplained + tests.likelihood
     likelihood = np.maximum(total - unexplained - growth, 0.0)
     ruled_out = (impossible_negative & (magnitude <= 0.0)) | (impossible_positive & (magnitude >= 0.0))
-    ruled_out |= tests.likelihood == 0.0
     magnitude[ruled_out] = 0.0
     likelihood[ruled_out] = 0.0
-    return JetTests(magnitude, 1.0 / information, likelihood, np.where(ruled_out, total, unexplained))
-
-
-def _jacobians(impulses: Array, mass_properties: Array) -> Array:
-    """H (2-102) for the unit impulse of every jet, shape (n_jets, 3, 9)."""
-    angular, linear = impulses[:, :3], impulses[:, 3:]
-    moment = angular + np.cross(linear, mass_properties[6:9])
-    jacobian = np.zeros((impulses.shape[0], 3, N_ROTATION))
-    for i in range(3):
-        for m in range(3):
-            jacobian[:, i, ELEMENT[i, m]] = moment[:, m]
-    skew = np.zeros((impulses.shape[0], 3, 3))
-    skew[:, 0, 1], skew[:, 0, 2], skew[:, 1, 2] = -linear[:, 2], linear[:, 1], -linear[:, 0]
-    skew[:, 1, 0], skew[:, 2, 0], skew[:, 2, 1] = linear[:, 2], -linear[:, 1], linear[:, 0]
-    jacobian[:, :, 6:] = mass_properties[ELEMENT] @ skew
-    return jacobian
+    return JetTests(magnitude, 1.0 / strength, likelihood, np.where(ruled_out, total, unexplained))
 
 
 class Isolation(NamedTuple):

@@ -14,7 +14,14 @@ estimated centre of mass, and the measurement's covariance grows by what is unkn
 with v the noise of the measured increment dw, and w^ the mean of the two readings. Then one Kalman
 update (3-83) to (3-87), its variance in Joseph's form.
 
-Source: D. R. Levy, MIT S.M. thesis, 1983, chapter 3.
+Several accelerometers make one zeta' by a rule of `maths.redundancy`. Their errors share what is unknown of
+the rotation, so that with M_ij = r^_i r^_j^T + S_cm
+
+    R'_ij = R^d + var(v) (tr(M_ij) 1 - M_ij^T) + (O + O') S_cm (O + O')^T,    i != j
+
+Considered thrust errors enter as in `maths.rotation_filter`, with L = lambda Psi + [lambda_1 ... lambda_n] / m.
+
+Source: D. R. Levy, MIT S.M. thesis, 1983, chapter 3; R'_ij and considered thrust errors are our own.
 """
 
 from __future__ import annotations
@@ -27,6 +34,7 @@ import numpy as np
 from massprop_drake.maths.adaptation import CORRECT_THESIS, NO_ACTION, REJECT, Adaptation
 from massprop_drake.maths.linear_algebra import Array, inverse_positive_definite, skew
 from massprop_drake.maths.mass_jump import empty_window, jump_test
+from massprop_drake.maths.redundancy import SERIAL, SINGLE, combined
 
 NO_COMPENSATION, TRANSVERSE, TRANSVERSE_CENTRIPETAL = 0, 1, 2
 
@@ -81,11 +89,45 @@ def compensated(
     return result, covariance
 
 
+def shared_covariance(
+    arms: tuple[Array, Array],
+    disturbance: Array,
+    rate_increment: Array,
+    rate: Array,
+    rate_variance: float,
+    center_covariance: Array,
+    period_s: float,
+    compensation: int,
+    grow_covariance: bool,
+) -> Array:
+    """R'_ij of two accelerometers: what their compensated velocity increments share, shape (3, 3).
+
+    Args:
+        arms: r^_i and r^_j, from the estimated centre of mass, ft or m, shape (3,) each.
+        disturbance: R^d, common to both, shape (3, 3).
+        rate_increment, rate, rate_variance, center_covariance, period_s: see `compensated`.
+        compensation, grow_covariance: see `compensated`.
+    """
+    if compensation == NO_COMPENSATION or not grow_covariance:
+        return disturbance
+    mixing = skew(rate_increment)
+    if compensation == TRANSVERSE_CENTRIPETAL:
+        spin = skew(rate)
+        mixing = mixing + spin @ spin * period_s
+    moment = np.outer(*arms) + center_covariance
+    shared: Array = disturbance + mixing @ center_covariance @ mixing.T
+    return shared + rate_variance * (np.trace(moment) * _IDENTITY - moment.T)
+
+
 class MassSettings(NamedTuple):
     """What shapes the mass filter.
 
     Attributes:
         period_s: sample period, s.
+        positions: of the accelerometers, the preferred one first, vehicle frame, ft or m, shape (s, 3).
+        variances: of the error of one reading of each, per component, shape (s,).
+        rule: how they make one measurement, see `maths.redundancy`.
+        correlated: whether what they share counts.
         compensation: NO_COMPENSATION, TRANSVERSE or TRANSVERSE_CENTRIPETAL.
         compensation_covariance: whether R' grows by what is unknown of the compensation.
         process_noise: variance of 1/m added per sample (3-82).
@@ -96,6 +138,10 @@ class MassSettings(NamedTuple):
     """
 
     period_s: float
+    positions: Array
+    variances: Array
+    rule: int
+    correlated: bool
     compensation: int
     compensation_covariance: bool
     process_noise: float
@@ -105,28 +151,63 @@ class MassSettings(NamedTuple):
     disturbance_covariance: Array
 
 
+class MassState(NamedTuple):
+    """What the mass filter knows.
+
+    Attributes:
+        mass_reciprocal: 1/m, 1/slug or 1/kg.
+        variance: of its error.
+        window: of the jump test, shape (n, 3).
+        sensitivity: Psi, see `rotation_filter.RotationState`, shape (n_jets,); None where thrust is taken
+            as known.
+    """
+
+    mass_reciprocal: float
+    variance: float
+    window: Array
+    sensitivity: Array | None = None
+
+    @property
+    def independent(self) -> float:
+        """S_0: the part of the variance that does not come of thrust errors."""
+        if self.sensitivity is None:
+            return self.variance
+        return self.variance - float(self.sensitivity @ self.sensitivity)
+
+
+class Rotation(NamedTuple):
+    """What the rotation filter says of a sample.
+
+    Attributes:
+        increment: measured rate increment dw, rad/s, NaN where missing, shape (3,).
+        rate: mean measured rate w^, rad/s, likewise.
+        variance: of the increment's error per component, rad^2/s^2.
+        center: predicted centre of mass, vehicle frame, ft or m, shape (3,).
+        center_covariance: S_cm, shape (3, 3).
+    """
+
+    increment: Array
+    rate: Array
+    variance: float
+    center: Array
+    center_covariance: Array
+
+
 class MassSample(NamedTuple):
     """What one sample brings to the mass filter.
 
     Attributes:
-        increment: measured velocity increment zeta, ft/s or m/s, body axes, shape (3,).
-        noise: its covariance R^zeta, shape (3, 3).
-        arm: accelerometer from the predicted centre of mass, ft or m, shape (3,).
-        center_covariance: S_cm, predicted, shape (3, 3).
-        rate_increment: measured rate increment, rad/s, shape (3,).
-        rate: mean measured rate, rad/s, shape (3,).
-        rate_variance: of the rate increment's error per component, rad^2/s^2.
+        measured: zeta', velocity increment freed of rotation, ft/s or m/s, body axes, shape (3,).
+        noise: its covariance R', shape (3, 3).
         linear_impulse: lambda, lbf-s or N-s, shape (3,).
+        thrust_errors: linear impulses of one sigma of each jet's thrust error, shape (3, n_jets); None:
+            thrust is taken as known.
     """
 
-    increment: Array
+    measured: Array
     noise: Array
-    arm: Array
-    center_covariance: Array
-    rate_increment: Array
-    rate: Array
-    rate_variance: float
     linear_impulse: Array
+    thrust_errors: Array | None = None
 
 
 class MassInnovation(NamedTuple):
@@ -136,7 +217,9 @@ class MassInnovation(NamedTuple):
         innovation: epsilon, ft/s or m/s, body axes, shape (3,).
         covariance: Y^zeta, shape (3, 3).
         information: its inverse.
-        noise: R', shape (3, 3).
+        noise: R', with considered thrust errors also sum_j lambda_j S lambda_j^T, shape (3, 3).
+        effects: L = lambda Psi + G, what one sigma of each jet's thrust error does to the innovation, shape
+            (3, n_jets); None where no thrust error is considered.
         nis: epsilon^T Y^-1 epsilon; at most 3 on average for a consistent filter (a quantiser larger
             than the signal shows less noise than its covariance).
     """
@@ -145,6 +228,7 @@ class MassInnovation(NamedTuple):
     covariance: Array
     information: Array
     noise: Array
+    effects: Array | None
     nis: float
 
 
@@ -152,62 +236,56 @@ class MassUpdate(NamedTuple):
     """State of the mass filter after one sample.
 
     Attributes:
-        mass_reciprocal: 1/m, 1/slug or 1/kg.
-        variance: of its error.
-        window: of the jump test, shape (n, 3).
+        state: see `MassState`.
         jumped: whether the jump test found a jump.
     """
 
-    mass_reciprocal: float
-    variance: float
-    window: Array
+    state: MassState
     jumped: bool
 
 
-def innovate(
-    mass_reciprocal: float,
-    variance: float,
-    sample: MassSample,
-    settings: MassSettings,
-) -> MassInnovation:
+def innovate(state: MassState, sample: MassSample) -> MassInnovation:
     """The innovation of one sample (3-85) and its covariance (3-87).
 
     Args:
-        mass_reciprocal, variance: predicted 1/m and its variance.
+        state: predicted, see `MassState`.
         sample: see `MassSample`.
-        settings: see `MassSettings`.
 
     Raises:
         NotPositiveDefiniteError: when Y^zeta is not positive definite.
     """
-    measured, noise = compensated(
-        sample.increment,
-        sample.noise + settings.disturbance_covariance,
-        sample.rate_increment,
-        sample.rate,
-        sample.rate_variance,
-        sample.arm,
-        sample.center_covariance,
-        settings.period_s,
-        settings.compensation,
-        settings.compensation_covariance,
-    )
-    impulse = sample.linear_impulse
-    innovation = measured - impulse * mass_reciprocal
-    covariance = impulse[:, None] * (impulse * variance) + noise
+    impulse, noise = sample.linear_impulse, sample.noise
+    innovation = sample.measured - impulse * state.mass_reciprocal
+    effects = _effects(state, sample, state.mass_reciprocal)
+    if sample.thrust_errors is not None:
+        noise = noise + state.variance * (sample.thrust_errors @ sample.thrust_errors.T)
+    covariance = _innovation_covariance(state, impulse, effects, noise)
     information = inverse_positive_definite(covariance, "innovation covariance")
     nis = float(innovation @ information @ innovation)
-    return MassInnovation(innovation, covariance, information, noise, nis)
+    return MassInnovation(innovation, covariance, information, noise, effects, nis)
+
+
+def _effects(state: MassState, sample: MassSample, mass_reciprocal: float) -> Array | None:
+    """L = lambda Psi + G, shape (3, n_jets), with G at a mass reciprocal; None where thrust is taken as known."""
+    if sample.thrust_errors is None or state.sensitivity is None:
+        return None
+    effects: Array = sample.linear_impulse[:, None] * state.sensitivity + sample.thrust_errors * mass_reciprocal
+    return effects
+
+
+def _innovation_covariance(state: MassState, impulse: Array, effects: Array | None, noise: Array) -> Array:
+    """Y^zeta (3-87), and what considered thrust errors add."""
+    covariance: Array = impulse[:, None] * (impulse * state.independent) + noise
+    return covariance if effects is None else covariance + effects @ effects.T
 
 
 def update(
-    mass_reciprocal: float,
-    variance: float,
-    window: Array,
-    linear_impulse: Array,
+    state: MassState,
+    sample: MassSample,
     innovation: MassInnovation,
     adaptation: Adaptation,
     settings: MassSettings,
+    each: tuple[MassSample, ...] = (),
 ) -> MassUpdate:
     """Measurement update (3-83), (3-86), variance in Joseph's form of (3-84), then (3-82).
 
@@ -215,96 +293,197 @@ def update(
     sample; see `maths.mass_jump`.
 
     Args:
-        mass_reciprocal, variance: predicted 1/m and its variance.
-        window: of the jump test, shape (n, 3).
-        linear_impulse: lambda over the sample, lbf-s or N-s, shape (3,).
-        innovation: what `measure` made of the sample.
+        state: predicted, see `MassState`.
+        sample: see `MassSample`.
+        innovation: what `innovate` made of the same sample.
         adaptation: see `maths.adaptation`.
         settings: see `MassSettings`.
+        each: the packages' own samples, where the update is made with one after the other.
     """
     if adaptation.action == REJECT:
-        return MassUpdate(mass_reciprocal, variance + settings.process_noise, window, jumped=False)
+        return MassUpdate(_later(state, settings), jumped=False)
+    plain = adaptation.action == NO_ACTION
+    if not plain:
+        state = state._replace(window=empty_window(settings.jump_window))  # its sums are of plain updates
+    after, kept = state, 1.0
+    for part in each or (sample,):
+        own = innovation if not each else innovate(after, part)
+        after, gain = _updated(after, part, own, adaptation)
+        kept *= 1.0 - float(gain @ part.linear_impulse)
+    jumped = False
+    if settings.jump_threshold < math.inf and plain:
+        impulse, information, error = sample.linear_impulse, innovation.information, innovation.innovation
+        test = jump_test(state.window, impulse, information, error, 1.0 - kept)
+        jumped = test.likelihood > settings.jump_threshold
+        after = after._replace(window=test.window)
+        if jumped:
+            after = after._replace(
+                mass_reciprocal=after.mass_reciprocal + test.correction,
+                variance=after.variance + test.growth,
+                window=empty_window(settings.jump_window),
+            )
+    return MassUpdate(_later(after, settings), jumped)
+
+
+def _updated(
+    state: MassState, sample: MassSample, innovation: MassInnovation, adaptation: Adaptation
+) -> tuple[MassState, Array]:
+    """The state after one measurement, and the gain kappa, shape (3,)."""
     information, noise, error = innovation.information, innovation.noise, innovation.innovation
+    enlarged = None
     if adaptation.action != NO_ACTION:
         error = error - adaptation.translation
         noise = noise + adaptation.translation_spread
-        window = empty_window(settings.jump_window)  # its sums are of plain updates
     if adaptation.action == CORRECT_THESIS:
-        enlarged = innovation.covariance + adaptation.translation_spread
-        information = inverse_positive_definite(enlarged, "innovation covariance")
-    gain = variance * (information @ linear_impulse)
-    kept = 1.0 - float(gain @ linear_impulse)
-    mass_reciprocal += float(gain @ error)
-    variance = kept * kept * variance + float(gain @ noise @ gain)
-    jumped = False
-    if settings.jump_threshold < math.inf and adaptation.action == NO_ACTION:
-        test = jump_test(window, linear_impulse, information, error, gain)
-        window = test.window
-        jumped = test.likelihood > settings.jump_threshold
-        if jumped:
-            mass_reciprocal += test.correction
-            variance += test.growth
-            window = empty_window(settings.jump_window)
-    return MassUpdate(mass_reciprocal, variance + settings.process_noise, window, jumped)
+        enlarged = adaptation.translation_spread
+        information = inverse_positive_definite(innovation.covariance + enlarged, "innovation covariance")
+    after, gain = _joseph_update(state, sample.linear_impulse, error, information, noise, innovation.effects)
+    if innovation.effects is not None:
+        effects = _effects(state, sample, after.mass_reciprocal)
+        covariance = _innovation_covariance(state, sample.linear_impulse, effects, innovation.noise)
+        if enlarged is not None:
+            covariance = covariance + enlarged
+        information = inverse_positive_definite(covariance, "innovation covariance")
+        after, gain = _joseph_update(state, sample.linear_impulse, error, information, noise, effects)
+    return after, gain
+
+
+def _joseph_update(
+    state: MassState, impulse: Array, error: Array, information: Array, noise: Array, effects: Array | None
+) -> tuple[MassState, Array]:
+    """(3-83), (3-86) and the variance in Joseph's form; Schmidt-Kalman with effects."""
+    sensitivity, independent = state.sensitivity, state.independent
+    shared = independent * impulse
+    if effects is not None and sensitivity is not None:
+        shared = shared + effects @ sensitivity
+    gain = information @ shared
+    kept = 1.0 - float(gain @ impulse)
+    variance = kept * kept * independent + float(gain @ noise @ gain)
+    if effects is not None and sensitivity is not None:
+        sensitivity = sensitivity - gain @ effects
+        variance += float(sensitivity @ sensitivity)
+    reciprocal = state.mass_reciprocal + float(gain @ error)
+    return state._replace(mass_reciprocal=reciprocal, variance=variance, sensitivity=sensitivity), gain
+
+
+def _later(state: MassState, settings: MassSettings) -> MassState:
+    """The time update (3-82) of a random walk."""
+    return state._replace(variance=state.variance + settings.process_noise)
 
 
 class MassMeasurement(NamedTuple):
-    """A sample's impulse and its innovation.
+    """A sample and its innovation.
 
     Attributes:
-        linear_impulse: lambda, lbf-s or N-s, shape (3,).
+        sample: what was measured, of all accelerometers together.
         innovation: before any update; NaN where not measured.
+        each: the packages' own samples, where the update is made with one after the other.
     """
 
-    linear_impulse: Array
+    sample: MassSample
     innovation: MassInnovation
+    each: tuple[MassSample, ...] = ()
 
 
 def measure(
-    mass_reciprocal: float,
-    variance: float,
-    velocity_before: Array,
-    velocity: Array,
-    noise: Array,
-    arm: Array,
-    center_covariance: Array,
-    rate_increment: Array,
-    rate: Array,
-    rate_variance: float,
+    state: MassState,
+    velocities_before: Array,
+    velocities: Array,
+    extra_noise: Array | None,
+    rotation: Rotation,
     linear_impulse: Array,
     settings: MassSettings,
+    thrust_errors: Array | None = None,
 ) -> MassMeasurement:
     """First half of a cycle: the increment and its innovation.
 
     Args:
-        mass_reciprocal, variance: predicted 1/m and its variance.
-        velocity_before, velocity: readings at the sample's two ends, ft/s or m/s, NaN where missing.
-        noise: covariance of their difference, shape (3, 3).
-        arm: accelerometer from the predicted centre of mass, ft or m, shape (3,).
-        center_covariance: of the predicted centre of mass, shape (3, 3).
-        rate_increment, rate: measured increment and mean of the rate, rad/s, NaN where missing.
-        rate_variance: of the rate increment's error per component, rad^2/s^2.
+        state: predicted, see `MassState`.
+        velocities_before, velocities: readings of the accelerometers at the sample's two ends, in the order
+            of the settings' positions, ft/s or m/s, NaN where missing, shape (s, 3) each.
+        extra_noise: common to all, besides the settings' disturbance, shape (3, 3); None: none.
+        rotation: see `Rotation`.
         linear_impulse: lambda over the sample, lbf-s or N-s, shape (3,).
         settings: see `MassSettings`.
+        thrust_errors: see `MassSample`.
     """
-    increment = velocity - velocity_before
-    needed = sum(increment.tolist())
-    if settings.compensation != NO_COMPENSATION:
-        needed += sum(rate_increment.tolist())
-    if math.isfinite(needed):
-        sample = MassSample(
-            increment, noise, arm, center_covariance, rate_increment, rate, rate_variance, linear_impulse
+    increments = velocities - velocities_before
+    disturbance = settings.disturbance_covariance
+    if extra_noise is not None:
+        disturbance = disturbance + extra_noise
+    there = []
+    if settings.compensation == NO_COMPENSATION or math.isfinite(sum(rotation.increment.tolist())):
+        for index, increment in enumerate(increments.tolist()):
+            if math.isfinite(increment[0] + increment[1] + increment[2]):
+                there.append(index)
+                if settings.rule == SINGLE:
+                    break
+    if not there:
+        unknown = np.full((3, 3), np.nan)
+        sample = MassSample(_NOT_MEASURED, unknown, linear_impulse)
+        blank = MassInnovation(_NOT_MEASURED, unknown, unknown, unknown, None, math.nan)
+        return MassMeasurement(sample, blank)
+
+    freed = [
+        compensated(
+            increments[index],
+            2.0 * settings.variances[index] * _IDENTITY + disturbance,
+            rotation.increment,
+            rotation.rate,
+            rotation.variance,
+            settings.positions[index] - rotation.center,
+            rotation.center_covariance,
+            settings.period_s,
+            settings.compensation,
+            settings.compensation_covariance,
         )
-        innovation = innovate(mass_reciprocal, variance, sample, settings)
+        for index in there
+    ]
+    if len(freed) == 1:
+        measured, noise = freed[0]
     else:
-        innovation = MassInnovation(_NOT_MEASURED, noise, noise, noise, math.nan)
-    return MassMeasurement(linear_impulse, innovation)
+        covariances = _stacked_covariance(freed, there, disturbance, rotation, settings)
+        measurements = np.array([increment for increment, _ in freed])
+        measured, noise = combined(measurements, covariances, settings.rule, correlated=settings.correlated)
+    sample = MassSample(measured, noise, linear_impulse, thrust_errors)
+    each: tuple[MassSample, ...] = ()
+    if settings.rule == SERIAL and not settings.correlated and len(freed) > 1:
+        each = tuple(sample._replace(measured=increment, noise=own) for increment, own in freed)
+    return MassMeasurement(sample, innovate(state, sample), each)
+
+
+def _stacked_covariance(
+    freed: list[tuple[Array, Array]],
+    there: list[int],
+    disturbance: Array,
+    rotation: Rotation,
+    settings: MassSettings,
+) -> Array:
+    """R'_ij of the packages that are there, shape (s, s, 3, 3)."""
+    count = len(freed)
+    covariances = np.zeros((count, count, 3, 3))
+    for i in range(count):
+        covariances[i, i] = freed[i][1]
+        for j in range(count):
+            if i == j or not settings.correlated:
+                continue
+            arms = tuple(settings.positions[there[k]] - rotation.center for k in (i, j))
+            covariances[i, j] = shared_covariance(
+                (arms[0], arms[1]),
+                disturbance,
+                rotation.increment,
+                rotation.rate,
+                rotation.variance,
+                rotation.center_covariance,
+                settings.period_s,
+                settings.compensation,
+                settings.compensation_covariance,
+            )
+    return covariances
 
 
 def finish(
-    mass_reciprocal: float,
-    variance: float,
-    window: Array,
+    state: MassState,
     measurement: MassMeasurement,
     usable: bool,
     firing: bool,
@@ -317,40 +496,34 @@ def finish(
     it.
 
     Args:
-        mass_reciprocal, variance: predicted 1/m and its variance.
-        window: of the jump test, shape (n, 3).
+        state: predicted, see `MassState`.
         measurement: what `measure` made of the sample.
         usable: whether the combination of jets was steady.
         firing: whether a known impulse acted.
         adaptation: see `maths.adaptation`.
         settings: see `MassSettings`.
     """
-    impulse, innovation = measurement
+    sample, innovation, each = measurement
+    measured = not math.isnan(innovation.nis)
     if adaptation.mass_jumped:
-        variance = variance + settings.jump_variance
-        if not math.isnan(innovation.nis):
-            grown = innovation.covariance + impulse[:, None] * (impulse * settings.jump_variance)
-            information = inverse_positive_definite(grown, "innovation covariance")
-            innovation = innovation._replace(covariance=grown, information=information)
-    if math.isnan(innovation.nis) or not (usable and firing):
-        return MassCycle(mass_reciprocal, variance + settings.process_noise, window, used=False, jumped=False)
-    updated = update(mass_reciprocal, variance, window, impulse, innovation, adaptation, settings)
-    return MassCycle(*updated[:3], used=adaptation.action != REJECT, jumped=updated.jumped)
+        state = state._replace(variance=state.variance + settings.jump_variance)
+        if measured:
+            innovation = innovate(state, sample)
+    if not (measured and usable and firing):
+        return MassCycle(_later(state, settings), used=False, jumped=False)
+    updated = update(state, sample, innovation, adaptation, settings, each)
+    return MassCycle(updated.state, used=adaptation.action != REJECT, jumped=updated.jumped)
 
 
 class MassCycle(NamedTuple):
     """State of the mass filter after a cycle, measured or not, used or not.
 
     Attributes:
-        mass_reciprocal: 1/m.
-        variance: of its error.
-        window: of the jump test, shape (n, 3).
+        state: see `MassState`.
         used: whether the estimate was updated.
         jumped: whether the jump test found a jump.
     """
 
-    mass_reciprocal: float
-    variance: float
-    window: Array
+    state: MassState
     used: bool
     jumped: bool

@@ -53,7 +53,7 @@ def empty_window(length: int) -> Array:
     return np.zeros((length, 3))
 
 
-def jump_test(window: Array, linear_impulse: Array, information: Array, innovation: Array, gain: Array) -> JumpTest:
+def jump_test(window: Array, linear_impulse: Array, information: Array, innovation: Array, share: float) -> JumpTest:
     """Takes a used sample into the window, the oldest theta leaving it.
 
     Args:
@@ -61,12 +61,11 @@ def jump_test(window: Array, linear_impulse: Array, information: Array, innovati
         linear_impulse: lambda, shape (3,).
         information: inverse of Y^zeta, shape (3, 3).
         innovation: epsilon, shape (3,).
-        gain: kappa of the update with this sample, shape (3,).
+        share: kappa^T lambda of the update with this sample.
     """
     window = np.vstack([window[1:], np.zeros((1, 3))])
     weight = information @ linear_impulse
     strength, seen = float(weight @ linear_impulse), float(weight @ innovation)
-    share = float(gain @ linear_impulse)
     left = 1.0 - window[:, 0]
     used = window[:, 1] > 0.0
     used[-1] = True

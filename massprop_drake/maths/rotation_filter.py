@@ -20,7 +20,20 @@ dI^-1 (lambda x dr), so with E(i, m) the state's index of I^-1_im and X = C [lam
 
 The update is Joseph's form (2-126). The extended Kalman filter is the same without b and D (2.6).
 
-Source: D. R. Levy, MIT S.M. thesis, 1983, section 2.4.
+No jet gives exactly its thrust. Considered errors: jet j is off by the constant fraction sigma_j beta_j, with
+beta unknown and of unit variance, never estimated. With a_j and lambda_j the impulses of sigma_j alone,
+the error of x is Psi beta plus what is independent of beta, and
+
+    L   = H Psi + G,    G = [g_1 ... g_n],    g_j = I^-1 (a_j + lambda_j x r_cm)
+    Y   = H S_0 H^T + L L^T + D + sum_j H_j S H_j^T + R,    S_0 = S - Psi Psi^T
+    K   = (S_0 H^T + Psi L^T) Y^-1,    Psi <- Psi - K L
+
+the Schmidt-Kalman update; L is what one sigma of each thrust error does to the innovation. H_j is H for
+the impulses of sigma_j: while the estimates are poor, G says little of what a thrust error does, and the
+products of both errors stand in for it. The update is made twice, the second time with G at the estimate
+that the first one gave.
+
+Source: D. R. Levy, MIT S.M. thesis, 1983, section 2.4; considered thrust errors are our own.
 """
 
 from __future__ import annotations
@@ -39,6 +52,7 @@ from massprop_drake.maths.linear_algebra import (
     skew,
 )
 from massprop_drake.maths.mass_properties import ELEMENT, N_ROTATION
+from massprop_drake.maths.redundancy import SERIAL, SINGLE, combined
 
 SUBTRACT, IGNORE, HYBRID = 0, 1, 2  # treatment of dynamic coupling
 
@@ -56,6 +70,7 @@ _RIGHT = np.array([[ELEMENT[j, n] * 3 + m for m in range(3) for n in range(3)] f
 _DIAGONAL = np.array([0, 4, 8])  # of the (m, n) pairs above
 _IDENTITY = np.eye(N_ROTATION)
 _NOT_MEASURED = np.full(3, np.nan)
+_UNIT = np.eye(3)
 
 
 def angular_block(vector: Array) -> Array:
@@ -77,6 +92,45 @@ def rate_increment_jacobian(estimate: Array, angular_impulse: Array, linear_impu
     jacobian[:, :6] = angular_block(moment)
     jacobian[:, 6:] = estimate[ELEMENT] @ skew(linear_impulse)
     return jacobian
+
+
+def rate_increment_jacobians(estimate: Array, impulses: Array) -> Array:
+    """H (2-102) for several impulses at once, shape (n, 3, 9).
+
+    Args:
+        estimate: x, or more parameters after it, shape (9,) or longer.
+        impulses: angular impulse about the vehicle origin and linear impulse of each, shape (n, 6).
+    """
+    linear = impulses[:, 3:]
+    moment = _moments(estimate, impulses)
+    jacobians = np.zeros((impulses.shape[0], 3, N_ROTATION))
+    for i in range(3):
+        for m in range(3):
+            jacobians[:, i, ELEMENT[i, m]] = moment[:, m]
+    arms = np.zeros((impulses.shape[0], 3, 3))
+    arms[:, 0, 1], arms[:, 0, 2], arms[:, 1, 2] = -linear[:, 2], linear[:, 1], -linear[:, 0]
+    arms[:, 1, 0], arms[:, 2, 0], arms[:, 2, 1] = linear[:, 2], -linear[:, 1], linear[:, 0]
+    jacobians[:, :, 6:] = estimate[ELEMENT] @ arms
+    return jacobians
+
+
+def _moments(estimate: Array, impulses: Array) -> Array:
+    """Angular impulse about the estimated centre of mass, a + lambda x r_cm, of each, shape (n, 3)."""
+    x, y, z = estimate[6:9].tolist()
+    arm = np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]])  # transpose of [r_cm x]
+    return impulses[:, :3] - impulses[:, 3:] @ arm
+
+
+def thrust_error_effects(estimate: Array, thrust_errors: Array) -> Array:
+    """G: the rate increment of one sigma of each jet's thrust error, rad/s, shape (3, n_jets).
+
+    Args:
+        estimate: x, shape (9,).
+        thrust_errors: impulses of one sigma of each jet's thrust error over the sample, about the vehicle
+            origin, shape (n_jets, 6).
+    """
+    effects: Array = estimate[ELEMENT] @ _moments(estimate, thrust_errors).T
+    return effects
 
 
 def second_order_terms(covariance: Array, linear_impulse: Array) -> tuple[Array, Array]:
@@ -107,6 +161,9 @@ class RotationSettings(NamedTuple):
 
     Attributes:
         period_s: sample period, s.
+        gyro_variances: of the error of one reading of each gyro package, the preferred one first, per
+            component, rad^2/s^2, shape (s,).
+        rule: how several gyros make one measurement, see `maths.redundancy`.
         second_order: the second-order filter, or (False) the extended Kalman filter.
         coupling: SUBTRACT, IGNORE or HYBRID.
         coupling_limit: HYBRID subtracts once the largest variance of the innovation is below this
@@ -118,6 +175,8 @@ class RotationSettings(NamedTuple):
     """
 
     period_s: float
+    gyro_variances: Array
+    rule: int
     second_order: bool
     coupling: int
     coupling_limit: float
@@ -134,27 +193,34 @@ class RotationSample(NamedTuple):
         increment: measured rate increment z, rad/s, body axes, shape (3,).
         rate: mean of the two readings that bound the sample, rad/s, body axes, shape (3,).
         noise: covariance R^z of the increment, rad^2/s^2, shape (3, 3).
+        gyro_variance: of the gyros' part in it, per component, rad^2/s^2.
         angular_impulse, linear_impulse: a and lambda over the sample, shape (3,) each.
         firing: whether an impulse acted.
+        thrust_errors: impulses of one sigma of each jet's thrust error, shape (n_jets, 6); None: thrust
+            is taken as known.
     """
 
     increment: Array
     rate: Array
     noise: Array
+    gyro_variance: float
     angular_impulse: Array
     linear_impulse: Array
     firing: bool
+    thrust_errors: Array | None = None
 
 
 class RotationInnovation(NamedTuple):
     """Measured minus predicted rate increment of one sample, before any update.
 
     Attributes:
-        innovation: e, rad/s, body axes, shape (3,).
-        covariance: Y, rad^2/s^2, shape (3, 3).
+        innovation: e, rad/s, body axes, NaN where not measured, shape (3,).
+        covariance: Y, rad^2/s^2, NaN likewise, shape (3, 3).
         information: the inverse of Y.
         jacobian: H, shape (3, 9).
-        noise: D + R, rad^2/s^2, shape (3, 3).
+        noise: D + R, with considered thrust errors also sum_j H_j S H_j^T, rad^2/s^2, shape (3, 3).
+        effects: L = H Psi + G, what one sigma of each jet's thrust error does to the innovation, rad/s, shape
+            (3, n_jets); None where no thrust error is considered.
         subtract_coupling: whether the hybrid rule asks for the subtraction of dynamic coupling.
         nis: e^T Y^-1 e; chi-square with 3 degrees of freedom for a consistent filter.
     """
@@ -164,21 +230,43 @@ class RotationInnovation(NamedTuple):
     information: Array
     jacobian: Array
     noise: Array
+    effects: Array | None
     subtract_coupling: bool
     nis: float
+
+
+class RotationState(NamedTuple):
+    """What the rotation filter knows.
+
+    Attributes:
+        estimate: x, shape (9,).
+        covariance: S, shape (9, 9).
+        sensitivity: Psi, the part of the error that comes of each jet's thrust error, per sigma of it, shape
+            (9, n_jets); None where thrust is taken as known.
+    """
+
+    estimate: Array
+    covariance: Array
+    sensitivity: Array | None = None
+
+    @property
+    def independent(self) -> Array:
+        """S_0: the part of S that does not come of thrust errors, shape (9, 9)."""
+        if self.sensitivity is None:
+            return self.covariance
+        part: Array = self.covariance - self.sensitivity @ self.sensitivity.T
+        return part
 
 
 class RotationUpdate(NamedTuple):
     """State of the rotation filter after one sample.
 
     Attributes:
-        estimate: x, shape (9,).
-        covariance: S, shape (9, 9).
+        state: see `RotationState`.
         jumped: whether the covariance was incremented first (2-138).
     """
 
-    estimate: Array
-    covariance: Array
+    state: RotationState
     jumped: bool
 
 
@@ -186,8 +274,7 @@ _COASTING = np.zeros((3, N_ROTATION))
 
 
 def innovate(
-    estimate: Array,
-    covariance: Array,
+    state: RotationState,
     sample: RotationSample,
     subtract_coupling_before: bool,
     settings: RotationSettings,
@@ -199,7 +286,7 @@ def innovate(
     says, nothing is subtracted while the estimated inverse inertia is not positive definite.
 
     Args:
-        estimate, covariance: predicted state (9,) and its covariance (9, 9).
+        state: predicted, see `RotationState`.
         sample: see `RotationSample`.
         subtract_coupling_before: the hybrid rule's last decision.
         settings: see `RotationSettings`.
@@ -207,7 +294,9 @@ def innovate(
     Raises:
         NotPositiveDefiniteError: when Y is not positive definite.
     """
+    estimate, covariance, sensitivity = state
     noise = sample.noise + settings.disturbance_covariance
+    effects = None
     if sample.firing:
         impulses = sample.angular_impulse, sample.linear_impulse
         jacobian = rate_increment_jacobian(estimate, *impulses)
@@ -217,9 +306,14 @@ def innovate(
             bias, curvature = second_order_terms(covariance, sample.linear_impulse)
             innovation -= bias
             total_noise = noise + curvature
-        innovation_covariance = jacobian @ covariance @ jacobian.T + total_noise
+        if sample.thrust_errors is not None and sensitivity is not None:
+            effects = jacobian @ sensitivity + thrust_error_effects(estimate, sample.thrust_errors)
+            total_noise = total_noise + _thrust_error_products(estimate, covariance, sample.thrust_errors)
+        apart = jacobian @ state.independent @ jacobian.T + total_noise
+        innovation_covariance = apart if effects is None else apart + effects @ effects.T
+        # a thrust that is off by a little is not what the subtraction waits for
         limit = settings.coupling_limit * max(noise.ravel()[_DIAGONAL].tolist())
-        subtract_coupling = max(innovation_covariance.ravel()[_DIAGONAL].tolist()) < limit
+        subtract_coupling = max(apart.ravel()[_DIAGONAL].tolist()) < limit
     else:
         jacobian, total_noise, innovation_covariance = _COASTING, noise, noise
         innovation = sample.increment
@@ -233,27 +327,57 @@ def innovate(
     information = inverse_positive_definite(innovation_covariance, "innovation covariance")
     nis = float(innovation @ information @ innovation)
     return RotationInnovation(
-        innovation, innovation_covariance, information, jacobian, total_noise, subtract_coupling, nis
+        innovation, innovation_covariance, information, jacobian, total_noise, effects, subtract_coupling, nis
     )
 
 
+def _thrust_error_products(estimate: Array, covariance: Array, thrust_errors: Array) -> Array:
+    """sum_j H_j S H_j^T: covariance of the products of thrust errors and errors of the estimates, shape (3, 3)."""
+    acting = thrust_errors[thrust_errors.any(axis=1)]
+    jacobians = rate_increment_jacobians(estimate, acting)
+    products: Array = (jacobians @ covariance @ jacobians.transpose(0, 2, 1)).sum(axis=0)
+    return products
+
+
 def joseph_update(
-    estimate: Array, covariance: Array, innovation: Array, information: Array, jacobian: Array, noise: Array
-) -> tuple[Array, Array]:
-    """Estimate (2-115) and covariance in Joseph's form (2-126), symmetrised."""
-    gain = covariance @ jacobian.T @ information
+    state: RotationState,
+    innovation: Array,
+    information: Array,
+    jacobian: Array,
+    noise: Array,
+    effects: Array | None = None,
+) -> RotationState:
+    """Estimate (2-115) and covariance in Joseph's form (2-126), symmetrised; Schmidt-Kalman with effects.
+
+    Args:
+        state: predicted.
+        innovation: e, rad/s, shape (3,).
+        information: inverse of Y, shape (3, 3).
+        jacobian: H, shape (3, 9).
+        noise: of the measurement, independent of the state and of thrust errors, shape (3, 3).
+        effects: L, shape (3, n_jets); None: thrust is taken as known.
+    """
+    independent = state.independent
+    shared = independent @ jacobian.T
+    if effects is not None and state.sensitivity is not None:
+        shared = shared + state.sensitivity @ effects.T
+    gain = shared @ information
     kept = _IDENTITY - gain @ jacobian
-    updated = kept @ covariance @ kept.T + gain @ noise @ gain.T
-    return estimate + gain @ innovation, 0.5 * (updated + updated.T)
+    covariance = kept @ independent @ kept.T + gain @ noise @ gain.T
+    sensitivity = state.sensitivity
+    if effects is not None and sensitivity is not None:
+        sensitivity = sensitivity - gain @ effects
+        covariance = covariance + sensitivity @ sensitivity.T
+    return RotationState(state.estimate + gain @ innovation, 0.5 * (covariance + covariance.T), sensitivity)
 
 
 def update(
-    estimate: Array,
-    covariance: Array,
+    state: RotationState,
     sample: RotationSample,
     innovation: RotationInnovation,
     adaptation: Adaptation,
     settings: RotationSettings,
+    each: tuple[RotationSample, ...] = (),
 ) -> RotationUpdate:
     r"""Measurement update of one usable firing sample, then the time update (2-123).
 
@@ -261,82 +385,138 @@ def update(
     innovation formed again from the same measurement (2-138), unless a jet's failure explains it.
 
     Args:
-        estimate, covariance: predicted state (9,) and its covariance (9, 9).
+        state: predicted, see `RotationState`.
         sample: see `RotationSample`.
-        innovation: what `measure` made of the same sample.
+        innovation: what `innovate` made of the same sample.
         adaptation: see `maths.adaptation`.
         settings: see `RotationSettings`.
+        each: the packages' own samples, where the update is made with one after the other.
 
     Raises:
         NotPositiveDefiniteError: when an innovation covariance is not positive definite.
     """
     if adaptation.action == REJECT:
-        return RotationUpdate(estimate, covariance + settings.process_noise, jumped=False)
+        return RotationUpdate(_later(state, settings), jumped=False)
     jumped = adaptation.action == NO_ACTION and innovation.nis > settings.jump_threshold
     if jumped:
-        covariance = covariance + settings.jump_covariance
-        innovation = innovate(estimate, covariance, sample, innovation.subtract_coupling, settings)
+        state = state._replace(covariance=state.covariance + settings.jump_covariance)
+        innovation = innovate(state, sample, innovation.subtract_coupling, settings)
+    if not each:
+        return RotationUpdate(_later(_updated(state, sample, innovation, adaptation), settings), jumped)
+    for part in each:
+        own = innovate(state, part, innovation.subtract_coupling, settings)
+        state = _updated(state, part, own, adaptation)
+    return RotationUpdate(_later(state, settings), jumped)
+
+
+def _updated(
+    state: RotationState, sample: RotationSample, innovation: RotationInnovation, adaptation: Adaptation
+) -> RotationState:
+    """The state after one measurement."""
     information, noise, error = innovation.information, innovation.noise, innovation.innovation
+    enlarged = None
     if adaptation.action != NO_ACTION:
         error = error - adaptation.rotation
         noise = noise + adaptation.rotation_spread
     if adaptation.action == CORRECT_THESIS:
-        enlarged = innovation.covariance + adaptation.rotation_spread
-        information = inverse_positive_definite(enlarged, "innovation covariance")
-    estimate, covariance = joseph_update(estimate, covariance, error, information, innovation.jacobian, noise)
-    return RotationUpdate(estimate, covariance + settings.process_noise, jumped)
+        enlarged = adaptation.rotation_spread
+        information = inverse_positive_definite(innovation.covariance + enlarged, "innovation covariance")
+    jacobian = innovation.jacobian
+    after = joseph_update(state, error, information, jacobian, noise, innovation.effects)
+    if innovation.effects is None or sample.thrust_errors is None:
+        return after
+    effects = jacobian @ state.sensitivity + thrust_error_effects(after.estimate, sample.thrust_errors)
+    covariance = jacobian @ state.independent @ jacobian.T + effects @ effects.T + innovation.noise
+    if enlarged is not None:
+        covariance = covariance + enlarged
+    information = inverse_positive_definite(covariance, "innovation covariance")
+    return joseph_update(state, error, information, jacobian, noise, effects)
+
+
+def _later(state: RotationState, settings: RotationSettings) -> RotationState:
+    """The time update (2-123) of a random walk."""
+    return state._replace(covariance=state.covariance + settings.process_noise)
 
 
 class RotationMeasurement(NamedTuple):
     """A sample and its innovation.
 
     Attributes:
-        sample: what was measured.
+        sample: what was measured, by all gyros together.
         innovation: before any update; NaN where not measured.
+        each: the packages' own samples, where the update is made with one after the other.
     """
 
     sample: RotationSample
     innovation: RotationInnovation
+    each: tuple[RotationSample, ...] = ()
 
 
 def measure(
-    estimate: Array,
-    covariance: Array,
-    rate_before: Array,
+    state: RotationState,
+    rates_before: Array,
     subtract_coupling_before: bool,
-    rate: Array,
-    noise: Array,
+    rates: Array,
+    extra_noise: Array | None,
     angular_impulse: Array,
     linear_impulse: Array,
     firing: bool,
     settings: RotationSettings,
+    thrust_errors: Array | None = None,
 ) -> RotationMeasurement:
     """First half of a cycle: the increment and its innovation.
 
     Args:
-        estimate, covariance: predicted state (9,) and its covariance (9, 9).
-        rate_before, rate: readings at the sample's two ends, rad/s, NaN where missing, shape (3,) each.
+        state: predicted, see `RotationState`.
+        rates_before, rates: readings of the gyros at the sample's two ends, in the order of the settings'
+            variances, rad/s, NaN where missing, shape (s, 3) each.
         subtract_coupling_before: the hybrid rule's last decision.
-        noise: covariance of their difference, rad^2/s^2, shape (3, 3).
+        extra_noise: of the increment, besides the gyros' and the settings' disturbance, rad^2/s^2, shape
+            (3, 3); None: none.
         angular_impulse, linear_impulse: a and lambda over the sample, shape (3,) each.
         firing: whether a known impulse acted.
         settings: see `RotationSettings`.
+        thrust_errors: see `RotationSample`.
     """
-    increment = rate - rate_before
-    mean_rate = 0.5 * (rate + rate_before)
-    sample = RotationSample(increment, mean_rate, noise, angular_impulse, linear_impulse, firing)
-    if math.isfinite(increment[0] + increment[1] + increment[2]):
-        innovation = innovate(estimate, covariance, sample, subtract_coupling_before, settings)
-    else:
-        innovation = RotationInnovation(
-            _NOT_MEASURED, noise, noise, _COASTING, noise, subtract_coupling_before, math.nan
+    increments, means = rates - rates_before, 0.5 * (rates + rates_before)
+    there = []
+    for index, increment in enumerate(increments.tolist()):
+        if math.isfinite(increment[0] + increment[1] + increment[2]):
+            there.append(index)
+            if settings.rule == SINGLE:
+                break
+    if not there:
+        unknown = np.full((3, 3), np.nan)
+        sample = RotationSample(
+            _NOT_MEASURED, _NOT_MEASURED, unknown, math.nan, angular_impulse, linear_impulse, firing
         )
-    return RotationMeasurement(sample, innovation)
+        innovation = RotationInnovation(
+            _NOT_MEASURED, unknown, unknown, _COASTING, unknown, None, subtract_coupling_before, math.nan
+        )
+        return RotationMeasurement(sample, innovation)
+
+    def made(increment: Array, mean: Array, noise: Array) -> RotationSample:
+        total = noise if extra_noise is None else noise + extra_noise
+        variance = float(noise[0, 0])
+        return RotationSample(increment, mean, total, variance, angular_impulse, linear_impulse, firing, thrust_errors)
+
+    own = [2.0 * settings.gyro_variances[index] * _UNIT for index in there]
+    each: tuple[RotationSample, ...] = ()
+    if len(there) == 1:
+        sample = made(increments[there[0]], means[there[0]], own[0])
+    else:
+        covariances = np.zeros((len(there), len(there), 3, 3))
+        covariances[np.arange(len(there)), np.arange(len(there))] = own
+        increment, noise = combined(increments[there], covariances, settings.rule)
+        mean, _ = combined(means[there], covariances, settings.rule)
+        sample = made(increment, mean, noise)
+        if settings.rule == SERIAL:
+            each = tuple(made(increments[index], means[index], noise) for index, noise in zip(there, own, strict=True))
+    return RotationMeasurement(sample, innovate(state, sample, subtract_coupling_before, settings), each)
 
 
 def finish(
-    estimate: Array,
-    covariance: Array,
+    state: RotationState,
     measurement: RotationMeasurement,
     usable: bool,
     adaptation: Adaptation,
@@ -348,30 +528,28 @@ def finish(
     acted.
 
     Args:
-        estimate, covariance: predicted state (9,) and its covariance (9, 9).
+        state: predicted, see `RotationState`.
         measurement: what `measure` made of the sample.
-        usable: whether the combination of jets was steady and a jet commanded.
+        usable: whether the combination of jets was steady and a known impulse acted.
         adaptation: see `maths.adaptation`.
         settings: see `RotationSettings`.
     """
-    sample, innovation = measurement
+    sample, innovation, each = measurement
     if math.isnan(innovation.nis) or not (usable and sample.firing):
-        return RotationCycle(estimate, covariance + settings.process_noise, used=False, jumped=False)
-    updated = update(estimate, covariance, sample, innovation, adaptation, settings)
-    return RotationCycle(updated.estimate, updated.covariance, used=adaptation.action != REJECT, jumped=updated.jumped)
+        return RotationCycle(_later(state, settings), used=False, jumped=False)
+    updated = update(state, sample, innovation, adaptation, settings, each)
+    return RotationCycle(updated.state, used=adaptation.action != REJECT, jumped=updated.jumped)
 
 
 class RotationCycle(NamedTuple):
     """State of the rotation filter after a cycle, measured or not, used or not.
 
     Attributes:
-        estimate: x, shape (9,).
-        covariance: S, shape (9, 9).
+        state: see `RotationState`.
         used: whether the estimate was updated.
         jumped: whether the covariance was incremented first.
     """
 
-    estimate: Array
-    covariance: Array
+    state: RotationState
     used: bool
     jumped: bool

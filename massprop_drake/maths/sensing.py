@@ -1,7 +1,7 @@
 r"""Errors of rate gyros and integrating accelerometers, one sample at a time.
 
 In the order a signal meets them: scale factor, first-order bandwidth, bias with random walk,
-white noise, quantisation; a delay of whole samples last.
+white noise, quantisation, range; a delay of whole samples last.
 """
 
 from __future__ import annotations
@@ -21,6 +21,18 @@ def increment_noise(reading_variance: float) -> Array:
         reading_variance: of the error of one reading per component.
     """
     return 2.0 * reading_variance * np.eye(3)
+
+
+def unsaturated(reading: Array, limit: float) -> Array:
+    """A reading, or NaN throughout where a component has reached the sensor's range.
+
+    Args:
+        reading: shape (3,).
+        limit: largest reading either way; infinity: unlimited.
+    """
+    if limit < math.inf and not bool((np.abs(reading) < limit).all()):
+        return np.full(3, np.nan)
+    return reading
 
 
 def quantised(value: Array, quantum: float, phase: Array) -> Array:
@@ -58,6 +70,7 @@ class SensorModel(NamedTuple):
         quantum: step of a reading; 0: none.
         phase: where the quantiser's marks lie, in quanta, within 1/2, shape (3,).
         delay: samples by which a reading is late.
+        limit: largest reading either way; infinity: unlimited.
     """
 
     period_s: float
@@ -70,6 +83,7 @@ class SensorModel(NamedTuple):
     quantum: float
     phase: Array
     delay: int
+    limit: float = math.inf
 
     @property
     def memory_size(self) -> int:
@@ -86,6 +100,11 @@ class SensorModel(NamedTuple):
     def noisy(self) -> bool:
         """Whether noise is drawn."""
         return self.noise_std > 0.0 or self.walk_std > 0.0
+
+    def read(self, value: Array) -> Array:
+        """A noisy value quantised and held within the range, shape (3,)."""
+        reading = quantised(value, self.quantum, self.phase)
+        return reading if self.limit == math.inf else np.clip(reading, -self.limit, self.limit)
 
 
 def sense(signal: Array, memory: Array, noise: Array, model: SensorModel) -> tuple[Array, Array]:
@@ -112,7 +131,7 @@ def sense(signal: Array, memory: Array, noise: Array, model: SensorModel) -> tup
     else:
         value = value + (model.bias + walk)
     after[4:7] = walk + model.walk_std * noise[3:]
-    reading = quantised(value + model.noise_std * noise[:3], model.quantum, model.phase)
+    reading = model.read(value + model.noise_std * noise[:3])
     if model.delay:
         # before the start the reading is taken to have been the first
         line = memory[10:] if started else np.tile(reading, model.delay)

@@ -39,7 +39,9 @@ class FailureDetector(LeafSystem):
         impulses (in, 8): see `ImpulseModel`. Required.
         rotation_judged (in, 12), predicted_estimate (in, 9), predicted_covariance (in, 81): see
             `RotationEstimator`. Required.
-        mass_judged (in, 12), mass_predicted (in, 5 + 3 n): see `MassEstimator`. Required.
+        mass_judged (in, 12), mass_predicted (in, at least 2): see `MassEstimator`. Required.
+        rotation_effects (in, 3 n_jets), mass_effects (in, 3 n_jets): `thrust_error_effects` of both.
+            Unconnected: no thrust error is considered.
         known_force (out, 24): wrench about the vehicle origin (6) of the known forces of failed jets, and
             what their uncertainty adds to the covariances of the velocity (9) and rate (9) increments. No
             feedthrough from innovations.
@@ -67,10 +69,10 @@ class FailureDetector(LeafSystem):
     Args:
         settings: see `maths.detection.DetectorSettings`.
         limits: of convergence, see `maths.mass_properties.converged`, shape (3,).
-        jump_window: n of `mass_predicted`.
+        mass_size: length of `mass_predicted`.
     """
 
-    def __init__(self, settings: DetectorSettings, *, limits: Array, jump_window: int = 1):
+    def __init__(self, settings: DetectorSettings, *, limits: Array, mass_size: int):
         super().__init__()
         self.set_name("failure_detector")
         n_jets = self._n_jets = settings.clusters.size
@@ -84,7 +86,8 @@ class FailureDetector(LeafSystem):
         self._predicted = self.DeclareVectorInputPort("predicted_estimate", N_ROTATION)
         self._predicted_covariance = self.DeclareVectorInputPort("predicted_covariance", N_ROTATION**2)
         self._mass = self.DeclareVectorInputPort("mass_judged", 12)
-        self._mass_predicted = self.DeclareVectorInputPort("mass_predicted", 5 + 3 * jump_window)
+        self._mass_predicted = self.DeclareVectorInputPort("mass_predicted", mass_size)
+        self._effects = [self.DeclareVectorInputPort(f"{name}_effects", 3 * n_jets) for name in ("mass", "rotation")]
         self._memory = self.DeclareDiscreteState(detection.packed(detection.initial_state(n_jets)))
 
         self._cycle = Cached(
@@ -124,6 +127,9 @@ class FailureDetector(LeafSystem):
         impulses = self._impulses.Eval(context)
         mass = self._mass_predicted.Eval(context)
         translation, rotation = self._mass.Eval(context), self._rotation.Eval(context)
+        shared = None
+        if all(port.HasValue(context) for port in self._effects):
+            shared = detection.shared_covariance(*(port.Eval(context).reshape(3, -1) for port in self._effects))
         return self.stopwatch.measure(
             detection.judged,
             self._state(context),
@@ -140,6 +146,7 @@ class FailureDetector(LeafSystem):
             mass,
             self._limits,
             self._settings,
+            shared,
         )
 
     def _calc_known_force(self, context: Any, output: Any) -> None:

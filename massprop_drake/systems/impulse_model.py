@@ -22,12 +22,16 @@ class ImpulseModel(LeafSystem):
     """Turns jet commands into impulses (2-45), (2-46), with the steady-combination gate.
 
     Ports:
-        jet_commands (in, n_jets): fraction commanded over the interval that ends now, 0 to 1. Required.
+        jet_commands (in, n_jets): fraction commanded over the interval that ends now, 0 to 1, NaN where
+            not known. Required.
+        outside_wrench (in, 6): torque about the vehicle origin and force of known outside forces, mean
+            over that interval. Unconnected: none.
         known_force (in, 24): see `FailureDetector`; its wrench acts over the whole interval. Unconnected:
             none.
         impulses (out, 8): angular impulse about the vehicle origin (3), lbf-ft-s or N-m-s; linear
             impulse (3), lbf-s or N-s; usable, 1 when the combination was steady; firing, 1 when any
-            jet was commanded.
+            jet was commanded or an outside force is known.
+        mean_level (out, n_jets): thrust level of each jet, mean over the interval.
 
     State: memory (2 n_jets): the command of the interval before, and the thrust level by the lag at the
     start of this one.
@@ -49,22 +53,26 @@ class ImpulseModel(LeafSystem):
         self._lag = lag_factors(time_constants_s, period_s)
         self._command = self.DeclareVectorInputPort("jet_commands", n_jets)
         self._known_force = self.DeclareVectorInputPort("known_force", N_KNOWN_FORCE)
+        self._outside = self.DeclareVectorInputPort("outside_wrench", 6)
         self._period_s = period_s
         self._n_jets = n_jets
         self._memory = self.DeclareDiscreteState(2 * n_jets)
-        self._impulses = Cached(
-            self, "impulses", self._compute, {self.xd_ticket(), self.input_port_ticket(self._command.get_index())}
-        )
+        inputs = {self.input_port_ticket(port.get_index()) for port in (self._command, self._outside)}
+        self._impulses = Cached(self, "impulses", self._compute, {self.xd_ticket(), *inputs})
         self.DeclareVectorOutputPort(
             "impulses",
             N_IMPULSES,
             self._calc_impulses,
             prerequisites_of_calc={self._impulses.ticket, self.input_port_ticket(self._known_force.get_index())},
         )
+        self.DeclareVectorOutputPort(
+            "mean_level", n_jets, self._calc_mean_level, prerequisites_of_calc={self._impulses.ticket}
+        )
         self.DeclarePeriodicDiscreteUpdateEvent(period_sec=period_s, offset_sec=0.0, update=self._update)
 
     def _compute(self, context: Any) -> Impulses:
         memory = context.get_discrete_state(self._memory).CopyToVector()
+        outside = self._outside.Eval(context) * self._period_s if self._outside.HasValue(context) else None
         return self.stopwatch.measure(
             interval_impulses,
             self._command.Eval(context),
@@ -72,6 +80,7 @@ class ImpulseModel(LeafSystem):
             memory[self._n_jets :],
             self._impulse_per_level,
             self._lag,
+            outside,
         )
 
     def _calc_impulses(self, context: Any, output: Any) -> None:
@@ -82,6 +91,9 @@ class ImpulseModel(LeafSystem):
             if wrench.any():
                 vector[:6] += wrench * self._period_s
         output.SetFromVector(vector)
+
+    def _calc_mean_level(self, context: Any, output: Any) -> None:
+        output.SetFromVector(self._impulses.get(self, context).mean_level)
 
     def _update(self, context: Any, state: Any) -> None:
         level = self._impulses.get(self, context).level

@@ -11,12 +11,11 @@ from pydrake.systems.framework import LeafSystem
 from massprop_drake.maths import mass_filter, mass_jump
 from massprop_drake.maths.adaptation import N_ADAPTATION, NO_ADAPTATION, unpacked
 from massprop_drake.maths.detection import N_KNOWN_FORCE
-from massprop_drake.maths.mass_filter import MassCycle, MassMeasurement, MassSettings
+from massprop_drake.maths.mass_filter import MassCycle, MassMeasurement, MassSettings, MassState, Rotation
 from massprop_drake.maths.mass_properties import N_ROTATION
-from massprop_drake.maths.sensing import increment_noise
 from massprop_drake.systems._caching import Cached, Stopwatch
+from massprop_drake.systems._readings import Package, Readings
 from massprop_drake.systems.impulse_model import N_IMPULSES
-from massprop_drake.systems.rotation_estimator import Package
 
 Array = NDArray[np.float64]
 
@@ -29,34 +28,37 @@ class MassEstimator(LeafSystem):
 
     Ports:
         <accelerometer> (in, 3), one per package: integrated specific force, ft/s or m/s, body axes; NaN
-            where missing. Required of the package in use.
+            where missing. Required of the first; another that is unconnected counts as missing.
         impulses (in, 8): see `ImpulseModel`. Required.
         known_force (in, 24), adaptation (in, 26): see `FailureDetector`. Unconnected: no failures.
-        rate_sample (in, 6), predicted_estimate (in, 9), predicted_covariance (in, 81): see
+        rate_sample (in, 7), predicted_estimate (in, 9), predicted_covariance (in, 81): see
             `RotationEstimator`. Required.
-        predicted (out, 5 + 3 n): the state, first 1/m and its variance before this sample's measurement. No
-            feedthrough.
+        mean_level (in, n_jets): see `ImpulseModel`. Required where thrust errors are considered.
+        predicted (out, 2 + 3 s + 3 n): the state, first 1/m and its variance before this sample's
+            measurement. No feedthrough.
         innovation (out, 3): measured minus predicted velocity increment after compensation, ft/s or
             m/s, NaN where not measured.
         innovation_covariance (out, 9): row by row.
         judged (out, 12): innovation and innovation_covariance in one, for the detector.
+        thrust_error_effects (out, 3 n_jets), where thrust errors are considered: effect of one sigma of
+            each jet's thrust error on the innovation, row by row; zero where none bears on the sample.
         estimate (out, 2): 1/m and its variance, after this sample's measurement.
         status (out, 6): the innovation (3) again; its NIS, NaN where not measured; 1 when the sample was
             used; 1 when a jump of 1/m was found.
         report (out, 8): estimate and status in one, for logs.
 
-    State: estimate (5 + 3 n): 1/m, its variance, the last reading (3), NaN before the first, and the
-    window of the jump test, n the samples that it looks back.
+    State: estimate (2 + 3 s + 3 n): 1/m, its variance, the last reading of each of the s packages, NaN
+    before the first, and the window of the jump test, n the samples that it looks back; sensitivity (n_jets)
+    to thrust errors, where they are considered.
 
     Timing: as `RotationEstimator`; the centre of mass is the rotation filter's prediction (3-40).
 
     Args:
         mass_reciprocal, variance: at the start, 1/slug or 1/kg, and squared.
-        accelerometers: packages with an input port.
-        accelerometer: name of the one in use.
-        position: of the package in use, vehicle frame, ft or m, shape (3,).
-        rate_variance: of the error of one rate reading per component, rad^2/s^2.
+        accelerometers: packages with an input port, in the order of the settings' positions.
         settings: see `maths.mass_filter.MassSettings`.
+        thrust_errors: impulses of one sigma of each jet's thrust error at full level over a sample, about
+            the vehicle origin, shape (n_jets, 6); None: thrust is taken as known.
     """
 
     def __init__(
@@ -65,45 +67,47 @@ class MassEstimator(LeafSystem):
         mass_reciprocal: float,
         variance: float,
         accelerometers: tuple[Package, ...],
-        accelerometer: str,
-        position: Array,
-        rate_variance: float,
         settings: MassSettings,
+        thrust_errors: Array | None = None,
     ):
         super().__init__()
         self.set_name("mass_estimator")
         self._settings = settings
+        self._thrust_errors = None if thrust_errors is None else thrust_errors[:, 3:].T
         self.stopwatch = Stopwatch()
-        self._position = np.array(position, dtype=float)
-        ports = {package.name: self.DeclareVectorInputPort(package.name, 3) for package in accelerometers}
-        self._accelerometer = ports[accelerometer]
-        self._noise = increment_noise(next(p.variance for p in accelerometers if p.name == accelerometer))
-        self._rate_variance = 2.0 * rate_variance  # of an increment
+        self._accelerometers = Readings(self, accelerometers)
         self._impulses = self.DeclareVectorInputPort("impulses", N_IMPULSES)
-        self._rate_sample = self.DeclareVectorInputPort("rate_sample", 6)
+        self._rate_sample = self.DeclareVectorInputPort("rate_sample", 7)
         self._predicted = self.DeclareVectorInputPort("predicted_estimate", N_ROTATION)
         self._predicted_covariance = self.DeclareVectorInputPort("predicted_covariance", N_ROTATION**2)
-
         self._known_force = self.DeclareVectorInputPort("known_force", N_KNOWN_FORCE)
         self._adaptation = self.DeclareVectorInputPort("adaptation", N_ADAPTATION)
-        window = mass_jump.empty_window(settings.jump_window)
-        head = [mass_reciprocal, variance, np.nan, np.nan, np.nan]
-        self._state = self.DeclareDiscreteState(np.concatenate([head, window.ravel()]))
-
-        # the innovation must not depend on the adaptation: the detector makes the one from the other
-        inputs = (
-            self._accelerometer,
+        inputs = [
+            *self._accelerometers.ports,
             self._impulses,
             self._rate_sample,
             self._predicted,
             self._predicted_covariance,
             self._known_force,
+        ]
+
+        window = mass_jump.empty_window(settings.jump_window)
+        readings = np.full(3 * len(accelerometers), np.nan)
+        self._window = 2 + readings.size  # where it begins
+        self._estimate = self.DeclareDiscreteState(
+            np.concatenate([[mass_reciprocal, variance], readings, window.ravel()])
         )
+        if thrust_errors is not None:
+            self._mean_level = self.DeclareVectorInputPort("mean_level", thrust_errors.shape[0])
+            inputs.append(self._mean_level)
+            self._sensitivity = self.DeclareDiscreteState(thrust_errors.shape[0])
+
+        # the innovation must not depend on the adaptation: the detector makes the one from the other
         measured = {self.xd_ticket(), *(self.input_port_ticket(port.get_index()) for port in inputs)}
         self._measurement = Cached(self, "measurement", self._measure, measured)
         adapted = {self._measurement.ticket, self.input_port_ticket(self._adaptation.get_index())}
         self._cycle = Cached(self, "cycle", self._finish, {self.xd_ticket(), *adapted})
-        self.DeclareStateOutputPort("predicted", self._state)
+        self.DeclareStateOutputPort("predicted", self._estimate)
         for name, size, calc, entry in (
             ("innovation", 3, self._calc_innovation, self._measurement),
             ("innovation_covariance", 9, self._calc_innovation_covariance, self._measurement),
@@ -113,31 +117,51 @@ class MassEstimator(LeafSystem):
             ("report", 8, self._calc_report, self._cycle),
         ):
             self.DeclareVectorOutputPort(name, size, calc, prerequisites_of_calc={entry.ticket})
+        if thrust_errors is not None:
+            self.DeclareVectorOutputPort(
+                "thrust_error_effects",
+                3 * thrust_errors.shape[0],
+                self._calc_effects,
+                prerequisites_of_calc={self._measurement.ticket},
+            )
         self.DeclarePeriodicDiscreteUpdateEvent(period_sec=settings.period_s, offset_sec=0.0, update=self._update)
+
+    def _state(self, context: Any) -> MassState:
+        estimate = context.get_discrete_state(self._estimate).CopyToVector()
+        window = estimate[self._window :].reshape(-1, 3)
+        sensitivity = None
+        if self._thrust_errors is not None:
+            sensitivity = context.get_discrete_state(self._sensitivity).CopyToVector()
+        return MassState(float(estimate[0]), float(estimate[1]), window, sensitivity)
 
     def _measure(self, context: Any) -> MassMeasurement:
         rate_sample = self._rate_sample.Eval(context)
-        state = context.get_discrete_state(self._state).CopyToVector()
+        estimate = context.get_discrete_state(self._estimate).CopyToVector()
         covariance = self._predicted_covariance.Eval(context).reshape(N_ROTATION, N_ROTATION)
-        noise = self._noise
+        extra_noise = thrust_errors = None
         if self._known_force.HasValue(context):
             known = self._known_force.Eval(context)
             if known.any():
-                noise = noise + known[6:15].reshape(3, 3)
+                extra_noise = known[6:15].reshape(3, 3)
+        if self._thrust_errors is not None:
+            thrust_errors = self._thrust_errors * self._mean_level.Eval(context)
+        rotation = Rotation(
+            increment=rate_sample[:3],
+            rate=rate_sample[3:6],
+            variance=float(rate_sample[6]),
+            center=self._predicted.Eval(context)[6:],
+            center_covariance=covariance[6:, 6:],
+        )
         return self.stopwatch.measure(
             mass_filter.measure,
-            float(state[0]),
-            float(state[1]),
-            state[2:5],
-            self._accelerometer.Eval(context),
-            noise,
-            self._position - self._predicted.Eval(context)[6:],
-            covariance[6:, 6:],
-            rate_sample[:3],
-            rate_sample[3:],
-            self._rate_variance,
+            self._state(context),
+            estimate[2 : self._window].reshape(-1, 3),
+            self._accelerometers.eval(context),
+            extra_noise,
+            rotation,
             self._impulses.Eval(context)[3:6],
             self._settings,
+            thrust_errors,
         )
 
     def _finish(self, context: Any) -> MassCycle:
@@ -145,18 +169,19 @@ class MassEstimator(LeafSystem):
         if self._adaptation.HasValue(context):
             adaptation = unpacked(self._adaptation.Eval(context))
         impulses = self._impulses.Eval(context)
-        state = context.get_discrete_state(self._state).CopyToVector()
         return self.stopwatch.measure(
             mass_filter.finish,
-            float(state[0]),
-            float(state[1]),
-            state[5:].reshape(-1, 3),
+            self._state(context),
             self._measurement.get(self, context),
             impulses[6] != 0.0,
             impulses[7] != 0.0,
             adaptation,
             self._settings,
         )
+
+    def _calc_effects(self, context: Any, output: Any) -> None:
+        effects = self._measurement.get(self, context).innovation.effects
+        output.SetFromVector(np.zeros(output.size()) if effects is None else effects.ravel())
 
     def _calc_innovation(self, context: Any, output: Any) -> None:
         output.SetFromVector(self._measurement.get(self, context).innovation.innovation)
@@ -171,15 +196,15 @@ class MassEstimator(LeafSystem):
         output.SetFromVector(vector)
 
     def _calc_estimate(self, context: Any, output: Any) -> None:
-        cycle = self._cycle.get(self, context)
-        output.SetFromVector(np.array([cycle.mass_reciprocal, cycle.variance]))
+        state = self._cycle.get(self, context).state
+        output.SetFromVector(np.array([state.mass_reciprocal, state.variance]))
 
     def _calc_status(self, context: Any, output: Any) -> None:
         output.SetFromVector(np.array(self._status(context)))
 
     def _calc_report(self, context: Any, output: Any) -> None:
-        cycle = self._cycle.get(self, context)
-        output.SetFromVector(np.array([cycle.mass_reciprocal, cycle.variance, *self._status(context)]))
+        state = self._cycle.get(self, context).state
+        output.SetFromVector(np.array([state.mass_reciprocal, state.variance, *self._status(context)]))
 
     def _status(self, context: Any) -> list[float]:
         innovation = self._measurement.get(self, context).innovation
@@ -187,8 +212,11 @@ class MassEstimator(LeafSystem):
         return [*innovation.innovation, innovation.nis, cycle.used, cycle.jumped]
 
     def _update(self, context: Any, state: Any) -> None:
-        cycle = self._cycle.get(self, context)
-        velocity = self._accelerometer.Eval(context)
+        after = self._cycle.get(self, context).state
+        readings = self._accelerometers.eval(context).ravel()
         state.set_value(
-            self._state, np.concatenate([[cycle.mass_reciprocal, cycle.variance], velocity, cycle.window.ravel()])
+            self._estimate,
+            np.concatenate([[after.mass_reciprocal, after.variance], readings, after.window.ravel()]),
         )
+        if self._thrust_errors is not None:
+            state.set_value(self._sensitivity, after.sensitivity)

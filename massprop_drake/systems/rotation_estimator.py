@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,24 +12,17 @@ from massprop_drake.maths import rotation_filter
 from massprop_drake.maths.adaptation import N_ADAPTATION, NO_ADAPTATION, unpacked
 from massprop_drake.maths.detection import N_KNOWN_FORCE
 from massprop_drake.maths.mass_properties import N_ROTATION
-from massprop_drake.maths.rotation_filter import RotationCycle, RotationMeasurement, RotationSettings
-from massprop_drake.maths.sensing import increment_noise
+from massprop_drake.maths.rotation_filter import (
+    RotationCycle,
+    RotationMeasurement,
+    RotationSettings,
+    RotationState,
+)
 from massprop_drake.systems._caching import Cached, Stopwatch
+from massprop_drake.systems._readings import Package, Readings
 from massprop_drake.systems.impulse_model import N_IMPULSES
 
 Array = NDArray[np.float64]
-
-
-class Package(NamedTuple):
-    """A sensor package as a filter knows it.
-
-    Attributes:
-        name: of its input port.
-        variance: of the error of one reading per component.
-    """
-
-    name: str
-    variance: float
 
 
 class RotationEstimator(LeafSystem):
@@ -40,15 +33,19 @@ class RotationEstimator(LeafSystem):
 
     Ports:
         <gyro> (in, 3), one per package: measured rate, rad/s, body axes; NaN where missing. Required
-            of the package in use.
+            of the first; another that is unconnected counts as missing.
         impulses (in, 8): see `ImpulseModel`. Required.
         known_force (in, 24), adaptation (in, 26): see `FailureDetector`. Unconnected: no failures.
+        mean_level (in, n_jets): see `ImpulseModel`. Required where thrust errors are considered.
         predicted_estimate (out, 9): x before this sample's measurement. No feedthrough.
         predicted_covariance (out, 81): its covariance S, row by row. No feedthrough.
-        rate_sample (out, 6): measured rate increment (3) and mean rate (3) over the sample, rad/s.
+        rate_sample (out, 7): measured rate increment (3) and mean rate (3) over the sample, rad/s, NaN where
+            missing, and the variance of the increment's error per component, rad^2/s^2.
         innovation (out, 3): measured minus predicted rate increment, rad/s, NaN where not measured.
         innovation_covariance (out, 9): row by row, rad^2/s^2.
         judged (out, 12): innovation and innovation_covariance in one, for the detector.
+        thrust_error_effects (out, 3 n_jets), where thrust errors are considered: effect of one sigma of
+            each jet's thrust error on the innovation, row by row, rad/s; zero where none bears on the sample.
         estimate (out, 9): x after this sample's measurement.
         covariance (out, 81): its covariance S, row by row.
         standard_deviation (out, 9): square roots of its diagonal.
@@ -57,8 +54,9 @@ class RotationEstimator(LeafSystem):
             coupling was to be subtracted.
         report (out, 25): estimate, standard_deviation and status in one, for logs.
 
-    State: estimate (9); covariance (81); memory (4): the last reading (3), NaN before the first, and the
-    hybrid rule's last decision.
+    State: estimate (9); covariance (81); memory (1 + 3 s): the hybrid rule's last decision, and the last
+    reading of each package, NaN before the first; sensitivity (9 n_jets) to thrust errors, row by row,
+    where they are considered.
 
     Timing: outputs at t_k use the reading at t_k and the impulses of [t_k-1, t_k); the update at t_k
     makes `estimate` the next prediction.
@@ -69,9 +67,10 @@ class RotationEstimator(LeafSystem):
 
     Args:
         estimate, covariance: at the start, shapes (9,) and (9, 9).
-        gyros: packages with an input port.
-        gyro: name of the one in use.
+        gyros: packages with an input port, in the order of the settings' variances.
         settings: see `maths.rotation_filter.RotationSettings`.
+        thrust_errors: impulses of one sigma of each jet's thrust error at full level over a sample, about
+            the vehicle origin, shape (n_jets, 6); None: thrust is taken as known.
     """
 
     def __init__(
@@ -80,27 +79,29 @@ class RotationEstimator(LeafSystem):
         estimate: Array,
         covariance: Array,
         gyros: tuple[Package, ...],
-        gyro: str,
         settings: RotationSettings,
+        thrust_errors: Array | None = None,
     ):
         super().__init__()
         self.set_name("rotation_estimator")
         self._settings = settings
+        self._thrust_errors = thrust_errors
         self.stopwatch = Stopwatch()
-        ports = {package.name: self.DeclareVectorInputPort(package.name, 3) for package in gyros}
-        self._gyro = ports[gyro]
-        self._noise = increment_noise(next(p.variance for p in gyros if p.name == gyro))
+        self._gyros = Readings(self, gyros)
         self._impulses = self.DeclareVectorInputPort("impulses", N_IMPULSES)
-
         self._known_force = self.DeclareVectorInputPort("known_force", N_KNOWN_FORCE)
         self._adaptation = self.DeclareVectorInputPort("adaptation", N_ADAPTATION)
+        inputs = [*self._gyros.ports, self._impulses, self._known_force]
 
         self._estimate = self.DeclareDiscreteState(estimate)
         self._covariance = self.DeclareDiscreteState(covariance.ravel())
-        self._memory = self.DeclareDiscreteState([np.nan, np.nan, np.nan, 0.0])
+        self._memory = self.DeclareDiscreteState(np.append(0.0, np.full(3 * len(gyros), np.nan)))
+        if thrust_errors is not None:
+            self._mean_level = self.DeclareVectorInputPort("mean_level", thrust_errors.shape[0])
+            inputs.append(self._mean_level)
+            self._sensitivity = self.DeclareDiscreteState(N_ROTATION * thrust_errors.shape[0])
 
         # the innovation must not depend on the adaptation: the detector makes the one from the other
-        inputs = (self._gyro, self._impulses, self._known_force)
         measured = {self.xd_ticket(), *(self.input_port_ticket(port.get_index()) for port in inputs)}
         self._measurement = Cached(self, "measurement", self._measure, measured)
         adapted = {self._measurement.ticket, self.input_port_ticket(self._adaptation.get_index())}
@@ -108,7 +109,7 @@ class RotationEstimator(LeafSystem):
         self.DeclareStateOutputPort("predicted_estimate", self._estimate)
         self.DeclareStateOutputPort("predicted_covariance", self._covariance)
         for name, size, calc, entry in (
-            ("rate_sample", 6, self._calc_rate_sample, self._measurement),
+            ("rate_sample", 7, self._calc_rate_sample, self._measurement),
             ("innovation", 3, self._calc_innovation, self._measurement),
             ("innovation_covariance", 9, self._calc_innovation_covariance, self._measurement),
             ("judged", 12, self._calc_judged, self._measurement),
@@ -119,32 +120,45 @@ class RotationEstimator(LeafSystem):
             ("report", 2 * N_ROTATION + 7, self._calc_report, self._cycle),
         ):
             self.DeclareVectorOutputPort(name, size, calc, prerequisites_of_calc={entry.ticket})
+        if thrust_errors is not None:
+            self.DeclareVectorOutputPort(
+                "thrust_error_effects",
+                3 * thrust_errors.shape[0],
+                self._calc_effects,
+                prerequisites_of_calc={self._measurement.ticket},
+            )
         self.DeclarePeriodicDiscreteUpdateEvent(period_sec=settings.period_s, offset_sec=0.0, update=self._update)
 
-    def _predicted(self, context: Any) -> tuple[Array, Array]:
-        covariance = context.get_discrete_state(self._covariance).CopyToVector()
+    def _state(self, context: Any) -> RotationState:
         estimate = context.get_discrete_state(self._estimate).CopyToVector()
-        return estimate, covariance.reshape(N_ROTATION, N_ROTATION)
+        covariance = context.get_discrete_state(self._covariance).CopyToVector().reshape(N_ROTATION, N_ROTATION)
+        if self._thrust_errors is None:
+            return RotationState(estimate, covariance)
+        sensitivity = context.get_discrete_state(self._sensitivity).CopyToVector().reshape(N_ROTATION, -1)
+        return RotationState(estimate, covariance, sensitivity)
 
     def _measure(self, context: Any) -> RotationMeasurement:
         impulses = self._impulses.Eval(context)
         memory = context.get_discrete_state(self._memory).CopyToVector()
-        noise, acting = self._noise, impulses[7] != 0.0
+        extra_noise, acting, thrust_errors = None, impulses[7] != 0.0, None
         if self._known_force.HasValue(context):
             known = self._known_force.Eval(context)
             if known.any():
-                noise, acting = noise + known[15:].reshape(3, 3), True
+                extra_noise, acting = known[15:].reshape(3, 3), True
+        if self._thrust_errors is not None:
+            thrust_errors = self._mean_level.Eval(context)[:, None] * self._thrust_errors
         return self.stopwatch.measure(
             rotation_filter.measure,
-            *self._predicted(context),
-            memory[:3],
-            memory[3] != 0.0,
-            self._gyro.Eval(context),
-            noise,
+            self._state(context),
+            memory[1:].reshape(-1, 3),
+            memory[0] != 0.0,
+            self._gyros.eval(context),
+            extra_noise,
             impulses[:3],
             impulses[3:6],
             acting,
             self._settings,
+            thrust_errors,
         )
 
     def _finish(self, context: Any) -> RotationCycle:
@@ -155,17 +169,16 @@ class RotationEstimator(LeafSystem):
         # a known force alone is no reason to learn: it may have ceased
         usable = bool(self._impulses.Eval(context)[6:8].all())
         return self.stopwatch.measure(
-            rotation_filter.finish,
-            *self._predicted(context),
-            measurement,
-            usable,
-            adaptation,
-            self._settings,
+            rotation_filter.finish, self._state(context), measurement, usable, adaptation, self._settings
         )
 
     def _calc_rate_sample(self, context: Any, output: Any) -> None:
         sample = self._measurement.get(self, context).sample
-        output.SetFromVector(np.concatenate([sample.increment, sample.rate]))
+        output.SetFromVector(np.array([*sample.increment, *sample.rate, sample.gyro_variance]))
+
+    def _calc_effects(self, context: Any, output: Any) -> None:
+        effects = self._measurement.get(self, context).innovation.effects
+        output.SetFromVector(np.zeros(output.size()) if effects is None else effects.ravel())
 
     def _calc_innovation(self, context: Any, output: Any) -> None:
         output.SetFromVector(self._measurement.get(self, context).innovation.innovation)
@@ -180,21 +193,21 @@ class RotationEstimator(LeafSystem):
         output.SetFromVector(vector)
 
     def _calc_estimate(self, context: Any, output: Any) -> None:
-        output.SetFromVector(self._cycle.get(self, context).estimate)
+        output.SetFromVector(self._cycle.get(self, context).state.estimate)
 
     def _calc_covariance(self, context: Any, output: Any) -> None:
-        output.SetFromVector(self._cycle.get(self, context).covariance.ravel())
+        output.SetFromVector(self._cycle.get(self, context).state.covariance.ravel())
 
     def _calc_deviation(self, context: Any, output: Any) -> None:
-        output.SetFromVector(np.sqrt(self._cycle.get(self, context).covariance.diagonal()))
+        output.SetFromVector(np.sqrt(self._cycle.get(self, context).state.covariance.diagonal()))
 
     def _calc_status(self, context: Any, output: Any) -> None:
         output.SetFromVector(self._status(context))
 
     def _calc_report(self, context: Any, output: Any) -> None:
-        cycle = self._cycle.get(self, context)
-        deviation = np.sqrt(cycle.covariance.diagonal())
-        output.SetFromVector(np.concatenate([cycle.estimate, deviation, self._status(context)]))
+        state = self._cycle.get(self, context).state
+        deviation = np.sqrt(state.covariance.diagonal())
+        output.SetFromVector(np.concatenate([state.estimate, deviation, self._status(context)]))
 
     def _status(self, context: Any) -> Array:
         cycle = self._cycle.get(self, context)
@@ -202,8 +215,10 @@ class RotationEstimator(LeafSystem):
         return np.array([*before.innovation, before.nis, cycle.used, cycle.jumped, before.subtract_coupling])
 
     def _update(self, context: Any, state: Any) -> None:
-        cycle = self._cycle.get(self, context)
+        after = self._cycle.get(self, context).state
         subtract_coupling = self._measurement.get(self, context).innovation.subtract_coupling
-        state.set_value(self._estimate, cycle.estimate)
-        state.set_value(self._covariance, cycle.covariance.ravel())
-        state.set_value(self._memory, np.append(self._gyro.Eval(context), subtract_coupling))
+        state.set_value(self._estimate, after.estimate)
+        state.set_value(self._covariance, after.covariance.ravel())
+        state.set_value(self._memory, np.append(subtract_coupling, self._gyros.eval(context)))
+        if self._thrust_errors is not None:
+            state.set_value(self._sensitivity, after.sensitivity.ravel())

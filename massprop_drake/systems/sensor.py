@@ -10,7 +10,7 @@ from pydrake.common import RandomDistribution
 from pydrake.systems.framework import LeafSystem
 
 from massprop_drake.maths.rigid_body import N_STATE
-from massprop_drake.maths.sensing import SensorModel, quantised, sense
+from massprop_drake.maths.sensing import SensorModel, sense
 from massprop_drake.systems._caching import Cached
 
 Array = NDArray[np.float64]
@@ -66,7 +66,7 @@ class Sensor(LeafSystem):
             value = self._scale * value + model.bias
             if model.noisy:
                 value += model.noise_std * self._noise.Eval(context)[:3]
-        output.SetFromVector(quantised(value, model.quantum, model.phase))
+        output.SetFromVector(model.read(value))
 
     def _compute(self, context: Any) -> tuple[Array, Array]:
         noise = self._noise.Eval(context) if self._model.noisy else np.zeros(6)
