@@ -328,8 +328,12 @@ class EstimationSettings(Model):
 class RotationFilterSettings(Model):
     """The filter for inverse inertia and center of mass."""
 
-    filter: Literal["second_order", "extended"] = described(
-        "second_order", "second_order: with bias and covariance of the curvature; extended: Kalman filter without them"
+    filter: Literal["second_order", "second_order_without_bias", "second_order_without_covariance", "extended"] = (
+        described(
+            "second_order",
+            "second_order: with bias and covariance of the curvature; the next two lack one of them; extended: Kalman "
+            "filter without both",
+        )
     )
     coupling: Literal["subtract", "ignore", "hybrid"] = described(
         "hybrid", "dynamic coupling: subtract it, ignore it, or subtract it once the estimates are good enough"

@@ -172,6 +172,8 @@ class RotationSettings(NamedTuple):
         jump_covariance: what is then added, in state order, shape (9, 9).
         process_noise: covariance added per sample (2-123), shape (9, 9).
         disturbance_covariance: R^d of a rate increment, rad^2/s^2, shape (3, 3).
+        bias, curvature: whether the second-order filter has b (2-118) and D (2-121); without both it is the
+            extended Kalman filter.
     """
 
     period_s: float
@@ -184,6 +186,8 @@ class RotationSettings(NamedTuple):
     jump_covariance: Array
     process_noise: Array
     disturbance_covariance: Array
+    bias: bool = True
+    curvature: bool = True
 
 
 class RotationSample(NamedTuple):
@@ -304,8 +308,10 @@ def innovate(
         total_noise = noise
         if settings.second_order:
             bias, curvature = second_order_terms(covariance, sample.linear_impulse)
-            innovation -= bias
-            total_noise = noise + curvature
+            if settings.bias:
+                innovation -= bias
+            if settings.curvature:
+                total_noise = noise + curvature
         if sample.thrust_errors is not None and sensitivity is not None:
             effects = jacobian @ sensitivity + thrust_error_effects(estimate, sample.thrust_errors)
             total_noise = total_noise + _thrust_error_products(estimate, covariance, sample.thrust_errors)
