@@ -56,8 +56,24 @@ def dot_text(diagram: Diagram, depth: int) -> str:
     lines: list[str] = []
     for connections, group in itertools.groupby(text.splitlines(), key=lambda line: " -> " in line):
         block = list(group)
-        lines.extend(sorted(block) if connections else block)
+        lines.extend(sorted(_labelled(block, text)) if connections else block)
     return "\n".join(lines) + "\n"
+
+
+_NODE = re.compile(r"^(\w+) \[shape=none,[^\n]*label=<\n(.*?)^>\];", re.DOTALL | re.MULTILINE)
+_PORT = re.compile(r'PORT="([uy]?\d+)"[^>]*>([^<]*)</TD>')
+
+
+def _labelled(connections: list[str], text: str) -> list[str]:
+    """Arrows between systems with the name of the signal that they carry: of the port they come from."""
+    ports = {(node, port): name for node, inside in _NODE.findall(text) for port, name in _PORT.findall(inside)}
+    labelled = []
+    for line in connections:
+        node, port = line.strip().split(" -> ")[0].split(":")[:2]
+        name = ports.get((node, port))
+        coloured = "[" in line  # an exported port, which has its name already
+        labelled.append(line if coloured or not name else f'{line} [label="{name}", fontsize=9, fontcolor=gray35]')
+    return labelled
 
 
 def svg_text(dot: str) -> str | None:

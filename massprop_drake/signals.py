@@ -16,6 +16,10 @@ AXES = ("x", "y", "z")
 # Colours that people with any colour vision tell apart (Okabe and Ito), in the order of use
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 TRUTH_COLOUR = "#000000"
+ESTIMATE_COLOUR = "#0072B2"
+FAILED_COLOUR = "#D55E00"  # what truly fails
+SUSPECT_COLOUR = "#CC79A7"  # what the detector names
+PLUME_COLOUR = "#E69F00"
 BAND_COLOUR = "#9AA5B1"
 WINDOW_COLOUR = "#E69F00"
 

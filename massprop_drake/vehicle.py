@@ -6,11 +6,11 @@ from collections.abc import Callable
 from functools import cached_property
 from importlib import resources
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import field_validator, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from massprop_drake.errors import InputError, suggestion
 from massprop_drake.maths.impulses import thrust_wrenches
@@ -49,6 +49,10 @@ _RESERVED_BEGINNINGS = ("rotation_", "mass_", "predicted_", "detector_")
 _SENSOR_NAME = r"^[A-Za-z][A-Za-z0-9_]*$"
 _RANGE = "largest reading either way, where the sensor saturates; the filters skip such a reading; null: unlimited"
 _UNIT_LENGTH_TOLERANCE = 0.002  # of a direction, as printed tables have it
+
+
+PositiveReal = Annotated[Real, Field(gt=0.0)]
+Positive3 = tuple[PositiveReal, PositiveReal, PositiveReal]
 
 
 class MassPropertiesModel(Model):
@@ -170,6 +174,55 @@ class Accelerometer(SensorPackage):
     range: Real | None = described(None, _RANGE, "ft/s | m/s", gt=0.0)
 
 
+class _Solid(Model):
+    """What every solid of a shape has."""
+
+    position: Vector3 = described((0.0, 0.0, 0.0), "of its center, vehicle frame", "ft | m")
+    rotation_deg: Vector3 = described((0.0, 0.0, 0.0), "roll, pitch and yaw from the vehicle frame", "deg")
+    colour: Text = described("#c9ced6", "as #rrggbb", pattern=r"^#[0-9A-Fa-f]{6}$")
+
+
+class BoxSolid(_Solid):
+    """A box."""
+
+    kind: Literal["box"] = described(..., "kind of solid")
+    size: Positive3 = described(..., "edges along x, y, z", "ft | m")
+
+
+class EllipsoidSolid(_Solid):
+    """An ellipsoid."""
+
+    kind: Literal["ellipsoid"] = described(..., "kind of solid")
+    radii: Positive3 = described(..., "half axes along x, y, z", "ft | m")
+
+
+class CylinderSolid(_Solid):
+    """A cylinder along x, round or oval."""
+
+    kind: Literal["cylinder"] = described(..., "kind of solid")
+    length: Real = described(..., "along x", "ft | m", gt=0.0)
+    radii: tuple[PositiveReal, PositiveReal] = described(..., "half axes along y and z", "ft | m")
+
+
+class ConeSolid(_Solid):
+    """A cone, its point towards +x, its center halfway."""
+
+    kind: Literal["cone"] = described(..., "kind of solid")
+    length: Real = described(..., "along x", "ft | m", gt=0.0)
+    radii: tuple[PositiveReal, PositiveReal] = described(..., "half axes of the base along y and z", "ft | m")
+
+
+class PlateSolid(_Solid):
+    """A flat plate with a convex outline in the x-y plane of its own frame, such as a wing."""
+
+    kind: Literal["plate"] = described(..., "kind of solid")
+    outline: tuple[tuple[Real, Real], ...] = described(..., "corners in order, x and y", "ft | m", min_length=3)
+    thickness: Real = described(..., "along z", "ft | m", gt=0.0)
+
+
+Solid = Annotated[BoxSolid | EllipsoidSolid | CylinderSolid | ConeSolid | PlateSolid, Field(discriminator="kind")]
+
+
 class Vehicle(Model):
     """A vehicle as the estimators know it: nominal mass properties, jets and sensors.
 
@@ -193,6 +246,7 @@ class Vehicle(Model):
     preferred_accelerometer: Text | None = described(None, "the package used where one is enough; null: the first")
     jet_kinds: dict[str, JetKind] = described(..., "kinds of jets by name", min_length=1)
     jets: tuple[Jet, ...] = described(..., "reaction-control jets", min_length=1)
+    shape: tuple[Solid, ...] = described((), "solids that draw it in the 3-D replay; empty: a box between the jets")
 
     @model_validator(mode="after")
     def _consistent(self) -> Vehicle:
