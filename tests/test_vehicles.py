@@ -106,7 +106,7 @@ def test_nothing_is_found_to_have_failed(run: Run) -> None:
         ("small_satellite", "stuck_on", "YP1", 33.05, ["YP1"]),
         ("small_satellite", "stuck_off", "XP1", 30.0, ["XP1"]),
         # the one that opposes it looks the same
-        ("lander", "stuck_off", "1R", 30.0, ["1R", "2L"]),
+        ("lander", "stuck_off", "1U", 30.0, ["1U", "1D"]),
     ],
 )
 def test_a_failed_thruster_is_found(name: str, kind: str, jet: str, start_s: float, isolated: list[str]) -> None:
