@@ -10,6 +10,7 @@ from collections.abc import Iterable
 from enum import StrEnum
 from importlib.metadata import version
 from pathlib import Path
+from statistics import median
 from typing import Annotated, Any
 
 import typer
@@ -174,10 +175,14 @@ def graph(
 def check(
     files: Annotated[list[str] | None, typer.Argument(help="Vehicle and scenario files, or bundled names.")] = None,
     schema: Annotated[Schema | None, typer.Option(help="Show every key of a kind of file instead.")] = None,
+    pairs: Annotated[int, typer.Option(min=0, help="Of a vehicle: so many pairs of jets that look alike.")] = 5,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Validates vehicle and scenario files and says what is wrong, or shows the keys they may have."""
+    """Validates vehicle and scenario files and says what is wrong, or shows the keys they may have.
+
+    Of a good vehicle it also reports how the jets push, which mass properties they show, and which jets look alike.
+    """
     if schema is not None:
         found = keys(Vehicle) if schema is Schema.vehicle else keys(Scenario)
         # a scenario may hold a whole vehicle, whose keys are the other schema's
@@ -185,33 +190,42 @@ def check(
         return
     if not files:
         raise InputError("nothing to check: name a file, or --schema vehicle or --schema scenario")
-    findings = []
+    findings: list[dict[str, Any]] = []
+    lines: list[str] = []
     for name in files:
         try:
-            findings.append({"file": name, "ok": True, "findings": [_checked(name)]})
+            good = _checked(name)
         except InputError as error:
             findings.append({"file": name, "ok": False, "findings": list(error.problems)})
+            lines += error.problems
+            continue
+        about = _about_vehicle(good) if isinstance(good, Vehicle) else _about_scenario(good)
+        findings.append({"file": name, "ok": True, "findings": [about]})
+        lines.append(f"{name}: ok: {about}")
+        if isinstance(good, Vehicle) and not quiet:
+            from massprop_drake.vehicle_report import vehicle_report  # noqa: PLC0415 (loads an optimiser)
+
+            findings[-1]["report"] = vehicle_report(good, pairs)
+            lines += _report_lines(findings[-1]["report"], good.unit_names["force"])
     if as_json:
         _print_json(findings)
     elif not quiet:
-        for finding in findings:
-            for line in finding["findings"]:  # type: ignore[attr-defined]
-                text = f"{finding['file']}: ok: {line}" if finding["ok"] else line
-                Console(highlight=False, soft_wrap=True).print(text, markup=False)
+        for line in lines:
+            Console(highlight=False, soft_wrap=True).print(line, markup=False)
     if not all(finding["ok"] for finding in findings):
         raise typer.Exit(2)
 
 
-def _checked(name: str) -> str:
+def _checked(name: str) -> Vehicle | Scenario:
     """What a good file holds; InputError for a bad one."""
     if name in bundled_vehicles():
-        return _about_vehicle(load_vehicle(name))
+        return load_vehicle(name)
     if name in bundled_scenarios():
-        return _about_scenario(load_scenario(name))
+        return load_scenario(name)
     document = Document(read_text(Path(name)), name)
     if "jets" in document.data or "jet_kinds" in document.data:
-        return _about_vehicle(validated(Vehicle, document.data, document))
-    return _about_scenario(resolved(document.data, document, Path(name).parent))
+        return validated(Vehicle, document.data, document)
+    return resolved(document.data, document, Path(name).parent)
 
 
 def _about_vehicle(vehicle: Vehicle) -> str:
@@ -221,6 +235,47 @@ def _about_vehicle(vehicle: Vehicle) -> str:
 
 def _about_scenario(scenario: Scenario) -> str:
     return f"scenario '{scenario.name}', {scenario.duration_s:g} s, vehicle '{scenario.vehicle_data.name}'"
+
+
+def _report_lines(report: dict[str, Any], force: str) -> list[str]:
+    """A vehicle's report for reading, indented."""
+    control, seen = report["control"], report["observability"]
+    push = (
+        f"cannot push alone: {', '.join(control['missing'])}" if control["missing"] else "pushes in all 12 directions"
+    )
+    condition = "" if control["condition"] is None else f", condition {control['condition']:.1f}"
+    lines = [f"control:     rank {control['rank']} of 6{condition}; {push}"]
+    lines.append(f"observable:  {seen['rank']} of the 10 mass properties by firing each jet alone")
+    for combination in seen["unobservable"]:
+        parts = " ".join(f"{weight:+.2g} {name}" for name, weight in combination.items())
+        lines.append(f"             not: {next(iter(combination)) if len(combination) == 1 else parts}")
+    lines += [f"note:        {note}" for note in report["notes"]]
+    if report["alike"]:
+        lines.append("look alike:  by the angle between what one sample shows of them")
+    for pair in report["alike"]:
+        first, second = pair["jets"]
+        how = f"{first} failing {'off' if pair['opposed'] else 'on'} like {second} failing on"
+        lines.append(f"             {math.degrees(pair['angle_rad']):7.3f} deg  {how}")
+    lines.append(f"isolable:    smallest failure that one sample assigns to its jet, others off, {force}")
+    for kind, words in (("on", "on untold"), ("lost", "lost, firing")):
+        lines.append(f"             {words + ':':<13} {_isolable_words(report['isolable'], kind)}")
+    return [f"  {line}" for line in lines]
+
+
+def _isolable_words(jets: list[dict[str, Any]], kind: str) -> str:
+    """The usual and the worst of all jets' smallest isolable failures."""
+    found = sorted((entry[kind]["force"], entry["jet"], entry[kind]["rival"]) for entry in jets if entry[kind]["force"])
+    rivals = ((entry["jet"], entry[kind]["rival"]) for entry in jets if entry[kind]["force"] is None)
+    never = [f"{jet} (not seen)" if rival is None else f"{jet} (like {rival})" for jet, rival in rivals]
+    parts = []
+    if found:
+        force, jet, rival = found[-1]
+        beside = "" if rival is None else f", like {rival}"
+        parts.append(f"median {median(entry[0] for entry in found):.4g}, largest {force:.4g} ({jet}{beside})")
+    if never:
+        more = f" and {len(never) - 3} more" if len(never) > 3 else ""
+        parts.append(f"never: {', '.join(never[:3])}{more}")
+    return "; ".join(parts)
 
 
 # ---------------------------------------------------------------------------------------- printing

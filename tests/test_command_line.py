@@ -92,6 +92,9 @@ def test_list_names_everything_that_is_bundled(massprop: Massprop) -> None:
     lines = done.out.splitlines()
     for kind, name in (
         ("vehicle", "orbiter"),
+        ("vehicle", "small_satellite"),
+        ("vehicle", "free_flyer"),
+        ("vehicle", "lander"),
         ("scenario", "sample_maneuver"),
         ("scenario", "jet_pulses"),
         ("diagram", "closed_loop"),
@@ -327,7 +330,8 @@ def test_check_says_what_is_in_good_files(massprop: Massprop, toy_data: dict[str
     Path("case.yaml").write_text("name: mine\nvehicle: toy.yaml\nduration_s: 4\n", encoding="utf-8")
     done = massprop("check", "toy.yaml", "case.yaml", "orbiter", "sample_maneuver")
     assert (done.status, done.err) == (0, "")
-    assert done.out.splitlines() == [
+    # a vehicle's report is indented
+    assert [line for line in done.out.splitlines() if not line.startswith(" ")] == [
         "toy.yaml: ok: vehicle 'toy', 12 jets, 1 gyro and 1 accelerometer packages, units si",
         "case.yaml: ok: scenario 'mine', 4 s, vehicle 'toy'",
         "orbiter: ok: vehicle 'orbiter', 44 jets, 1 gyro and 3 accelerometer packages, units us",
@@ -343,13 +347,42 @@ def test_check_finds_every_mistake_of_every_file(massprop: Massprop, toy_data: d
     done = massprop("check", "toy.yaml", "orbiter", "case.yaml", "nowhere.yaml")
     assert done.status == 2
     assert "Traceback" not in done.out + done.err
-    lines = done.out.splitlines()
+    lines = [line for line in done.out.splitlines() if not line.startswith(" ")]
     assert len(lines) == 5
     assert any("jets[0].thrust" in line for line in lines)
     assert any("colour: unknown key" in line for line in lines)
     assert any("case.yaml, line 1: sede: unknown key; did you mean 'seed'?" in line for line in lines)
     assert any("nowhere.yaml: no such file" in line for line in lines)
     assert any(line.startswith("orbiter: ok") for line in lines)
+
+
+def test_check_reports_on_a_vehicle(massprop: Massprop, toy_data: dict[str, Any]) -> None:
+    toy_data["accelerometers"] = []
+    for jet in toy_data["jets"]:
+        jet["direction"] = [abs(part) for part in jet["direction"]]
+    Path("toy.yaml").write_text(yaml.safe_dump(toy_data), encoding="utf-8")
+    done = massprop("check", "toy.yaml", "--pairs", "2")
+    assert (done.status, done.err) == (0, "")
+    first, *lines = done.out.splitlines()
+    assert first.startswith("toy.yaml: ok: vehicle 'toy'")
+    text = "\n".join(lines)
+    assert "control:     rank 6 of 6" in text
+    assert "cannot push alone: " in text
+    assert "translate -x" in text
+    assert "observable:  9 of the 10 mass properties" in text
+    assert "not: m_inv" in text
+    assert "no accelerometer: the mass cannot be observed" in text
+    assert sum(" deg  " in line for line in lines) == 2
+    assert sum("on untold:" in line or "lost, firing:" in line for line in lines) == 2
+
+
+def test_check_reports_on_a_vehicle_as_json(massprop: Massprop) -> None:
+    done = massprop("check", "free_flyer", "sample_maneuver", "--json", "--pairs", "7")
+    assert (done.status, done.err) == (0, "")
+    vehicle, scenario = json.loads(done.out)
+    assert set(vehicle["report"]) == {"control", "observability", "notes", "alike", "isolable"}
+    assert len(vehicle["report"]["alike"]) == 7
+    assert "report" not in scenario
 
 
 def test_check_as_json_and_quiet(massprop: Massprop) -> None:

@@ -66,6 +66,15 @@ PORTS: dict[ModuleType, tuple[dict[str, int], dict[str, int]]] = {
 }
 
 
+def _ports_of(ports: dict[str, int], vehicle: Vehicle) -> dict[str, int]:
+    """The orbiter's ports as another vehicle has them: its own sensors, and sizes by its number of jets."""
+    n = len(vehicle.jets)
+    sizes = {44: n, 7 + 44: 7 + n, 14 + 2 * 44: 14 + 2 * n, 4 + 4 * 44: 4 + 4 * n}
+    # the autopilot has one gyro port, whatever the package is called
+    sensors = dict.fromkeys(vehicle.sensor_names(), 3) if "acc1" in ports else {"gyro": 3} if "gyro" in ports else {}
+    return sensors | {name: sizes.get(size, size) for name, size in ports.items() if name not in SENSORS}
+
+
 def _inputs(dut: Diagram) -> dict[str, int]:
     ports = [dut.get_input_port(InputPortIndex(index)) for index in range(dut.num_input_ports())]
     return {port.get_name(): port.size() for port in ports}
@@ -95,8 +104,8 @@ def test_every_diagram_is_built_for_every_scenario_with_the_documented_ports(
     before = scenario.model_copy(deep=True)
     dut = module.build(scenario)
     inputs, outputs = PORTS[module]
-    assert _inputs(dut) == inputs
-    assert _outputs(dut) == outputs
+    assert _inputs(dut) == _ports_of(inputs, scenario.vehicle_data)
+    assert _outputs(dut) == _ports_of(outputs, scenario.vehicle_data)
     assert dut.get_name() == module.__name__.rpartition(".")[2]
     assert scenario == before  # build reads its configuration and never changes it
 
