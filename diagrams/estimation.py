@@ -48,7 +48,7 @@ def build(scenario: Scenario) -> Diagram:
             mass_status (out, 6), mass_report (out, 8), with an accelerometer: see `MassEstimator`.
         reconfiguration (out, 7 + n_jets), closed (out, n_jets), held_closed (out, n_jets),
             detector_status (out, 14), detector_likelihood (out, n_jets), detector_magnitude (out, n_jets),
-            detector_report (out, 14 + 2 n_jets), detector_memory (out, 4 + 4 n_jets), with a detector: see
+            detector_report (out, 14 + 2 n_jets), detector_memory (out, 10 + 4 n_jets), with a detector: see
             `FailureDetector`.
     """
     vehicle = scenario.vehicle_data

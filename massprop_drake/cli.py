@@ -21,6 +21,7 @@ from massprop_drake.errors import InputError, suggestion
 from massprop_drake.files import require_writable, write_whole
 from massprop_drake.models import Document, Key, keys, read_text, validated
 from massprop_drake.scenario import Scenario, bundled_scenarios, load_scenario, resolved
+from massprop_drake.signals import with_deviation
 from massprop_drake.vehicle import Vehicle, bundled_vehicles, load_vehicle
 
 app = typer.Typer(
@@ -366,7 +367,7 @@ def _print_run(summary: dict[str, Any], vehicle: Vehicle, folder: Path) -> None:
         f"{_number(consistency['translation_nis_mean'])} translation, over {consistency['samples']} samples used"
     )
     console.print(
-        f"autopilot:   {autopilot['firings']} firings, {autopilot['propellant_mass']:.2f} {mass} of propellant"
+        f"autopilot:   {autopilot['firings']} firings, {autopilot['propellant_mass']:.3g} {mass} of propellant"
         + _shortfalls(autopilot)
     )
     for key, words in (("jets_out_of_use", "out of use"), ("jets_left_in", "left in, though in question")):
@@ -387,7 +388,7 @@ def _detected(entry: dict[str, Any], force: str) -> str:
         f"jet {entry['jet']} (cluster {entry['cluster']})" if entry["jet"] else f"a jet of cluster {entry['cluster']}"
     )
     withdrawn = "" if entry["withdrawn_s"] is None else f", withdrawn at {entry['withdrawn_s']:.2f} s"
-    return f"{kind}: {where}, {entry['magnitude']:+.1f} +- {entry['magnitude_std']:.1f} {force}, {when}{withdrawn}"
+    return f"{kind}: {where}, {with_deviation(entry['magnitude'], entry['magnitude_std'])} {force}, {when}{withdrawn}"
 
 
 def _number(value: float | None) -> str:

@@ -34,6 +34,8 @@ _COMPENSATION = {
 }
 
 
+_FORCE_FLOOR = 1e-4  # least 1-sigma of a known force, relative to the strongest jet's
+
 _RULES = {
     "single": redundancy.SINGLE,
     "most_accurate": redundancy.MOST_ACCURATE,
@@ -329,6 +331,6 @@ def detector_settings(scenario: Scenario) -> DetectorSettings:
         alarms_to_declare=detector.reconfigure_after or 0,
         alarm_gap=detector.alarm_gap,
         action=_ACTIONS[detector.on_detection],
-        force_variance_floor=0.01,
+        force_variance_floor=(_FORCE_FLOOR * max(jet.thrust for jet in vehicle.jets)) ** 2,
         manifolds=_manifolds(vehicle) if detector.close_manifold else np.full(len(vehicle.jets), -1),
     )

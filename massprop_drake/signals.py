@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -130,3 +131,9 @@ def in_units(unit: str, names: dict[str, str]) -> str:
 def mass_property_units(names: dict[str, str]) -> tuple[str, ...]:
     """Units of the ten parameters in the vehicle's units."""
     return tuple(in_units(unit, names) for unit in _MASS_PROPERTY_UNITS)
+
+
+def with_deviation(value: float, deviation: float) -> str:
+    """A signed value and its 1-sigma, to two digits of the latter: '+868.810 ± 0.089'."""
+    digits = max(0, 1 - math.floor(math.log10(deviation))) if deviation > 0.0 else 3
+    return f"{value:+.{digits}f} ± {deviation:.{digits}f}"

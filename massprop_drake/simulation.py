@@ -15,6 +15,7 @@ from pydrake.systems.primitives import LogVectorOutput, VectorLogSink
 from massprop_drake import settings as make
 from massprop_drake.diagrams import closed_loop, open_loop
 from massprop_drake.maths import mass_properties
+from massprop_drake.maths.detection import N_SUSPICION
 from massprop_drake.maths.mass_properties import N_ROTATION, MassProperties, symmetric
 from massprop_drake.maths.rigid_body import MASS, POSITION, QUATERNION, RATE, VELOCITY
 from massprop_drake.run import Run
@@ -161,7 +162,7 @@ def _signals(scenario: Scenario, logs: dict[str, Array]) -> dict[str, Array]:
     if "detector_report" in logs:
         n_jets = len(vehicle.jets)
         signals |= _parts(logs["detector_report"], **DETECTOR_STATUS, likelihood=n_jets, failure_magnitude=n_jets)
-        signals |= _parts(logs["detector_memory"][:, 4:], known_force=n_jets, known_force_variance=n_jets)
+        signals |= _parts(logs["detector_memory"][:, N_SUSPICION:], known_force=n_jets, known_force_variance=n_jets)
     for name in vehicle.sensor_names():
         signals[name] = logs[name]
     return signals

@@ -12,10 +12,12 @@ One cycle of the detector (section 4.3 to 4.5 of the thesis, with the rules mark
   at each firing: while jets fire, an alarm must stand out by more [own].
 - A sample that a jet explains, but two jets alike, is not used by the filters [own].
 - While an alarm stands, its signature is taken out of the innovations before the filters use them.
-- Alarms of one cluster that follow each other closely enough declare a failure. Samples that were not
+- Alarms of one cluster that follow each other closely enough, and push the same way, declare a failure: one
+  bad reading enters two increments with opposite signs [own]. Samples that were not
   tested neither count nor break the row. A force that should not
   be there then becomes a known force, followed by a filter of one state [own]; the jets in question are
-  to be taken out of use.
+  to be taken out of use. Where it may as well be that a jet which is told to fire does not, that is
+  declared: nothing then has to be countered, and a jet stuck on shows again when the others rest [own].
 - An alarm about a jet whose force is known already corrects that force; when nothing is left of it the
   declaration is withdrawn [own].
 """
@@ -97,6 +99,7 @@ class DetectorState(NamedTuple):
         alarms: so many in a row have named it.
         since: cycles since the last of them.
         onset_s: end of the last sample before the first of them, s.
+        effect: of the last of them on the innovations, f c, shape (6,).
         force: known force of each jet, lbf or N, shape (n_jets,).
         variance: of it; zero where no force is known, shape (n_jets,).
         removed: 1 for each jet to be taken out of use, shape (n_jets,).
@@ -107,27 +110,31 @@ class DetectorState(NamedTuple):
     alarms: float
     since: float
     onset_s: float
+    effect: Array
     force: Array
     variance: Array
     removed: Array
     closed: Array
 
 
+N_SUSPICION = 10  # of a packed state: what comes before the parts with an element per jet
+
+
 def initial_state(n_jets: int) -> DetectorState:
     """Nothing suspected, nothing known."""
-    return DetectorState(_QUIET, 0.0, 0.0, 0.0, *np.zeros((4, n_jets)))
+    return DetectorState(_QUIET, 0.0, 0.0, 0.0, np.zeros(6), *np.zeros((4, n_jets)))
 
 
 def packed(state: DetectorState) -> Array:
-    """The state as a vector, shape (4 + 4 n_jets,)."""
+    """The state as a vector, shape (10 + 4 n_jets,)."""
     head = [state.cluster, state.alarms, state.since, state.onset_s]
-    return np.concatenate([head, state.force, state.variance, state.removed, state.closed])
+    return np.concatenate([head, state.effect, state.force, state.variance, state.removed, state.closed])
 
 
 def unpacked(vector: Array, n_jets: int) -> DetectorState:
     """The inverse of `packed`."""
-    parts = vector[4:].reshape(4, n_jets)
-    return DetectorState(*vector[:4].tolist(), *parts)
+    parts = vector[N_SUSPICION:].reshape(4, n_jets)
+    return DetectorState(*vector[:4].tolist(), vector[4:N_SUSPICION], *parts)
 
 
 class DetectorSample(NamedTuple):
@@ -286,10 +293,9 @@ def cycle(state: DetectorState, sample: DetectorSample, settings: DetectorSettin
     adaptation = _correction(coefficients[jet], tests, jet, settings)
     if known[jet]:
         state, event = _corrected_force(state, tests, jet, settings)
-        onset_s, alarms = sample.time_s - settings.period_s, 1.0
+        finding = finding._replace(event=event, onset_s=sample.time_s - settings.period_s, alarms=1.0)
     else:
-        state, onset_s, alarms, event = _counted(state, tests, isolation, sample, settings)
-    finding = finding._replace(event=event, onset_s=onset_s, alarms=alarms)
+        state, finding = _counted(state, tests, finding, coefficients[jet], sample, settings)
     return DetectorCycle(state, tests, finding, adaptation)
 
 
@@ -334,35 +340,47 @@ def _correction(signature: Array, tests: JetTests, jet: int, settings: DetectorS
 def _counted(
     state: DetectorState,
     tests: JetTests,
-    isolation: Isolation,
+    finding: Finding,
+    signature: Array,
     sample: DetectorSample,
     settings: DetectorSettings,
-) -> tuple[DetectorState, float, float, int]:
+) -> tuple[DetectorState, Finding]:
     """Counts an alarm, and declares the failure when there are enough in a row."""
-    jet, cluster = isolation.jet, float(isolation.cluster)
-    if state.cluster == cluster:
-        state = state._replace(alarms=state.alarms + 1.0, since=0.0)
-    else:
-        onset_s = sample.time_s - settings.period_s
-        state = state._replace(cluster=cluster, alarms=1.0, since=0.0, onset_s=onset_s)
-    onset_s, alarms = state.onset_s, state.alarms
-    known_already = state.removed[jet] != 0.0 and tests.magnitude[jet] < 0.0  # declared, but still in use
-    if settings.alarms_to_declare == 0 or state.alarms < settings.alarms_to_declare or known_already:
-        return state, onset_s, alarms, NOTHING
-    force, variance, removed = state.force.copy(), state.variance.copy(), state.removed.copy()
+    jet, cluster = finding.isolation.jet, float(finding.isolation.cluster)
+    effect = finding.magnitude * signature
+    confirms = state.cluster == cluster and float(effect @ sample.information @ state.effect) > 0.0
+    onset_s = state.onset_s if confirms else sample.time_s - settings.period_s
+    alarms = state.alarms + 1.0 if confirms else 1.0
+    state = state._replace(cluster=cluster, alarms=alarms, since=0.0, onset_s=onset_s, effect=effect)
+    finding = finding._replace(onset_s=onset_s, alarms=alarms)
+    known_already = state.removed[jet] != 0.0 and finding.magnitude < 0.0  # declared, but still in use
+    if settings.alarms_to_declare == 0 or alarms < settings.alarms_to_declare or known_already:
+        return state, finding
     # the jets that the data cannot tell apart are in question together
-    alike = (settings.clusters == isolation.cluster) & (tests.likelihood >= tests.likelihood[jet] - settings.margin)
+    alike = (settings.clusters == finding.isolation.cluster) & (
+        tests.likelihood >= tests.likelihood[jet] - settings.margin
+    )
+    missing = alike & (tests.magnitude < 0.0)
+    if finding.magnitude > 0.0 and missing.any():
+        jet = int(np.where(missing, tests.likelihood, -1.0).argmax())
+        finding = finding._replace(
+            isolation=finding.isolation._replace(jet=jet),
+            magnitude=float(tests.magnitude[jet]),
+            magnitude_std=float(np.sqrt(tests.variance[jet])),
+            unexplained=float(tests.unexplained[jet]),
+        )
+    force, variance, removed = state.force.copy(), state.variance.copy(), state.removed.copy()
     manifold = settings.manifolds[jet]
     closed = state.closed
     if manifold >= 0:
         alike |= settings.manifolds == manifold
         closed = np.where(settings.manifolds == manifold, 1.0, closed)
     removed[alike] = 1.0
-    if tests.magnitude[jet] > 0.0 and manifold < 0:
-        force[jet] = tests.magnitude[jet]
+    if finding.magnitude > 0.0 and manifold < 0:
+        force[jet] = finding.magnitude
         variance[jet] = max(float(tests.variance[jet]), settings.force_variance_floor)
     state = _unsuspecting(state)._replace(force=force, variance=variance, removed=removed, closed=closed)
-    return state, onset_s, alarms, DECLARED
+    return state, finding._replace(event=DECLARED)
 
 
 def _corrected_force(

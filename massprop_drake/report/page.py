@@ -15,7 +15,7 @@ from massprop_drake.models import yaml_text
 from massprop_drake.report import events
 from massprop_drake.report.panels import panels
 from massprop_drake.run import Run
-from massprop_drake.signals import SYMBOLS, WINDOW_COLOUR, mass_property_units
+from massprop_drake.signals import SYMBOLS, WINDOW_COLOUR, mass_property_units, with_deviation
 from massprop_drake.summary import from_names
 
 
@@ -160,7 +160,7 @@ def _detection(entry: dict[str, Any], force: str) -> dict[str, str]:
         "cluster": "" if entry["cluster"] is None else str(entry["cluster"]),
         "magnitude": ""
         if entry["magnitude"] is None
-        else f"{entry['magnitude']:+.1f} ± {entry['magnitude_std']:.1f} {force}",
+        else f"{with_deviation(entry['magnitude'], entry['magnitude_std'])} {force}",
         "sure": f"{sure} after {entry['alarms']} alarm{'s' if entry['alarms'] != 1 else ''}",
         "withdrawn": "" if entry["withdrawn_s"] is None else f"withdrawn at {entry['withdrawn_s']:.2f} s",
     }

@@ -57,9 +57,9 @@ class FailureDetector(LeafSystem):
         likelihood (out, n_jets): argument of every jet, NaN where the sample was not tested.
         magnitude (out, n_jets): estimated magnitude of every jet, lbf or N, likewise.
         report (out, 14 + 2 n_jets): status, likelihood and magnitude in one, for logs.
-        memory (out, 4 + 4 n_jets): the state. No feedthrough.
+        memory (out, 10 + 4 n_jets): the state. No feedthrough.
 
-    State: memory (4 + 4 n_jets): see `maths.detection.packed`.
+    State: memory (10 + 4 n_jets): see `maths.detection.packed`.
 
     Timing: outputs at t_k judge the interval [t_k-1, t_k) with predictions made before it.
 

@@ -39,7 +39,7 @@ def test_every_parameter_has_its_row(html: str, failed_run: Run) -> None:
 
 def test_a_detection_says_when_what_how_much_and_how_sure(html: str, failed_run: Run) -> None:
     entry = failed_run.summary["detections"][0]
-    row = html[html.index("<td>jet R4R: on</td>") :].split("</tr>")[0]
+    row = html[html.index("<td>jet R4R: on</td>") :].split("</tr>", maxsplit=1)[0]
     assert f"{entry['time_s']:.2f} s" in row
     assert f"{entry['magnitude']:+.1f}" in row
     assert f"after {entry['alarms']} alarms" in row
@@ -88,7 +88,7 @@ def test_names_from_files_do_no_harm(tmp_path: Path, toy_data: dict[str, Any]) -
     scenario = load_scenario("jet_pulses").model_copy(
         update={"vehicle": vehicle, "jet_schedule": (), "duration_s": 1.0, "description": f"'{evil}\""}
     )
-    folder = tmp_path / "it's \"quoted\" & <b>"
+    folder = tmp_path / 'it\'s "quoted" & <b>'
     folder.mkdir()
     html = write_report(simulate(scenario), folder / "report.html").read_text(encoding="utf-8")
     assert evil not in html
@@ -125,7 +125,9 @@ def test_one_cursor_moves_all_plots(opened: Any, failed_run: Run, tmp_path: Path
 
 def test_a_zoom_in_one_plot_is_a_zoom_in_all(opened: Any, failed_run: Run, tmp_path: Path) -> None:
     page = opened(write_report(failed_run, tmp_path / "report.html")).page
-    page.evaluate("Plotly.relayout(document.querySelector('#plot-rate .js-plotly-plot'), {'xaxis.range[0]': 1, 'xaxis.range[1]': 2})")
+    page.evaluate(
+        "Plotly.relayout(document.querySelector('#plot-rate .js-plotly-plot'), {'xaxis.range[0]': 1, 'xaxis.range[1]': 2})"
+    )
     page.wait_for_function(
         "[...document.querySelectorAll('.js-plotly-plot')].every(p => Math.abs(p._fullLayout.xaxis.range[1] - 2) < 1e-6)"
     )
