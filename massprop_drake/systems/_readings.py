@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,8 +12,6 @@ from pydrake.systems.framework import LeafSystem
 from massprop_drake.maths.sensing import unsaturated
 
 Array = NDArray[np.float64]
-
-_MISSING = np.full(3, np.nan)
 
 
 class Package(NamedTuple):
@@ -46,6 +45,9 @@ class Readings:
         """
         readings = np.empty((len(self.ports), 3))
         for index, (port, package) in enumerate(zip(self.ports, self._packages, strict=True)):
-            there = index == 0 or port.HasValue(context)
-            readings[index] = unsaturated(port.Eval(context), package.limit) if there else _MISSING
+            if index == 0 or port.HasValue(context):
+                reading = port.Eval(context)
+                readings[index] = reading if package.limit == math.inf else unsaturated(reading, package.limit)
+            else:
+                readings[index] = math.nan
         return readings

@@ -134,7 +134,7 @@ class MassEstimator(LeafSystem):
             sensitivity = context.get_discrete_state(self._sensitivity).CopyToVector()
         return MassState(float(estimate[0]), float(estimate[1]), window, sensitivity)
 
-    def _measure(self, context: Any) -> MassMeasurement:
+    def _measure(self, context: Any) -> tuple[MassMeasurement, Array]:
         rate_sample = self._rate_sample.Eval(context)
         estimate = context.get_discrete_state(self._estimate).CopyToVector()
         covariance = self._predicted_covariance.Eval(context).reshape(N_ROTATION, N_ROTATION)
@@ -152,17 +152,23 @@ class MassEstimator(LeafSystem):
             center=self._predicted.Eval(context)[6:],
             center_covariance=covariance[6:, 6:],
         )
-        return self.stopwatch.measure(
+        velocities = self._accelerometers.eval(context)
+        measurement = self.stopwatch.measure(
             mass_filter.measure,
             self._state(context),
             estimate[2 : self._window].reshape(-1, 3),
-            self._accelerometers.eval(context),
+            velocities,
             extra_noise,
             rotation,
             self._impulses.Eval(context)[3:6],
             self._settings,
             thrust_errors,
         )
+        return measurement, velocities
+
+    def _measured(self, context: Any) -> MassMeasurement:
+        measurement: MassMeasurement = self._measurement.get(self, context)[0]
+        return measurement
 
     def _finish(self, context: Any) -> MassCycle:
         adaptation = NO_ADAPTATION
@@ -172,7 +178,7 @@ class MassEstimator(LeafSystem):
         return self.stopwatch.measure(
             mass_filter.finish,
             self._state(context),
-            self._measurement.get(self, context),
+            self._measured(context),
             impulses[6] != 0.0,
             impulses[7] != 0.0,
             adaptation,
@@ -180,17 +186,17 @@ class MassEstimator(LeafSystem):
         )
 
     def _calc_effects(self, context: Any, output: Any) -> None:
-        effects = self._measurement.get(self, context).innovation.effects
+        effects = self._measured(context).innovation.effects
         output.SetFromVector(np.zeros(output.size()) if effects is None else effects.ravel())
 
     def _calc_innovation(self, context: Any, output: Any) -> None:
-        output.SetFromVector(self._measurement.get(self, context).innovation.innovation)
+        output.SetFromVector(self._measured(context).innovation.innovation)
 
     def _calc_innovation_covariance(self, context: Any, output: Any) -> None:
-        output.SetFromVector(self._measurement.get(self, context).innovation.covariance.ravel())
+        output.SetFromVector(self._measured(context).innovation.covariance.ravel())
 
     def _calc_judged(self, context: Any, output: Any) -> None:
-        innovation = self._measurement.get(self, context).innovation
+        innovation = self._measured(context).innovation
         vector = np.empty(12)
         vector[:3], vector[3:] = innovation.innovation, innovation.covariance.ravel()
         output.SetFromVector(vector)
@@ -207,13 +213,13 @@ class MassEstimator(LeafSystem):
         output.SetFromVector(np.array([state.mass_reciprocal, state.variance, *self._status(context)]))
 
     def _status(self, context: Any) -> list[float]:
-        innovation = self._measurement.get(self, context).innovation
+        innovation = self._measured(context).innovation
         cycle = self._cycle.get(self, context)
         return [*innovation.innovation, innovation.nis, cycle.used, cycle.jumped]
 
     def _update(self, context: Any, state: Any) -> None:
         after = self._cycle.get(self, context).state
-        readings = self._accelerometers.eval(context).ravel()
+        readings = self._measurement.get(self, context)[1].ravel()
         state.set_value(
             self._estimate,
             np.concatenate([[after.mass_reciprocal, after.variance], readings, after.window.ravel()]),

@@ -137,7 +137,7 @@ class RotationEstimator(LeafSystem):
         sensitivity = context.get_discrete_state(self._sensitivity).CopyToVector().reshape(N_ROTATION, -1)
         return RotationState(estimate, covariance, sensitivity)
 
-    def _measure(self, context: Any) -> RotationMeasurement:
+    def _measure(self, context: Any) -> tuple[RotationMeasurement, Array]:
         impulses = self._impulses.Eval(context)
         memory = context.get_discrete_state(self._memory).CopyToVector()
         extra_noise, acting, thrust_errors = None, impulses[7] != 0.0, None
@@ -147,12 +147,13 @@ class RotationEstimator(LeafSystem):
                 extra_noise, acting = known[15:].reshape(3, 3), True
         if self._thrust_errors is not None:
             thrust_errors = self._mean_level.Eval(context)[:, None] * self._thrust_errors
-        return self.stopwatch.measure(
+        rates = self._gyros.eval(context)
+        measurement = self.stopwatch.measure(
             rotation_filter.measure,
             self._state(context),
             memory[1:].reshape(-1, 3),
             memory[0] != 0.0,
-            self._gyros.eval(context),
+            rates,
             extra_noise,
             impulses[:3],
             impulses[3:6],
@@ -160,12 +161,17 @@ class RotationEstimator(LeafSystem):
             self._settings,
             thrust_errors,
         )
+        return measurement, rates
+
+    def _measured(self, context: Any) -> RotationMeasurement:
+        measurement: RotationMeasurement = self._measurement.get(self, context)[0]
+        return measurement
 
     def _finish(self, context: Any) -> RotationCycle:
         adaptation = NO_ADAPTATION
         if self._adaptation.HasValue(context):
             adaptation = unpacked(self._adaptation.Eval(context))
-        measurement = self._measurement.get(self, context)
+        measurement = self._measured(context)
         # a known force alone is no reason to learn: it may have ceased
         usable = bool(self._impulses.Eval(context)[6:8].all())
         return self.stopwatch.measure(
@@ -173,21 +179,21 @@ class RotationEstimator(LeafSystem):
         )
 
     def _calc_rate_sample(self, context: Any, output: Any) -> None:
-        sample = self._measurement.get(self, context).sample
+        sample = self._measured(context).sample
         output.SetFromVector(np.array([*sample.increment, *sample.rate, sample.gyro_variance]))
 
     def _calc_effects(self, context: Any, output: Any) -> None:
-        effects = self._measurement.get(self, context).innovation.effects
+        effects = self._measured(context).innovation.effects
         output.SetFromVector(np.zeros(output.size()) if effects is None else effects.ravel())
 
     def _calc_innovation(self, context: Any, output: Any) -> None:
-        output.SetFromVector(self._measurement.get(self, context).innovation.innovation)
+        output.SetFromVector(self._measured(context).innovation.innovation)
 
     def _calc_innovation_covariance(self, context: Any, output: Any) -> None:
-        output.SetFromVector(self._measurement.get(self, context).innovation.covariance.ravel())
+        output.SetFromVector(self._measured(context).innovation.covariance.ravel())
 
     def _calc_judged(self, context: Any, output: Any) -> None:
-        innovation = self._measurement.get(self, context).innovation
+        innovation = self._measured(context).innovation
         vector = np.empty(12)
         vector[:3], vector[3:] = innovation.innovation, innovation.covariance.ravel()
         output.SetFromVector(vector)
@@ -211,14 +217,14 @@ class RotationEstimator(LeafSystem):
 
     def _status(self, context: Any) -> Array:
         cycle = self._cycle.get(self, context)
-        before = self._measurement.get(self, context).innovation
+        before = self._measured(context).innovation
         return np.array([*before.innovation, before.nis, cycle.used, cycle.jumped, before.subtract_coupling])
 
     def _update(self, context: Any, state: Any) -> None:
         after = self._cycle.get(self, context).state
-        subtract_coupling = self._measurement.get(self, context).innovation.subtract_coupling
+        measurement, rates = self._measurement.get(self, context)
         state.set_value(self._estimate, after.estimate)
         state.set_value(self._covariance, after.covariance.ravel())
-        state.set_value(self._memory, np.append(subtract_coupling, self._gyros.eval(context)))
+        state.set_value(self._memory, np.append(measurement.innovation.subtract_coupling, rates))
         if self._thrust_errors is not None:
             state.set_value(self._sensitivity, after.sensitivity.ravel())
