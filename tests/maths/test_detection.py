@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from functools import cache
 from typing import Any
 
 import numpy as np
 import pytest
+from settings_probe import detector_settings_of as settings_of
 
 from massprop_drake.maths import adaptation
 from massprop_drake.maths.detection import (
@@ -30,8 +30,6 @@ from massprop_drake.maths.detection import (
 )
 from massprop_drake.maths.jet_failures import signatures
 from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError
-from massprop_drake.scenario import load_scenario
-from massprop_drake.settings import detector_settings
 from massprop_drake.vehicle import Vehicle
 
 PERIOD_S = 0.08
@@ -39,14 +37,9 @@ N = 44
 # indices of jets: 29 and its neighbour 30, 11, the vernier 39 and the primaries 9 and 10 beside it
 STUCK, NEIGHBOUR, LOST, VERNIER, BESIDE_VERNIER = 28, 29, 10, 38, (8, 9)
 VELOCITY_VARIANCE, RATE_VARIANCE = 0.0344**2 / 6.0, 1.52e-6**2 / 6.0  # section 5.5 of the thesis
+LIMITS = np.array([0.02, 1.0, 0.2])  # of convergence: diagonal, ft, mass reciprocal
 QUIET = np.zeros(6)
 FIRING = {"command": np.eye(N)[0], "firing": True}  # jet 1 is on
-
-
-@cache
-def settings_of(*overrides: str) -> DetectorSettings:
-    """The detector of a bundled scenario, with overrides."""
-    return detector_settings(load_scenario("stuck_on_29", list(overrides)))
 
 
 class Bench:
@@ -63,32 +56,34 @@ class Bench:
         self.state = initial_state(N)
         self.number = 0  # of the sample
 
-    def sample(self, innovation: Array, **changes: Any) -> DetectorSample:
-        """A sample while coasting, but for the changes."""
-        translation, rotation = VELOCITY_VARIANCE * np.eye(3), RATE_VARIANCE * np.eye(3)
-        values: dict[str, Any] = {
+    @property
+    def sure(self) -> Array:
+        """S of estimates as good as exact; a variance of zero would say that nothing was ever measured."""
+        return np.diag(np.append((1e-9 * self.properties[:3]) ** 2, np.zeros(6)))
+
+    def given(self, innovation: Array, **changes: Any) -> dict[str, Any]:
+        """What the filters hand over while coasting, sure of their estimates, but for the changes."""
+        properties = changes.pop("mass_properties", self.properties)
+        return {
             "time_s": self.number * PERIOD_S,
             "command": np.zeros(N),
             "usable": True,
             "firing": False,
-            "converged": True,
             "translation": innovation[:3],
             "rotation": innovation[3:],
-            "translation_covariance": translation,
-            "rotation_covariance": rotation,
-            "mass_properties": self.properties,
-            "state_covariance": np.zeros((9, 9)),
-            "mass_variance": 0.0,
+            "translation_covariance": VELOCITY_VARIANCE * np.eye(3),
+            "rotation_covariance": RATE_VARIANCE * np.eye(3),
+            "rotation_estimate": properties[:9],
+            "state_covariance": self.sure,
+            "mass_estimate": np.array([properties[9], (1e-9 * properties[9]) ** 2]),
+            "limits": LIMITS,
             **changes,
         }
-        for name in ("translation", "rotation"):
-            values[f"{name}_information"] = np.linalg.inv(values[f"{name}_covariance"])
-        return DetectorSample(**values)
 
     def step(self, innovation: Array, **changes: Any) -> DetectorCycle:
         """The next cycle."""
         self.number += 1
-        result = cycle(self.state, self.sample(innovation, **changes), self.settings)
+        result = judged(self.state, **self.given(innovation, **changes), settings=self.settings)
         self.state = result.state
         return result
 
@@ -224,7 +219,7 @@ def test_a_jet_that_is_on_gives_no_more_than_it_should_by_the_mirror_rule_alone(
     "reason",
     [
         {"usable": False},
-        {"converged": False},
+        {"limits": np.zeros(3)},
         {"translation": np.full(3, np.nan)},
         {"rotation": np.full(3, np.nan)},
     ],
@@ -255,9 +250,12 @@ def test_what_was_handed_in_is_not_changed(bench: Bench) -> None:
     bench.declare(STUCK, 868.8)
     before = packed(bench.state).copy()
     state = bench.state
-    cycle(state, bench.sample(3.0 * bench.signatures[STUCK]), bench.settings)
-    cycle(state, bench.sample(-500.0 * bench.signatures[STUCK]), bench.settings)
-    cycle(state, bench.sample(300.0 * bench.signatures[0]), bench.settings._replace(alarms_to_declare=1))
+    for innovation, settings in (
+        (3.0 * bench.signatures[STUCK], bench.settings),
+        (-500.0 * bench.signatures[STUCK], bench.settings),
+        (300.0 * bench.signatures[0], bench.settings._replace(alarms_to_declare=1)),
+    ):
+        judged(state, **bench.given(innovation), settings=settings)
     np.testing.assert_array_equal(packed(state), before)
 
 
@@ -658,11 +656,11 @@ def test_another_failure_is_found_while_a_force_is_known(bench: Bench) -> None:
 def test_uncertain_estimates_keep_the_detector_from_naming_the_neighbour(orbiter: Vehicle) -> None:
     # the arms of the aft jets are believed 1.08 ft short, which is one sigma: jet 30 seems to have the arm
     # of jet 29
-    spread = np.zeros((9, 9))
+    spread = Bench(orbiter).sure
     spread[6, 6] = 1.08**2
     believed = orbiter.nominal.vector()
     believed[6] -= 1.08
-    about = {"mass_properties": believed, "state_covariance": spread}
+    about = {"mass_properties": believed, "state_covariance": spread, "limits": 2.0 * LIMITS}
     unaware = Bench(orbiter, unexplained_limit=np.inf).failing(STUCK, 868.8, **about).finding
     assert (unaware.isolation.jet, unaware.jet_isolated) == (NEIGHBOUR, True)
     aware = Bench(orbiter, signature_uncertainty=True).failing(STUCK, 868.8, **about).finding
@@ -675,23 +673,14 @@ def test_uncertain_estimates_keep_the_detector_from_naming_the_neighbour(orbiter
 
 
 def filters(bench: Bench, innovation: Array, **changes: Any) -> dict[str, Any]:
-    """What the filters hand to the detector."""
+    """What filters hand over that know their estimates to a part in a thousand or a hundred."""
     deviation = np.concatenate([0.001 * bench.properties[:3], np.full(3, 1e-10), np.full(3, 0.01)])
-    return {
+    unsure = {
         "time_s": 1.6,
-        "command": np.zeros(N),
-        "usable": True,
-        "firing": False,
-        "translation": innovation[:3],
-        "rotation": innovation[3:],
-        "translation_covariance": VELOCITY_VARIANCE * np.eye(3),
-        "rotation_covariance": RATE_VARIANCE * np.eye(3),
-        "rotation_estimate": bench.properties[:9],
         "state_covariance": np.diag(deviation**2),
         "mass_estimate": np.array([bench.properties[9], (0.01 * bench.properties[9]) ** 2, 1.0, 2.0]),
-        "limits": np.array([0.02, 1.0, 0.2]),
-        **changes,
     }
+    return bench.given(innovation, **(unsure | changes))
 
 
 def test_what_the_filters_know_makes_the_sample(orbiter: Vehicle) -> None:
@@ -699,9 +688,16 @@ def test_what_the_filters_know_makes_the_sample(orbiter: Vehicle) -> None:
     innovation = 868.8 * bench.signatures[STUCK] + bench.unexplained(STUCK, 3.0)
     given = filters(bench, innovation)
     ours = judged(bench.state, **given, settings=bench.settings)
-    sample = bench.sample(
-        innovation,
+    covariance = np.diag([VELOCITY_VARIANCE] * 3 + [RATE_VARIANCE] * 3)
+    sample = DetectorSample(
         time_s=1.6,
+        command=np.zeros(N),
+        firing=False,
+        innovation=innovation,
+        covariance=covariance,
+        information=np.linalg.inv(covariance),
+        thrust_errors=False,
+        mass_properties=bench.properties,
         state_covariance=given["state_covariance"],
         mass_variance=float(given["mass_estimate"][1]),
     )
