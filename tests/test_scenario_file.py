@@ -14,6 +14,7 @@ import yaml
 from massprop_drake import InputError, Scenario, load_scenario, simulate
 from massprop_drake.models import Model, digest, yaml_text
 from massprop_drake.scenario import bundled_scenarios, resolved
+from massprop_drake.settings import thrust_factors
 
 DATA = Path(__file__).parent / "data"
 MANEUVER = "maneuver:\n  - {controller: rhc, axis: +x, start_s: 1, end_s: 3}\n"
@@ -93,14 +94,15 @@ def test_one_of_everything_runs(tmp_path: Path, toy_data: dict[str, Any]) -> Non
     path = tmp_path / "one_of_everything.yaml"
     shutil.copy(DATA / "one_of_everything.yaml", path)
     scenario = load_scenario(path)
-    assert _unset(scenario) == ["jet_schedule", "detector.kind"]  # a new field belongs into the file
+    left_out = ["jet_schedule", "estimation.given.covariance", "detector.kind"]
+    assert _unset(scenario) == left_out  # a new field belongs into the file
     run = simulate(scenario)
     assert run.time_s.size == 21
     assert run["command"].any()
     # what was asked for arrives: nothing is used up, the mass is the true one until 1 kg docks at 1 s, which the
     # sample after shows; thrust is instantaneous, and only the first six jets fail
     np.testing.assert_array_equal(run["truth"][:, 9], [1.0 / 110.0] * 11 + [1.0 / 111.0] * 10)
-    full = np.array([jet.thrust for jet in scenario.vehicle_data.jets])
+    full = np.array([jet.thrust for jet in scenario.vehicle_data.jets]) * thrust_factors(scenario)
     np.testing.assert_array_equal(run["thrust"][:, 6:], (run["command"] * full)[:, 6:])
     assert run["thrust"][12, 0] == full[0]
     np.testing.assert_allclose(run["thrust"][14, 3] - run["command"][14, 3] * full[3], 0.2, rtol=1e-12)

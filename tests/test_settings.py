@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from massprop_drake import Scenario, load_scenario
 from massprop_drake import settings as make
@@ -18,6 +19,13 @@ from massprop_drake.scenario import JetPulse, resolved
 def _pulses(*pulses: tuple[str, float, float]) -> Scenario:
     schedule = [{"jet": jet, "start_s": start_s, "end_s": end_s} for jet, start_s, end_s in pulses]
     return resolved({"duration_s": 2.0, "jet_schedule": schedule})
+
+
+def _initial_deviation(scenario: Scenario) -> NDArray[np.float64]:
+    """1-sigma of the ten parameters at the start, which nothing correlates."""
+    covariance = make.initial_covariance(scenario)
+    np.testing.assert_array_equal(covariance, np.diag(covariance.diagonal()))
+    return np.sqrt(covariance.diagonal())
 
 
 @pytest.mark.parametrize(
@@ -49,15 +57,15 @@ def test_what_the_filters_start_from(sample_maneuver: Scenario) -> None:
     nominal = sample_maneuver.vehicle_data.nominal.vector()
     np.testing.assert_array_equal(make.initial_estimate(sample_maneuver), np.zeros(10))
     # 100 % of the nominal values, and no floors
-    np.testing.assert_allclose(make.initial_deviation(sample_maneuver), np.abs(nominal), rtol=1e-15)
+    np.testing.assert_allclose(_initial_deviation(sample_maneuver), np.abs(nominal), rtol=1e-15)
     default = load_scenario("sample_maneuver", ["estimation={}"])
     np.testing.assert_array_equal(make.initial_estimate(default), nominal)
-    deviation = make.initial_deviation(default)
+    deviation = _initial_deviation(default)
     np.testing.assert_allclose(deviation[[0, 1, 2, 9]], 0.3 * nominal[[0, 1, 2, 9]], rtol=1e-15)
     assert deviation[5] == pytest.approx(0.3 * math.sqrt(nominal[0] * nominal[1]), rel=1e-14)
     assert deviation[7] == default.vehicle_data.center_of_mass_floor  # 30 % of 0.07 ft would be less
     zero = load_scenario("sample_maneuver", ["estimation={start: zero}"])
-    np.testing.assert_allclose(make.initial_deviation(zero)[0], nominal[0], rtol=1e-15)
+    np.testing.assert_allclose(_initial_deviation(zero)[0], nominal[0], rtol=1e-15)
 
 
 def test_settings_of_the_rotation_filter() -> None:
@@ -104,14 +112,18 @@ def test_lags_are_used_where_they_are_asked_for() -> None:
 
 
 def test_packages_in_use(toy_data: dict[str, Any]) -> None:
-    assert make.accelerometer(load_scenario("sample_maneuver")).name == "acc2"  # the vehicle's preferred one
-    assert make.accelerometer(load_scenario("sample_maneuver", ["sensors.accelerometer=acc3"])).name == "acc3"
+    assert [package.name for package in make.accelerometers(load_scenario("sample_maneuver"))] == [
+        "acc2",
+        "acc1",
+        "acc3",
+    ]  # the vehicle's preferred one
+    assert make.accelerometers(load_scenario("sample_maneuver", ["sensors.accelerometer=acc3"]))[0].name == "acc3"
     toy_data["gyros"].append({"name": "spare", "quantum": 1e-5})
     assert make.gyro(resolved({"vehicle": toy_data})).name == "gyro"
     assert make.gyro(resolved({"vehicle": toy_data, "sensors": {"gyro": "spare"}})).name == "spare"
-    assert make.accelerometer(resolved({"vehicle": toy_data})).name == "acc"  # the first
+    assert make.accelerometers(resolved({"vehicle": toy_data}))[0].name == "acc"  # the first
     del toy_data["accelerometers"]
-    assert make.accelerometer(resolved({"vehicle": toy_data})) is None
+    assert make.accelerometers(resolved({"vehicle": toy_data})) == ()
 
 
 def test_sensor_errors_are_those_of_the_vehicle_and_the_scenario() -> None:

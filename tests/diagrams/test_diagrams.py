@@ -60,7 +60,7 @@ ESTIMATION_OUT = {
 PORTS: dict[ModuleType, tuple[dict[str, int], dict[str, int]]] = {
     vehicle: ({"command": 44, "held_command": 44, "closed": 44, "held_closed": 44}, VEHICLE_OUT),
     autopilot: ({"gyro": 3, "estimate": 10, "converged": 1, "reconfiguration": 7 + 44}, AUTOPILOT_OUT),
-    estimation: ({"jet_commands": 44, **SENSORS}, ESTIMATION_OUT),
+    estimation: ({"jet_commands": 44, "outside_wrench": 6, **SENSORS}, ESTIMATION_OUT),
     closed_loop: ({}, {**VEHICLE_OUT, **AUTOPILOT_OUT, **ESTIMATION_OUT}),
     open_loop: ({}, {**VEHICLE_OUT, "command": 44, "held_command": 44, **ESTIMATION_OUT}),
 }
@@ -119,6 +119,9 @@ def test_no_sensor_may_take_the_name_of_a_port_or_a_part(sample_maneuver: Scenar
     """Two ports or parts of one name cannot be built; the history file uses `file` and `_...` itself."""
     taken = {"file", "_description", *ESTIMATION_OUT, *VEHICLE_OUT, *PORTS[estimation][0], *AUTOPILOT_OUT}
     taken |= {system.get_name() for system in vehicle.build(sample_maneuver).GetSystems()}
+    considerate = load_scenario("sample_maneuver", ["estimation.thrust_uncertainty=0.01"])
+    for part in estimation.build(considerate).GetSystems():  # beside the sensors' ports
+        taken |= {part.get_input_port(InputPortIndex(index)).get_name() for index in range(part.num_input_ports())}
     data = sample_maneuver.vehicle_data.model_dump(mode="json")
     accepted = []
     for name in sorted(taken - set(SENSORS)):
@@ -145,13 +148,14 @@ def test_the_autopilot_answers_a_reading_at_once_and_holds_its_answer(sample_man
 
 def test_estimates_at_a_sample_include_its_readings(sample_maneuver: Scenario) -> None:
     dut = estimation.build(sample_maneuver)
-    # through the detector either filter's update depends on both sensors; acc1 and acc3 are not in use
+    # through the detector either filter's update depends on all sensors: where acc2 is missing, others are used
+    known = {"jet_commands", "outside_wrench"}
     for name in ("rotation_estimate", "mass_estimate", "estimate", "reconfiguration"):
-        assert _depends_on(dut, name) == {"gyro", "acc2", "jet_commands"}, name
-    assert _depends_on(dut, "rotation_innovation") == {"gyro", "jet_commands"}
-    assert _depends_on(dut, "mass_innovation") == {"gyro", "acc2", "jet_commands"}
+        assert _depends_on(dut, name) == {*SENSORS, *known}, name
+    assert _depends_on(dut, "rotation_innovation") == {"gyro", *known}
+    assert _depends_on(dut, "mass_innovation") == {*SENSORS, *known}
     assert _depends_on(dut, "held_closed") == set()
-    assert _depends_on(dut, "impulses") == {"jet_commands"}
+    assert _depends_on(dut, "impulses") == known
 
 
 # ------------------------------------------------------------------------------------------- timing

@@ -30,9 +30,12 @@ def _impulses(dut: ImpulseModel, context: Any, command: list[float]) -> np.ndarr
 
 def test_topology() -> None:
     dut, context = _dut()
-    assert inputs(dut) == {"jet_commands": 2, "known_force": 24}
-    assert outputs(dut) == {"impulses": 8}
-    assert feedthrough(dut) == {"impulses": {"jet_commands", "known_force"}}
+    assert inputs(dut) == {"jet_commands": 2, "known_force": 24, "outside_wrench": 6}
+    assert outputs(dut) == {"impulses": 8, "mean_level": 2}
+    assert feedthrough(dut) == {
+        "impulses": {"jet_commands", "known_force", "outside_wrench"},
+        "mean_level": {"jet_commands", "outside_wrench"},
+    }
     assert context.get_discrete_state(0).size() == 4
 
 

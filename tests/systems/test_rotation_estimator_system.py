@@ -2,31 +2,22 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
 import pytest
+from settings_probe import rotation_settings
 from systems_probe import PERIOD_S, advance, feedthrough, inputs, outputs
 
 from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
-from massprop_drake.maths.rotation_filter import HYBRID, IGNORE, SUBTRACT, RotationSettings
-from massprop_drake.systems.rotation_estimator import Package, RotationEstimator
+from massprop_drake.maths.rotation_filter import HYBRID, SUBTRACT
+from massprop_drake.systems._readings import Package
+from massprop_drake.systems.rotation_estimator import RotationEstimator
 
 # inverse inertia diag(0.5, 0.25, 0.2), centre of mass (1, 0, 0), 1-sigma 0.1 each
 ESTIMATE = np.array([0.5, 0.25, 0.2, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0])
 VARIANCE = 0.01
 READING_VARIANCE = 5e-4  # so that of an increment is 1e-3
-SETTINGS = RotationSettings(
-    period_s=PERIOD_S,
-    second_order=True,
-    coupling=IGNORE,
-    coupling_limit=50.0,
-    jump_threshold=math.inf,
-    jump_covariance=np.zeros((9, 9)),
-    process_noise=np.zeros((9, 9)),
-    disturbance_covariance=np.zeros((3, 3)),
-)
 # 2 about x, no force: h = (0.5 x 2, 0, 0), H = A_6((2, 0, 0)), curvature 0
 TWIST = [2.0, 0.0, 0.0, 0.0, 0.0, 0.0]
 COAST = [0.0] * 6 + [1.0, 0.0]
@@ -36,9 +27,8 @@ def _dut(gyros: tuple[str, ...] = ("gyro",), **settings: Any) -> tuple[RotationE
     dut = RotationEstimator(
         estimate=ESTIMATE,
         covariance=VARIANCE * np.eye(9),
-        gyros=tuple(Package(name, READING_VARIANCE) for name in gyros),
-        gyro=gyros[-1],
-        settings=SETTINGS._replace(**settings),
+        gyros=tuple(Package(name, np.inf) for name in gyros),
+        settings=rotation_settings(gyro_variances=np.full(len(gyros), READING_VARIANCE), **settings),
     )
     context = dut.CreateDefaultContext()
     dut.GetInputPort("impulses").FixValue(context, COAST)
@@ -59,12 +49,12 @@ def _out(dut: RotationEstimator, context: Any, name: str) -> np.ndarray:
 
 
 def test_topology() -> None:
-    dut, context = _dut(("spare", "gyro"))
-    assert inputs(dut) == {"spare": 3, "gyro": 3, "impulses": 8, "known_force": 24, "adaptation": 26}
+    dut, context = _dut(("gyro", "spare"))
+    assert inputs(dut) == {"gyro": 3, "spare": 3, "impulses": 8, "known_force": 24, "adaptation": 26}
     assert outputs(dut) == {
         "predicted_estimate": 9,
         "predicted_covariance": 81,
-        "rate_sample": 6,
+        "rate_sample": 7,
         "innovation": 3,
         "innovation_covariance": 9,
         "estimate": 9,
@@ -76,12 +66,12 @@ def test_topology() -> None:
     }
     # the mass filter uses the prediction, which must not wait for the measurement
     # and the detector makes the adaptation from the innovation, which must not wait for it
-    measured = {"gyro", "impulses", "known_force"}
+    measured = {"gyro", "spare", "impulses", "known_force"}  # where one gyro is missing, the other is used
     expected = dict.fromkeys(outputs(dut), measured | {"adaptation"})
     expected |= dict.fromkeys(("rate_sample", "innovation", "innovation_covariance", "judged"), measured)
     expected |= {"predicted_estimate": set(), "predicted_covariance": set()}
     assert feedthrough(dut) == expected
-    assert [context.get_discrete_state(group).size() for group in range(3)] == [9, 81, 4]
+    assert [context.get_discrete_state(group).size() for group in range(3)] == [9, 81, 7]
 
 
 def test_it_starts_from_what_it_is_given() -> None:
@@ -102,8 +92,9 @@ def test_one_sample_by_hand() -> None:
     _sample(dut, context, [0.0, 0.0, 0.0])
     dut.GetInputPort("gyro").FixValue(context, [1.2, -0.1, 0.05])
     dut.GetInputPort("impulses").FixValue(context, [*TWIST, 1.0, 1.0])
-    # increment and mean of the two readings
-    np.testing.assert_allclose(_out(dut, context, "rate_sample"), [1.2, -0.1, 0.05, 0.6, -0.05, 0.025], rtol=1e-15)
+    # increment and mean of the two readings, and the variance of the increment's error
+    expected = [1.2, -0.1, 0.05, 0.6, -0.05, 0.025, 0.001]
+    np.testing.assert_allclose(_out(dut, context, "rate_sample"), expected, rtol=1e-15)
     # e = dw - (0.5 x 2, 0, 0); Y = (4 x 0.01 + 0.001) 1
     np.testing.assert_allclose(_out(dut, context, "innovation"), [0.2, -0.1, 0.05], rtol=1e-14)
     np.testing.assert_allclose(_out(dut, context, "innovation_covariance").reshape(3, 3), 0.041 * np.eye(3), rtol=1e-14)
@@ -173,7 +164,7 @@ def test_a_reading_with_one_axis_missing_is_not_used() -> None:
 
 
 def test_only_the_package_in_use_need_be_connected() -> None:
-    dut, context = _dut(("spare", "gyro"))
+    dut, context = _dut(("gyro", "spare"))
     _sample(dut, context, [0.0, 0.0, 0.0])
     assert _sample(dut, context, [1.2, 0.0, 0.0], [*TWIST, 1.0, 1.0])[4] == 1.0
 
