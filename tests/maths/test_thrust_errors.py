@@ -288,7 +288,7 @@ def test_moments_of_the_innovation_by_sampling() -> None:
     covariance = np.zeros((9, 9))
     covariance[:6, :6] = 0.5 * spd(rng, 6)
     state = RotationState(STATE, covariance, np.zeros((9, N_JETS)))
-    sample = rotation_sample(rng, increment=np.zeros(3), thrust_errors=thrust_errors_of(rng, 2.0))
+    sample = rotation_sample(rng, increment=np.zeros(3), thrust_errors=thrust_errors_of(rng, 1.0))
     dut = rotation_filter.innovate(state, sample, False, ROTATION)
     drawn = STATE[:6] + rng.standard_normal((count, 6)) @ np.linalg.cholesky(covariance[:6, :6]).T
     inverses = drawn[:, ELEMENT]
@@ -304,9 +304,9 @@ def test_moments_of_the_innovation_by_sampling() -> None:
     assert (np.abs(products.mean(axis=0) - dut.covariance) < bounds).all()
     # the test can tell: neither the products nor the effects may be left out
     without = dut.covariance - products_by_hand(STATE, covariance, sample.thrust_errors)
-    assert (np.abs(products.mean(axis=0) - without).diagonal() > bounds.diagonal()).all()
+    assert (np.abs(products.mean(axis=0) - without) > 2.0 * bounds).any()
     without = dut.covariance - dut.effects @ dut.effects.T
-    assert (np.abs(products.mean(axis=0) - without).diagonal() > bounds.diagonal()).all()
+    assert (np.abs(products.mean(axis=0) - without) > 2.0 * bounds).any()
 
 
 def test_errors_are_those_that_the_covariance_claims() -> None:
