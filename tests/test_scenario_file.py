@@ -118,6 +118,67 @@ def test_a_resolved_scenario_written_out_reads_back_equal(tmp_path: Path, name: 
     assert yaml_text(again) == yaml_text(scenario)
 
 
+# ----------------------------------------------------------------------------------------- a given start
+
+TEN = "[1e-7, 1e-8, 1e-8, 1e-9, 1e-9, 1e-9, 1, 1, 1, 1e-5]"
+
+
+def _matrix(row: int, column: int, value: float) -> str:
+    """A covariance of ones on the diagonal with one element changed, as YAML."""
+    matrix = np.eye(10)
+    matrix[row, column] = value
+    return str(matrix.tolist())
+
+
+@pytest.mark.parametrize(
+    ("estimation", "words"),
+    [
+        ("{start: given}", "estimation: start: given and the field `given` go together"),
+        (f"{{given: {{standard_deviation: {TEN}}}}}", "estimation: start: given and the field `given` go together"),
+        (f"{{start: zero, given: {{standard_deviation: {TEN}}}}}", "go together"),
+        ("{start: given, given: {}}", r"estimation\.given: give either standard_deviation or covariance"),
+        (
+            f"{{start: given, given: {{standard_deviation: {TEN}, covariance: {_matrix(0, 0, 1.0)}}}}}",
+            "give either standard_deviation or covariance",
+        ),
+        (
+            f"{{start: given, given: {{standard_deviation: {TEN.replace('1e-5', '-1e-5')}}}}}",
+            "standard_deviation: must be zero or positive",
+        ),
+        ("{start: given, given: {standard_deviation: [1, 2, 3]}}", r"estimation\.given\.standard_deviation"),
+        ("{start: given, given: {standard_deviation: [.nan, 1, 1, 1, 1, 1, 1, 1, 1, 1]}}", "standard_deviation"),
+        (f"{{start: given, given: {{covariance: {_matrix(0, 1, 0.5)}}}}}", "must be symmetric and positive"),
+        (f"{{start: given, given: {{covariance: {_matrix(3, 3, -1.0)}}}}}", "must be symmetric and positive"),
+        (
+            "{start: given, given: {covariance: COUPLED}}",
+            "covariance: must be zero between 1/m and the others, whose filters are apart",
+        ),
+    ],
+)
+def test_a_given_start_that_makes_no_sense_is_refused(tmp_path: Path, estimation: str, words: str) -> None:
+    coupled = np.eye(10)
+    coupled[9, 2] = coupled[2, 9] = 0.1
+    text = f"estimation: {estimation}\n".replace("COUPLED", str(coupled.tolist()))
+    assert re.search(words, _problem(_written(tmp_path, text)))
+
+
+@pytest.mark.parametrize("field", ["plant.thrust_dispersion", "estimation.thrust_uncertainty"])
+@pytest.mark.parametrize("value", ["-0.01", "0.31", ".nan"])
+def test_a_thrust_error_lies_within_bounds(field: str, value: str) -> None:
+    with pytest.raises(InputError, match=field.partition(".")[2]):
+        load_scenario("sample_maneuver", [f"{field}={value}"])
+
+
+@pytest.mark.parametrize("kind", ["gyros", "accelerometers"])
+def test_a_rule_for_several_packages_is_one_of_six(kind: str) -> None:
+    for rule in ("single", "most_accurate", "mid_value", "average", "weighted_average", "serial"):
+        assert (
+            getattr(load_scenario("sample_maneuver", [f"sensors.combine.{kind}={rule}"]).sensors.combine, kind) == rule
+        )
+    with pytest.raises(InputError, match="weighted_average"):
+        load_scenario("sample_maneuver", [f"sensors.combine.{kind}=median"])
+
+
 # --------------------------------------------------------------------------------------- overrides
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from massprop_drake import Scenario, load_scenario
 from massprop_drake import settings as make
-from massprop_drake.maths import mass_filter, rotation_filter
+from massprop_drake.maths import mass_filter, redundancy, rotation_filter
 from massprop_drake.maths.noise import uniform_phase
 from massprop_drake.scenario import JetPulse, resolved
 
@@ -175,3 +175,95 @@ def test_limits_of_convergence() -> None:
     )
     stated = load_scenario("sample_maneuver", ["estimation.convergence.center_of_mass=1.5"])
     assert make.convergence_limits(stated)[1] == 1.5
+
+
+# ----------------------------------------------------------------------------------------- a given start
+
+
+def test_a_given_start_is_taken_as_it_is() -> None:
+    deviation = [1e-7, 1e-8, 1e-8, 1e-9, 1e-9, 1e-9, 1.0, 2.0, 3.0, 1e-5]
+    nominal = load_scenario("sample_maneuver").vehicle_data.nominal.vector()
+    known = resolved({"estimation": {"start": "given", "given": {"standard_deviation": deviation}}})
+    np.testing.assert_array_equal(make.initial_estimate(known), nominal)
+    np.testing.assert_allclose(make.initial_covariance(known), np.diag(np.square(deviation)), rtol=1e-15)
+    covariance = np.diag(np.square(deviation))
+    covariance[0, 6] = covariance[6, 0] = 0.5e-7
+    other = {"mass": 5000.0, "center_of_mass": [30.0, 0.0, 2.0], "inertia": np.diag([9e5, 7e6, 7.2e6]).tolist()}
+    given = {"covariance": covariance.tolist(), "mass_properties": other}
+    correlated = resolved({"estimation": {"start": "given", "given": given}})
+    np.testing.assert_array_equal(make.initial_covariance(correlated), covariance)
+    expected = [1.0 / 9e5, 1.0 / 7e6, 1.0 / 7.2e6, 0.0, 0.0, 0.0, 30.0, 0.0, 2.0, 1.0 / 5000.0]
+    np.testing.assert_allclose(make.initial_estimate(correlated), expected, rtol=1e-14)
+
+
+# -------------------------------------------------------------------------------------------- thrust
+
+
+def test_thrust_is_nominal_unless_dispersed() -> None:
+    np.testing.assert_array_equal(make.thrust_factors(load_scenario("sample_maneuver", ["seed=3"])), np.ones(44))
+
+
+def test_each_jet_is_off_by_its_own_fraction_drawn_from_the_seed() -> None:
+    factors = np.array(
+        [
+            make.thrust_factors(load_scenario("sample_maneuver", [f"seed={seed}", "plant.thrust_dispersion=0.02"]))
+            for seed in range(25)
+        ]
+    )
+    again = load_scenario("sample_maneuver", ["seed=7", "plant.thrust_dispersion=0.02"])
+    np.testing.assert_array_equal(make.thrust_factors(again), factors[7])
+    assert len(np.unique(factors)) == factors.size
+    # 1100 draws: mean 1 and deviation 0.02 within 5 standard errors
+    assert abs(factors.mean() - 1.0) < 5.0 * 0.02 / math.sqrt(factors.size)
+    assert abs(factors.std() / 0.02 - 1.0) < 5.0 / math.sqrt(2.0 * factors.size)
+    # twice the dispersion is twice the error of each
+    double = load_scenario("sample_maneuver", ["seed=7", "plant.thrust_dispersion=0.04"])
+    np.testing.assert_allclose(make.thrust_factors(double) - 1.0, 2.0 * (factors[7] - 1.0), rtol=1e-12)
+
+
+def test_torque_force_and_flow_of_a_jet_go_with_its_thrust() -> None:
+    overrides = ["seed=7", "plant.thrust_dispersion=0.02"]
+    dispersed, nominal = load_scenario("sample_maneuver", overrides), load_scenario("sample_maneuver")
+    expected = make.plant_wrenches(nominal) * make.thrust_factors(dispersed)[:, None]
+    np.testing.assert_allclose(make.plant_wrenches(dispersed), expected, rtol=1e-15)
+    # what the estimators take for true is not touched
+    np.testing.assert_array_equal(dispersed.vehicle_data.wrenches, nominal.vehicle_data.wrenches)
+
+
+def test_a_leak_gives_the_force_it_states_whatever_the_jets_thrust() -> None:
+    scenario = load_scenario("leak_24", ["plant.thrust_dispersion=0.1"])
+    (failure,) = make.jet_failures(scenario)
+    force = failure.amount * np.linalg.norm(make.plant_wrenches(scenario)[failure.jet, 3:6])
+    assert force == pytest.approx(scenario.failures[0].force, rel=1e-12)
+    assert make.thrust_factors(scenario)[failure.jet] != 1.0
+
+
+def test_thrust_errors_are_those_of_one_sigma_at_full_level() -> None:
+    assert make.thrust_errors(load_scenario("sample_maneuver")) is None
+    scenario = load_scenario("sample_maneuver", ["estimation.thrust_uncertainty=0.02"])
+    np.testing.assert_allclose(make.thrust_errors(scenario), 0.02 * 0.08 * scenario.vehicle_data.wrenches, rtol=1e-14)
+
+
+# -------------------------------------------------------------------------------------------- sensors
+
+
+def test_rules_and_packages_reach_the_filters_in_order_of_preference() -> None:
+    overrides = [
+        "sensors.accelerometer=acc3",
+        "sensors.combine={gyros: average, accelerometers: mid_value, correlated: true}",
+    ]
+    scenario = load_scenario("sample_maneuver", overrides)
+    turning, moving = make.rotation_settings(scenario), make.mass_settings(scenario)
+    assert (turning.rule, moving.rule, moving.correlated) == (redundancy.AVERAGE, redundancy.MID_VALUE, True)
+    packages = {package.name: package for package in scenario.vehicle_data.accelerometers}
+    in_order = [packages[name] for name in ("acc3", "acc1", "acc2")]
+    np.testing.assert_array_equal(moving.positions, [package.position for package in in_order])
+    np.testing.assert_array_equal(moving.variances, [package.variance for package in in_order])
+    np.testing.assert_array_equal(turning.gyro_variances, [scenario.vehicle_data.gyros[0].variance])
+
+
+def test_a_sensors_range_is_that_of_the_vehicle(toy_data: dict[str, Any]) -> None:
+    toy_data["gyros"][0]["range"] = 0.5
+    scenario = resolved({"vehicle": toy_data})
+    models = [make.sensor_model(scenario, package).limit for package in scenario.vehicle_data.sensors]
+    assert models == [0.5, math.inf]

@@ -68,7 +68,7 @@ class Rig:
     def next(self) -> None:
         advance(self.dut, self.context)
 
-    def judged(self) -> detection.DetectorCycle:
+    def judged(self, shared: Array | None = None) -> detection.DetectorCycle:
         """What the mathematics makes of the inputs and the state."""
         given = self.given
         return detection.judged(
@@ -86,6 +86,7 @@ class Rig:
             given["mass_predicted"],
             LIMITS,
             self.settings,
+            shared,
         )
 
     def declare(self) -> None:
@@ -274,3 +275,29 @@ def test_two_contexts_do_not_share_memory(orbiter: Vehicle) -> None:
     other: Any = rig.dut.CreateDefaultContext()
     rig.declare()
     np.testing.assert_array_equal(rig.dut.GetOutputPort("memory").Eval(other), packed(initial_state(N)))
+
+
+def test_thrust_errors_are_counted_once_both_effects_are_connected(rig: Rig) -> None:
+    # jet 1 fires, and is off by 2.5 of its usual errors of 8.7 lbf
+    effects = np.zeros((2, 3, N))
+    effects[:, :, 0] = 8.7 * rig.signatures[0].reshape(2, 3)
+    command = np.eye(N)[0]
+    about = {
+        "jet_commands": command,
+        "impulses": np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0, STEADY, 1.0]),
+        "mass_innovation_covariance": (VELOCITY_VARIANCE * np.eye(3) + effects[0] @ effects[0].T).ravel(),
+        "rotation_innovation_covariance": (RATE_VARIANCE * np.eye(3) + effects[1] @ effects[1].T).ravel(),
+    }
+    rig.see(2.5 * 8.7 * rig.signatures[0], **about)
+    apart = rig.out("likelihood")
+    rig.see(2.5 * 8.7 * rig.signatures[0], mass_effects=effects[0].ravel())
+    np.testing.assert_array_equal(rig.out("likelihood"), apart)  # one alone says nothing of what they share
+    rig.see(2.5 * 8.7 * rig.signatures[0], rotation_effects=effects[1].ravel())
+    shared = detection.shared_covariance(effects[0], effects[1])
+    expected = rig.judged(shared)
+    np.testing.assert_array_equal(rig.out("likelihood"), expected.tests.likelihood)
+    np.testing.assert_array_equal(rig.out("status"), detection.status(expected))
+    assert not np.array_equal(rig.out("likelihood"), apart)
+    # where none bears on the sample the effects are zero
+    rig.see(2.5 * 8.7 * rig.signatures[0], rotation_effects=np.zeros(3 * N), mass_effects=np.zeros(3 * N))
+    np.testing.assert_array_equal(rig.out("likelihood"), apart)

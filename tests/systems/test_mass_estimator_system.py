@@ -10,6 +10,7 @@ from settings_probe import mass_settings
 from systems_probe import advance, feedthrough, inputs, outputs
 
 from massprop_drake.maths.mass_filter import TRANSVERSE, TRANSVERSE_CENTRIPETAL
+from massprop_drake.maths.redundancy import AVERAGE
 from massprop_drake.systems._readings import Package
 from massprop_drake.systems.mass_estimator import MassEstimator
 
@@ -21,11 +22,17 @@ POSITION = [3.0, 0.0, 0.0]
 CENTER = np.array([1.0, 0.0, 0.0])
 
 
-def _dut(accelerometers: tuple[str, ...] = ("acc",), **settings: Any) -> tuple[MassEstimator, Any]:
+def _dut(
+    accelerometers: tuple[str, ...] = ("acc",),
+    limit: float = np.inf,
+    thrust_errors: np.ndarray | None = None,
+    **settings: Any,
+) -> tuple[MassEstimator, Any]:
     dut = MassEstimator(
         mass_reciprocal=RECIPROCAL,
         variance=VARIANCE,
-        accelerometers=tuple(Package(name, np.inf) for name in accelerometers),
+        accelerometers=tuple(Package(name, limit) for name in accelerometers),
+        thrust_errors=thrust_errors,
         settings=mass_settings(
             positions=np.array([POSITION] * len(accelerometers)),
             variances=np.full(len(accelerometers), READING_VARIANCE),
@@ -193,3 +200,93 @@ def test_only_the_package_in_use_need_be_connected() -> None:
     dut, context = _dut(("acc", "spare"))
     _sample(dut, context, [0.0, 0.0, 0.0])
     assert _sample(dut, context, [0.6, 0.0, 0.0])[4] == 1.0
+
+
+# ------------------------------------------------------------------------- several packages, and their range
+
+
+def _both(dut: MassEstimator, context: Any, acc: list[float], spare: list[float]) -> np.ndarray:
+    """The status of a sample with two packages; the sample is then over."""
+    dut.GetInputPort("spare").FixValue(context, spare)
+    return _sample(dut, context, acc)
+
+
+def test_while_the_package_in_use_is_missing_the_next_takes_over() -> None:
+    # velocities of the two differ by their offset, 100 along y, which cancels in each package's own increments
+    dut, context = _dut(("acc", "spare"))
+    missing, seen = [np.nan] * 3, []
+    for number in range(7):
+        acc = missing if number in (2, 3) else [0.6 * number, 0.0, 0.0]
+        seen.append(_both(dut, context, acc, [0.7 * number, 100.0, 0.0]))
+    # increments 0.6 of acc, 0.7 of spare, where 0.5 is first expected; 2 to 4 have no increment of acc
+    assert [status[4] for status in seen] == [0.0] + [1.0] * 6
+    expected, estimate, variance = [], RECIPROCAL, VARIANCE
+    for increment in (0.6, 0.7, 0.7, 0.7, 0.6, 0.6):
+        expected.append(increment - 5.0 * estimate)
+        gain = 5.0 * variance / (25.0 * variance + 0.01)
+        estimate, variance = estimate + gain * expected[-1], variance * (1.0 - 5.0 * gain)
+    np.testing.assert_allclose([status[0] for status in seen[1:]], expected, rtol=1e-10)
+
+
+def test_where_all_packages_are_missing_the_sample_is_skipped() -> None:
+    dut, context = _dut(("acc", "spare"))
+    _both(dut, context, [0.0] * 3, [0.0] * 3)
+    missing = [np.nan] * 3
+    status = _both(dut, context, missing, missing)
+    np.testing.assert_array_equal(status, [np.nan] * 4 + [0.0, 0.0])
+    np.testing.assert_array_equal(_estimate(dut, context), [RECIPROCAL, VARIANCE])
+
+
+def test_a_package_at_its_range_counts_as_missing() -> None:
+    dut, context = _dut(("acc", "spare"), limit=1.0)
+    _both(dut, context, [0.0] * 3, [0.0] * 3)
+    # acc has just reached it, spare not yet; then both, then acc alone is back
+    assert _both(dut, context, [1.0, 0.0, 0.0], [0.7, 0.0, 0.0])[0] == pytest.approx(0.7 - 0.5)
+    assert np.isnan(_both(dut, context, [1.0, 0.0, 0.0], [0.0, 0.0, -1.2])[0])
+    assert np.isnan(_both(dut, context, [0.1, 0.0, 0.0], [0.0, 0.0, 0.0])[0])
+    assert np.isfinite(_both(dut, context, [0.2, 0.0, 0.0], [0.0, 0.0, 0.0])[0])
+
+
+def test_a_spare_package_need_not_be_connected_to_be_averaged() -> None:
+    dut, context = _dut(("acc", "spare"), rule=AVERAGE)
+    _sample(dut, context, [0.0, 0.0, 0.0])
+    assert _sample(dut, context, [0.6, 0.0, 0.0])[0] == pytest.approx(0.1)
+    dut, context = _dut(("acc", "spare"), rule=AVERAGE)
+    _both(dut, context, [0.0] * 3, [0.0] * 3)
+    assert _both(dut, context, [0.6, 0.0, 0.0], [0.8, 0.0, 0.0])[0] == pytest.approx(0.2)
+
+
+# ------------------------------------------------------------------------------- considered thrust errors
+
+
+def test_thrust_errors_add_a_port_and_a_state() -> None:
+    dut, context = _dut(thrust_errors=np.ones((2, 6)))
+    assert inputs(dut)["mean_level"] == 2
+    assert outputs(dut)["thrust_error_effects"] == 6
+    depends = feedthrough(dut)
+    assert "mean_level" in depends["innovation"]
+    assert depends["thrust_error_effects"] == depends["innovation"]
+    assert context.get_discrete_state(1).size() == 2
+
+
+def test_thrust_errors_count_by_the_level_of_their_jet() -> None:
+    # two jets push along x with one sigma of 0.2 and 0.4 at full level; the first is on, the second at a half:
+    # effects 0.1 x 0.2 and 0.1 x 0.2 along x, and the products 4e-4 (0.04 + 0.04)
+    errors = np.zeros((2, 6))
+    errors[:, 3] = 0.2, 0.4
+    dut, context = _dut(thrust_errors=errors)
+    dut.GetInputPort("mean_level").FixValue(context, [1.0, 0.5])
+    _sample(dut, context, [0.0, 0.0, 0.0])
+    dut.GetInputPort("acc").FixValue(context, [0.6, 0.0, 0.0])
+    effects = dut.GetOutputPort("thrust_error_effects").Eval(context)
+    np.testing.assert_allclose(effects, [0.02, 0.02, 0.0, 0.0, 0.0, 0.0], rtol=1e-13)
+    covariance = dut.GetOutputPort("innovation_covariance").Eval(context).reshape(3, 3)
+    expected = [0.02 + 2 * 4e-4 + 4e-4 * 0.08, 0.01, 0.01]
+    np.testing.assert_allclose(covariance, np.diag(expected), rtol=1e-13, atol=1e-18)
+    advance(dut, context)
+    sensitivity = context.get_discrete_state(1).CopyToVector()
+    assert (sensitivity < 0.0).all()  # more thrust than thought looks like a larger 1/m: truth minus estimate falls
+    # no thrust error bears on a sample in which nothing fired
+    dut.GetInputPort("mean_level").FixValue(context, [0.0, 0.0])
+    _sample(dut, context, [0.6, 0.0, 0.0], [0.0] * 6 + [1.0, 0.0])
+    np.testing.assert_array_equal(context.get_discrete_state(1).CopyToVector(), sensitivity)
