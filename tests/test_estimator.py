@@ -205,6 +205,17 @@ def test_an_outside_wrench_of_a_wrong_shape_is_refused(orbiter: Vehicle) -> None
         Estimator(orbiter).step(0.0, STILL, STILL, OFF, [1.0, 2.0, 3.0])
 
 
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_an_outside_wrench_that_is_not_finite_is_refused_at_once(orbiter: Vehicle, bad: float) -> None:
+    """Taken in, it would make every later step fail."""
+    dut = Estimator(orbiter)
+    dut.step(0.0, STILL, STILL, OFF)
+    with pytest.raises(ValueError, match="outside_wrench must be finite"):
+        dut.step(0.08, STILL, STILL, OFF, [0.0, bad, 0.0, 0.0, 0.0, 0.0])
+    assert np.isfinite(dut.step(0.08, STILL, STILL, OFF).rotation_nis)
+    assert np.isfinite(dut.step(0.16, STILL, STILL, OFF).rotation_nis)
+
+
 def test_readings_by_the_names_of_their_packages(short_run: Run) -> None:
     _, steps = _replay(short_run)
     dut = Estimator(short_run.scenario.vehicle_data, short_run.scenario)
