@@ -238,6 +238,15 @@ def test_a_leak_gives_the_force_it_states_whatever_the_jets_thrust() -> None:
     assert make.thrust_factors(scenario)[failure.jet] != 1.0
 
 
+def test_a_jet_drawn_as_dead_leaks_as_stated_all_the_same() -> None:
+    # with this seed the leaking jet's draw lies 3.6 sigma low: 1 - 3.6 x 0.3 is below zero
+    scenario = load_scenario("leak_24", ["seed=1249", "plant.thrust_dispersion=0.3"])
+    (failure,) = make.jet_failures(scenario)
+    assert 0.0 < make.thrust_factors(scenario)[failure.jet] < 0.02
+    force = failure.amount * np.linalg.norm(make.plant_wrenches(scenario)[failure.jet, 3:6])
+    assert force == pytest.approx(scenario.failures[0].force, rel=1e-12)
+
+
 def test_thrust_errors_are_those_of_one_sigma_at_full_level() -> None:
     assert make.thrust_errors(load_scenario("sample_maneuver")) is None
     scenario = load_scenario("sample_maneuver", ["estimation.thrust_uncertainty=0.02"])
