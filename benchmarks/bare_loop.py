@@ -59,7 +59,7 @@ def fly(scenario: Scenario) -> BareRun:  # noqa: PLR0915 (one plain loop is its 
     vehicle = scenario.vehicle_data
     period = vehicle.sample_period_s
     n = len(vehicle.jets)
-    cycles = round(scenario.duration_s / period)
+    cycles = make.sample_count(scenario)
     # vehicle
     truth = vehicle.nominal
     body = rigid_body.body_of(truth)
