@@ -24,8 +24,10 @@ from massprop_drake.maths import (
     sensing,
 )
 from massprop_drake.maths.adaptation import NO_ADAPTATION
+from massprop_drake.maths.mass_filter import MassState, Rotation
 from massprop_drake.maths.mass_jump import empty_window
 from massprop_drake.maths.noise import uniform_phase
+from massprop_drake.maths.rotation_filter import RotationState
 from massprop_drake.maths.thrust import lag_factors, level_after
 from massprop_drake.scenario import Scenario
 from massprop_drake.systems.jet_selection_program import JetSelectionProgram
@@ -50,11 +52,14 @@ class BareRun(NamedTuple):
 
 
 def fly(scenario: Scenario) -> BareRun:  # noqa: PLR0915 (one plain loop is its point)
-    """Flies a scenario with hand controllers, sensors quantised only, nominal activity vectors, nothing failing."""
+    """Flies a scenario with hand controllers, nominal activity vectors, thrust as known, nothing failing.
+
+    Sensors are quantised only, and one package of each kind is read.
+    """
     vehicle = scenario.vehicle_data
     period = vehicle.sample_period_s
     n = len(vehicle.jets)
-    cycles = round(scenario.duration_s / period)
+    cycles = make.sample_count(scenario)
     # vehicle
     truth = vehicle.nominal
     body = rigid_body.body_of(truth)
@@ -66,7 +71,7 @@ def fly(scenario: Scenario) -> BareRun:  # noqa: PLR0915 (one plain loop is its 
     plant_factors = lag_factors(plant_lag, period)
     thrust_level = np.zeros(n)
     # sensors
-    gyro, accelerometer = make.gyro(scenario), make.accelerometer(scenario)
+    gyro, accelerometer = make.gyro(scenario), make.accelerometers(scenario)[0]
     seeded = scenario.sensors.quantiser_phase == "seeded"
     gyro_phase = uniform_phase(scenario.seed, gyro.name, 3) if seeded else np.zeros(3)
     acc_phase = uniform_phase(scenario.seed, accelerometer.name, 3) if seeded else np.zeros(3)
@@ -83,16 +88,13 @@ def fly(scenario: Scenario) -> BareRun:  # noqa: PLR0915 (one plain loop is its 
     remaining, refused = np.zeros(n), np.zeros(4)
     # estimators
     rotation, mass = make.rotation_settings(scenario), make.mass_settings(scenario)
-    start, deviation = make.initial_estimate(scenario), make.initial_deviation(scenario)
-    x, S = start[:9], np.diag(deviation[:9] ** 2)
-    m_inv, variance = float(start[9]), float(deviation[9] ** 2)
-    rate_noise = 2.0 * gyro.variance * np.eye(3)
-    velocity_noise = 2.0 * accelerometer.variance * np.eye(3)
+    start, prior = make.initial_estimate(scenario), make.initial_covariance(scenario)
+    x = RotationState(start[:9], prior[:9, :9])
+    inverse_mass = MassState(float(start[9]), float(prior[9, 9]), empty_window(mass.jump_window))
     impulse_per_level = vehicle.wrenches * period
     factors = lag_factors(make.estimator_time_constants(scenario), period)
     level, u, u_before = np.zeros(n), np.zeros(n), np.zeros(n)
     hybrid, jumps = False, 0
-    rows = empty_window(mass.jump_window)
     detector = None if scenario.detector.kind == "off" else make.detector_settings(scenario)
     suspicion, limits = detection.initial_state(n), make.convergence_limits(scenario)
     rate_reading = velocity_reading = None
@@ -114,23 +116,21 @@ def fly(scenario: Scenario) -> BareRun:  # noqa: PLR0915 (one plain loop is its 
         if k > 0:
             imp = impulses.interval_impulses(u, u_before, level, impulse_per_level, factors)
             level = imp.level
-            arm, center_covariance = acc_position - x[6:], S[6:, 6:]
             turning = rotation_filter.measure(
-                x, S, rate_reading, hybrid, w, rate_noise, imp.angular_impulse, imp.linear_impulse, imp.firing, rotation
-            )
-            moving = mass_filter.measure(
-                m_inv,
-                variance,
-                velocity_reading,
-                v,
-                velocity_noise,
-                arm,
-                center_covariance,
-                turning.sample.increment,
-                turning.sample.rate,
-                2.0 * gyro.variance,
+                x,
+                rate_reading[None],
+                hybrid,
+                w[None],
+                None,
+                imp.angular_impulse,
                 imp.linear_impulse,
-                mass,
+                imp.firing,
+                rotation,
+            )
+            sample = turning.sample
+            motion = Rotation(sample.increment, sample.rate, sample.gyro_variance, x.estimate[6:], x.covariance[6:, 6:])
+            moving = mass_filter.measure(
+                inverse_mass, velocity_reading[None], v[None], None, motion, imp.linear_impulse, mass
             )
             adaptation = NO_ADAPTATION
             if detector is not None:
@@ -144,17 +144,16 @@ def fly(scenario: Scenario) -> BareRun:  # noqa: PLR0915 (one plain loop is its 
                     turning.innovation.innovation,
                     moving.innovation.covariance,
                     turning.innovation.covariance,
-                    x,
-                    S,
-                    np.array([m_inv, variance]),
+                    x.estimate,
+                    x.covariance,
+                    np.array(inverse_mass[:2]),
                     limits,
                     detector,
                 )
                 suspicion, adaptation = judged.state, judged.adaptation
-            turned = rotation_filter.finish(x, S, turning, imp.usable and imp.firing, adaptation, rotation)
-            weighed = mass_filter.finish(m_inv, variance, rows, moving, imp.usable, imp.firing, adaptation, mass)
-            x, S, hybrid = turned.estimate, turned.covariance, turning.innovation.subtract_coupling
-            m_inv, variance, rows = weighed.mass_reciprocal, weighed.variance, weighed.window
+            turned = rotation_filter.finish(x, turning, imp.usable and imp.firing, adaptation, rotation)
+            weighed = mass_filter.finish(inverse_mass, moving, imp.usable, imp.firing, adaptation, mass)
+            x, inverse_mass, hybrid = turned.state, weighed.state, turning.innovation.subtract_coupling
             jumps += turned.jumped
             if turned.used:
                 nis_r.append((t, turning.innovation.nis))
@@ -198,8 +197,8 @@ def fly(scenario: Scenario) -> BareRun:  # noqa: PLR0915 (one plain loop is its 
         thrust_level = level_after(thrust_level, u, plant_factors.remaining)
 
     return BareRun(
-        np.append(x, m_inv),
-        np.sqrt(np.append(np.diag(S), variance)),
+        np.append(x.estimate, inverse_mass.mass_reciprocal),
+        np.sqrt(np.append(np.diag(x.covariance), inverse_mass.variance)),
         np.array(nis_r),
         np.array(nis_t),
         np.array(rates),

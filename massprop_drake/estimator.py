@@ -167,7 +167,8 @@ class Estimator:
                 that interval, shape (6,); None: none.
 
         Raises:
-            ValueError: when time goes backwards, a shape is wrong, or a fraction is outside 0 to 1.
+            ValueError: when time goes backwards, a shape is wrong, a fraction is outside 0 to 1, or the
+                outside wrench is not finite.
             NotPositiveDefiniteError: when a covariance loses definiteness.
         """
         if not time_s > self._time_s:
@@ -182,6 +183,8 @@ class Estimator:
         outside = np.zeros(6) if outside_wrench is None else np.array(outside_wrench, dtype=float)
         if outside.shape != (6,):
             raise ValueError(f"outside_wrench must have shape (6,), got {outside.shape}")
+        if not np.isfinite(outside).all():
+            raise ValueError("outside_wrench must be finite")
 
         try:
             step = self._cycle(time_s, rates, velocities)

@@ -181,7 +181,7 @@ def thrust_factors(scenario: Scenario) -> Array:
         return np.ones(len(jets))
     stream = "thrust dispersion"
     factors = 1.0 + spread * normal_sample(scenario.seed, stream, 0, len(jets))
-    return np.maximum(factors, 0.0)
+    return np.maximum(factors, 0.01)  # above zero: what a failed jet gives is a multiple of its thrust
 
 
 def time_step(scenario: Scenario) -> float:

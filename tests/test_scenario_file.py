@@ -14,6 +14,7 @@ import yaml
 from massprop_drake import InputError, Scenario, load_scenario, simulate
 from massprop_drake.models import Model, digest, yaml_text
 from massprop_drake.scenario import bundled_scenarios, resolved
+from massprop_drake.settings import thrust_factors
 
 DATA = Path(__file__).parent / "data"
 MANEUVER = "maneuver:\n  - {controller: rhc, axis: +x, start_s: 1, end_s: 3}\n"
@@ -93,14 +94,15 @@ def test_one_of_everything_runs(tmp_path: Path, toy_data: dict[str, Any]) -> Non
     path = tmp_path / "one_of_everything.yaml"
     shutil.copy(DATA / "one_of_everything.yaml", path)
     scenario = load_scenario(path)
-    assert _unset(scenario) == ["jet_schedule", "detector.kind"]  # a new field belongs into the file
+    left_out = ["jet_schedule", "estimation.given.covariance", "detector.kind"]
+    assert _unset(scenario) == left_out  # a new field belongs into the file
     run = simulate(scenario)
     assert run.time_s.size == 21
     assert run["command"].any()
     # what was asked for arrives: nothing is used up, the mass is the true one until 1 kg docks at 1 s, which the
     # sample after shows; thrust is instantaneous, and only the first six jets fail
     np.testing.assert_array_equal(run["truth"][:, 9], [1.0 / 110.0] * 11 + [1.0 / 111.0] * 10)
-    full = np.array([jet.thrust for jet in scenario.vehicle_data.jets])
+    full = np.array([jet.thrust for jet in scenario.vehicle_data.jets]) * thrust_factors(scenario)
     np.testing.assert_array_equal(run["thrust"][:, 6:], (run["command"] * full)[:, 6:])
     assert run["thrust"][12, 0] == full[0]
     np.testing.assert_allclose(run["thrust"][14, 3] - run["command"][14, 3] * full[3], 0.2, rtol=1e-12)
@@ -114,6 +116,67 @@ def test_a_resolved_scenario_written_out_reads_back_equal(tmp_path: Path, name: 
     assert again == scenario
     assert digest(again) == digest(scenario)
     assert yaml_text(again) == yaml_text(scenario)
+
+
+# ----------------------------------------------------------------------------------------- a given start
+
+TEN = "[1e-7, 1e-8, 1e-8, 1e-9, 1e-9, 1e-9, 1, 1, 1, 1e-5]"
+
+
+def _matrix(row: int, column: int, value: float) -> str:
+    """A covariance of ones on the diagonal with one element changed, as YAML."""
+    matrix = np.eye(10)
+    matrix[row, column] = value
+    return str(matrix.tolist())
+
+
+@pytest.mark.parametrize(
+    ("estimation", "words"),
+    [
+        ("{start: given}", "estimation: start: given and the field `given` go together"),
+        (f"{{given: {{standard_deviation: {TEN}}}}}", "estimation: start: given and the field `given` go together"),
+        (f"{{start: zero, given: {{standard_deviation: {TEN}}}}}", "go together"),
+        ("{start: given, given: {}}", r"estimation\.given: give either standard_deviation or covariance"),
+        (
+            f"{{start: given, given: {{standard_deviation: {TEN}, covariance: {_matrix(0, 0, 1.0)}}}}}",
+            "give either standard_deviation or covariance",
+        ),
+        (
+            f"{{start: given, given: {{standard_deviation: {TEN.replace('1e-5', '-1e-5')}}}}}",
+            "standard_deviation: must be zero or positive",
+        ),
+        ("{start: given, given: {standard_deviation: [1, 2, 3]}}", r"estimation\.given\.standard_deviation"),
+        ("{start: given, given: {standard_deviation: [.nan, 1, 1, 1, 1, 1, 1, 1, 1, 1]}}", "standard_deviation"),
+        (f"{{start: given, given: {{covariance: {_matrix(0, 1, 0.5)}}}}}", "must be symmetric and positive"),
+        (f"{{start: given, given: {{covariance: {_matrix(3, 3, -1.0)}}}}}", "must be symmetric and positive"),
+        (
+            "{start: given, given: {covariance: COUPLED}}",
+            "covariance: must be zero between 1/m and the others, whose filters are apart",
+        ),
+    ],
+)
+def test_a_given_start_that_makes_no_sense_is_refused(tmp_path: Path, estimation: str, words: str) -> None:
+    coupled = np.eye(10)
+    coupled[9, 2] = coupled[2, 9] = 0.1
+    text = f"estimation: {estimation}\n".replace("COUPLED", str(coupled.tolist()))
+    assert re.search(words, _problem(_written(tmp_path, text)))
+
+
+@pytest.mark.parametrize("field", ["plant.thrust_dispersion", "estimation.thrust_uncertainty"])
+@pytest.mark.parametrize("value", ["-0.01", "0.31", ".nan"])
+def test_a_thrust_error_lies_within_bounds(field: str, value: str) -> None:
+    with pytest.raises(InputError, match=field.partition(".")[2]):
+        load_scenario("sample_maneuver", [f"{field}={value}"])
+
+
+@pytest.mark.parametrize("kind", ["gyros", "accelerometers"])
+def test_a_rule_for_several_packages_is_one_of_six(kind: str) -> None:
+    for rule in ("single", "most_accurate", "mid_value", "average", "weighted_average", "serial"):
+        assert (
+            getattr(load_scenario("sample_maneuver", [f"sensors.combine.{kind}={rule}"]).sensors.combine, kind) == rule
+        )
+    with pytest.raises(InputError, match="weighted_average"):
+        load_scenario("sample_maneuver", [f"sensors.combine.{kind}=median"])
 
 
 # --------------------------------------------------------------------------------------- overrides

@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from massprop_drake import Scenario, load_scenario
 from massprop_drake import settings as make
-from massprop_drake.maths import mass_filter, rotation_filter
+from massprop_drake.maths import mass_filter, redundancy, rotation_filter
 from massprop_drake.maths.noise import uniform_phase
 from massprop_drake.scenario import JetPulse, resolved
 
@@ -18,6 +19,13 @@ from massprop_drake.scenario import JetPulse, resolved
 def _pulses(*pulses: tuple[str, float, float]) -> Scenario:
     schedule = [{"jet": jet, "start_s": start_s, "end_s": end_s} for jet, start_s, end_s in pulses]
     return resolved({"duration_s": 2.0, "jet_schedule": schedule})
+
+
+def _initial_deviation(scenario: Scenario) -> NDArray[np.float64]:
+    """1-sigma of the ten parameters at the start, which nothing correlates."""
+    covariance = make.initial_covariance(scenario)
+    np.testing.assert_array_equal(covariance, np.diag(covariance.diagonal()))
+    return np.sqrt(covariance.diagonal())
 
 
 @pytest.mark.parametrize(
@@ -49,15 +57,15 @@ def test_what_the_filters_start_from(sample_maneuver: Scenario) -> None:
     nominal = sample_maneuver.vehicle_data.nominal.vector()
     np.testing.assert_array_equal(make.initial_estimate(sample_maneuver), np.zeros(10))
     # 100 % of the nominal values, and no floors
-    np.testing.assert_allclose(make.initial_deviation(sample_maneuver), np.abs(nominal), rtol=1e-15)
+    np.testing.assert_allclose(_initial_deviation(sample_maneuver), np.abs(nominal), rtol=1e-15)
     default = load_scenario("sample_maneuver", ["estimation={}"])
     np.testing.assert_array_equal(make.initial_estimate(default), nominal)
-    deviation = make.initial_deviation(default)
+    deviation = _initial_deviation(default)
     np.testing.assert_allclose(deviation[[0, 1, 2, 9]], 0.3 * nominal[[0, 1, 2, 9]], rtol=1e-15)
     assert deviation[5] == pytest.approx(0.3 * math.sqrt(nominal[0] * nominal[1]), rel=1e-14)
     assert deviation[7] == default.vehicle_data.center_of_mass_floor  # 30 % of 0.07 ft would be less
     zero = load_scenario("sample_maneuver", ["estimation={start: zero}"])
-    np.testing.assert_allclose(make.initial_deviation(zero)[0], nominal[0], rtol=1e-15)
+    np.testing.assert_allclose(_initial_deviation(zero)[0], nominal[0], rtol=1e-15)
 
 
 def test_settings_of_the_rotation_filter() -> None:
@@ -104,14 +112,18 @@ def test_lags_are_used_where_they_are_asked_for() -> None:
 
 
 def test_packages_in_use(toy_data: dict[str, Any]) -> None:
-    assert make.accelerometer(load_scenario("sample_maneuver")).name == "acc2"  # the vehicle's preferred one
-    assert make.accelerometer(load_scenario("sample_maneuver", ["sensors.accelerometer=acc3"])).name == "acc3"
+    assert [package.name for package in make.accelerometers(load_scenario("sample_maneuver"))] == [
+        "acc2",
+        "acc1",
+        "acc3",
+    ]  # the vehicle's preferred one
+    assert make.accelerometers(load_scenario("sample_maneuver", ["sensors.accelerometer=acc3"]))[0].name == "acc3"
     toy_data["gyros"].append({"name": "spare", "quantum": 1e-5})
     assert make.gyro(resolved({"vehicle": toy_data})).name == "gyro"
     assert make.gyro(resolved({"vehicle": toy_data, "sensors": {"gyro": "spare"}})).name == "spare"
-    assert make.accelerometer(resolved({"vehicle": toy_data})).name == "acc"  # the first
+    assert make.accelerometers(resolved({"vehicle": toy_data}))[0].name == "acc"  # the first
     del toy_data["accelerometers"]
-    assert make.accelerometer(resolved({"vehicle": toy_data})) is None
+    assert make.accelerometers(resolved({"vehicle": toy_data})) == ()
 
 
 def test_sensor_errors_are_those_of_the_vehicle_and_the_scenario() -> None:
@@ -163,3 +175,104 @@ def test_limits_of_convergence() -> None:
     )
     stated = load_scenario("sample_maneuver", ["estimation.convergence.center_of_mass=1.5"])
     assert make.convergence_limits(stated)[1] == 1.5
+
+
+# ----------------------------------------------------------------------------------------- a given start
+
+
+def test_a_given_start_is_taken_as_it_is() -> None:
+    deviation = [1e-7, 1e-8, 1e-8, 1e-9, 1e-9, 1e-9, 1.0, 2.0, 3.0, 1e-5]
+    nominal = load_scenario("sample_maneuver").vehicle_data.nominal.vector()
+    known = resolved({"estimation": {"start": "given", "given": {"standard_deviation": deviation}}})
+    np.testing.assert_array_equal(make.initial_estimate(known), nominal)
+    np.testing.assert_allclose(make.initial_covariance(known), np.diag(np.square(deviation)), rtol=1e-15)
+    covariance = np.diag(np.square(deviation))
+    covariance[0, 6] = covariance[6, 0] = 0.5e-7
+    other = {"mass": 5000.0, "center_of_mass": [30.0, 0.0, 2.0], "inertia": np.diag([9e5, 7e6, 7.2e6]).tolist()}
+    given = {"covariance": covariance.tolist(), "mass_properties": other}
+    correlated = resolved({"estimation": {"start": "given", "given": given}})
+    np.testing.assert_array_equal(make.initial_covariance(correlated), covariance)
+    expected = [1.0 / 9e5, 1.0 / 7e6, 1.0 / 7.2e6, 0.0, 0.0, 0.0, 30.0, 0.0, 2.0, 1.0 / 5000.0]
+    np.testing.assert_allclose(make.initial_estimate(correlated), expected, rtol=1e-14)
+
+
+# -------------------------------------------------------------------------------------------- thrust
+
+
+def test_thrust_is_nominal_unless_dispersed() -> None:
+    np.testing.assert_array_equal(make.thrust_factors(load_scenario("sample_maneuver", ["seed=3"])), np.ones(44))
+
+
+def test_each_jet_is_off_by_its_own_fraction_drawn_from_the_seed() -> None:
+    factors = np.array(
+        [
+            make.thrust_factors(load_scenario("sample_maneuver", [f"seed={seed}", "plant.thrust_dispersion=0.02"]))
+            for seed in range(25)
+        ]
+    )
+    again = load_scenario("sample_maneuver", ["seed=7", "plant.thrust_dispersion=0.02"])
+    np.testing.assert_array_equal(make.thrust_factors(again), factors[7])
+    assert len(np.unique(factors)) == factors.size
+    # 1100 draws: mean 1 and deviation 0.02 within 5 standard errors
+    assert abs(factors.mean() - 1.0) < 5.0 * 0.02 / math.sqrt(factors.size)
+    assert abs(factors.std() / 0.02 - 1.0) < 5.0 / math.sqrt(2.0 * factors.size)
+    # twice the dispersion is twice the error of each
+    double = load_scenario("sample_maneuver", ["seed=7", "plant.thrust_dispersion=0.04"])
+    np.testing.assert_allclose(make.thrust_factors(double) - 1.0, 2.0 * (factors[7] - 1.0), rtol=1e-12)
+
+
+def test_torque_force_and_flow_of_a_jet_go_with_its_thrust() -> None:
+    overrides = ["seed=7", "plant.thrust_dispersion=0.02"]
+    dispersed, nominal = load_scenario("sample_maneuver", overrides), load_scenario("sample_maneuver")
+    expected = make.plant_wrenches(nominal) * make.thrust_factors(dispersed)[:, None]
+    np.testing.assert_allclose(make.plant_wrenches(dispersed), expected, rtol=1e-15)
+    # what the estimators take for true is not touched
+    np.testing.assert_array_equal(dispersed.vehicle_data.wrenches, nominal.vehicle_data.wrenches)
+
+
+def test_a_leak_gives_the_force_it_states_whatever_the_jets_thrust() -> None:
+    scenario = load_scenario("leak_24", ["plant.thrust_dispersion=0.1"])
+    (failure,) = make.jet_failures(scenario)
+    force = failure.amount * np.linalg.norm(make.plant_wrenches(scenario)[failure.jet, 3:6])
+    assert force == pytest.approx(scenario.failures[0].force, rel=1e-12)
+    assert make.thrust_factors(scenario)[failure.jet] != 1.0
+
+
+def test_a_jet_drawn_as_dead_leaks_as_stated_all_the_same() -> None:
+    # with this seed the leaking jet's draw lies 3.6 sigma low: 1 - 3.6 x 0.3 is below zero
+    scenario = load_scenario("leak_24", ["seed=1249", "plant.thrust_dispersion=0.3"])
+    (failure,) = make.jet_failures(scenario)
+    assert 0.0 < make.thrust_factors(scenario)[failure.jet] < 0.02
+    force = failure.amount * np.linalg.norm(make.plant_wrenches(scenario)[failure.jet, 3:6])
+    assert force == pytest.approx(scenario.failures[0].force, rel=1e-12)
+
+
+def test_thrust_errors_are_those_of_one_sigma_at_full_level() -> None:
+    assert make.thrust_errors(load_scenario("sample_maneuver")) is None
+    scenario = load_scenario("sample_maneuver", ["estimation.thrust_uncertainty=0.02"])
+    np.testing.assert_allclose(make.thrust_errors(scenario), 0.02 * 0.08 * scenario.vehicle_data.wrenches, rtol=1e-14)
+
+
+# -------------------------------------------------------------------------------------------- sensors
+
+
+def test_rules_and_packages_reach_the_filters_in_order_of_preference() -> None:
+    overrides = [
+        "sensors.accelerometer=acc3",
+        "sensors.combine={gyros: average, accelerometers: mid_value, correlated: true}",
+    ]
+    scenario = load_scenario("sample_maneuver", overrides)
+    turning, moving = make.rotation_settings(scenario), make.mass_settings(scenario)
+    assert (turning.rule, moving.rule, moving.correlated) == (redundancy.AVERAGE, redundancy.MID_VALUE, True)
+    packages = {package.name: package for package in scenario.vehicle_data.accelerometers}
+    in_order = [packages[name] for name in ("acc3", "acc1", "acc2")]
+    np.testing.assert_array_equal(moving.positions, [package.position for package in in_order])
+    np.testing.assert_array_equal(moving.variances, [package.variance for package in in_order])
+    np.testing.assert_array_equal(turning.gyro_variances, [scenario.vehicle_data.gyros[0].variance])
+
+
+def test_a_sensors_range_is_that_of_the_vehicle(toy_data: dict[str, Any]) -> None:
+    toy_data["gyros"][0]["range"] = 0.5
+    scenario = resolved({"vehicle": toy_data})
+    models = [make.sensor_model(scenario, package).limit for package in scenario.vehicle_data.sensors]
+    assert models == [0.5, math.inf]

@@ -15,7 +15,7 @@ from pydrake.systems.primitives import LogVectorOutput
 
 from massprop_drake import Estimator, Run, Scenario, Vehicle, graphs, load_scenario, simulate
 from massprop_drake.diagrams import autopilot, closed_loop, estimation, open_loop, vehicle
-from massprop_drake.scenario import bundled_scenarios
+from massprop_drake.scenario import bundled_scenarios, resolved
 
 Array = NDArray[np.float64]
 
@@ -60,7 +60,7 @@ ESTIMATION_OUT = {
 PORTS: dict[ModuleType, tuple[dict[str, int], dict[str, int]]] = {
     vehicle: ({"command": 44, "held_command": 44, "closed": 44, "held_closed": 44}, VEHICLE_OUT),
     autopilot: ({"gyro": 3, "estimate": 10, "converged": 1, "reconfiguration": 7 + 44}, AUTOPILOT_OUT),
-    estimation: ({"jet_commands": 44, **SENSORS}, ESTIMATION_OUT),
+    estimation: ({"jet_commands": 44, "outside_wrench": 6, **SENSORS}, ESTIMATION_OUT),
     closed_loop: ({}, {**VEHICLE_OUT, **AUTOPILOT_OUT, **ESTIMATION_OUT}),
     open_loop: ({}, {**VEHICLE_OUT, "command": 44, "held_command": 44, **ESTIMATION_OUT}),
 }
@@ -128,6 +128,9 @@ def test_no_sensor_may_take_the_name_of_a_port_or_a_part(sample_maneuver: Scenar
     """Two ports or parts of one name cannot be built; the history file uses `file` and `_...` itself."""
     taken = {"file", "_description", *ESTIMATION_OUT, *VEHICLE_OUT, *PORTS[estimation][0], *AUTOPILOT_OUT}
     taken |= {system.get_name() for system in vehicle.build(sample_maneuver).GetSystems()}
+    considerate = load_scenario("sample_maneuver", ["estimation.thrust_uncertainty=0.01"])
+    for part in estimation.build(considerate).GetSystems():  # beside the sensors' ports
+        taken |= {part.get_input_port(InputPortIndex(index)).get_name() for index in range(part.num_input_ports())}
     data = sample_maneuver.vehicle_data.model_dump(mode="json")
     accepted = []
     for name in sorted(taken - set(SENSORS)):
@@ -154,13 +157,14 @@ def test_the_autopilot_answers_a_reading_at_once_and_holds_its_answer(sample_man
 
 def test_estimates_at_a_sample_include_its_readings(sample_maneuver: Scenario) -> None:
     dut = estimation.build(sample_maneuver)
-    # through the detector either filter's update depends on both sensors; acc1 and acc3 are not in use
+    # through the detector either filter's update depends on all sensors: where acc2 is missing, others are used
+    known = {"jet_commands", "outside_wrench"}
     for name in ("rotation_estimate", "mass_estimate", "estimate", "reconfiguration"):
-        assert _depends_on(dut, name) == {"gyro", "acc2", "jet_commands"}, name
-    assert _depends_on(dut, "rotation_innovation") == {"gyro", "jet_commands"}
-    assert _depends_on(dut, "mass_innovation") == {"gyro", "acc2", "jet_commands"}
+        assert _depends_on(dut, name) == {*SENSORS, *known}, name
+    assert _depends_on(dut, "rotation_innovation") == {"gyro", *known}
+    assert _depends_on(dut, "mass_innovation") == {*SENSORS, *known}
     assert _depends_on(dut, "held_closed") == set()
-    assert _depends_on(dut, "impulses") == {"jet_commands"}
+    assert _depends_on(dut, "impulses") == known
 
 
 # ------------------------------------------------------------------------------------------- timing
@@ -323,6 +327,53 @@ def test_the_estimation_diagram_serves_in_a_users_own_diagram(short_run: Run) ->
     for name, sink in sinks.items():
         np.testing.assert_array_equal(sink.FindLog(simulator.get_context()).data().T, short_run[name])
     assert short_run["rotation_used"].any()
+
+
+@pytest.mark.parametrize("rule", ["single", "serial"])
+def test_diagram_and_estimator_agree_on_telemetry_with_gaps_and_outside_forces(short_run: Run, rule: str) -> None:
+    """Missing readings, unknown commands and a known outside wrench, with thrust errors considered."""
+    data = short_run.scenario.model_dump(mode="json")
+    data["estimation"] |= {"start": "nominal", "thrust_uncertainty": 0.01, "thrust_transient": "gate_lag"}
+    data["sensors"]["combine"] = {"gyros": rule, "accelerometers": rule}
+    scenario = resolved(data)
+    rng = np.random.default_rng(1)
+    count = short_run.time_s.size
+    readings = {name: short_run[name].copy() for name in SENSORS}
+    for table in readings.values():
+        table[rng.random(count) < 0.15] = np.nan
+        table[rng.random(count) < 0.05, 1] = np.nan
+    command = short_run["command"].copy()
+    command[rng.random(count) < 0.1, 3] = np.nan
+    outside = np.where(rng.random((count, 1)) < 0.3, rng.normal(size=(count, 6)) * 100.0, 0.0)
+
+    dut = Estimator(scenario.vehicle_data, scenario)
+    steps = []
+    for sample, time_s in enumerate(short_run.time_s):
+        accelerometers = {name: readings[name][sample] for name in ("acc1", "acc2", "acc3")}
+        steps.append(dut.step(time_s, readings["gyro"][sample], accelerometers, command[sample], outside[sample]))
+
+    builder = DiagramBuilder()
+    ended = np.vstack([np.zeros((1, 44)), command[:-1]])  # of the interval that ended
+    acted = np.vstack([np.zeros((1, 6)), outside[:-1]])
+    tables = {"jet_commands": ended, "outside_wrench": acted, **readings}
+    recording = builder.AddNamedSystem("recording", _Recording(tables, 0.08))
+    estimators = builder.AddNamedSystem("mine", estimation.build(scenario))
+    for name in tables:
+        builder.Connect(recording.GetOutputPort(name), estimators.GetInputPort(name))
+    names = ("estimate", "standard_deviation", "rotation_status", "mass_status")
+    sinks = {name: LogVectorOutput(estimators.GetOutputPort(name), builder, 0.08) for name in names}
+    simulator = Simulator(builder.Build())
+    simulator.Initialize()
+    simulator.AdvanceTo(short_run.time_s[-1])
+    logs = {name: sink.FindLog(simulator.get_context()).data().T for name, sink in sinks.items()}
+    np.testing.assert_array_equal([step.estimate for step in steps], logs["estimate"])
+    np.testing.assert_array_equal([step.standard_deviation for step in steps], logs["standard_deviation"])
+    np.testing.assert_array_equal([step.rotation_nis for step in steps], logs["rotation_status"][:, 3])
+    np.testing.assert_array_equal([step.used for step in steps], logs["rotation_status"][:, 4])
+    np.testing.assert_array_equal([step.mass_used for step in steps], logs["mass_status"][:, 4])
+    assert np.isfinite(logs["estimate"]).all()
+    assert logs["rotation_status"][:, 4].sum() > 5
+    assert np.isnan(logs["rotation_status"][:, 3]).sum() > 5
 
 
 def test_the_closed_loop_serves_in_a_users_own_diagram(short_run: Run) -> None:

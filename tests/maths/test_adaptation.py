@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from settings_probe import mass_settings, rotation_settings
 
 from massprop_drake.maths import mass_filter, mass_jump, rotation_filter
 from massprop_drake.maths.adaptation import (
@@ -21,29 +22,14 @@ from massprop_drake.maths.adaptation import (
 )
 from massprop_drake.maths.jet_failures import jet_tests
 from massprop_drake.maths.linear_algebra import Array, is_covariance
-from massprop_drake.maths.mass_filter import MassInnovation, MassSettings
-from massprop_drake.maths.rotation_filter import RotationInnovation, RotationSample, RotationSettings
+from massprop_drake.maths.mass_filter import MassInnovation, MassSample, MassSettings, MassState
+from massprop_drake.maths.rotation_filter import RotationInnovation, RotationSample, RotationSettings, RotationState
 
-ROTATION = RotationSettings(
-    period_s=0.08,
+ROTATION = rotation_settings(
     second_order=False,  # linear, so that the joint filter below is exact
-    coupling=rotation_filter.IGNORE,
-    coupling_limit=50.0,
-    jump_threshold=np.inf,
     jump_covariance=np.diag(np.full(9, 7.0)),
-    process_noise=np.zeros((9, 9)),
-    disturbance_covariance=np.zeros((3, 3)),
 )
-MASS = MassSettings(
-    period_s=0.08,
-    compensation=mass_filter.NO_COMPENSATION,
-    compensation_covariance=False,
-    process_noise=0.0,
-    jump_variance=4.0,
-    jump_threshold=np.inf,
-    jump_window=3,
-    disturbance_covariance=np.zeros((3, 3)),
-)
+MASS = mass_settings(jump_variance=4.0, jump_window=3)
 
 
 def spd(rng: np.random.Generator, size: int) -> Array:
@@ -60,28 +46,40 @@ class Scene(NamedTuple):
     turning: RotationInnovation
     mass_reciprocal: float
     variance: float
-    linear_impulse: Array
+    pushed: MassSample
     moving: MassInnovation
     signature: Array  # translation first
 
     def adaptation(self, action: int, *, with_translation: bool = True) -> Adaptation:
         """What the detector hands to the filters (4-29) to (4-32)."""
         seen = np.concatenate([self.moving.innovation, self.turning.innovation])
-        information = self.moving.information if with_translation else np.zeros((3, 3))
+        information = np.zeros((6, 6))
+        information[3:, 3:] = self.turning.information
+        if with_translation:
+            information[:3, :3] = self.moving.information
         allowed = np.array([False])
-        tests = jet_tests(self.signature[None, :], seen, information, self.turning.information, allowed, allowed)
+        tests = jet_tests(self.signature[None, :], seen, information, allowed, allowed)
         effect = tests.magnitude[0] * self.signature
         spread = tests.variance[0] * np.outer(self.signature, self.signature)
         return Adaptation(action, effect[:3], effect[3:], spread[:3, :3], spread[3:, 3:], mass_jumped=False)
 
+    @property
+    def linear_impulse(self) -> Array:
+        return self.pushed.linear_impulse
+
+    @property
+    def turning_state(self) -> RotationState:
+        return RotationState(self.estimate, self.covariance)
+
+    @property
+    def moving_state(self) -> MassState:
+        return MassState(self.mass_reciprocal, self.variance, mass_jump.empty_window(3))
+
     def rotated(self, adaptation: Adaptation, settings: RotationSettings = ROTATION) -> rotation_filter.RotationUpdate:
-        return rotation_filter.update(self.estimate, self.covariance, self.sample, self.turning, adaptation, settings)
+        return rotation_filter.update(self.turning_state, self.sample, self.turning, adaptation, settings)
 
     def weighed(self, adaptation: Adaptation, settings: MassSettings = MASS) -> mass_filter.MassUpdate:
-        window = mass_jump.empty_window(settings.jump_window)
-        return mass_filter.update(
-            self.mass_reciprocal, self.variance, window, self.linear_impulse, self.moving, adaptation, settings
-        )
+        return mass_filter.update(self.moving_state, self.pushed, self.moving, adaptation, settings)
 
 
 @pytest.fixture
@@ -89,19 +87,13 @@ def scene() -> Scene:
     rng = np.random.default_rng(1)
     estimate, covariance, noise = rng.normal(size=9), spd(rng, 9), spd(rng, 3)
     angular, linear = rng.normal(size=3), rng.normal(size=3)
-    sample = RotationSample(rng.normal(size=3), np.zeros(3), noise, angular, linear, firing=True)
-    turning = rotation_filter.innovate(estimate, covariance, sample, False, ROTATION)
+    sample = RotationSample(rng.normal(size=3), np.zeros(3), noise, 0.0, angular, linear, firing=True)
+    turning = rotation_filter.innovate(RotationState(estimate, covariance), sample, False, ROTATION)
     mass_reciprocal, variance, velocity_noise = 0.7, 0.3, spd(rng, 3)
-    moving = mass_filter.innovate(
-        mass_reciprocal,
-        variance,
-        mass_filter.MassSample(
-            rng.normal(size=3), velocity_noise, np.ones(3), np.eye(3), np.zeros(3), np.zeros(3), 0.0, linear
-        ),
-        MASS,
-    )
+    pushed = MassSample(rng.normal(size=3), velocity_noise, linear)
+    moving = mass_filter.innovate(MassState(mass_reciprocal, variance, mass_jump.empty_window(3)), pushed)
     signature = rng.normal(size=6)
-    return Scene(estimate, covariance, sample, turning, mass_reciprocal, variance, linear, moving, signature)
+    return Scene(estimate, covariance, sample, turning, mass_reciprocal, variance, pushed, moving, signature)
 
 
 def joint_filter(scene: Scene) -> tuple[Array, Array]:
@@ -130,10 +122,10 @@ def test_the_correction_is_the_best_linear_update_with_an_unknown_force(scene: S
     mean, covariance = joint_filter(scene)
     adaptation = scene.adaptation(CORRECT)
     turned, weighed = scene.rotated(adaptation), scene.weighed(adaptation)
-    np.testing.assert_allclose(turned.estimate, mean[:9], rtol=1e-9, atol=1e-10)
-    np.testing.assert_allclose(turned.covariance, covariance[:9, :9], atol=1e-10)
-    np.testing.assert_allclose(weighed.mass_reciprocal, mean[9], rtol=1e-9)
-    np.testing.assert_allclose(weighed.variance, covariance[9, 9], rtol=1e-9)
+    np.testing.assert_allclose(turned.state.estimate, mean[:9], rtol=1e-9, atol=1e-10)
+    np.testing.assert_allclose(turned.state.covariance, covariance[:9, :9], atol=1e-10)
+    np.testing.assert_allclose(weighed.state.mass_reciprocal, mean[9], rtol=1e-9)
+    np.testing.assert_allclose(weighed.state.variance, covariance[9, 9], rtol=1e-9)
     # and the force itself
     effect = np.concatenate([adaptation.translation, adaptation.rotation])
     np.testing.assert_allclose(effect, mean[10] * scene.signature, rtol=1e-9)
@@ -144,8 +136,8 @@ def test_the_correction_from_rates_alone(scene: Scene) -> None:
     blind = scene._replace(moving=scene.moving._replace(noise=1e12 * scene.moving.noise))
     mean, covariance = joint_filter(blind)
     turned = scene.rotated(scene.adaptation(CORRECT, with_translation=False))
-    np.testing.assert_allclose(turned.estimate, mean[:9], rtol=1e-8, atol=1e-9)
-    np.testing.assert_allclose(turned.covariance, covariance[:9, :9], atol=1e-9)
+    np.testing.assert_allclose(turned.state.estimate, mean[:9], rtol=1e-8, atol=1e-9)
+    np.testing.assert_allclose(turned.state.covariance, covariance[:9, :9], atol=1e-9)
 
 
 def test_a_correction_keeps_the_failure_out_of_the_estimates(scene: Scene) -> None:
@@ -158,17 +150,19 @@ def test_a_correction_keeps_the_failure_out_of_the_estimates(scene: Scene) -> No
             moving=scene.moving._replace(innovation=scene.moving.innovation + effect[:3]),
         )
         adaptation = failed.adaptation(CORRECT)
-        estimates.append(np.append(failed.rotated(adaptation).estimate, failed.weighed(adaptation).mass_reciprocal))
+        estimates.append(
+            np.append(failed.rotated(adaptation).state.estimate, failed.weighed(adaptation).state.mass_reciprocal)
+        )
     # three hundred times the size cancels
     np.testing.assert_allclose(estimates[1:], [estimates[0]] * 2, atol=1e-11)
-    plain = scene.rotated(NO_ADAPTATION).estimate
+    plain = scene.rotated(NO_ADAPTATION).state.estimate
     assert np.abs(estimates[0][:9] - plain).max() > 0.01  # the force takes some of what the sample tells
 
 
 def test_a_correction_costs_what_the_force_took(scene: Scene) -> None:
     # S + K C K^T is above what the plain update leaves, and not above what was there before
-    plain = scene.rotated(NO_ADAPTATION).covariance
-    corrected = scene.rotated(scene.adaptation(CORRECT)).covariance
+    plain = scene.rotated(NO_ADAPTATION).state.covariance
+    corrected = scene.rotated(scene.adaptation(CORRECT)).state.covariance
     assert np.linalg.eigvalsh(corrected - plain).min() > -1e-12
     assert np.linalg.eigvalsh(corrected - plain).max() > 1e-3
     assert np.linalg.eigvalsh(scene.covariance - corrected).min() > -1e-12
@@ -181,10 +175,12 @@ def test_the_thesis_form_uses_smaller_gains_and_claims_more(scene: Scene) -> Non
     # given back instead of all (the reference's remark on (4-34), (4-35))
     best = scene.rotated(scene.adaptation(CORRECT, with_translation=False))
     thesis = scene.rotated(scene.adaptation(CORRECT_THESIS, with_translation=False))
-    np.testing.assert_allclose(thesis.estimate, best.estimate, rtol=1e-9, atol=1e-11)
+    np.testing.assert_allclose(thesis.state.estimate, best.state.estimate, rtol=1e-9, atol=1e-11)
     gain = scene.covariance @ scene.turning.jacobian.T @ scene.turning.information
     spread = scene.adaptation(CORRECT, with_translation=False).rotation_spread
-    np.testing.assert_allclose(best.covariance - thesis.covariance, 0.5 * gain @ spread @ gain.T, atol=1e-11)
+    np.testing.assert_allclose(
+        best.state.covariance - thesis.state.covariance, 0.5 * gain @ spread @ gain.T, atol=1e-11
+    )
 
 
 def test_the_thesis_form_in_full(scene: Scene) -> None:
@@ -194,44 +190,36 @@ def test_the_thesis_form_in_full(scene: Scene) -> None:
     gain = covariance @ jacobian.T @ np.linalg.inv(scene.turning.covariance + adaptation.rotation_spread)
     turned = scene.rotated(adaptation)
     expected = scene.estimate + gain @ (scene.turning.innovation - adaptation.rotation)
-    np.testing.assert_allclose(turned.estimate, expected, rtol=1e-10)
-    np.testing.assert_allclose(turned.covariance, covariance - gain @ jacobian @ covariance, atol=1e-11)
+    np.testing.assert_allclose(turned.state.estimate, expected, rtol=1e-10)
+    np.testing.assert_allclose(turned.state.covariance, covariance - gain @ jacobian @ covariance, atol=1e-11)
     impulse, variance = scene.linear_impulse, scene.variance
     kappa = variance * np.linalg.inv(scene.moving.covariance + adaptation.translation_spread) @ impulse
     weighed = scene.weighed(adaptation)
     expected_mass = scene.mass_reciprocal + kappa @ (scene.moving.innovation - adaptation.translation)
-    np.testing.assert_allclose(weighed.mass_reciprocal, expected_mass, rtol=1e-10)
-    np.testing.assert_allclose(weighed.variance, (1.0 - kappa @ impulse) * variance, rtol=1e-10)
+    np.testing.assert_allclose(weighed.state.mass_reciprocal, expected_mass, rtol=1e-10)
+    np.testing.assert_allclose(weighed.state.variance, (1.0 - kappa @ impulse) * variance, rtol=1e-10)
 
 
 def test_a_rejected_sample_leaves_the_state_but_for_process_noise(scene: Scene) -> None:
     noisy = ROTATION._replace(process_noise=np.diag(np.arange(9.0)), jump_threshold=0.0)
     rejected = scene.rotated(scene.adaptation(REJECT), noisy)
-    np.testing.assert_array_equal(rejected.estimate, scene.estimate)
-    np.testing.assert_array_equal(rejected.covariance, scene.covariance + np.diag(np.arange(9.0)))
+    np.testing.assert_array_equal(rejected.state.estimate, scene.estimate)
+    np.testing.assert_array_equal(rejected.state.covariance, scene.covariance + np.diag(np.arange(9.0)))
     assert not rejected.jumped
     weighed = scene.weighed(scene.adaptation(REJECT), MASS._replace(process_noise=0.5, jump_threshold=0.0))
-    assert (weighed.mass_reciprocal, weighed.variance) == (scene.mass_reciprocal, scene.variance + 0.5)
+    assert (weighed.state.mass_reciprocal, weighed.state.variance) == (scene.mass_reciprocal, scene.variance + 0.5)
     assert not weighed.jumped
-    assert not weighed.window.any()
+    assert not weighed.state.window.any()
 
 
 @pytest.mark.parametrize(("action", "used"), [(CORRECT, True), (CORRECT_THESIS, True), (REJECT, False)])
 def test_a_rejected_sample_does_not_count_as_used(scene: Scene, action: int, *, used: bool) -> None:
     adaptation = scene.adaptation(action)
     measurement = rotation_filter.RotationMeasurement(scene.sample, scene.turning)
-    turned = rotation_filter.finish(scene.estimate, scene.covariance, measurement, True, adaptation, ROTATION)
+    turned = rotation_filter.finish(scene.turning_state, measurement, True, adaptation, ROTATION)
     assert turned.used == used
-    weighed = mass_filter.finish(
-        scene.mass_reciprocal,
-        scene.variance,
-        mass_jump.empty_window(3),
-        mass_filter.MassMeasurement(scene.linear_impulse, scene.moving),
-        True,
-        True,
-        adaptation,
-        MASS,
-    )
+    pushed = mass_filter.MassMeasurement(scene.pushed, scene.moving)
+    weighed = mass_filter.finish(scene.moving_state, pushed, True, True, adaptation, MASS)
     assert weighed.used == used
 
 
@@ -239,7 +227,7 @@ def test_process_noise_is_added_after_a_correction(scene: Scene) -> None:
     adaptation = scene.adaptation(CORRECT)
     noise = 0.25 * np.eye(9)
     noisy, plain = scene.rotated(adaptation, ROTATION._replace(process_noise=noise)), scene.rotated(adaptation)
-    np.testing.assert_allclose(noisy.covariance - plain.covariance, noise, atol=1e-14)
+    np.testing.assert_allclose(noisy.state.covariance - plain.state.covariance, noise, atol=1e-14)
 
 
 @pytest.mark.parametrize("action", [CORRECT, CORRECT_THESIS])
@@ -248,18 +236,15 @@ def test_covariance_is_not_incremented_while_a_jet_explains_the_sample(scene: Sc
     assert scene.rotated(NO_ADAPTATION, eager).jumped
     explained = scene.rotated(scene.adaptation(action), eager)
     assert not explained.jumped
-    np.testing.assert_array_equal(explained.covariance, scene.rotated(scene.adaptation(action)).covariance)
+    np.testing.assert_array_equal(explained.state.covariance, scene.rotated(scene.adaptation(action)).state.covariance)
 
 
 # ------------------------------------------------------------------------------------- a jump of the mass
 
 
 def finished(scene: Scene, adaptation: Adaptation, *, usable: bool = True) -> mass_filter.MassCycle:
-    measurement = mass_filter.MassMeasurement(scene.linear_impulse, scene.moving)
-    window = mass_jump.empty_window(3)
-    return mass_filter.finish(
-        scene.mass_reciprocal, scene.variance, window, measurement, usable, True, adaptation, MASS
-    )
+    measurement = mass_filter.MassMeasurement(scene.pushed, scene.moving)
+    return mass_filter.finish(scene.moving_state, measurement, usable, True, adaptation, MASS)
 
 
 JUMPED = NO_ADAPTATION._replace(mass_jumped=True)
@@ -273,17 +258,17 @@ def test_after_a_jump_the_sample_is_used_with_the_raised_variance(scene: Scene) 
     noise = np.linalg.inv(scene.moving.noise)
     impulse = scene.linear_impulse
     updated = 1.0 / (1.0 / variance + impulse @ noise @ impulse)
-    np.testing.assert_allclose(result.variance, updated, rtol=1e-10)
+    np.testing.assert_allclose(result.state.variance, updated, rtol=1e-10)
     expected = scene.mass_reciprocal + updated * (impulse @ noise @ scene.moving.innovation)
-    np.testing.assert_allclose(result.mass_reciprocal, expected, rtol=1e-10)
+    np.testing.assert_allclose(result.state.mass_reciprocal, expected, rtol=1e-10)
 
 
 def test_a_jump_raises_the_variance_even_of_a_sample_that_is_not_used(scene: Scene) -> None:
     result = finished(scene, JUMPED, usable=False)
     assert not result.used
-    assert (result.mass_reciprocal, result.variance) == (scene.mass_reciprocal, scene.variance + 4.0)
+    assert (result.state.mass_reciprocal, result.state.variance) == (scene.mass_reciprocal, scene.variance + 4.0)
     blind = scene._replace(moving=scene.moving._replace(innovation=np.full(3, np.nan), nis=np.nan))
-    assert finished(blind, JUMPED).variance == scene.variance + 4.0
+    assert finished(blind, JUMPED).state.variance == scene.variance + 4.0
 
 
 # ------------------------------------------------------------------------------------------------ packing

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from functools import cache
 from typing import Any
 
 import numpy as np
 import pytest
+from settings_probe import detector_settings_of as settings_of
 
 from massprop_drake.maths import adaptation
 from massprop_drake.maths.detection import (
@@ -25,13 +25,13 @@ from massprop_drake.maths.detection import (
     judged,
     known_force,
     packed,
+    shared_covariance,
     status,
     unpacked,
 )
 from massprop_drake.maths.jet_failures import signatures
 from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError
-from massprop_drake.scenario import load_scenario
-from massprop_drake.settings import detector_settings
+from massprop_drake.maths.rotation_filter import rate_increment_jacobian
 from massprop_drake.vehicle import Vehicle
 
 PERIOD_S = 0.08
@@ -39,14 +39,10 @@ N = 44
 # indices of jets: 29 and its neighbour 30, 11, the vernier 39 and the primaries 9 and 10 beside it
 STUCK, NEIGHBOUR, LOST, VERNIER, BESIDE_VERNIER = 28, 29, 10, 38, (8, 9)
 VELOCITY_VARIANCE, RATE_VARIANCE = 0.0344**2 / 6.0, 1.52e-6**2 / 6.0  # section 5.5 of the thesis
+LIMITS = np.array([0.02, 1.0, 0.2])  # of convergence: diagonal, ft, mass reciprocal
+THRUSTS = {STUCK: 868.819, LOST: 874.185}  # lbf
 QUIET = np.zeros(6)
 FIRING = {"command": np.eye(N)[0], "firing": True}  # jet 1 is on
-
-
-@cache
-def settings_of(*overrides: str) -> DetectorSettings:
-    """The detector of a bundled scenario, with overrides."""
-    return detector_settings(load_scenario("stuck_on_29", list(overrides)))
 
 
 class Bench:
@@ -63,32 +59,34 @@ class Bench:
         self.state = initial_state(N)
         self.number = 0  # of the sample
 
-    def sample(self, innovation: Array, **changes: Any) -> DetectorSample:
-        """A sample while coasting, but for the changes."""
-        translation, rotation = VELOCITY_VARIANCE * np.eye(3), RATE_VARIANCE * np.eye(3)
-        values: dict[str, Any] = {
+    @property
+    def sure(self) -> Array:
+        """S of estimates as good as exact; a variance of zero would say that nothing was ever measured."""
+        return np.diag(np.append((1e-9 * self.properties[:3]) ** 2, np.zeros(6)))
+
+    def given(self, innovation: Array, **changes: Any) -> dict[str, Any]:
+        """What the filters hand over while coasting, sure of their estimates, but for the changes."""
+        properties = changes.pop("mass_properties", self.properties)
+        return {
             "time_s": self.number * PERIOD_S,
             "command": np.zeros(N),
             "usable": True,
             "firing": False,
-            "converged": True,
             "translation": innovation[:3],
             "rotation": innovation[3:],
-            "translation_covariance": translation,
-            "rotation_covariance": rotation,
-            "mass_properties": self.properties,
-            "state_covariance": np.zeros((9, 9)),
-            "mass_variance": 0.0,
+            "translation_covariance": VELOCITY_VARIANCE * np.eye(3),
+            "rotation_covariance": RATE_VARIANCE * np.eye(3),
+            "rotation_estimate": properties[:9],
+            "state_covariance": self.sure,
+            "mass_estimate": np.array([properties[9], (1e-9 * properties[9]) ** 2]),
+            "limits": LIMITS,
             **changes,
         }
-        for name in ("translation", "rotation"):
-            values[f"{name}_information"] = np.linalg.inv(values[f"{name}_covariance"])
-        return DetectorSample(**values)
 
     def step(self, innovation: Array, **changes: Any) -> DetectorCycle:
         """The next cycle."""
         self.number += 1
-        result = cycle(self.state, self.sample(innovation, **changes), self.settings)
+        result = judged(self.state, **self.given(innovation, **changes), settings=self.settings)
         self.state = result.state
         return result
 
@@ -224,7 +222,7 @@ def test_a_jet_that_is_on_gives_no_more_than_it_should_by_the_mirror_rule_alone(
     "reason",
     [
         {"usable": False},
-        {"converged": False},
+        {"limits": np.zeros(3)},
         {"translation": np.full(3, np.nan)},
         {"rotation": np.full(3, np.nan)},
     ],
@@ -255,9 +253,12 @@ def test_what_was_handed_in_is_not_changed(bench: Bench) -> None:
     bench.declare(STUCK, 868.8)
     before = packed(bench.state).copy()
     state = bench.state
-    cycle(state, bench.sample(3.0 * bench.signatures[STUCK]), bench.settings)
-    cycle(state, bench.sample(-500.0 * bench.signatures[STUCK]), bench.settings)
-    cycle(state, bench.sample(300.0 * bench.signatures[0]), bench.settings._replace(alarms_to_declare=1))
+    for innovation, settings in (
+        (3.0 * bench.signatures[STUCK], bench.settings),
+        (-500.0 * bench.signatures[STUCK], bench.settings),
+        (300.0 * bench.signatures[0], bench.settings._replace(alarms_to_declare=1)),
+    ):
+        judged(state, **bench.given(innovation), settings=settings)
     np.testing.assert_array_equal(packed(state), before)
 
 
@@ -658,11 +659,11 @@ def test_another_failure_is_found_while_a_force_is_known(bench: Bench) -> None:
 def test_uncertain_estimates_keep_the_detector_from_naming_the_neighbour(orbiter: Vehicle) -> None:
     # the arms of the aft jets are believed 1.08 ft short, which is one sigma: jet 30 seems to have the arm
     # of jet 29
-    spread = np.zeros((9, 9))
+    spread = Bench(orbiter).sure
     spread[6, 6] = 1.08**2
     believed = orbiter.nominal.vector()
     believed[6] -= 1.08
-    about = {"mass_properties": believed, "state_covariance": spread}
+    about = {"mass_properties": believed, "state_covariance": spread, "limits": 2.0 * LIMITS}
     unaware = Bench(orbiter, unexplained_limit=np.inf).failing(STUCK, 868.8, **about).finding
     assert (unaware.isolation.jet, unaware.jet_isolated) == (NEIGHBOUR, True)
     aware = Bench(orbiter, signature_uncertainty=True).failing(STUCK, 868.8, **about).finding
@@ -671,27 +672,175 @@ def test_uncertain_estimates_keep_the_detector_from_naming_the_neighbour(orbiter
     assert not aware.jet_isolated
 
 
+# ------------------------------------------------------------------------------- considered thrust errors
+
+
+def erring(bench: Bench, jet: int, velocity_variance: float = VELOCITY_VARIANCE) -> dict[str, Any]:
+    """A jet that fires, its thrust known to 1 %: what its error adds to the covariances."""
+    effects = np.zeros((2, 3, N))
+    effects[:, :, jet] = 0.01 * THRUSTS[jet] * bench.signatures[jet].reshape(2, 3)
+    return {
+        "command": np.eye(N)[jet],
+        "firing": True,
+        "translation_covariance": velocity_variance * np.eye(3) + effects[0] @ effects[0].T,
+        "rotation_covariance": RATE_VARIANCE * np.eye(3) + effects[1] @ effects[1].T,
+        "shared_covariance": shared_covariance(effects[0], effects[1]),
+    }
+
+
+def test_what_translation_and_rotation_share_of_thrust_errors() -> None:
+    rng = np.random.default_rng(10)
+    translation, rotation = rng.normal(size=(2, 3, 5))
+    expected = sum(np.outer(translation[:, jet], rotation[:, jet]) for jet in range(5))
+    np.testing.assert_allclose(shared_covariance(translation, rotation), expected, rtol=1e-13)
+    for nothing in ((None, rotation), (translation, None), (None, None), (translation, np.zeros((3, 5)))):
+        assert shared_covariance(*nothing) is None
+
+
+@pytest.mark.parametrize("uncertain", [False, True])
+def test_tests_with_a_shared_covariance_against_the_full_form_jet_by_jet(orbiter: Vehicle, *, uncertain: bool) -> None:
+    bench = Bench(orbiter, signature_uncertainty=uncertain, unexplained_limit=np.inf)
+    rng = np.random.default_rng(11)
+    effects = rng.normal(size=(2, 3, 6))
+    effects[0] *= 2.0 * np.sqrt(VELOCITY_VARIANCE)
+    effects[1] *= 2.0 * np.sqrt(RATE_VARIANCE)
+    blocks = [variance * np.eye(3) for variance in (VELOCITY_VARIANCE, RATE_VARIANCE)]
+    whole = np.zeros((6, 6))
+    whole[:3, :3], whole[3:, 3:] = blocks
+    stacked = np.vstack([effects[0], effects[1]])
+    whole += stacked @ stacked.T
+    innovation = 200.0 * bench.signatures[STUCK] + np.linalg.cholesky(whole) @ rng.normal(size=6)
+    given = filters(
+        bench,
+        innovation,
+        command=np.full(N, 1.0),  # so that no sign is ruled out
+        translation_covariance=whole[:3, :3],
+        rotation_covariance=whole[3:, 3:],
+        shared_covariance=shared_covariance(effects[0], effects[1]),
+    )
+    tests = judged(bench.state, **given, settings=bench.settings).tests
+    scale = np.sqrt(whole.diagonal())
+    plain = whole / np.outer(scale, scale)
+    e = innovation / scale
+    for jet, c in enumerate(bench.signatures / scale):
+        grown = plain
+        if uncertain:
+            force = c @ np.linalg.solve(plain, e) / (c @ np.linalg.solve(plain, c))
+            wrench = bench.settings.unit_wrenches[jet] * PERIOD_S
+            h = rate_increment_jacobian(bench.properties[:9], wrench[:3], wrench[3:])
+            spread = np.zeros((6, 6))
+            spread[:3, :3] = given["mass_estimate"][1] * np.outer(wrench[3:], wrench[3:])
+            spread[3:, 3:] = h @ given["state_covariance"] @ h.T
+            grown = plain + force**2 * spread / np.outer(scale, scale)
+        information = np.linalg.inv(grown)
+        strength = c @ information @ c
+        magnitude = c @ information @ e / strength
+        left = e @ information @ e - magnitude**2 * strength
+        likelihood = e @ np.linalg.inv(plain) @ e - left - np.log(np.linalg.det(grown) / np.linalg.det(plain))
+        total = e @ np.linalg.inv(plain) @ e
+        np.testing.assert_allclose(tests.magnitude[jet], magnitude, rtol=1e-7)
+        np.testing.assert_allclose(tests.variance[jet], 1.0 / strength, rtol=1e-7)
+        np.testing.assert_allclose(tests.likelihood[jet], max(likelihood, 0.0), rtol=1e-7, atol=1e-9 * total)
+        np.testing.assert_allclose(tests.unexplained[jet], left, rtol=1e-7, atol=1e-9 * total)
+
+
+def test_a_jet_that_is_off_by_its_usual_error_raises_no_alarm(bench: Bench) -> None:
+    # 2.5 sigma of 1 %, 21.7 lbf: for a known thrust a failure beyond doubt, here 2.5^2 = 6.25 of one sigma
+    usual = 0.025 * THRUSTS[STUCK] * bench.signatures[STUCK]
+    for sign in (1.0, -1.0):
+        result = bench.step(sign * usual, **erring(bench, STUCK))
+        assert result.finding.tested
+        assert not result.finding.alarm
+        assert result.finding.event == NOTHING
+        assert result.adaptation == adaptation.NO_ADAPTATION
+        # 1-sigma 8.7 lbf of the thrust and 0.97 lbf of the sensors: 21.7^2 / (8.7^2 + 0.97^2)
+        np.testing.assert_allclose(result.tests.likelihood[STUCK], 6.17, rtol=2e-3)
+        naive = bench.step(sign * usual, command=np.eye(N)[STUCK], firing=True)
+        assert naive.finding.isolation.jet == STUCK
+        assert naive.adaptation.action != adaptation.NO_ACTION
+        assert naive.finding.alarm == (sign > 0.0)  # too little of it could be the opposite jet's doing
+
+
+@pytest.mark.parametrize("jet", [LOST, STUCK])
+def test_a_jet_that_fails_while_thrust_is_uncertain_is_found(bench: Bench, jet: int) -> None:
+    for _ in range(2):
+        finding = bench.step(-THRUSTS[jet] * bench.signatures[jet], **erring(bench, jet)).finding
+        assert finding.alarm
+        assert finding.isolation.jet == jet
+        # its thrust is known to 1 %, the sensors tell 0.84 and 0.97 lbf (reference, figures 5-16 to 5-21)
+        sensed = {LOST: 0.84, STUCK: 0.97}[jet]
+        np.testing.assert_allclose(finding.magnitude_std, np.hypot(0.01 * THRUSTS[jet], sensed), rtol=1e-3)
+    assert finding.event == DECLARED
+
+
+def test_a_usual_error_in_translation_and_rotation_is_one_chance_and_not_two(bench: Bench) -> None:
+    # an accelerometer as good as the gyro. Both are off by 2.5 sigma together, as one jet's thrust makes them:
+    # e^T Y^-1 e = 2.5^2 with the shared block, twice that without it
+    about = erring(bench, STUCK, velocity_variance=1e-12)
+    usual = 0.025 * THRUSTS[STUCK] * bench.signatures[STUCK]
+    for shared, expected in ((about["shared_covariance"], 2.5**2), (None, 2.0 * 2.5**2)):
+        tests = bench.step(usual, **(about | {"shared_covariance": shared})).tests
+        np.testing.assert_allclose(tests.likelihood[STUCK] + tests.unexplained[STUCK], expected, rtol=0.02)
+
+
+@pytest.mark.parametrize(
+    ("likelihood", "bearing", "threshold", "alarm"),
+    [
+        (14.0, False, 16.0, True),  # no thrust error bears on the sample: the margin of six alone
+        (14.0, True, 16.0, False),
+        (18.0, True, 16.0, True),
+        (14.0, True, 0.0, True),
+        (18.0, True, 20.0, False),
+    ],
+)
+def test_the_dispersion_threshold_holds_where_thrust_errors_bear(
+    orbiter: Vehicle, likelihood: float, threshold: float, *, bearing: bool, alarm: bool
+) -> None:
+    # vernier 39 leads the next cluster by half of its argument (reference, figure 5-22)
+    bench = Bench(orbiter, dispersion_threshold=threshold)
+    c = bench.signatures[VERNIER]
+    force = np.sqrt(likelihood / (c @ bench.information @ c))
+    faint = 1e-12 * np.sqrt(VELOCITY_VARIANCE * RATE_VARIANCE) * np.ones((3, 3))
+    finding = bench.failing(VERNIER, force, shared_covariance=faint if bearing else None).finding
+    assert finding.isolation.cluster_margin > 6.0
+    assert finding.alarm == alarm
+
+
+def test_the_larger_of_both_thresholds_holds(orbiter: Vehicle) -> None:
+    # the leak of jet 24 has 260 (reference, figure 5-25)
+    for threshold, alarm in ((259.0, True), (262.0, False)):
+        bench = Bench(orbiter, threshold=threshold, dispersion_threshold=16.0)
+        faint = 1e-12 * np.sqrt(VELOCITY_VARIANCE * RATE_VARIANCE) * np.ones((3, 3))
+        assert bench.failing(23, 10.365, shared_covariance=faint).finding.alarm == alarm
+
+
+@pytest.mark.parametrize("missing", ["translation", "rotation"])
+def test_an_innovation_that_was_not_measured_is_not_tested_whatever_thrust_does(bench: Bench, missing: str) -> None:
+    about = erring(bench, LOST) | {missing: np.full(3, np.nan), f"{missing}_covariance": np.full((3, 3), np.nan)}
+    result = bench.step(-THRUSTS[LOST] * bench.signatures[LOST], **about)
+    assert not result.finding.tested
+    assert np.isnan(result.tests.likelihood).all()
+    assert result.adaptation == adaptation.NO_ADAPTATION
+
+
+def test_a_shared_covariance_that_cannot_be_is_reported(bench: Bench) -> None:
+    about = erring(bench, LOST, velocity_variance=1e-12)
+    with pytest.raises(NotPositiveDefiniteError, match="innovation covariance"):
+        bench.step(QUIET, **(about | {"shared_covariance": 2.0 * about["shared_covariance"]}))
+
+
 # ---------------------------------------------------------------------------- from the filters, and to logs
 
 
 def filters(bench: Bench, innovation: Array, **changes: Any) -> dict[str, Any]:
-    """What the filters hand to the detector."""
+    """What filters hand over that know their estimates to a part in a thousand or a hundred."""
     deviation = np.concatenate([0.001 * bench.properties[:3], np.full(3, 1e-10), np.full(3, 0.01)])
-    return {
+    unsure = {
         "time_s": 1.6,
-        "command": np.zeros(N),
-        "usable": True,
-        "firing": False,
-        "translation": innovation[:3],
-        "rotation": innovation[3:],
-        "translation_covariance": VELOCITY_VARIANCE * np.eye(3),
-        "rotation_covariance": RATE_VARIANCE * np.eye(3),
-        "rotation_estimate": bench.properties[:9],
         "state_covariance": np.diag(deviation**2),
         "mass_estimate": np.array([bench.properties[9], (0.01 * bench.properties[9]) ** 2, 1.0, 2.0]),
-        "limits": np.array([0.02, 1.0, 0.2]),
-        **changes,
     }
+    return bench.given(innovation, **(unsure | changes))
 
 
 def test_what_the_filters_know_makes_the_sample(orbiter: Vehicle) -> None:
@@ -699,9 +848,16 @@ def test_what_the_filters_know_makes_the_sample(orbiter: Vehicle) -> None:
     innovation = 868.8 * bench.signatures[STUCK] + bench.unexplained(STUCK, 3.0)
     given = filters(bench, innovation)
     ours = judged(bench.state, **given, settings=bench.settings)
-    sample = bench.sample(
-        innovation,
+    covariance = np.diag([VELOCITY_VARIANCE] * 3 + [RATE_VARIANCE] * 3)
+    sample = DetectorSample(
         time_s=1.6,
+        command=np.zeros(N),
+        firing=False,
+        innovation=innovation,
+        covariance=covariance,
+        information=np.linalg.inv(covariance),
+        thrust_errors=False,
+        mass_properties=bench.properties,
         state_covariance=given["state_covariance"],
         mass_variance=float(given["mass_estimate"][1]),
     )

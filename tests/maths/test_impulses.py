@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -116,3 +118,76 @@ def test_lag_does_not_change_the_gate() -> None:
     on = np.array([1.0, 0.0])
     assert interval_impulses(on, on, 0.9 * on, per_level(), lag).usable
     assert not interval_impulses(on, np.zeros(2), np.zeros(2), per_level(), lag).usable
+
+
+# ------------------------------------------------------------------------ unknown commands, outside forces
+
+UNKNOWN = np.array([1.0, np.nan])
+
+
+def test_where_a_command_is_not_known_nothing_fires_and_two_samples_are_unusable() -> None:
+    on = np.array([1.0, 0.0])
+    commands = [on, on, UNKNOWN, on, on]
+    results = [
+        interval_impulses(now, before, np.zeros(2), per_level(), NO_LAG) for before, now in itertools.pairwise(commands)
+    ]
+    # the sample itself, and the next, whose combination cannot be compared
+    assert [result.usable for result in results] == [True, False, False, True]
+    for result in results:
+        for part in (result.angular_impulse, result.linear_impulse, result.level, result.mean_level):
+            assert np.isfinite(part).all()
+    # the jet that is not known is taken as off, the other as it is commanded
+    np.testing.assert_array_equal(results[1].linear_impulse, [0, 0, 5])
+    np.testing.assert_array_equal(results[1].mean_level, [1, 0])
+
+
+def test_commands_of_which_none_is_known_are_no_firing() -> None:
+    unknown = np.full(2, np.nan)
+    impulses = interval_impulses(unknown, unknown, np.zeros(2), per_level(), NO_LAG)
+    assert not impulses.usable  # two unknown combinations are not the same one
+    assert not impulses.firing
+    np.testing.assert_array_equal(impulses.angular_impulse, np.zeros(3))
+    np.testing.assert_array_equal(impulses.level, np.zeros(2))
+
+
+def test_the_level_decays_where_a_command_is_not_known_and_recovers() -> None:
+    lag = lag_factors(np.full(2, 0.5 * PERIOD), PERIOD)
+    left = np.exp(-2.0)
+    unknown = interval_impulses(np.array([np.nan, 1.0]), np.ones(2), np.ones(2), per_level(), lag)
+    np.testing.assert_allclose(unknown.level, [left, 1.0], rtol=1e-14)
+    np.testing.assert_allclose(unknown.mean_level, [0.5 * (1.0 - left), 1.0], rtol=1e-14)
+    again = interval_impulses(np.ones(2), np.array([np.nan, 1.0]), unknown.level, per_level(), lag)
+    np.testing.assert_allclose(again.level, [1.0 - (1.0 - left) * left, 1.0], rtol=1e-14)
+
+
+def test_what_was_commanded_is_not_changed() -> None:
+    command = UNKNOWN.copy()
+    interval_impulses(command, command, np.zeros(2), per_level(), NO_LAG)
+    np.testing.assert_array_equal(command, UNKNOWN)
+
+
+def test_an_outside_impulse_adds_to_the_jets_and_counts_as_firing() -> None:
+    off, on = np.zeros(2), np.array([1.0, 0.0])
+    outside = np.array([1.0, -2.0, 3.0, 0.5, 0.0, -0.25])
+    alone = interval_impulses(off, off, off, per_level(), NO_LAG, outside)
+    np.testing.assert_array_equal(alone.angular_impulse, [1, -2, 3])
+    np.testing.assert_array_equal(alone.linear_impulse, [0.5, 0, -0.25])
+    assert alone.usable
+    assert alone.firing
+    both = interval_impulses(on, on, on, per_level(), NO_LAG, outside)
+    # half a second of the first jet: torque (20, -10, 0), force (0, 0, 10)
+    np.testing.assert_array_equal(both.angular_impulse, [11, -7, 3])
+    np.testing.assert_array_equal(both.linear_impulse, [0.5, 0, 4.75])
+    # it is no thrust of a jet
+    np.testing.assert_array_equal(alone.mean_level, off)
+    np.testing.assert_array_equal(outside, [1.0, -2.0, 3.0, 0.5, 0.0, -0.25])
+
+
+def test_an_outside_impulse_of_zero_is_none() -> None:
+    off = np.zeros(2)
+    assert not interval_impulses(off, off, off, per_level(), NO_LAG, np.zeros(6)).firing
+
+
+def test_an_outside_impulse_does_not_make_an_unsteady_combination_usable() -> None:
+    result = interval_impulses(np.array([1.0, 0.0]), np.zeros(2), np.zeros(2), per_level(), NO_LAG, np.ones(6))
+    assert not result.usable

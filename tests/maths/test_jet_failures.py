@@ -11,7 +11,6 @@ from scipy.stats import binom, chi2, kstest, ncx2
 from massprop_drake.maths.jet_failures import (
     Isolation,
     JetTests,
-    _jacobians,
     isolate,
     jet_tests,
     signatures,
@@ -19,7 +18,7 @@ from massprop_drake.maths.jet_failures import (
 )
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import ELEMENT, pack
-from massprop_drake.maths.rotation_filter import rate_increment_jacobian
+from massprop_drake.maths.rotation_filter import rate_increment_jacobian, rate_increment_jacobians
 from massprop_drake.settings import unit_wrenches
 from massprop_drake.vehicle import Vehicle
 
@@ -38,8 +37,8 @@ class Case(NamedTuple):
     thrusts: Array
 
     @property
-    def information(self) -> tuple[Array, Array]:
-        return np.linalg.inv(self.translation), np.linalg.inv(self.rotation)
+    def information(self) -> Array:
+        return blocks(np.linalg.inv(self.translation), np.linalg.inv(self.rotation))
 
     @property
     def whole(self) -> Array:
@@ -76,7 +75,7 @@ def judged(case: Case, innovation: Array, off: Array | None = None, on: Array | 
     """The certain tests of one innovation; no sign is ruled out unless said."""
     negative = case.allowed if off is None else off
     positive = case.allowed if on is None else on
-    return jet_tests(case.coefficients, innovation, *case.information, negative, positive)
+    return jet_tests(case.coefficients, innovation, case.information, negative, positive)
 
 
 def skewed_case(case: Case) -> Case:
@@ -213,8 +212,7 @@ def judged_again(
         case.coefficients,
         case.wrenches,
         innovation,
-        case.translation,
-        case.rotation,
+        case.whole,
         case.properties,
         state_covariance,
         mass_variance,
@@ -298,7 +296,7 @@ def test_estimates_that_are_off_take_the_neighbour_only_without_their_uncertaint
 
 
 def test_jacobians_are_those_of_the_rotation_filter(case: Case) -> None:
-    result = _jacobians(case.wrenches * PERIOD_S, case.properties)
+    result = rate_increment_jacobians(case.properties, case.wrenches * PERIOD_S)
     for jet, impulse in enumerate(case.wrenches * PERIOD_S):
         expected = rate_increment_jacobian(case.properties[:9], impulse[:3], impulse[3:])
         np.testing.assert_allclose(result[jet], expected, rtol=1e-12, atol=1e-12 * np.abs(expected).max(axis=0).min())
@@ -306,7 +304,7 @@ def test_jacobians_are_those_of_the_rotation_filter(case: Case) -> None:
 
 def test_a_signature_moves_with_the_estimates_by_its_jacobian(case: Case) -> None:
     # the signature is bilinear in inverse inertia and center of mass: central differences are exact
-    jacobian = _jacobians(case.wrenches * PERIOD_S, case.properties)
+    jacobian = rate_increment_jacobians(case.properties, case.wrenches * PERIOD_S)
     for element in range(9):
         size = 0.5 * np.abs(case.properties[element])
         sides = []
@@ -513,7 +511,7 @@ def quiet(case: Case) -> Draws:
     rng = np.random.default_rng(5)
     noise = rng.normal(size=(SAMPLES, 6)) @ np.linalg.cholesky(case.whole).T
     information, allowed = case.information, case.allowed
-    tests = [jet_tests(case.coefficients, e, *information, allowed, allowed) for e in noise]
+    tests = [jet_tests(case.coefficients, e, information, allowed, allowed) for e in noise]
     return Draws(*(np.array([getattr(test, name) for test in tests]) for name in Draws._fields))
 
 

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
+from settings_probe import mass_settings
 
 from massprop_drake.maths.adaptation import NO_ADAPTATION
 from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError, skew, symmetrised
@@ -14,11 +15,12 @@ from massprop_drake.maths.mass_filter import (
     TRANSVERSE,
     TRANSVERSE_CENTRIPETAL,
     MassInnovation,
-    MassSample,
+    MassMeasurement,
     MassSettings,
+    MassState,
+    Rotation,
     compensated,
     finish,
-    innovate,
     measure,
     update,
 )
@@ -28,18 +30,10 @@ from massprop_drake.maths.sensing import point_velocity
 from massprop_drake.vehicle import Vehicle
 
 PERIOD = 0.08  # s
-SETTINGS = MassSettings(
-    period_s=PERIOD,
-    compensation=TRANSVERSE_CENTRIPETAL,
-    compensation_covariance=True,
-    process_noise=0.0,
-    jump_variance=0.0,
-    jump_threshold=np.inf,
-    jump_window=1,
-    disturbance_covariance=np.zeros((3, 3)),
-)
+SETTINGS = mass_settings(period_s=PERIOD, compensation=TRANSVERSE_CENTRIPETAL, compensation_covariance=True)
 WINDOW = empty_window(1)
 ARM = np.array([2.0, -1.0, 0.5])
+CENTER = np.array([1.0, 0.5, -2.0])  # exact in binary, as ARM is: so is their sum
 CENTER_COVARIANCE = np.array([[0.30, 0.05, -0.02], [0.05, 0.20, 0.04], [-0.02, 0.04, 0.10]])
 NOISE = np.array([[4e-3, 1e-3, 0.0], [1e-3, 3e-3, 5e-4], [0.0, 5e-4, 2e-3]])
 RATE_INCREMENT = np.array([0.2, -0.3, 0.1])
@@ -70,11 +64,6 @@ def freed(
     )
 
 
-def sample_of(**changes: Any) -> MassSample:
-    sample = MassSample(VELOCITY_INCREMENT, NOISE, ARM, CENTER_COVARIANCE, RATE_INCREMENT, RATE_NOW, 0.04, IMPULSE)
-    return sample._replace(**changes)
-
-
 class Cycled(NamedTuple):
     """Both halves of a cycle."""
 
@@ -84,12 +73,13 @@ class Cycled(NamedTuple):
     used: bool
 
 
-def cycled(settings: MassSettings = SETTINGS, **changes: Any) -> Cycled:
+def measured(settings: MassSettings = SETTINGS, **changes: Any) -> MassMeasurement:
+    """First half of a cycle with one accelerometer, its noise given in full."""
     arguments: dict[str, Any] = {
         "mass_reciprocal": 0.3,
         "variance": 0.02,
-        "velocity_before": np.array([5.0, -3.0, 1.0]),
-        "velocity": np.array([6.2, -3.4, 1.9]),
+        "velocity_before": np.zeros(3),
+        "velocity": VELOCITY_INCREMENT,
         "noise": NOISE,
         "arm": ARM,
         "center_covariance": CENTER_COVARIANCE,
@@ -97,15 +87,37 @@ def cycled(settings: MassSettings = SETTINGS, **changes: Any) -> Cycled:
         "rate": RATE_NOW,
         "rate_variance": 0.04,
         "linear_impulse": IMPULSE,
+    }
+    given = arguments | changes
+    rotation = Rotation(
+        given["rate_increment"], given["rate"], given["rate_variance"], CENTER, given["center_covariance"]
+    )
+    return measure(
+        MassState(given["mass_reciprocal"], given["variance"], WINDOW),
+        given["velocity_before"][None],
+        given["velocity"][None],
+        given["noise"],
+        rotation,
+        given["linear_impulse"],
+        settings._replace(positions=(CENTER + given["arm"])[None]),
+    )
+
+
+def cycled(settings: MassSettings = SETTINGS, **changes: Any) -> Cycled:
+    arguments: dict[str, Any] = {
+        "mass_reciprocal": 0.3,
+        "variance": 0.02,
+        "velocity_before": np.array([5.0, -3.0, 1.0]),
+        "velocity": np.array([6.2, -3.4, 1.9]),
         "usable": True,
         "firing": True,
     }
     arguments |= changes
     usable, firing = arguments.pop("usable"), arguments.pop("firing")
-    measurement = measure(**arguments, settings=settings)
-    before = arguments["mass_reciprocal"], arguments["variance"], WINDOW
-    done = finish(*before, measurement, usable, firing, NO_ADAPTATION, settings)
-    return Cycled(measurement.innovation, done.mass_reciprocal, done.variance, done.used)
+    state = MassState(arguments["mass_reciprocal"], arguments["variance"], WINDOW)
+    measurement = measured(settings, **arguments)
+    done = finish(state, measurement, usable, firing, NO_ADAPTATION, settings)
+    return Cycled(measurement.innovation, done.state.mass_reciprocal, done.state.variance, done.used)
 
 
 def spread_of_rates(arm: Array, center_covariance: Array, rate_variance: float) -> Array:
@@ -253,9 +265,9 @@ def test_compensation_frees_a_true_motion_of_its_rotation(orbiter: Vehicle) -> N
 
 def test_innovation_is_put_together_from_its_terms() -> None:
     disturbance = np.diag([1e-3, 2e-3, 3e-3])
-    dut = innovate(0.3, 0.02, sample_of(), SETTINGS._replace(disturbance_covariance=disturbance))
-    measured, noise = freed(TRANSVERSE_CENTRIPETAL, velocity_noise=NOISE + disturbance)
-    expected = measured - 0.3 * IMPULSE
+    dut = measured(SETTINGS._replace(disturbance_covariance=disturbance)).innovation
+    increment, noise = freed(TRANSVERSE_CENTRIPETAL, velocity_noise=NOISE + disturbance)
+    expected = increment - 0.3 * IMPULSE
     total = 0.02 * np.outer(IMPULSE, IMPULSE) + noise
     np.testing.assert_array_equal(dut.noise, noise)
     np.testing.assert_allclose(dut.innovation, expected, rtol=1e-14)
@@ -267,7 +279,7 @@ def test_innovation_is_put_together_from_its_terms() -> None:
 @pytest.mark.parametrize(("compensation", "grow"), VARIANTS)
 def test_variants_differ_in_what_they_subtract_and_in_their_covariance(compensation: int, grow: bool) -> None:
     settings = SETTINGS._replace(compensation=compensation, compensation_covariance=grow)
-    dut = innovate(0.3, 0.02, sample_of(), settings)
+    dut = measured(settings).innovation
     rotation = np.zeros(3)
     mixing = np.zeros((3, 3))
     if compensation != NO_COMPENSATION:
@@ -287,11 +299,12 @@ def test_variants_differ_in_what_they_subtract_and_in_their_covariance(compensat
 def test_update_of_hand_value() -> None:
     # lambda = (0, 0, 2), variance 3, noise 1: Y_zz = 13, gain 6/13; innovation 1.3 adds 0.6, and the variance
     # becomes 3 / 13 (3-84); process noise 0.25
-    sample = sample_of(increment=np.array([0.0, 0.0, 1.9]), noise=np.eye(3), linear_impulse=np.array([0.0, 0.0, 2.0]))
     settings = SETTINGS._replace(compensation=NO_COMPENSATION, process_noise=0.25)
-    dut = update(0.3, 3.0, WINDOW, sample.linear_impulse, innovate(0.3, 3.0, sample, settings), NO_ADAPTATION, settings)
-    assert dut.mass_reciprocal == pytest.approx(0.9, rel=1e-14)
-    assert dut.variance == pytest.approx(3.0 / 13.0 + 0.25, rel=1e-14)
+    push, velocity = np.array([0.0, 0.0, 2.0]), np.array([0.0, 0.0, 1.9])
+    measurement = measured(settings, variance=3.0, velocity=velocity, noise=np.eye(3), linear_impulse=push)
+    dut = update(MassState(0.3, 3.0, WINDOW), measurement.sample, measurement.innovation, NO_ADAPTATION, settings)
+    assert dut.state.mass_reciprocal == pytest.approx(0.9, rel=1e-14)
+    assert dut.state.variance == pytest.approx(3.0 / 13.0 + 0.25, rel=1e-14)
 
 
 def test_variance_is_that_of_the_short_form() -> None:
@@ -299,9 +312,9 @@ def test_variance_is_that_of_the_short_form() -> None:
     rng = np.random.default_rng(3)
     for _ in range(20):
         impulse, variance = rng.standard_normal(3), rng.uniform(0.01, 10.0)
-        innovation = innovate(0.3, variance, sample_of(linear_impulse=impulse), SETTINGS)
+        sample, innovation, _ = measured(variance=variance, linear_impulse=impulse)
         gain = variance * np.linalg.solve(innovation.covariance, impulse)
-        dut = update(0.3, variance, WINDOW, impulse, innovation, NO_ADAPTATION, SETTINGS)
+        dut = update(MassState(0.3, variance, WINDOW), sample, innovation, NO_ADAPTATION, SETTINGS).state
         # Y has a condition up to 1e4
         assert dut.mass_reciprocal == pytest.approx(0.3 + gain @ innovation.innovation, rel=1e-11)
         assert dut.variance == pytest.approx((1.0 - gain @ impulse) * variance, rel=1e-11)
@@ -310,10 +323,10 @@ def test_variance_is_that_of_the_short_form() -> None:
 
 def test_used_sample_is_the_update_of_its_increment() -> None:
     dut = cycled()
-    innovation = innovate(0.3, 0.02, sample_of(increment=np.array([6.2, -3.4, 1.9]) - [5.0, -3.0, 1.0]), SETTINGS)
-    expected = update(0.3, 0.02, WINDOW, IMPULSE, innovation, NO_ADAPTATION, SETTINGS)
+    sample, innovation, _ = measured(velocity=np.array([6.2, -3.4, 1.9]) - [5.0, -3.0, 1.0])
+    expected = update(MassState(0.3, 0.02, WINDOW), sample, innovation, NO_ADAPTATION, SETTINGS)
     assert dut.used
-    assert (dut.mass_reciprocal, dut.variance) == expected[:2]
+    assert (dut.mass_reciprocal, dut.variance) == expected.state[:2]
     assert dut.innovation.nis == innovation.nis
 
 
@@ -408,12 +421,12 @@ def test_recursive_estimate_equals_batch_least_squares(compensation: int, grow: 
     for sample in run:
         names = ("noise", "rate_increment", "rate", "rate_variance", "arm", "center_covariance")
         noise, *others = (sample[name] for name in names)
-        measured, total = compensated(
+        increment, total = compensated(
             sample["velocity"] - sample["velocity_before"], noise, *others, PERIOD, compensation, grow
         )
         weighted = np.linalg.solve(symmetrised(total), sample["linear_impulse"])
         information += weighted @ sample["linear_impulse"]
-        right_side += weighted @ measured
+        right_side += weighted @ increment
     mass_reciprocal, variance, _ = run_through(run, 0.5, 4.0, settings)
     # forty updates whose Y has a condition up to 1e5, as the noise's smallest axis is far below lambda's
     assert mass_reciprocal == pytest.approx(right_side / information, rel=1e-9)

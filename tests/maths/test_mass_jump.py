@@ -8,22 +8,14 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 from scipy.stats import binom, chi2, kstest
+from settings_probe import mass_settings
 
 from massprop_drake.maths import adaptation, mass_filter
 from massprop_drake.maths.linear_algebra import Array
-from massprop_drake.maths.mass_filter import MassInnovation, MassMeasurement, MassSettings
+from massprop_drake.maths.mass_filter import MassInnovation, MassMeasurement, MassSample, MassSettings, MassState
 from massprop_drake.maths.mass_jump import JumpTest, empty_window, jump_test
 
-SETTINGS = MassSettings(
-    period_s=0.08,
-    compensation=mass_filter.NO_COMPENSATION,
-    compensation_covariance=False,
-    process_noise=0.0,
-    jump_variance=1.0,
-    jump_threshold=np.inf,
-    jump_window=1,
-    disturbance_covariance=np.zeros((3, 3)),
-)
+SETTINGS = mass_settings(jump_variance=1.0)
 
 
 class Firing(NamedTuple):
@@ -34,6 +26,15 @@ class Firing(NamedTuple):
     gains: Array  # (n, 3)
     informations: Array  # inverses of Y, (n, 3, 3)
     variances: Array  # predicted, then after each sample, (n + 1,)
+
+    def share(self, k: int) -> float:
+        """kappa^T lambda of a sample."""
+        return float(self.gains[k] @ self.impulses[k])
+
+    @property
+    def sample(self) -> MassSample:
+        """The first one; what was measured is in its innovation."""
+        return MassSample(np.full(3, np.nan), self.noises[0], self.impulses[0])
 
 
 def firing(samples: int, *, variance: float = 0.5, seed: int = 1) -> Firing:
@@ -69,7 +70,7 @@ def run(flight: Firing, noise: Array, error: float, jump: float, at: int, length
     for k in range(len(flight.impulses)):
         error += jump if k == at else 0.0
         innovation = flight.impulses[k] * error + noise[k]
-        test = jump_test(window, flight.impulses[k], flight.informations[k], innovation, flight.gains[k])
+        test = jump_test(window, flight.impulses[k], flight.informations[k], innovation, flight.share(k))
         window = test.window
         error -= float(flight.gains[k] @ innovation)
     return error, test
@@ -98,7 +99,7 @@ def test_the_recursion_against_the_sums() -> None:
     innovations = np.random.default_rng(2).normal(size=(samples, 3))
     window = empty_window(length)
     for k in range(samples):
-        test = jump_test(window, flight.impulses[k], flight.informations[k], innovations[k], flight.gains[k])
+        test = jump_test(window, flight.impulses[k], flight.informations[k], innovations[k], flight.share(k))
         window = test.window
         assert window.shape == (length, 3)
         for row in range(length):
@@ -156,7 +157,7 @@ def test_the_oldest_sample_leaves_the_window() -> None:
 
 
 def test_a_sample_without_an_impulse_tells_nothing() -> None:
-    test = jump_test(empty_window(2), np.zeros(3), np.eye(3), np.ones(3), np.zeros(3))
+    test = jump_test(empty_window(2), np.zeros(3), np.eye(3), np.ones(3), 0.0)
     assert test[1:] == (0.0, 0.0, 0.0, 0.0)
 
 
@@ -164,7 +165,7 @@ def test_what_was_handed_in_is_not_changed() -> None:
     flight = firing(3)
     _, test = run(flight, np.ones((3, 3)), 0.3, 0.0, 0, 3)
     before = test.window.copy()
-    jump_test(test.window, flight.impulses[0], flight.informations[0], np.ones(3), flight.gains[0])
+    jump_test(test.window, flight.impulses[0], flight.informations[0], np.ones(3), flight.share(0))
     np.testing.assert_array_equal(test.window, before)
 
 
@@ -212,7 +213,7 @@ def innovation_of(flight: Firing, error: float, noise: Array) -> MassInnovation:
     seen = flight.impulses[0] * error + noise
     covariance = np.linalg.inv(flight.informations[0])
     nis = float(seen @ flight.informations[0] @ seen)
-    return MassInnovation(seen, covariance, flight.informations[0], flight.noises[0], nis)
+    return MassInnovation(seen, covariance, flight.informations[0], flight.noises[0], None, nis)
 
 
 def test_after_a_single_sample_jump_the_sample_alone_counts() -> None:
@@ -221,15 +222,14 @@ def test_after_a_single_sample_jump_the_sample_alone_counts() -> None:
     flight = firing(1)
     innovation = innovation_of(flight, 0.4, np.array([0.1, -0.2, 0.3]))
     always = SETTINGS._replace(jump_threshold=0.0)
-    result = mass_filter.update(
-        2.0, flight.variances[0], empty_window(1), flight.impulses[0], innovation, adaptation.NO_ADAPTATION, always
-    )
+    state = MassState(2.0, flight.variances[0], empty_window(1))
+    result = mass_filter.update(state, flight.sample, innovation, adaptation.NO_ADAPTATION, always)
     assert result.jumped
     impulse, information = flight.impulses[0], np.linalg.inv(flight.noises[0])
     alone = impulse @ information @ impulse
-    np.testing.assert_allclose(result.variance, 1.0 / alone, rtol=1e-10)
+    np.testing.assert_allclose(result.state.variance, 1.0 / alone, rtol=1e-10)
     measured = innovation.innovation + 2.0 * impulse
-    np.testing.assert_allclose(result.mass_reciprocal, impulse @ information @ measured / alone, rtol=1e-10)
+    np.testing.assert_allclose(result.state.mass_reciprocal, impulse @ information @ measured / alone, rtol=1e-10)
 
 
 def test_the_variance_after_a_jump_by_sampling() -> None:
@@ -289,8 +289,8 @@ def test_the_largest_of_the_window_keeps_the_false_alarm_rate_divided_by_its_len
 
 def finished(window: Array, adapted: adaptation.Adaptation, settings: MassSettings) -> mass_filter.MassCycle:
     flight = firing(1)
-    measurement = MassMeasurement(flight.impulses[0], innovation_of(flight, 4.0, np.array([0.1, -0.2, 0.3])))
-    return mass_filter.finish(2.0, flight.variances[0], window, measurement, True, True, adapted, settings)
+    measurement = MassMeasurement(flight.sample, innovation_of(flight, 4.0, np.array([0.1, -0.2, 0.3])))
+    return mass_filter.finish(MassState(2.0, flight.variances[0], window), measurement, True, True, adapted, settings)
 
 
 def test_the_filter_jumps_when_the_statistic_exceeds_its_threshold() -> None:
@@ -299,20 +299,26 @@ def test_the_filter_jumps_when_the_statistic_exceeds_its_threshold() -> None:
     assert not quiet.jumped
     flight = firing(1)
     innovation = innovation_of(flight, 4.0, np.array([0.1, -0.2, 0.3])).innovation
-    test = jump_test(empty_window(3), flight.impulses[0], flight.informations[0], innovation, flight.gains[0])
+    share = 1.0 - (1.0 - flight.share(0))  # what the filter's own share is to the last bit
+    test = jump_test(empty_window(3), flight.impulses[0], flight.informations[0], innovation, share)
     just_below = finished(
         empty_window(3), adaptation.NO_ADAPTATION, settings._replace(jump_threshold=test.likelihood / 1.001)
     )
     assert just_below.jumped
-    np.testing.assert_allclose(just_below.mass_reciprocal, quiet.mass_reciprocal + test.correction, rtol=1e-12)
-    np.testing.assert_allclose(just_below.variance, quiet.variance + test.growth, rtol=1e-12)
-    assert not just_below.window.any()  # the next jump is looked for from here
+    np.testing.assert_allclose(
+        just_below.state.mass_reciprocal, quiet.state.mass_reciprocal + test.correction, rtol=1e-12
+    )
+    np.testing.assert_allclose(just_below.state.variance, quiet.state.variance + test.growth, rtol=1e-12)
+    assert not just_below.state.window.any()  # the next jump is looked for from here
     just_above = finished(
         empty_window(3), adaptation.NO_ADAPTATION, settings._replace(jump_threshold=test.likelihood * 1.001)
     )
     assert not just_above.jumped
-    np.testing.assert_array_equal(just_above.window, test.window)
-    assert (just_above.mass_reciprocal, just_above.variance) == (quiet.mass_reciprocal, quiet.variance)
+    np.testing.assert_array_equal(just_above.state.window, test.window)
+    assert (just_above.state.mass_reciprocal, just_above.state.variance) == (
+        quiet.state.mass_reciprocal,
+        quiet.state.variance,
+    )
 
 
 @pytest.mark.parametrize("action", [adaptation.CORRECT, adaptation.CORRECT_THESIS, adaptation.REJECT])

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
+from settings_probe import rotation_settings
 
 from massprop_drake.maths.adaptation import NO_ADAPTATION
 from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError, is_covariance, skew
@@ -18,6 +19,7 @@ from massprop_drake.maths.rotation_filter import (
     RotationInnovation,
     RotationSample,
     RotationSettings,
+    RotationState,
     angular_block,
     coupling_increment,
     finish,
@@ -33,16 +35,7 @@ from massprop_drake.vehicle import Vehicle
 
 PERIOD = 0.08  # s
 NONE = np.zeros(3)
-SETTINGS = RotationSettings(
-    period_s=PERIOD,
-    second_order=True,
-    coupling=IGNORE,
-    coupling_limit=50.0,
-    jump_threshold=np.inf,
-    jump_covariance=np.zeros((9, 9)),
-    process_noise=np.zeros((9, 9)),
-    disturbance_covariance=np.zeros((3, 3)),
-)
+SETTINGS = rotation_settings(period_s=PERIOD)
 
 # a body of moderate numbers: inertia of a few units, centre of mass within a unit
 INVERSE = np.linalg.inv(np.array([[2.0, 0.1, -0.2], [0.1, 3.0, 0.3], [-0.2, 0.3, 4.0]]))
@@ -91,7 +84,7 @@ def random_covariance(rng: np.random.Generator, size: float = 1.0) -> Array:
 
 def sample_of(increment: Array, **changes: Any) -> RotationSample:
     noise = np.array([[4e-4, 1e-4, 0.0], [1e-4, 3e-4, 0.0], [0.0, 0.0, 2e-4]])
-    return RotationSample(increment, NONE, noise, ANGULAR, LINEAR, firing=True)._replace(**changes)
+    return RotationSample(increment, NONE, noise, 0.0, ANGULAR, LINEAR, firing=True)._replace(**changes)
 
 
 class Cycled(NamedTuple):
@@ -112,7 +105,8 @@ def cycled(settings: RotationSettings = SETTINGS, **changes: Any) -> Cycled:
         "rate_before": np.array([0.010, -0.020, 0.005]),
         "subtract_coupling_before": False,
         "rate": np.array([0.012, -0.500, 0.150]),
-        "noise": 1e-4 * np.eye(3),
+        "reading_variance": 0.5e-4,
+        "extra_noise": None,
         "angular_impulse": ANGULAR,
         "linear_impulse": LINEAR,
         "usable": True,
@@ -120,9 +114,14 @@ def cycled(settings: RotationSettings = SETTINGS, **changes: Any) -> Cycled:
     }
     arguments |= changes
     usable = arguments.pop("usable")
-    measurement = measure(**arguments, settings=settings)
-    estimate, covariance = arguments["estimate"], arguments["covariance"]
-    return Cycled(*measurement, *finish(estimate, covariance, measurement, usable, NO_ADAPTATION, settings))
+    state = RotationState(arguments.pop("estimate"), arguments.pop("covariance"))
+    readings = {"rates_before": arguments.pop("rate_before")[None], "rates": arguments.pop("rate")[None]}
+    settings = settings._replace(gyro_variances=np.array([arguments.pop("reading_variance")]))
+    measurement = measure(state, **arguments, **readings, settings=settings)
+    done = finish(state, measurement, usable, NO_ADAPTATION, settings)
+    return Cycled(
+        measurement.sample, measurement.innovation, done.state.estimate, done.state.covariance, done.used, done.jumped
+    )
 
 
 # ---------------------------------------------------------------- measurement function
@@ -250,7 +249,7 @@ def test_innovation_of_a_gaussian_state_has_zero_mean_and_the_covariance_claimed
     # (2-117) to (2-120), the gain's E{e dx^T} = H S, and so a mean NIS of 3, by sampling state and noise
     rng = np.random.default_rng(7)
     covariance = random_covariance(rng, 0.5)
-    dut = innovate(STATE, covariance, sample_of(NONE), False, SETTINGS)
+    dut = innovate(RotationState(STATE, covariance), sample_of(NONE), False, SETTINGS)
     noise = sample_of(NONE).noise
     count = 400_000
     errors = rng.standard_normal((count, 9)) @ np.linalg.cholesky(covariance).T
@@ -280,7 +279,10 @@ def test_innovation_of_the_second_order_filter_is_put_together_from_its_terms() 
     increment = np.array([0.3, -0.2, 0.1])
     disturbance = np.diag([1e-4, 2e-4, 3e-4])
     dut = innovate(
-        STATE, covariance, sample_of(increment), False, SETTINGS._replace(disturbance_covariance=disturbance)
+        RotationState(STATE, covariance),
+        sample_of(increment),
+        False,
+        SETTINGS._replace(disturbance_covariance=disturbance),
     )
     bias, curvature = second_order_terms(covariance, LINEAR)
     jacobian = rate_increment_jacobian(STATE, ANGULAR, LINEAR)
@@ -300,8 +302,8 @@ def test_extended_filter_leaves_out_bias_and_curvature_but_keeps_the_jacobian() 
     covariance = random_covariance(np.random.default_rng(9), 0.1)
     increment = np.array([0.3, -0.2, 0.1])
     sample = sample_of(increment)
-    dut = innovate(STATE, covariance, sample, False, SETTINGS._replace(second_order=False))
-    second = innovate(STATE, covariance, sample, False, SETTINGS)
+    dut = innovate(RotationState(STATE, covariance), sample, False, SETTINGS._replace(second_order=False))
+    second = innovate(RotationState(STATE, covariance), sample, False, SETTINGS)
     bias, curvature = second_order_terms(covariance, LINEAR)
     np.testing.assert_array_equal(dut.jacobian, second.jacobian)
     np.testing.assert_array_equal(dut.noise, sample.noise)
@@ -328,8 +330,10 @@ def test_joseph_form_equals_the_short_form() -> None:
     rng = np.random.default_rng(11)
     for _ in range(10):
         covariance = random_covariance(rng, 0.3)
-        dut = innovate(STATE, covariance, sample_of(0.1 * rng.standard_normal(3)), False, SETTINGS)
-        estimate, updated = joseph_update(STATE, covariance, dut.innovation, dut.information, dut.jacobian, dut.noise)
+        dut = innovate(RotationState(STATE, covariance), sample_of(0.1 * rng.standard_normal(3)), False, SETTINGS)
+        estimate, updated, _ = joseph_update(
+            RotationState(STATE, covariance), dut.innovation, dut.information, dut.jacobian, dut.noise
+        )
         gain = np.linalg.solve(dut.covariance, dut.jacobian @ covariance).T
         # conditioning of Y below 1e4; the covariance relative to its scale
         np.testing.assert_allclose(estimate, STATE + gain @ dut.innovation, rtol=0.0, atol=1e-12)
@@ -344,7 +348,9 @@ def test_used_sample_is_updated_by_joseph_and_then_gets_process_noise() -> None:
     dut = cycled(SETTINGS._replace(process_noise=process_noise))
     covariance = random_covariance(np.random.default_rng(1), 0.01)
     e = dut.innovation
-    estimate, updated = joseph_update(STATE, covariance, e.innovation, e.information, e.jacobian, e.noise)
+    estimate, updated, _ = joseph_update(
+        RotationState(STATE, covariance), e.innovation, e.information, e.jacobian, e.noise
+    )
     assert dut.used
     assert not dut.jumped
     np.testing.assert_array_equal(dut.estimate, estimate)
@@ -366,7 +372,7 @@ def test_update_reduces_uncertainty_and_leaves_a_covariance() -> None:
 
 def test_innovation_covariance_that_is_not_positive_definite_is_an_error() -> None:
     with pytest.raises(NotPositiveDefiniteError, match="innovation covariance is not positive definite"):
-        cycled(covariance=np.zeros((9, 9)), noise=np.diag([1e-4, -1e-4, 1e-4]))
+        cycled(covariance=np.zeros((9, 9)), reading_variance=0.0, extra_noise=np.diag([1e-4, -1e-4, 1e-4]))
 
 
 def test_cycle_leaves_its_inputs_alone() -> None:
@@ -375,7 +381,7 @@ def test_cycle_leaves_its_inputs_alone() -> None:
         "covariance": random_covariance(np.random.default_rng(1), 0.01),
         "rate_before": np.array([0.1, 0.2, 0.3]),
         "rate": np.array([0.2, -0.1, 0.4]),
-        "noise": 1e-4 * np.eye(3),
+        "extra_noise": 1e-4 * np.eye(3),
         "angular_impulse": ANGULAR.copy(),
         "linear_impulse": LINEAR.copy(),
     }
@@ -481,8 +487,8 @@ def test_subtracted_coupling_leaves_the_innovation_of_the_impulse(firing: bool) 
     coupling = coupling_increment(INVERSE, rate, PERIOD)
     increment = coupling + firing * rate_increment(STATE, ANGULAR, LINEAR)
     sample = sample_of(increment, rate=rate, firing=firing)
-    subtracted = innovate(STATE, covariance, sample, False, SETTINGS._replace(coupling=SUBTRACT))
-    ignored = innovate(STATE, covariance, sample, True, SETTINGS)
+    subtracted = innovate(RotationState(STATE, covariance), sample, False, SETTINGS._replace(coupling=SUBTRACT))
+    ignored = innovate(RotationState(STATE, covariance), sample, True, SETTINGS)
     np.testing.assert_allclose(subtracted.innovation, NONE, rtol=0.0, atol=1e-15)
     np.testing.assert_allclose(ignored.innovation, coupling, rtol=0.0, atol=1e-15)
     assert subtracted.subtract_coupling
@@ -507,7 +513,7 @@ def hybrid(factor: float, firing: bool = True, before: bool = False) -> Rotation
     settings = SETTINGS._replace(
         coupling=HYBRID, coupling_limit=50.0, disturbance_covariance=np.diag([1e-4, 0.0, 2e-4])
     )
-    return innovate(STATE, covariance, sample, before, settings)
+    return innovate(RotationState(STATE, covariance), sample, before, settings)
 
 
 @pytest.mark.parametrize(("factor", "subtract"), [(50.1, False), (49.9, True), (2.0, True), (1e6, False)])
@@ -545,7 +551,7 @@ def test_nothing_is_subtracted_while_the_estimated_inverse_inertia_is_impossible
     sample = sample_of(np.array([0.1, 0.2, 0.3]), rate=TUMBLING)
     covariance = random_covariance(np.random.default_rng(13), 0.1)
     subtracting, ignoring = (
-        innovate(estimate, covariance, sample, False, SETTINGS._replace(coupling=coupling))
+        innovate(RotationState(estimate, covariance), sample, False, SETTINGS._replace(coupling=coupling))
         for coupling in (SUBTRACT, IGNORE)
     )
     np.testing.assert_array_equal(subtracting.innovation, ignoring.innovation)
@@ -589,13 +595,13 @@ def test_incremented_covariance_keeps_the_decision_on_coupling_when_forced() -> 
     jump = random_covariance(np.random.default_rng(14), 0.1)
     settings = SETTINGS._replace(coupling=SUBTRACT, jump_threshold=0.0, jump_covariance=jump)
     sample = sample_of(np.array([0.1, 0.2, 0.3]), rate=TUMBLING)
-    first = innovate(STATE, covariance, sample, False, settings)
-    dut = update(STATE, covariance, sample, first, NO_ADAPTATION, settings)
-    again = innovate(STATE, covariance + jump, sample, False, settings)
-    expected, _ = joseph_update(
-        STATE, covariance + jump, again.innovation, again.information, again.jacobian, again.noise
+    first = innovate(RotationState(STATE, covariance), sample, False, settings)
+    dut = update(RotationState(STATE, covariance), sample, first, NO_ADAPTATION, settings)
+    again = innovate(RotationState(STATE, covariance + jump), sample, False, settings)
+    expected = joseph_update(
+        RotationState(STATE, covariance + jump), again.innovation, again.information, again.jacobian, again.noise
     )
-    np.testing.assert_array_equal(dut.estimate, expected)
+    np.testing.assert_array_equal(dut.state.estimate, expected.estimate)
 
 
 # ---------------------------------------------------------------- whole runs
@@ -611,7 +617,7 @@ def random_run(rng: np.random.Generator, samples: int, noise_std: float) -> list
             {
                 "rate_before": NONE,
                 "rate": increment,
-                "noise": noise_std**2 * np.eye(3),
+                "reading_variance": 0.5 * noise_std**2,
                 "angular_impulse": angular,
                 "linear_impulse": linear,
             }
@@ -678,7 +684,7 @@ def transformed_run(run: list[dict[str, Any]], rates: Array, angular: Array, lin
         {
             "rate_before": rates @ sample["rate_before"],
             "rate": rates @ sample["rate"],
-            "noise": rates @ sample["noise"] @ rates.T,
+            "reading_variance": sample["reading_variance"],  # the same about any axis
             "angular_impulse": angular @ sample["angular_impulse"],
             "linear_impulse": linear @ sample["linear_impulse"],
         }

@@ -15,6 +15,7 @@ from massprop_drake.maths.sensing import (
     quantised,
     sense,
     smoothing_factor,
+    unsaturated,
 )
 
 PERIOD = 0.5  # s
@@ -114,6 +115,40 @@ def test_accelerometers_bias_accumulates_from_the_first_reading() -> None:
     bias = np.array([0.5, -0.25, 0.125])
     dut = model(bias=bias, integrates=True)
     np.testing.assert_array_equal(readings(dut, SIGNALS), SIGNALS + np.outer([0.0, 0.5, 1.0, 1.5], bias))
+
+
+def test_readings_are_held_within_the_range() -> None:
+    expected = [[1.0, 1.5, -1.5], [1.5, 1.5, -1.5], [1.5, 0.0, 1.5], [0.25, 1.0, 0.0]]
+    np.testing.assert_array_equal(readings(model(limit=1.5), SIGNALS), expected)
+    # range comes after noise and quantiser: 1.4 + 0.2 on marks of 0.5 reads 1.5, which 1.25 holds back
+    dut = model(limit=1.25, quantum=0.5, noise_std=0.1)
+    noise = np.full((1, 6), 2.0)
+    np.testing.assert_allclose(readings(dut, np.array([[1.4, -1.4, 0.3]]), noise), [[1.25, -1.0, 0.5]], rtol=1e-14)
+
+
+def test_a_late_reading_is_held_within_the_range_too() -> None:
+    dut = model(limit=1.5, delay=1)
+    np.testing.assert_array_equal(readings(dut, SIGNALS)[1:], np.clip(SIGNALS[:-1], -1.5, 1.5))
+
+
+@pytest.mark.parametrize(
+    ("reading", "there"),
+    [
+        ([0.0, 1.4999, -1.4999], True),
+        ([0.0, 1.5, 0.0], False),  # at its range a sensor does not say how much more there is
+        ([0.0, 0.0, -1.5], False),
+        ([2.0, 0.0, 0.0], False),
+        ([np.nan, 0.0, 0.0], False),
+    ],
+)
+def test_a_reading_at_the_range_counts_as_missing(reading: list[float], *, there: bool) -> None:
+    dut = unsaturated(np.array(reading), 1.5)
+    np.testing.assert_array_equal(dut, reading if there else [np.nan] * 3)
+
+
+def test_without_a_range_every_reading_stays() -> None:
+    reading = np.array([1e12, -1e12, np.nan])
+    np.testing.assert_array_equal(unsaturated(reading, np.inf), reading)
 
 
 def test_gyros_bias_walks_by_one_step_per_sample() -> None:

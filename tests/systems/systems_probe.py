@@ -5,8 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from pydrake.systems.framework import InputPortIndex, LeafSystem, OutputPortIndex, System
-
-PERIOD_S = 0.08
+from settings_probe import PERIOD_S
 
 
 def inputs(dut: System) -> dict[str, int]:

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from functools import cache
 from typing import Any
 
 import numpy as np
 import pytest
+from settings_probe import detector_settings_of as settings_of
 from systems_probe import PERIOD_S, advance, feedthrough, inputs, outputs
 
 from massprop_drake.maths import adaptation, detection
-from massprop_drake.maths.detection import DECLARED, NOTHING, DetectorSettings, initial_state, packed
+from massprop_drake.maths.detection import DECLARED, NOTHING, initial_state, packed
 from massprop_drake.maths.jet_failures import signatures
 from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError
-from massprop_drake.scenario import load_scenario
-from massprop_drake.settings import detector_settings
 from massprop_drake.systems.failure_detector import FailureDetector
 from massprop_drake.vehicle import Vehicle
 
@@ -24,20 +22,16 @@ LIMITS = np.array([0.02, 1.0, 0.2])
 VELOCITY_VARIANCE, RATE_VARIANCE = 0.0344**2 / 6.0, 1.52e-6**2 / 6.0  # section 5.5 of the thesis
 STEADY, CHANGED = 1.0, 0.0
 INNOVATIONS = {"rotation_judged", "mass_judged"}
+EFFECTS = {"rotation_effects", "mass_effects"}
 PREDICTIONS = {"predicted_estimate", "predicted_covariance", "mass_predicted"}
-
-
-@cache
-def settings_of(*overrides: str) -> DetectorSettings:
-    return detector_settings(load_scenario("stuck_on_29", list(overrides)))
 
 
 class Rig:
     """The detector with its inputs in hand."""
 
-    def __init__(self, vehicle: Vehicle, *overrides: str, jump_window: int = 1):
+    def __init__(self, vehicle: Vehicle, *overrides: str, mass_size: int = 8):
         self.settings = settings_of(*overrides)
-        self.dut = FailureDetector(self.settings, limits=LIMITS, jump_window=jump_window)
+        self.dut = FailureDetector(self.settings, limits=LIMITS, mass_size=mass_size)
         self.context = self.dut.CreateDefaultContext()
         self.properties = vehicle.nominal.vector()
         self.signatures = signatures(self.settings.unit_wrenches, self.properties, PERIOD_S)
@@ -50,7 +44,7 @@ class Rig:
             "predicted_estimate": self.properties[:9],
             "predicted_covariance": np.diag(deviation**2).ravel(),
             "mass_predicted": np.concatenate(
-                [[self.properties[9], (1e-3 * self.properties[9]) ** 2], np.full(3 + 3 * jump_window, 9.0)]
+                [[self.properties[9], (1e-3 * self.properties[9]) ** 2], np.full(mass_size - 2, 9.0)]
             ),
         }
         self.see(np.zeros(6))
@@ -74,7 +68,7 @@ class Rig:
     def next(self) -> None:
         advance(self.dut, self.context)
 
-    def judged(self) -> detection.DetectorCycle:
+    def judged(self, shared: Array | None = None) -> detection.DetectorCycle:
         """What the mathematics makes of the inputs and the state."""
         given = self.given
         return detection.judged(
@@ -92,6 +86,7 @@ class Rig:
             given["mass_predicted"],
             LIMITS,
             self.settings,
+            shared,
         )
 
     def declare(self) -> None:
@@ -108,9 +103,9 @@ def rig(orbiter: Vehicle) -> Rig:
     return Rig(orbiter)
 
 
-@pytest.mark.parametrize("jump_window", [1, 5])
-def test_topology(orbiter: Vehicle, jump_window: int) -> None:
-    dut = Rig(orbiter, jump_window=jump_window).dut
+@pytest.mark.parametrize("mass_size", [8, 20])
+def test_topology(orbiter: Vehicle, mass_size: int) -> None:
+    dut = Rig(orbiter, mass_size=mass_size).dut
     assert inputs(dut) == {
         "jet_commands": N,
         "impulses": 8,
@@ -118,7 +113,9 @@ def test_topology(orbiter: Vehicle, jump_window: int) -> None:
         "predicted_estimate": 9,
         "predicted_covariance": 81,
         "mass_judged": 12,
-        "mass_predicted": 5 + 3 * jump_window,
+        "mass_predicted": mass_size,
+        "mass_effects": 3 * N,
+        "rotation_effects": 3 * N,
     }
     assert outputs(dut) == {
         "known_force": 24,
@@ -140,7 +137,7 @@ def test_known_forces_depend_on_predictions_alone(rig: Rig) -> None:
     assert depends["known_force"] <= PREDICTIONS
     assert depends["memory"] == depends["held_closed"] == set()
     for name in ("adaptation", "reconfiguration", "closed", "status", "likelihood", "magnitude"):
-        assert depends[name] == {*INNOVATIONS, *PREDICTIONS, "jet_commands", "impulses"}
+        assert depends[name] == {*INNOVATIONS, *PREDICTIONS, *EFFECTS, "jet_commands", "impulses"}
 
 
 def test_it_starts_with_no_suspicion(rig: Rig) -> None:
@@ -278,3 +275,29 @@ def test_two_contexts_do_not_share_memory(orbiter: Vehicle) -> None:
     other: Any = rig.dut.CreateDefaultContext()
     rig.declare()
     np.testing.assert_array_equal(rig.dut.GetOutputPort("memory").Eval(other), packed(initial_state(N)))
+
+
+def test_thrust_errors_are_counted_once_both_effects_are_connected(rig: Rig) -> None:
+    # jet 1 fires, and is off by 2.5 of its usual errors of 8.7 lbf
+    effects = np.zeros((2, 3, N))
+    effects[:, :, 0] = 8.7 * rig.signatures[0].reshape(2, 3)
+    command = np.eye(N)[0]
+    about = {
+        "jet_commands": command,
+        "impulses": np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0, STEADY, 1.0]),
+        "mass_innovation_covariance": (VELOCITY_VARIANCE * np.eye(3) + effects[0] @ effects[0].T).ravel(),
+        "rotation_innovation_covariance": (RATE_VARIANCE * np.eye(3) + effects[1] @ effects[1].T).ravel(),
+    }
+    rig.see(2.5 * 8.7 * rig.signatures[0], **about)
+    apart = rig.out("likelihood")
+    rig.see(2.5 * 8.7 * rig.signatures[0], mass_effects=effects[0].ravel())
+    np.testing.assert_array_equal(rig.out("likelihood"), apart)  # one alone says nothing of what they share
+    rig.see(2.5 * 8.7 * rig.signatures[0], rotation_effects=effects[1].ravel())
+    shared = detection.shared_covariance(effects[0], effects[1])
+    expected = rig.judged(shared)
+    np.testing.assert_array_equal(rig.out("likelihood"), expected.tests.likelihood)
+    np.testing.assert_array_equal(rig.out("status"), detection.status(expected))
+    assert not np.array_equal(rig.out("likelihood"), apart)
+    # where none bears on the sample the effects are zero
+    rig.see(2.5 * 8.7 * rig.signatures[0], rotation_effects=np.zeros(3 * N), mass_effects=np.zeros(3 * N))
+    np.testing.assert_array_equal(rig.out("likelihood"), apart)

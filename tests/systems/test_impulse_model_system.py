@@ -30,9 +30,12 @@ def _impulses(dut: ImpulseModel, context: Any, command: list[float]) -> np.ndarr
 
 def test_topology() -> None:
     dut, context = _dut()
-    assert inputs(dut) == {"jet_commands": 2, "known_force": 24}
-    assert outputs(dut) == {"impulses": 8}
-    assert feedthrough(dut) == {"impulses": {"jet_commands", "known_force"}}
+    assert inputs(dut) == {"jet_commands": 2, "known_force": 24, "outside_wrench": 6}
+    assert outputs(dut) == {"impulses": 8, "mean_level": 2}
+    assert feedthrough(dut) == {
+        "impulses": {"jet_commands", "known_force", "outside_wrench"},
+        "mean_level": {"jet_commands", "outside_wrench"},
+    }
     assert context.get_discrete_state(0).size() == 4
 
 
@@ -94,3 +97,39 @@ def test_asking_for_the_impulses_changes_nothing() -> None:
     for _ in range(3):
         assert dut.GetOutputPort("impulses").Eval(context)[6] == 0.0
     assert not context.get_discrete_state(0).CopyToVector().any()
+
+
+def test_an_unknown_command_costs_two_samples() -> None:
+    dut, context = _dut()
+    usable = [_impulses(dut, context, [1.0, second])[6] for second in (0.0, 0.0, math.nan, 0.0, 0.0)]
+    assert usable == [0.0, 1.0, 0.0, 0.0, 1.0]
+
+
+def test_the_lag_goes_on_from_a_finite_level_after_an_unknown_command() -> None:
+    dut, context = _dut(0.5 * PERIOD_S)
+    for _ in range(20):
+        _impulses(dut, context, [0.0, 1.0])
+    impulses = _impulses(dut, context, [0.0, math.nan])
+    # taken as off: what is left of a level of one, its mean (1 - e^-2) / 2
+    np.testing.assert_allclose(impulses[:6], WRENCHES[1] * PERIOD_S * 0.5 * (1.0 - math.exp(-2.0)), rtol=1e-12)
+    for _ in range(20):
+        impulses = _impulses(dut, context, [0.0, 1.0])
+    np.testing.assert_allclose(impulses[:6], WRENCHES[1] * PERIOD_S, rtol=1e-12)
+
+
+def test_an_outside_wrench_adds_over_the_interval_and_counts_as_firing() -> None:
+    dut, context = _dut()
+    dut.GetInputPort("outside_wrench").FixValue(context, [1.0, 0.0, -2.0, 0.0, 3.0, 0.0])
+    impulses = _impulses(dut, context, [0.0, 0.0])
+    np.testing.assert_allclose(impulses, [0.08, 0.0, -0.16, 0.0, 0.24, 0.0, 1.0, 1.0], rtol=1e-14)
+    _impulses(dut, context, [1.0, 0.0])
+    impulses = _impulses(dut, context, [1.0, 0.0])
+    np.testing.assert_allclose(impulses[:6], [0.88, -1.6, 2.24, 0.08, 0.40, 0.24], rtol=1e-14)
+    assert not dut.GetOutputPort("mean_level").Eval(context)[1:].any()
+
+
+def test_the_mean_level_is_the_command_without_a_lag_and_the_lags_mean_with_it() -> None:
+    for constant, expected in ((0.0, 1.0), (0.5 * PERIOD_S, 1.0 - 0.5 * (1.0 - math.exp(-2.0)))):
+        dut, context = _dut(constant)
+        dut.GetInputPort("jet_commands").FixValue(context, [0.0, 1.0])
+        np.testing.assert_allclose(dut.GetOutputPort("mean_level").Eval(context), [0.0, expected], rtol=1e-14)

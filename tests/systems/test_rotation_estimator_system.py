@@ -2,43 +2,40 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
 import pytest
+from settings_probe import rotation_settings
 from systems_probe import PERIOD_S, advance, feedthrough, inputs, outputs
 
 from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
-from massprop_drake.maths.rotation_filter import HYBRID, IGNORE, SUBTRACT, RotationSettings
-from massprop_drake.systems.rotation_estimator import Package, RotationEstimator
+from massprop_drake.maths.redundancy import AVERAGE
+from massprop_drake.maths.rotation_filter import HYBRID, SUBTRACT
+from massprop_drake.systems._readings import Package
+from massprop_drake.systems.rotation_estimator import RotationEstimator
 
 # inverse inertia diag(0.5, 0.25, 0.2), centre of mass (1, 0, 0), 1-sigma 0.1 each
 ESTIMATE = np.array([0.5, 0.25, 0.2, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0])
 VARIANCE = 0.01
 READING_VARIANCE = 5e-4  # so that of an increment is 1e-3
-SETTINGS = RotationSettings(
-    period_s=PERIOD_S,
-    second_order=True,
-    coupling=IGNORE,
-    coupling_limit=50.0,
-    jump_threshold=math.inf,
-    jump_covariance=np.zeros((9, 9)),
-    process_noise=np.zeros((9, 9)),
-    disturbance_covariance=np.zeros((3, 3)),
-)
 # 2 about x, no force: h = (0.5 x 2, 0, 0), H = A_6((2, 0, 0)), curvature 0
 TWIST = [2.0, 0.0, 0.0, 0.0, 0.0, 0.0]
 COAST = [0.0] * 6 + [1.0, 0.0]
 
 
-def _dut(gyros: tuple[str, ...] = ("gyro",), **settings: Any) -> tuple[RotationEstimator, Any]:
+def _dut(
+    gyros: tuple[str, ...] = ("gyro",),
+    limit: float = np.inf,
+    thrust_errors: np.ndarray | None = None,
+    **settings: Any,
+) -> tuple[RotationEstimator, Any]:
     dut = RotationEstimator(
         estimate=ESTIMATE,
         covariance=VARIANCE * np.eye(9),
-        gyros=tuple(Package(name, READING_VARIANCE) for name in gyros),
-        gyro=gyros[-1],
-        settings=SETTINGS._replace(**settings),
+        gyros=tuple(Package(name, limit) for name in gyros),
+        thrust_errors=thrust_errors,
+        settings=rotation_settings(gyro_variances=np.full(len(gyros), READING_VARIANCE), **settings),
     )
     context = dut.CreateDefaultContext()
     dut.GetInputPort("impulses").FixValue(context, COAST)
@@ -59,12 +56,12 @@ def _out(dut: RotationEstimator, context: Any, name: str) -> np.ndarray:
 
 
 def test_topology() -> None:
-    dut, context = _dut(("spare", "gyro"))
-    assert inputs(dut) == {"spare": 3, "gyro": 3, "impulses": 8, "known_force": 24, "adaptation": 26}
+    dut, context = _dut(("gyro", "spare"))
+    assert inputs(dut) == {"gyro": 3, "spare": 3, "impulses": 8, "known_force": 24, "adaptation": 26}
     assert outputs(dut) == {
         "predicted_estimate": 9,
         "predicted_covariance": 81,
-        "rate_sample": 6,
+        "rate_sample": 7,
         "innovation": 3,
         "innovation_covariance": 9,
         "estimate": 9,
@@ -76,12 +73,12 @@ def test_topology() -> None:
     }
     # the mass filter uses the prediction, which must not wait for the measurement
     # and the detector makes the adaptation from the innovation, which must not wait for it
-    measured = {"gyro", "impulses", "known_force"}
+    measured = {"gyro", "spare", "impulses", "known_force"}  # where one gyro is missing, the other is used
     expected = dict.fromkeys(outputs(dut), measured | {"adaptation"})
     expected |= dict.fromkeys(("rate_sample", "innovation", "innovation_covariance", "judged"), measured)
     expected |= {"predicted_estimate": set(), "predicted_covariance": set()}
     assert feedthrough(dut) == expected
-    assert [context.get_discrete_state(group).size() for group in range(3)] == [9, 81, 4]
+    assert [context.get_discrete_state(group).size() for group in range(3)] == [9, 81, 7]
 
 
 def test_it_starts_from_what_it_is_given() -> None:
@@ -102,8 +99,9 @@ def test_one_sample_by_hand() -> None:
     _sample(dut, context, [0.0, 0.0, 0.0])
     dut.GetInputPort("gyro").FixValue(context, [1.2, -0.1, 0.05])
     dut.GetInputPort("impulses").FixValue(context, [*TWIST, 1.0, 1.0])
-    # increment and mean of the two readings
-    np.testing.assert_allclose(_out(dut, context, "rate_sample"), [1.2, -0.1, 0.05, 0.6, -0.05, 0.025], rtol=1e-15)
+    # increment and mean of the two readings, and the variance of the increment's error
+    expected = [1.2, -0.1, 0.05, 0.6, -0.05, 0.025, 0.001]
+    np.testing.assert_allclose(_out(dut, context, "rate_sample"), expected, rtol=1e-15)
     # e = dw - (0.5 x 2, 0, 0); Y = (4 x 0.01 + 0.001) 1
     np.testing.assert_allclose(_out(dut, context, "innovation"), [0.2, -0.1, 0.05], rtol=1e-14)
     np.testing.assert_allclose(_out(dut, context, "innovation_covariance").reshape(3, 3), 0.041 * np.eye(3), rtol=1e-14)
@@ -173,7 +171,7 @@ def test_a_reading_with_one_axis_missing_is_not_used() -> None:
 
 
 def test_only_the_package_in_use_need_be_connected() -> None:
-    dut, context = _dut(("spare", "gyro"))
+    dut, context = _dut(("gyro", "spare"))
     _sample(dut, context, [0.0, 0.0, 0.0])
     assert _sample(dut, context, [1.2, 0.0, 0.0], [*TWIST, 1.0, 1.0])[4] == 1.0
 
@@ -219,3 +217,73 @@ def test_a_lost_definiteness_names_the_system_and_the_time() -> None:
     dut.GetInputPort("gyro").FixValue(context, [0.1, 0.0, 0.0])
     with pytest.raises(NotPositiveDefiniteError, match=r"rotation_estimator: .*innovation covariance.*at t = 0\.08 s"):
         _out(dut, context, "estimate")
+
+
+# ------------------------------------------------------------------------- several packages, and their range
+
+
+def test_while_the_gyro_in_use_is_missing_the_next_takes_over() -> None:
+    dut, context = _dut(("gyro", "spare"))
+    increments = []
+    for number in range(6):
+        dut.GetInputPort("spare").FixValue(context, [2.0 * number, 0.0, 5.0])
+        dut.GetInputPort("gyro").FixValue(context, [np.nan if number == 2 else 1.0 * number, 0.0, 0.0])
+        increments.append(_out(dut, context, "rate_sample")[0])
+        advance(dut, context)
+    # the missing reading bounds two increments; the gyro then comes back
+    np.testing.assert_array_equal(increments, [np.nan, 1.0, 2.0, 2.0, 1.0, 1.0])
+
+
+def test_a_gyro_at_its_range_is_skipped() -> None:
+    dut, context = _dut(limit=2.0)
+    fire = [*TWIST, 1.0, 1.0]
+    used = [_sample(dut, context, [rate, 0.0, 0.0], fire)[4] for rate in (0.0, 1.0, 2.0, 1.9, 1.8, -2.0, 1.0, 1.1)]
+    assert used == [0.0, 1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0]
+
+
+def test_two_gyros_are_averaged_and_tell_the_mass_filter_how_well() -> None:
+    dut, context = _dut(("gyro", "spare"), rule=AVERAGE)
+    for gyro, spare in ((0.0, 0.0), (1.0, 1.2)):
+        dut.GetInputPort("spare").FixValue(context, [spare, 0.0, 0.0])
+        dut.GetInputPort("gyro").FixValue(context, [gyro, 0.0, 0.0])
+        sample = _out(dut, context, "rate_sample")
+        advance(dut, context)
+    np.testing.assert_allclose(sample, [1.1, 0.0, 0.0, 0.55, 0.0, 0.0, 0.0005], rtol=1e-14)
+
+
+# ------------------------------------------------------------------------------- considered thrust errors
+
+
+def test_thrust_errors_add_a_port_and_a_state() -> None:
+    dut, context = _dut(thrust_errors=np.ones((2, 6)))
+    assert inputs(dut)["mean_level"] == 2
+    assert outputs(dut)["thrust_error_effects"] == 6
+    depends = feedthrough(dut)
+    assert "mean_level" in depends["innovation"]
+    assert depends["thrust_error_effects"] == depends["innovation"]
+    assert context.get_discrete_state(3).size() == 18
+
+
+def test_thrust_errors_count_by_the_level_of_their_jet() -> None:
+    # one sigma turns with 0.2 and 0.4 about x at full level; the first jet is on, the second at a half: effects
+    # 0.5 x 0.2 each about x; products H_j S H_j^T = 0.2^2 x 0.01 of each about every axis
+    errors = np.zeros((2, 6))
+    errors[:, 0] = 0.2, 0.4
+    dut, context = _dut(thrust_errors=errors)
+    dut.GetInputPort("mean_level").FixValue(context, [1.0, 0.5])
+    _sample(dut, context, [0.0, 0.0, 0.0])
+    dut.GetInputPort("gyro").FixValue(context, [1.2, -0.1, 0.05])
+    dut.GetInputPort("impulses").FixValue(context, [*TWIST, 1.0, 1.0])
+    np.testing.assert_allclose(_out(dut, context, "thrust_error_effects"), [0.1, 0.1, 0.0, 0.0, 0.0, 0.0], rtol=1e-13)
+    expected = np.diag([0.041 + 0.02, 0.041, 0.041]) + 2 * 0.04 * 0.01 * np.eye(3)
+    np.testing.assert_allclose(
+        _out(dut, context, "innovation_covariance").reshape(3, 3), expected, rtol=1e-13, atol=1e-18
+    )
+    advance(dut, context)
+    sensitivity = context.get_discrete_state(3).CopyToVector().reshape(9, 2)
+    assert (sensitivity[0] < 0.0).all()  # more torque looks like a larger inverse inertia: truth minus estimate falls
+    # coasting, none bears on the sample
+    dut.GetInputPort("mean_level").FixValue(context, [0.0, 0.0])
+    _sample(dut, context, [1.2, -0.1, 0.05])
+    assert not _out(dut, context, "thrust_error_effects").any()
+    np.testing.assert_array_equal(context.get_discrete_state(3).CopyToVector().reshape(9, 2), sensitivity)

@@ -178,3 +178,13 @@ def test_every_sample_updates_the_memory_once() -> None:
         _reading(dut, context, _body())
     advance(dut, context)
     np.testing.assert_allclose(_reading(dut, context, _body())[0], 0.04, rtol=1e-14)
+
+
+@pytest.mark.parametrize("remembering", [{}, {"delay": 1}])
+def test_a_reading_stops_at_the_range(remembering: dict[str, Any]) -> None:
+    dut, context = _gyro(limit=0.5, quantum=0.2, **remembering)
+    for _ in range(2):
+        reading = _reading(dut, context, _body(rate=(0.41, 0.61, -9.0)))
+        if remembering:
+            advance(dut, context)
+    np.testing.assert_allclose(reading, [0.4, 0.5, -0.5], rtol=1e-14)
