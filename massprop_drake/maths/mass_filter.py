@@ -91,7 +91,6 @@ def compensated(
 
 def shared_covariance(
     arms: tuple[Array, Array],
-    disturbance: Array,
     rate_increment: Array,
     rate: Array,
     rate_variance: float,
@@ -100,22 +99,21 @@ def shared_covariance(
     compensation: int,
     grow_covariance: bool,
 ) -> Array:
-    """R'_ij of two accelerometers: what their compensated velocity increments share, shape (3, 3).
+    """R'_ij - R^d of two accelerometers: what their compensated velocity increments share, shape (3, 3).
 
     Args:
         arms: r^_i and r^_j, from the estimated centre of mass, ft or m, shape (3,) each.
-        disturbance: R^d, common to both, shape (3, 3).
         rate_increment, rate, rate_variance, center_covariance, period_s: see `compensated`.
         compensation, grow_covariance: see `compensated`.
     """
     if compensation == NO_COMPENSATION or not grow_covariance:
-        return disturbance
+        return np.zeros((3, 3))
     mixing = skew(rate_increment)
     if compensation == TRANSVERSE_CENTRIPETAL:
         spin = skew(rate)
         mixing = mixing + spin @ spin * period_s
     moment = np.outer(*arms) + center_covariance
-    shared: Array = disturbance + mixing @ center_covariance @ mixing.T
+    shared: Array = mixing @ center_covariance @ mixing.T
     return shared + rate_variance * (np.trace(moment) * _IDENTITY - moment.T)
 
 
@@ -427,7 +425,7 @@ def measure(
     freed = [
         compensated(
             increments[index],
-            2.0 * settings.variances[index] * _IDENTITY + disturbance,
+            2.0 * settings.variances[index] * _IDENTITY,
             rotation.increment,
             rotation.rate,
             rotation.variance,
@@ -442,24 +440,24 @@ def measure(
     if len(freed) == 1:
         measured, noise = freed[0]
     else:
-        covariances = _stacked_covariance(freed, there, disturbance, rotation, settings)
+        covariances = _stacked_covariance(freed, there, rotation, settings)
         measurements = np.array([increment for increment, _ in freed])
         measured, noise = combined(measurements, covariances, settings.rule, correlated=settings.correlated)
-    sample = MassSample(measured, noise, linear_impulse, thrust_errors)
+    # what disturbs the body is common to all packages: no average makes it less
+    sample = MassSample(measured, noise + disturbance, linear_impulse, thrust_errors)
     each: tuple[MassSample, ...] = ()
     if settings.rule == SERIAL and not settings.correlated and len(freed) > 1:
-        each = tuple(sample._replace(measured=increment, noise=own) for increment, own in freed)
+        each = tuple(sample._replace(measured=increment, noise=own + disturbance) for increment, own in freed)
     return MassMeasurement(sample, innovate(state, sample), each)
 
 
 def _stacked_covariance(
     freed: list[tuple[Array, Array]],
     there: list[int],
-    disturbance: Array,
     rotation: Rotation,
     settings: MassSettings,
 ) -> Array:
-    """R'_ij of the packages that are there, shape (s, s, 3, 3)."""
+    """R'_ij, without disturbance, of the packages that are there, shape (s, s, 3, 3)."""
     count = len(freed)
     covariances = np.zeros((count, count, 3, 3))
     for i in range(count):
@@ -470,7 +468,6 @@ def _stacked_covariance(
             arms = tuple(settings.positions[there[k]] - rotation.center for k in (i, j))
             covariances[i, j] = shared_covariance(
                 (arms[0], arms[1]),
-                disturbance,
                 rotation.increment,
                 rotation.rate,
                 rotation.variance,

@@ -30,7 +30,7 @@ def unsaturated(reading: Array, limit: float) -> Array:
         reading: shape (3,).
         limit: largest reading either way; infinity: unlimited.
     """
-    if not bool((np.abs(reading) < limit).all()):
+    if limit < math.inf and not bool((np.abs(reading) < limit).all()):
         return np.full(3, np.nan)
     return reading
 

@@ -54,7 +54,7 @@ ESTIMATION_OUT = {
     "detector_likelihood": 44,
     "detector_magnitude": 44,
     "detector_report": 14 + 2 * 44,
-    "detector_memory": 4 + 4 * 44,
+    "detector_memory": 10 + 4 * 44,
 }
 # the orbiter's ports as they are documented: inputs and outputs
 PORTS: dict[ModuleType, tuple[dict[str, int], dict[str, int]]] = {
@@ -69,7 +69,7 @@ PORTS: dict[ModuleType, tuple[dict[str, int], dict[str, int]]] = {
 def _ports_of(ports: dict[str, int], vehicle: Vehicle) -> dict[str, int]:
     """The orbiter's ports as another vehicle has them: its own sensors, and sizes by its number of jets."""
     n = len(vehicle.jets)
-    sizes = {44: n, 7 + 44: 7 + n, 14 + 2 * 44: 14 + 2 * n, 4 + 4 * 44: 4 + 4 * n}
+    sizes = {44: n, 7 + 44: 7 + n, 14 + 2 * 44: 14 + 2 * n, 10 + 4 * 44: 10 + 4 * n}
     # the autopilot has one gyro port, whatever the package is called
     sensors = dict.fromkeys(vehicle.sensor_names(), 3) if "acc1" in ports else {"gyro": 3} if "gyro" in ports else {}
     return sensors | {name: sizes.get(size, size) for name, size in ports.items() if name not in SENSORS}

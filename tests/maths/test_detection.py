@@ -587,7 +587,7 @@ def test_the_variance_of_a_known_force_has_a_floor(bench: Bench) -> None:
     for _ in range(300):
         bench.step(QUIET, **grown(bench, VELOCITY_VARIANCE, RATE_VARIANCE))
     # 300 samples of 0.97 lbf would know it to 0.056 lbf
-    assert bench.state.variance[STUCK] == bench.settings.force_variance_floor == 0.01
+    assert bench.state.variance[STUCK] == bench.settings.force_variance_floor == (1e-4 * 888.646) ** 2
     assert bench.state.force[STUCK] == 868.8
 
 
@@ -916,11 +916,42 @@ def test_the_log_of_a_cycle(bench: Bench) -> None:
 
 def test_packing_a_state_and_back() -> None:
     rng = np.random.default_rng(9)
-    state = DetectorState(12.0, 2.0, 1.0, 50.08, *rng.normal(size=(4, N)))
+    state = DetectorState(12.0, 2.0, 1.0, 50.08, rng.normal(size=6), *rng.normal(size=(4, N)))
     vector = packed(state)
-    assert vector.shape == (4 + 4 * N,)
+    assert vector.shape == (10 + 4 * N,)
     for ours, theirs in zip(unpacked(vector, N), state, strict=True):
         np.testing.assert_array_equal(ours, theirs)
     start = unpacked(packed(initial_state(N)), N)
     assert start.cluster == -1.0
     assert not any(np.any(part) for part in start[1:])
+
+
+def test_alarms_that_push_opposite_ways_are_not_a_row(bench: Bench) -> None:
+    # one bad reading enters two increments with opposite signs: two alarms, but no failure
+    bench.failing(STUCK, 400.0)
+    second = bench.failing(STUCK, -400.0)
+    assert second.finding.alarm
+    assert second.finding.event == NOTHING
+    assert second.finding.alarms == 1.0
+    assert bench.failing(STUCK, -400.0).finding.event == DECLARED
+
+
+def test_a_tie_of_opposed_jets_is_declared_as_the_loss_of_the_one_that_is_told_to_fire(orbiter: Vehicle) -> None:
+    bench = Bench(orbiter)
+    opposed, losing = STUCK + 1, STUCK + 2  # of one cluster; the first of equals is the likeliest
+    wrenches = bench.settings.unit_wrenches.copy()
+    wrenches[opposed] = -wrenches[losing]
+    bench.settings = bench.settings._replace(unit_wrenches=wrenches)
+    bench.signatures = signatures(wrenches, bench.properties, PERIOD_S)
+    first = bench.failing(losing, -868.8)
+    assert first.finding.magnitude > 0.0
+    declared = bench.failing(losing, -868.8).finding
+    assert declared.event == DECLARED
+    assert declared.isolation.jet == losing
+    assert declared.magnitude == pytest.approx(-868.8, rel=1e-9)
+    assert not bench.state.force.any()
+    assert bench.state.removed[[opposed, losing]].all()
+    # were it the other one after all, it would show once both rest, and be declared as stuck on
+    bench.failing(opposed, 868.8)
+    assert bench.failing(opposed, 868.8).finding.event == DECLARED
+    assert bench.state.force[opposed] == pytest.approx(868.8, rel=1e-9)

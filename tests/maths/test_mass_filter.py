@@ -269,7 +269,7 @@ def test_innovation_is_put_together_from_its_terms() -> None:
     increment, noise = freed(TRANSVERSE_CENTRIPETAL, velocity_noise=NOISE + disturbance)
     expected = increment - 0.3 * IMPULSE
     total = 0.02 * np.outer(IMPULSE, IMPULSE) + noise
-    np.testing.assert_array_equal(dut.noise, noise)
+    np.testing.assert_allclose(dut.noise, noise, rtol=1e-14)
     np.testing.assert_allclose(dut.innovation, expected, rtol=1e-14)
     np.testing.assert_allclose(dut.covariance, total, rtol=1e-14)
     np.testing.assert_allclose(dut.information @ total, np.eye(3), rtol=0.0, atol=1e-13)

@@ -193,7 +193,7 @@ def test_the_detectors_own_test_reaches_the_margin_at_that_force(lost: bool) -> 
     for jet in range(5):
         off = np.arange(5) != jet if lost else np.ones(5, dtype=bool)
         innovation = coefficients[jet] * found.force[jet] * (-1.0 if lost else 1.0)
-        tests = jet_tests(coefficients, innovation, np.eye(3), np.eye(3), off, np.zeros(5, dtype=bool))
+        tests = jet_tests(coefficients, innovation, np.eye(6), off, np.zeros(5, dtype=bool))
         isolation = isolate(tests.likelihood, np.arange(5))
         assert isolation.jet == jet
         assert isolation.cluster_margin == pytest.approx(6.0, rel=1e-9)

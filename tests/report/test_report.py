@@ -125,12 +125,10 @@ def test_one_cursor_moves_all_plots(opened: Any, failed_run: Run, tmp_path: Path
 
 def test_a_zoom_in_one_plot_is_a_zoom_in_all(opened: Any, failed_run: Run, tmp_path: Path) -> None:
     page = opened(write_report(failed_run, tmp_path / "report.html")).page
-    page.evaluate(
-        "Plotly.relayout(document.querySelector('#plot-rate .js-plotly-plot'), {'xaxis.range[0]': 1, 'xaxis.range[1]': 2})"
-    )
-    page.wait_for_function(
-        "[...document.querySelectorAll('.js-plotly-plot')].every(p => Math.abs(p._fullLayout.xaxis.range[1] - 2) < 1e-6)"
-    )
+    zoom = "{'xaxis.range[0]': 1, 'xaxis.range[1]': 2}"
+    page.evaluate(f"Plotly.relayout(document.querySelector('#plot-rate .js-plotly-plot'), {zoom})")
+    zoomed = "p => Math.abs(p._fullLayout.xaxis.range[1] - 2) < 1e-6"
+    page.wait_for_function(f"[...document.querySelectorAll('.js-plotly-plot')].every({zoomed})")
 
 
 def test_a_script_in_a_name_does_not_run(opened: Any, tmp_path: Path, toy_data: dict[str, Any]) -> None:

@@ -127,7 +127,7 @@ def test_topology(orbiter: Vehicle, mass_size: int) -> None:
         "likelihood": N,
         "magnitude": N,
         "report": 14 + 2 * N,
-        "memory": 4 + 4 * N,
+        "memory": 10 + 4 * N,
     }
 
 
