@@ -5,6 +5,8 @@ telemetry_source --sensors, jet_commands, outside_wrench--> estimation --> estim
 
 from __future__ import annotations
 
+import math
+
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from massprop_drake.diagrams import estimation
@@ -26,6 +28,7 @@ def build(scenario: Scenario, *, first_row: int = 0) -> Diagram:
     """
     vehicle = scenario.vehicle_data
     builder = DiagramBuilder()
+    estimators = builder.AddNamedSystem("estimation", estimation.build(scenario))
     source = builder.AddNamedSystem(
         "telemetry_source",
         TelemetrySource(
@@ -33,9 +36,10 @@ def build(scenario: Scenario, *, first_row: int = 0) -> Diagram:
             n_jets=len(vehicle.jets),
             period_s=vehicle.sample_period_s,
             first_row=first_row,
+            # estimators that do not take NaN get what is never a steady combination
+            unknown_command=math.nan if estimators.HasInputPort("outside_wrench") else 0.5,
         ),
     )
-    estimators = builder.AddNamedSystem("estimation", estimation.build(scenario))
 
     for name in (*vehicle.sensor_names(), "jet_commands", "outside_wrench"):
         if estimators.HasInputPort(name):

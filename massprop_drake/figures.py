@@ -306,7 +306,8 @@ class Plots:
     # ------------------------------------------------------------------------------------ drawing
 
     def _caption(self) -> str:
-        return f"{self._vehicle.name}, {self._scenario.name}, seed {self._scenario.seed}"
+        drawn = f", seed {self._scenario.seed}" if self._simulated else ""
+        return f"{self._vehicle.name}, {self._scenario.name}{drawn}"
 
     def _panels(self, count: int, title: str) -> tuple[Figure, list[Axes]]:
         figure = Figure(figsize=(9.0, 1.9 * count + 1.0), dpi=110, layout="constrained")

@@ -22,8 +22,8 @@ _JUMP_FACTOR, _JUMP_SIGMAS = 3.0, 10.0  # beyond what all jets together cause in
 _CLEAR = 5.0  # 1-sigma of an increment that a predicted one must exceed to tell the unit
 _FEWEST = 10  # samples that tell the unit
 _MOST = 10_000  # samples kept for it
-_UNIT_LIMIT = 3.0  # factor between measured and predicted that is called wrong
-_LISTED = 5
+_UNIT_LIMIT = 2.5  # factor between measured and predicted that is called wrong; feet to meters is 3.28
+_LISTED, _MOST_STUCK = 5, 100  # in warnings, and at all
 _PERIOD_DIFFERS = 0.005  # of the sample period
 
 # what a factor between measured and predicted looks like, for rates and for velocities
@@ -106,6 +106,7 @@ class QualityReport:
         self._commands = np.zeros((1, len(vehicle.jets)))
         self._standing = {name: _Standing() for name in names}
         self._stuck: list[dict[str, Any]] = []
+        self._n_stuck = 0
         self._saturated = dict.fromkeys(names, 0)
         self._jumps: dict[str, dict[str, Any]] = {}
         self._ratios: dict[str, list[float]] = {name: [] for name in names}
@@ -193,6 +194,9 @@ class QualityReport:
 
     def _note_standing(self, entry: _Package, axis: int, standing: _Standing, most: float, least: float) -> None:
         if most - least < _STUCK * entry.scale or math.isnan(standing.value[axis]):
+            return
+        self._n_stuck += 1
+        if self._n_stuck > _MOST_STUCK:
             return
         self._stuck.append(
             {
@@ -370,8 +374,8 @@ class QualityReport:
                 f"{entry['sensor']}_{entry['axis']} stands still from {entry['from_s']:.6g} to {entry['to_s']:.6g} s "
                 f"while the jets commanded should change it by {entry['predicted_change']:.3g}"
             )
-        if len(quality["stuck"]) > _LISTED:
-            found.append(f"and {len(quality['stuck']) - _LISTED} more times a sensor stands still")
+        if self._n_stuck > _LISTED:
+            found.append(f"and {self._n_stuck - _LISTED} more times a sensor stands still")
         for name, count in quality["saturated"].items():
             if count:
                 found.append(f"{name} is at the end of its range in {_times(count, 'row')}")
@@ -385,6 +389,9 @@ class QualityReport:
     def _about_samples(self, quality: dict[str, Any]) -> list[str]:
         names = {"rotation": "inverse inertia and center of mass", "mass": "mass"}
         found = []
+        unknown = quality["samples"]["rotation"]["command_missing"]
+        if unknown:
+            found.append(f"the jets' commands are missing over {_times(unknown, 'sample')}, which are not used")
         for name, counts in quality["samples"].items():
             if counts["used"]:
                 continue

@@ -548,13 +548,15 @@ def _check_structure(path: Path) -> dict[str, Any]:
     steps = np.diff(times)
     forward = steps[steps > 0.0]
     period = float(np.median(forward)) if forward.size else None
+    off = np.abs(forward - (period or 0.0))
+    gaps = off > JITTER * (period or 0.0)
     return {
         "rows": int(times.size),
         "first_s": float(times[0]),
         "last_s": float(times[-1]),
         "period_s": period,
-        "gaps": 0 if period is None else int((np.abs(forward - period) > JITTER * period).sum()),
-        "jitter": 0 if period is None else int((np.abs(forward - period) > _EXACT * period).sum()),
+        "gaps": int(gaps.sum()),
+        "jitter": int((off[~gaps] > _EXACT * (period or 0.0)).sum()),
         "late": int((steps <= 0.0).sum()),
         "ragged": table.ragged.count,
         "unknown": [],

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -18,7 +19,7 @@ class TelemetrySource(LeafSystem):
     Ports:
         <sensor> (out, 3), one per package: reading of row k, NaN where missing.
         jet_commands (out, n_jets): fraction commanded over the interval that ends now, the command of row
-            k - 1; NaN where unknown.
+            k - 1; `unknown_command` where that is NaN.
         command (out, n_jets): of row k.
         outside_wrench (out, 6): known outside torque about the vehicle origin (3), lbf-ft or N-m, and force
             (3), lbf or N, body axes, mean over the interval that ends now.
@@ -37,13 +38,22 @@ class TelemetrySource(LeafSystem):
         n_jets: number of jets.
         period_s: sample period T, s.
         first_row: number of the record's first row.
+        unknown_command: what `jet_commands` has where the command is unknown.
     """
 
-    def __init__(self, sensors: Sequence[str], *, n_jets: int, period_s: float, first_row: int = 0):
+    def __init__(
+        self,
+        sensors: Sequence[str],
+        *,
+        n_jets: int,
+        period_s: float,
+        first_row: int = 0,
+        unknown_command: float = math.nan,
+    ):
         super().__init__()
         self.set_name("telemetry_source")
         self._period_s = period_s
-        self._n_jets = n_jets
+        self._unknown = unknown_command
         # the window: rows first - 1 (its command alone is known) to the last
         self._first = self._next = first_row
         self._time_s = np.full(1, np.nan)
@@ -52,7 +62,7 @@ class TelemetrySource(LeafSystem):
         self._wrench = np.zeros((1, 6))
         for name in sensors:
             self._declare(name, 3, lambda row, name=name: self._readings[name][row])  # type: ignore[misc]
-        self._declare("jet_commands", n_jets, lambda row: self._commands[row - 1])
+        self._declare("jet_commands", n_jets, lambda row: self._held(row - 1))
         self._declare("command", n_jets, lambda row: self._commands[row])
         self._declare("outside_wrench", 6, lambda row: self._wrench[row - 1])
         self._declare("record_time", 1, lambda row: self._time_s[row : row + 1])
@@ -62,6 +72,10 @@ class TelemetrySource(LeafSystem):
             output.SetFromVector(served(self._place(context)))
 
         self.DeclareVectorOutputPort(name, size, calc, prerequisites_of_calc={self.time_ticket()})
+
+    def _held(self, row: int) -> Array:
+        command = self._commands[row]
+        return np.where(np.isnan(command), self._unknown, command)
 
     def begin(self, command: Array, outside_wrench: Array) -> None:
         """Sets what the row before the first one commanded; before any row has been given.
