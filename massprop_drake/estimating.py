@@ -172,7 +172,7 @@ class _Replay:
         found = self._recent[np.clip(rows - first, 0, None)]
         # rows long past: as far back from the first one known as their number says
         found = np.where(rows >= first, found, self._recent[0] - (first - rows) * self._period_s)
-        return np.where(np.isnan(diagram_s), np.nan, found)
+        return found + (diagram_s - rows * self._period_s)  # exactly what it was where both times agree
 
     def _count(self, rows: Rows, signals: Mapping[str, Array]) -> None:
         for name in self._nis:

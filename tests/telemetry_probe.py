@@ -42,7 +42,7 @@ class Log:
             steps = turn
             if sensor not in vehicle.gyros:
                 steps = impulses[:, 3:] / vehicle.nominal.mass + np.cross(turn, np.array(sensor.position) - center)
-            values = np.vstack([np.zeros(3), np.cumsum(steps, axis=0)[:-1]])
+            values = np.cumsum(np.vstack([np.zeros(3), steps]), axis=0)[:n_rows]
             readings.append(np.round(values / sensor.quantum) * sensor.quantum)
         times = start_s + period * np.arange(n_rows)
         table = np.column_stack([times, *readings, commands])
