@@ -18,6 +18,7 @@ from massprop_drake.diagrams import replay
 from massprop_drake.errors import InputError
 from massprop_drake.history import Spool
 from massprop_drake.logged import ESTIMATION, RECENT, cycle_times, estimation_signals, restore_state, saved_state
+from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
 from massprop_drake.maths.mass_properties import N_ROTATION
 from massprop_drake.quality import QualityReport
 from massprop_drake.run import Run, saved_filter_state
@@ -61,8 +62,8 @@ def estimate(
         The run, without truth; its signals lie on disk, and its summary has `data_quality` besides.
 
     Raises:
-        InputError: when the record or the saved state cannot be used; the message says where.
-        NotPositiveDefiniteError: when a covariance loses definiteness, with the time and the matrix.
+        InputError: when the record or the saved state cannot be used, or readings are such that a covariance
+            loses definiteness; the message says where.
     """
     scenario = settings_alone(scenario)
     earlier = None if resume_from is None else _saved(Path(resume_from), scenario.vehicle_data)
@@ -79,6 +80,11 @@ def estimate(
             if progress is not None:
                 progress(reader.done)
         wall_s = time.perf_counter() - began
+    except NotPositiveDefiniteError as error:  # the files are all that there is to be wrong
+        raise InputError(
+            f"{reader.source}: the filters cannot go on: {str(error).splitlines()[0].rstrip(':')}; "
+            "check that units, columns and vehicle belong together"
+        ) from error
     finally:
         reader.close()
     return replayed.finish(reader, telemetry, wall_s)

@@ -284,6 +284,7 @@ REFUSED: dict[str, tuple[Callable[[Log], str], str]] = {
     "underscore": (_with(lambda log: log.set(4, "gyro_z", "1_0")), "line 6, column gyro_z: '1_0' is not a number"),
     "infinite": (_with(lambda log: log.set(4, "gyro_z", "-inf")), "line 6, column gyro_z: is infinite"),
     "too large": (_with(lambda log: log.set(4, "gyro_z", "1e999")), "line 6, column gyro_z: is infinite"),
+    "huge": (_with(lambda log: log.set(4, "acc_z", "-1e13")), "column acc_z: -1e.13 is too large to mean anything"),
     "fraction": (
         _with(lambda log: log.set(4, "jet_J2", "1.5")),
         r"line 6, column jet_J2: 1.5 is no fraction of 0 to 1$",
