@@ -22,7 +22,7 @@ from massprop_drake.scenario import Scenario, resolved
 from massprop_drake.scenario import _override as set_field
 from massprop_drake.signals import AXES
 from massprop_drake.tables import Block, CsvTable, Table, open_table
-from massprop_drake.vehicle import Vehicle
+from massprop_drake.vehicle import Vehicle, load_vehicle
 
 Array = NDArray[np.float64]
 
@@ -60,7 +60,9 @@ def vehicle_scenario(name: str, vehicle: str, overrides: list[str] | None = None
     Raises:
         InputError: when there is no such vehicle, or a setting is wrong.
     """
-    data: dict[str, Any] = {"name": name, "vehicle": vehicle}
+    # no autopilot flies here, so whatever kinds of jets the vehicle has will do
+    kinds = list(load_vehicle(vehicle).jet_kinds)
+    data: dict[str, Any] = {"name": name, "vehicle": vehicle, "autopilot": {"jet_kinds": kinds}}
     for override in overrides or []:
         set_field(data, override)
     return resolved(data)

@@ -99,6 +99,15 @@ def test_json_is_the_summary_alone(massprop: Massprop) -> None:
     assert summary["data_quality"]["rows"] == 60
 
 
+def test_a_vehicle_may_call_its_jets_what_it_likes(massprop: Massprop, toy_data: dict[str, Any]) -> None:
+    toy_data["jet_kinds"] = {"cold_gas": toy_data["jet_kinds"]["primary"]}
+    for jet in toy_data["jets"]:
+        jet["kind"] = "cold_gas"
+    Path("toy.yaml").write_text(yaml.safe_dump(toy_data), encoding="utf-8")
+    Log(toy_vehicle(toy_data)).write(Path("flight.csv"))
+    assert massprop("estimate", "flight.csv", "--vehicle", "toy.yaml", "--quiet") == (0, "", "")
+
+
 @pytest.mark.usefixtures("toy")
 def test_quiet_prints_nothing(massprop: Massprop) -> None:
     assert massprop("estimate", "flight.csv", "--vehicle", "toy.yaml", "--quiet") == (0, "", "")
