@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -31,6 +31,22 @@ Array = NDArray[np.float64]
 
 _LINE_WIDTH = 1.1
 _DEGREES = 180.0 / np.pi
+
+
+class _Drawings(Mapping[str, Figure]):
+    """Figures that are drawn when they are asked for, so that one at a time is held."""
+
+    def __init__(self, drawings: Mapping[str, Callable[[], Figure]]):
+        self._drawings = drawings
+
+    def __getitem__(self, name: str) -> Figure:
+        return self._drawings[name]()
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._drawings)
+
+    def __len__(self) -> int:
+        return len(self._drawings)
 
 
 class Plots:
@@ -61,8 +77,8 @@ class Plots:
         self._names = self._vehicle.unit_names
         self._windows = [window for window in scenario.maneuver if window.start_s < time_s[-1]]
 
-    def all(self) -> dict[str, Figure]:
-        """Every figure by name, in the order to read them."""
+    def all(self) -> Mapping[str, Figure]:
+        """Every figure by name, in the order to read them; each is drawn when it is asked for."""
         drawings: dict[str, Callable[[], Figure]] = {
             "rates": self.rates,
             "velocities": self.velocities,
@@ -90,7 +106,7 @@ class Plots:
                 "failure_magnitude": self.failure_magnitude,
                 "detection_timeline": self.detection_timeline,
             }
-        return {name: draw() for name, draw in drawings.items()}
+        return _Drawings(drawings)
 
     def rates(self) -> Figure:
         """Angular velocity (figure 5-2)."""

@@ -39,7 +39,7 @@ class Spool(Mapping[str, Array]):
         InputError: when the file cannot be made or written.
     """
 
-    def __init__(self, folder: Path | None = None, *, rows_per_piece: int = 1024):
+    def __init__(self, folder: Path | None = None, *, rows_per_piece: int = 4096):
         try:
             self._file = tempfile.TemporaryFile(dir=folder)  # noqa: SIM115 (closed with the object)
         except OSError as error:
@@ -160,7 +160,13 @@ def _write_member(
 
 
 def outstanding_rows(
-    signals: Mapping[str, Array], n_rows: int, *, keys: tuple[str, ...], events: tuple[str, ...], buckets: int = 1000
+    signals: Mapping[str, Array],
+    n_rows: int,
+    *,
+    keys: tuple[str, ...],
+    events: tuple[str, ...],
+    peaks: tuple[str, ...] = (),
+    buckets: int = 1000,
 ) -> NDArray[np.int_]:
     """Rows that show what a figure of a long run must show; each is a row as recorded.
 
@@ -172,6 +178,7 @@ def outstanding_rows(
         signals: by name, shape (n_rows, components).
         n_rows: number of rows.
         keys: signals that must not lose their extremes; NaN does not count.
+        peaks: signals of which the greatest is enough.
         events: signals that are not zero, or missing, at rows to keep.
         buckets: number of stretches.
 
@@ -182,7 +189,7 @@ def outstanding_rows(
         return np.arange(n_rows)
     kept = {0, n_rows - 1}
     edges = np.linspace(0, n_rows, buckets + 1).astype(int)
-    names = [name for name in dict.fromkeys((*keys, *events)) if name in signals]
+    names = [name for name in dict.fromkeys((*keys, *peaks, *events)) if name in signals]
     start = 0
     # stretches that a block ends in go on in the next: extremes so far, per component
     best: dict[tuple[int, str, int, int], tuple[float, int]] = {}
@@ -196,8 +203,8 @@ def outstanding_rows(
             for name in names:
                 values = block[name][part]
                 offset = start + part.start
-                if name in keys:
-                    _note_extremes(best, bucket, name, values, offset)
+                if name in keys or name in peaks:
+                    _note_extremes(best, bucket, name, values, offset, (1, -1) if name in keys else (1,))
                 if name in events:
                     rows = np.flatnonzero(~(values == 0.0).all(axis=1))[: max(0, 4 - counts.get(bucket, 0))]
                     counts[bucket] = counts.get(bucket, 0) + rows.size
@@ -211,14 +218,19 @@ def outstanding_rows(
 
 
 def _note_extremes(
-    best: dict[tuple[int, str, int, int], tuple[float, int]], bucket: int, name: str, values: Array, offset: int
+    best: dict[tuple[int, str, int, int], tuple[float, int]],
+    bucket: int,
+    name: str,
+    values: Array,
+    offset: int,
+    signs: tuple[int, ...],
 ) -> None:
     for column in range(values.shape[1]):
         component = values[:, column]
         there = np.flatnonzero(np.isfinite(component))
         if not there.size:
             continue
-        for sign in (1, -1):
+        for sign in signs:
             row = there[np.argmax(sign * component[there])]
             value = float(sign * component[row])
             key = (bucket, name, column, sign)
@@ -226,19 +238,25 @@ def _note_extremes(
                 best[key] = (value, offset + int(row))
 
 
-def picked(signals: Mapping[str, Array], rows: NDArray[np.int_]) -> dict[str, Array]:
+def picked(
+    signals: Mapping[str, Array], rows: NDArray[np.int_], *, leaving_out: tuple[str, ...] = ()
+) -> dict[str, Array]:
     """Some rows of every signal.
 
     Args:
         signals: by name.
         rows: indices, ascending.
+        leaving_out: signals that are not wanted.
     """
-    found: dict[str, list[Array]] = {name: [] for name in signals}
+    names = [name for name in signals if name not in leaving_out]
+    found: dict[str, Array] = {}
     start = 0
-    for block in blocks(signals, *signals):
+    for block in blocks(signals, *names):
         size = len(next(iter(block.values())))
-        inside = rows[(rows >= start) & (rows < start + size)] - start
+        first, last = np.searchsorted(rows, [start, start + size])
         for name, values in block.items():
-            found[name].append(np.array(values[inside]))
+            if name not in found:
+                found[name] = np.empty((rows.size, *values.shape[1:]))
+            found[name][first:last] = values[rows[first:last] - start]
         start += size
-    return {name: np.concatenate(parts) for name, parts in found.items()}
+    return found

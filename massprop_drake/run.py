@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
+# what no figure of a replay shows
+_NOT_SHOWN = ("angular_impulse", "linear_impulse", "failure_magnitude", "rotation_innovation", "mass_innovation")
 _EVENTS = ("alarm", "detector_event", "gap")  # signals whose rows a figure must not lose
 
 
@@ -99,12 +101,12 @@ class Run:
 
         if not isinstance(self.signals, Spool):
             return Plots(self.time_s, self.signals, self.scenario)
-        rows = outstanding_rows(self.signals, self.signals.n_rows, keys=self._key_signals(), events=_EVENTS)
-        shown = picked(self.signals, rows)
+        gyro = make.gyro(self.scenario).name
+        rows = outstanding_rows(
+            self.signals, self.signals.n_rows, keys=(gyro,), peaks=("rotation_nis", "mass_nis"), events=_EVENTS
+        )
+        shown = picked(self.signals, rows, leaving_out=_NOT_SHOWN)
         return Plots(shown.pop("time_s"), shown, self.scenario, consistency=self.summary["consistency"])
-
-    def _key_signals(self) -> tuple[str, ...]:
-        return (make.gyro(self.scenario).name, "rotation_nis", "mass_nis")
 
     def save(self, folder: str | Path, *, force: bool = False, pictures: bool = True) -> Path:
         """Writes the run's folder, whole or not at all.
@@ -125,8 +127,9 @@ class Run:
             (partial / "filter_state.json").write_text(_json(self._filter_state()), encoding="utf-8")
             if pictures:
                 (partial / "figures").mkdir()
-                for name, figure in self.plot.all().items():
-                    figure.savefig(partial / "figures" / f"{name}.png")
+                figures = self.plot.all()
+                for name in figures:  # one at a time, to hold no more than one
+                    figures[name].savefig(partial / "figures" / f"{name}.png")
             (partial / "summary.json").write_text(_json(self.summary), encoding="utf-8")
         return target
 

@@ -98,6 +98,13 @@ def test_thinning_keeps_extremes_ends_and_events() -> None:
         np.testing.assert_array_equal(shown[name], values[rows])  # every point is a recorded row
 
 
+def test_of_peaks_the_greatest_are_kept() -> None:
+    rows = outstanding_rows(SIGNALS, 5000, keys=(), peaks=("gyro",), events=(), buckets=10)
+    assert len(rows) <= 2 + 10 * 3
+    for stretch in np.split(np.arange(5000), 10):
+        assert stretch[np.argmax(SIGNALS["gyro"][stretch, 1])] in rows
+
+
 def test_events_do_not_crowd_out_everything() -> None:
     signals = SIGNALS | {"alarm": np.ones((5000, 1))}
     rows = outstanding_rows(signals, 5000, keys=(), events=("alarm",), buckets=10)
