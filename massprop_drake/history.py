@@ -151,7 +151,7 @@ def _write_member(
 ) -> None:
     header = {"descr": "<f8", "fortran_order": False, "shape": shape}
     with archive.open(_member(name), "w", force_zip64=True) as file:
-        np.lib.format.write_array_header_1_0(file, header)  # type: ignore[no-untyped-call]
+        np.lib.format.write_array_header_1_0(file, header)
         for part in parts:
             file.write(np.ascontiguousarray(part[name], dtype="<f8").tobytes())
 

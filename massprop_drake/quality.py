@@ -138,7 +138,7 @@ class QualityReport:
         gap = ~rows.recorded
         fresh = np.concatenate([[self._last_gap], gap[:-1]])  # nothing to take a difference from
         angular, linear = signals["angular_impulse"], signals["linear_impulse"]
-        predictable = np.isfinite(angular).all(axis=1) & np.isfinite(linear).all(axis=1)
+        predictable = np.asarray(np.isfinite(np.hstack([angular, linear])).all(axis=1))
         clean_angular, clean_linear = (np.where(predictable[:, None], part, 0.0) for part in (angular, linear))
         steady = predictable & (signals["usable"][:, 0] != 0.0) & (signals["firing"][:, 0] != 0.0)
         saturated: dict[str, NDArray[np.bool_]] = {}
@@ -156,10 +156,10 @@ class QualityReport:
             self._watch_standing(entry, rows.time_s, rows.readings[name], counted)
             at_limit = np.zeros(len(readings), dtype=bool)
             if package.range is not None:
-                at_limit = (np.abs(readings) >= package.range * (1.0 - 1e-9)).any(axis=1)
+                at_limit = np.asarray((np.abs(readings) >= package.range * (1.0 - 1e-9)).any(axis=1))
             self._saturated[name] += int(at_limit[1:].sum())
             saturated[name] = at_limit[1:] | at_limit[:-1]
-            missing[name] = np.isnan(increments).any(axis=1)
+            missing[name] = np.asarray(np.isnan(increments).any(axis=1))
             self._watch_jumps(entry, rows.time_s, increments)
             self._watch_units(entry, increments, predicted, steady & ~missing[name] & ~saturated[name])
             self._last[name] = readings[-1:]
@@ -324,7 +324,7 @@ class QualityReport:
             if 1.0 / _UNIT_LIMIT <= slope <= _UNIT_LIMIT:
                 continue
             unit = "rad/s"
-            guesses = _RATE_UNITS
+            guesses: tuple[tuple[float, str], ...] = _RATE_UNITS
             if isinstance(entry.package, Accelerometer):
                 unit = in_units("{length}/s", self._vehicle.unit_names)
                 guesses = _VELOCITY_UNITS[self._vehicle.units]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import zipfile
 import zlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -158,7 +158,7 @@ class Run:
         if isinstance(self.signals, Spool):
             optional = [name for name in ("outside_wrench",) if name in self.signals]
             rows = self.signals.blocks("time_s", "command", "gap", *sensors, *optional)
-            parts = (
+            parts: Iterable[telemetry.Rows] = (
                 telemetry.Rows(
                     block["time_s"],
                     {name: block[name] for name in sensors},
@@ -172,7 +172,7 @@ class Run:
             commands = self.signals["command"].copy()
             commands[-1] = np.nan  # nothing is commanded beyond the end
             readings = {name: self.signals[name] for name in sensors}
-            parts = iter([telemetry.Rows(self.time_s, readings, commands, None, np.ones(len(commands), dtype=bool))])
+            parts = [telemetry.Rows(self.time_s, readings, commands, None, np.ones(len(commands), dtype=bool))]
         telemetry.write_csv(path, vehicle, parts)
 
     def _write_history(self, path: Path) -> None:
