@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from massprop_drake.errors import InputError as InputError
+    from massprop_drake.estimating import estimate as estimate
     from massprop_drake.estimator import Estimator as Estimator
     from massprop_drake.estimator import EstimatorStep as EstimatorStep
     from massprop_drake.run import Run as Run
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 
 _HOMES = {
     "InputError": "errors",
+    "estimate": "estimating",
     "Estimator": "estimator",
     "EstimatorStep": "estimator",
     "Run": "run",

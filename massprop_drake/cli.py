@@ -19,9 +19,11 @@ from rich.table import Table
 
 from massprop_drake.errors import InputError, suggestion
 from massprop_drake.files import require_writable, write_whole
-from massprop_drake.models import Document, Key, keys, read_text, validated
+from massprop_drake.models import Document, Key, exists, keys, read_text, validated
 from massprop_drake.scenario import Scenario, bundled_scenarios, load_scenario, resolved
 from massprop_drake.signals import with_deviation
+from massprop_drake.telemetry import check as check_telemetry
+from massprop_drake.telemetry import scenario_name, vehicle_scenario
 from massprop_drake.vehicle import Vehicle, bundled_vehicles, load_vehicle
 
 app = typer.Typer(
@@ -36,6 +38,7 @@ app = typer.Typer(
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON alone on standard output.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")]
 _PROGRESS_AFTER_S = 2.0
+_TELEMETRY = (".csv", ".tsv", ".parquet", ".pq")  # endings of telemetry files
 
 
 class Schema(StrEnum):
@@ -130,6 +133,86 @@ def run(
         _print_run(result.summary, case.vehicle_data, folder)
 
 
+class Start(StrEnum):
+    """Where the estimators begin."""
+
+    nominal = "nominal"
+    zero = "zero"
+
+
+@app.command(epilog="Example: `massprop estimate flight.csv --vehicle orbiter --out runs/flight`")
+def estimate(
+    telemetry: Annotated[str, typer.Argument(help="A CSV or Parquet file, or - for rows on standard input.")],
+    vehicle: Annotated[str | None, typer.Option(help="A bundled vehicle or a YAML file; settings by default.")] = None,
+    like: Annotated[
+        str | None, typer.Option(help="A run's folder or a scenario, for the vehicle and every setting.")
+    ] = None,
+    start: Annotated[
+        Start | None,
+        typer.Option(help="Begin at the nominal mass properties, or at zero; default as the settings say."),
+    ] = None,
+    resume_from: Annotated[
+        Path | None, typer.Option(help="A run's folder: go on from the filter state at its end.")
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help="Folder to write; default runs/<name of the file>.")] = None,
+    overrides: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="KEY=VALUE", help="Replaces any field; VALUE is read as YAML. Repeatable."),
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Write into a folder that is not an earlier run's.")] = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Estimates mass properties and finds failed jets from recorded telemetry."""
+    name = scenario_name(telemetry)
+    chosen = [*(overrides or []), *([] if start is None else [f"estimation.start={start}"])]
+    case = _case_of_a_record(name, vehicle, like, resume_from, chosen)
+    target = out or Path("runs") / name
+    _require_apart(target, telemetry, resume_from)
+    require_writable(target, force=force)
+
+    from massprop_drake.estimating import estimate as estimate_record  # noqa: PLC0415 (loads Drake)
+
+    live = telemetry == "-" and not (as_json or quiet)
+    with _Progress(f"estimating {name}", 1.0, shown=telemetry != "-" and not (as_json or quiet)) as progress:
+        result = estimate_record(
+            telemetry,
+            case,
+            resume_from=resume_from,
+            progress=progress,
+            declared=(lambda entry: _print_declared(entry, case.vehicle_data)) if live else None,
+            folder=target.parent,
+        )
+        folder = result.save(target, force=force)
+    if as_json:
+        _print_json(result.summary)
+    elif not quiet:
+        _print_estimate(result.summary, case.vehicle_data, folder)
+
+
+def _case_of_a_record(
+    name: str, vehicle: str | None, like: str | None, resume_from: Path | None, overrides: list[str]
+) -> Scenario:
+    """The vehicle and the settings to estimate with."""
+    if vehicle is not None and like is not None:
+        raise InputError("give either --vehicle or --like, not both: --like takes the vehicle, too")
+    if vehicle is not None:
+        return vehicle_scenario(name, vehicle, overrides)
+    source = like or resume_from
+    if source is None:
+        raise InputError("whose telemetry is it? Give --vehicle (a vehicle) or --like (a run's folder or a scenario)")
+    return load_scenario(source, overrides)
+
+
+def _require_apart(target: Path, telemetry: str, resume_from: Path | None) -> None:
+    """Keeps what is read from being replaced by what is written."""
+    for source in (Path(telemetry).parent if telemetry != "-" else None, resume_from):
+        if source is not None and exists(target) and exists(source) and target.resolve() == source.resolve():
+            raise InputError(
+                f"{target}: holds what is to be read, and would be replaced; give another folder with --out"
+            )
+
+
 @app.command(epilog="Example: `massprop graph closed_loop estimation --out graphs`")
 def graph(
     diagrams: Annotated[list[str] | None, typer.Argument(help="Names as `massprop list` shows; default all.")] = None,
@@ -172,15 +255,18 @@ def graph(
         Console(stderr=True, highlight=False, soft_wrap=True).print(hint, markup=False)
 
 
-@app.command(epilog="Example: `massprop check my_vehicle.yaml my_scenario.yaml`, `massprop check --schema vehicle`")
+@app.command(epilog="Example: `massprop check my_vehicle.yaml flight.csv --vehicle my_vehicle.yaml`")
 def check(
-    files: Annotated[list[str] | None, typer.Argument(help="Vehicle and scenario files, or bundled names.")] = None,
+    files: Annotated[
+        list[str] | None, typer.Argument(help="Vehicle, scenario and telemetry files, or bundled names.")
+    ] = None,
+    vehicle: Annotated[str | None, typer.Option(help="The vehicle whose telemetry it should be.")] = None,
     schema: Annotated[Schema | None, typer.Option(help="Show every key of a kind of file instead.")] = None,
     pairs: Annotated[int, typer.Option(min=0, help="Of a vehicle: so many pairs of jets that look alike.")] = 5,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Validates vehicle and scenario files and says what is wrong, or shows the keys they may have.
+    """Validates vehicle, scenario and telemetry files and says what is wrong, or shows the keys they may have.
 
     Of a good vehicle it also reports how the jets push, which mass properties they show, and which jets look alike.
     """
@@ -191,16 +277,17 @@ def check(
         return
     if not files:
         raise InputError("nothing to check: name a file, or --schema vehicle or --schema scenario")
+    whose = None if vehicle is None else load_vehicle(vehicle)
     findings: list[dict[str, Any]] = []
     lines: list[str] = []
     for name in files:
         try:
-            good = _checked(name)
+            good = _checked(name, whose)
         except InputError as error:
             findings.append({"file": name, "ok": False, "findings": list(error.problems)})
             lines += error.problems
             continue
-        about = _about_vehicle(good) if isinstance(good, Vehicle) else _about_scenario(good)
+        about = good if isinstance(good, str) else _about(good)
         findings.append({"file": name, "ok": True, "findings": [about]})
         lines.append(f"{name}: ok: {about}")
         if isinstance(good, Vehicle) and not quiet:
@@ -217,8 +304,10 @@ def check(
         raise typer.Exit(2)
 
 
-def _checked(name: str) -> Vehicle | Scenario:
-    """What a good file holds; InputError for a bad one."""
+def _checked(name: str, whose: Vehicle | None) -> Vehicle | Scenario | str:
+    """What a good file holds, of telemetry in words; InputError for a bad one."""
+    if Path(name).suffix.lower() in _TELEMETRY:
+        return _about_telemetry(check_telemetry(Path(name), whose), whose)
     if name in bundled_vehicles():
         return load_vehicle(name)
     if name in bundled_scenarios():
@@ -229,6 +318,10 @@ def _checked(name: str) -> Vehicle | Scenario:
     return resolved(document.data, document, Path(name).parent)
 
 
+def _about(good: Vehicle | Scenario) -> str:
+    return _about_vehicle(good) if isinstance(good, Vehicle) else _about_scenario(good)
+
+
 def _about_vehicle(vehicle: Vehicle) -> str:
     sensors = f"{len(vehicle.gyros)} gyro and {len(vehicle.accelerometers)} accelerometer packages"
     return f"vehicle '{vehicle.name}', {len(vehicle.jets)} jets, {sensors}, units {vehicle.units}"
@@ -236,6 +329,20 @@ def _about_vehicle(vehicle: Vehicle) -> str:
 
 def _about_scenario(scenario: Scenario) -> str:
     return f"scenario '{scenario.name}', {scenario.duration_s:g} s, vehicle '{scenario.vehicle_data.name}'"
+
+
+def _about_telemetry(found: dict[str, Any], whose: Vehicle | None) -> str:
+    period = "" if found["period_s"] is None else f", {found['period_s']:.6g} s apart"
+    parts = [f"telemetry{'' if whose is None else f' of {whose.name}'}, {found['rows']} rows{period}"]
+    parts[0] += f", from {found['first_s']:.6g} to {found['last_s']:.6g} s"
+    for key, words in (("gaps", "gaps"), ("late", "rows whose time does not go on"), ("ragged", "rows cut short")):
+        if found[key]:
+            parts.append(f"{found[key]} {words}")
+    if found["unknown"]:
+        parts.append(f"columns not used: {', '.join(found['unknown'][:5])}{', ...' if found['unknown'][5:] else ''}")
+    if found["absent"]:
+        parts.append(f"no readings of {', '.join(found['absent'])}")
+    return "; ".join(parts)
 
 
 def _report_lines(report: dict[str, Any], force: str) -> list[str]:
@@ -285,9 +392,9 @@ def _isolable_words(jets: list[dict[str, Any]], kind: str) -> str:
 class _Progress:
     """A progress bar on a terminal, once the work has taken a while."""
 
-    def __init__(self, title: str, total_s: float, *, shown: bool):
+    def __init__(self, title: str, total: float, *, shown: bool):
         self._title = title
-        self._total_s = total_s
+        self._total = total
         self._shown = shown and sys.stderr.isatty()
         self._began = time.monotonic()
         self._bar: Any = None
@@ -295,8 +402,8 @@ class _Progress:
     def __enter__(self) -> _Progress:
         return self
 
-    def __call__(self, reached_s: float) -> None:
-        """Reports how far the simulation has got, s."""
+    def __call__(self, reached: float) -> None:
+        """Reports how far the work has got, in what the total is in."""
         if not self._shown or time.monotonic() - self._began < _PROGRESS_AFTER_S:
             return
         if self._bar is None:
@@ -304,8 +411,8 @@ class _Progress:
 
             self._bar = Progress(console=Console(stderr=True), transient=True)
             self._bar.start()
-            self._task = self._bar.add_task(self._title, total=self._total_s)
-        self._bar.update(self._task, completed=reached_s)
+            self._task = self._bar.add_task(self._title, total=self._total)
+        self._bar.update(self._task, completed=reached)
 
     def __exit__(self, *_: object) -> None:
         if self._bar is not None:
@@ -377,6 +484,71 @@ def _print_run(summary: dict[str, Any], vehicle: Vehicle, folder: Path) -> None:
         console.print(f"detected:    {_detected(entry, vehicle.unit_names['force'])}", soft_wrap=True)
     console.print(f"speed:       {timing['real_time_factor']:.0f} times real time")
     console.print(f"files:       {folder}/   figures: {folder}/figures/", markup=False, soft_wrap=True)
+
+
+def _print_estimate(summary: dict[str, Any], vehicle: Vehicle, folder: Path) -> None:
+    """Warnings, the table of ten parameters, what follows from them, what failed, and what the record is like."""
+    from massprop_drake.signals import SYMBOLS, mass_property_units  # noqa: PLC0415
+    from massprop_drake.summary import from_names  # noqa: PLC0415 (loads Drake)
+
+    console = Console(width=None if sys.stdout.isatty() else 120, highlight=False)
+    quality = summary["data_quality"]
+    title = f"{summary['provenance']['telemetry']}: {summary['vehicle']}, {summary['duration_s']:g} s"
+    table = Table(title=_escaped(title), title_justify="left", header_style="bold")
+    for heading in ("parameter", "unit", "estimate", "1-sigma", "1-sigma %"):
+        table.add_column(heading, justify="left" if heading in ("parameter", "unit") else "right")
+    columns = map(from_names, (summary["estimates"], summary["standard_deviations"]))
+    for symbol, unit, estimate, deviation in zip(
+        SYMBOLS, mass_property_units(vehicle.unit_names), *columns, strict=True
+    ):
+        if math.isnan(estimate):
+            table.add_row(symbol, unit, "not observable", "-", "-")
+            continue
+        percent = f"{100.0 * deviation / abs(estimate):.4f}" if estimate else "-"
+        table.add_row(symbol, unit, f"{estimate:.6g}", f"{deviation:.3g}", percent)
+    _add_derived(table, summary["derived"], vehicle)
+    console.print(table)
+    for warning in quality["warnings"]:
+        console.print(f"[bold yellow]warning:[/bold yellow]     {_escaped(warning)}", soft_wrap=True)
+    consistency, counts = summary["consistency"], quality["samples"]["rotation"]
+    console.print(
+        f"consistency: mean NIS {_number(consistency['rotation_nis_mean'])} rotation, "
+        f"{_number(consistency['translation_nis_mean'])} translation, over {consistency['samples']} samples used"
+    )
+    skipped = ", ".join(
+        f"{count} {reason.replace('_', ' ')}" for reason, count in counts.items() if count and reason != "used"
+    )
+    console.print(
+        f"samples:     {quality['rows']} rows; {counts['used']} used; skipped: {skipped or 'none'}", soft_wrap=True
+    )
+    for entry in summary["detections"]:
+        console.print(f"detected:    {_detected(entry, vehicle.unit_names['force'])}", soft_wrap=True)
+    if not summary["detections"]:
+        console.print("detected:    no failure")
+    console.print(f"speed:       {quality['rows'] / summary['timing']['wall_s']:.0f} rows a second")
+    console.print(f"files:       {folder}/   figures: {folder}/figures/", markup=False, soft_wrap=True)
+
+
+def _add_derived(table: Table, derived: dict[str, Any], vehicle: Vehicle) -> None:
+    """Rows for the mass and the inertia that the estimates mean."""
+    units = vehicle.unit_names
+    rows = [("m", units["mass"], derived["mass"], derived["mass_std"])]
+    if derived["inertia"] is not None:
+        for name, i, j in (("Ixx", 0, 0), ("Iyy", 1, 1), ("Izz", 2, 2), ("Iyz", 1, 2), ("Ixz", 0, 2), ("Ixy", 0, 1)):
+            value, std = derived["inertia"][i][j], derived["inertia_std"][i][j]
+            rows.append((name, f"{units['mass']}-{units['length']}^2", value, std))
+    table.add_section()
+    for name, unit, value, std in rows:
+        if value is None or std is None:
+            table.add_row(name, unit, "-", "-", "-")
+        else:
+            table.add_row(name, unit, f"{value:.6g}", f"{std:.3g}", f"{100.0 * std / abs(value):.4f}" if value else "-")
+
+
+def _print_declared(entry: dict[str, Any], vehicle: Vehicle) -> None:
+    text = f"detected:    {_detected(entry, vehicle.unit_names['force'])}"
+    Console(highlight=False, soft_wrap=True).print(text, markup=False)
+    sys.stdout.flush()
 
 
 def _detected(entry: dict[str, Any], force: str) -> str:

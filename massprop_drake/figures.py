@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -14,6 +14,7 @@ from matplotlib.ticker import FuncFormatter, NullLocator
 from numpy.typing import NDArray
 from scipy.special import chdtri
 
+from massprop_drake import settings as make
 from massprop_drake.scenario import HandControllerWindow, Scenario
 from massprop_drake.signals import (
     BAND_COLOUR,
@@ -32,6 +33,22 @@ _LINE_WIDTH = 1.1
 _DEGREES = 180.0 / np.pi
 
 
+class _Drawings(Mapping[str, Figure]):
+    """Figures that are drawn when they are asked for, so that one at a time is held."""
+
+    def __init__(self, drawings: Mapping[str, Callable[[], Figure]]):
+        self._drawings = drawings
+
+    def __getitem__(self, name: str) -> Figure:
+        return self._drawings[name]()
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._drawings)
+
+    def __len__(self) -> int:
+        return len(self._drawings)
+
+
 class Plots:
     """Draws a run's signals; every method returns a matplotlib figure.
 
@@ -39,18 +56,29 @@ class Plots:
         time_s: sample times, s, shape (n,).
         signals: by name, shape (n, components).
         scenario: for units, manoeuvre windows and jets.
+        consistency: mean NIS and number of samples used, as in the summary; needed where the signals are not
+            complete, else taken from them.
     """
 
-    def __init__(self, time_s: Array, signals: Mapping[str, Array], scenario: Scenario):
+    def __init__(
+        self,
+        time_s: Array,
+        signals: Mapping[str, Array],
+        scenario: Scenario,
+        *,
+        consistency: Mapping[str, float | None] | None = None,
+    ):
         self._time_s = time_s
         self._signals = signals
         self._scenario = scenario
+        self._consistency = consistency
+        self._simulated = "truth" in signals
         self._vehicle = scenario.vehicle_data
         self._names = self._vehicle.unit_names
         self._windows = [window for window in scenario.maneuver if window.start_s < time_s[-1]]
 
-    def all(self) -> dict[str, Figure]:
-        """Every figure by name, in the order to read them."""
+    def all(self) -> Mapping[str, Figure]:
+        """Every figure by name, in the order to read them; each is drawn when it is asked for."""
         drawings: dict[str, Callable[[], Figure]] = {
             "rates": self.rates,
             "velocities": self.velocities,
@@ -63,6 +91,12 @@ class Plots:
             "mass_reciprocal": self.mass_reciprocal,
             "consistency": self.consistency,
         }
+        if not self._simulated:  # recorded telemetry: what was read, in place of what was true
+            for name in ("rates", "velocities", "torques", "forces"):
+                del drawings[name]
+            drawings = {"gyro_readings": self.gyro_readings, **drawings}
+            if self._vehicle.accelerometers:
+                drawings = {"accelerometer_velocities": self.accelerometer_velocities, **drawings}
         if "mass_nis" not in self._signals:  # no accelerometer
             del drawings["mass_reciprocal"]
         if "likelihood" in self._signals:
@@ -72,7 +106,7 @@ class Plots:
                 "failure_magnitude": self.failure_magnitude,
                 "detection_timeline": self.detection_timeline,
             }
-        return {name: draw() for name, draw in drawings.items()}
+        return _Drawings(drawings)
 
     def rates(self) -> Figure:
         """Angular velocity (figure 5-2)."""
@@ -81,6 +115,27 @@ class Plots:
     def velocities(self) -> Figure:
         """Velocity of the center of mass relative to the start (figure 5-3)."""
         return self._three_axes("velocity", "Velocity of the center of mass, relative to the start, inertial axes")
+
+    def gyro_readings(self) -> Figure:
+        """Angular rate as each gyro package read it."""
+        names = [gyro.name for gyro in self._vehicle.gyros]
+        return self._readings(names, "Angular rate, as read", "deg/s", _DEGREES)
+
+    def accelerometer_velocities(self) -> Figure:
+        """Integrated specific force as each accelerometer package read it."""
+        names = [package.name for package in self._vehicle.accelerometers]
+        return self._readings(names, "Integrated specific force, as read", f"{self._names['length']}/s", 1.0)
+
+    def _readings(self, names: Sequence[str], title: str, unit: str, scale: float) -> Figure:
+        figure, axes = self._panels(3, title)
+        for axis, (panel, letter) in enumerate(zip(axes, "xyz", strict=True)):
+            for name, colour in zip(names, COLOURS * (1 + len(names) // len(COLOURS)), strict=False):
+                values = scale * self._signals[name][:, axis]
+                panel.plot(self._time_s, values, color=colour, linewidth=_LINE_WIDTH, label=name)
+            panel.set_ylabel(f"{letter}, {unit}")
+        if len(names) > 1:
+            axes[0].legend(loc="upper left", fontsize=8, ncols=3)
+        return figure
 
     def torques(self) -> Figure:
         """Applied torque about the center of mass (figure 5-4)."""
@@ -117,13 +172,19 @@ class Plots:
             panel.plot(self._time_s[used], nis, ".", color=colour, markersize=4)
             panel.set_yscale("log")
             panel.set_ylabel(f"NIS, {label}")
-            mean = f"mean {nis.mean():.2f} of {nis.size} samples" if nis.size else "no sample used"
+            mean = self._mean_nis(name, nis)
             handles = [
                 Line2D([], [], color=colour, marker=".", linestyle="", label=mean),
                 Patch(color=BAND_COLOUR, alpha=0.35, label="95 % of chi-square, 3 degrees of freedom"),
             ]
             panel.legend(handles=handles, loc="upper right", fontsize=8, ncols=2)
         return figure
+
+    def _mean_nis(self, name: str, nis: Array) -> str:
+        if self._consistency is None:
+            return f"mean {nis.mean():.2f} of {nis.size} samples" if nis.size else "no sample used"
+        mean = self._consistency["rotation_nis_mean" if name == "rotation" else "translation_nis_mean"]
+        return "no sample used" if mean is None else f"mean {mean:.2f} of all samples used"
 
     def jets(self) -> Figure:
         """Which jet was commanded when, by cluster."""
@@ -132,10 +193,11 @@ class Plots:
         order = sorted(range(len(jets)), key=lambda index: (jets[index].cluster, index))
         figure = Figure(figsize=(9.0, max(3.0, 0.15 * len(jets) + 1.2)), dpi=110, layout="constrained")
         panel = figure.add_subplot()
-        period = self._vehicle.sample_period_s
+        # up to the next row: where rows are left out, what a row commands is drawn that far
+        lengths = np.append(np.diff(self._time_s), self._vehicle.sample_period_s)
         for row, index in enumerate(order):
             on = np.flatnonzero(command[:, index] > 0.0)
-            spans = [(float(self._time_s[sample]), period) for sample in on]
+            spans = list(zip(self._time_s[on].tolist(), lengths[on].tolist(), strict=True))
             colour = COLOURS[jets[index].cluster % (len(COLOURS) - 1)]
             panel.broken_barh(spans, (row - 0.42, 0.84), facecolors=colour, linewidth=0.0)
         panel.set_yticks(range(len(order)))
@@ -211,7 +273,8 @@ class Plots:
                 elinewidth=0.8,
                 label="likeliest jet, 1-sigma",
             )
-            for jet, colour in zip(dict.fromkeys(jets.tolist()), (TRUTH_COLOUR, *COLOURS[2:]), strict=False):
+            suspects = dict.fromkeys(jets.tolist() if self._simulated else [])
+            for jet, colour in zip(suspects, (TRUTH_COLOUR, *COLOURS[2:]), strict=False):
                 full = self._vehicle.jets[jet].thrust
                 truth = self._signals["thrust"][:, jet] - full * self._signals["command"][:, jet]
                 label = f"truth, {self._vehicle.designations[jet]}"
@@ -229,8 +292,9 @@ class Plots:
     def detection_timeline(self) -> Figure:
         """Failures, alarms and declarations over the rates and the number of jets commanded."""
         figure, axes = self._panels(3, "Detection")
+        rates = self._signals["rate" if self._simulated else make.gyro(self._scenario).name]
         for axis, letter in enumerate(SIGNALS["rate"].components):
-            rate = _DEGREES * self._signals["rate"][:, axis]
+            rate = _DEGREES * rates[:, axis]
             axes[0].plot(self._time_s, rate, color=COLOURS[axis], linewidth=_LINE_WIDTH, label=letter)
         axes[0].set_ylabel("rate, deg/s")
         axes[0].legend(loc="upper left", fontsize=8, ncols=3)
@@ -251,13 +315,15 @@ class Plots:
                 panel.axvline(jump.time_s, color=TRUTH_COLOUR, linewidth=0.9, linestyle=":")
             for time in self._time_s[events != 0.0]:
                 panel.axvline(time, color=COLOURS[1], linewidth=0.9)
-        axes[-1].set_xlabel("time, s   (dotted: it happens, red line: it is declared)")
+        dotted = "dotted: it happens, " if self._simulated else ""
+        axes[-1].set_xlabel(f"time, s   ({dotted}red line: it is declared)")
         return figure
 
     # ------------------------------------------------------------------------------------ drawing
 
     def _caption(self) -> str:
-        return f"{self._vehicle.name}, {self._scenario.name}, seed {self._scenario.seed}"
+        drawn = f", seed {self._scenario.seed}" if self._simulated else ""
+        return f"{self._vehicle.name}, {self._scenario.name}{drawn}"
 
     def _panels(self, count: int, title: str) -> tuple[Figure, list[Axes]]:
         figure = Figure(figsize=(9.0, 1.9 * count + 1.0), dpi=110, layout="constrained")
@@ -270,12 +336,14 @@ class Plots:
         for panel in axes:
             panel.grid(alpha=0.25)
             panel.spines[["top", "right"]].set_visible(False)
-            panel.set_xlim(float(self._time_s[0]), float(self._time_s[-1]))
+            if self._time_s[-1] > self._time_s[0]:
+                panel.set_xlim(float(self._time_s[0]), float(self._time_s[-1]))
             for window in self._windows:
                 panel.axvspan(window.start_s, window.end_s, color=WINDOW_COLOUR, alpha=0.10, linewidth=0.0)
         for window in self._windows:
             self._label_window(axes[0], window)
-        axes[-1].set_xlabel("time, s   (shaded: hand controller out of detent)")
+        shaded = "   (shaded: hand controller out of detent)" if self._windows else ""
+        axes[-1].set_xlabel(f"time, s{shaded}")
 
     def _label_window(self, panel: Axes, window: HandControllerWindow) -> None:
         # windows that begin together are labelled one above the other
@@ -304,7 +372,9 @@ class Plots:
         return figure
 
     def _errors(self, elements: tuple[int, ...], title: str) -> Figure:
-        """Estimation errors in percent of the truth, with their 3-sigma band."""
+        """Estimation errors in percent of the truth, with their 3-sigma band; without truth the estimates."""
+        if not self._simulated:
+            return self._estimates(elements, title)
         figure, axes = self._panels(len(elements), f"{title}: estimation error")
         truth = self._signals["truth"]
         units = mass_property_units(self._names)
@@ -326,6 +396,34 @@ class Plots:
             ]
             panel.legend(handles=handles, loc="upper right", fontsize=8, ncols=2)
         return figure
+
+    def _estimates(self, elements: tuple[int, ...], title: str) -> Figure:
+        """Estimates with their 3-sigma band, on a scale that the end of the record sets."""
+        figure, axes = self._panels(len(elements), f"{title}: estimate")
+        units = mass_property_units(self._names)
+        for panel, element in zip(axes, elements, strict=True):
+            value = self._signals["estimate"][:, element]
+            band = 3.0 * self._signals["standard_deviation"][:, element]
+            colour, unit = COLOURS[element % 3], units[element]
+            panel.fill_between(self._time_s, value - band, value + band, color=BAND_COLOUR, alpha=0.35, linewidth=0.0)
+            panel.plot(self._time_s, value, color=colour, linewidth=_LINE_WIDTH)
+            panel.set_ylim(*_last_half(value, band))
+            panel.set_ylabel(f"{SYMBOLS[element]}, {unit}")
+            handles = [
+                Line2D([], [], color=colour, label=f"estimate, at the end {value[-1]:.5g} {unit}"),
+                Patch(color=BAND_COLOUR, alpha=0.35, label=f"3-sigma, at the end {band[-1]:.3g} {unit}"),
+            ]
+            panel.legend(handles=handles, loc="upper right", fontsize=8, ncols=2)
+        return figure
+
+
+def _last_half(value: Array, band: Array) -> tuple[float, float]:
+    """Limits of an axis that show an estimate, and its band over the last half; the first band may be huge."""
+    half = value.size // 2
+    low = min(float(value.min()), float((value - band)[half:].min()))
+    high = max(float(value.max()), float((value + band)[half:].max()))
+    margin = 0.05 * (high - low) or 0.05 * abs(high) or 1.0
+    return low - margin, high + 3.0 * margin
 
 
 def _symmetric_log(panel: Axes, small: float, large: float) -> None:

@@ -21,6 +21,7 @@ DIAGRAMS = {
     "estimation": "sample_maneuver",
     "closed_loop": "sample_maneuver",
     "open_loop": "jet_pulses",
+    "replay": "sample_maneuver",
 }
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import zipfile
 import zlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,18 +13,24 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from massprop_drake import settings as make
 from massprop_drake import telemetry
 from massprop_drake.errors import InputError
 from massprop_drake.files import whole_folder
+from massprop_drake.history import Spool, outstanding_rows, picked, write_npz
 from massprop_drake.models import yaml_text
 from massprop_drake.scenario import Scenario, load_scenario
 from massprop_drake.signals import SIGNALS, Signal, accelerometer_signal, gyro_signal, in_units
-from massprop_drake.summary import null_for_nan
+from massprop_drake.summary import from_names, null_for_nan
 
 if TYPE_CHECKING:
     from massprop_drake.figures import Plots
 
 Array = NDArray[np.float64]
+
+# what no figure of a replay shows
+_NOT_SHOWN = ("angular_impulse", "linear_impulse", "failure_magnitude", "rotation_innovation", "mass_innovation")
+_EVENTS = ("alarm", "detector_event", "gap")  # signals whose rows a figure must not lose
 
 
 class Run:
@@ -35,29 +41,38 @@ class Run:
         summary: as `summary.json`.
         signals: every logged signal by name, one row per sample, shape (n_samples, components); the
             unit of each is in `units`, the names of its columns in `components`. Sample times are
-            `time_s`.
+            `time_s`. Those of a replay lie on disk, and are read when they are asked for.
         covariance: of the ten estimates at the end, shape (10, 10).
+        state: what is needed to go on from the end, as `filter_state.json` has it.
     """
 
     def __init__(
         self,
         scenario: Scenario,
         summary: dict[str, Any],
-        time_s: Array,
+        time_s: Array | None,
         signals: Mapping[str, Array],
         covariance: Array,
+        state: Mapping[str, Any] | None = None,
     ):
         self.scenario = scenario
         self.summary = summary
-        self.time_s = time_s
-        self.signals = dict(signals)
+        if time_s is not None:
+            self.time_s = time_s
+        self.signals = signals if isinstance(signals, Spool) else dict(signals)
         self.covariance = covariance
+        self.state = dict(state or {})
 
     def __repr__(self) -> str:
-        return f"<Run of '{self.scenario.name}', {self.time_s[-1]:g} s, seed {self.scenario.seed}>"
+        return f"<Run of '{self.scenario.name}', {self.summary['duration_s']:g} s, seed {self.scenario.seed}>"
 
     def __getitem__(self, name: str) -> Array:
         return self.signals[name]
+
+    @cached_property
+    def time_s(self) -> Array:
+        """Sample times, s; of a spooled run they are among its signals."""
+        return self.signals["time_s"]
 
     @cached_property
     def descriptions(self) -> dict[str, Signal]:
@@ -65,7 +80,7 @@ class Run:
         vehicle = self.scenario.vehicle_data
         packages = {gyro.name: gyro_signal(gyro.name) for gyro in vehicle.gyros}
         packages |= {package.name: accelerometer_signal(package.name) for package in vehicle.accelerometers}
-        return {name: SIGNALS.get(name) or packages[name] for name in self.signals}
+        return {name: SIGNALS.get(name) or packages[name] for name in self.signals if name != "time_s"}
 
     @cached_property
     def units(self) -> dict[str, str]:
@@ -84,7 +99,14 @@ class Run:
         """Figures of this run: `run.plot.rates()` and the others return matplotlib figures."""
         from massprop_drake.figures import Plots  # noqa: PLC0415 (matplotlib is slow to load)
 
-        return Plots(self.time_s, self.signals, self.scenario)
+        if not isinstance(self.signals, Spool):
+            return Plots(self.time_s, self.signals, self.scenario)
+        gyro = make.gyro(self.scenario).name
+        rows = outstanding_rows(
+            self.signals, self.signals.n_rows, keys=(gyro,), peaks=("rotation_nis", "mass_nis"), events=_EVENTS
+        )
+        shown = picked(self.signals, rows, leaving_out=_NOT_SHOWN)
+        return Plots(shown.pop("time_s"), shown, self.scenario, consistency=self.summary["consistency"])
 
     def save(self, folder: str | Path, *, force: bool = False, pictures: bool = True) -> Path:
         """Writes the run's folder, whole or not at all.
@@ -105,8 +127,9 @@ class Run:
             (partial / "filter_state.json").write_text(_json(self._filter_state()), encoding="utf-8")
             if pictures:
                 (partial / "figures").mkdir()
-                for name, figure in self.plot.all().items():
-                    figure.savefig(partial / "figures" / f"{name}.png")
+                figures = self.plot.all()
+                for name in figures:  # one at a time, to hold no more than one
+                    figures[name].savefig(partial / "figures" / f"{name}.png")
             (partial / "summary.json").write_text(_json(self.summary), encoding="utf-8")
         return target
 
@@ -125,28 +148,60 @@ class Run:
         except (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error) as error:
             raise InputError(f"{path}: holds no run that can be read: {error}") from None
         scenario = load_scenario(path / "scenario.yaml")
+        state = saved_filter_state(path) if (path / "filter_state.json").exists() else {}
         time_s = arrays.pop("time_s")
-        return Run(scenario, summary, time_s, arrays, np.array(summary["covariance"], dtype=float))
+        return Run(scenario, summary, time_s, arrays, np.array(summary["covariance"], dtype=float), state)
 
     def _write_telemetry(self, path: Path) -> None:
         vehicle = self.scenario.vehicle_data
-        commands = self.signals["command"].copy()
-        commands[-1] = np.nan  # nothing is commanded beyond the end
-        readings = {name: self.signals[name] for name in vehicle.sensor_names()}
-        telemetry.write_csv(path, vehicle, self.time_s, readings, commands)
+        sensors = vehicle.sensor_names()
+        if isinstance(self.signals, Spool):
+            optional = [name for name in ("outside_wrench",) if name in self.signals]
+            rows = self.signals.blocks("time_s", "command", "gap", *sensors, *optional)
+            parts: Iterable[telemetry.Rows] = (
+                telemetry.Rows(
+                    block["time_s"],
+                    {name: block[name] for name in sensors},
+                    block["command"],
+                    block.get("outside_wrench"),
+                    block["gap"][:, 0] == 0.0,
+                )
+                for block in rows
+            )
+        else:
+            commands = self.signals["command"].copy()
+            commands[-1] = np.nan  # nothing is commanded beyond the end
+            readings = {name: self.signals[name] for name in sensors}
+            parts = [telemetry.Rows(self.time_s, readings, commands, None, np.ones(len(commands), dtype=bool))]
+        telemetry.write_csv(path, vehicle, parts)
 
     def _write_history(self, path: Path) -> None:
-        described = {name: {"unit": self.units[name], "components": self.components[name]} for name in self.signals}
-        arrays = {"time_s": self.time_s, **self.signals, "_description": np.array(json.dumps(described))}
-        np.savez_compressed(path, **arrays)  # type: ignore[arg-type]
+        described = {name: {"unit": self.units[name], "components": self.components[name]} for name in self.units}
+        signals = self.signals if isinstance(self.signals, Spool) else {"time_s": self.time_s, **self.signals}
+        write_npz(path, signals, described)
 
     def _filter_state(self) -> dict[str, Any]:
         return {
             "format": 1,
-            "time_s": float(self.time_s[-1]),
-            "estimate": null_for_nan(self.signals["estimate"][-1]),
+            "time_s": self.state["time_s"] if "time_s" in self.state else float(self.time_s[-1]),
+            "estimate": null_for_nan(from_names(self.summary["estimates"])),
             "covariance": null_for_nan(self.covariance),
+            **self.state,
         }
+
+
+def saved_filter_state(folder: Path) -> dict[str, Any]:
+    """The content of a run folder's `filter_state.json`, but for what its summary says as well.
+
+    Raises:
+        InputError: when the folder has none that can be read.
+    """
+    path = folder / "filter_state.json"
+    try:
+        state = json.loads(path.read_text(encoding="utf-8"))
+        return {key: value for key, value in state.items() if key not in ("format", "estimate", "covariance")}
+    except (OSError, ValueError, AttributeError) as error:
+        raise InputError(f"{path}: holds no filter state that can be read: {error}") from None
 
 
 def _json(content: Any) -> str:

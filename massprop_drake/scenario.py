@@ -570,7 +570,7 @@ def load_scenario(scenario: str | Path, overrides: list[str] | None = None) -> S
         document = Document(read_text(path), str(path))
         folder = path.parent
     for override in overrides or []:
-        _override(document.data, override)
+        set_field(document.data, override)
     return resolved(document.data, document, folder)
 
 
@@ -621,8 +621,12 @@ def _find_vehicle(name: str, folder: Path, document: Document | None) -> Vehicle
         raise InputError(*(f"{document.where(('vehicle',))}: {problem}" for problem in error.problems)) from None
 
 
-def _override(data: Any, override: str) -> None:
-    """Sets one field of a document's data from KEY=VALUE."""
+def set_field(data: Any, override: str) -> None:
+    """Sets one field of a document's data from KEY=VALUE.
+
+    Raises:
+        InputError: when it says something else, or names what cannot be set.
+    """
     key, separator, text = override.partition("=")
     if not separator or not key:
         raise InputError(f"--set {override}: expected KEY=VALUE, such as --set rotation.filter=extended")

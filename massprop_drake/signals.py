@@ -57,6 +57,13 @@ SIGNALS = {
         Signal("thrust", "thrust, mean over the coming sample", "{force}", ()),
         Signal("torque", "torque about the center of mass", "{length}-{force}", AXES),
         Signal("force", "force", "{force}", AXES),
+        Signal("gap", "1: no row of the record, put in where rows are missing", "-", ("gap",)),
+        Signal(
+            "outside_wrench",
+            "known outside torque about the vehicle origin, and force",
+            "{length}-{force} (3); {force} (3)",
+            (*(f"torque_{a}" for a in AXES), *(f"force_{a}" for a in AXES)),
+        ),
         Signal("hand_controllers", "hand controllers", "-", tuple(f"{c}_{a}" for c in ("rhc", "thc") for a in AXES)),
         Signal("attitude_error", "attitude error in hold", "rad", AXES),
         Signal(

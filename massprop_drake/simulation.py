@@ -14,13 +14,12 @@ from pydrake.systems.primitives import LogVectorOutput, VectorLogSink
 
 from massprop_drake import settings as make
 from massprop_drake.diagrams import closed_loop, open_loop
-from massprop_drake.maths import mass_properties
-from massprop_drake.maths.detection import N_SUSPICION
+from massprop_drake.logged import ESTIMATION, RECENT, cycle_times, estimation_signals, saved_state
 from massprop_drake.maths.mass_properties import N_ROTATION, MassProperties, symmetric
 from massprop_drake.maths.rigid_body import MASS, POSITION, QUATERNION, RATE, VELOCITY
 from massprop_drake.run import Run
 from massprop_drake.scenario import Scenario
-from massprop_drake.summary import DETECTOR_STATUS, summarize
+from massprop_drake.summary import detection_entries, null_for_nan, summarize
 
 Array = NDArray[np.float64]
 
@@ -34,11 +33,7 @@ _LOGGED = (
     "request",
     "selection_counts",
     "out_of_use",
-    "impulses",
-    "rotation_report",
-    "mass_report",
-    "detector_report",
-    "detector_memory",
+    *ESTIMATION,
 )
 _CHUNK_S = 5.0  # of simulated time between two reports of progress
 
@@ -92,10 +87,19 @@ def simulate(scenario: Scenario, *, progress: Callable[[float], None] | None = N
     timing = {
         "wall_s": wall_s,
         "real_time_factor": float(time_s[-1]) / wall_s,
-        "cycle_us": _cycle_times(diagram, len(time_s)),
+        "cycle_us": cycle_times(diagram, len(time_s)),
     }
     summary = summarize(scenario, time_s, signals, covariance, timing)
-    return Run(scenario, summary, time_s, signals, covariance)
+    state = {
+        "time_s": float(time_s[-1]),
+        "row": len(time_s) - 1,
+        "states": saved_state(diagram, context),
+        # nothing is commanded beyond the end
+        "command": [None] * len(vehicle.jets),
+        "recent_s": null_for_nan(time_s[-RECENT:]),
+        "detections": detection_entries(vehicle, time_s, signals),
+    }
+    return Run(scenario, summary, time_s, signals, covariance, state)
 
 
 def _covariance(diagram: Diagram, context: Any) -> Array:
@@ -137,40 +141,10 @@ def _signals(scenario: Scenario, logs: dict[str, Array]) -> dict[str, Array]:
     for name in ("hand_controllers", "attitude_error", "request", "selection_counts", "out_of_use"):
         if name in logs:
             signals[name] = logs[name]
-    signals |= _parts(logs["impulses"], angular_impulse=3, linear_impulse=3, usable=1, firing=1)
-    rotation = logs["rotation_report"]
-    mass = logs.get("mass_report", np.full((body.shape[0], 2), np.nan))  # without accelerometer
-    signals["estimate"] = np.hstack([rotation[:, :9], mass[:, :1]])
-    signals["standard_deviation"] = np.hstack([rotation[:, 9:18], np.sqrt(mass[:, 1:2])])
-    limits = make.convergence_limits(scenario)
-    signals["converged"] = np.array(
-        [
-            [float(mass_properties.converged(deviation, estimate, limits))]
-            for deviation, estimate in zip(signals["standard_deviation"], signals["estimate"], strict=True)
-        ]
-    )
-    signals |= _parts(
-        rotation[:, 18:],
-        rotation_innovation=3,
-        rotation_nis=1,
-        rotation_used=1,
-        rotation_jump=1,
-        coupling_subtracted=1,
-    )
-    if "mass_report" in logs:
-        signals |= _parts(mass[:, 2:], mass_innovation=3, mass_nis=1, mass_used=1, mass_jump=1)
-    if "detector_report" in logs:
-        n_jets = len(vehicle.jets)
-        signals |= _parts(logs["detector_report"], **DETECTOR_STATUS, likelihood=n_jets, failure_magnitude=n_jets)
-        signals |= _parts(logs["detector_memory"][:, N_SUSPICION:], known_force=n_jets, known_force_variance=n_jets)
+    signals |= estimation_signals(scenario, logs)
     for name in vehicle.sensor_names():
         signals[name] = logs[name]
     return signals
-
-
-def _parts(log: Array, **sizes: int) -> dict[str, Array]:
-    edges = np.cumsum([0, *sizes.values()])
-    return {name: log[:, start:end] for name, start, end in zip(sizes, edges, edges[1:], strict=False)}
 
 
 def _truth(mass: Array, structure: Array) -> Array:
@@ -182,18 +156,3 @@ def _truth(mass: Array, structure: Array) -> Array:
         truth[first:last] = properties.vector()
     truth[:, 9] = 1.0 / mass
     return truth
-
-
-def _cycle_times(diagram: Diagram, cycles: int) -> dict[str, float | None]:
-    """Mean time per cycle spent in the mathematics of each part, microseconds."""
-    estimation = diagram.GetSubsystemByName("estimation")
-    names = [system.get_name() for system in estimation.GetSystems()]
-    estimators = [name for name in ("impulse_model", "rotation_estimator", "mass_estimator") if name in names]
-    spent = sum(estimation.GetSubsystemByName(name).stopwatch.spent_s for name in estimators)
-    selection = detector = None
-    if diagram.HasSubsystemNamed("autopilot"):
-        autopilot = diagram.GetSubsystemByName("autopilot")
-        selection = 1e6 * autopilot.GetSubsystemByName("jet_selection").stopwatch.spent_s / cycles
-    if "failure_detector" in names:
-        detector = 1e6 * estimation.GetSubsystemByName("failure_detector").stopwatch.spent_s / cycles
-    return {"estimators": 1e6 * spent / cycles, "detector": detector, "jet_selection": selection}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from importlib.metadata import version
 from typing import Any
 
@@ -56,10 +57,60 @@ def summarize(
         timing: how long it took.
     """
     vehicle = scenario.vehicle_data
-    estimate, truth = signals["estimate"][-1], signals["truth"][-1]
     used = signals["rotation_used"][:, 0] != 0.0
     translation_nis = signals["mass_nis"][signals["mass_used"][:, 0] != 0.0, 0] if "mass_nis" in signals else None
     commands = signals["command"][:-1] > 0.0
+    consistency = {
+        "rotation_nis_mean": _mean(signals["rotation_nis"][used, 0]),
+        "translation_nis_mean": None if translation_nis is None else _mean(translation_nis),
+        "samples": int(used.sum()),
+    }
+    autopilot = {
+        "firings": int(firings(commands)),
+        "propellant_mass": _propellant(scenario, signals),
+        **_selection(signals),
+        **_jets_in_question(vehicle, signals),
+        "control_authority": _authority(scenario, signals),
+    }
+    return composed(
+        scenario,
+        duration_s=float(time_s[-1]),
+        estimate=signals["estimate"][-1],
+        deviation=signals["standard_deviation"][-1],
+        covariance=covariance,
+        truth=signals["truth"][-1],
+        found=detections(vehicle, time_s, signals),
+        consistency=consistency,
+        autopilot=autopilot,
+        timing=timing,
+    )
+
+
+def composed(
+    scenario: Scenario,
+    *,
+    duration_s: float,
+    estimate: Array,
+    deviation: Array,
+    covariance: Array,
+    truth: Array,
+    found: list[dict[str, Any]],
+    consistency: dict[str, Any],
+    autopilot: dict[str, Any],
+    timing: dict[str, Any],
+) -> dict[str, Any]:
+    """The content of `summary.json` from its parts.
+
+    Args:
+        scenario: as run.
+        duration_s: from the first sample to the last, s.
+        estimate, deviation: of the ten parameters at the end, shape (10,).
+        covariance: at the end, shape (10, 10).
+        truth: at the end, NaN where unknown, shape (10,).
+        found: detections, as `settled` gives them.
+        consistency, autopilot, timing: as they are to stand there.
+    """
+    vehicle = scenario.vehicle_data
     return {
         "format": 1,
         "version": version("massprop-drake"),
@@ -67,26 +118,16 @@ def summarize(
         "vehicle": vehicle.name,
         "units": vehicle.units,
         "seed": scenario.seed,
-        "duration_s": float(time_s[-1]),
+        "duration_s": duration_s,
         "estimates": by_name(estimate),
-        "standard_deviations": by_name(signals["standard_deviation"][-1]),
+        "standard_deviations": by_name(deviation),
         "covariance": null_for_nan(covariance),
         "derived": _derived(estimate, covariance),
         "truth": by_name(truth),
         "percent_error": by_name(mass_properties.percent_error(estimate, truth)),
-        "detections": detections(vehicle, time_s, signals),
-        "consistency": {
-            "rotation_nis_mean": _mean(signals["rotation_nis"][used, 0]),
-            "translation_nis_mean": None if translation_nis is None else _mean(translation_nis),
-            "samples": int(used.sum()),
-        },
-        "autopilot": {
-            "firings": int(firings(commands)),
-            "propellant_mass": _propellant(scenario, signals),
-            **_selection(signals),
-            **_jets_in_question(vehicle, signals),
-            "control_authority": _authority(scenario, signals),
-        },
+        "detections": found,
+        "consistency": consistency,
+        "autopilot": autopilot,
         "provenance": {
             "drake": version("drake"),
             "numpy": version("numpy"),
@@ -99,9 +140,24 @@ def summarize(
 
 def detections(vehicle: Vehicle, time_s: Array, signals: dict[str, Array]) -> list[dict[str, Any]]:
     """One entry per declared failure or jump, as `summary.json` has them."""
+    entries = detection_entries(vehicle, time_s, signals)
+    return settled(entries, signals["known_force"][-1], signals["known_force_variance"][-1]) if entries else []
+
+
+def detection_entries(
+    vehicle: Vehicle, time_s: Array, signals: Mapping[str, Array], earlier: Sequence[Mapping[str, Any]] = ()
+) -> list[dict[str, Any]]:
+    """One entry per declared failure or jump, as it was declared.
+
+    Args:
+        vehicle: for its jets.
+        time_s: sample times, s, shape (n,).
+        signals: by name, shape (n, components).
+        earlier: entries from before these samples, of which some may be withdrawn now.
+    """
+    entries = [dict(entry) for entry in earlier]
     if "detector_event" not in signals:
-        return []
-    entries: list[dict[str, Any]] = []
+        return entries
     for k in np.flatnonzero(signals["detector_event"][:, 0]):
         at = {name: float(signals[name][k, 0]) for name in DETECTOR_STATUS}
         jet = int(at["suspected_jet"])
@@ -139,12 +195,25 @@ def detections(vehicle: Vehicle, time_s: Array, signals: dict[str, Array]) -> li
                 "jet_index": jet,
             }
         entries.append(entry)
-    for entry in entries:
-        jet = entry.pop("jet_index")
-        if entry["kind"] == "jet_on" and signals["known_force_variance"][-1, jet] > 0.0:
-            entry["magnitude"] = float(signals["known_force"][-1, jet])
-            entry["magnitude_std"] = float(np.sqrt(signals["known_force_variance"][-1, jet]))
     return entries
+
+
+def settled(entries: Sequence[Mapping[str, Any]], force: Array, variance: Array) -> list[dict[str, Any]]:
+    """Entries as `summary.json` has them: a force that has been followed since is given as it is known now.
+
+    Args:
+        entries: as `detection_entries` gives them.
+        force, variance: known force of each jet at the end, and its variance, shape (n_jets,).
+    """
+    found = []
+    for declared in entries:
+        entry = dict(declared)
+        jet = entry.pop("jet_index")
+        if entry["kind"] == "jet_on" and variance[jet] > 0.0:
+            entry["magnitude"] = float(force[jet])
+            entry["magnitude_std"] = float(np.sqrt(variance[jet]))
+        found.append(entry)
+    return found
 
 
 def _kind(magnitude: float, std: float, thrust: float) -> str:

@@ -42,6 +42,7 @@ _RESERVED = {
     *SIGNALS,
     *("time_s", "file", "jet", "known_force", "known_torque"),
     *("reaction_jets", "rigid_body", "noise_source", "body_state", "structure", "mass_properties"),
+    *("telemetry_source", "record_time"),
     *("closed", "held_closed", "command", "held_command", "jet_commands", "impulses", "rate_sample"),
     *("outside_wrench", "mean_level"),
     *("estimate", "covariance", "innovation", "innovation_covariance", "status", "adaptation", "reconfiguration"),

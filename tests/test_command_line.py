@@ -108,7 +108,7 @@ def test_list_as_json(massprop: Massprop) -> None:
     assert (done.status, done.err) == (0, "")
     found = json.loads(done.out)
     assert set(found) == {"vehicles", "scenarios", "diagrams", "campaigns"}
-    assert set(found["diagrams"]) == {"vehicle", "autopilot", "estimation", "closed_loop", "open_loop"}
+    assert set(found["diagrams"]) == {"vehicle", "autopilot", "estimation", "closed_loop", "open_loop", "replay"}
     assert all(description for kind in found.values() for description in kind.values())
 
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import importlib.util
 import re
+import sys
 from pathlib import Path
 from types import ModuleType
 
 import pytest
 
-from massprop_drake import load_scenario, load_vehicle, simulate
+from massprop_drake import cli, figures, load_scenario, load_vehicle, simulate
 from massprop_drake.models import keys
 from massprop_drake.scenario import Scenario
 from massprop_drake.vehicle import Vehicle
@@ -79,3 +80,35 @@ def test_example_of_variants_is_valid(examples: Path) -> None:
     scenario = load_scenario(examples / "extended_filter.yaml")
     assert scenario.rotation.filter == "extended"
     assert scenario.mass.compensation == "transverse_centripetal"
+
+
+def test_the_telemetry_pages_python_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (code,) = re.findall(r"^```python\n(.*?)^```$", (DOCS / "telemetry.md").read_text(encoding="utf-8"), re.S | re.M)
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, object] = {"__name__": "telemetry"}
+    exec(compile(code, "telemetry.md", "exec"), names)
+
+
+def test_the_telemetry_page_shows_what_is_printed(
+    examples: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    page = (DOCS / "telemetry.md").read_text(encoding="utf-8")
+    monkeypatch.chdir(examples)
+    simulate(load_scenario("check_out.yaml")).save("run", pictures=False)
+    (Path("run") / "telemetry.csv").rename("flight.csv")
+    monkeypatch.setattr(figures.Plots, "all", lambda _: {})
+    for command in re.findall(r"^massprop (\w+ flight\.csv .*)$", page, flags=re.MULTILINE):
+        monkeypatch.setattr(sys, "argv", ["massprop", *command.split()])
+        with pytest.raises(SystemExit, match="0"):
+            cli.main()
+    printed = [line.rstrip() for line in capsys.readouterr().out.splitlines()]
+    shown = re.findall(r"^(?:flight\.csv: |[┏┃┡│├]|consistency: |samples: |detected: ).*$", page, flags=re.MULTILINE)
+    assert len(shown) > 10
+    missing = [line for line in shown if line not in printed]
+    assert missing == []
+
+
+def test_links_of_the_telemetry_page_lead_somewhere() -> None:
+    page = (DOCS / "telemetry.md").read_text(encoding="utf-8")
+    for link in re.findall(r"\]\(([^)#]+)", page):
+        assert (DOCS / link).exists(), link

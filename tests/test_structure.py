@@ -115,9 +115,11 @@ def test_diagrams_know_what_they_wire_and_what_they_are_given(name: str) -> None
     assert _own_packages(name) <= {"maths", "systems", "settings", "scenario", "vehicle", "diagrams"}
 
 
-@pytest.mark.parametrize("name", ["vehicle", "scenario", "models", "errors", "telemetry", "signals", "settings"])
+@pytest.mark.parametrize(
+    "name", ["vehicle", "scenario", "models", "errors", "tables", "telemetry", "history", "signals", "settings"]
+)
 def test_the_bottom_does_not_know_what_stands_on_it(name: str) -> None:
-    above = {"systems", "diagrams", "simulation", "run", "figures", "graphs", "cli"}
+    above = {"systems", "diagrams", "simulation", "estimating", "run", "figures", "graphs", "cli"}
     assert not _own_packages(f"{PACKAGE}.{name}") & above
     assert "pydrake" not in _outside(f"{PACKAGE}.{name}")
     assert "matplotlib" not in _outside(f"{PACKAGE}.{name}")
@@ -133,13 +135,13 @@ def test_figures_know_no_run() -> None:
 
 
 def test_a_run_does_not_know_how_it_was_made() -> None:
-    assert not _own_packages(f"{PACKAGE}.run") & {"simulation", "systems", "diagrams", "graphs"}
+    assert not _own_packages(f"{PACKAGE}.run") & {"simulation", "estimating", "systems", "diagrams", "graphs"}
     assert "pydrake" not in _outside(f"{PACKAGE}.run")
 
 
 def test_drake_stays_in_systems_diagrams_and_what_runs_them() -> None:
     users = {name.removeprefix(f"{PACKAGE}.").partition(".")[0] for name in MODULES if "pydrake" in _outside(name)}
-    assert users == {"systems", "diagrams", "simulation", "graphs"}
+    assert users == {"systems", "diagrams", "simulation", "estimating", "graphs"}
 
 
 def test_nothing_but_its_entry_knows_the_command_line() -> None:

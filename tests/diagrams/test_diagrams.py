@@ -14,7 +14,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, InputPortIndex, L
 from pydrake.systems.primitives import LogVectorOutput
 
 from massprop_drake import Estimator, Run, Scenario, Vehicle, graphs, load_scenario, simulate
-from massprop_drake.diagrams import autopilot, closed_loop, estimation, open_loop, vehicle
+from massprop_drake.diagrams import autopilot, closed_loop, estimation, open_loop, replay, vehicle
 from massprop_drake.scenario import bundled_scenarios, resolved
 
 Array = NDArray[np.float64]
@@ -63,6 +63,10 @@ PORTS: dict[ModuleType, tuple[dict[str, int], dict[str, int]]] = {
     estimation: ({"jet_commands": 44, "outside_wrench": 6, **SENSORS}, ESTIMATION_OUT),
     closed_loop: ({}, {**VEHICLE_OUT, **AUTOPILOT_OUT, **ESTIMATION_OUT}),
     open_loop: ({}, {**VEHICLE_OUT, "command": 44, "held_command": 44, **ESTIMATION_OUT}),
+    replay: (
+        {},
+        {**SENSORS, "jet_commands": 44, "command": 44, "outside_wrench": 6, "record_time": 1, **ESTIMATION_OUT},
+    ),
 }
 
 
@@ -114,7 +118,7 @@ def test_every_diagram_is_built_for_every_scenario_with_the_documented_ports(
 def test_every_exported_port_is_documented(module: ModuleType) -> None:
     text = module.build.__doc__ or ""
     inputs, outputs = PORTS[module]
-    if module in (closed_loop, open_loop):
+    if module in (closed_loop, open_loop, replay):
         assert "every output of the" in text  # of the diagrams that are documented themselves
         return
     for name in {*inputs, *outputs} - set(SENSORS):

@@ -1,0 +1,47 @@
+"""The replay: recorded telemetry and the estimators, with no simulated vehicle.
+
+telemetry_source --sensors, jet_commands, outside_wrench--> estimation --> estimate
+"""
+
+from __future__ import annotations
+
+from pydrake.systems.framework import Diagram, DiagramBuilder
+
+from massprop_drake.diagrams import estimation
+from massprop_drake.diagrams._wiring import export_outputs
+from massprop_drake.scenario import Scenario
+from massprop_drake.systems.telemetry_source import TelemetrySource
+
+
+def build(scenario: Scenario, *, first_row: int = 0) -> Diagram:
+    """The replay diagram of a scenario: the `estimation` diagram, unchanged, fed from a record.
+
+    Ports: none in; out every output of the `estimation` diagram and of `TelemetrySource`, by the same
+    names.
+
+    Args:
+        scenario: for the vehicle and the settings of the estimators; what it says of the true vehicle and of
+            what is flown plays no part.
+        first_row: number of the record's first row; later than zero when an earlier part went before.
+    """
+    vehicle = scenario.vehicle_data
+    builder = DiagramBuilder()
+    estimators = builder.AddNamedSystem("estimation", estimation.build(scenario))
+    source = builder.AddNamedSystem(
+        "telemetry_source",
+        TelemetrySource(
+            vehicle.sensor_names(),
+            n_jets=len(vehicle.jets),
+            period_s=vehicle.sample_period_s,
+            first_row=first_row,
+        ),
+    )
+
+    for name in (*vehicle.sensor_names(), "jet_commands", "outside_wrench"):
+        if estimators.HasInputPort(name):
+            builder.Connect(source.GetOutputPort(name), estimators.GetInputPort(name))
+
+    export_outputs(builder, (source, estimators))
+    diagram = builder.Build()
+    diagram.set_name("replay")
+    return diagram

@@ -1,0 +1,405 @@
+"""Tables of numbers read block by block from CSV and Parquet: the memory taken does not depend on their length."""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import io
+import math
+import os
+import re
+from collections.abc import Iterator
+from operator import itemgetter
+from pathlib import Path
+from typing import IO, Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from massprop_drake.errors import InputError
+
+Array = NDArray[np.float64]
+
+MISSING = {"", "nan", "null", "n/a", "na", "-"}  # cells that say that there is no value, in any case
+_NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
+_LONGEST_LINE = 1_000_000  # characters; a row of a thousand columns has some 20 000
+_LARGEST = 1e12  # number of any meaning, whatever its unit
+_FEW_RAGGED, _RAGGED_SHARE = 10, 0.01  # rows of a wrong length that a file may have: so many, or this share
+
+
+class Block(NamedTuple):
+    """Some rows of a table.
+
+    Attributes:
+        lines: line (CSV) or row (Parquet) of each, counted from 1, shape (n,).
+        values: of the wanted columns, NaN where missing, shape (n, n_columns).
+    """
+
+    lines: NDArray[np.int_]
+    values: Array
+
+
+class Ragged:
+    """Counts the rows left out for their length.
+
+    Attributes:
+        count: of all.
+        first_line: of the first; 0: none.
+        last_incomplete: whether the last row of the file was one.
+    """
+
+    def __init__(self) -> None:
+        self.count = 0
+        self.first_line = 0
+        self.last_incomplete = False
+
+    def add(self, line: int) -> None:
+        """Counts the row in a line."""
+        self.first_line = self.first_line or line
+        self.count += 1
+
+
+class Table(Protocol):
+    """A table open for reading.
+
+    Attributes:
+        header: names of the columns, in order.
+        place: what rows are counted in, "line" or "row".
+        ragged: rows left out.
+    """
+
+    header: list[str]
+    place: str
+    ragged: Ragged
+
+    def blocks(self, wanted: list[int]) -> Iterator[Block]:
+        """The values of some columns, by their positions, block by block."""
+
+    @property
+    def done(self) -> float:
+        """Share of the table that has been read, 0 to 1; 0 where its size is not known."""
+
+    def sha256(self) -> str:
+        """Of the whole content, hexadecimal, once all of it has been read."""
+
+    def close(self) -> None:
+        """Closes the file."""
+
+
+def open_table(path: Path, *, rows_per_block: int = 1024) -> Table:
+    """Opens a CSV file, or a Parquet file by its ending `.parquet`.
+
+    Raises:
+        InputError: when it is missing, a folder, unreadable, or no such table.
+    """
+    if path.is_dir():
+        raise InputError(f"{path}: is a folder; name a telemetry file, such as telemetry.csv")
+    try:
+        if path.suffix.lower() in (".parquet", ".pq"):
+            return ParquetTable(path, rows_per_block)
+        binary = path.open("rb", buffering=0)
+    except (OSError, ValueError) as error:
+        raise InputError(_unreadable(path, error)) from None
+    try:
+        return CsvTable(binary, str(path), rows_per_block, os.fstat(binary.fileno()).st_size)
+    except BaseException:
+        binary.close()
+        raise
+
+
+def _unreadable(path: object, error: Exception) -> str:
+    if isinstance(error, FileNotFoundError):
+        return f"{path}: no such file"
+    return f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}"
+
+
+# -------------------------------------------------------------------------------------------- CSV
+
+
+class _Watched(io.RawIOBase):
+    """A binary stream that hashes and counts what is read from it."""
+
+    def __init__(self, inner: IO[bytes]):
+        self._inner = inner
+        self._read = getattr(inner, "read1", inner.read)  # what is there, without waiting for more
+        self.hash = hashlib.sha256()
+        self.count = 0
+
+    def readable(self) -> bool:
+        """Yes."""
+        return True
+
+    def readinto(self, buffer: Any) -> int:
+        """Reads what is there into a buffer."""
+        data = self._read(len(buffer)) or b""
+        buffer[: len(data)] = data
+        self.hash.update(data)
+        self.count += len(data)
+        return len(data)
+
+
+class CsvTable:
+    """Comma-separated values with a line of column names, UTF-8, a byte-order mark allowed.
+
+    Args:
+        binary: the stream; closed by `close`, but for standard input.
+        source: what to call it in messages.
+        rows_per_block: at most; 1 hands out each row as it arrives.
+        size: of the stream, bytes; 0: unknown.
+
+    Raises:
+        InputError: when the first line has no names, or one of them twice.
+    """
+
+    place = "line"
+
+    def __init__(self, binary: IO[bytes], source: str, rows_per_block: int, size: int = 0):
+        self._binary = binary
+        self._source = source
+        self._rows_per_block = rows_per_block
+        self._size = size
+        self._watched = _Watched(binary)
+        self._suspicious = False  # whether the last line read has what `float` takes and we do not
+        self._ended = True
+        self._line = 0
+        self.ragged = Ragged()
+        self._reader = csv.reader(self._lines(), strict=True)
+        self.header = self._read_header()
+
+    @property
+    def done(self) -> float:
+        """Share of the file read."""
+        return self._watched.count / self._size if self._size else 0.0
+
+    def sha256(self) -> str:
+        """Of what has been read."""
+        return self._watched.hash.hexdigest()
+
+    def close(self) -> None:
+        """Closes the stream."""
+        self._binary.close()
+
+    def _lines(self) -> Iterator[str]:
+        text = io.TextIOWrapper(io.BufferedReader(self._watched, 1 << 16), encoding="utf-8-sig", newline="")
+        while True:
+            try:
+                line = text.readline(_LONGEST_LINE)
+            except UnicodeDecodeError:
+                raise InputError(
+                    f"{self._source}: not a text file in UTF-8 (after line {self._line}); "
+                    "expected comma-separated values"
+                ) from None
+            except OSError as error:
+                raise InputError(_unreadable(self._source, error)) from None
+            if not line:
+                return
+            self._line += 1
+            if "\0" in line:
+                raise InputError(f"{self._source}, line {self._line}: holds a NUL byte; expected text in UTF-8")
+            if len(line) >= _LONGEST_LINE:
+                raise InputError(f"{self._source}, line {self._line}: is longer than a row of telemetry can be")
+            self._ended = line[-1] in "\r\n"
+            self._suspicious = "_" in line
+            yield line
+
+    def _rows(self) -> Iterator[list[str]]:
+        try:
+            yield from self._reader
+        except csv.Error as error:
+            raise InputError(f"{self._source}, line {self._line}: not comma-separated values: {error}") from None
+
+    def _read_header(self) -> list[str]:
+        row = next((row for row in self._rows() if row), None)
+        if row is None:
+            raise InputError(f"{self._source}: is empty; expected a line of column names, time_s first")
+        header = [name.strip() for name in row]
+        for separator, name in ((";", "semicolons"), ("\t", "tabs")):
+            if len(header) <= 2 and separator in row[0]:
+                raise InputError(f"{self._source}, line {self._line}: columns are separated by {name}; expected commas")
+        if all(_NUMBER.fullmatch(name) for name in header if name):
+            raise InputError(f"{self._source}, line {self._line}: has numbers; expected a line of column names")
+        _require_unique(header, f"{self._source}, line {self._line}")
+        return header
+
+    def blocks(self, wanted: list[int]) -> Iterator[Block]:
+        """The values of some columns, block by block.
+
+        Raises:
+            InputError: when a cell is neither a number nor missing, or too many rows have a wrong length.
+        """
+        width = len(self.header)
+        pick = itemgetter(*wanted) if len(wanted) > 1 else lambda row: (row[wanted[0]],)
+        lines: list[int] = []
+        values: list[list[float]] = []
+        good, pending = 0, 0  # rows taken; line of a ragged row that may be the last
+        for row in self._rows():
+            if not row:
+                continue
+            if pending:
+                self.ragged.add(pending)
+                self._require_regular(good)
+                pending = 0
+            if len(row) != width:
+                pending = self._line
+                continue
+            cells = pick(row)
+            try:
+                numbers = list(map(float, cells))
+                if self._suspicious:
+                    numbers = self._strictly(cells, wanted)
+            except ValueError:
+                numbers = self._strictly(cells, wanted)
+            lines.append(self._line)
+            values.append(numbers)
+            good += 1
+            if len(lines) == self._rows_per_block:
+                yield self._block(lines, values, wanted)
+                lines, values = [], []
+        if lines:
+            yield self._block(lines, values, wanted)
+        if pending:
+            self.ragged.add(pending)
+            self.ragged.last_incomplete = True
+        self._require_regular(good, at_end=True)
+
+    def _strictly(self, cells: tuple[str, ...], wanted: list[int]) -> list[float]:
+        return [self._number(cell, self.header[column]) for cell, column in zip(cells, wanted, strict=True)]
+
+    def _number(self, cell: str, column: str) -> float:
+        text = cell.strip()
+        if text.lower() in MISSING:
+            return np.nan
+        if text.lower().lstrip("+-") in ("inf", "infinity"):
+            raise InputError(_infinite(f"{self._source}, line {self._line}", column))
+        if not _NUMBER.fullmatch(text):
+            shown = text if len(text) <= 40 else text[:37] + "..."
+            raise InputError(
+                f"{self._source}, line {self._line}, column {column}: {shown!r} is not a number; "
+                "leave the cell empty where there is no value"
+            )
+        return float(text)
+
+    def _block(self, lines: list[int], values: list[list[float]], wanted: list[int]) -> Block:
+        block = Block(np.array(lines), np.array(values, dtype=float).reshape(len(lines), len(wanted)))
+        _require_finite(block, [self.header[column] for column in wanted], self._source, self.place)
+        return block
+
+    def _require_regular(self, good: int, *, at_end: bool = False) -> None:
+        count = self.ragged.count
+        if count > _FEW_RAGGED and count > (_RAGGED_SHARE if at_end else 0.5) * (good + count):
+            raise InputError(
+                f"{self._source}: {count} of {good + count} rows have another number of cells than the "
+                f"{len(self.header)} columns, first line {self.ragged.first_line}; check the separator and the export"
+            )
+
+
+def _require_unique(header: list[str], where: str) -> None:
+    seen: set[str] = set()
+    for name in header:
+        if name and name in seen:
+            raise InputError(f"{where}: column '{name}' appears twice; keep one of them")
+        seen.add(name)
+
+
+def _infinite(where: str, column: str) -> str:
+    return f"{where}, column {column}: is infinite; leave the cell empty where there is no value"
+
+
+def _require_finite(block: Block, columns: list[str], source: str, place: str) -> None:
+    wrong = np.abs(block.values) > _LARGEST  # NaN is not
+    if wrong.any():
+        row, column = np.argwhere(wrong)[0]
+        where = f"{source}, {place} {block.lines[row]}"
+        value = float(block.values[row, column])
+        if math.isinf(value):
+            raise InputError(_infinite(where, columns[column]))
+        raise InputError(f"{where}, column {columns[column]}: {value:g} is too large to mean anything")
+
+
+# ---------------------------------------------------------------------------------------- Parquet
+
+
+class ParquetTable:
+    """A Parquet file, read by pyarrow.
+
+    Args:
+        path: of the file.
+        rows_per_block: at most.
+
+    Raises:
+        InputError: when pyarrow is not installed, or the file is no Parquet file.
+    """
+
+    place = "row"
+
+    def __init__(self, path: Path, rows_per_block: int):
+        try:
+            import pyarrow  # noqa: PLC0415 (an extra, and slow to load)
+            from pyarrow import parquet  # noqa: PLC0415
+        except ImportError:
+            raise InputError(
+                f"{path}: reading Parquet needs pyarrow: pip install 'massprop-drake[parquet]', or give CSV"
+            ) from None
+        self._arrow = pyarrow
+        self._path = path
+        self._rows_per_block = rows_per_block
+        self.ragged = Ragged()
+        self._read = 0
+        try:
+            # neither whole row groups nor the whole file are kept in memory
+            self._file = parquet.ParquetFile(path, buffer_size=1 << 20, pre_buffer=False)
+            self.header = list(self._file.schema_arrow.names)
+            self._rows = self._file.metadata.num_rows
+        except (OSError, ValueError, pyarrow.ArrowException) as error:
+            raise InputError(f"{path}: not a Parquet file that can be read: {_first_line(error)}") from None
+        _require_unique(self.header, str(path))
+
+    @property
+    def done(self) -> float:
+        """Share of the rows read."""
+        return self._read / self._rows if self._rows else 0.0
+
+    def sha256(self) -> str:
+        """Of the file."""
+        with self._path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+
+    def close(self) -> None:
+        """Closes the file."""
+        self._file.close()
+
+    def blocks(self, wanted: list[int]) -> Iterator[Block]:
+        """The values of some columns, block by block.
+
+        Raises:
+            InputError: when a column holds no numbers.
+        """
+        arrow = self._arrow
+        names = [self.header[column] for column in wanted]
+        for name in names:
+            kind = self._file.schema_arrow.field(name).type
+            number = arrow.types.is_integer(kind) or arrow.types.is_floating(kind) or arrow.types.is_boolean(kind)
+            if not (number or arrow.types.is_decimal(kind) or arrow.types.is_null(kind)):
+                raise InputError(f"{self._path}, column {name}: holds {kind}; expected numbers")
+        try:
+            for batch in self._file.iter_batches(batch_size=self._rows_per_block, columns=names):
+                columns = [self._numbers(batch.column(name)) for name in names]
+                lines = self._read + 1 + np.arange(batch.num_rows)
+                self._read += batch.num_rows
+                block = Block(lines, np.column_stack(columns))
+                _require_finite(block, names, str(self._path), self.place)
+                yield block
+        except (OSError, ValueError, arrow.ArrowException) as error:
+            if isinstance(error, InputError):
+                raise
+            raise InputError(f"{self._path}: cannot be read: {_first_line(error)}") from None
+
+    def _numbers(self, column: Any) -> Array:
+        if self._arrow.types.is_boolean(column.type):
+            column = column.cast(self._arrow.int8())
+        values: Array = column.cast(self._arrow.float64()).to_numpy(zero_copy_only=False)
+        return np.array(values, dtype=float)
+
+
+def _first_line(error: Exception) -> str:
+    return (str(error).splitlines() or [type(error).__name__])[0]
