@@ -37,6 +37,8 @@ app = typer.Typer(
 
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON alone on standard output.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")]
+View = Annotated[bool, typer.Option("--view", help="Write replay.html, the run in three dimensions, too.")]
+Report = Annotated[bool, typer.Option("--report/--no-report", help="Write report.html, or not.")]
 _PROGRESS_AFTER_S = 2.0
 _TELEMETRY = (".csv", ".tsv", ".parquet", ".pq")  # endings of telemetry files
 
@@ -112,6 +114,12 @@ def run(
         list[str] | None,
         typer.Option("--set", metavar="KEY=VALUE", help="Replaces any field; VALUE is read as YAML. Repeatable."),
     ] = None,
+    view: View = False,
+    live: Annotated[
+        bool, typer.Option("--live", help="Show the run in a browser on this machine as it is computed.")
+    ] = False,
+    speed: Annotated[float, typer.Option(help="With --live: times real time.")] = 1.0,
+    report: Report = True,
     force: Annotated[bool, typer.Option("--force", help="Write into a folder that is not an earlier run's.")] = False,
     as_json: Json = False,
     quiet: Quiet = False,
@@ -119,14 +127,22 @@ def run(
     """Simulates a scenario and estimates the vehicle's mass properties in it."""
     chosen = [*(overrides or []), *([] if seed is None else [f"seed={seed}"])]
     case = load_scenario(scenario, chosen)
+    if not (math.isfinite(speed) and speed > 0.0):
+        raise InputError(f"--speed {speed:g}: must be a number above zero, such as 10 for ten times real time")
     target = out or Path("runs") / case.name
     require_writable(target, force=force)
 
     from massprop_drake.simulation import simulate  # noqa: PLC0415 (loads Drake)
 
+    watch = None
+    if live:
+        from massprop_drake.report.live import Live  # noqa: PLC0415 (loads Drake)
+
+        watch = Live(case, speed)
+        Console(stderr=True, highlight=False).print(f"massprop: the run is shown at {watch.address}", markup=False)
     with _Progress(f"simulating {case.name}", case.duration_s, shown=not (as_json or quiet)) as progress:
-        result = simulate(case, progress=progress)
-    folder = result.save(target, force=force)
+        result = simulate(case, progress=progress, watch=watch)
+    folder = result.save(target, force=force, report=report, replay=view)
     if as_json:
         _print_json(result.summary)
     elif not quiet:
@@ -159,6 +175,8 @@ def estimate(
         list[str] | None,
         typer.Option("--set", metavar="KEY=VALUE", help="Replaces any field; VALUE is read as YAML. Repeatable."),
     ] = None,
+    view: View = False,
+    report: Report = True,
     force: Annotated[bool, typer.Option("--force", help="Write into a folder that is not an earlier run's.")] = False,
     as_json: Json = False,
     quiet: Quiet = False,
@@ -183,7 +201,7 @@ def estimate(
             declared=(lambda entry: _print_declared(entry, case.vehicle_data)) if live else None,
             folder=target.parent,
         )
-        folder = result.save(target, force=force)
+        folder = result.save(target, force=force, report=report, replay=view)
     if as_json:
         _print_json(result.summary)
     elif not quiet:
@@ -211,6 +229,35 @@ def _require_apart(target: Path, telemetry: str, resume_from: Path | None) -> No
             raise InputError(
                 f"{target}: holds what is to be read, and would be replaced; give another folder with --out"
             )
+
+
+@app.command("view", epilog="Example: `massprop view runs/stuck_on_29 --out stuck.html`")
+def view_run(
+    folder: Annotated[Path, typer.Argument(help="A run's folder.")],
+    out: Annotated[Path | None, typer.Option(help="File to write; default replay.html in the run's folder.")] = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Writes a run in three dimensions as one HTML file that plays without a network."""
+    target = out or folder / "replay.html"
+    if target.is_dir() or not exists(target.parent):
+        raise InputError(f"{target}: cannot be written; give a file in a folder that is there")
+
+    from massprop_drake.report import write_replay, write_report  # noqa: PLC0415 (loads Drake)
+    from massprop_drake.run import Run  # noqa: PLC0415 (slow to load)
+
+    shown = Run.load(folder)
+    try:
+        write_replay(shown, target)
+        beside = folder / "report.html"
+        if out is None and exists(beside):  # its report then leads to the replay
+            write_report(shown, beside, replay=target.name)
+    except OSError as error:
+        raise InputError(f"{target}: cannot be written: {error.strerror}") from None
+    if as_json:
+        _print_json(str(target))
+    elif not quiet:
+        Console(highlight=False, soft_wrap=True).print(str(target), markup=False)
 
 
 @app.command(epilog="Example: `massprop graph closed_loop estimation --out graphs`")
@@ -483,7 +530,7 @@ def _print_run(summary: dict[str, Any], vehicle: Vehicle, folder: Path) -> None:
     for entry in summary["detections"]:
         console.print(f"detected:    {_detected(entry, vehicle.unit_names['force'])}", soft_wrap=True)
     console.print(f"speed:       {timing['real_time_factor']:.0f} times real time")
-    console.print(f"files:       {folder}/   figures: {folder}/figures/", markup=False, soft_wrap=True)
+    _print_files(console, folder)
 
 
 def _print_estimate(summary: dict[str, Any], vehicle: Vehicle, folder: Path) -> None:
@@ -526,7 +573,7 @@ def _print_estimate(summary: dict[str, Any], vehicle: Vehicle, folder: Path) -> 
     if not summary["detections"]:
         console.print("detected:    no failure")
     console.print(f"speed:       {quality['rows'] / summary['timing']['wall_s']:.0f} rows a second")
-    console.print(f"files:       {folder}/   figures: {folder}/figures/", markup=False, soft_wrap=True)
+    _print_files(console, folder)
 
 
 def _add_derived(table: Table, derived: dict[str, Any], vehicle: Vehicle) -> None:
@@ -549,6 +596,14 @@ def _print_declared(entry: dict[str, Any], vehicle: Vehicle) -> None:
     text = f"detected:    {_detected(entry, vehicle.unit_names['force'])}"
     Console(highlight=False, soft_wrap=True).print(text, markup=False)
     sys.stdout.flush()
+
+
+def _print_files(console: Console, folder: Path) -> None:
+    """Where a run's files lie."""
+    names = [name for name in ("report.html", "replay.html") if (folder / name).exists()]
+    pages = [f"{name.partition('.')[0]}: {folder}/{name}" for name in names]
+    text = "   ".join([f"{folder}/", *pages, f"figures: {folder}/figures/"])
+    console.print(f"files:       {text}", markup=False, soft_wrap=True)
 
 
 def _detected(entry: dict[str, Any], force: str) -> str:

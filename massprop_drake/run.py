@@ -30,6 +30,8 @@ Array = NDArray[np.float64]
 
 # what no figure of a replay shows
 _NOT_SHOWN = ("angular_impulse", "linear_impulse", "failure_magnitude", "rotation_innovation", "mass_innovation")
+_MANY_ROWS = 5000  # more are thinned out for pages
+_END = "...\n"  # of a YAML document: without it the file is not whole
 _EVENTS = ("alarm", "detector_event", "gap")  # signals whose rows a figure must not lose
 
 
@@ -101,27 +103,52 @@ class Run:
 
         if not isinstance(self.signals, Spool):
             return Plots(self.time_s, self.signals, self.scenario)
-        gyro = make.gyro(self.scenario).name
-        rows = outstanding_rows(
-            self.signals, self.signals.n_rows, keys=(gyro,), peaks=("rotation_nis", "mass_nis"), events=_EVENTS
-        )
-        shown = picked(self.signals, rows, leaving_out=_NOT_SHOWN)
-        return Plots(shown.pop("time_s"), shown, self.scenario, consistency=self.summary["consistency"])
+        shown = self.shown()
+        return Plots(shown.time_s, shown.signals, self.scenario, consistency=self.summary["consistency"])
 
-    def save(self, folder: str | Path, *, force: bool = False, pictures: bool = True) -> Path:
+    def shown(self) -> Run:
+        """The run or, of a long one, some thousand of its rows that show what there is to see.
+
+        Of many stretches of equal length the rows where the rates and the NIS are extreme, and rows with
+        alarms; each is a row as recorded.
+        """
+        spooled = isinstance(self.signals, Spool)
+        n_rows = self.signals.n_rows if isinstance(self.signals, Spool) else self.time_s.size
+        if not spooled and n_rows <= _MANY_ROWS:
+            return self
+        gyro = make.gyro(self.scenario).name
+        peaks = tuple(name for name in ("rotation_nis", "mass_nis") if name in self.signals)
+        events = tuple(name for name in _EVENTS if name in self.signals)
+        rows = outstanding_rows(self.signals, n_rows, keys=(gyro,), peaks=peaks, events=events)
+        leaving_out = _NOT_SHOWN if spooled else ()
+        signals = picked(self.signals, rows, leaving_out=leaving_out)
+        time_s = signals.pop("time_s") if spooled else self.time_s[rows]
+        return Run(self.scenario, self.summary, time_s, signals, self.covariance, self.state)
+
+    def save(
+        self,
+        folder: str | Path,
+        *,
+        force: bool = False,
+        pictures: bool = True,
+        report: bool = True,
+        replay: bool = False,
+    ) -> Path:
         """Writes the run's folder, whole or not at all.
 
         Args:
             folder: where; an earlier run's folder there is replaced.
             force: whether another, non-empty folder may be written into.
             pictures: whether to draw the figures, which takes most of the time.
+            report: whether to write `report.html`.
+            replay: whether to write `replay.html`, the run in three dimensions.
 
         Raises:
             InputError: when the folder cannot be written.
         """
         target = Path(folder)
         with whole_folder(target, force=force) as partial:
-            (partial / "scenario.yaml").write_text(yaml_text(self.scenario), encoding="utf-8")
+            (partial / "scenario.yaml").write_text(yaml_text(self.scenario) + _END, encoding="utf-8")
             self._write_telemetry(partial / "telemetry.csv")
             self._write_history(partial / "history.npz")
             (partial / "filter_state.json").write_text(_json(self._filter_state()), encoding="utf-8")
@@ -130,8 +157,51 @@ class Run:
                 figures = self.plot.all()
                 for name in figures:  # one at a time, to hold no more than one
                     figures[name].savefig(partial / "figures" / f"{name}.png")
+            if report or replay:
+                from massprop_drake.report import write_replay, write_report  # noqa: PLC0415 (loads templates, Drake)
+
+                if replay:
+                    write_replay(self, partial / "replay.html")
+                if report:
+                    write_report(self, partial / "report.html", replay="replay.html" if replay else None)
             (partial / "summary.json").write_text(_json(self.summary), encoding="utf-8")
         return target
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows: the ten parameters and what was found."""
+        from massprop_drake.report.page import summary_html  # noqa: PLC0415 (loads templates)
+
+        return summary_html(self)
+
+    def to_pandas(self) -> Any:
+        """The signals as a pandas DataFrame, indexed by time in seconds; columns have signal and component.
+
+        Raises:
+            ImportError: when pandas is not installed.
+        """
+        import pandas  # noqa: PLC0415 (optional)
+
+        columns = [(name, component) for name in self.units for component in self.components[name]]
+        table = np.hstack([np.asarray(self.signals[name]) for name in self.units])
+        index = pandas.Index(np.asarray(self.time_s), name="time_s")
+        return pandas.DataFrame(
+            table, index=index, columns=pandas.MultiIndex.from_tuples(columns, names=["signal", "component"])
+        )
+
+    def to_xarray(self) -> Any:
+        """The signals as an xarray Dataset over time in seconds, each with its own components and its unit.
+
+        Raises:
+            ImportError: when xarray is not installed.
+        """
+        import xarray  # noqa: PLC0415 (optional)
+
+        variables = {
+            name: (("time_s", f"{name}_component"), np.asarray(self.signals[name]), {"units": unit})
+            for name, unit in self.units.items()
+        }
+        coordinates = {f"{name}_component": list(self.components[name]) for name in self.units}
+        return xarray.Dataset(variables, coords={"time_s": np.asarray(self.time_s), **coordinates})
 
     @staticmethod
     def load(folder: str | Path) -> Run:
@@ -148,6 +218,8 @@ class Run:
         except (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error) as error:
             raise InputError(f"{path}: holds no run that can be read: {error}") from None
         scenario = load_scenario(path / "scenario.yaml")
+        if not (path / "scenario.yaml").read_text(encoding="utf-8").endswith(_END):
+            raise InputError(f"{path / 'scenario.yaml'}: is cut short: it must end with '...'; run the scenario anew")
         state = saved_filter_state(path) if (path / "filter_state.json").exists() else {}
         time_s = arrays.pop("time_s")
         return Run(scenario, summary, time_s, arrays, np.array(summary["covariance"], dtype=float), state)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,7 +39,33 @@ _LOGGED = (
 _CHUNK_S = 5.0  # of simulated time between two reports of progress
 
 
-def simulate(scenario: Scenario, *, progress: Callable[[float], None] | None = None) -> Run:
+class Moment(NamedTuple):
+    """A simulation at one sample, for those who watch it.
+
+    Attributes:
+        time_s: of the sample, s.
+        attitude: q_NB, shape (4,).
+        center_of_mass: the true one, vehicle frame, ft or m, shape (3,).
+        thrust: mean force of each jet over the coming sample, lbf or N, shape (n_jets,).
+        estimate, standard_deviation: of the ten parameters, shape (10,) each.
+        removed: jets taken out of use, boolean, shape (n_jets,).
+    """
+
+    time_s: float
+    attitude: Array
+    center_of_mass: Array
+    thrust: Array
+    estimate: Array
+    standard_deviation: Array
+    removed: NDArray[np.bool_]
+
+
+def simulate(
+    scenario: Scenario,
+    *,
+    progress: Callable[[float], None] | None = None,
+    watch: Callable[[Moment], None] | None = None,
+) -> Run:
     """Simulates a scenario from start to end.
 
     The same scenario gives the same run, bit for bit, but for the time it took.
@@ -46,6 +73,7 @@ def simulate(scenario: Scenario, *, progress: Callable[[float], None] | None = N
     Args:
         scenario: with hand-controller windows (closed loop) or a jet schedule (open loop).
         progress: called now and then with the simulated time, s.
+        watch: called at every sample with what there is to see.
 
     Raises:
         NotPositiveDefiniteError: when a covariance loses definiteness, with the time and the matrix.
@@ -71,10 +99,12 @@ def simulate(scenario: Scenario, *, progress: Callable[[float], None] | None = N
     end_s = make.sample_count(scenario) * period
     began = time.perf_counter()
     simulator.Initialize()
-    reached = 0.0
-    while reached < end_s:
-        reached = min(reached + _CHUNK_S, end_s)
+    chunk_s = _CHUNK_S if watch is None else period
+    for number in range(1, math.ceil(end_s / chunk_s - 1e-9) + 1):
+        reached = min(number * chunk_s, end_s)
         simulator.AdvanceTo(reached)
+        if watch is not None:
+            watch(_moment(diagram, diagram.GetMyContextFromRoot(simulator.get_context())))
         if progress is not None:
             progress(reached)
     context = simulator.get_context()
@@ -100,6 +130,27 @@ def simulate(scenario: Scenario, *, progress: Callable[[float], None] | None = N
         "detections": detection_entries(vehicle, time_s, signals),
     }
     return Run(scenario, summary, time_s, signals, covariance, state)
+
+
+def _moment(diagram: Diagram, context: Any) -> Moment:
+    """What there is to see at this sample."""
+
+    def output(name: str) -> Array:
+        return diagram.GetOutputPort(name).Eval(context)
+
+    thrust = output("thrust")
+    removed = np.zeros(thrust.size, dtype=bool)
+    if diagram.HasOutputPort("reconfiguration"):
+        removed = output("reconfiguration")[7:] != 0.0
+    return Moment(
+        context.get_time(),
+        output("body_state")[QUATERNION],
+        output("structure")[6:],
+        thrust,
+        output("estimate"),
+        output("standard_deviation"),
+        removed,
+    )
 
 
 def _covariance(diagram: Diagram, context: Any) -> Array:

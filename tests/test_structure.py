@@ -16,6 +16,7 @@ FOLDERS = {
     "massprop_drake": PACKAGE,
     "massprop_drake/maths": f"{PACKAGE}.maths",
     "massprop_drake/systems": f"{PACKAGE}.systems",
+    "massprop_drake/report": f"{PACKAGE}.report",
     "massprop_drake/vehicles": f"{PACKAGE}.vehicles",
     "diagrams": f"{PACKAGE}.diagrams",
     "scenarios": f"{PACKAGE}.scenarios",
@@ -134,6 +135,11 @@ def test_figures_know_no_run() -> None:
     assert not _own_packages(f"{PACKAGE}.figures") & {"run", "simulation", "systems", "diagrams"}
 
 
+@pytest.mark.parametrize("name", _of(f"{PACKAGE}.report"))
+def test_reports_know_no_run_but_what_it_looks_like(name: str) -> None:
+    assert not _own_packages(name) & {"run", "simulation", "estimating", "systems", "diagrams", "cli"}
+
+
 def test_a_run_does_not_know_how_it_was_made() -> None:
     assert not _own_packages(f"{PACKAGE}.run") & {"simulation", "estimating", "systems", "diagrams", "graphs"}
     assert "pydrake" not in _outside(f"{PACKAGE}.run")
@@ -141,7 +147,7 @@ def test_a_run_does_not_know_how_it_was_made() -> None:
 
 def test_drake_stays_in_systems_diagrams_and_what_runs_them() -> None:
     users = {name.removeprefix(f"{PACKAGE}.").partition(".")[0] for name in MODULES if "pydrake" in _outside(name)}
-    assert users == {"systems", "diagrams", "simulation", "estimating", "graphs"}
+    assert users == {"systems", "diagrams", "simulation", "estimating", "graphs", "report"}
 
 
 def test_nothing_but_its_entry_knows_the_command_line() -> None:

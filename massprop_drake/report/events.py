@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from massprop_drake.run import Run
 from massprop_drake.scenario import Scenario
+
+if TYPE_CHECKING:
+    from massprop_drake.run import Run
 
 
 class Mark(NamedTuple):

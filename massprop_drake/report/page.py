@@ -6,7 +6,7 @@ import json
 import math
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import jinja2
 
@@ -14,9 +14,11 @@ from massprop_drake.files import write_whole
 from massprop_drake.models import yaml_text
 from massprop_drake.report import events
 from massprop_drake.report.panels import panels
-from massprop_drake.run import Run
 from massprop_drake.signals import SYMBOLS, WINDOW_COLOUR, mass_property_units, with_deviation
 from massprop_drake.summary import from_names
+
+if TYPE_CHECKING:
+    from massprop_drake.run import Run
 
 
 def write_report(run: Run, path: str | Path, *, replay: str | None = None) -> Path:
@@ -32,11 +34,27 @@ def write_report(run: Run, path: str | Path, *, replay: str | None = None) -> Pa
     return target
 
 
+def summary_html(run: Run) -> str:
+    """The verdict and the table of ten parameters, for a notebook."""
+    return (
+        _environment()
+        .get_template("summary.html")
+        .render(
+            title=f"{run.summary['vehicle']}: {run.summary['scenario']}",
+            verdict=_verdict(run.summary),
+            parameters=_parameters(run),
+        )
+    )
+
+
+def _environment() -> jinja2.Environment:
+    loader = jinja2.FileSystemLoader(Path(__file__).parent)
+    return jinja2.Environment(loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True)
+
+
 def report_html(run: Run, *, replay: str | None = None) -> str:
     """The report as one HTML text that needs no network."""
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(Path(__file__).parent), autoescape=True, trim_blocks=True, lstrip_blocks=True
-    )
+    run = run.shown()
     summary, scenario = run.summary, run.scenario
     plots = {
         "time": [float(f"{value:.9g}") for value in run.time_s.tolist()],
@@ -52,21 +70,27 @@ def report_html(run: Run, *, replay: str | None = None) -> str:
             for entry in summary["detections"]
         ],
     }
-    page: str = environment.get_template("page.html").render(
-        title=f"{summary['vehicle']}: {summary['scenario']}",
-        summary=summary,
-        units=scenario.vehicle_data.unit_names,
-        verdict=_verdict(summary),
-        parameters=_parameters(run),
-        mass=_mass(run),
-        detections=[_detection(entry, scenario.vehicle_data.unit_names["force"]) for entry in summary["detections"]],
-        autopilot=_autopilot(run),
-        quality=summary.get("data_quality"),
-        scenario=yaml_text(scenario),
-        replay=replay,
-        # between script tags '<' could end them, whatever the names in a user's files are
-        plots=json.dumps(plots, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c"),
-        plotly=(resources.files("plotly") / "package_data" / "plotly.min.js").read_text(encoding="utf-8"),
+    page: str = (
+        _environment()
+        .get_template("page.html")
+        .render(
+            title=f"{summary['vehicle']}: {summary['scenario']}",
+            summary=summary,
+            units=scenario.vehicle_data.unit_names,
+            verdict=_verdict(summary),
+            parameters=_parameters(run),
+            mass=_mass(run),
+            detections=[
+                _detection(entry, scenario.vehicle_data.unit_names["force"]) for entry in summary["detections"]
+            ],
+            autopilot=_autopilot(run),
+            quality=summary.get("data_quality"),
+            scenario=yaml_text(scenario),
+            replay=replay,
+            # between script tags '<' could end them, whatever the names in a user's files are
+            plots=json.dumps(plots, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c"),
+            plotly=(resources.files("plotly") / "package_data" / "plotly.min.js").read_text(encoding="utf-8"),
+        )
     )
     return page
 

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri
 
 from massprop_drake import settings as make
-from massprop_drake.run import Run
 from massprop_drake.signals import (
     AXES,
     BAND_COLOUR,
@@ -21,6 +20,9 @@ from massprop_drake.signals import (
     in_units,
     mass_property_units,
 )
+
+if TYPE_CHECKING:
+    from massprop_drake.run import Run
 
 Array = NDArray[np.float64]
 Panel = dict[str, Any]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from itertools import pairwise
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,6 @@ from massprop_drake.files import write_whole
 from massprop_drake.maths.attitude import propagated
 from massprop_drake.report import events
 from massprop_drake.report.stage import SHOWN, Stage
-from massprop_drake.run import Run
 from massprop_drake.signals import (
     ESTIMATE_COLOUR,
     FAILED_COLOUR,
@@ -22,6 +22,9 @@ from massprop_drake.signals import (
     SUSPECT_COLOUR,
     TRUTH_COLOUR,
 )
+
+if TYPE_CHECKING:
+    from massprop_drake.run import Run
 
 Array = NDArray[np.float64]
 
@@ -44,6 +47,7 @@ def write_replay(run: Run, path: str | Path) -> Path:
 
 def replay_html(run: Run) -> str:
     """The replay as one HTML text that needs no network."""
+    run = run.shown()
     page = _recorded(run)
     controls = (Path(__file__).parent / "replay_controls.html").read_text(encoding="utf-8")
     # between script tags '<' could end them, whatever the names in a user's files are
