@@ -283,8 +283,9 @@ def graph(
     written, drawn = [], True
     for name in names:
         diagram = graphs.build(name)
-        for depth, suffix in ((1, ""), (2, "_inside")):
-            dot = graphs.dot_text(diagram, depth)
+        shallow = graphs.dot_text(diagram, 1)
+        deep = graphs.dot_text(diagram, 2)
+        for dot, suffix in [(shallow, ""), *([(deep, "_inside")] if deep != shallow else [])]:
             written.append(out / f"{name}{suffix}.dot")
             write_whole(written[-1], dot)
             svg = graphs.svg_text(dot)

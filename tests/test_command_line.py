@@ -17,8 +17,8 @@ import yaml
 
 from massprop_drake import Run, cli, figures, graphs
 
-FILES = {"filter_state.json", "history.npz", "scenario.yaml", "summary.json", "telemetry.csv", "figures"}
-COMMANDS = ("list", "run", "graph", "check")
+FILES = {"report.html", "filter_state.json", "history.npz", "scenario.yaml", "summary.json", "telemetry.csv", "figures"}
+COMMANDS = ("list", "run", "estimate", "graph", "view", "check")
 MANEUVER = "maneuver:\n  - {controller: rhc, axis: +x, start_s: 0.2, end_s: 1}\n"
 
 
@@ -418,7 +418,7 @@ def test_check_shows_the_keys_of_a_kind_of_file(massprop: Massprop, kind: str, n
 def test_graph_writes_dot_and_svg(massprop: Massprop) -> None:
     done = massprop("graph", "autopilot", "--out", "graphs")
     assert (done.status, done.err) == (0, "")
-    names = ["autopilot.dot", "autopilot.svg", "autopilot_inside.dot", "autopilot_inside.svg"]
+    names = ["autopilot.dot", "autopilot.svg"]  # nothing in it can be opened
     assert sorted(path.name for path in Path("graphs").iterdir()) == names
     assert sorted(Path(line).name for line in done.out.splitlines()) == names
     assert "digraph" in (Path("graphs") / "autopilot.dot").read_text(encoding="utf-8")
@@ -436,7 +436,8 @@ def test_graph_without_a_program_to_draw_writes_dot_and_says_so(
     assert done.status == 0
     assert done.err.startswith("massprop: no SVG: install a program that draws it")
     assert done.err.count("\n") == 1
-    names = {f"{name}{suffix}.dot" for name in graphs.DIAGRAMS for suffix in ("", "_inside")}
+    nested = {"closed_loop", "open_loop", "replay"}
+    names = {f"{name}.dot" for name in graphs.DIAGRAMS} | {f"{name}_inside.dot" for name in nested}
     assert {path.name for path in Path("graphs").iterdir()} == names
     assert massprop("graph", "estimation", "--out", "graphs", "--quiet") == (0, "", "")
 
@@ -446,9 +447,52 @@ def test_graph_as_json(massprop: Massprop, monkeypatch: pytest.MonkeyPatch) -> N
     done = massprop("graph", "estimation", "vehicle", "--json")
     assert (done.status, done.err) == (0, "")
     written = json.loads(done.out)
-    assert len(written) == 8
+    assert len(written) == 4
     assert all(Path(name).exists() for name in written)
     assert written[0] == "runs/graphs/estimation.dot"
+
+
+# ------------------------------------------------------------------------------------- report, view
+
+
+def test_run_without_report_and_with_a_view(massprop: Massprop) -> None:
+    done = massprop("run", "sample_maneuver", "--set", "duration_s=1", "--out", "there", "--no-report", "--view")
+    assert (done.status, done.err) == (0, "")
+    names = {path.name for path in Path("there").iterdir()}
+    assert "report.html" not in names
+    assert "replay.html" in names
+    assert "replay: there/replay.html" in done.out
+
+
+def test_view_writes_the_replay_beside_the_run_and_the_report_leads_to_it(massprop: Massprop) -> None:
+    massprop("run", "sample_maneuver", "--set", "duration_s=1", "--out", "there", "-q")
+    assert "replay.html" not in (Path("there") / "report.html").read_text(encoding="utf-8")
+    done = massprop("view", "there")
+    assert (done.status, done.out, done.err) == (0, "there/replay.html\n", "")
+    assert 'href="replay.html"' in (Path("there") / "report.html").read_text(encoding="utf-8")
+    assert massprop("view", "there", "--out", "elsewhere.html", "-q") == (0, "", "")
+    assert Path("elsewhere.html").read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
+
+
+def test_view_of_what_is_no_run_is_refused(massprop: Massprop) -> None:
+    _assert_refused(massprop("view", "nowhere", "--out", "x.html"), "nowhere: holds no run that can be read")
+    massprop("run", "sample_maneuver", "--set", "duration_s=1", "--out", "there", "-q")
+    _assert_refused(massprop("view", "there", "--out", "no/such/folder.html"), "no/such/folder.html: cannot be written")
+    assert not Path("x.html").exists()
+
+
+def test_a_run_is_shown_live_on_this_machine(massprop: Massprop) -> None:
+    options = ["--set", "duration_s=1", "--out", "there", "--live", "--speed", "1000", "--no-report"]
+    done = massprop("run", "sample_maneuver", *options)
+    assert done.status == 0
+    assert re.fullmatch(r"massprop: the run is shown at http://localhost:\d+\n", done.err)
+    massprop("run", "sample_maneuver", "--set", "duration_s=1", "--out", "unseen", "-q")
+    assert _summary(Path("there"))["estimates"] == _summary(Path("unseen"))["estimates"]
+
+
+@pytest.mark.parametrize("speed", ["0", "-1", "nan", "inf"])
+def test_a_speed_that_is_none_is_refused(massprop: Massprop, speed: str) -> None:
+    _assert_refused(massprop("run", "sample_maneuver", "--live", "--speed", speed), "must be a number above zero")
 
 
 # --------------------------------------------------------------------------------------------- help

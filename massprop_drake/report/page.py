@@ -84,7 +84,7 @@ def report_html(run: Run, *, replay: str | None = None) -> str:
                 _detection(entry, scenario.vehicle_data.unit_names["force"]) for entry in summary["detections"]
             ],
             autopilot=_autopilot(run),
-            quality=summary.get("data_quality"),
+            quality=_quality(summary.get("data_quality") or {}),
             scenario=yaml_text(scenario),
             replay=replay,
             # between script tags '<' could end them, whatever the names in a user's files are
@@ -201,3 +201,31 @@ def _autopilot(run: Run) -> list[str]:
     if found.get("lp_infeasible"):
         lines.append(f"{found['lp_infeasible']} of {found['lp_solves']} requests were beyond the jets' reach.")
     return lines
+
+
+def _quality(quality: dict[str, Any]) -> list[tuple[str, str]]:
+    """What was found about a record, as rows of a heading and a text; what was not found is left out."""
+    rows = []
+    for key, value in quality.items():
+        heading = key.replace("_", " ")
+        if key == "warnings":  # they are in the verdict
+            continue
+        if isinstance(value, dict) and any(isinstance(part, dict) for part in value.values()):
+            rows += [(f"{heading}, {name}", _in_words(part)) for name, part in value.items()]
+        else:
+            rows.append((heading, _in_words(value)))
+    return [(heading, text) for heading, text in rows if text]
+
+
+def _in_words(value: Any) -> str:
+    """A value of a summary as text; nothing for zero, null and empty ones."""
+    if isinstance(value, dict):
+        parts = ((name.replace("_", " "), _in_words(part)) for name, part in value.items())
+        return ", ".join(f"{name} {text}" for name, text in parts if text)
+    if isinstance(value, list):
+        return "; ".join(_in_words(part) for part in value)
+    if isinstance(value, bool):
+        return "yes" if value else ""
+    if not value:
+        return ""
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
