@@ -61,7 +61,7 @@ def initial_covariance(scenario: Scenario) -> Array:
     if estimation.given is not None:
         if estimation.given.covariance is not None:
             return np.array(estimation.given.covariance)
-        return np.diag(np.square(estimation.given.standard_deviation))
+        return np.diag(np.square(np.array(estimation.given.standard_deviation)))
     fraction = estimation.std_fraction
     if fraction is None:
         fraction = vehicle.uncertainty if estimation.start == "nominal" else 1.0

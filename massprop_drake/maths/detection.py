@@ -134,7 +134,8 @@ def packed(state: DetectorState) -> Array:
 def unpacked(vector: Array, n_jets: int) -> DetectorState:
     """The inverse of `packed`."""
     parts = vector[N_SUSPICION:].reshape(4, n_jets)
-    return DetectorState(*vector[:4].tolist(), vector[4:N_SUSPICION], *parts)
+    cluster, alarms, since, onset_s = vector[:4].tolist()
+    return DetectorState(cluster, alarms, since, onset_s, vector[4:N_SUSPICION], *parts)
 
 
 class DetectorSample(NamedTuple):

@@ -429,7 +429,7 @@ def _updated(
         information = inverse_positive_definite(innovation.covariance + enlarged, "innovation covariance")
     jacobian = innovation.jacobian
     after = joseph_update(state, error, information, jacobian, noise, innovation.effects)
-    if innovation.effects is None or sample.thrust_errors is None:
+    if sample.thrust_errors is None or state.sensitivity is None:
         return after
     effects = jacobian @ state.sensitivity + thrust_error_effects(after.estimate, sample.thrust_errors)
     covariance = jacobian @ state.independent @ jacobian.T + effects @ effects.T + innovation.noise

@@ -191,15 +191,15 @@ class _Panels:
         force = np.asarray(self._signals["known_force"])
         for jet in np.flatnonzero((variance > 0.0).any(axis=0)):
             known = np.where(variance[:, jet] > 0.0, force[:, jet], np.nan)
-            name = f"known force, {self._vehicle.designations[jet]}"
-            curves.append(self._curve(known, name, COLOURS[1]))
+            words = f"known force, {self._vehicle.designations[jet]}"
+            curves.append(self._curve(known, words, COLOURS[1]))
         if "thrust" in self._signals:
-            for jet in {failure.jet for failure in self._run.scenario.failures}:
-                index = self._vehicle.jet_index(jet)
+            for name in sorted({failure.jet for failure in self._run.scenario.failures}):
+                index = self._vehicle.jet_index(name)
                 full = self._vehicle.jets[index].thrust
                 command = np.nan_to_num(np.asarray(self._signals["command"])[:, index])
                 true = np.asarray(self._signals["thrust"])[:, index] - full * command
-                curves.append(self._curve(true, f"truth, {jet}", TRUTH_COLOUR, steps=True))
+                curves.append(self._curve(true, f"truth, {name}", TRUTH_COLOUR, steps=True))
         return _panel("magnitude", "Magnitude of the failure", self._names["force"], curves)
 
     # ------------------------------------------------------------------------------------- helpers

@@ -154,6 +154,6 @@ def _attitudes(run: Run) -> Array:
     return attitudes
 
 
-def _changes(values: Array) -> Array:
+def _changes(values: Array | NDArray[np.bool_]) -> NDArray[np.int_]:
     """Rows that differ from the one before, and the first, shape (k,)."""
     return np.concatenate([[0], np.flatnonzero(np.any(np.diff(values, axis=0) != 0.0, axis=1)) + 1])
