@@ -17,7 +17,7 @@ from telemetry_probe import Log, toy_vehicle
 from massprop_drake import Run, cli, figures, load_scenario
 from massprop_drake.vehicle import Vehicle
 
-FILES = {"filter_state.json", "history.npz", "scenario.yaml", "summary.json", "telemetry.csv", "figures"}
+FILES = {"report.html", "filter_state.json", "history.npz", "scenario.yaml", "summary.json", "telemetry.csv", "figures"}
 
 
 class Outcome(NamedTuple):

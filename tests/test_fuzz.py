@@ -167,6 +167,7 @@ def test_spoilt_telemetry_is_estimated_or_refused(content: bytes) -> None:
 def _assert_whole(folder: Path) -> None:
     """The folder is whole."""
     assert {entry.name for entry in folder.iterdir()} == {
+        "report.html",
         "filter_state.json",
         "history.npz",
         "scenario.yaml",

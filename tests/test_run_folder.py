@@ -16,7 +16,7 @@ from massprop_drake import InputError, Run, load_scenario, simulate
 from massprop_drake.models import digest
 from massprop_drake.summary import by_name, from_names
 
-FILES = {"filter_state.json", "history.npz", "scenario.yaml", "summary.json", "telemetry.csv"}
+FILES = {"report.html", "filter_state.json", "history.npz", "scenario.yaml", "summary.json", "telemetry.csv"}
 FIGURES = {
     "center_of_mass",
     "consistency",

@@ -17,37 +17,37 @@ from massprop_drake.run import Run
 from massprop_drake.vehicle import Vehicle
 
 
-def test_it_is_one_file_that_needs_no_network(failed_run: Run, tmp_path: Path) -> None:
-    html = write_replay(failed_run, tmp_path / "replay.html").read_text(encoding="utf-8")
+def test_it_is_one_file_that_needs_no_network(stuck_run: Run, tmp_path: Path) -> None:
+    html = write_replay(stuck_run, tmp_path / "replay.html").read_text(encoding="utf-8")
     assert '<script src="' not in html
     assert len(html) < 8_000_000
 
 
-def test_the_failed_jet_and_the_one_found_are_marked(failed_run: Run) -> None:
-    (failed,), (found,) = events.failures(failed_run), events.found(failed_run)
-    assert failed.jets == found.jets == (failed_run.scenario.vehicle_data.jet_index("R4R"),)
+def test_the_failed_jet_and_the_one_found_are_marked(stuck_run: Run) -> None:
+    (failed,), (found,) = events.failures(stuck_run), events.found(stuck_run)
+    assert failed.jets == found.jets == (stuck_run.scenario.vehicle_data.jet_index("R4R"),)
     assert failed.start_s == 1.0
     assert 1.0 < found.start_s < 3.0
     assert found.text == "jet R4R: on"
 
 
-def test_a_cluster_found_marks_all_its_jets(failed_run: Run) -> None:
-    entry = {**failed_run.summary["detections"][0], "jet": None, "isolated_to": "cluster"}
+def test_a_cluster_found_marks_all_its_jets(stuck_run: Run) -> None:
+    entry = {**stuck_run.summary["detections"][0], "jet": None, "isolated_to": "cluster"}
     run = Run(
-        failed_run.scenario,
-        {**failed_run.summary, "detections": [entry]},
-        failed_run.time_s,
-        failed_run.signals,
-        failed_run.covariance,
+        stuck_run.scenario,
+        {**stuck_run.summary, "detections": [entry]},
+        stuck_run.time_s,
+        stuck_run.signals,
+        stuck_run.covariance,
     )
     jets = run.scenario.vehicle_data.jets
     assert {jets[index].cluster for index in events.found(run)[0].jets} == {12}
     assert len(events.found(run)[0].jets) == 5
 
 
-def test_what_is_commanded_is_said(failed_run: Run) -> None:
-    assert events.commanded(failed_run.scenario, 0.5) == "RHC +x"
-    assert events.commanded(failed_run.scenario, 3.0) == "hold"
+def test_what_is_commanded_is_said(stuck_run: Run) -> None:
+    assert events.commanded(stuck_run.scenario, 0.5) == "RHC +x"
+    assert events.commanded(stuck_run.scenario, 3.0) == "hold"
 
 
 def test_a_script_in_a_name_stays_text(toy_data: dict[str, Any]) -> None:
@@ -70,8 +70,8 @@ def picture(page: Any, time_s: float) -> np.ndarray:
 
 
 @pytest.fixture
-def replay(opened: Any, failed_run: Run, tmp_path: Path) -> Any:
-    return opened(write_replay(failed_run, tmp_path / "replay.html"))
+def replay(opened: Any, stuck_run: Run, tmp_path: Path) -> Any:
+    return opened(write_replay(stuck_run, tmp_path / "replay.html"))
 
 
 def test_it_opens_from_disk_and_plays(replay: Any) -> None:
@@ -91,11 +91,11 @@ def test_the_failed_jet_looks_different_after_its_onset(replay: Any) -> None:
     assert "failed: jet R4R: stuck on" in replay.page.inner_text("#mp-now")
 
 
-def test_a_plume_shows_while_a_jet_fires(replay: Any, failed_run: Run) -> None:
-    fires = (failed_run["thrust"] > 0).any(axis=1)
-    quiet = (failed_run["truth"][:, 0] > 0) & ~fires
-    firing_s = float(failed_run.time_s[np.flatnonzero(fires & (failed_run.time_s < 0.9))[0]]) + 0.02
-    quiet_s = float(failed_run.time_s[np.flatnonzero(quiet & (failed_run.time_s < 0.9))[-1]]) + 0.02
+def test_a_plume_shows_while_a_jet_fires(replay: Any, stuck_run: Run) -> None:
+    fires = (stuck_run["thrust"] > 0).any(axis=1)
+    quiet = (stuck_run["truth"][:, 0] > 0) & ~fires
+    firing_s = float(stuck_run.time_s[np.flatnonzero(fires & (stuck_run.time_s < 0.9))[0]]) + 0.02
+    quiet_s = float(stuck_run.time_s[np.flatnonzero(quiet & (stuck_run.time_s < 0.9))[-1]]) + 0.02
 
     def orange(pixels: np.ndarray) -> int:
         red, green, blue = pixels[..., 0], pixels[..., 1], pixels[..., 2]
