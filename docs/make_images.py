@@ -24,7 +24,7 @@ TUTORIALS = {
     "your_own_vehicle": ["tug_center_of_mass.png"],
     "consistency": ["nis.png"],
 }
-DIAGRAMS = ("closed_loop", "estimation", "vehicle", "autopilot")
+DIAGRAMS = ("closed_loop", "estimation", "autopilot")
 
 
 def readme() -> None:
