@@ -37,10 +37,10 @@ def rewritten(lines: list[str]) -> list[str]:
                 result += [line, *block]
         elif line.startswith("    ") and _separate(result):
             block, position = _indented(lines, position)
-            result += ["::", "", *block, ""]
+            result += [".. code-block:: text", "", *block, ""]
         elif _separate(result) and any("-->" in part for part in _paragraph(lines, position)):
             sketch = _paragraph(lines, position)
-            result += ["::", "", *(f"    {part}" for part in sketch), ""]
+            result += [".. code-block:: text", "", *(f"    {part}" for part in sketch), ""]
             position += len(sketch)
         else:
             result.append(_text(f"**{heading[1]}**: {heading[2]}" if heading else line))
@@ -99,7 +99,13 @@ def _process(_app: Sphinx, _what: str, _name: str, _object: Any, _options: Any, 
     lines[:] = rewritten(lines)
 
 
+def _skip(_app: Sphinx, _what: str, _name: str, member: Any, skip: bool, _options: Any) -> bool | None:
+    """Leaves out the fields of named tuples: their class describes them already."""
+    return True if type(member).__name__ == "_tuplegetter" else skip or None
+
+
 def setup(app: Sphinx) -> dict[str, bool]:
     """Puts the rewriting before napoleon's, whose priority is 500."""
     app.connect("autodoc-process-docstring", _process, priority=400)
+    app.connect("autodoc-skip-member", _skip)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

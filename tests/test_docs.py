@@ -45,7 +45,17 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     pytest.importorskip("myst_parser", reason="myst-parser is not installed: pip install '.[docs]'")
     pytest.importorskip("furo", reason="furo is not installed: pip install '.[docs]'")
     built = tmp_path_factory.mktemp("site")
-    command = [sys.executable, "-m", "sphinx", "-q", "-n", "-d", str(built / "doctrees"), str(DOCS), str(built / "html")]
+    command = [
+        sys.executable,
+        "-m",
+        "sphinx",
+        "-q",
+        "-n",
+        "-d",
+        str(built / "doctrees"),
+        str(DOCS),
+        str(built / "html"),
+    ]
     done = subprocess.run(command, capture_output=True, text=True, check=False)  # Sphinx itself uses what it deprecates
     assert (done.returncode, done.stderr) == (0, "")
     return built / "html"
@@ -91,7 +101,9 @@ def test_every_public_module_is_in_the_reference(pages: dict[Path, Page]) -> Non
     }
     # data alone, and subpackages whose modules are listed one by one
     names -= {f"massprop_drake.{name}" for name in ("maths", "systems", "diagrams", "scenarios", "vehicles")}
-    missing = sorted(name for name in names if f"module-{name}" not in anchors and not name.rpartition(".")[2].startswith("_"))
+    missing = sorted(
+        name for name in names if f"module-{name}" not in anchors and not name.rpartition(".")[2].startswith("_")
+    )
     assert missing == [], "add them to a page of docs/reference/"
 
 
@@ -99,7 +111,7 @@ def test_docstrings_show_as_text(site: Path) -> None:
     """What is not reStructuredText in them has been rewritten."""
     text = (site / "reference" / "systems.html").read_text(encoding="utf-8")
     assert "<strong>Ports</strong>" in text
-    assert "body_state</span> <span class=\"pre\">(in,</span>" in text
+    assert 'body_state</span> <span class="pre">(in,</span>' in text
     assert "--&gt;" in (site / "reference" / "diagrams.html").read_text(encoding="utf-8")
 
 

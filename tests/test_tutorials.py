@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import runpy
 import sys
 from collections.abc import Callable
@@ -20,14 +21,24 @@ TUTORIALS = Path(__file__).parent.parent / "docs" / "tutorials"
 Tutorial = Callable[[str], dict[str, Any]]
 
 
+def promised(name: str) -> list[str]:
+    """What the tutorial's page says that it prints."""
+    page = (TUTORIALS / f"{name}.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"prints\n\n```text\n(.*?)^```$", page, flags=re.DOTALL | re.MULTILINE)
+    return [line for block in blocks for line in block.splitlines() if line != "..."]
+
+
 @pytest.fixture
-def tutorial(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Tutorial:
+def tutorial(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Tutorial:
     """Runs a tutorial as a user would, with a folder to write into; gives the names it leaves behind."""
 
     def run(name: str) -> dict[str, Any]:
         path = TUTORIALS / f"{name}.py"
         monkeypatch.setattr(sys, "argv", [str(path), str(tmp_path)])
-        return runpy.run_path(str(path), run_name="__main__")
+        left = runpy.run_path(str(path), run_name="__main__")
+        printed = capsys.readouterr().out.splitlines()
+        assert [line for line in promised(name) if line not in printed] == []
+        return left
 
     return run
 
@@ -91,5 +102,5 @@ def test_consistency(tutorial: Tutorial, tmp_path: Path) -> None:
     assert nees_rotation < 9.0
     assert nees_mass < 1.0
     assert neighbors == pytest.approx(-0.5, abs=0.15)  # a moving average of two: the difference of readings
-    assert results["quantised"][1].mean() < 2.5  # an axis without acceleration shows no noise at all
+    assert results["quantized"][1].mean() < 2.5  # an axis without acceleration shows no noise at all
     assert (tmp_path / "nis.png").stat().st_size > 0

@@ -1,4 +1,4 @@
-"""A closed loop of your own with a second gyro package, its graph, and a run: python build_a_diagram.py [FOLDER]."""
+"""A closed loop with a second gyro package: python build_a_diagram.py [FOLDER]."""
 
 import sys
 import tempfile
@@ -12,7 +12,7 @@ from massprop_drake.diagrams import autopilot, estimation, vehicle
 from massprop_drake.graphs import dot_text
 from massprop_drake.vehicle import Gyro
 
-# the orbiter with a second gyro package; the filters average both, weighted by their covariance
+# the orbiter with a second gyro package; the filters average the two
 scenario = load_scenario("sample_maneuver", ["sensors.combine.gyros=weighted_average"])
 gyros = (*scenario.vehicle_data.gyros, Gyro(name="gyro_2", quantum=1.52e-6))  # rad/s
 orbiter = scenario.vehicle_data.model_copy(update={"gyros": gyros})
@@ -36,4 +36,5 @@ folder = Path(sys.argv[1] if len(sys.argv) > 1 else tempfile.mkdtemp())
 (folder / "my_loop.dot").write_text(dot_text(loop, depth=1), encoding="utf-8")
 simulator = Simulator(loop)
 simulator.AdvanceTo(scenario.duration_s)
-print("mass:", 1.0 / loop.GetOutputPort("estimate").Eval(simulator.get_context())[9], "slug;", folder / "my_loop.dot")
+mass = 1.0 / loop.GetOutputPort("estimate").Eval(simulator.get_context())[9]
+print(f"mass {mass:.0f} slug; the graph is {folder / 'my_loop.dot'}")

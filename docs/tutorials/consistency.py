@@ -17,13 +17,13 @@ folder = Path(sys.argv[1] if len(sys.argv) > 1 else tempfile.mkdtemp())
 SEEDS = range(3)  # more seeds say more; each takes half a second
 SETTLED_S = 25.0  # the estimates are good from here on: what is left in the innovations is noise
 
-# The same case with other sensors: Gaussian noise of the quantisers' variance, and no quantiser.
+# The same case with other sensors: Gaussian noise of the quantizers' variance, and no quantizer.
 vehicle = load_scenario("sample_maneuver").vehicle_data
 errors = [
     f"{{sensor: {package.name}, quantum: 0, noise_std: {package.quantum / 12**0.5}}}"
     for package in (*vehicle.gyros, *vehicle.accelerometers)
 ]
-cases = {"quantised": [], "Gaussian": [f"sensors.errors=[{', '.join(errors)}]"]}
+cases = {"quantized": [], "Gaussian": [f"sensors.errors=[{', '.join(errors)}]"]}
 
 
 def repeatedly(overrides):
