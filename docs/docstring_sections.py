@@ -99,13 +99,23 @@ def _process(_app: Sphinx, _what: str, _name: str, _object: Any, _options: Any, 
     lines[:] = rewritten(lines)
 
 
-def _skip(_app: Sphinx, _what: str, _name: str, member: Any, skip: bool, _options: Any) -> bool | None:
-    """Leaves out the fields of named tuples: their class describes them already."""
-    return True if type(member).__name__ == "_tuplegetter" else skip or None
+def _skip(_app: Sphinx, _what: str, name: str, member: Any, skip: bool, _options: Any) -> bool | None:
+    """Leaves out the fields of named tuples, which their class describes already, and pydantic's settings."""
+    return True if name == "model_config" or type(member).__name__ == "_tuplegetter" else skip or None
+
+
+def _signature(
+    _app: Sphinx, _what: str, _name: str, thing: Any, _options: Any, arguments: str | None, result: str | None
+) -> tuple[str | None, str | None]:
+    """Shows a file's model without its keys, which have pages of their own, and short names of types as such."""
+    if isinstance(thing, type) and hasattr(thing, "model_fields"):
+        return "", None
+    return arguments and re.sub(r"TypeAliasForwardRef\('(\w+)'\)", r"\1", arguments), result
 
 
 def setup(app: Sphinx) -> dict[str, bool]:
     """Puts the rewriting before napoleon's, whose priority is 500."""
     app.connect("autodoc-process-docstring", _process, priority=400)
     app.connect("autodoc-skip-member", _skip)
+    app.connect("autodoc-process-signature", _signature)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
