@@ -11,13 +11,14 @@ from massprop_drake import load_scenario, simulate
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else tempfile.mkdtemp())
 
-# Two failures after the sample maneuver: a jet leaks from 50 s on, another one is dead when it is needed.
+# Two failures after the sample maneuver: a jet leaks, another one is dead when it is needed.
 scenario = load_scenario(
     "sample_maneuver",
     [
         "name=leak_and_dead_jet",
         "duration_s=62",
-        "failures=[{kind: leak, jet: L4D, start_s: 50, force: 60}, {kind: stuck_off, jet: F2R, start_s: 54}]",
+        "failures[0]={kind: leak, jet: L4D, start_s: 50, force: 60}",  # lbf
+        "failures[1]={kind: stuck_off, jet: F2R, start_s: 54}",
         "maneuver[13]={controller: rhc, axis: -z, start_s: 55, end_s: 60}",
     ],
 )
@@ -26,10 +27,8 @@ run = simulate(scenario)
 # One entry for each failure, not for each alarm.
 for found in run.summary["detections"]:
     who = found["jet"] or f"one of cluster {found['cluster']}"
-    print(
-        f"{found['kind']}: {who}, "
-        f"{found['magnitude']:+.1f} +- {found['magnitude_std']:.1f} lbf, declared at {found['time_s']:.2f} s"
-    )
+    magnitude = f"{found['magnitude']:+.1f} +- {found['magnitude_std']:.1f} lbf"
+    print(f"{found['kind']}: {who}, {magnitude}, declared at {found['time_s']:.2f} s")
 
 # Behind it: the likelihood argument of every jet at every sample, and which samples were tested.
 tested = run["tested"][:, 0] == 1.0
@@ -37,9 +36,8 @@ before = run["likelihood"][tested & (run.time_s < 50.0)].max()
 after = run["likelihood"][tested & (run.time_s >= 50.0)].max()
 print(f"largest likelihood argument: {before:.0f} before 50 s, {after:.0f} after")
 
-# What the autopilot does with it: 1 out of use, -1 left in, because without it an axis could not be controlled.
-jets = run.components["out_of_use"]
-print("out of use:", [jet for jet, value in zip(jets, run["out_of_use"][-1], strict=True) if value == 1.0])
+# What the autopilot does with it.
+print("out of use:", run.summary["autopilot"]["jets_out_of_use"])
 
 run.plot.detection_timeline().savefig(folder / "detection_timeline.png")
 run.plot.failure_magnitude().savefig(folder / "failure_magnitude.png")

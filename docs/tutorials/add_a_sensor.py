@@ -33,12 +33,13 @@ class RadioGyro(LeafSystem):
     def __init__(self, name, *, noise_std, loss_rate, period_s, seed):
         super().__init__()
         self.set_name(name)
-        self._noise_std, self._loss_rate, self._period_s, self._seed = noise_std, loss_rate, period_s, seed
+        self._noise_std, self._loss_rate = noise_std, loss_rate
+        self._period_s, self._seed = period_s, seed
         self._body_state = self.DeclareVectorInputPort("body_state", N_STATE)
         self.DeclareVectorOutputPort("reading", 3, self._calc_reading)
 
     def _calc_reading(self, context, output):
-        # sample k is a function of its number alone: the log and the filter ask at different moments
+        # a function of the sample number alone: the log and the filter both ask for it
         number = round(context.get_time() / self._period_s)
         rate = self._body_state.Eval(context)[RATE]
         lost = uniform_sample(self._seed, "radio losses", number) < self._loss_rate
@@ -50,14 +51,17 @@ class RadioGyro(LeafSystem):
 scenario = load_scenario("sample_maneuver", ["sensors.combine.gyros=weighted_average"])
 period_s, noise_std = scenario.vehicle_data.sample_period_s, 1.0e-6
 gyros = (*scenario.vehicle_data.gyros, Gyro(name="radio_gyro", noise_std=noise_std))
-known = scenario.model_copy(update={"vehicle": scenario.vehicle_data.model_copy(update={"gyros": gyros})})
+orbiter = scenario.vehicle_data.model_copy(update={"gyros": gyros})
+known = scenario.model_copy(update={"vehicle": orbiter})
 
-# The vehicle diagram is built without the package: ours stands beside it, fed with the true state.
+# The vehicle diagram is built without the package: ours stands beside it.
 builder = DiagramBuilder()
 pilot = builder.AddNamedSystem("autopilot", autopilot.build(scenario))
 body = builder.AddNamedSystem("vehicle", vehicle.build(scenario))
 radio_gyro = builder.AddSystem(
-    RadioGyro("radio_gyro", noise_std=noise_std, loss_rate=0.3, period_s=period_s, seed=scenario.seed)
+    RadioGyro(
+        "radio_gyro", noise_std=noise_std, loss_rate=0.3, period_s=period_s, seed=scenario.seed
+    )
 )
 estimators = builder.AddNamedSystem("estimation", estimation.build(known))
 
@@ -71,8 +75,16 @@ builder.Connect(body.GetOutputPort("body_state"), radio_gyro.GetInputPort("body_
 builder.Connect(radio_gyro.GetOutputPort("reading"), estimators.GetInputPort("radio_gyro"))
 
 # Logs take the name of an output port and the sample period.
-wanted = {"reading": radio_gyro, "estimate": estimators, "standard_deviation": estimators, "mass_properties": body}
-logs = {name: LogVectorOutput(part.GetOutputPort(name), builder, period_s) for name, part in wanted.items()}
+wanted = {
+    "reading": radio_gyro,
+    "estimate": estimators,
+    "standard_deviation": estimators,
+    "mass_properties": body,
+}
+logs = {
+    name: LogVectorOutput(part.GetOutputPort(name), builder, period_s)
+    for name, part in wanted.items()
+}
 diagram = builder.Build()
 diagram.set_name("with_radio_gyro")
 (folder / "with_radio_gyro.dot").write_text(dot_text(diagram, depth=1), encoding="utf-8")

@@ -1,4 +1,4 @@
-"""Is the stated uncertainty honest? NIS of every sample, NEES over many runs, and what differencing does.
+"""Is the stated uncertainty honest? NIS of samples, NEES of runs, and what differencing does.
 
 python consistency.py [FOLDER]
 """
@@ -28,7 +28,9 @@ cases = {"quantized": [], "Gaussian": [f"sensors.errors=[{', '.join(errors)}]"]}
 
 def repeatedly(overrides):
     """Runs of the sample maneuver, one for each seed."""
-    return [simulate(load_scenario("sample_maneuver", [*overrides, f"seed={seed}"])) for seed in SEEDS]
+    return [
+        simulate(load_scenario("sample_maneuver", [*overrides, f"seed={seed}"])) for seed in SEEDS
+    ]
 
 
 def nis(run, name):
@@ -40,7 +42,8 @@ def nis(run, name):
 def nees(run):
     """Squared error at the end, in units of the covariance claimed: nine parameters, and 1/m."""
     error = run["estimate"][-1] - run["truth"][-1]
-    scale = np.sqrt(run.covariance.diagonal())  # elements differ by 20 powers of ten: solve in units of 1-sigma
+    # elements lie 20 powers of ten apart: solve in units of 1-sigma
+    scale = np.sqrt(run.covariance.diagonal())
     correlation = run.covariance[:9, :9] / np.outer(scale[:9], scale[:9])
     rotation = error[:9] / scale[:9]
     return rotation @ np.linalg.solve(correlation, rotation), (error[9] / scale[9]) ** 2
@@ -58,17 +61,21 @@ def correlation_of_neighbors(run):
 results = {}
 for name, overrides in cases.items():
     runs = repeatedly(overrides)
-    rotation, mass = (np.concatenate([nis(run, which) for run in runs]) for which in ("rotation", "mass"))
+    rotation, mass = (
+        np.concatenate([nis(run, which) for run in runs]) for which in ("rotation", "mass")
+    )
     nees_rotation, nees_mass = np.mean([nees(run) for run in runs], axis=0)
     neighbors = np.mean([correlation_of_neighbors(run) for run in runs])
     results[name] = (rotation, mass, nees_rotation, nees_mass, neighbors)
-    print(f"{name}: mean NIS {rotation.mean():.2f} rotation, {mass.mean():.2f} mass (3 where the model holds)")
+    means = f"{rotation.mean():.2f} rotation, {mass.mean():.2f} mass"
+    print(f"{name}: mean NIS {means} (3 where the model holds)")
     print(f"   mean NEES {nees_rotation:.1f} of nine parameters (9), {nees_mass:.2f} of 1/m (1)")
     print(f"   correlation of consecutive innovations {neighbors:+.2f}")
 
 figure = Figure(figsize=(7.0, 3.0), dpi=100, layout="constrained")
 marks = np.linspace(0.0, 14.0, 29)
-for panel, (name, (rotation, mass, *_)) in zip(figure.subplots(1, 2, sharey=True), results.items(), strict=True):
+panels = figure.subplots(1, 2, sharey=True)
+for panel, (name, (rotation, mass, *_)) in zip(panels, results.items(), strict=True):
     panel.hist(rotation, marks, density=True, histtype="step", label="rotation")
     panel.hist(mass, marks, density=True, histtype="step", label="mass")
     panel.plot(marks, chi2.pdf(marks, 3), color="black", linewidth=0.8, label="chi-square, 3")
