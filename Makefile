@@ -22,7 +22,7 @@ unexport PYTHONPATH PYTHONHOME
 
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
-.PHONY: help demo test lint types bench wheel clean
+.PHONY: help demo test docs lint types bench wheel clean
 
 help: ## shows this list
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/  make \1:\2/p' $(MAKEFILE_LIST) | awk -F: '{ printf "%-14s %s\n", $$1, $$2 }'
@@ -32,6 +32,10 @@ demo: $(VENV)/.installed ## estimates the orbiter's mass properties from the sam
 
 test: $(VENV)/.installed-test ## runs all tests
 	$(BIN)/python -m pytest $(PYTEST_FLAGS)
+
+docs: $(VENV)/.installed-test ## builds the documentation into build/docs
+	$(BIN)/sphinx-build -q -W --keep-going -n docs build/docs
+	@echo "build/docs/index.html"
 
 lint: $(VENV)/.installed-dev ## checks style and format
 	$(BIN)/ruff check .

@@ -230,7 +230,11 @@ class AutopilotSettings(Model):
     mass_properties: Literal["nominal", "estimated"] = described(
         "nominal", "for activity vectors; estimated: the estimates once they have converged, nominal before"
     )
-    jet_kinds: tuple[Text, ...] = described(("primary",), "kinds of jets that may be selected", min_length=1)
+    jet_kinds: tuple[Text, ...] | None = described(
+        None,
+        "kinds of jets that may be selected; null: `primary` or, for a vehicle without such, all",
+        min_length=1,
+    )
     discrete_rate: Real = described(0.5 * _DEGREE, "rate that the rotational hand controller commands", "rad/s", gt=0.0)
     hold_gain: Real = described(0.15, "rate commanded per attitude error in hold", "1/s", ge=0.0)
     hold_rate_limit: Real = described(0.1 * _DEGREE, "largest rate commanded in hold", "rad/s", ge=0.0)
@@ -500,7 +504,7 @@ def check_against_vehicle(scenario: Scenario, vehicle: Vehicle) -> list[tuple[Pa
     if scenario.sensors.accelerometer is not None:
         packages = (package.name for package in vehicle.accelerometers)
         require("accelerometer", scenario.sensors.accelerometer, packages, "sensors", "accelerometer")
-    for index, kind in enumerate(scenario.autopilot.jet_kinds if not scenario.jet_schedule else ()):
+    for index, kind in enumerate((scenario.autopilot.jet_kinds or ()) if not scenario.jet_schedule else ()):
         require("jet kind", kind, vehicle.jet_kinds, "autopilot", "jet_kinds", index)
     step, period = scenario.plant.time_step, vehicle.sample_period_s
     if step not in (None, 0.0) and not math.isclose(step, period, rel_tol=1e-12):

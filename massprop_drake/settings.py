@@ -192,7 +192,10 @@ def time_step(scenario: Scenario) -> float:
 
 def selectable(scenario: Scenario) -> NDArray[np.bool_]:
     """Which jets the autopilot may select, by their kind, shape (n_jets,)."""
-    return np.array([jet.kind in scenario.autopilot.jet_kinds for jet in scenario.vehicle_data.jets])
+    kinds, vehicle = scenario.autopilot.jet_kinds, scenario.vehicle_data
+    if kinds is None:
+        kinds = ("primary",) if "primary" in vehicle.jet_kinds else tuple(vehicle.jet_kinds)
+    return np.array([jet.kind in kinds for jet in vehicle.jets])
 
 
 def sensor_model(scenario: Scenario, sensor: SensorPackage) -> SensorModel:

@@ -21,7 +21,7 @@ from massprop_drake.errors import InputError
 from massprop_drake.scenario import Scenario, resolved, set_field
 from massprop_drake.signals import AXES
 from massprop_drake.tables import Block, CsvTable, Table, open_table
-from massprop_drake.vehicle import Vehicle, load_vehicle
+from massprop_drake.vehicle import Vehicle
 
 Array = NDArray[np.float64]
 
@@ -59,9 +59,7 @@ def vehicle_scenario(name: str, vehicle: str, overrides: list[str] | None = None
     Raises:
         InputError: when there is no such vehicle, or a setting is wrong.
     """
-    # no autopilot flies here, so whatever kinds of jets the vehicle has will do
-    kinds = list(load_vehicle(vehicle).jet_kinds)
-    data: dict[str, Any] = {"name": name, "vehicle": vehicle, "autopilot": {"jet_kinds": kinds}}
+    data: dict[str, Any] = {"name": name, "vehicle": vehicle}
     for override in overrides or []:
         set_field(data, override)
     return resolved(data)

@@ -1,0 +1,48 @@
+"""Settings of the documentation: `make docs` builds it into build/docs, offline."""
+
+from __future__ import annotations
+
+import sys
+from importlib.metadata import version as installed_version
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent))  # for the extensions beside this file
+
+project = "massprop_drake"
+author = "massprop_drake developers"
+copyright = "massprop_drake developers"
+version = release = installed_version("massprop-drake")
+
+extensions = [
+    "myst_parser",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.napoleon",
+    "docstring_sections",
+    "mathml",
+]
+exclude_patterns = ["tutorials/*.py"]
+templates_path: list[str] = []
+
+myst_enable_extensions = ["dollarmath", "deflist"]
+myst_heading_anchors = 3
+
+# docstrings: `name` is a link where there is such a thing, and plain type where there is not
+default_role = "py:obj"
+nitpick_ignore_regex = [
+    ("py:obj", r".*"),
+    ("py:(class|data|exc)", r"(?!massprop_drake\.).*"),  # types of other packages, which are not linked
+    ("py:class", r"massprop_drake\.(.*\._|models\.M$).*"),  # private ones
+]
+autodoc_member_order = "bysource"
+autodoc_typehints_format = "short"
+autodoc_type_aliases = {"Array": "Array", "ArrayLike": "ArrayLike"}
+autodoc_preserve_defaults = True
+napoleon_use_ivar = True
+napoleon_use_rtype = False
+
+html_theme = "furo"
+html_theme_options = {"light_css_variables": {"code-font-size": "75%"}}  # the tutorials' lines fit
+html_title = f"massprop_drake {version}"
+html_math_renderer = "mathml"
+html_show_sphinx = False
+html_static_path: list[str] = []

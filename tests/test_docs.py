@@ -1,0 +1,125 @@
+"""The documentation builds without warnings, and everything has its place in it."""
+
+from __future__ import annotations
+
+import pkgutil
+import re
+import subprocess
+import sys
+from html.parser import HTMLParser
+from pathlib import Path
+from types import ModuleType
+from urllib.parse import unquote, urldefrag
+
+import pytest
+
+import massprop_drake
+from massprop_drake import diagrams, maths, report, systems
+
+DOCS = Path(__file__).parent.parent / "docs"
+
+
+class Page(HTMLParser):
+    """What a page links to and loads, and the places in it that can be linked to."""
+
+    def __init__(self, path: Path):
+        super().__init__()
+        self.links: list[str] = []
+        self.loads: list[str] = []
+        self.anchors: set[str] = set()
+        self.feed(path.read_text(encoding="utf-8"))
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        given = {name: value for name, value in attrs if value}
+        self.anchors.add(given.get("id", ""))
+        if tag == "a" and "href" in given:
+            self.links.append(given["href"])
+        elif tag in ("img", "script", "object") or given.get("rel") in ("stylesheet", "icon"):
+            self.loads += [given[name] for name in ("src", "href", "data") if name in given]
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The site as `make docs` builds it, made once."""
+    pytest.importorskip("sphinx", reason="Sphinx is not installed: pip install '.[docs]'")
+    pytest.importorskip("myst_parser", reason="myst-parser is not installed: pip install '.[docs]'")
+    pytest.importorskip("furo", reason="furo is not installed: pip install '.[docs]'")
+    built = tmp_path_factory.mktemp("site")
+    command = [
+        sys.executable,
+        "-m",
+        "sphinx",
+        "-q",
+        "-n",
+        "-d",
+        str(built / "doctrees"),
+        str(DOCS),
+        str(built / "html"),
+    ]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)  # Sphinx itself uses what it deprecates
+    assert (done.returncode, done.stderr) == (0, "")
+    return built / "html"
+
+
+@pytest.fixture(scope="module")
+def pages(site: Path) -> dict[Path, Page]:
+    return {path: Page(path) for path in site.rglob("*.html")}
+
+
+def test_links_between_pages_lead_somewhere(pages: dict[Path, Page]) -> None:
+    broken = []
+    for path, page in pages.items():
+        for link in (*page.links, *page.loads):
+            if re.match(r"[a-z]+:", link):
+                continue
+            file, anchor = urldefrag(link)
+            target = (path.parent / unquote(file).partition("?")[0]).resolve() if file else path
+            # what a theme's script fills in has no anchor in the file
+            missing = target in pages and anchor and anchor not in pages[target].anchors
+            if not target.exists() or missing:
+                broken.append(f"{path.name}: {link}")
+    assert broken == []
+
+
+def test_pages_read_offline(pages: dict[Path, Page]) -> None:
+    remote = [f"{path.name}: {source}" for path, page in pages.items() for source in page.loads if "//" in source]
+    assert remote == []
+
+
+def test_equations_are_drawn_with_their_numbers(site: Path) -> None:
+    text = (site / "theory" / "rotation.html").read_text(encoding="utf-8")
+    assert '<math xmlns="http://www.w3.org/1998/Math/MathML" display="block">' in text
+    assert "(2-121)</span>" in text
+    assert "\\tag" not in text
+
+
+def test_every_public_module_is_in_the_reference(pages: dict[Path, Page]) -> None:
+    anchors = set().union(*(page.anchors for path, page in pages.items() if path.parent.name == "reference"))
+    packages: list[ModuleType] = [massprop_drake, maths, systems, diagrams, report]
+    names = {
+        f"{package.__name__}.{module.name}" for package in packages for module in pkgutil.iter_modules(package.__path__)
+    }
+    # data alone, and subpackages whose modules are listed one by one
+    names -= {f"massprop_drake.{name}" for name in ("maths", "systems", "diagrams", "scenarios", "vehicles")}
+    missing = sorted(
+        name for name in names if f"module-{name}" not in anchors and not name.rpartition(".")[2].startswith("_")
+    )
+    assert missing == [], "add them to a page of docs/reference/"
+
+
+def test_docstrings_show_as_text(site: Path) -> None:
+    """What is not reStructuredText in them has been rewritten."""
+    text = (site / "reference" / "systems.html").read_text(encoding="utf-8")
+    assert "<strong>Ports</strong>" in text
+    assert 'body_state</span> <span class="pre">(in,</span>' in text
+    assert "--&gt;" in (site / "reference" / "diagrams.html").read_text(encoding="utf-8")
+
+
+def test_every_picture_is_shown_and_made_by_code(site: Path) -> None:
+    shown = {path.name for path in (site / "_images").iterdir()}
+    drawn = {path.name for path in (DOCS / "images").iterdir()}
+    readme = (DOCS.parent / "README.md").read_text(encoding="utf-8")
+    assert shown <= drawn
+    assert {name for name in drawn - shown if name not in readme} == set()
+    code = (DOCS / "make_images.py").read_text(encoding="utf-8")
+    assert [name for name in drawn if name.rpartition(".")[0] not in code] == []

@@ -1,0 +1,106 @@
+"""The tutorials of the documentation run, and come out as their pages say."""
+
+from __future__ import annotations
+
+import re
+import runpy
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from massprop_drake import load_vehicle
+from massprop_drake.graphs import svg_text
+from massprop_drake.run import Run
+
+TUTORIALS = Path(__file__).parent.parent / "docs" / "tutorials"
+
+Tutorial = Callable[[str], dict[str, Any]]
+
+
+def promised(name: str) -> list[str]:
+    """What the tutorial's page says that it prints."""
+    page = (TUTORIALS / f"{name}.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"prints\n\n```text\n(.*?)^```$", page, flags=re.DOTALL | re.MULTILINE)
+    return [line for block in blocks for line in block.splitlines() if line != "..."]
+
+
+@pytest.fixture
+def tutorial(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Tutorial:
+    """Runs a tutorial as a user would, with a folder to write into; gives the names it leaves behind."""
+
+    def run(name: str) -> dict[str, Any]:
+        path = TUTORIALS / f"{name}.py"
+        monkeypatch.setattr(sys, "argv", [str(path), str(tmp_path)])
+        left = runpy.run_path(str(path), run_name="__main__")
+        printed = capsys.readouterr().out.splitlines()
+        assert [line for line in promised(name) if line not in printed] == []
+        return left
+
+    return run
+
+
+def test_first_run(tutorial: Tutorial, tmp_path: Path) -> None:
+    left = tutorial("first_run")
+    error = left["estimate"] - left["truth"]
+    assert (abs(error) <= 4.0 * left["sigma"]).all()
+    assert 25.0 < left["converged_s"] < 27.0  # in the first translation
+    assert (tmp_path / "mass_reciprocal.png").stat().st_size > 0
+    assert left["again"].summary == left["run"].summary
+
+
+def test_build_a_diagram(tutorial: Tutorial, tmp_path: Path, sample_run: Run) -> None:
+    assert len((TUTORIALS / "build_a_diagram.py").read_text(encoding="utf-8").splitlines()) <= 40
+    left = tutorial("build_a_diagram")
+    dot = (tmp_path / "my_loop.dot").read_text(encoding="utf-8")
+    for name in ("autopilot", "vehicle", "estimation", "gyro_2"):
+        assert name in dot
+    assert "<svg" in (svg_text(dot) or "<svg")  # what draws it may not be installed
+    estimators = left["estimators"]
+    context = estimators.GetMyContextFromRoot(left["simulator"].get_context())
+    estimate, deviation = (estimators.GetOutputPort(name).Eval(context) for name in ("estimate", "standard_deviation"))
+    assert 1.0 / estimate[9] == pytest.approx(5905.0, rel=0.05)
+    # the second package is used, not only wired: half the variance, so 0.71 times the 1-sigma
+    assert (deviation[:3] < 0.85 * sample_run["standard_deviation"][-1][:3]).all()
+
+
+def test_add_a_sensor(tutorial: Tutorial, tmp_path: Path) -> None:
+    left = tutorial("add_a_sensor")
+    assert left["lost"] == pytest.approx(0.3 * 626, abs=4.0 * np.sqrt(626 * 0.3 * 0.7))
+    assert (abs(left["ratio"]) <= 4.0).all()
+    assert "radio_gyro" in (tmp_path / "with_radio_gyro.dot").read_text(encoding="utf-8")
+
+
+def test_add_a_failure(tutorial: Tutorial, tmp_path: Path) -> None:
+    left = tutorial("add_a_failure")
+    leak, dead = left["run"].summary["detections"]
+    assert (leak["kind"], leak["cluster"], leak["jet"]) == ("jet_on", 10, None)  # the data name the cluster alone
+    assert leak["magnitude"] == pytest.approx(60.0, abs=4.0)
+    assert (dead["kind"], dead["jet"]) == ("jet_off", "F2R")
+    assert {"F2R", "L4D"} <= set(left["run"].summary["autopilot"]["jets_out_of_use"])
+    assert (tmp_path / "failure_magnitude.png").stat().st_size > 0
+
+
+def test_your_own_vehicle(tutorial: Tutorial, tmp_path: Path) -> None:
+    left = tutorial("your_own_vehicle")
+    flight, last = left["flight"], left["last"]
+    np.testing.assert_array_equal(last.estimate, flight["estimate"][-1])
+    assert (abs(last.estimate - flight["truth"][-1]) <= 4.0 * last.standard_deviation).all()
+    assert load_vehicle(TUTORIALS / "tug.yaml").name == "tug"
+    assert (tmp_path / "flight" / "telemetry.csv").exists()
+    assert not last.removed.any()
+
+
+def test_consistency(tutorial: Tutorial, tmp_path: Path) -> None:
+    results = tutorial("consistency")["results"]
+    rotation, mass, nees_rotation, nees_mass, neighbors = results["Gaussian"]
+    for nis in (rotation, mass):  # consecutive ones are correlated: the tolerance is four times that of independent
+        assert nis.mean() == pytest.approx(3.0, abs=4.0 * np.sqrt(6.0 / nis.size))
+    assert nees_rotation < 9.0
+    assert nees_mass < 1.0
+    assert neighbors == pytest.approx(-0.5, abs=0.15)  # a moving average of two: the difference of readings
+    assert results["quantized"][1].mean() < 2.5  # an axis without acceleration shows no noise at all
+    assert (tmp_path / "nis.png").stat().st_size > 0
