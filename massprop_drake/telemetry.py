@@ -24,6 +24,7 @@ from massprop_drake.tables import Block, CsvTable, Table, open_table
 from massprop_drake.vehicle import Vehicle
 
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 
 JITTER = 0.05  # of the sample period: by so much rows may be early or late
 _EXACT = 1e-3  # of the sample period: less is not counted as jitter
@@ -83,7 +84,7 @@ class Rows(NamedTuple):
     readings: Mapping[str, Array]
     commands: Array
     outside_wrench: Array | None
-    recorded: NDArray[np.bool_]
+    recorded: Flags
 
 
 # ---------------------------------------------------------------------------------------- writing
