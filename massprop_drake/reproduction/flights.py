@@ -1,0 +1,79 @@
+"""The flights that several figures share: the thesis's own runs and their variants.
+
+All variants of the sample manoeuvre keep to the letter of the thesis: no covariance incrementation, no
+failure detector. Failures fly with its detector: no reset of the jet logic, signatures taken as certain,
+innovations corrected by (4-29) to (4-35).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from massprop_drake.reproduction.cases import CONSISTENCY, DETECTION, ESTIMATES, MOTION, Flight
+
+LITERAL = ("rotation.jump=none", "detector.kind=off")
+
+
+def maneuver(name: str, *overrides: str, signals: tuple[str, ...] = (*ESTIMATES, *CONSISTENCY)) -> Flight:
+    """The sample manoeuvre to the letter of the thesis, with some settings changed."""
+    return Flight(name, "sample_maneuver", (*LITERAL, *overrides), signals)
+
+
+HYBRID = maneuver("hybrid", signals=(*ESTIMATES, *CONSISTENCY, *MOTION, "coupling_subtracted"))
+RESOLVED_EARLY = maneuver("resolved_early", "autopilot.resolve_rate=0.000872664626", signals=MOTION)  # 0.05 deg/s
+SUBTRACTED = maneuver("subtracted", "rotation.coupling=subtract")
+IGNORED = maneuver("ignored", "rotation.coupling=ignore")
+
+EXTENDED = maneuver("extended", "rotation.filter=extended")
+WITHOUT_BIAS = maneuver("without_bias", "rotation.filter=second_order_without_bias")
+WITHOUT_COVARIANCE = maneuver("without_covariance", "rotation.filter=second_order_without_covariance")
+
+CENTRIPETAL = maneuver("centripetal", "mass.compensation=transverse_centripetal")
+TRANSVERSE = HYBRID
+NO_COVARIANCE = maneuver("no_covariance", "mass.compensation_covariance=false")
+NO_COMPENSATION = maneuver("no_compensation", "mass.compensation=none", "mass.compensation_covariance=false")
+
+MIDDLE = HYBRID
+LEFT = maneuver("left", "sensors.accelerometer=acc1")
+
+
+def combined(rule: str, *overrides: str, name: str = "") -> Flight:
+    """The three accelerometers made into one by a rule."""
+    return maneuver(name or rule, f"sensors.combine.accelerometers={rule}", *overrides)
+
+
+SERIAL = combined("serial")
+STACKED = combined("serial", "sensors.combine.correlated=true", name="stacked")
+WEIGHTED = combined("weighted_average")
+AVERAGE = combined("average")
+MID_VALUE = combined("mid_value")
+
+# all quantisers at the same marks: nothing is left to chance, so once is enough
+_EQUAL = "sensors.quantiser_phase=equal"
+SINGLE_EQUAL = replace(maneuver("single_equal", _EQUAL), seeds=1)
+WEIGHTED_EQUAL = replace(combined("weighted_average", _EQUAL, name="weighted_equal"), seeds=1)
+
+INCREMENTED = maneuver("incremented", "rotation.jump=covariance_increment")
+INCREMENTED_EARLY = maneuver(
+    "incremented_early", "rotation.jump=covariance_increment", "rotation.jump_threshold=11.34"
+)
+
+_DETECTOR = (
+    "detector.reconfigure_after=null",
+    "detector.signature_uncertainty=false",
+    "detector.unexplained_limit=null",
+    "detector.on_detection=correct_thesis",
+    "duration_s=58",
+)
+
+
+def failure(name: str) -> Flight:
+    """A bundled scenario of a failure with the thesis's detector, what is seen of it kept from 45 s on."""
+    return Flight(name, name, _DETECTOR, DETECTION, from_s=45.0)
+
+
+STUCK_ON = failure("stuck_on_29")
+STUCK_OFF = failure("stuck_off_11")
+VERNIER = failure("vernier_stuck_on_39")
+LEAK = failure("leak_24")
+UNSEEN_LEAK = failure("leak_27")
