@@ -45,7 +45,7 @@ def setting() -> Setting:
     )
 
 
-def tested(jet: int, force: float, commanded: tuple[int, ...] = ()) -> tuple[JetTests, Isolation]:
+def noise_free(jet: int, force: float, commanded: tuple[int, ...] = ()) -> tuple[JetTests, Isolation]:
     """The tests of a failure without noise.
 
     Args:
@@ -126,7 +126,7 @@ def _sampled(seed: int, *, gaussian: bool) -> dict[str, Array]:
 
 
 def vernier_gaussian(seed: int) -> dict[str, Array]:
-    """Whether the jet is named, and is the likeliest of its cluster, with vernier 39 on, Gaussian noise, all jets off."""
+    """Whether vernier 39, stuck on, is named, and is the likeliest of its cluster; Gaussian noise, all jets off."""
     here = setting()
     random = np.random.default_rng([seed, 3])
     off = np.ones(len(here.clusters), dtype=bool)

@@ -4,18 +4,28 @@ from __future__ import annotations
 
 from massprop_drake.errors import InputError, suggestion
 from massprop_drake.reproduction.entries import (
+    conclusions,
+    drawings,
+    errata,
     failures,
     maneuver,
     mass,
     rotation,
+    soft_failures,
+    tables,
 )
 from massprop_drake.reproduction.entry import Entry
 
 ENTRIES: tuple[Entry, ...] = (
+    *drawings.ENTRIES,
+    *tables.ENTRIES,
     *maneuver.ENTRIES,
     *rotation.ENTRIES,
     *mass.ENTRIES,
     *failures.ENTRIES,
+    *soft_failures.ENTRIES,
+    *conclusions.ENTRIES,
+    *errata.ENTRIES,
 )
 
 

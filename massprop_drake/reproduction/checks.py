@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+import itertools
 import math
+from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from massprop_drake import settings as make
+from massprop_drake.maths import rigid_body, rotation_filter
 from massprop_drake.maths.adaptation import CORRECT, CORRECT_THESIS, NO_ADAPTATION, Adaptation
 from massprop_drake.maths.jet_failures import jet_tests
+from massprop_drake.maths.linear_algebra import inverse_positive_definite, skew
 from massprop_drake.maths.mass_filter import MassSample, MassSettings, MassState, Rotation, innovate, measure, update
 from massprop_drake.maths.mass_jump import empty_window, jump_test
+from massprop_drake.maths.rotation_filter import RotationSample, RotationState, rate_increment
 from massprop_drake.reproduction.analytic import setting
 from massprop_drake.reproduction.measures import orbiter
 from massprop_drake.scenario import load_scenario
@@ -60,7 +66,7 @@ def mass_jump_variance(seed: int) -> dict[str, Array]:
     for gain in (0.8, 0.004):
         variance = alone * gain / (1.0 - gain)
         errors = []
-        for _ in range(500):
+        for _ in range(1000):
             before = MassState(truth + math.sqrt(variance) * random.standard_normal(), variance, empty_window(1))
             jumped = truth + 3e-5 * random.standard_normal()
             velocity = _PUSH * jumped + np.sqrt(noise.diagonal()) * random.standard_normal(3)
@@ -86,7 +92,7 @@ def window_false_alarms(seed: int) -> dict[str, Array]:
     above = np.zeros(3)
     count = 1500
     variance, noise = 1e-12, _noise()
-    information = np.linalg.inv(noise + np.outer(_PUSH, _PUSH) * variance)
+    information = inverse_positive_definite(noise + np.outer(_PUSH, _PUSH) * variance)
     share = variance * float(_PUSH @ information @ _PUSH)
     for _ in range(count):
         window = empty_window(5)
@@ -100,8 +106,8 @@ def window_false_alarms(seed: int) -> dict[str, Array]:
 def corrections(seed: int) -> dict[str, Array]:
     """Variance of 1/m after a sample corrected for a leak, true over claimed: ours, and the thesis's (4-34).
 
-    With a gyro a thousand times coarser than the orbiter's, where the two differ: else rotation alone says how
-    large the leak is, and next to nothing is lost.
+    With so coarse a gyro that the two differ: the orbiter's alone says how large the leak is, and next to nothing
+    of the translation is spent on it.
     """
     random = np.random.default_rng([seed, 12])
     here = setting()
@@ -110,8 +116,8 @@ def corrections(seed: int) -> dict[str, Array]:
     noise = _noise()
     signature = here.coefficients[23]  # jet 24, its force much along _PUSH
     variance = 0.5 / float(_PUSH @ np.linalg.solve(noise, _PUSH))
-    # a coarse gyro, so that it is the same translation that shows the leak and is corrected for it
-    weights = here.information * np.repeat([1.0, 1e-6], 3)
+    # so coarse a gyro that it is the translation alone that shows the leak, and is corrected for it
+    weights = here.information * np.repeat([1.0, 1e-9], 3)
     spread = 1.0 / np.sqrt(weights.diagonal())
     nothing = np.zeros(len(here.clusters), dtype=bool)
     errors: dict[int, list[float]] = {CORRECT: [], CORRECT_THESIS: []}
@@ -128,12 +134,10 @@ def corrections(seed: int) -> dict[str, Array]:
         tests = jet_tests(here.coefficients, residual, information, nothing, nothing)
         effect = tests.magnitude[23] * signature
         scatter = tests.variance[23] * np.outer(signature, signature)
-        for action in errors:
-            correction = Adaptation(
-                action, effect[:3], effect[3:], scatter[:3, :3], scatter[3:, 3:], mass_jumped=False
-            )
+        for action, found in errors.items():
+            correction = Adaptation(action, effect[:3], effect[3:], scatter[:3, :3], scatter[3:, 3:], mass_jumped=False)
             after = update(before, sample, innovation, correction, own).state
-            errors[action].append(after.mass_reciprocal - truth)
+            found.append(after.mass_reciprocal - truth)
             claimed[action] = after.variance
     return {
         name: np.array([np.mean(np.square(errors[action])) / claimed[action]])
@@ -147,3 +151,135 @@ def whiteness(seed: int) -> dict[str, Array]:
     truth = np.cumsum(random.uniform(10.0, 30.0, 4000))
     noise = np.diff(np.round(truth) - truth)
     return {"correlation": np.array([float(np.corrcoef(noise[1:], noise[:-1])[0, 1])])}
+
+
+def first_updates(_: int) -> dict[str, Array]:
+    """Error of Ixx^-1 after one exact rate increment, %, for pairs and triples of primary jets that roll the orbiter.
+
+    Those whose rate increment about x is at least twice that about y and z.
+    """
+    vehicle = orbiter()
+    truth = vehicle.nominal.vector()[:9]
+    impulses = vehicle.wrenches * vehicle.sample_period_s
+    primary = [index for index, jet in enumerate(vehicle.jets) if jet.kind == "primary"]
+    errors = []
+    for count in (2, 3):
+        for jets in itertools.combinations(primary, count):
+            angular, linear = np.split(impulses[list(jets)].sum(axis=0), 2)
+            increment = np.abs(rate_increment(truth, angular, linear))
+            if increment[0] >= 2.0 * increment[1:].max():
+                errors.append(first_update(jets))
+    return {"percent": np.array(errors)}
+
+
+def first_update(jets: Sequence[int]) -> float:
+    """Error of Ixx^-1 after one exact rate increment by some jets, by index, %; from zero with 100 % uncertainty."""
+    vehicle = orbiter()
+    truth = vehicle.nominal.vector()[:9]
+    start = RotationState(np.zeros(9), np.diag(truth**2))
+    angular, linear = np.split(vehicle.wrenches[list(jets)].sum(axis=0) * vehicle.sample_period_s, 2)
+    variance = vehicle.gyros[0].variance
+    increment = rate_increment(truth, angular, linear)
+    noise = 2.0 * variance * np.eye(3)
+    sample = RotationSample(increment, np.zeros(3), noise, variance, angular, linear, firing=True)
+    innovation = rotation_filter.innovate(start, sample, False, _rotation())
+    after = rotation_filter.update(start, sample, innovation, NO_ADAPTATION, _rotation()).state.estimate
+    return float(100.0 * abs(after[0] - truth[0]) / truth[0])
+
+
+@lru_cache(maxsize=1)
+def _rotation() -> rotation_filter.RotationSettings:
+    return make.rotation_settings(load_scenario("sample_maneuver", ["rotation.jump=none"]))
+
+
+def momentum(_: int) -> dict[str, Array]:
+    """Relative change of the angular momentum in inertial axes over 50 s of tumbling without jets."""
+    properties = orbiter().nominal
+    body = rigid_body.body_of(properties)
+    state = rigid_body.initial_state(properties.mass)
+    state[rigid_body.RATE] = np.radians([0.5, -0.4, 0.3])
+    before = rigid_body.angular_momentum(state, properties)
+    for _step in range(625):
+        state = rigid_body.step(state, np.zeros(7), np.zeros((0, 7)), (), 0.08, body)
+    change = rigid_body.angular_momentum(state, properties) - before
+    return {"change": np.array([np.linalg.norm(change) / np.linalg.norm(before)])}
+
+
+def arms(_: int) -> dict[str, Array]:
+    """Torques about the center of mass by (1-4), r = r' - r'_cm, against wrenches about the origin, ft-lbf."""
+    vehicle = orbiter()
+    center = vehicle.nominal.center_of_mass
+    direct = np.cross(vehicle.positions - center, vehicle.thrusts)
+    shifted = vehicle.wrenches[:, :3] - np.cross(center, vehicle.wrenches[:, 3:])
+    return {"difference": np.array([np.abs(direct - shifted).max()])}
+
+
+def second_order_parts(seed: int) -> dict[str, Array]:
+    """Bias (2-118), D (2-121) and H (2-102) of the filter against the 9 by 9 matrices (2-53), (2-54), relative."""
+    random = np.random.default_rng([seed, 14])
+    root, estimate = random.standard_normal((9, 9)), random.standard_normal(9)
+    covariance = root @ root.T
+    angular, linear = random.standard_normal((2, 3))
+    blocks = _curvatures(linear)
+    bias = np.array([0.5 * np.trace(block @ covariance) for block in blocks])
+    spread = [[0.5 * np.trace(one @ covariance @ two @ covariance) for two in blocks] for one in blocks]
+    jacobian = np.hstack([rotation_filter.angular_block(angular), np.zeros((3, 3))]) + blocks @ estimate
+    own = rotation_filter.second_order_terms(covariance, linear)
+    own_jacobian = rotation_filter.rate_increment_jacobian(estimate, angular, linear)
+    pairs = ((own[0], bias), (own[1], np.array(spread)), (own_jacobian, jacobian))
+    return {"difference": np.array([np.abs(one - two).max() / np.abs(two).max() for one, two in pairs])}
+
+
+def _curvatures(linear: Array) -> Array:
+    """Lambda^i of (2-54), shape (3, 9, 9)."""
+    b = skew(linear)
+    blocks = np.zeros((3, 9, 9))
+    # rows of B^i in the order 11, 22, 33, 23, 13, 12: element (i, j) of the inverse inertia multiplies b_j
+    for row, (i, j) in enumerate(((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))):
+        blocks[i, row, 6:] = b[j]
+        blocks[j, row, 6:] = b[i]
+    result: Array = blocks + blocks.transpose(0, 2, 1)
+    return result
+
+
+def wiring(_: int) -> dict[str, Array]:
+    """What is missing of figures 1-1 to 1-4 in the diagrams: connections of the loop, measured inputs, parameters."""
+    from massprop_drake import graphs  # noqa: PLC0415 (loads Drake)
+
+    loop = graphs.build("closed_loop")
+    found = {(there[0].get_name(), here[0].get_name()) for here, there in loop.connection_map().items()}
+    wanted = {
+        ("autopilot", "vehicle"),
+        ("vehicle", "autopilot"),
+        ("vehicle", "estimation"),
+        ("autopilot", "estimation"),
+        ("estimation", "autopilot"),
+    }
+    estimation = graphs.build("estimation")
+    inputs = {estimation.get_input_port(index).get_name() for index in range(estimation.num_input_ports())}
+    true = {"body_state", "structure", "mass_properties", "thrust"}
+    return {
+        "missing": np.array([float(len(wanted - found))]),
+        "true_inputs": np.array([float(len(inputs & true))]),
+        "parameters": np.array([float(estimation.GetOutputPort("estimate").size())]),
+    }
+
+
+def matched_filters(_: int) -> dict[str, Array]:
+    """Force and argument of every jet (4-25), (4-28) against a weighted least-squares fit of each, relative."""
+    here = setting()
+    random = np.random.default_rng(15)
+    off = np.zeros(len(here.clusters), dtype=bool)
+    root = np.sqrt(here.information)
+    largest = 0.0
+    for _sample in range(20):
+        residual = random.standard_normal(6) / root.diagonal()
+        tests = jet_tests(here.coefficients, residual, here.information, off, off)
+        for jet, signature in enumerate(here.coefficients):
+            fit, *_ = np.linalg.lstsq((root @ signature)[:, None], root @ residual, rcond=None)
+            force = float(fit[0])
+            left = root @ (residual - force * signature)
+            gained = float(residual @ here.information @ residual - left @ left)
+            largest = max(largest, abs(tests.magnitude[jet] - force) / (abs(force) + 1.0))
+            largest = max(largest, abs(tests.likelihood[jet] - gained) / (gained + 1.0))
+    return {"difference": np.array([largest])}

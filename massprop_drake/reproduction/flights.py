@@ -33,6 +33,14 @@ TRANSVERSE = HYBRID
 NO_COVARIANCE = maneuver("no_covariance", "mass.compensation_covariance=false")
 NO_COMPENSATION = maneuver("no_compensation", "mass.compensation=none", "mass.compensation_covariance=false")
 
+# jets selected anew for small rate errors: fewer of the samples of a translation are steady
+_CLOSELY_HELD = ("autopilot.resolve_rate=0.000349065850", "autopilot.resolve_after_s=0.16")  # 0.02 deg/s
+CLOSELY_HELD = maneuver("closely_held", *_CLOSELY_HELD)
+CLOSELY_HELD_NONE = maneuver(
+    "closely_held_none", *_CLOSELY_HELD, "mass.compensation=none", "mass.compensation_covariance=false"
+)
+CLOSELY_HELD_T = maneuver("closely_held_t", *_CLOSELY_HELD, "mass.compensation_covariance=false")
+
 MIDDLE = HYBRID
 LEFT = maneuver("left", "sensors.accelerometer=acc1")
 
@@ -54,9 +62,7 @@ SINGLE_EQUAL = replace(maneuver("single_equal", _EQUAL), seeds=1)
 WEIGHTED_EQUAL = replace(combined("weighted_average", _EQUAL, name="weighted_equal"), seeds=1)
 
 INCREMENTED = maneuver("incremented", "rotation.jump=covariance_increment")
-INCREMENTED_EARLY = maneuver(
-    "incremented_early", "rotation.jump=covariance_increment", "rotation.jump_threshold=11.34"
-)
+INCREMENTED_EARLY = maneuver("incremented_early", "rotation.jump=covariance_increment", "rotation.jump_threshold=11.34")
 
 _DETECTOR = (
     "detector.reconfigure_after=null",

@@ -130,7 +130,11 @@ def label(entry: Entry) -> str:
     kind, _, number = entry.name.partition("_")
     names = {"fig": "Figure", "table": "Table", "section": "Section"}
     separator = "." if kind == "section" else "-"
-    return f"{names[kind]} {number.replace('_', separator)}" if kind in names else entry.name.replace("_", " ").capitalize()
+    return (
+        f"{names[kind]} {number.replace('_', separator)}"
+        if kind in names
+        else entry.name.replace("_", " ").capitalize()
+    )
 
 
 _STYLE = """
@@ -176,7 +180,9 @@ def _section(result: Reproduced, folder: Path) -> str:
 
 def _row(outcome: Outcome) -> str:
     claim = outcome.claim
-    cells = "".join(f"<td>{_text(cell)}</td>" for cell in (claim.text, claim.thesis, _expected(outcome), outcome.measured))
+    cells = "".join(
+        f"<td>{_text(cell)}</td>" for cell in (claim.text, claim.thesis, _expected(outcome), outcome.measured)
+    )
     why = f'<div class="why">{_text(outcome.why)}</div>' if outcome.why else ""
     return f'<tr>{cells}<td class="verdict {_CLASSES[outcome.verdict]}">{outcome.verdict.value}{why}</td></tr>'
 

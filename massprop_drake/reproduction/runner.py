@@ -145,11 +145,9 @@ def _run_one(case: Case, seed: int, path: Path) -> None:
 
 def write_result(path: Path, result: Signals) -> None:
     """Writes one result, whole or not at all."""
-    with tempfile.NamedTemporaryFile(
-        dir=path.parent, prefix=f".{path.stem}.", suffix=_PARTIAL, delete=False
-    ) as file:
+    with tempfile.NamedTemporaryFile(dir=path.parent, prefix=f".{path.stem}.", suffix=_PARTIAL, delete=False) as file:
         try:
-            np.savez_compressed(file, **{name: np.asarray(array) for name, array in result.items()})
+            np.savez_compressed(file, **result)  # type: ignore[arg-type]
         except BaseException:
             with contextlib.suppress(OSError):
                 os.unlink(file.name)

@@ -170,7 +170,7 @@ def _exact(jet: int, force: float, what: str, commanded: tuple[int, ...] = ()) -
     """A measure: argument or margin of a failure without noise, at table 5-2's truth."""
 
     def measure(_: Phase) -> float:
-        tests, isolation = analytic.tested(jet, force, commanded)
+        tests, isolation = analytic.noise_free(jet, force, commanded)
         values = {
             "argument": tests.likelihood[jet - 1],
             "cluster": isolation.cluster_margin,
@@ -217,7 +217,11 @@ def _margins(title: str) -> Callable[[Phases], Figure]:
         run = phases[0]["flight"]
         shown = (run["tested"][:, 0] != 0.0) & during(run, 49.0, 58.0)
         for panel, name, label, colour in zip(
-            axes, ("jet_margin", "cluster_margin"), ("(a) within the cluster", "(b) between clusters"), COLOURS, strict=False
+            axes,
+            ("jet_margin", "cluster_margin"),
+            ("(a) within the cluster", "(b) between clusters"),
+            COLOURS,
+            strict=False,
         ):
             panel.plot(run["time_s"][shown], np.maximum(run[name][shown, 0], 0.05), ".", color=colour, ms=4)
             panel.axhline(_MARGIN, color=TRUTH_COLOUR, linewidth=0.8, linestyle="--")
@@ -289,11 +293,27 @@ _STUCK_ON = (
         "Margins, jet 29 stuck on",
         {"flight": STUCK_ON},
         (
-            Claim(2, "margin (b) at the first sample", "cluster isolated at the first sample", AtLeast(_MARGIN), _first("cluster_margin", tested)),
-            Claim(2, "margin (a) at the first sample", "jet isolated at the first sample", AtLeast(_MARGIN), _first("jet_margin", tested)),
+            Claim(
+                2,
+                "margin (b) at the first sample",
+                "cluster isolated at the first sample",
+                AtLeast(_MARGIN),
+                _first("cluster_margin", tested),
+            ),
+            Claim(
+                2,
+                "margin (a) at the first sample",
+                "jet isolated at the first sample",
+                AtLeast(_MARGIN),
+                _first("jet_margin", tested),
+            ),
             Claim(2, "margin (a) without noise", "(expected 289, next jet 30)", Near(289, 0.5), _exact(29, _ON, "jet")),
             Claim(
-                2, "margin (b) without noise", "(expected 17 800, next cluster 7)", Near(17800, 50), _exact(29, _ON, "cluster")
+                2,
+                "margin (b) without noise",
+                "(expected 17 800, next cluster 7)",
+                Near(17800, 50),
+                _exact(29, _ON, "cluster"),
             ),
             Claim(
                 3,
@@ -317,7 +337,13 @@ _STUCK_ON = (
                 _exact(29, _ON, "cluster", (17,)),
             ),
             Claim(5, "least of both margins from 50 to 58 s", "margin always > 10", AtLeast(10.0), _least_margin),
-            Claim(5, "share of tested samples that name jet 29", "isolation always right", AtLeast(1.0), _right(29, tested)),
+            Claim(
+                5,
+                "share of tested samples that name jet 29",
+                "isolation always right",
+                AtLeast(1.0),
+                _right(29, tested),
+            ),
         ),
         {"fig_5_17": _margins("Largest minus next-largest argument, jet 29 stuck on (figure 5-17)")},
     ),
@@ -327,7 +353,14 @@ _STUCK_ON = (
         {"flight": STUCK_ON},
         (
             Claim(6, "RMS error of the force", "within 1 lbf", AtMost(1.0), _force_error(29, _ON, tested, rms), "lbf"),
-            Claim(6, "largest error of the force", "within 1 lbf over the entire period (allow 3 sigma)", AtMost(2.9), _force_error(29, _ON, tested, _largest), "lbf"),
+            Claim(
+                6,
+                "largest error of the force",
+                "within 1 lbf over the entire period (allow 3 sigma)",
+                AtMost(2.9),
+                _force_error(29, _ON, tested, _largest),
+                "lbf",
+            ),
             Claim(6, "1-sigma of the force", "(expected 0.97)", Near(0.97, 0.005), _exact(29, _ON, "std"), "lbf"),
         ),
         {"fig_5_18": _magnitudes("Estimated failure force, jet 29 stuck on (figure 5-18)", 29, _ON, best=False)},
@@ -345,11 +378,15 @@ _STUCK_OFF = (
                 "orders of magnitude of the median argument while jet 11 is commanded",
                 "comparable with the stuck-on case (order 10⁵ to 10⁶)",
                 AtLeast(5.0),
-                lambda phase: float(
-                    np.log10(np.median(phase["flight"]["likelihood"][_jet_11(phase["flight"]), 10]))
-                ),
+                lambda phase: float(np.log10(np.median(phase["flight"]["likelihood"][_jet_11(phase["flight"]), 10]))),
             ),
-            Claim(1, "argument without noise", "(expected 1.08e6)", Near(1.08e6, 0.5e4), _exact(11, _OFF, "argument", (11,))),
+            Claim(
+                1,
+                "argument without noise",
+                "(expected 1.08e6)",
+                Near(1.08e6, 0.5e4),
+                _exact(11, _OFF, "argument", (11,)),
+            ),
         ),
         {"fig_5_19": _history("Likelihood argument, jet 11 stuck off (figure 5-19)", 11, of_cluster=False)},
     ),
@@ -358,12 +395,48 @@ _STUCK_OFF = (
         "Margins, jet 11 stuck off",
         {"flight": STUCK_OFF},
         (
-            Claim(2, "margin (b) at the first sample that shows it", "detection and isolation at the first sample after the failure", AtLeast(_MARGIN), _first("cluster_margin", _jet_11)),
-            Claim(2, "margin (a) at the first sample that shows it", "isolation at the first sample", AtLeast(_MARGIN), _first("jet_margin", _jet_11)),
-            Claim(2, "share of samples with jet 11 commanded that name it", "isolation right", AtLeast(1.0), _right(11, _jet_11)),
-            Claim(2, "margin (b) without noise", "(expected 1 940, next cluster 2)", Near(1940, 5), _exact(11, _OFF, "cluster", (11,))),
-            Claim(2, "margin (a) without noise, jet 12 also on", "(expected 2.0e4)", Near(2.0e4, 0.05e4), _exact(11, _OFF, "jet", (11, 12))),
-            Claim(2, "margin (a) without noise, jet 12 off", "(expected about 1e6)", AtLeast(0.95e6), _exact(11, _OFF, "jet", (11,))),
+            Claim(
+                2,
+                "margin (b) at the first sample that shows it",
+                "detection and isolation at the first sample after the failure",
+                AtLeast(_MARGIN),
+                _first("cluster_margin", _jet_11),
+            ),
+            Claim(
+                2,
+                "margin (a) at the first sample that shows it",
+                "isolation at the first sample",
+                AtLeast(_MARGIN),
+                _first("jet_margin", _jet_11),
+            ),
+            Claim(
+                2,
+                "share of samples with jet 11 commanded that name it",
+                "isolation right",
+                AtLeast(1.0),
+                _right(11, _jet_11),
+            ),
+            Claim(
+                2,
+                "margin (b) without noise",
+                "(expected 1 940, next cluster 2)",
+                Near(1940, 5),
+                _exact(11, _OFF, "cluster", (11,)),
+            ),
+            Claim(
+                2,
+                "margin (a) without noise, jet 12 also on",
+                "(expected 2.0e4)",
+                Near(2.0e4, 0.05e4),
+                _exact(11, _OFF, "jet", (11, 12)),
+            ),
+            Claim(
+                2,
+                "margin (a) without noise, jet 12 off",
+                "(expected about 1e6)",
+                AtLeast(0.95e6),
+                _exact(11, _OFF, "jet", (11,)),
+            ),
         ),
         {"fig_5_20": _margins("Largest minus next-largest argument, jet 11 stuck off (figure 5-20)")},
     ),
@@ -372,8 +445,17 @@ _STUCK_OFF = (
         "Failure magnitude, jet 11 stuck off",
         {"flight": STUCK_OFF},
         (
-            Claim(3, "RMS error of the force while commanded", "accurate to 1 lbf", AtMost(1.0), _force_error(11, _OFF, _jet_11, rms), "lbf"),
-            Claim(3, "1-sigma of the force", "(expected 0.84)", Near(0.84, 0.005), _exact(11, _OFF, "std", (11,)), "lbf"),
+            Claim(
+                3,
+                "RMS error of the force while commanded",
+                "accurate to 1 lbf",
+                AtMost(1.0),
+                _force_error(11, _OFF, _jet_11, rms),
+                "lbf",
+            ),
+            Claim(
+                3, "1-sigma of the force", "(expected 0.84)", Near(0.84, 0.005), _exact(11, _OFF, "std", (11,)), "lbf"
+            ),
             Claim(
                 4,
                 "RMS of the force while not commanded",
@@ -412,7 +494,9 @@ _VERNIER = (
                 Near(1.4e-3, 0.5e-4),
                 lambda phase: _exact(39, _VERNIER_FORCE, "argument")(phase) / _exact(29, _ON, "argument")(phase),
             ),
-            Claim(1, "argument without noise", "(expected 1 121)", Near(1121, 0.5), _exact(39, _VERNIER_FORCE, "argument")),
+            Claim(
+                1, "argument without noise", "(expected 1 121)", Near(1121, 0.5), _exact(39, _VERNIER_FORCE, "argument")
+            ),
         ),
         {"fig_5_22": _history("Cluster likelihood argument, vernier 39 stuck on (figure 5-22)", 39, of_cluster=True)},
     ),
@@ -421,9 +505,23 @@ _VERNIER = (
         "Margins, vernier 39 stuck on",
         {"flight": VERNIER, "gaussian": Calculation("vernier_gaussian", analytic.vernier_gaussian, seeds=20)},
         (
-            Claim(1, "margin (b) at the first sample", "cluster detected and isolated at the first sample", AtLeast(_MARGIN), _first("cluster_margin", tested)),
-            Claim(1, "share of tested samples that name cluster 4", "cluster isolated", AtLeast(0.99), _right_cluster(39)),
-            Claim(1, "margin (b) without noise", "(expected 582, next cluster 2)", Near(582, 0.5), _exact(39, _VERNIER_FORCE, "cluster")),
+            Claim(
+                1,
+                "margin (b) at the first sample",
+                "cluster detected and isolated at the first sample",
+                AtLeast(_MARGIN),
+                _first("cluster_margin", tested),
+            ),
+            Claim(
+                1, "share of tested samples that name cluster 4", "cluster isolated", AtLeast(0.99), _right_cluster(39)
+            ),
+            Claim(
+                1,
+                "margin (b) without noise",
+                "(expected 582, next cluster 2)",
+                Near(582, 0.5),
+                _exact(39, _VERNIER_FORCE, "cluster"),
+            ),
             Claim(
                 3,
                 "number of the first sample that names the jet",
@@ -457,11 +555,43 @@ _VERNIER = (
                     ),
                 ),
             ),
-            Claim(3, "share of tested samples that name the jet", "isolation to the jet is marginal", AtMost(0.5), lambda phase: float(_named(phase["flight"]).mean())),
-            Claim(3, "the same of independent samples with Gaussian noise", "(expected 0.17)", Near(0.17, 0.02), lambda phases: float(np.mean([phase["gaussian"]["named"].mean() for phase in phases])), pooled=True),
-            Claim(3, "mean margin (a) without noise", "(expected 2.8, next jet 9)", Near(2.8, 0.05), _exact(39, _VERNIER_FORCE, "jet")),
-            Claim(3, "share of samples whose likeliest jet is the right one", "the best jet is mostly right", AtLeast(0.5), _best_is_right(39)),
-            Claim(3, "the same of independent samples with Gaussian noise", "(expected 0.80)", Near(0.80, 0.02), lambda phases: float(np.mean([phase["gaussian"]["best"].mean() for phase in phases])), pooled=True),
+            Claim(
+                3,
+                "share of tested samples that name the jet",
+                "isolation to the jet is marginal",
+                AtMost(0.5),
+                lambda phase: float(_named(phase["flight"]).mean()),
+            ),
+            Claim(
+                3,
+                "the same of independent samples with Gaussian noise",
+                "(expected 0.17)",
+                Near(0.17, 0.02),
+                lambda phases: float(np.mean([phase["gaussian"]["named"].mean() for phase in phases])),
+                pooled=True,
+            ),
+            Claim(
+                3,
+                "mean margin (a) without noise",
+                "(expected 2.8, next jet 9)",
+                Near(2.8, 0.05),
+                _exact(39, _VERNIER_FORCE, "jet"),
+            ),
+            Claim(
+                3,
+                "share of samples whose likeliest jet is the right one",
+                "the best jet is mostly right",
+                AtLeast(0.5),
+                _best_is_right(39),
+            ),
+            Claim(
+                3,
+                "the same of independent samples with Gaussian noise",
+                "(expected 0.80)",
+                Near(0.80, 0.02),
+                lambda phases: float(np.mean([phase["gaussian"]["best"].mean() for phase in phases])),
+                pooled=True,
+            ),
         ),
         {"fig_5_23": _margins("Largest minus next-largest argument, vernier 39 stuck on (figure 5-23)")},
     ),
@@ -470,10 +600,28 @@ _VERNIER = (
         "Failure magnitude, vernier 39 stuck on",
         {"flight": VERNIER},
         (
-            Claim(4, "RMS error of the force", "within 1 lbf", AtMost(1.0), _force_error(39, _VERNIER_FORCE, tested, rms), "lbf"),
-            Claim(4, "1-sigma of the force", "(expected 0.73)", Near(0.73, 0.005), _exact(39, _VERNIER_FORCE, "std"), "lbf"),
+            Claim(
+                4,
+                "RMS error of the force",
+                "within 1 lbf",
+                AtMost(1.0),
+                _force_error(39, _VERNIER_FORCE, tested, rms),
+                "lbf",
+            ),
+            Claim(
+                4,
+                "1-sigma of the force",
+                "(expected 0.73)",
+                Near(0.73, 0.005),
+                _exact(39, _VERNIER_FORCE, "std"),
+                "lbf",
+            ),
         ),
-        {"fig_5_24": _magnitudes("Estimated failure force, vernier 39 stuck on (figure 5-24)", 39, _VERNIER_FORCE, best=True)},
+        {
+            "fig_5_24": _magnitudes(
+                "Estimated failure force, vernier 39 stuck on (figure 5-24)", 39, _VERNIER_FORCE, best=True
+            )
+        },
     ),
 )
 
@@ -490,7 +638,9 @@ _LEAK = (
                 AtLeast(1.0),
                 _orders(24, tested),
             ),
-            Claim(1, "argument without noise", "(expected 260)", Near(260, 0.5), _exact(24, 0.015 * 691.018, "argument")),
+            Claim(
+                1, "argument without noise", "(expected 260)", Near(260, 0.5), _exact(24, 0.015 * 691.018, "argument")
+            ),
         ),
         {"fig_5_25": _history("Cluster likelihood argument, jet 24 leaking (figure 5-25)", 24, of_cluster=True)},
     ),
@@ -499,13 +649,51 @@ _LEAK = (
         "Margins, jet 24 leaking 1.5 %",
         {"flight": LEAK},
         (
-            Claim(1, "margin (b) at the first sample", "cluster detected and isolated at the first sample", AtLeast(_MARGIN), _first("cluster_margin", tested)),
-            Claim(1, "share of tested samples that name cluster 10", "cluster isolated", AtLeast(0.95), _right_cluster(24)),
-            Claim(1, "margin (b) without noise", "(expected 81, next cluster 8)", Near(81, 0.5), _exact(24, 0.015 * 691.018, "cluster")),
-            Claim(2, "samples that name a jet", "no isolation to the jet in the whole run", AtMost(0.0), lambda phase: float(_named(phase["flight"]).sum())),
-            Claim(2, "mean margin (a) without noise", "(expected 0.04, next jet 25)", Near(0.04, 0.005), _exact(24, 0.015 * 691.018, "jet")),
-            Claim(2, "1 where the largest margin (a) belongs to a jet that has not failed", "a lower threshold would first have isolated a wrong jet", AtLeast(1.0), _first_at_lower_threshold),
-            Claim(2, "share of samples whose likeliest jet is a wrong one of the cluster", "jets 24, 25, 26 and 42 compete", AtLeast(0.25), lambda phase: 1.0 - _best_is_right(24)(phase)),
+            Claim(
+                1,
+                "margin (b) at the first sample",
+                "cluster detected and isolated at the first sample",
+                AtLeast(_MARGIN),
+                _first("cluster_margin", tested),
+            ),
+            Claim(
+                1, "share of tested samples that name cluster 10", "cluster isolated", AtLeast(0.95), _right_cluster(24)
+            ),
+            Claim(
+                1,
+                "margin (b) without noise",
+                "(expected 81, next cluster 8)",
+                Near(81, 0.5),
+                _exact(24, 0.015 * 691.018, "cluster"),
+            ),
+            Claim(
+                2,
+                "samples that name a jet",
+                "no isolation to the jet in the whole run",
+                AtMost(0.0),
+                lambda phase: float(_named(phase["flight"]).sum()),
+            ),
+            Claim(
+                2,
+                "mean margin (a) without noise",
+                "(expected 0.04, next jet 25)",
+                Near(0.04, 0.005),
+                _exact(24, 0.015 * 691.018, "jet"),
+            ),
+            Claim(
+                2,
+                "1 where the largest margin (a) belongs to a jet that has not failed",
+                "a lower threshold would first have isolated a wrong jet",
+                AtLeast(1.0),
+                _first_at_lower_threshold,
+            ),
+            Claim(
+                2,
+                "share of samples whose likeliest jet is a wrong one of the cluster",
+                "jets 24, 25, 26 and 42 compete",
+                AtLeast(0.25),
+                lambda phase: 1.0 - _best_is_right(24)(phase),
+            ),
         ),
         {"fig_5_26": _margins("Largest minus next-largest argument, jet 24 leaking (figure 5-26)")},
     ),
@@ -514,8 +702,17 @@ _LEAK = (
         "Failure magnitude, jet 24 leaking 1.5 %",
         {"flight": LEAK},
         (
-            Claim(3, "RMS error of the force", "within 1 lbf", AtMost(1.0), _force_error(24, _LEAK_FORCE, tested, rms), "lbf"),
-            Claim(3, "1-sigma of the force", "(expected 0.64)", Near(0.64, 0.005), _exact(24, _LEAK_FORCE, "std"), "lbf"),
+            Claim(
+                3,
+                "RMS error of the force",
+                "within 1 lbf",
+                AtMost(1.0),
+                _force_error(24, _LEAK_FORCE, tested, rms),
+                "lbf",
+            ),
+            Claim(
+                3, "1-sigma of the force", "(expected 0.64)", Near(0.64, 0.005), _exact(24, _LEAK_FORCE, "std"), "lbf"
+            ),
         ),
         {"fig_5_27": _magnitudes("Estimated failure force, jet 24 leaking (figure 5-27)", 24, _LEAK_FORCE, best=True)},
     ),

@@ -24,8 +24,8 @@ from massprop_drake.reproduction.drawing import curves, panels
 from massprop_drake.reproduction.entry import Entry
 from massprop_drake.reproduction.flights import HYBRID, RESOLVED_EARLY
 from massprop_drake.reproduction.measures import DEGREES, at, during, maneuver_windows, on_times_s, orbiter, rms
-from massprop_drake.signals import AXES
 from massprop_drake.scenario import HandControllerWindow
+from massprop_drake.signals import AXES
 
 _FLIGHT = {"flight": HYBRID}
 _PAIRS = ((38.0, 40.0), (41.0, 43.0), (44.0, 46.0))  # two axes at once, the second of three seconds on
@@ -297,9 +297,7 @@ ENTRIES = (
         _FLIGHT,
         (
             Claim(1, "jet firings in 50 s", "118 jet firings commanded", Printed(118), _firings),
-            Claim(
-                1, "jet firings in 50 s", "of that order: 80 to 160", Between(80, 160), _firings
-            ),
+            Claim(1, "jet firings in 50 s", "of that order: 80 to 160", Between(80, 160), _firings),
             Claim(
                 2,
                 "longest firing in the rotations before 25 s",
