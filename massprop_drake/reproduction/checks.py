@@ -276,8 +276,7 @@ def matched_filters(_: int) -> dict[str, Array]:
         residual = random.standard_normal(6) / root.diagonal()
         tests = jet_tests(here.coefficients, residual, here.information, off, off)
         for jet, signature in enumerate(here.coefficients):
-            fit, *_ = np.linalg.lstsq((root @ signature)[:, None], root @ residual, rcond=None)
-            force = float(fit[0])
+            force = float(np.linalg.lstsq((root @ signature)[:, None], root @ residual, rcond=None)[0][0])
             left = root @ (residual - force * signature)
             gained = float(residual @ here.information @ residual - left @ left)
             largest = max(largest, abs(tests.magnitude[jet] - force) / (abs(force) + 1.0))

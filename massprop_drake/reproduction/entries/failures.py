@@ -67,8 +67,8 @@ def _orders(jet: int, which: Callable[[Signals], NDArray[np.bool_]]) -> Callable
 
 
 def _first(name: str, which: Callable[[Signals], NDArray[np.bool_]]) -> Callable[[Phase], float]:
-    """A measure: a margin at the first sample that shows the failure."""
-    return lambda phase: float(_column(phase["flight"], name, which(phase["flight"]))[0])
+    """A measure: a margin at the first sample that shows the failure; NaN: none does."""
+    return lambda phase: float(np.append(_column(phase["flight"], name, which(phase["flight"])), np.nan)[0])
 
 
 def _least_margin(phase: Phase) -> float:

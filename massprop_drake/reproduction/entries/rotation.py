@@ -251,7 +251,7 @@ ENTRIES = (
                 because=Because(
                     "it follows from the jets that fire first: an exact measurement of those here gives {:.1f} %. Over "
                     "all pairs and triples of primary jets that mainly roll the vehicle it is {:.1f} % in the median, "
-                    "below 4 % for {:.0%} and above 6 % for {:.0%} of them. After the second sample it is {:.1f} % here",
+                    "below 4 % for {:.0%} and above 6 % for {:.0%} of them. The second sample leaves {:.1f} % here",
                     (
                         _first_exactly,
                         lambda phase: float(np.median(phase["groups"]["percent"])),
