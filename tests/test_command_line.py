@@ -18,7 +18,7 @@ import yaml
 from massprop_drake import Run, cli, figures, graphs
 
 FILES = {"filter_state.json", "history.npz", "scenario.yaml", "summary.json", "telemetry.csv", "figures"}
-COMMANDS = ("list", "run", "graph", "check")
+COMMANDS = ("list", "run", "reproduce", "graph", "check")
 MANEUVER = "maneuver:\n  - {controller: rhc, axis: +x, start_s: 0.2, end_s: 1}\n"
 
 

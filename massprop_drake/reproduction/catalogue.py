@@ -13,6 +13,7 @@ from massprop_drake.reproduction.entries import (
     rotation,
     soft_failures,
     tables,
+    text,
 )
 from massprop_drake.reproduction.entry import Entry
 
@@ -22,6 +23,7 @@ ENTRIES: tuple[Entry, ...] = (
     *maneuver.ENTRIES,
     *rotation.ENTRIES,
     *mass.ENTRIES,
+    *text.ENTRIES,
     *failures.ENTRIES,
     *soft_failures.ENTRIES,
     *conclusions.ENTRIES,

@@ -64,6 +64,41 @@ WEIGHTED_EQUAL = replace(combined("weighted_average", _EQUAL, name="weighted_equ
 INCREMENTED = maneuver("incremented", "rotation.jump=covariance_increment")
 INCREMENTED_EARLY = maneuver("incremented_early", "rotation.jump=covariance_increment", "rotation.jump_threshold=11.34")
 
+# other manoeuvres of the same kinds, in another order and rhythm
+_OTHER = (
+    "maneuver=["
+    "{controller: rhc, axis: -z, start_s: 1, end_s: 3},"
+    "{controller: rhc, axis: +x, start_s: 5, end_s: 8},"
+    "{controller: thc, axis: -y, start_s: 11, end_s: 13},"
+    "{controller: rhc, axis: +y, start_s: 15, end_s: 18},"
+    "{controller: thc, axis: +z, start_s: 20, end_s: 22},"
+    "{controller: rhc, axis: -x, start_s: 24, end_s: 27},"
+    "{controller: thc, axis: +x, start_s: 29, end_s: 31},"
+    "{controller: rhc, axis: -x, start_s: 33, end_s: 37},"
+    "{controller: rhc, axis: -y, start_s: 33, end_s: 41},"
+    "{controller: rhc, axis: +z, start_s: 37, end_s: 45}]"
+)
+_TRANSLATION_FIRST = (
+    "maneuver=["
+    "{controller: thc, axis: +z, start_s: 1, end_s: 3},"
+    "{controller: rhc, axis: -z, start_s: 5, end_s: 8},"
+    "{controller: thc, axis: -y, start_s: 11, end_s: 13},"
+    "{controller: rhc, axis: +y, start_s: 15, end_s: 18},"
+    "{controller: rhc, axis: +x, start_s: 20, end_s: 23},"
+    "{controller: thc, axis: +x, start_s: 26, end_s: 28},"
+    "{controller: rhc, axis: -x, start_s: 31, end_s: 35},"
+    "{controller: rhc, axis: -y, start_s: 31, end_s: 39},"
+    "{controller: rhc, axis: +z, start_s: 35, end_s: 43}]"
+)
+OTHER = maneuver("other", _OTHER)
+OTHER_IGNORED = maneuver("other_ignored", _OTHER, "rotation.coupling=ignore")
+OTHER_EXTENDED = maneuver("other_extended", _OTHER, "rotation.filter=extended")
+OTHER_NONE = maneuver("other_none", _OTHER, "mass.compensation=none", "mass.compensation_covariance=false")
+TRANSLATION_FIRST = maneuver("translation_first", _TRANSLATION_FIRST)
+TRANSLATION_FIRST_INCREMENTED = maneuver(
+    "translation_first_incremented", _TRANSLATION_FIRST, "rotation.jump=covariance_increment"
+)
+
 _DETECTOR = (
     "detector.reconfigure_after=null",
     "detector.signature_uncertainty=false",

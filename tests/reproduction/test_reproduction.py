@@ -51,6 +51,7 @@ ROWS = {
     ("fig_5_19", "fig_5_20", "fig_5_21"): 4,
     ("fig_5_22", "fig_5_23", "fig_5_24"): 4,
     ("fig_5_25", "fig_5_26", "fig_5_27"): 3,
+    ("section_5_2",): 4,
     ("section_5_3_2",): 4,  # three of claims, one of sigmas
     ("section_6_1",): 5,
 }
