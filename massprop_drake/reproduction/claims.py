@@ -14,6 +14,7 @@ A pooled claim is about all phases together (an RMS, say); its spread comes of d
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
@@ -177,9 +178,9 @@ class Outcome:
     def measured(self) -> str:
         """The measured value in words: median, central 95 % and where the thesis's number falls."""
         unit = f" {self.claim.unit}" if self.claim.unit else ""
-        if np.ptp(self.values) == 0.0:
+        if (self.values == self.values[0]).all():
             return f"{number(self.center)}{unit}"
-        low, high = np.quantile(self.values, _CENTRAL)
+        low, high = _central(self.values)
         text = f"{number(self.center)}{unit} ({number(low)} to {number(high)})"
         if isinstance(self.claim.expect, Printed):
             return f"{text}, thesis at {100.0 * self.share:.0f} %"
@@ -214,7 +215,7 @@ def decide(expect: Expectation, values: Array) -> tuple[Verdict, float]:
         values: shape (n,); NaN meets nothing.
     """
     if isinstance(expect, Printed):
-        low, high = np.quantile(values, _CENTRAL)
+        low, high = _central(values)
         below = float(np.mean(values < expect.value) + 0.5 * np.mean(values == expect.value))
         return (Verdict.SPREAD if low <= expect.value <= high else Verdict.DIFFERS), below
     share = float(np.mean(expect.met(values)))
@@ -223,8 +224,17 @@ def decide(expect: Expectation, values: Array) -> tuple[Verdict, float]:
     return (Verdict.SPREAD if share >= SOME else Verdict.DIFFERS), share
 
 
+def _central(values: Array) -> tuple[float, float]:
+    """Ends of the central 95 %; where values are infinite or missing, one of the values itself."""
+    method = "linear" if np.isfinite(values).all() else "nearest"
+    low, high = np.quantile(values, _CENTRAL, method=method)  # type: ignore[call-overload]
+    return float(low), float(high)
+
+
 def number(value: float) -> str:
     """A number with three digits, short."""
+    if not math.isfinite(value):
+        return f"{value:g}"
     if value == 0.0 or 1e-3 <= abs(value) < 1e4:
         return f"{value:.3g}" if abs(value) < 1e3 else f"{value:.0f}"
     mantissa, exponent = f"{value:.2e}".split("e")

@@ -72,6 +72,13 @@ def test_measured_gives_median_spread_and_place() -> None:
     assert judge(claim(AtMost(50.0), unit="s"), phases([2.0])).measured == "2 s"
 
 
+def test_a_phase_without_a_value_is_shown_as_such() -> None:
+    outcome = judge(claim(AtMost(30.0)), phases([*TWENTY[:-1], np.inf]))
+    assert outcome.measured == "10.5 (1 to inf), met in 95 %"
+    assert outcome.verdict is Verdict.HOLDS
+    assert judge(claim(AtMost(30.0)), phases([np.inf] * 3)).measured == "inf"
+
+
 def test_only_a_difference_is_explained_by_what_is_measured() -> None:
     because = Because("it is {:.1f}", (lambda phase: 2.0 * float(phase["case"]["x"][0]),))
     assert judge(claim(AtMost(0.5), because=because), phases(TWENTY)).why == "it is 21.0"

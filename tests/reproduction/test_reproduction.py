@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -188,6 +189,19 @@ def test_a_calculation_is_found_by_other_processes() -> None:
         for case in entry.cases.values():
             if isinstance(case, Calculation):
                 assert "." not in case.function.__qualname__, case.name
+
+
+def test_the_example_of_the_docs_is_an_entry(tmp_path: Path) -> None:
+    text = (DOCS / "reproduction.md").read_text(encoding="utf-8")
+    first, second = re.findall(r"^```python\n(.*?)^```$", text, flags=re.DOTALL | re.MULTILINE)
+    scope: dict[str, Any] = {"__name__": "docs"}
+    exec(compile(first, "reproduction.md", "exec"), scope)
+    exec(compile(second, "reproduction.md", "exec"), scope)  # imports alone, in a module that is not run
+    flight = scope["RELEASE"]
+    quick = replace(flight, overrides=("duration_s=2", "jumps=[]"), seeds=2)
+    (result,) = reproduce([replace(scope["ENTRY"], cases={"flight": quick})], tmp_path)
+    assert result.outcomes[0].verdict == "holds"
+    assert [picture.name for picture in result.pictures] == ["fig_release.png"]
 
 
 def test_docs_show_every_entry() -> None:

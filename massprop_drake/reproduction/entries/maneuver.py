@@ -1,4 +1,4 @@
-"""Figures 5-2 to 5-5: the sample manoeuvre itself."""
+"""Figures 5-2 to 5-5: the sample maneuver itself."""
 
 from __future__ import annotations
 
@@ -227,7 +227,7 @@ ENTRIES = (
             Claim(
                 2,
                 "the same in the window where it is least",
-                "residual rates are there in every manoeuvre",
+                "residual rates are there in every maneuver",
                 AtLeast(1e-4),
                 lambda phase: min(_off_axis_by_window(phase["flight"], "rhc thc")),
                 "deg/s",

@@ -279,7 +279,7 @@ ENTRIES = (
             Claim(
                 1,
                 "mean of (a)",
-                "(no number; about 1.7 to 2 with quantised sensors)",
+                "(no number; about 1.7 to 2 with quantized sensors)",
                 Between(1.4, 2.2),
                 mean_nis("all", "mass"),
             ),
@@ -376,7 +376,7 @@ ENTRIES = (
         (
             Claim(
                 1,
-                "mean of the weighted average over that of a single sensor, equal quantiser phases",
+                "mean of the weighted average over that of a single sensor, equal quantizer phases",
                 "the weighted average is slightly more inconsistent",
                 AtLeast(1.05),
                 _more_inconsistent("weighted_equal", "single_equal"),
@@ -394,7 +394,7 @@ ENTRIES = (
                 "Consistency function of the mass filter, used samples (figure 5-15)",
                 {
                     "single_equal": "middle sensor",
-                    "weighted_equal": "three, weighted average, equal quantiser phases",
+                    "weighted_equal": "three, weighted average, equal quantizer phases",
                     "weighted": "three, weighted average, phases of their own",
                 },
             )

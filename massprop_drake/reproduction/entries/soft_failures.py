@@ -113,7 +113,7 @@ ENTRIES = (
             ),
             Claim(
                 1,
-                "jets named in at least half of the samples at 20 lbf, quantised sensors",
+                "jets named in at least half of the samples at 20 lbf, quantized sensors",
                 "isolation to the jet possible at 20 to 50 lbf, depending on the jet",
                 AtLeast(4),
                 _sampled("jet", 20.0),
@@ -138,7 +138,7 @@ ENTRIES = (
             ),
             Claim(
                 2,
-                "jets whose cluster is named in at least half of the samples at 10 lbf, quantised sensors",
+                "jets whose cluster is named in at least half of the samples at 10 lbf, quantized sensors",
                 "cluster isolated for most jets down to about 10 lbf",
                 AtLeast(23),
                 _sampled("cluster", 10.0),
