@@ -135,7 +135,7 @@ def run(
 def reproduce(
     out: Annotated[Path, typer.Option(help="Folder to write; goes on with what it holds.")] = Path("runs/reproduction"),
     only: Annotated[
-        list[str] | None, typer.Option(metavar="NAME", help="A figure or table, such as fig_5_6. Repeatable.")
+        list[str] | None, typer.Option(metavar="NAME", help="A figure or table alone, such as fig_5_6. Repeatable.")
     ] = None,
     as_json: Json = False,
     quiet: Quiet = False,

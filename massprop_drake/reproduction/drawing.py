@@ -29,7 +29,8 @@ def panels(count: int, title: str, *, windows: bool = True, height: float = 1.9)
         tidy(panel)
         for window in maneuver_windows() if windows else ():
             panel.axvspan(window.start_s, window.end_s, color=WINDOW_COLOUR, alpha=0.08, linewidth=0.0)
-    axes[-1].set_xlabel("time, s" + ("   (shaded: hand controller out of detent)" if windows else ""))
+    meaning = "   (line: first phase, band: central 95 % of the phases; shaded: hand controller out of detent)"
+    axes[-1].set_xlabel("time, s" + (meaning if windows else ""))
     return figure, axes
 
 

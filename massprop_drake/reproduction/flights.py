@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from massprop_drake.reproduction.cases import CONSISTENCY, DETECTION, ESTIMATES, MOTION, Flight
+from massprop_drake.reproduction.cases import CONSISTENCY, DETECTION, ESTIMATES, MOTION, PHASES, Flight
 
 LITERAL = ("rotation.jump=none", "detector.kind=off")
 
@@ -19,8 +19,9 @@ def maneuver(name: str, *overrides: str, signals: tuple[str, ...] = (*ESTIMATES,
     return Flight(name, "sample_maneuver", (*LITERAL, *overrides), signals)
 
 
-HYBRID = maneuver("hybrid", signals=(*ESTIMATES, *CONSISTENCY, *MOTION, "coupling_subtracted"))
-RESOLVED_EARLY = maneuver("resolved_early", "autopilot.resolve_rate=0.000872664626", signals=MOTION)  # 0.05 deg/s
+# the thesis's own run; its printed numbers deserve more phases
+HYBRID = replace(maneuver("hybrid", signals=(*ESTIMATES, *CONSISTENCY, *MOTION)), seeds=3 * PHASES)
+SHORT_REQUESTS = maneuver("short_requests", "autopilot.horizon_s=0.4", signals=MOTION)  # of translations
 SUBTRACTED = maneuver("subtracted", "rotation.coupling=subtract")
 IGNORED = maneuver("ignored", "rotation.coupling=ignore")
 

@@ -87,15 +87,24 @@ def pooled_final(phases: Phases, case: str, element: int) -> float:
 
 def on_times_s(run: Signals, start_s: float = 0.0, end_s: float = np.inf) -> Array:
     """How long jets stayed on, for every firing that begins in a time, s, shape (m,)."""
+    return _firings(run, start_s, end_s)[1]
+
+
+def on_starts_s(run: Signals, start_s: float = 0.0, end_s: float = np.inf) -> Array:
+    """When these firings began, in the same order, s, shape (m,)."""
+    return _firings(run, start_s, end_s)[0]
+
+
+def _firings(run: Signals, start_s: float, end_s: float) -> tuple[Array, Array]:
     command = run["command"] > 0.0
-    period = orbiter().sample_period_s
-    found = []
+    starts, times = [], []
     for jet in np.flatnonzero(command.any(axis=0)):
         edges = np.flatnonzero(np.diff(np.concatenate([[False], command[:, jet], [False]]).astype(int)))
         for first, last in zip(edges[::2], edges[1::2], strict=True):
             if start_s <= run["time_s"][first] <= end_s:
-                found.append((last - first) * period)
-    return np.array(found)
+                starts.append(run["time_s"][first])
+                times.append((last - first) * orbiter().sample_period_s)
+    return np.array(starts), np.array(times)
 
 
 def longest_row(flags: NDArray[np.bool_]) -> int:

@@ -79,9 +79,13 @@ class Store:
         return found
 
     def tidy(self) -> None:
-        """Removes what interrupted writing has left."""
+        """Removes what interrupted writing has left, and results of known cases that have been superseded."""
         for path in self._folder.glob(f".*{_PARTIAL}"):
             path.unlink(missing_ok=True)
+        for name, key in self._keys.items():
+            for path in self._folder.glob(f"{name}-[0-9][0-9]-*.npz"):
+                if not path.stem.endswith(key):
+                    path.unlink(missing_ok=True)
 
 
 def run_missing(store: Store, cases: Sequence[Case], progress: Callable[[int, int], None] | None = None) -> int:

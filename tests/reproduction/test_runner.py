@@ -82,6 +82,18 @@ def test_finished_runs_are_not_repeated(tmp_path: Path) -> None:
     assert said == [(3, 3)]
 
 
+def test_superseded_results_go(tmp_path: Path) -> None:
+    store = Store(tmp_path)
+    for seed in range(QUICK.seeds):
+        write_result(store.path(QUICK, seed), fakes.quick(seed))
+    current = _results(tmp_path)
+    others = {"quick-00-0123456789abcdef0123.npz", "quick_too-00-0123456789abcdef0123.npz"}
+    for name in others:
+        (tmp_path / name).touch()
+    assert run_missing(store, [QUICK]) == 0
+    assert _results(tmp_path) == current | {"quick_too-00-0123456789abcdef0123.npz"}
+
+
 @pytest.mark.parametrize("kept", [0.0, 0.3, 0.99], ids=["empty", "a third", "nearly all"])
 def test_a_file_cut_short_is_no_result(tmp_path: Path, kept: float) -> None:
     store = Store(tmp_path)
