@@ -10,7 +10,7 @@ from massprop_drake.reproduction import report
 from massprop_drake.reproduction.claims import judge
 from massprop_drake.reproduction.entry import Entry
 from massprop_drake.reproduction.report import Reproduced
-from massprop_drake.reproduction.runner import Store, run_missing
+from massprop_drake.reproduction.runner import Store, needed, run_missing
 
 
 def reproduce(
@@ -31,8 +31,8 @@ def reproduce(
     store = Store(folder / "cache")
     (folder / "figures").mkdir(exist_ok=True)
     say = progress or (lambda *_: None)
-    cases = [case for entry in entries for case in entry.cases.values()]
-    runs = sum({case.name: case.seeds for case in cases}.values())
+    cases = needed(entry.cases for entry in entries)
+    runs = sum(case.seeds for case in cases)
     run_missing(store, cases, lambda done, _: say(done, runs + len(entries)))
     results = []
     for number, entry in enumerate(entries, start=1):
@@ -43,7 +43,7 @@ def reproduce(
 
 
 def _reproduced(entry: Entry, store: Store, folder: Path) -> Reproduced:
-    phases = store.phases(dict(entry.cases))
+    phases = store.phases(entry.cases)
     pictures = []
     for name, draw in entry.pictures.items():
         picture = Path("figures") / f"{name}.png"

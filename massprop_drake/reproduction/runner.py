@@ -15,8 +15,9 @@ import tempfile
 import threading
 import zipfile
 import zlib
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 
@@ -59,13 +60,13 @@ class Store:
         wanted = [(case, seed, self.path(case, seed)) for case in cases for seed in range(case.seeds)]
         return [(case, seed, path) for case, seed, path in wanted if _read(path) is None]
 
-    def phases(self, cases: dict[str, Case]) -> list[Phase]:
+    def phases(self, cases: Mapping[str, Case]) -> list[Phase]:
         """Results of cases by label, phase by phase; a case of one seed is part of every phase.
 
         Raises:
             LookupError: when one has not been run.
         """
-        seeds = min((case.seeds for case in cases.values() if case.seeds > 1), default=1)
+        seeds = phase_count(cases)
         single = {label: self._need(case, 0) for label, case in cases.items() if case.seeds == 1}
         several = {label: case for label, case in cases.items() if case.seeds > 1}
         return [
@@ -88,20 +89,36 @@ class Store:
                     path.unlink(missing_ok=True)
 
 
+def phase_count(cases: Mapping[str, Case]) -> int:
+    """How many phases all of some cases have, those of one seed being part of every phase."""
+    return min((case.seeds for case in cases.values() if case.seeds > 1), default=1)
+
+
+def needed(groups: Iterable[Mapping[str, Case]]) -> list[Case]:
+    """The cases of some groups that belong together, each once and with as many seeds as a group has phases."""
+    found: dict[str, Case] = {}
+    for cases in groups:
+        phases = phase_count(cases)
+        for case in cases.values():
+            seeds = min(case.seeds, phases)
+            if case.name not in found or found[case.name].seeds < seeds:
+                found[case.name] = replace(case, seeds=seeds)
+    return list(found.values())
+
+
 def run_missing(store: Store, cases: Sequence[Case], progress: Callable[[int, int], None] | None = None) -> int:
     """Runs what is missing of some cases, and says how many runs that were.
 
     Args:
         store: keeps the results.
-        cases: to run; one that is named twice runs once.
+        cases: to run, each once.
         progress: called with the number of runs done and of all, those found included.
 
     Raises:
         RuntimeError: when a run fails, naming it.
     """
-    unique = list({case.name: case for case in cases}.values())
-    total = sum(case.seeds for case in unique)
-    work = store.missing(unique)
+    total = sum(case.seeds for case in cases)
+    work = store.missing(cases)
     done = total - len(work)
     report = progress or (lambda *_: None)
     report(done, total)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import re
 from collections.abc import Callable
@@ -209,6 +210,19 @@ def test_docs_show_every_entry() -> None:
     for entry in catalogue.ENTRIES:
         for claim in entry.claims:
             assert claim.text.replace("|", "\\|") in text, f"{entry.name}: run 'massprop reproduce', update the docs"
+
+
+def test_tables_go_below_the_mark() -> None:
+    spec = importlib.util.spec_from_file_location("make_reproduction", DOCS / "make_reproduction.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    page = f"# Mine\n\n{module.MARK}\nold\n"
+    report = "# Title\n\ntext\n\n## Figure\n\n![x](x.png)\n\n| a |\n"
+    assert module.updated(page, report) == f"# Mine\n\n{module.MARK}\ntext\n\n## Figure\n\n| a |\n"
+    with pytest.raises(ValueError, match="the page has no line"):
+        module.updated("# Mine\n", report)
 
 
 @pytest.fixture

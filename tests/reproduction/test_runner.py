@@ -17,7 +17,7 @@ import reproduction_fakes as fakes
 from reproduction_fakes import FAILING, SLOW
 
 from massprop_drake.reproduction.cases import Calculation, Flight
-from massprop_drake.reproduction.runner import Store, run_missing, write_result
+from massprop_drake.reproduction.runner import Store, needed, run_missing, write_result
 
 QUICK = Calculation("quick", fakes.quick, seeds=3)
 
@@ -78,7 +78,7 @@ def test_finished_runs_are_not_repeated(tmp_path: Path) -> None:
     for seed in range(QUICK.seeds):
         write_result(store.path(QUICK, seed), fakes.quick(seed))
     said: list[tuple[int, int]] = []
-    assert run_missing(store, [QUICK, QUICK], lambda *step: said.append(step)) == 0
+    assert run_missing(store, [QUICK], lambda *step: said.append(step)) == 0
     assert said == [(3, 3)]
 
 
@@ -159,6 +159,14 @@ def test_a_case_of_one_seed_is_part_of_every_phase(tmp_path: Path) -> None:
         np.testing.assert_array_equal(phase["b"]["values"], fakes.quick(7)["values"])
     with pytest.raises(LookupError, match="'failing', seed 0"):
         store.phases({"a": FAILING})
+
+
+def test_only_seeds_that_are_part_of_a_phase_are_run() -> None:
+    many, some, once = (replace(QUICK, name=name, seeds=seeds) for name, seeds in (("m", 60), ("s", 20), ("o", 1)))
+    assert {case.name: case.seeds for case in needed([{"a": many, "b": some, "c": once}])} == {"m": 20, "s": 20, "o": 1}
+    both = needed([{"a": many, "b": some}, {"a": many, "c": once}, {"b": some}])
+    assert {case.name: case.seeds for case in both} == {"m": 60, "s": 20, "o": 1}
+    assert [case.seeds for case in needed([{"c": once}])] == [1]
 
 
 def test_a_flight_keeps_what_it_is_asked_to() -> None:

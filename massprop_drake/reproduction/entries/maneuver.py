@@ -239,8 +239,8 @@ ENTRIES = (
                 lambda phase: _off_axis(phase["flight"]),
                 "deg/s",
                 because=Because(
-                    "a translation is requested for its whole 2 s, and rates swing in between. Requested for 0.4 s at a "
-                    "time it is {:.3f} deg/s, and in the rotations alone {:.3f} deg/s",
+                    "a translation is requested for its whole 2 s, and rates swing in between. Requested for 0.4 s at "
+                    "a time it is {:.3f} deg/s, and in the rotations alone {:.3f} deg/s",
                     (
                         lambda phase: _off_axis(phase["short_requests"]),
                         lambda phase: _off_axis(phase["flight"], "rhc"),
@@ -329,8 +329,8 @@ ENTRIES = (
                 lambda phase: float(on_times_s(phase["flight"], 0.0, 24.9).max()),
                 "s",
                 because=Because(
-                    "the jets selected here are not the thesis's, whose controller is not given: {:.0f} of {:.0f} firings "
-                    "last longer than 640 ms, {:.0%} of them where a rotation begins or ends",
+                    "the jets selected here are not the thesis's, whose controller is not given: {:.0f} of {:.0f} "
+                    "firings last longer than 640 ms, {:.0%} of them where a rotation begins or ends",
                     (
                         lambda phase: float(_long_firings(phase["flight"]).size),
                         lambda phase: float(on_times_s(phase["flight"], 0.0, 24.9).size),

@@ -174,8 +174,8 @@ ENTRIES = (
                     _signed(element),
                     "%",
                     because=Because(
-                        "the errors here are smaller, {:.2g} % in the median, and the filter's own 1-sigma is {:.2g} %; "
-                        "the thesis's is {:.1f} of these: no contradiction, but neither jets nor sensor marks are "
+                        "the errors here are smaller, {:.2g} % in the median, and the filter's own 1-sigma is {:.2g} "
+                        "%; the thesis's is {:.1f} of these: no contradiction, but neither jets nor marks are "
                         "the same",
                         (_size(element), _sigma(element), _printed_sigmas(element)),
                     ),
