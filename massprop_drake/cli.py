@@ -11,7 +11,7 @@ from enum import StrEnum
 from importlib.metadata import version
 from pathlib import Path
 from statistics import median
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
@@ -25,6 +25,9 @@ from massprop_drake.signals import with_deviation
 from massprop_drake.telemetry import check as check_telemetry
 from massprop_drake.telemetry import scenario_name, vehicle_scenario
 from massprop_drake.vehicle import Vehicle, bundled_vehicles, load_vehicle
+
+if TYPE_CHECKING:
+    from massprop_drake.reproduction.report import Reproduced
 
 app = typer.Typer(
     name="massprop",
@@ -258,6 +261,28 @@ def view_run(
         _print_json(str(target))
     elif not quiet:
         Console(highlight=False, soft_wrap=True).print(str(target), markup=False)
+
+
+@app.command(epilog="Example: `massprop reproduce --only fig_5_6 --only table_5_3`")
+def reproduce(
+    out: Annotated[Path, typer.Option(help="Folder to write; goes on with what it holds.")] = Path("runs/reproduction"),
+    only: Annotated[
+        list[str] | None, typer.Option(metavar="NAME", help="A figure or table alone, such as fig_5_6. Repeatable.")
+    ] = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Reruns every figure and table of the thesis and says of each claim whether it holds."""
+    from massprop_drake.reproduction import catalogue, report  # noqa: PLC0415 (loads matplotlib)
+    from massprop_drake.reproduction.reproduce import reproduce as rerun  # noqa: PLC0415
+
+    entries = catalogue.chosen(only)
+    with _Progress("reproducing the thesis", 1.0, shown=not (as_json or quiet)) as progress:
+        results = rerun(entries, out, lambda done, total: progress(done / total))
+    if as_json:
+        _print_json(report.as_data(results))
+    elif not quiet:
+        _print_reproduction(results, out)
 
 
 @app.command(epilog="Example: `massprop graph closed_loop estimation --out graphs`")
@@ -617,6 +642,29 @@ def _detected(entry: dict[str, Any], force: str) -> str:
     )
     withdrawn = "" if entry["withdrawn_s"] is None else f", withdrawn at {entry['withdrawn_s']:.2f} s"
     return f"{kind}: {where}, {with_deviation(entry['magnitude'], entry['magnitude_std'])} {force}, {when}{withdrawn}"
+
+
+_VERDICT_STYLES = {"holds": "green", "holds within spread": "cyan", "differs": "yellow"}
+
+
+def _print_reproduction(results: list[Reproduced], folder: Path) -> None:
+    """A table of claims per entry, and how many of them hold."""
+    from massprop_drake.reproduction import report  # noqa: PLC0415 (loads matplotlib)
+
+    console = Console(width=None if sys.stdout.isatty() else 160, highlight=False)
+    for result in results:
+        title = f"{report.label(result.entry)}: {result.entry.title}"
+        table = Table(title=_escaped(title), title_justify="left", header_style="bold", expand=True)
+        for heading, share in (("claim", 4), ("thesis", 4), ("measured", 4), ("verdict", 3)):
+            table.add_column(heading, ratio=share)
+        for outcome in result.outcomes:
+            verdict = f"[{_VERDICT_STYLES[outcome.verdict]}]{outcome.verdict}[/]"
+            why = f": {_escaped(outcome.why)}" if outcome.why else ""
+            cells = map(_escaped, (outcome.claim.text, outcome.claim.thesis, outcome.measured))
+            table.add_row(*cells, verdict + why)
+        console.print(table)
+    console.print(report.summary_line(results))
+    console.print(f"files: {folder}/reproduction.html, reproduction.md, figures/", markup=False, soft_wrap=True)
 
 
 def _number(value: float | None) -> str:

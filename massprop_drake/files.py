@@ -72,6 +72,30 @@ def require_writable(target: Path, *, force: bool = False) -> None:
         raise InputError(f"{target}: cannot be written: {error.strerror}; give a folder you may write to") from None
 
 
+def resumable_folder(target: Path, kind: str) -> None:
+    """A folder that work goes on in: made, or one that was made for the same kind of work.
+
+    Args:
+        target: where.
+        kind: of work, kept in a marker file.
+
+    Raises:
+        InputError: when the place is taken by something else, or cannot be written to.
+    """
+    marker = target / ".massprop"
+    try:
+        if target.exists() and not target.is_dir():
+            raise InputError(f"{target}: is a file; give a folder to write to")
+        ours = marker.is_file() and marker.read_text(encoding="utf-8").strip() == kind
+        if target.exists() and any(target.iterdir()) and not ours:
+            raise InputError(f"{target}: holds files that are not of an earlier {kind}; give another folder")
+        target.mkdir(parents=True, exist_ok=True)
+        if not ours:
+            write_whole(marker, kind + "\n")
+    except OSError as error:
+        raise InputError(f"{target}: cannot be written: {error.strerror}; give a folder you may write to") from None
+
+
 def _is_ours(folder: Path) -> bool:
     return all((folder / name).is_file() for name in MARKERS) or not any(folder.iterdir())
 

@@ -370,9 +370,10 @@ class MassFilterSettings(Model):
         "transverse", "what of the rotation is taken out of the velocity increments"
     )
     compensation_covariance: Flag = described(True, "whether the measurement covariance grows by what is unknown of it")
-    jump: Literal["none", "single_sample", "glr"] = described(
+    jump: Literal["none", "single_sample", "single_sample_thesis", "glr"] = described(
         "single_sample",
-        "test for a jump of 1/m: none, of one sample, or generalised likelihood ratio over a window of used samples",
+        "test for a jump of 1/m: none, of one sample (single_sample_thesis: with the thesis's variance after it, meant "
+        "for small gains), or generalised likelihood ratio over a window of used samples",
     )
     jump_false_alarm_rate: Real = described(
         1e-6, "of that test, per used sample; 0.01 in the thesis", "-", gt=0.0, lt=1.0

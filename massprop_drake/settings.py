@@ -109,6 +109,7 @@ def mass_settings(scenario: Scenario) -> mass_filter.MassSettings:
         jump_variance=float(scenario.vehicle_data.nominal.vector()[9] ** 2),
         jump_threshold=threshold,
         jump_window=window,
+        small_gain=mass.jump == "single_sample_thesis",
         disturbance_covariance=mass.disturbance_std**2 * np.eye(3),
     )
 

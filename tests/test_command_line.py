@@ -18,7 +18,7 @@ import yaml
 from massprop_drake import Run, cli, figures, graphs
 
 FILES = {"report.html", "filter_state.json", "history.npz", "scenario.yaml", "summary.json", "telemetry.csv", "figures"}
-COMMANDS = ("list", "run", "estimate", "graph", "view", "check")
+COMMANDS = ("list", "run", "estimate", "reproduce", "graph", "view", "check")
 MANEUVER = "maneuver:\n  - {controller: rhc, axis: +x, start_s: 0.2, end_s: 1}\n"
 
 

@@ -15,6 +15,8 @@ PACKAGE = "massprop_drake"
 FOLDERS = {
     "massprop_drake": PACKAGE,
     "massprop_drake/maths": f"{PACKAGE}.maths",
+    "massprop_drake/reproduction": f"{PACKAGE}.reproduction",
+    "massprop_drake/reproduction/entries": f"{PACKAGE}.reproduction.entries",
     "massprop_drake/systems": f"{PACKAGE}.systems",
     "massprop_drake/report": f"{PACKAGE}.report",
     "massprop_drake/vehicles": f"{PACKAGE}.vehicles",
@@ -120,7 +122,7 @@ def test_diagrams_know_what_they_wire_and_what_they_are_given(name: str) -> None
     "name", ["vehicle", "scenario", "models", "errors", "tables", "telemetry", "history", "signals", "settings"]
 )
 def test_the_bottom_does_not_know_what_stands_on_it(name: str) -> None:
-    above = {"systems", "diagrams", "simulation", "estimating", "run", "figures", "graphs", "cli"}
+    above = {"systems", "diagrams", "simulation", "estimating", "run", "figures", "graphs", "reproduction", "cli"}
     assert not _own_packages(f"{PACKAGE}.{name}") & above
     assert "pydrake" not in _outside(f"{PACKAGE}.{name}")
     assert "matplotlib" not in _outside(f"{PACKAGE}.{name}")
@@ -155,6 +157,18 @@ def test_nothing_but_its_entry_knows_the_command_line() -> None:
     assert users <= {f"{PACKAGE}.__main__"}
 
 
+def test_only_the_command_line_stands_on_the_reproduction() -> None:
+    users = {name for name in MODULES if "reproduction" in _own_packages(name)}
+    assert users - set(_of(f"{PACKAGE}.reproduction")) == {f"{PACKAGE}.cli"}
+
+
+def test_what_measures_claims_knows_neither_entries_nor_pictures() -> None:
+    for module in ("claims", "measures", "analytic", "checks", "cases", "runner"):
+        name = f"{PACKAGE}.reproduction.{module}"
+        assert "matplotlib" not in _outside(name)
+        assert not {imported for imported in _own(name) if "entries" in imported or "catalogue" in imported}, name
+
+
 def test_terminals_are_the_command_lines_business() -> None:
     users = {name for name in MODULES if _outside(name) & {"typer", "rich", "click"}}
     assert users == {f"{PACKAGE}.cli"}
@@ -162,7 +176,7 @@ def test_terminals_are_the_command_lines_business() -> None:
 
 def test_matplotlib_is_the_figures_business() -> None:
     users = {name for name in MODULES if "matplotlib" in _outside(name)}
-    assert users == {f"{PACKAGE}.figures"}
+    assert {name for name in users if not name.startswith(f"{PACKAGE}.reproduction.")} == {f"{PACKAGE}.figures"}
 
 
 def test_pydrake_is_imported_module_by_module() -> None:

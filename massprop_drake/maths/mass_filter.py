@@ -33,7 +33,7 @@ import numpy as np
 
 from massprop_drake.maths.adaptation import CORRECT_THESIS, NO_ACTION, REJECT, Adaptation
 from massprop_drake.maths.linear_algebra import Array, inverse_positive_definite, skew
-from massprop_drake.maths.mass_jump import empty_window, jump_test
+from massprop_drake.maths.mass_jump import empty_window, jump_test, small_gain_growth
 from massprop_drake.maths.redundancy import SERIAL, SINGLE, combined
 
 NO_COMPENSATION, TRANSVERSE, TRANSVERSE_CENTRIPETAL = 0, 1, 2
@@ -133,6 +133,7 @@ class MassSettings(NamedTuple):
         jump_threshold: on the likelihood argument of a jump of 1/m (3-110); infinity: no test.
         jump_window: samples that the test looks back, 1: the single-sample test.
         disturbance_covariance: R^d of a velocity increment, ft^2/s^2 or m^2/s^2, shape (3, 3).
+        small_gain: whether the variance after a jump is the thesis's, for small gains.
     """
 
     period_s: float
@@ -147,6 +148,7 @@ class MassSettings(NamedTuple):
     jump_threshold: float
     jump_window: int
     disturbance_covariance: Array
+    small_gain: bool = False
 
 
 class MassState(NamedTuple):
@@ -315,9 +317,10 @@ def update(
         jumped = test.likelihood > settings.jump_threshold
         after = after._replace(window=test.window)
         if jumped:
+            growth = small_gain_growth(after.variance, impulse, information) if settings.small_gain else test.growth
             after = after._replace(
                 mass_reciprocal=after.mass_reciprocal + test.correction,
-                variance=after.variance + test.growth,
+                variance=after.variance + growth,
                 window=empty_window(settings.jump_window),
             )
     return MassUpdate(_later(after, settings), jumped)

@@ -18,6 +18,9 @@ exact for the right theta since the innovations of an optimal filter are orthogo
 window of one sample is the single-sample test (3-114) to (3-118), whose variance is then that of the
 one sample alone, 1 / (lambda^T R'^-1 lambda).
 
+The thesis takes that variance as 3 sigma_old^2 + 1 / (lambda^T Y^-1 lambda) for small gains (3-118), with a
+cross term (3-117) that is in truth zero; `small_gain_growth` is that form.
+
 Source: D. R. Levy, MIT S.M. thesis, 1983, sections 3.6 and 3.7.
 """
 
@@ -79,3 +82,14 @@ def jump_test(window: Array, linear_impulse: Array, information: Array, innovati
     if c == 0.0:
         return JumpTest(window, 0.0, 0.0, 0.0, 0.0)
     return JumpTest(window, d / c, float(likelihood[best]), (1.0 - f) * d / c, (1.0 - f) ** 2 / c)
+
+
+def small_gain_growth(variance: float, linear_impulse: Array, information: Array) -> float:
+    """What the thesis adds to the variance of 1/m after a jump found in one sample (3-118), to the letter.
+
+    Args:
+        variance: of 1/m after the ordinary update.
+        linear_impulse: lambda, shape (3,).
+        information: inverse of Y^zeta, shape (3, 3).
+    """
+    return 2.0 * variance + 1.0 / float(linear_impulse @ information @ linear_impulse)

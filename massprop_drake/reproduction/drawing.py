@@ -1,0 +1,100 @@
+"""How all figures of the reproduction look: panels over time, runs in one colour each, phases as bands."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, NullLocator
+from scipy.special import chdtri
+
+from massprop_drake.reproduction.claims import Array, Phases, Signals
+from massprop_drake.reproduction.measures import maneuver_windows
+from massprop_drake.signals import BAND_COLOUR, COLOURS, TRUTH_COLOUR, WINDOW_COLOUR
+
+__all__ = ["BAND_COLOUR", "COLOURS", "TRUTH_COLOUR"]
+
+LINE_WIDTH = 1.1
+_CENTRAL = (0.025, 0.975)
+
+
+def panels(count: int, title: str, *, windows: bool = True, height: float = 1.9) -> tuple[Figure, list[Axes]]:
+    """A figure of panels one above the other, over time."""
+    figure = Figure(figsize=(9.0, height * count + 1.0), dpi=100, layout="constrained")
+    axes = list(np.atleast_1d(figure.subplots(count, 1, sharex=True)))
+    figure.suptitle(title, fontsize=11)
+    for panel in axes:
+        tidy(panel)
+        for window in maneuver_windows() if windows else ():
+            panel.axvspan(window.start_s, window.end_s, color=WINDOW_COLOUR, alpha=0.08, linewidth=0.0)
+    meaning = "   (line: first phase, band: central 95 % of the phases; shaded: hand controller out of detent)"
+    axes[-1].set_xlabel("time, s" + (meaning if windows else ""))
+    return figure, axes
+
+
+def tidy(panel: Axes) -> None:
+    """A light grid, and no frame above and to the right."""
+    panel.grid(alpha=0.25)
+    panel.spines[["top", "right"]].set_visible(False)
+
+
+def curves(
+    panel: Axes,
+    phases: Phases,
+    labels: Mapping[str, str],
+    value: Callable[[Signals], Array],
+    *,
+    points: bool = False,
+    step: bool = False,
+) -> None:
+    """One colour per case: the first phase as a line, the central 95 % of all phases as a band.
+
+    Args:
+        panel: to draw in.
+        phases: results.
+        labels: cases to draw, and what to call them.
+        value: of a run, over its time, shape (n,); NaN is left out.
+        points: whether samples are apart, and drawn so without a band.
+        step: whether a value holds until the next.
+    """
+    for (case, label), colour in zip(labels.items(), COLOURS, strict=False):
+        first = phases[0][case]
+        time_s = first["time_s"]
+        if points:
+            panel.plot(time_s, value(first), ".", color=colour, markersize=4, label=label)
+            continue
+        if len(phases) > 1:
+            every = np.array([value(phase[case]) for phase in phases])
+            low, high = np.quantile(every, _CENTRAL, axis=0)
+            panel.fill_between(time_s, low, high, color=colour, alpha=0.18, linewidth=0.0)
+        style = "steps-post" if step else "default"
+        panel.plot(time_s, value(first), color=colour, linewidth=LINE_WIDTH, label=label, drawstyle=style)
+    if len(labels) > 1:
+        panel.legend(loc="upper right", fontsize=8, ncols=len(labels))
+
+
+def chi_square_band(panel: Axes) -> None:
+    """The central 95 % of chi-square with three degrees of freedom."""
+    panel.axhspan(*chdtri(3, [0.975, 0.025]), color=BAND_COLOUR, alpha=0.3, linewidth=0.0)
+
+
+def symmetric_log(panel: Axes, small: float, large: float) -> None:
+    """A vertical axis that is linear up to a small value and logarithmic beyond, with few marks."""
+    first, last = int(np.ceil(np.log10(small))), int(np.floor(np.log10(large)))
+    step = max(1, round((last - first) / 3))
+    marks = [10.0**power for power in range(first, max(last, first) + 1, step)]
+    panel.set_yscale("symlog", linthresh=10.0**first, linscale=0.8)
+    panel.set_yticks([*(-mark for mark in reversed(marks)), 0.0, *marks])
+    panel.yaxis.set_minor_locator(NullLocator())
+    panel.yaxis.set_major_formatter(FuncFormatter(lambda level, _: f"{level:g}"))
+
+
+def heat_map(panel: Axes, values: Array, columns: Sequence[str], rows: Sequence[str], label: str) -> None:
+    """A table of shares from 0 to 1 as colours, with a bar that explains them."""
+    picture = panel.imshow(values, aspect="auto", cmap="cividis", vmin=0.0, vmax=1.0)
+    panel.set_xticks(range(len(columns)), columns, fontsize=8)
+    panel.set_yticks(range(len(rows)), rows, fontsize=6)
+    panel.set_xlabel("leak, lbf")
+    panel.figure.colorbar(picture, ax=panel, label=label, shrink=0.6)

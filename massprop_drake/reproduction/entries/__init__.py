@@ -1,0 +1,1 @@
+"""Entries by theme; `catalogue` puts them together."""
