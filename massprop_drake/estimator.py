@@ -209,7 +209,7 @@ class Estimator:
         known = detection.NO_KNOWN_FORCE
         if self._detector is not None:
             parameters = np.append(estimate, self._moving.mass_reciprocal)
-            known = detection.known_force(self._suspicion, parameters, self._detector)
+            known = detection.known_force(self._suspicion, parameters, self._commands, self._detector)
         impulse = known.wrench * period
         angular_impulse = impulses.angular_impulse + impulse[:3]
         linear_impulse = impulses.linear_impulse + impulse[3:]

@@ -18,6 +18,7 @@ from massprop_drake.vehicle import Accelerometer, SensorPackage
 Array = NDArray[np.float64]
 
 _STUCK = 10.0  # quanta or 1-sigma that a reading must be predicted to change by before standing still counts
+_STUCK_SAMPLES = 5  # for which a reading must not change at all
 _JUMP_FACTOR, _JUMP_SIGMAS = 3.0, 10.0  # beyond what all jets together cause in a sample
 _CLEAR = 5.0  # 1-sigma of an increment that a predicted one must exceed to tell the unit
 _FEWEST = 10  # samples that tell the unit
@@ -193,7 +194,9 @@ class QualityReport:
             standing.most[axis], standing.least[axis] = most[-1], least[-1]
 
     def _note_standing(self, entry: _Package, axis: int, standing: _Standing, most: float, least: float) -> None:
-        if most - least < _STUCK * entry.scale or math.isnan(standing.value[axis]):
+        lasted_s = float(standing.until_s[axis] - standing.since_s[axis])
+        brief = lasted_s < (_STUCK_SAMPLES - 0.5) * self._vehicle.sample_period_s  # a jet that does not fire at once
+        if brief or most - least < _STUCK * entry.scale or math.isnan(standing.value[axis]):
             return
         self._n_stuck += 1
         if self._n_stuck > _MOST_STUCK:

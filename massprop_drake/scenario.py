@@ -339,8 +339,10 @@ class RotationFilterSettings(Model):
             "filter without both",
         )
     )
-    coupling: Literal["subtract", "ignore", "hybrid"] = described(
-        "hybrid", "dynamic coupling: subtract it, ignore it, or subtract it once the estimates are good enough"
+    coupling: Literal["subtract", "ignore", "hybrid", "model"] = described(
+        "hybrid",
+        "dynamic coupling: subtract it; ignore it; hybrid: subtract it once the estimates are good enough; model: a "
+        "part of the measurement that depends on the estimates like the rest, for vehicles that turn fast",
     )
     coupling_limit: Real = described(
         50.0, "hybrid: innovation variance below this many times the measurement's starts the subtraction", "-", gt=0.0
@@ -354,6 +356,9 @@ class RotationFilterSettings(Model):
         (0.0,) * 9, "1-sigma of the change per sample, in state order", "1/(slug-ft^2) | 1/(kg-m^2), ft | m"
     )
     disturbance_std: Real = described(0.0, "1-sigma per sample of unmodelled rate increments", "rad/s", ge=0.0)
+    largest_turn: Real = described(
+        0.2, "samples in which the vehicle turns by more are not used: rates are taken as steady in one", "rad", gt=0.0
+    )
 
     @field_validator("process_noise_std")
     @classmethod

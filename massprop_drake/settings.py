@@ -26,6 +26,7 @@ _COUPLING = {
     "subtract": rotation_filter.SUBTRACT,
     "ignore": rotation_filter.IGNORE,
     "hybrid": rotation_filter.HYBRID,
+    "model": rotation_filter.MODEL,
 }
 _COMPENSATION = {
     "none": mass_filter.NO_COMPENSATION,
@@ -88,6 +89,7 @@ def rotation_settings(scenario: Scenario) -> rotation_filter.RotationSettings:
         jump_covariance=np.diag(jump_std**2),
         process_noise=np.diag(np.square(rotation.process_noise_std)),
         disturbance_covariance=rotation.disturbance_std**2 * np.eye(3),
+        largest_turn=rotation.largest_turn,
     )
 
 
@@ -325,6 +327,7 @@ def detector_settings(scenario: Scenario) -> DetectorSettings:
         period_s=vehicle.sample_period_s,
         clusters=np.array([jet.cluster for jet in vehicle.jets]),
         unit_wrenches=unit_wrenches(vehicle),
+        thrusts=np.array([jet.thrust for jet in vehicle.jets]),
         margin=detector.margin,
         threshold=detector.threshold,
         dispersion_threshold=detector.dispersion_threshold,

@@ -50,7 +50,9 @@ def scenario_name(telemetry: str | Path) -> str:
 
 
 def vehicle_scenario(name: str, vehicle: str, overrides: list[str] | None = None) -> Scenario:
-    """The default settings with a vehicle.
+    """The default settings with a vehicle, dynamic coupling modelled and centripetal acceleration taken out.
+
+    What is recorded may turn faster than a manoeuvre of the orbiter.
 
     Args:
         name: of the scenario.
@@ -60,7 +62,12 @@ def vehicle_scenario(name: str, vehicle: str, overrides: list[str] | None = None
     Raises:
         InputError: when there is no such vehicle, or a setting is wrong.
     """
-    data: dict[str, Any] = {"name": name, "vehicle": vehicle}
+    data: dict[str, Any] = {
+        "name": name,
+        "vehicle": vehicle,
+        "rotation": {"coupling": "model"},
+        "mass": {"compensation": "transverse_centripetal"},
+    }
     for override in overrides or []:
         set_field(data, override)
     return resolved(data)

@@ -58,6 +58,7 @@ class DetectorSettings(NamedTuple):
         clusters: index of each jet's cluster, shape (n_jets,).
         unit_wrenches: torque about the vehicle origin and force of a unit force along each jet, shape
             (n_jets, 6).
+        thrusts: full force of each jet, lbf or N, shape (n_jets,).
         margin: by which a cluster, and a jet in it, must lead.
         threshold: least likelihood argument of an alarm.
         dispersion_threshold: the same for samples on which considered thrust errors bear.
@@ -77,6 +78,7 @@ class DetectorSettings(NamedTuple):
     period_s: float
     clusters: NDArray[np.int_]
     unit_wrenches: Array
+    thrusts: Array
     margin: float
     threshold: float
     dispersion_threshold: float
@@ -410,12 +412,12 @@ def _followed(
         (block, inverse_positive_definite(sample.covariance[block, block], "innovation covariance"))
         for block in (slice(0, 3), slice(3, 6))
     ]
-    for jet in jets:
+    for jet, excess in zip(jets, _excess(state, jets, sample.command, settings), strict=True):
         prior = float(variance[jet])
         information, projection = 1.0 / prior, 0.0
         for block, weight in blocks:
             # Y holds prior c c^T already: c^T (Y - prior c c^T)^-1 = c^T Y^-1 / (1 - prior c^T Y^-1 c)
-            signature = coefficients[jet, block]
+            signature = excess * coefficients[jet, block]
             weighted = weight @ signature
             share = 1.0 - prior * float(weighted @ signature)
             information += float(weighted @ signature) / share
@@ -443,12 +445,22 @@ _NO_SPREAD = np.zeros((3, 3))
 NO_KNOWN_FORCE = KnownForce(np.zeros(6), _NO_SPREAD, _NO_SPREAD)
 
 
-def known_force(state: DetectorState, mass_properties: Array, settings: DetectorSettings) -> KnownForce:
+def _excess(state: DetectorState, jets: NDArray[np.int_], command: Array, settings: DetectorSettings) -> Array:
+    """Share of each known force that comes on top of what is commanded, shape (k,).
+
+    A jet that is stuck on gives no more when it is told to fire; a leak does.
+    """
+    stuck = state.force[jets] > 0.5 * settings.thrusts[jets]
+    return np.where(stuck, 1.0 - np.nan_to_num(command[jets]), 1.0)
+
+
+def known_force(state: DetectorState, mass_properties: Array, command: Array, settings: DetectorSettings) -> KnownForce:
     """The wrench of known forces, and what their uncertainty adds to the measurements' covariance.
 
     Args:
         state: of the detector.
         mass_properties: the ten predicted parameters, shape (10,).
+        command: fraction commanded over the interval that ended, NaN where not known, shape (n_jets,).
         settings: see `DetectorSettings`.
     """
     jets = np.flatnonzero(state.variance)
@@ -456,9 +468,10 @@ def known_force(state: DetectorState, mass_properties: Array, settings: Detector
         return NO_KNOWN_FORCE
     wrenches = settings.unit_wrenches[jets]
     c = signatures(wrenches, mass_properties, settings.period_s)
-    variance = state.variance[jets]
+    excess = _excess(state, jets, command, settings)
+    variance = state.variance[jets] * excess**2
     return KnownForce(
-        state.force[jets] @ wrenches,
+        (state.force[jets] * excess) @ wrenches,
         (c[:, :3].T * variance) @ c[:, :3],
         (c[:, 3:].T * variance) @ c[:, 3:],
     )

@@ -33,7 +33,14 @@ the impulses of sigma_j: while the estimates are poor, G says little of what a t
 products of both errors stand in for it. The update is made twice, the second time with G at the estimate
 that the first one gave.
 
-Source: D. R. Levy, MIT S.M. thesis, 1983, section 2.4; considered thrust errors are our own.
+Dynamic coupling adds g(x) = -I^-1 (w x I w) dt. The thesis subtracts it as if it were known. MODEL takes it
+into h and H, with l = I w,
+
+    dg = -[ dI^-1 (w x l) - I^-1 (w x I dI^-1 l) ] dt
+
+as soon as the diagonal of the inverse inertia is known to half its size.
+
+Source: D. R. Levy, MIT S.M. thesis, 1983, section 2.4; considered thrust errors and MODEL are our own.
 """
 
 from __future__ import annotations
@@ -54,7 +61,7 @@ from massprop_drake.maths.linear_algebra import (
 from massprop_drake.maths.mass_properties import ELEMENT, N_ROTATION
 from massprop_drake.maths.redundancy import SERIAL, SINGLE, combined
 
-SUBTRACT, IGNORE, HYBRID = 0, 1, 2  # treatment of dynamic coupling
+SUBTRACT, IGNORE, HYBRID, MODEL = 0, 1, 2, 3  # treatment of dynamic coupling
 
 _AXES = np.arange(3)
 # S.ravel()[_PRODUCT] is the (ij) x (mn) table of P[E(i, m), E(j, n)]
@@ -156,6 +163,16 @@ def coupling_increment(inverse_inertia: Array, rate: Array, period_s: float) -> 
     return inverse_inertia @ cross(rate, momentum) * -period_s
 
 
+def coupling_jacobian(inverse_inertia: Array, rate: Array, period_s: float) -> Array:
+    """dg/dx of dynamic coupling, shape (3, 9), zero for the centre of mass; arguments as `coupling_increment`."""
+    inertia = inverse_positive_definite(inverse_inertia, "inverse inertia")
+    momentum = inertia @ rate
+    through_inertia = inverse_inertia @ skew(rate) @ inertia @ angular_block(momentum)
+    jacobian = np.zeros((3, N_ROTATION))
+    jacobian[:, :6] = -period_s * (angular_block(cross(rate, momentum)) - through_inertia)
+    return jacobian
+
+
 class RotationSettings(NamedTuple):
     """What shapes the rotation filter.
 
@@ -165,13 +182,15 @@ class RotationSettings(NamedTuple):
             component, rad^2/s^2, shape (s,).
         rule: how several gyros make one measurement, see `maths.redundancy`.
         second_order: the second-order filter, or (False) the extended Kalman filter.
-        coupling: SUBTRACT, IGNORE or HYBRID.
+        coupling: SUBTRACT, IGNORE, HYBRID or MODEL.
         coupling_limit: HYBRID subtracts once the largest variance of the innovation is below this
             many times the largest variance of the measurement noise.
         jump_threshold: on a NIS above this the covariance is incremented (2-138); infinity: never.
         jump_covariance: what is then added, in state order, shape (9, 9).
         process_noise: covariance added per sample (2-123), shape (9, 9).
         disturbance_covariance: R^d of a rate increment, rad^2/s^2, shape (3, 3).
+        largest_turn: rad that the vehicle may turn in a sample for the sample to count: the mean of two
+            rates stands for the rate between them.
         bias, curvature: whether the second-order filter has b (2-118) and D (2-121); without both it is the
             extended Kalman filter.
     """
@@ -186,6 +205,7 @@ class RotationSettings(NamedTuple):
     jump_covariance: Array
     process_noise: Array
     disturbance_covariance: Array
+    largest_turn: float = math.inf
     bias: bool = True
     curvature: bool = True
 
@@ -301,9 +321,12 @@ def innovate(
     estimate, covariance, sensitivity = state
     noise = sample.noise + settings.disturbance_covariance
     effects = None
+    modelled = settings.coupling == MODEL and _knows_inertia(estimate, covariance)
     if sample.firing:
         impulses = sample.angular_impulse, sample.linear_impulse
         jacobian = rate_increment_jacobian(estimate, *impulses)
+        if modelled:
+            jacobian += coupling_jacobian(estimate[ELEMENT], sample.rate, settings.period_s)
         innovation = sample.increment - rate_increment(estimate, *impulses)
         total_noise = noise
         if settings.second_order:
@@ -324,8 +347,11 @@ def innovate(
         jacobian, total_noise, innovation_covariance = _COASTING, noise, noise
         innovation = sample.increment
         subtract_coupling = subtract_coupling_before
+        if modelled:
+            jacobian = coupling_jacobian(estimate[ELEMENT], sample.rate, settings.period_s)
+            innovation_covariance = jacobian @ covariance @ jacobian.T + noise
     if settings.coupling != HYBRID:
-        subtract_coupling = settings.coupling == SUBTRACT
+        subtract_coupling = settings.coupling == SUBTRACT or modelled
     if subtract_coupling:
         inverse_inertia = estimate[ELEMENT]
         if is_positive_definite(inverse_inertia):
@@ -335,6 +361,12 @@ def innovate(
     return RotationInnovation(
         innovation, innovation_covariance, information, jacobian, total_noise, effects, subtract_coupling, nis
     )
+
+
+def _knows_inertia(estimate: Array, covariance: Array) -> bool:
+    """Whether the inverse inertia is positive definite and its diagonal known to half its size."""
+    deviation = np.sqrt(covariance.diagonal()[:3])
+    return bool((deviation < 0.5 * estimate[:3]).all()) and is_positive_definite(estimate[ELEMENT])
 
 
 def _thrust_error_products(estimate: Array, covariance: Array, thrust_errors: Array) -> Array:
@@ -487,7 +519,10 @@ def measure(
     increments, means = rates - rates_before, 0.5 * (rates + rates_before)
     there = []
     for index, increment in enumerate(increments.tolist()):
-        if math.isfinite(increment[0] + increment[1] + increment[2]):
+        # NaN compares as false
+        if math.hypot(*means[index].tolist()) * settings.period_s <= settings.largest_turn and math.isfinite(
+            increment[0] + increment[1] + increment[2]
+        ):
             there.append(index)
             if settings.rule == SINGLE:
                 break

@@ -93,8 +93,8 @@ class FailureDetector(LeafSystem):
         self._cycle = Cached(
             self, "cycle", self._compute, {self.xd_ticket(), self.all_input_ports_ticket(), self.time_ticket()}
         )
-        # known forces enter the impulses, which make the innovations: they depend on the past alone
-        predictions = (self._predicted, self._mass_predicted)
+        # known forces enter the impulses, which make the innovations: of this sample they know the commands alone
+        predictions = (self._predicted, self._mass_predicted, self._command)
         self.DeclareVectorOutputPort(
             "known_force",
             N_KNOWN_FORCE,
@@ -155,7 +155,7 @@ class FailureDetector(LeafSystem):
             output.SetFromVector(_NO_KNOWN_FORCE)
             return
         estimate = np.append(self._predicted.Eval(context), self._mass_predicted.Eval(context)[0])
-        known = detection.known_force(state, estimate, self._settings)
+        known = detection.known_force(state, estimate, self._command.Eval(context), self._settings)
         output.SetFromVector(
             np.concatenate([known.wrench, known.translation_spread.ravel(), known.rotation_spread.ravel()])
         )

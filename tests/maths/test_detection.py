@@ -521,12 +521,12 @@ def test_manifolds_stay_open_by_default(bench: Bench) -> None:
 
 
 def test_a_known_forces_wrench_and_spread(bench: Bench) -> None:
-    assert known_force(bench.state, bench.properties, bench.settings) is NO_KNOWN_FORCE
+    assert known_force(bench.state, bench.properties, np.zeros(N), bench.settings) is NO_KNOWN_FORCE
     force, variance = np.zeros(N), np.zeros(N)
     force[[STUCK, 23]] = 868.8, 10.4
     variance[[STUCK, 23]] = 0.9, 0.4
     state = bench.state._replace(force=force, variance=variance)
-    known = known_force(state, bench.properties, bench.settings)
+    known = known_force(state, bench.properties, np.zeros(N), bench.settings)
     wrenches = bench.settings.unit_wrenches
     np.testing.assert_allclose(known.wrench, 868.8 * wrenches[STUCK] + 10.4 * wrenches[23], rtol=1e-12)
     c = bench.signatures
@@ -544,7 +544,7 @@ def with_known(bench: Bench, jet: int, force: float, variance: float) -> None:
 
 def grown(bench: Bench, velocity_variance: float, rate_variance: float) -> dict[str, Array]:
     """Covariances of innovations whose sensors have these variances and whose known force is uncertain."""
-    known = known_force(bench.state, bench.properties, bench.settings)
+    known = known_force(bench.state, bench.properties, np.zeros(N), bench.settings)
     return {
         "translation_covariance": velocity_variance * np.eye(3) + known.translation_spread,
         "rotation_covariance": rate_variance * np.eye(3) + known.rotation_spread,
@@ -955,3 +955,26 @@ def test_a_tie_of_opposed_jets_is_declared_as_the_loss_of_the_one_that_is_told_t
     bench.failing(opposed, 868.8)
     assert bench.failing(opposed, 868.8).finding.event == DECLARED
     assert bench.state.force[opposed] == pytest.approx(868.8, rel=1e-9)
+
+
+def test_a_jet_stuck_on_gives_no_more_when_it_is_told_to_fire(bench: Bench) -> None:
+    bench.declare(STUCK, 868.819)
+    told = np.zeros(N)
+    told[STUCK] = 1.0
+    resting = known_force(bench.state, bench.properties, np.zeros(N), bench.settings)
+    firing = known_force(bench.state, bench.properties, told, bench.settings)
+    np.testing.assert_allclose(np.linalg.norm(resting.wrench[3:]), 868.819, rtol=1e-9)
+    assert not firing.wrench.any()
+    assert not firing.rotation_spread.any()
+    # nor does such a sample say anything about the force
+    before = bench.state.force[STUCK], bench.state.variance[STUCK]
+    bench.step(0.5 * bench.signatures[STUCK], command=told, firing=True)
+    assert (bench.state.force[STUCK], bench.state.variance[STUCK]) == before
+
+
+def test_a_leak_comes_on_top_of_what_is_commanded(bench: Bench) -> None:
+    bench.declare(STUCK, 60.0)
+    told = np.zeros(N)
+    told[STUCK] = 1.0
+    firing = known_force(bench.state, bench.properties, told, bench.settings)
+    np.testing.assert_allclose(np.linalg.norm(firing.wrench[3:]), 60.0, rtol=1e-9)

@@ -22,6 +22,7 @@ from massprop_drake.maths.rotation_filter import (
     RotationState,
     angular_block,
     coupling_increment,
+    coupling_jacobian,
     finish,
     innovate,
     joseph_update,
@@ -791,3 +792,25 @@ def test_estimates_follow_a_shift_of_the_vehicle_frame() -> None:
 
 def test_elements_of_the_state_stand_where_the_filter_looks_for_them() -> None:
     np.testing.assert_array_equal(STATE[ELEMENT], INVERSE)
+
+
+def test_the_jacobian_of_dynamic_coupling_is_its_derivative() -> None:
+    rate = np.array([0.3, -0.2, 0.5])
+    numerical = np.zeros((3, 9))
+    for element in range(6):
+        step = np.zeros(9)
+        step[element] = 1e-6 * np.abs(STATE[:6]).max()
+        ahead, behind = ((STATE + sign * step)[ELEMENT] for sign in (1.0, -1.0))
+        difference = coupling_increment(ahead, rate, 0.08) - coupling_increment(behind, rate, 0.08)
+        numerical[:, element] = difference / (2.0 * step[element])
+    jacobian = coupling_jacobian(STATE[ELEMENT], rate, 0.08)
+    np.testing.assert_allclose(jacobian, numerical, rtol=1e-6, atol=1e-8 * np.abs(numerical).max())
+
+
+def test_a_sample_that_turns_by_more_than_the_limit_is_not_used() -> None:
+    settings = SETTINGS._replace(largest_turn=0.1, gyro_variances=np.array([1e-12]))
+    state = RotationState(STATE, np.diag(np.square(0.1 * np.abs(STATE) + 1e-12)))
+    for rate, measured in ((0.09 / PERIOD, True), (0.11 / PERIOD, False)):
+        rates = np.array([[rate, 0.0, 0.0]])
+        dut = measure(state, rates, False, rates, None, np.zeros(3), np.zeros(3), False, settings)
+        assert np.isfinite(dut.innovation.nis) == measured

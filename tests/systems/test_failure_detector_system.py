@@ -131,10 +131,10 @@ def test_topology(orbiter: Vehicle, mass_size: int) -> None:
     }
 
 
-def test_known_forces_depend_on_predictions_alone(rig: Rig) -> None:
+def test_known_forces_depend_on_predictions_and_commands_alone(rig: Rig) -> None:
     # they enter the impulses, which make the innovations: anything more would close a loop
     depends = feedthrough(rig.dut)
-    assert depends["known_force"] <= PREDICTIONS
+    assert depends["known_force"] <= {*PREDICTIONS, "jet_commands"}
     assert depends["memory"] == depends["held_closed"] == set()
     for name in ("adaptation", "reconfiguration", "closed", "status", "likelihood", "magnitude"):
         assert depends[name] == {*INNOVATIONS, *PREDICTIONS, *EFFECTS, "jet_commands", "impulses"}
@@ -209,10 +209,10 @@ def test_the_known_forces_effect_follows_the_predictions(rig: Rig) -> None:
         mass_predicted=np.array([moved[9], 1e-12, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]),
     )
     known = rig.out("known_force")
-    expected = detection.known_force(state, moved, rig.settings)
+    expected = detection.known_force(state, moved, np.zeros(N), rig.settings)
     np.testing.assert_array_equal(known[6:15], expected.translation_spread.ravel())
     np.testing.assert_array_equal(known[15:], expected.rotation_spread.ravel())
-    before = detection.known_force(state, rig.properties, rig.settings)
+    before = detection.known_force(state, rig.properties, np.zeros(N), rig.settings)
     assert (np.abs(known[15:] - before.rotation_spread.ravel()) > 0.0).any()
 
 
