@@ -511,3 +511,17 @@ def test_estimates_errors_are_those_the_variance_claims() -> None:
         nees.append((estimate - truth) ** 2 / variance)
     assert abs(np.mean(nees) - 1.0) < 5.0 * np.sqrt(2.0 / 400)
     assert abs(np.mean(nis) - 3.0) < 5.0 * np.sqrt(6.0 / 2000)
+
+
+def test_a_couple_of_jets_shows_no_jump() -> None:
+    # opposed thrusts leave an impulse of rounding errors; whatever the innovation, it says nothing of 1/m
+    settings = SETTINGS._replace(compensation=NO_COMPENSATION, jump_threshold=6.63, jump_variance=0.09)
+    state = MassState(0.3, 0.01, WINDOW)
+    for push, jumps in ((1e-17, False), (1.0, True)):
+        impulse, velocity = np.array([push, 0.0, 0.0]), np.array([5.0, 0.0, 0.0])
+        measurement = measured(
+            settings, variance=0.01, velocity=velocity, noise=1e-3 * np.eye(3), linear_impulse=impulse
+        )
+        dut = update(state, measurement.sample, measurement.innovation, NO_ADAPTATION, settings)
+        assert dut.jumped == jumps
+        assert abs(dut.state.mass_reciprocal) < 10.0
