@@ -38,12 +38,8 @@ def estimation_signals(scenario: Scenario, logs: Mapping[str, Array]) -> dict[st
     signals["estimate"] = np.hstack([rotation[:, :9], mass[:, :1]])
     signals["standard_deviation"] = np.hstack([rotation[:, 9:18], np.sqrt(mass[:, 1:2])])
     limits = make.convergence_limits(scenario)
-    signals["converged"] = np.array(
-        [
-            [float(mass_properties.converged(deviation, estimate, limits))]
-            for deviation, estimate in zip(signals["standard_deviation"], signals["estimate"], strict=True)
-        ]
-    )
+    good = mass_properties.converged_rows(signals["standard_deviation"], signals["estimate"], limits)
+    signals["converged"] = good.astype(float)[:, None]
     signals |= _parts(
         rotation[:, 18:],
         rotation_innovation=3,

@@ -64,6 +64,7 @@ class Run:
         self.signals = signals if isinstance(signals, Spool) else dict(signals)
         self.covariance = covariance
         self.state = dict(state or {})
+        self._thinned = False  # whether these are but some of the rows
 
     def __repr__(self) -> str:
         return f"<Run of '{self.scenario.name}', {self.summary['duration_s']:g} s, seed {self.scenario.seed}>"
@@ -101,10 +102,9 @@ class Run:
         """Figures of this run: `run.plot.rates()` and the others return matplotlib figures."""
         from massprop_drake.figures import Plots  # noqa: PLC0415 (matplotlib is slow to load)
 
-        if not isinstance(self.signals, Spool):
-            return Plots(self.time_s, self.signals, self.scenario)
-        shown = self.shown()
-        return Plots(shown.time_s, shown.signals, self.scenario, consistency=self.summary["consistency"])
+        shown = self.shown() if isinstance(self.signals, Spool) else self
+        consistency = self.summary["consistency"] if shown._thinned else None
+        return Plots(shown.time_s, shown.signals, self.scenario, consistency=consistency)
 
     def shown(self) -> Run:
         """The run or, of a long one, some thousand of its rows that show what there is to see.
@@ -114,7 +114,7 @@ class Run:
         """
         spooled = isinstance(self.signals, Spool)
         n_rows = self.signals.n_rows if isinstance(self.signals, Spool) else self.time_s.size
-        if not spooled and n_rows <= _MANY_ROWS:
+        if self._thinned or (not spooled and n_rows <= _MANY_ROWS):
             return self
         gyro = make.gyro(self.scenario).name
         peaks = tuple(name for name in ("rotation_nis", "mass_nis") if name in self.signals)
@@ -123,7 +123,9 @@ class Run:
         leaving_out = _NOT_SHOWN if spooled else ()
         signals = picked(self.signals, rows, leaving_out=leaving_out)
         time_s = signals.pop("time_s") if spooled else self.time_s[rows]
-        return Run(self.scenario, self.summary, time_s, signals, self.covariance, self.state)
+        shown = Run(self.scenario, self.summary, time_s, signals, self.covariance, self.state)
+        shown._thinned = True
+        return shown
 
     def save(
         self,
@@ -152,18 +154,19 @@ class Run:
             self._write_telemetry(partial / "telemetry.csv")
             self._write_history(partial / "history.npz")
             (partial / "filter_state.json").write_text(_json(self._filter_state()), encoding="utf-8")
+            shown = self.shown() if isinstance(self.signals, Spool) else self  # once: it is large
             if pictures:
                 (partial / "figures").mkdir()
-                figures = self.plot.all()
+                figures = shown.plot.all()
                 for name in figures:  # one at a time, to hold no more than one
                     figures[name].savefig(partial / "figures" / f"{name}.png")
             if report or replay:
                 from massprop_drake.report import write_replay, write_report  # noqa: PLC0415 (loads templates, Drake)
 
                 if replay:
-                    write_replay(self, partial / "replay.html")
+                    write_replay(shown, partial / "replay.html")
                 if report:
-                    write_report(self, partial / "report.html", replay="replay.html" if replay else None)
+                    write_report(shown, partial / "report.html", replay="replay.html" if replay else None)
             (partial / "summary.json").write_text(_json(self.summary), encoding="utf-8")
         return target
 

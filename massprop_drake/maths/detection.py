@@ -24,6 +24,7 @@ One cycle of the detector (section 4.3 to 4.5 of the thesis, with the rules mark
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -529,11 +530,13 @@ def judged(
     Raises:
         NotPositiveDefiniteError: when an innovation covariance is not positive definite.
     """
+    measured = math.isfinite(translation[0]) and math.isfinite(rotation[0])
+    if not (usable and measured):
+        return _untested(state)
     parameters, variance = np.empty(10), np.empty(10)
     parameters[:9], parameters[9] = rotation_estimate, mass_estimate[0]
     variance[:9], variance[9] = state_covariance.diagonal(), mass_estimate[1]
-    measured = np.isfinite(translation[0]) and np.isfinite(rotation[0])
-    if not (measured and usable and converged(np.sqrt(variance), parameters, limits)):
+    if not converged(np.sqrt(variance), parameters, limits):
         return _untested(state)
     covariance, information = np.zeros((6, 6)), np.zeros((6, 6))
     covariance[:3, :3], covariance[3:, 3:] = translation_covariance, rotation_covariance

@@ -79,7 +79,7 @@ def interval_impulses(
         mean, after = mean_level(level, command, lag.mean), level_after(level, command, lag.remaining)
     impulse = mean @ impulse_per_level
     firing = bool(command.any())
-    if outside_impulse is not None and outside_impulse.any():
+    if outside_impulse is not None and any(outside_impulse.tolist()):
         impulse, firing = impulse + outside_impulse, True
     return Impulses(
         angular_impulse=impulse[:3],

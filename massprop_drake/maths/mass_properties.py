@@ -14,6 +14,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from massprop_drake.maths import linear_algebra
 from massprop_drake.maths.linear_algebra import Array, is_positive_definite, symmetrised
@@ -186,6 +187,16 @@ def percent_error(estimate: Array, truth: Array) -> Array:
     error = np.full(10, np.nan)
     error[known] = 100.0 * (estimate[known] - truth[known]) / np.abs(truth[known])
     return error
+
+
+def converged_rows(standard_deviation: Array, estimate: Array, limits: Array) -> NDArray[np.bool_]:
+    """`converged` for many samples at once, shape (n,); arguments with a leading n."""
+    diagonal, center, reciprocal = limits.tolist()
+    relative = np.append(np.full(3, diagonal), reciprocal)
+    scaled = [0, 1, 2, 9]
+    s, x = standard_deviation[:, scaled], estimate[:, scaled]
+    good = (s > 0.0) & (s < relative * x)
+    return good.all(axis=1) & (standard_deviation[:, 6:9] < center).all(axis=1)
 
 
 def converged(standard_deviation: Array, estimate: Array, limits: Array) -> bool:

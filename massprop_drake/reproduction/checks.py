@@ -59,7 +59,7 @@ def mass_jump_variance(seed: int) -> dict[str, Array]:
     random = np.random.default_rng([seed, 10])
     # a threshold of zero: every sample counts as a jump
     always = {
-        name: _settings(f"mass.jump={jump}")._replace(jump_threshold=0.0)
+        name: _settings(f"mass.jump={jump}")._replace(jump_threshold=0.0, jump_variance=1.0)
         for name, jump in (("exact", "single_sample"), ("thesis", "single_sample_thesis"))
     }
     truth = orbiter().nominal.vector()[9]

@@ -11,10 +11,10 @@ from pydrake.systems.framework import LeafSystem
 from massprop_drake.maths import mass_filter, mass_jump
 from massprop_drake.maths.adaptation import N_ADAPTATION, NO_ADAPTATION, unpacked
 from massprop_drake.maths.detection import N_KNOWN_FORCE
-from massprop_drake.maths.mass_filter import MassCycle, MassMeasurement, MassSettings, MassState, Rotation
+from massprop_drake.maths.mass_filter import MassMeasurement, MassSettings, MassState, Rotation
 from massprop_drake.maths.mass_properties import N_ROTATION
 from massprop_drake.systems._caching import Cached, Stopwatch
-from massprop_drake.systems._readings import Package, Readings
+from massprop_drake.systems._readings import Finished, Measured, Package, Readings
 from massprop_drake.systems.impulse_model import N_IMPULSES
 
 Array = NDArray[np.float64]
@@ -134,7 +134,7 @@ class MassEstimator(LeafSystem):
             sensitivity = context.get_discrete_state(self._sensitivity).CopyToVector()
         return MassState(float(estimate[0]), float(estimate[1]), window, sensitivity)
 
-    def _measure(self, context: Any) -> tuple[MassMeasurement, Array]:
+    def _measure(self, context: Any) -> Measured:
         rate_sample = self._rate_sample.Eval(context)
         estimate = context.get_discrete_state(self._estimate).CopyToVector()
         covariance = self._predicted_covariance.Eval(context).reshape(N_ROTATION, N_ROTATION)
@@ -152,10 +152,10 @@ class MassEstimator(LeafSystem):
             center=self._predicted.Eval(context)[6:],
             center_covariance=covariance[6:, 6:],
         )
-        velocities = self._accelerometers.eval(context)
+        velocities, state = self._accelerometers.eval(context), self._state(context)
         measurement = self.stopwatch.measure(
             mass_filter.measure,
-            self._state(context),
+            state,
             estimate[2 : self._window].reshape(-1, 3),
             velocities,
             extra_noise,
@@ -164,26 +164,28 @@ class MassEstimator(LeafSystem):
             self._settings,
             thrust_errors,
         )
-        return measurement, velocities
+        return Measured(measurement, velocities, state)
 
     def _measured(self, context: Any) -> MassMeasurement:
-        measurement: MassMeasurement = self._measurement.get(self, context)[0]
+        measurement: MassMeasurement = self._measurement.get(self, context).measurement
         return measurement
 
-    def _finish(self, context: Any) -> MassCycle:
+    def _finish(self, context: Any) -> Finished:
         adaptation = NO_ADAPTATION
         if self._adaptation.HasValue(context):
             adaptation = unpacked(self._adaptation.Eval(context))
         impulses = self._impulses.Eval(context)
-        return self.stopwatch.measure(
+        measurement, velocities, state = self._measurement.get(self, context)
+        cycle = self.stopwatch.measure(
             mass_filter.finish,
-            self._state(context),
-            self._measured(context),
+            state,
+            measurement,
             impulses[6] != 0.0,
             impulses[7] != 0.0,
             adaptation,
             self._settings,
         )
+        return Finished(cycle, measurement, velocities)
 
     def _calc_effects(self, context: Any, output: Any) -> None:
         effects = self._measured(context).innovation.effects
@@ -202,27 +204,26 @@ class MassEstimator(LeafSystem):
         output.SetFromVector(vector)
 
     def _calc_estimate(self, context: Any, output: Any) -> None:
-        state = self._cycle.get(self, context).state
+        state = self._cycle.get(self, context).cycle.state
         output.SetFromVector(np.array([state.mass_reciprocal, state.variance]))
 
     def _calc_status(self, context: Any, output: Any) -> None:
-        output.SetFromVector(np.array(self._status(context)))
+        output.SetFromVector(np.array(_status(self._cycle.get(self, context))))
 
     def _calc_report(self, context: Any, output: Any) -> None:
-        state = self._cycle.get(self, context).state
-        output.SetFromVector(np.array([state.mass_reciprocal, state.variance, *self._status(context)]))
-
-    def _status(self, context: Any) -> list[float]:
-        innovation = self._measured(context).innovation
-        cycle = self._cycle.get(self, context)
-        return [*innovation.innovation, innovation.nis, cycle.used, cycle.jumped]
+        finished = self._cycle.get(self, context)
+        state = finished.cycle.state
+        output.SetFromVector(np.array([state.mass_reciprocal, state.variance, *_status(finished)]))
 
     def _update(self, context: Any, state: Any) -> None:
-        after = self._cycle.get(self, context).state
-        readings = self._measurement.get(self, context)[1].ravel()
-        state.set_value(
-            self._estimate,
-            np.concatenate([[after.mass_reciprocal, after.variance], readings, after.window.ravel()]),
-        )
+        finished = self._cycle.get(self, context)
+        after = finished.cycle.state
+        head = [after.mass_reciprocal, after.variance]
+        state.set_value(self._estimate, np.concatenate([head, finished.readings.ravel(), after.window.ravel()]))
         if self._thrust_errors is not None:
             state.set_value(self._sensitivity, after.sensitivity)
+
+
+def _status(finished: Finished) -> list[float]:
+    cycle, innovation = finished.cycle, finished.measurement.innovation
+    return [*innovation.innovation, innovation.nis, cycle.used, cycle.jumped]

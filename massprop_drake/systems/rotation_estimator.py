@@ -13,13 +13,12 @@ from massprop_drake.maths.adaptation import N_ADAPTATION, NO_ADAPTATION, unpacke
 from massprop_drake.maths.detection import N_KNOWN_FORCE
 from massprop_drake.maths.mass_properties import N_ROTATION
 from massprop_drake.maths.rotation_filter import (
-    RotationCycle,
     RotationMeasurement,
     RotationSettings,
     RotationState,
 )
 from massprop_drake.systems._caching import Cached, Stopwatch
-from massprop_drake.systems._readings import Package, Readings
+from massprop_drake.systems._readings import Finished, Measured, Package, Readings
 from massprop_drake.systems.impulse_model import N_IMPULSES
 
 Array = NDArray[np.float64]
@@ -137,7 +136,7 @@ class RotationEstimator(LeafSystem):
         sensitivity = context.get_discrete_state(self._sensitivity).CopyToVector().reshape(N_ROTATION, -1)
         return RotationState(estimate, covariance, sensitivity)
 
-    def _measure(self, context: Any) -> tuple[RotationMeasurement, Array]:
+    def _measure(self, context: Any) -> Measured:
         impulses = self._impulses.Eval(context)
         memory = context.get_discrete_state(self._memory).CopyToVector()
         extra_noise, acting, thrust_errors = None, impulses[7] != 0.0, None
@@ -147,10 +146,10 @@ class RotationEstimator(LeafSystem):
                 extra_noise, acting = known[15:].reshape(3, 3), True
         if self._thrust_errors is not None:
             thrust_errors = self._mean_level.Eval(context)[:, None] * self._thrust_errors
-        rates = self._gyros.eval(context)
+        rates, state = self._gyros.eval(context), self._state(context)
         measurement = self.stopwatch.measure(
             rotation_filter.measure,
-            self._state(context),
+            state,
             memory[1:].reshape(-1, 3),
             memory[0] != 0.0,
             rates,
@@ -161,22 +160,21 @@ class RotationEstimator(LeafSystem):
             self._settings,
             thrust_errors,
         )
-        return measurement, rates
+        return Measured(measurement, rates, state)
 
     def _measured(self, context: Any) -> RotationMeasurement:
-        measurement: RotationMeasurement = self._measurement.get(self, context)[0]
+        measurement: RotationMeasurement = self._measurement.get(self, context).measurement
         return measurement
 
-    def _finish(self, context: Any) -> RotationCycle:
+    def _finish(self, context: Any) -> Finished:
         adaptation = NO_ADAPTATION
         if self._adaptation.HasValue(context):
             adaptation = unpacked(self._adaptation.Eval(context))
-        measurement = self._measured(context)
+        measurement, rates, state = self._measurement.get(self, context)
         # a known force alone is no reason to learn: it may have ceased
         usable = bool(self._impulses.Eval(context)[6:8].all())
-        return self.stopwatch.measure(
-            rotation_filter.finish, self._state(context), measurement, usable, adaptation, self._settings
-        )
+        cycle = self.stopwatch.measure(rotation_filter.finish, state, measurement, usable, adaptation, self._settings)
+        return Finished(cycle, measurement, rates)
 
     def _calc_rate_sample(self, context: Any, output: Any) -> None:
         sample = self._measured(context).sample
@@ -199,32 +197,33 @@ class RotationEstimator(LeafSystem):
         output.SetFromVector(vector)
 
     def _calc_estimate(self, context: Any, output: Any) -> None:
-        output.SetFromVector(self._cycle.get(self, context).state.estimate)
+        output.SetFromVector(self._cycle.get(self, context).cycle.state.estimate)
 
     def _calc_covariance(self, context: Any, output: Any) -> None:
-        output.SetFromVector(self._cycle.get(self, context).state.covariance.ravel())
+        output.SetFromVector(self._cycle.get(self, context).cycle.state.covariance.ravel())
 
     def _calc_deviation(self, context: Any, output: Any) -> None:
-        output.SetFromVector(np.sqrt(self._cycle.get(self, context).state.covariance.diagonal()))
+        output.SetFromVector(np.sqrt(self._cycle.get(self, context).cycle.state.covariance.diagonal()))
 
     def _calc_status(self, context: Any, output: Any) -> None:
-        output.SetFromVector(self._status(context))
+        output.SetFromVector(np.array(_status(self._cycle.get(self, context))))
 
     def _calc_report(self, context: Any, output: Any) -> None:
-        state = self._cycle.get(self, context).state
+        finished = self._cycle.get(self, context)
+        state = finished.cycle.state
         deviation = np.sqrt(state.covariance.diagonal())
-        output.SetFromVector(np.concatenate([state.estimate, deviation, self._status(context)]))
-
-    def _status(self, context: Any) -> Array:
-        cycle = self._cycle.get(self, context)
-        before = self._measured(context).innovation
-        return np.array([*before.innovation, before.nis, cycle.used, cycle.jumped, before.subtract_coupling])
+        output.SetFromVector(np.concatenate([state.estimate, deviation, _status(finished)]))
 
     def _update(self, context: Any, state: Any) -> None:
-        after = self._cycle.get(self, context).state
-        measurement, rates = self._measurement.get(self, context)
+        finished = self._cycle.get(self, context)
+        after, innovation = finished.cycle.state, finished.measurement.innovation
         state.set_value(self._estimate, after.estimate)
         state.set_value(self._covariance, after.covariance.ravel())
-        state.set_value(self._memory, np.append(measurement.innovation.subtract_coupling, rates))
+        state.set_value(self._memory, np.append(innovation.subtract_coupling, finished.readings))
         if self._thrust_errors is not None:
             state.set_value(self._sensitivity, after.sensitivity.ravel())
+
+
+def _status(finished: Finished) -> list[float]:
+    cycle, before = finished.cycle, finished.measurement.innovation
+    return [*before.innovation, before.nis, cycle.used, cycle.jumped, before.subtract_coupling]

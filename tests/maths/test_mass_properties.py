@@ -12,6 +12,7 @@ from massprop_drake.maths.mass_properties import (
     NAMES,
     MassProperties,
     converged,
+    converged_rows,
     could_be_inertia,
     derived,
     initial_standard_deviation,
@@ -253,3 +254,14 @@ def test_negative_estimate_of_a_positive_quantity_prevents_convergence(element: 
     estimate = CONVERGED_ESTIMATE.copy()
     estimate[element] *= -1.0
     assert not converged(CONVERGED_STD, estimate, LIMITS)
+
+
+def test_many_samples_are_judged_as_each_alone() -> None:
+    rng = np.random.default_rng(5)
+    limits = np.array([0.5, 0.6, 0.7])
+    estimate = rng.uniform(-0.1, 1.0, (400, 10))
+    deviation = rng.uniform(-0.02, 0.7, (400, 10)) * np.where(rng.random((400, 1)) < 0.5, 0.4, 1.0)
+    deviation[0, 9] = np.nan
+    each = [converged(d, e, limits) for d, e in zip(deviation, estimate, strict=True)]
+    assert 5 < sum(each) < 395
+    np.testing.assert_array_equal(converged_rows(deviation, estimate, limits), each)

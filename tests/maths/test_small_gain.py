@@ -13,7 +13,8 @@ from massprop_drake.maths.mass_jump import empty_window
 
 
 def always(jump: str) -> MassSettings:
-    return make.mass_settings(load_scenario("sample_maneuver", [f"mass.jump={jump}"]))._replace(jump_threshold=0.0)
+    settings = make.mass_settings(load_scenario("sample_maneuver", [f"mass.jump={jump}"]))
+    return settings._replace(jump_threshold=0.0, jump_variance=1.0)
 
 
 @pytest.mark.parametrize(("gain", "ratio"), [(0.8, 7.4), (0.004, 1.016)])
