@@ -6,11 +6,13 @@ python docs/make_images.py
 from __future__ import annotations
 
 import runpy
+import shutil
 import sys
 import tempfile
 from pathlib import Path
 
 from massprop_drake import graphs, load_scenario, simulate
+from massprop_drake.report import write_replay, write_report
 
 DOCS = Path(__file__).parent
 IMAGES = DOCS / "images"
@@ -34,6 +36,33 @@ def readme() -> None:
     failure.detection_timeline().savefig(IMAGES / "detection_timeline.png")
     for name, figure in {"inverse_inertia_diagonal": plot.inverse_inertia_diagonal(), "rates": plot.rates()}.items():
         figure.savefig(IMAGES / f"{name}.png")
+
+
+def screenshots() -> None:
+    """The pages of a run as a browser shows them: report.jpg and replay.jpg.
+
+    Raises:
+        RuntimeError: when no Chromium is installed.
+    """
+    from playwright.sync_api import sync_playwright  # noqa: PLC0415 (for these two alone)
+
+    chromium = shutil.which("chromium") or shutil.which("google-chrome")
+    if chromium is None:
+        raise RuntimeError("no Chromium is installed to show the report in")
+    run = simulate(load_scenario("stuck_on_29"))
+    flags = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+    with tempfile.TemporaryDirectory() as folder, sync_playwright() as driver:
+        page = driver.chromium.launch(executable_path=chromium, args=flags).new_page()
+        for name, write, act in (
+            ("report", write_report, "document.querySelector('#plots-heading').scrollIntoView()"),
+            ("replay", write_replay, "massprop.seek(51.3)"),
+        ):
+            page.set_viewport_size({"width": 900, "height": 560})
+            page.goto(write(run, Path(folder) / f"{name}.html").as_uri())
+            page.wait_for_function("document.body.dataset.ready === 'yes'")
+            page.evaluate(act)
+            page.wait_for_timeout(1500)
+            page.screenshot(path=IMAGES / f"{name}.jpg", type="jpeg", quality=80)
 
 
 def tutorials() -> None:
@@ -72,6 +101,7 @@ def main() -> None:
     """Writes the images."""
     IMAGES.mkdir(exist_ok=True)
     readme()
+    screenshots()
     tutorials()
     diagrams()
 
