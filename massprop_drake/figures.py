@@ -388,7 +388,7 @@ class Plots:
             panel.fill_between(self._time_s, -band, band, color=BAND_COLOUR, alpha=0.35, linewidth=0.0)
             panel.plot(self._time_s, error, color=COLOURS[element % 3], linewidth=_LINE_WIDTH)
             unit = "%" if relative else units[element]
-            _symmetric_log(panel, float(band[-1]), float(np.nanmax(np.abs([error, band]))))
+            symmetric_log(panel, float(band[-1]), float(np.nanmax(np.abs([error, band]))))
             panel.set_ylabel(f"{SYMBOLS[element]}, {unit}")
             handles = [
                 Line2D([], [], color=COLOURS[element % 3], label=f"error, at the end {error[-1]:.3g} {unit}"),
@@ -426,7 +426,7 @@ def _last_half(value: Array, band: Array) -> tuple[float, float]:
     return low - margin, high + 3.0 * margin
 
 
-def _symmetric_log(panel: Axes, small: float, large: float) -> None:
+def symmetric_log(panel: Axes, small: float, large: float) -> None:
     """A vertical axis that is linear up to the final band and logarithmic beyond, with few marks."""
     first = math.ceil(math.log10(max(small, 1e-300)))
     last = max(math.floor(math.log10(max(large, 1e-300))), first)

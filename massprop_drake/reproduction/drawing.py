@@ -7,7 +7,6 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, NullLocator
 from scipy.special import chdtri
 
 from massprop_drake.reproduction.claims import Array, Phases, Signals
@@ -78,17 +77,6 @@ def curves(
 def chi_square_band(panel: Axes) -> None:
     """The central 95 % of chi-square with three degrees of freedom."""
     panel.axhspan(*chdtri(3, [0.975, 0.025]), color=BAND_COLOUR, alpha=0.3, linewidth=0.0)
-
-
-def symmetric_log(panel: Axes, small: float, large: float) -> None:
-    """A vertical axis that is linear up to a small value and logarithmic beyond, with few marks."""
-    first, last = int(np.ceil(np.log10(small))), int(np.floor(np.log10(large)))
-    step = max(1, round((last - first) / 3))
-    marks = [10.0**power for power in range(first, max(last, first) + 1, step)]
-    panel.set_yscale("symlog", linthresh=10.0**first, linscale=0.8)
-    panel.set_yticks([*(-mark for mark in reversed(marks)), 0.0, *marks])
-    panel.yaxis.set_minor_locator(NullLocator())
-    panel.yaxis.set_major_formatter(FuncFormatter(lambda level, _: f"{level:g}"))
 
 
 def heat_map(panel: Axes, values: Array, columns: Sequence[str], rows: Sequence[str], label: str) -> None:

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from matplotlib.figure import Figure
 
+from massprop_drake.figures import symmetric_log
 from massprop_drake.reproduction.cases import Calculation
 from massprop_drake.reproduction.checks import updates_per_sample
 from massprop_drake.reproduction.claims import (
@@ -22,7 +23,7 @@ from massprop_drake.reproduction.claims import (
     Printed,
     Signals,
 )
-from massprop_drake.reproduction.drawing import chi_square_band, curves, panels, symmetric_log
+from massprop_drake.reproduction.drawing import chi_square_band, curves, panels
 from massprop_drake.reproduction.entry import Entry
 from massprop_drake.reproduction.flights import (
     CENTRIPETAL,

@@ -8,6 +8,7 @@ from itertools import pairwise
 import numpy as np
 from matplotlib.figure import Figure
 
+from massprop_drake.figures import symmetric_log
 from massprop_drake.reproduction.cases import Calculation
 from massprop_drake.reproduction.checks import first_update, first_updates
 from massprop_drake.reproduction.claims import (
@@ -23,7 +24,7 @@ from massprop_drake.reproduction.claims import (
     Printed,
     Signals,
 )
-from massprop_drake.reproduction.drawing import chi_square_band, curves, panels, symmetric_log
+from massprop_drake.reproduction.drawing import chi_square_band, curves, panels
 from massprop_drake.reproduction.entry import Entry
 from massprop_drake.reproduction.flights import (
     EXTENDED,
