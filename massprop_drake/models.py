@@ -45,9 +45,9 @@ class Model(BaseModel):
 M = TypeVar("M", bound=Model)
 
 
-def described(default: Any, meaning: str, unit: str = "-", **constraints: Any) -> Any:
-    """A field with its default, meaning and unit; `...` as default makes it required."""
-    return Field(default, description=meaning, json_schema_extra={"unit": unit}, **constraints)
+def described(default: Any, meaning: str, unit: str = "-", *, reason: str = "", **constraints: Any) -> Any:
+    """A field with its default, meaning and unit; `...` as default makes it required, for a reason if given."""
+    return Field(default, description=meaning, json_schema_extra={"unit": unit, "reason": reason}, **constraints)
 
 
 # ---------------------------------------------------------------------------------------- reading
@@ -263,8 +263,10 @@ def _without_union_tags(location: tuple[str | int, ...], data: Any) -> Path_:
 
 def _sentence(model: type[Model], data: Any, item: Any, path: Path_) -> str:
     kind, given = item["type"], item.get("input")
-    if kind == "missing":
-        return "missing; this field is required"
+    if kind in ("missing", "too_short"):
+        reason = _reason(model, path, data)
+        if kind == "missing" or reason:
+            return f"{'missing' if kind == 'missing' else 'is empty'}; this field is required{reason}"
     if kind == "extra_forbidden":
         return f"unknown key{suggestion(path[-1], list(_model_at(model, path[:-1], data).model_fields))}"
     if kind == "too_few_values":
@@ -284,6 +286,16 @@ def _sentence(model: type[Model], data: Any, item: Any, path: Path_) -> str:
     if isinstance(given, (list, tuple)) and "length" in kind:
         return f"{message}, got {len(given)}"
     return message
+
+
+def _reason(model: type[Model], path: Path_, data: Any) -> str:
+    """Why a field is required, as the end of a sentence; empty where it goes without saying."""
+    if not path or not isinstance(path[-1], str):
+        return ""
+    field = _model_at(model, path[:-1], data).model_fields.get(path[-1])
+    extra = None if field is None else field.json_schema_extra
+    reason = str(extra.get("reason", "")) if isinstance(extra, dict) else ""
+    return f": {reason}" if reason else ""
 
 
 def _at(data: Any, path: Path_) -> Any:

@@ -243,7 +243,12 @@ class Vehicle(Model):
     center_of_mass_std: Real | None = described(
         None, "least 1-sigma of the center of mass at the start; null: 10 % of the jets' RMS arm", "ft | m", gt=0.0
     )
-    gyros: tuple[Gyro, ...] = described(..., "rate-gyro packages", min_length=1)
+    gyros: tuple[Gyro, ...] = described(
+        ...,
+        "rate-gyro packages",
+        min_length=1,
+        reason="without measured rates neither inertia nor center of mass can be estimated",
+    )
     accelerometers: tuple[Accelerometer, ...] = described((), "integrating-accelerometer packages")
     preferred_accelerometer: Text | None = described(None, "the package used where one is enough; null: the first")
     jet_kinds: dict[str, JetKind] = described(..., "kinds of jets by name", min_length=1)

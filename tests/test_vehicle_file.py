@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from massprop_drake import InputError, load_vehicle
 from massprop_drake.maths.mass_properties import six_elements, symmetric
-from massprop_drake.models import yaml_text
+from massprop_drake.models import validated, yaml_text
 from massprop_drake.vehicle import MassPropertiesModel, Vehicle, bundled_vehicles
 
 DATA = Path(__file__).parent / "data"
@@ -442,3 +442,12 @@ def test_every_inertia_beyond_the_triangle_is_refused() -> None:
         inertia = 0.5 * (inertia + inertia.T)
         with pytest.raises(ValueError, match="exceeds the sum of the other two"):
             MassPropertiesModel(mass=1.0, center_of_mass=(0.0, 0.0, 0.0), inertia=inertia.tolist())
+
+
+def test_a_vehicle_without_gyro_is_refused_with_a_reason(toy_data: dict[str, Any]) -> None:
+    reason = "this field is required: without measured rates neither inertia nor center of mass can be estimated"
+    with pytest.raises(InputError, match=f"gyros: is empty; {reason}"):
+        validated(Vehicle, {**toy_data, "gyros": []})
+    del toy_data["gyros"]
+    with pytest.raises(InputError, match=f"gyros: missing; {reason}"):
+        validated(Vehicle, toy_data)
