@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from massprop_drake import settings as make
 from massprop_drake.scenario import Scenario
-from massprop_drake.signals import AXES, in_units
+from massprop_drake.signals import AXES, SYMBOLS, in_units
 from massprop_drake.telemetry import Record, Rows
 from massprop_drake.vehicle import Accelerometer, SensorPackage
 
@@ -114,6 +114,11 @@ class QualityReport:
         filters = ["rotation", *(["mass"] if self._accelerometers else [])]
         self._samples = {name: {"used": 0, **dict.fromkeys(_REASONS, 0)} for name in filters}
 
+        self._limits = make.convergence_limits(scenario)
+        self._detects = scenario.detector.kind != "off"
+        self._tested = 0  # samples that were tested for failed jets
+        self._estimate = self._deviation = np.full(10, np.nan)
+
     def begin(self, command: Array) -> None:
         """Sets the command of the interval before the first row, shape (n_jets,)."""
         self._commands = command[None, :]
@@ -165,6 +170,9 @@ class QualityReport:
             self._watch_units(entry, increments, predicted, steady & ~missing[name] & ~saturated[name])
             self._last[name] = readings[-1:]
         self._sort_samples(signals, commands, gap, fresh, missing, saturated)
+        if "tested" in signals:
+            self._tested += int(signals["tested"].sum())
+        self._estimate, self._deviation = signals["estimate"][-1], signals["standard_deviation"][-1]
         self._commands = rows.commands[-1:]
         self._last_gap = bool(gap[-1])
 
@@ -320,6 +328,32 @@ class QualityReport:
             *self._about_rows(quality),
             *self._about_sensors(quality),
             *self._about_samples(quality),
+            *self._about_tests(),
+        ]
+
+    def _about_tests(self) -> list[str]:
+        """Why nothing was tested for failed jets, where nothing was."""
+        if self._tested or not self._detects or not self._accelerometers:
+            return []
+        diagonal, center, reciprocal = self._limits.tolist()
+        relative = np.append(np.full(3, diagonal), reciprocal)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            share = self._deviation / np.abs(self._estimate)
+        wide = [
+            f"{SYMBOLS[element]} is known to {100.0 * share[element]:.2g} % ({100.0 * limit:.2g} % is asked)"
+            for element, limit in zip((0, 1, 2, 9), relative, strict=True)
+            if not share[element] < limit
+        ]
+        length = self._vehicle.unit_names["length"]
+        wide += [
+            f"{SYMBOLS[element]} to {self._deviation[element]:.2g} {length} ({center:.2g} {length})"
+            for element in (6, 7, 8)
+            if not self._deviation[element] < center
+        ]
+        why = f": {'; '.join(wide)}" if wide else ""
+        return [
+            f"no sample was tested for failed jets, since the estimates did not converge{why}; it takes a "
+            "record that excites them, or wider limits in estimation.convergence"
         ]
 
     def _about_units(self, quality: dict[str, Any]) -> list[str]:

@@ -435,3 +435,17 @@ def test_default_settings_with_a_vehicle() -> None:
     assert (scenario.name, scenario.vehicle_data.name, scenario.estimation.start) == ("flight", "orbiter", "zero")
     with pytest.raises(InputError, match="did you mean"):
         vehicle_scenario("flight", "orbiter", ["estimation.strat=zero"])
+
+
+def test_that_no_sample_was_tested_for_failed_jets_is_said(
+    failed_run: Run, failed_folder: Path, tmp_path: Path
+) -> None:
+    path = _changed(failed_folder, tmp_path / "log.csv", _set("gyro", slice(0, None), ""))
+    (warning,) = [
+        text for text in estimate(path, failed_run.scenario).summary["data_quality"]["warnings"] if "tested" in text
+    ]
+    assert "no sample was tested for failed jets, since the estimates did not converge" in warning
+    assert "Ixx⁻¹ is known to" in warning
+    assert "(2 % is asked)" in warning
+    whole = estimate(failed_folder / "telemetry.csv", failed_run.scenario)
+    assert not any("tested" in text for text in whole.summary["data_quality"]["warnings"])
