@@ -26,33 +26,6 @@ class Package(NamedTuple):
     limit: float
 
 
-class Measured(NamedTuple):
-    """First half of a filter's cycle, in one cache entry.
-
-    Attributes:
-        measurement: see `measure` of the filter.
-        readings: of its packages, shape (s, 3).
-        state: of the filter before.
-    """
-
-    measurement: Any
-    readings: Array
-    state: Any
-
-
-class Finished(NamedTuple):
-    """Both halves of a filter's cycle, in one cache entry.
-
-    Attributes:
-        cycle: see `finish` of the filter.
-        measurement, readings: see `Measured`.
-    """
-
-    cycle: Any
-    measurement: Any
-    readings: Array
-
-
 class Readings:
     """Input ports of some packages, and their readings side by side.
 

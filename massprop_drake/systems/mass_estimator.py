@@ -6,21 +6,21 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.systems.framework import LeafSystem
 
 from massprop_drake.maths import mass_filter, mass_jump
-from massprop_drake.maths.adaptation import N_ADAPTATION, NO_ADAPTATION, unpacked
+from massprop_drake.maths.adaptation import N_ADAPTATION
 from massprop_drake.maths.detection import N_KNOWN_FORCE
-from massprop_drake.maths.mass_filter import MassMeasurement, MassSettings, MassState, Rotation
+from massprop_drake.maths.mass_filter import MassSettings, MassState, Rotation
 from massprop_drake.maths.mass_properties import N_ROTATION
 from massprop_drake.systems._caching import Cached, Stopwatch
-from massprop_drake.systems._readings import Finished, Measured, Package, Readings
+from massprop_drake.systems._filter import Filter, Finished, Measured
+from massprop_drake.systems._readings import Package, Readings
 from massprop_drake.systems.impulse_model import N_IMPULSES
 
 Array = NDArray[np.float64]
 
 
-class MassEstimator(LeafSystem):
+class MassEstimator(Filter):
     r"""Estimates the mass reciprocal from velocity increments and known impulses.
 
     The Kalman filter (3-81) to (3-87) with transverse and centripetal compensation, see
@@ -166,14 +166,8 @@ class MassEstimator(LeafSystem):
         )
         return Measured(measurement, velocities, state)
 
-    def _measured(self, context: Any) -> MassMeasurement:
-        measurement: MassMeasurement = self._measurement.get(self, context).measurement
-        return measurement
-
     def _finish(self, context: Any) -> Finished:
-        adaptation = NO_ADAPTATION
-        if self._adaptation.HasValue(context):
-            adaptation = unpacked(self._adaptation.Eval(context))
+        adaptation = self._adapted(context)
         impulses = self._impulses.Eval(context)
         measurement, velocities, state = self._measurement.get(self, context)
         cycle = self.stopwatch.measure(
@@ -186,22 +180,6 @@ class MassEstimator(LeafSystem):
             self._settings,
         )
         return Finished(cycle, measurement, velocities)
-
-    def _calc_effects(self, context: Any, output: Any) -> None:
-        effects = self._measured(context).innovation.effects
-        output.SetFromVector(np.zeros(output.size()) if effects is None else effects.ravel())
-
-    def _calc_innovation(self, context: Any, output: Any) -> None:
-        output.SetFromVector(self._measured(context).innovation.innovation)
-
-    def _calc_innovation_covariance(self, context: Any, output: Any) -> None:
-        output.SetFromVector(self._measured(context).innovation.covariance.ravel())
-
-    def _calc_judged(self, context: Any, output: Any) -> None:
-        innovation = self._measured(context).innovation
-        vector = np.empty(12)
-        vector[:3], vector[3:] = innovation.innovation, innovation.covariance.ravel()
-        output.SetFromVector(vector)
 
     def _calc_estimate(self, context: Any, output: Any) -> None:
         state = self._cycle.get(self, context).cycle.state

@@ -6,25 +6,24 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.systems.framework import LeafSystem
 
 from massprop_drake.maths import rotation_filter
-from massprop_drake.maths.adaptation import N_ADAPTATION, NO_ADAPTATION, unpacked
+from massprop_drake.maths.adaptation import N_ADAPTATION
 from massprop_drake.maths.detection import N_KNOWN_FORCE
 from massprop_drake.maths.mass_properties import N_ROTATION
 from massprop_drake.maths.rotation_filter import (
-    RotationMeasurement,
     RotationSettings,
     RotationState,
 )
 from massprop_drake.systems._caching import Cached, Stopwatch
-from massprop_drake.systems._readings import Finished, Measured, Package, Readings
+from massprop_drake.systems._filter import Filter, Finished, Measured
+from massprop_drake.systems._readings import Package, Readings
 from massprop_drake.systems.impulse_model import N_IMPULSES
 
 Array = NDArray[np.float64]
 
 
-class RotationEstimator(LeafSystem):
+class RotationEstimator(Filter):
     r"""Estimates inverse inertia and centre of mass from rate increments and known impulses.
 
     The second-order filter (2-115) to (2-123) or the extended Kalman filter, see
@@ -162,14 +161,8 @@ class RotationEstimator(LeafSystem):
         )
         return Measured(measurement, rates, state)
 
-    def _measured(self, context: Any) -> RotationMeasurement:
-        measurement: RotationMeasurement = self._measurement.get(self, context).measurement
-        return measurement
-
     def _finish(self, context: Any) -> Finished:
-        adaptation = NO_ADAPTATION
-        if self._adaptation.HasValue(context):
-            adaptation = unpacked(self._adaptation.Eval(context))
+        adaptation = self._adapted(context)
         measurement, rates, state = self._measurement.get(self, context)
         # a known force alone is no reason to learn: it may have ceased
         usable = bool(self._impulses.Eval(context)[6:8].all())
@@ -179,22 +172,6 @@ class RotationEstimator(LeafSystem):
     def _calc_rate_sample(self, context: Any, output: Any) -> None:
         sample = self._measured(context).sample
         output.SetFromVector(np.array([*sample.increment, *sample.rate, sample.gyro_variance]))
-
-    def _calc_effects(self, context: Any, output: Any) -> None:
-        effects = self._measured(context).innovation.effects
-        output.SetFromVector(np.zeros(output.size()) if effects is None else effects.ravel())
-
-    def _calc_innovation(self, context: Any, output: Any) -> None:
-        output.SetFromVector(self._measured(context).innovation.innovation)
-
-    def _calc_innovation_covariance(self, context: Any, output: Any) -> None:
-        output.SetFromVector(self._measured(context).innovation.covariance.ravel())
-
-    def _calc_judged(self, context: Any, output: Any) -> None:
-        innovation = self._measured(context).innovation
-        vector = np.empty(12)
-        vector[:3], vector[3:] = innovation.innovation, innovation.covariance.ravel()
-        output.SetFromVector(vector)
 
     def _calc_estimate(self, context: Any, output: Any) -> None:
         output.SetFromVector(self._cycle.get(self, context).cycle.state.estimate)
