@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from scipy.special import chdtri
 
 from massprop_drake.reproduction.claims import Array, Phases, Signals
-from massprop_drake.reproduction.measures import maneuver_windows
+from massprop_drake.reproduction.measures import maneuver_windows, used
 from massprop_drake.signals import BAND_COLOUR, COLOURS, TRUTH_COLOUR, WINDOW_COLOUR
 
 __all__ = ["BAND_COLOUR", "COLOURS", "TRUTH_COLOUR"]
@@ -77,6 +77,35 @@ def curves(
 def chi_square_band(panel: Axes) -> None:
     """The central 95 % of chi-square with three degrees of freedom."""
     panel.axhspan(*chdtri(3, [0.975, 0.025]), color=BAND_COLOUR, alpha=0.3, linewidth=0.0)
+
+
+def consistency(
+    part: str, title: str, labels: Mapping[str, str], *, symbol: str, height: float = 1.9
+) -> Callable[[Phases], Figure]:
+    """A picture of a filter's consistency function at the samples used, a panel per case.
+
+    Args:
+        part: rotation or mass.
+        title: of the picture.
+        labels: of the cases.
+        symbol: of the function, on the vertical axes.
+        height: of a panel, inches.
+    """
+
+    def value(run: Signals) -> Array:
+        return np.where(used(run, part), np.maximum(run[f"{part}_nis"][:, 0], 1e-2), np.nan)
+
+    def draw(phases: Phases) -> Figure:
+        figure, axes = panels(len(labels), title, height=height)
+        for panel, (case, label) in zip(axes, labels.items(), strict=True):
+            chi_square_band(panel)
+            curves(panel, phases, {case: label}, value, points=True)
+            panel.set_yscale("log")
+            panel.set_ylabel(symbol)
+            panel.set_title(label, fontsize=9, loc="left")
+        return figure
+
+    return draw
 
 
 def heat_map(panel: Axes, values: Array, columns: Sequence[str], rows: Sequence[str], label: str) -> None:

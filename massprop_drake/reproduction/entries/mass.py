@@ -23,7 +23,7 @@ from massprop_drake.reproduction.claims import (
     Printed,
     Signals,
 )
-from massprop_drake.reproduction.drawing import chi_square_band, curves, panels
+from massprop_drake.reproduction.drawing import consistency, curves, panels
 from massprop_drake.reproduction.entry import Entry
 from massprop_drake.reproduction.flights import (
     CENTRIPETAL,
@@ -125,25 +125,6 @@ def _mass_errors(title: str, pairs: tuple[Mapping[str, str], ...]) -> Callable[[
             curves(panel, phases, labels, error)
             symmetric_log(panel, 1.7e-6, 5e-4)
             panel.set_ylabel("1/m, 1/slug")
-        return figure
-
-    return draw
-
-
-def _mass_consistency(title: str, labels: Mapping[str, str]) -> Callable[[Phases], Figure]:
-    """A picture of the mass filter's consistency function, a panel per case."""
-
-    def value(run: Signals) -> Array:
-        return np.where(used(run, "mass"), np.maximum(run["mass_nis"][:, 0], 1e-2), np.nan)
-
-    def draw(phases: Phases) -> Figure:
-        figure, axes = panels(len(labels), title, height=1.6)
-        for panel, (case, label) in zip(axes, labels.items(), strict=True):
-            chi_square_band(panel)
-            curves(panel, phases, {case: label}, value, points=True)
-            panel.set_yscale("log")
-            panel.set_ylabel("ε' Y⁻¹ ε")
-            panel.set_title(label, fontsize=9, loc="left")
         return figure
 
     return draw
@@ -295,12 +276,15 @@ ENTRIES = (
             ),
         ),
         {
-            "fig_5_13": _mass_consistency(
+            "fig_5_13": consistency(
+                "mass",
                 "Consistency function of the mass filter, used samples (figure 5-13)",
                 {
                     case: f"({letter}) {_COMPENSATION_LABELS[case]}"
                     for letter, case in zip("abcd", _COMPENSATION, strict=True)
                 },
+                symbol="ε' Y⁻¹ ε",
+                height=1.6,
             )
         },
     ),
@@ -391,13 +375,16 @@ ENTRIES = (
             ),
         ),
         {
-            "fig_5_15": _mass_consistency(
+            "fig_5_15": consistency(
+                "mass",
                 "Consistency function of the mass filter, used samples (figure 5-15)",
                 {
                     "single_equal": "middle sensor",
                     "weighted_equal": "three, weighted average, equal quantizer phases",
                     "weighted": "three, weighted average, phases of their own",
                 },
+                symbol="ε' Y⁻¹ ε",
+                height=1.6,
             )
         },
     ),

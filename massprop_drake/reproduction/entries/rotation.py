@@ -24,7 +24,7 @@ from massprop_drake.reproduction.claims import (
     Printed,
     Signals,
 )
-from massprop_drake.reproduction.drawing import chi_square_band, curves, panels
+from massprop_drake.reproduction.drawing import consistency, curves, panels
 from massprop_drake.reproduction.entry import Entry
 from massprop_drake.reproduction.flights import (
     EXTENDED,
@@ -187,25 +187,6 @@ def _errors(
             largest = max(float(np.abs(error(element)(phases[0][case])).max()) for case in labels)
             symmetric_log(panel, small * truth, max(truth, largest))
             panel.set_ylabel(f"{SYMBOLS[element]}, {units[element]}", fontsize=8)
-        return figure
-
-    return draw
-
-
-def _consistency(title: str, labels: Mapping[str, str]) -> Callable[[Phases], Figure]:
-    """A picture of the rotation filter's consistency function, a panel per case."""
-
-    def value(run: Signals) -> Array:
-        return np.where(used(run, "rotation"), np.maximum(run["rotation_nis"][:, 0], 1e-2), np.nan)
-
-    def draw(phases: Phases) -> Figure:
-        figure, axes = panels(len(labels), title)
-        for panel, (case, label) in zip(axes, labels.items(), strict=True):
-            chi_square_band(panel)
-            curves(panel, phases, {case: label}, value, points=True)
-            panel.set_yscale("log")
-            panel.set_ylabel("e' Y⁻¹ e")
-            panel.set_title(label, fontsize=9, loc="left")
         return figure
 
     return draw
@@ -485,9 +466,11 @@ ENTRIES = (
             ),
         ),
         {
-            "fig_5_8": _consistency(
+            "fig_5_8": consistency(
+                "rotation",
                 "Consistency function of the rotation filter, used samples (figure 5-8)",
                 {**_COUPLING_LABELS, "unguarded": "subtracted from the start"},
+                symbol="e' Y⁻¹ e",
             )
         },
     ),
@@ -583,8 +566,11 @@ ENTRIES = (
             ),
         ),
         {
-            "fig_5_11": _consistency(
-                "Consistency function of the rotation filter, used samples (figure 5-11)", _ORDER_LABELS
+            "fig_5_11": consistency(
+                "rotation",
+                "Consistency function of the rotation filter, used samples (figure 5-11)",
+                _ORDER_LABELS,
+                symbol="e' Y⁻¹ e",
             )
         },
     ),
