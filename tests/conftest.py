@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import io
 import shutil
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
+from command_probe import Massprop, Outcome
 
-from massprop_drake import load_scenario, load_vehicle, simulate
+from massprop_drake import cli, figures, load_scenario, load_vehicle, simulate
 from massprop_drake.run import Run
 from massprop_drake.scenario import Scenario
 from massprop_drake.vehicle import Vehicle
@@ -91,6 +94,29 @@ def toy_data() -> dict[str, Any]:
                 jet = {"number": number, "designation": f"J{number}", "cluster": number, "kind": "primary"}
                 data["jets"].append({**jet, "position": position, "direction": direction, "thrust": 10.0})
     return data
+
+
+# --------------------------------------------------------------------------------- the command line
+
+
+@pytest.fixture
+def massprop(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> Massprop:
+    """Runs the command line in this process, in an empty folder, without drawing figures."""
+    monkeypatch.setattr(figures.Plots, "all", lambda _: {})
+    here = tmp_path / "here"
+    here.mkdir()
+    monkeypatch.chdir(here)
+
+    def call(*arguments: str | Path, stdin: bytes = b"") -> Outcome:
+        monkeypatch.setattr(sys, "argv", ["massprop", *map(str, arguments)])
+        monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(stdin)))
+        capsys.readouterr()
+        with pytest.raises(SystemExit) as caught:
+            cli.main()
+        out, err = capsys.readouterr()
+        return Outcome(int(caught.value.code or 0), out, err)
+
+    return call
 
 
 # ------------------------------------------------------------------------------------ in a browser

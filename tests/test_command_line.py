@@ -8,48 +8,17 @@ import math
 import re
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import pytest
 import yaml
+from command_probe import FILES, Massprop, Outcome
 
-from massprop_drake import Run, cli, figures, graphs
+from massprop_drake import Run, graphs
 
-FILES = {"report.html", "filter_state.json", "history.npz", "scenario.yaml", "summary.json", "telemetry.csv", "figures"}
 COMMANDS = ("list", "run", "estimate", "reproduce", "graph", "view", "check")
 MANEUVER = "maneuver:\n  - {controller: rhc, axis: +x, start_s: 0.2, end_s: 1}\n"
-
-
-class Outcome(NamedTuple):
-    """What a command left on the streams, and its exit status."""
-
-    status: int
-    out: str
-    err: str
-
-
-Massprop = Callable[..., Outcome]
-
-
-@pytest.fixture
-def massprop(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> Massprop:
-    """Runs the command line in this process, in an empty folder, without drawing figures."""
-    monkeypatch.setattr(figures.Plots, "all", lambda _: {})
-    here = tmp_path / "here"
-    here.mkdir()
-    monkeypatch.chdir(here)
-
-    def call(*arguments: str | Path) -> Outcome:
-        monkeypatch.setattr(sys, "argv", ["massprop", *map(str, arguments)])
-        capsys.readouterr()
-        with pytest.raises(SystemExit) as caught:
-            cli.main()
-        out, err = capsys.readouterr()
-        return Outcome(int(caught.value.code or 0), out, err)
-
-    return call
 
 
 def _python(*arguments: str, folder: Path) -> subprocess.CompletedProcess[str]:

@@ -2,53 +2,18 @@
 
 from __future__ import annotations
 
-import io
 import json
 import re
-import sys
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import pytest
 import yaml
+from command_probe import FILES, Massprop, Outcome
 from telemetry_probe import Log, toy_vehicle
 
-from massprop_drake import Run, cli, figures, load_scenario
+from massprop_drake import Run, cli, load_scenario
 from massprop_drake.vehicle import Vehicle
-
-FILES = {"report.html", "filter_state.json", "history.npz", "scenario.yaml", "summary.json", "telemetry.csv", "figures"}
-
-
-class Outcome(NamedTuple):
-    """What a command left on the streams, and its exit status."""
-
-    status: int
-    out: str
-    err: str
-
-
-Massprop = Callable[..., Outcome]
-
-
-@pytest.fixture
-def massprop(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> Massprop:
-    """Runs the command line in this process, in an empty folder, without drawing figures."""
-    monkeypatch.setattr(figures.Plots, "all", lambda _: {})
-    here = tmp_path / "here"
-    here.mkdir()
-    monkeypatch.chdir(here)
-
-    def call(*arguments: str | Path, stdin: bytes = b"") -> Outcome:
-        monkeypatch.setattr(sys, "argv", ["massprop", *map(str, arguments)])
-        monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(stdin)))
-        capsys.readouterr()
-        with pytest.raises(SystemExit) as caught:
-            cli.main()
-        out, err = capsys.readouterr()
-        return Outcome(int(caught.value.code or 0), out, err)
-
-    return call
 
 
 @pytest.fixture
