@@ -63,7 +63,6 @@ from massprop_drake.maths.redundancy import SERIAL, SINGLE, combined
 
 SUBTRACT, IGNORE, HYBRID, MODEL = 0, 1, 2, 3  # treatment of dynamic coupling
 
-_AXES = np.arange(3)
 # S.ravel()[_PRODUCT] is the (ij) x (mn) table of P[E(i, m), E(j, n)]
 _PRODUCT = np.array(
     [

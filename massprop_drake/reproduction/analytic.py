@@ -84,29 +84,16 @@ def soft_failures(seed: int) -> dict[str, Array]:
 
     The first sample of a leak at rest: each sensor component steps by its quantum at marks that lie anywhere.
     """
-    return _sampled(seed, gaussian=False)
-
-
-def soft_failures_gaussian(seed: int) -> dict[str, Array]:
-    """The same with Gaussian errors of equal variance."""
-    return _sampled(seed, gaussian=True)
-
-
-def _sampled(seed: int, *, gaussian: bool) -> dict[str, Array]:
     here = setting()
-    random = np.random.default_rng([seed, int(gaussian)])
+    random = np.random.default_rng([seed, 0])
     off = np.ones(len(here.clusters), dtype=bool)
     names = ("cluster", "jet", "wrong_cluster", "wrong_jet", "best_jet", "jet_margin")
     counts = {name: np.zeros((len(here.clusters), len(FORCES))) for name in names}
-    spread = 1.0 / np.sqrt(here.information.diagonal())
     for jet, signature in enumerate(here.coefficients):
         for column, force in enumerate(FORCES):
             exact = force * signature
-            if gaussian:
-                samples = exact + spread * random.standard_normal((_SAMPLES, 6))
-            else:
-                marks = random.uniform(size=(_SAMPLES, 6))
-                samples = here.quanta * np.floor(exact / here.quanta + marks)
+            marks = random.uniform(size=(_SAMPLES, 6))
+            samples = here.quanta * np.floor(exact / here.quanta + marks)
             for sample in samples:
                 likelihood = jet_tests(here.coefficients, sample, here.information, off, _NEVER).likelihood
                 isolation = isolate(likelihood, here.clusters)

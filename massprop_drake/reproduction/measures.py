@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_drake.reproduction.claims import Array, Phase, Phases, Signals
+from massprop_drake.reproduction.claims import Array, Phase, Signals
 from massprop_drake.scenario import HandControllerWindow, load_scenario
 from massprop_drake.vehicle import Vehicle, load_vehicle
 
@@ -78,11 +78,6 @@ def mean_nis(case: str, part: str, start_s: float = 0.0, end_s: float = np.inf) 
 def rms(values: Array) -> float:
     """Root of the mean square."""
     return float(np.sqrt(np.mean(np.square(values))))
-
-
-def pooled_final(phases: Phases, case: str, element: int) -> float:
-    """RMS of an error at the end over the phases, %."""
-    return rms(np.array([percent_error(phase[case])[-1, element] for phase in phases]))
 
 
 def on_times_s(run: Signals, start_s: float = 0.0, end_s: float = np.inf) -> Array:
