@@ -14,8 +14,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check
 INSTALL := $(PIP) install --no-build-isolation
 
 # folders count too: they are newer once a file in them has gone
-PACKAGE := $(shell find massprop_drake diagrams scenarios -name __pycache__ -prune -o -print)
-TYPES := build/types
+PACKAGE := $(shell find -L massprop_drake -name __pycache__ -prune -o -print)
 
 # what else is on the search path could shadow the environment
 unexport PYTHONPATH PYTHONHOME
@@ -41,10 +40,8 @@ lint: $(VENV)/.installed-dev ## checks style and format
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 
-# the wheel, in an environment of its own and from another folder: the checkout would shadow the package,
-# and mypy does not follow an editable install's mapping of diagrams/ and scenarios/
-types: $(TYPES)/.installed ## checks types of the built wheel
-	cd $(TYPES) && venv/bin/mypy --config-file "$(CURDIR)/pyproject.toml" -p massprop_drake
+types: $(VENV)/.installed-dev ## checks types
+	$(BIN)/mypy -p massprop_drake
 
 bench: $(VENV)/.installed ## measures speed
 	$(BIN)/python benchmarks/closed_loop.py
@@ -81,13 +78,4 @@ $(VENV)/.installed-dev: $(VENV)/.installed-test
 dist/.built: pyproject.toml README.md LICENSE $(PACKAGE) $(VENV)/.created
 	rm -rf dist build/lib build/bdist.*
 	$(PIP) wheel --no-build-isolation --no-deps --wheel-dir dist .
-	@touch $@
-
-$(TYPES)/.created: pyproject.toml | dist/.built
-	$(BIN)/python -m venv --clear $(TYPES)/venv
-	wheel="$$(echo dist/*.whl)" && $(TYPES)/venv/bin/python -m pip --disable-pip-version-check install "$$wheel[types]"
-	@touch $@
-
-$(TYPES)/.installed: dist/.built $(TYPES)/.created
-	$(TYPES)/venv/bin/python -m pip --disable-pip-version-check install --no-deps --force-reinstall dist/*.whl
 	@touch $@

@@ -1,4 +1,4 @@
-"""Accuracy of the sample manoeuvre over sensor phases, beside the thesis and the targets.
+"""Accuracy of the sample maneuver over sensor phases, beside the thesis and the targets.
 
     python benchmarks/accuracy.py [--seeds 20] [--many 100]
 
@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from massprop_drake import load_scenario, simulate
+from massprop_drake.results.summary import from_names
 from massprop_drake.signals import SYMBOLS
-from massprop_drake.summary import from_names
 
 Array = NDArray[np.float64]
 
@@ -46,9 +46,9 @@ class Result(NamedTuple):
     nis_fast: float  # mean from 37 to 46 s
     translation_nis: float
     jumps: int
-    window_means: Array  # mean rate in the second half of each RHC window, deg/s, towards the command
+    window_means: Array  # mean rate in the second half of each RHC window, deg/s, toward the command
     window_range: tuple[float, float]
-    gained: Array  # velocity gained per THC window, towards the command
+    gained: Array  # velocity gained per THC window, toward the command
     firings: int
     propellant: float
     unusable: int

@@ -1,4 +1,4 @@
-"""The sample manoeuvre's closed loop without Drake: the same functions in one plain loop.
+"""The sample maneuver's closed loop without Drake: the same functions in one plain loop.
 
 The floor against which the cost of the framework is measured, and an independent wiring of the same
 mathematics: the diagram must give the same numbers.
@@ -12,25 +12,20 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_drake import settings as make
-from massprop_drake.maths import (
-    detection,
-    impulses,
-    jet_selection,
-    mass_filter,
-    phase_space,
-    rigid_body,
-    rotation_filter,
-    sensing,
-)
-from massprop_drake.maths.adaptation import NO_ADAPTATION
-from massprop_drake.maths.mass_filter import MassState, Rotation
-from massprop_drake.maths.mass_jump import empty_window
+from massprop_drake.inputs import params
+from massprop_drake.inputs.scenario import Scenario
+from massprop_drake.maths.autopilot import jet_selection, phase_space
+from massprop_drake.maths.estimation import impulses
+from massprop_drake.maths.estimation.adaptation import NO_ADAPTATION
+from massprop_drake.maths.estimation.detectors import cglr as detection
+from massprop_drake.maths.estimation.filters import mass_filter, rotation_filter
+from massprop_drake.maths.estimation.filters.mass_filter import MassState, Rotation
+from massprop_drake.maths.estimation.filters.mass_jump import empty_window
+from massprop_drake.maths.estimation.filters.rotation_filter import RotationState
 from massprop_drake.maths.noise import uniform_phase
-from massprop_drake.maths.rotation_filter import RotationState
-from massprop_drake.maths.thrust import lag_factors, level_after
-from massprop_drake.scenario import Scenario
-from massprop_drake.systems.jet_selection_program import JetSelectionProgram
+from massprop_drake.maths.vehicle import rigid_body, sensing
+from massprop_drake.maths.vehicle.thrust import lag_factors, level_after
+from massprop_drake.systems.autopilot.jet_selection_program import JetSelectionProgram
 
 Array = NDArray[np.float64]
 
@@ -54,49 +49,49 @@ class BareRun(NamedTuple):
 def fly(scenario: Scenario) -> BareRun:  # noqa: PLR0915 (one plain loop is its point)
     """Flies a scenario with hand controllers, nominal activity vectors, thrust as known, nothing failing.
 
-    Sensors are quantised only, and one package of each kind is read.
+    Sensors are quantized only, and one package of each kind is read.
     """
     vehicle = scenario.vehicle_data
     period = vehicle.sample_period_s
     n = len(vehicle.jets)
-    cycles = make.sample_count(scenario)
+    cycles = params.sample_count(scenario)
     # vehicle
     truth = vehicle.nominal
     body = rigid_body.body_of(truth)
     state = rigid_body.initial_state(truth.mass)
     wrenches = np.column_stack([vehicle.wrenches, vehicle.mass_flows if scenario.plant.depletion else np.zeros(n)])
-    plant_lag = make.plant_time_constants(scenario)
+    plant_lag = params.plant_time_constants(scenario)
     constants = tuple(sorted(set(plant_lag[plant_lag > 0.0].tolist())))
     classes = [(plant_lag == c)[:, None] * wrenches for c in constants]
     plant_factors = lag_factors(plant_lag, period)
     thrust_level = np.zeros(n)
     # sensors
-    gyro, accelerometer = make.gyro(scenario), make.accelerometers(scenario)[0]
-    seeded = scenario.sensors.quantiser_phase == "seeded"
+    gyro, accelerometer = params.gyro(scenario), params.accelerometers(scenario)[0]
+    seeded = scenario.sensors.quantizer_phase == "seeded"
     gyro_phase = uniform_phase(scenario.seed, gyro.name, 3) if seeded else np.zeros(3)
     acc_phase = uniform_phase(scenario.seed, accelerometer.name, 3) if seeded else np.zeros(3)
     acc_position = np.array(accelerometer.position)
     # autopilot
-    control = make.phase_space_settings(scenario)
+    control = params.phase_space_params(scenario)
     program = JetSelectionProgram(vehicle.mass_flows)
     activity = jet_selection.activity_vectors(vehicle.wrenches, truth.vector())
-    selectable = make.selectable(scenario)
+    selectable = params.selectable(scenario)
     attitude = reference = np.array([1.0, 0, 0, 0])
     holding = np.ones(3)
     memory = phase_space.TranslationMemory(np.zeros(3), np.zeros(3), 0.0, 0.0)
     delivered = np.zeros(3)
     remaining, refused = np.zeros(n), np.zeros(4)
     # estimators
-    rotation, mass = make.rotation_settings(scenario), make.mass_settings(scenario)
-    start, prior = make.initial_estimate(scenario), make.initial_covariance(scenario)
+    rotation, mass = params.rotation_params(scenario), params.mass_params(scenario)
+    start, prior = params.initial_estimate(scenario), params.initial_covariance(scenario)
     x = RotationState(start[:9], prior[:9, :9])
     inverse_mass = MassState(float(start[9]), float(prior[9, 9]), empty_window(mass.jump_window))
     impulse_per_level = vehicle.wrenches * period
-    factors = lag_factors(make.estimator_time_constants(scenario), period)
+    factors = lag_factors(params.estimator_time_constants(scenario), period)
     level, u, u_before = np.zeros(n), np.zeros(n), np.zeros(n)
     hybrid, jumps = False, 0
-    detector = None if scenario.detector.kind == "off" else make.detector_settings(scenario)
-    suspicion, limits = detection.initial_state(n), make.convergence_limits(scenario)
+    detector = None if scenario.detector.kind == "off" else params.detector_params(scenario)
+    suspicion, limits = detection.initial_state(n), params.convergence_limits(scenario)
     rate_reading = velocity_reading = None
     rates, velocities, commands, nis_r, nis_t = [], [], [], [], []
     solve_s, estimator_s = 0.0, []
@@ -104,8 +99,8 @@ def fly(scenario: Scenario) -> BareRun:  # noqa: PLR0915 (one plain loop is its 
     for k in range(cycles + 1):
         t = k * period
         w_true = state[rigid_body.RATE]
-        w = sensing.quantised(w_true, gyro.quantum, gyro_phase)
-        v = sensing.quantised(
+        w = sensing.quantized(w_true, gyro.quantum, gyro_phase)
+        v = sensing.quantized(
             sensing.point_velocity(
                 state[rigid_body.ORIGIN_VELOCITY], w_true, state[rigid_body.SPIN_INTEGRAL], acc_position
             ),

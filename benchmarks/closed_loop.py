@@ -2,8 +2,8 @@
 
     python benchmarks/closed_loop.py
 
-Prints how many times faster than real time the sample manoeuvre runs, what Drake adds to a plain loop
-of the same functions, the time of the estimators, of a linear programme, and of each module.
+Prints how many times faster than real time the sample maneuver runs, what Drake adds to a plain loop
+of the same functions, the time of the estimators, of a linear program, and of each module.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ import numpy as np
 from bare_loop import fly
 
 from massprop_drake import Estimator, load_scenario, simulate
-from massprop_drake.run import Run
-from massprop_drake.scenario import Scenario
+from massprop_drake.inputs.scenario import Scenario
+from massprop_drake.results.run import Run
 
 REPEATS = 7
 
@@ -51,7 +51,7 @@ def main() -> None:
     spent = run.summary["timing"]["cycle_us"]
     solves = run.summary["autopilot"]["lp_solves"]
     each = spent["jet_selection"] * cycles / solves
-    print(f"linear programme           {each:6.0f} us, {solves} programmes in {cycles} cycles")
+    print(f"linear program           {each:6.0f} us, {solves} programs in {cycles} cycles")
     print(f"failure detector           {spent['detector']:6.0f} us a cycle")
     _estimator(run)
     _modules(scenario)

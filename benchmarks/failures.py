@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from massprop_drake import load_scenario, simulate
-from massprop_drake.summary import from_names
+from massprop_drake.results.summary import from_names
 
 Array = NDArray[np.float64]
 
@@ -202,7 +202,7 @@ def main() -> None:
         say(f"both isolated, of {len(both)}", both.count(wanted))
         print("\nhealthy, ten minutes")
         results = runs("healthy_long", seeds=12)
-        health(results, "quantised sensors")
+        health(results, "quantized sensors")
         results = runs("healthy_long", gaussian, seeds=12)
         health(results, "Gaussian sensors")
         for mass in (1000, 300, 2000):

@@ -2,7 +2,7 @@
 
     python benchmarks/replay.py [ROWS ...]        default 100000 200000 1000000
 
-The record is a simulated manoeuvre told over and over, each time a little later, with a gap between. Each
+The record is a simulated maneuver told over and over, each time a little later, with a gap between. Each
 length is read in a process of its own, and its peak memory is that of the process. Saving the run's folder
 counts as well, with figures.
 """

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
-from massprop_drake.scenario import Scenario
+from massprop_drake.inputs.scenario import Scenario
 
 
 def connect_estimation(

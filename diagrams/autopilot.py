@@ -9,12 +9,12 @@ from __future__ import annotations
 
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
-from massprop_drake import settings as make
-from massprop_drake.scenario import Scenario
-from massprop_drake.systems.attitude_reference import AttitudeReference
-from massprop_drake.systems.hand_controllers import HandControllers, Window
-from massprop_drake.systems.jet_selection import JetSelection
-from massprop_drake.systems.phase_space_controller import PhaseSpaceController
+from massprop_drake.inputs import params
+from massprop_drake.inputs.scenario import Scenario
+from massprop_drake.systems.autopilot.attitude_reference import AttitudeReference
+from massprop_drake.systems.autopilot.hand_controllers import HandControllers, Window
+from massprop_drake.systems.autopilot.jet_selection import JetSelection
+from massprop_drake.systems.autopilot.phase_space_controller import PhaseSpaceController
 
 
 def build(scenario: Scenario) -> Diagram:
@@ -32,7 +32,7 @@ def build(scenario: Scenario) -> Diagram:
     """
     vehicle = scenario.vehicle_data
     period = vehicle.sample_period_s
-    control = make.phase_space_settings(scenario)
+    control = params.phase_space_params(scenario)
     builder = DiagramBuilder()
 
     controllers = builder.AddNamedSystem("hand_controllers", HandControllers(_windows(scenario)))
@@ -46,7 +46,7 @@ def build(scenario: Scenario) -> Diagram:
             wrenches=vehicle.wrenches,
             mass_flows=vehicle.mass_flows,
             minimum_on_times_s=vehicle.minimum_on_times_s,
-            selectable=make.selectable(scenario),
+            selectable=params.selectable(scenario),
             mass_properties=vehicle.nominal.vector(),
             period_s=period,
         ),

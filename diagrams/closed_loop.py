@@ -10,10 +10,10 @@ from __future__ import annotations
 
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
-from massprop_drake import settings as make
 from massprop_drake.diagrams import autopilot, estimation, vehicle
 from massprop_drake.diagrams._wiring import connect_estimation, export_outputs
-from massprop_drake.scenario import Scenario
+from massprop_drake.inputs import params
+from massprop_drake.inputs.scenario import Scenario
 
 
 def build(scenario: Scenario) -> Diagram:
@@ -30,7 +30,7 @@ def build(scenario: Scenario) -> Diagram:
     body = builder.AddNamedSystem("vehicle", vehicle.build(scenario))
     estimators = builder.AddNamedSystem("estimation", estimation.build(scenario))
 
-    builder.Connect(body.GetOutputPort(make.gyro(scenario).name), pilot.GetInputPort("gyro"))
+    builder.Connect(body.GetOutputPort(params.gyro(scenario).name), pilot.GetInputPort("gyro"))
     builder.Connect(pilot.GetOutputPort("command"), body.GetInputPort("command"))
     builder.Connect(pilot.GetOutputPort("held_command"), body.GetInputPort("held_command"))
     connect_estimation(builder, body, pilot, estimators, scenario)

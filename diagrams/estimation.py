@@ -18,16 +18,16 @@ from collections.abc import Sequence
 
 from pydrake.systems.framework import Diagram, DiagramBuilder, InputPortIndex
 
-from massprop_drake import settings as make
+from massprop_drake.inputs import params
+from massprop_drake.inputs.scenario import Scenario
+from massprop_drake.inputs.vehicle import SensorPackage
 from massprop_drake.maths.mass_properties import N_ROTATION
-from massprop_drake.scenario import Scenario
-from massprop_drake.systems._readings import Package
-from massprop_drake.systems.convergence_monitor import ConvergenceMonitor
-from massprop_drake.systems.failure_detector import FailureDetector
-from massprop_drake.systems.impulse_model import ImpulseModel
-from massprop_drake.systems.mass_estimator import MassEstimator
-from massprop_drake.systems.rotation_estimator import RotationEstimator
-from massprop_drake.vehicle import SensorPackage
+from massprop_drake.systems.estimation._readings import Package
+from massprop_drake.systems.estimation.convergence_monitor import ConvergenceMonitor
+from massprop_drake.systems.estimation.failure_detector import FailureDetector
+from massprop_drake.systems.estimation.impulse_model import ImpulseModel
+from massprop_drake.systems.estimation.mass_estimator import MassEstimator
+from massprop_drake.systems.estimation.rotation_estimator import RotationEstimator
 
 
 def build(scenario: Scenario) -> Diagram:
@@ -52,15 +52,15 @@ def build(scenario: Scenario) -> Diagram:
             `FailureDetector`.
     """
     vehicle = scenario.vehicle_data
-    estimate, covariance = make.initial_estimate(scenario), make.initial_covariance(scenario)
-    thrust_errors = make.thrust_errors(scenario)
+    estimate, covariance = params.initial_estimate(scenario), params.initial_covariance(scenario)
+    thrust_errors = params.thrust_errors(scenario)
     builder = DiagramBuilder()
 
     impulses = builder.AddNamedSystem(
         "impulse_model",
         ImpulseModel(
             wrenches=vehicle.wrenches,
-            time_constants_s=make.estimator_time_constants(scenario),
+            time_constants_s=params.estimator_time_constants(scenario),
             period_s=vehicle.sample_period_s,
         ),
     )
@@ -69,12 +69,12 @@ def build(scenario: Scenario) -> Diagram:
         RotationEstimator(
             estimate=estimate[:N_ROTATION],
             covariance=covariance[:N_ROTATION, :N_ROTATION],
-            gyros=_packages(make.gyros(scenario)),
-            settings=make.rotation_settings(scenario),
+            gyros=_packages(params.gyros(scenario)),
+            params=params.rotation_params(scenario),
             thrust_errors=thrust_errors,
         ),
     )
-    monitor = builder.AddNamedSystem("convergence_monitor", ConvergenceMonitor(make.convergence_limits(scenario)))
+    monitor = builder.AddNamedSystem("convergence_monitor", ConvergenceMonitor(params.convergence_limits(scenario)))
     commands = builder.ExportInput(impulses.GetInputPort("jet_commands"), "jet_commands")
     builder.ExportInput(impulses.GetInputPort("outside_wrench"), "outside_wrench")
     builder.Connect(impulses.GetOutputPort("impulses"), rotation.GetInputPort("impulses"))
@@ -91,8 +91,8 @@ def build(scenario: Scenario) -> Diagram:
             MassEstimator(
                 mass_reciprocal=float(estimate[9]),
                 variance=float(covariance[9, 9]),
-                accelerometers=_packages(make.accelerometers(scenario)),
-                settings=make.mass_settings(scenario),
+                accelerometers=_packages(params.accelerometers(scenario)),
+                params=params.mass_params(scenario),
                 thrust_errors=thrust_errors,
             ),
         )
@@ -139,8 +139,8 @@ def _add_detector(
     detector = builder.AddNamedSystem(
         "failure_detector",
         FailureDetector(
-            make.detector_settings(scenario),
-            limits=make.convergence_limits(scenario),
+            params.detector_params(scenario),
+            limits=params.convergence_limits(scenario),
             mass_size=mass.GetOutputPort("predicted").size(),
         ),
     )
@@ -152,7 +152,7 @@ def _add_detector(
         builder.Connect(rotation.GetOutputPort(name), detector.GetInputPort(name))
     builder.Connect(mass.GetOutputPort("predicted"), detector.GetInputPort("mass_predicted"))
 
-    if make.thrust_errors(scenario) is not None:
+    if params.thrust_errors(scenario) is not None:
         for name, system in (("rotation", rotation), ("mass", mass)):
             builder.Connect(system.GetOutputPort("thrust_error_effects"), detector.GetInputPort(f"{name}_effects"))
 

@@ -7,11 +7,11 @@ from __future__ import annotations
 
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
-from massprop_drake import settings as make
 from massprop_drake.diagrams import estimation, vehicle
 from massprop_drake.diagrams._wiring import connect_estimation, export_outputs
-from massprop_drake.scenario import Scenario
-from massprop_drake.systems.jet_schedule import JetSchedule
+from massprop_drake.inputs import params
+from massprop_drake.inputs.scenario import Scenario
+from massprop_drake.systems.autopilot.jet_schedule import JetSchedule
 
 
 def build(scenario: Scenario) -> Diagram:
@@ -22,7 +22,7 @@ def build(scenario: Scenario) -> Diagram:
     """
     builder = DiagramBuilder()
     schedule = builder.AddNamedSystem(
-        "jet_schedule", JetSchedule(make.commands(scenario), period_s=scenario.vehicle_data.sample_period_s)
+        "jet_schedule", JetSchedule(params.commands(scenario), period_s=scenario.vehicle_data.sample_period_s)
     )
     body = builder.AddNamedSystem("vehicle", vehicle.build(scenario))
     estimators = builder.AddNamedSystem("estimation", estimation.build(scenario))

@@ -9,8 +9,8 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from massprop_drake.diagrams import estimation
 from massprop_drake.diagrams._wiring import export_outputs
-from massprop_drake.scenario import Scenario
-from massprop_drake.systems.telemetry_source import TelemetrySource
+from massprop_drake.inputs.scenario import Scenario
+from massprop_drake.systems.estimation.telemetry_source import TelemetrySource
 
 
 def build(scenario: Scenario, *, first_row: int = 0) -> Diagram:

@@ -9,16 +9,16 @@ from __future__ import annotations
 import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
-from massprop_drake import settings as make
-from massprop_drake.maths.sensing import SensorModel
-from massprop_drake.scenario import Scenario, jump_terms
-from massprop_drake.systems.integrating_accelerometer import IntegratingAccelerometer
-from massprop_drake.systems.noise_source import NoiseSource
-from massprop_drake.systems.rate_gyro import RateGyro
-from massprop_drake.systems.reaction_jets import ReactionJets
-from massprop_drake.systems.rigid_body_plant import Jump, RigidBodyPlant
-from massprop_drake.systems.sensor import Sensor
-from massprop_drake.vehicle import Accelerometer, SensorPackage
+from massprop_drake.inputs import params
+from massprop_drake.inputs.scenario import Scenario, jump_terms
+from massprop_drake.inputs.vehicle import Accelerometer, SensorPackage
+from massprop_drake.maths.vehicle.sensing import SensorModel
+from massprop_drake.systems.vehicle.integrating_accelerometer import IntegratingAccelerometer
+from massprop_drake.systems.vehicle.noise_source import NoiseSource
+from massprop_drake.systems.vehicle.rate_gyro import RateGyro
+from massprop_drake.systems.vehicle.reaction_jets import ReactionJets
+from massprop_drake.systems.vehicle.rigid_body_plant import Jump, RigidBodyPlant
+from massprop_drake.systems.vehicle.sensor import Sensor
 
 
 def build(scenario: Scenario) -> Diagram:
@@ -40,32 +40,32 @@ def build(scenario: Scenario) -> Diagram:
     jets = builder.AddNamedSystem(
         "reaction_jets",
         ReactionJets(
-            wrenches=make.plant_wrenches(scenario),
-            time_constants_s=make.plant_time_constants(scenario),
+            wrenches=params.plant_wrenches(scenario),
+            time_constants_s=params.plant_time_constants(scenario),
             period_s=period,
-            failures=make.jet_failures(scenario),
+            failures=params.jet_failures(scenario),
             seed=scenario.seed,
         ),
     )
     body = builder.AddNamedSystem(
         "rigid_body",
         RigidBodyPlant(
-            make.true_properties(scenario),
-            time_step=make.time_step(scenario),
+            params.true_properties(scenario),
+            time_step=params.time_step(scenario),
             lag_time_constants_s=jets.lag_time_constants_s,
             initial_rate=np.array(scenario.plant.initial_rate),
             jumps=tuple(Jump(jump.time_s, *jump_terms(jump)) for jump in scenario.jumps),
             period_s=period,
         ),
     )
-    wrench = "wrench" if make.time_step(scenario) == 0.0 else "wrench_profile"
+    wrench = "wrench" if params.time_step(scenario) == 0.0 else "wrench_profile"
     builder.Connect(jets.GetOutputPort(wrench), body.GetInputPort(wrench))
     for name in ("command", "held_command", "closed", "held_closed"):
         builder.ExportInput(jets.GetInputPort(name), name)
 
     noisy = []
     for package in vehicle.sensors:
-        model = make.sensor_model(scenario, package)
+        model = params.sensor_model(scenario, package)
         sensor = builder.AddNamedSystem(package.name, _sensor(package, model))
         builder.Connect(body.GetOutputPort("body_state"), sensor.GetInputPort("body_state"))
         builder.ExportOutput(sensor.GetOutputPort("reading"), package.name)

@@ -11,8 +11,8 @@ import sys
 import tempfile
 from pathlib import Path
 
-from massprop_drake import graphs, load_scenario, simulate
-from massprop_drake.report import write_replay, write_report
+from massprop_drake import load_scenario, simulate
+from massprop_drake.display import graphs, write_replay, write_report
 
 DOCS = Path(__file__).parent
 IMAGES = DOCS / "images"

@@ -8,9 +8,9 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
-from massprop_drake.models import Key, Model, keys
-from massprop_drake.scenario import Scenario
-from massprop_drake.vehicle import Vehicle
+from massprop_drake.inputs.model import Key, Model, keys
+from massprop_drake.inputs.scenario import Scenario
+from massprop_drake.inputs.vehicle import Vehicle
 
 DOCS = Path(__file__).parent
 PAGES: dict[str, type[Model]] = {"vehicle.md": Vehicle, "scenario.md": Scenario}

@@ -13,27 +13,27 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from massprop_drake.errors import InputError as InputError
-    from massprop_drake.estimating import estimate as estimate
-    from massprop_drake.estimator import Estimator as Estimator
-    from massprop_drake.estimator import EstimatorStep as EstimatorStep
-    from massprop_drake.run import Run as Run
-    from massprop_drake.scenario import Scenario as Scenario
-    from massprop_drake.scenario import load_scenario as load_scenario
-    from massprop_drake.simulation import simulate as simulate
-    from massprop_drake.vehicle import Vehicle as Vehicle
-    from massprop_drake.vehicle import load_vehicle as load_vehicle
+    from massprop_drake.inputs.scenario import Scenario as Scenario
+    from massprop_drake.inputs.scenario import load_scenario as load_scenario
+    from massprop_drake.inputs.vehicle import Vehicle as Vehicle
+    from massprop_drake.inputs.vehicle import load_vehicle as load_vehicle
+    from massprop_drake.results.run import Run as Run
+    from massprop_drake.runners.estimator import Estimator as Estimator
+    from massprop_drake.runners.estimator import EstimatorStep as EstimatorStep
+    from massprop_drake.runners.recorded import estimate as estimate
+    from massprop_drake.runners.simulate import simulate as simulate
 
 _HOMES = {
     "InputError": "errors",
-    "estimate": "estimating",
-    "Estimator": "estimator",
-    "EstimatorStep": "estimator",
-    "Run": "run",
-    "Scenario": "scenario",
-    "load_scenario": "scenario",
-    "simulate": "simulation",
-    "Vehicle": "vehicle",
-    "load_vehicle": "vehicle",
+    "estimate": "runners.recorded",
+    "Estimator": "runners.estimator",
+    "EstimatorStep": "runners.estimator",
+    "Run": "results.run",
+    "Scenario": "inputs.scenario",
+    "load_scenario": "inputs.scenario",
+    "simulate": "runners.simulate",
+    "Vehicle": "inputs.vehicle",
+    "load_vehicle": "inputs.vehicle",
 }
 
 __all__ = sorted(_HOMES)  # noqa: PLE0605 (the names are those of the mapping above)

@@ -13,10 +13,12 @@ import pytest
 import yaml
 from command_probe import Massprop, Outcome
 
-from massprop_drake import cli, figures, load_scenario, load_vehicle, simulate
-from massprop_drake.run import Run
-from massprop_drake.scenario import Scenario
-from massprop_drake.vehicle import Vehicle
+from massprop_drake import load_scenario, load_vehicle, simulate
+from massprop_drake.cli import app as cli
+from massprop_drake.display import figures
+from massprop_drake.inputs.scenario import Scenario
+from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.results.run import Run
 
 REPOSITORY = Path(__file__).parent.parent
 
@@ -33,13 +35,13 @@ def sample_maneuver() -> Scenario:
 
 @pytest.fixture(scope="session")
 def sample_run(sample_maneuver: Scenario) -> Run:
-    """The sample manoeuvre with seed 0; do not change its arrays."""
+    """The sample maneuver with seed 0; do not change its arrays."""
     return simulate(sample_maneuver)
 
 
 @pytest.fixture(scope="session")
 def short_scenario() -> Scenario:
-    """The first 7 s of the sample manoeuvre: two rotations."""
+    """The first 7 s of the sample maneuver: two rotations."""
     return load_scenario("sample_maneuver", ["duration_s=7"])
 
 
@@ -58,7 +60,7 @@ SENSOR_ERRORS = """
 
 @pytest.fixture(scope="session")
 def noisy_run() -> Run:
-    """The sample manoeuvre's first 24 s with every sensor error on; do not change its arrays."""
+    """The sample maneuver's first 24 s with every sensor error on; do not change its arrays."""
     errors = " ".join(SENSOR_ERRORS.split())
     return simulate(load_scenario("sample_maneuver", ["duration_s=24", "seed=7", f"sensors.errors={errors}"]))
 

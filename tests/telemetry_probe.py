@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from massprop_drake.models import validated
-from massprop_drake.telemetry import columns
-from massprop_drake.vehicle import Vehicle
+from massprop_drake.inputs.model import validated
+from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.telemetry.reader import columns
 
 PERIOD_S = 0.1  # of the toy vehicle
 
@@ -22,7 +22,7 @@ def toy_vehicle(data: dict[str, Any], **changes: Any) -> Vehicle:
 class Log:
     """Rows of text by column name, to be spoilt and written.
 
-    The readings are those of the nominal vehicle but for quantisation: jets fire for six samples, then rest
+    The readings are those of the nominal vehicle but for quantization: jets fire for six samples, then rest
     for three, one after the other.
     """
 

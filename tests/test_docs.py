@@ -14,7 +14,8 @@ from urllib.parse import unquote, urldefrag
 import pytest
 
 import massprop_drake
-from massprop_drake import diagrams, maths, report, systems
+from massprop_drake import diagrams, maths, systems
+from massprop_drake import display as report
 
 DOCS = Path(__file__).parent.parent / "docs"
 

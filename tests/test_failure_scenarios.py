@@ -11,10 +11,10 @@ import pytest
 
 from massprop_drake import Estimator, load_scenario, simulate
 from massprop_drake.maths.linear_algebra import Array
-from massprop_drake.run import Run
+from massprop_drake.results.run import Run
 
 DEGREE = np.pi / 180.0
-ONSET_S = 50.0  # of the failures, after the sample manoeuvre
+ONSET_S = 50.0  # of the failures, after the sample maneuver
 PERIOD_S = 0.08
 # what interfaces and the summary's readers rely on
 DETECTION_KEYS = {
@@ -143,7 +143,7 @@ def test_estimates_stay_clean_under_a_stuck_jet(seed: str) -> None:
     assert worst_diagonal_percent(run) < 0.06
     late = (column(run, "rotation_used") == 1.0) & (run.time_s > 55.0)
     assert late.sum() > 50
-    # NIS of three degrees of freedom whose noise is a quantiser's: 3.1 to 3.5 in healthy runs
+    # NIS of three degrees of freedom whose noise is a quantizer's: 3.1 to 3.5 in healthy runs
     assert column(run, "rotation_nis")[late].mean() < 5.0
     assert column(run, "rotation_jump")[run.time_s > ONSET_S].sum() == 0.0
 
@@ -403,7 +403,7 @@ def test_a_healthy_flight_is_left_alone() -> None:
     assert not run["known_force"].any()
     tested = column(run, "tested").sum()
     assert tested > 500
-    # 0.0015 a tested sample with Gaussian sensors, less with quantisers: 99.9 % of chance leaves at most eight
+    # 0.0015 a tested sample with Gaussian sensors, less with quantizers: 99.9 % of chance leaves at most eight
     assert column(run, "alarm").sum() <= 8
 
 

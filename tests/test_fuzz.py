@@ -20,8 +20,8 @@ from hypothesis import strategies as st
 from telemetry_probe import Log, toy_vehicle
 
 from massprop_drake import InputError, Scenario, estimate, load_vehicle
-from massprop_drake.telemetry import Reader, check
-from massprop_drake.vehicle import Vehicle
+from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.telemetry.reader import Reader, check
 
 TIMES = int(os.environ.get("MASSPROP_FUZZ", "1"))
 CELLS = [

@@ -18,10 +18,10 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import FirstOrderLowPassFilter, LogVectorOutput
 
 from massprop_drake import Run, Scenario, Vehicle, simulate
+from massprop_drake.inputs.model import yaml_text
+from massprop_drake.inputs.scenario import resolved
 from massprop_drake.maths.attitude import conjugate, multiply, rotation_matrix, to_rotation_vector
-from massprop_drake.models import yaml_text
-from massprop_drake.scenario import resolved
-from massprop_drake.systems.jet_schedule import JetSchedule
+from massprop_drake.systems.autopilot.jet_schedule import JetSchedule
 
 Array = NDArray[np.float64]
 
@@ -36,7 +36,7 @@ class Motion(NamedTuple):
     Attributes:
         rate: rad/s, body axes, shape (n, 3).
         attitude: q_NB, shape (n, 4).
-        velocity: of the centre of mass, inertial axes, shape (n, 3).
+        velocity: of the center of mass, inertial axes, shape (n, 3).
         position: likewise.
     """
 
@@ -70,13 +70,13 @@ def _pulses(commands: Array, vehicle: Vehicle) -> list[dict[str, Any]]:
 
 @pytest.fixture(scope="module")
 def commands(sample_run: Run) -> Array:
-    """The jets commanded in the sample manoeuvre, a row per sample."""
+    """The jets commanded in the sample maneuver, a row per sample."""
     return sample_run["command"][:-1]
 
 
 @pytest.fixture(scope="module")
 def prescribed(orbiter: Vehicle, commands: Array) -> Callable[..., Run]:
-    """Runs the sample manoeuvre's commands in open loop, by choices of the plant; each choice once."""
+    """Runs the sample maneuver's commands in open loop, by choices of the plant; each choice once."""
     pulses = _pulses(commands, orbiter)
     kept: dict[str, Run] = {}
 

@@ -10,10 +10,12 @@ from types import ModuleType
 
 import pytest
 
-from massprop_drake import cli, figures, load_scenario, load_vehicle, simulate
-from massprop_drake.models import keys
-from massprop_drake.scenario import Scenario
-from massprop_drake.vehicle import Vehicle
+from massprop_drake import load_scenario, load_vehicle, simulate
+from massprop_drake.cli import app as cli
+from massprop_drake.display import figures
+from massprop_drake.inputs.model import keys
+from massprop_drake.inputs.scenario import Scenario
+from massprop_drake.inputs.vehicle import Vehicle
 
 DOCS = Path(__file__).parent.parent / "docs"
 

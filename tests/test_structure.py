@@ -1,9 +1,11 @@
-"""Imports point one way, as the design has it."""
+"""The house: rooms import one way, and what promises to need no Drake needs none."""
 
 from __future__ import annotations
 
 import ast
+import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -11,26 +13,33 @@ import pytest
 REPOSITORY = Path(__file__).parent.parent
 PACKAGE = "massprop_drake"
 
-# folders of the repository and the package names they are installed under
-FOLDERS = {
-    "massprop_drake": PACKAGE,
-    "massprop_drake/maths": f"{PACKAGE}.maths",
-    "massprop_drake/reproduction": f"{PACKAGE}.reproduction",
-    "massprop_drake/reproduction/entries": f"{PACKAGE}.reproduction.entries",
-    "massprop_drake/systems": f"{PACKAGE}.systems",
-    "massprop_drake/report": f"{PACKAGE}.report",
-    "massprop_drake/vehicles": f"{PACKAGE}.vehicles",
-    "diagrams": f"{PACKAGE}.diagrams",
-    "scenarios": f"{PACKAGE}.scenarios",
-}
+# what a room may import stands on an earlier floor; rooms of one floor do not know each other
+FLOORS = (
+    {"errors"},
+    {"maths"},
+    {"signals"},
+    {"systems", "inputs"},
+    {"diagrams", "telemetry"},
+    {"results"},
+    {"runners"},
+    {"display"},
+    {"studies"},
+    {"cli"},
+)
+FLOOR = {room: number for number, rooms in enumerate(FLOORS) for room in rooms}
+# a run shows itself: its figures, pages and notebook display are loaded when they are asked for
+EXCEPTIONS = {("results.run", "display")}
+MOST_ARROWS = 60  # between rooms at the top
+WITHOUT_DRAKE = ("inputs", "telemetry", "results", "maths", "signals", "errors", "runners.estimator")
 
 
 def _modules() -> dict[str, Path]:
-    """Every module of the package by its full name."""
+    """Every module of the package by its name without the package's; packages by their `__init__`."""
     found = {}
-    for folder, package in FOLDERS.items():
-        for path in sorted((REPOSITORY / folder).glob("*.py")):
-            found[package if path.stem == "__init__" else f"{package}.{path.stem}"] = path
+    for folder in ("", "diagrams", "scenarios"):  # the last two are links, which globbing does not follow
+        for path in sorted((REPOSITORY / PACKAGE / folder).rglob("*.py")):
+            parts = path.relative_to(REPOSITORY / PACKAGE).with_suffix("").parts
+            found[".".join(part for part in parts if part != "__init__")] = path
     return found
 
 
@@ -41,7 +50,7 @@ def _is_for_types_only(node: ast.AST) -> bool:
     return isinstance(node, ast.If) and isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING"
 
 
-def _imports(tree: ast.AST, module: str, *, inside_functions: bool = True) -> set[str]:
+def _imports(tree: ast.AST, *, inside_functions: bool = True) -> set[str]:
     """Full names of the modules that a module imports; imports for types alone do not count."""
     found: set[str] = set()
     for node in ast.iter_child_nodes(tree):
@@ -52,25 +61,23 @@ def _imports(tree: ast.AST, module: str, *, inside_functions: bool = True) -> se
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
-            assert node.level == 0, f"{module}: relative import"
+            assert node.level == 0, "relative import"
             assert node.module is not None
             for alias in node.names:
                 whole = f"{node.module}.{alias.name}"
-                found.add(whole if whole in MODULES else node.module)
-        found |= _imports(node, module, inside_functions=inside_functions)
+                found.add(whole if whole.removeprefix(f"{PACKAGE}.") in MODULES else node.module)
+        found |= _imports(node, inside_functions=inside_functions)
     return found
 
 
-IMPORTS = {name: _imports(ast.parse(path.read_text(encoding="utf-8")), name) for name, path in MODULES.items()}
-FIRST_IMPORTS = {
-    name: _imports(ast.parse(path.read_text(encoding="utf-8")), name, inside_functions=False)
-    for name, path in MODULES.items()
-}
+TREES = {name: ast.parse(path.read_text(encoding="utf-8")) for name, path in MODULES.items()}
+IMPORTS = {name: _imports(tree) for name, tree in TREES.items()}
+FIRST_IMPORTS = {name: _imports(tree, inside_functions=False) for name, tree in TREES.items()}
 
 
-def _of(package: str) -> list[str]:
-    """The modules of a package, itself included."""
-    return [name for name in MODULES if name == package or name.startswith(f"{package}.")]
+def _own(imported: set[str]) -> set[str]:
+    """Modules of the package, without its name."""
+    return {name.removeprefix(f"{PACKAGE}.") for name in imported if name.startswith(f"{PACKAGE}.")}
 
 
 def _outside(name: str) -> set[str]:
@@ -79,104 +86,130 @@ def _outside(name: str) -> set[str]:
     return tops - {PACKAGE, "__future__"} - set(sys.stdlib_module_names)
 
 
-def _own(name: str) -> set[str]:
-    """What a module imports from the package, without the package's name."""
-    return {imported.removeprefix(f"{PACKAGE}.") for imported in IMPORTS[name] if imported.startswith(f"{PACKAGE}.")}
+def _of(room: str) -> list[str]:
+    return [name for name in MODULES if name == room or name.startswith(f"{room}.")]
 
 
-def _own_packages(name: str) -> set[str]:
-    return {imported.partition(".")[0] for imported in _own(name)}
+def _top(name: str) -> str:
+    return name.partition(".")[0]
+
+
+@cache
+def _loaded(name: str) -> frozenset[str]:
+    """All that is loaded with a module, of the package and from outside, followed to the end."""
+    found: set[str] = set()
+    waiting = [name]
+    while waiting:
+        here = waiting.pop()
+        if here in found:
+            continue
+        found.add(here)
+        for imported in FIRST_IMPORTS[here]:
+            if not imported.startswith(PACKAGE):
+                found.add(imported)
+        for own in _own(FIRST_IMPORTS[here]):
+            parts = own.split(".")
+            waiting += [".".join(parts[:length]) for length in range(1, len(parts) + 1)]  # its packages, too
+    return frozenset(found)
 
 
 def test_the_modules_are_found() -> None:
     # the tests below would pass on nothing
-    assert len(_of(f"{PACKAGE}.maths")) > 10
-    assert len(_of(f"{PACKAGE}.systems")) > 10
-    assert len(_of(f"{PACKAGE}.diagrams")) > 5
-    assert {"cli", "run", "simulation", "figures"} <= {name.removeprefix(f"{PACKAGE}.") for name in MODULES}
-    assert "numpy" in _outside(f"{PACKAGE}.maths.attitude")
-    assert "maths.linear_algebra" in _own(f"{PACKAGE}.maths.attitude")
-    assert "diagrams.estimation" in _own(f"{PACKAGE}.diagrams.closed_loop")
+    assert {_top(name) for name in MODULES if name} >= set(FLOOR)
+    assert len(_of("maths")) > 15
+    assert len(_of("systems")) > 15
+    assert len(_of("diagrams")) > 5
+    assert "numpy" in _outside("maths.attitude")
+    assert "maths.linear_algebra" in _own(IMPORTS["maths.attitude"])
+    assert "diagrams.estimation" in _own(IMPORTS["diagrams.closed_loop"])
 
 
-@pytest.mark.parametrize("name", _of(f"{PACKAGE}.maths"))
+def test_no_loose_modules_stand_at_the_top() -> None:
+    loose = {path.stem for path in (REPOSITORY / PACKAGE).glob("*.py")}
+    assert loose == {"__init__", "__main__", "errors", "signals"}
+
+
+@pytest.mark.parametrize("name", [name for name in MODULES if _top(name) in FLOOR])
+def test_a_room_imports_what_stands_below_it(name: str) -> None:
+    room = _top(name)
+    for imported in _own(IMPORTS[name]):
+        other = _top(imported)
+        if other == room or (name, other) in EXCEPTIONS:
+            continue
+        assert FLOOR.get(other, -1) < FLOOR[room], f"{name} imports {imported}"
+
+
+def test_the_exceptions_are_inside_functions() -> None:
+    for name, room in EXCEPTIONS:
+        assert room in {_top(imported) for imported in _own(IMPORTS[name])}, "no longer needed"
+        assert room not in {_top(imported) for imported in _own(FIRST_IMPORTS[name])}
+
+
+def test_few_arrows_join_the_rooms() -> None:
+    arrows = {
+        (_top(name), _top(imported))
+        for name in MODULES
+        if MODULES[name].name != "__init__.py"
+        for imported in _own(IMPORTS[name])
+        if _top(name) != _top(imported)
+    }
+    assert len(arrows) <= MOST_ARROWS, "\n".join(f"{a} -> {b}" for a, b in sorted(arrows))
+
+
+@pytest.mark.parametrize("name", _of("maths"))
 def test_mathematics_knows_numpy_and_itself(name: str) -> None:
     assert _outside(name) <= {"numpy"}
-    assert _own_packages(name) <= {"maths"}
 
 
-@pytest.mark.parametrize("name", _of(f"{PACKAGE}.systems"))
-def test_systems_know_drake_numpy_mathematics_and_themselves(name: str) -> None:
+@pytest.mark.parametrize("name", _of("systems") + _of("diagrams"))
+def test_systems_and_diagrams_know_drake_and_numpy(name: str) -> None:
     assert _outside(name) <= {"numpy", "pydrake"}
-    assert _own_packages(name) <= {"maths", "systems"}
 
 
-@pytest.mark.parametrize("name", _of(f"{PACKAGE}.diagrams"))
-def test_diagrams_know_what_they_wire_and_what_they_are_given(name: str) -> None:
-    assert _outside(name) <= {"numpy", "pydrake"}
-    # vehicle: the types that settings hand out
-    assert _own_packages(name) <= {"maths", "systems", "settings", "scenario", "vehicle", "diagrams"}
+@pytest.mark.parametrize("room", WITHOUT_DRAKE)
+def test_what_needs_no_drake_loads_none(room: str) -> None:
+    for name in _of(room):
+        outside = {_top(imported) for imported in _loaded(name) if imported not in MODULES}
+        assert not outside & {"pydrake", "matplotlib", "plotly"}, name
 
 
-@pytest.mark.parametrize(
-    "name", ["vehicle", "scenario", "models", "errors", "tables", "telemetry", "history", "signals", "settings"]
-)
-def test_the_bottom_does_not_know_what_stands_on_it(name: str) -> None:
-    above = {"systems", "diagrams", "simulation", "estimating", "run", "figures", "graphs", "reproduction", "cli"}
-    assert not _own_packages(f"{PACKAGE}.{name}") & above
-    assert "pydrake" not in _outside(f"{PACKAGE}.{name}")
-    assert "matplotlib" not in _outside(f"{PACKAGE}.{name}")
+def test_a_fresh_interpreter_agrees_that_no_drake_is_loaded() -> None:
+    names = [f"{PACKAGE}.{name}" for room in WITHOUT_DRAKE for name in _of(room)]
+    program = (
+        "import sys, importlib\n"
+        f"for name in {names!r}: importlib.import_module(name)\n"
+        "print(sorted({name.partition('.')[0] for name in sys.modules} & {'pydrake', 'matplotlib', 'plotly'}))"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
 
 
-def test_the_estimator_knows_no_drake() -> None:
-    assert _outside(f"{PACKAGE}.estimator") <= {"numpy"}
-    assert not _own_packages(f"{PACKAGE}.estimator") & {"systems", "diagrams", "simulation", "run", "figures", "cli"}
+def test_drake_stays_where_it_belongs() -> None:
+    users = {_top(name) for name in MODULES if "pydrake" in _outside(name)}
+    assert users == {"systems", "diagrams", "runners", "display"}
 
 
-def test_figures_know_no_run() -> None:
-    assert not _own_packages(f"{PACKAGE}.figures") & {"run", "simulation", "systems", "diagrams"}
-
-
-@pytest.mark.parametrize("name", _of(f"{PACKAGE}.report"))
-def test_reports_know_no_run_but_what_it_looks_like(name: str) -> None:
-    assert not _own_packages(name) & {"run", "simulation", "estimating", "systems", "diagrams", "cli"}
-
-
-def test_a_run_does_not_know_how_it_was_made() -> None:
-    assert not _own_packages(f"{PACKAGE}.run") & {"simulation", "estimating", "systems", "diagrams", "graphs"}
-    assert "pydrake" not in _outside(f"{PACKAGE}.run")
-
-
-def test_drake_stays_in_systems_diagrams_and_what_runs_them() -> None:
-    users = {name.removeprefix(f"{PACKAGE}.").partition(".")[0] for name in MODULES if "pydrake" in _outside(name)}
-    assert users == {"systems", "diagrams", "simulation", "estimating", "graphs", "report"}
-
-
-def test_nothing_but_its_entry_knows_the_command_line() -> None:
-    users = {name for name in MODULES if "cli" in _own_packages(name)}
-    assert users <= {f"{PACKAGE}.__main__"}
-
-
-def test_only_the_command_line_stands_on_the_reproduction() -> None:
-    users = {name for name in MODULES if "reproduction" in _own_packages(name)}
-    assert users - set(_of(f"{PACKAGE}.reproduction")) == {f"{PACKAGE}.cli"}
+def test_only_the_entry_knows_the_command_line() -> None:
+    assert {name for name in MODULES if "cli" in {_top(i) for i in _own(IMPORTS[name])}} - set(_of("cli")) == {
+        "__main__"
+    }
 
 
 def test_what_measures_claims_knows_neither_entries_nor_pictures() -> None:
     for module in ("claims", "measures", "analytic", "checks", "cases", "runner"):
-        name = f"{PACKAGE}.reproduction.{module}"
+        name = f"studies.reproduction.{module}"
         assert "matplotlib" not in _outside(name)
-        assert not {imported for imported in _own(name) if "entries" in imported or "catalogue" in imported}, name
+        assert not {imported for imported in _own(IMPORTS[name]) if "entries" in imported or "catalog" in imported}
 
 
 def test_terminals_are_the_command_lines_business() -> None:
-    users = {name for name in MODULES if _outside(name) & {"typer", "rich", "click"}}
-    assert users == {f"{PACKAGE}.cli"}
+    users = {_top(name) for name in MODULES if _outside(name) & {"typer", "rich", "click"}}
+    assert users == {"cli"}
 
 
 def test_matplotlib_is_the_figures_business() -> None:
     users = {name for name in MODULES if "matplotlib" in _outside(name)}
-    assert {name for name in users if not name.startswith(f"{PACKAGE}.reproduction.")} == {f"{PACKAGE}.figures"}
+    assert {name for name in users if not name.startswith("studies.reproduction.")} == {"display.figures"}
 
 
 def test_pydrake_is_imported_module_by_module() -> None:
@@ -187,7 +220,7 @@ def test_pydrake_is_imported_module_by_module() -> None:
 
 
 def test_no_imports_go_in_circles() -> None:
-    graph = {name: {other for other in imported if other in MODULES} for name, imported in FIRST_IMPORTS.items()}
+    graph = {name: _own(imported) & set(MODULES) for name, imported in FIRST_IMPORTS.items()}
     done: set[str] = set()
 
     def visit(name: str, trail: tuple[str, ...]) -> None:
@@ -203,5 +236,5 @@ def test_no_imports_go_in_circles() -> None:
 
 
 def test_every_module_says_what_it_is() -> None:
-    for name, path in MODULES.items():
-        assert ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))), name
+    for name, tree in TREES.items():
+        assert ast.get_docstring(tree), name

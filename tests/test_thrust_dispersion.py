@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from massprop_drake import Run, load_scenario, simulate
+from massprop_drake.inputs.params import thrust_factors
 from massprop_drake.maths.linear_algebra import Array
-from massprop_drake.settings import thrust_factors
 
 DISPERSED = "plant.thrust_dispersion=0.01"
 CONSIDERED = "estimation.thrust_uncertainty=0.01"
@@ -17,7 +17,7 @@ CONSIDERED = "estimation.thrust_uncertainty=0.01"
 
 @cache
 def flown(*overrides: str) -> Run:
-    """The sample manoeuvre and ten seconds more."""
+    """The sample maneuver and ten seconds more."""
     return simulate(load_scenario("sample_maneuver", ["duration_s=60", *overrides]))
 
 

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from massprop_drake import load_vehicle
-from massprop_drake.graphs import svg_text
-from massprop_drake.run import Run
+from massprop_drake.display.graphs import svg_text
+from massprop_drake.results.run import Run
 
 TUTORIALS = Path(__file__).parent.parent / "docs" / "tutorials"
 

@@ -66,7 +66,7 @@ def to_rotation_vector(quaternion: Array) -> Array:
 
 
 def propagated(quaternion: Array, rate: Array, duration_s: float) -> Array:
-    """Attitude after turning at a constant body rate, rad/s, for a time; renormalised.
+    """Attitude after turning at a constant body rate, rad/s, for a time; renormalized.
 
     With the mean of the two rates that bound a sample this is the strapdown integration of a rate
     gyro, correct to second order in the sample period.

@@ -104,7 +104,7 @@ def inverse(matrix: Array) -> Array:
     return np.asarray(np.linalg.inv(matrix), dtype=np.float64)
 
 
-def symmetrised(matrix: Array) -> Array:
+def symmetrized(matrix: Array) -> Array:
     """The symmetric part of a square matrix."""
     return 0.5 * (matrix + matrix.T)
 
@@ -125,4 +125,4 @@ def is_covariance(matrix: Array, tolerance: float = 1e-9) -> bool:
     scaled = matrix / np.outer(scale, scale)
     if not np.allclose(scaled, scaled.T, rtol=0.0, atol=tolerance):
         return False
-    return bool(np.linalg.eigvalsh(symmetrised(scaled)).min() > -tolerance)
+    return bool(np.linalg.eigvalsh(symmetrized(scaled)).min() > -tolerance)

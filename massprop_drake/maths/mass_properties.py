@@ -4,7 +4,7 @@ The rotational state, the order used everywhere (2-49):
 
     x = [Ixx^-1, Iyy^-1, Izz^-1, Iyz^-1, Ixz^-1, Ixy^-1, x_cm, y_cm, z_cm]
 
-elements of the inverse inertia matrix about the centre of mass in body axes, and the centre of mass
+elements of the inverse inertia matrix about the center of mass in body axes, and the center of mass
 in the vehicle frame. The mass reciprocal 1/m is the tenth. Products carry the tensor's sign: they are
 the matrix entries, I_xy = -integral of x y dm (2-12).
 """
@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from massprop_drake.maths import linear_algebra
-from massprop_drake.maths.linear_algebra import Array, is_positive_definite, symmetrised
+from massprop_drake.maths.linear_algebra import Array, is_positive_definite, symmetrized
 
 NAMES = ("Ixx_inv", "Iyy_inv", "Izz_inv", "Iyz_inv", "Ixz_inv", "Ixy_inv", "x_cm", "y_cm", "z_cm", "m_inv")
 N_ROTATION = 9  # elements of the rotational state
@@ -29,12 +29,12 @@ _COLUMNS = np.array([0, 1, 2, 2, 2, 1])
 
 
 class MassProperties(NamedTuple):
-    """Mass, centre of mass and inertia of a rigid body: truth, nominal and estimate alike.
+    """Mass, center of mass and inertia of a rigid body: truth, nominal and estimate alike.
 
     Attributes:
         mass: slug or kg.
         center_of_mass: in the vehicle frame, ft or m, shape (3,).
-        inertia: about the centre of mass, body axes, slug-ft^2 or kg-m^2, shape (3, 3).
+        inertia: about the center of mass, body axes, slug-ft^2 or kg-m^2, shape (3, 3).
     """
 
     mass: float
@@ -43,7 +43,7 @@ class MassProperties(NamedTuple):
 
     def vector(self) -> Array:
         """The ten parameters in their order, shape (10,)."""
-        inverse = symmetrised(linear_algebra.inverse(self.inertia))
+        inverse = symmetrized(linear_algebra.inverse(self.inertia))
         return pack(inverse, self.center_of_mass, 1.0 / self.mass)
 
 
@@ -51,13 +51,13 @@ def joined(body: MassProperties, mass: float, position: Array, inertia: Array) -
     """A body with another one fixed to it, or, with a negative mass, taken from it.
 
     By the parallel-axis theorem, I_total = I_1 + m_1 (d_1^2 1 - d_1 d_1^T) + the same of the other, about
-    the new centre of mass.
+    the new center of mass.
 
     Args:
         body: before.
         mass: of the other, slug or kg; negative: it leaves.
-        position: of its centre of mass in the vehicle frame, ft or m, shape (3,).
-        inertia: of it about its own centre of mass, body axes, shape (3, 3); negative if it leaves.
+        position: of its center of mass in the vehicle frame, ft or m, shape (3,).
+        inertia: of it about its own center of mass, body axes, shape (3, 3); negative if it leaves.
     """
     total = body.mass + mass
     center = (body.mass * body.center_of_mass + mass * position) / total
@@ -67,7 +67,7 @@ def joined(body: MassProperties, mass: float, position: Array, inertia: Array) -
         return of_mass * (float(arm @ arm) * np.eye(3) - np.outer(arm, arm))
 
     moved = body.inertia + offset(body.mass, body.center_of_mass) + inertia + offset(mass, position)
-    return MassProperties(total, center, symmetrised(moved))
+    return MassProperties(total, center, symmetrized(moved))
 
 
 def symmetric(elements: Array) -> Array:
@@ -107,7 +107,7 @@ class Derived(NamedTuple):
     Attributes:
         mass: slug or kg; None where the estimate of 1/m is not positive.
         mass_std: slug or kg; None likewise.
-        inertia: about the centre of mass, slug-ft^2 or kg-m^2, shape (3, 3); None where the
+        inertia: about the center of mass, slug-ft^2 or kg-m^2, shape (3, 3); None where the
             estimated inverse is singular.
         inertia_std: of each element, shape (3, 3); None likewise.
         physically_possible: whether a rigid body can have this mass and this inertia.
@@ -138,7 +138,7 @@ def derived(estimate: Array, covariance: Array) -> Derived:
     scale = np.abs(inverse).max()
     if not scale > 0.0 or np.linalg.cond(inverse / scale) > 1e12:
         return Derived(mass, mass_std, None, None, False)
-    inertia = symmetrised(linear_algebra.inverse(inverse))
+    inertia = symmetrized(linear_algebra.inverse(inverse))
     jacobian = np.empty((6, 6))
     for column in range(6):
         direction = symmetric(np.eye(6)[column])
@@ -155,12 +155,12 @@ def initial_standard_deviation(
 
     A nominal value that is zero or small cannot scale its own uncertainty, so with ``floors``
     each product element has at least the fraction times sqrt(I_ii^-1 I_jj^-1), and each coordinate of
-    the centre of mass at least its floor.
+    the center of mass at least its floor.
 
     Args:
         nominal: the ten nominal parameters, shape (10,).
         fraction: 1-sigma relative to the nominal value (1: 100 %).
-        center_of_mass_floor: ft or m; None leaves the centre of mass without one.
+        center_of_mass_floor: ft or m; None leaves the center of mass without one.
         floors: whether the floors apply; without them a zero nominal is taken as exactly known.
     """
     deviation = fraction * np.abs(nominal)
@@ -176,7 +176,7 @@ def initial_standard_deviation(
 def percent_error(estimate: Array, truth: Array) -> Array:
     """100 (estimate - truth) / |truth| of each parameter; NaN where the truth is below its floor.
 
-    The floor of a product element is 1e-9 of sqrt(I_ii^-1 I_jj^-1), that of a coordinate of the centre
+    The floor of a product element is 1e-9 of sqrt(I_ii^-1 I_jj^-1), that of a coordinate of the center
     of mass 1e-9 of the vector's length: smaller values are zero for every practical purpose.
     """
     floor = np.zeros(10)
@@ -203,12 +203,12 @@ def converged(standard_deviation: Array, estimate: Array, limits: Array) -> bool
     r"""Whether estimates are good enough to act on.
 
     Three tests, each 1-sigma against its limit: the diagonal of the inverse inertia and the mass
-    reciprocal relative to their estimates, which must be positive, and the centre of mass in length.
+    reciprocal relative to their estimates, which must be positive, and the center of mass in length.
 
     Args:
         standard_deviation: of the ten parameters, shape (10,).
         estimate: the ten parameters, shape (10,).
-        limits: relative limit of the diagonal, limit of the centre of mass (ft or m), relative limit
+        limits: relative limit of the diagonal, limit of the center of mass (ft or m), relative limit
             of the mass reciprocal, shape (3,).
     """
     s = standard_deviation.tolist()

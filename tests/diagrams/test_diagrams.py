@@ -13,9 +13,10 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram, DiagramBuilder, InputPortIndex, LeafSystem, OutputPortIndex
 from pydrake.systems.primitives import LogVectorOutput
 
-from massprop_drake import Estimator, Run, Scenario, Vehicle, graphs, load_scenario, simulate
+from massprop_drake import Estimator, Run, Scenario, Vehicle, load_scenario, simulate
 from massprop_drake.diagrams import autopilot, closed_loop, estimation, open_loop, replay, vehicle
-from massprop_drake.scenario import bundled_scenarios, resolved
+from massprop_drake.display import graphs
+from massprop_drake.inputs.scenario import bundled_scenarios, resolved
 
 Array = NDArray[np.float64]
 
@@ -176,7 +177,7 @@ def test_estimates_at_a_sample_include_its_readings(sample_maneuver: Scenario) -
 
 @pytest.fixture(scope="module", params=["null", "0"], ids=["stepped", "continuous"])
 def flown(request: pytest.FixtureRequest) -> Run:
-    """The manoeuvre's rotations in closed loop, with either plant."""
+    """The maneuver's rotations in closed loop, with either plant."""
     return simulate(load_scenario("sample_maneuver", ["duration_s=24", f"plant.time_step={request.param}"]))
 
 
@@ -234,7 +235,7 @@ def test_the_innovation_is_that_of_the_interval_that_ended(flown: Run) -> None:
     mean = 0.5 * (flown["gyro"][1:] + flown["gyro"][:-1])
     coupling = np.cross(mean, mean @ inertia) * 0.08
     left = increments - np.linalg.solve(inertia, (moment[1:] - coupling).T).T
-    # two quantised readings of 1.52e-6 rad/s each err by at most a quantum together
+    # two quantized readings of 1.52e-6 rad/s each err by at most a quantum together
     np.testing.assert_allclose(left, 0.0, atol=1.52e-6 * 1.01)
     # an interval earlier or later would leave whole increments
     assert np.abs(increments[1:] - np.linalg.solve(inertia, moment[1:-1].T).T).max() > 100 * 1.52e-6

@@ -111,6 +111,6 @@ def test_constant_body_rate_adds_up_to_one_turn() -> None:
     np.testing.assert_allclose(attitude, multiply(start, from_rotation_vector(5.0 * rate)), rtol=0.0, atol=1e-13)
 
 
-def test_propagation_renormalises() -> None:
+def test_propagation_renormalizes() -> None:
     attitude = propagated(np.array([1.0, 0.0, 0.0, 1e-3]), np.array([0.1, 0.2, 0.3]), 0.08)
     assert np.linalg.norm(attitude) == pytest.approx(1.0, abs=4e-16)

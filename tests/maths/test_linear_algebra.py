@@ -13,7 +13,7 @@ from massprop_drake.maths.linear_algebra import (
     is_covariance,
     is_positive_definite,
     skew,
-    symmetrised,
+    symmetrized,
 )
 
 EPSILON = np.finfo(float).eps
@@ -21,7 +21,7 @@ EPSILON = np.finfo(float).eps
 
 def positive_definite(rng: np.random.Generator, size: int, condition: float) -> Array:
     axes = np.linalg.qr(rng.standard_normal((size, size)))[0]
-    return symmetrised(axes * np.geomspace(1.0, condition, size) @ axes.T)
+    return symmetrized(axes * np.geomspace(1.0, condition, size) @ axes.T)
 
 
 def test_skew_has_the_cross_product_of_its_vector() -> None:
@@ -112,7 +112,7 @@ def test_definiteness_agrees_with_the_eigenvalues() -> None:
     verdicts = []
     for _ in range(400):
         # diagonal shifted so that about half of the matrices are positive definite
-        matrix = symmetrised(rng.standard_normal((3, 3))) + 1.3 * np.eye(3)
+        matrix = symmetrized(rng.standard_normal((3, 3))) + 1.3 * np.eye(3)
         least = np.linalg.eigvalsh(matrix)[0]
         if abs(least) > 1e-12:  # nearer to singular, rounding may decide either way
             verdicts.append(is_positive_definite(matrix))
@@ -125,8 +125,8 @@ def test_positive_or_zero_determinant_alone_is_not_definite(diagonal: tuple[floa
     assert not is_positive_definite(np.diag(diagonal))
 
 
-def test_symmetrised_is_the_mean_with_the_transpose() -> None:
-    np.testing.assert_array_equal(symmetrised(np.array([[1.0, 2.0], [4.0, 3.0]])), [[1, 3], [3, 3]])
+def test_symmetrized_is_the_mean_with_the_transpose() -> None:
+    np.testing.assert_array_equal(symmetrized(np.array([[1.0, 2.0], [4.0, 3.0]])), [[1, 3], [3, 3]])
 
 
 def test_covariance_of_many_orders_of_magnitude_is_accepted() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import (
     ELEMENT,
@@ -21,7 +22,6 @@ from massprop_drake.maths.mass_properties import (
     six_elements,
     symmetric,
 )
-from massprop_drake.vehicle import Vehicle
 
 # Levy 1983, table 5-2: the orbiter's inverse inertia as printed, 11, 22, 33, 23, 13, 12, 1/(slug-ft^2)
 TABLE_5_2_INVERSE = [1.1433330e-06, 1.4817527e-07, 1.4308619e-07, 5.7047686e-11, 4.0054992e-08, 1.3780696e-09]

@@ -1,0 +1,74 @@
+"""What happened in a run and when: what was commanded, what failed, what was found."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from massprop_drake.inputs.scenario import Scenario
+
+if TYPE_CHECKING:
+    from massprop_drake.results.run import Run
+
+
+class Mark(NamedTuple):
+    """Jets that stand out for a while.
+
+    Attributes:
+        jets: their indices.
+        start_s, end_s: from when to when, s.
+        text: why.
+    """
+
+    jets: tuple[int, ...]
+    start_s: float
+    end_s: float
+    text: str
+
+
+def failures(run: Run) -> list[Mark]:
+    """Jets that truly fail, as the scenario has them."""
+    vehicle, end_s = run.scenario.vehicle_data, float(run.time_s[-1])
+    return [
+        Mark(
+            (vehicle.jet_index(failure.jet),),
+            failure.start_s,
+            end_s if failure.end_s is None else failure.end_s,
+            f"jet {failure.jet}: {failure.kind.replace('_', ' ')}",
+        )
+        for failure in run.scenario.failures
+        if failure.start_s <= end_s
+    ]
+
+
+def found(run: Run) -> list[Mark]:
+    """Jets, or whole clusters, that were declared failed."""
+    vehicle, end_s = run.scenario.vehicle_data, float(run.time_s[-1])
+    marks = []
+    for entry in run.summary["detections"]:
+        if entry["cluster"] is None:
+            continue
+        jets = tuple(
+            index
+            for index, jet in enumerate(vehicle.jets)
+            if (jet.designation == entry["jet"] if entry["jet"] else jet.cluster == entry["cluster"])
+        )
+        until = end_s if entry["withdrawn_s"] is None else entry["withdrawn_s"]
+        marks.append(Mark(jets, entry["time_s"], until, headline(entry)))
+    return marks
+
+
+def headline(entry: dict[str, Any]) -> str:
+    """A detection in a few words."""
+    kind = entry["kind"].replace("_", " ")
+    if entry["cluster"] is None:
+        return kind
+    where = f"jet {entry['jet']}" if entry["jet"] else f"a jet of cluster {entry['cluster']}"
+    return f"{where}: {kind.removeprefix('jet ')}"
+
+
+def commanded(scenario: Scenario, time_s: float) -> str:
+    """What the hand controllers ask for at a time, such as 'RHC +x'; 'hold' with none out of detent."""
+    windows = [window for window in scenario.maneuver if window.start_s <= time_s < window.end_s]
+    if not windows:
+        return "hold" if scenario.maneuver else ""
+    return ", ".join(f"{window.controller.upper()} {window.axis}" for window in windows)

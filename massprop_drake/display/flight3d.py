@@ -1,0 +1,159 @@
+"""A run in three dimensions, recorded: one offline HTML file that plays it."""
+
+from __future__ import annotations
+
+import json
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from massprop_drake.display import events
+from massprop_drake.display.stage import SHOWN, Stage
+from massprop_drake.inputs import params
+from massprop_drake.maths.attitude import propagated
+from massprop_drake.results.folder import write_whole
+from massprop_drake.signals import (
+    ESTIMATE_COLOR,
+    FAILED_COLOR,
+    PLUME_COLOR,
+    SUSPECT_COLOR,
+    TRUTH_COLOR,
+)
+
+if TYPE_CHECKING:
+    from massprop_drake.results.run import Run
+
+Array = NDArray[np.float64]
+
+_FRAMES = 3000  # of the body's motion at the most
+
+
+def write_replay(run: Run, path: str | Path) -> Path:
+    """Writes the replay of a run.
+
+    Without the truth, the attitude is integrated from the gyro and the thrust taken from the commands.
+
+    Args:
+        run: simulated or from telemetry.
+        path: of the HTML file; it appears whole or not at all.
+    """
+    target = Path(path)
+    write_whole(target, replay_html(run))
+    return target
+
+
+def replay_html(run: Run) -> str:
+    """The replay as one HTML text that needs no network."""
+    run = run.shown()
+    page = _recorded(run)
+    controls = (Path(__file__).parent / "flight3d_controls.html").read_text(encoding="utf-8")
+    # between script tags '<' could end them, whatever the names in a user's files are
+    for place, content in (("/*NARRATION*/", _narration(run)), ("/*NAME*/", run.scenario.vehicle_data.name)):
+        controls = controls.replace(place, json.dumps(content).replace("<", "\\u003c"))
+    return page.replace("</body>", f"{controls}\n</body>")
+
+
+def _recorded(run: Run) -> str:
+    """Meshcat's page with the motion of a run."""
+    vehicle, time_s = run.scenario.vehicle_data, np.asarray(run.time_s)
+    stride = max(1, -(-time_s.size // _FRAMES))
+    # rows are played a sample period apart: what lies in a gap of telemetry is not known
+    at_s = (np.arange(time_s.size) * vehicle.sample_period_s).tolist()
+    stage = Stage(vehicle, truth="truth" in run.signals)
+    stage.meshcat.StartRecording(1.0 / (stride * vehicle.sample_period_s), False)
+
+    attitudes = _attitudes(run)
+    for row in range(0, time_s.size, stride):
+        stage.turn(attitudes[row], at_s[row])
+    center = _center(run)
+    for row in _changes(center):
+        stage.center(center[row], at_s[row])
+    estimate, deviation = (np.asarray(run[name])[:, 6:9] for name in ("estimate", "standard_deviation"))
+    changed = _changes(np.hstack([estimate, deviation]))
+    for row in changed[:: changed.size // _FRAMES + 1]:
+        stage.estimate(estimate[row], deviation[row], at_s[row])
+    for jet, level in enumerate(_levels(run).T):
+        firing = level > SHOWN
+        for row in _changes(firing[:, None]):
+            stage.plume(jet, bool(firing[row]), at_s[row])
+    for kind, marks in (("failed", events.failures(run)), ("found", events.found(run))):
+        for number, mark in enumerate(marks):
+            shown = (time_s >= mark.start_s - 1e-9) & (time_s <= mark.end_s)
+            for path in [stage.add_mark(kind, str(number), jet) for jet in mark.jets]:
+                for row in _changes(shown[:, None]):
+                    stage.show(path, bool(shown[row]), at_s[row])
+
+    stage.meshcat.StopRecording()
+    stage.meshcat.PublishRecording()
+    return str(stage.meshcat.StaticHtml())
+
+
+def _narration(run: Run) -> dict[str, object]:
+    """What the page says at each moment: beginnings of intervals with their texts."""
+    scenario, start_s = run.scenario, float(run.time_s[0])
+    failed, found = events.failures(run), events.found(run)
+    edges = {start_s}
+    for window in scenario.maneuver:
+        edges |= {window.start_s, window.end_s}
+    for mark in (*failed, *found):
+        edges |= {mark.start_s, mark.end_s}
+
+    def texts(marks: list[events.Mark], edge: float) -> list[str]:
+        return [mark.text for mark in marks if mark.start_s <= edge < mark.end_s]
+
+    return {
+        "scenario": scenario.name,
+        "start_s": start_s,
+        "moments": [
+            {
+                "at": edge - start_s,
+                "command": events.commanded(scenario, edge),
+                "failed": texts(failed, edge),
+                "found": texts(found, edge),
+            }
+            for edge in sorted(edges)
+        ],
+        "truth": "truth" in run.signals,
+        "colors": {
+            "failed": FAILED_COLOR,
+            "found": SUSPECT_COLOR,
+            "estimate": ESTIMATE_COLOR,
+            "truth": TRUTH_COLOR,
+            "plume": PLUME_COLOR,
+        },
+    }
+
+
+def _center(run: Run) -> Array:
+    """What the camera follows: the true center of mass or, without it, the nominal one, shape (n, 3)."""
+    if "truth" in run.signals:
+        return np.asarray(run["truth"])[:, 6:9]
+    return np.tile(run.scenario.vehicle_data.nominal.center_of_mass, (np.asarray(run.time_s).size, 1))
+
+
+def _levels(run: Run) -> Array:
+    """True thrust over full thrust or, without the truth, the command, shape (n, n_jets)."""
+    if "thrust" in run.signals:
+        return np.asarray(run["thrust"]) / np.linalg.norm(run.scenario.vehicle_data.thrusts, axis=1)
+    return np.nan_to_num(np.asarray(run["command"]))
+
+
+def _attitudes(run: Run) -> Array:
+    """q_NB at every sample: the truth, or integrated from the gyro in use, shape (n, 4)."""
+    if "attitude" in run.signals:
+        return np.asarray(run["attitude"])
+    rate = np.nan_to_num(np.asarray(run[params.gyro(run.scenario).name]))
+    attitudes = np.empty((rate.shape[0], 4))
+    attitudes[0] = (1.0, 0.0, 0.0, 0.0)
+    for row, (before, after) in enumerate(pairwise(rate)):
+        mean = 0.5 * (before + after)
+        attitudes[row + 1] = propagated(attitudes[row], mean, run.scenario.vehicle_data.sample_period_s)
+    return attitudes
+
+
+def _changes(values: Array | NDArray[np.bool_]) -> NDArray[np.int_]:
+    """Rows that differ from the one before, and the first, shape (k,)."""
+    return np.concatenate([[0], np.flatnonzero(np.any(np.diff(values, axis=0) != 0.0, axis=1)) + 1])

@@ -1,0 +1,237 @@
+"""A vehicle in Drake's Meshcat: body, jets, plumes and both centers of mass, still or recorded.
+
+The camera goes with the vehicle: its center of mass stays in the middle, the inertial axes keep their
+direction.
+"""
+
+from __future__ import annotations
+
+import logging
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.common.eigen_geometry import Quaternion
+from pydrake.geometry import Box, Cylinder, Ellipsoid, Meshcat, MeshcatCone, MeshcatParams, Rgba, Sphere
+from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
+
+from massprop_drake.inputs.vehicle import (
+    BoxSolid,
+    ConeSolid,
+    CylinderSolid,
+    EllipsoidSolid,
+    PlateSolid,
+    Solid,
+    Vehicle,
+)
+from massprop_drake.signals import (
+    ESTIMATE_COLOR,
+    FAILED_COLOR,
+    PLUME_COLOR,
+    SUSPECT_COLOR,
+    TRUTH_COLOR,
+)
+
+Array = NDArray[np.float64]
+
+SHOWN = 0.02  # of the full thrust; below it there is no plume
+_OPACITY = 0.6  # of the body: the centers of mass lie inside
+_EXTENT = 4.0  # of the vehicle in Meshcat's lengths, which its lights are made for
+_BODY = "/world/body"
+_STRUCTURE = f"{_BODY}/structure"  # the vehicle frame
+_MARKS = {"failed": (FAILED_COLOR, 1.0), "found": (SUSPECT_COLOR, 1.5)}  # color and size
+
+
+class Stage:
+    """Puts a vehicle into Meshcat and moves it.
+
+    Every method takes the time in the recording, s; None shows the change at once.
+
+    Args:
+        vehicle: to show.
+        truth: whether the true center of mass is known.
+    """
+
+    def __init__(self, vehicle: Vehicle, *, truth: bool):
+        self._vehicle = vehicle
+        self._extent = _extent(vehicle)
+        self.meshcat = _quiet_meshcat()
+        self._prepare()
+        self._draw_body()
+        self._draw_axes()
+        self._draw_jets()
+        self._draw_centers(truth)
+
+    def turn(self, attitude: Array, at_s: float | None = None) -> None:
+        """Turns the body to an attitude q_NB, shape (4,)."""
+        turned = RotationMatrix(Quaternion(attitude / np.linalg.norm(attitude)))
+        self.meshcat.SetTransform(_BODY, RigidTransform(turned, np.zeros(3)), at_s)
+
+    def center(self, position: Array, at_s: float | None = None) -> None:
+        """Puts a point of the vehicle frame, ft or m, into the middle, shape (3,)."""
+        self.meshcat.SetTransform(_STRUCTURE, RigidTransform(-position), at_s)
+
+    def plume(self, jet: int, shown: bool, at_s: float | None = None) -> None:
+        """Shows or hides the plume of a jet."""
+        self.meshcat.SetProperty(f"{_STRUCTURE}/jets/{jet}/plume", "visible", bool(shown), at_s)
+
+    def estimate(self, position: Array, deviation: Array, at_s: float | None = None) -> None:
+        """Moves the estimated center of mass and its ellipsoid of 3 sigma, ft or m, shape (3,) each."""
+        path, smallest = f"{_STRUCTURE}/estimate", 0.002 * self._extent
+        spread = np.clip(np.nan_to_num(3.0 * deviation), smallest, 0.35 * self._extent)
+        self.meshcat.SetTransform(path, RigidTransform(np.nan_to_num(position)), at_s)
+        self.meshcat.SetProperty(f"{path}/spread", "scale", spread.tolist(), at_s)
+
+    def add_mark(self, kind: str, name: str, jet: int) -> str:
+        """A hidden mark on a jet, "failed" or "found"; its path for `show`."""
+        color, size = _MARKS[kind]
+        path = f"{_STRUCTURE}/marks/{kind}{name}_{jet}"
+        self.meshcat.SetObject(path, Sphere(0.022 * size * self._extent), _rgba(color, 0.55))
+        self.meshcat.SetTransform(path, RigidTransform(self._vehicle.positions[jet]))
+        self.show(path, False)
+        return path
+
+    def show(self, path: str, shown: bool, at_s: float | None = None) -> None:
+        """Shows or hides a mark."""
+        self.meshcat.SetProperty(path, "visible", bool(shown), at_s)
+
+    # --------------------------------------------------------------------------------------- parts
+
+    def _prepare(self) -> None:
+        scale = _EXTENT / self._extent
+        self.meshcat.SetTransform("/world", np.diag([scale, -scale, -scale, 1.0]))  # z of the body points down
+        for path in ("/Grid", "/Axes"):
+            self.meshcat.SetProperty(path, "visible", False)
+        self.meshcat.SetProperty("/Background/<object>", "top_color", [0.93, 0.95, 0.98])
+        self.meshcat.SetProperty("/Background/<object>", "bottom_color", [0.75, 0.79, 0.85])
+        camera = _EXTENT * np.array([0.46, -0.64, 0.36])
+        self.meshcat.SetCameraPose(camera, np.zeros(3))
+
+    def _draw_body(self) -> None:
+        for number, solid in enumerate(self._vehicle.shape or _box(self._vehicle)):
+            _draw_solid(self.meshcat, f"{_STRUCTURE}/shape/{number}", solid)
+
+    def _draw_axes(self) -> None:
+        length, radius = 0.62 * self._extent, 0.003 * self._extent
+        for axis, color in enumerate(((0.8, 0.2, 0.2), (0.2, 0.6, 0.2), (0.2, 0.3, 0.8))):
+            direction = np.eye(3)[axis]
+            path = f"{_BODY}/axes/{'xyz'[axis]}"
+            self.meshcat.SetObject(path, Cylinder(radius, length), Rgba(*color, 0.8))
+            self.meshcat.SetTransform(path, RigidTransform(_along(direction), 0.5 * length * direction))
+
+    def _draw_jets(self) -> None:
+        vehicle, extent = self._vehicle, self._extent
+        strongest = max(jet.thrust for jet in vehicle.jets)
+        for index, jet in enumerate(vehicle.jets):
+            path = f"{_STRUCTURE}/jets/{index}"
+            outwards = -vehicle.thrusts[index] / jet.thrust
+            self.meshcat.SetTransform(path, RigidTransform(_along(outwards), vehicle.positions[index]))
+            nozzle = 0.016 * extent
+            shape = MeshcatCone(nozzle, 0.5 * nozzle, 0.5 * nozzle)
+            self.meshcat.SetObject(f"{path}/nozzle", shape, Rgba(0.25, 0.28, 0.33, 1.0))
+            length = (0.05 + 0.11 * (jet.thrust / strongest) ** 0.5) * extent
+            plume = MeshcatCone(length, 0.2 * length, 0.2 * length)
+            self.meshcat.SetObject(f"{path}/plume", plume, _rgba(PLUME_COLOR, 0.75))
+            self.plume(index, False)
+
+    def _draw_centers(self, truth: bool) -> None:
+        radius = 0.012 * self._extent
+        if truth:
+            self.meshcat.SetObject(f"{_BODY}/center", Sphere(radius), _rgba(TRUTH_COLOR, 0.45))
+        path = f"{_STRUCTURE}/estimate"
+        self.meshcat.SetObject(f"{path}/point", Sphere(0.7 * radius), _rgba(ESTIMATE_COLOR, 1.0))
+        self.meshcat.SetObject(f"{path}/spread", Sphere(1.0), _rgba(ESTIMATE_COLOR, 0.22))
+
+
+def _quiet_meshcat() -> Meshcat:
+    """A Meshcat on localhost that does not announce itself."""
+    log = logging.getLogger("drake")
+    level = log.level
+    log.setLevel(logging.WARNING)
+    try:
+        return Meshcat(MeshcatParams(host="localhost"))
+    finally:
+        log.setLevel(level)
+
+
+def _extent(vehicle: Vehicle) -> float:
+    """Largest distance between jets along an axis, or of the solids, ft or m."""
+    corners = [vehicle.positions.min(axis=0), vehicle.positions.max(axis=0)]
+    for solid in vehicle.shape:
+        reach = _reach(solid)
+        corners += [np.array(solid.position) - reach, np.array(solid.position) + reach]
+    return float(np.ptp(np.array(corners), axis=0).max()) or 1.0
+
+
+def _reach(solid: Solid) -> float:
+    """From a solid's center to its farthest point, about, ft or m."""
+    match solid:
+        case BoxSolid():
+            return 0.5 * max(solid.size)
+        case EllipsoidSolid():
+            return max(solid.radii)
+        case CylinderSolid() | ConeSolid():
+            return max(0.5 * solid.length, *solid.radii)
+        case PlateSolid():
+            return 0.5 * max(np.ptp(np.array(solid.outline), axis=0).tolist())
+
+
+def _box(vehicle: Vehicle) -> tuple[Solid, ...]:
+    """A box between the jets, for a vehicle without a shape."""
+    low, high = vehicle.positions.min(axis=0), vehicle.positions.max(axis=0)
+    size = np.maximum(0.9 * (high - low), 0.15 * float((high - low).max() or 1.0))
+    middle = 0.5 * (low + high)
+    return (BoxSolid(kind="box", size=tuple(size.tolist()), position=tuple(middle.tolist())),)
+
+
+def _draw_solid(meshcat: Meshcat, path: str, solid: Solid) -> None:
+    place = RigidTransform(RollPitchYaw(np.radians(solid.rotation_deg)), np.array(solid.position))
+    color = _rgba(solid.color, _OPACITY)
+    match solid:
+        case BoxSolid():
+            meshcat.SetObject(path, Box(*solid.size), color)
+        case EllipsoidSolid():
+            meshcat.SetObject(path, Ellipsoid(*solid.radii), color)
+        case CylinderSolid():
+            vertices, faces = _cylinder(solid.length, solid.radii)
+            meshcat.SetTriangleMesh(path, vertices, faces, color)
+        case ConeSolid():
+            # Meshcat's cone stands on its point: turned so that the point looks along +x
+            meshcat.SetObject(f"{path}/cone", MeshcatCone(solid.length, solid.radii[1], solid.radii[0]), color)
+            point = np.array([0.5 * solid.length, 0.0, 0.0])
+            meshcat.SetTransform(f"{path}/cone", RigidTransform(_along(np.array([-1.0, 0.0, 0.0])), point))
+        case PlateSolid():
+            vertices, faces = _plate(np.array(solid.outline), solid.thickness)
+            meshcat.SetTriangleMesh(path, vertices, faces, color)
+    meshcat.SetTransform(path, place)
+
+
+def _plate(outline: Array, thickness: float) -> tuple[Array, NDArray[np.int_]]:
+    """Vertices (3, n) and triangles (3, k) of a plate, both sides of each face."""
+    count = outline.shape[0]
+    sides = [np.column_stack([outline, np.full(count, side)]) for side in (-0.5 * thickness, 0.5 * thickness)]
+    faces = []
+    for base in (0, count):
+        faces += [(base, base + corner, base + corner + 1) for corner in range(1, count - 1)]
+    for corner in range(count):
+        following = (corner + 1) % count
+        faces += [(corner, following, count + following), (corner, count + following, count + corner)]
+    both = faces + [face[::-1] for face in faces]
+    return np.vstack(sides).T, np.array(both).T
+
+
+def _cylinder(length: float, radii: tuple[float, float]) -> tuple[Array, NDArray[np.int_]]:
+    """Vertices and triangles of a cylinder along x."""
+    angle = np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)
+    outline = np.column_stack([radii[0] * np.cos(angle), radii[1] * np.sin(angle)])
+    vertices, faces = _plate(outline, length)
+    return vertices[[2, 0, 1]], faces
+
+
+def _along(direction: Array) -> RotationMatrix:
+    """A rotation that takes z to a direction."""
+    return RotationMatrix.MakeFromOneVector(direction, 2)
+
+
+def _rgba(color: str, opacity: float) -> Rgba:
+    red, green, blue = (int(color[start : start + 2], 16) / 255.0 for start in (1, 3, 5))
+    return Rgba(red, green, blue, opacity)

@@ -1,0 +1,673 @@
+"""Scenarios: one case to simulate, and how to estimate in it; read from YAML and validated.
+
+Every variant of a method is a field here, never an edit of code. Angles are radians.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Iterable
+from importlib import resources
+from itertools import pairwise
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, field_validator, model_validator
+
+from massprop_drake.errors import InputError, suggestion
+from massprop_drake.inputs.model import (
+    Document,
+    Flag,
+    Matrix3,
+    Model,
+    Path_,
+    Real,
+    Text,
+    Vector3,
+    Whole,
+    described,
+    dotted,
+    exists,
+    read_text,
+    validated,
+)
+from massprop_drake.inputs.vehicle import MassPropertiesModel, Vehicle, load_vehicle
+from massprop_drake.maths.linear_algebra import is_covariance
+from massprop_drake.maths.mass_properties import could_be_inertia, joined
+
+Array = NDArray[np.float64]
+
+_DEGREE = np.pi / 180.0
+
+
+class HandControllerWindow(Model):
+    """A hand controller held out of detent for a while."""
+
+    controller: Literal["rhc", "thc"] = described(
+        ..., "rhc: rotational (discrete rate), thc: translational (acceleration)"
+    )
+    axis: Literal["+x", "-x", "+y", "-y", "+z", "-z"] = described(..., "body axis and direction")
+    start_s: Real = described(..., "leaves detent", "s", ge=0.0)
+    end_s: Real = described(..., "returns to detent", "s", gt=0.0)
+
+    @model_validator(mode="after")
+    def _ordered(self) -> HandControllerWindow:
+        _require_order(self.start_s, self.end_s)
+        return self
+
+
+class JetPulse(Model):
+    """A jet commanded on for a while, in a scenario with a prescribed jet schedule."""
+
+    jet: Text = described(..., "designation")
+    start_s: Real = described(..., "first commanded", "s", ge=0.0)
+    end_s: Real = described(..., "no longer commanded", "s", gt=0.0)
+
+    @model_validator(mode="after")
+    def _ordered(self) -> JetPulse:
+        _require_order(self.start_s, self.end_s)
+        return self
+
+
+def _require_order(start_s: float, end_s: float) -> None:
+    if end_s <= start_s:
+        raise ValueError(f"end_s must be later than start_s, got {start_s:g} to {end_s:g}")
+
+
+class PlantBlock(Model):
+    """The true vehicle."""
+
+    time_step: Real | None = described(
+        None,
+        "0: continuous, by Drake's integrator; the sample period: fixed steps of high order; null: the sample period",
+        "s",
+    )
+    integrator: Literal["runge_kutta3", "runge_kutta5", "bogacki_shampine3"] = described(
+        "runge_kutta5", "Drake's integration scheme for the continuous plant"
+    )
+    accuracy: Real = described(1e-10, "accuracy asked of that integrator", "-", gt=0.0, le=1e-2)
+    thrust_transient: Literal["none", "vehicle"] = described(
+        "vehicle", "none: thrust instantaneous; vehicle: first-order lag with the vehicle file's time constants"
+    )
+    thrust_dispersion: Real = described(
+        0.0, "each jet's thrust is off for good by a fraction of this 1-sigma, drawn from the seed", "-", ge=0.0, le=0.3
+    )
+    depletion: Flag = described(True, "whether firing uses up mass (inertia and center of mass stay)")
+    mass_properties: MassPropertiesModel | None = described(
+        None, "true mass properties at the start; null: the vehicle's nominal ones"
+    )
+    initial_rate: Vector3 = described((0.0, 0.0, 0.0), "angular rate at the start, body axes", "rad/s")
+
+
+class _Timed(Model):
+    """What every jet failure has."""
+
+    jet: Text = described(..., "designation")
+    start_s: Real = described(..., "onset", "s", ge=0.0)
+    end_s: Real | None = described(None, "when the jet is well again; null: never", "s", gt=0.0)
+
+    @model_validator(mode="after")
+    def _ordered(self) -> _Timed:
+        if self.end_s is not None:
+            _require_order(self.start_s, self.end_s)
+        return self
+
+
+class StuckOn(_Timed):
+    """The jet fires whatever it is told."""
+
+    kind: Literal["stuck_on"] = described(..., "kind of failure")
+
+
+class StuckOff(_Timed):
+    """The jet never fires."""
+
+    kind: Literal["stuck_off"] = described(..., "kind of failure")
+
+
+class Degraded(_Timed):
+    """The jet gives a fraction of its thrust."""
+
+    kind: Literal["degraded"] = described(..., "kind of failure")
+    fraction: Real = described(..., "of the thrust that is left", "-", ge=0.0, le=1.0)
+
+
+class Leak(_Timed):
+    """The jet gives a force along its direction, commanded or not."""
+
+    kind: Literal["leak"] = described(..., "kind of failure")
+    force: Real = described(..., "that it gives besides what it is told", "lbf | N", gt=0.0)
+
+
+class Intermittent(_Timed):
+    """The jet's valve fails now and then, sample by sample."""
+
+    kind: Literal["intermittent"] = described(..., "kind of failure")
+    probability: Real = described(..., "of failing in any one sample", "-", ge=0.0, le=1.0)
+    level: Real = described(0.0, "thrust while it fails: 0 off, 1 on", "-", ge=0.0, le=1.0)
+
+
+class Drift(_Timed):
+    """The jet's thrust changes slowly."""
+
+    kind: Literal["drift"] = described(..., "kind of failure")
+    rate_per_s: Real = described(..., "change of the thrust, relative", "1/s")
+
+
+Failure = Annotated[StuckOn | StuckOff | Degraded | Leak | Intermittent | Drift, Field(discriminator="kind")]
+
+
+class MassJump(Model):
+    """A payload that leaves the vehicle or is fixed to it, moving as the structure does."""
+
+    kind: Literal["release", "dock"] = described(..., "whether it leaves or comes")
+    time_s: Real = described(..., "when; it happens at the first sample not before this", "s", ge=0.0)
+    mass: Real = described(..., "of the payload", "slug | kg", gt=0.0)
+    position: Vector3 = described(..., "of its center of mass, vehicle frame", "ft | m")
+    inertia: Matrix3 | None = described(
+        None, "of it about its own center of mass, body axes; null: a point mass", "slug-ft^2 | kg-m^2"
+    )
+
+
+class SensorErrors(Model):
+    """Errors of one sensor package, true but unknown to the estimators. In the order a signal meets them."""
+
+    sensor: Text = described(..., "name of a gyro or accelerometer package")
+    scale_factor: Vector3 = described((0.0, 0.0, 0.0), "relative error of scale per axis: reading = (1 + this) x truth")
+    bandwidth_hz: Real | None = described(None, "corner of a first-order low-pass; null: unlimited", "Hz", gt=0.0)
+    bias: Vector3 = described(
+        (0.0, 0.0, 0.0), "constant bias; of an accelerometer, of the acceleration", "rad/s | ft/s^2 | m/s^2"
+    )
+    bias_random_walk: Real = described(
+        0.0,
+        "the bias's random walk, 1-sigma after one second",
+        "rad/s/sqrt(s) | ft/s^2/sqrt(s) | m/s^2/sqrt(s)",
+        ge=0.0,
+    )
+    noise_std: Real | None = described(
+        None, "white noise of a reading, 1-sigma; null: the vehicle's", "rad/s | ft/s | m/s", ge=0.0
+    )
+    quantum: Real | None = described(None, "step of a reading; null: the vehicle's", "rad/s | ft/s | m/s", ge=0.0)
+    delay_samples: Whole = described(0, "whole samples by which readings are late", "-", ge=0, le=100)
+
+
+_RULES = Literal["single", "most_accurate", "mid_value", "average", "weighted_average", "serial"]
+_RULE = (
+    "single: the package in use, where it is missing the next; most_accurate: the least covariance; mid_value: the "
+    "middle one, component by component; average; weighted_average: by covariance; serial: one update after the other"
+)
+
+
+class CombineBlock(Model):
+    """How the filters use several packages of one kind."""
+
+    gyros: _RULES = described("single", _RULE)
+    accelerometers: _RULES = described("single", _RULE)
+    correlated: Flag = described(
+        False,
+        "whether averages of accelerometers account for what their errors share; serial then is one stacked update",
+    )
+
+
+class SensorsBlock(Model):
+    """The sensors."""
+
+    quantizer_phase: Literal["seeded", "equal"] = described(
+        "seeded", "seeded: each component's marks are offset at random, from the seed; equal: none is"
+    )
+    gyro: Text | None = described(None, "package the estimators and the autopilot use; null: the first")
+    accelerometer: Text | None = described(None, "package the mass estimator uses; null: the vehicle's preferred one")
+    combine: CombineBlock = described(CombineBlock(), "use of redundant packages")
+    errors: tuple[SensorErrors, ...] = described((), "errors beyond the vehicle file's quanta and noise")
+
+
+class AutopilotBlock(Model):
+    """Manual modes of the thesis: discrete rate, attitude hold, acceleration."""
+
+    mass_properties: Literal["nominal", "estimated"] = described(
+        "nominal", "for activity vectors; estimated: the estimates once they have converged, nominal before"
+    )
+    jet_kinds: tuple[Text, ...] | None = described(
+        None,
+        "kinds of jets that may be selected; null: `primary` or, for a vehicle without such, all",
+        min_length=1,
+    )
+    discrete_rate: Real = described(0.5 * _DEGREE, "rate that the rotational hand controller commands", "rad/s", gt=0.0)
+    hold_gain: Real = described(0.15, "rate commanded per attitude error in hold", "1/s", ge=0.0)
+    hold_rate_limit: Real = described(0.1 * _DEGREE, "largest rate commanded in hold", "rad/s", ge=0.0)
+    capture_rate: Real = described(
+        0.05 * _DEGREE, "back in detent, an axis holds attitude once its rate is below this", "rad/s", gt=0.0
+    )
+    rate_deadband: Real = described(0.02 * _DEGREE, "rate error that asks for a correction", "rad/s", gt=0.0)
+    acceleration: Real = described(0.5, "that the translational hand controller commands", "ft/s^2 | m/s^2", gt=0.0)
+    horizon_s: Real = described(2.0, "a translation is requested for this long at a time", "s", gt=0.0)
+    resolve_rate: Real = described(
+        0.2 * _DEGREE, "in a translation, rate error that asks for a new selection", "rad/s", gt=0.0
+    )
+    resolve_after_s: Real = described(0.4, "least time between two selections in a translation", "s", ge=0.0)
+
+
+_Ten = tuple[Real, Real, Real, Real, Real, Real, Real, Real, Real, Real]
+_TEN_UNITS = "1/(slug-ft^2) | 1/(kg-m^2) (6), ft | m (3), 1/slug | 1/kg"
+
+
+class ConvergenceLimits(Model):
+    """1-sigma below which estimates may be acted on."""
+
+    diagonal: Real = described(0.02, "of the inverse inertia's diagonal, relative to the estimate", "-", gt=0.0)
+    mass_reciprocal: Real = described(0.2, "of the mass reciprocal, relative to the estimate", "-", gt=0.0)
+    center_of_mass: Real | None = described(
+        None, "of the center of mass; null: 3 % of the jets' RMS arm", "ft | m", gt=0.0
+    )
+
+
+class GivenStart(Model):
+    """Mass properties known beforehand, and how well."""
+
+    mass_properties: MassPropertiesModel | None = described(None, "estimates at the start; null: the nominal ones")
+    standard_deviation: _Ten | None = described(
+        None,
+        "1-sigma of the ten parameters at the start, in the order of `summary.json`'s covariance",
+        _TEN_UNITS,
+    )
+    covariance: tuple[_Ten, _Ten, _Ten, _Ten, _Ten, _Ten, _Ten, _Ten, _Ten, _Ten] | None = described(
+        None, "their covariance instead; none between 1/m and the others, whose filters are apart", "products of those"
+    )
+
+    @model_validator(mode="after")
+    def _one(self) -> GivenStart:
+        if (self.standard_deviation is None) == (self.covariance is None):
+            raise ValueError("give either standard_deviation or covariance")
+        if self.standard_deviation is not None and min(self.standard_deviation) < 0.0:
+            raise ValueError("standard_deviation: must be zero or positive")
+        if self.covariance is not None:
+            covariance = np.array(self.covariance)
+            if not is_covariance(covariance):
+                raise ValueError("covariance: must be symmetric and positive semidefinite")
+            if covariance[9, :9].any():
+                raise ValueError("covariance: must be zero between 1/m and the others, whose filters are apart")
+        return self
+
+
+class EstimationBlock(Model):
+    """What the estimators start from, and what they make of commands."""
+
+    start: Literal["nominal", "zero", "given"] = described(
+        "nominal", "estimates begin at the nominal values, at zero, or at what `given` says"
+    )
+    given: GivenStart | None = described(None, "with start: given")
+    std_fraction: Real | None = described(
+        None,
+        "1-sigma at the start relative to the nominal values; null: the vehicle's for nominal, 1 for zero",
+        "-",
+        gt=0.0,
+    )
+    floors: Flag = described(
+        True, "least 1-sigma at the start for products of inertia and center of mass, whose nominal values may be zero"
+    )
+    thrust_transient: Literal["gate", "gate_lag"] = described(
+        "gate_lag",
+        "gate: samples whose jets have just changed are skipped, thrust taken as instantaneous; gate_lag: the same "
+        "gate, impulses from the lagged thrust level",
+    )
+    thrust_uncertainty: Real = described(
+        0.0,
+        "1-sigma of each jet's constant, unknown thrust error, relative; filters and detector consider it",
+        "-",
+        ge=0.0,
+        le=0.3,
+    )
+    convergence: ConvergenceLimits = described(ConvergenceLimits(), "when estimates may be acted on")
+
+    @model_validator(mode="after")
+    def _start_is_given(self) -> EstimationBlock:
+        if (self.start == "given") != (self.given is not None):
+            raise ValueError("start: given and the field `given` go together")
+        return self
+
+
+class RotationBlock(Model):
+    """The filter for inverse inertia and center of mass."""
+
+    filter: Literal["second_order", "second_order_without_bias", "second_order_without_covariance", "extended"] = (
+        described(
+            "second_order",
+            "second_order: with bias and covariance of the curvature; the next two lack one of them; extended: Kalman "
+            "filter without both",
+        )
+    )
+    coupling: Literal["subtract", "ignore", "hybrid", "model"] = described(
+        "hybrid",
+        "dynamic coupling: subtract it; ignore it; hybrid: subtract it once the estimates are good enough; model: a "
+        "part of the measurement that depends on the estimates like the rest, for vehicles that turn fast",
+    )
+    coupling_limit: Real = described(
+        50.0, "hybrid: innovation variance below this many times the measurement's starts the subtraction", "-", gt=0.0
+    )
+    jump: Literal["none", "covariance_increment"] = described(
+        "covariance_increment", "what a too large innovation does: nothing, or raise the covariance"
+    )
+    jump_threshold: Real = described(25.0, "NIS that counts as too large; 11.34 in the thesis", "-", gt=0.0)
+    jump_std_fraction: Real = described(1.0, "1-sigma then added, relative to that at the start", "-", gt=0.0)
+    process_noise_std: tuple[Real, Real, Real, Real, Real, Real, Real, Real, Real] = described(
+        (0.0,) * 9, "1-sigma of the change per sample, in state order", "1/(slug-ft^2) | 1/(kg-m^2), ft | m"
+    )
+    disturbance_std: Real = described(0.0, "1-sigma per sample of unmodeled rate increments", "rad/s", ge=0.0)
+    largest_turn: Real = described(
+        0.2, "samples in which the vehicle turns by more are not used: rates are taken as steady in one", "rad", gt=0.0
+    )
+
+    @field_validator("process_noise_std")
+    @classmethod
+    def _not_negative(cls, value: tuple[float, ...]) -> tuple[float, ...]:
+        if min(value) < 0.0:
+            raise ValueError("must be zero or positive")
+        return value
+
+
+class MassBlock(Model):
+    """The filter for the mass reciprocal."""
+
+    compensation: Literal["none", "transverse", "transverse_centripetal"] = described(
+        "transverse", "what of the rotation is taken out of the velocity increments"
+    )
+    compensation_covariance: Flag = described(True, "whether the measurement covariance grows by what is unknown of it")
+    jump: Literal["none", "single_sample", "single_sample_thesis", "glr"] = described(
+        "single_sample",
+        "test for a jump of 1/m: none, of one sample (single_sample_thesis: with the thesis's variance after it, meant "
+        "for small gains), or generalized likelihood ratio over a window of used samples",
+    )
+    jump_false_alarm_rate: Real = described(
+        1e-6, "of that test, per used sample; 0.01 in the thesis", "-", gt=0.0, lt=1.0
+    )
+    jump_window: Whole = described(5, "used samples that glr looks back", "-", ge=2, le=1000)
+    process_noise_std: Real = described(0.0, "1-sigma of the change of 1/m per sample", "1/slug | 1/kg", ge=0.0)
+    disturbance_std: Real = described(0.0, "1-sigma per sample of unmodeled velocity increments", "ft/s | m/s", ge=0.0)
+
+
+class DetectorBlock(Model):
+    """Detection and isolation of failed jets, and of jumps of the mass properties."""
+
+    kind: Literal["off", "cglr"] = described(
+        "cglr", "off, or the constrained generalized likelihood ratio of one sample"
+    )
+    margin: Real = described(6.0, "by which a cluster, and a jet in it, must lead in likelihood argument", "-", gt=0.0)
+    threshold: Real = described(0.0, "least likelihood argument of an alarm", "-", ge=0.0)
+    dispersion_threshold: Real = described(
+        16.0,
+        "the same while jets fire, with thrust_uncertainty: thrust errors last, so a chance alarm would come again",
+        "-",
+        ge=0.0,
+    )
+    magnitude_threshold: Real = described(0.0, "least magnitude of an alarm", "lbf | N", ge=0.0)
+    mirror_sign_rule: Flag = described(False, "whether a jet that is on cannot give too much")
+    signature_uncertainty: Flag = described(True, "whether signatures count as uncertain; not in the thesis")
+    unexplained_limit: Real | None = described(
+        20.5,
+        "largest part of the innovations that a failed jet may leave unexplained (0.1 % of chi-square, 5 degrees); "
+        "null: any",
+        "-",
+        gt=0.0,
+    )
+    on_detection: Literal["correct", "correct_thesis", "reject"] = described(
+        "correct", "what the filters do with a sample that shows a failure"
+    )
+    reconfigure_after: Whole | None = described(
+        2, "alarms in a row that declare a failure and reset the jet logic; null: never", "-", ge=1
+    )
+    close_manifold: Flag = described(
+        False, "whether a declared failure closes the jet's manifold: its jets stop, and all are out of use"
+    )
+    alarm_gap: Whole = described(
+        3,
+        "cycles between two alarms in a row at the most, if samples tested in between show nothing; samples that "
+        "could not be tested do not break the row",
+        "-",
+        ge=1,
+    )
+
+
+class Scenario(Model):
+    """One case: a vehicle, what it is told to do, and how its mass properties are estimated."""
+
+    name: Text = described(
+        "scenario", "short name; the run's folder is named after it", pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$"
+    )
+    description: Text = described("", "one line")
+    vehicle: Text | Vehicle = described(
+        "orbiter", "a bundled vehicle, a file (relative to this one), or a vehicle's data"
+    )
+    duration_s: Real = described(50.0, "length of the run", "s", gt=0.0, le=1e6)
+    seed: Whole = described(0, "of everything drawn by chance", "-", ge=0, lt=2**63)
+    maneuver: tuple[HandControllerWindow, ...] = described((), "hand-controller windows, flown by the autopilot")
+    jet_schedule: tuple[JetPulse, ...] = described((), "jet commands prescribed instead, with no autopilot")
+    plant: PlantBlock = described(PlantBlock(), "the true vehicle")
+    sensors: SensorsBlock = described(SensorsBlock(), "the sensors")
+    autopilot: AutopilotBlock = described(AutopilotBlock(), "the autopilot")
+    estimation: EstimationBlock = described(EstimationBlock(), "start of the estimators")
+    rotation: RotationBlock = described(RotationBlock(), "filter for inverse inertia and center of mass")
+    mass: MassBlock = described(MassBlock(), "filter for the mass reciprocal")
+    detector: DetectorBlock = described(DetectorBlock(), "detection of failed jets")
+    failures: tuple[Failure, ...] = described((), "failures of jets")
+    jumps: tuple[MassJump, ...] = described((), "payloads that leave or come")
+
+    @model_validator(mode="after")
+    def _windows(self) -> Scenario:
+        if self.maneuver and self.jet_schedule:
+            raise ValueError("give either maneuver or jet_schedule, not both: a jet schedule has no autopilot")
+        _require_apart("maneuver", [(w.controller + w.axis[1], w.start_s, w.end_s) for w in self.maneuver])
+        _require_apart("failures", [(f.jet, f.start_s, f.end_s or math.inf) for f in self.failures])
+        _require_apart("jet_schedule", [(p.jet, p.start_s, p.end_s) for p in self.jet_schedule])
+        return self
+
+    @property
+    def vehicle_data(self) -> Vehicle:
+        """The vehicle itself; a loaded scenario always holds it."""
+        if isinstance(self.vehicle, Vehicle):
+            return self.vehicle
+        return load_vehicle(self.vehicle)
+
+
+def _require_apart(field: str, windows: list[tuple[str, float, float]]) -> None:
+    for index, (what, start, end) in enumerate(windows):
+        for other in range(index):
+            if windows[other][0] == what and start < windows[other][2] and windows[other][1] < end:
+                raise ValueError(
+                    f"{field}[{index}] overlaps {field}[{other}] on the same axis or jet ({what}): "
+                    f"{start:g} to {end:g} s and {windows[other][1]:g} to {windows[other][2]:g} s"
+                )
+
+
+def check_against_vehicle(scenario: Scenario, vehicle: Vehicle) -> list[tuple[Path_, str]]:
+    """Problems of a scenario that only its vehicle shows, each with the path of its field."""
+    problems: list[tuple[Path_, str]] = []
+
+    def require(what: str, name: str, valid: Iterable[str], *path: str | int) -> None:
+        names = list(valid)
+        if name not in names:
+            problem = f"{name!r} is no {what} of vehicle '{vehicle.name}'{suggestion(name, names)}"
+            problems.append((path, problem))
+
+    for index, pulse in enumerate(scenario.jet_schedule):
+        require("jet", pulse.jet, vehicle.designations, "jet_schedule", index, "jet")
+    for index, failure in enumerate(scenario.failures):
+        require("jet", failure.jet, vehicle.designations, "failures", index, "jet")
+    problems.extend(_impossible_jumps(scenario, vehicle))
+    named: list[str] = []
+    for index, errors in enumerate(scenario.sensors.errors):
+        require("sensor", errors.sensor, vehicle.sensor_names(), "sensors", "errors", index, "sensor")
+        if errors.sensor in named:
+            problem = f"'{errors.sensor}' has errors already; give one entry"
+            problems.append((("sensors", "errors", index, "sensor"), problem))
+        named.append(errors.sensor)
+    if scenario.sensors.gyro is not None:
+        require("gyro", scenario.sensors.gyro, (gyro.name for gyro in vehicle.gyros), "sensors", "gyro")
+    if scenario.sensors.accelerometer is not None:
+        packages = (package.name for package in vehicle.accelerometers)
+        require("accelerometer", scenario.sensors.accelerometer, packages, "sensors", "accelerometer")
+    for index, kind in enumerate((scenario.autopilot.jet_kinds or ()) if not scenario.jet_schedule else ()):
+        require("jet kind", kind, vehicle.jet_kinds, "autopilot", "jet_kinds", index)
+    step, period = scenario.plant.time_step, vehicle.sample_period_s
+    if step not in (None, 0.0) and not math.isclose(step, period, rel_tol=1e-12):
+        problem = f"must be 0 (continuous) or the vehicle's sample period, {period:g} s; got {step:g}"
+        problems.append((("plant", "time_step"), problem))
+    if scenario.duration_s < period:
+        problems.append((("duration_s",), f"must be at least one sample period, {period:g} s"))
+    return problems
+
+
+def _impossible_jumps(scenario: Scenario, vehicle: Vehicle) -> list[tuple[Path_, str]]:
+    """Payloads whose coming or going leaves no possible body."""
+    properties = scenario.plant.mass_properties
+    body = vehicle.nominal if properties is None else properties.properties()
+    order = sorted(range(len(scenario.jumps)), key=lambda index: scenario.jumps[index].time_s)
+    for index in order:
+        jump = scenario.jumps[index]
+        mass, position, inertia = jump_terms(jump)
+        if body.mass + mass <= 0.0:
+            return [(("jumps", index, "mass"), f"releases {-mass:g} of a vehicle that has {body.mass:g} left")]
+        body = joined(body, mass, position, inertia)
+        if not could_be_inertia(body.inertia):
+            problem = "leaves an inertia that no rigid body has; check mass, position and inertia"
+            return [(("jumps", index), problem)]
+    return []
+
+
+def jump_terms(jump: MassJump) -> tuple[float, Array, Array]:
+    """Mass, position and inertia of a payload, those that leave being negative."""
+    sign = -1.0 if jump.kind == "release" else 1.0
+    inertia = np.zeros((3, 3)) if jump.inertia is None else np.array(jump.inertia)
+    return sign * jump.mass, np.array(jump.position), sign * inertia
+
+
+# ----------------------------------------------------------------------------------------- loading
+
+
+def bundled_scenarios() -> list[str]:
+    """Names of the scenarios that come with the package."""
+    folder = resources.files("massprop_drake.scenarios")
+    return sorted(item.name.removesuffix(".yaml") for item in folder.iterdir() if item.name.endswith(".yaml"))
+
+
+def load_scenario(scenario: str | Path, overrides: list[str] | None = None) -> Scenario:
+    """A bundled scenario by name, or one from a YAML file, with its vehicle loaded into it.
+
+    Args:
+        scenario: a name that `massprop list` shows, or the path of a file.
+        overrides: `KEY=VALUE` each, KEY dotted (`sensors.errors[0].noise_std`), VALUE read as YAML.
+
+    Raises:
+        InputError: when there is none of that name, or its data are wrong; the message says where.
+    """
+    name = str(scenario)
+    folder = Path()
+    if name in bundled_scenarios():
+        text = (resources.files("massprop_drake.scenarios") / f"{name}.yaml").read_text(encoding="utf-8")
+        document = Document(text, f"scenario '{name}'")
+    else:
+        path = Path(scenario)
+        if exists(path / "scenario.yaml"):
+            path = path / "scenario.yaml"
+        if not exists(path) and path.suffix not in (".yaml", ".yml") and path.parent == Path():
+            raise InputError(
+                f"'{name}' is neither a bundled scenario nor a file{suggestion(name, bundled_scenarios())}"
+            )
+        document = Document(read_text(path), str(path))
+        folder = path.parent
+    for override in overrides or []:
+        set_field(document.data, override)
+    return resolved(document.data, document, folder)
+
+
+def resolved(data: Any, document: Document | None = None, folder: Path | None = None) -> Scenario:
+    """A scenario from data, its vehicle loaded into it and checked against it.
+
+    Args:
+        data: a mapping of a scenario's fields.
+        document: the document it came from, for messages.
+        folder: what a vehicle's file is relative to; default the current one.
+
+    Raises:
+        InputError: naming each field that is wrong.
+    """
+    inline = isinstance(data.get("vehicle"), dict)
+    if inline:  # validated by itself, so that messages name its fields
+        vehicle = _inline_vehicle(data["vehicle"], document)
+        scenario = validated(Scenario, {**data, "vehicle": vehicle}, document)
+    else:
+        scenario = validated(Scenario, data, document)
+        assert isinstance(scenario.vehicle, str)
+        vehicle = _find_vehicle(scenario.vehicle, folder or Path(), document)
+    problems = check_against_vehicle(scenario, vehicle)
+    if problems:
+        raise InputError(*(f"{_place(path, document)}: {problem}" for path, problem in problems))
+    return scenario.model_copy(update={"vehicle": vehicle})
+
+
+def _place(path: Path_, document: Document | None) -> str:
+    return f"scenario: {dotted(path)}" if document is None else document.where(path)
+
+
+def _inline_vehicle(data: Any, document: Document | None) -> Vehicle:
+    try:
+        return validated(Vehicle, data, None)
+    except InputError as error:
+        source = document.source if document is not None else "scenario"
+        raise InputError(*(f"{source}: vehicle.{problem}" for problem in error.problems)) from None
+
+
+def _find_vehicle(name: str, folder: Path, document: Document | None) -> Vehicle:
+    beside = Path(os.path.normpath(folder / name))
+    try:
+        return load_vehicle(beside if exists(beside) else name)
+    except InputError as error:
+        if document is None:
+            raise
+        raise InputError(*(f"{document.where(('vehicle',))}: {problem}" for problem in error.problems)) from None
+
+
+def set_field(data: Any, override: str) -> None:
+    """Sets one field of a document's data from KEY=VALUE.
+
+    Raises:
+        InputError: when it says something else, or names what cannot be set.
+    """
+    key, separator, text = override.partition("=")
+    if not separator or not key:
+        raise InputError(f"--set {override}: expected KEY=VALUE, such as --set rotation.filter=extended")
+    value = Document(f"value: {text}" if text.strip() else "value: null", f"--set {override}").data["value"]
+    path = _parsed_key(key, override)
+    here = data
+    for part, following in pairwise(path):
+        if isinstance(part, str) and isinstance(here, dict):
+            here = here.setdefault(part, [] if isinstance(following, int) else {})
+            continue
+        if isinstance(part, int) and isinstance(here, list) and part < len(here):
+            here = here[part]
+            continue
+        raise InputError(f"--set {override}: there is no {part!r} to set in")
+    last = path[-1]
+    if isinstance(last, str) and isinstance(here, dict):
+        here[last] = value
+    elif isinstance(last, int) and isinstance(here, list) and last <= len(here):
+        here[last : last + 1] = [value]
+    else:
+        raise InputError(f"--set {override}: there is no {last!r} to set")
+
+
+def _parsed_key(key: str, override: str) -> list[str | int]:
+    path: list[str | int] = []
+    for part in key.split("."):
+        name, *indices = part.split("[")
+        if name:
+            path.append(name)
+        for index in indices:
+            if not index.endswith("]") or not index[:-1].isdigit():
+                raise InputError(f"--set {override}: expected an index such as [0] in {key!r}")
+            path.append(int(index[:-1]))
+        if not name and not indices:
+            raise InputError(f"--set {override}: empty part in {key!r}")
+    return path

@@ -1,0 +1,397 @@
+"""Vehicles: jets, nominal mass properties and sensors, read from YAML and validated."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cached_property
+from importlib import resources
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, field_validator, model_validator
+
+from massprop_drake.errors import InputError, suggestion
+from massprop_drake.inputs.model import (
+    Document,
+    Matrix3,
+    Model,
+    Real,
+    Text,
+    Vector3,
+    Whole,
+    described,
+    exists,
+    read_text,
+    validated,
+)
+from massprop_drake.maths.estimation.impulses import thrust_wrenches
+from massprop_drake.maths.mass_properties import MassProperties, could_be_inertia
+from massprop_drake.signals import SIGNALS
+
+Array = NDArray[np.float64]
+
+STANDARD_GRAVITY = {"us": 32.17404855643045, "si": 9.80665}  # ft/s^2, m/s^2: 9.80665 m/s^2 exactly
+UNITS = {
+    "us": {"length": "ft", "mass": "slug", "force": "lbf"},
+    "si": {"length": "m", "mass": "kg", "force": "N"},
+}
+# names that a sensor may not have: of signals and telemetry columns, and of ports and systems beside it
+_RESERVED = {
+    *SIGNALS,
+    *("time_s", "file", "jet", "known_force", "known_torque"),
+    *("reaction_jets", "rigid_body", "noise_source", "body_state", "structure", "mass_properties"),
+    *("telemetry_source", "record_time"),
+    *("closed", "held_closed", "command", "held_command", "jet_commands", "impulses", "rate_sample"),
+    *("outside_wrench", "mean_level"),
+    *("estimate", "covariance", "innovation", "innovation_covariance", "status", "adaptation", "reconfiguration"),
+}
+_RESERVED_BEGINNINGS = ("rotation_", "mass_", "predicted_", "detector_")
+_SENSOR_NAME = r"^[A-Za-z][A-Za-z0-9_]*$"
+_RANGE = "largest reading either way, where the sensor saturates; the filters skip such a reading; null: unlimited"
+_UNIT_LENGTH_TOLERANCE = 0.002  # of a direction, as printed tables have it
+
+
+PositiveReal = Annotated[Real, Field(gt=0.0)]
+Positive3 = tuple[PositiveReal, PositiveReal, PositiveReal]
+
+
+class MassPropertiesModel(Model):
+    """Mass, center of mass and inertia of a rigid body, as a file gives them."""
+
+    mass: Real = described(..., "mass", "slug | kg", gt=0.0)
+    center_of_mass: Vector3 = described(..., "center of mass in the vehicle frame", "ft | m")
+    inertia: Matrix3 = described(
+        ...,
+        "inertia matrix about the center of mass, body axes; products are the matrix entries (negative integrals)",
+        "slug-ft^2 | kg-m^2",
+    )
+
+    @field_validator("inertia")
+    @classmethod
+    def _possible(cls, value: Matrix3) -> Matrix3:
+        inertia = np.array(value)
+        if not np.allclose(inertia, inertia.T, rtol=1e-9, atol=0.0):
+            raise ValueError("must be symmetric: element (i, j) equal to element (j, i)")
+        moments = np.linalg.eigvalsh(inertia)
+        if moments[0] <= 1e-9 * moments[2]:
+            raise ValueError(
+                f"must be positive definite; its principal moments are {', '.join(f'{m:.6g}' for m in moments)}"
+            )
+        if not could_be_inertia(inertia):
+            raise ValueError(
+                "no rigid body has this inertia: a principal moment exceeds the sum of the other two "
+                f"({', '.join(f'{m:.6g}' for m in moments)})"
+            )
+        return value
+
+    def properties(self) -> MassProperties:
+        """As arrays."""
+        return MassProperties(self.mass, np.array(self.center_of_mass), np.array(self.inertia))
+
+
+class JetKind(Model):
+    """What jets of one kind have in common."""
+
+    nominal_thrust: Real = described(
+        ..., "thrust without plume impingement; gives the propellant flow", "lbf | N", gt=0.0
+    )
+    specific_impulse_s: Real = described(..., "specific impulse; flow = thrust / (g0 x this)", "s", gt=0.0)
+    time_constant_s: Real = described(0.0, "first-order time constant of build-up and tail-off", "s", ge=0.0)
+    minimum_on_time_s: Real = described(0.0, "shortest firing", "s", ge=0.0)
+
+
+class Jet(Model):
+    """One reaction-control jet."""
+
+    number: Whole = described(..., "number in the vehicle's own table", ge=1)
+    designation: Text = described(..., "unique name, such as F1L", min_length=1)
+    cluster: Whole = described(..., "number of the cluster of neighboring, nearly parallel jets", ge=1)
+    kind: Text = described(..., "one of jet_kinds")
+    position: Vector3 = described(..., "where it thrusts, vehicle frame", "ft | m")
+    direction: Vector3 = described(
+        ..., "direction of the force on the vehicle, body axes; length 1 within 0.002, normalized"
+    )
+    thrust: Real = described(..., "force on the vehicle, plume impingement included", "lbf | N", gt=0.0)
+    manifold: Text | None = described(
+        None, "name of the propellant manifold that feeds it; null: none that can be closed"
+    )
+    mass_flow: Real | None = described(
+        None,
+        "propellant flow at full thrust; null: nominal thrust / (g0 x specific impulse) of its kind",
+        "slug/s | kg/s",
+        gt=0.0,
+    )
+
+    @field_validator("direction")
+    @classmethod
+    def _unit(cls, value: Vector3) -> Vector3:
+        length = float(np.linalg.norm(value))
+        if abs(length - 1.0) > _UNIT_LENGTH_TOLERANCE:
+            raise ValueError(f"must have length 1 within {_UNIT_LENGTH_TOLERANCE}, got {length:.6g}")
+        return value
+
+
+class SensorPackage(Model):
+    """Three sensors along the body axes: what gyros and accelerometers have in common."""
+
+    name: Text = described(
+        ...,
+        "unique name of letters, digits and underscores; its columns in telemetry are <name>_x, _y, _z",
+        pattern=_SENSOR_NAME,
+    )
+    quantum: Real = described(0.0, "step of a reading", "rad/s | ft/s | m/s", ge=0.0)
+    noise_std: Real = described(0.0, "white noise of a reading, 1-sigma", "rad/s | ft/s | m/s", ge=0.0)
+    range: Real | None = described(None, _RANGE, "rad/s | ft/s | m/s", gt=0.0)
+
+    @model_validator(mode="after")
+    def _noisy(self) -> SensorPackage:
+        if self.quantum == 0.0 and self.noise_std == 0.0:
+            raise ValueError(
+                f"sensor '{self.name}' needs a quantum or a noise_std above zero: a filter cannot use a perfect sensor"
+            )
+        return self
+
+    @property
+    def variance(self) -> float:
+        """Of the error of one reading: quantum^2 / 12 + noise_std^2, the reading's unit squared."""
+        return self.quantum**2 / 12.0 + self.noise_std**2
+
+
+class Gyro(SensorPackage):
+    """A package of three rate gyros."""
+
+    quantum: Real = described(0.0, "step of a reading", "rad/s", ge=0.0)
+    noise_std: Real = described(0.0, "white noise of a reading, 1-sigma", "rad/s", ge=0.0)
+    range: Real | None = described(None, _RANGE, "rad/s", gt=0.0)
+
+
+class Accelerometer(SensorPackage):
+    """A package of three integrating accelerometers."""
+
+    position: Vector3 = described(..., "in the vehicle frame", "ft | m")
+    quantum: Real = described(0.0, "step of a reading", "ft/s | m/s", ge=0.0)
+    noise_std: Real = described(0.0, "white noise of a reading, 1-sigma", "ft/s | m/s", ge=0.0)
+    range: Real | None = described(None, _RANGE, "ft/s | m/s", gt=0.0)
+
+
+class _Solid(Model):
+    """What every solid of a shape has."""
+
+    position: Vector3 = described((0.0, 0.0, 0.0), "of its center, vehicle frame", "ft | m")
+    rotation_deg: Vector3 = described((0.0, 0.0, 0.0), "roll, pitch and yaw from the vehicle frame", "deg")
+    color: Text = described("#c9ced6", "as #rrggbb", pattern=r"^#[0-9A-Fa-f]{6}$")
+
+
+class BoxSolid(_Solid):
+    """A box."""
+
+    kind: Literal["box"] = described(..., "kind of solid")
+    size: Positive3 = described(..., "edges along x, y, z", "ft | m")
+
+
+class EllipsoidSolid(_Solid):
+    """An ellipsoid."""
+
+    kind: Literal["ellipsoid"] = described(..., "kind of solid")
+    radii: Positive3 = described(..., "half axes along x, y, z", "ft | m")
+
+
+class CylinderSolid(_Solid):
+    """A cylinder along x, round or oval."""
+
+    kind: Literal["cylinder"] = described(..., "kind of solid")
+    length: Real = described(..., "along x", "ft | m", gt=0.0)
+    radii: tuple[PositiveReal, PositiveReal] = described(..., "half axes along y and z", "ft | m")
+
+
+class ConeSolid(_Solid):
+    """A cone, its point toward +x, its center halfway."""
+
+    kind: Literal["cone"] = described(..., "kind of solid")
+    length: Real = described(..., "along x", "ft | m", gt=0.0)
+    radii: tuple[PositiveReal, PositiveReal] = described(..., "half axes of the base along y and z", "ft | m")
+
+
+class PlateSolid(_Solid):
+    """A flat plate with a convex outline in the x-y plane of its own frame, such as a wing."""
+
+    kind: Literal["plate"] = described(..., "kind of solid")
+    outline: tuple[tuple[Real, Real], ...] = described(..., "corners in order, x and y", "ft | m", min_length=3)
+    thickness: Real = described(..., "along z", "ft | m", gt=0.0)
+
+
+Solid = Annotated[BoxSolid | EllipsoidSolid | CylinderSolid | ConeSolid | PlateSolid, Field(discriminator="kind")]
+
+
+class Vehicle(Model):
+    """A vehicle as the estimators know it: nominal mass properties, jets and sensors.
+
+    The vehicle frame has its origin fixed in the structure and the body axes' directions.
+    """
+
+    name: Text = described(..., "short name", min_length=1)
+    description: Text = described("", "one line")
+    source: Text = described("", "where the data come from")
+    units: Literal["us", "si"] = described(..., "us: ft, slug, lbf; si: m, kg, N; both s, rad")
+    sample_period_s: Real = described(..., "period of control and estimation", "s", gt=0.0)
+    mass_properties: MassPropertiesModel = described(..., "nominal mass properties")
+    uncertainty: Real = described(
+        0.3, "1-sigma of the nominal mass properties, relative to them; products have floors", "-", gt=0.0
+    )
+    center_of_mass_std: Real | None = described(
+        None, "least 1-sigma of the center of mass at the start; null: 10 % of the jets' RMS arm", "ft | m", gt=0.0
+    )
+    gyros: tuple[Gyro, ...] = described(
+        ...,
+        "rate-gyro packages",
+        min_length=1,
+        reason="without measured rates neither inertia nor center of mass can be estimated",
+    )
+    accelerometers: tuple[Accelerometer, ...] = described((), "integrating-accelerometer packages")
+    preferred_accelerometer: Text | None = described(None, "the package used where one is enough; null: the first")
+    jet_kinds: dict[str, JetKind] = described(..., "kinds of jets by name", min_length=1)
+    jets: tuple[Jet, ...] = described(..., "reaction-control jets", min_length=1)
+    shape: tuple[Solid, ...] = described((), "solids that draw it in the 3-D replay; empty: a box between the jets")
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Vehicle:
+        _require_unique("jets", "designation", [jet.designation for jet in self.jets])
+        _require_unique("jets", "number", [jet.number for jet in self.jets])
+        _require_unique("sensors", "name", self.sensor_names())
+        for name in self.sensor_names():
+            if name in _RESERVED or name.startswith(_RESERVED_BEGINNINGS):
+                raise ValueError(f"sensors: name {name!r} is a signal of every run; give the sensor another")
+        for index, jet in enumerate(self.jets):
+            if jet.kind not in self.jet_kinds:
+                raise ValueError(
+                    f"jets[{index}].kind: {jet.kind!r} is not one of jet_kinds"
+                    + suggestion(jet.kind, list(self.jet_kinds))
+                )
+        accelerometers = [sensor.name for sensor in self.accelerometers]
+        preferred = self.preferred_accelerometer
+        if preferred is not None and preferred not in accelerometers:
+            raise ValueError(
+                f"preferred_accelerometer: {preferred!r} is not an accelerometer"
+                + suggestion(preferred, accelerometers)
+            )
+        return self
+
+    @property
+    def sensors(self) -> tuple[SensorPackage, ...]:
+        """All packages, gyros first."""
+        return (*self.gyros, *self.accelerometers)
+
+    @cached_property
+    def designations(self) -> tuple[str, ...]:
+        """Of all jets, in order."""
+        return tuple(jet.designation for jet in self.jets)
+
+    @cached_property
+    def positions(self) -> Array:
+        """Of the jets in the vehicle frame, ft or m, shape (n_jets, 3)."""
+        return np.array([jet.position for jet in self.jets])
+
+    @cached_property
+    def thrusts(self) -> Array:
+        """Force vectors of the jets, thrust x direction / |direction|, lbf or N, shape (n_jets, 3)."""
+        directions = np.array([jet.direction for jet in self.jets])
+        magnitudes = np.array([jet.thrust for jet in self.jets])
+        return directions * (magnitudes / np.linalg.norm(directions, axis=1))[:, None]
+
+    @cached_property
+    def wrenches(self) -> Array:
+        """Torque about the vehicle origin and force of each jet, shape (n_jets, 6)."""
+        return thrust_wrenches(self.positions, self.thrusts)
+
+    @cached_property
+    def mass_flows(self) -> Array:
+        """Propellant flow of each jet at full thrust, slug/s or kg/s, shape (n_jets,)."""
+        gravity = STANDARD_GRAVITY[self.units]
+
+        def flow(jet: Jet) -> float:
+            kind = self.jet_kinds[jet.kind]
+            return jet.mass_flow or kind.nominal_thrust / (gravity * kind.specific_impulse_s)
+
+        return self._per_jet(flow)
+
+    @cached_property
+    def time_constants_s(self) -> Array:
+        """Of build-up and tail-off of each jet, s, shape (n_jets,)."""
+        return self._per_jet(lambda jet: self.jet_kinds[jet.kind].time_constant_s)
+
+    @cached_property
+    def minimum_on_times_s(self) -> Array:
+        """Shortest firing of each jet, s, shape (n_jets,)."""
+        return self._per_jet(lambda jet: self.jet_kinds[jet.kind].minimum_on_time_s)
+
+    def _per_jet(self, value: Callable[[Jet], float]) -> Array:
+        return np.array([value(jet) for jet in self.jets])
+
+    @cached_property
+    def nominal(self) -> MassProperties:
+        """Nominal mass properties as arrays."""
+        return self.mass_properties.properties()
+
+    @cached_property
+    def rms_arm(self) -> float:
+        """Root mean square distance of the jets from the nominal center of mass, ft or m."""
+        arms = self.positions - self.nominal.center_of_mass
+        return float(np.sqrt((arms**2).sum(axis=1).mean()))
+
+    @property
+    def center_of_mass_floor(self) -> float:
+        """Least 1-sigma of the center of mass at the start, ft or m."""
+        return self.center_of_mass_std or 0.1 * self.rms_arm
+
+    @property
+    def unit_names(self) -> dict[str, str]:
+        """Names of the units of length, mass and force."""
+        return UNITS[self.units]
+
+    def jet_index(self, designation: str) -> int:
+        """Position of a jet in `jets`; KeyError for an unknown one."""
+        try:
+            return self.designations.index(designation)
+        except ValueError:
+            raise KeyError(designation) from None
+
+    def sensor_names(self) -> list[str]:
+        """Of all packages, gyros first."""
+        return [sensor.name for sensor in self.sensors]
+
+
+def _require_unique(where: str, what: str, values: list[Any]) -> None:
+    seen = set()
+    for value in values:
+        if value in seen:
+            raise ValueError(f"{where}: {what} {value!r} appears twice; it must be unique")
+        seen.add(value)
+
+
+def bundled_vehicles() -> list[str]:
+    """Names of the vehicles that come with the package."""
+    folder = resources.files("massprop_drake") / "vehicles"
+    return sorted(item.name.removesuffix(".yaml") for item in folder.iterdir() if item.name.endswith(".yaml"))
+
+
+def load_vehicle(vehicle: str | Path) -> Vehicle:
+    """A bundled vehicle by name, or one from a YAML file.
+
+    Args:
+        vehicle: a name that `massprop list` shows, or the path of a file.
+
+    Raises:
+        InputError: when there is none of that name, or its data are wrong; the message says where.
+    """
+    name = str(vehicle)
+    if name in bundled_vehicles():
+        text = (resources.files("massprop_drake") / "vehicles" / f"{name}.yaml").read_text(encoding="utf-8")
+        document = Document(text, f"vehicle '{name}'")
+    else:
+        path = Path(vehicle)
+        if not exists(path) and path.suffix not in (".yaml", ".yml") and path.parent == Path():
+            raise InputError(f"'{name}' is neither a bundled vehicle nor a file{suggestion(name, bundled_vehicles())}")
+        document = Document(read_text(path), str(path))
+    return validated(Vehicle, document.data, document)

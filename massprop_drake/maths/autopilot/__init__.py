@@ -1,0 +1,1 @@
+"""The autopilot: phase space and jet selection."""

@@ -1,0 +1,64 @@
+r"""Jet selection: activity vectors, and from on-times to bursts of whole cycles.
+
+The activity vector of jet j (1-1) is the change of rate and velocity per second of its thrust,
+
+    a_j = [ I^-1 (r_j x T_j) ; T_j / m ],    r_j = r'_j - r_cm,
+
+and a request [dw; dv] is met by on-times t_j >= 0 with sum_j a_j t_j = [dw; dv] (1-2), (1-3). The
+linear program itself stands in `massprop_drake.systems.autopilot.jet_selection_program`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from massprop_drake.maths.linear_algebra import Array, skew
+from massprop_drake.maths.mass_properties import symmetric
+
+
+def activity_vectors(wrenches: Array, mass_properties: Array) -> Array:
+    """Activity vectors of all jets as columns, rotation first (1-1), shape (6, n_jets).
+
+    Args:
+        wrenches: torque about the vehicle origin and force of each jet, shape (n_jets, 6).
+        mass_properties: the ten parameters, shape (10,).
+    """
+    inverse_inertia = symmetric(mass_properties[:6])
+    torque = wrenches[:, :3] - wrenches[:, 3:] @ skew(mass_properties[6:9]).T
+    return np.vstack([inverse_inertia @ torque.T, wrenches[:, 3:].T * mass_properties[9]])
+
+
+def burst_cycles(on_times_s: Array, period_s: float, minimum_s: Array) -> Array:
+    """On-times as whole cycles, the nearest, shape (n_jets,).
+
+    An on-time of at least half a cycle but below the jet's minimum is raised to it.
+
+    Args:
+        on_times_s: zero or positive, s, shape (n_jets,).
+        period_s: control period, s.
+        minimum_s: least on-time of each jet, s, shape (n_jets,).
+    """
+    cycles = np.floor(on_times_s / period_s + 0.5)
+    least = np.ceil(minimum_s / period_s - 1e-9)
+    return np.where(cycles > 0.0, np.maximum(cycles, least), 0.0)
+
+
+def least_change(request: Array, on_times_s: Array, period_s: float) -> float:
+    """How much a request that rounds to no firing must change before it can round to one.
+
+    On-times grow in proportion to a request, so the same direction needs half a cycle over the longest
+    on-time as a factor. Until some element of the rate change differs by the growth of its largest
+    element, there is no point in asking again.
+
+    Args:
+        request: [dw; dv], shape (6,).
+        on_times_s: the answer, all below half a period, s, shape (n_jets,).
+        period_s: control period, s.
+
+    Returns:
+        The change, rad/s.
+    """
+    longest = float(on_times_s.max())
+    if longest == 0.0:
+        return 0.0
+    return float(np.abs(request[:3]).max()) * (0.5 * period_s / longest - 1.0)

@@ -1,0 +1,192 @@
+r"""Phase-space control: from hand controllers, attitude error and rates to a rate-change request.
+
+Manual modes of the thesis (section 5.1): in the discrete-rate submode an axis whose rotational hand
+controller is out of detent is to turn at a fixed rate, any other holds inertial attitude; in the
+acceleration submode a translational hand controller out of detent commands a fixed acceleration, and
+the velocity is kept on release. A request is six-dimensional, [dw; dv] (1-2), for one jet selection.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_drake.maths.attitude import (
+    conjugate,
+    from_rotation_vector,
+    multiply,
+    propagated,
+    to_rotation_vector,
+)
+from massprop_drake.maths.linear_algebra import Array
+
+NO_REQUEST, WHEN_IDLE, AT_ONCE = 0.0, 1.0, 2.0  # urgency of a request
+
+_NONE = np.zeros(3)
+
+
+class PhaseSpaceParams(NamedTuple):
+    """Gains and limits of the controller; angles in radians.
+
+    Attributes:
+        discrete_rate: rate commanded by the rotational hand controller, rad/s.
+        hold_gain: rate commanded per attitude error in hold, 1/s.
+        hold_rate_limit: largest rate commanded in hold, rad/s.
+        capture_rate: an axis back in detent holds attitude once its rate is below this, rad/s; until
+            then it is only stopped.
+        rate_deadband: rate error of any axis that asks for a correction, rad/s.
+        acceleration: commanded by the translational hand controller, ft/s^2 or m/s^2.
+        horizon_s: a translation is requested for this long at a time, s.
+        resolve_rate: in a translation, rate error that asks for a new selection, rad/s.
+        resolve_after_s: least time between two selections in a translation, s.
+    """
+
+    discrete_rate: float
+    hold_gain: float
+    hold_rate_limit: float
+    capture_rate: float
+    rate_deadband: float
+    acceleration: float
+    horizon_s: float
+    resolve_rate: float
+    resolve_after_s: float
+
+
+class AttitudeStep(NamedTuple):
+    """Attitude by the gyro, and the attitude to hold, after one sample.
+
+    Attributes:
+        attitude: q_NB by strapdown integration of the measured rate, shape (4,).
+        reference: attitude to hold, q_NR, shape (4,).
+        error: rotation vector from the reference to the body, rad, body axes, shape (3,).
+        holding: 1 for each axis that holds attitude, 0 for one that is free, shape (3,).
+    """
+
+    attitude: Array
+    reference: Array
+    error: Array
+    holding: Array
+
+
+def attitude_step(
+    attitude: Array,
+    reference: Array,
+    holding: Array,
+    previous_rate: Array,
+    rate: Array,
+    rotation_command: Array,
+    period_s: float,
+    capture_rate: float,
+) -> AttitudeStep:
+    """Integrates the measured rate and lets the reference follow the axes that do not hold attitude.
+
+    Args:
+        attitude, reference: after the sample before, shape (4,) each.
+        holding: axes that held attitude after the sample before, 0 or 1, shape (3,).
+        previous_rate, rate: readings that bound the sample, rad/s, shape (3,) each.
+        rotation_command: rotational hand controller, -1, 0 or 1 per axis, shape (3,).
+        period_s: sample period, s.
+        capture_rate: rate below which an axis in detent starts to hold, rad/s.
+    """
+    attitude = propagated(attitude, 0.5 * (previous_rate + rate), period_s)
+    error = to_rotation_vector(multiply(conjugate(reference), attitude))
+    now = [
+        1.0 if command == 0.0 and (held or abs(speed) < capture_rate) else 0.0
+        for command, held, speed in zip(rotation_command.tolist(), holding.tolist(), rate.tolist(), strict=True)
+    ]
+    if 0.0 in now:
+        error = error * now
+        reference = multiply(attitude, from_rotation_vector(-error))
+    return AttitudeStep(attitude, reference, error, np.array(now))
+
+
+def commanded_rate(rotation_command: Array, attitude_error: Array, params: PhaseSpaceParams) -> Array:
+    """Rate that each axis should have, rad/s: the discrete rate, or the way back to the held attitude."""
+    gain, limit = params.hold_gain, params.hold_rate_limit
+    return np.array(
+        [
+            command * params.discrete_rate if command != 0.0 else min(max(-gain * error, -limit), limit)
+            for command, error in zip(rotation_command.tolist(), attitude_error.tolist(), strict=True)
+        ]
+    )
+
+
+class Request(NamedTuple):
+    """What the controller asks of jet selection.
+
+    Attributes:
+        rate_change: dw, rad/s, body axes, shape (3,).
+        velocity_change: dv, ft/s or m/s, body axes, shape (3,).
+        time_limit_s: longest on-time of a jet, s; infinity where none applies.
+        urgency: NO_REQUEST, WHEN_IDLE (once the running burst has ended) or AT_ONCE (replaces it).
+    """
+
+    rate_change: Array
+    velocity_change: Array
+    time_limit_s: float
+    urgency: float
+
+
+class TranslationMemory(NamedTuple):
+    """What the controller remembers of a translation.
+
+    Attributes:
+        command: translational hand controller at the last sample, -1, 0 or 1 per axis, shape (3,).
+        velocity_left: part of the velocity change of this horizon still to come, ft/s or m/s,
+            shape (3,).
+        horizon_left_s: time left of the horizon it was requested for, s.
+        since_selection_s: time since the last selection in it, s.
+    """
+
+    command: Array
+    velocity_left: Array
+    horizon_left_s: float
+    since_selection_s: float
+
+
+def phase_space_request(
+    rotation_command: Array,
+    translation_command: Array,
+    attitude_error: Array,
+    rate: Array,
+    delivered: Array,
+    memory: TranslationMemory,
+    period_s: float,
+    params: PhaseSpaceParams,
+) -> tuple[Request, TranslationMemory]:
+    """The request of one sample, and what to remember for the next.
+
+    Args:
+        rotation_command, translation_command: hand controllers, -1, 0 or 1 per axis, shape (3,) each.
+        attitude_error: rotation vector from the held attitude, rad, shape (3,).
+        rate: measured rate, rad/s, shape (3,).
+        delivered: velocity change that the jets commanded over the last sample give by the autopilot's
+            mass properties, ft/s or m/s, shape (3,).
+        memory: of the sample before.
+        period_s: sample period, s.
+        params: see `PhaseSpaceParams`.
+    """
+    rate_error = commanded_rate(rotation_command, attitude_error, params) - rate
+    largest = max(abs(element) for element in rate_error.tolist())
+    if not translation_command.any():
+        urgency = WHEN_IDLE if largest > params.rate_deadband else NO_REQUEST
+        if memory.command.any():  # back in detent: what is left of the translation is dropped
+            urgency = AT_ONCE
+        return Request(rate_error, _NONE, np.inf, urgency), TranslationMemory(translation_command, _NONE, 0.0, 0.0)
+
+    changed = bool((translation_command != memory.command).any())
+    velocity_left = memory.velocity_left - delivered
+    horizon_left = memory.horizon_left_s - period_s
+    since = memory.since_selection_s + period_s
+    urgency = NO_REQUEST
+    if changed or horizon_left < 0.5 * period_s:
+        horizon_left = params.horizon_s
+        velocity_left = translation_command * (params.acceleration * horizon_left)
+        urgency = AT_ONCE
+    elif largest > params.resolve_rate and since > params.resolve_after_s - 0.5 * period_s:
+        urgency = AT_ONCE
+    if urgency == AT_ONCE:
+        since = 0.0
+    memory = TranslationMemory(translation_command, velocity_left, horizon_left, since)
+    return Request(rate_error, velocity_left, horizon_left, urgency), memory

@@ -1,0 +1,1 @@
+"""Detectors of failed jets, a file per variant."""

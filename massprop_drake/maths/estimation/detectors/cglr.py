@@ -1,0 +1,590 @@
+r"""From the tests of single samples to declared failures, and what follows from them.
+
+One cycle of the detector (section 4.3 to 4.5 of the thesis, with the rules marked [own]):
+
+- A sample is tested when both innovations are there, the combination of jets was steady (the empty one
+  counts as steady), and the estimates have converged [own].
+- An alarm names a cluster by the margin of six. It passes as a jet's only if the jet leaves no more
+  unexplained than chance would; otherwise the mass properties may have jumped [own], which is left to
+  the filters' own tests.
+- Where thrust errors are considered, they count in the covariance of the innovations, and what translation
+  and rotation share of them in its blocks off the diagonal. They last, so a chance alarm would come again
+  at each firing: while jets fire, an alarm must stand out by more [own].
+- A sample that a jet explains, but two jets alike, is not used by the filters [own].
+- While an alarm stands, its signature is taken out of the innovations before the filters use them.
+- Alarms of one cluster that follow each other closely enough, and push the same way, declare a failure: one
+  bad reading enters two increments with opposite signs [own]. Samples that were not
+  tested neither count nor break the row. A force that should not
+  be there then becomes a known force, followed by a filter of one state [own]; the jets in question are
+  to be taken out of use. Where it may as well be that a jet which is told to fire does not, that is
+  declared: nothing then has to be countered, and a jet stuck on shows again when the others rest [own].
+- An alarm about a jet whose force is known already corrects that force; when nothing is left of it the
+  declaration is withdrawn [own].
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from massprop_drake.maths.estimation.adaptation import NO_ADAPTATION, REJECT, Adaptation
+from massprop_drake.maths.estimation.detectors.jet_tests import (
+    Isolation,
+    JetTests,
+    isolate,
+    jet_tests,
+    signatures,
+    uncertain_jet_tests,
+)
+from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError, inverse_positive_definite
+from massprop_drake.maths.mass_properties import converged
+
+NOTHING, DECLARED, JUMP, WITHDRAWN = 0, 1, 2, 3  # events
+
+_AMBIGUOUS = 25.0  # likelihood argument of a failure beyond doubt, whichever jet it is
+_LONGEST_GATE = 25.0  # cycles that alarms in a row may lie apart with no sample tested between them
+_JUMP_NIS = 50.0  # of the rotation filter: a jump beyond doubt (chi-square, 3 degrees: 1e-10)
+N_KNOWN_FORCE = 24  # of a packed `KnownForce`: wrench, then the two spreads row by row
+_QUIET = -1.0  # no cluster is suspected
+
+
+class CglrParams(NamedTuple):
+    """What shapes the detector.
+
+    Attributes:
+        period_s: sample period, s.
+        clusters: index of each jet's cluster, shape (n_jets,).
+        unit_wrenches: torque about the vehicle origin and force of a unit force along each jet, shape
+            (n_jets, 6).
+        thrusts: full force of each jet, lbf or N, shape (n_jets,).
+        margin: by which a cluster, and a jet in it, must lead.
+        threshold: least likelihood argument of an alarm.
+        dispersion_threshold: the same for samples on which considered thrust errors bear.
+        magnitude_threshold: least magnitude of an alarm, lbf or N.
+        mirror_sign_rule: whether a jet that is on cannot give too much.
+        signature_uncertainty: whether signatures count as uncertain.
+        unexplained_limit: largest g of a jet's alarm.
+        alarms_to_declare: alarms in a row that declare a failure; 0: never declare.
+        alarm_gap: cycles between two alarms in a row at the most, where samples tested in between show
+            nothing; gated samples neither count nor break the row, for up to 25 cycles.
+        action: what the filters do on an alarm, see `maths.adaptation`.
+        force_variance_floor: of a known force, lbf^2 or N^2.
+        manifolds: index of the manifold that is closed when a jet's failure is declared, -1: none is,
+            shape (n_jets,).
+    """
+
+    period_s: float
+    clusters: NDArray[np.int_]
+    unit_wrenches: Array
+    thrusts: Array
+    margin: float
+    threshold: float
+    dispersion_threshold: float
+    magnitude_threshold: float
+    mirror_sign_rule: bool
+    signature_uncertainty: bool
+    unexplained_limit: float
+    alarms_to_declare: int
+    alarm_gap: int
+    action: int
+    force_variance_floor: float
+    manifolds: NDArray[np.int_]
+
+
+class DetectorState(NamedTuple):
+    """What the detector remembers; `packed` and `unpacked` turn it into a vector and back.
+
+    Attributes:
+        cluster: index of the cluster under suspicion, -1: none.
+        alarms: so many in a row have named it.
+        since: cycles since the last of them.
+        onset_s: end of the last sample before the first of them, s.
+        effect: of the last of them on the innovations, f c, shape (6,).
+        force: known force of each jet, lbf or N, shape (n_jets,).
+        variance: of it; zero where no force is known, shape (n_jets,).
+        removed: 1 for each jet to be taken out of use, shape (n_jets,).
+        closed: 1 for each jet whose manifold has been closed, shape (n_jets,).
+    """
+
+    cluster: float
+    alarms: float
+    since: float
+    onset_s: float
+    effect: Array
+    force: Array
+    variance: Array
+    removed: Array
+    closed: Array
+
+
+N_SUSPICION = 10  # of a packed state: what comes before the parts with an element per jet
+
+
+def initial_state(n_jets: int) -> DetectorState:
+    """Nothing suspected, nothing known."""
+    return DetectorState(_QUIET, 0.0, 0.0, 0.0, np.zeros(6), *np.zeros((4, n_jets)))
+
+
+def packed(state: DetectorState) -> Array:
+    """The state as a vector, shape (10 + 4 n_jets,)."""
+    head = [state.cluster, state.alarms, state.since, state.onset_s]
+    return np.concatenate([head, state.effect, state.force, state.variance, state.removed, state.closed])
+
+
+def unpacked(vector: Array, n_jets: int) -> DetectorState:
+    """The inverse of `packed`."""
+    parts = vector[N_SUSPICION:].reshape(4, n_jets)
+    cluster, alarms, since, onset_s = vector[:4].tolist()
+    return DetectorState(cluster, alarms, since, onset_s, vector[4:N_SUSPICION], *parts)
+
+
+class DetectorSample(NamedTuple):
+    """What one sample brings to the detector.
+
+    Attributes:
+        time_s: of the sample, s.
+        command: fraction commanded over the interval that ended, shape (n_jets,).
+        firing: whether any jet was commanded.
+        innovation: of translation and rotation, shape (6,).
+        covariance: Y, shape (6, 6).
+        information: its inverse, shape (6, 6).
+        thrust_errors: whether considered thrust errors bear on the sample.
+        mass_properties: the ten predicted parameters, shape (10,).
+        state_covariance: S, predicted, shape (9, 9).
+        mass_variance: of 1/m, predicted.
+    """
+
+    time_s: float
+    command: Array
+    firing: bool
+    innovation: Array
+    covariance: Array
+    information: Array
+    thrust_errors: bool
+    mass_properties: Array
+    state_covariance: Array
+    mass_variance: float
+
+
+class Finding(NamedTuple):
+    """What the detector makes of one sample.
+
+    Attributes:
+        tested: whether the sample was tested.
+        alarm: whether an alarm passed as a jet's.
+        isolation: see `jet_failures.isolate`; of no meaning when not tested.
+        jet_isolated: whether the alarm names the jet.
+        magnitude: of the likeliest jet, lbf or N.
+        magnitude_std: 1-sigma of it.
+        unexplained: g of the likeliest jet.
+        event: NOTHING, DECLARED, JUMP or WITHDRAWN.
+        onset_s: of the alarms in a row that this one belongs to, s.
+        alarms: how many they are.
+    """
+
+    tested: bool
+    alarm: bool
+    isolation: Isolation
+    jet_isolated: bool
+    magnitude: float
+    magnitude_std: float
+    unexplained: float
+    event: int
+    onset_s: float
+    alarms: float
+
+
+_NOT_TESTED = Finding(False, False, Isolation(0, 0, 0.0, 0.0), False, 0.0, 0.0, 0.0, NOTHING, 0.0, 0.0)
+
+
+class DetectorCycle(NamedTuple):
+    """Result of one cycle.
+
+    Attributes:
+        state: to remember.
+        tests: of every jet; arguments are NaN where the sample was not tested.
+        finding: of this sample.
+        adaptation: for the filters.
+    """
+
+    state: DetectorState
+    tests: JetTests
+    finding: Finding
+    adaptation: Adaptation
+
+
+def cycle(state: DetectorState, sample: DetectorSample, params: CglrParams) -> DetectorCycle:
+    """One cycle of the detector, with a sample that can be tested.
+
+    Args:
+        state: of the cycle before.
+        sample: see `DetectorSample`.
+        params: see `CglrParams`.
+    """
+    state = _aged(state)
+    innovation = sample.innovation
+    coefficients = signatures(params.unit_wrenches, sample.mass_properties, params.period_s)
+    known = state.variance > 0.0
+    off = sample.command == 0.0
+    impossible_negative = off & ~known
+    impossible_positive = ~off & ~known if params.mirror_sign_rule else np.zeros_like(off)
+    tests = jet_tests(
+        coefficients,
+        innovation,
+        sample.information,
+        impossible_negative,
+        impossible_positive,
+    )
+    isolation = isolate(tests.likelihood, params.clusters)
+    suspicious = isolation.cluster_margin > params.margin or tests.likelihood[isolation.jet] > _AMBIGUOUS
+    if suspicious and params.signature_uncertainty:
+        tests = uncertain_jet_tests(
+            tests,
+            coefficients,
+            params.unit_wrenches,
+            innovation,
+            sample.covariance,
+            sample.mass_properties,
+            sample.state_covariance,
+            sample.mass_variance,
+            params.period_s,
+            impossible_negative,
+            impossible_positive,
+        )
+        isolation = isolate(tests.likelihood, params.clusters)
+    jet = isolation.jet
+    magnitude, unexplained = float(tests.magnitude[jet]), float(tests.unexplained[jet])
+    threshold = max(params.threshold, params.dispersion_threshold) if sample.thrust_errors else params.threshold
+    alarm = (
+        isolation.cluster_margin > params.margin
+        and tests.likelihood[jet] >= threshold
+        and abs(magnitude) >= params.magnitude_threshold
+        and unexplained < params.unexplained_limit
+    )
+    finding = Finding(
+        True,
+        bool(alarm),
+        isolation,
+        bool(alarm and isolation.jet_margin > params.margin),
+        magnitude,
+        float(np.sqrt(tests.variance[jet])),
+        unexplained,
+        NOTHING,
+        0.0,
+        0.0,
+    )
+    if not alarm:
+        state = _unconfirmed(state, params)
+        if tests.likelihood[jet] > _AMBIGUOUS and unexplained < params.unexplained_limit:
+            if known[jet]:  # whatever else could explain it, its force is not what it was
+                adaptation = _correction(coefficients[jet], tests, jet, params)
+                state, event = _corrected_force(state, tests, jet, params)
+                finding = finding._replace(event=event, onset_s=sample.time_s - params.period_s, alarms=1.0)
+                return DetectorCycle(state, tests, finding, adaptation)
+            # a jet has failed, but which one the sample does not say: no jump, and nothing to learn from
+            return DetectorCycle(state, tests, finding, NO_ADAPTATION._replace(action=REJECT))
+        # without a commanded impulse mass properties do not show
+        jumped = sample.firing and _rotation_nis(sample) > _JUMP_NIS
+        if jumped:
+            finding = finding._replace(event=JUMP, onset_s=sample.time_s - params.period_s, alarms=1.0)
+        adaptation = NO_ADAPTATION._replace(mass_jumped=True) if jumped else NO_ADAPTATION
+        state = state if jumped else _followed(state, coefficients, sample, params)
+        return DetectorCycle(state, tests, finding, adaptation)
+
+    adaptation = _correction(coefficients[jet], tests, jet, params)
+    if known[jet]:
+        state, event = _corrected_force(state, tests, jet, params)
+        finding = finding._replace(event=event, onset_s=sample.time_s - params.period_s, alarms=1.0)
+    else:
+        state, finding = _counted(state, tests, finding, coefficients[jet], sample, params)
+    return DetectorCycle(state, tests, finding, adaptation)
+
+
+def _untested(state: DetectorState) -> DetectorCycle:
+    blank = np.full(state.force.size, np.nan)
+    return DetectorCycle(_aged(state), JetTests(blank, blank, blank, blank), _NOT_TESTED, NO_ADAPTATION)
+
+
+def _rotation_nis(sample: DetectorSample) -> float:
+    rotation = sample.innovation[3:]
+    return float(rotation @ inverse_positive_definite(sample.covariance[3:, 3:]) @ rotation)
+
+
+def _unsuspecting(state: DetectorState) -> DetectorState:
+    """The state with no cluster under suspicion."""
+    return state._replace(cluster=_QUIET, alarms=0.0, since=0.0)
+
+
+def _aged(state: DetectorState) -> DetectorState:
+    """A cycle later; a suspicion is dropped when no sample has borne on it for long."""
+    if state.cluster == _QUIET:
+        return state
+    if state.since >= _LONGEST_GATE:
+        return _unsuspecting(state)
+    return state._replace(since=state.since + 1.0)
+
+
+def _unconfirmed(state: DetectorState, params: CglrParams) -> DetectorState:
+    """After a tested sample without an alarm; when any further one would come too late, the row is broken."""
+    if state.cluster != _QUIET and state.since >= params.alarm_gap:
+        return _unsuspecting(state)
+    return state
+
+
+def _correction(signature: Array, tests: JetTests, jet: int, params: CglrParams) -> Adaptation:
+    """Takes the likeliest jet's signature out of the innovations (4-29) to (4-32)."""
+    effect = float(tests.magnitude[jet]) * signature
+    spread = float(tests.variance[jet]) * (signature[:, None] * signature)
+    return Adaptation(params.action, effect[:3], effect[3:], spread[:3, :3], spread[3:, 3:], mass_jumped=False)
+
+
+def _counted(
+    state: DetectorState,
+    tests: JetTests,
+    finding: Finding,
+    signature: Array,
+    sample: DetectorSample,
+    params: CglrParams,
+) -> tuple[DetectorState, Finding]:
+    """Counts an alarm, and declares the failure when there are enough in a row."""
+    jet, cluster = finding.isolation.jet, float(finding.isolation.cluster)
+    effect = finding.magnitude * signature
+    confirms = state.cluster == cluster and float(effect @ sample.information @ state.effect) > 0.0
+    onset_s = state.onset_s if confirms else sample.time_s - params.period_s
+    alarms = state.alarms + 1.0 if confirms else 1.0
+    state = state._replace(cluster=cluster, alarms=alarms, since=0.0, onset_s=onset_s, effect=effect)
+    finding = finding._replace(onset_s=onset_s, alarms=alarms)
+    known_already = state.removed[jet] != 0.0 and finding.magnitude < 0.0  # declared, but still in use
+    if params.alarms_to_declare == 0 or alarms < params.alarms_to_declare or known_already:
+        return state, finding
+    # the jets that the data cannot tell apart are in question together
+    alike = (params.clusters == finding.isolation.cluster) & (tests.likelihood >= tests.likelihood[jet] - params.margin)
+    missing = alike & (tests.magnitude < 0.0)
+    if finding.magnitude > 0.0 and missing.any():
+        jet = int(np.where(missing, tests.likelihood, -1.0).argmax())
+        finding = finding._replace(
+            isolation=finding.isolation._replace(jet=jet),
+            magnitude=float(tests.magnitude[jet]),
+            magnitude_std=float(np.sqrt(tests.variance[jet])),
+            unexplained=float(tests.unexplained[jet]),
+        )
+    force, variance, removed = state.force.copy(), state.variance.copy(), state.removed.copy()
+    manifold = params.manifolds[jet]
+    closed = state.closed
+    if manifold >= 0:
+        alike |= params.manifolds == manifold
+        closed = np.where(params.manifolds == manifold, 1.0, closed)
+    removed[alike] = 1.0
+    if finding.magnitude > 0.0 and manifold < 0:
+        force[jet] = finding.magnitude
+        variance[jet] = max(float(tests.variance[jet]), params.force_variance_floor)
+    state = _unsuspecting(state)._replace(force=force, variance=variance, removed=removed, closed=closed)
+    return state, finding._replace(event=DECLARED)
+
+
+def _corrected_force(state: DetectorState, tests: JetTests, jet: int, params: CglrParams) -> tuple[DetectorState, int]:
+    """Corrects a known force that an alarm shows to have changed; withdraws it when nothing is left."""
+    force, variance = state.force.copy(), state.variance.copy()
+    force[jet] += tests.magnitude[jet]
+    variance[jet] = max(float(tests.variance[jet]), params.force_variance_floor)
+    state = state._replace(force=force, variance=variance)
+    if abs(force[jet]) > 3.0 * np.sqrt(variance[jet]):
+        return state, NOTHING
+    force[jet] = variance[jet] = 0.0
+    return state, WITHDRAWN
+
+
+def _followed(state: DetectorState, coefficients: Array, sample: DetectorSample, params: CglrParams) -> DetectorState:
+    """One step of the filter of each known force on a sample without an alarm."""
+    jets = np.flatnonzero(state.variance)
+    if jets.size == 0:
+        return state
+    force, variance = state.force.copy(), state.variance.copy()
+    blocks = [
+        (block, inverse_positive_definite(sample.covariance[block, block], "innovation covariance"))
+        for block in (slice(0, 3), slice(3, 6))
+    ]
+    for jet, excess in zip(jets, _excess(state, jets, sample.command, params), strict=True):
+        prior = float(variance[jet])
+        information, projection = 1.0 / prior, 0.0
+        for block, weight in blocks:
+            # Y holds prior c c^T already: c^T (Y - prior c c^T)^-1 = c^T Y^-1 / (1 - prior c^T Y^-1 c)
+            signature = excess * coefficients[jet, block]
+            weighted = weight @ signature
+            share = 1.0 - prior * float(weighted @ signature)
+            information += float(weighted @ signature) / share
+            projection += float(weighted @ sample.innovation[block]) / share
+        force[jet] += projection / information
+        variance[jet] = max(1.0 / information, params.force_variance_floor)
+    return state._replace(force=force, variance=variance)
+
+
+class KnownForce(NamedTuple):
+    """Effect of the known forces of failed jets on one sample.
+
+    Attributes:
+        wrench: torque about the vehicle origin and force, shape (6,).
+        translation_spread, rotation_spread: what their uncertainty adds to the covariances of the
+            velocity and rate increments, shape (3, 3) each.
+    """
+
+    wrench: Array
+    translation_spread: Array
+    rotation_spread: Array
+
+
+_NO_SPREAD = np.zeros((3, 3))
+NO_KNOWN_FORCE = KnownForce(np.zeros(6), _NO_SPREAD, _NO_SPREAD)
+
+
+def _excess(state: DetectorState, jets: NDArray[np.int_], command: Array, params: CglrParams) -> Array:
+    """Share of each known force that comes on top of what is commanded, shape (k,).
+
+    A jet that is stuck on gives no more when it is told to fire; a leak does.
+    """
+    stuck = state.force[jets] > 0.5 * params.thrusts[jets]
+    return np.where(stuck, 1.0 - np.nan_to_num(command[jets]), 1.0)
+
+
+def known_force(state: DetectorState, mass_properties: Array, command: Array, params: CglrParams) -> KnownForce:
+    """The wrench of known forces, and what their uncertainty adds to the measurements' covariance.
+
+    Args:
+        state: of the detector.
+        mass_properties: the ten predicted parameters, shape (10,).
+        command: fraction commanded over the interval that ended, NaN where not known, shape (n_jets,).
+        params: see `CglrParams`.
+    """
+    jets = np.flatnonzero(state.variance)
+    if jets.size == 0:
+        return NO_KNOWN_FORCE
+    wrenches = params.unit_wrenches[jets]
+    c = signatures(wrenches, mass_properties, params.period_s)
+    excess = _excess(state, jets, command, params)
+    variance = state.variance[jets] * excess**2
+    return KnownForce(
+        (state.force[jets] * excess) @ wrenches,
+        (c[:, :3].T * variance) @ c[:, :3],
+        (c[:, 3:].T * variance) @ c[:, 3:],
+    )
+
+
+def shared_covariance(translation_effects: Array | None, rotation_effects: Array | None) -> Array | None:
+    """Covariance of the translation innovation with the rotation innovation by thrust errors, shape (3, 3).
+
+    None where none is considered, or none bears on the sample.
+
+    Args:
+        translation_effects, rotation_effects: what one sigma of each jet's thrust error does to them, shape
+            (3, n_jets) each.
+    """
+    if translation_effects is None or rotation_effects is None or not rotation_effects.any():
+        return None
+    shared: Array = translation_effects @ rotation_effects.T
+    return shared
+
+
+def judged(
+    state: DetectorState,
+    time_s: float,
+    command: Array,
+    usable: bool,
+    firing: bool,
+    translation: Array,
+    rotation: Array,
+    translation_covariance: Array,
+    rotation_covariance: Array,
+    rotation_estimate: Array,
+    state_covariance: Array,
+    mass_estimate: Array,
+    limits: Array,
+    params: CglrParams,
+    shared_covariance: Array | None = None,
+) -> DetectorCycle:
+    """One cycle of the detector from the filters' predictions and innovations.
+
+    Args:
+        state: of the cycle before.
+        time_s: of the sample, s.
+        command: fraction commanded over the interval that ended, shape (n_jets,).
+        usable, firing: see `DetectorSample`.
+        translation, rotation: innovations, NaN where not measured, shape (3,) each.
+        translation_covariance, rotation_covariance: theirs, shape (3, 3) each.
+        rotation_estimate: x, predicted, shape (9,).
+        state_covariance: S, predicted, shape (9, 9).
+        mass_estimate: 1/m and its variance, predicted; more elements are ignored.
+        limits: of convergence, see `mass_properties.converged`, shape (3,).
+        params: see `CglrParams`.
+        shared_covariance: of the translation innovation with the rotation innovation, by considered thrust
+            errors, shape (3, 3); None: none bears on the sample.
+
+    Raises:
+        NotPositiveDefiniteError: when an innovation covariance is not positive definite.
+    """
+    measured = math.isfinite(translation[0]) and math.isfinite(rotation[0])
+    if not (usable and measured):
+        return _untested(state)
+    parameters, variance = np.empty(10), np.empty(10)
+    parameters[:9], parameters[9] = rotation_estimate, mass_estimate[0]
+    variance[:9], variance[9] = state_covariance.diagonal(), mass_estimate[1]
+    if not converged(np.sqrt(variance), parameters, limits):
+        return _untested(state)
+    covariance, information = np.zeros((6, 6)), np.zeros((6, 6))
+    covariance[:3, :3], covariance[3:, 3:] = translation_covariance, rotation_covariance
+    if shared_covariance is None:
+        information[:3, :3] = inverse_positive_definite(translation_covariance, "innovation covariance")
+        information[3:, 3:] = inverse_positive_definite(rotation_covariance, "innovation covariance")
+    else:
+        covariance[:3, 3:], covariance[3:, :3] = shared_covariance, shared_covariance.T
+        information = _inverse(covariance)
+    sample = DetectorSample(
+        time_s=time_s,
+        command=command,
+        firing=firing,
+        innovation=np.concatenate([translation, rotation]),
+        covariance=covariance,
+        information=information,
+        thrust_errors=shared_covariance is not None,
+        mass_properties=parameters,
+        state_covariance=state_covariance,
+        mass_variance=float(mass_estimate[1]),
+    )
+    return cycle(state, sample, params)
+
+
+def _inverse(covariance: Array) -> Array:
+    """Inverse of a covariance of any size, scaled to a unit diagonal on the way."""
+    scale = np.sqrt(covariance.diagonal())
+    try:
+        factor = np.linalg.cholesky(covariance / (scale[:, None] * scale))
+    except np.linalg.LinAlgError:
+        raise NotPositiveDefiniteError(covariance, "innovation covariance") from None
+    half = np.linalg.inv(factor) / scale
+    result: Array = half.T @ half
+    return result
+
+
+def status(result: DetectorCycle) -> Array:
+    """A cycle's finding as a vector for logs, shape (14,); see the `FailureDetector`'s port."""
+    finding = result.finding
+    return np.array(
+        [
+            finding.tested,
+            finding.alarm,
+            finding.event,
+            finding.isolation.cluster,
+            finding.isolation.jet,
+            finding.jet_isolated,
+            finding.magnitude,
+            finding.magnitude_std,
+            result.tests.likelihood[finding.isolation.jet],
+            finding.isolation.cluster_margin,
+            finding.isolation.jet_margin,
+            finding.unexplained,
+            finding.onset_s,
+            finding.alarms,
+        ]
+    )

@@ -1,0 +1,190 @@
+r"""Jet-failure detection and isolation by the constrained generalized likelihood ratio (CGLR).
+
+A jet that gives f more force than it was told to, along its direction d, adds f c to the innovations,
+
+    c = [ d / m ; I^-1 (r' - r_cm) x d ] dt                                       (4-12),
+
+translation first. From one sample's innovations e with covariance Y = blkdiag(Y_zeta, Y_z), for every jet,
+
+    f = c^T Y^-1 e / (c^T Y^-1 c)   (4-25),     l = (c^T Y^-1 e)^2 / (c^T Y^-1 c)   (4-28),
+
+constrained in sign: a jet that is off cannot lose thrust. The jet is found in two steps, the cluster
+and the jet in it, each by a margin of six: twice a log-likelihood ratio of twenty to one.
+
+The signature c follows from estimates, so it is itself uncertain. With that taken into account the
+covariance under the hypothesis of jet j is
+
+    Y_j = Y + f^2 blkdiag( sigma_m^2 d d^T dt^2, H_j S H_j^T ),   H_j = H((r' x d) dt, d dt),
+
+what the jet leaves unexplained is g = e^T Y_j^-1 e - (c^T Y_j^-1 e)^2 / (c^T Y_j^-1 c), chi-square with
+five degrees of freedom if it is the cause, and its likelihood argument against no failure
+
+    l = e^T Y^-1 e - g - ln(|Y_j| / |Y|),
+
+which is (4-28) when c is certain.
+
+Source: D. R. Levy, MIT S.M. thesis, 1983, chapter 4; the uncertainty of the signature is our own.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from massprop_drake.maths.estimation.filters.rotation_filter import rate_increment_jacobians
+from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.maths.mass_properties import ELEMENT
+
+
+class JetTests(NamedTuple):
+    """The test of every jet on one sample.
+
+    Attributes:
+        magnitude: f, lbf or N, signed: negative is missing thrust; shape (n_jets,).
+        variance: of f if the jet is the cause, shape (n_jets,).
+        likelihood: argument l; zero where the sign rules the jet out, shape (n_jets,).
+        unexplained: g, what the jet leaves of e^T Y^-1 e, shape (n_jets,).
+    """
+
+    magnitude: Array
+    variance: Array
+    likelihood: Array
+    unexplained: Array
+
+
+def signatures(unit_wrenches: Array, mass_properties: Array, period_s: float) -> Array:
+    """Influence coefficients c of every jet (4-12), translation first, per unit force, shape (n_jets, 6).
+
+    Args:
+        unit_wrenches: torque about the vehicle origin and force of a unit force along each jet, shape
+            (n_jets, 6).
+        mass_properties: the ten parameters, shape (10,).
+        period_s: sample period, s.
+    """
+    directions = unit_wrenches[:, 3:]
+    result = np.empty((unit_wrenches.shape[0], 6))
+    np.multiply(directions, mass_properties[9] * period_s, out=result[:, :3])
+    x, y, z = (mass_properties[6:9] * period_s).tolist()
+    arm = np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]])  # transpose of [r_cm x] dt
+    torque = unit_wrenches[:, :3] * period_s - directions @ arm
+    np.matmul(torque, mass_properties[ELEMENT], out=result[:, 3:])
+    return result
+
+
+def jet_tests(
+    coefficients: Array,
+    innovation: Array,
+    information: Array,
+    impossible_negative: Array,
+    impossible_positive: Array,
+) -> JetTests:
+    """Tests every jet against no failure, its signature taken as certain.
+
+    Args:
+        coefficients: c of every jet, shape (n_jets, 6).
+        innovation: e, translation first, shape (6,).
+        information: inverse of Y, shape (6, 6).
+        impossible_negative: jets that cannot have lost thrust, boolean, shape (n_jets,).
+        impossible_positive: jets that cannot give too much, boolean, shape (n_jets,).
+    """
+    weighted = coefficients @ information
+    projection = weighted @ innovation
+    strength = (weighted * coefficients).sum(axis=1)
+    magnitude = projection / strength
+    likelihood = projection * magnitude
+    ruled_out = (impossible_negative & (magnitude < 0.0)) | (impossible_positive & (magnitude > 0.0))
+    magnitude[ruled_out] = 0.0
+    likelihood[ruled_out] = 0.0
+    total = innovation @ information @ innovation
+    return JetTests(magnitude, 1.0 / strength, likelihood, total - likelihood)
+
+
+def uncertain_jet_tests(
+    tests: JetTests,
+    coefficients: Array,
+    unit_wrenches: Array,
+    innovation: Array,
+    covariance: Array,
+    mass_properties: Array,
+    state_covariance: Array,
+    mass_variance: float,
+    period_s: float,
+    impossible_negative: Array,
+    impossible_positive: Array,
+) -> JetTests:
+    """Tests every jet again, with the uncertainty of its own signature.
+
+    Args:
+        tests: the same sample's tests with certain signatures, whose magnitudes scale the uncertainty.
+        coefficients: c of every jet, shape (n_jets, 6).
+        unit_wrenches: see `signatures`.
+        innovation: e, translation first, shape (6,).
+        covariance: Y, shape (6, 6).
+        mass_properties: the ten parameters, shape (10,).
+        state_covariance: S, shape (9, 9).
+        mass_variance: of 1/m.
+        period_s: sample period, s.
+        impossible_negative, impossible_positive: see `jet_tests`.
+    """
+    force = tests.magnitude[:, None, None]
+    directions = unit_wrenches[:, 3:] * period_s
+    jacobians = rate_increment_jacobians(mass_properties, unit_wrenches * period_s)
+    enlarged = np.broadcast_to(covariance, (tests.magnitude.size, 6, 6)).copy()
+    enlarged[:, :3, :3] += (force**2 * mass_variance) * (directions[:, :, None] * directions[:, None, :])
+    enlarged[:, 3:, 3:] += force**2 * (jacobians @ state_covariance @ jacobians.transpose(0, 2, 1))
+    # scaled: translation and rotation differ by many orders of magnitude
+    scale = np.sqrt(covariance.diagonal())
+    enlarged /= scale[:, None] * scale
+    c, e = coefficients / scale, innovation / scale
+    weight = np.linalg.inv(enlarged)
+    weighted_c, weighted_e = np.einsum("ijk,ik->ij", weight, c), weight @ e
+    projection = weighted_c @ e
+    strength = (weighted_c * c).sum(axis=1)
+    magnitude = projection / strength
+    unexplained = weighted_e @ e - projection * magnitude
+    growth = np.linalg.slogdet(enlarged)[1] - np.linalg.slogdet(covariance / (scale[:, None] * scale))[1]
+    total = tests.unexplained + tests.likelihood
+    likelihood = np.maximum(total - unexplained - growth, 0.0)
+    ruled_out = (impossible_negative & (magnitude <= 0.0)) | (impossible_positive & (magnitude >= 0.0))
+    magnitude[ruled_out] = 0.0
+    likelihood[ruled_out] = 0.0
+    return JetTests(magnitude, 1.0 / strength, likelihood, np.where(ruled_out, total, unexplained))
+
+
+class Isolation(NamedTuple):
+    """Outcome of the two steps of isolation (section 4.3 of the thesis).
+
+    Attributes:
+        jet: index of the jet of the largest argument.
+        cluster: index of its cluster.
+        cluster_margin: its argument minus the largest of any other cluster.
+        jet_margin: its argument minus the largest of any other jet of the cluster.
+    """
+
+    jet: int
+    cluster: int
+    cluster_margin: float
+    jet_margin: float
+
+
+def isolate(likelihood: Array, clusters: NDArray[np.int_]) -> Isolation:
+    """The likeliest jet, and by how much it leads in its cluster and its cluster among all.
+
+    Args:
+        likelihood: argument of every jet, shape (n_jets,).
+        clusters: index of each jet's cluster, shape (n_jets,).
+    """
+    jet = int(likelihood.argmax())
+    largest = float(likelihood[jet])
+    same = clusters == clusters[jet]
+    elsewhere = likelihood[~same]
+    beside = np.where(same, likelihood, 0.0)
+    beside[jet] = 0.0
+    return Isolation(
+        jet,
+        int(clusters[jet]),
+        largest - (float(elsewhere.max()) if elsewhere.size else 0.0),
+        largest - float(beside.max()),
+    )

@@ -1,0 +1,1 @@
+"""Filters of mass properties, a file per variant."""

@@ -1,0 +1,95 @@
+r"""Jumps of the mass reciprocal by a windowed generalized likelihood ratio.
+
+Had the mass reciprocal jumped by nu at sample theta, the innovation at a later used sample k would be
+off by g nu, and the estimate by f nu (3-96) to (3-100):
+
+    g_k = lambda_k (1 - f_k-1),    f_k = (1 - kappa_k^T lambda_k) f_k-1 + kappa_k^T lambda_k,    f_theta-1 = 0
+
+For each theta in a window the information C and the projection d gather over the samples since,
+
+    C = sum g^T Y^-1 g  (3-104),    d = sum g^T Y^-1 epsilon  (3-105),
+
+the jump is estimated by d / C (3-103), and d^2 / C (3-109) is chi-square with one degree of freedom
+while nothing jumps, for each theta by itself; the largest over the window is tested at the false-alarm
+rate divided by the window's length (the thesis's "N degrees of freedom" is an error).
+
+On a jump the estimate moves by (1 - f) d / C and its variance grows by (1 - f)^2 / C (3-111), (3-113),
+exact for the right theta since the innovations of an optimal filter are orthogonal to its error. A
+window of one sample is the single-sample test (3-114) to (3-118), whose variance is then that of the
+one sample alone, 1 / (lambda^T R'^-1 lambda).
+
+The thesis takes that variance as 3 sigma_old^2 + 1 / (lambda^T Y^-1 lambda) for small gains (3-118), with a
+cross term (3-117) that is in truth zero; `small_gain_growth` is that form.
+
+Source: D. R. Levy, MIT S.M. thesis, 1983, sections 3.6 and 3.7.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_drake.maths.linear_algebra import Array
+
+
+class JumpTest(NamedTuple):
+    """Outcome of one used sample.
+
+    Attributes:
+        window: f, C, d of each theta, the newest last, shape (n, 3); C is zero where there is none yet.
+        jump: estimate of the likeliest jump, 1/slug or 1/kg.
+        likelihood: its argument d^2 / C.
+        correction: what to add to the estimate if there was a jump.
+        growth: what to add to its variance then.
+    """
+
+    window: Array
+    jump: float
+    likelihood: float
+    correction: float
+    growth: float
+
+
+def empty_window(length: int) -> Array:
+    """A window with no sample in it, shape (length, 3)."""
+    return np.zeros((length, 3))
+
+
+def jump_test(window: Array, linear_impulse: Array, information: Array, innovation: Array, share: float) -> JumpTest:
+    """Takes a used sample into the window, the oldest theta leaving it.
+
+    Args:
+        window: of the sample before, shape (n, 3).
+        linear_impulse: lambda, shape (3,).
+        information: inverse of Y^zeta, shape (3, 3).
+        innovation: epsilon, shape (3,).
+        share: kappa^T lambda of the update with this sample.
+    """
+    window = np.vstack([window[1:], np.zeros((1, 3))])
+    weight = information @ linear_impulse
+    strength, seen = float(weight @ linear_impulse), float(weight @ innovation)
+    left = 1.0 - window[:, 0]
+    used = window[:, 1] > 0.0
+    used[-1] = True
+    window[:, 1] += np.where(used, left * left * strength, 0.0)
+    window[:, 2] += np.where(used, left * seen, 0.0)
+    window[:, 0] = np.where(used, (1.0 - share) * window[:, 0] + share, 0.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        likelihood = np.where(window[:, 1] > 0.0, window[:, 2] ** 2 / window[:, 1], 0.0)
+    best = int(likelihood.argmax())
+    f, c, d = window[best].tolist()
+    if c == 0.0:
+        return JumpTest(window, 0.0, 0.0, 0.0, 0.0)
+    return JumpTest(window, d / c, float(likelihood[best]), (1.0 - f) * d / c, (1.0 - f) ** 2 / c)
+
+
+def small_gain_growth(variance: float, linear_impulse: Array, information: Array) -> float:
+    """What the thesis adds to the variance of 1/m after a jump found in one sample (3-118), to the letter.
+
+    Args:
+        variance: of 1/m after the ordinary update.
+        linear_impulse: lambda, shape (3,).
+        information: inverse of Y^zeta, shape (3, 3).
+    """
+    return 2.0 * variance + 1.0 / float(linear_impulse @ information @ linear_impulse)

@@ -1,0 +1,595 @@
+r"""The second-order filter for inverse inertia and center of mass from rate increments.
+
+Measurement of one sample, bilinear in the state x (order in `mass_properties`):
+
+    z = w_k - w_{k-1} = h(x) + noise,    h(x) = I^-1 (a + lambda x r_cm)      (2-47), (2-55)
+
+With S the covariance of x and P (6x6), C (6x3), Q (3x3) its blocks, the exact moments of z under a
+Gaussian x are, in closed form,
+
+    H   = [ A_6(a + lambda x r_cm),  I^-1 [lambda x] ]                        (2-102)
+    h^  = h(x^) + b,    b_i = E{ (dI^-1 (lambda x dr))_i }                    (2-118)
+    D_ij = cov of the i-th and j-th elements of dI^-1 (lambda x dr)           (2-121)
+    Y   = H S H^T + D + R                                                     (2-120)
+
+where A_6(v) x_6 = I^-1 v. The second-order terms b and D come from the one product of errors
+dI^-1 (lambda x dr), so with E(i, m) the state's index of I^-1_im and X = C [lambda x]^T:
+
+    b_i  = sum_m X[E(i, m), m]
+    D_ij = sum_mn P[E(i, m), E(j, n)] ([lambda x] Q [lambda x]^T)_mn + sum_mn X[E(i, m), n] X[E(j, n), m]
+
+The update is Joseph's form (2-126). The extended Kalman filter is the same without b and D (2.6).
+
+No jet gives exactly its thrust. Considered errors: jet j is off by the constant fraction sigma_j beta_j, with
+beta unknown and of unit variance, never estimated. With a_j and lambda_j the impulses of sigma_j alone,
+the error of x is Psi beta plus what is independent of beta, and
+
+    L   = H Psi + G,    G = [g_1 ... g_n],    g_j = I^-1 (a_j + lambda_j x r_cm)
+    Y   = H S_0 H^T + L L^T + D + sum_j H_j S H_j^T + R,    S_0 = S - Psi Psi^T
+    K   = (S_0 H^T + Psi L^T) Y^-1,    Psi <- Psi - K L
+
+the Schmidt-Kalman update; L is what one sigma of each thrust error does to the innovation. H_j is H for
+the impulses of sigma_j: while the estimates are poor, G says little of what a thrust error does, and the
+products of both errors stand in for it. The update is made twice, the second time with G at the estimate
+that the first one gave.
+
+Dynamic coupling adds g(x) = -I^-1 (w x I w) dt. The thesis subtracts it as if it were known. MODEL takes it
+into h and H, with l = I w,
+
+    dg = -[ dI^-1 (w x l) - I^-1 (w x I dI^-1 l) ] dt
+
+as soon as the diagonal of the inverse inertia is known to half its size.
+
+Source: D. R. Levy, MIT S.M. thesis, 1983, section 2.4; considered thrust errors and MODEL are our own.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_drake.maths.estimation.adaptation import CORRECT_THESIS, NO_ACTION, REJECT, Adaptation
+from massprop_drake.maths.estimation.redundancy import SERIAL, SINGLE, combined
+from massprop_drake.maths.linear_algebra import (
+    Array,
+    cross,
+    inverse_positive_definite,
+    is_positive_definite,
+    skew,
+)
+from massprop_drake.maths.mass_properties import ELEMENT, N_ROTATION
+
+SUBTRACT, IGNORE, HYBRID, MODEL = 0, 1, 2, 3  # treatment of dynamic coupling
+
+# S.ravel()[_PRODUCT] is the (ij) x (mn) table of P[E(i, m), E(j, n)]
+_PRODUCT = np.array(
+    [
+        [[ELEMENT[i, m] * N_ROTATION + ELEMENT[j, n] for m in range(3) for n in range(3)] for j in range(3)]
+        for i in range(3)
+    ]
+).reshape(9, 9)
+# X.ravel()[_LEFT][i, (m, n)] = X[E(i, m), n] and X.ravel()[_RIGHT][j, (m, n)] = X[E(j, n), m]
+_LEFT = np.array([[ELEMENT[i, m] * 3 + n for m in range(3) for n in range(3)] for i in range(3)])
+_RIGHT = np.array([[ELEMENT[j, n] * 3 + m for m in range(3) for n in range(3)] for j in range(3)])
+_DIAGONAL = np.array([0, 4, 8])  # of the (m, n) pairs above
+_IDENTITY = np.eye(N_ROTATION)
+_NOT_MEASURED = np.full(3, np.nan)
+_UNIT = np.eye(3)
+
+
+def angular_block(vector: Array) -> Array:
+    """A_6(v): the 3x6 matrix with A_6(v) x_6 = I^-1 v, the left block of (2-53)."""
+    x, y, z = vector.tolist()
+    return np.array([[x, 0.0, 0.0, 0.0, z, y], [0.0, y, 0.0, z, 0.0, x], [0.0, 0.0, z, y, x, 0.0]])
+
+
+def rate_increment(estimate: Array, angular_impulse: Array, linear_impulse: Array) -> Array:
+    """h(x): the rate increment of a known impulse, rad/s, (2-47) in closed form, shape (3,)."""
+    moment = angular_impulse + cross(linear_impulse, estimate[6:])
+    return estimate[ELEMENT] @ moment
+
+
+def rate_increment_jacobian(estimate: Array, angular_impulse: Array, linear_impulse: Array) -> Array:
+    """H = dh/dx (2-102), shape (3, 9)."""
+    moment = angular_impulse + cross(linear_impulse, estimate[6:])
+    jacobian = np.empty((3, N_ROTATION))
+    jacobian[:, :6] = angular_block(moment)
+    jacobian[:, 6:] = estimate[ELEMENT] @ skew(linear_impulse)
+    return jacobian
+
+
+def rate_increment_jacobians(estimate: Array, impulses: Array) -> Array:
+    """H (2-102) for several impulses at once, shape (n, 3, 9).
+
+    Args:
+        estimate: x, or more parameters after it, shape (9,) or longer.
+        impulses: angular impulse about the vehicle origin and linear impulse of each, shape (n, 6).
+    """
+    linear = impulses[:, 3:]
+    moment = _moments(estimate, impulses)
+    jacobians = np.zeros((impulses.shape[0], 3, N_ROTATION))
+    for i in range(3):
+        for m in range(3):
+            jacobians[:, i, ELEMENT[i, m]] = moment[:, m]
+    arms = np.zeros((impulses.shape[0], 3, 3))
+    arms[:, 0, 1], arms[:, 0, 2], arms[:, 1, 2] = -linear[:, 2], linear[:, 1], -linear[:, 0]
+    arms[:, 1, 0], arms[:, 2, 0], arms[:, 2, 1] = linear[:, 2], -linear[:, 1], linear[:, 0]
+    jacobians[:, :, 6:] = estimate[ELEMENT] @ arms
+    return jacobians
+
+
+def _moments(estimate: Array, impulses: Array) -> Array:
+    """Angular impulse about the estimated center of mass, a + lambda x r_cm, of each, shape (n, 3)."""
+    x, y, z = estimate[6:9].tolist()
+    arm = np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]])  # transpose of [r_cm x]
+    return impulses[:, :3] - impulses[:, 3:] @ arm
+
+
+def thrust_error_effects(estimate: Array, thrust_errors: Array) -> Array:
+    """G: the rate increment of one sigma of each jet's thrust error, rad/s, shape (3, n_jets).
+
+    Args:
+        estimate: x, shape (9,).
+        thrust_errors: impulses of one sigma of each jet's thrust error over the sample, about the vehicle
+            origin, shape (n_jets, 6).
+    """
+    effects: Array = estimate[ELEMENT] @ _moments(estimate, thrust_errors).T
+    return effects
+
+
+def second_order_terms(covariance: Array, linear_impulse: Array) -> tuple[Array, Array]:
+    """Bias b, rad/s, shape (3,), and covariance D, rad^2/s^2, shape (3, 3), of the curvature of h."""
+    arm = skew(linear_impulse)
+    spread = (covariance[:6, 6:] @ arm.T).ravel()
+    left = spread[_LEFT]
+    bias = left[:, _DIAGONAL].sum(axis=1)
+    force = arm @ covariance[6:, 6:] @ arm.T
+    curvature = (covariance.ravel()[_PRODUCT] @ force.ravel()).reshape(3, 3)
+    return bias, curvature + left @ spread[_RIGHT].T
+
+
+def coupling_increment(inverse_inertia: Array, rate: Array, period_s: float) -> Array:
+    r"""Rate increment of dynamic coupling over one sample, -I^-1 (w x I w) dt, rad/s, shape (3,).
+
+    Args:
+        inverse_inertia: positive definite, shape (3, 3).
+        rate: mean angular rate over the sample, rad/s, body axes, shape (3,).
+        period_s: sample period, s.
+    """
+    momentum = inverse_positive_definite(inverse_inertia, "inverse inertia") @ rate
+    return inverse_inertia @ cross(rate, momentum) * -period_s
+
+
+def coupling_jacobian(inverse_inertia: Array, rate: Array, period_s: float) -> Array:
+    """dg/dx of dynamic coupling, shape (3, 9), zero for the center of mass; arguments as `coupling_increment`."""
+    inertia = inverse_positive_definite(inverse_inertia, "inverse inertia")
+    momentum = inertia @ rate
+    through_inertia = inverse_inertia @ skew(rate) @ inertia @ angular_block(momentum)
+    jacobian = np.zeros((3, N_ROTATION))
+    jacobian[:, :6] = -period_s * (angular_block(cross(rate, momentum)) - through_inertia)
+    return jacobian
+
+
+class RotationParams(NamedTuple):
+    """What shapes the rotation filter.
+
+    Attributes:
+        period_s: sample period, s.
+        gyro_variances: of the error of one reading of each gyro package, the preferred one first, per
+            component, rad^2/s^2, shape (s,).
+        rule: how several gyros make one measurement, see `maths.redundancy`.
+        second_order: the second-order filter, or (False) the extended Kalman filter.
+        coupling: SUBTRACT, IGNORE, HYBRID or MODEL.
+        coupling_limit: HYBRID subtracts once the largest variance of the innovation is below this
+            many times the largest variance of the measurement noise.
+        jump_threshold: on a NIS above this the covariance is incremented (2-138); infinity: never.
+        jump_covariance: what is then added, in state order, shape (9, 9).
+        process_noise: covariance added per sample (2-123), shape (9, 9).
+        disturbance_covariance: R^d of a rate increment, rad^2/s^2, shape (3, 3).
+        largest_turn: rad that the vehicle may turn in a sample for the sample to count: the mean of two
+            rates stands for the rate between them.
+        bias, curvature: whether the second-order filter has b (2-118) and D (2-121); without both it is the
+            extended Kalman filter.
+    """
+
+    period_s: float
+    gyro_variances: Array
+    rule: int
+    second_order: bool
+    coupling: int
+    coupling_limit: float
+    jump_threshold: float
+    jump_covariance: Array
+    process_noise: Array
+    disturbance_covariance: Array
+    largest_turn: float = math.inf
+    bias: bool = True
+    curvature: bool = True
+
+
+class RotationSample(NamedTuple):
+    """What one sample brings to the rotation filter.
+
+    Attributes:
+        increment: measured rate increment z, rad/s, body axes, shape (3,).
+        rate: mean of the two readings that bound the sample, rad/s, body axes, shape (3,).
+        noise: covariance R^z of the increment, rad^2/s^2, shape (3, 3).
+        gyro_variance: of the gyros' part in it, per component, rad^2/s^2.
+        angular_impulse, linear_impulse: a and lambda over the sample, shape (3,) each.
+        firing: whether an impulse acted.
+        thrust_errors: impulses of one sigma of each jet's thrust error, shape (n_jets, 6); None: thrust
+            is taken as known.
+    """
+
+    increment: Array
+    rate: Array
+    noise: Array
+    gyro_variance: float
+    angular_impulse: Array
+    linear_impulse: Array
+    firing: bool
+    thrust_errors: Array | None = None
+
+
+class RotationInnovation(NamedTuple):
+    """Measured minus predicted rate increment of one sample, before any update.
+
+    Attributes:
+        innovation: e, rad/s, body axes, NaN where not measured, shape (3,).
+        covariance: Y, rad^2/s^2, NaN likewise, shape (3, 3).
+        information: the inverse of Y.
+        jacobian: H, shape (3, 9).
+        noise: D + R, with considered thrust errors also sum_j H_j S H_j^T, rad^2/s^2, shape (3, 3).
+        effects: L = H Psi + G, what one sigma of each jet's thrust error does to the innovation, rad/s, shape
+            (3, n_jets); None where no thrust error is considered.
+        subtract_coupling: whether the hybrid rule asks for the subtraction of dynamic coupling.
+        nis: e^T Y^-1 e; chi-square with 3 degrees of freedom for a consistent filter.
+    """
+
+    innovation: Array
+    covariance: Array
+    information: Array
+    jacobian: Array
+    noise: Array
+    effects: Array | None
+    subtract_coupling: bool
+    nis: float
+
+
+class RotationState(NamedTuple):
+    """What the rotation filter knows.
+
+    Attributes:
+        estimate: x, shape (9,).
+        covariance: S, shape (9, 9).
+        sensitivity: Psi, the part of the error that comes of each jet's thrust error, per sigma of it, shape
+            (9, n_jets); None where thrust is taken as known.
+    """
+
+    estimate: Array
+    covariance: Array
+    sensitivity: Array | None = None
+
+    @property
+    def independent(self) -> Array:
+        """S_0: the part of S that does not come of thrust errors, shape (9, 9)."""
+        if self.sensitivity is None:
+            return self.covariance
+        part: Array = self.covariance - self.sensitivity @ self.sensitivity.T
+        return part
+
+
+class RotationUpdate(NamedTuple):
+    """State of the rotation filter after one sample.
+
+    Attributes:
+        state: see `RotationState`.
+        jumped: whether the covariance was incremented first (2-138).
+    """
+
+    state: RotationState
+    jumped: bool
+
+
+_COASTING = np.zeros((3, N_ROTATION))
+
+
+def innovate(
+    state: RotationState,
+    sample: RotationSample,
+    subtract_coupling_before: bool,
+    params: RotationParams,
+) -> RotationInnovation:
+    r"""The innovation of one sample, (2-117) to (2-121), with dynamic coupling subtracted if due.
+
+    The hybrid rule looks at the innovation's covariance, which says something about the estimates only
+    while jets fire; a coasting sample keeps the decision of the last firing one. Whatever the rule
+    says, nothing is subtracted while the estimated inverse inertia is not positive definite.
+
+    Args:
+        state: predicted, see `RotationState`.
+        sample: see `RotationSample`.
+        subtract_coupling_before: the hybrid rule's last decision.
+        params: see `RotationParams`.
+
+    Raises:
+        NotPositiveDefiniteError: when Y is not positive definite.
+    """
+    estimate, covariance, sensitivity = state
+    noise = sample.noise + params.disturbance_covariance
+    effects = None
+    modeled = params.coupling == MODEL and _knows_inertia(estimate, covariance)
+    if sample.firing:
+        impulses = sample.angular_impulse, sample.linear_impulse
+        jacobian = rate_increment_jacobian(estimate, *impulses)
+        if modeled:
+            jacobian += coupling_jacobian(estimate[ELEMENT], sample.rate, params.period_s)
+        innovation = sample.increment - rate_increment(estimate, *impulses)
+        total_noise = noise
+        if params.second_order:
+            bias, curvature = second_order_terms(covariance, sample.linear_impulse)
+            if params.bias:
+                innovation -= bias
+            if params.curvature:
+                total_noise = noise + curvature
+        if sample.thrust_errors is not None and sensitivity is not None:
+            effects = jacobian @ sensitivity + thrust_error_effects(estimate, sample.thrust_errors)
+            total_noise = total_noise + _thrust_error_products(estimate, covariance, sample.thrust_errors)
+        apart = jacobian @ state.independent @ jacobian.T + total_noise
+        innovation_covariance = apart if effects is None else apart + effects @ effects.T
+        # a thrust that is off by a little is not what the subtraction waits for
+        limit = params.coupling_limit * max(noise.ravel()[_DIAGONAL].tolist())
+        subtract_coupling = max(apart.ravel()[_DIAGONAL].tolist()) < limit
+    else:
+        jacobian, total_noise, innovation_covariance = _COASTING, noise, noise
+        innovation = sample.increment
+        subtract_coupling = subtract_coupling_before
+        if modeled:
+            jacobian = coupling_jacobian(estimate[ELEMENT], sample.rate, params.period_s)
+            innovation_covariance = jacobian @ covariance @ jacobian.T + noise
+    if params.coupling != HYBRID:
+        subtract_coupling = params.coupling == SUBTRACT or modeled
+    if subtract_coupling:
+        inverse_inertia = estimate[ELEMENT]
+        if is_positive_definite(inverse_inertia):
+            innovation = innovation - coupling_increment(inverse_inertia, sample.rate, params.period_s)
+    information = inverse_positive_definite(innovation_covariance, "innovation covariance")
+    nis = float(innovation @ information @ innovation)
+    return RotationInnovation(
+        innovation, innovation_covariance, information, jacobian, total_noise, effects, subtract_coupling, nis
+    )
+
+
+def _knows_inertia(estimate: Array, covariance: Array) -> bool:
+    """Whether the inverse inertia is positive definite and its diagonal known to half its size."""
+    deviation = np.sqrt(covariance.diagonal()[:3])
+    return bool((deviation < 0.5 * estimate[:3]).all()) and is_positive_definite(estimate[ELEMENT])
+
+
+def _thrust_error_products(estimate: Array, covariance: Array, thrust_errors: Array) -> Array:
+    """sum_j H_j S H_j^T: covariance of the products of thrust errors and errors of the estimates, shape (3, 3)."""
+    acting = thrust_errors[thrust_errors.any(axis=1)]
+    jacobians = rate_increment_jacobians(estimate, acting)
+    products: Array = (jacobians @ covariance @ jacobians.transpose(0, 2, 1)).sum(axis=0)
+    return products
+
+
+def joseph_update(
+    state: RotationState,
+    innovation: Array,
+    information: Array,
+    jacobian: Array,
+    noise: Array,
+    effects: Array | None = None,
+) -> RotationState:
+    """Estimate (2-115) and covariance in Joseph's form (2-126), symmetrized; Schmidt-Kalman with effects.
+
+    Args:
+        state: predicted.
+        innovation: e, rad/s, shape (3,).
+        information: inverse of Y, shape (3, 3).
+        jacobian: H, shape (3, 9).
+        noise: of the measurement, independent of the state and of thrust errors, shape (3, 3).
+        effects: L, shape (3, n_jets); None: thrust is taken as known.
+    """
+    independent = state.independent
+    shared = independent @ jacobian.T
+    if effects is not None and state.sensitivity is not None:
+        shared = shared + state.sensitivity @ effects.T
+    gain = shared @ information
+    kept = _IDENTITY - gain @ jacobian
+    covariance = kept @ independent @ kept.T + gain @ noise @ gain.T
+    sensitivity = state.sensitivity
+    if effects is not None and sensitivity is not None:
+        sensitivity = sensitivity - gain @ effects
+        covariance = covariance + sensitivity @ sensitivity.T
+    return RotationState(state.estimate + gain @ innovation, 0.5 * (covariance + covariance.T), sensitivity)
+
+
+def update(
+    state: RotationState,
+    sample: RotationSample,
+    innovation: RotationInnovation,
+    adaptation: Adaptation,
+    params: RotationParams,
+    each: tuple[RotationSample, ...] = (),
+) -> RotationUpdate:
+    r"""Measurement update of one usable firing sample, then the time update (2-123).
+
+    When the innovation's NIS exceeds the jump threshold, the covariance is first incremented and the
+    innovation formed again from the same measurement (2-138), unless a jet's failure explains it.
+
+    Args:
+        state: predicted, see `RotationState`.
+        sample: see `RotationSample`.
+        innovation: what `innovate` made of the same sample.
+        adaptation: see `maths.adaptation`.
+        params: see `RotationParams`.
+        each: the packages' own samples, where the update is made with one after the other.
+
+    Raises:
+        NotPositiveDefiniteError: when an innovation covariance is not positive definite.
+    """
+    if adaptation.action == REJECT:
+        return RotationUpdate(_later(state, params), jumped=False)
+    jumped = adaptation.action == NO_ACTION and innovation.nis > params.jump_threshold
+    if jumped:
+        state = state._replace(covariance=state.covariance + params.jump_covariance)
+        innovation = innovate(state, sample, innovation.subtract_coupling, params)
+    if not each:
+        return RotationUpdate(_later(_updated(state, sample, innovation, adaptation), params), jumped)
+    for part in each:
+        own = innovate(state, part, innovation.subtract_coupling, params)
+        state = _updated(state, part, own, adaptation)
+    return RotationUpdate(_later(state, params), jumped)
+
+
+def _updated(
+    state: RotationState, sample: RotationSample, innovation: RotationInnovation, adaptation: Adaptation
+) -> RotationState:
+    """The state after one measurement."""
+    information, noise, error = innovation.information, innovation.noise, innovation.innovation
+    enlarged = None
+    if adaptation.action != NO_ACTION:
+        error = error - adaptation.rotation
+        noise = noise + adaptation.rotation_spread
+    if adaptation.action == CORRECT_THESIS:
+        enlarged = adaptation.rotation_spread
+        information = inverse_positive_definite(innovation.covariance + enlarged, "innovation covariance")
+    jacobian = innovation.jacobian
+    after = joseph_update(state, error, information, jacobian, noise, innovation.effects)
+    if sample.thrust_errors is None or state.sensitivity is None:
+        return after
+    effects = jacobian @ state.sensitivity + thrust_error_effects(after.estimate, sample.thrust_errors)
+    covariance = jacobian @ state.independent @ jacobian.T + effects @ effects.T + innovation.noise
+    if enlarged is not None:
+        covariance = covariance + enlarged
+    information = inverse_positive_definite(covariance, "innovation covariance")
+    return joseph_update(state, error, information, jacobian, noise, effects)
+
+
+def _later(state: RotationState, params: RotationParams) -> RotationState:
+    """The time update (2-123) of a random walk."""
+    return state._replace(covariance=state.covariance + params.process_noise)
+
+
+class RotationMeasurement(NamedTuple):
+    """A sample and its innovation.
+
+    Attributes:
+        sample: what was measured, by all gyros together.
+        innovation: before any update; NaN where not measured.
+        each: the packages' own samples, where the update is made with one after the other.
+    """
+
+    sample: RotationSample
+    innovation: RotationInnovation
+    each: tuple[RotationSample, ...] = ()
+
+
+def measure(
+    state: RotationState,
+    rates_before: Array,
+    subtract_coupling_before: bool,
+    rates: Array,
+    extra_noise: Array | None,
+    angular_impulse: Array,
+    linear_impulse: Array,
+    firing: bool,
+    params: RotationParams,
+    thrust_errors: Array | None = None,
+) -> RotationMeasurement:
+    """First half of a cycle: the increment and its innovation.
+
+    Args:
+        state: predicted, see `RotationState`.
+        rates_before, rates: readings of the gyros at the sample's two ends, in the order of the parameters'
+            variances, rad/s, NaN where missing, shape (s, 3) each.
+        subtract_coupling_before: the hybrid rule's last decision.
+        extra_noise: of the increment, besides the gyros' and the parameters' disturbance, rad^2/s^2, shape
+            (3, 3); None: none.
+        angular_impulse, linear_impulse: a and lambda over the sample, shape (3,) each.
+        firing: whether a known impulse acted.
+        params: see `RotationParams`.
+        thrust_errors: see `RotationSample`.
+    """
+    increments, means = rates - rates_before, 0.5 * (rates + rates_before)
+    there = []
+    for index, increment in enumerate(increments.tolist()):
+        # NaN compares as false
+        if math.hypot(*means[index].tolist()) * params.period_s <= params.largest_turn and math.isfinite(
+            increment[0] + increment[1] + increment[2]
+        ):
+            there.append(index)
+            if params.rule == SINGLE:
+                break
+    if not there:
+        unknown = np.full((3, 3), np.nan)
+        sample = RotationSample(
+            _NOT_MEASURED, _NOT_MEASURED, unknown, math.nan, angular_impulse, linear_impulse, firing
+        )
+        innovation = RotationInnovation(
+            _NOT_MEASURED, unknown, unknown, _COASTING, unknown, None, subtract_coupling_before, math.nan
+        )
+        return RotationMeasurement(sample, innovation)
+
+    def made(increment: Array, mean: Array, noise: Array) -> RotationSample:
+        total = noise if extra_noise is None else noise + extra_noise
+        variance = float(noise[0, 0])
+        return RotationSample(increment, mean, total, variance, angular_impulse, linear_impulse, firing, thrust_errors)
+
+    own = [2.0 * params.gyro_variances[index] * _UNIT for index in there]
+    each: tuple[RotationSample, ...] = ()
+    if len(there) == 1:
+        sample = made(increments[there[0]], means[there[0]], own[0])
+    else:
+        covariances = np.zeros((len(there), len(there), 3, 3))
+        covariances[np.arange(len(there)), np.arange(len(there))] = own
+        increment, noise = combined(increments[there], covariances, params.rule)
+        mean, _ = combined(means[there], covariances, params.rule)
+        sample = made(increment, mean, noise)
+        if params.rule == SERIAL:
+            each = tuple(made(increments[index], means[index], noise) for index, noise in zip(there, own, strict=True))
+    return RotationMeasurement(sample, innovate(state, sample, subtract_coupling_before, params), each)
+
+
+def finish(
+    state: RotationState,
+    measurement: RotationMeasurement,
+    usable: bool,
+    adaptation: Adaptation,
+    params: RotationParams,
+) -> RotationCycle:
+    """Second half of a cycle: the update, when the sample can be used.
+
+    A sample is used when both readings are there, the jets' combination was steady, and an impulse
+    acted.
+
+    Args:
+        state: predicted, see `RotationState`.
+        measurement: what `measure` made of the sample.
+        usable: whether the combination of jets was steady and a known impulse acted.
+        adaptation: see `maths.adaptation`.
+        params: see `RotationParams`.
+    """
+    sample, innovation, each = measurement
+    if math.isnan(innovation.nis) or not (usable and sample.firing):
+        return RotationCycle(_later(state, params), used=False, jumped=False)
+    updated = update(state, sample, innovation, adaptation, params, each)
+    return RotationCycle(updated.state, used=adaptation.action != REJECT, jumped=updated.jumped)
+
+
+class RotationCycle(NamedTuple):
+    """State of the rotation filter after a cycle, measured or not, used or not.
+
+    Attributes:
+        state: see `RotationState`.
+        used: whether the estimate was updated.
+        jumped: whether the covariance was incremented first.
+    """
+
+    state: RotationState
+    used: bool
+    jumped: bool

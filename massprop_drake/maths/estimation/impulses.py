@@ -1,0 +1,91 @@
+r"""What the commanded jets did over one sample: the impulses a and lambda, and whether to trust them.
+
+    lambda = sum_i T_i l_i dt                  (2-45)
+    a      = sum_i r'_i x T_i l_i dt           (2-46), about the origin of the vehicle frame
+
+with l_i the mean thrust level over the sample: the command itself, or the level of the thrust lag. Known
+outside forces add to both.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.maths.vehicle.thrust import LagFactors, level_after, mean_level
+
+
+class Impulses(NamedTuple):
+    """Impulses of one sample interval.
+
+    Attributes:
+        angular_impulse: a, about the vehicle origin, body axes, lbf-ft-s or N-m-s, shape (3,).
+        linear_impulse: lambda, body axes, lbf-s or N-s, shape (3,).
+        usable: whether the combination of jets was steady, so that the impulses can be believed.
+        firing: whether a known impulse acted: any jet was commanded, or an outside force is known.
+        level: thrust level of each jet at the end of the interval, shape (n_jets,).
+        mean_level: on average over the interval, shape (n_jets,).
+    """
+
+    angular_impulse: Array
+    linear_impulse: Array
+    usable: bool
+    firing: bool
+    level: Array
+    mean_level: Array
+
+
+def thrust_wrenches(positions: Array, thrusts: Array) -> Array:
+    """Torque about the vehicle origin and force of each jet at full thrust, shape (n_jets, 6).
+
+    Args:
+        positions: of the jets in the vehicle frame, ft or m, shape (n_jets, 3).
+        thrusts: force vectors on the vehicle, body axes, lbf or N, shape (n_jets, 3).
+    """
+    return np.hstack([np.cross(positions, thrusts), thrusts])
+
+
+def interval_impulses(
+    command: Array,
+    previous_command: Array,
+    level: Array,
+    impulse_per_level: Array,
+    lag: LagFactors,
+    outside_impulse: Array | None = None,
+) -> Impulses:
+    r"""Impulses over the interval that ended now.
+
+    The steady-combination gate: a sample is usable when the commands of this interval and of the one
+    before are equal and each is 0 or 1, so that build-up and tail-off have passed (section 5.4 of
+    the thesis). An empty combination counts as steady. Where a command is not known, nothing is taken to
+    have fired, and the sample is not usable.
+
+    Args:
+        command: fraction commanded over the interval, 0 to 1, NaN where not known, shape (n_jets,).
+        previous_command: fraction commanded over the interval before, likewise.
+        level: thrust level at the start of the interval, shape (n_jets,).
+        impulse_per_level: torque and force of each jet times the sample period, shape (n_jets, 6).
+        lag: factors of the thrust lag; with zero time constants the level is the command.
+        outside_impulse: of known outside forces, about the vehicle origin, shape (6,); None: none.
+    """
+    steady = bool((command == previous_command).all() and ((command == 0.0) | (command == 1.0)).all())
+    if not steady:  # costly, and needless for a steady one
+        command = np.nan_to_num(command, nan=0.0)
+    if lag.instantaneous:
+        mean = after = command
+    else:
+        mean, after = mean_level(level, command, lag.mean), level_after(level, command, lag.remaining)
+    impulse = mean @ impulse_per_level
+    firing = bool(command.any())
+    if outside_impulse is not None and any(outside_impulse.tolist()):
+        impulse, firing = impulse + outside_impulse, True
+    return Impulses(
+        angular_impulse=impulse[:3],
+        linear_impulse=impulse[3:],
+        usable=steady,
+        firing=firing,
+        level=after,
+        mean_level=mean,
+    )

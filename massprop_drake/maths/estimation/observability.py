@@ -1,0 +1,235 @@
+r"""What a vehicle's jets and sensors can do at all: push, show the mass properties, be told apart.
+
+Everything here is geometry and noise, with the mass properties given: no data and no filter.
+
+**Pushing.** The rank and condition of the activity matrix (1-1), scaled to one unit and unit columns.
+
+**Showing the mass properties.** The rows that one jet's impulse gives are those of the two filters,
+
+    [ A_6(a + lambda x r_cm),  I^-1 [lambda x],  0 ]   of a rate increment       (2-102)
+    [ 0,                       0,           lambda ]   of a velocity increment   (3-37)
+
+They are linear in the impulses, so jets fired together show nothing that they do not show one by one. A
+combination of parameters that all rows leave alone cannot be estimated, however long the jets fire.
+
+**Being told apart.** With c_j the signature of jet j (4-12) and Y the covariance of one sample's
+increments, G = C Y^-1 C^T holds all that a single-sample test can see: signatures as vectors in units of
+the noise. A failure of jet j by f is expected to lead that of jet i in likelihood argument (4-28) by
+
+    f^2 (G_jj - G_ij^2 / G_ii) = f^2 G_jj sin^2(angle between them).
+
+Source: D. R. Levy, MIT S.M. thesis, 1983, for the equations named; what is made of them is our own.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from massprop_drake.maths.estimation.filters.rotation_filter import rate_increment_jacobian
+from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.maths.mass_properties import N_ROTATION
+
+_RANK_TOLERANCE = 1e-9  # of the largest singular value
+_COLLINEAR = 1e-12  # sin^2 of an angle that rounding cannot tell from zero
+
+
+class Activity(NamedTuple):
+    """How well jets push in six dimensions.
+
+    Attributes:
+        rank: of the activity matrix, 0 to 6.
+        condition: largest by smallest singular value once scaled; infinite below rank 6. 1: the jets
+            push equally well in every direction.
+    """
+
+    rank: int
+    condition: float
+
+
+def activity_rank(activity: Array, arm: float) -> Activity:
+    """Rank and condition of an activity matrix, whatever the units and the jets' thrusts.
+
+    Rotation rows are multiplied by a typical arm, so that all are accelerations of a point, and each
+    column is brought to length one, so that only where jets are and point to counts.
+
+    Args:
+        activity: activity vectors as columns, rotation first, shape (6, n_jets).
+        arm: ft or m, positive.
+    """
+    scaled = activity * np.array([arm] * 3 + [1.0] * 3)[:, None]
+    values = np.zeros(6)
+    found = np.linalg.svd(scaled / np.linalg.norm(scaled, axis=0), compute_uv=False)
+    values[: found.size] = found
+    rank = int((values > _RANK_TOLERANCE * values[0]).sum())
+    return Activity(rank, float(values[0] / values[5]) if rank == 6 else np.inf)
+
+
+def impulse_jacobian(wrenches: Array, mass_properties: Array, *, accelerometer: bool) -> Array:
+    """Rows that every jet's unit impulse gives for the ten parameters, shape (n_jets * 3 or 6, 10).
+
+    Args:
+        wrenches: torque about the vehicle origin and force of each jet, shape (n_jets, 6).
+        mass_properties: the ten parameters, shape (10,).
+        accelerometer: whether velocity increments are measured.
+    """
+    rows = []
+    for wrench in wrenches:
+        rotation = np.zeros((3, 10))
+        rotation[:, :N_ROTATION] = rate_increment_jacobian(mass_properties[:N_ROTATION], wrench[:3], wrench[3:])
+        rows.append(rotation)
+        if accelerometer:
+            translation = np.zeros((3, 10))
+            translation[:, 9] = wrench[3:]
+            rows.append(translation)
+    return np.vstack(rows)
+
+
+def unobservable(jacobian: Array, scale: Array) -> Array:
+    """Combinations of parameters that no row sees, a row each, shape (10 - rank, 10).
+
+    Reduced so that each names as few parameters as can be: the first that it names has weight 1 and
+    appears in no other.
+
+    Args:
+        jacobian: see `impulse_jacobian`, shape (n, 10).
+        scale: size of each parameter, such as its 1-sigma before any measurement; combinations are in
+            units of it, positive, shape (10,).
+    """
+    scaled = jacobian * scale
+    # rows of rotation and translation differ in unit, as those of strong and weak jets do in size
+    size = np.linalg.norm(scaled, axis=1)
+    scaled = scaled[size > 0.0] / size[size > 0.0, None]
+    count = scale.size
+    if scaled.shape[0] == 0:
+        return np.eye(count)
+    _, values, rows = np.linalg.svd(scaled, full_matrices=True)
+    rank = int((values > _RANK_TOLERANCE * values[0]).sum())
+    return _reduced(rows[rank:])
+
+
+def _reduced(rows: Array) -> Array:
+    """Reduced row echelon form of independent rows, with pivoting; rounding below 1e-6 becomes zero."""
+    result = rows.copy()
+    row = 0
+    for column in range(result.shape[1]):
+        if row == result.shape[0]:
+            break
+        pivot = row + int(np.abs(result[row:, column]).argmax())
+        if abs(result[pivot, column]) < 1e-6:
+            continue
+        result[[row, pivot]] = result[[pivot, row]]
+        result[row] /= result[row, column]
+        others = np.arange(result.shape[0]) != row
+        result[others] -= np.outer(result[others, column], result[row])
+        row += 1
+    result[np.abs(result) < 1e-6] = 0.0
+    return result
+
+
+def whitened(signatures: Array, covariance: Array) -> Array:
+    """Signatures in units of the noise: L^-1 c with Y = L L^T, shape (n_jets, k).
+
+    Args:
+        signatures: c of every jet, shape (n_jets, k).
+        covariance: Y, shape (k, k).
+    """
+    return np.linalg.solve(np.linalg.cholesky(covariance), signatures.T).T
+
+
+def _sizes_and_directions(signatures: Array) -> tuple[Array, Array]:
+    """Lengths, zero for what is rounding beside the longest, and vectors of length one, zero there."""
+    size = np.linalg.norm(signatures, axis=1)
+    size = np.where(size > _RANK_TOLERANCE * size.max(), size, 0.0)
+    return size, signatures * np.where(size > 0.0, 1.0 / np.where(size > 0.0, size, 1.0), 0.0)[:, None]
+
+
+class Pair(NamedTuple):
+    """Two jets and how far apart their signatures lie.
+
+    Attributes:
+        first, second: indices of the jets, the smaller first.
+        angle: between the lines of their signatures, rad, 0 to pi/2.
+        opposed: whether they point against each other: one that fails off then looks like the other
+            failing on; else one failing on looks like the other failing on.
+    """
+
+    first: int
+    second: int
+    angle: float
+    opposed: bool
+
+
+def pairs(signatures: Array) -> list[Pair]:
+    """All pairs of jets, those hardest to tell apart first.
+
+    Args:
+        signatures: in units of the noise, see `whitened`, shape (n_jets, k); a jet that shows nothing
+            (all but zero beside the others) looks like no other.
+    """
+    size, units = _sizes_and_directions(signatures)
+    visible = np.flatnonzero(size)
+    found = []
+    for place, second in enumerate(visible.tolist()):
+        for first in visible[:place].tolist():
+            opposed = bool(units[first] @ units[second] < 0.0)
+            chord = units[first] + units[second] if opposed else units[first] - units[second]
+            # exact for small angles too, unlike the arc cosine
+            angle = 2.0 * math.asin(min(0.5 * float(np.linalg.norm(chord)), 1.0))
+            found.append(Pair(first, second, angle, opposed))
+    return sorted(found, key=lambda pair: (round(pair.angle, 12), pair.first, pair.second))
+
+
+class Isolability(NamedTuple):
+    """The smallest failure of each jet that one sample is expected to assign to it.
+
+    Attributes:
+        force: magnitude, lbf or N, infinite where the sample never can, shape (n_jets,).
+        rival: index of the jet that it is hardest to tell from, -1 where none looks alike at all,
+            shape (n_jets,).
+    """
+
+    force: Array
+    rival: NDArray[np.int_]
+
+
+def smallest_isolable(signatures: Array, margin: float, *, lost: bool) -> Isolability:
+    r"""Magnitude at which a failure's expected margin over every other jet reaches a threshold.
+
+    Assumptions: the mass properties are known; the noise is at its mean, so half of all samples fall
+    short; every other jet is off, and so can only be suspected of giving too much. A jet failing on
+    is then rivalled by jets whose signatures point its way, one that loses thrust while it fires alone
+    by those that point against it. Where other jets fire too, rivals of both kinds count.
+
+    Args:
+        signatures: in units of the noise per unit force, see `whitened`, shape (n_jets, k).
+        margin: in likelihood argument, see `jet_failures.isolate`.
+        lost: whether the jet loses thrust while it fires; else it gives thrust untold.
+    """
+    size, units = _sizes_and_directions(signatures)
+    toward = -units if lost else units
+    cosine = units @ toward.T
+    np.fill_diagonal(cosine, 0.0)
+    rival = cosine.argmax(axis=1)
+    rivalled = cosine.max(axis=1) > 0.0
+    # sin^2 from the chord, exact for small angles too
+    chord = ((units - toward[rival]) ** 2).sum(axis=1)
+    apart = np.where(rivalled, chord * (1.0 - 0.25 * chord), 1.0)
+    alike = apart < _COLLINEAR
+    never = alike | (size == 0.0)
+    force = np.sqrt(margin / np.where(never, 1.0, apart)) / np.where(never, 1.0, size)
+    return Isolability(np.where(never, np.inf, force), np.where(rivalled, rival, -1))
+
+
+def span(vectors: Array, tolerance: float = 1e-6) -> Array:
+    """Orthonormal basis of what vectors span, a row each, shape (rank, 3).
+
+    Args:
+        vectors: shape (n, 3).
+        tolerance: relative to the largest singular value.
+    """
+    _, values, rows = np.linalg.svd(vectors)
+    return rows[: int((values > tolerance * max(float(values[0]), 1e-300)).sum())]

@@ -1,0 +1,299 @@
+r"""A rigid body pushed by jets: its equations of motion and a step of high order.
+
+Frames: N inertial; B body axes at the center of mass; V vehicle frame, axes of B, origin O fixed in
+the structure. No gravity: positions and velocities are relative to free fall.
+
+State, shape (23,), in this order (`BodyState` names the parts):
+
+    quaternion q_NB (4) | rate w_NB_B (3) rad/s | position of the center of mass in N (3) |
+    velocity of the center of mass in N (3) | mass | origin velocity V_O (3) | spin integral (6)
+
+V_O is the time integral, in body axes, of the specific force at O, and the spin integral that of
+w w^T as xx, yy, zz, yz, xz, xy: together they give what an integrating accelerometer anywhere on the
+body has gathered (`sensing.point_velocity`).
+
+With M the torque about the center of mass, F the force, both in body axes (2-30), (3-17):
+
+    dw/dt = I^-1 (M - w x I w),    dv_N/dt = R F / m,    dm/dt = -flow,
+    dV_O/dt = F / m - dw/dt x r_cm - w x (w x r_cm)
+
+Inertia and center of mass stay as they are while mass is used up, as in the thesis.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_drake.maths.attitude import rotation_matrix
+from massprop_drake.maths.linear_algebra import Array, inverse
+from massprop_drake.maths.mass_properties import MassProperties, six_elements, symmetric
+from massprop_drake.maths.vehicle.thrust import decay_integral
+
+N_STATE = 23
+N_WRENCH = 7  # torque about the vehicle origin (3), force (3), mass flow
+
+QUATERNION = slice(0, 4)
+RATE = slice(4, 7)
+POSITION = slice(7, 10)
+VELOCITY = slice(10, 13)
+MASS = 13
+ORIGIN_VELOCITY = slice(14, 17)
+SPIN_INTEGRAL = slice(17, 23)
+
+# One substep turns the body by at most this much about each axis, rad: the classical Runge-Kutta step then errs by
+# less than (angle^5 / 120) = 3e-14 of the rate.
+_LARGEST_ANGLE = 0.005
+
+
+_Decay = tuple[Array, float]  # a wrench that dies away, shape (7,), and its time constant, s
+
+
+class Body(NamedTuple):
+    """The constants of a rigid body's motion, as plain numbers for the inner loop.
+
+    Attributes:
+        inertia, inverse: six elements each, in the order 11, 22, 33, 23, 13, 12.
+        center: center of mass in the vehicle frame, ft or m.
+    """
+
+    inertia: tuple[float, ...]
+    inverse: tuple[float, ...]
+    center: tuple[float, ...]
+
+
+def body_of(properties: MassProperties) -> Body:
+    """The constants of motion of a body with these mass properties."""
+    return Body(
+        tuple(six_elements(properties.inertia).tolist()),
+        tuple(six_elements(inverse(properties.inertia)).tolist()),
+        tuple(np.asarray(properties.center_of_mass).tolist()),
+    )
+
+
+def initial_state(mass: float) -> Array:
+    """At rest at the origin of N, body axes along N's, nothing gathered."""
+    state = np.zeros(N_STATE)
+    state[0] = 1.0
+    state[MASS] = mass
+    return state
+
+
+def torque_about_center(wrench: Array, center_of_mass: Array) -> Array:
+    """Torque about the center of mass of a wrench about the vehicle origin, shape (3,)."""
+    return wrench[:3] - np.cross(center_of_mass, wrench[3:6])
+
+
+def derivative(state: Array, wrench: Array, body: Body) -> Array:
+    """Time derivative of the state under a wrench about the vehicle origin, shape (23,).
+
+    Args:
+        state: shape (23,).
+        wrench: torque about the vehicle origin, force, mass flow, body axes, shape (7,).
+        body: constants of the motion.
+    """
+    return _derivative(state, wrench.tolist(), None, body)
+
+
+def _derivative(state: Array, wrench: list[float], gathered: list[float] | None, body: Body) -> Array:
+    """Derivative of the state less its transient part.
+
+    ``gathered`` is the impulse (torque about the vehicle origin, force, mass) that decaying thrust has
+    given since the step began, and its mass flow now. Its effect on rate, velocity and origin velocity
+    is known in closed form; what is integrated here is the rest:
+
+        w = w' + I^-1 E_M,   v_N = v_N' + R E_F / m,   V_O = V_O' + E_F / m - (I^-1 E_M) x r_cm
+    """
+    qw, qx, qy, qz, wx, wy, wz, _, _, _, vx, vy, vz, mass, *_ = state.tolist()
+    mx, my, mz, fx, fy, fz, flow = wrench
+    ixx, iyy, izz, iyz, ixz, ixy = body.inertia
+    jxx, jyy, jzz, jyz, jxz, jxy = body.inverse
+    cx, cy, cz = body.center
+    # R_NB
+    r00, r01, r02 = 1.0 - 2.0 * (qy * qy + qz * qz), 2.0 * (qx * qy - qw * qz), 2.0 * (qx * qz + qw * qy)
+    r10, r11, r12 = 2.0 * (qx * qy + qw * qz), 1.0 - 2.0 * (qx * qx + qz * qz), 2.0 * (qy * qz - qw * qx)
+    r20, r21, r22 = 2.0 * (qx * qz - qw * qy), 2.0 * (qy * qz + qw * qx), 1.0 - 2.0 * (qx * qx + qy * qy)
+    # torque about the center of mass
+    mx, my, mz = mx - (cy * fz - cz * fy), my - (cz * fx - cx * fz), mz - (cx * fy - cy * fx)
+    # specific force
+    ax, ay, az = fx / mass, fy / mass, fz / mass
+    tx = ty = tz = 0.0  # what the transient part takes from the derivative of the velocity, body axes
+    if gathered is not None:
+        ex, ey, ez, gx, gy, gz, lost, transient_flow = gathered
+        mass -= lost
+        ax, ay, az = fx / mass, fy / mass, fz / mass
+        ex, ey, ez = ex - (cy * gz - cz * gy), ey - (cz * gx - cx * gz), ez - (cx * gy - cy * gx)
+        wx += jxx * ex + jxy * ey + jxz * ez
+        wy += jxy * ex + jyy * ey + jyz * ez
+        wz += jxz * ex + jyz * ey + jzz * ez
+        gx, gy, gz = gx / mass, gy / mass, gz / mass
+        vx += r00 * gx + r01 * gy + r02 * gz
+        vy += r10 * gx + r11 * gy + r12 * gz
+        vz += r20 * gx + r21 * gy + r22 * gz
+        # the specific force of E_F / m while the mass falls
+        rate_of_mass = -(flow + transient_flow) / mass
+        ax, ay, az = ax + gx * rate_of_mass, ay + gy * rate_of_mass, az + gz * rate_of_mass
+        tx, ty, tz = wy * gz - wz * gy, wz * gx - wx * gz, wx * gy - wy * gx
+    # Euler's equation
+    hx = ixx * wx + ixy * wy + ixz * wz
+    hy = ixy * wx + iyy * wy + iyz * wz
+    hz = ixz * wx + iyz * wy + izz * wz
+    nx, ny, nz = mx - (wy * hz - wz * hy), my - (wz * hx - wx * hz), mz - (wx * hy - wy * hx)
+    ox = jxx * nx + jxy * ny + jxz * nz
+    oy = jxy * nx + jyy * ny + jyz * nz
+    oz = jxz * nx + jyz * ny + jzz * nz
+    # velocity of the center of mass in N
+    bx, by, bz = ax - tx, ay - ty, az - tz
+    # w x r_cm, then the specific force at the vehicle origin
+    sx, sy, sz = wy * cz - wz * cy, wz * cx - wx * cz, wx * cy - wy * cx
+    return np.array(
+        [
+            -0.5 * (qx * wx + qy * wy + qz * wz),
+            0.5 * (qw * wx + qy * wz - qz * wy),
+            0.5 * (qw * wy + qz * wx - qx * wz),
+            0.5 * (qw * wz + qx * wy - qy * wx),
+            ox,
+            oy,
+            oz,
+            vx,
+            vy,
+            vz,
+            r00 * bx + r01 * by + r02 * bz,
+            r10 * bx + r11 * by + r12 * bz,
+            r20 * bx + r21 * by + r22 * bz,
+            -flow,
+            ax - (oy * cz - oz * cy) - (wy * sz - wz * sy),
+            ay - (oz * cx - ox * cz) - (wz * sx - wx * sz),
+            az - (ox * cy - oy * cx) - (wx * sy - wy * sx),
+            wx * wx,
+            wy * wy,
+            wz * wz,
+            wy * wz,
+            wx * wz,
+            wx * wy,
+        ]
+    )
+
+
+def step(
+    state: Array,
+    steady: Array,
+    transient: Array,
+    time_constants_s: tuple[float, ...],
+    duration_s: float,
+    body: Body,
+) -> Array:
+    r"""The state after a step during which each jet's target is constant.
+
+    The wrench is ``steady + sum_c transient[c] exp(-s / tau_c)``, s the time since the step began. The
+    decaying part is integrated in closed form and only its small effect through rotation by the
+    classical fourth-order Runge-Kutta method, so a step may be much longer than a time constant.
+
+    Args:
+        state: at the start, shape (23,).
+        steady: wrench about the vehicle origin that the jets tend to, shape (7,).
+        transient: difference from it at the start, one row per time constant, shape (n, 7).
+        time_constants_s: positive, s, one per row of ``transient``.
+        duration_s: length of the step, s.
+        body: constants of the motion.
+    """
+    target = steady.tolist()
+    lagging = [(row, tau) for row, tau in zip(transient, time_constants_s, strict=True) if row.any()]
+    fastest = min((tau for _, tau in lagging), default=math.inf)
+    longest = _longest_substep(state, steady, lagging, duration_s, body)
+    elapsed = 0.0
+    while elapsed < duration_s:
+        # while thrust decays: half a time constant at first, then each substep as long as all before
+        length = min(duration_s - elapsed, longest, max(0.5 * fastest, elapsed))
+        if duration_s - elapsed - length < 1e-9 * duration_s:
+            length = duration_s - elapsed
+        amplitudes = [(row * math.exp(-elapsed / tau), tau) for row, tau in lagging]
+        state = _substep(state, target, amplitudes, length, body)
+        elapsed += length
+    quaternion = state[QUATERNION]
+    state[QUATERNION] = quaternion / math.sqrt(float(quaternion @ quaternion))
+    return state
+
+
+def _longest_substep(state: Array, steady: Array, lagging: list[_Decay], duration_s: float, body: Body) -> float:
+    """Longest substep, s, that keeps the angle turned in it small."""
+    wrench = steady
+    if lagging:
+        wrench = np.abs(steady)
+        for row, _ in lagging:
+            wrench = wrench + np.abs(row)
+    mx, my, mz, fx, fy, fz, _ = (abs(element) for element in wrench.tolist())
+    cx, cy, cz = (abs(element) for element in body.center)
+    torque = max(mx + cy * fz + cz * fy, my + cz * fx + cx * fz, mz + cx * fy + cy * fx)
+    rate = max(abs(element) for element in state[RATE].tolist())
+    rate += torque * max(body.inverse[:3]) * duration_s
+    return math.inf if rate == 0.0 else _LARGEST_ANGLE / rate
+
+
+def _substep(
+    state: Array,
+    target: list[float],
+    amplitudes: list[_Decay],
+    length: float,
+    body: Body,
+) -> Array:
+    start = middle = end = None
+    if amplitudes:
+        start, middle, end = (_gathered(amplitudes, time) for time in (0.0, 0.5 * length, length))
+    half = 0.5 * length
+    k1 = _derivative(state, target, start, body)
+    k2 = _derivative(state + half * k1, target, middle, body)
+    k3 = _derivative(state + half * k2, target, middle, body)
+    k4 = _derivative(state + length * k3, target, end, body)
+    state = state + (length / 6.0) * (k1 + 2.0 * (k2 + k3) + k4)
+    if end is not None:
+        _add_transient(state, np.array(end[:N_WRENCH]), body)
+    return state
+
+
+def _gathered(amplitudes: list[_Decay], elapsed_s: float) -> list[float]:
+    """Impulse of the decaying wrenches since the substep began, and their mass flow now."""
+    impulse = np.zeros(N_WRENCH)
+    flow = 0.0
+    for row, tau in amplitudes:
+        impulse = impulse + row * decay_integral(tau, elapsed_s)
+        flow += row[6] * math.exp(-elapsed_s / tau)
+    return [*impulse.tolist(), flow]
+
+
+def _add_transient(state: Array, gathered: Array, body: Body) -> None:
+    """Adds the closed-form part of what decaying thrust gave; see `_derivative`."""
+    center = np.array(body.center)
+    rate_change = symmetric(np.array(body.inverse)) @ torque_about_center(gathered, center)
+    state[MASS] -= gathered[6]
+    velocity_change = gathered[3:6] / state[MASS]
+    rotation = rotation_matrix(state[QUATERNION] / np.linalg.norm(state[QUATERNION]))
+    state[RATE] += rate_change
+    state[VELOCITY] += rotation @ velocity_change
+    state[ORIGIN_VELOCITY] += velocity_change - np.cross(rate_change, center)
+
+
+def with_properties(state: Array, before: MassProperties, after: MassProperties) -> Array:
+    """The state when the mass properties change at once, by a payload that moves with the structure.
+
+    Rate, attitude and the motion of every point of the structure go on as they were; the new center of
+    mass has that structure's motion where it lies, so what leaves takes its momentum along.
+
+    Args:
+        state: shape (23,).
+        before, after: mass properties.
+    """
+    moved = rotation_matrix(state[QUATERNION])
+    shift = after.center_of_mass - before.center_of_mass
+    result = state.copy()
+    result[POSITION] += moved @ shift
+    result[VELOCITY] += moved @ np.cross(state[RATE], shift)
+    result[MASS] = after.mass
+    return result
+
+
+def angular_momentum(state: Array, properties: MassProperties) -> Array:
+    """Angular momentum about the center of mass in N, shape (3,)."""
+    return rotation_matrix(state[QUATERNION]) @ (properties.inertia @ state[RATE])

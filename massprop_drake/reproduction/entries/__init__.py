@@ -1,1 +1,0 @@
-"""Entries by theme; `catalogue` puts them together."""

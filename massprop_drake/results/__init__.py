@@ -1,0 +1,1 @@
+"""What comes out: runs, their summaries, and how both are kept on disk."""

@@ -1,0 +1,283 @@
+"""A finished run: its summary, its signals, and how they are kept on disk."""
+
+from __future__ import annotations
+
+import json
+import zipfile
+import zlib
+from collections.abc import Iterable, Mapping
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from massprop_drake.errors import InputError
+from massprop_drake.inputs import params
+from massprop_drake.inputs.model import yaml_text
+from massprop_drake.inputs.scenario import Scenario, load_scenario
+from massprop_drake.results.folder import whole_folder
+from massprop_drake.results.spool import Spool, outstanding_rows, picked, write_npz
+from massprop_drake.results.summary import from_names, null_for_nan
+from massprop_drake.signals import SIGNALS, Signal, accelerometer_signal, gyro_signal, in_units
+from massprop_drake.telemetry import reader as telemetry
+
+if TYPE_CHECKING:
+    from massprop_drake.display.figures import Plots
+
+Array = NDArray[np.float64]
+
+# what no figure of a replay shows
+_NOT_SHOWN = ("angular_impulse", "linear_impulse", "failure_magnitude", "rotation_innovation", "mass_innovation")
+_MANY_ROWS = 5000  # more are thinned out for pages
+_END = "...\n"  # of a YAML document: without it the file is not whole
+_EVENTS = ("alarm", "detector_event", "gap")  # signals whose rows a figure must not lose
+
+
+class Run:
+    """A scenario that has been run.
+
+    Attributes:
+        scenario: as run, in full.
+        summary: as `summary.json`.
+        signals: every logged signal by name, one row per sample, shape (n_samples, components); the
+            unit of each is in `units`, the names of its columns in `components`. Sample times are
+            `time_s`. Those of a replay lie on disk, and are read when they are asked for.
+        covariance: of the ten estimates at the end, shape (10, 10).
+        state: what is needed to go on from the end, as `filter_state.json` has it.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        summary: dict[str, Any],
+        time_s: Array | None,
+        signals: Mapping[str, Array],
+        covariance: Array,
+        state: Mapping[str, Any] | None = None,
+    ):
+        self.scenario = scenario
+        self.summary = summary
+        if time_s is not None:
+            self.time_s = time_s
+        self.signals = signals if isinstance(signals, Spool) else dict(signals)
+        self.covariance = covariance
+        self.state = dict(state or {})
+        self._thinned = False  # whether these are but some of the rows
+
+    def __repr__(self) -> str:
+        return f"<Run of '{self.scenario.name}', {self.summary['duration_s']:g} s, seed {self.scenario.seed}>"
+
+    def __getitem__(self, name: str) -> Array:
+        return self.signals[name]
+
+    @cached_property
+    def time_s(self) -> Array:
+        """Sample times, s; of a spooled run they are among its signals."""
+        return self.signals["time_s"]
+
+    @cached_property
+    def descriptions(self) -> dict[str, Signal]:
+        """What each signal is."""
+        vehicle = self.scenario.vehicle_data
+        packages = {gyro.name: gyro_signal(gyro.name) for gyro in vehicle.gyros}
+        packages |= {package.name: accelerometer_signal(package.name) for package in vehicle.accelerometers}
+        return {name: SIGNALS.get(name) or packages[name] for name in self.signals if name != "time_s"}
+
+    @cached_property
+    def units(self) -> dict[str, str]:
+        """Unit of each signal, in the vehicle's units."""
+        names = self.scenario.vehicle_data.unit_names
+        return {name: in_units(signal.unit, names) for name, signal in self.descriptions.items()}
+
+    @cached_property
+    def components(self) -> dict[str, tuple[str, ...]]:
+        """Names of each signal's columns."""
+        jets = self.scenario.vehicle_data.designations
+        return {name: signal.components or jets for name, signal in self.descriptions.items()}
+
+    @property
+    def plot(self) -> Plots:
+        """Figures of this run: `run.plot.rates()` and the others return matplotlib figures."""
+        from massprop_drake.display.figures import Plots  # noqa: PLC0415 (matplotlib is slow to load)
+
+        shown = self.shown() if isinstance(self.signals, Spool) else self
+        consistency = self.summary["consistency"] if shown._thinned else None
+        return Plots(shown.time_s, shown.signals, self.scenario, consistency=consistency)
+
+    def shown(self) -> Run:
+        """The run or, of a long one, some thousand of its rows that show what there is to see.
+
+        Of many stretches of equal length the rows where the rates and the NIS are extreme, and rows with
+        alarms; each is a row as recorded.
+        """
+        spooled = isinstance(self.signals, Spool)
+        n_rows = self.signals.n_rows if isinstance(self.signals, Spool) else self.time_s.size
+        if self._thinned or (not spooled and n_rows <= _MANY_ROWS):
+            return self
+        gyro = params.gyro(self.scenario).name
+        peaks = tuple(name for name in ("rotation_nis", "mass_nis") if name in self.signals)
+        events = tuple(name for name in _EVENTS if name in self.signals)
+        rows = outstanding_rows(self.signals, n_rows, keys=(gyro,), peaks=peaks, events=events)
+        leaving_out = _NOT_SHOWN if spooled else ()
+        signals = picked(self.signals, rows, leaving_out=leaving_out)
+        time_s = signals.pop("time_s") if spooled else self.time_s[rows]
+        shown = Run(self.scenario, self.summary, time_s, signals, self.covariance, self.state)
+        shown._thinned = True
+        return shown
+
+    def save(
+        self,
+        folder: str | Path,
+        *,
+        force: bool = False,
+        pictures: bool = True,
+        report: bool = True,
+        replay: bool = False,
+    ) -> Path:
+        """Writes the run's folder, whole or not at all.
+
+        Args:
+            folder: where; an earlier run's folder there is replaced.
+            force: whether another, non-empty folder may be written into.
+            pictures: whether to draw the figures, which takes most of the time.
+            report: whether to write `report.html`.
+            replay: whether to write `replay.html`, the run in three dimensions.
+
+        Raises:
+            InputError: when the folder cannot be written.
+        """
+        target = Path(folder)
+        with whole_folder(target, force=force) as partial:
+            (partial / "scenario.yaml").write_text(yaml_text(self.scenario) + _END, encoding="utf-8")
+            self._write_telemetry(partial / "telemetry.csv")
+            self._write_history(partial / "history.npz")
+            (partial / "filter_state.json").write_text(_json(self._filter_state()), encoding="utf-8")
+            shown = self.shown() if isinstance(self.signals, Spool) else self  # once: it is large
+            if pictures:
+                (partial / "figures").mkdir()
+                figures = shown.plot.all()
+                for name in figures:  # one at a time, to hold no more than one
+                    figures[name].savefig(partial / "figures" / f"{name}.png")
+            if report or replay:
+                from massprop_drake.display import write_replay, write_report  # noqa: PLC0415 (loads templates, Drake)
+
+                if replay:
+                    write_replay(shown, partial / "replay.html")
+                if report:
+                    write_report(shown, partial / "report.html", replay="replay.html" if replay else None)
+            (partial / "summary.json").write_text(_json(self.summary), encoding="utf-8")
+        return target
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows: the ten parameters and what was found."""
+        from massprop_drake.display.page import summary_html  # noqa: PLC0415 (loads templates)
+
+        return summary_html(self)
+
+    def to_pandas(self) -> Any:
+        """The signals as a pandas DataFrame, indexed by time in seconds; columns have signal and component.
+
+        Raises:
+            ImportError: when pandas is not installed.
+        """
+        import pandas  # noqa: PLC0415 (optional)
+
+        columns = [(name, component) for name in self.units for component in self.components[name]]
+        table = np.hstack([np.asarray(self.signals[name]) for name in self.units])
+        index = pandas.Index(np.asarray(self.time_s), name="time_s")
+        return pandas.DataFrame(
+            table, index=index, columns=pandas.MultiIndex.from_tuples(columns, names=["signal", "component"])
+        )
+
+    def to_xarray(self) -> Any:
+        """The signals as an xarray Dataset over time in seconds, each with its own components and its unit.
+
+        Raises:
+            ImportError: when xarray is not installed.
+        """
+        import xarray  # noqa: PLC0415 (optional)
+
+        variables = {
+            name: (("time_s", f"{name}_component"), np.asarray(self.signals[name]), {"units": unit})
+            for name, unit in self.units.items()
+        }
+        coordinates = {f"{name}_component": list(self.components[name]) for name in self.units}
+        return xarray.Dataset(variables, coords={"time_s": np.asarray(self.time_s), **coordinates})
+
+    @staticmethod
+    def load(folder: str | Path) -> Run:
+        """A run from its folder.
+
+        Raises:
+            InputError: when the folder holds no run.
+        """
+        path = Path(folder)
+        try:
+            summary = json.loads((path / "summary.json").read_text(encoding="utf-8"))
+            with (path / "history.npz").open("rb") as file, np.load(file, allow_pickle=False) as stored:
+                arrays = {name: stored[name] for name in stored.files if not name.startswith("_")}
+        except (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+            raise InputError(f"{path}: holds no run that can be read: {error}") from None
+        scenario = load_scenario(path / "scenario.yaml")
+        if not (path / "scenario.yaml").read_text(encoding="utf-8").endswith(_END):
+            raise InputError(f"{path / 'scenario.yaml'}: is cut short: it must end with '...'; run the scenario anew")
+        state = saved_filter_state(path) if (path / "filter_state.json").exists() else {}
+        time_s = arrays.pop("time_s")
+        return Run(scenario, summary, time_s, arrays, np.array(summary["covariance"], dtype=float), state)
+
+    def _write_telemetry(self, path: Path) -> None:
+        vehicle = self.scenario.vehicle_data
+        sensors = vehicle.sensor_names()
+        if isinstance(self.signals, Spool):
+            optional = [name for name in ("outside_wrench",) if name in self.signals]
+            rows = self.signals.blocks("time_s", "command", "gap", *sensors, *optional)
+            parts: Iterable[telemetry.Rows] = (
+                telemetry.Rows(
+                    block["time_s"],
+                    {name: block[name] for name in sensors},
+                    block["command"],
+                    block.get("outside_wrench"),
+                    block["gap"][:, 0] == 0.0,
+                )
+                for block in rows
+            )
+        else:
+            commands = self.signals["command"].copy()
+            commands[-1] = np.nan  # nothing is commanded beyond the end
+            readings = {name: self.signals[name] for name in sensors}
+            parts = [telemetry.Rows(self.time_s, readings, commands, None, np.ones(len(commands), dtype=bool))]
+        telemetry.write_csv(path, vehicle, parts)
+
+    def _write_history(self, path: Path) -> None:
+        described = {name: {"unit": self.units[name], "components": self.components[name]} for name in self.units}
+        signals = self.signals if isinstance(self.signals, Spool) else {"time_s": self.time_s, **self.signals}
+        write_npz(path, signals, described)
+
+    def _filter_state(self) -> dict[str, Any]:
+        return {
+            "format": 1,
+            "time_s": self.state["time_s"] if "time_s" in self.state else float(self.time_s[-1]),
+            "estimate": null_for_nan(from_names(self.summary["estimates"])),
+            "covariance": null_for_nan(self.covariance),
+            **self.state,
+        }
+
+
+def saved_filter_state(folder: Path) -> dict[str, Any]:
+    """The content of a run folder's `filter_state.json`, but for what its summary says as well.
+
+    Raises:
+        InputError: when the folder has none that can be read.
+    """
+    path = folder / "filter_state.json"
+    try:
+        state = json.loads(path.read_text(encoding="utf-8"))
+        return {key: value for key, value in state.items() if key not in ("format", "estimate", "covariance")}
+    except (OSError, ValueError, AttributeError) as error:
+        raise InputError(f"{path}: holds no filter state that can be read: {error}") from None
+
+
+def _json(content: Any) -> str:
+    return json.dumps(content, indent=2, allow_nan=False) + "\n"

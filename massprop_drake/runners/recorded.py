@@ -1,0 +1,286 @@
+"""Runs the estimators and the failure detector over recorded telemetry, with no simulated vehicle."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import LogVectorOutput, VectorLogSink
+
+from massprop_drake.diagrams import replay
+from massprop_drake.errors import InputError
+from massprop_drake.inputs import params
+from massprop_drake.inputs.scenario import PlantBlock, Scenario
+from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
+from massprop_drake.maths.mass_properties import N_ROTATION
+from massprop_drake.results.run import Run, saved_filter_state
+from massprop_drake.results.spool import Spool
+from massprop_drake.results.summary import composed, detection_entries, null_for_nan, settled
+from massprop_drake.runners.logs import ESTIMATION, RECENT, cycle_times, estimation_signals, restore_state, saved_state
+from massprop_drake.telemetry.quality import QualityReport
+from massprop_drake.telemetry.reader import Continuation, Reader, Rows
+
+Array = NDArray[np.float64]
+
+_AHEAD = 0.25  # of a sample period beyond the last row: its update is done, and the next row not asked for
+_LONGEST_S = 1e6  # duration that a scenario may have
+
+
+def estimate(
+    telemetry: str | Path,
+    scenario: Scenario,
+    *,
+    resume_from: str | Path | None = None,
+    progress: Callable[[float], None] | None = None,
+    declared: Callable[[dict[str, Any]], None] | None = None,
+    stream: IO[bytes] | None = None,
+    folder: Path | None = None,
+) -> Run:
+    """Estimates mass properties and finds failed jets from a record, row by row and in bounded memory.
+
+    The `estimation` diagram is the one of simulated runs, so a run's own telemetry gives its own estimates.
+
+    Args:
+        telemetry: a CSV or Parquet file, or "-" for standard input, whose rows are used as they come.
+        scenario: for the vehicle and the settings of sensors, estimators and detector; the rest of it plays
+            no part.
+        resume_from: folder of a run to go on from: its filter state is taken up, and rows up to its end are
+            skipped.
+        progress: called now and then with the share of the file that has been read, 0 to 1.
+        declared: called with each detection as soon as it is made.
+        stream: read instead of the file.
+        folder: where a temporary file with the signals may lie; default the system's place for such.
+
+    Returns:
+        The run, without truth; its signals lie on disk, and its summary has `data_quality` besides.
+
+    Raises:
+        InputError: when the record or the saved state cannot be used, or readings are such that a covariance
+            loses definiteness; the message says where.
+    """
+    scenario = settings_alone(scenario)
+    earlier = None if resume_from is None else _saved(Path(resume_from), scenario.vehicle_data)
+    after = None if earlier is None else _continuation(earlier)
+    reader = Reader(telemetry, scenario.vehicle_data, gyro=params.gyro(scenario).name, after=after, stream=stream)
+    try:
+        replayed = _Replay(scenario, earlier, str(resume_from), Spool(folder))
+        began = time.perf_counter()
+        for rows in reader:
+            entries = replayed.take(rows, reader.before)
+            if declared is not None:
+                for entry in entries:
+                    declared(entry)
+            if progress is not None:
+                progress(reader.done)
+        wall_s = time.perf_counter() - began
+    except NotPositiveDefiniteError as error:  # the files are all that there is to be wrong
+        raise InputError(
+            f"{reader.source}: the filters cannot go on: {str(error).splitlines()[0].rstrip(':')}; "
+            "check that units, columns and vehicle belong together"
+        ) from error
+    finally:
+        reader.close()
+    return replayed.finish(reader, telemetry, wall_s)
+
+
+def settings_alone(scenario: Scenario) -> Scenario:
+    """A scenario without what only a simulated vehicle has: what it is told, what fails, what is true."""
+    bare = {"maneuver": (), "jet_schedule": (), "failures": (), "jumps": (), "plant": PlantBlock()}
+    sensors = scenario.sensors.model_copy(update={"errors": ()})
+    return scenario.model_copy(update={**bare, "sensors": sensors})
+
+
+class _Replay:
+    """The diagram in its simulator, what has come out of it, and what that says."""
+
+    def __init__(self, scenario: Scenario, earlier: Mapping[str, Any] | None, source: str, spool: Spool):
+        self._scenario = scenario
+        self._vehicle = scenario.vehicle_data
+        self._period_s = self._vehicle.sample_period_s
+        self._first_row = 0 if earlier is None else int(earlier["row"]) + 1
+        self._diagram = replay.build(scenario, first_row=self._first_row)
+        self._source = self._diagram.GetSubsystemByName("telemetry_source")
+        builder = DiagramBuilder()
+        builder.AddNamedSystem("replay", self._diagram)
+        self._sinks: dict[str, VectorLogSink] = {
+            name: LogVectorOutput(self._diagram.GetOutputPort(name), builder, self._period_s)
+            for name in ESTIMATION
+            if self._diagram.HasOutputPort(name)
+        }
+        self._simulator = Simulator(builder.Build())
+        self._context = self._simulator.get_mutable_context()
+        self._context.SetTime(self._first_row * self._period_s)
+        if earlier is not None:
+            restore_state(self._diagram, self._context, earlier["states"], f"{source}/filter_state.json")
+        self._earlier = earlier
+        self._spool = spool
+        self._rows = 0
+        self._entries: list[dict[str, Any]] = [] if earlier is None else list(earlier["detections"])
+        self._recent = np.array([] if earlier is None else earlier["recent_s"], dtype=float)
+        self._recent_end = self._first_row  # number of the row after the last of the recent ones
+        self._nis: dict[str, tuple[float, int]] = {"rotation": (0.0, 0), "mass": (0.0, 0)}
+        self._on_before = np.zeros(len(self._vehicle.jets), dtype=bool)
+        self._firings = 0
+        self._fired = np.zeros(len(self._vehicle.jets))
+        self._quality = QualityReport(scenario)
+
+    def take(self, rows: Rows, before: tuple[Array, Array]) -> list[dict[str, Any]]:
+        """Puts rows through the diagram; the detections that they bring."""
+        if not self._rows:
+            self._source.begin(*before)
+            self._on_before = before[0] > 0.0
+            self._quality.begin(before[0])
+        last = self._source.extend(rows.time_s, rows.readings, rows.commands, rows.outside_wrench)
+        if not self._rows:
+            self._simulator.Initialize()
+        self._simulator.AdvanceTo((last + _AHEAD) * self._period_s)
+        self._rows += rows.time_s.size
+        signals = self._signals(rows)
+        self._spool.append(signals)
+        self._count(rows, signals)
+        self._quality.add(rows, signals)
+        self._last = {name: values[-1] for name, values in signals.items()}
+        known = len(self._entries)
+        self._entries = detection_entries(self._vehicle, rows.time_s, signals, self._entries)
+        return self._entries[known:]
+
+    def _signals(self, rows: Rows) -> dict[str, Array]:
+        """The rows and what the estimators made of them, in the record's own time."""
+        logs = {}
+        for name, sink in self._sinks.items():
+            log = sink.FindMutableLog(self._context)
+            logs[name] = np.array(log.data().T)  # a copy: the log's own memory goes with it
+            log.Clear()
+        signals: dict[str, Array] = {"time_s": rows.time_s, "command": rows.commands}
+        signals["gap"] = np.where(rows.recorded, 0.0, 1.0)[:, None]
+        if rows.outside_wrench is not None:
+            signals["outside_wrench"] = rows.outside_wrench
+        signals |= estimation_signals(self._scenario, logs)
+        signals |= rows.readings
+        self._recent = np.concatenate([self._recent, rows.time_s])
+        self._recent_end += rows.time_s.size
+        if "onset" in signals:
+            signals["onset"] = self._record_time(signals["onset"])
+        self._recent = self._recent[-RECENT:]
+        return signals
+
+    def _record_time(self, diagram_s: Array) -> Array:
+        """Times of the record for times of the diagram, which counts rows; NaN stays."""
+        rows = np.nan_to_num(diagram_s / self._period_s).round().astype(int)
+        first = self._recent_end - self._recent.size
+        found = self._recent[np.clip(rows - first, 0, None)]
+        # rows long past: as far back from the first one known as their number says
+        found = np.where(rows >= first, found, self._recent[0] - (first - rows) * self._period_s)
+        return found + (diagram_s - rows * self._period_s)  # exactly what it was where both times agree
+
+    def _count(self, rows: Rows, signals: Mapping[str, Array]) -> None:
+        for name in self._nis:
+            if f"{name}_nis" in signals:
+                used = signals[f"{name}_nis"][signals[f"{name}_used"][:, 0] != 0.0, 0]
+                total, count = self._nis[name]
+                self._nis[name] = (total + float(used.sum()), count + used.size)
+        on = rows.commands > 0.0
+        self._firings += int((on & ~np.vstack([self._on_before, on[:-1]])).sum())
+        self._on_before = on[-1]
+        self._fired += np.nansum(rows.commands, axis=0)
+
+    def _covariance(self) -> Array:
+        """Of the ten estimates after the last row; NaN for the mass where it is not observed."""
+        estimation = self._diagram.GetSubsystemByName("estimation")
+
+        def state(part: str, port: str) -> Array:
+            system = estimation.GetSubsystemByName(part)
+            return system.GetOutputPort(port).Eval(system.GetMyContextFromRoot(self._context))
+
+        covariance = np.zeros((10, 10))
+        rotation = state("rotation_estimator", "predicted_covariance")
+        covariance[:N_ROTATION, :N_ROTATION] = rotation.reshape(N_ROTATION, N_ROTATION)
+        observed = estimation.HasSubsystemNamed("mass_estimator")
+        covariance[9, 9] = state("mass_estimator", "predicted")[1] if observed else np.nan
+        return covariance
+
+    def finish(self, reader: Reader, telemetry: str | Path, wall_s: float) -> Run:
+        """The run, once all rows have been taken."""
+        record, last = reader.record, self._last
+        duration_s = record.last_s - record.first_s
+        if self._period_s <= duration_s <= _LONGEST_S:
+            self._scenario = self._scenario.model_copy(update={"duration_s": duration_s})
+        n_jets = len(self._vehicle.jets)
+        none = np.zeros(n_jets)
+        covariance = self._covariance()
+        quality = self._quality.finished(record, reader.ragged)
+        means = {name: total / count if count else None for name, (total, count) in self._nis.items()}
+        summary = composed(
+            self._scenario,
+            duration_s=duration_s,
+            estimate=last["estimate"],
+            deviation=last["standard_deviation"],
+            covariance=covariance,
+            truth=np.full(10, np.nan),
+            found=settled(self._entries, last.get("known_force", none), last.get("known_force_variance", none)),
+            consistency={
+                "rotation_nis_mean": means["rotation"],
+                "translation_nis_mean": means["mass"],
+                "samples": self._nis["rotation"][1],
+            },
+            autopilot={
+                "firings": self._firings,
+                "propellant_mass": float(self._fired @ self._vehicle.mass_flows) * self._period_s,
+                **dict.fromkeys(("lp_solves", "lp_infeasible", "jets_out_of_use", "jets_left_in", "control_authority")),
+            },
+            timing={
+                "wall_s": wall_s,
+                "real_time_factor": duration_s / wall_s,
+                "cycle_us": cycle_times(self._diagram, self._rows),
+            },
+        )
+        summary["provenance"] |= {
+            "telemetry": "standard input" if str(telemetry) == "-" else Path(telemetry).name,
+            "telemetry_sha256": reader.sha256(),
+        }
+        summary["data_quality"] = quality
+        state = {
+            "time_s": record.last_s,
+            "row": self._first_row + self._rows - 1,
+            "states": saved_state(self._diagram, self._context),
+            "command": null_for_nan(last["command"]),
+            "recent_s": null_for_nan(self._recent),
+            "detections": self._entries,
+            "outside_wrench": null_for_nan(last.get("outside_wrench", np.zeros(6))),
+            "velocity": {name: null_for_nan(value) for name, value in reader.velocity.items()},
+        }
+        return Run(self._scenario, summary, None, self._spool, covariance, state)
+
+
+# ------------------------------------------------------------------------------------------ going on
+
+
+def _saved(folder: Path, vehicle: Vehicle) -> dict[str, Any]:
+    """The filter state of an earlier run's folder, checked as far as it does not depend on the diagram."""
+    state = saved_filter_state(folder)
+    source = folder / "filter_state.json"
+    for key in ("time_s", "row", "states", "command", "recent_s", "detections"):
+        if key not in state:
+            raise InputError(f"{source}: has no '{key}'; it was not written by this version: estimate the run anew")
+    if not isinstance(state["states"], dict) or len(state["command"]) != len(vehicle.jets):
+        raise InputError(
+            f"{source}: is of a vehicle with {len(state['command'])} jets, and '{vehicle.name}' has "
+            f"{len(vehicle.jets)}; go on with the vehicle of that run"
+        )
+    return state
+
+
+def _continuation(state: Mapping[str, Any]) -> Continuation:
+    return Continuation(
+        time_s=float(state["time_s"]),
+        command=np.array(state["command"], dtype=float),
+        outside_wrench=np.array(state.get("outside_wrench", [0.0] * 6), dtype=float),
+        velocity={name: np.array(value, dtype=float) for name, value in state.get("velocity", {}).items()},
+    )

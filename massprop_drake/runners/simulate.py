@@ -1,0 +1,234 @@
+"""Runs a scenario through Drake's simulator."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
+from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.primitives import LogVectorOutput, VectorLogSink
+
+from massprop_drake.diagrams import closed_loop, open_loop
+from massprop_drake.inputs import params
+from massprop_drake.inputs.scenario import Scenario
+from massprop_drake.maths.autopilot.jet_selection import activity_vectors
+from massprop_drake.maths.mass_properties import N_ROTATION, MassProperties, symmetric
+from massprop_drake.maths.vehicle.rigid_body import MASS, POSITION, QUATERNION, RATE, VELOCITY
+from massprop_drake.results.run import Run
+from massprop_drake.results.summary import detection_entries, null_for_nan, summarize
+from massprop_drake.runners.logs import ESTIMATION, RECENT, cycle_times, estimation_signals, saved_state
+from massprop_drake.systems.autopilot.jet_selection_program import JetSelectionProgram
+
+Array = NDArray[np.float64]
+
+_LOGGED = (
+    "body_state",
+    "structure",
+    "command",
+    "thrust",
+    "hand_controllers",
+    "attitude_error",
+    "request",
+    "selection_counts",
+    "out_of_use",
+    *ESTIMATION,
+)
+_CHUNK_S = 5.0  # of simulated time between two reports of progress
+
+
+class Moment(NamedTuple):
+    """A simulation at one sample, for those who watch it.
+
+    Attributes:
+        time_s: of the sample, s.
+        attitude: q_NB, shape (4,).
+        center_of_mass: the true one, vehicle frame, ft or m, shape (3,).
+        thrust: mean force of each jet over the coming sample, lbf or N, shape (n_jets,).
+        estimate, standard_deviation: of the ten parameters, shape (10,) each.
+        removed: jets taken out of use, boolean, shape (n_jets,).
+    """
+
+    time_s: float
+    attitude: Array
+    center_of_mass: Array
+    thrust: Array
+    estimate: Array
+    standard_deviation: Array
+    removed: NDArray[np.bool_]
+
+
+def simulate(
+    scenario: Scenario,
+    *,
+    progress: Callable[[float], None] | None = None,
+    watch: Callable[[Moment], None] | None = None,
+) -> Run:
+    """Simulates a scenario from start to end.
+
+    The same scenario gives the same run, bit for bit, but for the time it took.
+
+    Args:
+        scenario: with hand-controller windows (closed loop) or a jet schedule (open loop).
+        progress: called now and then with the simulated time, s.
+        watch: called at every sample with what there is to see.
+
+    Raises:
+        NotPositiveDefiniteError: when a covariance loses definiteness, with the time and the matrix.
+        ArithmeticError: when the jet selection's solver fails.
+    """
+    vehicle = scenario.vehicle_data
+    period = vehicle.sample_period_s
+    diagram = (open_loop if scenario.jet_schedule else closed_loop).build(scenario)
+    builder = DiagramBuilder()
+    builder.AddNamedSystem(diagram.get_name(), diagram)
+    names = [name for name in (*_LOGGED, *vehicle.sensor_names()) if diagram.HasOutputPort(name)]
+    sinks = {name: LogVectorOutput(diagram.GetOutputPort(name), builder, period) for name in names}
+    simulator = Simulator(builder.Build())
+    if params.time_step(scenario) == 0.0:
+        config = SimulatorConfig(
+            integration_scheme=scenario.plant.integrator,
+            max_step_size=period,
+            accuracy=scenario.plant.accuracy,
+            use_error_control=True,
+        )
+        ApplySimulatorConfig(config, simulator)
+
+    end_s = params.sample_count(scenario) * period
+    began = time.perf_counter()
+    simulator.Initialize()
+    chunk_s = _CHUNK_S if watch is None else period
+    for number in range(1, math.ceil(end_s / chunk_s - 1e-9) + 1):
+        reached = min(number * chunk_s, end_s)
+        simulator.AdvanceTo(reached)
+        if watch is not None:
+            watch(_moment(diagram, diagram.GetMyContextFromRoot(simulator.get_context())))
+        if progress is not None:
+            progress(reached)
+    context = simulator.get_context()
+    covariance = _covariance(diagram, diagram.GetMyContextFromRoot(context))
+    simulator.AdvancePendingEvents()  # the sample at the end is used like any other
+    wall_s = time.perf_counter() - began
+
+    time_s, logs = _collect(sinks, context)
+    signals = _signals(scenario, logs)
+    timing = {
+        "wall_s": wall_s,
+        "real_time_factor": float(time_s[-1]) / wall_s,
+        "cycle_us": cycle_times(diagram, len(time_s)),
+    }
+    summary = summarize(scenario, time_s, signals, covariance, timing, _authority(scenario, signals))
+    state = {
+        "time_s": float(time_s[-1]),
+        "row": len(time_s) - 1,
+        "states": saved_state(diagram, context),
+        # nothing is commanded beyond the end
+        "command": [None] * len(vehicle.jets),
+        "recent_s": null_for_nan(time_s[-RECENT:]),
+        "detections": detection_entries(vehicle, time_s, signals),
+    }
+    return Run(scenario, summary, time_s, signals, covariance, state)
+
+
+def _moment(diagram: Diagram, context: Any) -> Moment:
+    """What there is to see at this sample."""
+
+    def output(name: str) -> Array:
+        return diagram.GetOutputPort(name).Eval(context)
+
+    thrust = output("thrust")
+    removed = np.zeros(thrust.size, dtype=bool)
+    if diagram.HasOutputPort("reconfiguration"):
+        removed = output("reconfiguration")[7:] != 0.0
+    return Moment(
+        context.get_time(),
+        output("body_state")[QUATERNION],
+        output("structure")[6:],
+        thrust,
+        output("estimate"),
+        output("standard_deviation"),
+        removed,
+    )
+
+
+def _covariance(diagram: Diagram, context: Any) -> Array:
+    """Covariance of the ten estimates, shape (10, 10); NaN for the mass where it is not observed."""
+    covariance = np.zeros((10, 10))
+    rotation = diagram.GetOutputPort("rotation_covariance").Eval(context)
+    covariance[:N_ROTATION, :N_ROTATION] = rotation.reshape(N_ROTATION, N_ROTATION)
+    observed = diagram.HasOutputPort("mass_estimate")
+    covariance[9, 9] = diagram.GetOutputPort("mass_estimate").Eval(context)[1] if observed else np.nan
+    return covariance
+
+
+def _collect(sinks: dict[str, VectorLogSink], context: Any) -> tuple[Array, dict[str, Array]]:
+    logs = {}
+    for name, sink in sinks.items():
+        log = sink.FindLog(context)
+        logs[name] = np.array(log.data().T)  # a copy: the log's own memory goes with it
+        times = np.array(log.sample_times())
+    return times, logs
+
+
+def _signals(scenario: Scenario, logs: dict[str, Array]) -> dict[str, Array]:
+    """The logged ports taken apart into named signals."""
+    vehicle = scenario.vehicle_data
+    body, structure = logs["body_state"], logs["structure"]
+    signals = {
+        "rate": body[:, RATE],
+        "attitude": body[:, QUATERNION],
+        "position": body[:, POSITION],
+        "velocity": body[:, VELOCITY],
+        "truth": _truth(body[:, MASS], structure),
+        "command": logs["command"],
+        "thrust": logs["thrust"],
+    }
+    level = logs["thrust"] / np.linalg.norm(vehicle.thrusts, axis=1)
+    wrench = level @ vehicle.wrenches
+    signals["force"] = wrench[:, 3:]
+    signals["torque"] = wrench[:, :3] - np.cross(structure[:, 6:], wrench[:, 3:])
+    for name in ("hand_controllers", "attitude_error", "request", "selection_counts", "out_of_use"):
+        if name in logs:
+            signals[name] = logs[name]
+    signals |= estimation_signals(scenario, logs)
+    for name in vehicle.sensor_names():
+        signals[name] = logs[name]
+    return signals
+
+
+def _truth(mass: Array, structure: Array) -> Array:
+    """True ten parameters at each sample; the inverse is taken once per distinct structure."""
+    truth = np.empty((mass.size, 10))
+    changes = np.flatnonzero(np.any(np.diff(structure, axis=0) != 0.0, axis=1)) + 1
+    for first, last in zip([0, *changes], [*changes, mass.size], strict=True):
+        properties = MassProperties(1.0, structure[first, 6:], symmetric(structure[first, :6]))
+        truth[first:last] = properties.vector()
+    truth[:, 9] = 1.0 / mass
+    return truth
+
+
+def _authority(scenario: Scenario, signals: dict[str, Array]) -> dict[str, Any] | None:
+    """Largest change of rate and velocity in one second of firing, per axis and direction, by nominal mass
+    properties: with all selectable jets, and with those left at the end. None without an autopilot.
+    """
+    if "out_of_use" not in signals:
+        return None
+    vehicle = scenario.vehicle_data
+    program = JetSelectionProgram(vehicle.mass_flows)
+    activity = activity_vectors(vehicle.wrenches, vehicle.nominal.vector())
+    left = params.selectable(scenario) & (signals["out_of_use"][-1] <= 0.0)
+
+    def reach(available: NDArray[np.bool_]) -> dict[str, float]:
+        limits = np.where(available, 1.0, 0.0)
+        return {
+            f"{quantity}_{sign}{axis}": program.reach(activity, row, 1.0 if sign == "+" else -1.0, limits)
+            for row, (quantity, axis) in enumerate((q, a) for q in ("rotation", "translation") for a in "xyz")
+            for sign in "+-"
+        }
+
+    before = reach(params.selectable(scenario))
+    return {"before": before, "after": before if left.sum() == params.selectable(scenario).sum() else reach(left)}

@@ -1,0 +1,1 @@
+"""What is learned from runs: a vehicle before flight, the thesis reproduced."""

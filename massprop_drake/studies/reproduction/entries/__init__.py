@@ -1,0 +1,1 @@
+"""Entries by theme; `catalog` puts them together."""

@@ -1,0 +1,30 @@
+"""An entry: one figure, table or section of the thesis, with what it needs, claims and shows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+from matplotlib.figure import Figure
+
+from massprop_drake.studies.reproduction.cases import Case
+from massprop_drake.studies.reproduction.claims import Claim, Phases
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A figure, a table or a section of the thesis.
+
+    Attributes:
+        name: as for `--only`.
+        title: a line.
+        cases: what it needs run, by the label under which claims and pictures find it in a phase.
+        claims: what the thesis says of it.
+        pictures: functions that draw the results of all phases, by file name.
+    """
+
+    name: str
+    title: str
+    cases: Mapping[str, Case]
+    claims: tuple[Claim, ...]
+    pictures: Mapping[str, Callable[[Phases], Figure]] = field(default_factory=dict)

@@ -1,0 +1,71 @@
+"""Attitude by the gyro, and the attitude to hold."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from pydrake.systems.framework import LeafSystem
+
+from massprop_drake.maths.autopilot.phase_space import AttitudeStep, attitude_step
+from massprop_drake.systems.caching import Cached
+
+
+class AttitudeReference(LeafSystem):
+    """Integrates the measured rate to an attitude and keeps the attitude to hold.
+
+    The reference is inertially fixed about axes in detent and follows the body about the others; an
+    axis back in detent is held from the moment its rate has fallen below the capture rate.
+
+    Ports:
+        gyro (in, 3): measured rate, rad/s, body axes. Required.
+        hand_controllers (in, 6): see `HandControllers`. Required.
+        attitude_error (out, 3): rotation vector from the held attitude to the body, rad, body axes;
+            zero about axes that hold none.
+
+    State: memory (14): attitude (4) and reference (4), quaternions, scalar first; which axes hold
+    attitude (3), 0 or 1; the last reading (3), rad/s, NaN before the first.
+
+    Timing: the error at t_k belongs to the reading at t_k.
+
+    Args:
+        period_s: sample period, s.
+        capture_rate: see `maths.phase_space.PhaseSpaceParams`.
+    """
+
+    def __init__(self, *, period_s: float, capture_rate: float):
+        super().__init__()
+        self.set_name("attitude_reference")
+        self._period_s = period_s
+        self._capture_rate = capture_rate
+        self._gyro = self.DeclareVectorInputPort("gyro", 3)
+        self._controllers = self.DeclareVectorInputPort("hand_controllers", 6)
+        start = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, np.nan, np.nan, np.nan]
+        self._memory = self.DeclareDiscreteState(start)
+        self._step = Cached(self, "step", self._compute, {self.xd_ticket(), self.all_input_ports_ticket()})
+        self.DeclareVectorOutputPort("attitude_error", 3, self._calc_error, prerequisites_of_calc={self._step.ticket})
+        self.DeclarePeriodicDiscreteUpdateEvent(period_sec=period_s, offset_sec=0.0, update=self._update)
+
+    def _compute(self, context: Any) -> AttitudeStep:
+        rate = self._gyro.Eval(context)
+        memory = context.get_discrete_state(self._memory).CopyToVector()
+        before = memory[11:]
+        first = bool(np.isnan(before[0]))
+        return attitude_step(
+            memory[:4],
+            memory[4:8],
+            memory[8:11],
+            rate if first else before,
+            rate,
+            self._controllers.Eval(context)[:3],
+            0.0 if first else self._period_s,
+            self._capture_rate,
+        )
+
+    def _calc_error(self, context: Any, output: Any) -> None:
+        output.SetFromVector(self._step.get(self, context).error)
+
+    def _update(self, context: Any, state: Any) -> None:
+        step = self._step.get(self, context)
+        memory = np.concatenate([step.attitude, step.reference, step.holding, self._gyro.Eval(context)])
+        state.set_value(self._memory, memory)

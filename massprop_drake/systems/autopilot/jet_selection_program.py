@@ -1,0 +1,218 @@
+r"""The linear program of jet selection, by Drake's MathematicalProgram and the simplex solver Clp.
+
+    minimize  sum_j c_j t_j   subject to   A t = b,   0 <= t <= limit          (1-1) to (1-4)
+
+A holds the activity vectors, b the request [dw; dv], c the mass flows. A basic solution has at most
+six on-times strictly between their bounds. The program is built once and its data changed.
+
+Clp works with fixed absolute tolerances, so every row of A and b is divided by the row's largest
+element, and b and the on-times by the largest element of b; unscaled answers are wrong in the third
+digit.
+
+A request that cannot be met is relaxed, by the same solver, and the result says so:
+
+1. as much of dv as can be had with all of dw: the largest s in [0, 1] with A t = [dw; s dv];
+2. where even dw is out of reach: the closest request, by the weighted sum of absolute differences of
+   the scaled rows, rotation counting ten times as much as translation.
+
+Each is followed by the program above for the least propellant that gives as much.
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.solvers import ClpSolver, MathematicalProgram, MathematicalProgramResult
+
+Array = NDArray[np.float64]
+
+_ROTATION_WEIGHT = 10.0
+_TINY = 1e-9  # share of a relaxed request given up so that rounding cannot make it infeasible again
+
+
+class Outcome(IntEnum):
+    """What became of a request."""
+
+    EXACT = 0  # met in full
+    REDUCED = 1  # all of the rate change, part of the velocity change
+    CLOSEST = 2  # the closest that can be reached
+
+
+class Selection(NamedTuple):
+    """Answer of jet selection.
+
+    Attributes:
+        on_times_s: of each jet, s, shape (n_jets,).
+        propellant: mass used, slug or kg.
+        outcome: whether the request was met.
+        reached: the request that these on-times give, rad/s and ft/s or m/s, shape (6,).
+    """
+
+    on_times_s: Array
+    propellant: float
+    outcome: Outcome
+    reached: Array
+
+
+class JetSelectionProgram:
+    """Chooses on-times of least propellant for a six-dimensional rate-change request.
+
+    Args:
+        mass_flows: propellant each jet uses at full thrust, slug/s or kg/s, positive, shape (n_jets,).
+    """
+
+    def __init__(self, mass_flows: Array):
+        self._cost = np.array(mass_flows, dtype=float)
+        if not (np.all(np.isfinite(self._cost)) and np.all(self._cost > 0.0)):
+            raise ValueError(f"mass flows must be positive and finite, got {self._cost}")
+        n = self._n = self._cost.size
+        self._solver = ClpSolver()
+        self.solves = 0  # programs solved so far, for statistics
+
+        self._exact = MathematicalProgram()
+        t = self._exact.NewContinuousVariables(n, "t")
+        self._exact_rows = self._exact.AddLinearEqualityConstraint(np.ones((6, n)), np.zeros(6), t).evaluator()
+        self._exact_box = self._exact.AddBoundingBoxConstraint(np.zeros(n), np.full(n, np.inf), t).evaluator()
+        self._exact.AddLinearCost(self._cost / self._cost.max(), 0.0, t)
+        self._exact_t = t
+
+        # on-times and the share s
+        self._share = MathematicalProgram()
+        ts = self._share.NewContinuousVariables(n + 1, "t")
+        self._share_rows = self._share.AddLinearEqualityConstraint(np.ones((6, n + 1)), np.zeros(6), ts).evaluator()
+        self._share_box = self._share.AddBoundingBoxConstraint(np.zeros(n + 1), np.ones(n + 1), ts).evaluator()
+        self._share.AddLinearCost(-np.eye(n + 1)[n], 0.0, ts)
+        self._share_t = ts
+
+        # on-times, shortfall and excess of each row
+        self._near = MathematicalProgram()
+        tn = self._near.NewContinuousVariables(n + 12, "t")
+        self._near_rows = self._near.AddLinearEqualityConstraint(np.ones((6, n + 12)), np.zeros(6), tn).evaluator()
+        self._near_box = self._near.AddBoundingBoxConstraint(np.zeros(n + 12), np.full(n + 12, np.inf), tn).evaluator()
+        weights = np.array([_ROTATION_WEIGHT] * 3 + [1.0] * 3)
+        self._near.AddLinearCost(np.concatenate([np.zeros(n), weights, weights]), 0.0, tn)
+        self._near_t = tn
+
+    def solve(self, activity: Array, request: Array, limits_s: Array) -> Selection:
+        """On-times for a request.
+
+        Args:
+            activity: activity vectors as columns, shape (6, n_jets).
+            request: [dw; dv], rad/s and ft/s or m/s, shape (6,).
+            limits_s: largest on-time of each jet, s; zero takes a jet out, shape (n_jets,).
+
+        Raises:
+            ValueError: when a shape is wrong or a number is not finite (limits may be infinite).
+            ArithmeticError: when the solver finds nothing even for a relaxed request.
+        """
+        self._check(activity, request, limits_s)
+        on_times = self._least_propellant(activity, request, limits_s)
+        outcome = Outcome.EXACT
+        if on_times is None:
+            outcome = Outcome.REDUCED
+            relaxed = self._largest_share(activity, request, limits_s)
+            if relaxed is None:
+                outcome = Outcome.CLOSEST
+                relaxed = self._closest(activity, request, limits_s)
+            target, within_reach = relaxed
+            # at the very edge of what can be reached rounding may leave no room to save propellant
+            saving = self._least_propellant(activity, target, limits_s)
+            on_times = within_reach if saving is None else saving
+        return Selection(on_times, float(self._cost @ on_times), outcome, activity @ on_times)
+
+    def reach(self, activity: Array, row: int, sign: float, limits_s: Array) -> float:
+        """Largest change of one element of the request with the other rotations at zero.
+
+        Args:
+            activity: activity vectors as columns, shape (6, n_jets).
+            row: 0 to 2 rotation about x, y, z, translation left free; 3 to 5 translation along them.
+            sign: +1 or -1.
+            limits_s: largest on-time of each jet, s, finite; zero takes a jet out, shape (n_jets,).
+
+        Returns:
+            The change, rad/s or ft/s or m/s, zero or positive.
+        """
+        far = np.zeros(6)
+        self._check(activity, far, limits_s)
+        far[row] = sign * float(np.abs(activity[row]) @ limits_s)
+        if far[row] == 0.0:
+            return 0.0
+        held = [*range(3), *([row] if row > 2 else [])]
+        rows, target, scale = _scaled(activity[held], far[held])
+        column = np.where(target != 0.0, -target, 0.0)
+        missing = 6 - len(held)
+        self._share_rows.UpdateCoefficients(
+            np.vstack([np.column_stack([rows, column]), np.zeros((missing, self._n + 1))]), np.zeros(6)
+        )
+        self._share_box.set_bounds(np.zeros(self._n + 1), np.append(limits_s / scale, 1.0))
+        result = self._solve(self._share)
+        share = 0.0 if result is None else float(result.GetSolution(self._share_t)[-1])
+        return max(share, 0.0) * abs(float(far[row]))
+
+    def _check(self, activity: Array, request: Array, limits_s: Array) -> None:
+        for name, array, shape in (
+            ("activity", activity, (6, self._n)),
+            ("request", request, (6,)),
+            ("limits_s", limits_s, (self._n,)),
+        ):
+            if array.shape != shape:
+                raise ValueError(f"{name} must have shape {shape}, got {array.shape}")
+        if not (np.isfinite(activity).all() and np.isfinite(request).all()):
+            raise ValueError(f"activity vectors and request must be finite, got {activity} and {request}")
+        if not (limits_s >= 0.0).all():  # NaN fails too
+            raise ValueError(f"limits_s must be zero or positive, got {limits_s}")
+
+    def _least_propellant(self, activity: Array, request: Array, limits_s: Array) -> Array | None:
+        rows, target, scale = _scaled(activity, request)
+        if scale == 0.0:
+            return np.zeros(self._n)
+        self._exact_rows.UpdateCoefficients(rows, target)
+        self._exact_box.set_bounds(np.zeros(self._n), limits_s / scale)
+        result = self._solve(self._exact)
+        if result is None:
+            return None
+        return np.clip(result.GetSolution(self._exact_t) * scale, 0.0, limits_s)
+
+    def _largest_share(self, activity: Array, request: Array, limits_s: Array) -> tuple[Array, Array] | None:
+        """The largest part [dw; s dv] of a request, and on-times that give it; None without dw."""
+        rows, target, scale = _scaled(activity, request)
+        column = np.concatenate([np.zeros(3), -target[3:]])
+        self._share_rows.UpdateCoefficients(np.column_stack([rows, column]), np.concatenate([target[:3], np.zeros(3)]))
+        self._share_box.set_bounds(np.zeros(self._n + 1), np.append(limits_s / scale, 1.0))
+        result = self._solve(self._share)
+        if result is None:
+            return None
+        solution = result.GetSolution(self._share_t)
+        share = float(solution[-1]) * (1.0 - _TINY)
+        on_times = np.clip(solution[:-1] * scale, 0.0, limits_s)
+        return np.concatenate([request[:3], share * request[3:]]), on_times
+
+    def _closest(self, activity: Array, request: Array, limits_s: Array) -> tuple[Array, Array]:
+        """The closest request that can be reached, and on-times that give it."""
+        rows, target, scale = _scaled(activity, request)
+        self._near_rows.UpdateCoefficients(np.hstack([rows, np.eye(6), -np.eye(6)]), target)
+        limits = np.concatenate([limits_s / scale, np.full(12, np.inf)])
+        self._near_box.set_bounds(np.zeros(self._n + 12), limits)
+        result = self._solve(self._near)
+        if result is None:
+            raise ArithmeticError(f"jet selection: the solver finds no on-times close to the request {request}")
+        on_times = np.clip(result.GetSolution(self._near_t)[: self._n] * scale, 0.0, limits_s)
+        return activity @ on_times, on_times
+
+    def _solve(self, program: MathematicalProgram) -> MathematicalProgramResult | None:
+        """The result; None when the program is infeasible, or Clp gives up on it as it then may."""
+        self.solves += 1
+        result = self._solver.Solve(program, None, None)
+        return result if result.is_success() else None
+
+
+def _scaled(activity: Array, request: Array) -> tuple[Array, Array, float]:
+    """Rows of a largest element 1 on both sides, and what to multiply the on-times by."""
+    size = np.abs(activity).max(axis=1)
+    size[size == 0.0] = 1.0
+    target = request / size
+    scale = float(np.abs(target).max())
+    return activity / size[:, None], target / scale if scale > 0.0 else target, scale

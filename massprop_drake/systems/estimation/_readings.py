@@ -1,0 +1,53 @@
+"""The sensor packages of one kind that a filter reads."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.systems.framework import LeafSystem
+
+from massprop_drake.maths.vehicle.sensing import unsaturated
+
+Array = NDArray[np.float64]
+
+
+class Package(NamedTuple):
+    """A sensor package as a filter knows it.
+
+    Attributes:
+        name: of its input port.
+        limit: largest reading either way, where the sensor saturates; infinity: unlimited.
+    """
+
+    name: str
+    limit: float
+
+
+class Readings:
+    """Input ports of some packages, and their readings side by side.
+
+    Args:
+        system: that gets the ports, one per package.
+        packages: the preferred one first.
+    """
+
+    def __init__(self, system: LeafSystem, packages: tuple[Package, ...]):
+        self._packages = packages
+        self.ports = [system.DeclareVectorInputPort(package.name, 3) for package in packages]
+
+    def eval(self, context: Any) -> Array:
+        """Readings of all packages, NaN where missing or saturated, shape (s, 3).
+
+        The first package's port must be connected; another that is not counts as missing.
+        """
+        readings = np.empty((len(self.ports), 3))
+        for index, (port, package) in enumerate(zip(self.ports, self._packages, strict=True)):
+            if index == 0 or port.HasValue(context):
+                reading = port.Eval(context)
+                readings[index] = reading if package.limit == math.inf else unsaturated(reading, package.limit)
+            else:
+                readings[index] = math.nan
+        return readings

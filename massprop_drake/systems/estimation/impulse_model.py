@@ -1,0 +1,100 @@
+"""What the commanded jets should have done over the last sample."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.systems.framework import LeafSystem
+
+from massprop_drake.maths.estimation.detectors.cglr import N_KNOWN_FORCE
+from massprop_drake.maths.estimation.impulses import Impulses, interval_impulses
+from massprop_drake.maths.vehicle.thrust import lag_factors
+from massprop_drake.systems.caching import Cached, Stopwatch
+
+Array = NDArray[np.float64]
+
+N_IMPULSES = 8
+
+
+class ImpulseModel(LeafSystem):
+    """Turns jet commands into impulses (2-45), (2-46), with the steady-combination gate.
+
+    Ports:
+        jet_commands (in, n_jets): fraction commanded over the interval that ends now, 0 to 1, NaN where
+            not known. Required.
+        outside_wrench (in, 6): torque about the vehicle origin and force of known outside forces, mean
+            over that interval. Unconnected: none.
+        known_force (in, 24): see `FailureDetector`; its wrench acts over the whole interval. Unconnected:
+            none.
+        impulses (out, 8): angular impulse about the vehicle origin (3), lbf-ft-s or N-m-s; linear
+            impulse (3), lbf-s or N-s; usable, 1 when the combination was steady; firing, 1 when any
+            jet was commanded or an outside force is known.
+        mean_level (out, n_jets): thrust level of each jet, mean over the interval.
+
+    State: memory (2 n_jets): the command of the interval before, and the thrust level by the lag at the
+    start of this one.
+
+    Timing: `impulses` at t_k are of [t_k-1, t_k). Before the first sample all jets are taken as off.
+
+    Args:
+        wrenches: torque about the vehicle origin and force of each jet, shape (n_jets, 6).
+        time_constants_s: of the thrust lag, s, zero: instantaneous, shape (n_jets,).
+        period_s: sample period, s.
+    """
+
+    def __init__(self, *, wrenches: Array, time_constants_s: Array, period_s: float):
+        super().__init__()
+        self.set_name("impulse_model")
+        n_jets = wrenches.shape[0]
+        self.stopwatch = Stopwatch()
+        self._impulse_per_level = wrenches * period_s
+        self._lag = lag_factors(time_constants_s, period_s)
+        self._command = self.DeclareVectorInputPort("jet_commands", n_jets)
+        self._known_force = self.DeclareVectorInputPort("known_force", N_KNOWN_FORCE)
+        self._outside = self.DeclareVectorInputPort("outside_wrench", 6)
+        self._period_s = period_s
+        self._n_jets = n_jets
+        self._memory = self.DeclareDiscreteState(2 * n_jets)
+        inputs = {self.input_port_ticket(port.get_index()) for port in (self._command, self._outside)}
+        self._impulses = Cached(self, "impulses", self._compute, {self.xd_ticket(), *inputs})
+        self.DeclareVectorOutputPort(
+            "impulses",
+            N_IMPULSES,
+            self._calc_impulses,
+            prerequisites_of_calc={self._impulses.ticket, self.input_port_ticket(self._known_force.get_index())},
+        )
+        self.DeclareVectorOutputPort(
+            "mean_level", n_jets, self._calc_mean_level, prerequisites_of_calc={self._impulses.ticket}
+        )
+        self.DeclarePeriodicDiscreteUpdateEvent(period_sec=period_s, offset_sec=0.0, update=self._update)
+
+    def _compute(self, context: Any) -> Impulses:
+        memory = context.get_discrete_state(self._memory).CopyToVector()
+        outside = self._outside.Eval(context) * self._period_s if self._outside.HasValue(context) else None
+        return self.stopwatch.measure(
+            interval_impulses,
+            self._command.Eval(context),
+            memory[: self._n_jets],
+            memory[self._n_jets :],
+            self._impulse_per_level,
+            self._lag,
+            outside,
+        )
+
+    def _calc_impulses(self, context: Any, output: Any) -> None:
+        impulses = self._impulses.get(self, context)
+        vector = np.array([*impulses.angular_impulse, *impulses.linear_impulse, impulses.usable, impulses.firing])
+        if self._known_force.HasValue(context):
+            wrench = self._known_force.Eval(context)[:6]
+            if wrench.any():
+                vector[:6] += wrench * self._period_s
+        output.SetFromVector(vector)
+
+    def _calc_mean_level(self, context: Any, output: Any) -> None:
+        output.SetFromVector(self._impulses.get(self, context).mean_level)
+
+    def _update(self, context: Any, state: Any) -> None:
+        level = self._impulses.get(self, context).level
+        state.set_value(self._memory, np.concatenate([self._command.Eval(context), level]))

@@ -1,0 +1,163 @@
+"""The true rigid body."""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.systems.framework import BasicVector, LeafSystem
+
+from massprop_drake.maths.mass_properties import MassProperties, joined, six_elements, symmetric
+from massprop_drake.maths.vehicle import rigid_body
+from massprop_drake.maths.vehicle.rigid_body import MASS, N_WRENCH, RATE
+
+Array = NDArray[np.float64]
+
+
+class Jump(NamedTuple):
+    """Something that is fixed to the vehicle, or leaves it, at once.
+
+    Attributes:
+        time_s: when, s; it happens at the first sample not before this.
+        mass: slug or kg; negative: it leaves.
+        position: of its center of mass in the vehicle frame, ft or m, shape (3,).
+        inertia: about its own center of mass, body axes, shape (3, 3); negative if it leaves.
+    """
+
+    time_s: float
+    mass: float
+    position: Array
+    inertia: Array
+
+
+@lru_cache(maxsize=256)
+def _body_of_structure(structure: bytes) -> rigid_body.Body:
+    """The constants of motion for a `structure` state; the simulator asks at every step."""
+    elements = np.frombuffer(structure)
+    return rigid_body.body_of(MassProperties(np.nan, elements[6:], symmetric(elements[:6])))
+
+
+class RigidBodyPlant(LeafSystem):
+    """A free rigid body under the wrench of its jets, without gravity.
+
+    Equations, frames and the order of the state: `massprop_drake.maths.vehicle.rigid_body`.
+
+    Ports:
+        wrench (in, 7, continuous plant only): torque about the vehicle origin (3), force (3), body
+            axes, and mass flow, at this instant. Required.
+        wrench_profile (in, 7 (1 + n_lags), stepped plant only): see `ReactionJets`. Required.
+        body_state (out, 23): the state. No feedthrough.
+        structure (out, 9): the state of that name. No feedthrough.
+        mass_properties (out, 10): the true ten parameters, see `maths.mass_properties`.
+
+    State: body_state (23), continuous or discrete; structure (9), discrete: inertia about the center
+    of mass (11, 22, 33, 23, 13, 12) and center of mass. They are state, not parameters, because a
+    payload may leave.
+
+    Timing: a stepped plant's update at t_k carries the body from t_k to t_k+1 under the command
+    decided at t_k; a continuous one is integrated by the simulator.
+
+    Args:
+        properties: mass properties at the start.
+        time_step: 0 for a continuous plant; positive, s: steps of this length.
+        lag_time_constants_s: of the profile's dying parts, s.
+        initial_rate: rad/s, body axes, shape (3,).
+        jumps: of the mass properties.
+        period_s: sample period, s; needed with jumps.
+    """
+
+    def __init__(
+        self,
+        properties: MassProperties,
+        *,
+        time_step: float,
+        lag_time_constants_s: tuple[float, ...] = (),
+        initial_rate: Array | None = None,
+        jumps: tuple[Jump, ...] = (),
+        period_s: float = 0.0,
+    ):
+        super().__init__()
+        self.set_name("rigid_body")
+        self._time_step = time_step
+        self._lags = lag_time_constants_s
+        start = rigid_body.initial_state(properties.mass)
+        if initial_rate is not None:
+            start[RATE] = initial_rate
+        self._structure = self.DeclareDiscreteState(
+            np.concatenate([six_elements(properties.inertia), properties.center_of_mass])
+        )
+        if time_step == 0.0:
+            self._wrench = self.DeclareVectorInputPort("wrench", N_WRENCH)
+            self._state = self.DeclareContinuousState(BasicVector(start))
+            self.DeclareStateOutputPort("body_state", self._state)
+        else:
+            self._wrench = self.DeclareVectorInputPort("wrench_profile", N_WRENCH * (1 + len(lag_time_constants_s)))
+            self._state = self.DeclareDiscreteState(start)
+            self.DeclareStateOutputPort("body_state", self._state)
+            self.DeclarePeriodicDiscreteUpdateEvent(period_sec=time_step, offset_sec=0.0, update=self._update)
+        self._jumps: dict[int, list[Jump]] = {}
+        for jump in jumps:
+            self._jumps.setdefault(math.ceil(jump.time_s / period_s - 1e-9), []).append(jump)
+        self._period_s = period_s
+        if jumps:
+            self.DeclarePeriodicUnrestrictedUpdateEvent(period_sec=period_s, offset_sec=0.0, update=self._jump)
+        self.DeclareStateOutputPort("structure", self._structure)
+        self.DeclareVectorOutputPort(
+            "mass_properties",
+            10,
+            self._calc_mass_properties,
+            prerequisites_of_calc={self.xd_ticket(), self.xc_ticket()},
+        )
+
+    def _body(self, context: Any) -> rigid_body.Body:
+        return _body_of_structure(context.get_discrete_state(self._structure).get_value().tobytes())
+
+    def _body_state(self, context: Any) -> Array:
+        if self._time_step == 0.0:
+            return context.get_continuous_state_vector().CopyToVector()
+        return context.get_discrete_state(self._state).CopyToVector()
+
+    def _calc_mass_properties(self, context: Any, output: Any) -> None:
+        body = self._body(context)
+        mass = float(self._body_state(context)[MASS])
+        output.SetFromVector(np.array([*body.inverse, *body.center, 1.0 / mass]))
+
+    def DoCalcTimeDerivatives(self, context: Any, derivatives: Any) -> None:  # noqa: N802 (overrides Drake's)
+        """The continuous plant's equations of motion."""
+        if self._time_step == 0.0:
+            wrench = self._wrench.Eval(context)
+            body = self._body(context)
+            derivatives.get_mutable_vector().SetFromVector(
+                rigid_body.derivative(self._body_state(context), wrench, body)
+            )
+
+    def _jump(self, context: Any, state: Any) -> None:
+        body_state = self._body_state(context)
+        properties = self._properties(context)
+        for jump in self._jumps.get(round(context.get_time() / self._period_s), ()):
+            after = joined(properties, jump.mass, jump.position, jump.inertia)
+            body_state = rigid_body.with_properties(body_state, properties, after)
+            properties = after
+        structure = np.concatenate([six_elements(properties.inertia), properties.center_of_mass])
+        state.get_mutable_discrete_state(self._structure).SetFromVector(structure)
+        if self._time_step == 0.0:
+            state.get_mutable_continuous_state().SetFromVector(body_state)
+        else:
+            state.get_mutable_discrete_state(self._state).SetFromVector(body_state)
+
+    def _properties(self, context: Any) -> MassProperties:
+        structure = context.get_discrete_state(self._structure).CopyToVector()
+        return MassProperties(float(self._body_state(context)[MASS]), structure[6:], symmetric(structure[:6]))
+
+    def _update(self, context: Any, state: Any) -> None:
+        profile = self._wrench.Eval(context).reshape(-1, N_WRENCH)
+        body = self._body(context)
+        if self._body_state(context)[MASS] <= 0.0:
+            raise ArithmeticError(f"at t = {context.get_time():g} s the vehicle has used up its whole mass")
+        state.set_value(
+            self._state,
+            rigid_body.step(self._body_state(context), profile[0], profile[1:], self._lags, self._time_step, body),
+        )

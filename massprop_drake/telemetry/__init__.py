@@ -1,0 +1,1 @@
+"""What is read: recorded telemetry, its format and its quality."""

@@ -1,0 +1,457 @@
+"""What a record of telemetry is worth: gaps, missing cells, stuck sensors, wrong units, samples not used."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from massprop_drake.inputs import params
+from massprop_drake.inputs.scenario import Scenario
+from massprop_drake.inputs.vehicle import Accelerometer, SensorPackage
+from massprop_drake.signals import AXES, SYMBOLS, in_units
+from massprop_drake.telemetry.reader import Record, Rows
+
+Array = NDArray[np.float64]
+
+_STUCK = 10.0  # quanta or 1-sigma that a reading must be predicted to change by before standing still counts
+_STUCK_SAMPLES = 5  # for which a reading must not change at all
+_JUMP_FACTOR, _JUMP_SIGMAS = 3.0, 10.0  # beyond what all jets together cause in a sample
+_CLEAR = 5.0  # 1-sigma of an increment that a predicted one must exceed to tell the unit
+_FEWEST = 10  # samples that tell the unit
+_MOST = 4000  # samples whose slopes are kept, from the beginning: enough for their median
+_UNIT_LIMIT = 2.5  # factor between measured and predicted that is called wrong; feet to meters is 3.28
+_LISTED, _MOST_STUCK = 5, 100  # in warnings, and at all
+_PERIOD_DIFFERS = 0.005  # of the sample period
+
+# what a factor between measured and predicted looks like, for rates and for velocities
+_RATE_UNITS = ((180.0 / math.pi, "degrees in place of radians"),)
+_VELOCITY_UNITS = {
+    "us": ((1.0 / 32.174, "g in place of ft/s^2"), (0.3048, "meters in place of feet")),
+    "si": ((1.0 / 9.80665, "g in place of m/s^2"), (3.28084, "feet in place of meters")),
+}
+_POWERS = tuple((10.0**n, f"a factor of {10.0**n:g}") for n in (1, -1, 2, -2, 3, -3, 6, -6))
+_REASONS = (
+    "first_after_start_or_gap",
+    "gyro_missing",
+    "accelerometer_missing",
+    "saturated",
+    "command_missing",
+    "fractional_command",
+    "jets_changed",
+    "coasting",
+    "rejected_by_detector",
+    "other",
+)
+
+
+class _Package(NamedTuple):
+    """A sensor package, and what the nominal vehicle lets it read.
+
+    Attributes:
+        package: as the vehicle file has it.
+        scale: quantum or 1-sigma of a reading, whichever is larger.
+        increment_std: 1-sigma of an increment.
+        largest: increments that all jets together could cause in one sample, shape (3,).
+    """
+
+    package: SensorPackage
+    scale: float
+    increment_std: float
+    largest: Array
+
+
+class _Standing:
+    """Of each component of a package: since when it stands still, and what was predicted meanwhile."""
+
+    def __init__(self) -> None:
+        self.value = np.full(3, np.nan)
+        self.since_s = np.full(3, np.nan)
+        self.until_s = np.full(3, np.nan)
+        self.sum = np.zeros(3)
+        self.least = np.zeros(3)
+        self.most = np.zeros(3)
+
+
+class QualityReport:
+    """Adds up, block by block, what `data_quality` of a summary says.
+
+    Args:
+        scenario: for the vehicle, its nominal mass properties, and the packages in use.
+    """
+
+    def __init__(self, scenario: Scenario):
+        vehicle = self._vehicle = scenario.vehicle_data
+        nominal = vehicle.nominal
+        self._inverse_inertia = np.linalg.inv(nominal.inertia)
+        self._center, self._mass = nominal.center_of_mass, nominal.mass
+        self._gyros = [package.name for package in params.gyros(scenario)]
+        self._accelerometers = [package.name for package in params.accelerometers(scenario)]
+        wrenches = vehicle.wrenches * vehicle.sample_period_s
+        turning = np.abs(self._turned(wrenches[:, :3], wrenches[:, 3:])).sum(axis=0)
+        self._packages = []
+        for package in vehicle.sensors:
+            largest = turning
+            if isinstance(package, Accelerometer):
+                arm = np.array(package.position) - self._center
+                each = self._moved(wrenches[:, :3], wrenches[:, 3:], arm)
+                largest = np.abs(each).sum(axis=0)
+            std = math.sqrt(package.variance)
+            self._packages.append(_Package(package, max(package.quantum, std), math.sqrt(2.0) * std, largest))
+        names = vehicle.sensor_names()
+        self._last = {name: np.full((1, 3), np.nan) for name in names}
+        self._last_gap = True  # nothing before the first row
+        self._commands = np.zeros((1, len(vehicle.jets)))
+        self._standing = {name: _Standing() for name in names}
+        self._stuck: list[dict[str, Any]] = []
+        self._n_stuck = 0
+        self._saturated = dict.fromkeys(names, 0)
+        self._jumps: dict[str, dict[str, Any]] = {}
+        self._ratios: dict[str, list[float]] = {name: [] for name in names}
+        filters = ["rotation", *(["mass"] if self._accelerometers else [])]
+        self._samples = {name: {"used": 0, **dict.fromkeys(_REASONS, 0)} for name in filters}
+
+        self._limits = params.convergence_limits(scenario)
+        self._detects = scenario.detector.kind != "off"
+        self._tested = 0  # samples that were tested for failed jets
+        self._estimate = self._deviation = np.full(10, np.nan)
+
+    def begin(self, command: Array) -> None:
+        """Sets the command of the interval before the first row, shape (n_jets,)."""
+        self._commands = command[None, :]
+
+    def _turned(self, angular: Array, linear: Array) -> Array:
+        """Nominal rate increments by impulses about the vehicle origin, shape (n, 3)."""
+        return (angular - np.cross(self._center, linear)) @ self._inverse_inertia
+
+    def _moved(self, angular: Array, linear: Array, arm: Array) -> Array:
+        """Nominal velocity increments at a place, by impulses, shape (n, 3)."""
+        return linear / self._mass + np.cross(self._turned(angular, linear), arm)
+
+    # ------------------------------------------------------------------------------------ adding
+
+    def add(self, rows: Rows, signals: Mapping[str, Array]) -> None:
+        """Takes in rows and what the estimators made of them.
+
+        Args:
+            rows: of the record.
+            signals: by name, as in a run, shape (n, components).
+        """
+        commands = np.vstack([self._commands, rows.commands[:-1]])  # of the interval that ended
+        gap = ~rows.recorded
+        fresh = np.concatenate([[self._last_gap], gap[:-1]])  # nothing to take a difference from
+        angular, linear = signals["angular_impulse"], signals["linear_impulse"]
+        predictable = np.asarray(np.isfinite(np.hstack([angular, linear])).all(axis=1))
+        clean_angular, clean_linear = (np.where(predictable[:, None], part, 0.0) for part in (angular, linear))
+        steady = predictable & (signals["usable"][:, 0] != 0.0) & (signals["firing"][:, 0] != 0.0)
+        saturated: dict[str, NDArray[np.bool_]] = {}
+        missing: dict[str, NDArray[np.bool_]] = {}
+        for entry in self._packages:
+            package, name = entry.package, entry.package.name
+            readings = np.vstack([self._last[name], rows.readings[name]])
+            increments = np.diff(readings, axis=0)
+            if isinstance(package, Accelerometer):
+                predicted = self._moved(clean_angular, clean_linear, np.array(package.position) - self._center)
+            else:
+                predicted = self._turned(clean_angular, clean_linear)
+            # where the jets have just changed, how fast thrust builds up decides: not counted
+            counted = np.where(steady[:, None], predicted, 0.0)
+            self._watch_standing(entry, rows.time_s, rows.readings[name], counted)
+            at_limit = np.zeros(len(readings), dtype=bool)
+            if package.range is not None:
+                at_limit = np.asarray((np.abs(readings) >= package.range * (1.0 - 1e-9)).any(axis=1))
+            self._saturated[name] += int(at_limit[1:].sum())
+            saturated[name] = at_limit[1:] | at_limit[:-1]
+            missing[name] = np.asarray(np.isnan(increments).any(axis=1))
+            self._watch_jumps(entry, rows.time_s, increments)
+            self._watch_units(entry, increments, predicted, steady & ~missing[name] & ~saturated[name])
+            self._last[name] = readings[-1:]
+        self._sort_samples(signals, commands, gap, fresh, missing, saturated)
+        if "tested" in signals:
+            self._tested += int(signals["tested"].sum())
+        self._estimate, self._deviation = signals["estimate"][-1], signals["standard_deviation"][-1]
+        self._commands = rows.commands[-1:]
+        self._last_gap = bool(gap[-1])
+
+    def _watch_standing(self, entry: _Package, time_s: Array, readings: Array, predicted: Array) -> None:
+        standing = self._standing[entry.package.name]
+        for axis in range(3):
+            values, total = readings[:, axis], standing.sum[axis] + np.cumsum(predicted[:, axis])
+            changed = values != np.concatenate([[standing.value[axis]], values[:-1]])
+            starts = np.flatnonzero(changed)
+            edges = np.unique(np.concatenate([[0], starts]))
+            most, least = np.maximum.reduceat(total, edges), np.minimum.reduceat(total, edges)
+            lasts = np.append(edges[1:], values.size) - 1
+            if not changed[0]:  # the stretch that was under way goes on
+                most[0] = max(most[0], standing.most[axis])
+                least[0] = min(least[0], standing.least[axis])
+            since = time_s[edges].copy()
+            if not changed[0]:
+                since[0] = standing.since_s[axis]
+            else:
+                self._note_standing(entry, axis, standing, standing.most[axis], standing.least[axis])
+            for index in np.flatnonzero((most - least)[:-1] >= _STUCK * entry.scale):
+                standing.since_s[axis], standing.until_s[axis] = since[index], time_s[lasts[index]]
+                standing.value[axis] = values[edges[index]]
+                self._note_standing(entry, axis, standing, most[index], least[index])
+            standing.value[axis], standing.since_s[axis] = values[-1], since[-1]
+            standing.until_s[axis], standing.sum[axis] = time_s[-1], total[-1]
+            standing.most[axis], standing.least[axis] = most[-1], least[-1]
+
+    def _note_standing(self, entry: _Package, axis: int, standing: _Standing, most: float, least: float) -> None:
+        lasted_s = float(standing.until_s[axis] - standing.since_s[axis])
+        brief = lasted_s < (_STUCK_SAMPLES - 0.5) * self._vehicle.sample_period_s  # a jet that does not fire at once
+        if brief or most - least < _STUCK * entry.scale or math.isnan(standing.value[axis]):
+            return
+        self._n_stuck += 1
+        if self._n_stuck > _MOST_STUCK:
+            return
+        self._stuck.append(
+            {
+                "sensor": entry.package.name,
+                "axis": AXES[axis],
+                "from_s": float(standing.since_s[axis]),
+                "to_s": float(standing.until_s[axis]),
+                "predicted_change": float(most - least),
+            }
+        )
+
+    def _watch_jumps(self, entry: _Package, time_s: Array, increments: Array) -> None:
+        limit = _JUMP_FACTOR * entry.largest + _JUMP_SIGMAS * entry.increment_std
+        beyond = np.abs(increments) > limit  # NaN is not
+        rows = np.flatnonzero(beyond.any(axis=1))
+        if not rows.size:
+            return
+        name = entry.package.name
+        found = self._jumps.setdefault(name, {"count": 0, "first_s": float(time_s[rows[0]]), "largest": 0.0})
+        found["count"] += rows.size
+        found["largest"] = max(found["largest"], float(np.abs(increments[beyond]).max()))
+
+    def _watch_units(self, entry: _Package, increments: Array, predicted: Array, rows: NDArray[np.bool_]) -> None:
+        size = (predicted**2).sum(axis=1)
+        clear = rows & (size > (_CLEAR * entry.increment_std) ** 2)
+        kept = self._ratios[entry.package.name]
+        if clear.any() and len(kept) < _MOST:
+            ratios = (increments[clear] * predicted[clear]).sum(axis=1) / size[clear]
+            kept.extend(ratios.tolist()[: _MOST - len(kept)])
+
+    def _sort_samples(
+        self,
+        signals: Mapping[str, Array],
+        commands: Array,
+        gap: NDArray[np.bool_],
+        fresh: NDArray[np.bool_],
+        missing: Mapping[str, NDArray[np.bool_]],
+        saturated: Mapping[str, NDArray[np.bool_]],
+    ) -> None:
+        unknown = np.isnan(commands).any(axis=1)
+        fractional = ((commands > 0.0) & (commands < 1.0)).any(axis=1)
+        nothing = np.zeros(gap.size, dtype=bool)
+
+        def none_of(packages: list[str], faults: Mapping[str, NDArray[np.bool_]]) -> NDArray[np.bool_]:
+            """Where a fault leaves no package to use: any other would do."""
+            return np.logical_and.reduce([faults[package] for package in packages])
+
+        for name, counts in self._samples.items():
+            mass = name == "mass"
+            reasons = {
+                "used": signals[f"{name}_used"][:, 0] != 0.0,
+                "first_after_start_or_gap": fresh,
+                "gyro_missing": none_of(self._gyros, missing),
+                "accelerometer_missing": none_of(self._accelerometers, missing) if mass else nothing,
+                "saturated": none_of(self._gyros, saturated)
+                | (none_of(self._accelerometers, saturated) if mass else nothing),
+                "command_missing": unknown,
+                "fractional_command": fractional,
+                "jets_changed": signals["usable"][:, 0] == 0.0,
+                "coasting": signals["firing"][:, 0] == 0.0,
+                "rejected_by_detector": signals["alarm"][:, 0] != 0.0 if "alarm" in signals else nothing,
+                "other": ~nothing,
+            }
+            left = ~gap
+            for reason, rows in reasons.items():
+                counts[reason] += int((left & rows).sum())
+                left = left & ~rows
+
+    # --------------------------------------------------------------------------------- finishing
+
+    def finished(self, record: Record, ragged: tuple[int, int, bool]) -> dict[str, Any]:
+        """The content of `data_quality`.
+
+        Args:
+            record: what the reader found.
+            ragged: rows left out for their number of cells, line of the first, whether the last was cut.
+        """
+        for entry in self._packages:
+            standing = self._standing[entry.package.name]
+            for axis in range(3):
+                self._note_standing(entry, axis, standing, standing.most[axis], standing.least[axis])
+        units = {}
+        for entry in self._packages:
+            ratios = self._ratios[entry.package.name]
+            if len(ratios) >= _FEWEST:
+                units[entry.package.name] = {"slope": float(np.median(ratios)), "samples": len(ratios)}
+        quality: dict[str, Any] = {
+            "rows": record.rows,
+            "first_s": record.first_s,
+            "last_s": record.last_s,
+            "sample_period_s": record.period_s,
+            "jitter": {"count": record.jitter, "largest_s": record.largest_jitter_s},
+            "gaps": {
+                "count": record.gaps,
+                "total_s": record.gap_sum_s,
+                "longest_s": record.longest_gap_s,
+                "first": [{"time_s": time, "length_s": length} for time, length in record.first_gaps],
+            },
+            "duplicates": record.duplicates,
+            "backward": record.backward,
+            "before_start": record.before_start,
+            "without_time": record.without_time,
+            "ragged": {"count": ragged[0], "first_line": ragged[1] or None, "last_row_incomplete": ragged[2]},
+            "missing": record.missing,
+            "absent_sensors": record.absent,
+            "unknown_columns": {name: meant or None for name, meant in record.unknown.items()},
+            "stuck": self._stuck,
+            "saturated": self._saturated,
+            "jumps": self._jumps,
+            "units": units,
+            "samples": self._samples,
+        }
+        return {**quality, "warnings": self._warnings(quality)}
+
+    def _warnings(self, quality: dict[str, Any]) -> list[str]:
+        return [
+            *self._about_units(quality),
+            *self._about_rows(quality),
+            *self._about_sensors(quality),
+            *self._about_samples(quality),
+            *self._about_tests(),
+        ]
+
+    def _about_tests(self) -> list[str]:
+        """Why nothing was tested for failed jets, where nothing was."""
+        if self._tested or not self._detects or not self._accelerometers:
+            return []
+        diagonal, center, reciprocal = self._limits.tolist()
+        relative = np.append(np.full(3, diagonal), reciprocal)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            share = self._deviation / np.abs(self._estimate)
+        wide = [
+            f"{SYMBOLS[element]} is known to {100.0 * share[element]:.2g} % ({100.0 * limit:.2g} % is asked)"
+            for element, limit in zip((0, 1, 2, 9), relative, strict=True)
+            if not share[element] < limit
+        ]
+        length = self._vehicle.unit_names["length"]
+        wide += [
+            f"{SYMBOLS[element]} to {self._deviation[element]:.2g} {length} ({center:.2g} {length})"
+            for element in (6, 7, 8)
+            if not self._deviation[element] < center
+        ]
+        why = f": {'; '.join(wide)}" if wide else ""
+        return [
+            f"no sample was tested for failed jets, since the estimates did not converge{why}; it takes a "
+            "record that excites them, or wider limits in estimation.convergence"
+        ]
+
+    def _about_units(self, quality: dict[str, Any]) -> list[str]:
+        found = []
+        for entry in self._packages:
+            name = entry.package.name
+            if name not in quality["units"]:
+                continue
+            slope = quality["units"][name]["slope"]
+            if 1.0 / _UNIT_LIMIT <= slope <= _UNIT_LIMIT:
+                continue
+            unit = "rad/s"
+            guesses: tuple[tuple[float, str], ...] = _RATE_UNITS
+            if isinstance(entry.package, Accelerometer):
+                unit = in_units("{length}/s", self._vehicle.unit_names)
+                guesses = _VELOCITY_UNITS[self._vehicle.units]
+            found.append(
+                f"{name} changes by {slope:.3g} times what the nominal mass properties predict; it must be in {unit}, "
+                f"body axes{_looks_like(slope, (*guesses, *_POWERS))}"
+            )
+        return found
+
+    def _about_rows(self, quality: dict[str, Any]) -> list[str]:
+        found = []
+        gaps, ragged = quality["gaps"], quality["ragged"]
+        if gaps["count"]:
+            first = gaps["first"][0]
+            found.append(
+                f"{_times(gaps['count'], 'gap')} in time, {gaps['longest_s']:.6g} s the longest, the first after "
+                f"{first['time_s']:.6g} s; estimates are kept over it"
+            )
+        period, nominal = quality["sample_period_s"], self._vehicle.sample_period_s
+        if period is not None and abs(period - nominal) > _PERIOD_DIFFERS * nominal:
+            found.append(f"rows are {period:.6g} s apart on average, not {nominal:g} s: forces seem off by as much")
+        late = quality["duplicates"] + quality["backward"]
+        if late:
+            found.append(f"{_times(late, 'row')} left out whose time does not go on")
+        if quality["without_time"]:
+            found.append(f"{_times(quality['without_time'], 'row')} left out that have no time")
+        if ragged["count"]:
+            only_last = ragged["last_row_incomplete"] and ragged["count"] == 1
+            what = "the last row is incomplete" if only_last else f"the first in line {ragged['first_line']}"
+            found.append(f"{_times(ragged['count'], 'row')} left out with a wrong number of cells, {what}")
+        for name, meant in quality["unknown_columns"].items():
+            if meant is not None:
+                found.append(f"column '{name}' is not used; is '{meant}' meant?")
+        return found
+
+    def _about_sensors(self, quality: dict[str, Any]) -> list[str]:
+        found = []
+        for name, count in quality["missing"].items():
+            if count:
+                found.append(f"{name} is missing in {_times(count, 'row')}")
+        if not self._accelerometers:
+            found.append("the vehicle has no accelerometer: its mass is not observable")
+        elif set(self._accelerometers) <= set(quality["absent_sensors"]):
+            found.append("the record has no accelerometer: the mass is not observable in it")
+        for entry in quality["stuck"][:_LISTED]:
+            found.append(
+                f"{entry['sensor']}_{entry['axis']} stands still from {entry['from_s']:.6g} to {entry['to_s']:.6g} s "
+                f"while the jets commanded should change it by {entry['predicted_change']:.3g}"
+            )
+        if self._n_stuck > _LISTED:
+            found.append(f"and {self._n_stuck - _LISTED} more times a sensor stands still")
+        for name, count in quality["saturated"].items():
+            if count:
+                found.append(f"{name} is at the end of its range in {_times(count, 'row')}")
+        for name, jump in quality["jumps"].items():
+            found.append(
+                f"{name} jumps {_times(jump['count'], 'time')} by more than all jets could cause in a sample, first at "
+                f"{jump['first_s']:.6g} s, the most {jump['largest']:.3g}"
+            )
+        return found
+
+    def _about_samples(self, quality: dict[str, Any]) -> list[str]:
+        names = {"rotation": "inverse inertia and center of mass", "mass": "mass"}
+        found = []
+        unknown = quality["samples"]["rotation"]["command_missing"]
+        if unknown:
+            found.append(f"the jets' commands are missing over {_times(unknown, 'sample')}, which are not used")
+        for name, counts in quality["samples"].items():
+            if counts["used"]:
+                continue
+            worst = max(_REASONS, key=lambda reason: counts[reason])
+            found.append(
+                f"no sample could be used for {names[name]}: they are as they were at the start; most often "
+                f"({counts[worst]} times) the reason was: {worst.replace('_', ' ')}"
+            )
+        return found
+
+
+def _looks_like(slope: float, guesses: tuple[tuple[float, str], ...]) -> str:
+    """What a factor looks like, when it is within a factor of 1.5 of something known."""
+    if slope <= 0.0:
+        return "; it looks like a wrong sign or wrong axes"
+    factor, name = min(guesses, key=lambda guess: abs(math.log(slope / guess[0])))
+    return f"; it looks like {name}" if abs(math.log(slope / factor)) < math.log(1.5) else ""
+
+
+def _times(count: int, noun: str) -> str:
+    return f"{count} {noun}{'' if count == 1 else 's'}"

@@ -1,0 +1,571 @@
+"""Recorded telemetry: what a vehicle's sensors read and what its jets were told, a row per sample.
+
+Written as CSV; read from CSV, Parquet or a stream, block by block, put in order and judged by the way.
+"""
+
+from __future__ import annotations
+
+import csv
+import difflib
+import math
+import re
+import sys
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import IO, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from massprop_drake.errors import InputError
+from massprop_drake.inputs.scenario import Scenario, resolved, set_field
+from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.signals import AXES
+from massprop_drake.telemetry.tables import Block, CsvTable, Table, open_table
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+JITTER = 0.05  # of the sample period: by so much rows may be early or late
+_EXACT = 1e-3  # of the sample period: less is not counted as jitter
+_SAME = 1e-6  # of the sample period: rows closer than this have one time
+_FRACTION_TOLERANCE = 1e-9  # of a commanded fraction
+_CLEARLY_PERCENT = 5.0  # a commanded fraction above this and up to 100
+_FIRST_INTERVALS = 20  # in which the sample period must show
+_STUCK_CLOCK = 25  # rows in a row whose time does not go on
+_LISTED_GAPS = 5
+WRENCH = tuple(f"known_{what}_{axis}" for what in ("torque", "force") for axis in AXES)
+
+
+def columns(vehicle: Vehicle) -> list[str]:
+    """Names of the columns in order: time, each sensor's three axes, each jet."""
+    sensors = [f"{name}_{axis}" for name in vehicle.sensor_names() for axis in AXES]
+    return ["time_s", *sensors, *(f"jet_{designation}" for designation in vehicle.designations)]
+
+
+def scenario_name(telemetry: str | Path) -> str:
+    """A scenario's name made of a telemetry file's."""
+    stem = "stdin" if str(telemetry) == "-" else Path(telemetry).stem
+    return re.sub(r"[^A-Za-z0-9_.-]+", "_", stem).lstrip("_.-") or "telemetry"
+
+
+def vehicle_scenario(name: str, vehicle: str, overrides: list[str] | None = None) -> Scenario:
+    """The default settings with a vehicle, dynamic coupling modeled and centripetal acceleration taken out.
+
+    What is recorded may turn faster than a maneuver of the orbiter.
+
+    Args:
+        name: of the scenario.
+        vehicle: a bundled one's name, or the path of a file.
+        overrides: `KEY=VALUE` each, as of `load_scenario`.
+
+    Raises:
+        InputError: when there is no such vehicle, or a setting is wrong.
+    """
+    data: dict[str, Any] = {
+        "name": name,
+        "vehicle": vehicle,
+        "rotation": {"coupling": "model"},
+        "mass": {"compensation": "transverse_centripetal"},
+    }
+    for override in overrides or []:
+        set_field(data, override)
+    return resolved(data)
+
+
+class Rows(NamedTuple):
+    """Rows of a record in order, ready for the filters.
+
+    Attributes:
+        time_s: of each row, s, shape (n,).
+        readings: of each sensor package, NaN where missing, shape (n, 3).
+        commands: fraction commanded over the interval that starts at the row's time, NaN where unknown,
+            shape (n, n_jets).
+        outside_wrench: known outside torque about the vehicle origin and force over that interval, mean,
+            shape (n, 6); None: the record has none.
+        recorded: whether the row is of the record; a row where a gap was has neither readings nor
+            commands, shape (n,).
+    """
+
+    time_s: Array
+    readings: Mapping[str, Array]
+    commands: Array
+    outside_wrench: Array | None
+    recorded: Flags
+
+
+# ---------------------------------------------------------------------------------------- writing
+
+
+def write_csv(path: Path, vehicle: Vehicle, rows: Iterable[Rows]) -> None:
+    """Writes telemetry; every number reads back exactly, and NaN becomes an empty cell.
+
+    Args:
+        path: of the file.
+        vehicle: whose packages and jets name the columns.
+        rows: block by block; those that no record has are left out.
+    """
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        heading = False
+        for block in rows:
+            outside = [] if block.outside_wrench is None else [block.outside_wrench]
+            if not heading:
+                writer.writerow([*columns(vehicle), *(WRENCH if outside else ())])
+                heading = True
+            parts = [block.time_s, *(block.readings[name] for name in vehicle.sensor_names()), block.commands, *outside]
+            table = np.column_stack(parts)[block.recorded]
+            writer.writerows([_cell(value) for value in row] for row in table.tolist())
+
+
+def _cell(value: float) -> str:
+    if math.isnan(value):  # not measured, or not commanded
+        return ""
+    return str(int(value)) if value in (0.0, 1.0) else repr(value)
+
+
+# ---------------------------------------------------------------------------------------- reading
+
+
+class Record:
+    """What has been found of a record while it was read, for the quality report.
+
+    Attributes:
+        rows: taken; first_s, last_s: their times, s.
+        intervals, interval_sum_s: those of about a sample period, and their sum.
+        jitter, largest_jitter_s: intervals off by more than 0.1 % of the period, and the most.
+        gaps, gap_sum_s, longest_gap_s, first_gaps: longer or shorter intervals; (time, length) of the first.
+        duplicates, backward, first_late_line: rows left out because their time is that of the row before, or
+            earlier; line of the first.
+        without_time, before_start: rows left out that have no time, or were estimated from already.
+        missing: rows in which a sensor package lacks a reading, by its name.
+        absent: packages that the record does not have.
+        unknown: columns not used, each with a name that may have been meant, or "".
+    """
+
+    def __init__(self) -> None:
+        self.rows = self.intervals = self.jitter = self.gaps = self.duplicates = self.backward = 0
+        self.without_time = self.before_start = self.first_late_line = 0
+        self.first_s = self.last_s = math.nan
+        self.interval_sum_s = self.largest_jitter_s = self.gap_sum_s = self.longest_gap_s = 0.0
+        self.first_gaps: list[tuple[float, float]] = []
+        self.missing: dict[str, int] = {}
+        self.absent: list[str] = []
+        self.unknown: dict[str, str] = {}
+
+    @property
+    def period_s(self) -> float | None:
+        """Mean interval between rows without a gap, s."""
+        return self.interval_sum_s / self.intervals if self.intervals else None
+
+
+class Continuation(NamedTuple):
+    """Where an earlier part of a record ended.
+
+    Attributes:
+        time_s: of its last row.
+        command: of that row, NaN where unknown, shape (n_jets,).
+        outside_wrench: of that row, shape (6,).
+        velocity: integral of each acceleration so far, by package, shape (3,) each.
+    """
+
+    time_s: float
+    command: Array
+    outside_wrench: Array
+    velocity: Mapping[str, Array]
+
+
+class Reader:
+    """Reads a record of a vehicle's telemetry, block by block, in time order.
+
+    Iterating gives `Rows`. Rows whose time does not go on are left out; where rows are missing one row
+    without readings is put in, so that differences start anew. What was found on the way is in `record`.
+
+    Args:
+        telemetry: a CSV or Parquet file, or "-" for standard input.
+        vehicle: whose packages and jets name the columns.
+        gyro: the package that must be there.
+        after: go on from the end of an earlier part; its last row may be there again, and gives its command.
+        stream: instead of a file; what is there is read row by row.
+        rows_per_block: at most, of a file.
+
+    Attributes:
+        record: what has been found so far.
+        before: command and outside wrench of the row before the first, with `after`.
+        velocity: integral of each acceleration so far, by package.
+
+    Raises:
+        InputError: with file, line and column, when the record cannot be used; also from the iteration.
+    """
+
+    def __init__(
+        self,
+        telemetry: str | Path,
+        vehicle: Vehicle,
+        *,
+        gyro: str,
+        after: Continuation | None = None,
+        stream: IO[bytes] | None = None,
+        rows_per_block: int = 1024,
+    ):
+        self.record = Record()
+        self._vehicle = vehicle
+        self._period_s = vehicle.sample_period_s
+        self.source, self._table = _opened(telemetry, stream, rows_per_block)
+        try:
+            self._plan(gyro)
+        except BaseException:
+            self._table.close()
+            raise
+        self._after = after
+        self._awaiting = after is not None
+        n_jets = len(vehicle.jets)
+        self.before = (np.zeros(n_jets), np.zeros(6)) if after is None else (after.command, after.outside_wrench)
+        start = {} if after is None else after.velocity
+        self.velocity = {name: np.array(start.get(name, np.zeros(3))) for name in self._accelerations}
+        self._last_s = math.nan if after is None else after.time_s
+        self._late_in_a_row = 0
+        self._first_steps: list[float] = []
+
+    @property
+    def done(self) -> float:
+        """Share of the file that has been read, 0 to 1; 0 of a stream."""
+        return self._table.done
+
+    @property
+    def ragged(self) -> tuple[int, int, bool]:
+        """Rows left out for their number of cells; line of the first; whether the last row was cut."""
+        found = self._table.ragged
+        return found.count, found.first_line, found.last_incomplete
+
+    def sha256(self) -> str:
+        """Of the record, hexadecimal, once it has been read."""
+        return self._table.sha256()
+
+    def close(self) -> None:
+        """Closes the file."""
+        self._table.close()
+
+    # ----------------------------------------------------------------------------------- columns
+
+    def _plan(self, gyro: str) -> None:
+        """Finds the columns: which of the table's are wanted, and where each lies among them."""
+        vehicle, header = self._vehicle, self._table.header
+        present = set(header)
+        jets = [f"jet_{designation}" for designation in vehicle.designations]
+        problems = self._missing_columns(["time_s", *(f"{gyro}_{axis}" for axis in AXES), *jets], present)
+        self._wanted: list[int] = []
+        self._accelerations: list[str] = []
+        used: set[str] = set()
+
+        def place(names: Iterable[str]) -> list[int]:
+            places = []
+            for name in names:
+                used.add(name)
+                self._wanted.append(header.index(name))
+                places.append(len(self._wanted) - 1)
+            return places
+
+        self._sensor_places: dict[str, list[int]] = {}
+        if not problems:
+            place(["time_s"])
+        for package in vehicle.sensors:
+            names = [f"{package.name}_{axis}" for axis in AXES]
+            accelerations = [f"{package.name}_accel_{axis}" for axis in AXES]
+            if package not in vehicle.gyros and not present & set(names) and present & set(accelerations):
+                names = accelerations
+                self._accelerations.append(package.name)
+            there = [name for name in names if name in present]
+            if there and len(there) < 3:
+                lacking = next(name for name in names if name not in present)
+                if not any(lacking in problem for problem in problems):
+                    problems.append(
+                        f"{self.source}: has column '{there[0]}' but no '{lacking}'; give all three axes or none"
+                        + _meant(lacking, present - used)
+                    )
+            elif there and not problems:
+                self._sensor_places[package.name] = place(names)
+            elif not there:
+                self.record.absent.append(package.name)
+        outside = [name for name in WRENCH if name in present]
+        for what in ("torque", "force"):
+            axes = [name for name in outside if name.startswith(f"known_{what}")]
+            if axes and len(axes) < 3:
+                problems.append(f"{self.source}: has column '{axes[0]}' but not all of known_{what}_x, _y, _z")
+        if problems:
+            raise InputError(*problems)
+        self._outside = [WRENCH.index(name) for name in outside]
+        self._outside_places = place(outside)
+        self._command_places = place(jets)
+        known = [name for name in [*columns(vehicle), *WRENCH] if name not in present]
+        self.record.unknown = {name: _close(name, known) for name in dict.fromkeys(header) if name and name not in used}
+
+    def _missing_columns(self, required: list[str], present: set[str]) -> list[str]:
+        missing = [name for name in required if name not in present]
+        if not missing:
+            return []
+        shown = ", ".join(missing[:5]) + (f" and {len(missing) - 5} more" if len(missing) > 5 else "")
+        strange = present - set(columns(self._vehicle))
+        hint = next((hint for hint in (_meant(name, strange) for name in missing) if hint), "")
+        return [
+            f"{self.source}: no column{'s' if len(missing) > 1 else ''} {shown}{hint}; vehicle "
+            f"'{self._vehicle.name}' needs time_s, its gyro's three axes and a column for each jet"
+        ]
+
+    # -------------------------------------------------------------------------------------- rows
+
+    def __iter__(self) -> Iterator[Rows]:
+        try:
+            for block in self._table.blocks(self._wanted):
+                self._check_commands(block)
+                ordered = self._ordered(block)
+                if ordered is not None:
+                    yield ordered
+        finally:
+            self._table.close()
+        self._require_period(at_end=True)
+        if not self.record.rows:
+            later = "" if self._after is None else f" later than {self._after.time_s:g} s, where the earlier run ended"
+            raise InputError(f"{self.source}: has no usable row{later}; expected a row per sample")
+
+    def _check_commands(self, block: Block) -> None:
+        commands = block.values[:, self._command_places]
+        wrong = (commands < -_FRACTION_TOLERANCE) | (commands > 1.0 + _FRACTION_TOLERANCE)
+        if not wrong.any():
+            return
+        row, jet = np.argwhere(wrong)[0]
+        value = float(commands[row, jet])
+        percent = _CLEARLY_PERCENT < np.nanmax(commands) <= 100.0 and np.nanmin(commands) >= 0.0
+        hint = "; the commands look like percent: divide them by 100" if percent else ""
+        raise InputError(
+            f"{self.source}, {self._table.place} {block.lines[row]}, column jet_{self._vehicle.designations[jet]}: "
+            f"{value:g} is no fraction of 0 to 1{hint}"
+        )
+
+    def _ordered(self, block: Block) -> Rows | None:
+        """The rows of a block that go on in time, with a row put in at each gap."""
+        times = block.values[:, 0]
+        steps = np.diff(times, prepend=self._last_s)
+        off = steps - self._period_s
+        if not self._awaiting and (np.abs(off) <= JITTER * self._period_s * (1.0 + 1e-9)).all():
+            taken = np.arange(times.size)
+            self._count_steps(steps)
+            self._last_s = float(times[-1])
+            self._late_in_a_row = 0
+            return self._rows(block, taken, {})
+        taken_list: list[int] = []
+        breaks: dict[int, float] = {}
+        for index, time in enumerate(times.tolist()):
+            self._place(index, time, block, taken_list, breaks)
+        return self._rows(block, np.array(taken_list, dtype=int), breaks) if taken_list else None
+
+    def _place(self, index: int, time: float, block: Block, taken: list[int], breaks: dict[int, float]) -> None:
+        """Decides about one row: taken, left out, or taken after a gap."""
+        record, period = self.record, self._period_s
+        line = int(block.lines[index])
+        if math.isnan(time):
+            record.without_time += 1
+            return
+        step = time - self._last_s
+        if self._awaiting:
+            if abs(step) <= JITTER * period:  # the row at which the earlier part ended
+                self.before = self._boundary(block, index)
+                self._last_s = time
+                self._awaiting = False
+                return
+            if step < 0.0:
+                record.before_start += 1
+                return
+            self._awaiting = False
+        if step <= _SAME * period:
+            same = abs(step) <= _SAME * period
+            record.duplicates += same
+            record.backward += not same
+            record.first_late_line = record.first_late_line or line
+            self._late_in_a_row += 1
+            if self._late_in_a_row >= _STUCK_CLOCK:
+                raise InputError(
+                    f"{self.source}, {self._table.place} {line}: time_s has not gone beyond {self._last_s:.10g} s for "
+                    f"{_STUCK_CLOCK} rows, here {time:.10g}; has the clock been set back? Give the parts one by one"
+                )
+            return
+        self._late_in_a_row = 0
+        if not math.isnan(step):
+            if abs(step - period) <= JITTER * period * (1.0 + 1e-9):
+                self._count_steps(np.array([step]))
+            else:
+                breaks[len(taken)] = self._last_s + min(period, 0.5 * step)
+                taken.append(-1)
+                record.gaps += 1
+                record.gap_sum_s += step
+                record.longest_gap_s = max(record.longest_gap_s, step)
+                if len(record.first_gaps) < _LISTED_GAPS:
+                    record.first_gaps.append((self._last_s, step))
+                self._watch_period([step])
+        taken.append(index)
+        self._last_s = time
+
+    def _boundary(self, block: Block, index: int) -> tuple[Array, Array]:
+        values = block.values[index]
+        wrench = np.zeros(6)
+        wrench[self._outside] = np.nan_to_num(values[self._outside_places])
+        return np.clip(values[self._command_places], 0.0, 1.0), wrench
+
+    def _count_steps(self, steps: Array) -> None:
+        record = self.record
+        size = np.abs(steps - self._period_s)
+        record.intervals += steps.size
+        record.interval_sum_s += float(steps.sum())
+        record.jitter += int((size > _EXACT * self._period_s).sum())
+        record.largest_jitter_s = max(record.largest_jitter_s, float(size.max()))
+        self._watch_period(steps.tolist())
+
+    def _watch_period(self, steps: list[float]) -> None:
+        lacking = _FIRST_INTERVALS - len(self._first_steps)
+        if lacking > 0:
+            self._first_steps.extend(steps[:lacking])
+            if len(self._first_steps) == _FIRST_INTERVALS:
+                self._require_period()
+
+    def _require_period(self, *, at_end: bool = False) -> None:
+        """Stops at a record of another sample period."""
+        if not self._first_steps or (at_end and len(self._first_steps) == _FIRST_INTERVALS):
+            return
+        median = float(np.median(self._first_steps))
+        if abs(median - self._period_s) > JITTER * self._period_s:
+            raise InputError(
+                f"{self.source}: rows are {median:.6g} s apart, but the sample period of vehicle "
+                f"'{self._vehicle.name}' is {self._period_s:g} s; resample the record, or set sample_period_s"
+            )
+
+    def _rows(self, block: Block, taken: NDArray[np.int_], breaks: dict[int, float]) -> Rows:
+        values = block.values[taken]
+        recorded = taken >= 0
+        for row, time in breaks.items():
+            values[row] = np.nan
+            values[row, 0] = time
+        record = self.record
+        times = values[:, 0]
+        if not record.rows:
+            record.first_s = float(times[recorded][0])
+        record.last_s = float(times[-1])
+        record.rows += int(recorded.sum())
+
+        readings = {}
+        for name in self._vehicle.sensor_names():
+            places = self._sensor_places.get(name)
+            reading = np.full((taken.size, 3), np.nan) if places is None else values[:, places]
+            if places is not None:
+                lacking = int(np.isnan(reading[recorded]).any(axis=1).sum())
+                record.missing[name] = record.missing.get(name, 0) + lacking
+            if name in self._accelerations:
+                reading = self._integrated(name, reading)
+            readings[name] = reading
+        outside = None
+        if self._outside:
+            outside = np.zeros((taken.size, 6))
+            outside[:, self._outside] = np.nan_to_num(values[:, self._outside_places])
+        commands = np.clip(values[:, self._command_places], 0.0, 1.0)
+        return Rows(times, readings, commands, outside, recorded)
+
+    def _integrated(self, name: str, acceleration: Array) -> Array:
+        """Velocity from the mean acceleration of each sample; missing where that is, and going on from there."""
+        missing = np.isnan(acceleration)
+        steps = np.where(missing, 0.0, acceleration) * self._period_s
+        velocity = np.cumsum(np.vstack([self.velocity[name], steps]), axis=0)[1:]
+        self.velocity[name] = velocity[-1].copy()
+        return np.where(missing, np.nan, velocity)
+
+
+def _opened(telemetry: str | Path, stream: IO[bytes] | None, rows_per_block: int) -> tuple[str, Table]:
+    if stream is not None or str(telemetry) == "-":
+        binary = stream or sys.stdin.buffer
+        return "standard input", CsvTable(binary, "standard input", 1)
+    return str(telemetry), open_table(Path(telemetry), rows_per_block=rows_per_block)
+
+
+def _close(word: str, valid: Iterable[str]) -> str:
+    by_lower = {name.lower(): name for name in valid}
+    found = difflib.get_close_matches(word.lower(), list(by_lower), n=1, cutoff=0.75)
+    return by_lower[found[0]] if found else ""
+
+
+def _meant(missing: str, strange: Iterable[str]) -> str:
+    """' (is it ...?)' when a column that is there looks like the missing one."""
+    found = _close(missing, strange)
+    return f" (is '{found}' meant to be '{missing}'?)" if found else ""
+
+
+# --------------------------------------------------------------------------------------- checking
+
+
+def check(path: Path, vehicle: Vehicle | None = None, gyro: str | None = None) -> dict[str, Any]:
+    """Reads a record through and says what is in it, without estimating.
+
+    Args:
+        path: of a CSV or Parquet file.
+        vehicle: whose columns and period it must have; None: only that it is a table of numbers in
+            time order.
+        gyro: the package that must be there; default the vehicle's first.
+
+    Returns:
+        rows, first_s, last_s, period_s, gaps, jitter, late (rows left out because time did not go on),
+        ragged, unknown columns, absent packages.
+
+    Raises:
+        InputError: when the record cannot be used.
+    """
+    if vehicle is None:
+        return _check_structure(path)
+    reader = Reader(path, vehicle, gyro=gyro or vehicle.gyros[0].name)
+    for _ in reader:
+        pass
+    record = reader.record
+    return {
+        "rows": record.rows,
+        "first_s": record.first_s,
+        "last_s": record.last_s,
+        "period_s": record.period_s,
+        "gaps": record.gaps,
+        "jitter": record.jitter,
+        "late": record.duplicates + record.backward,
+        "ragged": reader.ragged[0],
+        "unknown": list(record.unknown),
+        "absent": record.absent,
+    }
+
+
+def _check_structure(path: Path) -> dict[str, Any]:
+    table = open_table(path)
+    try:
+        if "time_s" not in table.header:
+            hint = _meant("time_s", table.header)
+            raise InputError(f"{path}: no column time_s{hint}; telemetry has the time of each row, in seconds")
+        names = [name for name in table.header if name]
+        wanted = [table.header.index(name) for name in ("time_s", *(name for name in names if name != "time_s"))]
+        parts = []
+        for block in table.blocks(wanted):
+            parts.append(block.values[:, 0])
+    finally:
+        table.close()
+    times = np.concatenate([np.empty(0), *parts])
+    times = times[np.isfinite(times)]
+    if not times.size:
+        raise InputError(f"{path}: has no usable row; expected a row per sample")
+    steps = np.diff(times)
+    forward = steps[steps > 0.0]
+    period = float(np.median(forward)) if forward.size else None
+    off = np.abs(forward - (period or 0.0))
+    gaps = off > JITTER * (period or 0.0)
+    return {
+        "rows": int(times.size),
+        "first_s": float(times[0]),
+        "last_s": float(times[-1]),
+        "period_s": period,
+        "gaps": int(gaps.sum()),
+        "jitter": int((off[~gaps] > _EXACT * (period or 0.0)).sum()),
+        "late": int((steps <= 0.0).sum()),
+        "ragged": table.ragged.count,
+        "unknown": [],
+        "absent": [],
+    }

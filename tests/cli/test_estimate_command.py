@@ -1,0 +1,235 @@
+"""`massprop estimate` and `massprop check` on telemetry: what they print, write and refuse."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from command_probe import FILES, Massprop, Outcome
+from telemetry_probe import Log, toy_vehicle
+
+from massprop_drake import Run, load_scenario
+from massprop_drake.cli import app as cli
+from massprop_drake.inputs.vehicle import Vehicle
+
+
+@pytest.fixture
+def toy(toy_data: dict[str, Any], massprop: Massprop) -> Vehicle:
+    """The toy vehicle, also as toy.yaml in the current folder, with its telemetry in flight.csv."""
+    Path("toy.yaml").write_text(yaml.safe_dump(toy_data), encoding="utf-8")
+    vehicle = toy_vehicle(toy_data)
+    Log(vehicle).write(Path("flight.csv"))
+    return vehicle
+
+
+def _assert_refused(done: Outcome, *words: str) -> None:
+    """One message on the error stream, status 2, nothing else, and no folder."""
+    assert done.status == 2, done
+    assert done.out == ""
+    assert done.err.startswith("massprop: ")
+    assert done.err.count("\n") == 1, done.err
+    assert "Traceback" not in done.err
+    for word in words:
+        assert word in done.err
+    assert not Path("runs").exists() or not any(Path("runs").iterdir())
+
+
+@pytest.mark.usefixtures("toy")
+def test_a_vehicle_and_a_log_give_a_folder_and_a_table(massprop: Massprop) -> None:
+    done = massprop("estimate", "flight.csv", "--vehicle", "toy.yaml")
+    assert (done.status, done.err) == (0, "")
+    assert {path.name for path in Path("runs/flight").iterdir()} == FILES
+    assert [path.name for path in Path("runs").iterdir()] == ["flight"]
+    lines = done.out.splitlines()
+    assert lines[0].startswith("flight.csv: toy, 5.9 s")
+    for symbol in ("Ixx⁻¹", "Ixy⁻¹", "x_cm", "1/m", "m ", "Ixx ", "Iyz "):
+        assert any(re.match(rf"│ {symbol}", line) for line in lines), symbol
+    for beginning in ("consistency: mean NIS", "samples:     60 rows;", "detected:    no failure", "files:"):
+        assert any(line.startswith(beginning) for line in lines), beginning
+    (warning,) = [line for line in lines if line.startswith("warning")]  # six seconds excite too little
+    assert "no sample was tested for failed jets" in warning
+    run = Run.load("runs/flight")
+    assert run.summary["scenario"] == "flight"
+    assert run.scenario.vehicle_data.name == "toy"
+
+
+@pytest.mark.usefixtures("toy")
+def test_json_is_the_summary_alone(massprop: Massprop) -> None:
+    done = massprop("estimate", "flight.csv", "--vehicle", "toy.yaml", "--json", "--out", "there")
+    assert (done.status, done.err) == (0, "")
+    summary = json.loads(done.out)
+    assert summary == json.loads(Path("there/summary.json").read_text(encoding="utf-8"))
+    assert summary["data_quality"]["rows"] == 60
+
+
+def test_a_vehicle_may_call_its_jets_what_it_likes(massprop: Massprop, toy_data: dict[str, Any]) -> None:
+    toy_data["jet_kinds"] = {"cold_gas": toy_data["jet_kinds"]["primary"]}
+    for jet in toy_data["jets"]:
+        jet["kind"] = "cold_gas"
+    Path("toy.yaml").write_text(yaml.safe_dump(toy_data), encoding="utf-8")
+    Log(toy_vehicle(toy_data)).write(Path("flight.csv"))
+    assert massprop("estimate", "flight.csv", "--vehicle", "toy.yaml", "--quiet") == (0, "", "")
+
+
+@pytest.mark.usefixtures("toy")
+def test_quiet_prints_nothing(massprop: Massprop) -> None:
+    assert massprop("estimate", "flight.csv", "--vehicle", "toy.yaml", "--quiet") == (0, "", "")
+
+
+def test_warnings_are_printed(massprop: Massprop, toy: Vehicle) -> None:
+    log = Log(toy)
+    del log.rows[20:25]
+    log.add("gyr_x", ["0"] * 55)
+    log.write(Path("flight.csv"))
+    done = massprop("estimate", "flight.csv", "--vehicle", "toy.yaml")
+    warnings = [line for line in done.out.splitlines() if line.startswith("warning:")]
+    assert any("1 gap in time, 0.6 s the longest" in line for line in warnings)
+
+
+@pytest.mark.usefixtures("toy")
+def test_like_takes_every_setting_and_options_replace_some(massprop: Massprop) -> None:
+    Path("mine.yaml").write_text(
+        "name: mine\nvehicle: toy.yaml\nrotation: {filter: extended}\nestimation: {start: zero}\n"
+        "maneuver:\n  - {controller: rhc, axis: +x, start_s: 1, end_s: 2}\n",
+        encoding="utf-8",
+    )
+    assert massprop("estimate", "flight.csv", "--like", "mine.yaml").status == 0
+    scenario = load_scenario("runs/flight")
+    assert (scenario.name, scenario.rotation.filter, scenario.estimation.start) == ("mine", "extended", "zero")
+    assert not scenario.maneuver  # what was to be flown is no setting of the estimators
+    options = ("--start", "nominal", "--set", "detector.margin=5", "--out", "again")
+    assert massprop("estimate", "flight.csv", "--like", "runs/flight", *options).status == 0
+    scenario = load_scenario("again")
+    assert (scenario.estimation.start, scenario.detector.margin) == ("nominal", 5.0)
+
+
+@pytest.mark.usefixtures("toy")
+def test_going_on_needs_nothing_but_the_folder(massprop: Massprop, toy: Vehicle) -> None:
+    log = Log(toy)
+    rows = log.rows
+    for part, some in (("one", rows[:31]), ("two", rows[30:])):
+        log.rows = some
+        log.write(Path(f"{part}.csv"))
+    assert massprop("estimate", "flight.csv", "--vehicle", "toy.yaml", "--set", "name=x").status == 0
+    assert massprop("estimate", "one.csv", "--vehicle", "toy.yaml").status == 0
+    assert massprop("estimate", "two.csv", "--resume-from", "runs/one").status == 0
+    whole, two = Run.load("runs/flight"), Run.load("runs/two")
+    assert two.summary["estimates"] == whole.summary["estimates"]
+    assert two.state["states"] == whole.state["states"]
+
+
+@pytest.mark.usefixtures("toy")
+def test_rows_on_standard_input(massprop: Massprop) -> None:
+    content = Path("flight.csv").read_bytes()
+    done = massprop("estimate", "-", "--vehicle", "toy.yaml", stdin=content)
+    assert (done.status, done.err) == (0, "")
+    assert done.out.startswith("standard input: toy, 5.9 s")
+    assert massprop("estimate", "flight.csv", "--vehicle", "toy.yaml", "--quiet").status == 0
+    one, other = Run.load("runs/stdin").summary, Run.load("runs/flight").summary
+    assert one["estimates"] == other["estimates"]
+
+
+def test_declarations_are_printed_as_they_come(capsys: pytest.CaptureFixture[str], orbiter: Vehicle) -> None:
+    entry = {
+        "kind": "jet_on",
+        "cluster": 12,
+        "jet": "R4R",
+        "magnitude": 868.8,
+        "magnitude_std": 0.1,
+        "time_s": 50.16,
+        "onset_s": 50.0,
+        "withdrawn_s": None,
+    }
+    cli._print_declared(entry, orbiter)
+    assert capsys.readouterr().out.startswith("detected:    jet on: jet R4R (cluster 12), +868.80 ± 0.10 lbf, declared")
+
+
+def test_a_vehicle_without_accelerometer(massprop: Massprop, toy_data: dict[str, Any]) -> None:
+    del toy_data["accelerometers"]
+    Path("bare.yaml").write_text(yaml.safe_dump(toy_data), encoding="utf-8")
+    Log(toy_vehicle(toy_data)).write(Path("flight.csv"))
+    done = massprop("estimate", "flight.csv", "--vehicle", "bare.yaml")
+    assert (done.status, done.err) == (0, "")
+    assert re.search(r"│ 1/m +│ 1/kg +│ +not observable │", done.out)
+    assert "warning:     the vehicle has no accelerometer: its mass is not observable" in done.out
+    summary = json.loads(Path("runs/flight/summary.json").read_text(encoding="utf-8"))
+    assert summary["estimates"]["mass_reciprocal"] is None
+    assert summary["detections"] == []
+
+
+def test_a_vehicle_without_gyro_is_refused_with_a_reason(massprop: Massprop, toy_data: dict[str, Any]) -> None:
+    toy_data["gyros"] = []
+    Path("bare.yaml").write_text(yaml.safe_dump(toy_data), encoding="utf-8")
+    done = massprop("estimate", "flight.csv", "--vehicle", "bare.yaml")
+    _assert_refused(done, "bare.yaml", "gyros: is empty", "without measured rates")
+
+
+@pytest.mark.usefixtures("toy")
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("flight.csv",), "whose telemetry is it? Give --vehicle"),
+        (("flight.csv", "--vehicle", "toy.yaml", "--like", "sample_maneuver"), "give either --vehicle or --like"),
+        (("nowhere.csv", "--vehicle", "toy.yaml"), "nowhere.csv: no such file"),
+        (("flight.csv", "--vehicle", "nowhere.yaml"), "nowhere.yaml: no such file"),
+        (("flight.csv", "--vehicle", "orbiter"), "flight.csv: no columns jet_F1F, jet_F3F"),
+        (("flight.csv", "--vehicle", "toy.yaml", "--set", "rotation.fliter=extended"), "did you mean 'filter'?"),
+        (("flight.csv", "--resume-from", "nowhere"), "nowhere"),
+        (("flight.csv", "--vehicle", "toy.yaml", "--out", "."), "holds what is to be read, and would be replaced"),
+        (("flight.csv", "--vehicle", "toy.yaml", "--out", "toy.yaml"), "toy.yaml: is a file; give a folder"),
+    ],
+)
+def test_what_is_refused(massprop: Massprop, arguments: tuple[str, ...], words: str) -> None:
+    before = sorted(Path().rglob("*"))
+    _assert_refused(massprop("estimate", *arguments), words)
+    assert [path for path in sorted(Path().rglob("*")) if path.name != "runs"] == before
+
+
+def test_a_log_that_fails_in_the_middle_leaves_nothing(massprop: Massprop, toy: Vehicle) -> None:
+    log = Log(toy)
+    log.set(50, "gyro_x", "broken")
+    log.write(Path("flight.csv"))
+    _assert_refused(massprop("estimate", "flight.csv", "--vehicle", "toy.yaml"), "line 52, column gyro_x: 'broken'")
+
+
+# -------------------------------------------------------------------------------------------- check
+
+
+def test_check_telemetry(massprop: Massprop, toy: Vehicle) -> None:
+    done = massprop("check", "flight.csv")
+    assert (done.status, done.out) == (0, "flight.csv: ok: telemetry, 60 rows, 0.1 s apart, from 0 to 5.9 s\n")
+    log = Log(toy)
+    del log.rows[20:25]
+    log.add("note", ["hello"] * 55)
+    log.write(Path("other.csv"))
+    done = massprop("check", "other.csv", "toy.yaml", "--vehicle", "toy.yaml")
+    assert done.status == 0
+    assert "telemetry of toy, 55 rows, 0.1 s apart, from 0 to 5.9 s; 1 gaps; columns not used: note" in done.out
+    done = massprop("check", "other.csv", "--json")
+    assert done.status == 2
+    (finding,) = json.loads(done.out)
+    assert finding["findings"] == [
+        "other.csv, line 2, column note: 'hello' is not a number; leave the cell empty where there is no value"
+    ]
+
+
+@pytest.mark.usefixtures("toy")
+def test_check_telemetry_of_another_vehicle(massprop: Massprop) -> None:
+    done = massprop("check", "flight.csv", "--vehicle", "orbiter")
+    assert done.status == 2
+    assert "flight.csv: no columns jet_F1F" in done.out
+
+
+def test_check_parquet(massprop: Massprop, toy: Vehicle) -> None:
+    arrow, parquet = pytest.importorskip("pyarrow"), pytest.importorskip("pyarrow.parquet")
+    log = Log(toy)
+    columns = {name: [float(row[index]) for row in log.rows] for index, name in enumerate(log.header)}
+    parquet.write_table(arrow.table(columns), "flight.parquet")
+    done = massprop("check", "flight.parquet", "--vehicle", "toy.yaml")
+    assert (done.status, done.err) == (0, "")
+    done = massprop("estimate", "flight.parquet", "--vehicle", "toy.yaml", "--json")
+    assert json.loads(done.out)["data_quality"]["rows"] == 60

@@ -1,0 +1,60 @@
+"""Settings of filters and detector with everything off, from which a test changes what it is about."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from massprop_drake.inputs.params import detector_params
+from massprop_drake.inputs.scenario import load_scenario
+from massprop_drake.maths.estimation import redundancy
+from massprop_drake.maths.estimation.detectors.cglr import CglrParams
+from massprop_drake.maths.estimation.filters import mass_filter, rotation_filter
+from massprop_drake.maths.estimation.filters.mass_filter import MassParams
+from massprop_drake.maths.estimation.filters.rotation_filter import RotationParams
+
+PERIOD_S = 0.08
+
+
+def rotation_params(**changes: Any) -> RotationParams:
+    """The second-order filter with one exact gyro, coupling ignored, no jump test and no process noise."""
+    plain = RotationParams(
+        period_s=PERIOD_S,
+        gyro_variances=np.zeros(1),
+        rule=redundancy.SINGLE,
+        second_order=True,
+        coupling=rotation_filter.IGNORE,
+        coupling_limit=50.0,
+        jump_threshold=np.inf,
+        jump_covariance=np.zeros((9, 9)),
+        process_noise=np.zeros((9, 9)),
+        disturbance_covariance=np.zeros((3, 3)),
+    )
+    return plain._replace(**changes)
+
+
+def mass_params(**changes: Any) -> MassParams:
+    """The mass filter with one exact accelerometer at the origin, no compensation and no jump test."""
+    plain = MassParams(
+        period_s=PERIOD_S,
+        positions=np.zeros((1, 3)),
+        variances=np.zeros(1),
+        rule=redundancy.SINGLE,
+        correlated=False,
+        compensation=mass_filter.NO_COMPENSATION,
+        compensation_covariance=False,
+        process_noise=0.0,
+        jump_variance=0.0,
+        jump_threshold=np.inf,
+        jump_window=1,
+        disturbance_covariance=np.zeros((3, 3)),
+    )
+    return plain._replace(**changes)
+
+
+@cache
+def detector_settings_of(*overrides: str) -> CglrParams:
+    """The detector of a bundled scenario, with overrides."""
+    return detector_params(load_scenario("stuck_on_29", list(overrides)))

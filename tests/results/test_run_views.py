@@ -1,0 +1,48 @@
+"""A run as a notebook, pandas and xarray see it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from massprop_drake.results.run import Run
+
+
+def test_a_notebook_shows_the_verdict_and_the_parameters(short_run: Run) -> None:
+    html = short_run._repr_html_()
+    assert "orbiter: sample_maneuver" in html
+    assert f"{short_run['estimate'][-1, 0]:.6g}" in html
+    assert "within 3 sigma of the truth" in html
+
+
+def test_signals_as_a_table_of_pandas(short_run: Run) -> None:
+    pytest.importorskip("pandas", reason="pandas is not installed")
+    table = short_run.to_pandas()
+    np.testing.assert_array_equal(table.index, short_run.time_s)
+    np.testing.assert_array_equal(table["rate"]["y"], short_run["rate"][:, 1])
+    np.testing.assert_array_equal(table["command"]["R4R"], short_run["command"][:, 28])
+
+
+def test_signals_as_a_dataset_of_xarray(short_run: Run) -> None:
+    pytest.importorskip("xarray", reason="xarray is not installed")
+    data = short_run.to_xarray()
+    assert data["force"].attrs["units"] == "lbf"
+    np.testing.assert_array_equal(data["rate"].sel(rate_component="z"), short_run["rate"][:, 2])
+    np.testing.assert_array_equal(data["time_s"], short_run.time_s)
+
+
+def test_a_long_run_is_thinned_to_rows_as_recorded(short_run: Run) -> None:
+    assert short_run.shown() is short_run
+    copies = 70
+    time_s = np.arange(copies * short_run.time_s.size) * 0.08
+    signals = {name: np.tile(values, (copies, 1)) for name, values in short_run.signals.items()}
+    signals["rate"][4321, 1] = 0.5
+    signals["gyro"][4321, 1] = 0.5
+    long = Run(short_run.scenario, short_run.summary, time_s, signals, short_run.covariance)
+    shown = long.shown()
+    assert shown.time_s.size < time_s.size
+    assert shown.shown() is shown
+    rows = np.searchsorted(time_s, shown.time_s)
+    assert 4321 in rows
+    for name in ("gyro", "estimate", "command"):
+        np.testing.assert_array_equal(shown[name], signals[name][rows])

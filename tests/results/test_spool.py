@@ -1,0 +1,117 @@
+"""Signals on disk: what is put in comes out, and thinning keeps what a figure must show."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from massprop_drake import InputError
+from massprop_drake.results.spool import Spool, blocks, outstanding_rows, picked, write_npz
+
+RANDOM = np.random.default_rng(5)
+SIGNALS = {
+    "time_s": 0.1 * np.arange(5000.0),
+    "gyro": RANDOM.normal(size=(5000, 3)),
+    "alarm": np.zeros((5000, 1)),
+    "likelihood": np.where(RANDOM.random((5000, 4)) < 0.5, np.nan, 1.0),
+}
+
+
+def _spooled(*sizes: int, rows_per_piece: int = 64) -> Spool:
+    spool = Spool(rows_per_piece=rows_per_piece)
+    start = 0
+    for size in sizes:
+        spool.append({name: values[start : start + size] for name, values in SIGNALS.items()})
+        start += size
+    return spool
+
+
+@pytest.mark.parametrize("sizes", [(5000,), (1,) * 130 + (4870,), (63, 1, 64, 65, 4807), (4999, 1)])
+def test_what_is_put_in_comes_out(sizes: tuple[int, ...]) -> None:
+    spool = _spooled(*sizes)
+    assert spool.n_rows == 5000
+    assert set(spool) == set(SIGNALS)
+    assert "gyro" in spool
+    assert "other" not in spool
+    for name, values in SIGNALS.items():
+        np.testing.assert_array_equal(spool[name], values)
+    with pytest.raises(KeyError):
+        spool["other"]
+
+
+def test_it_can_be_read_while_it_grows() -> None:
+    spool = _spooled(100, 10)
+    np.testing.assert_array_equal(spool["gyro"], SIGNALS["gyro"][:110])
+    spool.append({name: values[110:120] for name, values in SIGNALS.items()})
+    np.testing.assert_array_equal(spool["gyro"], SIGNALS["gyro"][:120])
+
+
+def test_the_signals_are_the_same_each_time() -> None:
+    spool = _spooled(10)
+    with pytest.raises(ValueError, match="the signals are"):
+        spool.append({"gyro": np.zeros((1, 3))})
+
+
+def test_a_place_that_cannot_be_written_is_told(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="nowhere: cannot be written"):
+        Spool(tmp_path / "nowhere")
+
+
+def test_the_archive_is_numpys_and_the_same_from_disk_and_from_memory(tmp_path: Path) -> None:
+    write_npz(tmp_path / "spool.npz", _spooled(*[50] * 100), {"gyro": {"unit": "rad/s"}})
+    write_npz(tmp_path / "arrays.npz", SIGNALS, {"gyro": {"unit": "rad/s"}})
+    with np.load(tmp_path / "spool.npz", allow_pickle=False) as one, np.load(tmp_path / "arrays.npz") as other:
+        assert one.files == other.files == [*SIGNALS, "_description"]
+        for name, values in SIGNALS.items():
+            np.testing.assert_array_equal(one[name], values)
+            np.testing.assert_array_equal(other[name], values)
+        assert str(one["_description"]) == '{"gyro": {"unit": "rad/s"}}'
+
+
+def test_a_short_run_is_shown_whole() -> None:
+    rows = outstanding_rows(SIGNALS, 5000, keys=("gyro",), events=("alarm",), buckets=1250)
+    np.testing.assert_array_equal(rows, np.arange(5000))
+
+
+def test_thinning_keeps_extremes_ends_and_events() -> None:
+    alarm = SIGNALS["alarm"].copy()
+    alarm[[77, 4000]] = 1.0
+    signals = SIGNALS | {"alarm": alarm}
+    rows = outstanding_rows(signals, 5000, keys=("gyro", "likelihood"), events=("alarm", "absent"), buckets=10)
+    assert {0, 77, 4000, 4999} <= set(rows.tolist())
+    assert len(rows) <= 2 + 2 + 10 * 2 * 7
+    for stretch in np.split(np.arange(5000), 10):
+        for axis in range(3):
+            values = SIGNALS["gyro"][stretch, axis]
+            assert stretch[np.argmax(values)] in rows
+            assert stretch[np.argmin(values)] in rows
+    spool = Spool(rows_per_piece=333)  # blocks that end elsewhere than the stretches
+    for start in range(0, 5000, 111):
+        spool.append({name: values[start : start + 111] for name, values in signals.items()})
+    np.testing.assert_array_equal(
+        outstanding_rows(spool, 5000, keys=("gyro", "likelihood"), events=("alarm",), buckets=10), rows
+    )
+    shown = picked(spool, rows)
+    for name, values in signals.items():
+        np.testing.assert_array_equal(shown[name], values[rows])  # every point is a recorded row
+
+
+def test_of_peaks_the_greatest_are_kept() -> None:
+    rows = outstanding_rows(SIGNALS, 5000, keys=(), peaks=("gyro",), events=(), buckets=10)
+    assert len(rows) <= 2 + 10 * 3
+    for stretch in np.split(np.arange(5000), 10):
+        assert stretch[np.argmax(SIGNALS["gyro"][stretch, 1])] in rows
+
+
+def test_events_do_not_crowd_out_everything() -> None:
+    signals = SIGNALS | {"alarm": np.ones((5000, 1))}
+    rows = outstanding_rows(signals, 5000, keys=(), events=("alarm",), buckets=10)
+    assert len(rows) == 10 * 4 + 1  # four of each stretch, and the last row
+
+
+def test_signals_in_memory_are_one_block() -> None:
+    (block,) = blocks(SIGNALS, "gyro", "alarm")
+    assert set(block) == {"gyro", "alarm"}
+    assert block["gyro"] is SIGNALS["gyro"]

@@ -1,0 +1,47 @@
+"""Cheap cases for the tests of the runner, in a module that another process can import."""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from massprop_drake.studies.reproduction.cases import Calculation
+from massprop_drake.studies.reproduction.runner import Store, run_missing
+
+LOG = "REPRODUCTION_FAKES_LOG"  # environment: a folder in which each execution leaves a file
+
+
+def slow(seed: int) -> dict[str, NDArray[np.float64]]:
+    """A tenth of a second's work."""
+    folder = os.environ.get(LOG)
+    if folder:
+        Path(folder, f"{seed:02d}-{os.getpid()}-{time.time_ns()}").touch()
+    time.sleep(0.1)
+    return quick(seed)
+
+
+def quick(seed: int) -> dict[str, NDArray[np.float64]]:
+    """Numbers that depend on the seed alone."""
+    return {"values": np.random.default_rng(seed).standard_normal(200)}
+
+
+def failing(seed: int) -> dict[str, NDArray[np.float64]]:
+    """Fails for one seed."""
+    if seed == 1:
+        raise ArithmeticError("lost definiteness")
+    return quick(seed)
+
+
+SLOW = Calculation("slow", slow, seeds=16)
+FAILING = Calculation("failing", failing, seeds=2)
+
+if __name__ == "__main__":
+    # the functions by the name under which workers find them
+    from reproduction_fakes import SLOW as WORK
+
+    run_missing(Store(Path(sys.argv[1])), [WORK])

@@ -1,0 +1,263 @@
+"""Every claim of the reference has an entry; entries run, are judged, drawn and reported."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from conftest import REPOSITORY
+
+from massprop_drake.errors import InputError
+from massprop_drake.studies.reproduction import catalog
+from massprop_drake.studies.reproduction.cases import Calculation, Case, Flight
+from massprop_drake.studies.reproduction.claims import AtMost, Claim
+from massprop_drake.studies.reproduction.entry import Entry
+from massprop_drake.studies.reproduction.reproduce import reproduce
+
+DOCS = REPOSITORY / "docs"
+
+# rows of claims in section 6 of the reference, and the entries that take them up together
+ROWS = {
+    ("fig_1_1",): 1,
+    ("fig_1_2",): 1,
+    ("fig_1_3",): 1,
+    ("fig_1_4",): 1,
+    ("fig_2_1",): 1,
+    ("fig_2_2",): 1,
+    ("fig_3_1",): 1,
+    ("fig_4_1",): 1,
+    ("fig_5_1",): 1,
+    ("table_5_1",): 1,
+    ("table_5_2",): 1,
+    ("table_5_3",): 12,  # ten parameters, the acceptance, the best mass
+    ("fig_5_2",): 3,
+    ("fig_5_3",): 2,
+    ("fig_5_4", "fig_5_5"): 5,
+    ("fig_5_6",): 6,
+    ("fig_5_7",): 2,
+    ("fig_5_8",): 4,
+    ("fig_5_9", "fig_5_10"): 2,
+    ("fig_5_11",): 2,
+    ("fig_5_12",): 4,
+    ("fig_5_13",): 3,
+    ("fig_5_14",): 4,
+    ("fig_5_15",): 1,
+    ("fig_5_16", "fig_5_17", "fig_5_18"): 6,
+    ("fig_5_19", "fig_5_20", "fig_5_21"): 4,
+    ("fig_5_22", "fig_5_23", "fig_5_24"): 4,
+    ("fig_5_25", "fig_5_26", "fig_5_27"): 3,
+    ("section_5_2",): 4,
+    ("section_5_3_2",): 4,  # three of claims, one of sigmas
+    ("section_6_1",): 5,
+}
+ENTRIES = {entry.name: entry for entry in catalog.ENTRIES}
+
+
+@pytest.mark.parametrize(("names", "count"), ROWS.items(), ids=[names[0] for names in ROWS])
+def test_every_row_of_claims_is_taken_up(names: tuple[str, ...], count: int) -> None:
+    rows = {claim.row for name in names for claim in ENTRIES[name].claims}
+    assert rows == set(range(1, count + 1))
+
+
+def test_nothing_else_is_in_the_catalog() -> None:
+    assert len(ENTRIES) == len(catalog.ENTRIES)
+    assert set(ENTRIES) == {name for names in ROWS for name in names} | {"errata"}
+
+
+def test_a_case_has_one_meaning() -> None:
+    named: dict[str, Case] = {}
+    for entry in catalog.ENTRIES:
+        for case in entry.cases.values():
+            assert named.setdefault(case.name, case) == case, f"two cases are named {case.name}"
+
+
+def test_figures_of_the_thesis_are_drawn_from_twenty_phases() -> None:
+    for name, entry in ENTRIES.items():
+        if re.match(r"fig_5_", name):
+            assert entry.pictures, name
+        for case in entry.cases.values():
+            if isinstance(case, Flight) and "sensors.quantizer_phase=equal" not in case.overrides:
+                assert case.seeds >= 20, case.name
+
+
+def _shortened(entry: Entry, duration_s: float) -> Entry:
+    cases = {
+        label: replace(case, overrides=(*case.overrides, f"duration_s={duration_s}"), name=f"short_{label}", seeds=2)
+        for label, case in entry.cases.items()
+        if isinstance(case, Flight)
+    }
+    return replace(entry, cases=cases, claims=())
+
+
+def test_an_entry_is_run_judged_drawn_and_reported(tmp_path: Path) -> None:
+    claim = Claim(
+        1,
+        "largest <rate> | first",
+        "it turns & stops",
+        AtMost(1.0),
+        lambda phase: float(phase["with"]["rotation_nis"].size),
+    )
+    entry = replace(_shortened(ENTRIES["fig_5_8"], 4.0), claims=(claim,))
+    said: list[tuple[int, int]] = []
+    (result,) = reproduce([entry], tmp_path, lambda *step: said.append(step))
+    assert said[0] == (0, 7)
+    assert said[-1] == (7, 7)
+    assert result.outcomes[0].verdict == "differs"
+    assert (tmp_path / "figures" / "fig_5_8.png").read_bytes().startswith(b"\x89PNG")
+    assert "| largest <rate> \\| first | it turns & stops | ≤ 1 | 51 | differs |" in (
+        tmp_path / "reproduction.md"
+    ).read_text(encoding="utf-8")
+    page = (tmp_path / "reproduction.html").read_text(encoding="utf-8")
+    assert "largest &lt;rate&gt; | first" in page
+    assert "data:image/png;base64," in page
+    assert _loads_nothing(page)
+    data = json.loads((tmp_path / "reproduction.json").read_text(encoding="utf-8"))
+    assert data["verdicts"] == {"holds": 0, "holds within spread": 0, "differs": 1}
+
+    before = {path: path.stat().st_mtime_ns for path in (tmp_path / "cache").iterdir()}
+    reproduce([entry], tmp_path)
+    assert {path: path.stat().st_mtime_ns for path in (tmp_path / "cache").iterdir()} == before
+
+
+class _Sources(HTMLParser):
+    def __init__(self) -> None:
+        super().__init__()
+        self.found: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.found += [value or "" for name, value in attrs if name in ("src", "href")]
+
+
+def _loads_nothing(page: str) -> bool:
+    parser = _Sources()
+    parser.feed(page)
+    assert parser.found
+    return all(source.startswith(("data:", "#")) for source in parser.found)
+
+
+def test_pictures_of_a_failure_are_drawn(tmp_path: Path) -> None:
+    # a leak at rest, with mass properties that are known well: no maneuver is needed to learn them
+    given = "estimation={start: nominal, std_fraction: 0.001, floors: false}"
+    entry = ENTRIES["fig_5_26"]
+    flight = entry.cases["flight"]
+    assert isinstance(flight, Flight)
+    quick = (
+        *flight.overrides,
+        given,
+        "maneuver=[]",
+        "duration_s=53",
+        "plant.thrust_transient=none",
+    )
+    short = Flight("leak_at_rest", flight.scenario, quick, flight.signals, from_s=45.0, seeds=2)
+    kept = ("margin (b) at the first sample", "samples that name a jet")
+    claims = tuple(claim for claim in entry.claims if claim.text in kept)
+    (result,) = reproduce([replace(entry, cases={"flight": short}, claims=claims)], tmp_path)
+    assert [str(outcome.verdict) for outcome in result.outcomes] == ["holds", "holds"]
+    assert (tmp_path / "figures" / "fig_5_26.png").stat().st_size > 5000
+
+
+def test_another_folder_is_left_alone(tmp_path: Path) -> None:
+    (tmp_path / "letter.txt").write_text("mine")
+    with pytest.raises(InputError, match="holds files that are not of an earlier reproduction"):
+        reproduce([ENTRIES["table_5_1"]], tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["letter.txt"]
+    with pytest.raises(InputError, match="is a file"):
+        reproduce([ENTRIES["table_5_1"]], tmp_path / "letter.txt")
+
+
+def test_the_noise_free_tests_agree_with_the_sampled_ones() -> None:
+    # sigma of a force from the noise-free tests, against the scatter of the argument's root over drawn samples
+    from massprop_drake.studies.reproduction import analytic  # noqa: PLC0415 (slow to load)
+
+    exact = analytic.separations(0)
+    tests, isolation = analytic.noise_free(39, 24.483, ())
+    assert tests.likelihood[38] == pytest.approx(exact["argument"][38] * 24.483**2, rel=1e-12)
+    assert isolation.cluster_margin == pytest.approx(exact["cluster_margin"][38] * 24.483**2, rel=1e-12)
+    named = np.mean([analytic.vernier_gaussian(seed)["best"].mean() for seed in range(3)])
+    # two jets alike but for a margin of 2.82: the right one wins with probability Phi(sqrt(2.82) / 2)
+    assert named == pytest.approx(0.80, abs=0.04)
+
+
+def test_a_calculation_is_found_by_other_processes() -> None:
+    for entry in catalog.ENTRIES:
+        for case in entry.cases.values():
+            if isinstance(case, Calculation):
+                assert "." not in case.function.__qualname__, case.name
+
+
+def test_the_example_of_the_docs_is_an_entry(tmp_path: Path) -> None:
+    text = (DOCS / "reproduction.md").read_text(encoding="utf-8")
+    first, second = re.findall(r"^```python\n(.*?)^```$", text, flags=re.DOTALL | re.MULTILINE)
+    scope: dict[str, Any] = {"__name__": "docs"}
+    exec(compile(first, "reproduction.md", "exec"), scope)
+    exec(compile(second, "reproduction.md", "exec"), scope)  # imports alone, in a module that is not run
+    flight = scope["RELEASE"]
+    quick = replace(flight, overrides=("duration_s=2", "jumps=[]"), seeds=2)
+    (result,) = reproduce([replace(scope["ENTRY"], cases={"flight": quick})], tmp_path)
+    assert result.outcomes[0].verdict == "holds"
+    assert [picture.name for picture in result.pictures] == ["fig_release.png"]
+
+
+def test_docs_show_every_entry() -> None:
+    text = (DOCS / "reproduction.md").read_text(encoding="utf-8")
+    for entry in catalog.ENTRIES:
+        for claim in entry.claims:
+            assert claim.text.replace("|", "\\|") in text, f"{entry.name}: run 'massprop reproduce', update the docs"
+
+
+def test_tables_go_below_the_mark() -> None:
+    spec = importlib.util.spec_from_file_location("make_reproduction", DOCS / "make_reproduction.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    page = f"# Mine\n\n{module.MARK}\nold\n"
+    report = "# Title\n\ntext\n\n## Figure\n\n![x](x.png)\n\n| a |\n"
+    assert module.updated(page, report) == f"# Mine\n\n{module.MARK}\ntext\n\n## Figure\n\n| a |\n"
+    with pytest.raises(ValueError, match="the page has no line"):
+        module.updated("# Mine\n", report)
+
+
+@pytest.fixture
+def massprop(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> Callable[..., tuple[int, str, str]]:
+    """Runs the command line in this process."""
+    import sys  # noqa: PLC0415
+
+    from massprop_drake.cli import app as cli  # noqa: PLC0415
+
+    def call(*arguments: str | Path) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["massprop", "reproduce", *map(str, arguments)])
+        with pytest.raises(SystemExit) as caught:
+            cli.main()
+        out, err = capsys.readouterr()
+        return int(caught.value.code or 0), out, err
+
+    return call
+
+
+def test_command_prints_claims_and_verdicts(massprop: Callable[..., tuple[int, str, str]], tmp_path: Path) -> None:
+    status, out, err = massprop("--only", "table_5_1", "--only", "table_5_2", "--out", tmp_path / "new")
+    assert (status, err) == (0, "")
+    assert "Table 5-1: RCS jet data" in out
+    assert "38 primary jets" in out
+    assert "8 claims: 8 holds, 0 holds within spread, 0 differs" in out
+    status, out, _ = massprop("--only", "table_5_2", "--out", tmp_path / "new", "--json")
+    assert [entry["name"] for entry in json.loads(out)["entries"]] == ["table_5_2"]
+    assert massprop("--only", "fig_5_1", "--out", tmp_path / "new", "--quiet") == (0, "", "")
+
+
+def test_command_refuses_what_there_is_not(massprop: Callable[..., tuple[int, str, str]], tmp_path: Path) -> None:
+    status, out, err = massprop("--only", "fig_5_66", "--out", tmp_path / "new")
+    assert (status, out) == (2, "")
+    assert "'fig_5_66' is no figure or table of the reproduction; did you mean 'fig_5_6'?" in err
+    assert not (tmp_path / "new").exists()

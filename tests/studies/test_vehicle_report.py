@@ -1,0 +1,185 @@
+"""What `massprop check` says of a vehicle."""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from massprop_drake import load_vehicle
+from massprop_drake.inputs.model import validated
+from massprop_drake.inputs.vehicle import Vehicle, bundled_vehicles
+from massprop_drake.maths.autopilot.jet_selection import activity_vectors
+from massprop_drake.studies.vehicle import DIRECTIONS, reaches, vehicle_report
+
+
+def _vehicle(data: dict[str, Any]) -> Vehicle:
+    return validated(Vehicle, data)
+
+
+def _report(data: dict[str, Any], n_pairs: int = 5) -> dict[str, Any]:
+    return vehicle_report(_vehicle(data), n_pairs)
+
+
+def _jets(data: dict[str, Any], *jets: tuple[tuple[float, ...], tuple[float, ...]]) -> dict[str, Any]:
+    """The data with jets of 10 N at these positions in these directions instead."""
+    template = data["jets"][0]
+    data["jets"] = [
+        {**template, "number": n, "cluster": n, "designation": f"J{n}", "position": position, "direction": direction}
+        for n, (position, direction) in enumerate(((list(p), list(d)) for p, d in jets), start=1)
+    ]
+    return data
+
+
+@pytest.mark.parametrize("name", bundled_vehicles())
+def test_every_bundled_vehicle_pushes_everywhere_and_shows_everything(name: str) -> None:
+    vehicle = load_vehicle(name)
+    report = vehicle_report(vehicle)
+    assert report["control"]["rank"] == 6
+    assert 1.0 <= report["control"]["condition"] < 10.0
+    assert report["control"]["missing"] == []
+    assert report["observability"] == {"rank": 10, "unobservable": []}
+    assert len(report["alike"]) == 5
+    assert [entry["jet"] for entry in report["isolable"]] == list(vehicle.designations)
+    json.dumps(report, allow_nan=False)
+
+
+def test_reach_of_a_hand_value(toy_data: dict[str, Any]) -> None:
+    """A 100 kg body, inertia diag(100, 120, 140), with two jets of 10 N in each direction of each axis."""
+    toy_data["mass_properties"]["inertia"] = np.diag([100.0, 120.0, 140.0]).tolist()
+    found = _report(toy_data)["control"]
+    assert tuple(found["reach"]) == DIRECTIONS
+    # along x push two jets, 1 m either side of the axis: 20 N
+    # about z push one of them and one that pushes back on the other side: 20 N-m
+    expected = [20.0 / 140.0, 20.0 / 100.0, 20.0 / 120.0]  # about z, x and y: jets along x, y and z
+    for axis, rotation in zip("zxy", expected, strict=True):
+        for sign in "+-":
+            assert found["reach"][f"turn {sign}{axis}"] == pytest.approx(rotation, rel=1e-6)
+            assert found["reach"][f"translate {sign}{axis}"] == pytest.approx(0.2, rel=1e-6)
+
+
+def test_reach_is_a_combination_of_jets_that_changes_nothing_else() -> None:
+    # jets along x at y = +1 and -2 (moments -1 and +2 about z): a push along x alone takes one whole and half the other
+    activity = np.zeros((6, 2))
+    activity[2], activity[3] = [-1.0, 2.0], [1.0, 1.0]
+    found = dict(zip(DIRECTIONS, reaches(activity), strict=True))
+    assert found.pop("translate +x") == pytest.approx(1.5, rel=1e-9)
+    assert set(found.values()) == {0.0}
+
+
+def test_small_accelerations_are_not_taken_for_none(toy_data: dict[str, Any]) -> None:
+    activity = activity_vectors(_vehicle(toy_data).wrenches, _vehicle(toy_data).nominal.vector())
+    np.testing.assert_allclose(np.array(reaches(1e-9 * activity)), 1e-9 * np.array(reaches(activity)), rtol=1e-6)
+
+
+def test_without_accelerometer_the_mass_is_not_observable(toy_data: dict[str, Any]) -> None:
+    toy_data["accelerometers"] = []
+    report = _report(toy_data)
+    assert report["observability"] == {"rank": 9, "unobservable": [{"m_inv": 1.0}]}
+    assert "no accelerometer: the mass cannot be observed" in report["notes"]
+    # all the torque of a jet is about one axis, so two about the same one are alike by the gyro
+    assert report["alike"][0]["angle_rad"] == pytest.approx(0.0, abs=1e-12)
+    assert len(report["isolable"]) == 12
+
+
+def test_a_gyro_does_not_see_a_jet_through_the_center_of_mass(toy_data: dict[str, Any]) -> None:
+    toy_data["accelerometers"] = []
+    toy_data["jets"][0]["position"] = [-1.0, 0.0, 0.0]  # pushes along x
+    report = _report(toy_data, n_pairs=66)
+    assert report["isolable"][0] == {
+        "jet": "J1",
+        "on": {"force": None, "rival": None},
+        "lost": {"force": None, "rival": None},
+    }
+    assert len(report["alike"]) == 55  # pairs of the eleven others
+
+
+def test_one_jet_is_enough_for_a_report(toy_data: dict[str, Any]) -> None:
+    report = _report(_jets(toy_data, ((0.0, 0.0, 0.0), (1, 0, 0))))
+    assert report["control"]["rank"] == 1
+    assert report["control"]["missing"] == list(DIRECTIONS[:6] + DIRECTIONS[7:])
+    assert report["observability"]["rank"] == 4  # three elements of a rate increment, and the velocity
+    assert report["alike"] == []
+
+
+def test_lines_through_the_center_of_mass_are_named(toy_data: dict[str, Any]) -> None:
+    axes = ((1, 0, 0), (0, 1, 0), (0, 0, 1), (-1, 0, 0), (0, -1, 0), (0, 0, -1))
+    through = [(tuple(-part for part in axis), axis) for axis in axes]
+    report = _report(_jets(toy_data, *through))
+    assert report["control"]["rank"] == 3
+    assert report["control"]["condition"] is None
+    assert report["control"]["missing"] == [name for name in DIRECTIONS if name.startswith("turn")]
+    assert [note for note in report["notes"] if note.startswith("every jet's line passes through")]
+    # one of them off the center
+    report = _report(_jets(toy_data, *through[:5], ((0.0, 0.5, 1.0), (0, 0, -1))))
+    assert "lines through the nominal center of mass, so no torque: J1, J2, J3, J4, J5" in report["notes"]
+    assert "all torques lie along one line, x: about no other axis is there control" in report["notes"]
+
+
+def test_forces_in_one_plane_are_named(toy_data: dict[str, Any]) -> None:
+    """Their height above the center of mass scales the torques about x and y, as these elements do."""
+    toy_data["mass_properties"]["inertia"] = np.diag([100.0, 120.0, 140.0]).tolist()
+    jets = [((0.0, side, 0.3), (sign, 0, 0)) for side in (1.0, -1.0) for sign in (1.0, -1.0)]
+    jets += [((side, 0.0, 0.3), (0, sign, 0)) for side in (1.0, -1.0) for sign in (1.0, -1.0)]
+    report = _report(_jets(toy_data, *jets))
+    assert "all forces lie in one plane, normal to z: no jet pushes out of it" in report["notes"]
+    assert {"translate +z", "translate -z"} <= set(report["control"]["missing"])
+    assert report["observability"]["rank"] == 9
+    # dI^-1_xx / I^-1_xx = dI^-1_yy / I^-1_yy = dz / h, in units of 30 % and of a tenth of the RMS arm,
+    # with the center of mass moved up by 0.62 of it
+    std = 0.1 * math.hypot(1.0, 0.3)
+    expected = {"Ixx_inv": 1.0, "Iyy_inv": 1.0, "z_cm": 0.3 * (0.3 - 0.62 * std) / std}
+    assert report["observability"]["unobservable"] == [pytest.approx(expected, rel=1e-9)]
+
+
+def test_parallel_forces_leave_combinations_that_are_named(toy_data: dict[str, Any]) -> None:
+    jets = [((x, y, 0.0), (0, 0, 1)) for x in (1.0, -1.0) for y in (1.0, -1.0)]
+    report = _report(_jets(toy_data, *jets))
+    assert any(note.startswith("all forces lie along one line, z") for note in report["notes"])
+    assert report["observability"] == {"rank": 8, "unobservable": [{"Izz_inv": 1.0}, {"z_cm": 1.0}]}
+    assert "all torques lie in one plane, normal to z: no control about that axis" in report["notes"]
+
+
+def test_hardest_pairs_and_smallest_failures_of_a_hand_value(toy_data: dict[str, Any]) -> None:
+    """Two parallel jets 0.02 m apart, and one against the first on its line."""
+    toy_data["mass_properties"]["inertia"] = np.diag([100.0, 100.0, 100.0]).tolist()
+    toy_data["accelerometers"][0]["position"] = [0.0, 0.0, 0.0]  # no transverse noise
+    jets = [((0, 1.0, 0), (1, 0, 0)), ((0, 1.02, 0), (1, 0, 0)), ((0, 1.0, 0), (-1, 0, 0))]
+    report = _report(_jets(toy_data, *jets), n_pairs=2)
+    # per newton over 0.1 s: 1e-3 m/s, and -y 1e-3 rad/s about z; increments' noise q sqrt(2 / 12)
+    velocity, rate = 1e-3 / (1e-3 / math.sqrt(6.0)), 1e-3 / (1e-6 / math.sqrt(6.0))
+    seen = [(velocity, -rate), (velocity, -1.02 * rate), (-velocity, rate)]
+    angle = math.atan2(1.02 * rate, velocity) - math.atan2(rate, velocity)
+    assert [(pair["jets"], pair["opposed"]) for pair in report["alike"]] == [
+        (["J1", "J3"], True),
+        (["J1", "J2"], False),
+    ]
+    assert report["alike"][0]["angle_rad"] == 0.0
+    assert report["alike"][1]["angle_rad"] == pytest.approx(angle, rel=1e-9)
+    on = math.sqrt(6.0) / (math.hypot(*seen[0]) * math.sin(angle))
+    first, second, third = report["isolable"]
+    assert first["on"] == {"force": pytest.approx(on, rel=1e-9), "rival": "J2"}
+    assert first["lost"] == {"force": None, "rival": "J3"}
+    assert second["lost"] == {
+        "force": pytest.approx(math.sqrt(6.0) / (math.hypot(*seen[1]) * math.sin(angle)), rel=1e-9),
+        "rival": "J3",
+    }
+    assert third["on"] == {"force": pytest.approx(math.sqrt(6.0) / math.hypot(*seen[2]), rel=1e-9), "rival": None}
+
+
+def test_thrusters_that_oppose_each_other_cannot_be_told_apart_when_one_fails_off() -> None:
+    isolable = vehicle_report(load_vehicle("free_flyer"))["isolable"]
+    # 1 and 7, 2 and 8, ... lie on one line
+    assert [entry["lost"] for entry in isolable] == [
+        {"force": None, "rival": f"T{(jet + 6) % 12 + 1}"} for jet in range(12)
+    ]
+    assert all(entry["on"]["force"] < 0.112 for entry in isolable)
+
+
+def test_the_small_satellites_thrusters_can_all_be_told_apart() -> None:
+    for entry in vehicle_report(load_vehicle("small_satellite"))["isolable"]:
+        assert entry["on"]["force"] < 2.0
+        assert entry["lost"]["force"] < 0.3

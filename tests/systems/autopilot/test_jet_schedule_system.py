@@ -1,0 +1,51 @@
+"""The jet schedule: a table played back, a row per sample."""
+
+from __future__ import annotations
+
+import numpy as np
+from systems_probe import PERIOD_S, advance, feedthrough, inputs, outputs
+
+from massprop_drake.systems.autopilot.jet_schedule import JetSchedule
+
+TABLE = np.array([[1.0, 0.0], [0.25, 1.0], [0.0, 0.5]])
+
+
+def test_topology() -> None:
+    dut = JetSchedule(TABLE, period_s=PERIOD_S)
+    assert inputs(dut) == {}
+    assert outputs(dut) == {"command": 2, "held_command": 2}
+    assert feedthrough(dut) == {"command": set(), "held_command": set()}
+    assert dut.CreateDefaultContext().get_discrete_state(0).size() == 2
+
+
+def test_row_k_is_commanded_at_sample_k_and_nothing_after_the_last() -> None:
+    dut = JetSchedule(TABLE, period_s=PERIOD_S)
+    context = dut.CreateDefaultContext()
+    for row in (*TABLE, [0.0, 0.0], [0.0, 0.0]):
+        np.testing.assert_array_equal(dut.GetOutputPort("command").Eval(context), row)
+        advance(dut, context)
+
+
+def test_the_held_command_is_that_of_the_sample_before() -> None:
+    dut = JetSchedule(TABLE, period_s=PERIOD_S)
+    context = dut.CreateDefaultContext()
+    for row in ([0.0, 0.0], *TABLE, [0.0, 0.0]):
+        np.testing.assert_array_equal(dut.GetOutputPort("held_command").Eval(context), row)
+        advance(dut, context)
+
+
+def test_the_sample_number_survives_the_rounding_of_its_time() -> None:
+    table = np.arange(1000.0)[:, None] / 1000.0
+    dut = JetSchedule(table, period_s=PERIOD_S)
+    context = dut.CreateDefaultContext()
+    for sample in range(1000):
+        for time_s in (sample * PERIOD_S, np.nextafter(sample * PERIOD_S, -1.0), np.nextafter(sample * PERIOD_S, 1e9)):
+            context.SetTime(time_s)
+            assert dut.GetOutputPort("command").Eval(context)[0] == table[sample, 0]
+
+
+def test_the_table_is_copied() -> None:
+    table = TABLE.copy()
+    dut = JetSchedule(table, period_s=PERIOD_S)
+    table[:] = 0.75
+    np.testing.assert_array_equal(dut.GetOutputPort("command").Eval(dut.CreateDefaultContext()), TABLE[0])
