@@ -166,7 +166,7 @@ def fly(scenario: Scenario) -> BareRun:  # noqa: PLR0915 (one plain loop is its 
         request, memory = phase_space.phase_space_request(rhc, thc, step.error, w, delivered, memory, period, control)
         change = np.abs(request.rate_change - refused[:3]).max()
         idle = not remaining.any() and change >= refused[3]
-        if request.urgency == phase_space.AT_ONCE or (request.urgency == phase_space.WHEN_IDLE and idle):
+        if request.urgency == phase_space.Urgency.AT_ONCE or (request.urgency == phase_space.Urgency.WHEN_IDLE and idle):
             wanted = np.concatenate([request.rate_change, request.velocity_change])
             began = time.perf_counter()
             selection = program.solve(

@@ -39,7 +39,7 @@ def build(scenario: Scenario) -> Diagram:
     reference = builder.AddNamedSystem(
         "attitude_reference", AttitudeReference(period_s=period, capture_rate=control.capture_rate)
     )
-    controller = builder.AddNamedSystem("phase_space_controller", PhaseSpaceController(control, period_s=period))
+    controller = builder.AddNamedSystem("phase_space_controller", PhaseSpaceController(control))
     selection = builder.AddNamedSystem(
         "jet_selection",
         JetSelection(

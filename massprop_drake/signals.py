@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from massprop_drake.maths.estimation.detector import STATUS
 from massprop_drake.maths.mass_properties import NAMES
 
 Array = NDArray[np.float64]
@@ -90,20 +91,7 @@ SIGNALS = {
         Signal("mass_used", "sample used by the mass filter", "-", ("used",)),
         Signal("mass_jump", "jump of 1/m found", "-", ("jump",)),
         Signal("out_of_use", "jets out of use (1), left in though in question (-1)", "-", ()),
-        Signal("tested", "sample tested for failed jets", "-", ("tested",)),
-        Signal("alarm", "alarm of a failed jet", "-", ("alarm",)),
-        Signal("detector_event", "0 none, 1 failure declared, 2 jump, 3 withdrawn", "-", ("event",)),
-        Signal("suspected_cluster", "likeliest cluster", "-", ("cluster",)),
-        Signal("suspected_jet", "index of the likeliest jet", "-", ("jet",)),
-        Signal("jet_isolated", "alarm names the jet", "-", ("isolated",)),
-        Signal("suspected_magnitude", "magnitude of the likeliest jet's failure", "{force}", ("magnitude",)),
-        Signal("suspected_magnitude_std", "1-sigma of it", "{force}", ("std",)),
-        Signal("suspected_likelihood", "its likelihood argument", "-", ("likelihood",)),
-        Signal("cluster_margin", "margin of the likeliest cluster", "-", ("margin",)),
-        Signal("jet_margin", "margin of the likeliest jet in its cluster", "-", ("margin",)),
-        Signal("unexplained", "part of the innovations it leaves unexplained", "-", ("unexplained",)),
-        Signal("onset", "onset of the alarms in a row", "s", ("onset",)),
-        Signal("alarms", "alarms in a row", "-", ("alarms",)),
+        *(Signal(name, row.label, row.unit, (row.component or name,)) for name, row in STATUS.logged.items()),
         Signal("likelihood", "likelihood argument", "-", ()),
         Signal("failure_magnitude", "estimated magnitude of a failure", "{force}", ()),
         Signal("known_force", "known force of a failed jet", "{force}", ()),

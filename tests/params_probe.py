@@ -9,11 +9,13 @@ import numpy as np
 
 from massprop_drake.inputs.params import detector_params
 from massprop_drake.inputs.scenario import load_scenario
-from massprop_drake.maths.estimation import redundancy
+from massprop_drake.maths.estimation.detector import Evidence
 from massprop_drake.maths.estimation.detectors.cglr import CglrParams
 from massprop_drake.maths.estimation.filters import mass_filter, rotation_filter
 from massprop_drake.maths.estimation.filters.mass_filter import MassParams
 from massprop_drake.maths.estimation.filters.rotation_filter import RotationParams
+from massprop_drake.maths.estimation.filters.thesis import joint_covariance
+from massprop_drake.maths.estimation.redundancy import Rule
 
 PERIOD_S = 0.08
 
@@ -23,9 +25,9 @@ def rotation_params(**changes: Any) -> RotationParams:
     plain = RotationParams(
         period_s=PERIOD_S,
         gyro_variances=np.zeros(1),
-        rule=redundancy.SINGLE,
+        rule=Rule.SINGLE,
         second_order=True,
-        coupling=rotation_filter.IGNORE,
+        coupling=rotation_filter.Coupling.IGNORE,
         coupling_limit=50.0,
         jump_threshold=np.inf,
         jump_covariance=np.zeros((9, 9)),
@@ -41,9 +43,9 @@ def mass_params(**changes: Any) -> MassParams:
         period_s=PERIOD_S,
         positions=np.zeros((1, 3)),
         variances=np.zeros(1),
-        rule=redundancy.SINGLE,
+        rule=Rule.SINGLE,
         correlated=False,
-        compensation=mass_filter.NO_COMPENSATION,
+        compensation=mass_filter.Compensation.NONE,
         compensation_covariance=False,
         process_noise=0.0,
         jump_variance=0.0,
@@ -58,3 +60,36 @@ def mass_params(**changes: Any) -> MassParams:
 def detector_settings_of(*overrides: str) -> CglrParams:
     """The detector of a bundled scenario, with overrides."""
     return detector_params(load_scenario("stuck_on_29", list(overrides)))
+
+
+def evidence(
+    *,
+    time_s: float,
+    command: Any,
+    usable: bool,
+    firing: bool,
+    translation: Any,
+    rotation: Any,
+    translation_covariance: Any,
+    rotation_covariance: Any,
+    rotation_estimate: Any,
+    state_covariance: Any,
+    mass_estimate: Any,
+    shared_covariance: Any = None,
+) -> Evidence:
+    """What a detector sees, from what both filters say of a sample."""
+    covariance = np.zeros((6, 6))
+    covariance[:3, :3], covariance[3:, 3:] = translation_covariance, rotation_covariance
+    if shared_covariance is not None:
+        covariance[:3, 3:], covariance[3:, :3] = shared_covariance, shared_covariance.T
+    return Evidence(
+        time_s,
+        command,
+        usable,
+        firing,
+        np.concatenate([translation, rotation]),
+        covariance,
+        shared_covariance is not None,
+        np.append(rotation_estimate, mass_estimate[0]),
+        joint_covariance(state_covariance, mass_estimate[1]),
+    )

@@ -9,44 +9,26 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtri
 
 from massprop_drake.inputs.scenario import Degraded, Drift, Failure, Intermittent, Leak, Scenario, SensorErrors
 from massprop_drake.inputs.vehicle import Accelerometer, Gyro, SensorPackage, Vehicle
 from massprop_drake.maths.autopilot.phase_space import PhaseSpaceParams
-from massprop_drake.maths.estimation import adaptation, redundancy
+from massprop_drake.maths.estimation.cycle import EstimationParams
+from massprop_drake.maths.estimation.detector import Detector, Jets
+from massprop_drake.maths.estimation.detectors import DETECTORS, cglr
 from massprop_drake.maths.estimation.detectors.cglr import CglrParams
-from massprop_drake.maths.estimation.filters import mass_filter, rotation_filter
-from massprop_drake.maths.mass_properties import N_ROTATION, MassProperties, initial_standard_deviation
+from massprop_drake.maths.estimation.filter import Setup
+from massprop_drake.maths.estimation.filters import FILTERS, thesis
+from massprop_drake.maths.estimation.filters.mass_filter import MassParams
+from massprop_drake.maths.estimation.filters.rotation_filter import RotationParams
+from massprop_drake.maths.estimation.filters.thesis import ThesisParams
+from massprop_drake.maths.mass_properties import MassProperties, initial_standard_deviation
 from massprop_drake.maths.noise import normal_sample, uniform_phase
 from massprop_drake.maths.vehicle import true_failures as failures
 from massprop_drake.maths.vehicle.sensing import SensorModel, smoothing_factor
+from massprop_drake.maths.vehicle.thrust import lag_factors
 
 Array = NDArray[np.float64]
-
-_COUPLING = {
-    "subtract": rotation_filter.SUBTRACT,
-    "ignore": rotation_filter.IGNORE,
-    "hybrid": rotation_filter.HYBRID,
-    "model": rotation_filter.MODEL,
-}
-_COMPENSATION = {
-    "none": mass_filter.NO_COMPENSATION,
-    "transverse": mass_filter.TRANSVERSE,
-    "transverse_centripetal": mass_filter.TRANSVERSE_CENTRIPETAL,
-}
-
-
-_FORCE_FLOOR = 1e-4  # least 1-sigma of a known force, relative to the strongest jet's
-
-_RULES = {
-    "single": redundancy.SINGLE,
-    "most_accurate": redundancy.MOST_ACCURATE,
-    "mid_value": redundancy.MID_VALUE,
-    "average": redundancy.AVERAGE,
-    "weighted_average": redundancy.WEIGHTED_AVERAGE,
-    "serial": redundancy.SERIAL,
-}
 
 
 def initial_estimate(scenario: Scenario) -> Array:
@@ -74,47 +56,52 @@ def initial_covariance(scenario: Scenario) -> Array:
     return np.diag(deviation**2)
 
 
-def rotation_params(scenario: Scenario) -> rotation_filter.RotationParams:
-    """Settings of the rotation filter."""
-    rotation = scenario.rotation
-    jump_std = rotation.jump_std_fraction * np.sqrt(initial_covariance(scenario).diagonal()[:N_ROTATION])
-    return rotation_filter.RotationParams(
+def setup(scenario: Scenario) -> Setup:
+    """What a filter is made for."""
+    packages = accelerometers(scenario)
+    return Setup(
         period_s=scenario.vehicle_data.sample_period_s,
         gyro_variances=np.array([package.variance for package in gyros(scenario)]),
-        rule=_RULES[scenario.sensors.combine.gyros],
-        second_order=rotation.filter != "extended",
-        bias=rotation.filter != "second_order_without_bias",
-        curvature=rotation.filter != "second_order_without_covariance",
-        coupling=_COUPLING[rotation.coupling],
-        coupling_limit=rotation.coupling_limit,
-        jump_threshold=rotation.jump_threshold if rotation.jump == "covariance_increment" else math.inf,
-        jump_covariance=np.diag(jump_std**2),
-        process_noise=np.diag(np.square(rotation.process_noise_std)),
-        disturbance_covariance=rotation.disturbance_std**2 * np.eye(3),
-        largest_turn=rotation.largest_turn,
+        accelerometer_positions=np.array([package.position for package in packages]).reshape(-1, 3),
+        accelerometer_variances=np.array([package.variance for package in packages]),
+        estimate=initial_estimate(scenario),
+        covariance=initial_covariance(scenario),
+        nominal=scenario.vehicle_data.nominal.vector(),
+        thrust_errors=thrust_errors(scenario),
     )
 
 
-def mass_params(scenario: Scenario) -> mass_filter.MassParams:
-    """Settings of the mass filter."""
-    mass = scenario.mass
-    window = mass.jump_window if mass.jump == "glr" else 1
-    # chi-square with one degree of freedom for each sample of the window
-    threshold = math.inf if mass.jump == "none" else float(chdtri(1, mass.jump_false_alarm_rate / window))
-    return mass_filter.MassParams(
-        period_s=scenario.vehicle_data.sample_period_s,
-        positions=np.array([package.position for package in accelerometers(scenario)]),
-        variances=np.array([package.variance for package in accelerometers(scenario)]),
-        rule=_RULES[scenario.sensors.combine.accelerometers],
-        correlated=scenario.sensors.combine.correlated,
-        compensation=_COMPENSATION[mass.compensation],
-        compensation_covariance=mass.compensation_covariance,
-        process_noise=mass.process_noise_std**2,
-        jump_variance=float(scenario.vehicle_data.nominal.vector()[9] ** 2),
-        jump_threshold=threshold,
-        jump_window=window,
-        small_gain=mass.jump == "single_sample_thesis",
-        disturbance_covariance=mass.disturbance_std**2 * np.eye(3),
+def thesis_params(scenario: Scenario) -> ThesisParams:
+    """Parameters of the thesis's two filters."""
+    return thesis.make_params(setup(scenario), scenario)
+
+
+def rotation_params(scenario: Scenario) -> RotationParams:
+    """Parameters of the rotation filter."""
+    return thesis_params(scenario).rotation
+
+
+def mass_params(scenario: Scenario) -> MassParams:
+    """Parameters of the mass filter of a vehicle with an accelerometer."""
+    found = thesis_params(scenario).mass
+    assert found is not None
+    return found
+
+
+def estimation_params(scenario: Scenario) -> EstimationParams:
+    """Parameters of a cycle of estimation: those of the filter and the detector that the scenario names."""
+    vehicle = scenario.vehicle_data
+    filter_ = FILTERS[scenario.estimation.filter]
+    method = detector(scenario)
+    return EstimationParams(
+        period_s=vehicle.sample_period_s,
+        impulse_per_level=vehicle.wrenches * vehicle.sample_period_s,
+        lag=lag_factors(estimator_time_constants(scenario), vehicle.sample_period_s),
+        filter=filter_,
+        filter_params=filter_.params(setup(scenario), scenario),
+        detector=method,
+        detector_params=None if method is None else method.params(jets(scenario), scenario.detector),
+        limits=convergence_limits(scenario),
     )
 
 
@@ -122,6 +109,7 @@ def phase_space_params(scenario: Scenario) -> PhaseSpaceParams:
     """Settings of the phase-space controller."""
     autopilot = scenario.autopilot
     return PhaseSpaceParams(
+        period_s=scenario.vehicle_data.sample_period_s,
         discrete_rate=autopilot.discrete_rate,
         hold_gain=autopilot.hold_gain,
         hold_rate_limit=autopilot.hold_rate_limit,
@@ -257,16 +245,6 @@ def sample_count(scenario: Scenario) -> int:
     return math.floor(scenario.duration_s / scenario.vehicle_data.sample_period_s + 1e-9)
 
 
-_FAILURES = {
-    "stuck_on": failures.STUCK_ON,
-    "stuck_off": failures.STUCK_OFF,
-    "degraded": failures.DEGRADED,
-    "leak": failures.LEAK,
-    "intermittent": failures.INTERMITTENT,
-    "drift": failures.DRIFT,
-}
-
-
 def jet_failures(scenario: Scenario) -> tuple[failures.Failure, ...]:
     """The true failures of jets."""
     vehicle = scenario.vehicle_data
@@ -277,7 +255,7 @@ def jet_failures(scenario: Scenario) -> tuple[failures.Failure, ...]:
         result.append(
             failures.Failure(
                 jet=jet,
-                kind=_FAILURES[entry.kind],
+                kind=failures.FailureKind[entry.kind.upper()],
                 start_s=entry.start_s,
                 end_s=math.inf if entry.end_s is None else entry.end_s,
                 amount=_amount(entry, factors[jet] * vehicle.jets[jet].thrust),
@@ -308,38 +286,32 @@ def unit_wrenches(vehicle: Vehicle) -> Array:
     return vehicle.wrenches / np.linalg.norm(vehicle.thrusts, axis=1)[:, None]
 
 
-_ACTIONS = {
-    "correct": adaptation.CORRECT,
-    "correct_thesis": adaptation.CORRECT_THESIS,
-    "reject": adaptation.REJECT,
-}
-
-
 def _manifolds(vehicle: Vehicle) -> NDArray[np.int_]:
     """Index of each jet's manifold, -1 where it has none."""
     names = sorted({jet.manifold for jet in vehicle.jets if jet.manifold is not None})
     return np.array([-1 if jet.manifold is None else names.index(jet.manifold) for jet in vehicle.jets])
 
 
-def detector_params(scenario: Scenario) -> CglrParams:
-    """Settings of the failure detector."""
-    vehicle, detector = scenario.vehicle_data, scenario.detector
-    limit = detector.unexplained_limit
-    return CglrParams(
+def jets(scenario: Scenario) -> Jets:
+    """The jets as a detector knows them."""
+    vehicle = scenario.vehicle_data
+    return Jets(
         period_s=vehicle.sample_period_s,
         clusters=np.array([jet.cluster for jet in vehicle.jets]),
         unit_wrenches=unit_wrenches(vehicle),
         thrusts=np.array([jet.thrust for jet in vehicle.jets]),
-        margin=detector.margin,
-        threshold=detector.threshold,
-        dispersion_threshold=detector.dispersion_threshold,
-        magnitude_threshold=detector.magnitude_threshold,
-        mirror_sign_rule=detector.mirror_sign_rule,
-        signature_uncertainty=detector.signature_uncertainty,
-        unexplained_limit=math.inf if limit is None else limit,
-        alarms_to_declare=detector.reconfigure_after or 0,
-        alarm_gap=detector.alarm_gap,
-        action=_ACTIONS[detector.on_detection],
-        force_variance_floor=(_FORCE_FLOOR * max(jet.thrust for jet in vehicle.jets)) ** 2,
-        manifolds=_manifolds(vehicle) if detector.close_manifold else np.full(len(vehicle.jets), -1),
+        manifolds=_manifolds(vehicle),
+        limits=convergence_limits(scenario),
     )
+
+
+def detector(scenario: Scenario) -> Detector | None:
+    """The detector that a scenario names; None: off, or the vehicle has no accelerometer."""
+    if scenario.detector.kind == "off" or not scenario.vehicle_data.accelerometers:
+        return None
+    return DETECTORS[scenario.detector.kind]
+
+
+def detector_params(scenario: Scenario) -> CglrParams:
+    """Parameters of the detector by the constrained generalized likelihood ratio."""
+    return cglr.make_params(jets(scenario), scenario.detector)

@@ -295,6 +295,9 @@ class GivenStart(Model):
 class EstimationBlock(Model):
     """What the estimators start from, and what they make of commands."""
 
+    filter: Literal["thesis"] = described(
+        "thesis", "method: the thesis's two filters, with the blocks `rotation` and `mass`"
+    )
     start: Literal["nominal", "zero", "given"] = described(
         "nominal", "estimates begin at the nominal values, at zero, or at what `given` says"
     )

@@ -26,8 +26,8 @@ from massprop_drake.inputs.model import (
     read_text,
     validated,
 )
-from massprop_drake.maths.estimation.impulses import thrust_wrenches
 from massprop_drake.maths.mass_properties import MassProperties, could_be_inertia
+from massprop_drake.maths.vehicle.thrust import thrust_wrenches
 from massprop_drake.signals import SIGNALS
 
 Array = NDArray[np.float64]

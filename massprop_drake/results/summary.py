@@ -15,7 +15,7 @@ from massprop_drake.inputs.model import digest
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.maths import mass_properties
-from massprop_drake.maths.estimation.detectors import cglr as detection
+from massprop_drake.maths.estimation.detector import Event
 from massprop_drake.maths.mass_properties import six_elements
 
 Array = NDArray[np.float64]
@@ -163,7 +163,7 @@ def detection_entries(
         at = {name: float(signals[name][k, 0]) for name in DETECTOR_STATUS}
         jet = int(at["suspected_jet"])
         event = int(at["detector_event"])
-        if event == detection.WITHDRAWN:
+        if event == Event.WITHDRAWN:
             for entry in entries:
                 if entry["jet_index"] == jet and entry["withdrawn_s"] is None:
                     entry["withdrawn_s"] = float(time_s[k])
@@ -182,7 +182,7 @@ def detection_entries(
             "withdrawn_s": None,
             "jet_index": None,
         }
-        if event == detection.DECLARED:
+        if event == Event.DECLARED:
             magnitude, std = at["suspected_magnitude"], at["suspected_magnitude_std"]
             isolated = bool(at["jet_isolated"])
             entry |= {

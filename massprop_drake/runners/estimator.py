@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,16 +14,13 @@ from massprop_drake.inputs import params
 from massprop_drake.inputs.model import dotted
 from massprop_drake.inputs.scenario import Scenario, check_against_vehicle
 from massprop_drake.inputs.vehicle import SensorPackage, Vehicle
-from massprop_drake.maths.estimation.adaptation import NO_ADAPTATION
-from massprop_drake.maths.estimation.detectors import cglr as detection
-from massprop_drake.maths.estimation.filters import mass_filter, mass_jump, rotation_filter
-from massprop_drake.maths.estimation.filters.mass_filter import MassState
-from massprop_drake.maths.estimation.filters.rotation_filter import RotationState
-from massprop_drake.maths.estimation.impulses import interval_impulses
+from massprop_drake.maths.estimation import cycle
+from massprop_drake.maths.estimation.detector import Event
 from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
-from massprop_drake.maths.mass_properties import N_ROTATION, converged
+from massprop_drake.maths.mass_properties import converged
 from massprop_drake.maths.vehicle.sensing import unsaturated
-from massprop_drake.maths.vehicle.thrust import lag_factors
+from massprop_drake.results.summary import null_for_nan
+from massprop_drake.runners.logs import for_json, from_json
 
 Array = NDArray[np.float64]
 
@@ -87,7 +84,7 @@ class Estimator:
 
     From gyro, accelerometers and commands. The same mathematics as the `estimation` diagram, and the same
     answers. Call `step` once per sample
-    period, in order of time; nothing it keeps grows.
+    period, in order of time; nothing it keeps grows, and `state` and `restore` carry it over a restart.
 
     Args:
         vehicle: jets, sensors and nominal mass properties.
@@ -104,47 +101,52 @@ class Estimator:
         problems = check_against_vehicle(scenario, vehicle)
         if problems:
             raise InputError(*(f"scenario: {dotted(path)}: {problem}" for path, problem in problems))
-        self._vehicle = vehicle
         if not vehicle.accelerometers:
             raise InputError(f"vehicle '{vehicle.name}' has no accelerometer: its mass cannot be observed")
+        self._vehicle = vehicle
         self._gyros, self._accelerometers = params.gyros(scenario), params.accelerometers(scenario)
-        self._rotation, self._mass = params.rotation_params(scenario), params.mass_params(scenario)
-        self._limits = params.convergence_limits(scenario)
-        self._impulse_per_level = vehicle.wrenches * vehicle.sample_period_s
-        self._lag = lag_factors(params.estimator_time_constants(scenario), vehicle.sample_period_s)
-        self._thrust_errors = params.thrust_errors(scenario)
-
-        estimate, covariance = params.initial_estimate(scenario), params.initial_covariance(scenario)
-        n_jets = len(vehicle.jets)
-        considers = self._thrust_errors is not None
-        self._turning = RotationState(
-            estimate[:N_ROTATION],
-            covariance[:N_ROTATION, :N_ROTATION],
-            np.zeros((N_ROTATION, n_jets)) if considers else None,
-        )
-        self._moving = MassState(
-            float(estimate[9]),
-            float(covariance[9, 9]),
-            mass_jump.empty_window(self._mass.jump_window),
-            np.zeros(n_jets) if considers else None,
-        )
-        self._subtract_coupling = False
-        self._rates = np.full((len(self._gyros), 3), np.nan)
-        self._velocities = np.full((len(self._accelerometers), 3), np.nan)
-        self._commands = self._commands_before = self._level = np.zeros(n_jets)
-        self._outside = np.zeros(6)
-        self._detector = None if scenario.detector.kind == "off" else params.detector_params(scenario)
-        self._suspicion = detection.initial_state(n_jets)
+        self._params = params.estimation_params(scenario)
         self._unit_wrenches = params.unit_wrenches(vehicle)
+        self._state = cycle.initial_state(self._params)
+        self._command = np.zeros(len(vehicle.jets))  # of the interval that starts at the last sample
+        self._outside = np.zeros(6)
         self._time_s = -math.inf
 
     @property
     def covariance(self) -> Array:
         """Covariance of the ten estimates, shape (10, 10)."""
-        covariance = np.zeros((10, 10))
-        covariance[:N_ROTATION, :N_ROTATION] = self._turning.covariance
-        covariance[9, 9] = self._moving.variance
-        return covariance
+        return self._params.filter.covariance(self._state.filter)
+
+    @property
+    def state(self) -> dict[str, Any]:
+        """All that is known and remembered, as JSON takes it; a run's `filter_state.json` holds the same and more."""
+        return {
+            "time_s": self._time_s if math.isfinite(self._time_s) else None,
+            "command": null_for_nan(self._command),
+            "outside_wrench": null_for_nan(self._outside),
+            "states": for_json(cycle.saved(self._state, self._params)),
+        }
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Goes on from a state of this or another estimator, or of a run's `filter_state.json`.
+
+        Args:
+            state: as `state` gives it.
+
+        Raises:
+            InputError: when it is of another vehicle or other settings, or lacks a part.
+        """
+        missing = [key for key in ("time_s", "command", "states") if key not in state]
+        if missing:
+            raise InputError(f"state: has no '{missing[0]}'; give what `Estimator.state` gave")
+        command = np.array(state["command"], dtype=float)
+        if command.shape != self._command.shape:
+            raise InputError(f"state: is of a vehicle with {command.size} jets, not {self._command.size}")
+        groups = from_json(state["states"], cycle.saved(self._state, self._params), "state")
+        self._state = cycle.restored(groups, self._params)
+        self._command = command
+        self._outside = np.array(state.get("outside_wrench", [0.0] * 6), dtype=float)
+        self._time_s = -math.inf if state["time_s"] is None else float(state["time_s"])
 
     def step(
         self,
@@ -177,8 +179,8 @@ class Estimator:
         rates = _readings(gyro, self._gyros, "gyro")
         velocities = _readings(accelerometers, self._accelerometers, "accelerometers")
         coming = np.array(commands, dtype=float)  # copies: the caller may reuse its buffers
-        if coming.shape != self._level.shape:
-            raise ValueError(f"commands must have shape {self._level.shape}, got {coming.shape}")
+        if coming.shape != self._command.shape:
+            raise ValueError(f"commands must have shape {self._command.shape}, got {coming.shape}")
         if ((coming < 0.0) | (coming > 1.0)).any():
             raise ValueError("commands must be fractions from 0 to 1")
         outside = np.zeros(6) if outside_wrench is None else np.array(outside_wrench, dtype=float)
@@ -187,126 +189,53 @@ class Estimator:
         if not np.isfinite(outside).all():
             raise ValueError("outside_wrench must be finite")
 
+        sample = cycle.Sample(time_s, rates, velocities, self._command, self._outside)
         try:
-            step = self._cycle(time_s, rates, velocities)
+            done = cycle.step(self._state, sample, self._params)
         except NotPositiveDefiniteError as error:
             raise error.at(time_s, "estimator") from None
-        self._rates, self._velocities = rates, velocities
-        self._commands_before, self._commands, self._outside = self._commands, coming, outside
-        self._time_s = time_s
-        return step
+        self._state = done.state
+        self._command, self._outside, self._time_s = coming, outside, time_s
+        return self._told(time_s, done)
 
-    def _cycle(self, time_s: float, rates: Array, velocities: Array) -> EstimatorStep:
-        period = self._vehicle.sample_period_s
-        impulses = interval_impulses(
-            self._commands,
-            self._commands_before,
-            self._level,
-            self._impulse_per_level,
-            self._lag,
-            self._outside * period,
-        )
-        estimate, covariance = self._turning.estimate, self._turning.covariance
-        known = detection.NO_KNOWN_FORCE
-        if self._detector is not None:
-            parameters = np.append(estimate, self._moving.mass_reciprocal)
-            known = detection.known_force(self._suspicion, parameters, self._commands, self._detector)
-        impulse = known.wrench * period
-        angular_impulse = impulses.angular_impulse + impulse[:3]
-        linear_impulse = impulses.linear_impulse + impulse[3:]
-        firing = impulses.firing
-        failed = known is not detection.NO_KNOWN_FORCE
-        spread, linear_spread = None, None
-        if self._thrust_errors is not None:
-            spread = impulses.mean_level[:, None] * self._thrust_errors
-            linear_spread = self._thrust_errors[:, 3:].T * impulses.mean_level
-
-        turning = rotation_filter.measure(
-            self._turning,
-            self._rates,
-            self._subtract_coupling,
-            rates,
-            known.rotation_spread if failed else None,
-            angular_impulse,
-            linear_impulse,
-            firing or failed,
-            self._rotation,
-            spread,
-        )
-        sample = turning.sample
-        rotation = mass_filter.Rotation(
-            sample.increment, sample.rate, sample.gyro_variance, estimate[6:], covariance[6:, 6:]
-        )
-        moving = mass_filter.measure(
-            self._moving,
-            self._velocities,
-            velocities,
-            known.translation_spread if failed else None,
-            rotation,
-            linear_impulse,
-            self._mass,
-            linear_spread,
-        )
-        judged = None
-        if self._detector is not None:
-            judged = detection.judged(
-                self._suspicion,
-                time_s,
-                self._commands,
-                impulses.usable,
-                firing,
-                moving.innovation.innovation,
-                turning.innovation.innovation,
-                moving.innovation.covariance,
-                turning.innovation.covariance,
-                estimate,
-                covariance,
-                np.array([self._moving.mass_reciprocal, self._moving.variance]),
-                self._limits,
-                self._detector,
-                detection.shared_covariance(moving.innovation.effects, turning.innovation.effects),
-            )
-            self._suspicion = judged.state
-        adaptation = NO_ADAPTATION if judged is None else judged.adaptation
-        # a known force alone is no reason to learn: it may have ceased
-        usable = impulses.usable and firing
-        turned = rotation_filter.finish(self._turning, turning, usable, adaptation, self._rotation)
-        weighed = mass_filter.finish(self._moving, moving, impulses.usable, firing, adaptation, self._mass)
-        self._turning, self._moving = turned.state, weighed.state
-        self._subtract_coupling = turning.innovation.subtract_coupling
-        self._level = impulses.level
-
-        ten = np.append(self._turning.estimate, self._moving.mass_reciprocal)
-        deviation = np.sqrt(np.append(self._turning.covariance.diagonal(), self._moving.variance))
+    def _told(self, time_s: float, done: cycle.EstimationStep) -> EstimatorStep:
+        """What is known after a cycle."""
+        rotation, mass, judgment = done.filtered.rotation, done.filtered.mass, done.judgment
+        assert mass is not None  # a vehicle without accelerometer is refused
+        ten = np.append(rotation.estimate, mass.mass_reciprocal)
+        deviation = np.append(rotation.standard_deviation, math.sqrt(mass.variance))
+        detector = done.state.detector
+        n_jets = len(self._vehicle.jets)
         return EstimatorStep(
             time_s,
             ten,
             deviation,
-            converged(deviation, ten, self._limits),
-            turned.used,
-            weighed.used,
-            turning.innovation.nis,
-            moving.innovation.nis,
-            judged is not None and judged.finding.alarm,
-            None if judged is None else self._detection(judged.finding),
-            self._suspicion.force @ self._unit_wrenches,
-            self._suspicion.removed != 0.0,
+            converged(deviation, ten, self._params.limits),
+            rotation.rotation_used,
+            mass.mass_used,
+            rotation.rotation_nis,
+            mass.mass_nis,
+            judgment is not None and bool(judgment.status.alarm),
+            None if judgment is None else self._detection(judgment.status),
+            np.zeros(6) if detector is None else detector.force @ self._unit_wrenches,
+            np.zeros(n_jets, dtype=bool) if detector is None else detector.removed != 0.0,
         )
 
-    def _detection(self, finding: detection.Finding) -> Detection | None:
-        if finding.event == detection.NOTHING:
+    def _detection(self, status: Any) -> Detection | None:
+        event = Event(int(status.detector_event))
+        if event == Event.NOTHING:
             return None
-        if finding.event == detection.JUMP:
-            return Detection("mass_property_jump", finding.onset_s, None, None, False, 0.0, 0.0)
-        jet = self._vehicle.jets[finding.isolation.jet]
+        if event == Event.JUMP:
+            return Detection("mass_property_jump", status.onset, None, None, False, 0.0, 0.0)
+        jet = self._vehicle.jets[int(status.suspected_jet)]
         return Detection(
-            "jet" if finding.event == detection.DECLARED else "withdrawn",
-            finding.onset_s,
+            "jet" if event == Event.DECLARED else "withdrawn",
+            status.onset,
             jet.cluster,
             jet.designation,
-            finding.jet_isolated,
-            finding.magnitude,
-            finding.magnitude_std,
+            bool(status.jet_isolated),
+            status.suspected_magnitude,
+            status.suspected_magnitude_std,
         )
 
 

@@ -1,6 +1,6 @@
-"""What the estimation diagram's logs hold, taken apart; and its state, taken out and put back.
+"""What the logs of the estimators hold, taken apart; and their state, taken out and put back.
 
-The same for every diagram that contains it: simulated runs and the replay of recorded telemetry.
+The same for simulated runs, for recorded telemetry and for the estimator in real time.
 """
 
 from __future__ import annotations
@@ -15,13 +15,15 @@ from massprop_drake.errors import InputError
 from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.maths import mass_properties
-from massprop_drake.maths.estimation.detectors.cglr import N_SUSPICION
-from massprop_drake.results.summary import DETECTOR_STATUS, null_for_nan
+from massprop_drake.maths.estimation.filter import Groups
+from massprop_drake.results.summary import null_for_nan
+from massprop_drake.systems.layouts import DETECTOR_REPORT, IMPULSES, MASS_REPORT, ROTATION_REPORT
 
 Array = NDArray[np.float64]
+SavedState = dict[str, list[list[float | None]]]  # vectors by the part of the diagram that holds them, NaN as None
 
 # ports of the estimation diagram that are logged, where it has them
-ESTIMATION = ("impulses", "rotation_report", "mass_report", "detector_report", "detector_memory")
+ESTIMATION = ("impulses", "rotation_report", "mass_report", "detector_report")
 RECENT = 256  # rows whose times a run keeps for the part that goes on from it
 
 
@@ -32,92 +34,52 @@ def estimation_signals(scenario: Scenario, logs: Mapping[str, Array]) -> dict[st
         scenario: for the number of jets and the limits of convergence.
         logs: by port, a row per sample.
     """
-    signals = _parts(logs["impulses"], angular_impulse=3, linear_impulse=3, usable=1, firing=1)
-    rotation = logs["rotation_report"]
-    mass = logs.get("mass_report", np.full((rotation.shape[0], 2), np.nan))  # without accelerometer
-    signals["estimate"] = np.hstack([rotation[:, :9], mass[:, :1]])
-    signals["standard_deviation"] = np.hstack([rotation[:, 9:18], np.sqrt(mass[:, 1:2])])
+    signals = IMPULSES.columns(logs["impulses"])
+    rotation = ROTATION_REPORT.columns(logs["rotation_report"])
+    there = "mass_report" in logs
+    log = logs["mass_report"] if there else np.full((logs["impulses"].shape[0], MASS_REPORT.size), np.nan)
+    mass = MASS_REPORT.columns(log)
+    signals["estimate"] = np.hstack([rotation.pop("estimate"), mass.pop("mass_reciprocal")])
+    signals["standard_deviation"] = np.hstack([rotation.pop("standard_deviation"), np.sqrt(mass.pop("variance"))])
     limits = params.convergence_limits(scenario)
     good = mass_properties.converged_rows(signals["standard_deviation"], signals["estimate"], limits)
     signals["converged"] = good.astype(float)[:, None]
-    signals |= _parts(
-        rotation[:, 18:],
-        rotation_innovation=3,
-        rotation_nis=1,
-        rotation_used=1,
-        rotation_jump=1,
-        coupling_subtracted=1,
-    )
-    if "mass_report" in logs:
-        signals |= _parts(mass[:, 2:], mass_innovation=3, mass_nis=1, mass_used=1, mass_jump=1)
+    signals |= rotation
+    if there:
+        signals |= mass
     if "detector_report" in logs:
-        n_jets = len(scenario.vehicle_data.jets)
-        signals |= _parts(logs["detector_report"], **DETECTOR_STATUS, likelihood=n_jets, failure_magnitude=n_jets)
-        signals |= _parts(logs["detector_memory"][:, N_SUSPICION:], known_force=n_jets, known_force_variance=n_jets)
+        jets = len(scenario.vehicle_data.jets)
+        signals |= DETECTOR_REPORT.sized(jets=jets).columns(logs["detector_report"])
     return signals
 
 
-def _parts(log: Array, **sizes: int) -> dict[str, Array]:
-    edges = np.cumsum([0, *sizes.values()])
-    return {name: log[:, start:end] for name, start, end in zip(sizes, edges, edges[1:], strict=False)}
+# --------------------------------------------------------------------------------------- kept states
 
 
-def cycle_times(diagram: Any, cycles: int) -> dict[str, float | None]:
-    """Mean time per cycle spent in the mathematics of each part, microseconds."""
-    estimation = diagram.GetSubsystemByName("estimation")
-    names = [system.get_name() for system in estimation.GetSystems()]
-    estimators = [name for name in ("impulse_model", "rotation_estimator", "mass_estimator") if name in names]
-    spent = sum(estimation.GetSubsystemByName(name).stopwatch.spent_s for name in estimators)
-    selection = detector = None
-    if diagram.HasSubsystemNamed("autopilot"):
-        autopilot = diagram.GetSubsystemByName("autopilot")
-        selection = 1e6 * autopilot.GetSubsystemByName("jet_selection").stopwatch.spent_s / cycles
-    if "failure_detector" in names:
-        detector = 1e6 * estimation.GetSubsystemByName("failure_detector").stopwatch.spent_s / cycles
-    return {"estimators": 1e6 * spent / cycles, "detector": detector, "jet_selection": selection}
+def for_json(groups: Groups) -> SavedState:
+    """A state as a file keeps it."""
+    return {name: [null_for_nan(vector) for vector in vectors] for name, vectors in groups.items()}
 
 
-def saved_state(diagram: Any, context: Any) -> dict[str, list[list[float | None]]]:
-    """The discrete state of every part of the estimation diagram, by name; NaN as None.
+def from_json(states: Mapping[str, Any], like: Groups, source: str) -> Groups:
+    """The inverse of `for_json`.
 
     Args:
-        diagram: that contains the estimation diagram.
-        context: the root context.
-    """
-    states = {}
-    for system in diagram.GetSubsystemByName("estimation").GetSystems():
-        own = system.GetMyContextFromRoot(context)
-        groups = [own.get_discrete_state(index).CopyToVector() for index in range(own.num_discrete_state_groups())]
-        if groups:
-            states[system.get_name()] = [null_for_nan(group) for group in groups]
-    return states
-
-
-def restore_state(diagram: Any, context: Any, states: Mapping[str, Any], source: str) -> None:
-    """Puts a saved state back.
-
-    Args:
-        diagram: that contains the estimation diagram.
-        context: the root context, changed.
-        states: as `saved_state` gives them.
+        states: as a file has them.
+        like: a state of the same parameters, for the sizes.
         source: where they come from, for messages.
 
     Raises:
         InputError: when they are of another vehicle or other settings.
     """
-    now = saved_state(diagram, context)
-    for name in sorted(set(now) | set(states)):
-        saved, here = _sizes(states.get(name)), _sizes(now.get(name))
+    for name in sorted(set(like) | set(states)):
+        saved, here = _sizes(states.get(name)), [vector.size for vector in like.get(name, [])]
         if saved != here:
             raise InputError(
                 f"{source}: the saved state of {name} has sizes {saved or 'none'}, but these settings make it "
                 f"{here or 'none'}; go on with the vehicle and the settings of that run"
             )
-    estimation = diagram.GetSubsystemByName("estimation")
-    for name, groups in states.items():
-        own = estimation.GetSubsystemByName(name).GetMyMutableContextFromRoot(context)
-        for index, group in enumerate(groups):
-            own.SetDiscreteState(index, np.array(group, dtype=float))
+    return {name: [np.array(vector, dtype=float) for vector in vectors] for name, vectors in states.items()}
 
 
 def _sizes(groups: Any) -> list[int]:

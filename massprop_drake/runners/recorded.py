@@ -3,33 +3,29 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import DiagramBuilder
-from pydrake.systems.primitives import LogVectorOutput, VectorLogSink
 
-from massprop_drake.diagrams import replay
 from massprop_drake.errors import InputError
 from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import PlantBlock, Scenario
 from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.maths.estimation import cycle
 from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
-from massprop_drake.maths.mass_properties import N_ROTATION
 from massprop_drake.results.run import Run, saved_filter_state
 from massprop_drake.results.spool import Spool
 from massprop_drake.results.summary import composed, detection_entries, null_for_nan, settled
-from massprop_drake.runners.logs import ESTIMATION, RECENT, cycle_times, estimation_signals, restore_state, saved_state
+from massprop_drake.runners.logs import RECENT, estimation_signals, for_json, from_json
+from massprop_drake.systems.layouts import DETECTOR_REPORT, IMPULSES, MASS_REPORT, ROTATION_REPORT
 from massprop_drake.telemetry.quality import QualityReport
 from massprop_drake.telemetry.reader import Continuation, Reader, Rows
 
 Array = NDArray[np.float64]
 
-_AHEAD = 0.25  # of a sample period beyond the last row: its update is done, and the next row not asked for
 _LONGEST_S = 1e6  # duration that a scenario may have
 
 
@@ -45,7 +41,8 @@ def estimate(
 ) -> Run:
     """Estimates mass properties and finds failed jets from a record, row by row and in bounded memory.
 
-    The `estimation` diagram is the one of simulated runs, so a run's own telemetry gives its own estimates.
+    The cycle is that of simulated runs, so a run's own telemetry gives its own estimates, bit for bit. Drake plays no
+    part; `diagrams.replay` does the same as a diagram.
 
     Args:
         telemetry: a CSV or Parquet file, or "-" for standard input, whose rows are used as they come.
@@ -70,7 +67,7 @@ def estimate(
     after = None if earlier is None else _continuation(earlier)
     reader = Reader(telemetry, scenario.vehicle_data, gyro=params.gyro(scenario).name, after=after, stream=stream)
     try:
-        replayed = _Replay(scenario, earlier, str(resume_from), Spool(folder))
+        replayed = _Estimation(scenario, earlier, str(resume_from), Spool(folder))
         began = time.perf_counter()
         for rows in reader:
             entries = replayed.take(rows, reader.before)
@@ -97,52 +94,45 @@ def settings_alone(scenario: Scenario) -> Scenario:
     return scenario.model_copy(update={**bare, "sensors": sensors})
 
 
-class _Replay:
-    """The diagram in its simulator, what has come out of it, and what that says."""
+class _Estimation:
+    """A cycle of estimation for every row, what has come out of it, and what that says."""
 
     def __init__(self, scenario: Scenario, earlier: Mapping[str, Any] | None, source: str, spool: Spool):
         self._scenario = scenario
         self._vehicle = scenario.vehicle_data
         self._period_s = self._vehicle.sample_period_s
-        self._first_row = 0 if earlier is None else int(earlier["row"]) + 1
-        self._diagram = replay.build(scenario, first_row=self._first_row)
-        self._source = self._diagram.GetSubsystemByName("telemetry_source")
-        builder = DiagramBuilder()
-        builder.AddNamedSystem("replay", self._diagram)
-        self._sinks: dict[str, VectorLogSink] = {
-            name: LogVectorOutput(self._diagram.GetOutputPort(name), builder, self._period_s)
-            for name in ESTIMATION
-            if self._diagram.HasOutputPort(name)
-        }
-        self._simulator = Simulator(builder.Build())
-        self._context = self._simulator.get_mutable_context()
-        self._context.SetTime(self._first_row * self._period_s)
+        self._next_row = 0 if earlier is None else int(earlier["row"]) + 1
+        self._params = params.estimation_params(scenario)
+        self._state = cycle.initial_state(self._params)
         if earlier is not None:
-            restore_state(self._diagram, self._context, earlier["states"], f"{source}/filter_state.json")
-        self._earlier = earlier
+            like = cycle.saved(self._state, self._params)
+            groups = from_json(earlier["states"], like, f"{source}/filter_state.json")
+            self._state = cycle.restored(groups, self._params)
+        n_jets = len(self._vehicle.jets)
+        self._command, self._outside = np.zeros(n_jets), np.zeros(6)  # of the interval before the next row
+        self._gyros = [(package.name, package.range) for package in params.gyros(scenario)]
+        self._accelerometers = [(package.name, package.range) for package in params.accelerometers(scenario)]
+        self._report = DETECTOR_REPORT.sized(jets=n_jets)
+        self._spent_s = {"estimators": 0.0, "detector": 0.0}
         self._spool = spool
         self._rows = 0
-        self._entries: list[dict[str, Any]] = [] if earlier is None else list(earlier["detections"])
+        self._entries: list[Any] = [] if earlier is None else list(earlier["detections"])
         self._recent = np.array([] if earlier is None else earlier["recent_s"], dtype=float)
-        self._recent_end = self._first_row  # number of the row after the last of the recent ones
+        self._recent_end = self._next_row  # number of the row after the last of the recent ones
         self._nis: dict[str, tuple[float, int]] = {"rotation": (0.0, 0), "mass": (0.0, 0)}
-        self._on_before = np.zeros(len(self._vehicle.jets), dtype=bool)
+        self._on_before = np.zeros(n_jets, dtype=bool)
         self._firings = 0
-        self._fired = np.zeros(len(self._vehicle.jets))
+        self._fired = np.zeros(n_jets)
         self._quality = QualityReport(scenario)
 
-    def take(self, rows: Rows, before: tuple[Array, Array]) -> list[dict[str, Any]]:
-        """Puts rows through the diagram; the detections that they bring."""
+    def take(self, rows: Rows, before: tuple[Array, Array]) -> list[Any]:
+        """Takes in rows; the detections that they bring."""
         if not self._rows:
-            self._source.begin(*before)
+            self._command, self._outside = before
             self._on_before = before[0] > 0.0
             self._quality.begin(before[0])
-        last = self._source.extend(rows.time_s, rows.readings, rows.commands, rows.outside_wrench)
-        if not self._rows:
-            self._simulator.Initialize()
-        self._simulator.AdvanceTo((last + _AHEAD) * self._period_s)
+        signals = self._signals(rows, self._estimated(rows))
         self._rows += rows.time_s.size
-        signals = self._signals(rows)
         self._spool.append(signals)
         self._count(rows, signals)
         self._quality.add(rows, signals)
@@ -151,13 +141,56 @@ class _Replay:
         self._entries = detection_entries(self._vehicle, rows.time_s, signals, self._entries)
         return self._entries[known:]
 
-    def _signals(self, rows: Rows) -> dict[str, Array]:
+    def _estimated(self, rows: Rows) -> dict[str, Array]:
+        """A cycle for each row; what the ports of the estimation diagram would log."""
+        count = rows.time_s.size
+        rates, velocities = _stacked(rows, self._gyros), _stacked(rows, self._accelerometers)
+        logs = {
+            "impulses": np.empty((count, IMPULSES.size)),
+            "rotation_report": np.empty((count, ROTATION_REPORT.size)),
+        }
+        if self._accelerometers:
+            logs["mass_report"] = np.empty((count, MASS_REPORT.size))
+        if self._params.detector is not None:
+            logs["detector_report"] = np.empty((count, self._report.size))
+        for index in range(count):
+            time_s = self._next_row * self._period_s
+            sample = cycle.Sample(time_s, rates[index], velocities[index], self._command, self._outside)
+            before = self._state.detector
+            try:
+                done = self._cycle(sample)
+            except NotPositiveDefiniteError as error:
+                raise error.at(time_s, "estimator") from None
+            impulses, filtered, judgment = done.interval.impulses, done.filtered, done.judgment
+            known = (impulses.angular_impulse, impulses.linear_impulse, impulses.usable, impulses.firing)
+            logs["impulses"][index] = IMPULSES.pack(known)
+            logs["rotation_report"][index] = ROTATION_REPORT.pack(filtered.rotation)
+            if filtered.mass is not None:
+                logs["mass_report"][index] = MASS_REPORT.pack(filtered.mass)
+            if judgment is not None:
+                of_jets = (judgment.likelihood, judgment.magnitude, before.force, before.variance)
+                logs["detector_report"][index] = self._report.pack((*judgment.status, *of_jets))
+            self._state = done.state
+            self._command = rows.commands[index]
+            if rows.outside_wrench is not None:
+                self._outside = rows.outside_wrench[index]
+            self._next_row += 1
+        return logs
+
+    def _cycle(self, sample: cycle.Sample) -> cycle.EstimationStep:
+        """`cycle.step`, its parts timed."""
+        began = time.perf_counter()
+        measured = cycle.measure(self._state, sample, self._params)
+        seen = time.perf_counter()
+        judgment = cycle.judge(self._state, sample, measured, self._params)
+        judged = time.perf_counter()
+        done = cycle.finish(self._state, sample, measured, judgment, self._params)
+        self._spent_s["detector"] += judged - seen
+        self._spent_s["estimators"] += time.perf_counter() - judged + seen - began
+        return done
+
+    def _signals(self, rows: Rows, logs: Mapping[str, Array]) -> dict[str, Array]:
         """The rows and what the estimators made of them, in the record's own time."""
-        logs = {}
-        for name, sink in self._sinks.items():
-            log = sink.FindMutableLog(self._context)
-            logs[name] = np.array(log.data().T)  # a copy: the log's own memory goes with it
-            log.Clear()
         signals: dict[str, Array] = {"time_s": rows.time_s, "command": rows.commands}
         signals["gap"] = np.where(rows.recorded, 0.0, 1.0)[:, None]
         if rows.outside_wrench is not None:
@@ -191,21 +224,6 @@ class _Replay:
         self._on_before = on[-1]
         self._fired += np.nansum(rows.commands, axis=0)
 
-    def _covariance(self) -> Array:
-        """Of the ten estimates after the last row; NaN for the mass where it is not observed."""
-        estimation = self._diagram.GetSubsystemByName("estimation")
-
-        def state(part: str, port: str) -> Array:
-            system = estimation.GetSubsystemByName(part)
-            return system.GetOutputPort(port).Eval(system.GetMyContextFromRoot(self._context))
-
-        covariance = np.zeros((10, 10))
-        rotation = state("rotation_estimator", "predicted_covariance")
-        covariance[:N_ROTATION, :N_ROTATION] = rotation.reshape(N_ROTATION, N_ROTATION)
-        observed = estimation.HasSubsystemNamed("mass_estimator")
-        covariance[9, 9] = state("mass_estimator", "predicted")[1] if observed else np.nan
-        return covariance
-
     def finish(self, reader: Reader, telemetry: str | Path, wall_s: float) -> Run:
         """The run, once all rows have been taken."""
         record, last = reader.record, self._last
@@ -214,7 +232,7 @@ class _Replay:
             self._scenario = self._scenario.model_copy(update={"duration_s": duration_s})
         n_jets = len(self._vehicle.jets)
         none = np.zeros(n_jets)
-        covariance = self._covariance()
+        covariance = self._params.filter.covariance(self._state.filter)
         quality = self._quality.finished(record, reader.ragged)
         means = {name: total / count if count else None for name, (total, count) in self._nis.items()}
         summary = composed(
@@ -238,7 +256,7 @@ class _Replay:
             timing={
                 "wall_s": wall_s,
                 "real_time_factor": duration_s / wall_s,
-                "cycle_us": cycle_times(self._diagram, self._rows),
+                "cycle_us": self._cycle_times(),
             },
         )
         summary["provenance"] |= {
@@ -248,8 +266,8 @@ class _Replay:
         summary["data_quality"] = quality
         state = {
             "time_s": record.last_s,
-            "row": self._first_row + self._rows - 1,
-            "states": saved_state(self._diagram, self._context),
+            "row": self._next_row - 1,
+            "states": for_json(cycle.saved(self._state, self._params)),
             "command": null_for_nan(last["command"]),
             "recent_s": null_for_nan(self._recent),
             "detections": self._entries,
@@ -257,6 +275,23 @@ class _Replay:
             "velocity": {name: null_for_nan(value) for name, value in reader.velocity.items()},
         }
         return Run(self._scenario, summary, None, self._spool, covariance, state)
+
+    def _cycle_times(self) -> dict[str, float | None]:
+        """Mean time per cycle spent in each part, microseconds."""
+        mean = {name: 1e6 * spent / max(self._rows, 1) for name, spent in self._spent_s.items()}
+        detector = mean["detector"] if self._params.detector is not None else None
+        return {"estimators": mean["estimators"], "detector": detector, "jet_selection": None}
+
+
+def _stacked(rows: Rows, packages: Sequence[tuple[str, float | None]]) -> Array:
+    """Readings of some packages side by side, NaN where missing or saturated, shape (n, s, 3)."""
+    stacked = np.empty((rows.time_s.size, len(packages), 3))
+    for place, (name, limit) in enumerate(packages):
+        stacked[:, place] = rows.readings[name]
+        if limit is not None:
+            within = (np.abs(rows.readings[name]) < limit).all(axis=1)
+            stacked[~within, place] = np.nan
+    return stacked
 
 
 # ------------------------------------------------------------------------------------------ going on

@@ -17,12 +17,14 @@ from massprop_drake.diagrams import closed_loop, open_loop
 from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.maths.autopilot.jet_selection import activity_vectors
+from massprop_drake.maths.estimation.filter import Groups
 from massprop_drake.maths.mass_properties import N_ROTATION, MassProperties, symmetric
 from massprop_drake.maths.vehicle.rigid_body import MASS, POSITION, QUATERNION, RATE, VELOCITY
 from massprop_drake.results.run import Run
 from massprop_drake.results.summary import detection_entries, null_for_nan, summarize
-from massprop_drake.runners.logs import ESTIMATION, RECENT, cycle_times, estimation_signals, saved_state
+from massprop_drake.runners.logs import ESTIMATION, RECENT, estimation_signals, for_json
 from massprop_drake.systems.autopilot.jet_selection_program import JetSelectionProgram
+from massprop_drake.systems.layouts import RECONFIGURATION, STRUCTURE
 
 Array = NDArray[np.float64]
 
@@ -110,7 +112,8 @@ def simulate(
         if progress is not None:
             progress(reached)
     context = simulator.get_context()
-    covariance = _covariance(diagram, diagram.GetMyContextFromRoot(context))
+    own = diagram.GetMyContextFromRoot(context)
+    covariance = diagram.GetOutputPort("covariance").Eval(own).reshape(10, 10)
     simulator.AdvancePendingEvents()  # the sample at the end is used like any other
     wall_s = time.perf_counter() - began
 
@@ -119,13 +122,13 @@ def simulate(
     timing = {
         "wall_s": wall_s,
         "real_time_factor": float(time_s[-1]) / wall_s,
-        "cycle_us": cycle_times(diagram, len(time_s)),
+        "cycle_us": _cycle_times(diagram, len(time_s)),
     }
     summary = summarize(scenario, time_s, signals, covariance, timing, _authority(scenario, signals))
     state = {
         "time_s": float(time_s[-1]),
         "row": len(time_s) - 1,
-        "states": saved_state(diagram, context),
+        "states": for_json(_state_groups(diagram, context)),
         # nothing is commanded beyond the end
         "command": [None] * len(vehicle.jets),
         "recent_s": null_for_nan(time_s[-RECENT:]),
@@ -143,26 +146,16 @@ def _moment(diagram: Diagram, context: Any) -> Moment:
     thrust = output("thrust")
     removed = np.zeros(thrust.size, dtype=bool)
     if diagram.HasOutputPort("reconfiguration"):
-        removed = output("reconfiguration")[7:] != 0.0
+        removed = RECONFIGURATION.sized(jets=thrust.size).read(output("reconfiguration")).removed != 0.0
     return Moment(
         context.get_time(),
         output("body_state")[QUATERNION],
-        output("structure")[6:],
+        STRUCTURE.read(output("structure")).center_of_mass,
         thrust,
         output("estimate"),
         output("standard_deviation"),
         removed,
     )
-
-
-def _covariance(diagram: Diagram, context: Any) -> Array:
-    """Covariance of the ten estimates, shape (10, 10); NaN for the mass where it is not observed."""
-    covariance = np.zeros((10, 10))
-    rotation = diagram.GetOutputPort("rotation_covariance").Eval(context)
-    covariance[:N_ROTATION, :N_ROTATION] = rotation.reshape(N_ROTATION, N_ROTATION)
-    observed = diagram.HasOutputPort("mass_estimate")
-    covariance[9, 9] = diagram.GetOutputPort("mass_estimate").Eval(context)[1] if observed else np.nan
-    return covariance
 
 
 def _collect(sinks: dict[str, VectorLogSink], context: Any) -> tuple[Array, dict[str, Array]]:
@@ -177,20 +170,19 @@ def _collect(sinks: dict[str, VectorLogSink], context: Any) -> tuple[Array, dict
 def _signals(scenario: Scenario, logs: dict[str, Array]) -> dict[str, Array]:
     """The logged ports taken apart into named signals."""
     vehicle = scenario.vehicle_data
-    body, structure = logs["body_state"], logs["structure"]
+    body, structure = logs["body_state"], STRUCTURE.columns(logs["structure"])
     signals = {
         "rate": body[:, RATE],
         "attitude": body[:, QUATERNION],
         "position": body[:, POSITION],
         "velocity": body[:, VELOCITY],
-        "truth": _truth(body[:, MASS], structure),
+        "truth": _truth(body[:, MASS], structure["inertia"], structure["center_of_mass"]),
         "command": logs["command"],
         "thrust": logs["thrust"],
     }
     level = logs["thrust"] / np.linalg.norm(vehicle.thrusts, axis=1)
-    wrench = level @ vehicle.wrenches
-    signals["force"] = wrench[:, 3:]
-    signals["torque"] = wrench[:, :3] - np.cross(structure[:, 6:], wrench[:, 3:])
+    torque, signals["force"] = np.hsplit(level @ vehicle.wrenches, 2)
+    signals["torque"] = torque - np.cross(structure["center_of_mass"], signals["force"])
     for name in ("hand_controllers", "attitude_error", "request", "selection_counts", "out_of_use"):
         if name in logs:
             signals[name] = logs[name]
@@ -200,15 +192,41 @@ def _signals(scenario: Scenario, logs: dict[str, Array]) -> dict[str, Array]:
     return signals
 
 
-def _truth(mass: Array, structure: Array) -> Array:
+def _truth(mass: Array, inertia: Array, center: Array) -> Array:
     """True ten parameters at each sample; the inverse is taken once per distinct structure."""
     truth = np.empty((mass.size, 10))
+    structure = np.hstack([inertia, center])
     changes = np.flatnonzero(np.any(np.diff(structure, axis=0) != 0.0, axis=1)) + 1
     for first, last in zip([0, *changes], [*changes, mass.size], strict=True):
-        properties = MassProperties(1.0, structure[first, 6:], symmetric(structure[first, :6]))
-        truth[first:last] = properties.vector()
-    truth[:, 9] = 1.0 / mass
+        truth[first:last] = MassProperties(1.0, center[first], symmetric(inertia[first])).vector()
+    truth[:, N_ROTATION] = 1.0 / mass
     return truth
+
+
+def _cycle_times(diagram: Any, cycles: int) -> dict[str, float | None]:
+    """Mean time per cycle spent in the mathematics of each part, microseconds."""
+    estimation = diagram.GetSubsystemByName("estimation")
+    spent = {
+        system.get_name(): 1e6 * system.stopwatch.spent_s / cycles
+        for system in estimation.GetSystems()
+        if hasattr(system, "stopwatch")
+    }
+    detector = spent.pop("failure_detector", None)
+    selection = None
+    if diagram.HasSubsystemNamed("autopilot"):
+        autopilot = diagram.GetSubsystemByName("autopilot")
+        selection = 1e6 * autopilot.GetSubsystemByName("jet_selection").stopwatch.spent_s / cycles
+    return {"estimators": sum(spent.values()), "detector": detector, "jet_selection": selection}
+
+
+def _state_groups(diagram: Any, context: Any) -> Groups:
+    """The discrete state of every part of the estimation diagram, by name, from the root context."""
+    groups = {}
+    for system in diagram.GetSubsystemByName("estimation").GetSystems():
+        state = system.GetMyContextFromRoot(context).get_discrete_state()
+        if state.num_groups():
+            groups[system.get_name()] = [state.get_vector(index).CopyToVector() for index in range(state.num_groups())]
+    return groups
 
 
 def _authority(scenario: Scenario, signals: dict[str, Array]) -> dict[str, Any] | None:

@@ -10,12 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linprog
 
-from massprop_drake.inputs.scenario import DetectorBlock
+from massprop_drake.inputs import params
+from massprop_drake.inputs.scenario import DetectorBlock, MassBlock, Scenario
 from massprop_drake.inputs.vehicle import Accelerometer, Vehicle
 from massprop_drake.maths.autopilot.jet_selection import activity_vectors
 from massprop_drake.maths.estimation import observability
 from massprop_drake.maths.estimation.detectors.jet_tests import signatures
-from massprop_drake.maths.estimation.filters import mass_filter
+from massprop_drake.maths.estimation.filters.mass_filter import Rotation, compensated
 from massprop_drake.maths.mass_properties import NAMES, initial_standard_deviation
 from massprop_drake.maths.vehicle.sensing import increment_noise
 
@@ -124,18 +125,10 @@ def _whitened_signatures(vehicle: Vehicle) -> Array:
     if accelerometer is None:
         return observability.whitened(effects[:, 3:], rate)
     nothing = np.zeros(3)
-    _, velocity = mass_filter.compensated(
-        nothing,
-        increment_noise(accelerometer.variance),
-        nothing,
-        nothing,
-        float(rate[0, 0]),
-        np.array(accelerometer.position) - nominal[6:9],
-        np.zeros((3, 3)),
-        period,
-        mass_filter.TRANSVERSE,
-        grow_covariance=True,
-    )
+    known = Rotation(nothing, nothing, float(rate[0, 0]), nominal[6:9], np.zeros((3, 3)))
+    arm = np.array(accelerometer.position) - known.center
+    chosen = params.mass_params(Scenario(vehicle=vehicle, mass=MassBlock(compensation="transverse")))
+    _, velocity = compensated(nothing, increment_noise(accelerometer.variance), arm, known, chosen)
     covariance = np.zeros((6, 6))
     covariance[:3, :3], covariance[3:, 3:] = velocity, rate
     return observability.whitened(effects, covariance)

@@ -71,7 +71,11 @@ def test_what_the_filters_start_from(sample_maneuver: Scenario) -> None:
 
 def test_settings_of_the_rotation_filter() -> None:
     default = params.rotation_params(load_scenario("sample_maneuver"))
-    assert (default.second_order, default.coupling, default.coupling_limit) == (True, rotation_filter.HYBRID, 50.0)
+    assert (default.second_order, default.coupling, default.coupling_limit) == (
+        True,
+        rotation_filter.Coupling.HYBRID,
+        50.0,
+    )
     assert default.jump_threshold == 25.0
     changed = params.rotation_params(
         load_scenario(
@@ -83,7 +87,7 @@ def test_settings_of_the_rotation_filter() -> None:
             ],
         )
     )
-    assert (changed.second_order, changed.coupling) == (False, rotation_filter.IGNORE)
+    assert (changed.second_order, changed.coupling) == (False, rotation_filter.Coupling.IGNORE)
     assert changed.jump_threshold == math.inf
     np.testing.assert_allclose(changed.disturbance_covariance, 0.01 * np.eye(3), rtol=1e-15)
     np.testing.assert_allclose(changed.process_noise, np.diag([0, 0, 0, 0, 0, 0, 4.0, 0, 0]), rtol=1e-15)
@@ -92,11 +96,11 @@ def test_settings_of_the_rotation_filter() -> None:
 
 def test_settings_of_the_mass_filter() -> None:
     default = params.mass_params(load_scenario("sample_maneuver"))
-    assert (default.compensation, default.compensation_covariance) == (mass_filter.TRANSVERSE, True)
+    assert (default.compensation, default.compensation_covariance) == (mass_filter.Compensation.TRANSVERSE, True)
     changed = params.mass_params(
         load_scenario("sample_maneuver", ["mass={compensation: none, process_noise_std: 3.0, disturbance_std: 0.1}"])
     )
-    assert changed.compensation == mass_filter.NO_COMPENSATION
+    assert changed.compensation == mass_filter.Compensation.NONE
     assert changed.process_noise == 9.0
     np.testing.assert_allclose(changed.disturbance_covariance, 0.01 * np.eye(3), rtol=1e-15)
 
@@ -264,7 +268,7 @@ def test_rules_and_packages_reach_the_filters_in_order_of_preference() -> None:
     ]
     scenario = load_scenario("sample_maneuver", overrides)
     turning, moving = params.rotation_params(scenario), params.mass_params(scenario)
-    assert (turning.rule, moving.rule, moving.correlated) == (redundancy.AVERAGE, redundancy.MID_VALUE, True)
+    assert (turning.rule, moving.rule, moving.correlated) == (redundancy.Rule.AVERAGE, redundancy.Rule.MID_VALUE, True)
     packages = {package.name: package for package in scenario.vehicle_data.accelerometers}
     in_order = [packages[name] for name in ("acc3", "acc1", "acc2")]
     np.testing.assert_array_equal(moving.positions, [package.position for package in in_order])

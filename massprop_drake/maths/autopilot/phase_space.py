@@ -8,6 +8,8 @@ the velocity is kept on release. A request is six-dimensional, [dw; dv] (1-2), f
 
 from __future__ import annotations
 
+import math
+from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
@@ -21,7 +23,14 @@ from massprop_drake.maths.attitude import (
 )
 from massprop_drake.maths.linear_algebra import Array
 
-NO_REQUEST, WHEN_IDLE, AT_ONCE = 0.0, 1.0, 2.0  # urgency of a request
+
+class Urgency(IntEnum):
+    """When a request is to be served."""
+
+    NONE = 0
+    WHEN_IDLE = 1  # once the running burst has ended
+    AT_ONCE = 2  # in place of it
+
 
 _NONE = np.zeros(3)
 
@@ -30,6 +39,7 @@ class PhaseSpaceParams(NamedTuple):
     """Gains and limits of the controller; angles in radians.
 
     Attributes:
+        period_s: control period, s.
         discrete_rate: rate commanded by the rotational hand controller, rad/s.
         hold_gain: rate commanded per attitude error in hold, 1/s.
         hold_rate_limit: largest rate commanded in hold, rad/s.
@@ -42,6 +52,7 @@ class PhaseSpaceParams(NamedTuple):
         resolve_after_s: least time between two selections in a translation, s.
     """
 
+    period_s: float
     discrete_rate: float
     hold_gain: float
     hold_rate_limit: float
@@ -69,26 +80,36 @@ class AttitudeStep(NamedTuple):
     holding: Array
 
 
+class AttitudeMemory(NamedTuple):
+    """What is remembered of the attitude at the sample before.
+
+    Attributes:
+        attitude, reference: quaternions, shape (4,) each.
+        holding: axes that held attitude, 0 or 1, shape (3,).
+        rate: reading of the gyro, rad/s, NaN before the first, shape (3,).
+    """
+
+    attitude: Array
+    reference: Array
+    holding: Array
+    rate: Array
+
+
 def attitude_step(
-    attitude: Array,
-    reference: Array,
-    holding: Array,
-    previous_rate: Array,
-    rate: Array,
-    rotation_command: Array,
-    period_s: float,
-    capture_rate: float,
+    memory: AttitudeMemory, rate: Array, rotation_command: Array, period_s: float, capture_rate: float
 ) -> AttitudeStep:
     """Integrates the measured rate and lets the reference follow the axes that do not hold attitude.
 
     Args:
-        attitude, reference: after the sample before, shape (4,) each.
-        holding: axes that held attitude after the sample before, 0 or 1, shape (3,).
-        previous_rate, rate: readings that bound the sample, rad/s, shape (3,) each.
+        memory: of the sample before.
+        rate: reading that ends the sample, rad/s, shape (3,).
         rotation_command: rotational hand controller, -1, 0 or 1 per axis, shape (3,).
         period_s: sample period, s.
         capture_rate: rate below which an axis in detent starts to hold, rad/s.
     """
+    attitude, reference, holding, previous_rate = memory
+    if math.isnan(previous_rate[0]):  # before the first reading no time has passed
+        previous_rate, period_s = rate, 0.0
     attitude = propagated(attitude, 0.5 * (previous_rate + rate), period_s)
     error = to_rotation_vector(multiply(conjugate(reference), attitude))
     now = [
@@ -119,13 +140,13 @@ class Request(NamedTuple):
         rate_change: dw, rad/s, body axes, shape (3,).
         velocity_change: dv, ft/s or m/s, body axes, shape (3,).
         time_limit_s: longest on-time of a jet, s; infinity where none applies.
-        urgency: NO_REQUEST, WHEN_IDLE (once the running burst has ended) or AT_ONCE (replaces it).
+        urgency: see `Urgency`.
     """
 
     rate_change: Array
     velocity_change: Array
     time_limit_s: float
-    urgency: float
+    urgency: Urgency
 
 
 class TranslationMemory(NamedTuple):
@@ -145,48 +166,56 @@ class TranslationMemory(NamedTuple):
     since_selection_s: float
 
 
-def phase_space_request(
-    rotation_command: Array,
-    translation_command: Array,
-    attitude_error: Array,
-    rate: Array,
-    delivered: Array,
-    memory: TranslationMemory,
-    period_s: float,
-    params: PhaseSpaceParams,
-) -> tuple[Request, TranslationMemory]:
-    """The request of one sample, and what to remember for the next.
+class Sensed(NamedTuple):
+    """What the controller sees at a sample.
 
-    Args:
+    Attributes:
         rotation_command, translation_command: hand controllers, -1, 0 or 1 per axis, shape (3,) each.
         attitude_error: rotation vector from the held attitude, rad, shape (3,).
         rate: measured rate, rad/s, shape (3,).
         delivered: velocity change that the jets commanded over the last sample give by the autopilot's
             mass properties, ft/s or m/s, shape (3,).
+    """
+
+    rotation_command: Array
+    translation_command: Array
+    attitude_error: Array
+    rate: Array
+    delivered: Array
+
+
+def phase_space_request(
+    sensed: Sensed, memory: TranslationMemory, params: PhaseSpaceParams
+) -> tuple[Request, TranslationMemory]:
+    """The request of one sample, and what to remember for the next.
+
+    Args:
+        sensed: at the sample.
         memory: of the sample before.
-        period_s: sample period, s.
         params: see `PhaseSpaceParams`.
     """
+    rotation_command, translation_command, attitude_error, rate, delivered = sensed
+    period_s = params.period_s
     rate_error = commanded_rate(rotation_command, attitude_error, params) - rate
     largest = max(abs(element) for element in rate_error.tolist())
     if not translation_command.any():
-        urgency = WHEN_IDLE if largest > params.rate_deadband else NO_REQUEST
+        urgency = Urgency.WHEN_IDLE if largest > params.rate_deadband else Urgency.NONE
         if memory.command.any():  # back in detent: what is left of the translation is dropped
-            urgency = AT_ONCE
+            urgency = Urgency.AT_ONCE
         return Request(rate_error, _NONE, np.inf, urgency), TranslationMemory(translation_command, _NONE, 0.0, 0.0)
 
     changed = bool((translation_command != memory.command).any())
     velocity_left = memory.velocity_left - delivered
     horizon_left = memory.horizon_left_s - period_s
     since = memory.since_selection_s + period_s
-    urgency = NO_REQUEST
+    urgency = Urgency.NONE
     if changed or horizon_left < 0.5 * period_s:
         horizon_left = params.horizon_s
         velocity_left = translation_command * (params.acceleration * horizon_left)
-        urgency = AT_ONCE
+        urgency = Urgency.AT_ONCE
     elif largest > params.resolve_rate and since > params.resolve_after_s - 0.5 * period_s:
-        urgency = AT_ONCE
-    if urgency == AT_ONCE:
+        urgency = Urgency.AT_ONCE
+    if urgency == Urgency.AT_ONCE:
         since = 0.0
     memory = TranslationMemory(translation_command, velocity_left, horizon_left, since)
     return Request(rate_error, velocity_left, horizon_left, urgency), memory

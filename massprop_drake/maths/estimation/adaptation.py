@@ -10,28 +10,35 @@ With f c the estimated signature and C its covariance, all three keep the signat
 
 from __future__ import annotations
 
+from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
 
+from massprop_drake.maths.arrays import FLAG, NUMBER, Layout
 from massprop_drake.maths.linear_algebra import Array
 
-NO_ACTION, CORRECT, CORRECT_THESIS, REJECT = 0, 1, 2, 3
 
-N_ADAPTATION = 26
+class Action(IntEnum):
+    """What the filters do with a sample."""
+
+    NONE = 0
+    CORRECT = 1
+    CORRECT_THESIS = 2
+    REJECT = 3
 
 
 class Adaptation(NamedTuple):
     """What the filters are to do with a sample.
 
     Attributes:
-        action: NO_ACTION, CORRECT, CORRECT_THESIS or REJECT.
+        action: NONE, CORRECT, CORRECT_THESIS or REJECT.
         translation, rotation: signature f c to take out of the innovations, shape (3,) each.
         translation_spread, rotation_spread: C_11 and C_22 (4-32), shape (3, 3) each.
         mass_jumped: whether the mass filter is to start anew.
     """
 
-    action: int
+    action: Action
     translation: Array
     rotation: Array
     translation_spread: Array
@@ -41,30 +48,28 @@ class Adaptation(NamedTuple):
 
 _NONE = np.zeros(3)
 _NO_SPREAD = np.zeros((3, 3))
-NO_ADAPTATION = Adaptation(NO_ACTION, _NONE, _NONE, _NO_SPREAD, _NO_SPREAD, mass_jumped=False)
+NO_ADAPTATION = Adaptation(Action.NONE, _NONE, _NONE, _NO_SPREAD, _NO_SPREAD, mass_jumped=False)
+
+LAYOUT = Layout(
+    "adaptation",
+    action=NUMBER,
+    translation=3,
+    rotation=3,
+    translation_spread=(3, 3),
+    rotation_spread=(3, 3),
+    mass_jumped=FLAG,
+)
+_ACTION, _JUMPED = LAYOUT.slice("action").start, LAYOUT.slice("mass_jumped").start
 
 
 def packed(adaptation: Adaptation) -> Array:
     """An adaptation as a vector, shape (26,)."""
-    vector = np.empty(N_ADAPTATION)
-    vector[0] = adaptation.action
-    vector[1:4] = adaptation.translation
-    vector[4:7] = adaptation.rotation
-    vector[7:16] = adaptation.translation_spread.ravel()
-    vector[16:25] = adaptation.rotation_spread.ravel()
-    vector[25] = adaptation.mass_jumped
-    return vector
+    return LAYOUT.pack(adaptation)
 
 
 def unpacked(vector: Array) -> Adaptation:
     """The inverse of `packed`."""
-    if vector[0] == NO_ACTION and vector[25] == 0.0:
+    if vector[_ACTION] == Action.NONE and vector[_JUMPED] == 0.0:
         return NO_ADAPTATION
-    return Adaptation(
-        int(vector[0]),
-        vector[1:4],
-        vector[4:7],
-        vector[7:16].reshape(3, 3),
-        vector[16:25].reshape(3, 3),
-        mass_jumped=bool(vector[25]),
-    )
+    action, *parts = LAYOUT.read(vector)
+    return Adaptation(Action(int(action)), *parts)

@@ -37,16 +37,6 @@ class Impulses(NamedTuple):
     mean_level: Array
 
 
-def thrust_wrenches(positions: Array, thrusts: Array) -> Array:
-    """Torque about the vehicle origin and force of each jet at full thrust, shape (n_jets, 6).
-
-    Args:
-        positions: of the jets in the vehicle frame, ft or m, shape (n_jets, 3).
-        thrusts: force vectors on the vehicle, body axes, lbf or N, shape (n_jets, 3).
-    """
-    return np.hstack([np.cross(positions, thrusts), thrusts])
-
-
 def interval_impulses(
     command: Array,
     previous_command: Array,
@@ -88,4 +78,12 @@ def interval_impulses(
         firing=firing,
         level=after,
         mean_level=mean,
+    )
+
+
+def with_wrench(impulses: Impulses, wrench: Array, period_s: float) -> Impulses:
+    """The impulses with those of a wrench about the vehicle origin that acts all along, shape (6,)."""
+    impulse = wrench * period_s
+    return impulses._replace(
+        angular_impulse=impulses.angular_impulse + impulse[:3], linear_impulse=impulses.linear_impulse + impulse[3:]
     )

@@ -21,11 +21,22 @@ Source: D. R. Levy, MIT S.M. thesis, 1983; the cross-covariances are our own.
 
 from __future__ import annotations
 
+from enum import IntEnum
+
 import numpy as np
 
 from massprop_drake.maths.linear_algebra import Array, inverse, symmetrized
 
-SINGLE, MOST_ACCURATE, MID_VALUE, AVERAGE, WEIGHTED_AVERAGE, SERIAL = range(6)
+
+class Rule(IntEnum):
+    """How several packages make one measurement."""
+
+    SINGLE = 0
+    MOST_ACCURATE = 1
+    MID_VALUE = 2
+    AVERAGE = 3
+    WEIGHTED_AVERAGE = 4
+    SERIAL = 5
 
 
 def combined(measurements: Array, covariances: Array, rule: int, *, correlated: bool = False) -> tuple[Array, Array]:
@@ -38,15 +49,15 @@ def combined(measurements: Array, covariances: Array, rule: int, *, correlated: 
         correlated: whether the blocks off the diagonal count.
     """
     count = measurements.shape[0]
-    if count == 1 or rule == SINGLE:
+    if count == 1 or rule == Rule.SINGLE:
         return measurements[0], covariances[0, 0]
     own = covariances[np.arange(count), np.arange(count)]
-    if rule == MOST_ACCURATE:
+    if rule == Rule.MOST_ACCURATE:
         best = int(np.trace(own, axis1=1, axis2=2).argmin())
         return measurements[best], own[best]
-    if rule == MID_VALUE:
+    if rule == Rule.MID_VALUE:
         return np.median(measurements, axis=0), own.mean(axis=0)
-    if rule == AVERAGE:
+    if rule == Rule.AVERAGE:
         total = covariances.sum(axis=(0, 1)) if correlated else own.sum(axis=0)
         return measurements.mean(axis=0), total / count**2
     if correlated:

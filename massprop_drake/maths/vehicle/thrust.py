@@ -67,3 +67,13 @@ def level_at(level: Array, target: Array, time_constants_s: Array, elapsed_s: fl
 def decay_integral(time_constant_s: float, elapsed_s: float) -> float:
     """The integral of exp(-s / tau) from 0 to the elapsed time, s."""
     return -time_constant_s * math.expm1(-elapsed_s / time_constant_s)
+
+
+def thrust_wrenches(positions: Array, thrusts: Array) -> Array:
+    """Torque about the vehicle origin and force of each jet at full thrust, shape (n_jets, 6).
+
+    Args:
+        positions: of the jets in the vehicle frame, ft or m, shape (n_jets, 3).
+        thrusts: force vectors on the vehicle, body axes, lbf or N, shape (n_jets, 3).
+    """
+    return np.hstack([np.cross(positions, thrusts), thrusts])

@@ -5,6 +5,7 @@ The truth's side of a failure; how one is found stands in `jet_failures`.
 
 from __future__ import annotations
 
+from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
@@ -12,7 +13,16 @@ import numpy as np
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.noise import uniform_sample
 
-STUCK_ON, STUCK_OFF, DEGRADED, LEAK, INTERMITTENT, DRIFT = range(6)
+
+class FailureKind(IntEnum):
+    """What becomes of a jet."""
+
+    STUCK_ON = 0
+    STUCK_OFF = 1
+    DEGRADED = 2
+    LEAK = 3
+    INTERMITTENT = 4
+    DRIFT = 5
 
 
 class Failure(NamedTuple):
@@ -31,7 +41,7 @@ class Failure(NamedTuple):
     """
 
     jet: int
-    kind: int
+    kind: FailureKind
     start_s: float
     end_s: float
     amount: float = 0.0
@@ -67,15 +77,15 @@ def delivered(command: Array, sample: int, period_s: float, failures: tuple[Fail
 
 def _failed_level(told: float, sample: int, begins_s: float, failure: Failure, seed: int) -> float:
     match failure.kind:
-        case 0:
+        case FailureKind.STUCK_ON:
             return 1.0
-        case 1:
+        case FailureKind.STUCK_OFF:
             return 0.0
-        case 2:
+        case FailureKind.DEGRADED:
             return told * failure.amount
-        case 3:
+        case FailureKind.LEAK:
             return told + failure.amount
-        case 4:
+        case FailureKind.INTERMITTENT:
             struck = uniform_sample(seed, failure.stream, sample) < failure.probability
             return failure.amount if struck else told
         case _:

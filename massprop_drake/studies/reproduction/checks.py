@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 
 from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import load_scenario
-from massprop_drake.maths.estimation.adaptation import CORRECT, CORRECT_THESIS, NO_ADAPTATION, Adaptation
+from massprop_drake.maths.estimation.adaptation import NO_ADAPTATION, Action, Adaptation
 from massprop_drake.maths.estimation.detectors.jet_tests import jet_tests
 from massprop_drake.maths.estimation.filters import rotation_filter
 from massprop_drake.maths.estimation.filters.mass_filter import (
+    MassInterval,
     MassParams,
     MassSample,
     MassState,
@@ -54,7 +55,7 @@ def updates_per_sample(_: int) -> dict[str, Array]:
     for rule in ("single", "weighted_average", "serial"):
         own = _settings(f"sensors.combine.accelerometers={rule}")
         state = MassState(truth.vector()[9], 1e-9, empty_window(1))
-        made = measure(state, np.zeros((3, 3)), np.zeros((3, 3)), None, rotation, _PUSH, own)
+        made = measure(state, np.zeros((3, 3)), np.zeros((3, 3)), MassInterval(_PUSH), rotation, own)
         counts[rule] = np.array([float(len(made.each) or 1)])
     return counts
 
@@ -141,7 +142,7 @@ def corrections(seed: int) -> dict[str, Array]:
     weights = here.information * np.repeat([1.0, 1e-9], 3)
     spread = 1.0 / np.sqrt(weights.diagonal())
     nothing = np.zeros(len(here.clusters), dtype=bool)
-    errors: dict[int, list[float]] = {CORRECT: [], CORRECT_THESIS: []}
+    errors: dict[Action, list[float]] = {Action.CORRECT: [], Action.CORRECT_THESIS: []}
     claimed = {}
     for _ in range(500):
         before = MassState(truth + math.sqrt(variance) * random.standard_normal(), variance, empty_window(1))
@@ -162,7 +163,7 @@ def corrections(seed: int) -> dict[str, Array]:
             claimed[action] = after.variance
     return {
         name: np.array([np.mean(np.square(errors[action])) / claimed[action]])
-        for name, action in (("ours", CORRECT), ("thesis", CORRECT_THESIS))
+        for name, action in (("ours", Action.CORRECT), ("thesis", Action.CORRECT_THESIS))
     }
 
 

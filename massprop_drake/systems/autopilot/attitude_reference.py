@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import LeafSystem
 
-from massprop_drake.maths.autopilot.phase_space import AttitudeStep, attitude_step
+from massprop_drake.maths.autopilot.phase_space import AttitudeMemory, AttitudeStep, attitude_step
 from massprop_drake.systems.caching import Cached
+from massprop_drake.systems.layouts import ATTITUDE_MEMORY, HAND_CONTROLLERS
 
 
 class AttitudeReference(LeafSystem):
@@ -39,33 +40,23 @@ class AttitudeReference(LeafSystem):
         self._period_s = period_s
         self._capture_rate = capture_rate
         self._gyro = self.DeclareVectorInputPort("gyro", 3)
-        self._controllers = self.DeclareVectorInputPort("hand_controllers", 6)
-        start = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, np.nan, np.nan, np.nan]
-        self._memory = self.DeclareDiscreteState(start)
+        self._controllers = self.DeclareVectorInputPort("hand_controllers", HAND_CONTROLLERS.size)
+        level = np.array([1.0, 0.0, 0.0, 0.0])
+        start = (level, level, np.ones(3), np.full(3, np.nan))
+        self._memory = self.DeclareDiscreteState(ATTITUDE_MEMORY.pack(start))
         self._step = Cached(self, "step", self._compute, {self.xd_ticket(), self.all_input_ports_ticket()})
         self.DeclareVectorOutputPort("attitude_error", 3, self._calc_error, prerequisites_of_calc={self._step.ticket})
         self.DeclarePeriodicDiscreteUpdateEvent(period_sec=period_s, offset_sec=0.0, update=self._update)
 
     def _compute(self, context: Any) -> AttitudeStep:
-        rate = self._gyro.Eval(context)
-        memory = context.get_discrete_state(self._memory).CopyToVector()
-        before = memory[11:]
-        first = bool(np.isnan(before[0]))
-        return attitude_step(
-            memory[:4],
-            memory[4:8],
-            memory[8:11],
-            rate if first else before,
-            rate,
-            self._controllers.Eval(context)[:3],
-            0.0 if first else self._period_s,
-            self._capture_rate,
-        )
+        memory = AttitudeMemory._make(ATTITUDE_MEMORY.read(context.get_discrete_state(self._memory).CopyToVector()))
+        command = HAND_CONTROLLERS.read(self._controllers.Eval(context)).rotation
+        return attitude_step(memory, self._gyro.Eval(context), command, self._period_s, self._capture_rate)
 
     def _calc_error(self, context: Any, output: Any) -> None:
         output.SetFromVector(self._step.get(self, context).error)
 
     def _update(self, context: Any, state: Any) -> None:
         step = self._step.get(self, context)
-        memory = np.concatenate([step.attitude, step.reference, step.holding, self._gyro.Eval(context)])
-        state.set_value(self._memory, memory)
+        memory = (step.attitude, step.reference, step.holding, self._gyro.Eval(context))
+        state.set_value(self._memory, ATTITUDE_MEMORY.pack(memory))

@@ -10,13 +10,16 @@ from numpy.typing import NDArray
 from pydrake.systems.framework import LeafSystem
 
 from massprop_drake.maths.autopilot.jet_selection import activity_vectors, burst_cycles, least_change
-from massprop_drake.maths.autopilot.phase_space import AT_ONCE, WHEN_IDLE
+from massprop_drake.maths.autopilot.phase_space import Urgency
 from massprop_drake.systems.autopilot.jet_selection_program import JetSelectionProgram, Outcome, Selection
 from massprop_drake.systems.caching import Cached, Stopwatch
+from massprop_drake.systems.layouts import RECONFIGURATION, REFUSED, REQUEST, SELECTION_COUNTS
 
 Array = NDArray[np.float64]
 
 _LONGEST_BURST_S = 2.0  # against a force that acts all along
+_RATE, _VELOCITY = slice(0, 3), slice(3, 6)  # parts of a wanted change
+_NOT_REFUSED = (np.zeros(3), 0.0)
 _LEAST_CONTROL = 0.01  # share of the reach about an axis that must be left when jets are taken out
 
 
@@ -92,15 +95,16 @@ class JetSelection(LeafSystem):
         self._program = JetSelectionProgram(mass_flows)
         self._period_s = period_s
 
-        self._request = self.DeclareVectorInputPort("request", 8)
+        self._layout = RECONFIGURATION.sized(jets=n_jets)
+        self._request = self.DeclareVectorInputPort("request", REQUEST.size)
         self._estimate = self.DeclareVectorInputPort("estimate", 10)
         self._converged = self.DeclareVectorInputPort("converged", 1)
-        self._reconfiguration = self.DeclareVectorInputPort("reconfiguration", 7 + n_jets)
+        self._reconfiguration = self.DeclareVectorInputPort("reconfiguration", self._layout.size)
         self._remaining = self.DeclareDiscreteState(n_jets)
         self._held = self.DeclareDiscreteState(n_jets)
         self._delivered = self.DeclareDiscreteState(3)
-        self._counts = self.DeclareDiscreteState([0.0, 0.0, 0.0, 1.0])
-        self._refused = self.DeclareDiscreteState(4)
+        self._counts = self.DeclareDiscreteState(SELECTION_COUNTS.pack((0.0, 0.0, 0.0, 1.0)))
+        self._refused = self.DeclareDiscreteState(REFUSED.size)
         self._out_of_use = self.DeclareDiscreteState(n_jets)
         self._burst = Cached(self, "burst", self._compute, {self.xd_ticket(), self.all_input_ports_ticket()})
         self.DeclareVectorOutputPort("command", n_jets, self._calc_command, prerequisites_of_calc={self._burst.ticket})
@@ -124,47 +128,49 @@ class JetSelection(LeafSystem):
         return activity_vectors(self._wrenches, properties)
 
     def _compute(self, context: Any) -> _Burst:
-        request = self._request.Eval(context)
+        request = REQUEST.read(self._request.Eval(context))
         remaining = context.get_discrete_state(self._remaining).CopyToVector()
         wrench, declared = None, False
         if self._reconfiguration.HasValue(context):
-            reconfiguration = self._reconfiguration.Eval(context)
-            declared = bool(reconfiguration[0] != 0.0)
-            if reconfiguration[1:7].any():
-                wrench = reconfiguration[1:7]
+            asked_for = self._layout.read(self._reconfiguration.Eval(context))
+            declared = asked_for.declared
+            if asked_for.known_wrench.any():
+                wrench = asked_for.known_wrench
         if declared:
             remaining = np.zeros_like(remaining)
-        urgency = request[7]
-        asked = urgency == WHEN_IDLE or wrench is not None
-        if urgency != AT_ONCE and not declared and (not asked or remaining.any()):
+        urgency = request.urgency
+        asked = urgency == Urgency.WHEN_IDLE or wrench is not None
+        if urgency != Urgency.AT_ONCE and not declared and (not asked or remaining.any()):
             return _Burst(remaining, np.where(remaining > 0.0, 1.0, 0.0), None)
 
-        counts = context.get_discrete_state(self._counts).CopyToVector()
-        refused = context.get_discrete_state(self._refused).CopyToVector()
+        solved, reduced, closest, granted = SELECTION_COUNTS.read(
+            context.get_discrete_state(self._counts).CopyToVector()
+        )
+        refused = REFUSED.read(context.get_discrete_state(self._refused).CopyToVector())
         out_of_use = context.get_discrete_state(self._out_of_use).CopyToVector()
         before = self._program.solves
         if declared:
-            out_of_use = self._reduced(context, out_of_use, reconfiguration[7:])
-        if wrench is None and urgency == WHEN_IDLE:
-            change = max(abs(element) for element in (request[:3] - refused[:3]).tolist())
-            asked = change >= refused[3]
-        if urgency == AT_ONCE or asked:
+            out_of_use = self._reduced(context, out_of_use, asked_for.removed)
+        if wrench is None and urgency == Urgency.WHEN_IDLE:
+            change = max(abs(element) for element in (request.rate_change - refused.rate_change).tolist())
+            asked = change >= refused.least_change
+        if urgency == Urgency.AT_ONCE or asked:
             available = self._selectable & (out_of_use <= 0.0)
             wanted, selection = self._selected(context, request, wrench, available)
             remaining = burst_cycles(selection.on_times_s, self._period_s, self._minimum)
-            refused = np.zeros(4)
+            refused = _NOT_REFUSED
             if not remaining.any():
-                refused[:3] = wanted[:3]
-                refused[3] = least_change(wanted, selection.on_times_s, self._period_s)
-            size = float(np.linalg.norm(wanted[3:]))
-            counts[1] += selection.outcome == Outcome.REDUCED
-            counts[2] += selection.outcome == Outcome.CLOSEST
-            counts[3] = float(np.linalg.norm(selection.reached[3:])) / size if size > 0.0 else 1.0
-        counts[0] += self._program.solves - before
-        return _Burst(remaining, np.where(remaining > 0.0, 1.0, 0.0), (counts, refused, out_of_use))
+                refused = (wanted[_RATE], least_change(wanted, selection.on_times_s, self._period_s))
+            size = float(np.linalg.norm(wanted[_VELOCITY]))
+            reduced += selection.outcome == Outcome.REDUCED
+            closest += selection.outcome == Outcome.CLOSEST
+            granted = float(np.linalg.norm(selection.reached[_VELOCITY])) / size if size > 0.0 else 1.0
+        counts = (solved + self._program.solves - before, reduced, closest, granted)
+        changed = SELECTION_COUNTS.pack(counts), REFUSED.pack(refused), out_of_use
+        return _Burst(remaining, np.where(remaining > 0.0, 1.0, 0.0), changed)
 
     def _selected(
-        self, context: Any, request: Array, wrench: Array | None, available: NDArray[np.bool_]
+        self, context: Any, request: Any, wrench: Array | None, available: NDArray[np.bool_]
     ) -> tuple[Array, Selection]:
         """The change of rate and velocity asked for, and the answer.
 
@@ -177,16 +183,17 @@ class JetSelection(LeafSystem):
             limits = np.where(available, longest_s, 0.0)
             return self.stopwatch.measure(self._program.solve, activity, wanted, limits)
 
+        asked = np.concatenate([request.rate_change, request.velocity_change])
         if wrench is None:
-            return request[:6], solved(request[:6], request[6])
+            return asked, solved(asked, request.time_limit_s)
         effect = self._effect(context, wrench)
-        if np.isfinite(request[6]):  # a translation, which has its time
-            wanted = request[:6] - effect * request[6]
-            return wanted, solved(wanted, request[6])
-        alone = float(solved(request[:6], np.inf).on_times_s.max())
+        if np.isfinite(request.time_limit_s):  # a translation, which has its time
+            wanted = asked - effect * request.time_limit_s
+            return wanted, solved(wanted, request.time_limit_s)
+        alone = float(solved(asked, np.inf).on_times_s.max())
         duration = self._period_s * max(1, math.ceil(alone / self._period_s - 1e-9))
         while True:
-            wanted = request[:6] - effect * duration
+            wanted = asked - effect * duration
             selection = solved(wanted, duration)
             if selection.outcome == Outcome.EXACT or duration >= _LONGEST_BURST_S:
                 return wanted, selection
@@ -221,7 +228,7 @@ class JetSelection(LeafSystem):
         burst = self._burst.get(self, context)
         delivered = np.zeros(3)
         if burst.command.any():
-            delivered = self._activity(context)[3:] @ burst.command * self._period_s
+            delivered = self._activity(context)[_VELOCITY] @ burst.command * self._period_s
         state.set_value(self._remaining, np.maximum(burst.remaining - 1.0, 0.0))
         state.set_value(self._held, burst.command)
         state.set_value(self._delivered, delivered)

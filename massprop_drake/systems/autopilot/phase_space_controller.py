@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
 from pydrake.systems.framework import LeafSystem
 
 from massprop_drake.maths.autopilot.phase_space import (
     PhaseSpaceParams,
     Request,
+    Sensed,
     TranslationMemory,
     phase_space_request,
 )
 from massprop_drake.systems.caching import Cached
+from massprop_drake.systems.layouts import HAND_CONTROLLERS, REQUEST, TRANSLATION_MEMORY
 
 
 class PhaseSpaceController(LeafSystem):
@@ -37,44 +38,39 @@ class PhaseSpaceController(LeafSystem):
 
     Args:
         params: gains and limits.
-        period_s: sample period, s.
     """
 
-    def __init__(self, params: PhaseSpaceParams, *, period_s: float):
+    def __init__(self, params: PhaseSpaceParams):
         super().__init__()
         self.set_name("phase_space_controller")
         self._params = params
-        self._period_s = period_s
-        self._controllers = self.DeclareVectorInputPort("hand_controllers", 6)
+        self._controllers = self.DeclareVectorInputPort("hand_controllers", HAND_CONTROLLERS.size)
         self._error = self.DeclareVectorInputPort("attitude_error", 3)
         self._gyro = self.DeclareVectorInputPort("gyro", 3)
         self._delivered = self.DeclareVectorInputPort("delivered", 3)
-        self._translation = self.DeclareDiscreteState(8)
+        self._translation = self.DeclareDiscreteState(TRANSLATION_MEMORY.size)
         self._step = Cached(self, "step", self._compute, {self.xd_ticket(), self.all_input_ports_ticket()})
-        self.DeclareVectorOutputPort("request", 8, self._calc_request, prerequisites_of_calc={self._step.ticket})
-        self.DeclarePeriodicDiscreteUpdateEvent(period_sec=period_s, offset_sec=0.0, update=self._update)
+        self.DeclareVectorOutputPort(
+            "request", REQUEST.size, self._calc_request, prerequisites_of_calc={self._step.ticket}
+        )
+        self.DeclarePeriodicDiscreteUpdateEvent(period_sec=params.period_s, offset_sec=0.0, update=self._update)
 
     def _compute(self, context: Any) -> tuple[Request, TranslationMemory]:
-        controllers = self._controllers.Eval(context)
-        remembered = context.get_discrete_state(self._translation).CopyToVector()
-        return phase_space_request(
-            controllers[:3],
-            controllers[3:],
+        controllers = HAND_CONTROLLERS.read(self._controllers.Eval(context))
+        remembered = TRANSLATION_MEMORY.read(context.get_discrete_state(self._translation).CopyToVector())
+        sensed = Sensed(
+            controllers.rotation,
+            controllers.translation,
             self._error.Eval(context),
             self._gyro.Eval(context),
             self._delivered.Eval(context),
-            TranslationMemory(remembered[:3], remembered[3:6], float(remembered[6]), float(remembered[7])),
-            self._period_s,
-            self._params,
         )
+        return phase_space_request(sensed, TranslationMemory._make(remembered), self._params)
 
     def _calc_request(self, context: Any, output: Any) -> None:
-        request = self._step.get(self, context)[0]
-        output.SetFromVector(
-            np.array([*request.rate_change, *request.velocity_change, request.time_limit_s, request.urgency])
-        )
+        request, _ = self._step.get(self, context)
+        output.SetFromVector(REQUEST.pack(request))
 
     def _update(self, context: Any, state: Any) -> None:
-        memory = self._step.get(self, context)[1]
-        left, since = memory.horizon_left_s, memory.since_selection_s
-        state.set_value(self._translation, np.array([*memory.command, *memory.velocity_left, left, since]))
+        _, memory = self._step.get(self, context)
+        state.set_value(self._translation, TRANSLATION_MEMORY.pack(memory))

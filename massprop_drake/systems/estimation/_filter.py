@@ -1,4 +1,4 @@
-"""What the systems around both filters have in common."""
+"""What the systems around filters have in common."""
 
 from __future__ import annotations
 
@@ -9,66 +9,110 @@ from numpy.typing import NDArray
 from pydrake.systems.framework import LeafSystem
 
 from massprop_drake.maths.estimation.adaptation import NO_ADAPTATION, Adaptation, unpacked
-from massprop_drake.systems.caching import Cached
+from massprop_drake.maths.estimation.detector import NO_KNOWN_FORCE, known_force_of
+from massprop_drake.maths.estimation.filter import Interval
+from massprop_drake.maths.estimation.impulses import Impulses
+from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.systems.caching import Cached, Stopwatch
+from massprop_drake.systems.estimation._readings import Package, Readings
+from massprop_drake.systems.layouts import ADAPTATION, IMPULSES, KNOWN_FORCE
 
-Array = NDArray[np.float64]
+Ports = tuple[tuple[str, int, Any], ...]  # name, size and callback of output ports
 
 
 class Measured(NamedTuple):
     """First half of a filter's cycle, in one cache entry.
 
     Attributes:
-        measurement: see `measure` of the filter.
-        readings: of its packages, shape (s, 3).
         state: of the filter before.
+        interval: see `maths.estimation.filter.Interval`.
+        measurement: what the filter makes of the sample.
+        readings: of its packages.
     """
 
-    measurement: Any
-    readings: Array
     state: Any
-
-
-class Finished(NamedTuple):
-    """Both halves of a filter's cycle, in one cache entry.
-
-    Attributes:
-        cycle: see `finish` of the filter.
-        measurement, readings: see `Measured`.
-    """
-
-    cycle: Any
+    interval: Interval
     measurement: Any
-    readings: Array
+    readings: Any
 
 
-class Filter(LeafSystem):
+class FilterSystem(LeafSystem):
     """A filter that measures, is judged by the detector, and finishes its cycle as the detector says.
 
-    A system that derives from it sets `_measurement`, whose entry is a `Measured`, and `_adaptation`.
+    A system that derives from it calls `_declare_cycle` once its ports and state are declared, and gives
+    `_measure(context) -> Measured` and `_finish(context) -> cycle`.
+
+    Args:
+        name: of the system.
+        thrust_errors: impulses of one sigma of each jet's thrust error, shape (n_jets, 6); None: thrust is known.
     """
 
-    _measurement: Cached
-    _adaptation: Any
+    def __init__(self, name: str, thrust_errors: Array | None):
+        super().__init__()
+        self.set_name(name)
+        self.stopwatch = Stopwatch()
+        self._thrust_errors = thrust_errors
+        self._inputs: list[Any] = []
+        self._no_level = np.empty(0)
 
-    def _measured(self, context: Any) -> Any:
-        return self._measurement.get(self, context).measurement
+    def _declare_packages(self, packages: tuple[Package, ...]) -> Readings:
+        readings = Readings(self, packages)
+        self._inputs += readings.ports
+        return readings
+
+    def _declare_input(self, name: str, size: int) -> Any:
+        """An input port that the measurement depends on."""
+        port = self.DeclareVectorInputPort(name, size)
+        self._inputs.append(port)
+        return port
+
+    def _declare_interval(self) -> None:
+        """Ports of what is known of the interval, and of what the detector says."""
+        self._impulses = self._declare_input("impulses", IMPULSES.size)
+        self._known_force = self._declare_input("known_force", KNOWN_FORCE.size)
+        self._adaptation = self.DeclareVectorInputPort("adaptation", ADAPTATION.size)
+        self._mean_level = None
+        if self._thrust_errors is not None:
+            self._mean_level = self._declare_input("mean_level", self._thrust_errors.shape[0])
+
+    def _declare_cycle(self, outputs: Ports, reports: Ports) -> None:
+        """Cache entries and output ports: of the measurement alone, and of the whole cycle."""
+        # the innovation must not depend on the adaptation: the detector makes the one from the other
+        measured = {self.xd_ticket(), *(self.input_port_ticket(port.get_index()) for port in self._inputs)}
+        self._measurement = Cached(self, "measurement", self._measure, measured)
+        adapted = {self._measurement.ticket, self.input_port_ticket(self._adaptation.get_index())}
+        self._cycle = Cached(self, "cycle", self._finish, {self.xd_ticket(), *adapted})
+        for entry, ports in ((self._measurement, outputs), (self._cycle, reports)):
+            for name, size, calc in ports:
+                self.DeclareVectorOutputPort(name, size, calc, prerequisites_of_calc={entry.ticket})
+
+    def _interval(self, context: Any) -> Interval:
+        """What is known of the interval; mean levels only where thrust errors are considered."""
+        known = NO_KNOWN_FORCE
+        if self._known_force.HasValue(context):
+            known = known_force_of(self._known_force.Eval(context))
+        mean_level = self._no_level if self._mean_level is None else self._mean_level.Eval(context)
+        told = IMPULSES.read(self._impulses.Eval(context))
+        impulses = Impulses(
+            told.angular_impulse, told.linear_impulse, told.usable, told.firing, self._no_level, mean_level
+        )
+        return Interval(impulses, known)
 
     def _adapted(self, context: Any) -> Adaptation:
         """What the detector asks for; nothing where there is none."""
         return unpacked(self._adaptation.Eval(context)) if self._adaptation.HasValue(context) else NO_ADAPTATION
 
-    def _calc_effects(self, context: Any, output: Any) -> None:
-        effects = self._measured(context).innovation.effects
-        output.SetFromVector(np.zeros(output.size()) if effects is None else effects.ravel())
+    def _measured(self, context: Any) -> Measured:
+        measured: Measured = self._measurement.get(self, context)
+        return measured
 
-    def _calc_innovation(self, context: Any, output: Any) -> None:
-        output.SetFromVector(self._measured(context).innovation.innovation)
+    def _groups(self, context: Any) -> list[NDArray[Any]]:
+        """The groups of the discrete state."""
+        state = context.get_discrete_state()
+        return [state.get_vector(index).CopyToVector() for index in range(state.num_groups())]
 
-    def _calc_innovation_covariance(self, context: Any, output: Any) -> None:
-        output.SetFromVector(self._measured(context).innovation.covariance.ravel())
+    def _measure(self, context: Any) -> Measured:
+        raise NotImplementedError
 
-    def _calc_judged(self, context: Any, output: Any) -> None:
-        innovation = self._measured(context).innovation
-        vector = np.empty(12)
-        vector[:3], vector[3:] = innovation.innovation, innovation.covariance.ravel()
-        output.SetFromVector(vector)
+    def _finish(self, context: Any) -> Any:
+        raise NotImplementedError

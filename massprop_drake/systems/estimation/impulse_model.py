@@ -8,14 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import LeafSystem
 
-from massprop_drake.maths.estimation.detectors.cglr import N_KNOWN_FORCE
-from massprop_drake.maths.estimation.impulses import Impulses, interval_impulses
+from massprop_drake.maths.estimation.detector import known_force_of
+from massprop_drake.maths.estimation.impulses import Impulses, interval_impulses, with_wrench
 from massprop_drake.maths.vehicle.thrust import lag_factors
 from massprop_drake.systems.caching import Cached, Stopwatch
+from massprop_drake.systems.layouts import IMPULSE_MEMORY, IMPULSES, KNOWN_FORCE
 
 Array = NDArray[np.float64]
-
-N_IMPULSES = 8
 
 
 class ImpulseModel(LeafSystem):
@@ -52,16 +51,16 @@ class ImpulseModel(LeafSystem):
         self._impulse_per_level = wrenches * period_s
         self._lag = lag_factors(time_constants_s, period_s)
         self._command = self.DeclareVectorInputPort("jet_commands", n_jets)
-        self._known_force = self.DeclareVectorInputPort("known_force", N_KNOWN_FORCE)
+        self._known_force = self.DeclareVectorInputPort("known_force", KNOWN_FORCE.size)
         self._outside = self.DeclareVectorInputPort("outside_wrench", 6)
         self._period_s = period_s
-        self._n_jets = n_jets
-        self._memory = self.DeclareDiscreteState(2 * n_jets)
+        self._layout = IMPULSE_MEMORY.sized(jets=n_jets)
+        self._memory = self.DeclareDiscreteState(self._layout.size)
         inputs = {self.input_port_ticket(port.get_index()) for port in (self._command, self._outside)}
         self._impulses = Cached(self, "impulses", self._compute, {self.xd_ticket(), *inputs})
         self.DeclareVectorOutputPort(
             "impulses",
-            N_IMPULSES,
+            IMPULSES.size,
             self._calc_impulses,
             prerequisites_of_calc={self._impulses.ticket, self.input_port_ticket(self._known_force.get_index())},
         )
@@ -71,13 +70,13 @@ class ImpulseModel(LeafSystem):
         self.DeclarePeriodicDiscreteUpdateEvent(period_sec=period_s, offset_sec=0.0, update=self._update)
 
     def _compute(self, context: Any) -> Impulses:
-        memory = context.get_discrete_state(self._memory).CopyToVector()
+        memory = self._layout.read(context.get_discrete_state(self._memory).CopyToVector())
         outside = self._outside.Eval(context) * self._period_s if self._outside.HasValue(context) else None
         return self.stopwatch.measure(
             interval_impulses,
             self._command.Eval(context),
-            memory[: self._n_jets],
-            memory[self._n_jets :],
+            memory.command,
+            memory.level,
             self._impulse_per_level,
             self._lag,
             outside,
@@ -85,16 +84,17 @@ class ImpulseModel(LeafSystem):
 
     def _calc_impulses(self, context: Any, output: Any) -> None:
         impulses = self._impulses.get(self, context)
-        vector = np.array([*impulses.angular_impulse, *impulses.linear_impulse, impulses.usable, impulses.firing])
         if self._known_force.HasValue(context):
-            wrench = self._known_force.Eval(context)[:6]
-            if wrench.any():
-                vector[:6] += wrench * self._period_s
-        output.SetFromVector(vector)
+            known = known_force_of(self._known_force.Eval(context))
+            if known.acts:
+                impulses = with_wrench(impulses, known.wrench, self._period_s)
+        output.SetFromVector(
+            IMPULSES.pack((impulses.angular_impulse, impulses.linear_impulse, impulses.usable, impulses.firing))
+        )
 
     def _calc_mean_level(self, context: Any, output: Any) -> None:
         output.SetFromVector(self._impulses.get(self, context).mean_level)
 
     def _update(self, context: Any, state: Any) -> None:
         level = self._impulses.get(self, context).level
-        state.set_value(self._memory, np.concatenate([self._command.Eval(context), level]))
+        state.set_value(self._memory, self._layout.pack((self._command.Eval(context), level)))

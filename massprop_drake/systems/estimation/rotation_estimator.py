@@ -5,25 +5,22 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from massprop_drake.maths.estimation.adaptation import N_ADAPTATION
-from massprop_drake.maths.estimation.detectors.cglr import N_KNOWN_FORCE
-from massprop_drake.maths.estimation.filters import rotation_filter
+from massprop_drake.maths.estimation.filters import rotation_filter, thesis
 from massprop_drake.maths.estimation.filters.rotation_filter import (
+    RotationCycle,
+    RotationMemory,
     RotationParams,
     RotationState,
 )
+from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import N_ROTATION
-from massprop_drake.systems.caching import Cached, Stopwatch
-from massprop_drake.systems.estimation._filter import Filter, Finished, Measured
-from massprop_drake.systems.estimation._readings import Package, Readings
-from massprop_drake.systems.estimation.impulse_model import N_IMPULSES
-
-Array = NDArray[np.float64]
+from massprop_drake.systems.estimation._filter import FilterSystem, Measured
+from massprop_drake.systems.estimation._readings import Package
+from massprop_drake.systems.layouts import ROTATION_REPORT, TURNING
 
 
-class RotationEstimator(Filter):
+class RotationEstimator(FilterSystem):
     r"""Estimates inverse inertia and center of mass from rate increments and known impulses.
 
     The second-order filter (2-115) to (2-123) or the extended Kalman filter, see
@@ -36,21 +33,18 @@ class RotationEstimator(Filter):
         known_force (in, 24), adaptation (in, 26): see `FailureDetector`. Unconnected: no failures.
         mean_level (in, n_jets): see `ImpulseModel`. Required where thrust errors are considered.
         predicted_estimate (out, 9): x before this sample's measurement. No feedthrough.
-        predicted_covariance (out, 81): its covariance S, row by row. No feedthrough.
-        rate_sample (out, 7): measured rate increment (3) and mean rate (3) over the sample, rad/s, NaN where
-            missing, and the variance of the increment's error per component, rad^2/s^2.
+        turning (out, 109 + 3 n): what the mass filter and the detector need, packed as `layouts.TURNING`:
+            innovation (3) and its covariance (9), measured rate increment (3) and mean rate (3) over the sample,
+            rad/s, NaN where missing, the variance of the increment's error per component, rad^2/s^2, prediction
+            (9) and its covariance (81); where thrust errors are considered, n = n_jets, the effect of one sigma of
+            each on the innovation, row by row, zero where none bears on the sample; else n = 0.
         innovation (out, 3): measured minus predicted rate increment, rad/s, NaN where not measured.
         innovation_covariance (out, 9): row by row, rad^2/s^2.
-        judged (out, 12): innovation and innovation_covariance in one, for the detector.
-        thrust_error_effects (out, 3 n_jets), where thrust errors are considered: effect of one sigma of
-            each jet's thrust error on the innovation, row by row, rad/s; zero where none bears on the sample.
         estimate (out, 9): x after this sample's measurement.
         covariance (out, 81): its covariance S, row by row.
-        standard_deviation (out, 9): square roots of its diagonal.
-        status (out, 7): the innovation (3) again; its NIS before any covariance increment, NaN where not
-            measured; 1 when the sample was used; 1 when the covariance was incremented; 1 when dynamic
-            coupling was to be subtracted.
-        report (out, 25): estimate, standard_deviation and status in one, for logs.
+        report (out, 25): packed as `layouts.ROTATION_REPORT`, for logs: estimate (9); 1-sigma (9); the innovation
+            (3) again; its NIS before any covariance increment, NaN where not measured; 1 when the sample was used;
+            1 when the covariance was incremented; 1 when dynamic coupling was to be subtracted.
 
     State: estimate (9); covariance (81); memory (1 + 3 s): the hybrid rule's last decision, and the last
     reading of each package, NaN before the first; sensitivity (9 n_jets) to thrust errors, row by row,
@@ -66,7 +60,7 @@ class RotationEstimator(Filter):
     Args:
         estimate, covariance: at the start, shapes (9,) and (9, 9).
         gyros: packages with an input port, in the order of the parameters' variances.
-        params: see `maths.rotation_filter.RotationParams`.
+        params: see `RotationParams`.
         thrust_errors: impulses of one sigma of each jet's thrust error at full level over a sample, about
             the vehicle origin, shape (n_jets, 6); None: thrust is taken as known.
     """
@@ -80,127 +74,72 @@ class RotationEstimator(Filter):
         params: RotationParams,
         thrust_errors: Array | None = None,
     ):
-        super().__init__()
-        self.set_name("rotation_estimator")
+        super().__init__("rotation_estimator", thrust_errors)
         self._params = params
-        self._thrust_errors = thrust_errors
-        self.stopwatch = Stopwatch()
-        self._gyros = Readings(self, gyros)
-        self._impulses = self.DeclareVectorInputPort("impulses", N_IMPULSES)
-        self._known_force = self.DeclareVectorInputPort("known_force", N_KNOWN_FORCE)
-        self._adaptation = self.DeclareVectorInputPort("adaptation", N_ADAPTATION)
-        inputs = [*self._gyros.ports, self._impulses, self._known_force]
-
-        self._estimate = self.DeclareDiscreteState(estimate)
-        self._covariance = self.DeclareDiscreteState(covariance.ravel())
-        self._memory = self.DeclareDiscreteState(np.append(0.0, np.full(3 * len(gyros), np.nan)))
-        if thrust_errors is not None:
-            self._mean_level = self.DeclareVectorInputPort("mean_level", thrust_errors.shape[0])
-            inputs.append(self._mean_level)
-            self._sensitivity = self.DeclareDiscreteState(N_ROTATION * thrust_errors.shape[0])
-
-        # the innovation must not depend on the adaptation: the detector makes the one from the other
-        measured = {self.xd_ticket(), *(self.input_port_ticket(port.get_index()) for port in inputs)}
-        self._measurement = Cached(self, "measurement", self._measure, measured)
-        adapted = {self._measurement.ticket, self.input_port_ticket(self._adaptation.get_index())}
-        self._cycle = Cached(self, "cycle", self._finish, {self.xd_ticket(), *adapted})
-        self.DeclareStateOutputPort("predicted_estimate", self._estimate)
-        self.DeclareStateOutputPort("predicted_covariance", self._covariance)
-        for name, size, calc, entry in (
-            ("rate_sample", 7, self._calc_rate_sample, self._measurement),
-            ("innovation", 3, self._calc_innovation, self._measurement),
-            ("innovation_covariance", 9, self._calc_innovation_covariance, self._measurement),
-            ("judged", 12, self._calc_judged, self._measurement),
-            ("estimate", N_ROTATION, self._calc_estimate, self._cycle),
-            ("covariance", N_ROTATION**2, self._calc_covariance, self._cycle),
-            ("standard_deviation", N_ROTATION, self._calc_deviation, self._cycle),
-            ("status", 7, self._calc_status, self._cycle),
-            ("report", 2 * N_ROTATION + 7, self._calc_report, self._cycle),
-        ):
-            self.DeclareVectorOutputPort(name, size, calc, prerequisites_of_calc={entry.ticket})
-        if thrust_errors is not None:
-            self.DeclareVectorOutputPort(
-                "thrust_error_effects",
-                3 * thrust_errors.shape[0],
-                self._calc_effects,
-                prerequisites_of_calc={self._measurement.ticket},
-            )
+        self._gyros = self._declare_packages(gyros)
+        self._declare_interval()
+        n_errors = 0 if thrust_errors is None else thrust_errors.shape[0]
+        self._turning = TURNING.sized(jets=n_errors)
+        self._no_effects = np.zeros((3, n_errors))
+        start = RotationState(estimate, covariance, None if thrust_errors is None else np.zeros((N_ROTATION, n_errors)))
+        memory = RotationMemory(np.full((len(gyros), 3), np.nan), False)
+        self._state = [self.DeclareDiscreteState(group) for group in thesis.saved_rotation(start, memory)]
+        self.DeclareStateOutputPort("predicted_estimate", self._state[0])
+        self._declare_cycle(
+            (
+                ("turning", self._turning.size, self._calc_turning),
+                ("innovation", 3, self._calc_innovation),
+                ("innovation_covariance", 9, self._calc_innovation_covariance),
+            ),
+            (
+                ("estimate", N_ROTATION, self._calc_estimate),
+                ("covariance", N_ROTATION**2, self._calc_covariance),
+                ("report", ROTATION_REPORT.size, self._calc_report),
+            ),
+        )
         self.DeclarePeriodicDiscreteUpdateEvent(period_sec=params.period_s, offset_sec=0.0, update=self._update)
 
-    def _state(self, context: Any) -> RotationState:
-        estimate = context.get_discrete_state(self._estimate).CopyToVector()
-        covariance = context.get_discrete_state(self._covariance).CopyToVector().reshape(N_ROTATION, N_ROTATION)
-        if self._thrust_errors is None:
-            return RotationState(estimate, covariance)
-        sensitivity = context.get_discrete_state(self._sensitivity).CopyToVector().reshape(N_ROTATION, -1)
-        return RotationState(estimate, covariance, sensitivity)
-
     def _measure(self, context: Any) -> Measured:
-        impulses = self._impulses.Eval(context)
-        memory = context.get_discrete_state(self._memory).CopyToVector()
-        extra_noise, acting, thrust_errors = None, impulses[7] != 0.0, None
-        if self._known_force.HasValue(context):
-            known = self._known_force.Eval(context)
-            if known.any():
-                extra_noise, acting = known[15:].reshape(3, 3), True
-        if self._thrust_errors is not None:
-            thrust_errors = self._mean_level.Eval(context)[:, None] * self._thrust_errors
-        rates, state = self._gyros.eval(context), self._state(context)
-        measurement = self.stopwatch.measure(
-            rotation_filter.measure,
-            state,
-            memory[1:].reshape(-1, 3),
-            memory[0] != 0.0,
-            rates,
-            extra_noise,
-            impulses[:3],
-            impulses[3:6],
-            acting,
-            self._params,
-            thrust_errors,
-        )
-        return Measured(measurement, rates, state)
+        state, memory = thesis.restored_rotation(self._groups(context), len(self._gyros.ports))
+        rates, interval = self._gyros.eval(context), self._interval(context)
+        known = thesis.rotation_interval(interval, self._thrust_errors)
+        measurement = self.stopwatch.measure(rotation_filter.measure, state, memory, rates, known, self._params)
+        return Measured(state, interval, measurement, rates)
 
-    def _finish(self, context: Any) -> Finished:
+    def _finish(self, context: Any) -> RotationCycle:
         adaptation = self._adapted(context)
-        measurement, rates, state = self._measurement.get(self, context)
-        # a known force alone is no reason to learn: it may have ceased
-        usable = bool(self._impulses.Eval(context)[6:8].all())
-        cycle = self.stopwatch.measure(rotation_filter.finish, state, measurement, usable, adaptation, self._params)
-        return Finished(cycle, measurement, rates)
+        state, interval, measurement, _ = self._measured(context)
+        learning = thesis.is_learning(interval)
+        cycle: RotationCycle = self.stopwatch.measure(
+            rotation_filter.finish, state, measurement, learning, adaptation, self._params
+        )
+        return cycle
 
-    def _calc_rate_sample(self, context: Any, output: Any) -> None:
-        sample = self._measured(context).sample
-        output.SetFromVector(np.array([*sample.increment, *sample.rate, sample.gyro_variance]))
+    def _calc_turning(self, context: Any, output: Any) -> None:
+        state, _, measurement, _ = self._measured(context)
+        turning = thesis.turning_of(state, measurement)
+        effects = self._no_effects if turning.effects is None else turning.effects
+        output.SetFromVector(self._turning.pack((*turning[:-1], effects)))
+
+    def _calc_innovation(self, context: Any, output: Any) -> None:
+        output.SetFromVector(self._measured(context).measurement.innovation.innovation)
+
+    def _calc_innovation_covariance(self, context: Any, output: Any) -> None:
+        output.SetFromVector(self._measured(context).measurement.innovation.covariance.ravel())
 
     def _calc_estimate(self, context: Any, output: Any) -> None:
-        output.SetFromVector(self._cycle.get(self, context).cycle.state.estimate)
+        output.SetFromVector(self._cycle.get(self, context).state.estimate)
 
     def _calc_covariance(self, context: Any, output: Any) -> None:
-        output.SetFromVector(self._cycle.get(self, context).cycle.state.covariance.ravel())
-
-    def _calc_deviation(self, context: Any, output: Any) -> None:
-        output.SetFromVector(np.sqrt(self._cycle.get(self, context).cycle.state.covariance.diagonal()))
-
-    def _calc_status(self, context: Any, output: Any) -> None:
-        output.SetFromVector(np.array(_status(self._cycle.get(self, context))))
+        output.SetFromVector(self._cycle.get(self, context).state.covariance.ravel())
 
     def _calc_report(self, context: Any, output: Any) -> None:
-        finished = self._cycle.get(self, context)
-        state = finished.cycle.state
-        deviation = np.sqrt(state.covariance.diagonal())
-        output.SetFromVector(np.concatenate([state.estimate, deviation, _status(finished)]))
+        report = thesis.rotation_report(self._measured(context).measurement, self._cycle.get(self, context))
+        output.SetFromVector(ROTATION_REPORT.pack(report))
 
     def _update(self, context: Any, state: Any) -> None:
-        finished = self._cycle.get(self, context)
-        after, innovation = finished.cycle.state, finished.measurement.innovation
-        state.set_value(self._estimate, after.estimate)
-        state.set_value(self._covariance, after.covariance.ravel())
-        state.set_value(self._memory, np.append(innovation.subtract_coupling, finished.readings))
-        if self._thrust_errors is not None:
-            state.set_value(self._sensitivity, after.sensitivity.ravel())
-
-
-def _status(finished: Finished) -> list[float]:
-    cycle, before = finished.cycle, finished.measurement.innovation
-    return [*before.innovation, before.nis, cycle.used, cycle.jumped, before.subtract_coupling]
+        measured = self._measured(context)
+        memory = thesis.rotation_memory(measured.measurement, measured.readings)
+        groups = thesis.saved_rotation(self._cycle.get(self, context).state, memory)
+        for index, group in zip(self._state, groups, strict=True):
+            state.set_value(index, group)

@@ -13,6 +13,7 @@ from pydrake.systems.framework import BasicVector, LeafSystem
 from massprop_drake.maths.mass_properties import MassProperties, joined, six_elements, symmetric
 from massprop_drake.maths.vehicle import rigid_body
 from massprop_drake.maths.vehicle.rigid_body import MASS, N_WRENCH, RATE
+from massprop_drake.systems.layouts import STRUCTURE
 
 Array = NDArray[np.float64]
 
@@ -33,11 +34,15 @@ class Jump(NamedTuple):
     inertia: Array
 
 
+def _packed_structure(properties: MassProperties) -> Array:
+    return STRUCTURE.pack((six_elements(properties.inertia), properties.center_of_mass))
+
+
 @lru_cache(maxsize=256)
 def _body_of_structure(structure: bytes) -> rigid_body.Body:
     """The constants of motion for a `structure` state; the simulator asks at every step."""
-    elements = np.frombuffer(structure)
-    return rigid_body.body_of(MassProperties(np.nan, elements[6:], symmetric(elements[:6])))
+    read = STRUCTURE.read(np.frombuffer(structure))
+    return rigid_body.body_of(MassProperties(np.nan, read.center_of_mass, symmetric(read.inertia)))
 
 
 class RigidBodyPlant(LeafSystem):
@@ -86,9 +91,7 @@ class RigidBodyPlant(LeafSystem):
         start = rigid_body.initial_state(properties.mass)
         if initial_rate is not None:
             start[RATE] = initial_rate
-        self._structure = self.DeclareDiscreteState(
-            np.concatenate([six_elements(properties.inertia), properties.center_of_mass])
-        )
+        self._structure = self.DeclareDiscreteState(_packed_structure(properties))
         if time_step == 0.0:
             self._wrench = self.DeclareVectorInputPort("wrench", N_WRENCH)
             self._state = self.DeclareContinuousState(BasicVector(start))
@@ -141,16 +144,15 @@ class RigidBodyPlant(LeafSystem):
             after = joined(properties, jump.mass, jump.position, jump.inertia)
             body_state = rigid_body.with_properties(body_state, properties, after)
             properties = after
-        structure = np.concatenate([six_elements(properties.inertia), properties.center_of_mass])
-        state.get_mutable_discrete_state(self._structure).SetFromVector(structure)
+        state.get_mutable_discrete_state(self._structure).SetFromVector(_packed_structure(properties))
         if self._time_step == 0.0:
             state.get_mutable_continuous_state().SetFromVector(body_state)
         else:
             state.get_mutable_discrete_state(self._state).SetFromVector(body_state)
 
     def _properties(self, context: Any) -> MassProperties:
-        structure = context.get_discrete_state(self._structure).CopyToVector()
-        return MassProperties(float(self._body_state(context)[MASS]), structure[6:], symmetric(structure[:6]))
+        read = STRUCTURE.read(context.get_discrete_state(self._structure).CopyToVector())
+        return MassProperties(float(self._body_state(context)[MASS]), read.center_of_mass, symmetric(read.inertia))
 
     def _update(self, context: Any, state: Any) -> None:
         profile = self._wrench.Eval(context).reshape(-1, N_WRENCH)

@@ -7,8 +7,8 @@ import pytest
 
 from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.maths.autopilot.jet_selection import activity_vectors, burst_cycles, least_change
-from massprop_drake.maths.estimation.impulses import thrust_wrenches
 from massprop_drake.maths.mass_properties import MassProperties
+from massprop_drake.maths.vehicle.thrust import thrust_wrenches
 
 PERIOD = 0.08  # s
 

@@ -9,13 +9,13 @@ import pytest
 
 from massprop_drake.maths.attitude import from_rotation_vector, multiply, propagated
 from massprop_drake.maths.autopilot.phase_space import (
-    AT_ONCE,
-    NO_REQUEST,
-    WHEN_IDLE,
+    AttitudeMemory,
     AttitudeStep,
     PhaseSpaceParams,
     Request,
+    Sensed,
     TranslationMemory,
+    Urgency,
     attitude_step,
     commanded_rate,
     phase_space_request,
@@ -24,6 +24,7 @@ from massprop_drake.maths.linear_algebra import Array
 
 PERIOD = 0.08  # s
 SETTINGS = PhaseSpaceParams(
+    period_s=PERIOD,
     discrete_rate=0.01,
     hold_gain=0.2,
     hold_rate_limit=0.004,
@@ -49,7 +50,7 @@ def request(
     delivered: Array = NONE,
     memory: TranslationMemory = IDLE,
 ) -> tuple[Request, TranslationMemory]:
-    return phase_space_request(rotation, translation, error, rate, delivered, memory, PERIOD, SETTINGS)
+    return phase_space_request(Sensed(rotation, translation, error, rate, delivered), memory, SETTINGS)
 
 
 def step(
@@ -60,7 +61,8 @@ def step(
     rate: Array = NONE,
     command: Array = NONE,
 ) -> AttitudeStep:
-    return attitude_step(attitude, reference, holding, before, rate, command, PERIOD, SETTINGS.capture_rate)
+    memory = AttitudeMemory(attitude, reference, holding, before)
+    return attitude_step(memory, rate, command, PERIOD, SETTINGS.capture_rate)
 
 
 def test_axis_out_of_detent_turns_at_the_discrete_rate_whatever_its_attitude() -> None:
@@ -83,7 +85,7 @@ def test_rate_error_of_any_axis_beyond_the_deadband_asks_once_jets_are_idle(axis
     rate = np.zeros(3)
     rate[axis] = sign * 0.000501
     answer, memory = request(rate=rate)
-    assert answer.urgency == WHEN_IDLE
+    assert answer.urgency == Urgency.WHEN_IDLE
     assert answer.time_limit_s == np.inf
     np.testing.assert_array_equal(answer.rate_change, -rate)
     np.testing.assert_array_equal(answer.velocity_change, NONE)
@@ -92,7 +94,7 @@ def test_rate_error_of_any_axis_beyond_the_deadband_asks_once_jets_are_idle(axis
 
 def test_rate_error_within_the_deadband_asks_for_nothing() -> None:
     answer, _ = request(rate=np.array([0.000499, -0.000499, 0.0]))
-    assert answer.urgency == NO_REQUEST
+    assert answer.urgency == Urgency.NONE
 
 
 def test_rate_change_is_commanded_minus_measured_rate() -> None:
@@ -105,7 +107,7 @@ def test_translation_starts_at_once_for_a_horizon_of_its_acceleration() -> None:
     # 0.5 for 2 s: 1 along x, -1 along z
     command = np.array([1.0, 0.0, -1.0])
     answer, memory = request(translation=command)
-    assert answer.urgency == AT_ONCE
+    assert answer.urgency == Urgency.AT_ONCE
     np.testing.assert_array_equal(answer.velocity_change, command)
     np.testing.assert_array_equal(answer.rate_change, NONE)
     assert answer.time_limit_s == 2.0
@@ -124,7 +126,7 @@ def test_delivered_velocity_is_subtracted_and_time_runs() -> None:
     _, memory = request(translation=FORWARD)
     for delivered in (0.04, 0.03):
         answer, memory = request(translation=FORWARD, delivered=np.array([delivered, 0.001, 0.0]), memory=memory)
-        assert answer.urgency == NO_REQUEST
+        assert answer.urgency == Urgency.NONE
     # 1 - 0.04 - 0.03 left, and what came sideways to be undone; 2 - 2 * 0.08 s left
     np.testing.assert_allclose(answer.velocity_change, [0.93, -0.002, 0.0], rtol=1e-12)
     assert answer.time_limit_s == pytest.approx(1.84, rel=1e-12)
@@ -137,7 +139,7 @@ def test_horizon_is_renewed_when_it_has_run_out() -> None:
     asked = []
     for number in range(51):
         answer, memory = request(translation=FORWARD, delivered=0.04 * FORWARD, memory=memory)
-        if answer.urgency == AT_ONCE:
+        if answer.urgency == Urgency.AT_ONCE:
             asked.append(number)
             np.testing.assert_array_equal(answer.velocity_change, FORWARD)
             assert answer.time_limit_s == 2.0
@@ -147,7 +149,7 @@ def test_horizon_is_renewed_when_it_has_run_out() -> None:
 def test_another_translation_command_replaces_the_old_one_at_once() -> None:
     _, memory = request(translation=FORWARD)
     answer, memory = request(translation=-FORWARD, delivered=0.04 * FORWARD, memory=memory)
-    assert answer.urgency == AT_ONCE
+    assert answer.urgency == Urgency.AT_ONCE
     np.testing.assert_array_equal(answer.velocity_change, -FORWARD)
     np.testing.assert_array_equal(memory.command, -FORWARD)
 
@@ -159,7 +161,7 @@ def test_large_rate_error_in_a_translation_asks_again_but_not_too_often() -> Non
     asked = []
     for number in range(13):
         answer, memory = request(translation=FORWARD, rate=rate, delivered=0.04 * FORWARD, memory=memory)
-        if answer.urgency == AT_ONCE:
+        if answer.urgency == Urgency.AT_ONCE:
             asked.append(number)
     assert asked == [0, 5, 10]
     # asked again for what was left after ten samples, within the same horizon
@@ -175,18 +177,18 @@ def test_small_rate_error_in_a_translation_is_left_until_the_next_selection() ->
     for _ in range(13):
         answer, memory = request(translation=FORWARD, rate=rate, memory=memory)
         urgencies.append(answer.urgency)
-    assert urgencies == [AT_ONCE] + [NO_REQUEST] * 12
+    assert urgencies == [Urgency.AT_ONCE] + [Urgency.NONE] * 12
 
 
 def test_release_of_the_translation_replaces_the_running_burst_at_once() -> None:
     _, memory = request(translation=FORWARD)
     answer, memory = request(delivered=0.04 * FORWARD, memory=memory)
-    assert answer.urgency == AT_ONCE
+    assert answer.urgency == Urgency.AT_ONCE
     np.testing.assert_array_equal(answer.velocity_change, NONE)  # the velocity reached is kept
     assert answer.time_limit_s == np.inf
     np.testing.assert_array_equal(memory.velocity_left, NONE)
     answer, _ = request(memory=memory)
-    assert answer.urgency == NO_REQUEST
+    assert answer.urgency == Urgency.NONE
 
 
 def test_attitude_of_a_constant_rate_is_exact() -> None:

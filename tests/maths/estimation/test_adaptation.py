@@ -8,17 +8,7 @@ import numpy as np
 import pytest
 from params_probe import mass_params, rotation_params
 
-from massprop_drake.maths.estimation.adaptation import (
-    CORRECT,
-    CORRECT_THESIS,
-    N_ADAPTATION,
-    NO_ACTION,
-    NO_ADAPTATION,
-    REJECT,
-    Adaptation,
-    packed,
-    unpacked,
-)
+from massprop_drake.maths.estimation.adaptation import LAYOUT, NO_ADAPTATION, Action, Adaptation, packed, unpacked
 from massprop_drake.maths.estimation.detectors.jet_tests import jet_tests
 from massprop_drake.maths.estimation.filters import mass_filter, mass_jump, rotation_filter
 from massprop_drake.maths.estimation.filters.mass_filter import MassInnovation, MassParams, MassSample, MassState
@@ -125,7 +115,7 @@ def joint_filter(scene: Scene) -> tuple[Array, Array]:
 def test_the_correction_is_the_best_linear_update_with_an_unknown_force(scene: Scene) -> None:
     # both filters with the one force: what the joint filter says of each, without what it says of both together
     mean, covariance = joint_filter(scene)
-    adaptation = scene.adaptation(CORRECT)
+    adaptation = scene.adaptation(Action.CORRECT)
     turned, weighed = scene.rotated(adaptation), scene.weighed(adaptation)
     np.testing.assert_allclose(turned.state.estimate, mean[:9], rtol=1e-9, atol=1e-10)
     np.testing.assert_allclose(turned.state.covariance, covariance[:9, :9], atol=1e-10)
@@ -140,7 +130,7 @@ def test_the_correction_from_rates_alone(scene: Scene) -> None:
     # the same with velocities that tell nothing
     blind = scene._replace(moving=scene.moving._replace(noise=1e12 * scene.moving.noise))
     mean, covariance = joint_filter(blind)
-    turned = scene.rotated(scene.adaptation(CORRECT, with_translation=False))
+    turned = scene.rotated(scene.adaptation(Action.CORRECT, with_translation=False))
     np.testing.assert_allclose(turned.state.estimate, mean[:9], rtol=1e-8, atol=1e-9)
     np.testing.assert_allclose(turned.state.covariance, covariance[:9, :9], atol=1e-9)
 
@@ -154,7 +144,7 @@ def test_a_correction_keeps_the_failure_out_of_the_estimates(scene: Scene) -> No
             turning=scene.turning._replace(innovation=scene.turning.innovation + effect[3:]),
             moving=scene.moving._replace(innovation=scene.moving.innovation + effect[:3]),
         )
-        adaptation = failed.adaptation(CORRECT)
+        adaptation = failed.adaptation(Action.CORRECT)
         estimates.append(
             np.append(failed.rotated(adaptation).state.estimate, failed.weighed(adaptation).state.mass_reciprocal)
         )
@@ -167,7 +157,7 @@ def test_a_correction_keeps_the_failure_out_of_the_estimates(scene: Scene) -> No
 def test_a_correction_costs_what_the_force_took(scene: Scene) -> None:
     # S + K C K^T is above what the plain update leaves, and not above what was there before
     plain = scene.rotated(NO_ADAPTATION).state.covariance
-    corrected = scene.rotated(scene.adaptation(CORRECT)).state.covariance
+    corrected = scene.rotated(scene.adaptation(Action.CORRECT)).state.covariance
     assert np.linalg.eigvalsh(corrected - plain).min() > -1e-12
     assert np.linalg.eigvalsh(corrected - plain).max() > 1e-3
     assert np.linalg.eigvalsh(scene.covariance - corrected).min() > -1e-12
@@ -178,11 +168,11 @@ def test_the_thesis_form_uses_smaller_gains_and_claims_more(scene: Scene) -> Non
     # from rates alone C = c c^T / (c^T Y^-1 c), so that (Y + C)^-1 c is half of Y^-1 c: the gain along c is
     # halved, the gain on the corrected innovation, which has no part along c, is not, and half of K C K^T is
     # given back instead of all (the reference's remark on (4-34), (4-35))
-    best = scene.rotated(scene.adaptation(CORRECT, with_translation=False))
-    thesis = scene.rotated(scene.adaptation(CORRECT_THESIS, with_translation=False))
+    best = scene.rotated(scene.adaptation(Action.CORRECT, with_translation=False))
+    thesis = scene.rotated(scene.adaptation(Action.CORRECT_THESIS, with_translation=False))
     np.testing.assert_allclose(thesis.state.estimate, best.state.estimate, rtol=1e-9, atol=1e-11)
     gain = scene.covariance @ scene.turning.jacobian.T @ scene.turning.information
-    spread = scene.adaptation(CORRECT, with_translation=False).rotation_spread
+    spread = scene.adaptation(Action.CORRECT, with_translation=False).rotation_spread
     np.testing.assert_allclose(
         best.state.covariance - thesis.state.covariance, 0.5 * gain @ spread @ gain.T, atol=1e-11
     )
@@ -190,7 +180,7 @@ def test_the_thesis_form_uses_smaller_gains_and_claims_more(scene: Scene) -> Non
 
 def test_the_thesis_form_in_full(scene: Scene) -> None:
     # (4-34), (4-35) and the updates with them, written out
-    adaptation = scene.adaptation(CORRECT_THESIS)
+    adaptation = scene.adaptation(Action.CORRECT_THESIS)
     jacobian, covariance = scene.turning.jacobian, scene.covariance
     gain = covariance @ jacobian.T @ np.linalg.inv(scene.turning.covariance + adaptation.rotation_spread)
     turned = scene.rotated(adaptation)
@@ -207,17 +197,19 @@ def test_the_thesis_form_in_full(scene: Scene) -> None:
 
 def test_a_rejected_sample_leaves_the_state_but_for_process_noise(scene: Scene) -> None:
     noisy = ROTATION._replace(process_noise=np.diag(np.arange(9.0)), jump_threshold=0.0)
-    rejected = scene.rotated(scene.adaptation(REJECT), noisy)
+    rejected = scene.rotated(scene.adaptation(Action.REJECT), noisy)
     np.testing.assert_array_equal(rejected.state.estimate, scene.estimate)
     np.testing.assert_array_equal(rejected.state.covariance, scene.covariance + np.diag(np.arange(9.0)))
     assert not rejected.jumped
-    weighed = scene.weighed(scene.adaptation(REJECT), MASS._replace(process_noise=0.5, jump_threshold=0.0))
+    weighed = scene.weighed(scene.adaptation(Action.REJECT), MASS._replace(process_noise=0.5, jump_threshold=0.0))
     assert (weighed.state.mass_reciprocal, weighed.state.variance) == (scene.mass_reciprocal, scene.variance + 0.5)
     assert not weighed.jumped
     assert not weighed.state.window.any()
 
 
-@pytest.mark.parametrize(("action", "used"), [(CORRECT, True), (CORRECT_THESIS, True), (REJECT, False)])
+@pytest.mark.parametrize(
+    ("action", "used"), [(Action.CORRECT, True), (Action.CORRECT_THESIS, True), (Action.REJECT, False)]
+)
 def test_a_rejected_sample_does_not_count_as_used(scene: Scene, action: int, *, used: bool) -> None:
     adaptation = scene.adaptation(action)
     measurement = rotation_filter.RotationMeasurement(scene.sample, scene.turning)
@@ -229,13 +221,13 @@ def test_a_rejected_sample_does_not_count_as_used(scene: Scene, action: int, *, 
 
 
 def test_process_noise_is_added_after_a_correction(scene: Scene) -> None:
-    adaptation = scene.adaptation(CORRECT)
+    adaptation = scene.adaptation(Action.CORRECT)
     noise = 0.25 * np.eye(9)
     noisy, plain = scene.rotated(adaptation, ROTATION._replace(process_noise=noise)), scene.rotated(adaptation)
     np.testing.assert_allclose(noisy.state.covariance - plain.state.covariance, noise, atol=1e-14)
 
 
-@pytest.mark.parametrize("action", [CORRECT, CORRECT_THESIS])
+@pytest.mark.parametrize("action", [Action.CORRECT, Action.CORRECT_THESIS])
 def test_covariance_is_not_incremented_while_a_jet_explains_the_sample(scene: Scene, action: int) -> None:
     eager = ROTATION._replace(jump_threshold=0.0)
     assert scene.rotated(NO_ADAPTATION, eager).jumped
@@ -281,16 +273,21 @@ def test_a_jump_raises_the_variance_even_of_a_sample_that_is_not_used(scene: Sce
 
 def test_packing_and_back() -> None:
     rng = np.random.default_rng(2)
-    for action, jumped in ((CORRECT, False), (CORRECT_THESIS, True), (REJECT, False), (NO_ACTION, True)):
+    for action, jumped in (
+        (Action.CORRECT, False),
+        (Action.CORRECT_THESIS, True),
+        (Action.REJECT, False),
+        (Action.NONE, True),
+    ):
         adaptation = Adaptation(
             action, *rng.normal(size=(2, 3)), rng.normal(size=(3, 3)), rng.normal(size=(3, 3)), mass_jumped=jumped
         )
         vector = packed(adaptation)
-        assert vector.shape == (N_ADAPTATION,)
+        assert vector.shape == (LAYOUT.size,)
         for ours, theirs in zip(unpacked(vector), adaptation, strict=True):
             np.testing.assert_array_equal(ours, theirs)
 
 
 def test_nothing_to_do_packs_to_zeros() -> None:
     assert not packed(NO_ADAPTATION).any()
-    assert unpacked(np.zeros(N_ADAPTATION)) is NO_ADAPTATION
+    assert unpacked(np.zeros(LAYOUT.size)) is NO_ADAPTATION

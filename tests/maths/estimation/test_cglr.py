@@ -7,16 +7,13 @@ from typing import Any
 import numpy as np
 import pytest
 from params_probe import detector_settings_of as settings_of
+from params_probe import evidence
 
 from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.maths.estimation import adaptation
+from massprop_drake.maths.estimation.detector import KNOWN_FORCE, NO_KNOWN_FORCE, Event
 from massprop_drake.maths.estimation.detectors.cglr import (
-    DECLARED,
-    JUMP,
-    N_KNOWN_FORCE,
-    NO_KNOWN_FORCE,
-    NOTHING,
-    WITHDRAWN,
+    LAYOUT,
     CglrParams,
     DetectorCycle,
     DetectorSample,
@@ -25,16 +22,15 @@ from massprop_drake.maths.estimation.detectors.cglr import (
     initial_state,
     judged,
     known_force,
-    packed,
-    shared_covariance,
     status,
-    unpacked,
 )
 from massprop_drake.maths.estimation.detectors.jet_tests import signatures
 from massprop_drake.maths.estimation.filters.rotation_filter import rate_increment_jacobian
+from massprop_drake.maths.estimation.filters.thesis import shared_covariance
 from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError
 
 PERIOD_S = 0.08
+packed = LAYOUT.sized(jets=44).pack
 N = 44
 # indices of jets: 29 and its neighbor 30, 11, the vernier 39 and the primaries 9 and 10 beside it
 STUCK, NEIGHBOR, LOST, VERNIER, BESIDE_VERNIER = 28, 29, 10, 38, (8, 9)
@@ -52,7 +48,7 @@ class Bench:
     """
 
     def __init__(self, vehicle: Vehicle, **params: Any):
-        plain = settings_of()._replace(signature_uncertainty=False)
+        plain = settings_of()._replace(signature_uncertainty=False, limits=LIMITS)
         self.params: CglrParams = plain._replace(**params)
         self.properties = vehicle.nominal.vector()
         self.signatures = signatures(self.params.unit_wrenches, self.properties, PERIOD_S)
@@ -79,14 +75,13 @@ class Bench:
             "rotation_estimate": properties[:9],
             "state_covariance": self.sure,
             "mass_estimate": np.array([properties[9], (1e-9 * properties[9]) ** 2]),
-            "limits": LIMITS,
             **changes,
         }
 
     def step(self, innovation: Array, **changes: Any) -> DetectorCycle:
         """The next cycle."""
         self.number += 1
-        result = judged(self.state, **self.given(innovation, **changes), params=self.params)
+        result = judged(self.state, evidence(**self.given(innovation, **changes)), self.params)
         self.state = result.state
         return result
 
@@ -107,7 +102,7 @@ class Bench:
         """The cycles that declare a failure."""
         for _ in range(self.params.alarms_to_declare):
             result = self.failing(jet, force)
-        assert result.finding.event == DECLARED
+        assert result.finding.event == Event.DECLARED
         return result
 
     @property
@@ -140,7 +135,7 @@ def test_a_failure_gives_an_alarm_that_says_what_failed(bench: Bench) -> None:
     np.testing.assert_allclose(finding.magnitude, 868.8, rtol=1e-12)
     c = bench.signatures[STUCK]
     np.testing.assert_allclose(finding.magnitude_std, (c @ bench.information @ c) ** -0.5, rtol=1e-12)
-    assert (finding.event, finding.alarms) == (NOTHING, 1.0)
+    assert (finding.event, finding.alarms) == (Event.NOTHING, 1.0)
     # it began in the interval that ends with this sample, number 1
     assert finding.onset_s == 0.0
 
@@ -163,7 +158,11 @@ def test_an_alarm_can_name_the_cluster_and_leave_the_jet_open(bench: Bench) -> N
 
 @pytest.mark.parametrize(
     ("setting", "action"),
-    [("correct", adaptation.CORRECT), ("correct_thesis", adaptation.CORRECT_THESIS), ("reject", adaptation.REJECT)],
+    [
+        ("correct", adaptation.Action.CORRECT),
+        ("correct_thesis", adaptation.Action.CORRECT_THESIS),
+        ("reject", adaptation.Action.REJECT),
+    ],
 )
 def test_an_alarm_takes_the_signature_out_of_the_innovations(orbiter: Vehicle, setting: str, action: int) -> None:
     bench = Bench(orbiter, action=settings_of(f"detector.on_detection={setting}").action)
@@ -222,7 +221,7 @@ def test_a_jet_that_is_on_gives_no_more_than_it_should_by_the_mirror_rule_alone(
     "reason",
     [
         {"usable": False},
-        {"limits": np.zeros(3)},
+        {"state_covariance": np.eye(9)},
         {"translation": np.full(3, np.nan)},
         {"rotation": np.full(3, np.nan)},
     ],
@@ -232,7 +231,7 @@ def test_a_sample_that_says_nothing_is_not_tested(bench: Bench, reason: dict[str
     result = bench.failing(STUCK, 868.8, **reason)
     assert not result.finding.tested
     assert not result.finding.alarm
-    assert result.finding.event == NOTHING
+    assert result.finding.event == Event.NOTHING
     assert all(np.isnan(values).all() for values in result.tests)
     assert result.adaptation == adaptation.NO_ADAPTATION
     np.testing.assert_array_equal(packed(result.state), packed(initial_state(N)))
@@ -246,7 +245,7 @@ def test_a_gated_sample_neither_counts_nor_breaks_the_run(bench: Bench) -> None:
     bench.failing(STUCK, 868.8)
     gated = bench.failing(STUCK, 868.8, usable=False)
     assert gated.state.alarms == 1.0
-    assert bench.failing(STUCK, 868.8).finding.event == DECLARED
+    assert bench.failing(STUCK, 868.8).finding.event == Event.DECLARED
 
 
 def test_what_was_handed_in_is_not_changed(bench: Bench) -> None:
@@ -258,7 +257,7 @@ def test_what_was_handed_in_is_not_changed(bench: Bench) -> None:
         (-500.0 * bench.signatures[STUCK], bench.params),
         (300.0 * bench.signatures[0], bench.params._replace(alarms_to_declare=1)),
     ):
-        judged(state, **bench.given(innovation), params=params)
+        judged(state, evidence(**bench.given(innovation)), params)
     np.testing.assert_array_equal(packed(state), before)
 
 
@@ -269,7 +268,7 @@ def test_what_was_handed_in_is_not_changed(bench: Bench) -> None:
 def test_a_failure_is_declared_at_the_nth_alarm_in_a_row(orbiter: Vehicle, needed: int) -> None:
     bench = Bench(orbiter, alarms_to_declare=needed)
     findings = [bench.failing(STUCK, 868.8).finding for _ in range(needed)]
-    assert [finding.event for finding in findings] == [NOTHING] * (needed - 1) + [DECLARED]
+    assert [finding.event for finding in findings] == [Event.NOTHING] * (needed - 1) + [Event.DECLARED]
     assert [finding.alarms for finding in findings] == [float(k + 1) for k in range(needed)]
     # since the interval before the first of them
     assert {finding.onset_s for finding in findings} == {0.0}
@@ -278,7 +277,7 @@ def test_a_failure_is_declared_at_the_nth_alarm_in_a_row(orbiter: Vehicle, neede
 def test_nothing_is_ever_declared_when_that_is_off(orbiter: Vehicle) -> None:
     bench = Bench(orbiter, alarms_to_declare=0)
     findings = [bench.failing(STUCK, 868.8).finding for _ in range(20)]
-    assert all(finding.alarm and finding.event == NOTHING for finding in findings)
+    assert all(finding.alarm and finding.event == Event.NOTHING for finding in findings)
     assert findings[-1].alarms == 20.0
     assert not bench.state.removed.any()
     assert not bench.state.force.any()
@@ -287,14 +286,14 @@ def test_nothing_is_ever_declared_when_that_is_off(orbiter: Vehicle) -> None:
 @pytest.mark.parametrize(
     ("apart", "usable", "event"),
     [
-        (1, True, DECLARED),
-        (2, True, DECLARED),
-        (3, True, DECLARED),
-        (4, True, NOTHING),
-        (3, False, DECLARED),
-        (4, False, DECLARED),
-        (25, False, DECLARED),
-        (26, False, NOTHING),
+        (1, True, Event.DECLARED),
+        (2, True, Event.DECLARED),
+        (3, True, Event.DECLARED),
+        (4, True, Event.NOTHING),
+        (3, False, Event.DECLARED),
+        (4, False, Event.DECLARED),
+        (25, False, Event.DECLARED),
+        (26, False, Event.NOTHING),
     ],
 )
 def test_alarms_are_in_a_row_when_not_too_far_apart(bench: Bench, apart: int, event: int, *, usable: bool) -> None:
@@ -306,8 +305,8 @@ def test_alarms_are_in_a_row_when_not_too_far_apart(bench: Bench, apart: int, ev
     assert finding.event == event
     # in a row: since the first; too far apart: the run begins anew with this one
     first, last = 0.0, apart * PERIOD_S
-    np.testing.assert_allclose(finding.onset_s, first if event == DECLARED else last, atol=1e-12)
-    assert finding.alarms == (2.0 if event == DECLARED else 1.0)
+    np.testing.assert_allclose(finding.onset_s, first if event == Event.DECLARED else last, atol=1e-12)
+    assert finding.alarms == (2.0 if event == Event.DECLARED else 1.0)
 
 
 def test_the_gap_is_counted_from_the_last_alarm(orbiter: Vehicle) -> None:
@@ -315,7 +314,7 @@ def test_the_gap_is_counted_from_the_last_alarm(orbiter: Vehicle) -> None:
     for _ in range(2):
         bench.failing(STUCK, 868.8)
         bench.idle(2)
-    assert bench.failing(STUCK, 868.8).finding.event == DECLARED
+    assert bench.failing(STUCK, 868.8).finding.event == Event.DECLARED
 
 
 def test_a_suspicion_without_a_further_alarm_is_dropped(bench: Bench) -> None:
@@ -329,24 +328,24 @@ def test_a_suspicion_without_a_further_alarm_is_dropped(bench: Bench) -> None:
 def test_an_alarm_of_another_cluster_starts_the_count_anew(bench: Bench) -> None:
     bench.failing(STUCK, 868.8)
     other = bench.failing(VERNIER, 24.483).finding
-    assert (other.event, other.alarms) == (NOTHING, 1.0)
+    assert (other.event, other.alarms) == (Event.NOTHING, 1.0)
     np.testing.assert_allclose(other.onset_s, PERIOD_S, rtol=1e-12)
     back = bench.failing(STUCK, 868.8).finding
-    assert (back.event, back.alarms) == (NOTHING, 1.0)
+    assert (back.event, back.alarms) == (Event.NOTHING, 1.0)
 
 
 def test_alarms_of_two_jets_of_a_cluster_count_together(bench: Bench) -> None:
     bench.failing(STUCK, 868.8)
     finding = bench.failing(NEIGHBOR, 868.8).finding
-    assert (finding.event, finding.isolation.jet) == (DECLARED, NEIGHBOR)
+    assert (finding.event, finding.isolation.jet) == (Event.DECLARED, NEIGHBOR)
 
 
 def test_the_count_starts_anew_after_a_declaration(bench: Bench) -> None:
     bench.declare(STUCK, 868.8)
     assert bench.state.cluster == -1.0
     first = bench.failing(LOST, -874.2).finding
-    assert (first.event, first.alarms) == (NOTHING, 1.0)
-    assert bench.failing(LOST, -874.2).finding.event == DECLARED
+    assert (first.event, first.alarms) == (Event.NOTHING, 1.0)
+    assert bench.failing(LOST, -874.2).finding.event == Event.DECLARED
     np.testing.assert_array_equal(np.flatnonzero(bench.state.removed), [LOST, STUCK])
 
 
@@ -393,21 +392,21 @@ def test_an_innovation_that_no_jet_explains_is_a_jump_of_the_mass_properties(ben
     bench.number = 9
     odd = 868.8 * bench.signatures[STUCK] + bench.unexplained(STUCK, 100.0)
     result = bench.step(odd, **FIRING)
-    assert (result.finding.event, result.finding.alarm) == (JUMP, False)
+    assert (result.finding.event, result.finding.alarm) == (Event.JUMP, False)
     np.testing.assert_allclose(result.finding.onset_s, 9 * PERIOD_S, rtol=1e-12)
     assert result.finding.alarms == 1.0
-    assert result.adaptation.action == adaptation.NO_ACTION
+    assert result.adaptation.action == adaptation.Action.NONE
     assert result.adaptation.mass_jumped
 
 
 def test_a_jump_shows_only_while_an_impulse_acts(bench: Bench) -> None:
     odd = 868.8 * bench.signatures[STUCK] + bench.unexplained(STUCK, 100.0)
     result = bench.step(odd, firing=False)
-    assert result.finding.event == NOTHING
+    assert result.finding.event == Event.NOTHING
     assert result.adaptation == adaptation.NO_ADAPTATION
 
 
-@pytest.mark.parametrize(("nis", "event"), [(49.0, NOTHING), (51.0, JUMP)])
+@pytest.mark.parametrize(("nis", "event"), [(49.0, Event.NOTHING), (51.0, Event.JUMP)])
 def test_a_jump_is_beyond_doubt_at_fifty_of_the_rotations_nis(orbiter: Vehicle, nis: float, event: int) -> None:
     bench = Bench(orbiter, margin=1e9)  # no jet is ever accused
     innovation = np.array([5.0, 5.0, 5.0, 0.0, 0.0, 0.0])  # the velocity's part does not count
@@ -423,7 +422,7 @@ def test_a_known_force_alone_that_ceases_is_no_jump_of_the_mass_properties(bench
     result = bench.step(-50.0 * bench.signatures[14], firing=False)
     assert result.finding.isolation.jet == 14
     assert result.finding.isolation.cluster_margin < 6.0
-    assert result.finding.event != JUMP
+    assert result.finding.event != Event.JUMP
     assert not result.adaptation.mass_jumped
 
 
@@ -437,14 +436,14 @@ def test_two_jets_that_explain_a_sample_alike_make_no_jump_of_it(bench: Bench) -
     result = bench.step(870.5 * midway, command=command, firing=True)
     assert result.finding.isolation.cluster_margin < 6.0
     assert result.tests.unexplained[[stuck, opposed]].max() < 20.5
-    assert result.finding.event == NOTHING
+    assert result.finding.event == Event.NOTHING
     assert not result.adaptation.mass_jumped
-    assert result.adaptation.action != adaptation.NO_ACTION
+    assert result.adaptation.action != adaptation.Action.NONE
 
 
 def test_a_failure_that_a_jet_explains_is_not_taken_for_a_jump(bench: Bench) -> None:
     result = bench.failing(LOST, -874.2)
-    assert result.finding.event == NOTHING
+    assert result.finding.event == Event.NOTHING
     assert not result.adaptation.mass_jumped
 
 
@@ -452,7 +451,7 @@ def test_a_jump_leaves_suspicion_and_known_forces_alone(bench: Bench) -> None:
     bench.declare(STUCK, 868.8)
     before = bench.state
     odd = 868.8 * bench.signatures[0] + bench.unexplained(0, 1000.0)
-    assert bench.step(odd, **FIRING).finding.event == JUMP
+    assert bench.step(odd, **FIRING).finding.event == Event.JUMP
     np.testing.assert_array_equal(packed(bench.state), packed(before))
 
 
@@ -491,8 +490,8 @@ def test_a_jet_that_stays_in_use_is_not_declared_again(bench: Bench) -> None:
     # declaration, and each sample goes on being corrected
     bench.declare(LOST, -874.2)
     results = [bench.failing(LOST, -874.2) for _ in range(4)]
-    assert [result.finding.event for result in results] == [NOTHING] * 4
-    assert all(result.adaptation.action == adaptation.CORRECT for result in results)
+    assert [result.finding.event for result in results] == [Event.NOTHING] * 4
+    assert all(result.adaptation.action == adaptation.Action.CORRECT for result in results)
 
 
 def test_closing_the_manifold_stops_all_its_jets(orbiter: Vehicle) -> None:
@@ -502,7 +501,7 @@ def test_closing_the_manifold_stops_all_its_jets(orbiter: Vehicle) -> None:
     bench = Bench(orbiter, manifolds=manifolds)
     bench.failing(STUCK, 868.8)
     assert not bench.state.closed.any()
-    assert bench.failing(STUCK, 868.8).finding.event == DECLARED
+    assert bench.failing(STUCK, 868.8).finding.event == Event.DECLARED
     np.testing.assert_array_equal(np.flatnonzero(bench.state.closed), sharing)
     np.testing.assert_array_equal(np.flatnonzero(bench.state.removed), sharing)
     # nothing pushes any more, so nothing is known
@@ -533,7 +532,7 @@ def test_a_known_forces_wrench_and_spread(bench: Bench) -> None:
     spread = 0.9 * np.outer(c[STUCK], c[STUCK]) + 0.4 * np.outer(c[23], c[23])
     np.testing.assert_allclose(known.translation_spread, spread[:3, :3], rtol=1e-12)
     np.testing.assert_allclose(known.rotation_spread, spread[3:, 3:], rtol=1e-12)
-    assert known.wrench.size + known.translation_spread.size + known.rotation_spread.size == N_KNOWN_FORCE
+    assert known.wrench.size + known.translation_spread.size + known.rotation_spread.size == KNOWN_FORCE.size
 
 
 def with_known(bench: Bench, jet: int, force: float, variance: float) -> None:
@@ -603,7 +602,7 @@ def test_an_alarm_about_a_known_force_corrects_it(bench: Bench) -> None:
     # that the jet is off does not matter: what it gives is known to be some hundred pounds
     assert finding.alarm
     assert finding.isolation.jet == STUCK
-    assert finding.event == NOTHING
+    assert finding.event == Event.NOTHING
     np.testing.assert_allclose(bench.state.force[STUCK], 468.8, rtol=1e-9)
     c = bench.signatures[STUCK]
     np.testing.assert_allclose(bench.state.variance[STUCK], 1.0 / (c @ bench.information @ c), rtol=1e-9)
@@ -615,7 +614,7 @@ def test_a_known_force_that_has_ceased_is_withdrawn(bench: Bench) -> None:
     bench.declare(STUCK, 868.8)
     bench.number = 20
     result = bench.step(-868.0 * bench.signatures[STUCK])
-    assert result.finding.event == WITHDRAWN
+    assert result.finding.event == Event.WITHDRAWN
     np.testing.assert_allclose(result.finding.onset_s, 20 * PERIOD_S, rtol=1e-12)
     assert not bench.state.force.any()
     assert not bench.state.variance.any()
@@ -633,9 +632,9 @@ def test_a_known_force_that_has_ceased_is_withdrawn_though_a_healthy_jet_could_e
         result = bench.step(-bench.state.force[14] * bench.signatures[14])
         assert result.finding.isolation.jet == 14
         events.append(result.finding.event)
-        if events[-1] == WITHDRAWN:
+        if events[-1] == Event.WITHDRAWN:
             break
-    assert events[-1] == WITHDRAWN
+    assert events[-1] == Event.WITHDRAWN
     assert not bench.state.force.any()
 
 
@@ -663,10 +662,10 @@ def test_uncertain_estimates_keep_the_detector_from_naming_the_neighbor(orbiter:
     spread[6, 6] = 1.08**2
     believed = orbiter.nominal.vector()
     believed[6] -= 1.08
-    about = {"mass_properties": believed, "state_covariance": spread, "limits": 2.0 * LIMITS}
-    unaware = Bench(orbiter, unexplained_limit=np.inf).failing(STUCK, 868.8, **about).finding
+    about = {"mass_properties": believed, "state_covariance": spread}
+    unaware = Bench(orbiter, unexplained_limit=np.inf, limits=2.0 * LIMITS).failing(STUCK, 868.8, **about).finding
     assert (unaware.isolation.jet, unaware.jet_isolated) == (NEIGHBOR, True)
-    aware = Bench(orbiter, signature_uncertainty=True).failing(STUCK, 868.8, **about).finding
+    aware = Bench(orbiter, signature_uncertainty=True, limits=2.0 * LIMITS).failing(STUCK, 868.8, **about).finding
     assert aware.alarm
     assert aware.isolation.cluster == 12
     assert not aware.jet_isolated
@@ -718,7 +717,7 @@ def test_tests_with_a_shared_covariance_against_the_full_form_jet_by_jet(orbiter
         rotation_covariance=whole[3:, 3:],
         shared_covariance=shared_covariance(effects[0], effects[1]),
     )
-    tests = judged(bench.state, **given, params=bench.params).tests
+    tests = judged(bench.state, evidence(**given), bench.params).tests
     scale = np.sqrt(whole.diagonal())
     plain = whole / np.outer(scale, scale)
     e = innovation / scale
@@ -751,13 +750,13 @@ def test_a_jet_that_is_off_by_its_usual_error_raises_no_alarm(bench: Bench) -> N
         result = bench.step(sign * usual, **erring(bench, STUCK))
         assert result.finding.tested
         assert not result.finding.alarm
-        assert result.finding.event == NOTHING
+        assert result.finding.event == Event.NOTHING
         assert result.adaptation == adaptation.NO_ADAPTATION
         # 1-sigma 8.7 lbf of the thrust and 0.97 lbf of the sensors: 21.7^2 / (8.7^2 + 0.97^2)
         np.testing.assert_allclose(result.tests.likelihood[STUCK], 6.17, rtol=2e-3)
         naive = bench.step(sign * usual, command=np.eye(N)[STUCK], firing=True)
         assert naive.finding.isolation.jet == STUCK
-        assert naive.adaptation.action != adaptation.NO_ACTION
+        assert naive.adaptation.action != adaptation.Action.NONE
         assert naive.finding.alarm == (sign > 0.0)  # too little of it could be the opposite jet's doing
 
 
@@ -770,7 +769,7 @@ def test_a_jet_that_fails_while_thrust_is_uncertain_is_found(bench: Bench, jet: 
         # its thrust is known to 1 %, the sensors tell 0.84 and 0.97 lbf (reference, figures 5-16 to 5-21)
         sensed = {LOST: 0.84, STUCK: 0.97}[jet]
         np.testing.assert_allclose(finding.magnitude_std, np.hypot(0.01 * THRUSTS[jet], sensed), rtol=1e-3)
-    assert finding.event == DECLARED
+    assert finding.event == Event.DECLARED
 
 
 def test_a_usual_error_in_translation_and_rotation_is_one_chance_and_not_two(bench: Bench) -> None:
@@ -847,7 +846,7 @@ def test_what_the_filters_know_makes_the_sample(orbiter: Vehicle) -> None:
     bench = Bench(orbiter, signature_uncertainty=True)
     innovation = 868.8 * bench.signatures[STUCK] + bench.unexplained(STUCK, 3.0)
     given = filters(bench, innovation)
-    ours = judged(bench.state, **given, params=bench.params)
+    ours = judged(bench.state, evidence(**given), bench.params)
     covariance = np.diag([VELOCITY_VARIANCE] * 3 + [RATE_VARIANCE] * 3)
     sample = DetectorSample(
         time_s=1.6,
@@ -880,15 +879,15 @@ def test_what_the_filters_know_makes_the_sample(orbiter: Vehicle) -> None:
 )
 def test_nothing_is_tested_before_the_estimates_have_converged(bench: Bench, poor: dict[str, Any]) -> None:
     innovation = 868.8 * bench.signatures[STUCK]
-    assert judged(bench.state, **filters(bench, innovation), params=bench.params).finding.alarm
-    guarded = judged(bench.state, **filters(bench, innovation, **poor), params=bench.params)
+    assert judged(bench.state, evidence(**filters(bench, innovation)), bench.params).finding.alarm
+    guarded = judged(bench.state, evidence(**filters(bench, innovation, **poor)), bench.params)
     assert not guarded.finding.tested
 
 
 def test_a_covariance_that_lost_definiteness_is_reported(bench: Bench) -> None:
     bad = filters(bench, QUIET, rotation_covariance=np.diag([1.0, -1.0, 1.0]))
     with pytest.raises(NotPositiveDefiniteError, match="innovation covariance"):
-        judged(bench.state, **bad, params=bench.params)
+        judged(bench.state, evidence(**bad), bench.params)
 
 
 def test_the_log_of_a_cycle(bench: Bench) -> None:
@@ -917,11 +916,12 @@ def test_the_log_of_a_cycle(bench: Bench) -> None:
 def test_packing_a_state_and_back() -> None:
     rng = np.random.default_rng(9)
     state = DetectorState(12.0, 2.0, 1.0, 50.08, rng.normal(size=6), *rng.normal(size=(4, N)))
-    vector = packed(state)
+    layout = LAYOUT.sized(jets=N)
+    vector = layout.pack(state)
     assert vector.shape == (10 + 4 * N,)
-    for ours, theirs in zip(unpacked(vector, N), state, strict=True):
+    for ours, theirs in zip(layout.read(vector), state, strict=True):
         np.testing.assert_array_equal(ours, theirs)
-    start = unpacked(packed(initial_state(N)), N)
+    start = layout.read(layout.pack(initial_state(N)))
     assert start.cluster == -1.0
     assert not any(np.any(part) for part in start[1:])
 
@@ -931,9 +931,9 @@ def test_alarms_that_push_opposite_ways_are_not_a_row(bench: Bench) -> None:
     bench.failing(STUCK, 400.0)
     second = bench.failing(STUCK, -400.0)
     assert second.finding.alarm
-    assert second.finding.event == NOTHING
+    assert second.finding.event == Event.NOTHING
     assert second.finding.alarms == 1.0
-    assert bench.failing(STUCK, -400.0).finding.event == DECLARED
+    assert bench.failing(STUCK, -400.0).finding.event == Event.DECLARED
 
 
 def test_a_tie_of_opposed_jets_is_declared_as_the_loss_of_the_one_that_is_told_to_fire(orbiter: Vehicle) -> None:
@@ -946,14 +946,14 @@ def test_a_tie_of_opposed_jets_is_declared_as_the_loss_of_the_one_that_is_told_t
     first = bench.failing(losing, -868.8)
     assert first.finding.magnitude > 0.0
     declared = bench.failing(losing, -868.8).finding
-    assert declared.event == DECLARED
+    assert declared.event == Event.DECLARED
     assert declared.isolation.jet == losing
     assert declared.magnitude == pytest.approx(-868.8, rel=1e-9)
     assert not bench.state.force.any()
     assert bench.state.removed[[opposed, losing]].all()
     # were it the other one after all, it would show once both rest, and be declared as stuck on
     bench.failing(opposed, 868.8)
-    assert bench.failing(opposed, 868.8).finding.event == DECLARED
+    assert bench.failing(opposed, 868.8).finding.event == Event.DECLARED
     assert bench.state.force[opposed] == pytest.approx(868.8, rel=1e-9)
 
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from massprop_drake.inputs.vehicle import Vehicle
-from massprop_drake.maths.estimation.impulses import interval_impulses, thrust_wrenches
+from massprop_drake.maths.estimation.impulses import interval_impulses
 from massprop_drake.maths.linear_algebra import Array
-from massprop_drake.maths.vehicle.thrust import lag_factors
+from massprop_drake.maths.vehicle.thrust import lag_factors, thrust_wrenches
 
 PERIOD = 0.5  # s
 POSITIONS = np.array([[1.0, 2.0, 3.0], [0.0, -1.0, 2.0]])

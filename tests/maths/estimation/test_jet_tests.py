@@ -13,6 +13,8 @@ from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.maths.estimation.detectors.jet_tests import (
     Isolation,
     JetTests,
+    Signs,
+    UncertainSignatures,
     isolate,
     jet_tests,
     signatures,
@@ -209,16 +211,12 @@ def judged_again(
     negative = case.allowed if off is None else off
     return uncertain_jet_tests(
         judged(case, innovation, off),
-        case.coefficients,
-        case.wrenches,
         innovation,
         case.whole,
-        case.properties,
-        state_covariance,
-        mass_variance,
-        PERIOD_S,
-        negative,
-        case.allowed,
+        UncertainSignatures(
+            case.coefficients, case.wrenches * PERIOD_S, case.properties, state_covariance, mass_variance
+        ),
+        Signs(negative, case.allowed),
     )
 
 

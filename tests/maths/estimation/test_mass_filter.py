@@ -11,10 +11,9 @@ from params_probe import mass_params
 from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.maths.estimation.adaptation import NO_ADAPTATION
 from massprop_drake.maths.estimation.filters.mass_filter import (
-    NO_COMPENSATION,
-    TRANSVERSE,
-    TRANSVERSE_CENTRIPETAL,
+    Compensation,
     MassInnovation,
+    MassInterval,
     MassMeasurement,
     MassParams,
     MassState,
@@ -30,7 +29,7 @@ from massprop_drake.maths.vehicle.rigid_body import ORIGIN_VELOCITY, RATE, SPIN_
 from massprop_drake.maths.vehicle.sensing import point_velocity
 
 PERIOD = 0.08  # s
-SETTINGS = mass_params(period_s=PERIOD, compensation=TRANSVERSE_CENTRIPETAL, compensation_covariance=True)
+SETTINGS = mass_params(period_s=PERIOD, compensation=Compensation.TRANSVERSE_CENTRIPETAL, compensation_covariance=True)
 WINDOW = empty_window(1)
 ARM = np.array([2.0, -1.0, 0.5])
 CENTER = np.array([1.0, 0.5, -2.0])  # exact in binary, as ARM is: so is their sum
@@ -41,27 +40,28 @@ RATE_NOW = np.array([0.5, 0.4, -0.8])
 IMPULSE = np.array([3.0, -1.0, 2.0])
 VELOCITY_INCREMENT = np.array([1.2, -0.4, 0.9])
 
-VARIANTS = [(NO_COMPENSATION, False), (TRANSVERSE, False), (TRANSVERSE, True), (TRANSVERSE_CENTRIPETAL, True)]
+VARIANTS = [
+    (Compensation.NONE, False),
+    (Compensation.TRANSVERSE, False),
+    (Compensation.TRANSVERSE, True),
+    (Compensation.TRANSVERSE_CENTRIPETAL, True),
+]
 
 
 def freed(
     compensation: int, grow: bool = True, rate_variance: float = 0.04, period: float = PERIOD, **changes: Any
 ) -> tuple[Array, Array]:
-    arguments: dict[str, Any] = {
+    given: dict[str, Any] = {
         "velocity_increment": VELOCITY_INCREMENT,
         "velocity_noise": NOISE,
         "rate_increment": RATE_INCREMENT,
         "rate": RATE_NOW,
         "arm": ARM,
         "center_covariance": CENTER_COVARIANCE,
-    }
-    return compensated(
-        **(arguments | changes),
-        rate_variance=rate_variance,
-        period_s=period,
-        compensation=compensation,
-        grow_covariance=grow,
-    )
+    } | changes
+    rotation = Rotation(given["rate_increment"], given["rate"], rate_variance, CENTER, given["center_covariance"])
+    params = mass_params(period_s=period, compensation=compensation, compensation_covariance=grow)
+    return compensated(given["velocity_increment"], given["velocity_noise"], given["arm"], rotation, params)
 
 
 class Cycled(NamedTuple):
@@ -96,9 +96,8 @@ def measured(params: MassParams = SETTINGS, **changes: Any) -> MassMeasurement:
         MassState(given["mass_reciprocal"], given["variance"], WINDOW),
         given["velocity_before"][None],
         given["velocity"][None],
-        given["noise"],
+        MassInterval(given["linear_impulse"], given["noise"]),
         rotation,
-        given["linear_impulse"],
         params._replace(positions=(CENTER + given["arm"])[None]),
     )
 
@@ -136,7 +135,7 @@ def spread_of_rates(arm: Array, center_covariance: Array, rate_variance: float) 
 
 
 def test_no_compensation_returns_what_was_measured() -> None:
-    increment, covariance = freed(NO_COMPENSATION)
+    increment, covariance = freed(Compensation.NONE)
     np.testing.assert_array_equal(increment, VELOCITY_INCREMENT)
     np.testing.assert_array_equal(covariance, NOISE)
 
@@ -144,7 +143,7 @@ def test_no_compensation_returns_what_was_measured() -> None:
 def test_transverse_compensation_of_hand_value() -> None:
     # (0, 0, 1) x (1, 2, 3) = (-2, 1, 0)
     increment, _ = freed(
-        TRANSVERSE,
+        Compensation.TRANSVERSE,
         velocity_increment=np.array([10.0, 10.0, 10.0]),
         rate_increment=np.array([0.0, 0.0, 1.0]),
         arm=np.array([1.0, 2.0, 3.0]),
@@ -156,7 +155,7 @@ def test_centripetal_compensation_of_hand_value() -> None:
     # w = (0, 0, 2): w x (w x (1, 2, 3)) = (-4, -8, 0), over 0.5 s (-2, -4, 0); the noise of the increment, 0.1,
     # makes the measured square too large by 2 (0.1 / 4) 0.5 = 0.025 of the arm, in its negative
     increment, _ = freed(
-        TRANSVERSE_CENTRIPETAL,
+        Compensation.TRANSVERSE_CENTRIPETAL,
         rate_variance=0.1,
         period=0.5,
         velocity_increment=np.array([10.0, 10.0, 10.0]),
@@ -167,18 +166,18 @@ def test_centripetal_compensation_of_hand_value() -> None:
     np.testing.assert_allclose(increment, [12.025, 14.05, 10.075], rtol=1e-15)
 
 
-@pytest.mark.parametrize("compensation", [TRANSVERSE, TRANSVERSE_CENTRIPETAL])
+@pytest.mark.parametrize("compensation", [Compensation.TRANSVERSE, Compensation.TRANSVERSE_CENTRIPETAL])
 def test_covariance_grows_by_the_spread_of_rates_and_of_the_center_of_mass(compensation: int) -> None:
     # (3-61b) and (3-80b); one error of the center of mass drives both compensations, so they add up inside
     mixing = skew(RATE_INCREMENT)
-    if compensation == TRANSVERSE_CENTRIPETAL:
+    if compensation == Compensation.TRANSVERSE_CENTRIPETAL:
         mixing = mixing + PERIOD * skew(RATE_NOW) @ skew(RATE_NOW)
     expected = NOISE + spread_of_rates(ARM, CENTER_COVARIANCE, 0.04) + mixing @ CENTER_COVARIANCE @ mixing.T
     _, covariance = freed(compensation)
     np.testing.assert_allclose(covariance, expected, rtol=1e-13, atol=1e-16)
 
 
-@pytest.mark.parametrize("compensation", [TRANSVERSE, TRANSVERSE_CENTRIPETAL])
+@pytest.mark.parametrize("compensation", [Compensation.TRANSVERSE, Compensation.TRANSVERSE_CENTRIPETAL])
 def test_covariance_is_the_sensors_where_it_is_not_to_grow(compensation: int) -> None:
     increment, covariance = freed(compensation, grow=False)
     np.testing.assert_array_equal(covariance, NOISE)
@@ -192,7 +191,7 @@ def test_spread_of_the_transverse_compensation_is_that_of_samples() -> None:
     rates = RATE_INCREMENT - np.sqrt(rate_variance) * rng.standard_normal((count, 3))
     arms = ARM - rng.standard_normal((count, 3)) @ np.linalg.cholesky(CENTER_COVARIANCE).T
     errors = np.cross(rates, arms) - np.cross(RATE_INCREMENT, ARM)
-    _, covariance = freed(TRANSVERSE, rate_variance=rate_variance, velocity_noise=np.zeros((3, 3)))
+    _, covariance = freed(Compensation.TRANSVERSE, rate_variance=rate_variance, velocity_noise=np.zeros((3, 3)))
     # 5 standard errors, from the sampled spread itself
     assert (np.abs(errors.mean(axis=0)) < 5.0 * errors.std(axis=0) / np.sqrt(count)).all()
     products = errors[:, :, None] * errors[:, None]
@@ -215,7 +214,7 @@ def test_centripetal_compensation_is_the_mean_over_the_rates_that_two_readings_l
     mean = 0.5 * (before + after)
     measured = true + np.cross(after - before, ARM) + period * np.cross(mean, np.cross(mean, ARM))
     increment, _ = freed(
-        TRANSVERSE_CENTRIPETAL,
+        Compensation.TRANSVERSE_CENTRIPETAL,
         rate_variance=2.0 * reading_std**2,
         period=period,
         velocity_increment=measured.mean(axis=0),
@@ -255,9 +254,11 @@ def test_compensation_frees_a_true_motion_of_its_rotation(orbiter: Vehicle) -> N
         return float(np.abs(increments - expected).max())
 
     change = end[RATE] - start[RATE]
-    assert left(TRANSVERSE_CENTRIPETAL) < 1.2 * PERIOD / 12.0 * float(change @ change) * np.linalg.norm(arm)
-    assert left(TRANSVERSE) > 1e-3  # w^2 r T = 0.03^2 * 58 * 0.08
-    assert left(NO_COMPENSATION) > 1e-2
+    assert left(Compensation.TRANSVERSE_CENTRIPETAL) < 1.2 * PERIOD / 12.0 * float(change @ change) * np.linalg.norm(
+        arm
+    )
+    assert left(Compensation.TRANSVERSE) > 1e-3  # w^2 r T = 0.03^2 * 58 * 0.08
+    assert left(Compensation.NONE) > 1e-2
 
 
 # ---------------------------------------------------------------- innovation and update
@@ -266,7 +267,7 @@ def test_compensation_frees_a_true_motion_of_its_rotation(orbiter: Vehicle) -> N
 def test_innovation_is_put_together_from_its_terms() -> None:
     disturbance = np.diag([1e-3, 2e-3, 3e-3])
     dut = measured(SETTINGS._replace(disturbance_covariance=disturbance)).innovation
-    increment, noise = freed(TRANSVERSE_CENTRIPETAL, velocity_noise=NOISE + disturbance)
+    increment, noise = freed(Compensation.TRANSVERSE_CENTRIPETAL, velocity_noise=NOISE + disturbance)
     expected = increment - 0.3 * IMPULSE
     total = 0.02 * np.outer(IMPULSE, IMPULSE) + noise
     np.testing.assert_allclose(dut.noise, noise, rtol=1e-14)
@@ -282,10 +283,10 @@ def test_variants_differ_in_what_they_subtract_and_in_their_covariance(compensat
     dut = measured(params).innovation
     rotation = np.zeros(3)
     mixing = np.zeros((3, 3))
-    if compensation != NO_COMPENSATION:
+    if compensation != Compensation.NONE:
         mixing = skew(RATE_INCREMENT)
         rotation = np.cross(RATE_INCREMENT, ARM)
-    if compensation == TRANSVERSE_CENTRIPETAL:
+    if compensation == Compensation.TRANSVERSE_CENTRIPETAL:
         mixing = mixing + PERIOD * skew(RATE_NOW) @ skew(RATE_NOW)
         # of the noise 0.04 of an increment, a reading has half, and the mean of two a quarter: 2 * 0.01
         rotation += PERIOD * (np.cross(RATE_NOW, np.cross(RATE_NOW, ARM)) - 2.0 * 0.01 * ARM)
@@ -299,7 +300,7 @@ def test_variants_differ_in_what_they_subtract_and_in_their_covariance(compensat
 def test_update_of_hand_value() -> None:
     # lambda = (0, 0, 2), variance 3, noise 1: Y_zz = 13, gain 6/13; innovation 1.3 adds 0.6, and the variance
     # becomes 3 / 13 (3-84); process noise 0.25
-    params = SETTINGS._replace(compensation=NO_COMPENSATION, process_noise=0.25)
+    params = SETTINGS._replace(compensation=Compensation.NONE, process_noise=0.25)
     push, velocity = np.array([0.0, 0.0, 2.0]), np.array([0.0, 0.0, 1.9])
     measurement = measured(params, variance=3.0, velocity=velocity, noise=np.eye(3), linear_impulse=push)
     dut = update(MassState(0.3, 3.0, WINDOW), measurement.sample, measurement.innovation, NO_ADAPTATION, params)
@@ -332,7 +333,7 @@ def test_used_sample_is_the_update_of_its_increment() -> None:
 
 def test_innovation_covariance_that_is_not_positive_definite_is_an_error() -> None:
     with pytest.raises(NotPositiveDefiniteError, match="innovation covariance is not positive definite"):
-        cycled(SETTINGS._replace(compensation=NO_COMPENSATION), noise=np.diag([1.0, -1.0, 1.0]))
+        cycled(SETTINGS._replace(compensation=Compensation.NONE), noise=np.diag([1.0, -1.0, 1.0]))
 
 
 def test_cycle_leaves_its_inputs_alone() -> None:
@@ -419,11 +420,11 @@ def test_recursive_estimate_equals_batch_least_squares(compensation: int, grow: 
     run = random_run(np.random.default_rng(4), 40)
     information, right_side = 1.0 / 4.0, 0.5 / 4.0
     for sample in run:
-        names = ("noise", "rate_increment", "rate", "rate_variance", "arm", "center_covariance")
-        noise, *others = (sample[name] for name in names)
-        increment, total = compensated(
-            sample["velocity"] - sample["velocity_before"], noise, *others, PERIOD, compensation, grow
+        rotation = Rotation(
+            sample["rate_increment"], sample["rate"], sample["rate_variance"], CENTER, sample["center_covariance"]
         )
+        measured_increment = sample["velocity"] - sample["velocity_before"]
+        increment, total = compensated(measured_increment, sample["noise"], sample["arm"], rotation, params)
         weighted = np.linalg.solve(symmetrized(total), sample["linear_impulse"])
         information += weighted @ sample["linear_impulse"]
         right_side += weighted @ increment
@@ -490,7 +491,7 @@ def test_estimates_errors_are_those_the_variance_claims() -> None:
     # NIS 3, with standard errors sqrt(2 / 400) and sqrt(6 / 2000)
     rng = np.random.default_rng(7)
     nees, nis = [], []
-    params = SETTINGS._replace(compensation=NO_COMPENSATION)
+    params = SETTINGS._replace(compensation=Compensation.NONE)
     root = np.linalg.cholesky(NOISE)
     for _ in range(400):
         truth = 0.3 + np.sqrt(0.02) * rng.standard_normal()
@@ -515,7 +516,7 @@ def test_estimates_errors_are_those_the_variance_claims() -> None:
 
 def test_a_couple_of_jets_shows_no_jump() -> None:
     # opposed thrusts leave an impulse of rounding errors; whatever the innovation, it says nothing of 1/m
-    params = SETTINGS._replace(compensation=NO_COMPENSATION, jump_threshold=6.63, jump_variance=0.09)
+    params = SETTINGS._replace(compensation=Compensation.NONE, jump_threshold=6.63, jump_variance=0.09)
     state = MassState(0.3, 0.01, WINDOW)
     for push, jumps in ((1e-17, False), (1.0, True)):
         impulse, velocity = np.array([push, 0.0, 0.0]), np.array([5.0, 0.0, 0.0])

@@ -328,7 +328,9 @@ def test_the_filter_jumps_when_the_statistic_exceeds_its_threshold() -> None:
     )
 
 
-@pytest.mark.parametrize("action", [adaptation.CORRECT, adaptation.CORRECT_THESIS, adaptation.REJECT])
+@pytest.mark.parametrize(
+    "action", [adaptation.Action.CORRECT, adaptation.Action.CORRECT_THESIS, adaptation.Action.REJECT]
+)
 def test_a_sample_with_an_alarm_is_not_tested_for_a_jump(action: int) -> None:
     nothing = np.zeros(3), np.zeros(3), np.zeros((3, 3)), np.zeros((3, 3))
     alarmed = adaptation.Adaptation(action, *nothing, mass_jumped=False)

@@ -9,7 +9,6 @@ import pytest
 from numpy.typing import NDArray
 
 from massprop_drake.maths.estimation.detectors.jet_tests import isolate, jet_tests
-from massprop_drake.maths.estimation.impulses import thrust_wrenches
 from massprop_drake.maths.estimation.observability import (
     activity_rank,
     impulse_jacobian,
@@ -20,6 +19,7 @@ from massprop_drake.maths.estimation.observability import (
     whitened,
 )
 from massprop_drake.maths.mass_properties import pack
+from massprop_drake.maths.vehicle.thrust import thrust_wrenches
 
 Array = NDArray[np.float64]
 

@@ -11,7 +11,7 @@ from params_probe import mass_params, rotation_params
 from massprop_drake.maths.estimation.adaptation import NO_ADAPTATION
 from massprop_drake.maths.estimation.filters import mass_filter, rotation_filter
 from massprop_drake.maths.estimation.filters.mass_filter import (
-    TRANSVERSE,
+    Compensation,
     MassState,
     Rotation,
     compensated,
@@ -19,21 +19,13 @@ from massprop_drake.maths.estimation.filters.mass_filter import (
 )
 from massprop_drake.maths.estimation.filters.mass_jump import empty_window
 from massprop_drake.maths.estimation.filters.rotation_filter import RotationState
-from massprop_drake.maths.estimation.redundancy import (
-    AVERAGE,
-    MID_VALUE,
-    MOST_ACCURATE,
-    SERIAL,
-    SINGLE,
-    WEIGHTED_AVERAGE,
-    combined,
-)
+from massprop_drake.maths.estimation.redundancy import Rule, combined
 from massprop_drake.maths.linear_algebra import Array, is_covariance
 
 # three packages with variances 2, 1 and 4 per component
 READINGS = np.array([[1.0, 10.0, -1.0], [3.0, 20.0, 0.0], [8.0, 0.0, 4.0]])
 VARIANCES = np.array([2.0, 1.0, 4.0])
-AVERAGING = [AVERAGE, WEIGHTED_AVERAGE, SERIAL]
+AVERAGING = [Rule.AVERAGE, Rule.WEIGHTED_AVERAGE, Rule.SERIAL]
 
 
 def independent(blocks: Array) -> Array:
@@ -74,13 +66,13 @@ def stacked_least_squares(readings: Array, stacked: Array) -> tuple[Array, Array
 @pytest.mark.parametrize(
     ("rule", "reading", "variance"),
     [
-        (SINGLE, [1.0, 10.0, -1.0], 2.0),
-        (MOST_ACCURATE, [3.0, 20.0, 0.0], 1.0),
-        (MID_VALUE, [3.0, 10.0, 0.0], 7.0 / 3.0),
-        (AVERAGE, [4.0, 10.0, 1.0], 7.0 / 9.0),
+        (Rule.SINGLE, [1.0, 10.0, -1.0], 2.0),
+        (Rule.MOST_ACCURATE, [3.0, 20.0, 0.0], 1.0),
+        (Rule.MID_VALUE, [3.0, 10.0, 0.0], 7.0 / 3.0),
+        (Rule.AVERAGE, [4.0, 10.0, 1.0], 7.0 / 9.0),
         # weights 1/2, 1 and 1/4, sum 7/4: (1/2 + 3 + 2), (5 + 20 + 0), (-1/2 + 0 + 1), each over 7/4
-        (WEIGHTED_AVERAGE, [22.0 / 7.0, 100.0 / 7.0, 2.0 / 7.0], 4.0 / 7.0),
-        (SERIAL, [22.0 / 7.0, 100.0 / 7.0, 2.0 / 7.0], 4.0 / 7.0),
+        (Rule.WEIGHTED_AVERAGE, [22.0 / 7.0, 100.0 / 7.0, 2.0 / 7.0], 4.0 / 7.0),
+        (Rule.SERIAL, [22.0 / 7.0, 100.0 / 7.0, 2.0 / 7.0], 4.0 / 7.0),
     ],
 )
 def test_each_rule_by_hand(rule: int, reading: list[float], variance: float) -> None:
@@ -91,19 +83,21 @@ def test_each_rule_by_hand(rule: int, reading: list[float], variance: float) -> 
 
 def test_the_middle_of_an_even_number_is_the_mean_of_the_two_in_it() -> None:
     readings = np.vstack([READINGS, [[1e6, -1e6, 2.0]]])
-    measurement, _ = combined(readings, isotropic(np.ones(4)), MID_VALUE)
+    measurement, _ = combined(readings, isotropic(np.ones(4)), Rule.MID_VALUE)
     # 1 3 8 1e6; -1e6 0 10 20; -1 0 2 4
     np.testing.assert_array_equal(measurement, [5.5, 5.0, 1.0])
 
 
 def test_the_most_accurate_has_the_smallest_trace() -> None:
     blocks = np.array([np.diag([1.0, 1.0, 1.0]), np.diag([0.1, 0.1, 2.9]), np.diag([0.9, 1.0, 1.0])])
-    measurement, covariance = combined(READINGS, independent(blocks), MOST_ACCURATE)
+    measurement, covariance = combined(READINGS, independent(blocks), Rule.MOST_ACCURATE)
     np.testing.assert_array_equal(measurement, READINGS[2])
     np.testing.assert_array_equal(covariance, blocks[2])
 
 
-@pytest.mark.parametrize("rule", [SINGLE, MOST_ACCURATE, MID_VALUE, AVERAGE, WEIGHTED_AVERAGE, SERIAL])
+@pytest.mark.parametrize(
+    "rule", [Rule.SINGLE, Rule.MOST_ACCURATE, Rule.MID_VALUE, Rule.AVERAGE, Rule.WEIGHTED_AVERAGE, Rule.SERIAL]
+)
 @pytest.mark.parametrize("correlated", [True, False])
 def test_a_package_alone_is_itself_by_every_rule(rule: int, *, correlated: bool) -> None:
     covariance = spd(np.random.default_rng(1), 3)
@@ -124,10 +118,10 @@ def test_the_middle_value_shuts_out_a_wild_package() -> None:
     honest = np.array([[1.00, 2.00, 3.00], [1.02, 1.98, 3.01]])
     for wild in ([1e9, -1e9, 1e9], [-50.0, 50.0, 0.0]):
         readings = np.vstack([honest, [wild]])
-        middle, _ = combined(readings, isotropic(np.ones(3)), MID_VALUE)
+        middle, _ = combined(readings, isotropic(np.ones(3)), Rule.MID_VALUE)
         assert (middle >= honest.min(axis=0)).all()
         assert (middle <= honest.max(axis=0)).all()
-        average, _ = combined(readings, isotropic(np.ones(3)), AVERAGE)
+        average, _ = combined(readings, isotropic(np.ones(3)), Rule.AVERAGE)
         assert np.abs(average - honest[0]).max() > 10.0  # which an average does not
 
 
@@ -138,17 +132,17 @@ def test_the_weighted_average_minimizes_the_variance() -> None:
     # any other unbiased combination, sum of W_j the identity, has a covariance above it
     rng = np.random.default_rng(3)
     blocks = np.array([spd(rng, 3) for _ in range(3)])
-    _, best = combined(READINGS, independent(blocks), WEIGHTED_AVERAGE)
+    _, best = combined(READINGS, independent(blocks), Rule.WEIGHTED_AVERAGE)
     for _ in range(50):
         weights = rng.normal(size=(3, 3, 3))
         weights[2] = np.eye(3) - weights[0] - weights[1]
         other = sum(weight @ block @ weight.T for weight, block in zip(weights, blocks, strict=True))
         assert np.linalg.eigvalsh(other - best).min() > -1e-12
-    _, average = combined(READINGS, independent(blocks), AVERAGE)
+    _, average = combined(READINGS, independent(blocks), Rule.AVERAGE)
     assert np.linalg.eigvalsh(average - best).min() > 0.0
 
 
-@pytest.mark.parametrize("rule", [WEIGHTED_AVERAGE, SERIAL])
+@pytest.mark.parametrize("rule", [Rule.WEIGHTED_AVERAGE, Rule.SERIAL])
 @pytest.mark.parametrize("count", [2, 3, 4])
 def test_correlated_packages_make_the_stacked_least_squares_estimate(rule: int, count: int) -> None:
     rng = np.random.default_rng(4)
@@ -160,7 +154,7 @@ def test_correlated_packages_make_the_stacked_least_squares_estimate(rule: int, 
     np.testing.assert_array_equal(covariance, covariance.T)
 
 
-@pytest.mark.parametrize("rule", [WEIGHTED_AVERAGE, SERIAL])
+@pytest.mark.parametrize("rule", [Rule.WEIGHTED_AVERAGE, Rule.SERIAL])
 def test_independent_packages_make_the_stacked_least_squares_estimate(rule: int) -> None:
     rng = np.random.default_rng(5)
     blocks = np.array([spd(rng, 3) for _ in range(3)])
@@ -177,7 +171,7 @@ def test_independent_packages_make_the_stacked_least_squares_estimate(rule: int)
 def test_the_covariance_of_a_correlated_average_is_that_of_the_mean() -> None:
     stacked = spd(np.random.default_rng(6), 9)
     mean = np.tile(np.eye(3), (1, 3)) / 3.0
-    measurement, covariance = combined(READINGS, split(stacked), AVERAGE, correlated=True)
+    measurement, covariance = combined(READINGS, split(stacked), Rule.AVERAGE, correlated=True)
     np.testing.assert_allclose(covariance, mean @ stacked @ mean.T, rtol=1e-12)
     np.testing.assert_allclose(measurement, READINGS.mean(axis=0), rtol=1e-14)
 
@@ -195,7 +189,7 @@ def test_what_packages_share_counts_only_where_asked(rule: int) -> None:
 def test_what_was_handed_in_is_not_changed() -> None:
     stacked = split(spd(np.random.default_rng(8), 9)).copy()
     readings, before = READINGS.copy(), stacked.copy()
-    for rule in (SINGLE, MOST_ACCURATE, MID_VALUE, *AVERAGING):
+    for rule in (Rule.SINGLE, Rule.MOST_ACCURATE, Rule.MID_VALUE, *AVERAGING):
         for correlated in (True, False):
             combined(readings, stacked, rule, correlated=correlated)
     np.testing.assert_array_equal(readings, READINGS)
@@ -219,7 +213,9 @@ def weighed(velocities: Array = VELOCITIES, **params: Any) -> tuple[mass_filter.
     chosen = mass_params(positions=POSITIONS, variances=ACCELEROMETER_VARIANCES, **params)
     state = MassState(0.3, 0.02, empty_window(1))
     rotation = Rotation(TURN, RATE, 0.01, CENTER, CENTER_COVARIANCE)
-    measurement = mass_filter.measure(state, np.zeros((3, 3)), velocities, None, rotation, PUSH, chosen)
+    measurement = mass_filter.measure(
+        state, np.zeros((3, 3)), velocities, mass_filter.MassInterval(PUSH), rotation, chosen
+    )
     return mass_filter.finish(state, measurement, True, True, NO_ADAPTATION, chosen), measurement
 
 
@@ -231,21 +227,25 @@ def batch(measurements: Array, stacked: Array) -> tuple[float, float]:
     return (0.3 / 0.02 + weights @ measurements.ravel()) / information, 1.0 / information
 
 
-@pytest.mark.parametrize("rule", [SERIAL, WEIGHTED_AVERAGE])
+@pytest.mark.parametrize("rule", [Rule.SERIAL, Rule.WEIGHTED_AVERAGE])
 def test_one_after_the_other_equals_all_at_once_where_independent(rule: int) -> None:
     done, measurement = weighed(rule=rule)
     stacked = np.kron(np.diag(2.0 * ACCELEROMETER_VARIANCES), np.eye(3))
     expected, variance = batch(VELOCITIES, stacked)
     assert done.state.mass_reciprocal == pytest.approx(expected, rel=1e-12)
     assert done.state.variance == pytest.approx(variance, rel=1e-12)
-    assert len(measurement.each) == (3 if rule == SERIAL else 0)
+    assert len(measurement.each) == (3 if rule == Rule.SERIAL else 0)
+
+
+TRANSVERSE = mass_params(compensation=Compensation.TRANSVERSE, compensation_covariance=True)
 
 
 def freed(index: int) -> tuple[Array, Array]:
     """What transverse compensation makes of one accelerometer."""
     noise = 2.0 * ACCELEROMETER_VARIANCES[index] * np.eye(3)
     arm = POSITIONS[index] - CENTER
-    return compensated(VELOCITIES[index], noise, TURN, RATE, 0.01, arm, CENTER_COVARIANCE, 0.08, TRANSVERSE, True)
+    rotation = Rotation(TURN, RATE, 0.01, CENTER, CENTER_COVARIANCE)
+    return compensated(VELOCITIES[index], noise, arm, rotation, TRANSVERSE)
 
 
 def cross_covariance(i: int, j: int) -> Array:
@@ -265,7 +265,7 @@ def cross_covariance(i: int, j: int) -> Array:
     return total
 
 
-@pytest.mark.parametrize("rule", [SERIAL, WEIGHTED_AVERAGE])
+@pytest.mark.parametrize("rule", [Rule.SERIAL, Rule.WEIGHTED_AVERAGE])
 def test_correlated_accelerometers_make_one_stacked_update(rule: int) -> None:
     stacked = np.zeros((9, 9))
     for i in range(3):
@@ -274,7 +274,7 @@ def test_correlated_accelerometers_make_one_stacked_update(rule: int) -> None:
             stacked[3 * i : 3 * i + 3, 3 * j : 3 * j + 3] = block
     assert is_covariance(stacked)
     expected, variance = batch(np.array([freed(i)[0] for i in range(3)]), stacked)
-    about = {"compensation": TRANSVERSE, "compensation_covariance": True, "rule": rule}
+    about = {"compensation": Compensation.TRANSVERSE, "compensation_covariance": True, "rule": rule}
     done, measurement = weighed(correlated=True, **about)
     assert done.state.mass_reciprocal == pytest.approx(expected, rel=1e-11)
     assert done.state.variance == pytest.approx(variance, rel=1e-11)
@@ -291,7 +291,9 @@ def test_what_two_accelerometers_share_is_that_of_samples() -> None:
     error = rng.standard_normal((count, 3)) @ np.linalg.cholesky(CENTER_COVARIANCE).T
     arms = POSITIONS[:2] - CENTER
     errors = [np.cross(rates, arm - error) - np.cross(TURN, arm) for arm in arms]
-    shared = shared_covariance((arms[0], arms[1]), TURN, RATE, rate_variance, CENTER_COVARIANCE, 0.08, TRANSVERSE, True)
+    shared = shared_covariance(
+        (arms[0], arms[1]), Rotation(TURN, RATE, rate_variance, CENTER, CENTER_COVARIANCE), TRANSVERSE
+    )
     products = errors[0][:, :, None] * errors[1][:, None]
     bounds = 5.0 * products.std(axis=0) / np.sqrt(count)
     assert (np.abs(products.mean(axis=0) - shared) < bounds).all()
@@ -302,11 +304,11 @@ def test_a_wild_accelerometer_does_not_get_through_the_middle_value() -> None:
     wild = VELOCITIES.copy()
     wild[1] = [1e6, -1e6, 1e6]
     # the middle of each component is one of the two others'; the noise, the mean of all, stays
-    middle, measurement = weighed(wild, rule=MID_VALUE)
+    middle, measurement = weighed(wild, rule=Rule.MID_VALUE)
     np.testing.assert_array_equal(measurement.sample.measured, [1.2, -0.5, 0.9])
     np.testing.assert_allclose(measurement.sample.noise, 2.0 * ACCELEROMETER_VARIANCES.mean() * np.eye(3), rtol=1e-14)
     assert abs(middle.state.mass_reciprocal - 0.3) < 0.2
-    assert abs(weighed(wild, rule=AVERAGE)[0].state.mass_reciprocal - 0.3) > 1e4
+    assert abs(weighed(wild, rule=Rule.AVERAGE)[0].state.mass_reciprocal - 0.3) > 1e4
 
 
 # -------------------------------------------------------------------------------- in the rotation filter
@@ -325,11 +327,17 @@ def turned(rates: Array = RATES, before: Array | None = None, **params: Any) -> 
     covariance[:6, :6] = 0.01 * spd(np.random.default_rng(10), 6)
     state = RotationState(STATE, covariance)
     start = np.zeros((2, 3)) if before is None else before
-    measurement = rotation_filter.measure(state, start, False, rates, None, TWIST, np.zeros(3), True, chosen)
+    measurement = rotation_filter.measure(
+        state,
+        rotation_filter.RotationMemory(start, False),
+        rates,
+        rotation_filter.RotationInterval(TWIST, np.zeros(3), True),
+        chosen,
+    )
     return rotation_filter.finish(state, measurement, True, NO_ADAPTATION, chosen), measurement
 
 
-@pytest.mark.parametrize("rule", [SERIAL, WEIGHTED_AVERAGE])
+@pytest.mark.parametrize("rule", [Rule.SERIAL, Rule.WEIGHTED_AVERAGE])
 def test_two_gyros_are_one_stacked_measurement(rule: int) -> None:
     x, y, z = TWIST
     design = np.array([[x, 0.0, 0.0, 0.0, z, y], [0.0, y, 0.0, z, 0.0, x], [0.0, 0.0, z, y, x, 0.0]])
@@ -345,7 +353,7 @@ def test_two_gyros_are_one_stacked_measurement(rule: int) -> None:
 
 def test_the_sample_of_two_gyros_is_their_weighted_mean_with_its_variance() -> None:
     # weights 1/5 and 4/5 of the variances 2e-3 and 5e-4; the increment's variance 2 / (1/2e-3 + 1/5e-4)
-    sample = turned(rule=WEIGHTED_AVERAGE, before=np.full((2, 3), 0.1))[1].sample
+    sample = turned(rule=Rule.WEIGHTED_AVERAGE, before=np.full((2, 3), 0.1))[1].sample
     mean = 0.2 * RATES[0] + 0.8 * RATES[1]
     np.testing.assert_allclose(sample.increment, mean - 0.1, rtol=1e-12)
     np.testing.assert_allclose(sample.rate, 0.5 * (mean + 0.1), rtol=1e-12)
@@ -353,7 +361,9 @@ def test_the_sample_of_two_gyros_is_their_weighted_mean_with_its_variance() -> N
     np.testing.assert_allclose(sample.noise, 8e-4 * np.eye(3), rtol=1e-12, atol=1e-18)
 
 
-@pytest.mark.parametrize("rule", [SINGLE, MOST_ACCURATE, MID_VALUE, AVERAGE, WEIGHTED_AVERAGE, SERIAL])
+@pytest.mark.parametrize(
+    "rule", [Rule.SINGLE, Rule.MOST_ACCURATE, Rule.MID_VALUE, Rule.AVERAGE, Rule.WEIGHTED_AVERAGE, Rule.SERIAL]
+)
 def test_where_one_gyro_is_missing_the_other_stands_for_both(rule: int) -> None:
     for missing, there in ((0, 1), (1, 0)):
         rates = RATES.copy()

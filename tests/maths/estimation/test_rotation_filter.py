@@ -11,10 +11,10 @@ from params_probe import rotation_params
 from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.maths.estimation.adaptation import NO_ADAPTATION
 from massprop_drake.maths.estimation.filters.rotation_filter import (
-    HYBRID,
-    IGNORE,
-    SUBTRACT,
+    Coupling,
     RotationInnovation,
+    RotationInterval,
+    RotationMemory,
     RotationParams,
     RotationSample,
     RotationState,
@@ -104,7 +104,7 @@ def cycled(params: RotationParams = SETTINGS, **changes: Any) -> Cycled:
         "estimate": STATE,
         "covariance": random_covariance(np.random.default_rng(1), 0.01),
         "rate_before": np.array([0.010, -0.020, 0.005]),
-        "subtract_coupling_before": False,
+        "subtract_coupling": False,
         "rate": np.array([0.012, -0.500, 0.150]),
         "reading_variance": 0.5e-4,
         "extra_noise": None,
@@ -116,9 +116,11 @@ def cycled(params: RotationParams = SETTINGS, **changes: Any) -> Cycled:
     arguments |= changes
     usable = arguments.pop("usable")
     state = RotationState(arguments.pop("estimate"), arguments.pop("covariance"))
-    readings = {"rates_before": arguments.pop("rate_before")[None], "rates": arguments.pop("rate")[None]}
+    memory = RotationMemory(arguments.pop("rate_before")[None], arguments.pop("subtract_coupling"))
+    rates = arguments.pop("rate")[None]
     params = params._replace(gyro_variances=np.array([arguments.pop("reading_variance")]))
-    measurement = measure(state, **arguments, **readings, params=params)
+    interval = RotationInterval(acting=arguments.pop("firing"), **arguments)
+    measurement = measure(state, memory, rates, interval, params)
     done = finish(state, measurement, usable, NO_ADAPTATION, params)
     return Cycled(
         measurement.sample, measurement.innovation, done.state.estimate, done.state.covariance, done.used, done.jumped
@@ -388,7 +390,7 @@ def test_cycle_leaves_its_inputs_alone() -> None:
     }
     before = {name: value.copy() for name, value in inputs.items()}
     jumping = SETTINGS._replace(
-        coupling=SUBTRACT, jump_threshold=0.0, jump_covariance=np.eye(9), process_noise=np.eye(9)
+        coupling=Coupling.SUBTRACT, jump_threshold=0.0, jump_covariance=np.eye(9), process_noise=np.eye(9)
     )
     for firing in (True, False):
         cycled(jumping, **inputs, firing=firing)
@@ -406,7 +408,7 @@ def test_missing_reading_keeps_the_state(missing: str, axis: int) -> None:
     reading[axis] = np.nan
     process_noise = 1e-6 * np.eye(9)
     covariance = random_covariance(np.random.default_rng(1), 0.01)
-    dut = cycled(SETTINGS._replace(process_noise=process_noise), **{missing: reading}, subtract_coupling_before=True)
+    dut = cycled(SETTINGS._replace(process_noise=process_noise), **{missing: reading}, subtract_coupling=True)
     assert not dut.used
     assert not dut.jumped
     assert np.isnan(dut.innovation.nis)
@@ -488,7 +490,9 @@ def test_subtracted_coupling_leaves_the_innovation_of_the_impulse(firing: bool) 
     coupling = coupling_increment(INVERSE, rate, PERIOD)
     increment = coupling + firing * rate_increment(STATE, ANGULAR, LINEAR)
     sample = sample_of(increment, rate=rate, firing=firing)
-    subtracted = innovate(RotationState(STATE, covariance), sample, False, SETTINGS._replace(coupling=SUBTRACT))
+    subtracted = innovate(
+        RotationState(STATE, covariance), sample, False, SETTINGS._replace(coupling=Coupling.SUBTRACT)
+    )
     ignored = innovate(RotationState(STATE, covariance), sample, True, SETTINGS)
     np.testing.assert_allclose(subtracted.innovation, NONE, rtol=0.0, atol=1e-15)
     np.testing.assert_allclose(ignored.innovation, coupling, rtol=0.0, atol=1e-15)
@@ -511,7 +515,9 @@ def hybrid(factor: float, firing: bool = True, before: bool = False) -> Rotation
         linear_impulse=NONE,
         firing=firing,
     )
-    params = SETTINGS._replace(coupling=HYBRID, coupling_limit=50.0, disturbance_covariance=np.diag([1e-4, 0.0, 2e-4]))
+    params = SETTINGS._replace(
+        coupling=Coupling.HYBRID, coupling_limit=50.0, disturbance_covariance=np.diag([1e-4, 0.0, 2e-4])
+    )
     return innovate(RotationState(STATE, covariance), sample, before, params)
 
 
@@ -551,7 +557,7 @@ def test_nothing_is_subtracted_while_the_estimated_inverse_inertia_is_impossible
     covariance = random_covariance(np.random.default_rng(13), 0.1)
     subtracting, ignoring = (
         innovate(RotationState(estimate, covariance), sample, False, SETTINGS._replace(coupling=coupling))
-        for coupling in (SUBTRACT, IGNORE)
+        for coupling in (Coupling.SUBTRACT, Coupling.IGNORE)
     )
     np.testing.assert_array_equal(subtracting.innovation, ignoring.innovation)
     assert subtracting.subtract_coupling  # the rule asks, the estimate does not allow
@@ -592,7 +598,7 @@ def test_covariance_is_not_incremented_by_a_sample_that_is_not_used() -> None:
 def test_incremented_covariance_keeps_the_decision_on_coupling_when_forced() -> None:
     covariance = random_covariance(np.random.default_rng(1), 0.01)
     jump = random_covariance(np.random.default_rng(14), 0.1)
-    params = SETTINGS._replace(coupling=SUBTRACT, jump_threshold=0.0, jump_covariance=jump)
+    params = SETTINGS._replace(coupling=Coupling.SUBTRACT, jump_threshold=0.0, jump_covariance=jump)
     sample = sample_of(np.array([0.1, 0.2, 0.3]), rate=TUMBLING)
     first = innovate(RotationState(STATE, covariance), sample, False, params)
     dut = update(RotationState(STATE, covariance), sample, first, NO_ADAPTATION, params)
@@ -695,7 +701,7 @@ def symmetry_settings(rng: np.random.Generator) -> RotationParams:
     """Everything that can matter at once: coupling, process noise, disturbance, and some increments."""
     disturbance = rng.standard_normal((3, 4)) * 1e-3
     return SETTINGS._replace(
-        coupling=HYBRID,
+        coupling=Coupling.HYBRID,
         jump_threshold=4.0,
         jump_covariance=random_covariance(rng, 1e-2),
         process_noise=random_covariance(rng, 1e-4),
@@ -810,5 +816,7 @@ def test_a_sample_that_turns_by_more_than_the_limit_is_not_used() -> None:
     state = RotationState(STATE, np.diag(np.square(0.1 * np.abs(STATE) + 1e-12)))
     for rate, measured in ((0.09 / PERIOD, True), (0.11 / PERIOD, False)):
         rates = np.array([[rate, 0.0, 0.0]])
-        dut = measure(state, rates, False, rates, None, np.zeros(3), np.zeros(3), False, params)
+        dut = measure(
+            state, RotationMemory(rates, False), rates, RotationInterval(np.zeros(3), np.zeros(3), False), params
+        )
         assert np.isfinite(dut.innovation.nis) == measured

@@ -8,19 +8,12 @@ import numpy as np
 import pytest
 from params_probe import mass_params, rotation_params
 
-from massprop_drake.maths.estimation.adaptation import (
-    CORRECT,
-    CORRECT_THESIS,
-    NO_ACTION,
-    NO_ADAPTATION,
-    REJECT,
-    Adaptation,
-)
+from massprop_drake.maths.estimation.adaptation import NO_ADAPTATION, Action, Adaptation
 from massprop_drake.maths.estimation.filters import mass_filter, rotation_filter
 from massprop_drake.maths.estimation.filters.mass_filter import MassSample, MassState
 from massprop_drake.maths.estimation.filters.mass_jump import empty_window
 from massprop_drake.maths.estimation.filters.rotation_filter import (
-    HYBRID,
+    Coupling,
     RotationParams,
     RotationSample,
     RotationState,
@@ -30,7 +23,7 @@ from massprop_drake.maths.estimation.filters.rotation_filter import (
     second_order_terms,
     thrust_error_effects,
 )
-from massprop_drake.maths.estimation.redundancy import SERIAL
+from massprop_drake.maths.estimation.redundancy import Rule
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import ELEMENT, six_elements
 
@@ -125,9 +118,9 @@ def updated_by_hand(
     noise = sample.noise + curvature + products_by_hand(estimate, covariance, sample.thrust_errors)
     error = sample.increment - rate_increment(estimate, sample.angular_impulse, sample.linear_impulse) - bias
     gained = spread = np.zeros((3, 3))
-    if adaptation.action != NO_ACTION:
+    if adaptation.action != Action.NONE:
         error, spread = error - adaptation.rotation, adaptation.rotation_spread
-    if adaptation.action == CORRECT_THESIS:
+    if adaptation.action == Action.CORRECT_THESIS:
         gained = adaptation.rotation_spread
     joint, at = augmented(covariance, state.sensitivity), estimate
     for _ in range(2):
@@ -143,7 +136,7 @@ def same(ours: RotationState, theirs: RotationState) -> None:
 
 
 def adapted(rng: np.random.Generator, action: int) -> Adaptation:
-    if action == NO_ACTION:
+    if action == Action.NONE:
         return NO_ADAPTATION
     effect, force = rng.normal(size=6), 0.3
     spread = 0.05 * np.outer(effect, effect)
@@ -196,7 +189,7 @@ def test_the_innovations_covariance_is_that_of_state_and_thrust_errors_together(
     np.testing.assert_allclose(dut.effects, design @ np.vstack([state.sensitivity, np.eye(N_JETS)]), rtol=1e-12)
 
 
-@pytest.mark.parametrize("action", [NO_ACTION, CORRECT, CORRECT_THESIS])
+@pytest.mark.parametrize("action", [Action.NONE, Action.CORRECT, Action.CORRECT_THESIS])
 def test_the_rotation_filters_update_is_that_of_state_and_thrust_errors_together(action: int) -> None:
     rng = np.random.default_rng(3)
     for _ in range(10):
@@ -220,7 +213,7 @@ def test_the_second_pass_matters() -> None:
 
 def test_gyros_one_after_the_other_are_as_many_updates() -> None:
     rng = np.random.default_rng(5)
-    params = rotation_params(rule=SERIAL)
+    params = rotation_params(rule=Rule.SERIAL)
     state, sample = rotation_state(rng), rotation_sample(rng)
     each = tuple(sample._replace(increment=sample.increment + 0.1 * rng.normal(size=3)) for _ in range(3))
     innovation = rotation_filter.innovate(state, sample, False, params)
@@ -269,7 +262,7 @@ def test_covariance_stays_above_what_thrust_errors_make_of_it() -> None:
 def test_a_rejected_sample_leaves_the_sensitivity() -> None:
     rng = np.random.default_rng(8)
     state, sample = rotation_state(rng), rotation_sample(rng)
-    dut = turned(state, sample, adapted(rng, REJECT))
+    dut = turned(state, sample, adapted(rng, Action.REJECT))
     np.testing.assert_array_equal(dut.sensitivity, state.sensitivity)
     np.testing.assert_array_equal(dut.covariance, state.covariance)
 
@@ -346,7 +339,7 @@ def test_the_hybrid_rule_does_not_wait_for_thrust(factor: float) -> None:
     variance = (factor - 1.0) * 4e-4 / 4.0
     covariance = np.diag([variance] * 3 + [0.0] * 6)
     sample = RotationSample(np.zeros(3), np.zeros(3), 4e-4 * np.eye(3), 0.0, torque, np.zeros(3), firing=True)
-    params = rotation_params(coupling=HYBRID, coupling_limit=50.0)
+    params = rotation_params(coupling=Coupling.HYBRID, coupling_limit=50.0)
     plain = rotation_filter.innovate(RotationState(STATE, covariance), sample, False, params)
     assert plain.subtract_coupling == (factor < 50.0)
     errors = np.zeros((N_JETS, 6))
@@ -381,9 +374,9 @@ def weighed_by_hand(state: MassState, sample: MassSample, adaptation: Adaptation
     noise = sample.noise + sum(state.variance * np.outer(jet, jet) for jet in sample.thrust_errors.T)
     error = sample.measured - sample.linear_impulse * state.mass_reciprocal
     gained = spread = np.zeros((3, 3))
-    if adaptation.action != NO_ACTION:
+    if adaptation.action != Action.NONE:
         error, spread = error - adaptation.translation, adaptation.translation_spread
-    if adaptation.action == CORRECT_THESIS:
+    if adaptation.action == Action.CORRECT_THESIS:
         gained = adaptation.translation_spread
     at = state.mass_reciprocal
     for _ in range(2):
@@ -398,7 +391,7 @@ def same_mass(ours: MassState, theirs: MassState) -> None:
     np.testing.assert_allclose(ours.sensitivity, theirs.sensitivity, rtol=1e-9, atol=1e-13)
 
 
-@pytest.mark.parametrize("action", [NO_ACTION, CORRECT, CORRECT_THESIS])
+@pytest.mark.parametrize("action", [Action.NONE, Action.CORRECT, Action.CORRECT_THESIS])
 def test_the_mass_filters_update_is_that_of_state_and_thrust_errors_together(action: int) -> None:
     rng = np.random.default_rng(12)
     for _ in range(10):

@@ -10,16 +10,7 @@ import pytest
 from scipy.stats import binom
 
 from massprop_drake.maths.linear_algebra import Array
-from massprop_drake.maths.vehicle.true_failures import (
-    DEGRADED,
-    DRIFT,
-    INTERMITTENT,
-    LEAK,
-    STUCK_OFF,
-    STUCK_ON,
-    Failure,
-    delivered,
-)
+from massprop_drake.maths.vehicle.true_failures import Failure, FailureKind, delivered
 
 PERIOD_S = 0.08
 COMMAND = np.array([0.0, 0.5, 1.0])
@@ -46,12 +37,12 @@ def test_without_failures_jets_do_what_they_are_told() -> None:
 @pytest.mark.parametrize(
     ("kind", "values", "expected"),
     [
-        (STUCK_ON, {}, [1.0, 1.0, 1.0]),
-        (STUCK_OFF, {}, [0.0, 0.0, 0.0]),
-        (DEGRADED, {"amount": 0.3}, [0.0, 0.15, 0.3]),
-        (LEAK, {"amount": 0.015}, [0.015, 0.515, 1.015]),
-        (INTERMITTENT, {"amount": 0.25, "probability": 1.0}, [0.25, 0.25, 0.25]),
-        (INTERMITTENT, {"amount": 0.25, "probability": 0.0}, [0.0, 0.5, 1.0]),
+        (FailureKind.STUCK_ON, {}, [1.0, 1.0, 1.0]),
+        (FailureKind.STUCK_OFF, {}, [0.0, 0.0, 0.0]),
+        (FailureKind.DEGRADED, {"amount": 0.3}, [0.0, 0.15, 0.3]),
+        (FailureKind.LEAK, {"amount": 0.015}, [0.015, 0.515, 1.015]),
+        (FailureKind.INTERMITTENT, {"amount": 0.25, "probability": 1.0}, [0.25, 0.25, 0.25]),
+        (FailureKind.INTERMITTENT, {"amount": 0.25, "probability": 0.0}, [0.0, 0.5, 1.0]),
     ],
 )
 def test_each_kind(kind: int, values: dict[str, float], expected: list[float]) -> None:
@@ -60,7 +51,7 @@ def test_each_kind(kind: int, values: dict[str, float], expected: list[float]) -
 
 
 def test_a_drift_changes_the_thrust_in_proportion_to_time() -> None:
-    failure = (lasting(DRIFT, jet=2, amount=-0.1),)
+    failure = (lasting(FailureKind.DRIFT, jet=2, amount=-0.1),)
     level = [flown(failure, ONSET + k)[2] for k in (25, 50)]
     # -0.1 per second after 2 s and 4 s; where in the sample the drift is read off leaves half a period's
     # worth, 0.004, open
@@ -68,26 +59,30 @@ def test_a_drift_changes_the_thrust_in_proportion_to_time() -> None:
     np.testing.assert_allclose(level[0] - level[1], 0.2, atol=ROUNDING)
     # after 20 s nothing is left, and it does not turn round
     np.testing.assert_allclose(flown(failure, ONSET + 250)[2], 0.0, atol=ROUNDING)
-    assert flown((lasting(DRIFT, jet=2, amount=0.1),), ONSET + 25)[2] > 1.19
+    assert flown((lasting(FailureKind.DRIFT, jet=2, amount=0.1),), ONSET + 25)[2] > 1.19
 
 
 def test_only_the_failed_jet_is_touched_and_the_command_is_left_alone() -> None:
     command = COMMAND.copy()
-    level = flown((lasting(STUCK_ON, jet=0),), ONSET, command)
+    level = flown((lasting(FailureKind.STUCK_ON, jet=0),), ONSET, command)
     np.testing.assert_allclose(level, [1.0, 0.5, 1.0], atol=ROUNDING)
     np.testing.assert_array_equal(level[1:], COMMAND[1:])
     np.testing.assert_array_equal(command, COMMAND)
 
 
 def test_failures_of_different_jets_stand_side_by_side() -> None:
-    failures = (lasting(STUCK_ON, jet=0), lasting(LEAK, jet=1, amount=0.1), lasting(STUCK_OFF, jet=2))
+    failures = (
+        lasting(FailureKind.STUCK_ON, jet=0),
+        lasting(FailureKind.LEAK, jet=1, amount=0.1),
+        lasting(FailureKind.STUCK_OFF, jet=2),
+    )
     np.testing.assert_allclose(flown(failures, ONSET + 1), [1.0, 0.6, 0.0], atol=ROUNDING)
 
 
 @pytest.mark.parametrize("sample", [1, 3, 7, 19, 625, 1234, 4999])
 def test_a_failure_at_a_sample_mark_begins_and_ends_with_whole_samples(sample: int) -> None:
     # sample x period is rarely exact; a sliver of a sample must not count
-    failure = (Failure(0, STUCK_ON, sample * PERIOD_S, (sample + 2) * PERIOD_S),)
+    failure = (Failure(0, FailureKind.STUCK_ON, sample * PERIOD_S, (sample + 2) * PERIOD_S),)
     level = [flown(failure, k)[0] for k in range(sample - 1, sample + 4)]
     np.testing.assert_allclose(level, [0.0, 1.0, 1.0, 0.0, 0.0], atol=ROUNDING)
     assert level[0] == level[3] == 0.0
@@ -95,23 +90,25 @@ def test_a_failure_at_a_sample_mark_begins_and_ends_with_whole_samples(sample: i
 
 def test_onset_and_end_within_a_sample_count_by_the_part_they_cover() -> None:
     begins = 4 * PERIOD_S
-    failure = (Failure(2, STUCK_OFF, begins + 0.02, begins + PERIOD_S + 0.06),)  # 3/4 of one, 3/4 of the next
+    failure = (
+        Failure(2, FailureKind.STUCK_OFF, begins + 0.02, begins + PERIOD_S + 0.06),
+    )  # 3/4 of one, 3/4 of the next
     level = [flown(failure, k)[2] for k in range(3, 7)]
     np.testing.assert_allclose(level, [1.0, 0.25, 0.25, 1.0], atol=ROUNDING)
-    inside = (Failure(0, STUCK_ON, begins + 0.02, begins + 0.04),)  # a quarter, within one sample
+    inside = (Failure(0, FailureKind.STUCK_ON, begins + 0.02, begins + 0.04),)  # a quarter, within one sample
     np.testing.assert_allclose(flown(inside, 4)[0], 0.25, atol=ROUNDING)
 
 
 def test_a_partial_sample_mixes_the_failed_and_the_commanded_level() -> None:
-    failure = (Failure(1, LEAK, ONSET_S + 0.04, math.inf, amount=0.2),)
+    failure = (Failure(1, FailureKind.LEAK, ONSET_S + 0.04, math.inf, amount=0.2),)
     np.testing.assert_allclose(flown(failure, ONSET)[1], 0.5 + 0.5 * 0.2, atol=ROUNDING)
 
 
 def test_one_failure_of_a_jet_after_another() -> None:
     failures = (
-        Failure(2, STUCK_OFF, 5 * PERIOD_S, 7 * PERIOD_S),
-        Failure(2, DEGRADED, 7 * PERIOD_S, 9 * PERIOD_S, amount=0.4),
-        Failure(2, LEAK, 10 * PERIOD_S, math.inf, amount=0.1),
+        Failure(2, FailureKind.STUCK_OFF, 5 * PERIOD_S, 7 * PERIOD_S),
+        Failure(2, FailureKind.DEGRADED, 7 * PERIOD_S, 9 * PERIOD_S, amount=0.4),
+        Failure(2, FailureKind.LEAK, 10 * PERIOD_S, math.inf, amount=0.1),
     )
     level = [flown(failures, k)[2] for k in range(4, 12)]
     np.testing.assert_allclose(level, [1.0, 0.0, 0.0, 0.4, 0.4, 1.0, 1.1, 1.1], atol=ROUNDING)
@@ -122,13 +119,13 @@ def test_one_failure_of_a_jet_after_another() -> None:
 def test_two_failures_of_a_jet_that_share_a_sample_each_act_for_their_part_of_it() -> None:
     # on for the first half of the sample, off for the second, told nothing: half the thrust on average
     middle = ONSET_S + 0.5 * PERIOD_S
-    failures = (Failure(0, STUCK_ON, ONSET_S, middle), Failure(0, STUCK_OFF, middle, math.inf))
+    failures = (Failure(0, FailureKind.STUCK_ON, ONSET_S, middle), Failure(0, FailureKind.STUCK_OFF, middle, math.inf))
     np.testing.assert_allclose(flown(failures, ONSET)[0], 0.5, atol=ROUNDING)
     np.testing.assert_allclose(flown(failures[::-1], ONSET)[0], 0.5, atol=ROUNDING)
 
 
 def test_a_drift_downwards_never_raises_the_thrust() -> None:
-    failure = (Failure(2, DRIFT, ONSET_S + 0.06, math.inf, amount=-0.5),)
+    failure = (Failure(2, FailureKind.DRIFT, ONSET_S + 0.06, math.inf, amount=-0.5),)
     level = [flown(failure, k)[2] for k in range(ONSET - 1, ONSET + 4)]
     assert max(level) <= 1.0 + ROUNDING
     assert all(later <= earlier + ROUNDING for earlier, later in itertools.pairwise(level))
@@ -136,7 +133,7 @@ def test_a_drift_downwards_never_raises_the_thrust() -> None:
 
 # --------------------------------------------------------------------------------------- intermittent
 
-FLICKER = Failure(0, INTERMITTENT, 0.0, math.inf, amount=1.0, probability=0.3, stream="failure 0 of A")
+FLICKER = Failure(0, FailureKind.INTERMITTENT, 0.0, math.inf, amount=1.0, probability=0.3, stream="failure 0 of A")
 
 
 def flickers(failure: Failure, samples: range, seed: int) -> list[float]:

@@ -12,7 +12,7 @@ from systems_probe import PERIOD_S, advance
 
 from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.maths.autopilot.jet_selection import activity_vectors
-from massprop_drake.maths.autopilot.phase_space import AT_ONCE, NO_REQUEST, WHEN_IDLE
+from massprop_drake.maths.autopilot.phase_space import Urgency
 from massprop_drake.systems.autopilot.jet_selection import JetSelection
 from massprop_drake.systems.autopilot.jet_selection_program import JetSelectionProgram
 
@@ -46,7 +46,7 @@ class Pilot:
             period_s=PERIOD_S,
         )
         self.context: Any = self.dut.CreateDefaultContext()
-        self.ask(NOTHING, NO_REQUEST)
+        self.ask(NOTHING, Urgency.NONE)
 
     def ask(self, change: list[float], urgency: float, limit_s: float = np.inf) -> None:
         self.dut.GetInputPort("request").FixValue(self.context, [*change, limit_s, urgency])
@@ -87,18 +87,18 @@ def pilot() -> Pilot:
 
 def test_without_news_nothing_changes(pilot: Pilot) -> None:
     pilot.hear()
-    pilot.ask([0.16, 0.0, 0.0, 0.0, 0.0, 0.0], WHEN_IDLE)
+    pilot.ask([0.16, 0.0, 0.0, 0.0, 0.0, 0.0], Urgency.WHEN_IDLE)
     assert pilot.fire() == [ROLL]
-    pilot.ask(NOTHING, NO_REQUEST)
+    pilot.ask(NOTHING, Urgency.NONE)
     assert pilot.fire() == [ROLL]
     assert pilot.fire() == []
     assert pilot.out_of_use() == []
 
 
 def test_a_declared_failure_stops_the_running_burst(pilot: Pilot) -> None:
-    pilot.ask([0.0, 0.4, 0.0, 0.0, 0.0, 0.0], WHEN_IDLE)
+    pilot.ask([0.0, 0.4, 0.0, 0.0, 0.0, 0.0], Urgency.WHEN_IDLE)
     assert pilot.fire() == [NO_SPARE]
-    pilot.ask(NOTHING, NO_REQUEST)
+    pilot.ask(NOTHING, Urgency.NONE)
     pilot.hear(PUSH, declared=True)
     assert pilot.fire() == []
     pilot.hear(PUSH)
@@ -107,19 +107,19 @@ def test_a_declared_failure_stops_the_running_burst(pilot: Pilot) -> None:
 
 
 def test_a_request_is_served_at_once_after_the_reset(pilot: Pilot) -> None:
-    pilot.ask([0.0, 0.4, 0.0, 0.0, 0.0, 0.0], WHEN_IDLE)
+    pilot.ask([0.0, 0.4, 0.0, 0.0, 0.0, 0.0], Urgency.WHEN_IDLE)
     pilot.fire()
     # the burst of five cycles would have kept this one waiting
-    pilot.ask([0.0, 0.0, 0.08, 0.0, 0.0, 0.0], WHEN_IDLE)
+    pilot.ask([0.0, 0.0, 0.08, 0.0, 0.0, 0.0], Urgency.WHEN_IDLE)
     pilot.hear(PUSH, declared=True)
     assert pilot.fire() == [4]
 
 
 def test_only_the_declaration_resets(pilot: Pilot) -> None:
     pilot.declare(PUSH)
-    pilot.ask([0.0, 0.24, 0.0, 0.0, 0.0, 0.0], WHEN_IDLE)
+    pilot.ask([0.0, 0.24, 0.0, 0.0, 0.0, 0.0], Urgency.WHEN_IDLE)
     assert pilot.fire() == [NO_SPARE]
-    pilot.ask(NOTHING, NO_REQUEST)
+    pilot.ask(NOTHING, Urgency.NONE)
     assert pilot.fire() == [NO_SPARE]
     assert pilot.fire() == [NO_SPARE]
 
@@ -128,7 +128,7 @@ def test_only_the_declaration_resets(pilot: Pilot) -> None:
 
 
 def test_a_jet_out_of_use_is_replaced_from_the_same_sample_on(pilot: Pilot) -> None:
-    pilot.ask([0.08, 0.0, 0.0, 0.0, 0.0, 0.0], WHEN_IDLE)
+    pilot.ask([0.08, 0.0, 0.0, 0.0, 0.0, 0.0], Urgency.WHEN_IDLE)
     assert pilot.fire() == [ROLL]
     pilot.hear(ROLL, declared=True)
     assert pilot.fire() == [ROLL_SPARE]
@@ -139,7 +139,7 @@ def test_a_jet_out_of_use_is_replaced_from_the_same_sample_on(pilot: Pilot) -> N
 
 def test_what_it_alone_could_push_is_met_in_part(pilot: Pilot) -> None:
     pilot.declare(PUSH, PUSH_SPARE)
-    pilot.ask([0.0, 0.08, 0.0, 0.0, 0.16, 0.0], AT_ONCE, limit_s=2.0)
+    pilot.ask([0.0, 0.08, 0.0, 0.0, 0.16, 0.0], Urgency.AT_ONCE, limit_s=2.0)
     assert pilot.fire() == [NO_SPARE]
     assert pilot.out("counts")[1] == 1.0
     assert pilot.out("counts")[3] == pytest.approx(0.0, abs=1e-8)
@@ -149,7 +149,7 @@ def test_jets_without_which_control_is_lost_stay_in_use(pilot: Pilot) -> None:
     pilot.declare(NO_SPARE)
     assert pilot.out_of_use() == []
     assert np.flatnonzero(pilot.out("out_of_use") < 0.0).tolist() == [NO_SPARE]  # reported all the same
-    pilot.ask([0.0, 0.08, 0.0, 0.0, 0.0, 0.0], WHEN_IDLE)
+    pilot.ask([0.0, 0.08, 0.0, 0.0, 0.0, 0.0], Urgency.WHEN_IDLE)
     assert pilot.fire() == [NO_SPARE]
 
 
@@ -203,19 +203,19 @@ def test_a_known_push_off_the_center_of_mass_is_made_up_for_in_turning_and_pushi
 def test_a_known_force_is_undone_together_with_the_request(pilot: Pilot) -> None:
     # +y turn of 0.16, two cycles by itself, less what the known torque gives in them, 0.08: one cycle
     pilot.hear(wrench=[0.0, 0.5, 0.0, 0.0, 0.0, 0.0])
-    pilot.ask([0.0, 0.16, 0.0, 0.0, 0.0, 0.0], WHEN_IDLE)
+    pilot.ask([0.0, 0.16, 0.0, 0.0, 0.0, 0.0], Urgency.WHEN_IDLE)
     assert pilot.fire() == [NO_SPARE]
     pilot.hear()
-    pilot.ask(NOTHING, NO_REQUEST)
+    pilot.ask(NOTHING, Urgency.NONE)
     assert pilot.fire() == []
 
 
 def test_a_translation_allows_for_the_force_over_all_its_time(pilot: Pilot) -> None:
     # 0.32 along +z within 0.8 s against -0.5 all the while: 0.72, nine cycles of jet 10
     pilot.hear(wrench=[0.0, 0.0, 0.0, 0.0, 0.0, -0.5])
-    pilot.ask([0.0, 0.0, 0.0, 0.0, 0.0, 0.32], AT_ONCE, limit_s=0.8)
+    pilot.ask([0.0, 0.0, 0.0, 0.0, 0.0, 0.32], Urgency.AT_ONCE, limit_s=0.8)
     fired = [pilot.fire()]
-    pilot.ask(NOTHING, NO_REQUEST)
+    pilot.ask(NOTHING, Urgency.NONE)
     pilot.hear()
     fired += [pilot.fire() for _ in range(10)]
     assert fired == [[10]] * 9 + [[]] * 2
@@ -257,7 +257,7 @@ def test_rates_stay_small_with_a_jet_stuck_on(orbiter: Vehicle, stuck: str) -> N
     for number in range(200):
         told = np.concatenate([[float(number == 0)], orbiter.wrenches[failed], np.eye(44)[failed]])
         dut.GetInputPort("reconfiguration").FixValue(context, told)
-        urgency = WHEN_IDLE if np.abs(rate).max() > deadband else NO_REQUEST
+        urgency = Urgency.WHEN_IDLE if np.abs(rate).max() > deadband else Urgency.NONE
         dut.GetInputPort("request").FixValue(context, [*-rate, 0.0, 0.0, 0.0, np.inf, urgency])
         command = dut.GetOutputPort("command").Eval(context)
         assert command[failed] == 0.0

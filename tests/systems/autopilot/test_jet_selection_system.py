@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 from systems_probe import PERIOD_S, advance, feedthrough, inputs, outputs
 
-from massprop_drake.maths.autopilot.phase_space import AT_ONCE, NO_REQUEST, WHEN_IDLE
+from massprop_drake.maths.autopilot.phase_space import Urgency
 from massprop_drake.systems.autopilot.jet_selection import JetSelection
 
 # Twelve make-believe jets: jet 2 i gives +1 and jet 2 i + 1 gives -1 of the i-th component of torque about
@@ -33,7 +33,7 @@ def _dut(*, minimum_s: float = PERIOD_S, selectable: NDArray[np.bool_] | None = 
         period_s=PERIOD_S,
     )
     context = dut.CreateDefaultContext()
-    _ask(dut, context, [0.0] * 6, NO_REQUEST)
+    _ask(dut, context, [0.0] * 6, Urgency.NONE)
     return dut, context
 
 
@@ -79,11 +79,11 @@ def test_without_a_request_no_jet_fires() -> None:
 def test_on_times_are_fired_as_whole_cycles_from_the_sample_of_the_request_on() -> None:
     # +x torque for 0.25 s: 3.1 cycles, so 3; -z force for 0.13 s: 1.6 cycles, so 2
     dut, context = _dut()
-    _ask(dut, context, [0.25, 0.0, 0.0, 0.0, 0.0, -0.13], WHEN_IDLE)
+    _ask(dut, context, [0.25, 0.0, 0.0, 0.0, 0.0, -0.13], Urgency.WHEN_IDLE)
     first = dut.GetOutputPort("command").Eval(context)
     assert np.flatnonzero(first).tolist() == [0, 11]
     advance(dut, context)
-    _ask(dut, context, [0.0] * 6, NO_REQUEST)
+    _ask(dut, context, [0.0] * 6, Urgency.NONE)
     commands = _fly(dut, context, 4)
     assert commands[:, 0].tolist() == [1.0, 1.0, 0.0, 0.0]
     assert commands[:, 11].tolist() == [1.0, 0.0, 0.0, 0.0]
@@ -92,7 +92,7 @@ def test_on_times_are_fired_as_whole_cycles_from_the_sample_of_the_request_on() 
 
 def test_the_held_command_is_the_command_of_the_sample_before() -> None:
     dut, context = _dut()
-    _ask(dut, context, [0.16, 0.0, 0.0, 0.0, 0.0, 0.0], WHEN_IDLE)
+    _ask(dut, context, [0.16, 0.0, 0.0, 0.0, 0.0, 0.0], Urgency.WHEN_IDLE)
     held = dut.GetOutputPort("held_command")
     assert not held.Eval(context).any()
     command = dut.GetOutputPort("command").Eval(context)
@@ -102,36 +102,36 @@ def test_the_held_command_is_the_command_of_the_sample_before() -> None:
 
 def test_a_request_waits_for_the_running_burst_unless_it_is_urgent() -> None:
     dut, context = _dut()
-    _ask(dut, context, [0.16, 0.0, 0.0, 0.0, 0.0, 0.0], WHEN_IDLE)
+    _ask(dut, context, [0.16, 0.0, 0.0, 0.0, 0.0, 0.0], Urgency.WHEN_IDLE)
     _fly(dut, context, 1)
-    _ask(dut, context, [0.0, 0.08, 0.0, 0.0, 0.0, 0.0], WHEN_IDLE)
+    _ask(dut, context, [0.0, 0.08, 0.0, 0.0, 0.0, 0.0], Urgency.WHEN_IDLE)
     commands = _fly(dut, context, 2)
     assert np.flatnonzero(commands[0]).tolist() == [0]  # the second cycle of the first request
     assert np.flatnonzero(commands[1]).tolist() == [2]  # then the second request
     assert _counts(dut, context)[0] == 2.0
 
-    _ask(dut, context, [0.16, 0.0, 0.0, 0.0, 0.0, 0.0], WHEN_IDLE)
+    _ask(dut, context, [0.16, 0.0, 0.0, 0.0, 0.0, 0.0], Urgency.WHEN_IDLE)
     _fly(dut, context, 1)
-    _ask(dut, context, [0.0, 0.0, 0.08, 0.0, 0.0, 0.0], AT_ONCE)
+    _ask(dut, context, [0.0, 0.0, 0.08, 0.0, 0.0, 0.0], Urgency.AT_ONCE)
     assert np.flatnonzero(_fly(dut, context, 1)[0]).tolist() == [4]
 
 
 def test_an_urgent_request_of_nothing_ends_the_burst() -> None:
     dut, context = _dut()
-    _ask(dut, context, [0.0, 0.0, 0.0, 0.4, 0.0, 0.0], AT_ONCE, limit_s=2.0)
+    _ask(dut, context, [0.0, 0.0, 0.0, 0.4, 0.0, 0.0], Urgency.AT_ONCE, limit_s=2.0)
     _fly(dut, context, 1)
-    _ask(dut, context, [0.0] * 6, AT_ONCE)
+    _ask(dut, context, [0.0] * 6, Urgency.AT_ONCE)
     assert not _fly(dut, context, 1).any()
-    _ask(dut, context, [0.0] * 6, NO_REQUEST)
+    _ask(dut, context, [0.0] * 6, Urgency.NONE)
     assert not _fly(dut, context, 1).any()
 
 
 @pytest.mark.parametrize(("on_time_s", "cycles"), [(0.039, 0), (0.041, 1), (0.119, 1), (0.121, 2)])
 def test_on_times_are_rounded_to_the_nearest_cycle(on_time_s: float, cycles: int) -> None:
     dut, context = _dut()
-    _ask(dut, context, [0.0, -on_time_s, 0.0, 0.0, 0.0, 0.0], WHEN_IDLE)
+    _ask(dut, context, [0.0, -on_time_s, 0.0, 0.0, 0.0, 0.0], Urgency.WHEN_IDLE)
     fired = _fly(dut, context, 1)
-    _ask(dut, context, [0.0] * 6, NO_REQUEST)
+    _ask(dut, context, [0.0] * 6, Urgency.NONE)
     fired = np.vstack([fired, _fly(dut, context, 4)])
     assert fired.sum() == cycles
     assert fired[:, 3].sum() == cycles
@@ -139,36 +139,36 @@ def test_on_times_are_rounded_to_the_nearest_cycle(on_time_s: float, cycles: int
 
 def test_a_short_on_time_is_raised_to_the_jets_minimum() -> None:
     dut, context = _dut(minimum_s=0.2)  # 2.5 cycles, so 3
-    _ask(dut, context, [0.08, 0.0, 0.0, 0.0, 0.0, 0.0], WHEN_IDLE)
+    _ask(dut, context, [0.08, 0.0, 0.0, 0.0, 0.0, 0.0], Urgency.WHEN_IDLE)
     fired = _fly(dut, context, 1)
-    _ask(dut, context, [0.0] * 6, NO_REQUEST)
+    _ask(dut, context, [0.0] * 6, Urgency.NONE)
     assert np.vstack([fired, _fly(dut, context, 4)])[:, 0].tolist() == [1.0, 1.0, 1.0, 0.0, 0.0]
 
 
 def test_a_request_too_small_for_a_cycle_is_solved_once_and_again_only_when_it_has_grown() -> None:
     dut, context = _dut()
-    _ask(dut, context, [0.03, 0.0, 0.0, 0.0, 0.0, 0.0], WHEN_IDLE)
+    _ask(dut, context, [0.03, 0.0, 0.0, 0.0, 0.0, 0.0], Urgency.WHEN_IDLE)
     assert not _fly(dut, context, 5).any()
     assert _counts(dut, context)[0] == 1.0
     # half a cycle is 0.04 s: a change of 0.01 rad/s is needed
-    _ask(dut, context, [0.0399, 0.0, 0.0, 0.0, 0.0, 0.0], WHEN_IDLE)
+    _ask(dut, context, [0.0399, 0.0, 0.0, 0.0, 0.0, 0.0], Urgency.WHEN_IDLE)
     assert not _fly(dut, context, 1).any()
     assert _counts(dut, context)[0] == 1.0
-    _ask(dut, context, [0.0401, 0.0, 0.0, 0.0, 0.0, 0.0], WHEN_IDLE)
+    _ask(dut, context, [0.0401, 0.0, 0.0, 0.0, 0.0, 0.0], Urgency.WHEN_IDLE)
     assert np.flatnonzero(_fly(dut, context, 1)[0]).tolist() == [0]
     assert _counts(dut, context)[0] == 2.0
     # the memory of the refusal is gone with the firing
-    _ask(dut, context, [0.08, 0.0, 0.0, 0.0, 0.0, 0.0], WHEN_IDLE)
+    _ask(dut, context, [0.08, 0.0, 0.0, 0.0, 0.0, 0.0], Urgency.WHEN_IDLE)
     assert np.flatnonzero(_fly(dut, context, 1)[0]).tolist() == [0]
 
 
 def test_delivered_is_the_velocity_change_of_the_command_that_is_held() -> None:
     # jets 6 and 11 push +x and -z with 1 each for one cycle, mass 1
     dut, context = _dut()
-    _ask(dut, context, [0.0, 0.0, 0.0, 0.16, 0.0, -0.08], AT_ONCE, limit_s=2.0)
+    _ask(dut, context, [0.0, 0.0, 0.0, 0.16, 0.0, -0.08], Urgency.AT_ONCE, limit_s=2.0)
     assert not dut.GetOutputPort("delivered").Eval(context).any()
     advance(dut, context)
-    _ask(dut, context, [0.0] * 6, NO_REQUEST)
+    _ask(dut, context, [0.0] * 6, Urgency.NONE)
     np.testing.assert_allclose(dut.GetOutputPort("delivered").Eval(context), [0.08, 0.0, -0.08], rtol=1e-15)
     advance(dut, context)
     np.testing.assert_allclose(dut.GetOutputPort("delivered").Eval(context), [0.08, 0.0, 0.0], rtol=1e-15)
@@ -184,7 +184,7 @@ def test_delivered_is_reckoned_with_the_mass_in_use() -> None:
     dut.GetInputPort("estimate").FixValue(context, estimate)
     for converged, delivered in ((0.0, 0.08), (1.0, 0.16)):
         dut.GetInputPort("converged").FixValue(context, [converged])
-        _ask(dut, context, [0.0, 0.0, 0.0, 0.8, 0.0, 0.0], AT_ONCE, limit_s=2.0)
+        _ask(dut, context, [0.0, 0.0, 0.0, 0.8, 0.0, 0.0], Urgency.AT_ONCE, limit_s=2.0)
         advance(dut, context)
         np.testing.assert_allclose(dut.GetOutputPort("delivered").Eval(context), [delivered, 0.0, 0.0], rtol=1e-15)
 
@@ -193,7 +193,7 @@ def test_jets_that_may_not_be_selected_never_fire() -> None:
     selectable = np.ones(N, dtype=bool)
     selectable[0] = False  # nothing else turns about +x
     dut, context = _dut(selectable=selectable)
-    _ask(dut, context, [0.16, 0.08, 0.0, 0.0, 0.0, 0.0], WHEN_IDLE)
+    _ask(dut, context, [0.16, 0.08, 0.0, 0.0, 0.0, 0.0], Urgency.WHEN_IDLE)
     assert np.flatnonzero(_fly(dut, context, 1)[0]).tolist() == [2]
     assert _counts(dut, context)[2] == 1.0  # met by the closest reachable
 
@@ -201,9 +201,9 @@ def test_jets_that_may_not_be_selected_never_fire() -> None:
 def test_a_translation_beyond_its_time_is_met_in_part_and_counted() -> None:
     # 0.8 ft/s in at most 0.4 s at 1 ft/s^2: half of it
     dut, context = _dut()
-    _ask(dut, context, [0.0, 0.0, 0.0, 0.0, 0.8, 0.0], AT_ONCE, limit_s=0.4)
+    _ask(dut, context, [0.0, 0.0, 0.0, 0.0, 0.8, 0.0], Urgency.AT_ONCE, limit_s=0.4)
     commands = _fly(dut, context, 1)
-    _ask(dut, context, [0.0] * 6, NO_REQUEST)
+    _ask(dut, context, [0.0] * 6, Urgency.NONE)
     assert np.vstack([commands, _fly(dut, context, 6)])[:, 8].sum() == 5.0
     counts = _counts(dut, context)
     assert counts[1:3] == [1.0, 0.0]
@@ -217,14 +217,14 @@ def test_estimates_are_used_once_they_have_converged() -> None:
     estimate[0] = 0.5
     dut.GetInputPort("estimate").FixValue(context, estimate)
     dut.GetInputPort("converged").FixValue(context, [0.0])
-    _ask(dut, context, [0.08, 0.0, 0.0, 0.0, 0.0, 0.0], WHEN_IDLE)
+    _ask(dut, context, [0.08, 0.0, 0.0, 0.0, 0.0, 0.0], Urgency.WHEN_IDLE)
     commands = _fly(dut, context, 1)
-    _ask(dut, context, [0.0] * 6, NO_REQUEST)
+    _ask(dut, context, [0.0] * 6, Urgency.NONE)
     assert np.vstack([commands, _fly(dut, context, 3)])[:, 0].sum() == 1.0
     dut.GetInputPort("converged").FixValue(context, [1.0])
-    _ask(dut, context, [0.08, 0.0, 0.0, 0.0, 0.0, 0.0], WHEN_IDLE)
+    _ask(dut, context, [0.08, 0.0, 0.0, 0.0, 0.0, 0.0], Urgency.WHEN_IDLE)
     commands = _fly(dut, context, 1)
-    _ask(dut, context, [0.0] * 6, NO_REQUEST)
+    _ask(dut, context, [0.0] * 6, Urgency.NONE)
     assert np.vstack([commands, _fly(dut, context, 3)])[:, 0].sum() == 2.0
 
 
@@ -232,13 +232,13 @@ def test_estimates_that_have_not_converged_may_be_anything() -> None:
     dut, context = _dut()
     dut.GetInputPort("estimate").FixValue(context, np.full(10, np.nan))
     dut.GetInputPort("converged").FixValue(context, [0.0])
-    _ask(dut, context, [0.08, 0.0, 0.0, 0.0, 0.0, 0.0], WHEN_IDLE)
+    _ask(dut, context, [0.08, 0.0, 0.0, 0.0, 0.0, 0.0], Urgency.WHEN_IDLE)
     assert np.flatnonzero(_fly(dut, context, 1)[0]).tolist() == [0]
 
 
 def test_asking_for_the_command_changes_nothing() -> None:
     dut, context = _dut()
-    _ask(dut, context, [0.16, 0.0, 0.0, 0.0, 0.0, 0.0], WHEN_IDLE)
+    _ask(dut, context, [0.16, 0.0, 0.0, 0.0, 0.0, 0.0], Urgency.WHEN_IDLE)
     for _ in range(3):
         dut.GetOutputPort("command").Eval(context)
     assert _counts(dut, context)[0] == 0.0

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from systems_probe import PERIOD_S, advance, feedthrough, inputs, outputs
 
-from massprop_drake.maths.autopilot.phase_space import AT_ONCE, NO_REQUEST, WHEN_IDLE, PhaseSpaceParams
+from massprop_drake.maths.autopilot.phase_space import PhaseSpaceParams, Urgency
 from massprop_drake.systems.autopilot.phase_space_controller import PhaseSpaceController
 
 SETTINGS = PhaseSpaceParams(
@@ -59,17 +59,17 @@ def test_topology() -> None:
 
 def test_at_rest_and_in_detent_nothing_is_asked() -> None:
     dut, context = _dut()
-    np.testing.assert_array_equal(_request(dut, context), [0.0] * 6 + [np.inf, NO_REQUEST])
+    np.testing.assert_array_equal(_request(dut, context), [0.0] * 6 + [np.inf, Urgency.NONE])
 
 
 def test_the_rotational_hand_controller_asks_for_the_discrete_rate_less_the_rate_that_is() -> None:
     dut, context = _dut()
     request = _request(dut, context, rotation=(1.0, 0.0, -1.0), rate=(0.004, 0.0, 0.001))
     np.testing.assert_allclose(request[:3], [0.006, 0.0, -0.011], rtol=1e-12)
-    np.testing.assert_array_equal(request[3:], [0.0, 0.0, 0.0, np.inf, WHEN_IDLE])
+    np.testing.assert_array_equal(request[3:], [0.0, 0.0, 0.0, np.inf, Urgency.WHEN_IDLE])
 
 
-@pytest.mark.parametrize(("rate", "urgency"), [(0.00049, NO_REQUEST), (0.00051, WHEN_IDLE)])
+@pytest.mark.parametrize(("rate", "urgency"), [(0.00049, Urgency.NONE), (0.00051, Urgency.WHEN_IDLE)])
 def test_a_rate_error_within_the_deadband_asks_for_nothing(rate: float, urgency: float) -> None:
     dut, context = _dut()
     request = _request(dut, context, rate=(0.0, -rate, 0.0))
@@ -82,7 +82,7 @@ def test_attitude_hold_commands_a_rate_in_proportion_to_the_error_up_to_a_limit(
     # 0.15 / s x 0.01 rad = 0.0015 rad/s back; 0.15 / s x 0.02 rad is beyond the limit of 0.002 rad/s
     request = _request(dut, context, error=(0.01, -0.02, 0.0))
     np.testing.assert_allclose(request[:3], [-0.0015, 0.002, 0.0], rtol=1e-12)
-    assert request[7] == WHEN_IDLE
+    assert request[7] == Urgency.WHEN_IDLE
 
 
 def test_a_translation_is_asked_for_at_once_over_the_horizon() -> None:
@@ -90,23 +90,23 @@ def test_a_translation_is_asked_for_at_once_over_the_horizon() -> None:
     # 0.5 ft/s^2 for 2 s
     request = _request(dut, context, translation=(0.0, -1.0, 0.0), rate=(0.0, 0.0, 0.0003))
     np.testing.assert_allclose(request[:6], [0.0, 0.0, -0.0003, 0.0, -1.0, 0.0], rtol=1e-12)
-    np.testing.assert_array_equal(request[6:], [2.0, AT_ONCE])
+    np.testing.assert_array_equal(request[6:], [2.0, Urgency.AT_ONCE])
 
 
 def test_during_a_translation_what_was_delivered_is_taken_off() -> None:
     dut, context = _dut()
     _request(dut, context, translation=(1.0, 0.0, 0.0))
     second = _request(dut, context, translation=(1.0, 0.0, 0.0), delivered=(0.03, 0.01, 0.0))
-    np.testing.assert_allclose(second[3:], [0.97, -0.01, 0.0, 2.0 - PERIOD_S, NO_REQUEST], rtol=1e-12)
+    np.testing.assert_allclose(second[3:], [0.97, -0.01, 0.0, 2.0 - PERIOD_S, Urgency.NONE], rtol=1e-12)
     third = _request(dut, context, translation=(1.0, 0.0, 0.0), delivered=(0.04, 0.0, 0.0))
-    np.testing.assert_allclose(third[3:], [0.93, -0.01, 0.0, 2.0 - 2 * PERIOD_S, NO_REQUEST], rtol=1e-12)
+    np.testing.assert_allclose(third[3:], [0.93, -0.01, 0.0, 2.0 - 2 * PERIOD_S, Urgency.NONE], rtol=1e-12)
 
 
 def test_a_translation_longer_than_the_horizon_is_asked_for_again() -> None:
     dut, context = _dut()
     urgencies = [_request(dut, context, translation=(1.0, 0.0, 0.0))[7] for _ in range(60)]
     # 2 s are 25 samples
-    assert [sample for sample, urgency in enumerate(urgencies) if urgency == AT_ONCE] == [0, 25, 50]
+    assert [sample for sample, urgency in enumerate(urgencies) if urgency == Urgency.AT_ONCE] == [0, 25, 50]
 
 
 def test_a_rate_error_during_a_translation_is_corrected_after_a_pause() -> None:
@@ -114,7 +114,7 @@ def test_a_rate_error_during_a_translation_is_corrected_after_a_pause() -> None:
     turning = (0.0041, 0.0, 0.0)
     urgencies = [_request(dut, context, translation=(1.0, 0.0, 0.0), rate=turning)[7] for _ in range(12)]
     # 0.4 s are 5 samples
-    assert [sample for sample, urgency in enumerate(urgencies) if urgency == AT_ONCE] == [0, 5, 10]
+    assert [sample for sample, urgency in enumerate(urgencies) if urgency == Urgency.AT_ONCE] == [0, 5, 10]
 
 
 def test_a_change_of_the_translation_command_is_asked_for_at_once() -> None:
@@ -122,13 +122,13 @@ def test_a_change_of_the_translation_command_is_asked_for_at_once() -> None:
     _request(dut, context, translation=(1.0, 0.0, 0.0))
     _request(dut, context, translation=(1.0, 0.0, 0.0), delivered=(0.1, 0.0, 0.0))
     request = _request(dut, context, translation=(1.0, 0.0, 1.0), delivered=(0.1, 0.0, 0.0))
-    np.testing.assert_allclose(request[3:], [1.0, 0.0, 1.0, 2.0, AT_ONCE], rtol=1e-12)
+    np.testing.assert_allclose(request[3:], [1.0, 0.0, 1.0, 2.0, Urgency.AT_ONCE], rtol=1e-12)
 
 
 def test_on_release_the_rest_of_a_translation_is_dropped_at_once() -> None:
     dut, context = _dut()
     _request(dut, context, translation=(1.0, 0.0, 0.0))
     request = _request(dut, context, rate=(0.0, 0.0, 0.0001))
-    np.testing.assert_allclose(request, [0.0, 0.0, -0.0001, 0.0, 0.0, 0.0, np.inf, AT_ONCE], rtol=1e-12)
+    np.testing.assert_allclose(request, [0.0, 0.0, -0.0001, 0.0, 0.0, 0.0, np.inf, Urgency.AT_ONCE], rtol=1e-12)
     # and only once
-    assert _request(dut, context)[7] == NO_REQUEST
+    assert _request(dut, context)[7] == Urgency.NONE

@@ -12,7 +12,7 @@ from systems_probe import PERIOD_S, advance, feedthrough, inputs, outputs
 from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.maths.estimation import adaptation
 from massprop_drake.maths.estimation.detectors import cglr as detection
-from massprop_drake.maths.estimation.detectors.cglr import DECLARED, NOTHING, initial_state, packed
+from massprop_drake.maths.estimation.detectors.cglr import Event, initial_state, packed
 from massprop_drake.maths.estimation.detectors.jet_tests import signatures
 from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError
 from massprop_drake.systems.estimation.failure_detector import FailureDetector
@@ -96,7 +96,7 @@ class Rig:
             self.fail()
             event = self.out("status")[2]
             self.next()
-        assert event == DECLARED
+        assert event == Event.DECLARED
 
 
 @pytest.fixture
@@ -165,12 +165,12 @@ def test_outputs_are_those_of_the_mathematics(orbiter: Vehicle, uncertainty: str
 
 def test_the_update_remembers_and_declares(rig: Rig) -> None:
     rig.fail()
-    assert rig.out("status")[[1, 2, 13]].tolist() == [1.0, NOTHING, 1.0]
+    assert rig.out("status")[[1, 2, 13]].tolist() == [1.0, Event.NOTHING, 1.0]
     assert not rig.out("reconfiguration").any()
     rig.next()
     assert rig.out("memory")[:2].tolist() == [12.0, 1.0]
     rig.fail()
-    assert rig.out("status")[[1, 2, 13]].tolist() == [1.0, DECLARED, 2.0]
+    assert rig.out("status")[[1, 2, 13]].tolist() == [1.0, Event.DECLARED, 2.0]
     # the time of the sample dates the onset: the first alarm came at 0, of the interval before it
     np.testing.assert_allclose(rig.out("status")[12], -PERIOD_S, rtol=1e-12)
 
@@ -243,8 +243,8 @@ def test_a_jump_needs_a_commanded_jet(rig: Rig) -> None:
     command = np.zeros(N)
     command[0] = 1.0
     rig.see(odd, jet_commands=command, impulses=np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0, STEADY, 1.0]))
-    assert quiet == [0.0, NOTHING]
-    assert rig.out("status")[1:3].tolist() == [0.0, detection.JUMP]
+    assert quiet == [0.0, Event.NOTHING]
+    assert rig.out("status")[1:3].tolist() == [0.0, detection.Event.JUMP]
     assert rig.out("adaptation")[25] == 1.0
 
 

@@ -9,8 +9,8 @@ import pytest
 from params_probe import mass_params
 from systems_probe import advance, feedthrough, inputs, outputs
 
-from massprop_drake.maths.estimation.filters.mass_filter import TRANSVERSE, TRANSVERSE_CENTRIPETAL
-from massprop_drake.maths.estimation.redundancy import AVERAGE
+from massprop_drake.maths.estimation.filters.mass_filter import Compensation
+from massprop_drake.maths.estimation.redundancy import Rule
 from massprop_drake.systems.estimation._readings import Package
 from massprop_drake.systems.estimation.mass_estimator import MassEstimator
 
@@ -151,7 +151,7 @@ def test_a_missing_reading_costs_two_samples_and_harms_nothing() -> None:
 
 
 def test_a_sample_without_its_rates_is_not_used() -> None:
-    dut, context = _dut(compensation=TRANSVERSE)
+    dut, context = _dut(compensation=Compensation.TRANSVERSE)
     _sample(dut, context, [0.0, 0.0, 0.0])
     status = _sample(dut, context, [0.6, 0.0, 0.0], rate_sample=[np.nan] * 7)
     np.testing.assert_array_equal(status, [np.nan] * 4 + [0.0, 0.0])
@@ -161,12 +161,12 @@ def test_a_sample_without_its_rates_is_not_used() -> None:
 
 def test_transverse_motion_is_taken_out_about_the_predicted_center_of_mass() -> None:
     # dw = (0, 0, 0.1) at 2 ahead of the center of mass: dw x r = (0, 0.2, 0)
-    dut, context = _dut(compensation=TRANSVERSE)
+    dut, context = _dut(compensation=Compensation.TRANSVERSE)
     _sample(dut, context, [0.0, 0.0, 0.0])
     status = _sample(dut, context, [0.5, 0.2, 0.0], rate_sample=[0.0, 0.0, 0.1, 0.0, 0.0, 0.05, 0.0])
     np.testing.assert_allclose(status[:3], [0.0, 0.0, 0.0], atol=1e-16)
     # with the center of mass 1 further aft, 0.3 is expected
-    dut, context = _dut(compensation=TRANSVERSE)
+    dut, context = _dut(compensation=Compensation.TRANSVERSE)
     dut.GetInputPort("predicted_estimate").FixValue(context, np.zeros(9))
     _sample(dut, context, [0.0, 0.0, 0.0])
     status = _sample(dut, context, [0.5, 0.2, 0.0], rate_sample=[0.0, 0.0, 0.1, 0.0, 0.0, 0.05, 0.0])
@@ -175,7 +175,7 @@ def test_transverse_motion_is_taken_out_about_the_predicted_center_of_mass() -> 
 
 def test_centripetal_motion_is_taken_out_too() -> None:
     # turning about z at 0.5: w x (w x r) T = -0.25 x 2 x 0.08 along x
-    dut, context = _dut(compensation=TRANSVERSE_CENTRIPETAL)
+    dut, context = _dut(compensation=Compensation.TRANSVERSE_CENTRIPETAL)
     _sample(dut, context, [0.0, 0.0, 0.0])
     status = _sample(dut, context, [0.5 - 0.04, 0.0, 0.0], rate_sample=[0.0, 0.0, 0.0, 0.0, 0.0, 0.5, 0.0])
     np.testing.assert_allclose(status[:3], [0.0, 0.0, 0.0], atol=1e-16)
@@ -184,7 +184,7 @@ def test_centripetal_motion_is_taken_out_too() -> None:
 def test_unknown_rotation_and_center_of_mass_widen_the_innovation() -> None:
     # dw = (0, 0, 0.1), S_cm = 0.09 in y: [dw x] S [dw x]^T has 0.01 x 0.09 in x;
     # W = var (tr M 1 - M), var = 0.001, M = diag(4, 0.09, 0)
-    dut, context = _dut(compensation=TRANSVERSE, compensation_covariance=True)
+    dut, context = _dut(compensation=Compensation.TRANSVERSE, compensation_covariance=True)
     covariance = np.zeros((9, 9))
     covariance[7, 7] = 0.09
     dut.GetInputPort("predicted_covariance").FixValue(context, covariance.ravel())
@@ -248,10 +248,10 @@ def test_a_package_at_its_range_counts_as_missing() -> None:
 
 
 def test_a_spare_package_need_not_be_connected_to_be_averaged() -> None:
-    dut, context = _dut(("acc", "spare"), rule=AVERAGE)
+    dut, context = _dut(("acc", "spare"), rule=Rule.AVERAGE)
     _sample(dut, context, [0.0, 0.0, 0.0])
     assert _sample(dut, context, [0.6, 0.0, 0.0])[0] == pytest.approx(0.1)
-    dut, context = _dut(("acc", "spare"), rule=AVERAGE)
+    dut, context = _dut(("acc", "spare"), rule=Rule.AVERAGE)
     _both(dut, context, [0.0] * 3, [0.0] * 3)
     assert _both(dut, context, [0.6, 0.0, 0.0], [0.8, 0.0, 0.0])[0] == pytest.approx(0.2)
 

@@ -9,8 +9,8 @@ import pytest
 from params_probe import rotation_params
 from systems_probe import PERIOD_S, advance, feedthrough, inputs, outputs
 
-from massprop_drake.maths.estimation.filters.rotation_filter import HYBRID, SUBTRACT
-from massprop_drake.maths.estimation.redundancy import AVERAGE
+from massprop_drake.maths.estimation.filters.rotation_filter import Coupling
+from massprop_drake.maths.estimation.redundancy import Rule
 from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
 from massprop_drake.systems.estimation._readings import Package
 from massprop_drake.systems.estimation.rotation_estimator import RotationEstimator
@@ -194,7 +194,7 @@ def test_a_large_innovation_raises_the_covariance_first() -> None:
 def test_the_hybrid_rule_is_remembered_while_coasting() -> None:
     # Y = 0.041 and R = 0.001: subtract when the limit is above 41
     for limit, subtracts in ((42.0, 1.0), (40.0, 0.0)):
-        dut, context = _dut(coupling=HYBRID, coupling_limit=limit)
+        dut, context = _dut(coupling=Coupling.HYBRID, coupling_limit=limit)
         assert _sample(dut, context, [0.0, 0.0, 0.0])[6] == 0.0
         assert _sample(dut, context, [0.01, 0.0, 0.0])[6] == 0.0  # coasting says nothing
         assert _sample(dut, context, [1.01, 0.0, 0.0], [*TWIST, 0.0, 1.0])[6] == subtracts
@@ -203,7 +203,7 @@ def test_the_hybrid_rule_is_remembered_while_coasting() -> None:
 
 def test_dynamic_coupling_is_subtracted() -> None:
     # turning with (1, 1, 0), I = diag(2, 4, 5): w x I w = (0, 0, 2), so dw_z = -0.2 x 2 x 0.08
-    dut, context = _dut(coupling=SUBTRACT)
+    dut, context = _dut(coupling=Coupling.SUBTRACT)
     _sample(dut, context, [1.0, 1.0, 0.0])
     status = _sample(dut, context, [1.0, 1.0, -0.032])
     # the mean rate has w_z = -0.016: what it adds is w x I w = (1 x 5 - 4) x -0.016 and (2 - 5) x -0.016
@@ -242,7 +242,7 @@ def test_a_gyro_at_its_range_is_skipped() -> None:
 
 
 def test_two_gyros_are_averaged_and_tell_the_mass_filter_how_well() -> None:
-    dut, context = _dut(("gyro", "spare"), rule=AVERAGE)
+    dut, context = _dut(("gyro", "spare"), rule=Rule.AVERAGE)
     for gyro, spare in ((0.0, 0.0), (1.0, 1.2)):
         dut.GetInputPort("spare").FixValue(context, [spare, 0.0, 0.0])
         dut.GetInputPort("gyro").FixValue(context, [gyro, 0.0, 0.0])

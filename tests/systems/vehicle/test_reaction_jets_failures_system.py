@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from systems_probe import PERIOD_S, advance
 
-from massprop_drake.maths.vehicle.true_failures import DEGRADED, INTERMITTENT, LEAK, STUCK_OFF, STUCK_ON, Failure
+from massprop_drake.maths.vehicle.true_failures import Failure, FailureKind
 from massprop_drake.systems.vehicle.reaction_jets import ReactionJets
 
 # three jets of 5, 2 and 4 lbf; torque, force and mass flow
@@ -66,20 +66,20 @@ def fly(dut: ReactionJets, context: Any, commands: list[list[float]]) -> np.ndar
 
 
 def test_a_stuck_jet_pushes_from_its_onset_on() -> None:
-    dut, context = make(Failure(0, STUCK_ON, 2 * PERIOD_S, math.inf))
+    dut, context = make(Failure(0, FailureKind.STUCK_ON, 2 * PERIOD_S, math.inf))
     thrust = fly(dut, context, [NONE] * 4)
     np.testing.assert_allclose(thrust[:, 0], [0.0, 0.0, 5.0, 5.0], atol=ROUNDING)
     assert not thrust[:, 1:].any()
 
 
 def test_a_failure_that_ends() -> None:
-    dut, context = make(Failure(1, STUCK_OFF, PERIOD_S, 3 * PERIOD_S))
+    dut, context = make(Failure(1, FailureKind.STUCK_OFF, PERIOD_S, 3 * PERIOD_S))
     thrust = fly(dut, context, [[0.0, 1.0, 0.0]] * 5)
     np.testing.assert_allclose(thrust[:, 1], [2.0, 0.0, 0.0, 2.0, 2.0], atol=ROUNDING)
 
 
 def test_a_leak_pushes_besides_what_is_commanded_and_uses_propellant() -> None:
-    dut, context = make(Failure(0, LEAK, 0.0, math.inf, amount=0.1))
+    dut, context = make(Failure(0, FailureKind.LEAK, 0.0, math.inf, amount=0.1))
     command(dut, context, [1.0, 0.0, 0.0], NONE)
     np.testing.assert_allclose(out(dut, context, "wrench_profile"), 1.1 * WRENCHES[0], rtol=1e-12)
     command(dut, context, NONE, NONE)
@@ -88,25 +88,25 @@ def test_a_leak_pushes_besides_what_is_commanded_and_uses_propellant() -> None:
 
 
 def test_a_degraded_jet_loses_torque_force_and_flow_alike() -> None:
-    dut, context = make(Failure(2, DEGRADED, 0.0, math.inf, amount=0.25))
+    dut, context = make(Failure(2, FailureKind.DEGRADED, 0.0, math.inf, amount=0.25))
     command(dut, context, [0.0, 0.0, 1.0], NONE)
     np.testing.assert_allclose(out(dut, context, "wrench_profile"), 0.25 * WRENCHES[2], rtol=1e-12)
 
 
 def test_an_onset_within_a_sample_gives_its_part_of_the_impulse() -> None:
-    dut, context = make(Failure(0, STUCK_ON, PERIOD_S + 0.02, math.inf))
+    dut, context = make(Failure(0, FailureKind.STUCK_ON, PERIOD_S + 0.02, math.inf))
     np.testing.assert_allclose(fly(dut, context, [NONE] * 3)[:, 0], [0.0, 5.0 * 0.75, 5.0], atol=1e-10)
 
 
 def test_a_stuck_jet_builds_its_thrust_up() -> None:
     # mean over the first sample 1 - (1 - exp(-2)) / 2; the second begins exp(-2) short of full thrust
-    dut, context = make(Failure(0, STUCK_ON, PERIOD_S, math.inf), constants=(TAU, 0.0, 0.0))
+    dut, context = make(Failure(0, FailureKind.STUCK_ON, PERIOD_S, math.inf), constants=(TAU, 0.0, 0.0))
     expected = [0.0, 1.0 - MEAN, 1.0 - LEFT * MEAN, 1.0 - LEFT**2 * MEAN]
     np.testing.assert_allclose(fly(dut, context, [NONE] * 4)[:, 0], 5.0 * np.array(expected), atol=1e-10)
 
 
 def test_a_jet_that_sticks_off_while_it_fires_tails_off() -> None:
-    dut, context = make(Failure(1, STUCK_OFF, 2 * PERIOD_S, math.inf), constants=(0.0, TAU, 0.0))
+    dut, context = make(Failure(1, FailureKind.STUCK_OFF, 2 * PERIOD_S, math.inf), constants=(0.0, TAU, 0.0))
     level = 1.0 - LEFT**2  # after two samples of building up
     expected = [1.0 - MEAN, 1.0 - LEFT * MEAN, level * MEAN, level * LEFT * MEAN]
     thrust = fly(dut, context, [[0.0, 1.0, 0.0]] * 4)[:, 1]
@@ -114,9 +114,9 @@ def test_a_jet_that_sticks_off_while_it_fires_tails_off() -> None:
 
 
 FAILURES = (
-    Failure(0, STUCK_ON, 1.5 * PERIOD_S, 4.25 * PERIOD_S),
-    Failure(1, LEAK, PERIOD_S, math.inf, amount=0.2),
-    Failure(2, INTERMITTENT, 0.0, math.inf, amount=0.5, probability=0.5, stream="failure 2 of C"),
+    Failure(0, FailureKind.STUCK_ON, 1.5 * PERIOD_S, 4.25 * PERIOD_S),
+    Failure(1, FailureKind.LEAK, PERIOD_S, math.inf, amount=0.2),
+    Failure(2, FailureKind.INTERMITTENT, 0.0, math.inf, amount=0.5, probability=0.5, stream="failure 2 of C"),
 )
 SCHEDULE = [[0.0, 1.0, 1.0], [1.0, 1.0, 1.0], [0.0, 0.0, 1.0], [0.0, 0.5, 0.0], [1.0, 0.0, 1.0], [0.0, 0.0, 1.0]]
 
@@ -173,7 +173,10 @@ def close(dut: ReactionJets, context: Any, coming: list[float], held: list[float
 
 
 def test_a_closed_manifold_stops_whatever_its_jets_do() -> None:
-    failures = (Failure(0, STUCK_ON, 0.0, math.inf), Failure(1, LEAK, 0.0, math.inf, amount=0.2))
+    failures = (
+        Failure(0, FailureKind.STUCK_ON, 0.0, math.inf),
+        Failure(1, FailureKind.LEAK, 0.0, math.inf, amount=0.2),
+    )
     dut, context = make(*failures)
     close(dut, context, [1.0, 1.0, 0.0], NONE)
     command(dut, context, [1.0, 1.0, 1.0], NONE)
@@ -183,7 +186,7 @@ def test_a_closed_manifold_stops_whatever_its_jets_do() -> None:
 
 def test_thrust_tails_off_when_the_manifold_closes() -> None:
     # full thrust for long, then the manifold closes: the mean of exp(-s / tau), then exp(-2) of it
-    dut, context = make(Failure(0, STUCK_ON, 0.0, math.inf), constants=(TAU, 0.0, 0.0))
+    dut, context = make(Failure(0, FailureKind.STUCK_ON, 0.0, math.inf), constants=(TAU, 0.0, 0.0))
     close(dut, context, NONE, NONE)
     fly(dut, context, [NONE] * 20)  # exp(-40) short of full thrust
     close(dut, context, [1.0, 0.0, 0.0], NONE)

@@ -1,1 +1,10 @@
-"""Detectors of failed jets, a file per variant."""
+"""Detectors of failed jets, a file per variant, and the registry that scenarios name them by."""
+
+from __future__ import annotations
+
+from massprop_drake.maths.estimation.detector import Detector
+from massprop_drake.maths.estimation.detectors import cglr
+
+DETECTORS: dict[str, Detector] = {
+    "cglr": cglr.DETECTOR,
+}

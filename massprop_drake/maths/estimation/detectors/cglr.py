@@ -1,4 +1,4 @@
-r"""From the tests of single samples to declared failures, and what follows from them.
+r"""The constrained generalized likelihood ratio (CGLR): from tests of single samples to declared failures.
 
 One cycle of the detector (section 4.3 to 4.5 of the thesis, with the rules marked [own]):
 
@@ -25,30 +25,42 @@ One cycle of the detector (section 4.3 to 4.5 of the thesis, with the rules mark
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_drake.maths.estimation.adaptation import NO_ADAPTATION, REJECT, Adaptation
+from massprop_drake.maths.arrays import NUMBER, Layout
+from massprop_drake.maths.estimation.adaptation import NO_ADAPTATION, Action, Adaptation
+from massprop_drake.maths.estimation.detector import (
+    NO_KNOWN_FORCE,
+    STATUS,
+    Detector,
+    Event,
+    Evidence,
+    Jets,
+    Judgment,
+    KnownForce,
+)
 from massprop_drake.maths.estimation.detectors.jet_tests import (
     Isolation,
     JetTests,
+    Signs,
+    UncertainSignatures,
     isolate,
     jet_tests,
     signatures,
     uncertain_jet_tests,
 )
 from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError, inverse_positive_definite
-from massprop_drake.maths.mass_properties import converged
-
-NOTHING, DECLARED, JUMP, WITHDRAWN = 0, 1, 2, 3  # events
+from massprop_drake.maths.mass_properties import N_ROTATION, converged
 
 _AMBIGUOUS = 25.0  # likelihood argument of a failure beyond doubt, whichever jet it is
 _LONGEST_GATE = 25.0  # cycles that alarms in a row may lie apart with no sample tested between them
 _JUMP_NIS = 50.0  # of the rotation filter: a jump beyond doubt (chi-square, 3 degrees: 1e-10)
-N_KNOWN_FORCE = 24  # of a packed `KnownForce`: wrench, then the two spreads row by row
+_FORCE_FLOOR = 1e-4  # least 1-sigma of a known force, relative to the strongest jet's
 _QUIET = -1.0  # no cluster is suspected
+_TRANSLATION, _ROTATION = slice(0, 3), slice(3, 6)  # parts of the innovations
 
 
 class CglrParams(NamedTuple):
@@ -74,6 +86,7 @@ class CglrParams(NamedTuple):
         force_variance_floor: of a known force, lbf^2 or N^2.
         manifolds: index of the manifold that is closed when a jet's failure is declared, -1: none is,
             shape (n_jets,).
+        limits: of convergence, below which samples are tested; see `mass_properties.converged`, shape (3,).
     """
 
     period_s: float
@@ -89,13 +102,43 @@ class CglrParams(NamedTuple):
     unexplained_limit: float
     alarms_to_declare: int
     alarm_gap: int
-    action: int
+    action: Action
     force_variance_floor: float
     manifolds: NDArray[np.int_]
+    limits: Array
+
+
+def make_params(jets: Jets, options: Any) -> CglrParams:
+    """Parameters from a scenario's block `detector`.
+
+    Args:
+        jets: see `Jets`.
+        options: the block, field by field.
+    """
+    limit = options.unexplained_limit
+    return CglrParams(
+        period_s=jets.period_s,
+        clusters=jets.clusters,
+        unit_wrenches=jets.unit_wrenches,
+        thrusts=jets.thrusts,
+        margin=options.margin,
+        threshold=options.threshold,
+        dispersion_threshold=options.dispersion_threshold,
+        magnitude_threshold=options.magnitude_threshold,
+        mirror_sign_rule=options.mirror_sign_rule,
+        signature_uncertainty=options.signature_uncertainty,
+        unexplained_limit=math.inf if limit is None else limit,
+        alarms_to_declare=options.reconfigure_after or 0,
+        alarm_gap=options.alarm_gap,
+        action=Action[options.on_detection.upper()],
+        force_variance_floor=(_FORCE_FLOOR * float(jets.thrusts.max())) ** 2,
+        manifolds=jets.manifolds if options.close_manifold else np.full_like(jets.manifolds, -1),
+        limits=jets.limits,
+    )
 
 
 class DetectorState(NamedTuple):
-    """What the detector remembers; `packed` and `unpacked` turn it into a vector and back.
+    """What the detector remembers.
 
     Attributes:
         cluster: index of the cluster under suspicion, -1: none.
@@ -120,25 +163,23 @@ class DetectorState(NamedTuple):
     closed: Array
 
 
-N_SUSPICION = 10  # of a packed state: what comes before the parts with an element per jet
+LAYOUT = Layout(
+    "cglr",
+    cluster=NUMBER,
+    alarms=NUMBER,
+    since=NUMBER,
+    onset_s=NUMBER,
+    effect=6,
+    force="jets",
+    variance="jets",
+    removed="jets",
+    closed="jets",
+)
 
 
 def initial_state(n_jets: int) -> DetectorState:
     """Nothing suspected, nothing known."""
     return DetectorState(_QUIET, 0.0, 0.0, 0.0, np.zeros(6), *np.zeros((4, n_jets)))
-
-
-def packed(state: DetectorState) -> Array:
-    """The state as a vector, shape (10 + 4 n_jets,)."""
-    head = [state.cluster, state.alarms, state.since, state.onset_s]
-    return np.concatenate([head, state.effect, state.force, state.variance, state.removed, state.closed])
-
-
-def unpacked(vector: Array, n_jets: int) -> DetectorState:
-    """The inverse of `packed`."""
-    parts = vector[N_SUSPICION:].reshape(4, n_jets)
-    cluster, alarms, since, onset_s = vector[:4].tolist()
-    return DetectorState(cluster, alarms, since, onset_s, vector[4:N_SUSPICION], *parts)
 
 
 class DetectorSample(NamedTuple):
@@ -197,7 +238,7 @@ class Finding(NamedTuple):
     alarms: float
 
 
-_NOT_TESTED = Finding(False, False, Isolation(0, 0, 0.0, 0.0), False, 0.0, 0.0, 0.0, NOTHING, 0.0, 0.0)
+_NOT_TESTED = Finding(False, False, Isolation(0, 0, 0.0, 0.0), False, 0.0, 0.0, 0.0, Event.NOTHING, 0.0, 0.0)
 
 
 class DetectorCycle(NamedTuple):
@@ -241,19 +282,15 @@ def cycle(state: DetectorState, sample: DetectorSample, params: CglrParams) -> D
     isolation = isolate(tests.likelihood, params.clusters)
     suspicious = isolation.cluster_margin > params.margin or tests.likelihood[isolation.jet] > _AMBIGUOUS
     if suspicious and params.signature_uncertainty:
-        tests = uncertain_jet_tests(
-            tests,
+        uncertain = UncertainSignatures(
             coefficients,
-            params.unit_wrenches,
-            innovation,
-            sample.covariance,
+            params.unit_wrenches * params.period_s,
             sample.mass_properties,
             sample.state_covariance,
             sample.mass_variance,
-            params.period_s,
-            impossible_negative,
-            impossible_positive,
         )
+        signs = Signs(impossible_negative, impossible_positive)
+        tests = uncertain_jet_tests(tests, innovation, sample.covariance, uncertain, signs)
         isolation = isolate(tests.likelihood, params.clusters)
     jet = isolation.jet
     magnitude, unexplained = float(tests.magnitude[jet]), float(tests.unexplained[jet])
@@ -272,7 +309,7 @@ def cycle(state: DetectorState, sample: DetectorSample, params: CglrParams) -> D
         magnitude,
         float(np.sqrt(tests.variance[jet])),
         unexplained,
-        NOTHING,
+        Event.NOTHING,
         0.0,
         0.0,
     )
@@ -285,11 +322,11 @@ def cycle(state: DetectorState, sample: DetectorSample, params: CglrParams) -> D
                 finding = finding._replace(event=event, onset_s=sample.time_s - params.period_s, alarms=1.0)
                 return DetectorCycle(state, tests, finding, adaptation)
             # a jet has failed, but which one the sample does not say: no jump, and nothing to learn from
-            return DetectorCycle(state, tests, finding, NO_ADAPTATION._replace(action=REJECT))
+            return DetectorCycle(state, tests, finding, NO_ADAPTATION._replace(action=Action.REJECT))
         # without a commanded impulse mass properties do not show
         jumped = sample.firing and _rotation_nis(sample) > _JUMP_NIS
         if jumped:
-            finding = finding._replace(event=JUMP, onset_s=sample.time_s - params.period_s, alarms=1.0)
+            finding = finding._replace(event=Event.JUMP, onset_s=sample.time_s - params.period_s, alarms=1.0)
         adaptation = NO_ADAPTATION._replace(mass_jumped=True) if jumped else NO_ADAPTATION
         state = state if jumped else _followed(state, coefficients, sample, params)
         return DetectorCycle(state, tests, finding, adaptation)
@@ -309,8 +346,8 @@ def _untested(state: DetectorState) -> DetectorCycle:
 
 
 def _rotation_nis(sample: DetectorSample) -> float:
-    rotation = sample.innovation[3:]
-    return float(rotation @ inverse_positive_definite(sample.covariance[3:, 3:]) @ rotation)
+    rotation = sample.innovation[_ROTATION]
+    return float(rotation @ inverse_positive_definite(sample.covariance[_ROTATION, _ROTATION]) @ rotation)
 
 
 def _unsuspecting(state: DetectorState) -> DetectorState:
@@ -338,7 +375,14 @@ def _correction(signature: Array, tests: JetTests, jet: int, params: CglrParams)
     """Takes the likeliest jet's signature out of the innovations (4-29) to (4-32)."""
     effect = float(tests.magnitude[jet]) * signature
     spread = float(tests.variance[jet]) * (signature[:, None] * signature)
-    return Adaptation(params.action, effect[:3], effect[3:], spread[:3, :3], spread[3:, 3:], mass_jumped=False)
+    return Adaptation(
+        params.action,
+        effect[_TRANSLATION],
+        effect[_ROTATION],
+        spread[_TRANSLATION, _TRANSLATION],
+        spread[_ROTATION, _ROTATION],
+        mass_jumped=False,
+    )
 
 
 def _counted(
@@ -382,7 +426,7 @@ def _counted(
         force[jet] = finding.magnitude
         variance[jet] = max(float(tests.variance[jet]), params.force_variance_floor)
     state = _unsuspecting(state)._replace(force=force, variance=variance, removed=removed, closed=closed)
-    return state, finding._replace(event=DECLARED)
+    return state, finding._replace(event=Event.DECLARED)
 
 
 def _corrected_force(state: DetectorState, tests: JetTests, jet: int, params: CglrParams) -> tuple[DetectorState, int]:
@@ -392,9 +436,9 @@ def _corrected_force(state: DetectorState, tests: JetTests, jet: int, params: Cg
     variance[jet] = max(float(tests.variance[jet]), params.force_variance_floor)
     state = state._replace(force=force, variance=variance)
     if abs(force[jet]) > 3.0 * np.sqrt(variance[jet]):
-        return state, NOTHING
+        return state, Event.NOTHING
     force[jet] = variance[jet] = 0.0
-    return state, WITHDRAWN
+    return state, Event.WITHDRAWN
 
 
 def _followed(state: DetectorState, coefficients: Array, sample: DetectorSample, params: CglrParams) -> DetectorState:
@@ -405,7 +449,7 @@ def _followed(state: DetectorState, coefficients: Array, sample: DetectorSample,
     force, variance = state.force.copy(), state.variance.copy()
     blocks = [
         (block, inverse_positive_definite(sample.covariance[block, block], "innovation covariance"))
-        for block in (slice(0, 3), slice(3, 6))
+        for block in (_TRANSLATION, _ROTATION)
     ]
     for jet, excess in zip(jets, _excess(state, jets, sample.command, params), strict=True):
         prior = float(variance[jet])
@@ -420,24 +464,6 @@ def _followed(state: DetectorState, coefficients: Array, sample: DetectorSample,
         force[jet] += projection / information
         variance[jet] = max(1.0 / information, params.force_variance_floor)
     return state._replace(force=force, variance=variance)
-
-
-class KnownForce(NamedTuple):
-    """Effect of the known forces of failed jets on one sample.
-
-    Attributes:
-        wrench: torque about the vehicle origin and force, shape (6,).
-        translation_spread, rotation_spread: what their uncertainty adds to the covariances of the
-            velocity and rate increments, shape (3, 3) each.
-    """
-
-    wrench: Array
-    translation_spread: Array
-    rotation_spread: Array
-
-
-_NO_SPREAD = np.zeros((3, 3))
-NO_KNOWN_FORCE = KnownForce(np.zeros(6), _NO_SPREAD, _NO_SPREAD)
 
 
 def _excess(state: DetectorState, jets: NDArray[np.int_], command: Array, params: CglrParams) -> Array:
@@ -467,92 +493,54 @@ def known_force(state: DetectorState, mass_properties: Array, command: Array, pa
     variance = state.variance[jets] * excess**2
     return KnownForce(
         (state.force[jets] * excess) @ wrenches,
-        (c[:, :3].T * variance) @ c[:, :3],
-        (c[:, 3:].T * variance) @ c[:, 3:],
+        (c[:, _TRANSLATION].T * variance) @ c[:, _TRANSLATION],
+        (c[:, _ROTATION].T * variance) @ c[:, _ROTATION],
     )
 
 
-def shared_covariance(translation_effects: Array | None, rotation_effects: Array | None) -> Array | None:
-    """Covariance of the translation innovation with the rotation innovation by thrust errors, shape (3, 3).
-
-    None where none is considered, or none bears on the sample.
-
-    Args:
-        translation_effects, rotation_effects: what one sigma of each jet's thrust error does to them, shape
-            (3, n_jets) each.
-    """
-    if translation_effects is None or rotation_effects is None or not rotation_effects.any():
-        return None
-    shared: Array = translation_effects @ rotation_effects.T
-    return shared
-
-
-def judged(
-    state: DetectorState,
-    time_s: float,
-    command: Array,
-    usable: bool,
-    firing: bool,
-    translation: Array,
-    rotation: Array,
-    translation_covariance: Array,
-    rotation_covariance: Array,
-    rotation_estimate: Array,
-    state_covariance: Array,
-    mass_estimate: Array,
-    limits: Array,
-    params: CglrParams,
-    shared_covariance: Array | None = None,
-) -> DetectorCycle:
+def judged(state: DetectorState, evidence: Evidence, params: CglrParams) -> DetectorCycle:
     """One cycle of the detector from the filters' predictions and innovations.
 
     Args:
         state: of the cycle before.
-        time_s: of the sample, s.
-        command: fraction commanded over the interval that ended, shape (n_jets,).
-        usable, firing: see `DetectorSample`.
-        translation, rotation: innovations, NaN where not measured, shape (3,) each.
-        translation_covariance, rotation_covariance: theirs, shape (3, 3) each.
-        rotation_estimate: x, predicted, shape (9,).
-        state_covariance: S, predicted, shape (9, 9).
-        mass_estimate: 1/m and its variance, predicted; more elements are ignored.
-        limits: of convergence, see `mass_properties.converged`, shape (3,).
+        evidence: of this one.
         params: see `CglrParams`.
-        shared_covariance: of the translation innovation with the rotation innovation, by considered thrust
-            errors, shape (3, 3); None: none bears on the sample.
 
     Raises:
         NotPositiveDefiniteError: when an innovation covariance is not positive definite.
     """
-    measured = math.isfinite(translation[0]) and math.isfinite(rotation[0])
-    if not (usable and measured):
+    innovation = evidence.innovation
+    if not (evidence.usable and _measured(innovation)):
         return _untested(state)
-    parameters, variance = np.empty(10), np.empty(10)
-    parameters[:9], parameters[9] = rotation_estimate, mass_estimate[0]
-    variance[:9], variance[9] = state_covariance.diagonal(), mass_estimate[1]
-    if not converged(np.sqrt(variance), parameters, limits):
+    variance = evidence.estimate_covariance.diagonal()
+    if not converged(np.sqrt(variance), evidence.estimate, params.limits):
         return _untested(state)
-    covariance, information = np.zeros((6, 6)), np.zeros((6, 6))
-    covariance[:3, :3], covariance[3:, 3:] = translation_covariance, rotation_covariance
-    if shared_covariance is None:
-        information[:3, :3] = inverse_positive_definite(translation_covariance, "innovation covariance")
-        information[3:, 3:] = inverse_positive_definite(rotation_covariance, "innovation covariance")
-    else:
-        covariance[:3, 3:], covariance[3:, :3] = shared_covariance, shared_covariance.T
+    covariance = evidence.covariance
+    if evidence.coupled:
         information = _inverse(covariance)
+    else:
+        information = np.zeros((6, 6))
+        for block in (_TRANSLATION, _ROTATION):
+            own = inverse_positive_definite(covariance[block, block], "innovation covariance")
+            information[block, block] = own
     sample = DetectorSample(
-        time_s=time_s,
-        command=command,
-        firing=firing,
-        innovation=np.concatenate([translation, rotation]),
+        time_s=evidence.time_s,
+        command=evidence.command,
+        firing=evidence.firing,
+        innovation=innovation,
         covariance=covariance,
         information=information,
-        thrust_errors=shared_covariance is not None,
-        mass_properties=parameters,
-        state_covariance=state_covariance,
-        mass_variance=float(mass_estimate[1]),
+        thrust_errors=evidence.coupled,
+        mass_properties=evidence.estimate,
+        state_covariance=evidence.estimate_covariance[:N_ROTATION, :N_ROTATION],
+        mass_variance=float(variance[N_ROTATION]),
     )
     return cycle(state, sample, params)
+
+
+def _measured(innovation: Array) -> bool:
+    """Whether translation and rotation both have an innovation."""
+    return math.isfinite(innovation[_TRANSLATION.start]) and math.isfinite(innovation[_ROTATION.start])
 
 
 def _inverse(covariance: Array) -> Array:
@@ -567,24 +555,36 @@ def _inverse(covariance: Array) -> Array:
     return result
 
 
-def status(result: DetectorCycle) -> Array:
-    """A cycle's finding as a vector for logs, shape (14,); see the `FailureDetector`'s port."""
-    finding = result.finding
-    return np.array(
-        [
-            finding.tested,
-            finding.alarm,
-            finding.event,
-            finding.isolation.cluster,
-            finding.isolation.jet,
-            finding.jet_isolated,
-            finding.magnitude,
-            finding.magnitude_std,
-            result.tests.likelihood[finding.isolation.jet],
-            finding.isolation.cluster_margin,
-            finding.isolation.jet_margin,
-            finding.unexplained,
-            finding.onset_s,
-            finding.alarms,
-        ]
+def status(result: DetectorCycle) -> Any:
+    """A cycle's finding as it is logged, see `detector.STATUS`."""
+    finding, isolation = result.finding, result.finding.isolation
+    return STATUS.make(
+        tested=finding.tested,
+        alarm=finding.alarm,
+        detector_event=finding.event,
+        suspected_cluster=isolation.cluster,
+        suspected_jet=isolation.jet,
+        jet_isolated=finding.jet_isolated,
+        suspected_magnitude=finding.magnitude,
+        suspected_magnitude_std=finding.magnitude_std,
+        suspected_likelihood=float(result.tests.likelihood[isolation.jet]),
+        cluster_margin=isolation.cluster_margin,
+        jet_margin=isolation.jet_margin,
+        unexplained=finding.unexplained,
+        onset=finding.onset_s,
+        alarms=finding.alarms,
     )
+
+
+def _judge(state: DetectorState, evidence: Evidence, params: CglrParams) -> Judgment:
+    result = judged(state, evidence, params)
+    return Judgment(result.state, result.adaptation, status(result), result.tests.likelihood, result.tests.magnitude)
+
+
+DETECTOR = Detector(
+    params=make_params,
+    initial=lambda params: initial_state(params.clusters.size),
+    layout=lambda params: LAYOUT.sized(jets=params.clusters.size),
+    known_force=known_force,
+    judge=_judge,
+)

@@ -101,38 +101,56 @@ def jet_tests(
     return JetTests(magnitude, 1.0 / strength, likelihood, total - likelihood)
 
 
+class UncertainSignatures(NamedTuple):
+    """Signatures, and what makes them uncertain.
+
+    Attributes:
+        coefficients: c of every jet, shape (n_jets, 6).
+        impulses: angular about the vehicle origin and linear, of a unit force along each jet over a sample,
+            shape (n_jets, 6).
+        mass_properties: the ten parameters, shape (10,).
+        state_covariance: S of the first nine, shape (9, 9).
+        mass_variance: of 1/m.
+    """
+
+    coefficients: Array
+    impulses: Array
+    mass_properties: Array
+    state_covariance: Array
+    mass_variance: float
+
+
+class Signs(NamedTuple):
+    """Which failures are ruled out by what a jet was told.
+
+    Attributes:
+        impossible_negative: jets that cannot have lost thrust, boolean, shape (n_jets,).
+        impossible_positive: jets that cannot give too much, boolean, shape (n_jets,).
+    """
+
+    impossible_negative: Array
+    impossible_positive: Array
+
+
 def uncertain_jet_tests(
-    tests: JetTests,
-    coefficients: Array,
-    unit_wrenches: Array,
-    innovation: Array,
-    covariance: Array,
-    mass_properties: Array,
-    state_covariance: Array,
-    mass_variance: float,
-    period_s: float,
-    impossible_negative: Array,
-    impossible_positive: Array,
+    tests: JetTests, innovation: Array, covariance: Array, signatures: UncertainSignatures, signs: Signs
 ) -> JetTests:
     """Tests every jet again, with the uncertainty of its own signature.
 
     Args:
         tests: the same sample's tests with certain signatures, whose magnitudes scale the uncertainty.
-        coefficients: c of every jet, shape (n_jets, 6).
-        unit_wrenches: see `signatures`.
         innovation: e, translation first, shape (6,).
         covariance: Y, shape (6, 6).
-        mass_properties: the ten parameters, shape (10,).
-        state_covariance: S, shape (9, 9).
-        mass_variance: of 1/m.
-        period_s: sample period, s.
-        impossible_negative, impossible_positive: see `jet_tests`.
+        signatures: see `UncertainSignatures`.
+        signs: see `Signs`.
     """
+    coefficients, state_covariance = signatures.coefficients, signatures.state_covariance
+    impossible_negative, impossible_positive = signs
     force = tests.magnitude[:, None, None]
-    directions = unit_wrenches[:, 3:] * period_s
-    jacobians = rate_increment_jacobians(mass_properties, unit_wrenches * period_s)
+    directions = signatures.impulses[:, 3:]
+    jacobians = rate_increment_jacobians(signatures.mass_properties, signatures.impulses)
     enlarged = np.broadcast_to(covariance, (tests.magnitude.size, 6, 6)).copy()
-    enlarged[:, :3, :3] += (force**2 * mass_variance) * (directions[:, :, None] * directions[:, None, :])
+    enlarged[:, :3, :3] += (force**2 * signatures.mass_variance) * (directions[:, :, None] * directions[:, None, :])
     enlarged[:, 3:, 3:] += force**2 * (jacobians @ state_covariance @ jacobians.transpose(0, 2, 1))
     # scaled: translation and rotation differ by many orders of magnitude
     scale = np.sqrt(covariance.diagonal())

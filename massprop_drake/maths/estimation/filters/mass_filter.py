@@ -27,95 +27,28 @@ Source: D. R. Levy, MIT S.M. thesis, 1983, chapter 3; R'_ij and considered thrus
 from __future__ import annotations
 
 import math
+from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
 
-from massprop_drake.maths.estimation.adaptation import CORRECT_THESIS, NO_ACTION, REJECT, Adaptation
+from massprop_drake.maths.estimation.adaptation import Action, Adaptation
 from massprop_drake.maths.estimation.filters.mass_jump import empty_window, jump_test, small_gain_growth
-from massprop_drake.maths.estimation.redundancy import SERIAL, SINGLE, combined
+from massprop_drake.maths.estimation.redundancy import Rule, combined
 from massprop_drake.maths.linear_algebra import Array, inverse_positive_definite, skew
 
-NO_COMPENSATION, TRANSVERSE, TRANSVERSE_CENTRIPETAL = 0, 1, 2
+
+class Compensation(IntEnum):
+    """Which accelerations by rotation are taken out of a velocity increment."""
+
+    NONE = 0
+    TRANSVERSE = 1
+    TRANSVERSE_CENTRIPETAL = 2
+
 
 _TELLING = 1e4  # a jump's variance by one sample, relative to that of a jump, above which it says nothing
 _IDENTITY = np.eye(3)
 _NOT_MEASURED = np.full(3, np.nan)
-
-
-def compensated(
-    velocity_increment: Array,
-    velocity_noise: Array,
-    rate_increment: Array,
-    rate: Array,
-    rate_variance: float,
-    arm: Array,
-    center_covariance: Array,
-    period_s: float,
-    compensation: int,
-    grow_covariance: bool,
-) -> tuple[Array, Array]:
-    r"""The velocity increment freed of rotation, zeta' (3-57) or (3-77), and its covariance R' (3-80b).
-
-    Args:
-        velocity_increment: zeta, ft/s or m/s, body axes, shape (3,).
-        velocity_noise: R^zeta, shape (3, 3).
-        rate_increment: measured dw, rad/s, shape (3,).
-        rate: mean measured rate over the sample, rad/s, shape (3,).
-        rate_variance: of the error of dw per component, rad^2/s^2.
-        arm: r^, accelerometer from the estimated center of mass, ft or m, shape (3,).
-        center_covariance: S_cm, shape (3, 3), predicted.
-        period_s: sample period, s.
-        compensation: NO_COMPENSATION, TRANSVERSE or TRANSVERSE_CENTRIPETAL.
-        grow_covariance: whether R' grows by W and S_cm (the thesis's COV); without it R' = R^zeta.
-    """
-    if compensation == NO_COMPENSATION:
-        return velocity_increment, velocity_noise
-    mixing = skew(rate_increment)
-    if compensation == TRANSVERSE_CENTRIPETAL:
-        spin = skew(rate)
-        mixing = mixing + spin @ spin * period_s
-    result = velocity_increment - mixing @ arm
-    if compensation == TRANSVERSE_CENTRIPETAL:
-        # E{[v x]^2} = -2 var (3-69) for an error v independent of the reading, as a quantizer's is; the
-        # mean of two readings has a quarter of the increment's variance
-        result += 0.5 * rate_variance * period_s * arm
-    if not grow_covariance:
-        return result, velocity_noise
-    # W: E{[v x] M [v x]^T} = var (tr(M) 1 - M) with M = r^ r^T + S_cm (3-56)
-    arm_moment = arm[:, None] * arm + center_covariance
-    trace = arm_moment[0, 0] + arm_moment[1, 1] + arm_moment[2, 2]
-    covariance = mixing @ center_covariance @ mixing.T + velocity_noise
-    covariance += rate_variance * (trace * _IDENTITY - arm_moment)
-    return result, covariance
-
-
-def shared_covariance(
-    arms: tuple[Array, Array],
-    rate_increment: Array,
-    rate: Array,
-    rate_variance: float,
-    center_covariance: Array,
-    period_s: float,
-    compensation: int,
-    grow_covariance: bool,
-) -> Array:
-    """R'_ij - R^d of two accelerometers: what their compensated velocity increments share, shape (3, 3).
-
-    Args:
-        arms: r^_i and r^_j, from the estimated center of mass, ft or m, shape (3,) each.
-        rate_increment, rate, rate_variance, center_covariance, period_s: see `compensated`.
-        compensation, grow_covariance: see `compensated`.
-    """
-    if compensation == NO_COMPENSATION or not grow_covariance:
-        return np.zeros((3, 3))
-    mixing = skew(rate_increment)
-    if compensation == TRANSVERSE_CENTRIPETAL:
-        spin = skew(rate)
-        mixing = mixing + spin @ spin * period_s
-    moment = np.outer(*arms) + center_covariance
-    shared: Array = mixing @ center_covariance @ mixing.T
-    return shared + rate_variance * (np.trace(moment) * _IDENTITY - moment.T)
 
 
 class MassParams(NamedTuple):
@@ -127,7 +60,7 @@ class MassParams(NamedTuple):
         variances: of the error of one reading of each, per component, shape (s,).
         rule: how they make one measurement, see `maths.redundancy`.
         correlated: whether what they share counts.
-        compensation: NO_COMPENSATION, TRANSVERSE or TRANSVERSE_CENTRIPETAL.
+        compensation: NONE, TRANSVERSE or TRANSVERSE_CENTRIPETAL.
         compensation_covariance: whether R' grows by what is unknown of the compensation.
         process_noise: variance of 1/m added per sample (3-82).
         jump_variance: of 1/m, added when the mass properties have jumped.
@@ -140,9 +73,9 @@ class MassParams(NamedTuple):
     period_s: float
     positions: Array
     variances: Array
-    rule: int
+    rule: Rule
     correlated: bool
-    compensation: int
+    compensation: Compensation
     compensation_covariance: bool
     process_noise: float
     jump_variance: float
@@ -150,6 +83,76 @@ class MassParams(NamedTuple):
     jump_window: int
     disturbance_covariance: Array
     small_gain: bool = False
+
+
+class Rotation(NamedTuple):
+    """What the rotation filter says of a sample.
+
+    Attributes:
+        increment: measured rate increment dw, rad/s, NaN where missing, shape (3,).
+        rate: mean measured rate w^, rad/s, likewise.
+        variance: of the increment's error per component, rad^2/s^2.
+        center: predicted center of mass, vehicle frame, ft or m, shape (3,).
+        center_covariance: S_cm, shape (3, 3).
+    """
+
+    increment: Array
+    rate: Array
+    variance: float
+    center: Array
+    center_covariance: Array
+
+
+def compensated(
+    velocity_increment: Array, velocity_noise: Array, arm: Array, rotation: Rotation, params: MassParams
+) -> tuple[Array, Array]:
+    r"""The velocity increment freed of rotation, zeta' (3-57) or (3-77), and its covariance R' (3-80b).
+
+    Args:
+        velocity_increment: zeta, ft/s or m/s, body axes, shape (3,).
+        velocity_noise: R^zeta, shape (3, 3).
+        arm: r^, accelerometer from the estimated center of mass, ft or m, shape (3,).
+        rotation: over the sample, see `Rotation`.
+        params: for the period and what is compensated; where the covariance is not to grow by W and S_cm (the
+            thesis's COV), R' = R^zeta.
+    """
+    if params.compensation == Compensation.NONE:
+        return velocity_increment, velocity_noise
+    mixing = skew(rotation.increment)
+    if params.compensation == Compensation.TRANSVERSE_CENTRIPETAL:
+        spin = skew(rotation.rate)
+        mixing = mixing + spin @ spin * params.period_s
+    result = velocity_increment - mixing @ arm
+    if params.compensation == Compensation.TRANSVERSE_CENTRIPETAL:
+        # E{[v x]^2} = -2 var (3-69) for an error v independent of the reading, as a quantizer's is; the
+        # mean of two readings has a quarter of the increment's variance
+        result += 0.5 * rotation.variance * params.period_s * arm
+    if not params.compensation_covariance:
+        return result, velocity_noise
+    # W: E{[v x] M [v x]^T} = var (tr(M) 1 - M) with M = r^ r^T + S_cm (3-56)
+    arm_moment = arm[:, None] * arm + rotation.center_covariance
+    trace = arm_moment[0, 0] + arm_moment[1, 1] + arm_moment[2, 2]
+    covariance = mixing @ rotation.center_covariance @ mixing.T + velocity_noise
+    covariance += rotation.variance * (trace * _IDENTITY - arm_moment)
+    return result, covariance
+
+
+def shared_covariance(arms: tuple[Array, Array], rotation: Rotation, params: MassParams) -> Array:
+    """R'_ij - R^d of two accelerometers: what their compensated velocity increments share, shape (3, 3).
+
+    Args:
+        arms: r^_i and r^_j, from the estimated center of mass, ft or m, shape (3,) each.
+        rotation, params: see `compensated`.
+    """
+    if params.compensation == Compensation.NONE or not params.compensation_covariance:
+        return np.zeros((3, 3))
+    mixing = skew(rotation.increment)
+    if params.compensation == Compensation.TRANSVERSE_CENTRIPETAL:
+        spin = skew(rotation.rate)
+        mixing = mixing + spin @ spin * params.period_s
+    moment = np.outer(*arms) + rotation.center_covariance
+    shared: Array = mixing @ rotation.center_covariance @ mixing.T
+    return shared + rotation.variance * (np.trace(moment) * _IDENTITY - moment.T)
 
 
 class MassState(NamedTuple):
@@ -174,24 +177,6 @@ class MassState(NamedTuple):
         if self.sensitivity is None:
             return self.variance
         return self.variance - float(self.sensitivity @ self.sensitivity)
-
-
-class Rotation(NamedTuple):
-    """What the rotation filter says of a sample.
-
-    Attributes:
-        increment: measured rate increment dw, rad/s, NaN where missing, shape (3,).
-        rate: mean measured rate w^, rad/s, likewise.
-        variance: of the increment's error per component, rad^2/s^2.
-        center: predicted center of mass, vehicle frame, ft or m, shape (3,).
-        center_covariance: S_cm, shape (3, 3).
-    """
-
-    increment: Array
-    rate: Array
-    variance: float
-    center: Array
-    center_covariance: Array
 
 
 class MassSample(NamedTuple):
@@ -301,9 +286,9 @@ def update(
         params: see `MassParams`.
         each: the packages' own samples, where the update is made with one after the other.
     """
-    if adaptation.action == REJECT:
+    if adaptation.action == Action.REJECT:
         return MassUpdate(_later(state, params), jumped=False)
-    plain = adaptation.action == NO_ACTION
+    plain = adaptation.action == Action.NONE
     if not plain:
         state = state._replace(window=empty_window(params.jump_window))  # its sums are of plain updates
     after, kept = state, 1.0
@@ -335,10 +320,10 @@ def _updated(
     """The state after one measurement, and the gain kappa, shape (3,)."""
     information, noise, error = innovation.information, innovation.noise, innovation.innovation
     enlarged = None
-    if adaptation.action != NO_ACTION:
+    if adaptation.action != Action.NONE:
         error = error - adaptation.translation
         noise = noise + adaptation.translation_spread
-    if adaptation.action == CORRECT_THESIS:
+    if adaptation.action == Action.CORRECT_THESIS:
         enlarged = adaptation.translation_spread
         information = inverse_positive_definite(innovation.covariance + enlarged, "innovation covariance")
     after, gain = _joseph_update(state, sample.linear_impulse, error, information, noise, innovation.effects)
@@ -389,15 +374,27 @@ class MassMeasurement(NamedTuple):
     each: tuple[MassSample, ...] = ()
 
 
+class MassInterval(NamedTuple):
+    """What is known of a sample interval before it is measured.
+
+    Attributes:
+        linear_impulse: lambda, lbf-s or N-s, shape (3,).
+        extra_noise: common to all packages, besides the disturbance, shape (3, 3); None: none.
+        thrust_errors: see `MassSample`.
+    """
+
+    linear_impulse: Array
+    extra_noise: Array | None = None
+    thrust_errors: Array | None = None
+
+
 def measure(
     state: MassState,
     velocities_before: Array,
     velocities: Array,
-    extra_noise: Array | None,
+    interval: MassInterval,
     rotation: Rotation,
-    linear_impulse: Array,
     params: MassParams,
-    thrust_errors: Array | None = None,
 ) -> MassMeasurement:
     """First half of a cycle: the increment and its innovation.
 
@@ -405,22 +402,21 @@ def measure(
         state: predicted, see `MassState`.
         velocities_before, velocities: readings of the accelerometers at the sample's two ends, in the order
             of the parameters' positions, ft/s or m/s, NaN where missing, shape (s, 3) each.
-        extra_noise: common to all, besides the parameters' disturbance, shape (3, 3); None: none.
+        interval: see `MassInterval`.
         rotation: see `Rotation`.
-        linear_impulse: lambda over the sample, lbf-s or N-s, shape (3,).
         params: see `MassParams`.
-        thrust_errors: see `MassSample`.
     """
+    linear_impulse, extra_noise, thrust_errors = interval
     increments = velocities - velocities_before
     disturbance = params.disturbance_covariance
     if extra_noise is not None:
         disturbance = disturbance + extra_noise
     there = []
-    if params.compensation == NO_COMPENSATION or math.isfinite(sum(rotation.increment.tolist())):
+    if params.compensation == Compensation.NONE or math.isfinite(sum(rotation.increment.tolist())):
         for index, increment in enumerate(increments.tolist()):
             if math.isfinite(increment[0] + increment[1] + increment[2]):
                 there.append(index)
-                if params.rule == SINGLE:
+                if params.rule == Rule.SINGLE:
                     break
     if not there:
         unknown = np.full((3, 3), np.nan)
@@ -432,14 +428,9 @@ def measure(
         compensated(
             increments[index],
             2.0 * params.variances[index] * _IDENTITY,
-            rotation.increment,
-            rotation.rate,
-            rotation.variance,
             params.positions[index] - rotation.center,
-            rotation.center_covariance,
-            params.period_s,
-            params.compensation,
-            params.compensation_covariance,
+            rotation,
+            params,
         )
         for index in there
     ]
@@ -452,7 +443,7 @@ def measure(
     # what disturbs the body is common to all packages: no average makes it less
     sample = MassSample(measured, noise + disturbance, linear_impulse, thrust_errors)
     each: tuple[MassSample, ...] = ()
-    if params.rule == SERIAL and not params.correlated and len(freed) > 1:
+    if params.rule == Rule.SERIAL and not params.correlated and len(freed) > 1:
         each = tuple(sample._replace(measured=increment, noise=own + disturbance) for increment, own in freed)
     return MassMeasurement(sample, innovate(state, sample), each)
 
@@ -472,16 +463,7 @@ def _stacked_covariance(
             if i == j or not params.correlated:
                 continue
             arms = tuple(params.positions[there[k]] - rotation.center for k in (i, j))
-            covariances[i, j] = shared_covariance(
-                (arms[0], arms[1]),
-                rotation.increment,
-                rotation.rate,
-                rotation.variance,
-                rotation.center_covariance,
-                params.period_s,
-                params.compensation,
-                params.compensation_covariance,
-            )
+            covariances[i, j] = shared_covariance((arms[0], arms[1]), rotation, params)
     return covariances
 
 
@@ -515,7 +497,7 @@ def finish(
     if not (measured and usable and firing):
         return MassCycle(_later(state, params), used=False, jumped=False)
     updated = update(state, sample, innovation, adaptation, params, each)
-    return MassCycle(updated.state, used=adaptation.action != REJECT, jumped=updated.jumped)
+    return MassCycle(updated.state, used=adaptation.action != Action.REJECT, jumped=updated.jumped)
 
 
 class MassCycle(NamedTuple):

@@ -26,6 +26,7 @@ Source: D. R. Levy, MIT S.M. thesis, 1983, sections 3.6 and 3.7.
 
 from __future__ import annotations
 
+from statistics import NormalDist
 from typing import NamedTuple
 
 import numpy as np
@@ -49,6 +50,16 @@ class JumpTest(NamedTuple):
     likelihood: float
     correction: float
     growth: float
+
+
+def jump_threshold(false_alarm_rate: float, window: int) -> float:
+    """Likelihood argument above which there is a jump: chi-square with one degree of freedom for each sample.
+
+    Args:
+        false_alarm_rate: of the test, per used sample.
+        window: samples that it looks back; the rate is divided among them.
+    """
+    return NormalDist().inv_cdf(0.5 * false_alarm_rate / window) ** 2
 
 
 def empty_window(length: int) -> Array:

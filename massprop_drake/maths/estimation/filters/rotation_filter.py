@@ -46,12 +46,13 @@ Source: D. R. Levy, MIT S.M. thesis, 1983, section 2.4; considered thrust errors
 from __future__ import annotations
 
 import math
+from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
 
-from massprop_drake.maths.estimation.adaptation import CORRECT_THESIS, NO_ACTION, REJECT, Adaptation
-from massprop_drake.maths.estimation.redundancy import SERIAL, SINGLE, combined
+from massprop_drake.maths.estimation.adaptation import Action, Adaptation
+from massprop_drake.maths.estimation.redundancy import Rule, combined
 from massprop_drake.maths.linear_algebra import (
     Array,
     cross,
@@ -61,7 +62,15 @@ from massprop_drake.maths.linear_algebra import (
 )
 from massprop_drake.maths.mass_properties import ELEMENT, N_ROTATION
 
-SUBTRACT, IGNORE, HYBRID, MODEL = 0, 1, 2, 3  # treatment of dynamic coupling
+
+class Coupling(IntEnum):
+    """Treatment of dynamic coupling."""
+
+    SUBTRACT = 0
+    IGNORE = 1
+    HYBRID = 2  # subtract once the estimates are good enough
+    MODEL = 3  # in prediction and Jacobian
+
 
 # S.ravel()[_PRODUCT] is the (ij) x (mn) table of P[E(i, m), E(j, n)]
 _PRODUCT = np.array(
@@ -196,9 +205,9 @@ class RotationParams(NamedTuple):
 
     period_s: float
     gyro_variances: Array
-    rule: int
+    rule: Rule
     second_order: bool
-    coupling: int
+    coupling: Coupling
     coupling_limit: float
     jump_threshold: float
     jump_covariance: Array
@@ -320,7 +329,7 @@ def innovate(
     estimate, covariance, sensitivity = state
     noise = sample.noise + params.disturbance_covariance
     effects = None
-    modeled = params.coupling == MODEL and _knows_inertia(estimate, covariance)
+    modeled = params.coupling == Coupling.MODEL and _knows_inertia(estimate, covariance)
     if sample.firing:
         impulses = sample.angular_impulse, sample.linear_impulse
         jacobian = rate_increment_jacobian(estimate, *impulses)
@@ -349,8 +358,8 @@ def innovate(
         if modeled:
             jacobian = coupling_jacobian(estimate[ELEMENT], sample.rate, params.period_s)
             innovation_covariance = jacobian @ covariance @ jacobian.T + noise
-    if params.coupling != HYBRID:
-        subtract_coupling = params.coupling == SUBTRACT or modeled
+    if params.coupling != Coupling.HYBRID:
+        subtract_coupling = params.coupling == Coupling.SUBTRACT or modeled
     if subtract_coupling:
         inverse_inertia = estimate[ELEMENT]
         if is_positive_definite(inverse_inertia):
@@ -432,9 +441,9 @@ def update(
     Raises:
         NotPositiveDefiniteError: when an innovation covariance is not positive definite.
     """
-    if adaptation.action == REJECT:
+    if adaptation.action == Action.REJECT:
         return RotationUpdate(_later(state, params), jumped=False)
-    jumped = adaptation.action == NO_ACTION and innovation.nis > params.jump_threshold
+    jumped = adaptation.action == Action.NONE and innovation.nis > params.jump_threshold
     if jumped:
         state = state._replace(covariance=state.covariance + params.jump_covariance)
         innovation = innovate(state, sample, innovation.subtract_coupling, params)
@@ -452,10 +461,10 @@ def _updated(
     """The state after one measurement."""
     information, noise, error = innovation.information, innovation.noise, innovation.innovation
     enlarged = None
-    if adaptation.action != NO_ACTION:
+    if adaptation.action != Action.NONE:
         error = error - adaptation.rotation
         noise = noise + adaptation.rotation_spread
-    if adaptation.action == CORRECT_THESIS:
+    if adaptation.action == Action.CORRECT_THESIS:
         enlarged = adaptation.rotation_spread
         information = inverse_positive_definite(innovation.covariance + enlarged, "innovation covariance")
     jacobian = innovation.jacobian
@@ -489,32 +498,50 @@ class RotationMeasurement(NamedTuple):
     each: tuple[RotationSample, ...] = ()
 
 
+class RotationMemory(NamedTuple):
+    """What the rotation filter remembers of the sample before.
+
+    Attributes:
+        rates: readings of the gyros, in the order of the parameters' variances, rad/s, NaN where missing,
+            shape (s, 3).
+        subtract_coupling: the hybrid rule's last decision.
+    """
+
+    rates: Array
+    subtract_coupling: bool
+
+
+class RotationInterval(NamedTuple):
+    """What is known of a sample interval before it is measured.
+
+    Attributes:
+        angular_impulse, linear_impulse: a and lambda, shape (3,) each.
+        acting: whether a known impulse acted.
+        extra_noise: of the increment, besides the gyros' and the disturbance, rad^2/s^2, shape (3, 3); None: none.
+        thrust_errors: see `RotationSample`.
+    """
+
+    angular_impulse: Array
+    linear_impulse: Array
+    acting: bool
+    extra_noise: Array | None = None
+    thrust_errors: Array | None = None
+
+
 def measure(
-    state: RotationState,
-    rates_before: Array,
-    subtract_coupling_before: bool,
-    rates: Array,
-    extra_noise: Array | None,
-    angular_impulse: Array,
-    linear_impulse: Array,
-    firing: bool,
-    params: RotationParams,
-    thrust_errors: Array | None = None,
+    state: RotationState, memory: RotationMemory, rates: Array, interval: RotationInterval, params: RotationParams
 ) -> RotationMeasurement:
     """First half of a cycle: the increment and its innovation.
 
     Args:
         state: predicted, see `RotationState`.
-        rates_before, rates: readings of the gyros at the sample's two ends, in the order of the parameters'
-            variances, rad/s, NaN where missing, shape (s, 3) each.
-        subtract_coupling_before: the hybrid rule's last decision.
-        extra_noise: of the increment, besides the gyros' and the parameters' disturbance, rad^2/s^2, shape
-            (3, 3); None: none.
-        angular_impulse, linear_impulse: a and lambda over the sample, shape (3,) each.
-        firing: whether a known impulse acted.
+        memory: of the sample before.
+        rates: readings of the gyros, as in `RotationMemory`, shape (s, 3).
+        interval: see `RotationInterval`.
         params: see `RotationParams`.
-        thrust_errors: see `RotationSample`.
     """
+    angular_impulse, linear_impulse, firing, extra_noise, thrust_errors = interval
+    rates_before, subtract_coupling_before = memory
     increments, means = rates - rates_before, 0.5 * (rates + rates_before)
     there = []
     for index, increment in enumerate(increments.tolist()):
@@ -523,7 +550,7 @@ def measure(
             increment[0] + increment[1] + increment[2]
         ):
             there.append(index)
-            if params.rule == SINGLE:
+            if params.rule == Rule.SINGLE:
                 break
     if not there:
         unknown = np.full((3, 3), np.nan)
@@ -550,7 +577,7 @@ def measure(
         increment, noise = combined(increments[there], covariances, params.rule)
         mean, _ = combined(means[there], covariances, params.rule)
         sample = made(increment, mean, noise)
-        if params.rule == SERIAL:
+        if params.rule == Rule.SERIAL:
             each = tuple(made(increments[index], means[index], noise) for index, noise in zip(there, own, strict=True))
     return RotationMeasurement(sample, innovate(state, sample, subtract_coupling_before, params), each)
 
@@ -578,7 +605,7 @@ def finish(
     if math.isnan(innovation.nis) or not (usable and sample.firing):
         return RotationCycle(_later(state, params), used=False, jumped=False)
     updated = update(state, sample, innovation, adaptation, params, each)
-    return RotationCycle(updated.state, used=adaptation.action != REJECT, jumped=updated.jumped)
+    return RotationCycle(updated.state, used=adaptation.action != Action.REJECT, jumped=updated.jumped)
 
 
 class RotationCycle(NamedTuple):

@@ -1,0 +1,141 @@
+"""Named fields of packed vectors: of ports, states and logs.
+
+    IMPULSES = Layout("impulses", angular_impulse=3, linear_impulse=3, usable=FLAG, firing=FLAG)
+    IMPULSES.read(vector).usable                  # in place of vector[6] != 0.0
+    IMPULSES.columns(log)["angular_impulse"]      # of a log with a row per sample
+
+No vector is indexed by bare numbers elsewhere.
+"""
+
+from __future__ import annotations
+
+from collections import namedtuple
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+from math import nan, prod
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+NUMBER, FLAG = "number", "flag"  # a field of one element: read as a float, and as whether it is not zero
+
+Shape = int | str | tuple[int | str, ...]
+
+
+class Field(NamedTuple):
+    """A field that is logged under its own name, as a signal.
+
+    Attributes:
+        label: as on a plot's axis.
+        unit: with {length}, {mass}, {force} for the vehicle's units; "-" for none.
+        component: name of its one column; the field's own where empty.
+        shape: see `Layout`.
+    """
+
+    label: str
+    unit: str = "-"
+    component: str = ""
+    shape: Shape = NUMBER
+
+
+class Layout:
+    """The fields of a packed vector, in their order.
+
+    Args:
+        name: of the vector.
+        fields: of each its size, its shape (filled row by row), NUMBER or FLAG, or a `Field`. A size may be a word
+            such as "jets", which `sized` replaces.
+
+    Attributes:
+        size: number of elements.
+        logged: the fields that are signals.
+    """
+
+    def __init__(self, name: str, /, **fields: Shape | Field):
+        self.name = name
+        self.logged = {key: field for key, field in fields.items() if isinstance(field, Field)}
+        self._shapes: dict[str, Shape] = {
+            key: field.shape if isinstance(field, Field) else field for key, field in fields.items()
+        }
+        self._made = _named_tuple(name, tuple(fields))
+        self._slices: dict[str, slice] = {}
+        sizes = [_sizes(shape) for shape in self._shapes.values()]
+        if any(isinstance(size, str) for part in sizes for size in part):
+            return  # of no size before `sized`
+        edges = np.cumsum([0, *(prod(part) for part in sizes)]).tolist()
+        self.size: int = edges[-1]
+        self._slices = {key: slice(*pair) for key, pair in zip(self._shapes, pairwise(edges), strict=True)}
+        self._parts = [
+            (part.start if shape in (NUMBER, FLAG) else part, None if isinstance(shape, int) else shape)
+            for shape, part in zip(self._shapes.values(), self._slices.values(), strict=True)
+        ]
+
+    def __repr__(self) -> str:
+        return f"<Layout {self.name}: {self.describe()}>"
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._shapes)
+
+    def sized(self, **sizes: int) -> Layout:
+        """The layout with words for sizes replaced: `LAYOUT.sized(jets=44)`."""
+
+        def replaced(shape: Shape) -> Shape:
+            if isinstance(shape, tuple):
+                return tuple(sizes.get(part, part) if isinstance(part, str) else part for part in shape)
+            return sizes.get(shape, shape) if isinstance(shape, str) else shape
+
+        fields: dict[str, Shape | Field] = {key: replaced(shape) for key, shape in self._shapes.items()}
+        return Layout(self.name, **(fields | self.logged))
+
+    def slice(self, name: str) -> slice:
+        """Where a field lies."""
+        return self._slices[name]
+
+    def read(self, vector: Array) -> Any:
+        """The fields of a vector as a named tuple: views of it, floats and booleans."""
+        values: list[Any] = []
+        for where, shape in self._parts:
+            value = vector[where]
+            if shape is None:
+                values.append(value)
+            elif shape == FLAG:
+                values.append(bool(value != 0.0))
+            elif shape == NUMBER:
+                values.append(float(value))
+            else:
+                values.append(value.reshape(shape))
+        return self._made._make(values)
+
+    def make(self, **values: Any) -> Any:
+        """A named tuple of the fields; those not given are NaN."""
+        return self._made._make([values.get(key, nan) for key in self._shapes])
+
+    def pack(self, values: Sequence[Any]) -> Array:
+        """A vector of fields in their order, shape (size,): the inverse of `read`."""
+        vector = np.empty(self.size)
+        for (where, shape), value in zip(self._parts, values, strict=True):
+            vector[where] = value.ravel() if isinstance(shape, tuple) else value
+        return vector
+
+    def columns(self, log: Array) -> dict[str, Array]:
+        """The fields of a log with a row per sample: for each its columns, shape (n, its size)."""
+        return {key: log[:, part] for key, part in self._slices.items()}
+
+    def describe(self) -> str:
+        """The fields and their sizes as a port's documentation lists them."""
+        return ", ".join(
+            f"{key} ({' x '.join(str(size) for size in _sizes(shape))})" for key, shape in self._shapes.items()
+        )
+
+
+def _named_tuple(name: str, fields: tuple[str, ...]) -> Any:
+    return namedtuple(name, fields)
+
+
+def _sizes(shape: Shape) -> tuple[int | str, ...]:
+    if shape in (NUMBER, FLAG):
+        return (1,)
+    return shape if isinstance(shape, tuple) else (shape,)

@@ -1,0 +1,211 @@
+"""One cycle of estimation, defined once: impulses, filter, detector.
+
+    measure   what the commands should have done over the interval, and what the filter measures of it
+    judge     what the detector makes of the filter's innovations
+    finish    the filter's update, as the detector says
+
+`step` is all three. The systems of a diagram call the same parts one by one; the real-time estimator and the reading
+of recorded telemetry call `step` or the parts in turn.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from massprop_drake.maths.arrays import Layout
+from massprop_drake.maths.estimation.adaptation import NO_ADAPTATION
+from massprop_drake.maths.estimation.detector import (
+    NO_KNOWN_FORCE,
+    Detector,
+    Evidence,
+    Judgment,
+    KnownForce,
+)
+from massprop_drake.maths.estimation.filter import Filter, FilterStep, Groups, Interval, Joint
+from massprop_drake.maths.estimation.impulses import interval_impulses, with_wrench
+from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.maths.vehicle.thrust import LagFactors
+
+
+class EstimationParams(NamedTuple):
+    """What shapes a cycle.
+
+    Attributes:
+        period_s: sample period, s.
+        impulse_per_level: torque about the vehicle origin and force of each jet times the period, shape (n_jets, 6).
+        lag: of the thrust, as the estimators take it.
+        filter, filter_params: the method of estimation.
+        detector, detector_params: the method of detection; None: there is none.
+        limits: of convergence, see `mass_properties.converged`, shape (3,).
+    """
+
+    period_s: float
+    impulse_per_level: Array
+    lag: LagFactors
+    filter: Filter
+    filter_params: Any
+    detector: Detector | None
+    detector_params: Any
+    limits: Array
+
+
+class EstimationState(NamedTuple):
+    """All that a cycle leaves for the next.
+
+    Attributes:
+        command: fraction commanded over the interval before, shape (n_jets,).
+        level: thrust level of each jet now, shape (n_jets,).
+        filter: see the filter.
+        detector: see the detector; None: there is none.
+    """
+
+    command: Array
+    level: Array
+    filter: Any
+    detector: Any
+
+
+class Sample(NamedTuple):
+    """What is read at a sample, and what was told to the jets before it.
+
+    Attributes:
+        time_s: of the sample, s.
+        rates, velocities: readings of the gyro and accelerometer packages, the preferred one first, NaN where
+            missing, shape (s, 3) each.
+        command: fraction commanded over the interval that ends now, NaN where not known, shape (n_jets,).
+        outside_wrench: torque about the vehicle origin and force of known outside forces, mean over that
+            interval, shape (6,); None: none.
+    """
+
+    time_s: float
+    rates: Array
+    velocities: Array
+    command: Array
+    outside_wrench: Array | None = None
+
+
+class Measured(NamedTuple):
+    """A cycle's first part.
+
+    Attributes:
+        interval: see `filter.Interval`.
+        measurement: see the filter.
+    """
+
+    interval: Interval
+    measurement: Any
+
+
+class EstimationStep(NamedTuple):
+    """One cycle.
+
+    Attributes:
+        state: to go on from.
+        interval: see `filter.Interval`.
+        filtered: see `filter.FilterStep`.
+        judgment: see `detector.Judgment`; None without a detector.
+    """
+
+    state: EstimationState
+    interval: Interval
+    filtered: FilterStep
+    judgment: Judgment | None
+
+
+MEMORY = Layout("memory", command="jets", level="jets")  # of the impulse model
+
+
+def initial_state(params: EstimationParams) -> EstimationState:
+    """Before the first sample: jets off, nothing read."""
+    off = np.zeros(params.impulse_per_level.shape[0])
+    detector = None if params.detector is None else params.detector.initial(params.detector_params)
+    return EstimationState(off, off, params.filter.initial(params.filter_params), detector)
+
+
+def measure(state: EstimationState, sample: Sample, params: EstimationParams) -> Measured:
+    """What the commands should have done, and what the filter measures of it."""
+    outside = None if sample.outside_wrench is None else sample.outside_wrench * params.period_s
+    impulses = interval_impulses(
+        sample.command, state.command, state.level, params.impulse_per_level, params.lag, outside
+    )
+    known = known_force(state, sample, params)
+    if known.acts:
+        impulses = with_wrench(impulses, known.wrench, params.period_s)
+    interval = Interval(impulses, known)
+    measurement = params.filter.measure(state.filter, sample.rates, sample.velocities, interval, params.filter_params)
+    return Measured(interval, measurement)
+
+
+def known_force(state: EstimationState, sample: Sample, params: EstimationParams) -> KnownForce:
+    """Effect of the forces of failed jets that are known already."""
+    if params.detector is None or not state.detector.variance.any():
+        return NO_KNOWN_FORCE
+    predicted = params.filter.predicted(state.filter)
+    return params.detector.known_force(state.detector, predicted, sample.command, params.detector_params)
+
+
+def judge(state: EstimationState, sample: Sample, measured: Measured, params: EstimationParams) -> Judgment | None:
+    """What the detector makes of the innovations; None without a detector."""
+    if params.detector is None:
+        return None
+    seen = params.filter.evidence(state.filter, measured.measurement, measured.interval)
+    evidence = evidence_of(sample.time_s, sample.command, measured.interval, seen)
+    return params.detector.judge(state.detector, evidence, params.detector_params)
+
+
+def evidence_of(time_s: float, command: Array, interval: Interval, seen: Joint) -> Evidence:
+    """What the filter saw, with the circumstances."""
+    return Evidence(time_s, command, interval.impulses.usable, interval.impulses.firing, *seen)
+
+
+def finish(
+    state: EstimationState, sample: Sample, measured: Measured, judgment: Judgment | None, params: EstimationParams
+) -> EstimationStep:
+    """The filter's update, and what the next cycle begins with."""
+    interval, measurement = measured
+    adaptation = NO_ADAPTATION if judgment is None else judgment.adaptation
+    filtered = params.filter.finish(state.filter, measurement, interval, adaptation, params.filter_params)
+    if judgment is not None and judgment.replacement is not None:
+        filtered = filtered._replace(state=judgment.replacement)
+    after = EstimationState(
+        sample.command, interval.impulses.level, filtered.state, None if judgment is None else judgment.state
+    )
+    return EstimationStep(after, interval, filtered, judgment)
+
+
+def step(state: EstimationState, sample: Sample, params: EstimationParams) -> EstimationStep:
+    """One cycle.
+
+    Args:
+        state: of the cycle before.
+        sample: see `Sample`.
+        params: see `EstimationParams`.
+
+    Raises:
+        NotPositiveDefiniteError: when a covariance loses definiteness.
+    """
+    measured = measure(state, sample, params)
+    return finish(state, sample, measured, judge(state, sample, measured, params), params)
+
+
+def saved(state: EstimationState, params: EstimationParams) -> Groups:
+    """The state as vectors, by the part of the diagram that holds them."""
+    layout = MEMORY.sized(jets=state.level.size)
+    groups = {"impulse_model": [layout.pack((state.command, state.level))], **params.filter.saved(state.filter)}
+    if params.detector is not None:
+        packed = params.detector.layout(params.detector_params).pack(state.detector)
+        groups["failure_detector"] = [packed]
+    return groups
+
+
+def restored(groups: Groups, params: EstimationParams) -> EstimationState:
+    """The inverse of `saved`."""
+    memory = MEMORY.sized(jets=params.impulse_per_level.shape[0]).read(groups["impulse_model"][0])
+    detector = None
+    if params.detector is not None:
+        initial = params.detector.initial(params.detector_params)
+        layout = params.detector.layout(params.detector_params)
+        detector = type(initial)(*layout.read(groups["failure_detector"][0]))
+    return EstimationState(memory.command, memory.level, params.filter.restored(groups, params.filter_params), detector)

@@ -1,0 +1,177 @@
+"""What every filter of mass properties takes in and gives, whatever its method.
+
+A filter is a record of functions, as `Filter` says, in a file of its own under `filters/`; its `FILTER` stands in the
+registry there, and blocks of the scenario make its parameters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from massprop_drake.maths.arrays import FLAG, NUMBER, Layout
+from massprop_drake.maths.estimation.adaptation import Adaptation
+from massprop_drake.maths.estimation.detector import KnownForce
+from massprop_drake.maths.estimation.impulses import Impulses
+from massprop_drake.maths.linear_algebra import Array
+
+Groups = Mapping[str, Sequence[Array]]  # a state as vectors, by the part of the diagram that holds them
+
+
+class Setup(NamedTuple):
+    """What a filter is made for.
+
+    Attributes:
+        period_s: sample period, s.
+        gyro_variances: of the error of one reading of each gyro package, the preferred one first, rad^2/s^2,
+            shape (s,).
+        accelerometer_positions: the same order of accelerometer packages, vehicle frame, ft or m, shape (a, 3).
+        accelerometer_variances: shape (a,).
+        estimate, covariance: of the ten parameters at the start, shapes (10,) and (10, 10).
+        nominal: the ten nominal parameters, shape (10,).
+        thrust_errors: impulses of one sigma of each jet's thrust error at full level over a sample, about the
+            vehicle origin, shape (n_jets, 6); None: thrust is taken as known.
+    """
+
+    period_s: float
+    gyro_variances: Array
+    accelerometer_positions: Array
+    accelerometer_variances: Array
+    estimate: Array
+    covariance: Array
+    nominal: Array
+    thrust_errors: Array | None
+
+
+class Interval(NamedTuple):
+    """What is known of a sample interval before it is measured.
+
+    Attributes:
+        impulses: of the jets as commanded, of known outside forces, and of known forces of failed jets.
+        known: the latter alone.
+    """
+
+    impulses: Impulses
+    known: KnownForce
+
+
+class Joint(NamedTuple):
+    """Predictions and innovations of one sample, as a detector sees them; see `detector.Evidence`.
+
+    Attributes:
+        innovation, covariance, coupled, estimate, estimate_covariance: as there.
+    """
+
+    innovation: Array
+    covariance: Array
+    coupled: bool
+    estimate: Array
+    estimate_covariance: Array
+
+
+JOINT = Layout("evidence", innovation=6, covariance=(6, 6), coupled=FLAG, estimate=10, estimate_covariance=(10, 10))
+NOT_MEASURED = Joint(np.full(6, np.nan), np.zeros((6, 6)), False, np.zeros(10), np.zeros((10, 10)))
+
+
+class RotationReport(NamedTuple):
+    """What a log keeps of a cycle's rotation, by the signals' names.
+
+    Attributes:
+        estimate, standard_deviation: of inverse inertia and center of mass, after the measurement, shape (9,) each.
+        rotation_innovation: measured minus predicted rate increment, rad/s, NaN where not measured, shape (3,).
+        rotation_nis: of the innovation, before any covariance increment.
+        rotation_used: whether the estimate was updated.
+        rotation_jump: whether the covariance was incremented.
+        coupling_subtracted: whether dynamic coupling was to be subtracted.
+    """
+
+    estimate: Array
+    standard_deviation: Array
+    rotation_innovation: Array
+    rotation_nis: float
+    rotation_used: bool
+    rotation_jump: bool
+    coupling_subtracted: bool
+
+
+class MassReport(NamedTuple):
+    """What a log keeps of a cycle's translation, by the signals' names.
+
+    Attributes:
+        mass_reciprocal, variance: after the measurement.
+        mass_innovation: measured minus predicted velocity increment, ft/s or m/s, NaN where not measured, shape (3,).
+        mass_nis, mass_used: as in `RotationReport`.
+        mass_jump: whether a jump of 1/m was found.
+    """
+
+    mass_reciprocal: float
+    variance: float
+    mass_innovation: Array
+    mass_nis: float
+    mass_used: bool
+    mass_jump: bool
+
+
+ROTATION_REPORT = Layout(
+    "rotation_report",
+    estimate=9,
+    standard_deviation=9,
+    rotation_innovation=3,
+    rotation_nis=NUMBER,
+    rotation_used=FLAG,
+    rotation_jump=FLAG,
+    coupling_subtracted=FLAG,
+)
+MASS_REPORT = Layout(
+    "mass_report",
+    mass_reciprocal=NUMBER,
+    variance=NUMBER,
+    mass_innovation=3,
+    mass_nis=NUMBER,
+    mass_used=FLAG,
+    mass_jump=FLAG,
+)
+
+
+class FilterStep(NamedTuple):
+    """A filter after one cycle.
+
+    Attributes:
+        state: to go on from.
+        rotation, mass: for logs; mass is None without accelerometer.
+    """
+
+    state: Any
+    rotation: RotationReport
+    mass: MassReport | None
+
+
+class Filter(NamedTuple):
+    """A method of estimating mass properties.
+
+    Its state is a named tuple of arrays, floats and such tuples, of whatever size the method needs.
+
+    Attributes:
+        params: (setup, options) -> parameters; options are the scenario, word for word.
+        initial: params -> state at the start.
+        predicted: state -> the ten parameters before the sample's measurement, shape (10,).
+        measure: (state, rates, velocities, interval, params) -> what the method makes of a sample before it is
+            judged; readings of all packages, the preferred one first, NaN where missing, shape (s, 3) each.
+        evidence: (state, measurement, interval) -> `Joint`, for the detector.
+        finish: (state, measurement, interval, adaptation, params) -> `FilterStep`.
+        covariance: state -> of the ten parameters, NaN for what is not observed, shape (10, 10).
+        saved: state -> vectors to keep it by.
+        restored: (vectors, params) -> state.
+    """
+
+    params: Callable[[Setup, Any], Any]
+    initial: Callable[[Any], Any]
+    predicted: Callable[[Any], Array]
+    measure: Callable[[Any, Array, Array, Interval, Any], Any]
+    evidence: Callable[[Any, Any, Interval], Joint]
+    finish: Callable[[Any, Any, Interval, Adaptation, Any], FilterStep]
+    covariance: Callable[[Any], Array]
+    saved: Callable[[Any], Groups]
+    restored: Callable[[Groups, Any], Any]

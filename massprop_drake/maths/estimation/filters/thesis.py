@@ -1,0 +1,470 @@
+"""The thesis's pair: a filter of inverse inertia and center of mass, and one of the mass reciprocal.
+
+The rotation filter (`rotation_filter`) goes first; the mass filter (`mass_filter`) takes rotation out of its
+increments with what the rotation filter measured and predicted. In a diagram they are two systems; the rules of
+their cycle stand here, once.
+
+Source: D. R. Levy, MIT S.M. thesis, 1983, chapters 2 and 3.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from massprop_drake.maths.arrays import FLAG, NUMBER, Layout
+from massprop_drake.maths.estimation.adaptation import Adaptation
+from massprop_drake.maths.estimation.filter import (
+    NOT_MEASURED,
+    Filter,
+    FilterStep,
+    Groups,
+    Interval,
+    Joint,
+    MassReport,
+    RotationReport,
+    Setup,
+)
+from massprop_drake.maths.estimation.filters import mass_filter, rotation_filter
+from massprop_drake.maths.estimation.filters.mass_filter import (
+    Compensation,
+    MassCycle,
+    MassInnovation,
+    MassInterval,
+    MassMeasurement,
+    MassParams,
+    MassState,
+    Rotation,
+)
+from massprop_drake.maths.estimation.filters.mass_jump import empty_window, jump_threshold
+from massprop_drake.maths.estimation.filters.rotation_filter import (
+    Coupling,
+    RotationCycle,
+    RotationInterval,
+    RotationMeasurement,
+    RotationMemory,
+    RotationParams,
+    RotationState,
+)
+from massprop_drake.maths.estimation.redundancy import Rule
+from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.maths.mass_properties import N_ROTATION
+
+_TRANSLATION, _ROTATION = slice(0, 3), slice(3, 6)  # parts of the joint innovation
+_CENTER = slice(6, 9)  # of the rotational state
+_NO_ACCELEROMETER = np.empty((0, 3))
+
+
+class ThesisParams(NamedTuple):
+    """What shapes both filters.
+
+    Attributes:
+        rotation: see `RotationParams`.
+        mass: see `MassParams`; None without accelerometer.
+        estimate, covariance: of the ten parameters at the start, shapes (10,) and (10, 10).
+        thrust_errors: see `filter.Setup`.
+    """
+
+    rotation: RotationParams
+    mass: MassParams | None
+    estimate: Array
+    covariance: Array
+    thrust_errors: Array | None
+
+
+class ThesisState(NamedTuple):
+    """What both filters know and remember.
+
+    Attributes:
+        rotation: see `RotationState`.
+        memory: see `RotationMemory`.
+        mass: see `MassState`; None without accelerometer.
+        velocities: readings of the accelerometers at the sample before, shape (a, 3).
+    """
+
+    rotation: RotationState
+    memory: RotationMemory
+    mass: MassState | None
+    velocities: Array
+
+
+class Turning(NamedTuple):
+    """What the rotation filter says of a sample, before it is judged.
+
+    Attributes:
+        innovation, innovation_covariance: e, rad/s, shape (3,), and Y, shape (3, 3).
+        increment, rate: measured rate increment and mean rate, rad/s, shape (3,) each; NaN where missing.
+        rate_variance: of the increment's error per component, rad^2/s^2.
+        estimate, covariance: predicted, shapes (9,) and (9, 9).
+        effects: of one sigma of each jet's thrust error on the innovation, shape (3, n_jets); None, or zero, where
+            none bears on the sample.
+    """
+
+    innovation: Array
+    innovation_covariance: Array
+    increment: Array
+    rate: Array
+    rate_variance: float
+    estimate: Array
+    covariance: Array
+    effects: Array | None
+
+
+TURNING = Layout(
+    "turning",
+    innovation=3,
+    innovation_covariance=(3, 3),
+    increment=3,
+    rate=3,
+    rate_variance=NUMBER,
+    estimate=N_ROTATION,
+    covariance=(N_ROTATION, N_ROTATION),
+    effects=(3, "jets"),
+)
+ROTATION_MEMORY = Layout("memory", subtract_coupling=FLAG, rates=("gyros", 3))
+MASS_STATE = Layout(
+    "mass_state", mass_reciprocal=NUMBER, variance=NUMBER, velocities=("accelerometers", 3), window=("window", 3)
+)
+
+
+class Measurement(NamedTuple):
+    """A sample as both filters measured it.
+
+    Attributes:
+        turning: see `rotation_filter.measure`.
+        moving: see `mass_filter.measure`; None without accelerometer.
+        rates, velocities: the readings, shape (s, 3) each.
+    """
+
+    turning: RotationMeasurement
+    moving: MassMeasurement | None
+    rates: Array
+    velocities: Array
+
+
+# --------------------------------------------------------------------------------- rules of a cycle
+
+
+def rotation_interval(interval: Interval, thrust_errors: Array | None) -> RotationInterval:
+    """An interval as the rotation filter takes it; thrust errors in proportion to the jets' mean level."""
+    impulses, known = interval
+    return RotationInterval(
+        impulses.angular_impulse,
+        impulses.linear_impulse,
+        impulses.firing or known.acts,
+        known.rotation_spread if known.acts else None,
+        None if thrust_errors is None else impulses.mean_level[:, None] * thrust_errors,
+    )
+
+
+def mass_interval(interval: Interval, linear_errors: Array | None) -> MassInterval:
+    """An interval as the mass filter takes it; `linear_errors` are those of the force alone, shape (3, n_jets)."""
+    impulses, known = interval
+    return MassInterval(
+        impulses.linear_impulse,
+        known.translation_spread if known.acts else None,
+        None if linear_errors is None else linear_errors * impulses.mean_level,
+    )
+
+
+def is_learning(interval: Interval) -> bool:
+    """Whether the rotation filter learns: a known force alone is no reason, since it may have ceased."""
+    return interval.impulses.usable and interval.impulses.firing
+
+
+def rotation_memory(measurement: RotationMeasurement, rates: Array) -> RotationMemory:
+    """What the rotation filter remembers of a sample."""
+    return RotationMemory(rates, measurement.innovation.subtract_coupling)
+
+
+def linear_errors(thrust_errors: Array | None) -> Array | None:
+    """The part of the force in thrust errors, shape (3, n_jets)."""
+    return None if thrust_errors is None else thrust_errors[:, 3:].T
+
+
+def turning_of(state: RotationState, measurement: RotationMeasurement) -> Turning:
+    """What the mass filter and the detector need of the rotation filter's measurement."""
+    sample, innovation = measurement.sample, measurement.innovation
+    return Turning(
+        innovation.innovation,
+        innovation.covariance,
+        sample.increment,
+        sample.rate,
+        sample.gyro_variance,
+        state.estimate,
+        state.covariance,
+        innovation.effects,
+    )
+
+
+def rotation_of(turning: Turning) -> Rotation:
+    """What the mass filter takes of rotation; the center of mass is the prediction (3-40)."""
+    return Rotation(
+        turning.increment,
+        turning.rate,
+        turning.rate_variance,
+        turning.estimate[_CENTER],
+        turning.covariance[_CENTER, _CENTER],
+    )
+
+
+def joint(turning: Turning, innovation: MassInnovation, state: MassState) -> Joint:
+    """Both filters' predictions and innovations side by side, translation first."""
+    coupled = shared_covariance(innovation.effects, turning.effects)
+    covariance = np.zeros((6, 6))
+    covariance[_TRANSLATION, _TRANSLATION] = innovation.covariance
+    covariance[_ROTATION, _ROTATION] = turning.innovation_covariance
+    if coupled is not None:
+        covariance[_TRANSLATION, _ROTATION], covariance[_ROTATION, _TRANSLATION] = coupled, coupled.T
+    return Joint(
+        np.concatenate([innovation.innovation, turning.innovation]),
+        covariance,
+        coupled is not None,
+        np.append(turning.estimate, state.mass_reciprocal),
+        joint_covariance(turning.covariance, state.variance),
+    )
+
+
+def joint_covariance(rotation: Array, variance: float) -> Array:
+    """Covariance of the ten parameters: nothing is shared between 1/m and the others, shape (10, 10)."""
+    covariance = np.zeros((N_ROTATION + 1, N_ROTATION + 1))
+    covariance[:N_ROTATION, :N_ROTATION] = rotation
+    covariance[N_ROTATION, N_ROTATION] = variance
+    return covariance
+
+
+def shared_covariance(translation_effects: Array | None, rotation_effects: Array | None) -> Array | None:
+    """Covariance of the translation innovation with the rotation innovation by thrust errors, shape (3, 3).
+
+    None where none is considered, or none bears on the sample.
+
+    Args:
+        translation_effects, rotation_effects: what one sigma of each jet's thrust error does to them, shape
+            (3, n_jets) each.
+    """
+    if translation_effects is None or rotation_effects is None or not rotation_effects.any():
+        return None
+    shared: Array = translation_effects @ rotation_effects.T
+    return shared
+
+
+def rotation_report(measurement: RotationMeasurement, cycle: RotationCycle) -> RotationReport:
+    """What a log keeps of the rotation filter's cycle."""
+    before = measurement.innovation
+    return RotationReport(
+        cycle.state.estimate,
+        np.sqrt(cycle.state.covariance.diagonal()),
+        before.innovation,
+        before.nis,
+        cycle.used,
+        cycle.jumped,
+        before.subtract_coupling,
+    )
+
+
+def mass_report(measurement: MassMeasurement, cycle: MassCycle) -> MassReport:
+    """What a log keeps of the mass filter's cycle."""
+    before, state = measurement.innovation, cycle.state
+    return MassReport(state.mass_reciprocal, state.variance, before.innovation, before.nis, cycle.used, cycle.jumped)
+
+
+# ------------------------------------------------------------------------------------- as a `Filter`
+
+
+def make_params(setup: Setup, options: Any) -> ThesisParams:
+    """Parameters from a scenario's blocks `rotation`, `mass` and `sensors.combine`.
+
+    Args:
+        setup: see `Setup`.
+        options: the scenario, field by field.
+    """
+    rotation, mass, combine = options.rotation, options.mass, options.sensors.combine
+    jump_std = rotation.jump_std_fraction * np.sqrt(setup.covariance.diagonal()[:N_ROTATION])
+    turning = RotationParams(
+        period_s=setup.period_s,
+        gyro_variances=setup.gyro_variances,
+        rule=Rule[combine.gyros.upper()],
+        second_order=rotation.filter != "extended",
+        bias=rotation.filter != "second_order_without_bias",
+        curvature=rotation.filter != "second_order_without_covariance",
+        coupling=Coupling[rotation.coupling.upper()],
+        coupling_limit=rotation.coupling_limit,
+        jump_threshold=rotation.jump_threshold if rotation.jump == "covariance_increment" else math.inf,
+        jump_covariance=np.diag(jump_std**2),
+        process_noise=np.diag(np.square(rotation.process_noise_std)),
+        disturbance_covariance=rotation.disturbance_std**2 * np.eye(3),
+        largest_turn=rotation.largest_turn,
+    )
+    moving = None
+    if setup.accelerometer_variances.size:
+        window = mass.jump_window if mass.jump == "glr" else 1
+        never = mass.jump == "none"
+        moving = MassParams(
+            period_s=setup.period_s,
+            positions=setup.accelerometer_positions,
+            variances=setup.accelerometer_variances,
+            rule=Rule[combine.accelerometers.upper()],
+            correlated=combine.correlated,
+            compensation=Compensation[mass.compensation.upper()],
+            compensation_covariance=mass.compensation_covariance,
+            process_noise=mass.process_noise_std**2,
+            jump_variance=float(setup.nominal[N_ROTATION] ** 2),
+            jump_threshold=math.inf if never else jump_threshold(mass.jump_false_alarm_rate, window),
+            jump_window=window,
+            small_gain=mass.jump == "single_sample_thesis",
+            disturbance_covariance=mass.disturbance_std**2 * np.eye(3),
+        )
+    return ThesisParams(turning, moving, setup.estimate, setup.covariance, setup.thrust_errors)
+
+
+def initial_state(params: ThesisParams) -> ThesisState:
+    """Both filters at the start, with no reading yet."""
+    n_jets = None if params.thrust_errors is None else params.thrust_errors.shape[0]
+    return ThesisState(
+        RotationState(
+            params.estimate[:N_ROTATION],
+            params.covariance[:N_ROTATION, :N_ROTATION],
+            None if n_jets is None else np.zeros((N_ROTATION, n_jets)),
+        ),
+        RotationMemory(np.full((params.rotation.gyro_variances.size, 3), np.nan), False),
+        None
+        if params.mass is None
+        else MassState(
+            float(params.estimate[N_ROTATION]),
+            float(params.covariance[N_ROTATION, N_ROTATION]),
+            empty_window(params.mass.jump_window),
+            None if n_jets is None else np.zeros(n_jets),
+        ),
+        _NO_ACCELEROMETER if params.mass is None else np.full((params.mass.variances.size, 3), np.nan),
+    )
+
+
+def predicted(state: ThesisState) -> Array:
+    """The ten parameters, NaN for the mass reciprocal where it is not observed, shape (10,)."""
+    return np.append(state.rotation.estimate, math.nan if state.mass is None else state.mass.mass_reciprocal)
+
+
+def measure(
+    state: ThesisState, rates: Array, velocities: Array, interval: Interval, params: ThesisParams
+) -> Measurement:
+    """First half of both filters' cycle."""
+    errors = params.thrust_errors
+    turning = rotation_filter.measure(
+        state.rotation, state.memory, rates, rotation_interval(interval, errors), params.rotation
+    )
+    moving = None
+    if state.mass is not None and params.mass is not None:
+        moving = mass_filter.measure(
+            state.mass,
+            state.velocities,
+            velocities,
+            mass_interval(interval, linear_errors(errors)),
+            rotation_of(turning_of(state.rotation, turning)),
+            params.mass,
+        )
+    return Measurement(turning, moving, rates, velocities)
+
+
+def evidence(state: ThesisState, measurement: Measurement, interval: Interval) -> Joint:
+    """What the detector sees; `NOT_MEASURED` where it would not look."""
+    if not interval.impulses.usable or measurement.moving is None or state.mass is None:
+        return NOT_MEASURED
+    turning = turning_of(state.rotation, measurement.turning)
+    return joint(turning, measurement.moving.innovation, state.mass)
+
+
+def finish(
+    state: ThesisState, measurement: Measurement, interval: Interval, adaptation: Adaptation, params: ThesisParams
+) -> FilterStep:
+    """Second half of both filters' cycle."""
+    impulses, learning = interval.impulses, is_learning(interval)
+    turned = rotation_filter.finish(state.rotation, measurement.turning, learning, adaptation, params.rotation)
+    memory = rotation_memory(measurement.turning, measurement.rates)
+    report = rotation_report(measurement.turning, turned)
+    moving = measurement.moving
+    if moving is None or state.mass is None or params.mass is None:
+        return FilterStep(ThesisState(turned.state, memory, None, state.velocities), report, None)
+    weighed = mass_filter.finish(state.mass, moving, impulses.usable, impulses.firing, adaptation, params.mass)
+    return FilterStep(
+        ThesisState(turned.state, memory, weighed.state, measurement.velocities),
+        report,
+        mass_report(moving, weighed),
+    )
+
+
+def covariance(state: ThesisState) -> Array:
+    """Of the ten parameters, NaN for the mass reciprocal where it is not observed, shape (10, 10)."""
+    return joint_covariance(state.rotation.covariance, math.nan if state.mass is None else state.mass.variance)
+
+
+# --------------------------------------------------------------------------------------- kept states
+
+
+def saved_rotation(state: RotationState, memory: RotationMemory) -> list[Array]:
+    """The rotation filter's state as vectors: estimate, covariance, memory, and sensitivity where there is one."""
+    layout = ROTATION_MEMORY.sized(gyros=memory.rates.shape[0])
+    groups = [state.estimate, state.covariance.ravel(), layout.pack((memory.subtract_coupling, memory.rates))]
+    return groups if state.sensitivity is None else [*groups, state.sensitivity.ravel()]
+
+
+def restored_rotation(groups: list[Array], gyros: int) -> tuple[RotationState, RotationMemory]:
+    """The inverse of `saved_rotation`."""
+    estimate, covariance, memory, *sensitivity = groups
+    read = ROTATION_MEMORY.sized(gyros=gyros).read(memory)
+    return (
+        RotationState(
+            estimate,
+            covariance.reshape(N_ROTATION, N_ROTATION),
+            sensitivity[0].reshape(N_ROTATION, -1) if sensitivity else None,
+        ),
+        RotationMemory(read.rates, read.subtract_coupling),
+    )
+
+
+def saved_mass(state: MassState, velocities: Array) -> list[Array]:
+    """The mass filter's state as vectors: estimate with readings and window, and sensitivity where there is one."""
+    layout = MASS_STATE.sized(accelerometers=velocities.shape[0], window=state.window.shape[0])
+    groups = [layout.pack((state.mass_reciprocal, state.variance, velocities, state.window))]
+    return groups if state.sensitivity is None else [*groups, state.sensitivity]
+
+
+def restored_mass(groups: list[Array], accelerometers: int, window: int) -> tuple[MassState, Array]:
+    """The inverse of `saved_mass`: state and readings."""
+    estimate, *sensitivity = groups
+    read = MASS_STATE.sized(accelerometers=accelerometers, window=window).read(estimate)
+    state = MassState(read.mass_reciprocal, read.variance, read.window, sensitivity[0] if sensitivity else None)
+    return state, read.velocities
+
+
+def saved(state: ThesisState) -> Groups:
+    """Both filters' states as vectors, by the systems that hold them in a diagram."""
+    groups = {"rotation_estimator": saved_rotation(state.rotation, state.memory)}
+    if state.mass is not None:
+        groups["mass_estimator"] = saved_mass(state.mass, state.velocities)
+    return groups
+
+
+def restored(groups: Groups, params: ThesisParams) -> ThesisState:
+    """The inverse of `saved`."""
+    rotation, memory = restored_rotation(list(groups["rotation_estimator"]), params.rotation.gyro_variances.size)
+    if params.mass is None:
+        return ThesisState(rotation, memory, None, _NO_ACCELEROMETER)
+    mass, velocities = restored_mass(
+        list(groups["mass_estimator"]), params.mass.variances.size, params.mass.jump_window
+    )
+    return ThesisState(rotation, memory, mass, velocities)
+
+
+FILTER = Filter(
+    params=make_params,
+    initial=initial_state,
+    predicted=predicted,
+    measure=measure,
+    evidence=evidence,
+    finish=finish,
+    covariance=covariance,
+    saved=saved,
+    restored=restored,
+)

@@ -1,0 +1,63 @@
+"""The fields of every packed port, state and log, in one place.
+
+Those that a kernel packs itself stand beside it and are named here; the vectors of fewer than four numbers, and
+those with one element per jet, need none.
+"""
+
+from __future__ import annotations
+
+from massprop_drake.maths.arrays import FLAG, NUMBER, Layout
+from massprop_drake.maths.estimation.adaptation import LAYOUT as ADAPTATION
+from massprop_drake.maths.estimation.cycle import MEMORY as IMPULSE_MEMORY
+from massprop_drake.maths.estimation.detector import KNOWN_FORCE, STATUS
+from massprop_drake.maths.estimation.filter import JOINT as EVIDENCE
+from massprop_drake.maths.estimation.filter import MASS_REPORT, ROTATION_REPORT
+from massprop_drake.maths.estimation.filters.thesis import TURNING
+
+__all__ = [
+    "ADAPTATION",
+    "ATTITUDE_MEMORY",
+    "DETECTOR_REPORT",
+    "EVIDENCE",
+    "HAND_CONTROLLERS",
+    "IMPULSES",
+    "IMPULSE_MEMORY",
+    "KNOWN_FORCE",
+    "MASS_ESTIMATE",
+    "MASS_REPORT",
+    "RECONFIGURATION",
+    "REFUSED",
+    "REQUEST",
+    "ROTATION_REPORT",
+    "SELECTION_COUNTS",
+    "STATUS",
+    "STRUCTURE",
+    "TRANSLATION_MEMORY",
+    "TURNING",
+]
+
+# the vehicle
+STRUCTURE = Layout("structure", inertia=6, center_of_mass=3)
+
+# the autopilot
+HAND_CONTROLLERS = Layout("hand_controllers", rotation=3, translation=3)
+ATTITUDE_MEMORY = Layout("attitude_memory", attitude=4, reference=4, holding=3, rate=3)
+TRANSLATION_MEMORY = Layout(
+    "translation_memory", command=3, velocity_left=3, horizon_left_s=NUMBER, since_selection_s=NUMBER
+)
+REQUEST = Layout("request", rate_change=3, velocity_change=3, time_limit_s=NUMBER, urgency=NUMBER)
+SELECTION_COUNTS = Layout("selection_counts", solved=NUMBER, reduced=NUMBER, closest=NUMBER, granted=NUMBER)
+REFUSED = Layout("refused", rate_change=3, least_change=NUMBER)
+
+# the estimators
+IMPULSES = Layout("impulses", angular_impulse=3, linear_impulse=3, usable=FLAG, firing=FLAG)
+MASS_ESTIMATE = Layout("mass_estimate", mass_reciprocal=NUMBER, variance=NUMBER)
+RECONFIGURATION = Layout("reconfiguration", declared=FLAG, known_wrench=6, removed="jets")
+DETECTOR_REPORT = Layout(
+    "detector_report",
+    **STATUS.logged,
+    likelihood="jets",
+    failure_magnitude="jets",
+    known_force="jets",
+    known_force_variance="jets",
+)
