@@ -36,7 +36,7 @@ def build(scenario: Scenario) -> Diagram:
     connect_estimation(builder, body, pilot, estimators, scenario)
     if estimators.HasOutputPort("reconfiguration"):
         builder.Connect(estimators.GetOutputPort("reconfiguration"), pilot.GetInputPort("reconfiguration"))
-    if scenario.detector.close_manifold and estimators.HasOutputPort("closed"):
+    if params.closes_manifolds(scenario) and estimators.HasOutputPort("closed"):
         for name in ("closed", "held_closed"):
             builder.Connect(estimators.GetOutputPort(name), body.GetInputPort(name))
     if scenario.autopilot.mass_properties == "estimated":

@@ -8,6 +8,7 @@
     evidence of both filters --> failure_detector --> adaptation (to both), known_force (to all three),
                                                       reconfiguration (to the autopilot)
 
+These are the thesis's filters; another filter of the registry takes the place of both estimators and the monitor.
 The same diagram serves the closed loop, the open loop and recorded telemetry.
 """
 
@@ -26,6 +27,7 @@ from massprop_drake.maths.mass_properties import N_ROTATION
 from massprop_drake.systems.estimation._readings import Package
 from massprop_drake.systems.estimation.convergence_monitor import ConvergenceMonitor
 from massprop_drake.systems.estimation.failure_detector import FailureDetector
+from massprop_drake.systems.estimation.filter_estimator import FilterEstimator
 from massprop_drake.systems.estimation.impulse_model import ImpulseModel
 from massprop_drake.systems.estimation.mass_estimator import MassEstimator
 from massprop_drake.systems.estimation.rotation_estimator import RotationEstimator
@@ -51,9 +53,7 @@ def build(scenario: Scenario) -> Diagram:
             detector_report (out, 14 + 4 n_jets), with a detector: see `FailureDetector`.
     """
     vehicle = scenario.vehicle_data
-    filters = params.thesis_params(scenario)
     builder = DiagramBuilder()
-
     impulses = builder.AddNamedSystem(
         "impulse_model",
         ImpulseModel(
@@ -62,6 +62,24 @@ def build(scenario: Scenario) -> Diagram:
             period_s=vehicle.sample_period_s,
         ),
     )
+    commands = builder.ExportInput(impulses.GetInputPort("jet_commands"), "jet_commands")
+    builder.ExportInput(impulses.GetInputPort("outside_wrench"), "outside_wrench")
+    builder.ExportOutput(impulses.GetOutputPort("impulses"), "impulses")
+
+    add_filter = _add_thesis if scenario.estimation.filter == "thesis" else _add_filter
+    filters = add_filter(builder, scenario, impulses)
+    method = params.detector(scenario)
+    if method is not None:
+        _add_detector(builder, scenario, method, (impulses, *filters), commands)
+    diagram = builder.Build()
+    diagram.set_name("estimation")
+    return diagram
+
+
+def _add_thesis(builder: DiagramBuilder, scenario: Scenario, impulses: ImpulseModel) -> tuple[LeafSystem, ...]:
+    """The thesis's two filters, the one that gives the detector its evidence last."""
+    vehicle = scenario.vehicle_data
+    filters = params.thesis_params(scenario)
     rotation = builder.AddNamedSystem(
         "rotation_estimator",
         RotationEstimator(
@@ -73,45 +91,63 @@ def build(scenario: Scenario) -> Diagram:
         ),
     )
     monitor = builder.AddNamedSystem("convergence_monitor", ConvergenceMonitor(params.convergence_limits(scenario)))
-    commands = builder.ExportInput(impulses.GetInputPort("jet_commands"), "jet_commands")
-    builder.ExportInput(impulses.GetInputPort("outside_wrench"), "outside_wrench")
     _connect_impulses(builder, impulses, rotation)
     for sensor in vehicle.gyros:
         builder.ExportInput(rotation.GetInputPort(sensor.name), sensor.name)
     for name in ("estimate", "covariance"):
         builder.Connect(rotation.GetOutputPort(name), monitor.GetInputPort(f"rotation_{name}"))
-
-    if filters.mass is not None:
-        mass = builder.AddNamedSystem(
-            "mass_estimator",
-            MassEstimator(
-                mass_reciprocal=float(filters.estimate[N_ROTATION]),
-                variance=float(filters.covariance[N_ROTATION, N_ROTATION]),
-                accelerometers=_packages(params.accelerometers(scenario)),
-                params=filters.mass,
-                thrust_errors=filters.thrust_errors,
-            ),
-        )
-        _connect_impulses(builder, impulses, mass)
-        for name in ("turning", "predicted_estimate"):
-            builder.Connect(rotation.GetOutputPort(name), mass.GetInputPort(name))
-        for instrument in vehicle.accelerometers:
-            builder.ExportInput(mass.GetInputPort(instrument.name), instrument.name)
-        builder.Connect(mass.GetOutputPort("estimate"), monitor.GetInputPort("mass_estimate"))
-        for name in ("innovation", "innovation_covariance", "report"):
-            builder.ExportOutput(mass.GetOutputPort(name), f"mass_{name}")
-        method = params.detector(scenario)
-        if method is not None:
-            _add_detector(builder, scenario, method, (impulses, rotation, mass), commands)
-
-    builder.ExportOutput(impulses.GetOutputPort("impulses"), "impulses")
     for name in ("innovation", "innovation_covariance", "report"):
         builder.ExportOutput(rotation.GetOutputPort(name), f"rotation_{name}")
     for name in ("estimate", "standard_deviation", "covariance", "converged"):
         builder.ExportOutput(monitor.GetOutputPort(name), name)
-    diagram = builder.Build()
-    diagram.set_name("estimation")
-    return diagram
+    if filters.mass is None:
+        return (rotation,)
+
+    mass = builder.AddNamedSystem(
+        "mass_estimator",
+        MassEstimator(
+            mass_reciprocal=float(filters.estimate[N_ROTATION]),
+            variance=float(filters.covariance[N_ROTATION, N_ROTATION]),
+            accelerometers=_packages(params.accelerometers(scenario)),
+            params=filters.mass,
+            thrust_errors=filters.thrust_errors,
+        ),
+    )
+    _connect_impulses(builder, impulses, mass)
+    for name in ("turning", "predicted_estimate"):
+        builder.Connect(rotation.GetOutputPort(name), mass.GetInputPort(name))
+    for instrument in vehicle.accelerometers:
+        builder.ExportInput(mass.GetInputPort(instrument.name), instrument.name)
+    builder.Connect(mass.GetOutputPort("estimate"), monitor.GetInputPort("mass_estimate"))
+    for name in ("innovation", "innovation_covariance", "report"):
+        builder.ExportOutput(mass.GetOutputPort(name), f"mass_{name}")
+    return rotation, mass
+
+
+def _add_filter(builder: DiagramBuilder, scenario: Scenario, impulses: ImpulseModel) -> tuple[LeafSystem, ...]:
+    """Any other filter of the registry, as one system."""
+    vehicle, name = scenario.vehicle_data, scenario.estimation.filter
+    cycle = params.estimation_params(scenario)
+    estimator = builder.AddNamedSystem(
+        f"{name}_estimator",
+        FilterEstimator(
+            f"{name}_estimator",
+            cycle.filter,
+            cycle.filter_params,
+            gyros=_packages(params.gyros(scenario)),
+            accelerometers=_packages(params.accelerometers(scenario)),
+            n_jets=len(vehicle.jets),
+            limits=cycle.limits,
+            period_s=vehicle.sample_period_s,
+        ),
+    )
+    _connect_impulses(builder, impulses, estimator)
+    for sensor in vehicle.sensors:
+        builder.ExportInput(estimator.GetInputPort(sensor.name), sensor.name)
+    outputs = ["estimate", "standard_deviation", "covariance", "converged", "rotation_report"]
+    for port in [*outputs, *(["mass_report"] if vehicle.accelerometers else [])]:
+        builder.ExportOutput(estimator.GetOutputPort(port), port)
+    return (estimator,)
 
 
 def _connect_impulses(builder: DiagramBuilder, impulses: ImpulseModel, system: LeafSystem) -> None:
@@ -125,11 +161,19 @@ def _add_detector(
     builder: DiagramBuilder,
     scenario: Scenario,
     method: Detector,
-    estimators: tuple[ImpulseModel, RotationEstimator, MassEstimator],
+    estimators: tuple[LeafSystem, ...],
     commands: InputPortIndex,
 ) -> None:
-    """Puts the failure detector between the filters' innovations and their updates."""
-    impulses, rotation, mass = estimators
+    """Puts the failure detector between the filters' innovations and their updates.
+
+    Args:
+        builder: of the diagram.
+        scenario: for the jets and the detector's block.
+        method: of detection.
+        estimators: the impulse model, then the filters, the last of which gives the evidence.
+        commands: index of the exported port of jet commands.
+    """
+    impulses, *filters = estimators
     jets = params.jets(scenario)
     detector = builder.AddNamedSystem(
         "failure_detector", FailureDetector(method, method.params(jets, scenario.detector), jets=jets)
@@ -137,11 +181,11 @@ def _add_detector(
     builder.ConnectInput(commands, detector.GetInputPort("jet_commands"))
     builder.Connect(impulses.GetOutputPort("impulses"), detector.GetInputPort("impulses"))
     for name in ("evidence", "predicted"):
-        builder.Connect(mass.GetOutputPort(name), detector.GetInputPort(name))
+        builder.Connect(filters[-1].GetOutputPort(name), detector.GetInputPort(name))
 
     for system in estimators:
         builder.Connect(detector.GetOutputPort("known_force"), system.GetInputPort("known_force"))
-    for system in (rotation, mass):
+    for system in filters:
         builder.Connect(detector.GetOutputPort("adaptation"), system.GetInputPort("adaptation"))
     for name in ("reconfiguration", "closed", "held_closed"):
         builder.ExportOutput(detector.GetOutputPort(name), name)

@@ -312,6 +312,11 @@ def detector(scenario: Scenario) -> Detector | None:
     return DETECTORS[scenario.detector.kind]
 
 
+def closes_manifolds(scenario: Scenario) -> bool:
+    """Whether a declared failure closes the jet's manifold; a matter of the detector's block."""
+    return bool(getattr(scenario.detector, "close_manifold", False))
+
+
 def detector_params(scenario: Scenario) -> CglrParams:
     """Parameters of the detector by the constrained generalized likelihood ratio."""
     return cglr.make_params(jets(scenario), scenario.detector)

@@ -394,7 +394,7 @@ class MassBlock(Model):
 class DetectorBlock(Model):
     """Detection and isolation of failed jets, and of jumps of the mass properties."""
 
-    kind: Literal["off", "cglr"] = described(
+    kind: Literal["cglr", "off"] = described(
         "cglr", "off, or the constrained generalized likelihood ratio of one sample"
     )
     margin: Real = described(6.0, "by which a cluster, and a jet in it, must lead in likelihood argument", "-", gt=0.0)

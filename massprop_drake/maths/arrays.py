@@ -10,9 +10,10 @@ No vector is indexed by bare numbers elsewhere.
 from __future__ import annotations
 
 from collections import namedtuple
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from itertools import pairwise
 from math import nan, prod
+from operator import itemgetter, methodcaller
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -62,15 +63,26 @@ class Layout:
         }
         self._made = _named_tuple(name, tuple(fields))
         self._slices: dict[str, slice] = {}
+        self._of_sizes: dict[tuple[tuple[str, int], ...], Layout] = {}
         sizes = [_sizes(shape) for shape in self._shapes.values()]
         if any(isinstance(size, str) for part in sizes for size in part):
             return  # of no size before `sized`
         edges = np.cumsum([0, *(prod(part) for part in sizes)]).tolist()
         self.size: int = edges[-1]
         self._slices = {key: slice(*pair) for key, pair in zip(self._shapes, pairwise(edges), strict=True)}
-        self._parts = [
-            (part.start if shape in (NUMBER, FLAG) else part, None if isinstance(shape, int) else shape)
+        places = [
+            part.start if shape in (NUMBER, FLAG) else part
             for shape, part in zip(self._shapes.values(), self._slices.values(), strict=True)
+        ]
+        self._parts = _getter(places)
+        self._places = [
+            (place, isinstance(shape, tuple)) for place, shape in zip(places, self._shapes.values(), strict=True)
+        ]
+        # fields that are not just a view
+        self._converted = [
+            (index, _converter(shape))
+            for index, shape in enumerate(self._shapes.values())
+            if not isinstance(shape, int)
         ]
 
     def __repr__(self) -> str:
@@ -80,8 +92,13 @@ class Layout:
         return iter(self._shapes)
 
     def sized(self, **sizes: int) -> Layout:
-        """The layout with words for sizes replaced: `LAYOUT.sized(jets=44)`."""
+        """The layout with words for sizes replaced: `LAYOUT.sized(jets=44)`; made once for each set of sizes."""
+        key = tuple(sizes.items())
+        if key not in self._of_sizes:
+            self._of_sizes[key] = self._resized(sizes)
+        return self._of_sizes[key]
 
+    def _resized(self, sizes: dict[str, int]) -> Layout:
         def replaced(shape: Shape) -> Shape:
             if isinstance(shape, tuple):
                 return tuple(sizes.get(part, part) if isinstance(part, str) else part for part in shape)
@@ -96,18 +113,10 @@ class Layout:
 
     def read(self, vector: Array) -> Any:
         """The fields of a vector as a named tuple: views of it, floats and booleans."""
-        values: list[Any] = []
-        for where, shape in self._parts:
-            value = vector[where]
-            if shape is None:
-                values.append(value)
-            elif shape == FLAG:
-                values.append(bool(value != 0.0))
-            elif shape == NUMBER:
-                values.append(float(value))
-            else:
-                values.append(value.reshape(shape))
-        return self._made._make(values)
+        values = list(self._parts(vector))
+        for index, converted in self._converted:
+            values[index] = converted(values[index])
+        return _new(self._made, values)
 
     def make(self, **values: Any) -> Any:
         """A named tuple of the fields; those not given are NaN."""
@@ -116,8 +125,8 @@ class Layout:
     def pack(self, values: Sequence[Any]) -> Array:
         """A vector of fields in their order, shape (size,): the inverse of `read`."""
         vector = np.empty(self.size)
-        for (where, shape), value in zip(self._parts, values, strict=True):
-            vector[where] = value.ravel() if isinstance(shape, tuple) else value
+        for (place, is_matrix), value in zip(self._places, values, strict=True):
+            vector[place] = value.ravel() if is_matrix else value
         return vector
 
     def columns(self, log: Array) -> dict[str, Array]:
@@ -129,6 +138,19 @@ class Layout:
         return ", ".join(
             f"{key} ({' x '.join(str(size) for size in _sizes(shape))})" for key, shape in self._shapes.items()
         )
+
+
+_new: Any = tuple.__new__
+
+
+def _getter(places: list[Any]) -> Callable[[Array], tuple[Any, ...]]:
+    return itemgetter(*places) if len(places) > 1 else lambda vector: (vector[places[0]],)
+
+
+def _converter(shape: Shape) -> Callable[[Any], Any]:
+    if shape == FLAG:
+        return bool
+    return float if shape == NUMBER else methodcaller("reshape", shape)
 
 
 def _named_tuple(name: str, fields: tuple[str, ...]) -> Any:

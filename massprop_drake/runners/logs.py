@@ -58,11 +58,11 @@ def estimation_signals(scenario: Scenario, logs: Mapping[str, Array]) -> dict[st
 
 def for_json(groups: Groups) -> SavedState:
     """A state as a file keeps it."""
-    return {name: [null_for_nan(vector) for vector in vectors] for name, vectors in groups.items()}
+    return {name: [null_for_nan(vector)] for name, vector in groups.items()}
 
 
 def from_json(states: Mapping[str, Any], like: Groups, source: str) -> Groups:
-    """The inverse of `for_json`.
+    """The inverse of `for_json`; a part may be in several pieces, as version 0.1 kept it.
 
     Args:
         states: as a file has them.
@@ -73,14 +73,11 @@ def from_json(states: Mapping[str, Any], like: Groups, source: str) -> Groups:
         InputError: when they are of another vehicle or other settings.
     """
     for name in sorted(set(like) | set(states)):
-        saved, here = _sizes(states.get(name)), [vector.size for vector in like.get(name, [])]
+        saved = sum(map(len, states[name])) if isinstance(states.get(name), list) else 0
+        here = like[name].size if name in like else 0
         if saved != here:
             raise InputError(
-                f"{source}: the saved state of {name} has sizes {saved or 'none'}, but these settings make it "
+                f"{source}: the saved state of {name} has {saved or 'no'} numbers, but these settings make it "
                 f"{here or 'none'}; go on with the vehicle and the settings of that run"
             )
-    return {name: [np.array(vector, dtype=float) for vector in vectors] for name, vectors in states.items()}
-
-
-def _sizes(groups: Any) -> list[int]:
-    return [len(group) for group in groups] if isinstance(groups, list) else []
+    return {name: np.concatenate([np.array(piece, dtype=float) for piece in pieces]) for name, pieces in states.items()}

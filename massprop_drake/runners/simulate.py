@@ -224,8 +224,8 @@ def _state_groups(diagram: Any, context: Any) -> Groups:
     groups = {}
     for system in diagram.GetSubsystemByName("estimation").GetSystems():
         state = system.GetMyContextFromRoot(context).get_discrete_state()
-        if state.num_groups():
-            groups[system.get_name()] = [state.get_vector(index).CopyToVector() for index in range(state.num_groups())]
+        if state.num_groups():  # a system of the estimators keeps one vector
+            groups[system.get_name()] = state.get_vector(0).CopyToVector()
     return groups
 
 

@@ -191,21 +191,20 @@ def step(state: EstimationState, sample: Sample, params: EstimationParams) -> Es
 
 
 def saved(state: EstimationState, params: EstimationParams) -> Groups:
-    """The state as vectors, by the part of the diagram that holds them."""
-    layout = MEMORY.sized(jets=state.level.size)
-    groups = {"impulse_model": [layout.pack((state.command, state.level))], **params.filter.saved(state.filter)}
+    """The state as vectors, by the part of the diagram that holds each."""
+    memory = MEMORY.sized(jets=state.level.size).pack((state.command, state.level))
+    groups = {"impulse_model": memory, **params.filter.saved(state.filter, params.filter_params)}
     if params.detector is not None:
-        packed = params.detector.layout(params.detector_params).pack(state.detector)
-        groups["failure_detector"] = [packed]
+        groups["failure_detector"] = params.detector.layout(params.detector_params).pack(state.detector)
     return groups
 
 
 def restored(groups: Groups, params: EstimationParams) -> EstimationState:
     """The inverse of `saved`."""
-    memory = MEMORY.sized(jets=params.impulse_per_level.shape[0]).read(groups["impulse_model"][0])
+    memory = MEMORY.sized(jets=params.impulse_per_level.shape[0]).read(groups["impulse_model"])
     detector = None
     if params.detector is not None:
         initial = params.detector.initial(params.detector_params)
-        layout = params.detector.layout(params.detector_params)
-        detector = type(initial)(*layout.read(groups["failure_detector"][0]))
+        read = params.detector.layout(params.detector_params).read(groups["failure_detector"])
+        detector = type(initial)(*read)
     return EstimationState(memory.command, memory.level, params.filter.restored(groups, params.filter_params), detector)

@@ -6,7 +6,7 @@ registry there, and blocks of the scenario make its parameters.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,7 +17,7 @@ from massprop_drake.maths.estimation.detector import KnownForce
 from massprop_drake.maths.estimation.impulses import Impulses
 from massprop_drake.maths.linear_algebra import Array
 
-Groups = Mapping[str, Sequence[Array]]  # a state as vectors, by the part of the diagram that holds them
+Groups = Mapping[str, Array]  # a state as vectors, by the part of the diagram that holds each
 
 
 class Setup(NamedTuple):
@@ -162,7 +162,7 @@ class Filter(NamedTuple):
         evidence: (state, measurement, interval) -> `Joint`, for the detector.
         finish: (state, measurement, interval, adaptation, params) -> `FilterStep`.
         covariance: state -> of the ten parameters, NaN for what is not observed, shape (10, 10).
-        saved: state -> vectors to keep it by.
+        saved: (state, params) -> vectors to keep it by.
         restored: (vectors, params) -> state.
     """
 
@@ -173,5 +173,5 @@ class Filter(NamedTuple):
     evidence: Callable[[Any, Any, Interval], Joint]
     finish: Callable[[Any, Any, Interval, Adaptation, Any], FilterStep]
     covariance: Callable[[Any], Array]
-    saved: Callable[[Any], Groups]
+    saved: Callable[[Any, Any], Groups]
     restored: Callable[[Groups, Any], Any]

@@ -16,6 +16,8 @@ import numpy as np
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.vehicle.thrust import LagFactors, level_after, mean_level
 
+_OFF, _ON_OFF = {0.0}, {0.0, 1.0}
+
 
 class Impulses(NamedTuple):
     """Impulses of one sample interval.
@@ -60,15 +62,19 @@ def interval_impulses(
         lag: factors of the thrust lag; with zero time constants the level is the command.
         outside_impulse: of known outside forces, about the vehicle origin, shape (6,); None: none.
     """
-    steady = bool((command == previous_command).all() and ((command == 0.0) | (command == 1.0)).all())
+    told = set(command.tolist())
+    # equal bytes are equal numbers, but for NaN, which the set does not let pass
+    same = command.tobytes() == previous_command.tobytes() or bool((command == previous_command).all())
+    steady = same and told <= _ON_OFF
     if not steady:  # costly, and needless for a steady one
         command = np.nan_to_num(command, nan=0.0)
+        told = set(command.tolist())
     if lag.instantaneous:
         mean = after = command
     else:
         mean, after = mean_level(level, command, lag.mean), level_after(level, command, lag.remaining)
     impulse = mean @ impulse_per_level
-    firing = bool(command.any())
+    firing = told != _OFF
     if outside_impulse is not None and any(outside_impulse.tolist()):
         impulse, firing = impulse + outside_impulse, True
     return Impulses(

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.systems.framework import LeafSystem
 
 from massprop_drake.maths.estimation.adaptation import NO_ADAPTATION, Adaptation, unpacked
@@ -40,7 +39,7 @@ class FilterSystem(LeafSystem):
     """A filter that measures, is judged by the detector, and finishes its cycle as the detector says.
 
     A system that derives from it calls `_declare_cycle` once its ports and state are declared, and gives
-    `_measure(context) -> Measured` and `_finish(context) -> cycle`.
+    `_measure(context) -> Measured` and `_finish(measured, adaptation) -> cycle`.
 
     Args:
         name: of the system.
@@ -81,7 +80,7 @@ class FilterSystem(LeafSystem):
         measured = {self.xd_ticket(), *(self.input_port_ticket(port.get_index()) for port in self._inputs)}
         self._measurement = Cached(self, "measurement", self._measure, measured)
         adapted = {self._measurement.ticket, self.input_port_ticket(self._adaptation.get_index())}
-        self._cycle = Cached(self, "cycle", self._finish, {self.xd_ticket(), *adapted})
+        self._cycle = Cached(self, "cycle", self._compute_cycle, {self.xd_ticket(), *adapted})
         for entry, ports in ((self._measurement, outputs), (self._cycle, reports)):
             for name, size, calc in ports:
                 self.DeclareVectorOutputPort(name, size, calc, prerequisites_of_calc={entry.ticket})
@@ -106,13 +105,18 @@ class FilterSystem(LeafSystem):
         measured: Measured = self._measurement.get(self, context)
         return measured
 
-    def _groups(self, context: Any) -> list[NDArray[Any]]:
-        """The groups of the discrete state."""
-        state = context.get_discrete_state()
-        return [state.get_vector(index).CopyToVector() for index in range(state.num_groups())]
+    def _cycled(self, context: Any) -> tuple[Measured, Any]:
+        """The measurement, and what became of it."""
+        cycled: tuple[Measured, Any] = self._cycle.get(self, context)
+        return cycled
 
     def _measure(self, context: Any) -> Measured:
         raise NotImplementedError
 
-    def _finish(self, context: Any) -> Any:
+    def _compute_cycle(self, context: Any) -> tuple[Measured, Any]:
+        adaptation = self._adapted(context)
+        measured = self._measured(context)
+        return measured, self._finish(measured, adaptation)
+
+    def _finish(self, measured: Measured, adaptation: Adaptation) -> Any:
         raise NotImplementedError

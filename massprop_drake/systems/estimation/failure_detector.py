@@ -9,6 +9,8 @@ from pydrake.systems.framework import LeafSystem
 
 from massprop_drake.maths.estimation import adaptation
 from massprop_drake.maths.estimation.detector import Detector, Event, Evidence, Jets, Judgment
+from massprop_drake.maths.estimation.filter import NOT_MEASURED
+from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.systems.caching import Cached, Stopwatch
 from massprop_drake.systems.layouts import (
     ADAPTATION,
@@ -76,6 +78,7 @@ class FailureDetector(LeafSystem):
         initial = detector.initial(params)
         self._state_of = type(initial)
         self._layout = detector.layout(params)
+        self._force, self._variance = self._layout.slice("force"), self._layout.slice("variance")
         self._memory = self.DeclareDiscreteState(self._layout.pack(initial))
 
         self._judgment = Cached(
@@ -101,28 +104,29 @@ class FailureDetector(LeafSystem):
         )
         self.DeclarePeriodicDiscreteUpdateEvent(period_sec=jets.period_s, offset_sec=0.0, update=self._update)
 
+    def _packed(self, context: Any) -> Array:
+        vector: Array = context.get_discrete_state(self._memory).CopyToVector()
+        return vector
+
     def _state(self, context: Any) -> Any:
-        return self._state_of(*self._layout.read(context.get_discrete_state(self._memory).CopyToVector()))
+        return self._state_of._make(self._layout.read(self._packed(context)))
 
     def _judge(self, context: Any) -> Judgment:
         impulses = IMPULSES.read(self._impulses.Eval(context))
-        evidence = Evidence(
-            context.get_time(),
-            self._command.Eval(context),
-            impulses.usable,
-            impulses.firing,
-            *EVIDENCE.read(self._evidence.Eval(context)),
-        )
+        # a sample that is not steady is not looked at, so that nothing need be unpacked
+        seen = EVIDENCE.read(self._evidence.Eval(context)) if impulses.usable else NOT_MEASURED
+        command = self._command.Eval(context)
+        evidence = Evidence(context.get_time(), command, impulses.usable, impulses.firing, *seen)
         judgment: Judgment = self.stopwatch.measure(self._detector.judge, self._state(context), evidence, self._params)
         return judgment
 
     def _calc_known_force(self, context: Any, output: Any) -> None:
-        state = self._state(context)
-        if not state.variance.any():
+        if not self._packed(context)[self._variance].any():
             output.SetFromVector(_NO_KNOWN_FORCE)
             return
         predicted, command = self._predicted.Eval(context), self._command.Eval(context)
-        output.SetFromVector(KNOWN_FORCE.pack(self._detector.known_force(state, predicted, command, self._params)))
+        known = self._detector.known_force(self._state(context), predicted, command, self._params)
+        output.SetFromVector(KNOWN_FORCE.pack(known))
 
     def _calc_adaptation(self, context: Any, output: Any) -> None:
         todo = self._judgment.get(self, context).adaptation
@@ -141,9 +145,9 @@ class FailureDetector(LeafSystem):
         output.SetFromVector(self._state(context).closed)
 
     def _calc_report(self, context: Any, output: Any) -> None:
-        judgment, before = self._judgment.get(self, context), self._state(context)
-        parts = (*judgment.status, judgment.likelihood, judgment.magnitude, before.force, before.variance)
-        output.SetFromVector(self._report.pack(parts))
+        judgment, before = self._judgment.get(self, context), self._packed(context)
+        known = before[self._force], before[self._variance]
+        output.SetFromVector(self._report.pack((*judgment.status, judgment.likelihood, judgment.magnitude, *known)))
 
     def _update(self, context: Any, state: Any) -> None:
         state.set_value(self._memory, self._layout.pack(self._judgment.get(self, context).state))

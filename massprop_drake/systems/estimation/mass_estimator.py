@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from massprop_drake.maths.estimation.adaptation import Adaptation
 from massprop_drake.maths.estimation.filter import NOT_MEASURED
 from massprop_drake.maths.estimation.filters import mass_filter, thesis
 from massprop_drake.maths.estimation.filters.mass_filter import MassCycle, MassParams, MassState
@@ -46,9 +47,9 @@ class MassEstimator(FilterSystem):
         report (out, 8): packed as `layouts.MASS_REPORT`, for logs: estimate (2); the innovation (3) again; its NIS,
             NaN where not measured; 1 when the sample was used; 1 when a jump of 1/m was found.
 
-    State: estimate (2 + 3 s + 3 n): 1/m, its variance, the last reading of each of the s packages, NaN
-    before the first, and the window of the jump test, n the samples that it looks back; sensitivity (n_jets)
-    to thrust errors, where they are considered.
+    State (2 + 3 s + 3 n), packed as `thesis.MASS_STATE`: 1/m, its variance, the last reading of each of the s
+    packages, NaN before the first, and the window of the jump test, n the samples that it looks back; sensitivity
+    (n_jets) to thrust errors, where they are considered.
 
     Timing: as `RotationEstimator`; the center of mass is the rotation filter's prediction (3-40).
 
@@ -78,14 +79,12 @@ class MassEstimator(FilterSystem):
         self._turning = self._declare_input("turning", self._turning_layout.size)
         self._declare_interval()
         self._prediction = self.DeclareVectorInputPort("predicted_estimate", N_ROTATION)
-        start = MassState(
-            mass_reciprocal,
-            variance,
-            empty_window(params.jump_window),
-            None if thrust_errors is None else np.zeros(n_errors),
+        self._layout = thesis.MASS_STATE.sized(
+            accelerometers=len(accelerometers), window=params.jump_window, errors=n_errors
         )
+        start = MassState(mass_reciprocal, variance, empty_window(params.jump_window), np.zeros(n_errors))
         readings = np.full((len(accelerometers), 3), np.nan)
-        self._state = [self.DeclareDiscreteState(group) for group in thesis.saved_mass(start, readings)]
+        self._state = self.DeclareDiscreteState(thesis.pack_mass(start, readings, self._layout))
         predictions = {self.xd_ticket(), self.input_port_ticket(self._prediction.get_index())}
         self.DeclareVectorOutputPort("predicted", 10, self._calc_predicted, prerequisites_of_calc=predictions)
         self._declare_cycle(
@@ -101,8 +100,8 @@ class MassEstimator(FilterSystem):
         )
         self.DeclarePeriodicDiscreteUpdateEvent(period_sec=params.period_s, offset_sec=0.0, update=self._update)
 
-    def _restored(self, context: Any) -> tuple[MassState, Array]:
-        return thesis.restored_mass(self._groups(context), len(self._accelerometers.ports), self._params.jump_window)
+    def _known(self, context: Any) -> tuple[MassState, Array]:
+        return thesis.read_mass(context.get_discrete_state(self._state).CopyToVector(), self._layout)
 
     def _seen(self, context: Any) -> Turning:
         """What the rotation filter says of the sample."""
@@ -110,7 +109,7 @@ class MassEstimator(FilterSystem):
         return turning if self._thrust_errors is not None else turning._replace(effects=None)
 
     def _measure(self, context: Any) -> Measured:
-        state, before = self._restored(context)
+        state, before = self._known(context)
         velocities, interval, turning = self._accelerometers.eval(context), self._interval(context), self._seen(context)
         measurement = self.stopwatch.measure(
             mass_filter.measure,
@@ -123,9 +122,8 @@ class MassEstimator(FilterSystem):
         )
         return Measured(state, interval, measurement, (velocities, turning))
 
-    def _finish(self, context: Any) -> MassCycle:
-        adaptation = self._adapted(context)
-        state, interval, measurement, _ = self._measured(context)
+    def _finish(self, measured: Measured, adaptation: Adaptation) -> MassCycle:
+        state, interval, measurement, _ = measured
         impulses = interval.impulses
         cycle: MassCycle = self.stopwatch.measure(
             mass_filter.finish, state, measurement, impulses.usable, impulses.firing, adaptation, self._params
@@ -133,7 +131,7 @@ class MassEstimator(FilterSystem):
         return cycle
 
     def _calc_predicted(self, context: Any, output: Any) -> None:
-        state, _ = self._restored(context)
+        state, _ = self._known(context)
         output.SetFromVector(np.append(self._prediction.Eval(context), state.mass_reciprocal))
 
     def _calc_evidence(self, context: Any, output: Any) -> None:
@@ -150,15 +148,14 @@ class MassEstimator(FilterSystem):
         output.SetFromVector(self._measured(context).measurement.innovation.covariance.ravel())
 
     def _calc_estimate(self, context: Any, output: Any) -> None:
-        state = self._cycle.get(self, context).state
-        output.SetFromVector(MASS_ESTIMATE.pack((state.mass_reciprocal, state.variance)))
+        _, cycle = self._cycled(context)
+        output.SetFromVector(MASS_ESTIMATE.pack((cycle.state.mass_reciprocal, cycle.state.variance)))
 
     def _calc_report(self, context: Any, output: Any) -> None:
-        report = thesis.mass_report(self._measured(context).measurement, self._cycle.get(self, context))
-        output.SetFromVector(MASS_REPORT.pack(report))
+        measured, cycle = self._cycled(context)
+        output.SetFromVector(MASS_REPORT.pack(thesis.mass_report(measured.measurement, cycle)))
 
     def _update(self, context: Any, state: Any) -> None:
-        velocities, _ = self._measured(context).readings
-        groups = thesis.saved_mass(self._cycle.get(self, context).state, velocities)
-        for index, group in zip(self._state, groups, strict=True):
-            state.set_value(index, group)
+        measured, cycle = self._cycled(context)
+        velocities, _ = measured.readings
+        state.set_value(self._state, thesis.pack_mass(cycle.state, velocities, self._layout))

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from massprop_drake.maths.estimation.adaptation import Adaptation
 from massprop_drake.maths.estimation.filters import rotation_filter, thesis
 from massprop_drake.maths.estimation.filters.rotation_filter import (
     RotationCycle,
@@ -46,9 +47,9 @@ class RotationEstimator(FilterSystem):
             (3) again; its NIS before any covariance increment, NaN where not measured; 1 when the sample was used;
             1 when the covariance was incremented; 1 when dynamic coupling was to be subtracted.
 
-    State: estimate (9); covariance (81); memory (1 + 3 s): the hybrid rule's last decision, and the last
-    reading of each package, NaN before the first; sensitivity (9 n_jets) to thrust errors, row by row,
-    where they are considered.
+    State (91 + 3 s), packed as `thesis.ROTATION_STATE`: estimate (9); covariance (81); the hybrid rule's last
+    decision; the last reading of each of the s packages, NaN before the first; sensitivity (9 n_jets) to thrust
+    errors, row by row, where they are considered.
 
     Timing: outputs at t_k use the reading at t_k and the impulses of [t_k-1, t_k); the update at t_k
     makes `estimate` the next prediction.
@@ -81,10 +82,13 @@ class RotationEstimator(FilterSystem):
         n_errors = 0 if thrust_errors is None else thrust_errors.shape[0]
         self._turning = TURNING.sized(jets=n_errors)
         self._no_effects = np.zeros((3, n_errors))
-        start = RotationState(estimate, covariance, None if thrust_errors is None else np.zeros((N_ROTATION, n_errors)))
+        self._layout = thesis.ROTATION_STATE.sized(gyros=len(gyros), errors=n_errors)
+        start = RotationState(estimate, covariance, np.zeros((N_ROTATION, n_errors)))
         memory = RotationMemory(np.full((len(gyros), 3), np.nan), False)
-        self._state = [self.DeclareDiscreteState(group) for group in thesis.saved_rotation(start, memory)]
-        self.DeclareStateOutputPort("predicted_estimate", self._state[0])
+        self._state = self.DeclareDiscreteState(thesis.pack_rotation(start, memory, self._layout))
+        self.DeclareVectorOutputPort(
+            "predicted_estimate", N_ROTATION, self._calc_predicted, prerequisites_of_calc={self.xd_ticket()}
+        )
         self._declare_cycle(
             (
                 ("turning", self._turning.size, self._calc_turning),
@@ -99,21 +103,27 @@ class RotationEstimator(FilterSystem):
         )
         self.DeclarePeriodicDiscreteUpdateEvent(period_sec=params.period_s, offset_sec=0.0, update=self._update)
 
+    def _known(self, context: Any) -> tuple[RotationState, RotationMemory]:
+        return thesis.read_rotation(context.get_discrete_state(self._state).CopyToVector(), self._layout)
+
     def _measure(self, context: Any) -> Measured:
-        state, memory = thesis.restored_rotation(self._groups(context), len(self._gyros.ports))
+        state, memory = self._known(context)
         rates, interval = self._gyros.eval(context), self._interval(context)
         known = thesis.rotation_interval(interval, self._thrust_errors)
         measurement = self.stopwatch.measure(rotation_filter.measure, state, memory, rates, known, self._params)
         return Measured(state, interval, measurement, rates)
 
-    def _finish(self, context: Any) -> RotationCycle:
-        adaptation = self._adapted(context)
-        state, interval, measurement, _ = self._measured(context)
+    def _finish(self, measured: Measured, adaptation: Adaptation) -> RotationCycle:
+        state, interval, measurement, _ = measured
         learning = thesis.is_learning(interval)
         cycle: RotationCycle = self.stopwatch.measure(
             rotation_filter.finish, state, measurement, learning, adaptation, self._params
         )
         return cycle
+
+    def _calc_predicted(self, context: Any, output: Any) -> None:
+        state, _ = self._known(context)
+        output.SetFromVector(state.estimate)
 
     def _calc_turning(self, context: Any, output: Any) -> None:
         state, _, measurement, _ = self._measured(context)
@@ -128,18 +138,18 @@ class RotationEstimator(FilterSystem):
         output.SetFromVector(self._measured(context).measurement.innovation.covariance.ravel())
 
     def _calc_estimate(self, context: Any, output: Any) -> None:
-        output.SetFromVector(self._cycle.get(self, context).state.estimate)
+        _, cycle = self._cycled(context)
+        output.SetFromVector(cycle.state.estimate)
 
     def _calc_covariance(self, context: Any, output: Any) -> None:
-        output.SetFromVector(self._cycle.get(self, context).state.covariance.ravel())
+        _, cycle = self._cycled(context)
+        output.SetFromVector(cycle.state.covariance.ravel())
 
     def _calc_report(self, context: Any, output: Any) -> None:
-        report = thesis.rotation_report(self._measured(context).measurement, self._cycle.get(self, context))
-        output.SetFromVector(ROTATION_REPORT.pack(report))
+        measured, cycle = self._cycled(context)
+        output.SetFromVector(ROTATION_REPORT.pack(thesis.rotation_report(measured.measurement, cycle)))
 
     def _update(self, context: Any, state: Any) -> None:
-        measured = self._measured(context)
+        measured, cycle = self._cycled(context)
         memory = thesis.rotation_memory(measured.measurement, measured.readings)
-        groups = thesis.saved_rotation(self._cycle.get(self, context).state, memory)
-        for index, group in zip(self._state, groups, strict=True):
-            state.set_value(index, group)
+        state.set_value(self._state, thesis.pack_rotation(cycle.state, memory, self._layout))

@@ -509,38 +509,49 @@ def judged(state: DetectorState, evidence: Evidence, params: CglrParams) -> Dete
     Raises:
         NotPositiveDefiniteError: when an innovation covariance is not positive definite.
     """
-    innovation = evidence.innovation
-    if not (evidence.usable and _measured(innovation)):
+    information = information_of(evidence, params.limits)
+    if information is None:
         return _untested(state)
-    variance = evidence.estimate_covariance.diagonal()
-    if not converged(np.sqrt(variance), evidence.estimate, params.limits):
-        return _untested(state)
-    covariance = evidence.covariance
-    if evidence.coupled:
-        information = _inverse(covariance)
-    else:
-        information = np.zeros((6, 6))
-        for block in (_TRANSLATION, _ROTATION):
-            own = inverse_positive_definite(covariance[block, block], "innovation covariance")
-            information[block, block] = own
     sample = DetectorSample(
         time_s=evidence.time_s,
         command=evidence.command,
         firing=evidence.firing,
-        innovation=innovation,
-        covariance=covariance,
+        innovation=evidence.innovation,
+        covariance=evidence.covariance,
         information=information,
         thrust_errors=evidence.coupled,
         mass_properties=evidence.estimate,
         state_covariance=evidence.estimate_covariance[:N_ROTATION, :N_ROTATION],
-        mass_variance=float(variance[N_ROTATION]),
+        mass_variance=float(evidence.estimate_covariance[N_ROTATION, N_ROTATION]),
     )
     return cycle(state, sample, params)
 
 
-def _measured(innovation: Array) -> bool:
-    """Whether translation and rotation both have an innovation."""
-    return math.isfinite(innovation[_TRANSLATION.start]) and math.isfinite(innovation[_ROTATION.start])
+def information_of(evidence: Evidence, limits: Array) -> Array | None:
+    """Inverse of the innovations' covariance, shape (6, 6); None for a sample that cannot be tested.
+
+    A sample can be tested when the combination of jets was steady, both innovations are there, and the estimates
+    have converged.
+
+    Args:
+        evidence: of the sample.
+        limits: of convergence, see `mass_properties.converged`, shape (3,).
+
+    Raises:
+        NotPositiveDefiniteError: when an innovation covariance is not positive definite.
+    """
+    innovation, covariance = evidence.innovation, evidence.covariance
+    measured = math.isfinite(innovation[_TRANSLATION.start]) and math.isfinite(innovation[_ROTATION.start])
+    if not (evidence.usable and measured):
+        return None
+    if not converged(np.sqrt(evidence.estimate_covariance.diagonal()), evidence.estimate, limits):
+        return None
+    if evidence.coupled:
+        return _inverse(covariance)
+    information = np.zeros((6, 6))
+    for block in (_TRANSLATION, _ROTATION):
+        information[block, block] = inverse_positive_definite(covariance[block, block], "innovation covariance")
+    return information
 
 
 def _inverse(covariance: Array) -> Array:

@@ -123,10 +123,23 @@ TURNING = Layout(
     covariance=(N_ROTATION, N_ROTATION),
     effects=(3, "jets"),
 )
-ROTATION_MEMORY = Layout("memory", subtract_coupling=FLAG, rates=("gyros", 3))
-MASS_STATE = Layout(
-    "mass_state", mass_reciprocal=NUMBER, variance=NUMBER, velocities=("accelerometers", 3), window=("window", 3)
+ROTATION_STATE = Layout(
+    "rotation_state",
+    estimate=N_ROTATION,
+    covariance=(N_ROTATION, N_ROTATION),
+    subtract_coupling=FLAG,
+    rates=("gyros", 3),
+    sensitivity=(N_ROTATION, "errors"),
 )
+MASS_STATE = Layout(
+    "mass_state",
+    mass_reciprocal=NUMBER,
+    variance=NUMBER,
+    velocities=("accelerometers", 3),
+    window=("window", 3),
+    sensitivity="errors",
+)
+_INSENSITIVE = np.empty((N_ROTATION, 0))
 
 
 class Measurement(NamedTuple):
@@ -402,58 +415,63 @@ def covariance(state: ThesisState) -> Array:
 # --------------------------------------------------------------------------------------- kept states
 
 
-def saved_rotation(state: RotationState, memory: RotationMemory) -> list[Array]:
-    """The rotation filter's state as vectors: estimate, covariance, memory, and sensitivity where there is one."""
-    layout = ROTATION_MEMORY.sized(gyros=memory.rates.shape[0])
-    groups = [state.estimate, state.covariance.ravel(), layout.pack((memory.subtract_coupling, memory.rates))]
-    return groups if state.sensitivity is None else [*groups, state.sensitivity.ravel()]
+def rotation_layout(params: ThesisParams) -> Layout:
+    """The rotation filter's state and memory as a vector."""
+    return ROTATION_STATE.sized(gyros=params.rotation.gyro_variances.size, errors=_n_errors(params))
 
 
-def restored_rotation(groups: list[Array], gyros: int) -> tuple[RotationState, RotationMemory]:
-    """The inverse of `saved_rotation`."""
-    estimate, covariance, memory, *sensitivity = groups
-    read = ROTATION_MEMORY.sized(gyros=gyros).read(memory)
-    return (
-        RotationState(
-            estimate,
-            covariance.reshape(N_ROTATION, N_ROTATION),
-            sensitivity[0].reshape(N_ROTATION, -1) if sensitivity else None,
-        ),
-        RotationMemory(read.rates, read.subtract_coupling),
+def mass_layout(params: ThesisParams) -> Layout:
+    """The mass filter's state and readings as a vector."""
+    assert params.mass is not None
+    return MASS_STATE.sized(
+        accelerometers=params.mass.variances.size, window=params.mass.jump_window, errors=_n_errors(params)
     )
 
 
-def saved_mass(state: MassState, velocities: Array) -> list[Array]:
-    """The mass filter's state as vectors: estimate with readings and window, and sensitivity where there is one."""
-    layout = MASS_STATE.sized(accelerometers=velocities.shape[0], window=state.window.shape[0])
-    groups = [layout.pack((state.mass_reciprocal, state.variance, velocities, state.window))]
-    return groups if state.sensitivity is None else [*groups, state.sensitivity]
+def _n_errors(params: ThesisParams) -> int:
+    """Jets whose thrust errors are considered: all or none."""
+    return 0 if params.thrust_errors is None else params.thrust_errors.shape[0]
 
 
-def restored_mass(groups: list[Array], accelerometers: int, window: int) -> tuple[MassState, Array]:
-    """The inverse of `saved_mass`: state and readings."""
-    estimate, *sensitivity = groups
-    read = MASS_STATE.sized(accelerometers=accelerometers, window=window).read(estimate)
-    state = MassState(read.mass_reciprocal, read.variance, read.window, sensitivity[0] if sensitivity else None)
-    return state, read.velocities
+def pack_rotation(state: RotationState, memory: RotationMemory, layout: Layout) -> Array:
+    """The rotation filter's state and memory as a vector."""
+    sensitivity = _INSENSITIVE if state.sensitivity is None else state.sensitivity
+    return layout.pack((state.estimate, state.covariance, memory.subtract_coupling, memory.rates, sensitivity))
 
 
-def saved(state: ThesisState) -> Groups:
+def read_rotation(vector: Array, layout: Layout) -> tuple[RotationState, RotationMemory]:
+    """The inverse of `pack_rotation`; views of the vector."""
+    estimate, covariance, subtract_coupling, rates, sensitivity = layout.read(vector)
+    state = RotationState(estimate, covariance, sensitivity if sensitivity.size else None)
+    return state, RotationMemory(rates, subtract_coupling)
+
+
+def pack_mass(state: MassState, velocities: Array, layout: Layout) -> Array:
+    """The mass filter's state and readings as a vector."""
+    sensitivity = _INSENSITIVE[0] if state.sensitivity is None else state.sensitivity
+    return layout.pack((state.mass_reciprocal, state.variance, velocities, state.window, sensitivity))
+
+
+def read_mass(vector: Array, layout: Layout) -> tuple[MassState, Array]:
+    """The inverse of `pack_mass`: state and readings, views of the vector."""
+    mass_reciprocal, variance, velocities, window, sensitivity = layout.read(vector)
+    return MassState(mass_reciprocal, variance, window, sensitivity if sensitivity.size else None), velocities
+
+
+def saved(state: ThesisState, params: ThesisParams) -> Groups:
     """Both filters' states as vectors, by the systems that hold them in a diagram."""
-    groups = {"rotation_estimator": saved_rotation(state.rotation, state.memory)}
+    groups = {"rotation_estimator": pack_rotation(state.rotation, state.memory, rotation_layout(params))}
     if state.mass is not None:
-        groups["mass_estimator"] = saved_mass(state.mass, state.velocities)
+        groups["mass_estimator"] = pack_mass(state.mass, state.velocities, mass_layout(params))
     return groups
 
 
 def restored(groups: Groups, params: ThesisParams) -> ThesisState:
     """The inverse of `saved`."""
-    rotation, memory = restored_rotation(list(groups["rotation_estimator"]), params.rotation.gyro_variances.size)
+    rotation, memory = read_rotation(groups["rotation_estimator"], rotation_layout(params))
     if params.mass is None:
         return ThesisState(rotation, memory, None, _NO_ACCELEROMETER)
-    mass, velocities = restored_mass(
-        list(groups["mass_estimator"]), params.mass.variances.size, params.mass.jump_window
-    )
+    mass, velocities = read_mass(groups["mass_estimator"], mass_layout(params))
     return ThesisState(rotation, memory, mass, velocities)
 
 
