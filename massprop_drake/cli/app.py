@@ -354,7 +354,7 @@ def check(
         findings.append({"file": name, "ok": True, "findings": [about]})
         lines.append(f"{name}: ok: {about}")
         if isinstance(good, Vehicle) and not quiet:
-            from massprop_drake.studies.vehicle import vehicle_report  # noqa: PLC0415 (loads an optimizer)
+            from massprop_drake.studies.vehicle import vehicle_report  # noqa: PLC0415 (loads Drake)
 
             findings[-1]["report"] = vehicle_report(good, pairs)
             lines += show.vehicle_lines(findings[-1]["report"], good.unit_names["force"])
