@@ -38,7 +38,7 @@ _TELEMETRY = (".csv", ".tsv", ".parquet", ".pq")  # endings of telemetry files
 
 
 class Schema(StrEnum):
-    """Kinds of files whose keys can be shown."""
+    """The kinds of files whose keys can be shown."""
 
     vehicle = "vehicle"
     scenario = "scenario"
@@ -140,7 +140,7 @@ def run(
 
 
 class Start(StrEnum):
-    """Where the estimators begin."""
+    """The mass properties that the estimators start from."""
 
     nominal = "nominal"
     zero = "zero"
@@ -201,7 +201,7 @@ def estimate(
 def _case_of_a_record(
     name: str, vehicle: str | None, like: str | None, resume_from: Path | None, overrides: list[str]
 ) -> Scenario:
-    """The vehicle and the settings to estimate with."""
+    """Finds the vehicle and the settings to estimate with."""
     if vehicle is not None and like is not None:
         raise InputError("give either --vehicle or --like, not both: --like takes the vehicle, too")
     if vehicle is not None:
@@ -213,7 +213,7 @@ def _case_of_a_record(
 
 
 def _require_apart(target: Path, telemetry: str, resume_from: Path | None) -> None:
-    """Keeps what is read from being replaced by what is written."""
+    """Makes sure that the output does not replace its own input."""
     for source in (Path(telemetry).parent if telemetry != "-" else None, resume_from):
         if source is not None and exists(target) and exists(source) and target.resolve() == source.resolve():
             raise InputError(
@@ -368,7 +368,7 @@ def check(
 
 
 def _checked(name: str, whose: Vehicle | None) -> Vehicle | Scenario | str:
-    """What a good file holds, of telemetry in words; InputError for a bad one."""
+    """Reads a file and returns what it holds, telemetry in words; raises InputError for a bad one."""
     if Path(name).suffix.lower() in _TELEMETRY:
         return show.about_telemetry(check_telemetry(Path(name), whose), whose)
     if name in bundled_vehicles():

@@ -33,7 +33,7 @@ def text(line: object) -> None:
 
 
 def note(line: str) -> None:
-    """Prints one line of the program's own on the error stream."""
+    """Prints a line from the program itself on the error stream."""
     Console(stderr=True, highlight=False, soft_wrap=True).print(f"massprop: {line}", markup=False)
 
 
@@ -43,7 +43,11 @@ def as_json(content: Any) -> None:
 
 
 def listing(found: Mapping[str, Mapping[str, str]]) -> None:
-    """Prints what is bundled, a line each: descriptions by name, by kind in the plural."""
+    """Prints what is bundled, a line each.
+
+    Args:
+        found: descriptions by name, by kind in the plural.
+    """
     table = Table.grid(padding=(0, 2))
     for kind, items in found.items():
         for name, description in items.items():
@@ -135,13 +139,13 @@ def estimated(results: Summary, vehicle: Vehicle, folder: Path) -> None:
 
 
 def declared(entry: DetectionRecord, vehicle: Vehicle) -> None:
-    """Prints a detection at once, for those who watch rows come in."""
+    """Prints a detection at once, while rows come in."""
     text(_detected(entry, vehicle))
     sys.stdout.flush()
 
 
 def _console(width: int = 120) -> Console:
-    """A console as wide as the terminal, or of some width where the output goes elsewhere."""
+    """Makes a console as wide as the terminal, or of a fixed width where output goes to a file."""
     return Console(width=None if sys.stdout.isatty() else width, highlight=False)
 
 
@@ -153,7 +157,7 @@ def _table(title: str, *headings: str) -> Table:
 
 
 def _parameters(results: Summary, vehicle: Vehicle) -> Iterator[tuple[str, str, Parameter]]:
-    """The ten parameters with symbol and unit."""
+    """Yields the ten parameters with symbol and unit."""
     return zip(SYMBOLS, mass_property_units(vehicle.unit_names), results.parameters, strict=True)
 
 
@@ -162,7 +166,7 @@ def _with_percent(value: float, std: float) -> tuple[str, str, str]:
 
 
 def _add_derived(table: Table, derived: Derived, vehicle: Vehicle) -> None:
-    """Adds rows for the mass and the inertia that the estimates mean."""
+    """Adds rows for the mass and the inertia that follow from the estimates."""
     units = vehicle.unit_names
     rows = [("m", units["mass"], derived.mass, derived.mass_std)]
     if derived.inertia is not None and derived.inertia_std is not None:
@@ -212,7 +216,7 @@ def _files(console: Console, folder: Path) -> None:
 
 
 def _escaped(content: str) -> str:
-    """Text that the console takes for no markup."""
+    """Escapes what the console would take for markup."""
     return content.replace("[", r"\[")
 
 
@@ -281,7 +285,7 @@ def vehicle_lines(report: Mapping[str, Any], force: str) -> list[str]:
 
 
 def _isolable_words(jets: list[dict[str, Any]], kind: str) -> str:
-    """The usual and the worst of all jets' smallest isolable failures."""
+    """Names the median and the worst of the jets' smallest isolable failures."""
     found = sorted((entry[kind]["force"], entry["jet"], entry[kind]["rival"]) for entry in jets if entry[kind]["force"])
     rivals = ((entry["jet"], entry[kind]["rival"]) for entry in jets if entry[kind]["force"] is None)
     never = [f"{jet} (not seen)" if rival is None else f"{jet} (like {rival})" for jet, rival in rivals]

@@ -69,7 +69,7 @@ class Flight:
 
 @dataclass(frozen=True)
 class Calculation:
-    """A function of a seed, for what needs no flight.
+    """A calculation that needs no flight.
 
     Attributes:
         name: short, unique among all cases; part of a file's name.

@@ -49,7 +49,7 @@ def summary_line(results: Sequence[Reproduced]) -> str:
 
 
 def as_data(results: Sequence[Reproduced]) -> dict[str, Any]:
-    """Puts the results into what `--json` prints."""
+    """Returns the results as `--json` prints them."""
     return {
         "format": 1,
         "version": version("massprop-drake"),
