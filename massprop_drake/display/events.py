@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from massprop_drake.inputs.scenario import Scenario
+from massprop_drake.results.summary import DetectionRecord
 
 if TYPE_CHECKING:
     from massprop_drake.results.run import Run
@@ -44,25 +45,25 @@ def found(run: Run) -> list[Mark]:
     """Jets, or whole clusters, that were declared failed."""
     vehicle, end_s = run.scenario.vehicle_data, float(run.time_s[-1])
     marks = []
-    for entry in run.summary["detections"]:
-        if entry["cluster"] is None:
+    for entry in run.results.detections:
+        if entry.cluster is None:
             continue
         jets = tuple(
             index
             for index, jet in enumerate(vehicle.jets)
-            if (jet.designation == entry["jet"] if entry["jet"] else jet.cluster == entry["cluster"])
+            if (jet.designation == entry.jet if entry.jet else jet.cluster == entry.cluster)
         )
-        until = end_s if entry["withdrawn_s"] is None else entry["withdrawn_s"]
-        marks.append(Mark(jets, entry["time_s"], until, headline(entry)))
+        until = end_s if entry.withdrawn_s is None else entry.withdrawn_s
+        marks.append(Mark(jets, entry.time_s, until, headline(entry)))
     return marks
 
 
-def headline(entry: dict[str, Any]) -> str:
-    """A detection in a few words."""
-    kind = entry["kind"].replace("_", " ")
-    if entry["cluster"] is None:
+def headline(entry: DetectionRecord) -> str:
+    """Describes a detection in a few words."""
+    kind = entry.kind.replace("_", " ")
+    if entry.cluster is None:
         return kind
-    where = f"jet {entry['jet']}" if entry["jet"] else f"a jet of cluster {entry['cluster']}"
+    where = f"jet {entry.jet}" if entry.jet else f"a jet of cluster {entry.cluster}"
     return f"{where}: {kind.removeprefix('jet ')}"
 
 

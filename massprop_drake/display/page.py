@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,7 +15,7 @@ from massprop_drake.display import events
 from massprop_drake.display.plots import panels
 from massprop_drake.inputs.model import yaml_text
 from massprop_drake.results.folder import write_whole
-from massprop_drake.results.summary import from_names
+from massprop_drake.results.summary import DetectionRecord, Summary
 from massprop_drake.signals import SYMBOLS, WINDOW_COLOR, mass_property_units, with_deviation
 
 if TYPE_CHECKING:
@@ -40,8 +41,8 @@ def summary_html(run: Run) -> str:
         _environment()
         .get_template("summary.html")
         .render(
-            title=f"{run.summary['vehicle']}: {run.summary['scenario']}",
-            verdict=_verdict(run.summary),
+            title=f"{run.results.vehicle}: {run.results.scenario}",
+            verdict=_verdict(run.results),
             parameters=_parameters(run),
         )
     )
@@ -55,7 +56,7 @@ def _environment() -> jinja2.Environment:
 def report_html(run: Run, *, replay: str | None = None) -> str:
     """The report as one HTML text that needs no network."""
     run = run.shown()
-    summary, scenario = run.summary, run.scenario
+    results, scenario = run.results, run.scenario
     plots = {
         "time": [float(f"{value:.9g}") for value in run.time_s.tolist()],
         "panels": panels(run),
@@ -66,25 +67,23 @@ def report_html(run: Run, *, replay: str | None = None) -> str:
         "window_color": WINDOW_COLOR,
         "marks": [{"at": mark.start_s, "text": mark.text, "true": True} for mark in events.failures(run)]
         + [
-            {"at": entry["time_s"], "text": f"declared: {events.headline(entry)}", "true": False}
-            for entry in summary["detections"]
+            {"at": entry.time_s, "text": f"declared: {events.headline(entry)}", "true": False}
+            for entry in results.detections
         ],
     }
     page: str = (
         _environment()
         .get_template("page.html")
         .render(
-            title=f"{summary['vehicle']}: {summary['scenario']}",
-            summary=summary,
+            title=f"{results.vehicle}: {results.scenario}",
+            summary=run.summary,
             units=scenario.vehicle_data.unit_names,
-            verdict=_verdict(summary),
+            verdict=_verdict(results),
             parameters=_parameters(run),
             mass=_mass(run),
-            detections=[
-                _detection(entry, scenario.vehicle_data.unit_names["force"]) for entry in summary["detections"]
-            ],
+            detections=[_detection(entry, scenario.vehicle_data.unit_names["force"]) for entry in results.detections],
             autopilot=_autopilot(run),
-            quality=_quality(summary.get("data_quality") or {}),
+            quality=_quality(results.data_quality or {}),
             scenario=yaml_text(scenario),
             replay=replay,
             # between script tags '<' could end them, whatever the names in a user's files are
@@ -95,64 +94,50 @@ def report_html(run: Run, *, replay: str | None = None) -> str:
     return page
 
 
-def _verdict(summary: dict[str, Any]) -> list[dict[str, Any]]:
+def _verdict(results: Summary) -> list[dict[str, Any]]:
     """The few sentences that a reader wants first; `good` is None where nothing can be said."""
     sentences: list[dict[str, Any]] = []
 
     def say(good: bool | None, text: str) -> None:
         sentences.append({"good": good, "text": text})
 
-    estimates, truth = from_names(summary["estimates"]), from_names(summary["truth"])
-    deviation = from_names(summary["standard_deviations"])
-    known = [index for index in range(10) if math.isfinite(truth[index]) and math.isfinite(estimates[index])]
+    known = [one for one in results.parameters if math.isfinite(one.truth) and math.isfinite(one.estimate)]
     if known:
-        inside = sum(abs(estimates[index] - truth[index]) <= 3.0 * deviation[index] for index in known)
-        sentences.append(
-            {
-                "good": inside == len(known),
-                "text": f"{inside} of {len(known)} parameters lie within 3 sigma of the truth.",
-            }
-        )
+        inside = sum(one.within_three_sigma for one in known)
+        say(inside == len(known), f"{inside} of {len(known)} parameters lie within 3 sigma of the truth.")
     else:
-        sentences.append(
-            {"good": None, "text": "The truth is unknown: the table gives what was learned, and how surely."}
-        )
-    if not math.isfinite(estimates[9]):
+        say(None, "The truth is unknown: the table gives what was learned, and how surely.")
+    if not math.isfinite(results.estimates[9]):
         say(None, "The mass is not observable: no accelerometer was read.")
-    declared = [entry for entry in summary["detections"] if entry["withdrawn_s"] is None]
+    declared = [entry for entry in results.detections if entry.withdrawn_s is None]
     if declared:
-        sentences.append(
-            {"good": False, "text": "Found: " + "; ".join(events.headline(entry) for entry in declared) + "."}
-        )
+        say(False, "Found: " + "; ".join(events.headline(entry) for entry in declared) + ".")
     else:
-        sentences.append({"good": True, "text": "No failed jet and no jump of the mass properties was found."})
-    if not summary["derived"]["physically_possible"]:
+        say(True, "No failed jet and no jump of the mass properties was found.")
+    if not results.derived.physically_possible:
         say(False, "No rigid body can have the inertia that was estimated.")
-    for warning in (summary.get("data_quality") or {}).get("warnings", []):
+    for warning in (results.data_quality or {}).get("warnings", []):
         say(False, warning)
     return sentences
 
 
 def _parameters(run: Run) -> list[dict[str, Any]]:
     """The table of ten parameters as text."""
-    summary = run.summary
-    keys = ("estimates", "truth", "standard_deviations", "percent_error")
     rows = []
     units = mass_property_units(run.scenario.vehicle_data.unit_names)
-    for symbol, unit, estimate, truth, deviation, percent in zip(
-        SYMBOLS, units, *(from_names(summary[key]) for key in keys), strict=True
-    ):
-        there, known = math.isfinite(estimate), math.isfinite(truth)
+    for symbol, unit, one in zip(SYMBOLS, units, run.results.parameters, strict=True):
+        there, known = math.isfinite(one.estimate), math.isfinite(one.truth)
+        relative = there and one.estimate != 0.0
         rows.append(
             {
                 "symbol": symbol,
                 "unit": unit,
-                "estimate": f"{estimate:.6g}" if there else "not observable",
-                "truth": f"{truth:.6g}" if known else "unknown",
-                "error": f"{percent:+.4f} %" if math.isfinite(percent) else "",
-                "sigma": f"{deviation:.3g}" if there else "",
-                "relative": f"{100.0 * deviation / abs(estimate):.3g} %" if there and estimate != 0.0 else "",
-                "inside": bool(abs(estimate - truth) <= 3.0 * deviation) if there and known else None,
+                "estimate": f"{one.estimate:.6g}" if there else "not observable",
+                "truth": f"{one.truth:.6g}" if known else "unknown",
+                "error": f"{one.percent_error:+.4f} %" if math.isfinite(one.percent_error) else "",
+                "sigma": f"{one.standard_deviation:.3g}" if there else "",
+                "relative": f"{100.0 * one.standard_deviation / abs(one.estimate):.3g} %" if relative else "",
+                "inside": one.within_three_sigma if there and known else None,
             }
         )
     return rows
@@ -160,50 +145,49 @@ def _parameters(run: Run) -> list[dict[str, Any]]:
 
 def _mass(run: Run) -> list[str]:
     """Mass and inertia that follow, with their 1-sigma."""
-    derived, units = run.summary["derived"], run.scenario.vehicle_data.unit_names
+    derived, units = run.results.derived, run.scenario.vehicle_data.unit_names
     lines = []
-    if derived["mass"] is not None:
-        lines.append(f"mass {derived['mass']:.6g} ± {derived['mass_std']:.3g} {units['mass']}")
-    if derived["inertia"] is not None:
+    if derived.mass is not None:
+        lines.append(f"mass {derived.mass:.6g} ± {derived.mass_std:.3g} {units['mass']}")
+    if derived.inertia is not None and derived.inertia_std is not None:
         unit = f"{units['mass']}-{units['length']}^2"
-        for name, (row, column) in {
+        for name, element in {
             "Ixx": (0, 0), "Iyy": (1, 1), "Izz": (2, 2), "Ixy": (0, 1), "Ixz": (0, 2), "Iyz": (1, 2)
         }.items():  # fmt: skip
-            value, deviation = derived["inertia"][row][column], derived["inertia_std"][row][column]
-            lines.append(f"{name} {value:.6g} ± {deviation:.3g} {unit}")
+            lines.append(f"{name} {derived.inertia[element]:.6g} ± {derived.inertia_std[element]:.3g} {unit}")
     return lines
 
 
-def _detection(entry: dict[str, Any], force: str) -> dict[str, str]:
+def _detection(entry: DetectionRecord, force: str) -> dict[str, str]:
     """One detection: what, when, how much, how sure."""
-    sure = "-" if entry["statistic"] is None else f"{entry['statistic']:.4g}"
+    magnitude = ""
+    if entry.magnitude is not None and entry.magnitude_std is not None:
+        magnitude = f"{with_deviation(entry.magnitude, entry.magnitude_std)} {force}"
     return {
         "what": events.headline(entry),
-        "since": f"{entry['onset_s']:.2f} s",
-        "declared": f"{entry['time_s']:.2f} s",
-        "cluster": "" if entry["cluster"] is None else str(entry["cluster"]),
-        "magnitude": ""
-        if entry["magnitude"] is None
-        else f"{with_deviation(entry['magnitude'], entry['magnitude_std'])} {force}",
-        "sure": f"{sure} after {entry['alarms']} alarm{'s' if entry['alarms'] != 1 else ''}",
-        "withdrawn": "" if entry["withdrawn_s"] is None else f"withdrawn at {entry['withdrawn_s']:.2f} s",
+        "since": f"{entry.onset_s:.2f} s",
+        "declared": f"{entry.time_s:.2f} s",
+        "cluster": "" if entry.cluster is None else str(entry.cluster),
+        "magnitude": magnitude,
+        "sure": f"{entry.statistic:.4g} after {entry.alarms} alarm{'s' if entry.alarms != 1 else ''}",
+        "withdrawn": "" if entry.withdrawn_s is None else f"withdrawn at {entry.withdrawn_s:.2f} s",
     }
 
 
 def _autopilot(run: Run) -> list[str]:
     """What the autopilot did, in sentences."""
-    found, units = run.summary["autopilot"], run.scenario.vehicle_data.unit_names
-    lines = [f"{found['firings']} firings, {found['propellant_mass']:.3g} {units['mass']} of propellant."]
-    if found.get("jets_out_of_use"):
-        lines.append(f"Took out of use: {', '.join(found['jets_out_of_use'])}.")
-    if found.get("jets_left_in"):
-        lines.append(f"Left in use though in question, since control needs them: {', '.join(found['jets_left_in'])}.")
-    if found.get("lp_infeasible"):
-        lines.append(f"{found['lp_infeasible']} of {found['lp_solves']} requests were beyond the jets' reach.")
+    found, units = run.results.autopilot, run.scenario.vehicle_data.unit_names
+    lines = [f"{found.firings} firings, {found.propellant_mass:.3g} {units['mass']} of propellant."]
+    if found.jets_out_of_use:
+        lines.append(f"Took out of use: {', '.join(found.jets_out_of_use)}.")
+    if found.jets_left_in:
+        lines.append(f"Left in use though in question, since control needs them: {', '.join(found.jets_left_in)}.")
+    if found.lp_infeasible:
+        lines.append(f"{found.lp_infeasible} of {found.lp_solves} requests were beyond the jets' reach.")
     return lines
 
 
-def _quality(quality: dict[str, Any]) -> list[tuple[str, str]]:
+def _quality(quality: Mapping[str, Any]) -> list[tuple[str, str]]:
     """What was found about a record, as rows of a heading and a text; what was not found is left out."""
     rows = []
     for key, value in quality.items():

@@ -1,1 +1,1 @@
-"""What comes out: runs, their summaries, and how both are kept on disk."""
+"""What comes out: runs, their summaries and signals, and how they are kept on disk."""

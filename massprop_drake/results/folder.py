@@ -11,22 +11,22 @@ from pathlib import Path
 
 from massprop_drake.errors import InputError
 
-MARKERS = ("summary.json", "scenario.yaml")  # a folder that holds them, or nothing, is one of ours
+_MARKERS = ("summary.json", "scenario.yaml")  # a folder with both, or an empty one, may be replaced
 
 
 @contextlib.contextmanager
 def whole_folder(target: Path, *, force: bool = False) -> Iterator[Path]:
-    """A folder to write into that takes its place at the end, all at once.
+    """Yields a temporary folder that takes the target's place once the block ends without an error.
 
-    An earlier folder of ours is replaced. Into any other folder, with ``force``, the new files are moved
-    one by one, and what else is in it stays.
+    The folder of an earlier run is replaced as a whole. With ``force`` any other folder keeps its files, and the
+    new ones are moved in one by one.
 
     Args:
-        target: where the folder is to be.
-        force: whether a folder that is not ours may be written into.
+        target: path of the folder.
+        force: also write into a non-empty folder that is no run's.
 
     Raises:
-        InputError: when the place is taken or cannot be written to.
+        InputError: when the target is taken or cannot be written.
     """
     require_writable(target, force=force)
     partial = Path(tempfile.mkdtemp(prefix=f".{target.name}.", dir=target.parent))
@@ -52,10 +52,10 @@ def whole_folder(target: Path, *, force: bool = False) -> Iterator[Path]:
 
 
 def require_writable(target: Path, *, force: bool = False) -> None:
-    """Checks, before any work is done, that a folder can be put there.
+    """Checks, before any work is done, that a run's folder can be written.
 
     Raises:
-        InputError: when the place is taken by something that is not ours, or cannot be written to.
+        InputError: when the target is taken by anything but an earlier run, or cannot be written.
     """
     try:
         if target.exists() and not target.is_dir():
@@ -73,14 +73,14 @@ def require_writable(target: Path, *, force: bool = False) -> None:
 
 
 def resumable_folder(target: Path, kind: str) -> None:
-    """A folder that work goes on in: made, or one that was made for the same kind of work.
+    """Makes a folder for work that can be interrupted, or takes up one that was made for the same kind of work.
 
     Args:
-        target: where.
+        target: path of the folder.
         kind: of work, kept in a marker file.
 
     Raises:
-        InputError: when the place is taken by something else, or cannot be written to.
+        InputError: when the target is taken by anything else, or cannot be written.
     """
     marker = target / ".massprop"
     try:
@@ -97,7 +97,7 @@ def resumable_folder(target: Path, kind: str) -> None:
 
 
 def _is_ours(folder: Path) -> bool:
-    return all((folder / name).is_file() for name in MARKERS) or not any(folder.iterdir())
+    return all((folder / name).is_file() for name in _MARKERS) or not any(folder.iterdir())
 
 
 def _umask() -> int:
@@ -107,7 +107,7 @@ def _umask() -> int:
 
 
 def write_whole(path: Path, text: str) -> None:
-    """Writes a text file in one step."""
+    """Writes a text file whole or not at all."""
     with tempfile.NamedTemporaryFile(
         "w", encoding="utf-8", newline="", dir=path.parent, prefix=f".{path.name}.", delete=False
     ) as file:

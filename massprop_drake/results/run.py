@@ -18,8 +18,9 @@ from massprop_drake.inputs import params
 from massprop_drake.inputs.model import yaml_text
 from massprop_drake.inputs.scenario import Scenario, load_scenario
 from massprop_drake.results.folder import whole_folder
-from massprop_drake.results.spool import Spool, outstanding_rows, picked, write_npz
-from massprop_drake.results.summary import from_names, null_for_nan
+from massprop_drake.results.spool import Spool, write_npz
+from massprop_drake.results.summary import Summary, null_for_nan
+from massprop_drake.results.thinning import outstanding_rows, picked
 from massprop_drake.signals import SIGNALS, Signal, accelerometer_signal, gyro_signal, in_units
 from massprop_drake.telemetry import reader as telemetry
 
@@ -28,11 +29,11 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-# what no figure of a replay shows
+# signals that no figure of recorded telemetry shows
 _NOT_SHOWN = ("angular_impulse", "linear_impulse", "failure_magnitude", "rotation_innovation", "mass_innovation")
-_MANY_ROWS = 5000  # more are thinned out for pages
-_END = "...\n"  # of a YAML document: without it the file is not whole
-_EVENTS = ("alarm", "detector_event", "gap")  # signals whose rows a figure must not lose
+_MANY_ROWS = 5000  # longer runs are downsampled for plots and pages
+_END = "...\n"  # closes a YAML document: a file without it was cut short
+_EVENTS = ("alarm", "detector_event", "gap")  # signals whose rows a plot must not lose
 
 
 class Run:
@@ -40,46 +41,53 @@ class Run:
 
     Attributes:
         scenario: as run, in full.
-        summary: as `summary.json`.
+        results: what it found, as arrays and objects; `summary` is the same as JSON.
         signals: every logged signal by name, one row per sample, shape (n_samples, components); the
             unit of each is in `units`, the names of its columns in `components`. Sample times are
-            `time_s`. Those of a replay lie on disk, and are read when they are asked for.
-        covariance: of the ten estimates at the end, shape (10, 10).
-        state: what is needed to go on from the end, as `filter_state.json` has it.
+            `time_s`. Those of recorded telemetry stay on disk and are read when asked for.
+        state: what it takes to resume from the end, as in `filter_state.json`.
     """
 
     def __init__(
         self,
         scenario: Scenario,
-        summary: dict[str, Any],
+        results: Summary,
         time_s: Array | None,
         signals: Mapping[str, Array],
-        covariance: Array,
         state: Mapping[str, Any] | None = None,
     ):
         self.scenario = scenario
-        self.summary = summary
+        self.results = results
         if time_s is not None:
             self.time_s = time_s
         self.signals = signals if isinstance(signals, Spool) else dict(signals)
-        self.covariance = covariance
         self.state = dict(state or {})
-        self._thinned = False  # whether these are but some of the rows
+        self._thinned = False  # whether some rows are left out
 
     def __repr__(self) -> str:
-        return f"<Run of '{self.scenario.name}', {self.summary['duration_s']:g} s, seed {self.scenario.seed}>"
+        return f"<Run of '{self.scenario.name}', {self.results.duration_s:g} s, seed {self.scenario.seed}>"
 
     def __getitem__(self, name: str) -> Array:
         return self.signals[name]
 
     @cached_property
+    def summary(self) -> dict[str, Any]:
+        """The content of `summary.json`."""
+        return self.results.as_json()
+
+    @property
+    def covariance(self) -> Array:
+        """Covariance of the ten estimates at the end, shape (10, 10)."""
+        return self.results.covariance
+
+    @cached_property
     def time_s(self) -> Array:
-        """Sample times, s; of a spooled run they are among its signals."""
+        """Sample times, s, shape (n_samples,)."""
         return self.signals["time_s"]
 
     @cached_property
     def descriptions(self) -> dict[str, Signal]:
-        """What each signal is."""
+        """Name, label, unit and components of each signal."""
         vehicle = self.scenario.vehicle_data
         packages = {gyro.name: gyro_signal(gyro.name) for gyro in vehicle.gyros}
         packages |= {package.name: accelerometer_signal(package.name) for package in vehicle.accelerometers}
@@ -87,7 +95,7 @@ class Run:
 
     @cached_property
     def units(self) -> dict[str, str]:
-        """Unit of each signal, in the vehicle's units."""
+        """Unit of each signal, in the vehicle's unit system."""
         names = self.scenario.vehicle_data.unit_names
         return {name: in_units(signal.unit, names) for name, signal in self.descriptions.items()}
 
@@ -99,18 +107,18 @@ class Run:
 
     @property
     def plot(self) -> Plots:
-        """Figures of this run: `run.plot.rates()` and the others return matplotlib figures."""
+        """Draws figures of the run: `run.plot.rates()` and the others return matplotlib figures."""
         from massprop_drake.display.figures import Plots  # noqa: PLC0415 (matplotlib is slow to load)
 
         shown = self.shown() if isinstance(self.signals, Spool) else self
-        consistency = self.summary["consistency"] if shown._thinned else None
+        consistency = self.results.consistency._asdict() if shown._thinned else None
         return Plots(shown.time_s, shown.signals, self.scenario, consistency=consistency)
 
     def shown(self) -> Run:
-        """The run or, of a long one, some thousand of its rows that show what there is to see.
+        """Downsamples a long run for plots and pages; a short one is returned as it is.
 
-        Of many stretches of equal length the rows where the rates and the NIS are extreme, and rows with
-        alarms; each is a row as recorded.
+        Kept are the rows at which the rates and the NIS are extreme within each of many stretches of equal
+        length, and rows with alarms, a few thousand in all. Rows are never averaged.
         """
         spooled = isinstance(self.signals, Spool)
         n_rows = self.signals.n_rows if isinstance(self.signals, Spool) else self.time_s.size
@@ -123,7 +131,7 @@ class Run:
         leaving_out = _NOT_SHOWN if spooled else ()
         signals = picked(self.signals, rows, leaving_out=leaving_out)
         time_s = signals.pop("time_s") if spooled else self.time_s[rows]
-        shown = Run(self.scenario, self.summary, time_s, signals, self.covariance, self.state)
+        shown = Run(self.scenario, self.results, time_s, signals, self.state)
         shown._thinned = True
         return shown
 
@@ -139,11 +147,11 @@ class Run:
         """Writes the run's folder, whole or not at all.
 
         Args:
-            folder: where; an earlier run's folder there is replaced.
-            force: whether another, non-empty folder may be written into.
-            pictures: whether to draw the figures, which takes most of the time.
-            report: whether to write `report.html`.
-            replay: whether to write `replay.html`, the run in three dimensions.
+            folder: where to write; the folder of an earlier run is replaced.
+            force: also write into a non-empty folder that is no run's.
+            pictures: draw the figures, which takes most of the time.
+            report: write `report.html`.
+            replay: write `replay.html`, the run in three dimensions.
 
         Raises:
             InputError: when the folder cannot be written.
@@ -171,13 +179,13 @@ class Run:
         return target
 
     def _repr_html_(self) -> str:
-        """What a notebook shows: the ten parameters and what was found."""
+        """Shows the ten parameters and what was found in a notebook."""
         from massprop_drake.display.page import summary_html  # noqa: PLC0415 (loads templates)
 
         return summary_html(self)
 
     def to_pandas(self) -> Any:
-        """The signals as a pandas DataFrame, indexed by time in seconds; columns have signal and component.
+        """Returns the signals as a pandas DataFrame: rows by time in seconds, columns by signal and component.
 
         Raises:
             ImportError: when pandas is not installed.
@@ -192,7 +200,7 @@ class Run:
         )
 
     def to_xarray(self) -> Any:
-        """The signals as an xarray Dataset over time in seconds, each with its own components and its unit.
+        """Returns the signals as an xarray Dataset over time in seconds, each with its components and its unit.
 
         Raises:
             ImportError: when xarray is not installed.
@@ -208,14 +216,14 @@ class Run:
 
     @staticmethod
     def load(folder: str | Path) -> Run:
-        """A run from its folder.
+        """Reads a run back from its folder.
 
         Raises:
-            InputError: when the folder holds no run.
+            InputError: when the folder holds no run that can be read.
         """
         path = Path(folder)
         try:
-            summary = json.loads((path / "summary.json").read_text(encoding="utf-8"))
+            results = Summary.from_json(json.loads((path / "summary.json").read_text(encoding="utf-8")))
             with (path / "history.npz").open("rb") as file, np.load(file, allow_pickle=False) as stored:
                 arrays = {name: stored[name] for name in stored.files if not name.startswith("_")}
         except (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error) as error:
@@ -225,7 +233,7 @@ class Run:
             raise InputError(f"{path / 'scenario.yaml'}: is cut short: it must end with '...'; run the scenario anew")
         state = saved_filter_state(path) if (path / "filter_state.json").exists() else {}
         time_s = arrays.pop("time_s")
-        return Run(scenario, summary, time_s, arrays, np.array(summary["covariance"], dtype=float), state)
+        return Run(scenario, results, time_s, arrays, state)
 
     def _write_telemetry(self, path: Path) -> None:
         vehicle = self.scenario.vehicle_data
@@ -259,17 +267,17 @@ class Run:
         return {
             "format": 1,
             "time_s": self.state["time_s"] if "time_s" in self.state else float(self.time_s[-1]),
-            "estimate": null_for_nan(from_names(self.summary["estimates"])),
+            "estimate": null_for_nan(self.results.estimates),
             "covariance": null_for_nan(self.covariance),
             **self.state,
         }
 
 
 def saved_filter_state(folder: Path) -> dict[str, Any]:
-    """The content of a run folder's `filter_state.json`, but for what its summary says as well.
+    """Reads a run folder's `filter_state.json`, without the estimate and covariance that the summary has as well.
 
     Raises:
-        InputError: when the folder has none that can be read.
+        InputError: when the folder has no filter state that can be read.
     """
     path = folder / "filter_state.json"
     try:

@@ -1,24 +1,28 @@
-"""What `summary.json` says of a run."""
+"""What a run found: estimates, failures, consistency, and how it was made; as `summary.json` on disk."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from importlib.metadata import version
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from massprop_drake.errors import InputError
 from massprop_drake.inputs import params
 from massprop_drake.inputs.model import digest
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.maths import mass_properties
 from massprop_drake.maths.estimation.detector import Event
-from massprop_drake.maths.mass_properties import six_elements
+from massprop_drake.maths.mass_properties import Derived, six_elements
 
 Array = NDArray[np.float64]
+
+FORMAT = 1  # of `summary.json`
 
 # parts of the detector's status port, and so signals
 DETECTOR_STATUS = {
@@ -39,15 +43,263 @@ DETECTOR_STATUS = {
 }
 
 
+# ------------------------------------------------------------------------------------ what it holds
+
+
+class Parameter(NamedTuple):
+    """One of the ten mass properties at the end of a run, in the vehicle's units.
+
+    Attributes:
+        name: as in `maths.mass_properties.NAMES`.
+        estimate: NaN where it cannot be observed.
+        standard_deviation: 1-sigma that the filter claims; NaN likewise.
+        truth: NaN where it is unknown.
+        percent_error: 100 (estimate - truth) / |truth|; NaN where the truth is unknown or as good as zero.
+    """
+
+    name: str
+    estimate: float
+    standard_deviation: float
+    truth: float
+    percent_error: float
+
+    @property
+    def within_three_sigma(self) -> bool:
+        """Whether the estimate lies within 3 sigma of the truth; False where either is NaN."""
+        return abs(self.estimate - self.truth) <= 3.0 * self.standard_deviation
+
+
+class DetectionRecord(NamedTuple):
+    """A failed jet, or a jump of the mass properties, as it was declared and what became of it since.
+
+    Attributes:
+        onset_s: best estimate of when it began, s.
+        time_s: when it was declared, s.
+        kind: "jet_on" (stuck on or leaking), "jet_off", "jet_degraded" or "mass_property_jump".
+        cluster: number of the suspected jet's cluster; None for a jump.
+        jet: designation of the jet; None for a jump, and where the data name no more than its cluster.
+        isolated_to: "jet" or "cluster"; None for a jump.
+        magnitude: force too much (positive) or missing (negative), lbf or N; None for a jump.
+        magnitude_std: its 1-sigma, lbf or N.
+        statistic: likelihood argument of the failure; of a jump the NIS of the sample.
+        alarms: how many alarms led to the declaration.
+        withdrawn_s: when the declaration was withdrawn, s; None while it stands.
+        jet_index: index of the likeliest jet of the vehicle, while the run goes on; None for a jump, and in a
+            summary.
+    """
+
+    onset_s: float
+    time_s: float
+    kind: str
+    cluster: int | None
+    jet: str | None
+    isolated_to: str | None
+    magnitude: float | None
+    magnitude_std: float | None
+    statistic: float
+    alarms: int
+    withdrawn_s: float | None = None
+    jet_index: int | None = None
+
+
+class Consistency(NamedTuple):
+    """How the filters' innovations compare with the covariance they claim.
+
+    Attributes:
+        rotation_nis_mean: mean NIS of the rotation filter over the samples it used; None without any.
+        translation_nis_mean: the same of the mass filter; None without any, or without accelerometer.
+        samples: number of samples that the rotation filter used.
+    """
+
+    rotation_nis_mean: float | None
+    translation_nis_mean: float | None
+    samples: int
+
+
+class AutopilotSummary(NamedTuple):
+    """What the jets did, and what is left of the autopilot's control.
+
+    Attributes:
+        firings: number of off-to-on transitions over all jets.
+        propellant_mass: used, slug or kg.
+        lp_solves: requests that the jet selection solved; like all below None without an autopilot.
+        lp_infeasible: those of them beyond the jets' reach.
+        jets_out_of_use: designations of the jets taken out of use at the end.
+        jets_left_in: designations of those left in, though in question, since control needs them.
+        control_authority: largest change of rate and velocity in one second of firing, "before" and "after"
+            failures, each by axis and direction.
+    """
+
+    firings: int
+    propellant_mass: float
+    lp_solves: int | None = None
+    lp_infeasible: int | None = None
+    jets_out_of_use: Sequence[str] | None = None
+    jets_left_in: Sequence[str] | None = None
+    control_authority: Mapping[str, Mapping[str, float]] | None = None
+
+
+class Provenance(NamedTuple):
+    """Which versions and which input made a run.
+
+    Attributes:
+        drake, numpy: versions.
+        vehicle_sha256, scenario_sha256: digests of both in full.
+        telemetry: name of the record that was read; None for a simulated run.
+        telemetry_sha256: digest of its content.
+    """
+
+    drake: str
+    numpy: str
+    vehicle_sha256: str
+    scenario_sha256: str
+    telemetry: str | None = None
+    telemetry_sha256: str | None = None
+
+
+class Timing(NamedTuple):
+    """How long a run took.
+
+    Attributes:
+        wall_s: from the first sample to the last, s.
+        real_time_factor: time covered by the run per time taken.
+        cycle_us: mean time per cycle by part, microseconds; None for a part that the run has not.
+    """
+
+    wall_s: float
+    real_time_factor: float
+    cycle_us: Mapping[str, float | None]
+
+
+@dataclass(frozen=True, eq=False)
+class Summary:
+    """What a run found.
+
+    Attributes:
+        version: of this package, that wrote it.
+        scenario, vehicle: names.
+        units: of the vehicle, "us" or "si".
+        seed: of the scenario.
+        duration_s: from the first sample to the last, s.
+        estimates: the ten parameters at the end in the order of `maths.mass_properties`, NaN where one cannot
+            be observed, shape (10,).
+        standard_deviations: 1-sigma of each, shape (10,).
+        covariance: of their errors, shape (10, 10).
+        derived: mass and inertia that follow from them.
+        truth: at the end, NaN where unknown, shape (10,).
+        percent_error: of each estimate, NaN where unknown, shape (10,).
+        detections: failures and jumps in the order they were declared.
+        consistency: of the filters.
+        autopilot: what the jets did.
+        provenance: versions and digests.
+        timing: how long it took.
+        data_quality: what `telemetry.quality` found about a record; None for a simulated run.
+    """
+
+    version: str
+    scenario: str
+    vehicle: str
+    units: str
+    seed: int
+    duration_s: float
+    estimates: Array
+    standard_deviations: Array
+    covariance: Array
+    derived: Derived
+    truth: Array
+    percent_error: Array
+    detections: tuple[DetectionRecord, ...]
+    consistency: Consistency
+    autopilot: AutopilotSummary
+    provenance: Provenance
+    timing: Timing
+    data_quality: Mapping[str, Any] | None = None
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The ten mass properties by name, one by one."""
+        columns = (self.estimates, self.standard_deviations, self.truth, self.percent_error)
+        return tuple(map(Parameter, mass_properties.NAMES, *(column.tolist() for column in columns)))
+
+    def as_json(self) -> dict[str, Any]:
+        """The content of `summary.json`; NaN becomes null."""
+        derived = self.derived
+        content = {
+            "format": FORMAT,
+            "version": self.version,
+            "scenario": self.scenario,
+            "vehicle": self.vehicle,
+            "units": self.units,
+            "seed": self.seed,
+            "duration_s": self.duration_s,
+            "estimates": by_name(self.estimates),
+            "standard_deviations": by_name(self.standard_deviations),
+            "covariance": null_for_nan(self.covariance),
+            "derived": {
+                **derived._asdict(),
+                "inertia": None if derived.inertia is None else null_for_nan(derived.inertia),
+                "inertia_std": None if derived.inertia_std is None else null_for_nan(derived.inertia_std),
+            },
+            "truth": by_name(self.truth),
+            "percent_error": by_name(self.percent_error),
+            "detections": [_without(record, "jet_index") for record in self.detections],
+            "consistency": self.consistency._asdict(),
+            "autopilot": self.autopilot._asdict(),
+            "provenance": {key: value for key, value in self.provenance._asdict().items() if value is not None},
+            "timing": self.timing._asdict(),
+        }
+        return content if self.data_quality is None else {**content, "data_quality": self.data_quality}
+
+    @staticmethod
+    def from_json(content: Mapping[str, Any]) -> Summary:
+        """A summary from the content of `summary.json`, of this version or an earlier one.
+
+        What an earlier version did not write yet has its default; keys that are not known are left out.
+
+        Raises:
+            InputError: when it is no summary.
+        """
+        try:
+            derived = content["derived"]
+            return Summary(
+                **{key: content[key] for key in ("version", "scenario", "vehicle", "units", "seed", "duration_s")},
+                estimates=from_names(content["estimates"]),
+                standard_deviations=from_names(content["standard_deviations"]),
+                covariance=np.array(content["covariance"], dtype=float),
+                derived=Derived(
+                    mass=derived["mass"],
+                    mass_std=derived["mass_std"],
+                    inertia=_array(derived["inertia"]),
+                    inertia_std=_array(derived["inertia_std"]),
+                    physically_possible=derived["physically_possible"],
+                ),
+                truth=from_names(content["truth"]),
+                percent_error=from_names(content["percent_error"]),
+                detections=tuple(_filled(DetectionRecord, record) for record in content["detections"]),
+                consistency=_filled(Consistency, content["consistency"]),
+                autopilot=_filled(AutopilotSummary, content["autopilot"]),
+                provenance=_filled(Provenance, content["provenance"]),
+                timing=_filled(Timing, content["timing"]),
+                data_quality=content.get("data_quality"),
+            )
+        except KeyError as error:
+            raise InputError(f"the summary has no {error}") from None
+        except (TypeError, ValueError, IndexError) as error:
+            raise InputError(f"the summary is not as it should be: {error}") from None
+
+
+# -------------------------------------------------------------------------------- how it is computed
+
+
 def summarize(
     scenario: Scenario,
     time_s: Array,
-    signals: dict[str, Array],
+    signals: Mapping[str, Array],
     covariance: Array,
-    timing: dict[str, Any],
-    control_authority: dict[str, Any] | None,
-) -> dict[str, Any]:
-    """The content of `summary.json`.
+    timing: Timing,
+    control_authority: Mapping[str, Mapping[str, float]] | None,
+) -> Summary:
+    """Sums up a simulated run.
 
     Args:
         scenario: as run.
@@ -60,19 +312,6 @@ def summarize(
     vehicle = scenario.vehicle_data
     used = signals["rotation_used"][:, 0] != 0.0
     translation_nis = signals["mass_nis"][signals["mass_used"][:, 0] != 0.0, 0] if "mass_nis" in signals else None
-    commands = signals["command"][:-1] > 0.0
-    consistency = {
-        "rotation_nis_mean": _mean(signals["rotation_nis"][used, 0]),
-        "translation_nis_mean": None if translation_nis is None else _mean(translation_nis),
-        "samples": int(used.sum()),
-    }
-    autopilot = {
-        "firings": int(firings(commands)),
-        "propellant_mass": _propellant(scenario, signals),
-        **_selection(signals),
-        **_jets_in_question(vehicle, signals),
-        "control_authority": control_authority,
-    }
     return composed(
         scenario,
         duration_s=float(time_s[-1]),
@@ -80,9 +319,19 @@ def summarize(
         deviation=signals["standard_deviation"][-1],
         covariance=covariance,
         truth=signals["truth"][-1],
-        found=detections(vehicle, time_s, signals),
-        consistency=consistency,
-        autopilot=autopilot,
+        found=_detections(vehicle, time_s, signals),
+        consistency=Consistency(
+            rotation_nis_mean=_mean(signals["rotation_nis"][used, 0]),
+            translation_nis_mean=None if translation_nis is None else _mean(translation_nis),
+            samples=int(used.sum()),
+        ),
+        autopilot=AutopilotSummary(
+            firings=_firings(signals["command"][:-1] > 0.0),
+            propellant_mass=_propellant(scenario, signals),
+            **_selection(signals),
+            **_jets_in_question(vehicle, signals),
+            control_authority=control_authority,
+        ),
         timing=timing,
     )
 
@@ -95,12 +344,15 @@ def composed(
     deviation: Array,
     covariance: Array,
     truth: Array,
-    found: list[dict[str, Any]],
-    consistency: dict[str, Any],
-    autopilot: dict[str, Any],
-    timing: dict[str, Any],
-) -> dict[str, Any]:
-    """The content of `summary.json` from its parts.
+    found: Sequence[DetectionRecord],
+    consistency: Consistency,
+    autopilot: AutopilotSummary,
+    timing: Timing,
+    telemetry: str | None = None,
+    telemetry_sha256: str | None = None,
+    data_quality: Mapping[str, Any] | None = None,
+) -> Summary:
+    """Makes a summary from its parts, and adds what follows from them.
 
     Args:
         scenario: as run.
@@ -109,112 +361,116 @@ def composed(
         covariance: at the end, shape (10, 10).
         truth: at the end, NaN where unknown, shape (10,).
         found: detections, as `settled` gives them.
-        consistency, autopilot, timing: as they are to stand there.
+        consistency, autopilot, timing: taken as they are.
+        telemetry, telemetry_sha256, data_quality: of a record, its name, its digest and what it is worth.
     """
     vehicle = scenario.vehicle_data
-    return {
-        "format": 1,
-        "version": version("massprop-drake"),
-        "scenario": scenario.name,
-        "vehicle": vehicle.name,
-        "units": vehicle.units,
-        "seed": scenario.seed,
-        "duration_s": duration_s,
-        "estimates": by_name(estimate),
-        "standard_deviations": by_name(deviation),
-        "covariance": null_for_nan(covariance),
-        "derived": _derived(estimate, covariance),
-        "truth": by_name(truth),
-        "percent_error": by_name(mass_properties.percent_error(estimate, truth)),
-        "detections": found,
-        "consistency": consistency,
-        "autopilot": autopilot,
-        "provenance": {
-            "drake": version("drake"),
-            "numpy": version("numpy"),
-            "vehicle_sha256": digest(vehicle),
-            "scenario_sha256": digest(scenario),
-        },
-        "timing": timing,
-    }
-
-
-def detections(vehicle: Vehicle, time_s: Array, signals: dict[str, Array]) -> list[dict[str, Any]]:
-    """One entry per declared failure or jump, as `summary.json` has them."""
-    entries = detection_entries(vehicle, time_s, signals)
-    return settled(entries, signals["known_force"][-1], signals["known_force_variance"][-1]) if entries else []
+    return Summary(
+        version=version("massprop-drake"),
+        scenario=scenario.name,
+        vehicle=vehicle.name,
+        units=vehicle.units,
+        seed=scenario.seed,
+        duration_s=duration_s,
+        estimates=estimate,
+        standard_deviations=deviation,
+        covariance=covariance,
+        derived=mass_properties.derived(estimate, covariance),
+        truth=truth,
+        percent_error=mass_properties.percent_error(estimate, truth),
+        detections=tuple(found),
+        consistency=consistency,
+        autopilot=autopilot,
+        provenance=Provenance(
+            version("drake"), version("numpy"), digest(vehicle), digest(scenario), telemetry, telemetry_sha256
+        ),
+        timing=timing,
+        data_quality=data_quality,
+    )
 
 
 def detection_entries(
-    vehicle: Vehicle, time_s: Array, signals: Mapping[str, Array], earlier: Sequence[Mapping[str, Any]] = ()
-) -> list[dict[str, Any]]:
-    """One entry per declared failure or jump, as it was declared.
+    vehicle: Vehicle, time_s: Array, signals: Mapping[str, Array], earlier: Sequence[DetectionRecord] = ()
+) -> list[DetectionRecord]:
+    """Lists declared failures and jumps, one record each, as they were declared.
 
     Args:
         vehicle: for its jets.
         time_s: sample times, s, shape (n,).
         signals: by name, shape (n, components).
-        earlier: entries from before these samples, of which some may be withdrawn now.
+        earlier: records from before these samples, some of which may be withdrawn now.
     """
-    entries = [dict(entry) for entry in earlier]
+    records = list(earlier)
     if "detector_event" not in signals:
-        return entries
+        return records
     for k in np.flatnonzero(signals["detector_event"][:, 0]):
         at = {name: float(signals[name][k, 0]) for name in DETECTOR_STATUS}
-        jet = int(at["suspected_jet"])
-        event = int(at["detector_event"])
+        now_s, jet, event = float(time_s[k]), int(at["suspected_jet"]), int(at["detector_event"])
         if event == Event.WITHDRAWN:
-            for entry in entries:
-                if entry["jet_index"] == jet and entry["withdrawn_s"] is None:
-                    entry["withdrawn_s"] = float(time_s[k])
-            continue
-        entry = {
-            "onset_s": at["onset"],
-            "time_s": float(time_s[k]),
-            "kind": "mass_property_jump",
-            "cluster": None,
-            "jet": None,
-            "isolated_to": None,
-            "magnitude": None,
-            "magnitude_std": None,
-            "statistic": float(signals["rotation_nis"][k, 0]),
-            "alarms": int(at["alarms"]),
-            "withdrawn_s": None,
-            "jet_index": None,
-        }
-        if event == Event.DECLARED:
-            magnitude, std = at["suspected_magnitude"], at["suspected_magnitude_std"]
-            isolated = bool(at["jet_isolated"])
-            entry |= {
-                "kind": _kind(magnitude, std, vehicle.jets[jet].thrust),
-                "cluster": vehicle.jets[jet].cluster,
-                "jet": vehicle.designations[jet] if isolated else None,
-                "isolated_to": "jet" if isolated else "cluster",
-                "magnitude": magnitude,
-                "magnitude_std": std,
-                "statistic": at["suspected_likelihood"],
-                "jet_index": jet,
-            }
-        entries.append(entry)
-    return entries
+            records = [
+                record._replace(withdrawn_s=now_s) if record.jet_index == jet and record.withdrawn_s is None else record
+                for record in records
+            ]
+        elif event == Event.DECLARED:
+            records.append(_declared(vehicle, now_s, jet, at))
+        else:
+            records.append(_jump(now_s, at, float(signals["rotation_nis"][k, 0])))
+    return records
 
 
-def settled(entries: Sequence[Mapping[str, Any]], force: Array, variance: Array) -> list[dict[str, Any]]:
-    """Entries as `summary.json` has them: a force that has been followed since is given as it is known now.
+def settled(records: Sequence[DetectionRecord], force: Array, variance: Array) -> tuple[DetectionRecord, ...]:
+    """Brings detections to the end of a run: a force that has been followed since is given as it is known now.
 
     Args:
-        entries: as `detection_entries` gives them.
-        force, variance: known force of each jet at the end, and its variance, shape (n_jets,).
+        records: as `detection_entries` gives them.
+        force, variance: known force of each jet at the end, lbf or N, and its variance, shape (n_jets,).
     """
-    found = []
-    for declared in entries:
-        entry = dict(declared)
-        jet = entry.pop("jet_index")
-        if entry["kind"] == "jet_on" and variance[jet] > 0.0:
-            entry["magnitude"] = float(force[jet])
-            entry["magnitude_std"] = float(np.sqrt(variance[jet]))
-        found.append(entry)
-    return found
+
+    def at_the_end(record: DetectionRecord) -> DetectionRecord:
+        jet = record.jet_index
+        if record.kind == "jet_on" and jet is not None and variance[jet] > 0.0:
+            record = record._replace(magnitude=float(force[jet]), magnitude_std=float(np.sqrt(variance[jet])))
+        return record._replace(jet_index=None)
+
+    return tuple(map(at_the_end, records))
+
+
+def _detections(vehicle: Vehicle, time_s: Array, signals: Mapping[str, Array]) -> tuple[DetectionRecord, ...]:
+    records = detection_entries(vehicle, time_s, signals)
+    return settled(records, signals["known_force"][-1], signals["known_force_variance"][-1]) if records else ()
+
+
+def _declared(vehicle: Vehicle, time_s: float, jet: int, at: Mapping[str, float]) -> DetectionRecord:
+    magnitude, std = at["suspected_magnitude"], at["suspected_magnitude_std"]
+    isolated = bool(at["jet_isolated"])
+    return DetectionRecord(
+        onset_s=at["onset"],
+        time_s=time_s,
+        kind=_kind(magnitude, std, vehicle.jets[jet].thrust),
+        cluster=vehicle.jets[jet].cluster,
+        jet=vehicle.designations[jet] if isolated else None,
+        isolated_to="jet" if isolated else "cluster",
+        magnitude=magnitude,
+        magnitude_std=std,
+        statistic=at["suspected_likelihood"],
+        alarms=int(at["alarms"]),
+        jet_index=jet,
+    )
+
+
+def _jump(time_s: float, at: Mapping[str, float], nis: float) -> DetectionRecord:
+    return DetectionRecord(
+        onset_s=at["onset"],
+        time_s=time_s,
+        kind="mass_property_jump",
+        cluster=None,
+        jet=None,
+        isolated_to=None,
+        magnitude=None,
+        magnitude_std=None,
+        statistic=nis,
+        alarms=int(at["alarms"]),
+    )
 
 
 def _kind(magnitude: float, std: float, thrust: float) -> str:
@@ -224,56 +480,23 @@ def _kind(magnitude: float, std: float, thrust: float) -> str:
     return "jet_off" if lost_all else "jet_degraded"
 
 
-def null_for_nan(values: Array) -> Any:
-    """An array as nested lists, NaN as None."""
-    if values.ndim > 1:
-        return [null_for_nan(row) for row in values]
-    return [None if math.isnan(value) else value for value in values.tolist()]
-
-
-def by_name(parameters: Array) -> dict[str, Any]:
-    """Ten parameters as files have them: matrix, vector and number; NaN becomes null."""
-    values = [None if np.isnan(value) else float(value) for value in parameters]
-    matrix = [[values[index] for index in row] for row in mass_properties.ELEMENT.tolist()]
-    return {"inverse_inertia": matrix, "center_of_mass": values[6:9], "mass_reciprocal": values[9]}
-
-
-def from_names(values: dict[str, Any]) -> Array:
-    """The inverse of `by_name`: ten parameters, null as NaN, shape (10,)."""
-    inverse = np.array(values["inverse_inertia"], dtype=float)
-    center = np.array(values["center_of_mass"], dtype=float)
-    reciprocal = np.array([values["mass_reciprocal"]], dtype=float)
-    return np.concatenate([six_elements(inverse), center, reciprocal])
-
-
-def _derived(estimate: Array, covariance: Array) -> dict[str, Any]:
-    derived = mass_properties.derived(estimate, covariance)
-    return {
-        "mass": derived.mass,
-        "mass_std": derived.mass_std,
-        "inertia": None if derived.inertia is None else derived.inertia.tolist(),
-        "inertia_std": None if derived.inertia_std is None else derived.inertia_std.tolist(),
-        "physically_possible": derived.physically_possible,
-    }
-
-
-def firings(commands: NDArray[np.bool_]) -> int:
+def _firings(commands: NDArray[np.bool_]) -> int:
     """Number of off-to-on transitions over all jets, shape (n_samples, n_jets)."""
     before = np.vstack([np.zeros((1, commands.shape[1]), dtype=bool), commands[:-1]])
     return int((commands & ~before).sum())
 
 
-def _propellant(scenario: Scenario, signals: dict[str, Array]) -> float:
+def _propellant(scenario: Scenario, signals: Mapping[str, Array]) -> float:
     """Propellant used, slug or kg: what the thrust of every sample took."""
     vehicle = scenario.vehicle_data
     level = signals["thrust"][:-1] / np.linalg.norm(vehicle.thrusts, axis=1)
     return float((level @ params.plant_wrenches(scenario)[:, 6]).sum() * vehicle.sample_period_s)
 
 
-def _jets_in_question(vehicle: Vehicle, signals: dict[str, Array]) -> dict[str, list[str] | None]:
+def _jets_in_question(vehicle: Vehicle, signals: Mapping[str, Array]) -> dict[str, Any]:
     """Designations of the jets taken out of use, and of those left in because control needs them."""
     if "out_of_use" not in signals:
-        return {"jets_out_of_use": None, "jets_left_in": None}
+        return {}
     state = signals["out_of_use"][-1]
     return {
         name: [jet for jet, value in zip(vehicle.designations, state, strict=True) if value == wanted]
@@ -281,12 +504,51 @@ def _jets_in_question(vehicle: Vehicle, signals: dict[str, Array]) -> dict[str, 
     }
 
 
-def _selection(signals: dict[str, Array]) -> dict[str, int | None]:
+def _selection(signals: Mapping[str, Array]) -> dict[str, Any]:
+    """How many requests the jet selection solved, and how many of them it could not meet."""
     if "selection_counts" not in signals:
-        return {"lp_solves": None, "lp_infeasible": None}
+        return {}
     solved, reduced, closest, _ = signals["selection_counts"][-1].tolist()
     return {"lp_solves": int(solved), "lp_infeasible": int(reduced + closest)}
 
 
 def _mean(values: Array) -> float | None:
     return float(values.mean()) if values.size else None
+
+
+# ---------------------------------------------------------------------------------- arrays as JSON
+
+
+def null_for_nan(values: Array) -> Any:
+    """Turns an array into nested lists, NaN into None."""
+    if values.ndim > 1:
+        return [null_for_nan(row) for row in values]
+    return [None if math.isnan(value) else value for value in values.tolist()]
+
+
+def by_name(parameters: Array) -> dict[str, Any]:
+    """Writes the ten parameters as files have them: matrix, vector and number; NaN becomes None."""
+    values = null_for_nan(parameters)
+    matrix = [[values[index] for index in row] for row in mass_properties.ELEMENT.tolist()]
+    return {"inverse_inertia": matrix, "center_of_mass": values[6:9], "mass_reciprocal": values[9]}
+
+
+def from_names(values: Mapping[str, Any]) -> Array:
+    """Reads what `by_name` writes: the ten parameters, None as NaN, shape (10,)."""
+    inverse = np.array(values["inverse_inertia"], dtype=float)
+    center = np.array(values["center_of_mass"], dtype=float)
+    reciprocal = np.array([values["mass_reciprocal"]], dtype=float)
+    return np.concatenate([six_elements(inverse), center, reciprocal])
+
+
+def _array(values: Any) -> Array | None:
+    return None if values is None else np.array(values, dtype=float)
+
+
+def _filled(kind: Any, content: Mapping[str, Any]) -> Any:
+    """A named tuple from a mapping that may lack keys with a default, and have others besides."""
+    return kind(**{name: content[name] for name in kind._fields if name in content})
+
+
+def _without(record: DetectionRecord, name: str) -> dict[str, Any]:
+    return {key: value for key, value in record._asdict().items() if key != name}

@@ -18,7 +18,16 @@ from massprop_drake.maths.estimation import cycle
 from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
 from massprop_drake.results.run import Run, saved_filter_state
 from massprop_drake.results.spool import Spool
-from massprop_drake.results.summary import composed, detection_entries, null_for_nan, settled
+from massprop_drake.results.summary import (
+    AutopilotSummary,
+    Consistency,
+    DetectionRecord,
+    Timing,
+    composed,
+    detection_entries,
+    null_for_nan,
+    settled,
+)
 from massprop_drake.runners.logs import RECENT, estimation_signals, for_json, from_json
 from massprop_drake.systems.layouts import DETECTOR_REPORT, IMPULSES, MASS_REPORT, ROTATION_REPORT
 from massprop_drake.telemetry.quality import QualityReport
@@ -35,7 +44,7 @@ def estimate(
     *,
     resume_from: str | Path | None = None,
     progress: Callable[[float], None] | None = None,
-    declared: Callable[[dict[str, Any]], None] | None = None,
+    declared: Callable[[DetectionRecord], None] | None = None,
     stream: IO[bytes] | None = None,
     folder: Path | None = None,
 ) -> Run:
@@ -116,7 +125,8 @@ class _Estimation:
         self._spent_s = {"estimators": 0.0, "detector": 0.0}
         self._spool = spool
         self._rows = 0
-        self._entries: list[Any] = [] if earlier is None else list(earlier["detections"])
+        known = [] if earlier is None else earlier["detections"]
+        self._entries = [DetectionRecord(**entry) for entry in known]
         self._recent = np.array([] if earlier is None else earlier["recent_s"], dtype=float)
         self._recent_end = self._next_row  # number of the row after the last of the recent ones
         self._nis: dict[str, tuple[float, int]] = {"rotation": (0.0, 0), "mass": (0.0, 0)}
@@ -125,7 +135,7 @@ class _Estimation:
         self._fired = np.zeros(n_jets)
         self._quality = QualityReport(scenario)
 
-    def take(self, rows: Rows, before: tuple[Array, Array]) -> list[Any]:
+    def take(self, rows: Rows, before: tuple[Array, Array]) -> list[DetectionRecord]:
         """Takes in rows; the detections that they bring."""
         if not self._rows:
             self._command, self._outside = before
@@ -232,49 +242,34 @@ class _Estimation:
             self._scenario = self._scenario.model_copy(update={"duration_s": duration_s})
         n_jets = len(self._vehicle.jets)
         none = np.zeros(n_jets)
-        covariance = self._params.filter.covariance(self._state.filter)
         quality = self._quality.finished(record, reader.ragged)
         means = {name: total / count if count else None for name, (total, count) in self._nis.items()}
-        summary = composed(
+        results = composed(
             self._scenario,
             duration_s=duration_s,
             estimate=last["estimate"],
             deviation=last["standard_deviation"],
-            covariance=covariance,
+            covariance=self._params.filter.covariance(self._state.filter),
             truth=np.full(10, np.nan),
             found=settled(self._entries, last.get("known_force", none), last.get("known_force_variance", none)),
-            consistency={
-                "rotation_nis_mean": means["rotation"],
-                "translation_nis_mean": means["mass"],
-                "samples": self._nis["rotation"][1],
-            },
-            autopilot={
-                "firings": self._firings,
-                "propellant_mass": float(self._fired @ self._vehicle.mass_flows) * self._period_s,
-                **dict.fromkeys(("lp_solves", "lp_infeasible", "jets_out_of_use", "jets_left_in", "control_authority")),
-            },
-            timing={
-                "wall_s": wall_s,
-                "real_time_factor": duration_s / wall_s,
-                "cycle_us": self._cycle_times(),
-            },
+            consistency=Consistency(means["rotation"], means["mass"], self._nis["rotation"][1]),
+            autopilot=AutopilotSummary(self._firings, float(self._fired @ self._vehicle.mass_flows) * self._period_s),
+            timing=Timing(wall_s, duration_s / wall_s, self._cycle_times()),
+            telemetry="standard input" if str(telemetry) == "-" else Path(telemetry).name,
+            telemetry_sha256=reader.sha256(),
+            data_quality=quality,
         )
-        summary["provenance"] |= {
-            "telemetry": "standard input" if str(telemetry) == "-" else Path(telemetry).name,
-            "telemetry_sha256": reader.sha256(),
-        }
-        summary["data_quality"] = quality
         state = {
             "time_s": record.last_s,
             "row": self._next_row - 1,
             "states": for_json(cycle.saved(self._state, self._params)),
             "command": null_for_nan(last["command"]),
             "recent_s": null_for_nan(self._recent),
-            "detections": self._entries,
+            "detections": [entry._asdict() for entry in self._entries],
             "outside_wrench": null_for_nan(last.get("outside_wrench", np.zeros(6))),
             "velocity": {name: null_for_nan(value) for name, value in reader.velocity.items()},
         }
-        return Run(self._scenario, summary, None, self._spool, covariance, state)
+        return Run(self._scenario, results, None, self._spool, state)
 
     def _cycle_times(self) -> dict[str, float | None]:
         """Mean time per cycle spent in each part, microseconds."""

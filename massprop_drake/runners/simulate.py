@@ -21,7 +21,7 @@ from massprop_drake.maths.estimation.filter import Groups
 from massprop_drake.maths.mass_properties import N_ROTATION, MassProperties, symmetric
 from massprop_drake.maths.vehicle.rigid_body import MASS, POSITION, QUATERNION, RATE, VELOCITY
 from massprop_drake.results.run import Run
-from massprop_drake.results.summary import detection_entries, null_for_nan, summarize
+from massprop_drake.results.summary import Timing, detection_entries, null_for_nan, summarize
 from massprop_drake.runners.logs import ESTIMATION, RECENT, estimation_signals, for_json
 from massprop_drake.systems.autopilot.jet_selection_program import JetSelectionProgram
 from massprop_drake.systems.layouts import RECONFIGURATION, STRUCTURE
@@ -119,12 +119,8 @@ def simulate(
 
     time_s, logs = _collect(sinks, context)
     signals = _signals(scenario, logs)
-    timing = {
-        "wall_s": wall_s,
-        "real_time_factor": float(time_s[-1]) / wall_s,
-        "cycle_us": _cycle_times(diagram, len(time_s)),
-    }
-    summary = summarize(scenario, time_s, signals, covariance, timing, _authority(scenario, signals))
+    timing = Timing(wall_s, float(time_s[-1]) / wall_s, _cycle_times(diagram, len(time_s)))
+    results = summarize(scenario, time_s, signals, covariance, timing, _authority(scenario, signals))
     state = {
         "time_s": float(time_s[-1]),
         "row": len(time_s) - 1,
@@ -132,9 +128,9 @@ def simulate(
         # nothing is commanded beyond the end
         "command": [None] * len(vehicle.jets),
         "recent_s": null_for_nan(time_s[-RECENT:]),
-        "detections": detection_entries(vehicle, time_s, signals),
+        "detections": [entry._asdict() for entry in detection_entries(vehicle, time_s, signals)],
     }
-    return Run(scenario, summary, time_s, signals, covariance, state)
+    return Run(scenario, results, time_s, signals, state)
 
 
 def _moment(diagram: Diagram, context: Any) -> Moment:

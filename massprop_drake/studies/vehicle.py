@@ -1,4 +1,4 @@
-"""What can be said of a vehicle before it flies: how its jets push, what they show, which look alike."""
+"""Reports on a vehicle before it flies: how its jets push, what they show, which of them look alike."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linprog
 
 from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import DetectorBlock, MassBlock, Scenario
@@ -19,23 +18,28 @@ from massprop_drake.maths.estimation.detectors.jet_tests import signatures
 from massprop_drake.maths.estimation.filters.mass_filter import Rotation, compensated
 from massprop_drake.maths.mass_properties import NAMES, initial_standard_deviation
 from massprop_drake.maths.vehicle.sensing import increment_noise
+from massprop_drake.systems.autopilot.jet_selection_program import JetSelectionProgram
 
 Array = NDArray[np.float64]
 
 DIRECTIONS = tuple(f"{motion} {sign}{axis}" for motion, axis, sign in product(("turn", "translate"), "xyz", ("+", "-")))
 _OFFSET = np.array([0.62, -0.48, 0.62])  # a unit vector along no axis and in no plane of them
+_NOTHING = 1e-6  # of what all jets could do together: less is the solver's rounding
 _THROUGH = 1e-3  # of the RMS arm: a line this close to the center of mass passes through it
 
 
 def vehicle_report(vehicle: Vehicle, n_pairs: int = 5) -> dict[str, Any]:
-    """What a vehicle's jets and sensors can do, at its nominal mass properties, with its first gyro and its
-    preferred accelerometer. For JSON: null stands for what is infinite or there is none of.
+    """Reports what a vehicle's jets and sensors can do, at its nominal mass properties.
+
+    It goes by the first gyro and the preferred accelerometer.
 
     Args:
         vehicle: the vehicle.
-        n_pairs: so many pairs of jets are listed, those hardest to tell apart.
+        n_pairs: how many pairs of jets to list, those hardest to tell apart first.
 
     Returns:
+        Content for JSON, None standing for what is infinite or missing:
+
         - `control`: `rank` and `condition` of the activity matrix (`observability.activity_rank`, arm: the jets'
           RMS arm), `reach` in each of `DIRECTIONS` (`reaches`), and those that are `missing`;
         - `observability`: `rank` of ten, and the `unobservable` combinations of parameters
@@ -66,7 +70,7 @@ def vehicle_report(vehicle: Vehicle, n_pairs: int = 5) -> dict[str, Any]:
 
 
 def reaches(activity: Array) -> list[float]:
-    """Largest acceleration in each of `DIRECTIONS`, all jets between off and full, nothing else changing.
+    """Finds the largest acceleration in each of `DIRECTIONS` that changes nothing else, no jet beyond full thrust.
 
     Args:
         activity: activity vectors as columns, shape (6, n_jets).
@@ -74,25 +78,17 @@ def reaches(activity: Array) -> list[float]:
     Returns:
         rad/s^2, then ft/s^2 or m/s^2; zero where the jets cannot push that way alone.
     """
-    # rows of a largest element 1: the solver's tolerances are absolute
-    size = np.abs(activity).max(axis=1)
-    rows = activity / np.where(size > 0.0, size, 1.0)[:, None]
     n_jets = activity.shape[1]
-    found = []
-    for row, sign in product(range(6), (1.0, -1.0)):
-        # levels and the acceleration s, in units of the row: maximize s with rows @ levels = s along the direction
-        column = np.zeros((6, 1))
-        column[row] = -sign
-        bounds = [(0.0, 1.0)] * n_jets + [(0.0, None)]
-        cost = np.append(np.zeros(n_jets), -1.0)
-        result = linprog(cost, A_eq=np.hstack([rows, column]), b_eq=np.zeros(6), bounds=bounds)
-        share = float(result.x[-1]) if result.success else 0.0
-        found.append(share * float(size[row]) if share > 1e-6 else 0.0)
-    return found
+    program, second = JetSelectionProgram(np.ones(n_jets)), np.ones(n_jets)
+    floor = _NOTHING * np.abs(activity).sum(axis=1)
+    found = [
+        (row, program.reach(activity, row, sign, second, alone=True)) for row, sign in product(range(6), (1.0, -1.0))
+    ]
+    return [value if value > floor[row] else 0.0 for row, value in found]
 
 
 def _unobservable(vehicle: Vehicle) -> list[dict[str, float]]:
-    """Combinations that stay hidden, with the center of mass moved off places where terms vanish by chance."""
+    """Finds the combinations that stay hidden wherever the center of mass lies, and not by chance where it is now."""
     parameters = vehicle.nominal.vector()
     scale = initial_standard_deviation(parameters, vehicle.uncertainty, vehicle.center_of_mass_floor or 1.0)
     parameters[6:9] += _OFFSET * (vehicle.center_of_mass_floor or 1.0)
@@ -112,10 +108,10 @@ def _accelerometer(vehicle: Vehicle) -> Accelerometer | None:
 
 
 def _whitened_signatures(vehicle: Vehicle) -> Array:
-    """Signatures per unit force in units of one sample's noise, shape (n_jets, 6), or 3 without accelerometer.
+    """Scales each jet's signature per unit force by one sample's noise, shape (n_jets, 6), or 3 without accelerometer.
 
-    The noise is that of the sensors' increments: of the velocity, freed of rotation by the measured rates
-    as the mass filter does it, and of the rate. The mass properties are taken as known.
+    The noise is that of the increments of rate and of velocity, the latter compensated for rotation as in
+    the mass filter. The mass properties are taken as known.
     """
     period, nominal = vehicle.sample_period_s, vehicle.nominal.vector()
     unit = vehicle.wrenches / np.linalg.norm(vehicle.thrusts, axis=1)[:, None]
@@ -195,7 +191,7 @@ def _notes(vehicle: Vehicle) -> list[str]:
 
 
 def _vector(direction: Array) -> str:
-    """A unit vector in words: an axis where it is one, its largest element positive."""
+    """Writes a unit vector, largest element positive, by its axis where it lies along one."""
     direction = direction * np.sign(direction[np.abs(direction).argmax()])
     axis = int(direction.argmax())
     if direction[axis] > 1.0 - 1e-9:

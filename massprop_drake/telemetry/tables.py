@@ -120,13 +120,12 @@ class _Watched(io.RawIOBase):
     """A binary stream that hashes and counts what is read from it."""
 
     def __init__(self, inner: IO[bytes]):
-        self._inner = inner
         self._read = getattr(inner, "read1", inner.read)  # what is there, without waiting for more
         self.hash = hashlib.sha256()
         self.count = 0
 
     def readable(self) -> bool:
-        """Yes."""
+        """Tells that it can be read, as every stream must."""
         return True
 
     def readinto(self, buffer: Any) -> int:
@@ -159,8 +158,7 @@ class CsvTable:
         self._rows_per_block = rows_per_block
         self._size = size
         self._watched = _Watched(binary)
-        self._suspicious = False  # whether the last line read has what `float` takes and we do not
-        self._ended = True
+        self._suspicious = False  # whether the last line may hold what `float` takes, but a cell must not
         self._line = 0
         self.ragged = Ragged()
         self._reader = csv.reader(self._lines(), strict=True)
@@ -198,7 +196,6 @@ class CsvTable:
                 raise InputError(f"{self._source}, line {self._line}: holds a NUL byte; expected text in UTF-8")
             if len(line) >= _LONGEST_LINE:
                 raise InputError(f"{self._source}, line {self._line}: is longer than a row of telemetry can be")
-            self._ended = line[-1] in "\r\n"
             self._suspicious = "_" in line
             yield line
 

@@ -13,7 +13,6 @@ from command_probe import FILES, Massprop, Outcome
 from telemetry_probe import Log, toy_vehicle
 
 from massprop_drake import Run, load_scenario
-from massprop_drake.cli import app as cli
 from massprop_drake.inputs.vehicle import Vehicle
 
 
@@ -131,21 +130,6 @@ def test_rows_on_standard_input(massprop: Massprop) -> None:
     assert massprop("estimate", "flight.csv", "--vehicle", "toy.yaml", "--quiet").status == 0
     one, other = Run.load("runs/stdin").summary, Run.load("runs/flight").summary
     assert one["estimates"] == other["estimates"]
-
-
-def test_declarations_are_printed_as_they_come(capsys: pytest.CaptureFixture[str], orbiter: Vehicle) -> None:
-    entry = {
-        "kind": "jet_on",
-        "cluster": 12,
-        "jet": "R4R",
-        "magnitude": 868.8,
-        "magnitude_std": 0.1,
-        "time_s": 50.16,
-        "onset_s": 50.0,
-        "withdrawn_s": None,
-    }
-    cli._print_declared(entry, orbiter)
-    assert capsys.readouterr().out.startswith("detected:    jet on: jet R4R (cluster 12), +868.80 ± 0.10 lbf, declared")
 
 
 def test_a_vehicle_without_accelerometer(massprop: Massprop, toy_data: dict[str, Any]) -> None:

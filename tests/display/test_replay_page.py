@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -32,14 +33,9 @@ def test_the_failed_jet_and_the_one_found_are_marked(stuck_run: Run) -> None:
 
 
 def test_a_cluster_found_marks_all_its_jets(stuck_run: Run) -> None:
-    entry = {**stuck_run.summary["detections"][0], "jet": None, "isolated_to": "cluster"}
-    run = Run(
-        stuck_run.scenario,
-        {**stuck_run.summary, "detections": [entry]},
-        stuck_run.time_s,
-        stuck_run.signals,
-        stuck_run.covariance,
-    )
+    entry = stuck_run.results.detections[0]._replace(jet=None, isolated_to="cluster")
+    results = replace(stuck_run.results, detections=(entry,))
+    run = Run(stuck_run.scenario, results, stuck_run.time_s, stuck_run.signals)
     jets = run.scenario.vehicle_data.jets
     assert {jets[index].cluster for index in events.found(run)[0].jets} == {12}
     assert len(events.found(run)[0].jets) == 5

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -73,9 +74,9 @@ def test_a_firing_is_one_bar_from_its_beginning_to_its_end(stuck_run: Run) -> No
 
 def test_nothing_is_said_of_a_truth_that_is_unknown(stuck_run: Run) -> None:
     signals = {name: value for name, value in stuck_run.signals.items() if name not in ("truth", "thrust", "rate")}
-    unknown = {"inverse_inertia": [[None] * 3] * 3, "center_of_mass": [None] * 3, "mass_reciprocal": None}
-    summary = {**stuck_run.summary, "truth": unknown, "percent_error": unknown}
-    run = Run(stuck_run.scenario, summary, stuck_run.time_s, signals, stuck_run.covariance)
+    unknown = np.full(10, np.nan)
+    results = replace(stuck_run.results, truth=unknown, percent_error=unknown)
+    run = Run(stuck_run.scenario, results, stuck_run.time_s, signals)
     html = report_html(run)
     assert "The truth is unknown" in html
     assert "within 3 sigma of the truth" not in html

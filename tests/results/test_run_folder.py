@@ -282,7 +282,7 @@ def test_missing_readings_are_empty_cells(short_run: Run, tmp_path: Path) -> Non
     signals = dict(short_run.signals)
     signals["gyro"] = signals["gyro"].copy()
     signals["gyro"][2, 1] = np.nan
-    run = Run(short_run.scenario, short_run.summary, short_run.time_s, signals, short_run.covariance)
+    run = Run(short_run.scenario, short_run.results, short_run.time_s, signals)
     run.save(tmp_path / "run", pictures=False)
     with (tmp_path / "run" / "telemetry.csv").open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))

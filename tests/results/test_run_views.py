@@ -38,7 +38,7 @@ def test_a_long_run_is_thinned_to_rows_as_recorded(short_run: Run) -> None:
     signals = {name: np.tile(values, (copies, 1)) for name, values in short_run.signals.items()}
     signals["rate"][4321, 1] = 0.5
     signals["gyro"][4321, 1] = 0.5
-    long = Run(short_run.scenario, short_run.summary, time_s, signals, short_run.covariance)
+    long = Run(short_run.scenario, short_run.results, time_s, signals)
     shown = long.shown()
     assert shown.time_s.size < time_s.size
     assert shown.shown() is shown

@@ -1,4 +1,4 @@
-"""Signals on disk: what is put in comes out, and thinning keeps what a figure must show."""
+"""Signals on disk: what is put in comes out."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from massprop_drake import InputError
-from massprop_drake.results.spool import Spool, blocks, outstanding_rows, picked, write_npz
+from massprop_drake.results.spool import Spool, blocks, write_npz
 
 RANDOM = np.random.default_rng(5)
 SIGNALS = {
@@ -68,47 +68,6 @@ def test_the_archive_is_numpys_and_the_same_from_disk_and_from_memory(tmp_path: 
             np.testing.assert_array_equal(one[name], values)
             np.testing.assert_array_equal(other[name], values)
         assert str(one["_description"]) == '{"gyro": {"unit": "rad/s"}}'
-
-
-def test_a_short_run_is_shown_whole() -> None:
-    rows = outstanding_rows(SIGNALS, 5000, keys=("gyro",), events=("alarm",), buckets=1250)
-    np.testing.assert_array_equal(rows, np.arange(5000))
-
-
-def test_thinning_keeps_extremes_ends_and_events() -> None:
-    alarm = SIGNALS["alarm"].copy()
-    alarm[[77, 4000]] = 1.0
-    signals = SIGNALS | {"alarm": alarm}
-    rows = outstanding_rows(signals, 5000, keys=("gyro", "likelihood"), events=("alarm", "absent"), buckets=10)
-    assert {0, 77, 4000, 4999} <= set(rows.tolist())
-    assert len(rows) <= 2 + 2 + 10 * 2 * 7
-    for stretch in np.split(np.arange(5000), 10):
-        for axis in range(3):
-            values = SIGNALS["gyro"][stretch, axis]
-            assert stretch[np.argmax(values)] in rows
-            assert stretch[np.argmin(values)] in rows
-    spool = Spool(rows_per_piece=333)  # blocks that end elsewhere than the stretches
-    for start in range(0, 5000, 111):
-        spool.append({name: values[start : start + 111] for name, values in signals.items()})
-    np.testing.assert_array_equal(
-        outstanding_rows(spool, 5000, keys=("gyro", "likelihood"), events=("alarm",), buckets=10), rows
-    )
-    shown = picked(spool, rows)
-    for name, values in signals.items():
-        np.testing.assert_array_equal(shown[name], values[rows])  # every point is a recorded row
-
-
-def test_of_peaks_the_greatest_are_kept() -> None:
-    rows = outstanding_rows(SIGNALS, 5000, keys=(), peaks=("gyro",), events=(), buckets=10)
-    assert len(rows) <= 2 + 10 * 3
-    for stretch in np.split(np.arange(5000), 10):
-        assert stretch[np.argmax(SIGNALS["gyro"][stretch, 1])] in rows
-
-
-def test_events_do_not_crowd_out_everything() -> None:
-    signals = SIGNALS | {"alarm": np.ones((5000, 1))}
-    rows = outstanding_rows(signals, 5000, keys=(), events=("alarm",), buckets=10)
-    assert len(rows) == 10 * 4 + 1  # four of each stretch, and the last row
 
 
 def test_signals_in_memory_are_one_block() -> None:

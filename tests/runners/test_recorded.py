@@ -18,6 +18,7 @@ from telemetry_probe import Log, toy_vehicle
 from massprop_drake import InputError, Run, Scenario, estimate, load_scenario, simulate
 from massprop_drake.diagrams import estimation
 from massprop_drake.results.spool import Spool
+from massprop_drake.results.summary import DetectionRecord
 from massprop_drake.telemetry.reader import vehicle_scenario
 
 Array = NDArray[np.float64]
@@ -398,11 +399,11 @@ def test_a_damaged_state_is_refused(failed_run: Run, tmp_path: Path, content: st
 
 
 def test_rows_of_a_stream_are_estimated_as_they_come(failed_folder: Path, failed_run: Run, replayed: Run) -> None:
-    found: list[dict[str, Any]] = []
+    found: list[DetectionRecord] = []
     content = (failed_folder / "telemetry.csv").read_bytes()
     run = estimate("-", failed_run.scenario, stream=io.BytesIO(content), declared=found.append)
     _assert_equal_estimates(replayed, run)
-    assert [entry["jet"] for entry in found] == ["R4R"]
+    assert [entry.jet for entry in found] == ["R4R"]
     assert run.summary["provenance"]["telemetry_sha256"] == replayed.summary["provenance"]["telemetry_sha256"]
 
 

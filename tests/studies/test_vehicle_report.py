@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.optimize import linprog
 
 from massprop_drake import load_vehicle
 from massprop_drake.inputs.model import validated
@@ -68,6 +69,17 @@ def test_reach_is_a_combination_of_jets_that_changes_nothing_else() -> None:
     found = dict(zip(DIRECTIONS, reaches(activity), strict=True))
     assert found.pop("translate +x") == pytest.approx(1.5, rel=1e-9)
     assert set(found.values()) == {0.0}
+
+
+def test_reach_agrees_with_another_solver() -> None:
+    """HiGHS, both to the solvers' tolerances of 1e-7 and better in rows of a largest element 1."""
+    vehicle = load_vehicle("orbiter")
+    activity = activity_vectors(vehicle.wrenches, vehicle.nominal.vector())
+    rows = activity / np.abs(activity).max(axis=1, keepdims=True)
+    directions = [sign * axis for axis in np.eye(6) for sign in (1.0, -1.0)]
+    for direction, found in zip(directions, reaches(activity), strict=True):
+        least = linprog(-direction @ rows, A_eq=rows[direction == 0.0], b_eq=np.zeros(5), bounds=(0.0, 1.0))
+        np.testing.assert_allclose(found, -least.fun * np.abs(activity[direction != 0.0]).max(), rtol=1e-6)
 
 
 def test_small_accelerations_are_not_taken_for_none(toy_data: dict[str, Any]) -> None:

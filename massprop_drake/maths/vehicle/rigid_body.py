@@ -3,7 +3,7 @@ r"""A rigid body pushed by jets: its equations of motion and a step of high orde
 Frames: N inertial; B body axes at the center of mass; V vehicle frame, axes of B, origin O fixed in
 the structure. No gravity: positions and velocities are relative to free fall.
 
-State, shape (23,), in this order (`BodyState` names the parts):
+State, shape (23,), in this order (the slices below name the parts):
 
     quaternion q_NB (4) | rate w_NB_B (3) rad/s | position of the center of mass in N (3) |
     velocity of the center of mass in N (3) | mass | origin velocity V_O (3) | spin integral (6)

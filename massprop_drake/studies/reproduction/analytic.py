@@ -25,7 +25,7 @@ _NEVER = np.zeros(44, dtype=bool)
 
 
 class Setting(NamedTuple):
-    """What every test needs: signatures per lbf, shape (44, 6), information (6, 6), clusters, quanta (6,)."""
+    """Computes what every test needs: signatures per lbf, shape (44, 6), information (6, 6), clusters, quanta (6,)."""
 
     coefficients: Array
     information: Array
@@ -34,7 +34,7 @@ class Setting(NamedTuple):
 
 
 def setting() -> Setting:
-    """That of table 5-2 and section 5.1."""
+    """Returns the setting of table 5-2 and section 5.1."""
     vehicle = orbiter()
     coefficients = signatures(unit_wrenches(vehicle), vehicle.nominal.vector(), vehicle.sample_period_s)
     accelerometer, gyro = vehicle.accelerometers[0], vehicle.gyros[0]
@@ -46,7 +46,7 @@ def setting() -> Setting:
 
 
 def noise_free(jet: int, force: float, commanded: tuple[int, ...] = ()) -> tuple[JetTests, Isolation]:
-    """The tests of a failure without noise.
+    """Runs the tests on a failure without noise.
 
     Args:
         jet: its number in table 5-1.
@@ -61,7 +61,7 @@ def noise_free(jet: int, force: float, commanded: tuple[int, ...] = ()) -> tuple
 
 
 def separations(_: int) -> dict[str, Array]:
-    """Per squared lbf and jet: argument and margins without noise, all jets off; and 1-sigma of the force."""
+    """Computes argument and margins without noise per squared lbf and jet, all jets off, and 1-sigma of the force."""
     here = setting()
     off = np.ones(len(here.clusters), dtype=bool)
     found = []
@@ -80,7 +80,7 @@ def separations(_: int) -> dict[str, Array]:
 
 
 def soft_failures(seed: int) -> dict[str, Array]:
-    """Shares of samples in which a leak is isolated, for every jet and force, all jets off, shape (44, 10).
+    """Computes the share of samples that isolate a leak, for every jet and force, all jets off, shape (44, 10).
 
     The first sample of a leak at rest: each sensor component steps by its quantum at marks that lie anywhere.
     """
@@ -113,7 +113,7 @@ def soft_failures(seed: int) -> dict[str, Array]:
 
 
 def vernier_gaussian(seed: int) -> dict[str, Array]:
-    """Whether vernier 39, stuck on, is named, and is the likeliest of its cluster; Gaussian noise, all jets off."""
+    """Tells whether vernier 39, stuck on, is named, and the likeliest of its cluster; Gaussian noise, all jets off."""
     here = setting()
     random = np.random.default_rng([seed, 3])
     off = np.ones(len(here.clusters), dtype=bool)
@@ -129,7 +129,7 @@ def vernier_gaussian(seed: int) -> dict[str, Array]:
 
 
 def at_rest(seed: int) -> dict[str, Array]:
-    """The largest argument, and what isolation makes of it, of healthy samples with Gaussian noise, all jets off."""
+    """Tests healthy samples with Gaussian noise, all jets off: the largest argument, and what isolation makes of it."""
     here = setting()
     random = np.random.default_rng([seed, 2])
     off = np.ones(len(here.clusters), dtype=bool)

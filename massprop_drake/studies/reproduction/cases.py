@@ -1,4 +1,4 @@
-"""What the figures need run: flights of a scenario, and calculations without one."""
+"""Cases that the figures are made of: flights of a scenario, and calculations without one."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-import massprop_drake
-from massprop_drake import diagrams
 from massprop_drake.inputs.model import digest
 from massprop_drake.inputs.scenario import Scenario, load_scenario
+from massprop_drake.studies.reproduction.sources import PACKAGE, code_digest
 
 Array = NDArray[np.float64]
 
+_SIMULATE = PACKAGE / "runners" / "simulate.py"
 PHASES = 20  # sensor phases: seeds 0 to 19
 
 ESTIMATES = ("estimate", "standard_deviation", "truth")
@@ -53,12 +53,12 @@ class Flight:
     seeds: int = PHASES
 
     def key(self) -> str:
-        """Changes with whatever the result depends on, but for the seed."""
-        about = [digest(_scenario(self.scenario, self.overrides)), self.signals, self.from_s, _code()]
+        """Returns a digest of all that the result depends on, but for the seed."""
+        about = [digest(_scenario(self.scenario, self.overrides)), self.signals, self.from_s, _computed_by()]
         return _hash(json.dumps(about))
 
     def run(self, seed: int) -> dict[str, Array]:
-        """The signals of one phase."""
+        """Simulates one phase and returns the signals to keep."""
         from massprop_drake.runners.simulate import simulate  # noqa: PLC0415 (loads Drake)
 
         scenario = _scenario(self.scenario, self.overrides)
@@ -69,7 +69,7 @@ class Flight:
 
 @dataclass(frozen=True)
 class Calculation:
-    """A function of a seed, for what needs no flight.
+    """A calculation that needs no flight.
 
     Attributes:
         name: short, unique among all cases; part of a file's name.
@@ -82,13 +82,13 @@ class Calculation:
     seeds: int = 1
 
     def key(self) -> str:
-        """Changes with whatever the result depends on, but for the seed."""
+        """Returns a digest of all that the result depends on, but for the seed."""
         source = inspect.getsourcefile(self.function)
         assert source is not None
-        return _hash(json.dumps([self.function.__qualname__, _hash(Path(source).read_bytes()), _code()]))
+        return _hash(json.dumps([self.function.__qualname__, _bundled(), _computed_by(Path(source))]))
 
     def run(self, seed: int) -> dict[str, Array]:
-        """The result for one seed."""
+        """Calculates the result for one seed."""
         return self.function(seed)
 
 
@@ -100,20 +100,16 @@ def _scenario(name: str, overrides: tuple[str, ...]) -> Scenario:
     return load_scenario(name, list(overrides))
 
 
+def _computed_by(*modules: Path) -> list[str]:
+    """Digest of all code that a flight or some modules run, and versions of what it computes with."""
+    return [code_digest(_SIMULATE, *modules), *map(version, ("drake", "numpy", "scipy"))]
+
+
 @lru_cache(maxsize=1)
-def _code() -> str:
-    """Digest of the package's code, without what only looks at results, and of what it computes with."""
-    here = Path(massprop_drake.__file__).parent
-    folders = [here, *map(Path, diagrams.__path__)]
-    files = {path.resolve() for folder in folders for path in folder.rglob("*.py")}
-    own = Path(__file__).parent.resolve()
-    contents = b"".join(
-        path.read_bytes() for path in sorted(files) if own not in path.parents and path.name not in _LOOKERS
-    )
-    return _hash(json.dumps([_hash(contents), version("drake"), version("numpy"), version("massprop-drake")]))
-
-
-_LOOKERS = {"cli.py", "figures.py", "files.py", "graphs.py"}
+def _bundled() -> str:
+    """Digest of the bundled vehicles and scenarios, which a calculation may load."""
+    files = sorted((*(PACKAGE / "vehicles").glob("*.yaml"), *(PACKAGE / "scenarios").glob("*.yaml")))
+    return _hash(json.dumps([_hash(path.read_bytes()) for path in files]))
 
 
 def _hash(content: str | bytes) -> str:

@@ -32,7 +32,7 @@ ENTRIES: tuple[Entry, ...] = (
 
 
 def chosen(names: list[str] | None) -> list[Entry]:
-    """Entries by name, in the order of the thesis; all without names.
+    """Picks entries by name, in the order of the thesis; all of them without names.
 
     Raises:
         InputError: naming one that there is not.

@@ -1,4 +1,4 @@
-"""Claims of the thesis and what becomes of them: an expectation, a measure, a verdict.
+"""Claims of the thesis: what each one expects, how it is measured, and whether it holds.
 
 A claim is measured once per sensor phase, a run whose quantizers start at other marks and nothing else
 differs, because the thesis shows one run of a quantized simulation. Its verdict follows from how the
@@ -34,7 +34,7 @@ _RESAMPLES = 400  # of the phases, for a pooled claim
 
 
 class Verdict(StrEnum):
-    """What becomes of a claim."""
+    """The verdict on a claim."""
 
     HOLDS = "holds"
     SPREAD = "holds within spread"
@@ -43,12 +43,12 @@ class Verdict(StrEnum):
 
 @dataclass(frozen=True)
 class AtMost:
-    """Values no larger than a limit."""
+    """Expects values up to a limit."""
 
     limit: float
 
     def met(self, values: Array) -> NDArray[np.bool_]:
-        """Which values meet it."""
+        """Tells which values meet it."""
         return values <= self.limit
 
     def __str__(self) -> str:
@@ -57,12 +57,12 @@ class AtMost:
 
 @dataclass(frozen=True)
 class AtLeast:
-    """Values no smaller than a limit."""
+    """Expects values from a limit up."""
 
     limit: float
 
     def met(self, values: Array) -> NDArray[np.bool_]:
-        """Which values meet it."""
+        """Tells which values meet it."""
         return values >= self.limit
 
     def __str__(self) -> str:
@@ -71,13 +71,13 @@ class AtLeast:
 
 @dataclass(frozen=True)
 class Between:
-    """Values in a range."""
+    """Expects values in a range, its ends included."""
 
     low: float
     high: float
 
     def met(self, values: Array) -> NDArray[np.bool_]:
-        """Which values meet it."""
+        """Tells which values meet it."""
         return (values >= self.low) & (values <= self.high)
 
     def __str__(self) -> str:
@@ -86,13 +86,13 @@ class Between:
 
 @dataclass(frozen=True)
 class Near:
-    """Values that agree with one to a tolerance, such as half its last digit."""
+    """Expects values that agree with one to a tolerance, such as half its last digit."""
 
     value: float
     tolerance: float
 
     def met(self, values: Array) -> NDArray[np.bool_]:
-        """Which values meet it."""
+        """Tells which values meet it."""
         return np.abs(values - self.value) <= self.tolerance
 
     def __str__(self) -> str:
@@ -101,7 +101,7 @@ class Near:
 
 @dataclass(frozen=True)
 class Printed:
-    """A number that the thesis has from one run."""
+    """Expects a number that the thesis printed of one run to be among ours."""
 
     value: float
 
@@ -114,7 +114,7 @@ Expectation = AtMost | AtLeast | Between | Near | Printed
 
 @dataclass(frozen=True)
 class Because:
-    """Why a claim differs: a sentence with measured numbers in it.
+    """Explains why a claim differs, in a sentence with measured numbers.
 
     Attributes:
         text: with a place `{}` for each measure, such as `{:.2f}`.
@@ -125,7 +125,7 @@ class Because:
     measures: tuple[Callable[[Phase], float], ...] = ()
 
     def told(self, phases: Phases) -> str:
-        """The sentence, its numbers measured."""
+        """Measures the numbers and writes the sentence."""
         return self.text.format(*(float(np.median([measure(phase) for phase in phases])) for measure in self.measures))
 
 
@@ -156,7 +156,7 @@ class Claim:
 
 @dataclass(frozen=True)
 class Outcome:
-    """A claim measured.
+    """A claim and what was measured of it.
 
     Attributes:
         claim: the claim.
@@ -176,7 +176,7 @@ class Outcome:
 
     @property
     def measured(self) -> str:
-        """The measured value in words: median, central 95 % and where the thesis's number falls."""
+        """Writes the measured value: median, central 95 %, and where the thesis's number falls."""
         unit = f" {self.claim.unit}" if self.claim.unit else ""
         if (self.values == self.values[0]).all():
             return f"{number(self.center)}{unit}"
@@ -208,7 +208,7 @@ def judge(claim: Claim, phases: Phases) -> Outcome:
 
 
 def decide(expect: Expectation, values: Array) -> tuple[Verdict, float]:
-    """The verdict on measured values, and the share of them that it rests on; see the module.
+    """Decides on measured values by the rules above; the share that the verdict rests on is returned with it.
 
     Args:
         expect: see `Claim`.
@@ -225,14 +225,14 @@ def decide(expect: Expectation, values: Array) -> tuple[Verdict, float]:
 
 
 def _central(values: Array) -> tuple[float, float]:
-    """Ends of the central 95 %; where values are infinite or missing, one of the values itself."""
+    """Finds the ends of the central 95 %; beside infinite or missing values, an end is one of the values."""
     method = "linear" if np.isfinite(values).all() else "nearest"
     low, high = np.quantile(values, _CENTRAL, method=method)  # type: ignore[call-overload]
     return float(low), float(high)
 
 
 def number(value: float) -> str:
-    """A number with three digits, short."""
+    """Writes a number with three digits, as briefly as it goes."""
     if not math.isfinite(value):
         return f"{value:g}"
     if value == 0.0 or 1e-3 <= abs(value) < 1e4:

@@ -1,4 +1,4 @@
-"""How all figures of the reproduction look: panels over time, runs in one color each, phases as bands."""
+"""The look of the reproduction's figures: panels over time, a color per case, phases as bands."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _CENTRAL = (0.025, 0.975)
 
 
 def panels(count: int, title: str, *, windows: bool = True, height: float = 1.9) -> tuple[Figure, list[Axes]]:
-    """A figure of panels one above the other, over time."""
+    """Makes a figure of panels over time, one above the other."""
     figure = Figure(figsize=(9.0, height * count + 1.0), dpi=100, layout="constrained")
     axes = list(np.atleast_1d(figure.subplots(count, 1, sharex=True)))
     figure.suptitle(title, fontsize=11)
@@ -34,7 +34,7 @@ def panels(count: int, title: str, *, windows: bool = True, height: float = 1.9)
 
 
 def tidy(panel: Axes) -> None:
-    """A light grid, and no frame above and to the right."""
+    """Gives a panel a light grid, and no frame above and to the right."""
     panel.grid(alpha=0.25)
     panel.spines[["top", "right"]].set_visible(False)
 
@@ -48,7 +48,7 @@ def curves(
     points: bool = False,
     step: bool = False,
 ) -> None:
-    """One color per case: the first phase as a line, the central 95 % of all phases as a band.
+    """Draws each case in a color: the first phase as a line, the central 95 % of all phases as a band.
 
     Args:
         panel: to draw in.
@@ -75,14 +75,14 @@ def curves(
 
 
 def chi_square_band(panel: Axes) -> None:
-    """The central 95 % of chi-square with three degrees of freedom."""
+    """Shades the central 95 % of chi-square with three degrees of freedom."""
     panel.axhspan(*chdtri(3, [0.975, 0.025]), color=BAND_COLOR, alpha=0.3, linewidth=0.0)
 
 
 def consistency(
     part: str, title: str, labels: Mapping[str, str], *, symbol: str, height: float = 1.9
 ) -> Callable[[Phases], Figure]:
-    """A picture of a filter's consistency function at the samples used, a panel per case.
+    """Makes a picture of a filter's consistency function at the samples used, a panel per case.
 
     Args:
         part: rotation or mass.
@@ -109,7 +109,7 @@ def consistency(
 
 
 def heat_map(panel: Axes, values: Array, columns: Sequence[str], rows: Sequence[str], label: str) -> None:
-    """A table of shares from 0 to 1 as colors, with a bar that explains them."""
+    """Draws a table of shares from 0 to 1 as colors, with a bar for a legend."""
     picture = panel.imshow(values, aspect="auto", cmap="cividis", vmin=0.0, vmax=1.0)
     panel.set_xticks(range(len(columns)), columns, fontsize=8)
     panel.set_yticks(range(len(rows)), rows, fontsize=6)

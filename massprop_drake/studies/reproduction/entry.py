@@ -1,4 +1,4 @@
-"""An entry: one figure, table or section of the thesis, with what it needs, claims and shows."""
+"""An entry: one figure, table or section of the thesis, with its cases, claims and pictures."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ LITERAL = ("rotation.jump=none", "detector.kind=off")
 
 
 def maneuver(name: str, *overrides: str, signals: tuple[str, ...] = (*ESTIMATES, *CONSISTENCY)) -> Flight:
-    """The sample maneuver to the letter of the thesis, with some settings changed."""
+    """Makes a flight of the sample maneuver, to the letter of the thesis but for some settings."""
     return Flight(name, "sample_maneuver", (*LITERAL, *overrides), signals)
 
 
@@ -47,7 +47,7 @@ LEFT = maneuver("left", "sensors.accelerometer=acc1")
 
 
 def combined(rule: str, *overrides: str, name: str = "") -> Flight:
-    """The three accelerometers made into one by a rule."""
+    """Makes a flight whose three accelerometers are combined by a rule."""
     return maneuver(name or rule, f"sensors.combine.accelerometers={rule}", *overrides)
 
 
@@ -110,7 +110,7 @@ _DETECTOR = (
 
 
 def failure(name: str) -> Flight:
-    """A bundled scenario of a failure with the thesis's detector, what is seen of it kept from 45 s on."""
+    """Makes a flight of a bundled failure with the thesis's detector; signals are kept from 45 s on."""
     return Flight(name, name, _DETECTOR, DETECTION, from_s=45.0)
 
 

@@ -16,7 +16,7 @@ from massprop_drake.studies.reproduction.runner import Store, needed, run_missin
 def reproduce(
     entries: Sequence[Entry], folder: Path, progress: Callable[[int, int], None] | None = None
 ) -> list[Reproduced]:
-    """Reproduces some entries into a folder, taking from it what an earlier time has finished.
+    """Reproduces some entries into a folder, taking up what an earlier call has finished.
 
     Args:
         entries: which.

@@ -35,7 +35,7 @@ _PARTIAL = ".part"
 
 
 class Store:
-    """Results of cases, a file per case and seed.
+    """Keeps the results of cases, a file per case and seed.
 
     Args:
         folder: where; made when it is not there.
@@ -47,21 +47,21 @@ class Store:
         self._keys: dict[str, str] = {}
 
     def path(self, case: Case, seed: int) -> Path:
-        """File of one result."""
+        """Names the file of one result."""
         key = self._keys.get(case.name) or self._keys.setdefault(case.name, case.key()[:20])
         return self._folder / f"{case.name}-{seed:02d}-{key}.npz"
 
     def get(self, case: Case, seed: int) -> Signals | None:
-        """A result; None where there is none that can be read in full."""
+        """Reads a result; None where there is none that can be read in full."""
         return _read(self.path(case, seed))
 
     def missing(self, cases: Iterable[Case]) -> list[tuple[Case, int, Path]]:
-        """What is still to be run: case, seed and file to write."""
+        """Lists what is still to be run: case, seed and file to write."""
         wanted = [(case, seed, self.path(case, seed)) for case in cases for seed in range(case.seeds)]
         return [(case, seed, path) for case, seed, path in wanted if _read(path) is None]
 
     def phases(self, cases: Mapping[str, Case]) -> list[Phase]:
-        """Results of cases by label, phase by phase; a case of one seed is part of every phase.
+        """Reads the results of cases by label, phase by phase; a case of one seed is part of every phase.
 
         Raises:
             LookupError: when one has not been run.
@@ -80,7 +80,7 @@ class Store:
         return found
 
     def tidy(self) -> None:
-        """Removes what interrupted writing has left, and results of known cases that have been superseded."""
+        """Removes files left by interrupted writing, and superseded results of known cases."""
         for path in self._folder.glob(f".*{_PARTIAL}"):
             path.unlink(missing_ok=True)
         for name, key in self._keys.items():
@@ -90,12 +90,12 @@ class Store:
 
 
 def phase_count(cases: Mapping[str, Case]) -> int:
-    """How many phases all of some cases have, those of one seed being part of every phase."""
+    """Counts the phases that all of some cases have, those of one seed being part of every phase."""
     return min((case.seeds for case in cases.values() if case.seeds > 1), default=1)
 
 
 def needed(groups: Iterable[Mapping[str, Case]]) -> list[Case]:
-    """The cases of some groups that belong together, each once and with as many seeds as a group has phases."""
+    """Merges groups of cases: each case once, with as many seeds as the phases of its largest group."""
     found: dict[str, Case] = {}
     for cases in groups:
         phases = phase_count(cases)
@@ -107,7 +107,7 @@ def needed(groups: Iterable[Mapping[str, Case]]) -> list[Case]:
 
 
 def run_missing(store: Store, cases: Sequence[Case], progress: Callable[[int, int], None] | None = None) -> int:
-    """Runs what is missing of some cases, and says how many runs that were.
+    """Runs what is missing of some cases, and returns the number of runs.
 
     Args:
         store: keeps the results.
@@ -177,7 +177,7 @@ def write_result(path: Path, result: Signals) -> None:
 
 
 def _read(path: Path) -> Signals | None:
-    """A result's arrays, each read in full; None when the file is not there or not whole."""
+    """Reads a result's arrays in full; None when the file is missing or not whole."""
     try:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
             return {name: stored[name] for name in stored.files}

@@ -123,14 +123,15 @@ class JetSelectionProgram:
             on_times = within_reach if saving is None else saving
         return Selection(on_times, float(self._cost @ on_times), outcome, activity @ on_times)
 
-    def reach(self, activity: Array, row: int, sign: float, limits_s: Array) -> float:
-        """Largest change of one element of the request with the other rotations at zero.
+    def reach(self, activity: Array, row: int, sign: float, limits_s: Array, *, alone: bool = False) -> float:
+        """Finds the largest change of one element of the request with the other rotations at zero.
 
         Args:
             activity: activity vectors as columns, shape (6, n_jets).
-            row: 0 to 2 rotation about x, y, z, translation left free; 3 to 5 translation along them.
+            row: 0 to 2 rotation about x, y, z; 3 to 5 translation along them.
             sign: +1 or -1.
             limits_s: largest on-time of each jet, s, finite; zero takes a jet out, shape (n_jets,).
+            alone: hold the other translations at zero, too; else they are left free.
 
         Returns:
             The change, rad/s or ft/s or m/s, zero or positive.
@@ -140,7 +141,7 @@ class JetSelectionProgram:
         far[row] = sign * float(np.abs(activity[row]) @ limits_s)
         if far[row] == 0.0:
             return 0.0
-        held = [*range(3), *([row] if row > 2 else [])]
+        held = [*range(6)] if alone else [*range(3), *([row] if row > 2 else [])]
         rows, target, scale = _scaled(activity[held], far[held])
         column = np.where(target != 0.0, -target, 0.0)
         missing = 6 - len(held)

@@ -49,7 +49,7 @@ def _final_ratio(case: str) -> Callable[[Phases], float]:
 
 
 def _named(jet: int, label: str) -> Callable[[Phase], float]:
-    """A measure: share of alarms that name a jet, of those that name one at all; the jet's own."""
+    """Makes a measure: share of alarms that name a jet, of those that name one at all; the jet's own."""
 
     def measure(phase: Phase) -> float:
         run = phase[label]

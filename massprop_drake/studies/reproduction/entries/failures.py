@@ -55,7 +55,7 @@ def _column(run: Signals, name: str, samples: NDArray[np.bool_]) -> Array:
 
 
 def _orders(jet: int, which: Callable[[Signals], NDArray[np.bool_]]) -> Callable[[Phase], float]:
-    """A measure: orders of magnitude from the largest argument in the 5 s before to that of the first sample after."""
+    """Makes a measure: orders of magnitude from the largest argument of the 5 s before to the first sample's after."""
 
     def measure(phase: Phase) -> float:
         run = phase["flight"]
@@ -67,7 +67,7 @@ def _orders(jet: int, which: Callable[[Signals], NDArray[np.bool_]]) -> Callable
 
 
 def _first(name: str, which: Callable[[Signals], NDArray[np.bool_]]) -> Callable[[Phase], float]:
-    """A measure: a margin at the first sample that shows the failure; NaN: none does."""
+    """Makes a measure: a margin at the first sample that shows the failure; NaN: none does."""
     return lambda phase: float(np.append(_column(phase["flight"], name, which(phase["flight"])), np.nan)[0])
 
 
@@ -77,7 +77,7 @@ def _least_margin(phase: Phase) -> float:
 
 
 def _right(jet: int, which: Callable[[Signals], NDArray[np.bool_]]) -> Callable[[Phase], float]:
-    """A measure: share of samples whose alarm names the right jet."""
+    """Makes a measure: share of samples whose alarm names the right jet."""
 
     def measure(phase: Phase) -> float:
         run = phase["flight"]
@@ -89,7 +89,7 @@ def _right(jet: int, which: Callable[[Signals], NDArray[np.bool_]]) -> Callable[
 
 
 def _right_cluster(jet: int) -> Callable[[Phase], float]:
-    """A measure: share of tested samples whose alarm names the right cluster."""
+    """Makes a measure: share of tested samples whose alarm names the right cluster."""
 
     def measure(phase: Phase) -> float:
         run = phase["flight"]
@@ -167,7 +167,7 @@ def _first_at_lower_threshold(phase: Phase) -> float:
 
 
 def _exact(jet: int, force: float, what: str, commanded: tuple[int, ...] = ()) -> Callable[[Phase], float]:
-    """A measure: argument or margin of a failure without noise, at table 5-2's truth."""
+    """Makes a measure: argument or margin of a failure without noise, at table 5-2's truth."""
 
     def measure(_: Phase) -> float:
         tests, isolation = analytic.noise_free(jet, force, commanded)
@@ -186,7 +186,7 @@ def _exact(jet: int, force: float, what: str, commanded: tuple[int, ...] = ()) -
 
 
 def _history(title: str, jet: int, *, of_cluster: bool) -> Callable[[Phases], Figure]:
-    """A picture of the argument of the failed jet, or its cluster, and of the largest elsewhere."""
+    """Makes a picture of the argument of the failed jet, or its cluster, and of the largest elsewhere."""
 
     def draw(phases: Phases) -> Figure:
         figure, (panel,) = panels(1, title, windows=False, height=2.6)
@@ -210,7 +210,7 @@ def _history(title: str, jet: int, *, of_cluster: bool) -> Callable[[Phases], Fi
 
 
 def _margins(title: str) -> Callable[[Phases], Figure]:
-    """A picture of both margins."""
+    """Makes a picture of both margins."""
 
     def draw(phases: Phases) -> Figure:
         figure, axes = panels(2, title, windows=False)
@@ -234,7 +234,7 @@ def _margins(title: str) -> Callable[[Phases], Figure]:
 
 
 def _magnitudes(title: str, jet: int, force: float, *, best: bool) -> Callable[[Phases], Figure]:
-    """A picture of the estimated force of the failed jet and, with best, of its cluster's likeliest."""
+    """Makes a picture of the estimated force of the failed jet and, with best, of its cluster's likeliest."""
 
     def draw(phases: Phases) -> Figure:
         figure, axes = panels(1 + best, title, windows=False, height=2.2)

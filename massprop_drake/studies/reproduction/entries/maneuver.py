@@ -197,7 +197,7 @@ def _of_full_samples(phase: Phase) -> float:
 def _over_axes(
     signal: str, title: str, unit: str, *, scale: float = 1.0, step: bool = False
 ) -> Callable[[Phases], Figure]:
-    """A picture of a signal of three axes; of commands' effects, which switch, the first phase alone."""
+    """Makes a picture of a signal of three axes; of commands' effects, which switch, the first phase alone."""
 
     def component(axis: int) -> Callable[[Signals], Array]:
         return lambda run: scale * run[signal][:, axis]

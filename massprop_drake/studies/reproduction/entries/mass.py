@@ -74,7 +74,7 @@ def _largest(case: str, start_s: float, end_s: float) -> Callable[[Phase], float
 
 
 def _pooled(case: str, other: str, start_s: float, end_s: float = np.inf) -> Callable[[Phases], float]:
-    """A pooled measure: RMS error of one case over that of another, over a time."""
+    """Makes a pooled measure: RMS error of one case over that of another, over a time."""
 
     def measure(phases: Phases) -> float:
         size = [
@@ -86,12 +86,12 @@ def _pooled(case: str, other: str, start_s: float, end_s: float = np.inf) -> Cal
 
 
 def _pooled_final(case: str, other: str) -> Callable[[Phases], float]:
-    """A pooled measure: RMS error at the end of one case over that of another."""
+    """Makes a pooled measure: RMS error at the end of one case over that of another."""
     return _pooled(case, other, 50.0)
 
 
 def _apart(case: str, other: str, start_s: float) -> Callable[[Phase], float]:
-    """A measure: largest difference of two cases' errors from a time on, %."""
+    """Makes a measure: largest difference of two cases' errors from a time on, %."""
     return lambda phase: float(np.abs(_error(phase[case], start_s) - _error(phase[other], start_s)).max())
 
 
@@ -113,7 +113,7 @@ def _more_inconsistent(case: str, other: str) -> Callable[[Phase], float]:
 
 
 def _mass_errors(title: str, pairs: tuple[Mapping[str, str], ...]) -> Callable[[Phases], Figure]:
-    """A picture of the error of 1/m, true minus estimate, a panel per pair of cases."""
+    """Makes a picture of the error of 1/m, true minus estimate, a panel per pair of cases."""
 
     def error(run: Signals) -> Array:
         result: Array = run["truth"][:, MASS] - run["estimate"][:, MASS]
@@ -131,7 +131,7 @@ def _mass_errors(title: str, pairs: tuple[Mapping[str, str], ...]) -> Callable[[
 
 
 def _share_used(case: str) -> Callable[[Phase], float]:
-    """A measure: samples used in the translations."""
+    """Makes a measure: samples used in the translations."""
     return lambda phase: float(np.count_nonzero(used(phase[case], "mass") & during(phase[case], 25.0, 35.5)))
 
 

@@ -77,7 +77,7 @@ def _advantage(phase: Phase) -> float:
 
 
 def _after_updates(count: int, case: str) -> Callable[[Phase], float]:
-    """A measure: the error of Ixx^-1 after so many used samples, %."""
+    """Makes a measure: the error of Ixx^-1 after so many used samples, %."""
 
     def measure(phase: Phase) -> float:
         run = phase[case]
@@ -113,7 +113,7 @@ def _yz_is_worst(phase: Phase) -> float:
 
 
 def _improvement(element: int) -> Callable[[Phases], float]:
-    """A pooled measure: the median error just before the first translation over that after it."""
+    """Makes a pooled measure: the median error just before the first translation over that after it."""
 
     def measure(phases: Phases) -> float:
         before, after = (np.median([percent_at(phase["with"], t)[element] for phase in phases]) for t in (24.9, 27.5))
@@ -123,7 +123,7 @@ def _improvement(element: int) -> Callable[[Phases], float]:
 
 
 def _sigma_percent(time_s: float, element: int) -> Callable[[Phase], float]:
-    """A measure: the filter's own 1-sigma at a time, %."""
+    """Makes a measure: the filter's own 1-sigma at a time, %."""
 
     def measure(phase: Phase) -> float:
         run = phase["with"]
@@ -163,7 +163,7 @@ def _share_above(case: str, limit: float) -> Callable[[Phase], float]:
 
 
 def _excess(elements: slice) -> Callable[[Phase], float]:
-    """A measure: the largest final error of the linear filter over that of the second-order one."""
+    """Makes a measure: the largest final error of the linear filter over that of the second-order one."""
     return lambda phase: _worst("linear", elements, phase) / _worst("second", elements, phase)
 
 
@@ -173,7 +173,7 @@ def _excess(elements: slice) -> Callable[[Phase], float]:
 def _errors(
     title: str, elements: tuple[int, ...], labels: Mapping[str, str], small: float
 ) -> Callable[[Phases], Figure]:
-    """A picture of estimation errors, true minus estimate; small: share of the truth where the axis turns linear."""
+    """Makes a picture of estimation errors, true minus estimate, on an axis that is linear up to a small share."""
 
     def error(element: int) -> Callable[[Signals], Array]:
         return lambda run: run["truth"][:, element] - run["estimate"][:, element]

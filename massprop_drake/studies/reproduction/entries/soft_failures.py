@@ -18,20 +18,20 @@ from massprop_drake.studies.reproduction.measures import during, orbiter
 
 
 def _separable(force: float, *margins: str) -> Callable[[Phase], float]:
-    """A measure: jets whose margins without noise exceed six at a force."""
+    """Makes a measure: jets whose margins without noise exceed six at a force."""
     return lambda phase: float(
         np.count_nonzero(np.all([phase["exact"][margin] * force**2 > MARGIN for margin in margins], axis=0))
     )
 
 
 def _sampled(what: str, force: float) -> Callable[[Phase], float]:
-    """A measure: jets isolated in at least half of the samples at a force."""
+    """Makes a measure: jets isolated in at least half of the samples at a force."""
     column = int(np.flatnonzero(force == FORCES)[0])
     return lambda phase: float(np.count_nonzero(phase["sampled"][what][:, column] >= 0.5))
 
 
 def _wrong(what: str) -> Callable[[Phase], float]:
-    """A measure: share of wrong names over all jets and forces."""
+    """Makes a measure: share of wrong names over all jets and forces."""
     return lambda phase: float(phase["sampled"][what].mean())
 
 
@@ -41,7 +41,7 @@ def _alarms(phase: Phase) -> float:
 
 
 def _cluster_11(what: str) -> Callable[[Phase], float]:
-    """A measure: of a leak of 10 lbf in jet 27 without noise."""
+    """Makes a measure: of a leak of 10 lbf in jet 27 without noise."""
 
     def measure(_: Phase) -> float:
         tests, isolation = analytic.noise_free(27, 10.0)

@@ -32,7 +32,7 @@ def _size(element: int) -> Callable[[Phase], float]:
 
 
 def _sigma(element: int) -> Callable[[Phase], float]:
-    """A measure: the filter's own 1-sigma at the end, %."""
+    """Makes a measure: the filter's own 1-sigma at the end, %."""
 
     def measure(phase: Phase) -> float:
         run = phase["flight"]

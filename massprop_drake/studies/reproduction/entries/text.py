@@ -50,12 +50,12 @@ def _none_against_compensated(phases: Phases) -> float:
 
 
 def _largest_before(case: str, end_s: float) -> Callable[[Phase], float]:
-    """A measure: largest error of 1/m from the first rotation to a time, %."""
+    """Makes a measure: largest error of 1/m from the first rotation to a time, %."""
     return lambda phase: float(np.abs(percent_error(phase[case])[during(phase[case], 1.5, end_s), MASS]).max())
 
 
 def _alarms(case: str) -> Callable[[Phase], float]:
-    """A measure: share of samples from 37 to 46 s whose consistency function would raise an alarm at 1 %."""
+    """Makes a measure: share of samples from 37 to 46 s whose consistency function would raise an alarm at 1 %."""
     return lambda phase: float(np.mean(nis(phase[case], "rotation", 37.0, 46.0) > 11.34))
 
 
@@ -70,7 +70,7 @@ def _uncertainty(run: Signals) -> Array:
 
 
 def _correlation_matters(start_s: float, end_s: float) -> Callable[[Phases], float]:
-    """A pooled measure: RMS difference of stacked and serial estimates of 1/m over the error, over a time."""
+    """Makes a pooled measure: RMS difference of stacked and serial estimates of 1/m over the error, over a time."""
 
     def measure(phases: Phases) -> float:
         one, other = (

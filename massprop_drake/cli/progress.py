@@ -1,0 +1,47 @@
+"""A progress bar on a terminal, for long work."""
+
+from __future__ import annotations
+
+import sys
+import time
+from typing import Any
+
+from rich.console import Console
+
+_AFTER_S = 2.0  # shorter work shows no bar
+
+
+class Progress:
+    """Shows a progress bar on a terminal once the work has taken a while.
+
+    Args:
+        title: of the work.
+        total: amount of it, in any unit.
+        shown: whether a bar may be shown at all.
+    """
+
+    def __init__(self, title: str, total: float, *, shown: bool):
+        self._title = title
+        self._total = total
+        self._shown = shown and sys.stderr.isatty()
+        self._began = time.monotonic()
+        self._bar: Any = None
+
+    def __enter__(self) -> Progress:
+        return self
+
+    def __call__(self, reached: float) -> None:
+        """Reports how far the work has got, in the unit of the total."""
+        if not self._shown or time.monotonic() - self._began < _AFTER_S:
+            return
+        if self._bar is None:
+            from rich.progress import Progress as Bar  # noqa: PLC0415 (only for long work)
+
+            self._bar = Bar(console=Console(stderr=True), transient=True)
+            self._bar.start()
+            self._task = self._bar.add_task(self._title, total=self._total)
+        self._bar.update(self._task, completed=reached)
+
+    def __exit__(self, *_: object) -> None:
+        if self._bar is not None:
+            self._bar.stop()

@@ -1,0 +1,323 @@
+"""Prints results: tables, JSON, schemas, and reports on vehicles and files."""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from statistics import median
+from typing import TYPE_CHECKING, Any
+
+from rich.console import Console
+from rich.table import Table
+
+from massprop_drake.inputs.model import Key
+from massprop_drake.inputs.scenario import Scenario
+from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.results.summary import AutopilotSummary, Consistency, DetectionRecord, Parameter, Summary
+from massprop_drake.signals import SYMBOLS, mass_property_units, with_deviation
+
+if TYPE_CHECKING:
+    from massprop_drake.maths.mass_properties import Derived
+    from massprop_drake.studies.reproduction.report import Reproduced
+
+_VERDICT_STYLES = {"holds": "green", "holds within spread": "cyan", "differs": "yellow"}
+_INERTIA = (("Ixx", 0, 0), ("Iyy", 1, 1), ("Izz", 2, 2), ("Iyz", 1, 2), ("Ixz", 0, 2), ("Ixy", 0, 1))
+
+
+def text(line: object) -> None:
+    """Prints one line as it is, however long."""
+    Console(highlight=False, soft_wrap=True).print(str(line), markup=False)
+
+
+def note(line: str) -> None:
+    """Prints a line from the program itself on the error stream."""
+    Console(stderr=True, highlight=False, soft_wrap=True).print(f"massprop: {line}", markup=False)
+
+
+def as_json(content: Any) -> None:
+    """Prints JSON alone on standard output."""
+    sys.stdout.write(json.dumps(content, indent=2, allow_nan=False) + "\n")
+
+
+def listing(found: Mapping[str, Mapping[str, str]]) -> None:
+    """Prints what is bundled, a line each.
+
+    Args:
+        found: descriptions by name, by kind in the plural.
+    """
+    table = Table.grid(padding=(0, 2))
+    for kind, items in found.items():
+        for name, description in items.items():
+            table.add_row(kind.removesuffix("s"), f"[bold]{name}[/bold]", description)
+    Console().print(table)
+
+
+def schema(found: Iterable[Key]) -> None:
+    """Prints the keys that a file may have."""
+    table = Table(box=None, header_style="bold")
+    for heading in Key._fields:
+        table.add_column(heading, overflow="fold", no_wrap=heading == "name")
+    for key in found:
+        table.add_row(*(_escaped(part) for part in key))
+    _console(160).print(table)
+
+
+# -------------------------------------------------------------------------------------------- runs
+
+
+def simulated(results: Summary, vehicle: Vehicle, folder: Path) -> None:
+    """Prints the table of ten parameters, how the run went, and where its files are."""
+    console = _console()
+    title = f"{results.scenario}: {results.vehicle}, {results.duration_s:g} s, seed {results.seed}"
+    table = _table(title, "parameter", "unit", "estimate", "truth", "error %", "1-sigma", "1-sigma %", "within 3 sigma")
+    for symbol, unit, one in _parameters(results, vehicle):
+        if math.isnan(one.estimate):
+            table.add_row(symbol, unit, "not observable", f"{one.truth:.6g}", *["-"] * 4)
+            continue
+        comparable = not math.isnan(one.percent_error)
+        table.add_row(
+            symbol,
+            unit,
+            f"{one.estimate:.6g}",
+            f"{one.truth:.6g}",
+            f"{one.percent_error:+.4f}" if comparable else "-",
+            f"{one.standard_deviation:.3g}",
+            f"{100.0 * one.standard_deviation / abs(one.truth):.4f}" if comparable else "-",
+            "yes" if one.within_three_sigma else "[bold red]no[/bold red]",
+        )
+    console.print(table)
+    console.print(_consistency(results.consistency))
+    autopilot = results.autopilot
+    console.print(
+        f"autopilot:   {autopilot.firings} firings, {autopilot.propellant_mass:.3g} {vehicle.unit_names['mass']} "
+        f"of propellant{_shortfalls(autopilot)}"
+    )
+    for jets, words in (
+        (autopilot.jets_out_of_use, "out of use"),
+        (autopilot.jets_left_in, "left in, though in question"),
+    ):
+        if jets:
+            console.print(f"             {words}: {', '.join(jets)}", markup=False)
+    for entry in results.detections:
+        console.print(_detected(entry, vehicle), soft_wrap=True)
+    console.print(f"speed:       {results.timing.real_time_factor:.0f} times real time")
+    _files(console, folder)
+
+
+def estimated(results: Summary, vehicle: Vehicle, folder: Path) -> None:
+    """Prints what a record gave: the ten parameters, what follows from them, warnings, failures and files."""
+    console = _console()
+    quality = results.data_quality or {}
+    title = f"{results.provenance.telemetry}: {results.vehicle}, {results.duration_s:g} s"
+    table = _table(title, "parameter", "unit", "estimate", "1-sigma", "1-sigma %")
+    for symbol, unit, one in _parameters(results, vehicle):
+        if math.isnan(one.estimate):
+            table.add_row(symbol, unit, "not observable", "-", "-")
+        else:
+            table.add_row(symbol, unit, *_with_percent(one.estimate, one.standard_deviation))
+    _add_derived(table, results.derived, vehicle)
+    console.print(table)
+    for warning in quality["warnings"]:
+        console.print(f"[bold yellow]warning:[/bold yellow]     {_escaped(warning)}", soft_wrap=True)
+    console.print(_consistency(results.consistency))
+    counts = quality["samples"]["rotation"]
+    skipped = ", ".join(
+        f"{count} {reason.replace('_', ' ')}" for reason, count in counts.items() if count and reason != "used"
+    )
+    console.print(
+        f"samples:     {quality['rows']} rows; {counts['used']} used; skipped: {skipped or 'none'}", soft_wrap=True
+    )
+    for entry in results.detections:
+        console.print(_detected(entry, vehicle), soft_wrap=True)
+    if not results.detections:
+        console.print("detected:    no failure")
+    console.print(f"speed:       {quality['rows'] / results.timing.wall_s:.0f} rows a second")
+    _files(console, folder)
+
+
+def declared(entry: DetectionRecord, vehicle: Vehicle) -> None:
+    """Prints a detection at once, while rows come in."""
+    text(_detected(entry, vehicle))
+    sys.stdout.flush()
+
+
+def _console(width: int = 120) -> Console:
+    """Makes a console as wide as the terminal, or of a fixed width where output goes to a file."""
+    return Console(width=None if sys.stdout.isatty() else width, highlight=False)
+
+
+def _table(title: str, *headings: str) -> Table:
+    table = Table(title=_escaped(title), title_justify="left", header_style="bold")
+    for heading in headings:
+        table.add_column(heading, justify="left" if heading in ("parameter", "unit") else "right")
+    return table
+
+
+def _parameters(results: Summary, vehicle: Vehicle) -> Iterator[tuple[str, str, Parameter]]:
+    """Yields the ten parameters with symbol and unit."""
+    return zip(SYMBOLS, mass_property_units(vehicle.unit_names), results.parameters, strict=True)
+
+
+def _with_percent(value: float, std: float) -> tuple[str, str, str]:
+    return f"{value:.6g}", f"{std:.3g}", f"{100.0 * std / abs(value):.4f}" if value else "-"
+
+
+def _add_derived(table: Table, derived: Derived, vehicle: Vehicle) -> None:
+    """Adds rows for the mass and the inertia that follow from the estimates."""
+    units = vehicle.unit_names
+    rows = [("m", units["mass"], derived.mass, derived.mass_std)]
+    if derived.inertia is not None and derived.inertia_std is not None:
+        for name, i, j in _INERTIA:
+            unit = f"{units['mass']}-{units['length']}^2"
+            rows.append((name, unit, float(derived.inertia[i, j]), float(derived.inertia_std[i, j])))
+    table.add_section()
+    for name, unit, value, std in rows:
+        cells = ("-", "-", "-") if value is None or std is None else _with_percent(value, std)
+        table.add_row(name, unit, *cells)
+
+
+def _consistency(found: Consistency) -> str:
+    return (
+        f"consistency: mean NIS {_number(found.rotation_nis_mean)} rotation, "
+        f"{_number(found.translation_nis_mean)} translation, over {found.samples} samples used"
+    )
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None else f"{value:.2f}"
+
+
+def _shortfalls(autopilot: AutopilotSummary) -> str:
+    missed = autopilot.lp_infeasible
+    if not missed:
+        return ""
+    return f"; [bold yellow]{missed} requests beyond the jets' reach, met as far as they go[/bold yellow]"
+
+
+def _detected(entry: DetectionRecord, vehicle: Vehicle) -> str:
+    when = f"declared at {entry.time_s:.2f} s, since {entry.onset_s:.2f} s"
+    kind = entry.kind.replace("_", " ")
+    if entry.magnitude is None or entry.magnitude_std is None:
+        return f"detected:    {kind}, {when}"
+    where = f"jet {entry.jet} (cluster {entry.cluster})" if entry.jet else f"a jet of cluster {entry.cluster}"
+    force = f"{with_deviation(entry.magnitude, entry.magnitude_std)} {vehicle.unit_names['force']}"
+    withdrawn = "" if entry.withdrawn_s is None else f", withdrawn at {entry.withdrawn_s:.2f} s"
+    return f"detected:    {kind}: {where}, {force}, {when}{withdrawn}"
+
+
+def _files(console: Console, folder: Path) -> None:
+    names = [name for name in ("report.html", "replay.html") if (folder / name).exists()]
+    pages = [f"{name.partition('.')[0]}: {folder}/{name}" for name in names]
+    line = "   ".join([f"{folder}/", *pages, f"figures: {folder}/figures/"])
+    console.print(f"files:       {line}", markup=False, soft_wrap=True)
+
+
+def _escaped(content: str) -> str:
+    """Escapes what the console would take for markup."""
+    return content.replace("[", r"\[")
+
+
+# ------------------------------------------------------------------------------------------- files
+
+
+def about(good: Vehicle | Scenario) -> str:
+    """Describes a good vehicle or scenario in a line."""
+    if isinstance(good, Scenario):
+        return f"scenario '{good.name}', {good.duration_s:g} s, vehicle '{good.vehicle_data.name}'"
+    sensors = f"{len(good.gyros)} gyro and {len(good.accelerometers)} accelerometer packages"
+    return f"vehicle '{good.name}', {len(good.jets)} jets, {sensors}, units {good.units}"
+
+
+def about_telemetry(found: Mapping[str, Any], whose: Vehicle | None) -> str:
+    """Describes a readable record in a line.
+
+    Args:
+        found: as `telemetry.reader.check` returns it.
+        whose: the vehicle it was checked against; None for any.
+    """
+    period = "" if found["period_s"] is None else f", {found['period_s']:.6g} s apart"
+    parts = [f"telemetry{'' if whose is None else f' of {whose.name}'}, {found['rows']} rows{period}"]
+    parts[0] += f", from {found['first_s']:.6g} to {found['last_s']:.6g} s"
+    for key, words in (("gaps", "gaps"), ("late", "rows whose time does not go on"), ("ragged", "rows cut short")):
+        if found[key]:
+            parts.append(f"{found[key]} {words}")
+    if found["unknown"]:
+        parts.append(f"columns not used: {', '.join(found['unknown'][:5])}{', ...' if found['unknown'][5:] else ''}")
+    if found["absent"]:
+        parts.append(f"no readings of {', '.join(found['absent'])}")
+    return "; ".join(parts)
+
+
+def vehicle_lines(report: Mapping[str, Any], force: str) -> list[str]:
+    """Puts the report on a vehicle into words.
+
+    Args:
+        report: as `studies.vehicle.vehicle_report` returns it.
+        force: unit of force.
+
+    Returns:
+        Indented lines.
+    """
+    control, seen = report["control"], report["observability"]
+    push = (
+        f"cannot push alone: {', '.join(control['missing'])}" if control["missing"] else "pushes in all 12 directions"
+    )
+    condition = "" if control["condition"] is None else f", condition {control['condition']:.1f}"
+    lines = [f"control:     rank {control['rank']} of 6{condition}; {push}"]
+    lines.append(f"observable:  {seen['rank']} of the 10 mass properties by firing each jet alone")
+    for combination in seen["unobservable"]:
+        parts = " ".join(f"{weight:+.2g} {name}" for name, weight in combination.items())
+        lines.append(f"             not: {next(iter(combination)) if len(combination) == 1 else parts}")
+    lines += [f"note:        {note}" for note in report["notes"]]
+    if report["alike"]:
+        lines.append("look alike:  by the angle between what one sample shows of them")
+    for pair in report["alike"]:
+        first, second = pair["jets"]
+        how = f"{first} failing {'off' if pair['opposed'] else 'on'} like {second} failing on"
+        lines.append(f"             {math.degrees(pair['angle_rad']):7.3f} deg  {how}")
+    lines.append(f"isolable:    smallest failure that one sample assigns to its jet, others off, {force}")
+    for kind, words in (("on", "on untold"), ("lost", "lost, firing")):
+        lines.append(f"             {words + ':':<13} {_isolable_words(report['isolable'], kind)}")
+    return [f"  {line}" for line in lines]
+
+
+def _isolable_words(jets: list[dict[str, Any]], kind: str) -> str:
+    """Names the median and the worst of the jets' smallest isolable failures."""
+    found = sorted((entry[kind]["force"], entry["jet"], entry[kind]["rival"]) for entry in jets if entry[kind]["force"])
+    rivals = ((entry["jet"], entry[kind]["rival"]) for entry in jets if entry[kind]["force"] is None)
+    never = [f"{jet} (not seen)" if rival is None else f"{jet} (like {rival})" for jet, rival in rivals]
+    parts = []
+    if found:
+        force, jet, rival = found[-1]
+        beside = "" if rival is None else f", like {rival}"
+        parts.append(f"median {median(entry[0] for entry in found):.4g}, largest {force:.4g} ({jet}{beside})")
+    if never:
+        more = f" and {len(never) - 3} more" if len(never) > 3 else ""
+        parts.append(f"never: {', '.join(never[:3])}{more}")
+    return "; ".join(parts)
+
+
+# ------------------------------------------------------------------------------------ reproduction
+
+
+def reproduced(results: Iterable[Reproduced], folder: Path) -> None:
+    """Prints a table of claims per entry, and how many of them hold."""
+    from massprop_drake.studies.reproduction import report  # noqa: PLC0415 (loads matplotlib)
+
+    results, console = list(results), _console(160)
+    for result in results:
+        title = f"{report.label(result.entry)}: {result.entry.title}"
+        table = Table(title=_escaped(title), title_justify="left", header_style="bold", expand=True)
+        for heading, share in (("claim", 4), ("thesis", 4), ("measured", 4), ("verdict", 3)):
+            table.add_column(heading, ratio=share)
+        for outcome in result.outcomes:
+            verdict = f"[{_VERDICT_STYLES[outcome.verdict]}]{outcome.verdict}[/]"
+            why = f": {_escaped(outcome.why)}" if outcome.why else ""
+            cells = map(_escaped, (outcome.claim.text, outcome.claim.thesis, outcome.measured))
+            table.add_row(*cells, verdict + why)
+        console.print(table)
+    console.print(report.summary_line(results))
+    console.print(f"files: {folder}/reproduction.html, reproduction.md, figures/", markup=False, soft_wrap=True)

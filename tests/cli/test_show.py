@@ -1,0 +1,206 @@
+"""What is printed of results."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from massprop_drake import Run
+from massprop_drake.cli import show
+from massprop_drake.inputs.model import keys
+from massprop_drake.inputs.scenario import Scenario, load_scenario
+from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.results.summary import DetectionRecord
+
+STUCK_ON = DetectionRecord(
+    onset_s=50.0,
+    time_s=50.16,
+    kind="jet_on",
+    cluster=12,
+    jet="R4R",
+    isolated_to="jet",
+    magnitude=868.8,
+    magnitude_std=0.1,
+    statistic=1.0e4,
+    alarms=3,
+)
+QUALITY = {
+    "rows": 60,
+    "samples": {"rotation": {"used": 40, "coasting": 12, "jets_changed": 8, "saturated": 0}},
+    "warnings": ["acc[2] stands still"],
+}
+Capture = pytest.CaptureFixture[str]
+
+
+@pytest.mark.parametrize(
+    ("changes", "line"),
+    [
+        ({}, "jet on: jet R4R (cluster 12), +868.80 ± 0.10 lbf, declared at 50.16 s, since 50.00 s"),
+        ({"jet": None}, "jet on: a jet of cluster 12, +868.80 ± 0.10 lbf, declared at 50.16 s, since 50.00 s"),
+        (
+            {"withdrawn_s": 61.0},
+            "jet on: jet R4R (cluster 12), +868.80 ± 0.10 lbf, declared at 50.16 s, since 50.00 s, "
+            "withdrawn at 61.00 s",
+        ),
+        (
+            {"kind": "mass_property_jump", "cluster": None, "jet": None, "magnitude": None, "magnitude_std": None},
+            "mass property jump, declared at 50.16 s, since 50.00 s",
+        ),
+    ],
+)
+def test_a_detection_is_a_line(capsys: Capture, orbiter: Vehicle, changes: dict[str, Any], line: str) -> None:
+    show.declared(STUCK_ON._replace(**changes), orbiter)
+    assert capsys.readouterr().out == f"detected:    {line}\n"
+
+
+def _row(out: str, symbol: str) -> list[str]:
+    """Cells of a parameter's row."""
+    (line,) = [line for line in out.splitlines() if line.startswith(f"│ {symbol} ")]
+    return [cell.strip() for cell in line.strip("│").split("│")]
+
+
+def test_estimates_stand_beside_the_truth(capsys: Capture, short_run: Run, orbiter: Vehicle, tmp_path: Path) -> None:
+    autopilot = short_run.results.autopilot._replace(
+        lp_infeasible=2, jets_out_of_use=["R4R", "F2R"], jets_left_in=["L4D"]
+    )
+    truth = short_run.results.truth.copy()
+    truth[6], truth[7] = short_run.results.estimates[6] + 4.0 * short_run.results.standard_deviations[6], 0.0
+    percent = short_run.results.percent_error.copy()
+    percent[7] = np.nan
+    (tmp_path / "report.html").touch()
+    results = replace(
+        short_run.results, autopilot=autopilot, truth=truth, percent_error=percent, detections=(STUCK_ON,)
+    )
+    show.simulated(results, orbiter, tmp_path)
+    out = capsys.readouterr().out
+    assert out.splitlines()[0].rstrip() == "sample_maneuver: orbiter, 6.96 s, seed 0"
+    one = results.parameters[0]
+    assert _row(out, "Ixx⁻¹") == [
+        "Ixx⁻¹",
+        "1/(slug-ft^2)",
+        f"{one.estimate:.6g}",
+        f"{one.truth:.6g}",
+        f"{one.percent_error:+.4f}",
+        f"{one.standard_deviation:.3g}",
+        f"{100.0 * one.standard_deviation / one.truth:.4f}",
+        "yes",
+    ]
+    assert _row(out, "x_cm")[-1] == "no"
+    assert _row(out, "y_cm")[3:7:2] == ["0", f"{results.standard_deviations[7]:.3g}"]
+    assert _row(out, "y_cm")[4:7:2] == ["-", "-"]  # no percentage of nothing
+    assert f"over {results.consistency.samples} samples used" in out
+    assert "of propellant; 2 requests beyond the jets' reach, met as far as they go" in out
+    assert "             out of use: R4R, F2R\n" in out
+    assert "             left in, though in question: L4D\n" in out
+    assert "detected:    jet on: jet R4R" in out
+    assert f"report: {tmp_path}/report.html   figures: {tmp_path}/figures/" in out
+    assert "replay" not in out
+
+
+def test_a_record_has_no_truth_but_warnings(capsys: Capture, short_run: Run, orbiter: Vehicle, tmp_path: Path) -> None:
+    known = short_run.results
+    estimates = known.estimates.copy()
+    estimates[9] = np.nan
+    results = replace(
+        known,
+        estimates=estimates,
+        derived=known.derived._replace(mass=None, mass_std=None),
+        provenance=known.provenance._replace(telemetry="flight[1].csv"),
+        consistency=known.consistency._replace(translation_nis_mean=None),
+        timing=known.timing._replace(wall_s=0.5),
+        data_quality=QUALITY,
+    )
+    show.estimated(results, orbiter, tmp_path)
+    out = capsys.readouterr().out
+    assert out.splitlines()[0].rstrip() == "flight[1].csv: orbiter, 6.96 s"
+    assert _row(out, "1/m") == ["1/m", "1/slug", "not observable", "-", "-"]
+    assert _row(out, "m") == ["m", "slug", "-", "-", "-"]
+    assert known.derived.inertia is not None
+    assert known.derived.inertia_std is not None
+    value, std = known.derived.inertia[1, 2], known.derived.inertia_std[1, 2]
+    assert _row(out, "Iyz")[2:] == [f"{value:.6g}", f"{std:.3g}", f"{100.0 * std / abs(value):.4f}"]
+    assert "warning:     acc[2] stands still\n" in out
+    assert "rotation, - translation, over" in out
+    assert "samples:     60 rows; 40 used; skipped: 12 coasting, 8 jets changed\n" in out
+    assert "detected:    no failure\n" in out
+    assert "speed:       120 rows a second\n" in out
+
+
+def test_lines_are_never_broken_nor_read_as_markup(capsys: Capture) -> None:
+    line = "[bold]x[/bold] " + "y" * 300
+    show.text(line)
+    show.note(line)
+    assert capsys.readouterr() == (f"{line}\n", f"massprop: {line}\n")
+
+
+def test_json_is_whole(capsys: Capture) -> None:
+    show.as_json({"b": [1.5, None], "a": "é"})
+    assert json.loads(capsys.readouterr().out) == {"b": [1.5, None], "a": "é"}
+    with pytest.raises(ValueError, match="JSON"):
+        show.as_json(float("nan"))
+
+
+def test_a_schema_has_a_row_per_key(capsys: Capture) -> None:
+    found = [key for key in keys(Scenario) if key.name.startswith("maneuver")]
+    show.schema(found)
+    lines = [line.strip() for line in capsys.readouterr().out.splitlines()]
+    for key in found:
+        assert any(line.startswith(f"{key.name} ") for line in lines), key.name
+
+
+def test_good_files_are_described(orbiter: Vehicle) -> None:
+    assert show.about(orbiter) == "vehicle 'orbiter', 44 jets, 1 gyro and 3 accelerometer packages, units us"
+    assert show.about(load_scenario("sample_maneuver")) == "scenario 'sample_maneuver', 50 s, vehicle 'orbiter'"
+
+
+RECORD: dict[str, Any] = {
+    "rows": 60,
+    "period_s": 0.1,
+    "first_s": 0.0,
+    "last_s": 5.9,
+    "gaps": 0,
+    "late": 0,
+    "ragged": 0,
+    "unknown": [],
+    "absent": [],
+}
+
+
+def test_a_good_record_is_described(orbiter: Vehicle) -> None:
+    assert show.about_telemetry(RECORD, None) == "telemetry, 60 rows, 0.1 s apart, from 0 to 5.9 s"
+    found = {**RECORD, "period_s": None, "gaps": 2, "ragged": 1, "unknown": list("abcdef"), "absent": ["acc2"]}
+    assert show.about_telemetry(found, orbiter) == (
+        "telemetry of orbiter, 60 rows, from 0 to 5.9 s; 2 gaps; 1 rows cut short; "
+        "columns not used: a, b, c, d, e, ...; no readings of acc2"
+    )
+
+
+def _isolable(jet: str, on: float | None, rival: str | None) -> dict[str, Any]:
+    return {"jet": jet, "on": {"force": on, "rival": rival}, "lost": {"force": None, "rival": rival}}
+
+
+def test_a_report_on_a_vehicle_is_lines() -> None:
+    report = {
+        "control": {"rank": 5, "condition": None, "missing": ["turn +x", "turn -x"]},
+        "observability": {"rank": 8, "unobservable": [{"z_cm": 1.0}, {"Ixx_inv": 0.7, "y_cm": -0.7}]},
+        "notes": ["all forces lie in one plane"],
+        "alike": [{"jets": ["A", "B"], "angle_rad": np.radians(1.5), "opposed": True}],
+        "isolable": [_isolable("A", 2.0, "B"), _isolable("B", 4.0, None), _isolable("C", None, None)],
+    }
+    assert show.vehicle_lines(report, "N") == [
+        "  control:     rank 5 of 6; cannot push alone: turn +x, turn -x",
+        "  observable:  8 of the 10 mass properties by firing each jet alone",
+        "               not: z_cm",
+        "               not: +0.7 Ixx_inv -0.7 y_cm",
+        "  note:        all forces lie in one plane",
+        "  look alike:  by the angle between what one sample shows of them",
+        "                 1.500 deg  A failing off like B failing on",
+        "  isolable:    smallest failure that one sample assigns to its jet, others off, N",
+        "               on untold:    median 3, largest 4 (B); never: C (not seen)",
+        "               lost, firing: never: A (like B), B (not seen), C (not seen)",
+    ]
