@@ -26,3 +26,11 @@ def suggestion(word: object, valid: list[str]) -> str:
         return f"; did you mean '{close[0]}'?"
     shown = ", ".join(valid[:30]) + (", ..." if len(valid) > 30 else "")
     return f"; valid are: {shown}" if valid else ""
+
+
+def dotted(path: tuple[str | int, ...]) -> str:
+    """The path of a field as people write it: jets[3].direction."""
+    text = ""
+    for part in path:
+        text += f"[{part}]" if isinstance(part, int) else (f".{part}" if text else str(part))
+    return text

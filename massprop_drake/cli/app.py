@@ -18,9 +18,10 @@ from rich.console import Console
 from rich.table import Table
 
 from massprop_drake.errors import InputError, suggestion
-from massprop_drake.inputs.model import Document, Key, exists, keys, read_text, validated
+from massprop_drake.inputs.model import Key, keys, validated
 from massprop_drake.inputs.scenario import Scenario, bundled_scenarios, load_scenario, resolved
 from massprop_drake.inputs.vehicle import Vehicle, bundled_vehicles, load_vehicle
+from massprop_drake.inputs.yaml import Document, exists, read_text
 from massprop_drake.results.folder import require_writable, write_whole
 from massprop_drake.signals import with_deviation
 from massprop_drake.telemetry.reader import check as check_telemetry

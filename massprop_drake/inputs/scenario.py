@@ -17,24 +17,20 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, field_validator, model_validator
 
-from massprop_drake.errors import InputError, suggestion
+from massprop_drake.errors import InputError, dotted, suggestion
 from massprop_drake.inputs.model import (
-    Document,
     Flag,
     Matrix3,
     Model,
-    Path_,
     Real,
     Text,
     Vector3,
     Whole,
     described,
-    dotted,
-    exists,
-    read_text,
     validated,
 )
 from massprop_drake.inputs.vehicle import MassPropertiesModel, Vehicle, load_vehicle
+from massprop_drake.inputs.yaml import Document, FieldPath, exists, read_text
 from massprop_drake.maths.linear_algebra import is_covariance
 from massprop_drake.maths.mass_properties import could_be_inertia, joined
 
@@ -481,9 +477,9 @@ def _require_apart(field: str, windows: list[tuple[str, float, float]]) -> None:
                 )
 
 
-def check_against_vehicle(scenario: Scenario, vehicle: Vehicle) -> list[tuple[Path_, str]]:
+def check_against_vehicle(scenario: Scenario, vehicle: Vehicle) -> list[tuple[FieldPath, str]]:
     """Problems of a scenario that only its vehicle shows, each with the path of its field."""
-    problems: list[tuple[Path_, str]] = []
+    problems: list[tuple[FieldPath, str]] = []
 
     def require(what: str, name: str, valid: Iterable[str], *path: str | int) -> None:
         names = list(valid)
@@ -519,7 +515,7 @@ def check_against_vehicle(scenario: Scenario, vehicle: Vehicle) -> list[tuple[Pa
     return problems
 
 
-def _impossible_jumps(scenario: Scenario, vehicle: Vehicle) -> list[tuple[Path_, str]]:
+def _impossible_jumps(scenario: Scenario, vehicle: Vehicle) -> list[tuple[FieldPath, str]]:
     """Payloads whose coming or going leaves no possible body."""
     properties = scenario.plant.mass_properties
     body = vehicle.nominal if properties is None else properties.properties()
@@ -607,7 +603,7 @@ def resolved(data: Any, document: Document | None = None, folder: Path | None = 
     return scenario.model_copy(update={"vehicle": vehicle})
 
 
-def _place(path: Path_, document: Document | None) -> str:
+def _place(path: FieldPath, document: Document | None) -> str:
     return f"scenario: {dotted(path)}" if document is None else document.where(path)
 
 

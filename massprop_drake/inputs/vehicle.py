@@ -14,7 +14,6 @@ from pydantic import Field, field_validator, model_validator
 
 from massprop_drake.errors import InputError, suggestion
 from massprop_drake.inputs.model import (
-    Document,
     Matrix3,
     Model,
     Real,
@@ -22,10 +21,9 @@ from massprop_drake.inputs.model import (
     Vector3,
     Whole,
     described,
-    exists,
-    read_text,
     validated,
 )
+from massprop_drake.inputs.yaml import Document, exists, read_text
 from massprop_drake.maths.estimation.impulses import thrust_wrenches
 from massprop_drake.maths.mass_properties import MassProperties, could_be_inertia
 from massprop_drake.signals import SIGNALS

@@ -8,19 +8,19 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import yaml
 from command_probe import FILES, Massprop, Outcome
 from telemetry_probe import Log, toy_vehicle
 
 from massprop_drake import Run, load_scenario
 from massprop_drake.cli import app as cli
 from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.inputs.yaml import to_yaml
 
 
 @pytest.fixture
 def toy(toy_data: dict[str, Any], massprop: Massprop) -> Vehicle:
     """The toy vehicle, also as toy.yaml in the current folder, with its telemetry in flight.csv."""
-    Path("toy.yaml").write_text(yaml.safe_dump(toy_data), encoding="utf-8")
+    Path("toy.yaml").write_text(to_yaml(toy_data), encoding="utf-8")
     vehicle = toy_vehicle(toy_data)
     Log(vehicle).write(Path("flight.csv"))
     return vehicle
@@ -70,7 +70,7 @@ def test_a_vehicle_may_call_its_jets_what_it_likes(massprop: Massprop, toy_data:
     toy_data["jet_kinds"] = {"cold_gas": toy_data["jet_kinds"]["primary"]}
     for jet in toy_data["jets"]:
         jet["kind"] = "cold_gas"
-    Path("toy.yaml").write_text(yaml.safe_dump(toy_data), encoding="utf-8")
+    Path("toy.yaml").write_text(to_yaml(toy_data), encoding="utf-8")
     Log(toy_vehicle(toy_data)).write(Path("flight.csv"))
     assert massprop("estimate", "flight.csv", "--vehicle", "toy.yaml", "--quiet") == (0, "", "")
 
@@ -150,7 +150,7 @@ def test_declarations_are_printed_as_they_come(capsys: pytest.CaptureFixture[str
 
 def test_a_vehicle_without_accelerometer(massprop: Massprop, toy_data: dict[str, Any]) -> None:
     del toy_data["accelerometers"]
-    Path("bare.yaml").write_text(yaml.safe_dump(toy_data), encoding="utf-8")
+    Path("bare.yaml").write_text(to_yaml(toy_data), encoding="utf-8")
     Log(toy_vehicle(toy_data)).write(Path("flight.csv"))
     done = massprop("estimate", "flight.csv", "--vehicle", "bare.yaml")
     assert (done.status, done.err) == (0, "")
@@ -163,7 +163,7 @@ def test_a_vehicle_without_accelerometer(massprop: Massprop, toy_data: dict[str,
 
 def test_a_vehicle_without_gyro_is_refused_with_a_reason(massprop: Massprop, toy_data: dict[str, Any]) -> None:
     toy_data["gyros"] = []
-    Path("bare.yaml").write_text(yaml.safe_dump(toy_data), encoding="utf-8")
+    Path("bare.yaml").write_text(to_yaml(toy_data), encoding="utf-8")
     done = massprop("estimate", "flight.csv", "--vehicle", "bare.yaml")
     _assert_refused(done, "bare.yaml", "gyros: is empty", "without measured rates")
 
