@@ -6,7 +6,8 @@ import json
 import math
 import sys
 import time
-from collections.abc import Iterable
+import warnings
+from collections.abc import Callable, Iterable
 from enum import StrEnum
 from importlib.metadata import version
 from pathlib import Path
@@ -19,6 +20,7 @@ from rich.table import Table
 
 from massprop_drake.errors import InputError, suggestion
 from massprop_drake.inputs.model import Key, keys, validated
+from massprop_drake.inputs.renamed import RenamedWarning
 from massprop_drake.inputs.scenario import Scenario, bundled_scenarios, load_scenario, resolved
 from massprop_drake.inputs.vehicle import Vehicle, bundled_vehicles, load_vehicle
 from massprop_drake.inputs.yaml import Document, exists, read_text
@@ -72,7 +74,10 @@ def common(
 def main() -> None:
     """Runs the command line; bad input ends with one message and exit status 2."""
     try:
-        app()
+        with warnings.catch_warnings():
+            warnings.simplefilter("always", RenamedWarning)
+            warnings.showwarning = _old_names_in_a_line(warnings.showwarning)
+            app()
     except InputError as error:
         _fail(str(error), 2)
     except KeyboardInterrupt:
@@ -84,8 +89,26 @@ def main() -> None:
 
 
 def _fail(message: str, status: int) -> None:
-    Console(stderr=True, soft_wrap=True, highlight=False).print(f"massprop: {message}", markup=False)
+    _say(message)
     sys.exit(status)
+
+
+def _say(message: str) -> None:
+    Console(stderr=True, soft_wrap=True, highlight=False).print(f"massprop: {message}", markup=False)
+
+
+def _old_names_in_a_line(otherwise: Callable[..., None]) -> Callable[..., None]:
+    """How warnings are shown: those of old names as messages of the command line, each once; others as always."""
+    said: set[str] = set()
+
+    def show(message: Warning | str, category: type[Warning], *rest: Any, **options: Any) -> None:
+        if not issubclass(category, RenamedWarning):
+            otherwise(message, category, *rest, **options)
+        elif str(message) not in said:
+            said.add(str(message))
+            _say(str(message))
+
+    return show
 
 
 @app.command("list", epilog="Example: `massprop list --json`")

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from pydantic import Field, field_validator, model_validator
 
 from massprop_drake.errors import InputError, dotted, suggestion
+from massprop_drake.inputs import renamed
 from massprop_drake.inputs.model import (
     Flag,
     Matrix3,
@@ -634,8 +635,13 @@ def set_field(data: Any, override: str) -> None:
     key, separator, text = override.partition("=")
     if not separator or not key:
         raise InputError(f"--set {override}: expected KEY=VALUE, such as --set rotation.filter=extended")
-    value = Document(f"value: {text}" if text.strip() else "value: null", f"--set {override}").data["value"]
     path = _parsed_key(key, override)
+    now = renamed.key_now(path)
+    if now is not None:
+        renamed.warn(f"--set {override}: {path[-1]} is now {now}")
+        path[-1] = now
+    text = f"value: {text}" if text.strip() else "value: null"
+    value = Document(text, f"--set {override}", within=tuple(path)).data["value"]
     here = data
     for part, following in pairwise(path):
         if isinstance(part, str) and isinstance(here, dict):
@@ -667,3 +673,18 @@ def _parsed_key(key: str, override: str) -> list[str | int]:
         if not name and not indices:
             raise InputError(f"--set {override}: empty part in {key!r}")
     return path
+
+
+__getattr__ = renamed.attributes(
+    __name__,
+    {
+        "PlantSettings": "PlantBlock",
+        "CombineSettings": "CombineBlock",
+        "SensorSettings": "SensorsBlock",
+        "AutopilotSettings": "AutopilotBlock",
+        "EstimationSettings": "EstimationBlock",
+        "RotationFilterSettings": "RotationBlock",
+        "MassFilterSettings": "MassBlock",
+        "DetectorSettings": "DetectorBlock",
+    },
+)

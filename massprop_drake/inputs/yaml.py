@@ -23,6 +23,7 @@ from ruamel.yaml.resolver import VersionedResolver
 from ruamel.yaml.tag import Tag
 
 from massprop_drake.errors import InputError, dotted
+from massprop_drake.inputs import renamed
 
 FieldPath = tuple[str | int, ...]
 
@@ -68,14 +69,19 @@ class Document:
     Args:
         text: the YAML text.
         source: what to call it in messages, a file's path as the user gave it.
+        within: the place in a vehicle or scenario that the value of its one key is meant for, if it is not all of it.
+
+    Keys of version 0.1 get their present names, with one warning.
 
     Raises:
         InputError: when the text is not YAML, is empty, is no mapping, or has a key twice.
     """
 
-    def __init__(self, text: str, source: str):
+    def __init__(self, text: str, source: str, within: FieldPath = ()):
         self.source = source
+        self._within = within
         self._lines: dict[FieldPath, int] = {}
+        self._renamed: dict[str, str] = {}
         reader = YAML(typ="safe", pure=True)
         reader.Resolver, reader.Composer = _Resolver, _Composer
         try:
@@ -88,6 +94,8 @@ class Document:
             what = "is empty" if node is None else "is no mapping"
             raise InputError(f"{source}: the document {what}; expected keys with values, such as 'name: ...'")
         self._walk(node, ())
+        if self._renamed:
+            renamed.warn(f"{source}: {', '.join(f'{old} is now {new}' for old, new in self._renamed.items())}", 3)
         try:
             self.data: dict[str, Any] = reader.constructor.construct_document(node)
         except (YAMLError, ValueError) as error:
@@ -101,6 +109,10 @@ class Document:
                 line = key.start_mark.line + 1
                 if not isinstance(key, ScalarNode):
                     raise InputError(f"{self.source}, line {line}: a key must be a plain word")
+                place = (*self._within, *path[1:]) if self._within else path
+                now = renamed.key_now((*place, key.value))
+                if now is not None:
+                    self._renamed[key.value], key.value = now, now
                 field = (*path, key.value)
                 if field in self._lines:
                     raise InputError(
