@@ -36,9 +36,10 @@ docs: $(VENV)/.installed-test ## builds the documentation into build/docs
 	$(BIN)/sphinx-build -q -W --keep-going -n docs build/docs
 	@echo "build/docs/index.html"
 
-lint: $(VENV)/.installed-dev ## checks style and format
+lint: $(VENV)/.installed-dev ## checks style, format and spelling
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	$(BIN)/codespell
 
 types: $(VENV)/.installed-dev ## checks types
 	$(BIN)/mypy -p massprop_drake

@@ -19,7 +19,7 @@ from typing import Any
 from massprop_drake.errors import dotted
 
 # keys by their place in a vehicle or a scenario: the present name
-KEYS = {"sensors.quantiser_phase": "quantizer_phase", "shape[].colour": "color"}
+KEYS = {"sensors.quantiser_phase": "quantizer_phase", "shape[].colour": "color"}  # codespell:ignore
 _OLD_KEYS = {place.rpartition(".")[2] for place in KEYS}
 
 # rooms: the modules that have moved there; "=" before the present name where it has changed, too

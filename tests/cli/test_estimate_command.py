@@ -177,7 +177,7 @@ def test_a_vehicle_without_gyro_is_refused_with_a_reason(massprop: Massprop, toy
         (("nowhere.csv", "--vehicle", "toy.yaml"), "nowhere.csv: no such file"),
         (("flight.csv", "--vehicle", "nowhere.yaml"), "nowhere.yaml: no such file"),
         (("flight.csv", "--vehicle", "orbiter"), "flight.csv: no columns jet_F1F, jet_F3F"),
-        (("flight.csv", "--vehicle", "toy.yaml", "--set", "rotation.fliter=extended"), "did you mean 'filter'?"),
+        (("flight.csv", "--vehicle", "toy.yaml", "--set", "rotation.filtr=extended"), "did you mean 'filter'?"),
         (("flight.csv", "--resume-from", "nowhere"), "nowhere"),
         (("flight.csv", "--vehicle", "toy.yaml", "--out", "."), "holds what is to be read, and would be replaced"),
         (("flight.csv", "--vehicle", "toy.yaml", "--out", "toy.yaml"), "toy.yaml: is a file; give a folder"),
