@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from ruamel.yaml import YAML
-from ruamel.yaml.composer import Composer, ComposerError
+from ruamel.yaml.composer import Composer, ComposerError, MaxDepthExceededError
 from ruamel.yaml.emitter import Emitter
 from ruamel.yaml.error import YAMLError
 from ruamel.yaml.events import AliasEvent
@@ -26,6 +26,8 @@ from massprop_drake.errors import InputError, dotted
 from massprop_drake.inputs import renamed
 
 FieldPath = tuple[str | int, ...]
+
+_DEEPEST = 50  # levels of nesting
 
 # ---------------------------------------------------------------------------------------- reading
 
@@ -84,12 +86,13 @@ class Document:
         self._renamed: dict[str, str] = {}
         reader = YAML(typ="safe", pure=True)
         reader.Resolver, reader.Composer = _Resolver, _Composer
+        reader.max_depth = _DEEPEST
         try:
             node = reader.compose(text)
+        except MaxDepthExceededError:
+            raise InputError(f"{source}: nested too deeply; no file of ours needs more than a few levels") from None
         except YAMLError as error:
             raise InputError(f"{source}: not valid YAML: {_problem(error)}") from None
-        except RecursionError:
-            raise InputError(f"{source}: nested too deeply; no file of ours needs more than a few levels") from None
         if not isinstance(node, MappingNode):
             what = "is empty" if node is None else "is no mapping"
             raise InputError(f"{source}: the document {what}; expected keys with values, such as 'name: ...'")
