@@ -1,4 +1,4 @@
-"""Typed, validated data from YAML files: what vehicle, scenario and other files have in common.
+"""Typed, validated data from YAML files: the base of vehicle, scenario and other file models.
 
 A file is read with its line numbers, checked against a pydantic model, and every problem is reported
 with file, line and dotted field. YAML is read by the 1.2 rules for scalars: 1e-6 is a number, `on` and
@@ -27,7 +27,7 @@ Matrix3 = tuple[Vector3, Vector3, Vector3]
 
 
 class Model(BaseModel):
-    """Base of all file models: frozen, no unknown keys, no NaN or infinity."""
+    """The base of all file models: frozen, without unknown keys, NaN or infinity."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
@@ -44,7 +44,7 @@ M = TypeVar("M", bound=Model)
 
 
 def described(default: Any, meaning: str, unit: str = "-", *, reason: str = "", **constraints: Any) -> Any:
-    """A field with its default, meaning and unit; `...` as default makes it required, for a reason if given."""
+    """A field with default, meaning and unit; `...` as the default makes it required, with an optional reason."""
     return Field(default, description=meaning, json_schema_extra={"unit": unit, "reason": reason}, **constraints)
 
 
@@ -52,7 +52,7 @@ def described(default: Any, meaning: str, unit: str = "-", *, reason: str = "", 
 
 
 def validated(model: type[M], data: Any, document: Document | None = None, source: str = "") -> M:
-    """A model made of data, or one message per problem.
+    """Validates data against a model, with one message per problem.
 
     Args:
         model: the pydantic model.
@@ -86,9 +86,9 @@ def _problems(
 
 
 def _without_echoes(items: list[Any]) -> list[Any]:
-    """The errors less those that another one brings along.
+    """Drops validation errors that only follow from another error.
 
-    A list with a bad item counts as too short besides, and each value that a short list lacks is missing.
+    Pydantic also reports a list with a bad item as too short, and each value that a short list lacks as missing.
     """
     kept: list[Any] = []
     lacking: dict[FieldPath, int] = {}
@@ -107,7 +107,7 @@ def _without_echoes(items: list[Any]) -> list[Any]:
 
 
 def _without_union_tags(location: tuple[str | int, ...], data: Any) -> FieldPath:
-    """Pydantic names the member of a union in its path; the file has no such key."""
+    """Removes the union members that pydantic puts into a path; the file has no such keys."""
     path: list[str | int] = []
     for part in location:
         within = isinstance(data, (list, tuple)) and isinstance(part, int) and part < len(data)
@@ -147,7 +147,7 @@ def _sentence(model: type[Model], data: Any, item: Any, path: FieldPath) -> str:
 
 
 def _reason(model: type[Model], path: FieldPath, data: Any) -> str:
-    """Why a field is required, as the end of a sentence; empty where it goes without saying."""
+    """The reason why a field is required, as the end of a sentence; empty if none was given."""
     if not path or not isinstance(path[-1], str):
         return ""
     field = _model_at(model, path[:-1], data).model_fields.get(path[-1])
@@ -163,7 +163,7 @@ def _at(data: Any, path: FieldPath) -> Any:
 
 
 def _model_at(model: type[Model], path: FieldPath, data: Any) -> type[Model]:
-    """The model at a path of some data."""
+    """The model that describes the data at a path."""
     here: list[type[Model]] = [model]
     for part in path:
         data = data[part]
@@ -175,7 +175,7 @@ def _model_at(model: type[Model], path: FieldPath, data: Any) -> type[Model]:
 
 
 def _tags_at(model: type[Model], path: FieldPath, data: Any) -> str:
-    """Kinds that the union at a path of some data knows."""
+    """The kinds that the union at a path accepts."""
     names = [part for part in path if isinstance(part, str)]
     holder = _model_at(model, path[: path.index(names[-1])], data)
     members = _models_in(holder.model_fields[names[-1]].annotation)
@@ -186,7 +186,7 @@ _BOUNDS = {"gt": "> {:g}", "ge": ">= {:g}", "lt": "< {:g}", "le": "<= {:g}", "mi
 
 
 def _range(field: FieldInfo) -> str:
-    """The bounds of a field's value, as text; "-" without any."""
+    """The bounds of a field's value as text; "-" if it has none."""
     bounds = [
         text.format(getattr(part, name))
         for part in field.metadata
@@ -197,14 +197,14 @@ def _range(field: FieldInfo) -> str:
 
 
 def _models_in(annotation: Any) -> list[type[Model]]:
-    """The models that an annotation such as list[Model], Model | None or a union of models holds."""
+    """The models inside an annotation such as list[Model], Model | None or a union of models."""
     if isinstance(annotation, type) and issubclass(annotation, Model):
         return [annotation]
     return [found for argument in typing.get_args(annotation) for found in _models_in(argument)]
 
 
 def _tag_of(model: type[Model]) -> str:
-    """The value of `kind` that picks a member of a union."""
+    """The value of `kind` that selects this member of a union."""
     return str(typing.get_args(model.model_fields["kind"].annotation)[0])
 
 
@@ -212,7 +212,7 @@ def _tag_of(model: type[Model]) -> str:
 
 
 def yaml_text(model: Model) -> str:
-    """A model as YAML in full, every default to_yaml out; reading it gives an equal model."""
+    """A model as YAML in full, with every default written out; reading it back gives an equal model."""
     return to_yaml(model.model_dump(mode="json"))
 
 
@@ -225,7 +225,7 @@ def digest(model: Model) -> str:
 
 
 class Key(typing.NamedTuple):
-    """One key of a file: for `massprop check --schema` and the documentation."""
+    """One key of a file, as `massprop check --schema` and the documentation show it."""
 
     name: str
     type: str
@@ -236,7 +236,7 @@ class Key(typing.NamedTuple):
 
 
 def keys(model: type[Model], prefix: str = "") -> list[Key]:
-    """Every key of a model and of the models in it, in order."""
+    """Lists every key of a model and of the models nested in it, in order."""
     found = []
     for name, field in model.model_fields.items():
         extra = field.json_schema_extra

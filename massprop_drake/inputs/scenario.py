@@ -41,7 +41,7 @@ _DEGREE = np.pi / 180.0
 
 
 class HandControllerWindow(Model):
-    """A hand controller held out of detent for a while."""
+    """An interval in which a hand controller is held out of detent."""
 
     controller: Literal["rhc", "thc"] = described(
         ..., "rhc: rotational (discrete rate), thc: translational (acceleration)"
@@ -57,7 +57,7 @@ class HandControllerWindow(Model):
 
 
 class JetPulse(Model):
-    """A jet commanded on for a while, in a scenario with a prescribed jet schedule."""
+    """An interval in which a jet is commanded on, in a scenario with a prescribed jet schedule."""
 
     jet: Text = described(..., "designation")
     start_s: Real = described(..., "first commanded", "s", ge=0.0)
@@ -100,11 +100,11 @@ class PlantBlock(Model):
 
 
 class _Timed(Model):
-    """What every jet failure has."""
+    """The fields common to all jet failures."""
 
     jet: Text = described(..., "designation")
     start_s: Real = described(..., "onset", "s", ge=0.0)
-    end_s: Real | None = described(None, "when the jet is well again; null: never", "s", gt=0.0)
+    end_s: Real | None = described(None, "when the jet recovers; null: never", "s", gt=0.0)
 
     @model_validator(mode="after")
     def _ordered(self) -> _Timed:
@@ -114,7 +114,7 @@ class _Timed(Model):
 
 
 class StuckOn(_Timed):
-    """The jet fires whatever it is told."""
+    """The jet fires regardless of its command."""
 
     kind: Literal["stuck_on"] = described(..., "kind of failure")
 
@@ -126,21 +126,21 @@ class StuckOff(_Timed):
 
 
 class Degraded(_Timed):
-    """The jet gives a fraction of its thrust."""
+    """The jet produces only a fraction of its thrust."""
 
     kind: Literal["degraded"] = described(..., "kind of failure")
     fraction: Real = described(..., "of the thrust that is left", "-", ge=0.0, le=1.0)
 
 
 class Leak(_Timed):
-    """The jet gives a force along its direction, commanded or not."""
+    """The jet produces a force along its direction, commanded or not."""
 
     kind: Literal["leak"] = described(..., "kind of failure")
     force: Real = described(..., "that it gives besides what it is told", "lbf | N", gt=0.0)
 
 
 class Intermittent(_Timed):
-    """The jet's valve fails now and then, sample by sample."""
+    """The jet's valve fails at random, sample by sample."""
 
     kind: Literal["intermittent"] = described(..., "kind of failure")
     probability: Real = described(..., "of failing in any one sample", "-", ge=0.0, le=1.0)
@@ -158,7 +158,7 @@ Failure = Annotated[StuckOn | StuckOff | Degraded | Leak | Intermittent | Drift,
 
 
 class MassJump(Model):
-    """A payload that leaves the vehicle or is fixed to it, moving as the structure does."""
+    """A payload that leaves the vehicle or docks with it, moving with the structure at that moment."""
 
     kind: Literal["release", "dock"] = described(..., "whether it leaves or comes")
     time_s: Real = described(..., "when; it happens at the first sample not before this", "s", ge=0.0)
@@ -170,7 +170,7 @@ class MassJump(Model):
 
 
 class SensorErrors(Model):
-    """Errors of one sensor package, true but unknown to the estimators. In the order a signal meets them."""
+    """The true errors of one sensor package, unknown to the estimators, in the order in which they act on a signal."""
 
     sensor: Text = described(..., "name of a gyro or accelerometer package")
     scale_factor: Vector3 = described((0.0, 0.0, 0.0), "relative error of scale per axis: reading = (1 + this) x truth")
@@ -262,7 +262,7 @@ class ConvergenceLimits(Model):
 
 
 class GivenStart(Model):
-    """Mass properties known beforehand, and how well."""
+    """Mass properties known beforehand, with their uncertainty."""
 
     mass_properties: MassPropertiesModel | None = described(None, "estimates at the start; null: the nominal ones")
     standard_deviation: _Ten | None = described(
@@ -290,7 +290,7 @@ class GivenStart(Model):
 
 
 class EstimationBlock(Model):
-    """What the estimators start from, and what they make of commands."""
+    """The estimators' starting point, and how they turn commands into thrust."""
 
     start: Literal["nominal", "zero", "given"] = described(
         "nominal", "estimates begin at the nominal values, at zero, or at what `given` says"
@@ -428,7 +428,7 @@ class DetectorBlock(Model):
 
 
 class Scenario(Model):
-    """One case: a vehicle, what it is told to do, and how its mass properties are estimated."""
+    """One case: a vehicle, its commands and failures, and how its mass properties are estimated."""
 
     name: Text = described(
         "scenario", "short name; the run's folder is named after it", pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$"
@@ -462,7 +462,7 @@ class Scenario(Model):
 
     @property
     def vehicle_data(self) -> Vehicle:
-        """The vehicle itself; a loaded scenario always holds it."""
+        """The vehicle itself, loaded if the scenario only names it."""
         if isinstance(self.vehicle, Vehicle):
             return self.vehicle
         return load_vehicle(self.vehicle)
@@ -479,7 +479,7 @@ def _require_apart(field: str, windows: list[tuple[str, float, float]]) -> None:
 
 
 def check_against_vehicle(scenario: Scenario, vehicle: Vehicle) -> list[tuple[FieldPath, str]]:
-    """Problems of a scenario that only its vehicle shows, each with the path of its field."""
+    """Finds the problems of a scenario that only show against its vehicle, each with the path of its field."""
     problems: list[tuple[FieldPath, str]] = []
 
     def require(what: str, name: str, valid: Iterable[str], *path: str | int) -> None:
@@ -517,7 +517,7 @@ def check_against_vehicle(scenario: Scenario, vehicle: Vehicle) -> list[tuple[Fi
 
 
 def _impossible_jumps(scenario: Scenario, vehicle: Vehicle) -> list[tuple[FieldPath, str]]:
-    """Payloads whose coming or going leaves no possible body."""
+    """Finds a payload whose arrival or departure would leave an impossible body."""
     properties = scenario.plant.mass_properties
     body = vehicle.nominal if properties is None else properties.properties()
     order = sorted(range(len(scenario.jumps)), key=lambda index: scenario.jumps[index].time_s)
@@ -534,7 +534,7 @@ def _impossible_jumps(scenario: Scenario, vehicle: Vehicle) -> list[tuple[FieldP
 
 
 def jump_terms(jump: MassJump) -> tuple[float, Array, Array]:
-    """Mass, position and inertia of a payload, those that leave being negative."""
+    """Mass, position and inertia of a payload; mass and inertia are negative if it leaves."""
     sign = -1.0 if jump.kind == "release" else 1.0
     inertia = np.zeros((3, 3)) if jump.inertia is None else np.array(jump.inertia)
     return sign * jump.mass, np.array(jump.position), sign * inertia
@@ -544,16 +544,16 @@ def jump_terms(jump: MassJump) -> tuple[float, Array, Array]:
 
 
 def bundled_scenarios() -> list[str]:
-    """Names of the scenarios that come with the package."""
+    """Lists the scenarios that come with the package."""
     folder = resources.files("massprop_drake.scenarios")
     return sorted(item.name.removesuffix(".yaml") for item in folder.iterdir() if item.name.endswith(".yaml"))
 
 
 def load_scenario(scenario: str | Path, overrides: list[str] | None = None) -> Scenario:
-    """A bundled scenario by name, or one from a YAML file, with its vehicle loaded into it.
+    """Loads a bundled scenario by name, or one from a YAML file or a run's folder, together with its vehicle.
 
     Args:
-        scenario: a name that `massprop list` shows, or the path of a file.
+        scenario: a name that `massprop list` shows, or the path of a file or of a run's folder.
         overrides: `KEY=VALUE` each, KEY dotted (`sensors.errors[0].noise_std`), VALUE read as YAML.
 
     Raises:
@@ -580,7 +580,7 @@ def load_scenario(scenario: str | Path, overrides: list[str] | None = None) -> S
 
 
 def resolved(data: Any, document: Document | None = None, folder: Path | None = None) -> Scenario:
-    """A scenario from data, its vehicle loaded into it and checked against it.
+    """Makes a scenario from data, loads its vehicle and checks one against the other.
 
     Args:
         data: a mapping of a scenario's fields.
@@ -627,7 +627,7 @@ def _find_vehicle(name: str, folder: Path, document: Document | None) -> Vehicle
 
 
 def set_field(data: Any, override: str) -> None:
-    """Sets one field of a document's data from KEY=VALUE.
+    """Sets one field of a scenario's data from KEY=VALUE.
 
     Raises:
         InputError: when it says something else, or names what cannot be set.
