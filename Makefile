@@ -7,6 +7,8 @@
 PYTHON ?= python3
 VENV := .venv
 PYTEST_FLAGS ?= -n 2
+QUICK := tests/maths tests/systems tests/inputs tests/telemetry tests/test_structure.py tests/test_landed_0_1.py \
+    --ignore=tests/inputs/test_vehicles.py --ignore=tests/systems/autopilot/test_jet_selection_program_system.py
 
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
@@ -21,10 +23,10 @@ unexport PYTHONPATH PYTHONHOME
 
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
-.PHONY: help demo test docs lint types bench wheel clean
+.PHONY: help demo test quick coverage docs lint types bench wheel clean
 
 help: ## shows this list
-	@sed -n 's/^\([a-z]*\):.*## \(.*\)/  make \1:\2/p' $(MAKEFILE_LIST) | awk -F: '{ printf "%-14s %s\n", $$1, $$2 }'
+	@sed -n 's/^\([a-z]*\):.*## \(.*\)/  make \1:\2/p' $(MAKEFILE_LIST) | awk -F: '{ printf "%-15s %s\n", $$1, $$2 }'
 
 demo: $(VENV)/.installed ## estimates the orbiter's mass properties from the sample maneuver
 	$(BIN)/massprop run sample_maneuver
@@ -32,13 +34,20 @@ demo: $(VENV)/.installed ## estimates the orbiter's mass properties from the sam
 test: $(VENV)/.installed-test ## runs all tests
 	$(BIN)/python -m pytest $(PYTEST_FLAGS)
 
+quick: $(VENV)/.installed-test ## runs the tests that take a minute together: no browser, no long scenario
+	$(BIN)/python -m pytest $(PYTEST_FLAGS) $(QUICK)
+
+coverage: $(VENV)/.installed-test ## runs all tests and prints the share of the lines that they run
+	$(BIN)/python -m pytest $(PYTEST_FLAGS) --cov=massprop_drake --cov-report=term:skip-covered
+
 docs: $(VENV)/.installed-test ## builds the documentation into build/docs
 	$(BIN)/sphinx-build -q -W --keep-going -n docs build/docs
 	@echo "build/docs/index.html"
 
-lint: $(VENV)/.installed-dev ## checks style and format
+lint: $(VENV)/.installed-dev ## checks style, format and spelling
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	$(BIN)/codespell
 
 types: $(VENV)/.installed-dev ## checks types
 	$(BIN)/mypy -p massprop_drake

@@ -31,7 +31,11 @@ ERRORS = (
 # what no bundled scenario turns on, flown on one that shows it
 VARIANTS = {
     "extended": ("sample_maneuver", "rotation.filter=extended", "rotation.coupling=ignore"),
-    "modelled": ("sample_maneuver", "rotation.coupling=model", "mass.compensation=transverse_centripetal"),
+    "modelled": (  # codespell:ignore
+        "sample_maneuver",
+        "rotation.coupling=model",
+        "mass.compensation=transverse_centripetal",
+    ),
     "without_bias": ("sample_maneuver", "rotation.filter=second_order_without_bias", "mass.jump=none"),
     "thrust_errors": ("stuck_on_29", "plant.thrust_dispersion=0.01", "estimation.thrust_uncertainty=0.01"),
     "serial": ("sample_maneuver", "sensors.combine={gyros: serial, accelerometers: serial}"),

@@ -8,8 +8,12 @@ Names are loaded when they are first used, so that `Estimator` needs neither Dra
 
 from __future__ import annotations
 
+import sys
 from importlib import import_module
+from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
+
+from massprop_drake.inputs.renamed import Finder
 
 if TYPE_CHECKING:
     from massprop_drake.errors import InputError as InputError
@@ -36,7 +40,11 @@ _HOMES = {
     "load_vehicle": "inputs.vehicle",
 }
 
+__version__ = version("massprop-drake")
 __all__ = sorted(_HOMES)  # noqa: PLE0605 (the names are those of the mapping above)
+
+if not any(isinstance(finder, Finder) for finder in sys.meta_path):
+    sys.meta_path.insert(0, Finder())
 
 
 def __getattr__(name: str) -> Any:

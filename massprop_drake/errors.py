@@ -1,4 +1,4 @@
-"""The error that tells a user what is wrong with their input."""
+"""The error that tells users what is wrong with their input, and the words its messages share."""
 
 from __future__ import annotations
 
@@ -20,9 +20,17 @@ class InputError(ValueError):
 
 
 def suggestion(word: object, valid: list[str]) -> str:
-    """'; did you mean ...?' when a valid word is close, else the list of valid words."""
+    """Suggests a close valid word ('; did you mean ...?'), or lists the valid words."""
     close = difflib.get_close_matches(str(word), valid, n=1)
     if close:
         return f"; did you mean '{close[0]}'?"
     shown = ", ".join(valid[:30]) + (", ..." if len(valid) > 30 else "")
     return f"; valid are: {shown}" if valid else ""
+
+
+def dotted(path: tuple[str | int, ...]) -> str:
+    """The path of a field as people write it: jets[3].direction."""
+    text = ""
+    for part in path:
+        text += f"[{part}]" if isinstance(part, int) else (f".{part}" if text else str(part))
+    return text

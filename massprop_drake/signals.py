@@ -1,4 +1,4 @@
-"""The logged signals: name, unit, label and color of each, in one place for files, plots and tables."""
+"""Names, units and labels of the logged signals, and the colors of plots, in one place for files, plots and tables."""
 
 from __future__ import annotations
 
@@ -104,17 +104,17 @@ SYMBOLS = ("Ixx⁻¹", "Iyy⁻¹", "Izz⁻¹", "Iyz⁻¹", "Ixz⁻¹", "Ixy⁻¹
 
 
 def gyro_signal(name: str) -> Signal:
-    """The readings of a gyro package."""
+    """Describes the readings of a gyro package."""
     return Signal(name, f"reading of {name}", "rad/s", AXES)
 
 
 def accelerometer_signal(name: str) -> Signal:
-    """The readings of an integrating-accelerometer package."""
+    """Describes the readings of an integrating-accelerometer package."""
     return Signal(name, f"reading of {name}", "{length}/s", AXES)
 
 
 def in_units(unit: str, names: dict[str, str]) -> str:
-    """A unit template with the vehicle's units, such as ft/s for {length}/s.
+    """Fills a unit template with the vehicle's units: {length}/s becomes ft/s.
 
     Args:
         unit: template of a `Signal`.
@@ -124,11 +124,11 @@ def in_units(unit: str, names: dict[str, str]) -> str:
 
 
 def mass_property_units(names: dict[str, str]) -> tuple[str, ...]:
-    """Units of the ten parameters in the vehicle's units."""
+    """The units of the ten parameters, in the vehicle's unit system."""
     return tuple(in_units(unit, names) for unit in _MASS_PROPERTY_UNITS)
 
 
 def with_deviation(value: float, deviation: float) -> str:
-    """A signed value and its 1-sigma, to two digits of the latter: '+868.810 ± 0.089'."""
+    """Formats a signed value with its 1-sigma, rounded to two digits of the latter: '+868.810 ± 0.089'."""
     digits = max(0, 1 - math.floor(math.log10(deviation))) if deviation > 0.0 else 3
     return f"{value:+.{digits}f} ± {deviation:.{digits}f}"

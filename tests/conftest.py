@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import yaml
 from command_probe import Massprop, Outcome
+from ruamel.yaml import YAML
 
 from massprop_drake import load_scenario, load_vehicle, simulate
 from massprop_drake.cli import app as cli
@@ -85,7 +85,7 @@ jet_kinds:
 @pytest.fixture
 def toy_data() -> dict[str, Any]:
     """A small vehicle in SI units as a file has it, a fresh copy for each test: a pair of jets per side of a cube."""
-    data: dict[str, Any] = yaml.safe_load(TOY)
+    data: dict[str, Any] = YAML(typ="safe", pure=True).load(TOY)
     data["jets"] = []
     for axis in range(3):
         for sign in (1.0, -1.0):

@@ -383,7 +383,7 @@ def test_a_released_payload_is_a_jump_and_no_jets_fault(seed: str) -> None:
     assert entries[0]["time_s"] < 47.0
     assert out_of_use(run) == set()
     assert not run["known_force"].any()
-    # 25 s of manoeuvring later
+    # 25 s of maneuvering later
     assert worst_diagonal_percent(run) < 1.0
     assert abs(run.summary["percent_error"]["mass_reciprocal"]) < 10.0
     # the truth itself jumped: 1000 of 5908 slug, less the propellant

@@ -13,14 +13,15 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import yaml
 from conftest import TOY
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from ruamel.yaml import YAML
 from telemetry_probe import Log, toy_vehicle
 
 from massprop_drake import InputError, Scenario, estimate, load_vehicle
 from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.inputs.yaml import to_yaml
 from massprop_drake.telemetry.reader import Reader, check
 
 TIMES = int(os.environ.get("MASSPROP_FUZZ", "1"))
@@ -57,7 +58,7 @@ quick = settings(
 
 def _toy_data() -> dict[str, Any]:
     """A vehicle with four jets: few columns, so that changes strike."""
-    data: dict[str, Any] = yaml.safe_load(TOY)
+    data: dict[str, Any] = YAML(typ="safe", pure=True).load(TOY)
     data["jets"] = [
         {
             "number": number,
@@ -216,7 +217,7 @@ def spoilt_vehicles(draw: st.DrawFn) -> str:
                 here[path[-1]] = copy.deepcopy(draw(VALUES))
         if not data:
             break
-    text = yaml.safe_dump(data)
+    text = to_yaml(data)
     if draw(st.integers(0, 3)) == 0:
         cut = draw(st.integers(0, len(text)))
         text = text[:cut] + draw(st.sampled_from(["", "\t", ":", "- ", "{", "&a *a", "é", "\x07"])) + text[cut + 1 :]

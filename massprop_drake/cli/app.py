@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 import sys
+import warnings
+from collections.abc import Callable
 from enum import StrEnum
 from importlib.metadata import version
 from pathlib import Path
@@ -14,9 +16,11 @@ import typer
 from massprop_drake.cli import show
 from massprop_drake.cli.progress import Progress
 from massprop_drake.errors import InputError, suggestion
-from massprop_drake.inputs.model import Document, exists, keys, read_text, validated
+from massprop_drake.inputs.model import keys, validated
+from massprop_drake.inputs.renamed import RenamedWarning
 from massprop_drake.inputs.scenario import Scenario, bundled_scenarios, load_scenario, resolved
 from massprop_drake.inputs.vehicle import Vehicle, bundled_vehicles, load_vehicle
+from massprop_drake.inputs.yaml import Document, exists, read_text
 from massprop_drake.results.folder import require_writable, write_whole
 from massprop_drake.telemetry.reader import check as check_telemetry
 from massprop_drake.telemetry.reader import scenario_name, vehicle_scenario
@@ -62,7 +66,10 @@ def common(
 def main() -> None:
     """Runs the command line; bad input ends with one message and exit status 2."""
     try:
-        app()
+        with warnings.catch_warnings():
+            warnings.simplefilter("always", RenamedWarning)
+            warnings.showwarning = _old_names_in_a_line(warnings.showwarning)
+            app()
     except InputError as error:
         _fail(str(error), 2)
     except KeyboardInterrupt:
@@ -76,6 +83,20 @@ def main() -> None:
 def _fail(message: str, status: int) -> None:
     show.note(message)
     sys.exit(status)
+
+
+def _old_names_in_a_line(otherwise: Callable[..., None]) -> Callable[..., None]:
+    """How warnings are shown: those of old names as messages of the command line, each once; others as always."""
+    said: set[str] = set()
+
+    def shown(message: Warning | str, category: type[Warning], *rest: Any, **options: Any) -> None:
+        if not issubclass(category, RenamedWarning):
+            otherwise(message, category, *rest, **options)
+        elif str(message) not in said:
+            said.add(str(message))
+            show.note(str(message))
+
+    return shown
 
 
 @app.command("list", epilog="Example: `massprop list --json`")

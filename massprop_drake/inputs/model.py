@@ -1,4 +1,4 @@
-"""Typed, validated data from YAML files: what vehicle, scenario and other files have in common.
+"""Typed, validated data from YAML files: the base of vehicle, scenario and other file models.
 
 A file is read with its line numbers, checked against a pydantic model, and every problem is reported
 with file, line and dotted field. YAML is read by the 1.2 rules for scalars: 1e-6 is a number, `on` and
@@ -8,17 +8,15 @@ with file, line and dotted field. YAML is read by the 1.2 rules for scalars: 1e-
 from __future__ import annotations
 
 import hashlib
-import re
 import types
 import typing
-from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
-import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from pydantic.fields import FieldInfo
 
-from massprop_drake.errors import InputError, suggestion
+from massprop_drake.errors import InputError, dotted, suggestion
+from massprop_drake.inputs.yaml import Document, FieldPath, to_yaml
 
 Real = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Whole = Annotated[int, Field(strict=True)]
@@ -29,7 +27,7 @@ Matrix3 = tuple[Vector3, Vector3, Vector3]
 
 
 class Model(BaseModel):
-    """Base of all file models: frozen, no unknown keys, no NaN or infinity."""
+    """The base of all file models: frozen, without unknown keys, NaN or infinity."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
@@ -46,155 +44,15 @@ M = TypeVar("M", bound=Model)
 
 
 def described(default: Any, meaning: str, unit: str = "-", *, reason: str = "", **constraints: Any) -> Any:
-    """A field with its default, meaning and unit; `...` as default makes it required, for a reason if given."""
+    """A field with default, meaning and unit; `...` as the default makes it required, with an optional reason."""
     return Field(default, description=meaning, json_schema_extra={"unit": unit, "reason": reason}, **constraints)
 
 
-# ---------------------------------------------------------------------------------------- reading
-
-
-class _Loader(yaml.SafeLoader):
-    """Safe YAML with the scalars of YAML 1.2 and without aliases, which can make small files endless."""
-
-    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
-        """A node; refuses an alias."""
-        if self.check_event(yaml.events.AliasEvent):
-            event = self.peek_event()  # type: ignore[no-untyped-call]
-            raise yaml.composer.ComposerError(
-                None, None, f"alias *{event.anchor} is not supported; write the value out", event.start_mark
-            )
-        return super().compose_node(parent, index)
-
-
-_Loader.yaml_implicit_resolvers = {
-    first: [(tag, pattern) for tag, pattern in resolvers if not tag.endswith((":bool", ":float", ":int", ":timestamp"))]
-    for first, resolvers in yaml.SafeLoader.yaml_implicit_resolvers.items()
-}
-_Loader.add_implicit_resolver(
-    "tag:yaml.org,2002:bool", re.compile(r"^(?:true|True|TRUE|false|False|FALSE)$"), list("tTfF")
-)
-_Loader.add_implicit_resolver("tag:yaml.org,2002:int", re.compile(r"^[-+]?[0-9]+$"), list("-+0123456789"))
-_Loader.add_implicit_resolver(
-    "tag:yaml.org,2002:float",
-    re.compile(
-        r"^(?:[-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?|[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN))$"
-    ),
-    list("-+0123456789."),
-)
-
-
-def _int(_: yaml.SafeLoader, node: Any) -> int:
-    return int(node.value)  # decimal: 007 is 7
-
-
-def _float(_: yaml.SafeLoader, node: Any) -> float:
-    return float(node.value.lower().replace(".inf", "inf").replace(".nan", "nan"))
-
-
-_Loader.add_constructor("tag:yaml.org,2002:int", _int)
-_Loader.add_constructor("tag:yaml.org,2002:float", _float)
-
-Path_ = tuple[str | int, ...]
-
-
-class Document:
-    """A YAML document: its data, and the line of each part.
-
-    Args:
-        text: the YAML text.
-        source: what to call it in messages, a file's path as the user gave it.
-
-    Raises:
-        InputError: when the text is not YAML, is empty, is no mapping, or has a key twice.
-    """
-
-    def __init__(self, text: str, source: str):
-        self.source = source
-        self._lines: dict[Path_, int] = {}
-        try:
-            loader = _Loader(text)
-            node = loader.get_single_node()
-        except yaml.YAMLError as error:
-            raise InputError(f"{source}: not valid YAML: {_yaml_problem(error)}") from None
-        except RecursionError:
-            raise InputError(f"{source}: nested too deeply; no file of ours needs more than a few levels") from None
-        if not isinstance(node, yaml.MappingNode):
-            what = "is empty" if node is None else "is no mapping"
-            raise InputError(f"{source}: the document {what}; expected keys with values, such as 'name: ...'")
-        self._walk(node, ())
-        try:
-            self.data: dict[str, Any] = loader.construct_document(node)
-        except (yaml.YAMLError, ValueError) as error:
-            raise InputError(f"{source}: not valid YAML: {_yaml_problem(error)}") from None
-
-    def _walk(self, node: yaml.Node, path: Path_) -> None:
-        self._lines[path] = node.start_mark.line + 1
-        if isinstance(node, yaml.MappingNode):
-            seen: dict[str, int] = {}
-            for key, value in node.value:
-                line = key.start_mark.line + 1
-                if not isinstance(key, yaml.ScalarNode):
-                    raise InputError(f"{self.source}, line {line}: a key must be a plain word")
-                if key.value in seen:
-                    raise InputError(
-                        f"{self.source}, line {line}: {dotted((*path, key.value))}: the key appears twice, "
-                        f"first in line {seen[key.value]}; keep one of them"
-                    )
-                seen[key.value] = line
-                self._walk(value, (*path, key.value))
-                self._lines[(*path, key.value)] = line
-        elif isinstance(node, yaml.SequenceNode):
-            for index, value in enumerate(node.value):
-                self._walk(value, (*path, index))
-
-    def where(self, path: Path_) -> str:
-        """File, line where it is known, and dotted field: the beginning of a message."""
-        for length in range(len(path), 0, -1):
-            if path[:length] in self._lines:
-                return f"{self.source}, line {self._lines[path[:length]]}: {dotted(path)}"
-        return f"{self.source}: {dotted(path)}" if path else self.source
-
-
-def _yaml_problem(error: Exception) -> str:
-    mark = getattr(error, "problem_mark", None)
-    problem = getattr(error, "problem", None) or str(error).splitlines()[0]
-    return problem if mark is None else f"{problem} (line {mark.line + 1}, column {mark.column + 1})"
-
-
-def dotted(path: Path_) -> str:
-    """A path as people write it: jets[3].direction."""
-    text = ""
-    for part in path:
-        text += f"[{part}]" if isinstance(part, int) else (f".{part}" if text else str(part))
-    return text
-
-
-def exists(path: Path) -> bool:
-    """Whether there is such a file or folder; no for a name that none can have."""
-    try:
-        return path.exists()
-    except OSError:
-        return False
-
-
-def read_text(path: Path) -> str:
-    """A text file's content.
-
-    Raises:
-        InputError: when it is missing, unreadable or not UTF-8.
-    """
-    try:
-        return path.read_text(encoding="utf-8")
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such file") from None
-    except UnicodeDecodeError:
-        raise InputError(f"{path}: not a text file in UTF-8") from None
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+# ------------------------------------------------------------------------------------- validating
 
 
 def validated(model: type[M], data: Any, document: Document | None = None, source: str = "") -> M:
-    """A model made of data, or one message per problem.
+    """Validates data against a model, with one message per problem.
 
     Args:
         model: the pydantic model.
@@ -228,12 +86,12 @@ def _problems(
 
 
 def _without_echoes(items: list[Any]) -> list[Any]:
-    """The errors less those that another one brings along.
+    """Drops validation errors that only follow from another error.
 
-    A list with a bad item counts as too short besides, and each value that a short list lacks is missing.
+    Pydantic also reports a list with a bad item as too short, and each value that a short list lacks as missing.
     """
     kept: list[Any] = []
-    lacking: dict[Path_, int] = {}
+    lacking: dict[FieldPath, int] = {}
     for item in items:
         place = item["loc"]
         if item["type"] == "missing" and isinstance(place[-1], int):
@@ -248,8 +106,8 @@ def _without_echoes(items: list[Any]) -> list[Any]:
     return kept
 
 
-def _without_union_tags(location: tuple[str | int, ...], data: Any) -> Path_:
-    """Pydantic names the member of a union in its path; the file has no such key."""
+def _without_union_tags(location: tuple[str | int, ...], data: Any) -> FieldPath:
+    """Removes the union members that pydantic puts into a path; the file has no such keys."""
     path: list[str | int] = []
     for part in location:
         within = isinstance(data, (list, tuple)) and isinstance(part, int) and part < len(data)
@@ -261,7 +119,7 @@ def _without_union_tags(location: tuple[str | int, ...], data: Any) -> Path_:
     return tuple(path)
 
 
-def _sentence(model: type[Model], data: Any, item: Any, path: Path_) -> str:
+def _sentence(model: type[Model], data: Any, item: Any, path: FieldPath) -> str:
     kind, given = item["type"], item.get("input")
     if kind in ("missing", "too_short"):
         reason = _reason(model, path, data)
@@ -288,8 +146,8 @@ def _sentence(model: type[Model], data: Any, item: Any, path: Path_) -> str:
     return message
 
 
-def _reason(model: type[Model], path: Path_, data: Any) -> str:
-    """Why a field is required, as the end of a sentence; empty where it goes without saying."""
+def _reason(model: type[Model], path: FieldPath, data: Any) -> str:
+    """The reason why a field is required, as the end of a sentence; empty if none was given."""
     if not path or not isinstance(path[-1], str):
         return ""
     field = _model_at(model, path[:-1], data).model_fields.get(path[-1])
@@ -298,14 +156,14 @@ def _reason(model: type[Model], path: Path_, data: Any) -> str:
     return f": {reason}" if reason else ""
 
 
-def _at(data: Any, path: Path_) -> Any:
+def _at(data: Any, path: FieldPath) -> Any:
     for part in path:
         data = data[part]
     return data
 
 
-def _model_at(model: type[Model], path: Path_, data: Any) -> type[Model]:
-    """The model at a path of some data."""
+def _model_at(model: type[Model], path: FieldPath, data: Any) -> type[Model]:
+    """The model that describes the data at a path."""
     here: list[type[Model]] = [model]
     for part in path:
         data = data[part]
@@ -316,8 +174,8 @@ def _model_at(model: type[Model], path: Path_, data: Any) -> type[Model]:
     return here[0]
 
 
-def _tags_at(model: type[Model], path: Path_, data: Any) -> str:
-    """Kinds that the union at a path of some data knows."""
+def _tags_at(model: type[Model], path: FieldPath, data: Any) -> str:
+    """The kinds that the union at a path accepts."""
     names = [part for part in path if isinstance(part, str)]
     holder = _model_at(model, path[: path.index(names[-1])], data)
     members = _models_in(holder.model_fields[names[-1]].annotation)
@@ -328,7 +186,7 @@ _BOUNDS = {"gt": "> {:g}", "ge": ">= {:g}", "lt": "< {:g}", "le": "<= {:g}", "mi
 
 
 def _range(field: FieldInfo) -> str:
-    """The bounds of a field's value, as text; "-" without any."""
+    """The bounds of a field's value as text; "-" if it has none."""
     bounds = [
         text.format(getattr(part, name))
         for part in field.metadata
@@ -339,52 +197,35 @@ def _range(field: FieldInfo) -> str:
 
 
 def _models_in(annotation: Any) -> list[type[Model]]:
-    """The models that an annotation such as list[Model], Model | None or a union of models holds."""
+    """The models inside an annotation such as list[Model], Model | None or a union of models."""
     if isinstance(annotation, type) and issubclass(annotation, Model):
         return [annotation]
     return [found for argument in typing.get_args(annotation) for found in _models_in(argument)]
 
 
 def _tag_of(model: type[Model]) -> str:
-    """The value of `kind` that picks a member of a union."""
+    """The value of `kind` that selects this member of a union."""
     return str(typing.get_args(model.model_fields["kind"].annotation)[0])
 
 
 # ---------------------------------------------------------------------------------------- writing
 
 
-class _Dumper(yaml.SafeDumper):
-    """Short lists of numbers on one line; floats that read back exactly."""
-
-
-def _represent_float(dumper: yaml.SafeDumper, value: float) -> yaml.Node:
-    return dumper.represent_scalar("tag:yaml.org,2002:float", repr(value))
-
-
-def _represent_list(dumper: yaml.SafeDumper, value: list[Any]) -> yaml.Node:
-    flat = all(not isinstance(item, (list, dict)) for item in value)
-    return dumper.represent_sequence("tag:yaml.org,2002:seq", value, flow_style=flat)
-
-
-_Dumper.add_representer(float, _represent_float)
-_Dumper.add_representer(list, _represent_list)
-
-
 def yaml_text(model: Model) -> str:
-    """A model as YAML in full, every default written out; reading it gives an equal model."""
-    return yaml.dump(model.model_dump(mode="json"), Dumper=_Dumper, sort_keys=False, width=110, allow_unicode=True)
+    """A model as YAML in full, with every default written out; reading it back gives an equal model."""
+    return to_yaml(model.model_dump(mode="json"))
 
 
 def digest(model: Model) -> str:
     """SHA-256 of a model's full content, hexadecimal."""
-    return hashlib.sha256(yaml_text(model).encode()).hexdigest()
+    return hashlib.sha256(model.model_dump_json().encode()).hexdigest()
 
 
 # ----------------------------------------------------------------------------------------- schema
 
 
 class Key(typing.NamedTuple):
-    """One key of a file: for `massprop check --schema` and the documentation."""
+    """One key of a file, as `massprop check --schema` and the documentation show it."""
 
     name: str
     type: str
@@ -395,7 +236,7 @@ class Key(typing.NamedTuple):
 
 
 def keys(model: type[Model], prefix: str = "") -> list[Key]:
-    """Every key of a model and of the models in it, in order."""
+    """Lists every key of a model and of the models nested in it, in order."""
     found = []
     for name, field in model.model_fields.items():
         extra = field.json_schema_extra

@@ -17,24 +17,21 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, field_validator, model_validator
 
-from massprop_drake.errors import InputError, suggestion
+from massprop_drake.errors import InputError, dotted, suggestion
+from massprop_drake.inputs import renamed
 from massprop_drake.inputs.model import (
-    Document,
     Flag,
     Matrix3,
     Model,
-    Path_,
     Real,
     Text,
     Vector3,
     Whole,
     described,
-    dotted,
-    exists,
-    read_text,
     validated,
 )
 from massprop_drake.inputs.vehicle import MassPropertiesModel, Vehicle, load_vehicle
+from massprop_drake.inputs.yaml import Document, FieldPath, exists, read_text
 from massprop_drake.maths.linear_algebra import is_covariance
 from massprop_drake.maths.mass_properties import could_be_inertia, joined
 
@@ -44,7 +41,7 @@ _DEGREE = np.pi / 180.0
 
 
 class HandControllerWindow(Model):
-    """A hand controller held out of detent for a while."""
+    """An interval in which a hand controller is held out of detent."""
 
     controller: Literal["rhc", "thc"] = described(
         ..., "rhc: rotational (discrete rate), thc: translational (acceleration)"
@@ -60,7 +57,7 @@ class HandControllerWindow(Model):
 
 
 class JetPulse(Model):
-    """A jet commanded on for a while, in a scenario with a prescribed jet schedule."""
+    """An interval in which a jet is commanded on, in a scenario with a prescribed jet schedule."""
 
     jet: Text = described(..., "designation")
     start_s: Real = described(..., "first commanded", "s", ge=0.0)
@@ -103,11 +100,11 @@ class PlantBlock(Model):
 
 
 class _Timed(Model):
-    """What every jet failure has."""
+    """The fields common to all jet failures."""
 
     jet: Text = described(..., "designation")
     start_s: Real = described(..., "onset", "s", ge=0.0)
-    end_s: Real | None = described(None, "when the jet is well again; null: never", "s", gt=0.0)
+    end_s: Real | None = described(None, "when the jet recovers; null: never", "s", gt=0.0)
 
     @model_validator(mode="after")
     def _ordered(self) -> _Timed:
@@ -117,7 +114,7 @@ class _Timed(Model):
 
 
 class StuckOn(_Timed):
-    """The jet fires whatever it is told."""
+    """The jet fires regardless of its command."""
 
     kind: Literal["stuck_on"] = described(..., "kind of failure")
 
@@ -129,21 +126,21 @@ class StuckOff(_Timed):
 
 
 class Degraded(_Timed):
-    """The jet gives a fraction of its thrust."""
+    """The jet produces only a fraction of its thrust."""
 
     kind: Literal["degraded"] = described(..., "kind of failure")
     fraction: Real = described(..., "of the thrust that is left", "-", ge=0.0, le=1.0)
 
 
 class Leak(_Timed):
-    """The jet gives a force along its direction, commanded or not."""
+    """The jet produces a force along its direction, commanded or not."""
 
     kind: Literal["leak"] = described(..., "kind of failure")
     force: Real = described(..., "that it gives besides what it is told", "lbf | N", gt=0.0)
 
 
 class Intermittent(_Timed):
-    """The jet's valve fails now and then, sample by sample."""
+    """The jet's valve fails at random, sample by sample."""
 
     kind: Literal["intermittent"] = described(..., "kind of failure")
     probability: Real = described(..., "of failing in any one sample", "-", ge=0.0, le=1.0)
@@ -161,7 +158,7 @@ Failure = Annotated[StuckOn | StuckOff | Degraded | Leak | Intermittent | Drift,
 
 
 class MassJump(Model):
-    """A payload that leaves the vehicle or is fixed to it, moving as the structure does."""
+    """A payload that leaves the vehicle or docks with it, moving with the structure at that moment."""
 
     kind: Literal["release", "dock"] = described(..., "whether it leaves or comes")
     time_s: Real = described(..., "when; it happens at the first sample not before this", "s", ge=0.0)
@@ -173,7 +170,7 @@ class MassJump(Model):
 
 
 class SensorErrors(Model):
-    """Errors of one sensor package, true but unknown to the estimators. In the order a signal meets them."""
+    """The true errors of one sensor package, unknown to the estimators, in the order in which they act on a signal."""
 
     sensor: Text = described(..., "name of a gyro or accelerometer package")
     scale_factor: Vector3 = described((0.0, 0.0, 0.0), "relative error of scale per axis: reading = (1 + this) x truth")
@@ -265,7 +262,7 @@ class ConvergenceLimits(Model):
 
 
 class GivenStart(Model):
-    """Mass properties known beforehand, and how well."""
+    """Mass properties known beforehand, with their uncertainty."""
 
     mass_properties: MassPropertiesModel | None = described(None, "estimates at the start; null: the nominal ones")
     standard_deviation: _Ten | None = described(
@@ -293,7 +290,7 @@ class GivenStart(Model):
 
 
 class EstimationBlock(Model):
-    """What the estimators start from, and what they make of commands."""
+    """The estimators' starting point, and how they turn commands into thrust."""
 
     filter: Literal["thesis"] = described(
         "thesis", "method: the thesis's two filters, with the blocks `rotation` and `mass`"
@@ -434,7 +431,7 @@ class DetectorBlock(Model):
 
 
 class Scenario(Model):
-    """One case: a vehicle, what it is told to do, and how its mass properties are estimated."""
+    """One case: a vehicle, its commands and failures, and how its mass properties are estimated."""
 
     name: Text = described(
         "scenario", "short name; the run's folder is named after it", pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$"
@@ -468,7 +465,7 @@ class Scenario(Model):
 
     @property
     def vehicle_data(self) -> Vehicle:
-        """The vehicle itself; a loaded scenario always holds it."""
+        """The vehicle itself, loaded if the scenario only names it."""
         if isinstance(self.vehicle, Vehicle):
             return self.vehicle
         return load_vehicle(self.vehicle)
@@ -484,9 +481,9 @@ def _require_apart(field: str, windows: list[tuple[str, float, float]]) -> None:
                 )
 
 
-def check_against_vehicle(scenario: Scenario, vehicle: Vehicle) -> list[tuple[Path_, str]]:
-    """Problems of a scenario that only its vehicle shows, each with the path of its field."""
-    problems: list[tuple[Path_, str]] = []
+def check_against_vehicle(scenario: Scenario, vehicle: Vehicle) -> list[tuple[FieldPath, str]]:
+    """Finds the problems of a scenario that only show against its vehicle, each with the path of its field."""
+    problems: list[tuple[FieldPath, str]] = []
 
     def require(what: str, name: str, valid: Iterable[str], *path: str | int) -> None:
         names = list(valid)
@@ -522,8 +519,8 @@ def check_against_vehicle(scenario: Scenario, vehicle: Vehicle) -> list[tuple[Pa
     return problems
 
 
-def _impossible_jumps(scenario: Scenario, vehicle: Vehicle) -> list[tuple[Path_, str]]:
-    """Payloads whose coming or going leaves no possible body."""
+def _impossible_jumps(scenario: Scenario, vehicle: Vehicle) -> list[tuple[FieldPath, str]]:
+    """Finds a payload whose arrival or departure would leave an impossible body."""
     properties = scenario.plant.mass_properties
     body = vehicle.nominal if properties is None else properties.properties()
     order = sorted(range(len(scenario.jumps)), key=lambda index: scenario.jumps[index].time_s)
@@ -540,7 +537,7 @@ def _impossible_jumps(scenario: Scenario, vehicle: Vehicle) -> list[tuple[Path_,
 
 
 def jump_terms(jump: MassJump) -> tuple[float, Array, Array]:
-    """Mass, position and inertia of a payload, those that leave being negative."""
+    """Mass, position and inertia of a payload; mass and inertia are negative if it leaves."""
     sign = -1.0 if jump.kind == "release" else 1.0
     inertia = np.zeros((3, 3)) if jump.inertia is None else np.array(jump.inertia)
     return sign * jump.mass, np.array(jump.position), sign * inertia
@@ -550,16 +547,16 @@ def jump_terms(jump: MassJump) -> tuple[float, Array, Array]:
 
 
 def bundled_scenarios() -> list[str]:
-    """Names of the scenarios that come with the package."""
+    """Lists the scenarios that come with the package."""
     folder = resources.files("massprop_drake.scenarios")
     return sorted(item.name.removesuffix(".yaml") for item in folder.iterdir() if item.name.endswith(".yaml"))
 
 
 def load_scenario(scenario: str | Path, overrides: list[str] | None = None) -> Scenario:
-    """A bundled scenario by name, or one from a YAML file, with its vehicle loaded into it.
+    """Loads a bundled scenario by name, or one from a YAML file or a run's folder, together with its vehicle.
 
     Args:
-        scenario: a name that `massprop list` shows, or the path of a file.
+        scenario: a name that `massprop list` shows, or the path of a file or of a run's folder.
         overrides: `KEY=VALUE` each, KEY dotted (`sensors.errors[0].noise_std`), VALUE read as YAML.
 
     Raises:
@@ -586,7 +583,7 @@ def load_scenario(scenario: str | Path, overrides: list[str] | None = None) -> S
 
 
 def resolved(data: Any, document: Document | None = None, folder: Path | None = None) -> Scenario:
-    """A scenario from data, its vehicle loaded into it and checked against it.
+    """Makes a scenario from data, loads its vehicle and checks one against the other.
 
     Args:
         data: a mapping of a scenario's fields.
@@ -610,7 +607,7 @@ def resolved(data: Any, document: Document | None = None, folder: Path | None = 
     return scenario.model_copy(update={"vehicle": vehicle})
 
 
-def _place(path: Path_, document: Document | None) -> str:
+def _place(path: FieldPath, document: Document | None) -> str:
     return f"scenario: {dotted(path)}" if document is None else document.where(path)
 
 
@@ -633,7 +630,7 @@ def _find_vehicle(name: str, folder: Path, document: Document | None) -> Vehicle
 
 
 def set_field(data: Any, override: str) -> None:
-    """Sets one field of a document's data from KEY=VALUE.
+    """Sets one field of a scenario's data from KEY=VALUE.
 
     Raises:
         InputError: when it says something else, or names what cannot be set.
@@ -641,8 +638,13 @@ def set_field(data: Any, override: str) -> None:
     key, separator, text = override.partition("=")
     if not separator or not key:
         raise InputError(f"--set {override}: expected KEY=VALUE, such as --set rotation.filter=extended")
-    value = Document(f"value: {text}" if text.strip() else "value: null", f"--set {override}").data["value"]
     path = _parsed_key(key, override)
+    now = renamed.key_now(path)
+    if now is not None:
+        renamed.warn(f"--set {override}: {path[-1]} is now {now}")
+        path[-1] = now
+    text = f"value: {text}" if text.strip() else "value: null"
+    value = Document(text, f"--set {override}", within=tuple(path)).data["value"]
     here = data
     for part, following in pairwise(path):
         if isinstance(part, str) and isinstance(here, dict):
@@ -674,3 +676,18 @@ def _parsed_key(key: str, override: str) -> list[str | int]:
         if not name and not indices:
             raise InputError(f"--set {override}: empty part in {key!r}")
     return path
+
+
+__getattr__ = renamed.attributes(
+    __name__,
+    {
+        "PlantSettings": "PlantBlock",
+        "CombineSettings": "CombineBlock",
+        "SensorSettings": "SensorsBlock",
+        "AutopilotSettings": "AutopilotBlock",
+        "EstimationSettings": "EstimationBlock",
+        "RotationFilterSettings": "RotationBlock",
+        "MassFilterSettings": "MassBlock",
+        "DetectorSettings": "DetectorBlock",
+    },
+)

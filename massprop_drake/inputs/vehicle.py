@@ -14,7 +14,6 @@ from pydantic import Field, field_validator, model_validator
 
 from massprop_drake.errors import InputError, suggestion
 from massprop_drake.inputs.model import (
-    Document,
     Matrix3,
     Model,
     Real,
@@ -22,10 +21,9 @@ from massprop_drake.inputs.model import (
     Vector3,
     Whole,
     described,
-    exists,
-    read_text,
     validated,
 )
+from massprop_drake.inputs.yaml import Document, exists, read_text
 from massprop_drake.maths.mass_properties import MassProperties, could_be_inertia
 from massprop_drake.maths.vehicle.thrust import thrust_wrenches
 from massprop_drake.signals import SIGNALS
@@ -87,12 +85,12 @@ class MassPropertiesModel(Model):
         return value
 
     def properties(self) -> MassProperties:
-        """As arrays."""
+        """The same as arrays."""
         return MassProperties(self.mass, np.array(self.center_of_mass), np.array(self.inertia))
 
 
 class JetKind(Model):
-    """What jets of one kind have in common."""
+    """The properties that jets of one kind share."""
 
     nominal_thrust: Real = described(
         ..., "thrust without plume impingement; gives the propellant flow", "lbf | N", gt=0.0
@@ -134,7 +132,7 @@ class Jet(Model):
 
 
 class SensorPackage(Model):
-    """Three sensors along the body axes: what gyros and accelerometers have in common."""
+    """A package of three sensors along the body axes: the fields common to gyros and accelerometers."""
 
     name: Text = described(
         ...,
@@ -155,7 +153,7 @@ class SensorPackage(Model):
 
     @property
     def variance(self) -> float:
-        """Of the error of one reading: quantum^2 / 12 + noise_std^2, the reading's unit squared."""
+        """Variance of the error of one reading, quantum^2 / 12 + noise_std^2, in the reading's unit squared."""
         return self.quantum**2 / 12.0 + self.noise_std**2
 
 
@@ -177,7 +175,7 @@ class Accelerometer(SensorPackage):
 
 
 class _Solid(Model):
-    """What every solid of a shape has."""
+    """The fields common to all solids of a shape."""
 
     position: Vector3 = described((0.0, 0.0, 0.0), "of its center, vehicle frame", "ft | m")
     rotation_deg: Vector3 = described((0.0, 0.0, 0.0), "roll, pitch and yaw from the vehicle frame", "deg")
@@ -199,7 +197,7 @@ class EllipsoidSolid(_Solid):
 
 
 class CylinderSolid(_Solid):
-    """A cylinder along x, round or oval."""
+    """A circular or elliptic cylinder along x."""
 
     kind: Literal["cylinder"] = described(..., "kind of solid")
     length: Real = described(..., "along x", "ft | m", gt=0.0)
@@ -207,7 +205,7 @@ class CylinderSolid(_Solid):
 
 
 class ConeSolid(_Solid):
-    """A cone, its point toward +x, its center halfway."""
+    """A cone that points toward +x, its center halfway along its axis."""
 
     kind: Literal["cone"] = described(..., "kind of solid")
     length: Real = described(..., "along x", "ft | m", gt=0.0)
@@ -280,17 +278,17 @@ class Vehicle(Model):
 
     @property
     def sensors(self) -> tuple[SensorPackage, ...]:
-        """All packages, gyros first."""
+        """All sensor packages, gyros first."""
         return (*self.gyros, *self.accelerometers)
 
     @cached_property
     def designations(self) -> tuple[str, ...]:
-        """Of all jets, in order."""
+        """The jets' designations, in order."""
         return tuple(jet.designation for jet in self.jets)
 
     @cached_property
     def positions(self) -> Array:
-        """Of the jets in the vehicle frame, ft or m, shape (n_jets, 3)."""
+        """Positions of the jets in the vehicle frame, ft or m, shape (n_jets, 3)."""
         return np.array([jet.position for jet in self.jets])
 
     @cached_property
@@ -318,12 +316,12 @@ class Vehicle(Model):
 
     @cached_property
     def time_constants_s(self) -> Array:
-        """Of build-up and tail-off of each jet, s, shape (n_jets,)."""
+        """Time constant of each jet's thrust build-up and tail-off, s, shape (n_jets,)."""
         return self._per_jet(lambda jet: self.jet_kinds[jet.kind].time_constant_s)
 
     @cached_property
     def minimum_on_times_s(self) -> Array:
-        """Shortest firing of each jet, s, shape (n_jets,)."""
+        """Minimum on-time of each jet, s, shape (n_jets,)."""
         return self._per_jet(lambda jet: self.jet_kinds[jet.kind].minimum_on_time_s)
 
     def _per_jet(self, value: Callable[[Jet], float]) -> Array:
@@ -342,7 +340,7 @@ class Vehicle(Model):
 
     @property
     def center_of_mass_floor(self) -> float:
-        """Least 1-sigma of the center of mass at the start, ft or m."""
+        """The floor of the center of mass's 1-sigma at the start, ft or m."""
         return self.center_of_mass_std or 0.1 * self.rms_arm
 
     @property
@@ -351,14 +349,14 @@ class Vehicle(Model):
         return UNITS[self.units]
 
     def jet_index(self, designation: str) -> int:
-        """Position of a jet in `jets`; KeyError for an unknown one."""
+        """Index of a jet in `jets`; raises KeyError for an unknown designation."""
         try:
             return self.designations.index(designation)
         except ValueError:
             raise KeyError(designation) from None
 
     def sensor_names(self) -> list[str]:
-        """Of all packages, gyros first."""
+        """The names of all sensor packages, gyros first."""
         return [sensor.name for sensor in self.sensors]
 
 
@@ -371,13 +369,13 @@ def _require_unique(where: str, what: str, values: list[Any]) -> None:
 
 
 def bundled_vehicles() -> list[str]:
-    """Names of the vehicles that come with the package."""
+    """Lists the vehicles that come with the package."""
     folder = resources.files("massprop_drake") / "vehicles"
     return sorted(item.name.removesuffix(".yaml") for item in folder.iterdir() if item.name.endswith(".yaml"))
 
 
 def load_vehicle(vehicle: str | Path) -> Vehicle:
-    """A bundled vehicle by name, or one from a YAML file.
+    """Loads a bundled vehicle by name, or one from a YAML file.
 
     Args:
         vehicle: a name that `massprop list` shows, or the path of a file.

@@ -9,9 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from massprop_drake.errors import InputError
+from massprop_drake.errors import InputError, dotted
 from massprop_drake.inputs import params
-from massprop_drake.inputs.model import dotted
 from massprop_drake.inputs.scenario import Scenario, check_against_vehicle
 from massprop_drake.inputs.vehicle import SensorPackage, Vehicle
 from massprop_drake.maths.estimation import cycle

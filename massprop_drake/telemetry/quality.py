@@ -1,4 +1,4 @@
-"""What a record of telemetry is worth: gaps, missing cells, stuck sensors, wrong units, samples not used."""
+"""Data quality of recorded telemetry: gaps, missing cells, stuck sensors, wrong units, unused samples."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ _REASONS = (
 
 
 class _Package(NamedTuple):
-    """A sensor package, and what the nominal vehicle lets it read.
+    """A sensor package, and the readings expected of it on the nominal vehicle.
 
     Attributes:
         package: as the vehicle file has it.
@@ -65,7 +65,7 @@ class _Package(NamedTuple):
 
 
 class _Standing:
-    """Of each component of a package: since when it stands still, and what was predicted meanwhile."""
+    """For each component of a package: since when it has been constant, and the change predicted meanwhile."""
 
     def __init__(self) -> None:
         self.value = np.full(3, np.nan)
@@ -77,7 +77,7 @@ class _Standing:
 
 
 class QualityReport:
-    """Adds up, block by block, what `data_quality` of a summary says.
+    """Accumulates the summary's `data_quality`, block by block.
 
     Args:
         scenario: for the vehicle, its nominal mass properties, and the packages in use.
@@ -134,7 +134,7 @@ class QualityReport:
     # ------------------------------------------------------------------------------------ adding
 
     def add(self, rows: Rows, signals: Mapping[str, Array]) -> None:
-        """Takes in rows and what the estimators made of them.
+        """Takes in a block of rows and the estimators' signals for them.
 
         Args:
             rows: of the record.
@@ -279,7 +279,7 @@ class QualityReport:
     # --------------------------------------------------------------------------------- finishing
 
     def finished(self, record: Record, ragged: tuple[int, int, bool]) -> dict[str, Any]:
-        """The content of `data_quality`.
+        """Composes the content of `data_quality`.
 
         Args:
             record: what the reader found.
@@ -332,7 +332,7 @@ class QualityReport:
         ]
 
     def _about_tests(self) -> list[str]:
-        """Why nothing was tested for failed jets, where nothing was."""
+        """Explains why no sample was tested for failed jets, if none was."""
         if self._tested or not self._detects or not self._accelerometers:
             return []
         diagonal, center, reciprocal = self._limits.tolist()
@@ -446,7 +446,7 @@ class QualityReport:
 
 
 def _looks_like(slope: float, guesses: tuple[tuple[float, str], ...]) -> str:
-    """What a factor looks like, when it is within a factor of 1.5 of something known."""
+    """Names a likely cause of a scale factor, if it lies within a factor of 1.5 of a known one."""
     if slope <= 0.0:
         return "; it looks like a wrong sign or wrong axes"
     factor, name = min(guesses, key=lambda guess: abs(math.log(slope / guess[0])))

@@ -1,4 +1,4 @@
-"""Recorded telemetry: what a vehicle's sensors read and what its jets were told, a row per sample.
+"""Recorded telemetry: sensor readings and jet commands, one row per sample.
 
 Written as CSV; read from CSV, Parquet or a stream, block by block, put in order and judged by the way.
 """
@@ -38,21 +38,21 @@ WRENCH = tuple(f"known_{what}_{axis}" for what in ("torque", "force") for axis i
 
 
 def columns(vehicle: Vehicle) -> list[str]:
-    """Names of the columns in order: time, each sensor's three axes, each jet."""
+    """Lists the column names in order: time, three axes per sensor package, each jet."""
     sensors = [f"{name}_{axis}" for name in vehicle.sensor_names() for axis in AXES]
     return ["time_s", *sensors, *(f"jet_{designation}" for designation in vehicle.designations)]
 
 
 def scenario_name(telemetry: str | Path) -> str:
-    """A scenario's name made of a telemetry file's."""
+    """Derives a scenario's name from the name of a telemetry file."""
     stem = "stdin" if str(telemetry) == "-" else Path(telemetry).stem
     return re.sub(r"[^A-Za-z0-9_.-]+", "_", stem).lstrip("_.-") or "telemetry"
 
 
 def vehicle_scenario(name: str, vehicle: str, overrides: list[str] | None = None) -> Scenario:
-    """The default settings with a vehicle, dynamic coupling modeled and centripetal acceleration taken out.
+    """Makes a scenario of default settings for a vehicle, with dynamic coupling and centripetal acceleration modeled.
 
-    What is recorded may turn faster than a maneuver of the orbiter.
+    A recorded vehicle may turn faster than the orbiter in its maneuvers.
 
     Args:
         name: of the scenario.
@@ -74,7 +74,7 @@ def vehicle_scenario(name: str, vehicle: str, overrides: list[str] | None = None
 
 
 class Rows(NamedTuple):
-    """Rows of a record in order, ready for the filters.
+    """A block of rows in time order, ready for the filters.
 
     Attributes:
         time_s: of each row, s, shape (n,).
@@ -83,7 +83,7 @@ class Rows(NamedTuple):
             shape (n, n_jets).
         outside_wrench: known outside torque about the vehicle origin and force over that interval, mean,
             shape (n, 6); None: the record has none.
-        recorded: whether the row is of the record; a row where a gap was has neither readings nor
+        recorded: whether the row is in the record; a row that fills a gap has neither readings nor
             commands, shape (n,).
     """
 
@@ -98,12 +98,12 @@ class Rows(NamedTuple):
 
 
 def write_csv(path: Path, vehicle: Vehicle, rows: Iterable[Rows]) -> None:
-    """Writes telemetry; every number reads back exactly, and NaN becomes an empty cell.
+    """Writes telemetry as CSV; every number reads back exactly, and NaN becomes an empty cell.
 
     Args:
         path: of the file.
         vehicle: whose packages and jets name the columns.
-        rows: block by block; those that no record has are left out.
+        rows: block by block; rows that only fill gaps are left out.
     """
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
@@ -128,7 +128,7 @@ def _cell(value: float) -> str:
 
 
 class Record:
-    """What has been found of a record while it was read, for the quality report.
+    """Statistics gathered while a record is read, for the quality report.
 
     Attributes:
         rows: taken; first_s, last_s: their times, s.
@@ -160,7 +160,7 @@ class Record:
 
 
 class Continuation(NamedTuple):
-    """Where an earlier part of a record ended.
+    """The end of an earlier part of a record, from which reading continues.
 
     Attributes:
         time_s: of its last row.
@@ -178,8 +178,8 @@ class Continuation(NamedTuple):
 class Reader:
     """Reads a record of a vehicle's telemetry, block by block, in time order.
 
-    Iterating gives `Rows`. Rows whose time does not go on are left out; where rows are missing one row
-    without readings is put in, so that differences start anew. What was found on the way is in `record`.
+    Iterating gives `Rows`. Rows whose time does not advance are left out. Missing rows are replaced by a
+    single row without readings, so that differences start anew. Statistics are collected in `record`.
 
     Args:
         telemetry: a CSV or Parquet file, or "-" for standard input.
@@ -229,17 +229,17 @@ class Reader:
 
     @property
     def done(self) -> float:
-        """Share of the file that has been read, 0 to 1; 0 of a stream."""
+        """The fraction of the file read so far, 0 to 1; 0 for a stream."""
         return self._table.done
 
     @property
     def ragged(self) -> tuple[int, int, bool]:
-        """Rows left out for their number of cells; line of the first; whether the last row was cut."""
+        """How many rows had the wrong number of cells, the line of the first, and whether the last was cut off."""
         found = self._table.ragged
         return found.count, found.first_line, found.last_incomplete
 
     def sha256(self) -> str:
-        """Of the record, hexadecimal, once it has been read."""
+        """SHA-256 of the record, hexadecimal; valid once it has been read."""
         return self._table.sha256()
 
     def close(self) -> None:
@@ -249,7 +249,7 @@ class Reader:
     # ----------------------------------------------------------------------------------- columns
 
     def _plan(self, gyro: str) -> None:
-        """Finds the columns: which of the table's are wanted, and where each lies among them."""
+        """Decides which columns of the table to read, and where each lies among them."""
         vehicle, header = self._vehicle, self._table.header
         present = set(header)
         jets = [f"jet_{designation}" for designation in vehicle.designations]
@@ -343,7 +343,7 @@ class Reader:
         )
 
     def _ordered(self, block: Block) -> Rows | None:
-        """The rows of a block that go on in time, with a row put in at each gap."""
+        """Keeps the rows of a block that advance in time, and inserts a row at each gap."""
         times = block.values[:, 0]
         steps = np.diff(times, prepend=self._last_s)
         off = steps - self._period_s
@@ -360,7 +360,7 @@ class Reader:
         return self._rows(block, np.array(taken_list, dtype=int), breaks) if taken_list else None
 
     def _place(self, index: int, time: float, block: Block, taken: list[int], breaks: dict[int, float]) -> None:
-        """Decides about one row: taken, left out, or taken after a gap."""
+        """Decides whether a row is taken, left out, or taken after a gap."""
         record, period = self.record, self._period_s
         line = int(block.lines[index])
         if math.isnan(time):
@@ -428,7 +428,7 @@ class Reader:
                 self._require_period()
 
     def _require_period(self, *, at_end: bool = False) -> None:
-        """Stops at a record of another sample period."""
+        """Raises InputError for a record with a different sample period."""
         if not self._first_steps or (at_end and len(self._first_steps) == _FIRST_INTERVALS):
             return
         median = float(np.median(self._first_steps))
@@ -469,7 +469,7 @@ class Reader:
         return Rows(times, readings, commands, outside, recorded)
 
     def _integrated(self, name: str, acceleration: Array) -> Array:
-        """Velocity from the mean acceleration of each sample; missing where that is, and going on from there."""
+        """Integrates the mean acceleration of each sample; NaN where it is missing, continuing from the last value."""
         missing = np.isnan(acceleration)
         steps = np.where(missing, 0.0, acceleration) * self._period_s
         velocity = np.cumsum(np.vstack([self.velocity[name], steps]), axis=0)[1:]
@@ -500,7 +500,7 @@ def _meant(missing: str, strange: Iterable[str]) -> str:
 
 
 def check(path: Path, vehicle: Vehicle | None = None, gyro: str | None = None) -> dict[str, Any]:
-    """Reads a record through and says what is in it, without estimating.
+    """Reads a whole record and describes its content, without estimating.
 
     Args:
         path: of a CSV or Parquet file.

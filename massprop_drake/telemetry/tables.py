@@ -1,4 +1,4 @@
-"""Tables of numbers read block by block from CSV and Parquet: the memory taken does not depend on their length."""
+"""Tables of numbers, read block by block from CSV and Parquet files in memory that does not grow with their length."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _FEW_RAGGED, _RAGGED_SHARE = 10, 0.01  # rows of a wrong length that a file may 
 
 
 class Block(NamedTuple):
-    """Some rows of a table.
+    """A block of rows of a table.
 
     Attributes:
         lines: line (CSV) or row (Parquet) of each, counted from 1, shape (n,).
@@ -40,7 +40,7 @@ class Block(NamedTuple):
 
 
 class Ragged:
-    """Counts the rows left out for their length.
+    """Counts the rows left out because their number of cells is wrong.
 
     Attributes:
         count: of all.
@@ -54,13 +54,13 @@ class Ragged:
         self.last_incomplete = False
 
     def add(self, line: int) -> None:
-        """Counts the row in a line."""
+        """Counts a row, given its line."""
         self.first_line = self.first_line or line
         self.count += 1
 
 
 class Table(Protocol):
-    """A table open for reading.
+    """The interface of a table opened for reading.
 
     Attributes:
         header: names of the columns, in order.
@@ -73,21 +73,21 @@ class Table(Protocol):
     ragged: Ragged
 
     def blocks(self, wanted: list[int]) -> Iterator[Block]:
-        """The values of some columns, by their positions, block by block."""
+        """Yields the values of the chosen columns, given by position, block by block."""
 
     @property
     def done(self) -> float:
-        """Share of the table that has been read, 0 to 1; 0 where its size is not known."""
+        """The fraction of the table read so far, 0 to 1; 0 if its size is unknown."""
 
     def sha256(self) -> str:
-        """Of the whole content, hexadecimal, once all of it has been read."""
+        """SHA-256 of the whole content, hexadecimal; valid once all of it has been read."""
 
     def close(self) -> None:
         """Closes the file."""
 
 
 def open_table(path: Path, *, rows_per_block: int = 1024) -> Table:
-    """Opens a CSV file, or a Parquet file by its ending `.parquet`.
+    """Opens a CSV file, or a Parquet file, told by its ending `.parquet` or `.pq`.
 
     Raises:
         InputError: when it is missing, a folder, unreadable, or no such table.
@@ -117,7 +117,7 @@ def _unreadable(path: object, error: Exception) -> str:
 
 
 class _Watched(io.RawIOBase):
-    """A binary stream that hashes and counts what is read from it."""
+    """A binary stream that hashes and counts the bytes read from it."""
 
     def __init__(self, inner: IO[bytes]):
         self._read = getattr(inner, "read1", inner.read)  # what is there, without waiting for more
@@ -125,11 +125,11 @@ class _Watched(io.RawIOBase):
         self.count = 0
 
     def readable(self) -> bool:
-        """Tells that it can be read, as every stream must."""
+        """True: the stream can be read."""
         return True
 
     def readinto(self, buffer: Any) -> int:
-        """Reads what is there into a buffer."""
+        """Reads the bytes available into a buffer."""
         data = self._read(len(buffer)) or b""
         buffer[: len(data)] = data
         self.hash.update(data)
@@ -166,11 +166,11 @@ class CsvTable:
 
     @property
     def done(self) -> float:
-        """Share of the file read."""
+        """The fraction of the file read so far."""
         return self._watched.count / self._size if self._size else 0.0
 
     def sha256(self) -> str:
-        """Of what has been read."""
+        """SHA-256 of the bytes read so far, hexadecimal."""
         return self._watched.hash.hexdigest()
 
     def close(self) -> None:
@@ -219,7 +219,7 @@ class CsvTable:
         return header
 
     def blocks(self, wanted: list[int]) -> Iterator[Block]:
-        """The values of some columns, block by block.
+        """Yields the values of the chosen columns, block by block.
 
         Raises:
             InputError: when a cell is neither a number nor missing, or too many rows have a wrong length.
@@ -353,11 +353,11 @@ class ParquetTable:
 
     @property
     def done(self) -> float:
-        """Share of the rows read."""
+        """The fraction of the rows read so far."""
         return self._read / self._rows if self._rows else 0.0
 
     def sha256(self) -> str:
-        """Of the file."""
+        """SHA-256 of the file, hexadecimal."""
         with self._path.open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
 
@@ -366,7 +366,7 @@ class ParquetTable:
         self._file.close()
 
     def blocks(self, wanted: list[int]) -> Iterator[Block]:
-        """The values of some columns, block by block.
+        """Yields the values of the chosen columns, block by block.
 
         Raises:
             InputError: when a column holds no numbers.

@@ -12,11 +12,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import yaml
 from command_probe import FILES, Massprop, Outcome
 
 from massprop_drake import Run
 from massprop_drake.display import graphs
+from massprop_drake.inputs.yaml import to_yaml
 
 COMMANDS = ("list", "run", "estimate", "reproduce", "graph", "view", "check")
 MANEUVER = "maneuver:\n  - {controller: rhc, axis: +x, start_s: 0.2, end_s: 1}\n"
@@ -220,7 +220,7 @@ def test_run_refuses_a_bad_vehicle(
     for part in path[:-1]:
         here = here[part]
     here[path[-1]] = value
-    Path("toy.yaml").write_text(yaml.safe_dump(data), encoding="utf-8")
+    Path("toy.yaml").write_text(to_yaml(data), encoding="utf-8")
     Path("case.yaml").write_text("vehicle: toy.yaml\n", encoding="utf-8")
     _assert_refused(massprop("run", "case.yaml", "--out", "there"), "toy.yaml", words)
     assert _everything(Path()) == ["case.yaml", "toy.yaml"]
@@ -296,7 +296,7 @@ def test_an_interruption_is_told_and_leaves_nothing(massprop: Massprop, monkeypa
 
 
 def test_check_says_what_is_in_good_files(massprop: Massprop, toy_data: dict[str, Any]) -> None:
-    Path("toy.yaml").write_text(yaml.safe_dump(toy_data), encoding="utf-8")
+    Path("toy.yaml").write_text(to_yaml(toy_data), encoding="utf-8")
     Path("case.yaml").write_text("name: mine\nvehicle: toy.yaml\nduration_s: 4\n", encoding="utf-8")
     done = massprop("check", "toy.yaml", "case.yaml", "orbiter", "sample_maneuver")
     assert (done.status, done.err) == (0, "")
@@ -312,7 +312,7 @@ def test_check_says_what_is_in_good_files(massprop: Massprop, toy_data: dict[str
 def test_check_finds_every_mistake_of_every_file(massprop: Massprop, toy_data: dict[str, Any]) -> None:
     toy_data["jets"][0]["thrust"] = -1.0
     toy_data["color"] = "red"
-    Path("toy.yaml").write_text(yaml.safe_dump(toy_data), encoding="utf-8")
+    Path("toy.yaml").write_text(to_yaml(toy_data), encoding="utf-8")
     Path("case.yaml").write_text("sede: 1\n", encoding="utf-8")
     done = massprop("check", "toy.yaml", "orbiter", "case.yaml", "nowhere.yaml")
     assert done.status == 2
@@ -330,7 +330,7 @@ def test_check_reports_on_a_vehicle(massprop: Massprop, toy_data: dict[str, Any]
     toy_data["accelerometers"] = []
     for jet in toy_data["jets"]:
         jet["direction"] = [abs(part) for part in jet["direction"]]
-    Path("toy.yaml").write_text(yaml.safe_dump(toy_data), encoding="utf-8")
+    Path("toy.yaml").write_text(to_yaml(toy_data), encoding="utf-8")
     done = massprop("check", "toy.yaml", "--pairs", "2")
     assert (done.status, done.err) == (0, "")
     first, *lines = done.out.splitlines()

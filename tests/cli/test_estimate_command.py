@@ -8,18 +8,18 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import yaml
 from command_probe import FILES, Massprop, Outcome
 from telemetry_probe import Log, toy_vehicle
 
 from massprop_drake import Run, load_scenario
 from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.inputs.yaml import to_yaml
 
 
 @pytest.fixture
 def toy(toy_data: dict[str, Any], massprop: Massprop) -> Vehicle:
     """The toy vehicle, also as toy.yaml in the current folder, with its telemetry in flight.csv."""
-    Path("toy.yaml").write_text(yaml.safe_dump(toy_data), encoding="utf-8")
+    Path("toy.yaml").write_text(to_yaml(toy_data), encoding="utf-8")
     vehicle = toy_vehicle(toy_data)
     Log(vehicle).write(Path("flight.csv"))
     return vehicle
@@ -69,7 +69,7 @@ def test_a_vehicle_may_call_its_jets_what_it_likes(massprop: Massprop, toy_data:
     toy_data["jet_kinds"] = {"cold_gas": toy_data["jet_kinds"]["primary"]}
     for jet in toy_data["jets"]:
         jet["kind"] = "cold_gas"
-    Path("toy.yaml").write_text(yaml.safe_dump(toy_data), encoding="utf-8")
+    Path("toy.yaml").write_text(to_yaml(toy_data), encoding="utf-8")
     Log(toy_vehicle(toy_data)).write(Path("flight.csv"))
     assert massprop("estimate", "flight.csv", "--vehicle", "toy.yaml", "--quiet") == (0, "", "")
 
@@ -134,7 +134,7 @@ def test_rows_on_standard_input(massprop: Massprop) -> None:
 
 def test_a_vehicle_without_accelerometer(massprop: Massprop, toy_data: dict[str, Any]) -> None:
     del toy_data["accelerometers"]
-    Path("bare.yaml").write_text(yaml.safe_dump(toy_data), encoding="utf-8")
+    Path("bare.yaml").write_text(to_yaml(toy_data), encoding="utf-8")
     Log(toy_vehicle(toy_data)).write(Path("flight.csv"))
     done = massprop("estimate", "flight.csv", "--vehicle", "bare.yaml")
     assert (done.status, done.err) == (0, "")
@@ -147,7 +147,7 @@ def test_a_vehicle_without_accelerometer(massprop: Massprop, toy_data: dict[str,
 
 def test_a_vehicle_without_gyro_is_refused_with_a_reason(massprop: Massprop, toy_data: dict[str, Any]) -> None:
     toy_data["gyros"] = []
-    Path("bare.yaml").write_text(yaml.safe_dump(toy_data), encoding="utf-8")
+    Path("bare.yaml").write_text(to_yaml(toy_data), encoding="utf-8")
     done = massprop("estimate", "flight.csv", "--vehicle", "bare.yaml")
     _assert_refused(done, "bare.yaml", "gyros: is empty", "without measured rates")
 
@@ -161,7 +161,7 @@ def test_a_vehicle_without_gyro_is_refused_with_a_reason(massprop: Massprop, toy
         (("nowhere.csv", "--vehicle", "toy.yaml"), "nowhere.csv: no such file"),
         (("flight.csv", "--vehicle", "nowhere.yaml"), "nowhere.yaml: no such file"),
         (("flight.csv", "--vehicle", "orbiter"), "flight.csv: no columns jet_F1F, jet_F3F"),
-        (("flight.csv", "--vehicle", "toy.yaml", "--set", "rotation.fliter=extended"), "did you mean 'filter'?"),
+        (("flight.csv", "--vehicle", "toy.yaml", "--set", "rotation.filtr=extended"), "did you mean 'filter'?"),
         (("flight.csv", "--resume-from", "nowhere"), "nowhere"),
         (("flight.csv", "--vehicle", "toy.yaml", "--out", "."), "holds what is to be read, and would be replaced"),
         (("flight.csv", "--vehicle", "toy.yaml", "--out", "toy.yaml"), "toy.yaml: is a file; give a folder"),

@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-import yaml
 from conftest import REPOSITORY
 
 from massprop_drake import InputError, Scenario, load_scenario, simulate
 from massprop_drake.inputs.model import Model, digest, yaml_text
 from massprop_drake.inputs.params import thrust_factors
 from massprop_drake.inputs.scenario import bundled_scenarios, resolved
+from massprop_drake.inputs.yaml import to_yaml
 
 DATA = REPOSITORY / "tests" / "data"
 MANEUVER = "maneuver:\n  - {controller: rhc, axis: +x, start_s: 1, end_s: 3}\n"
@@ -91,7 +91,7 @@ def test_one_of_everything_runs(tmp_path: Path, toy_data: dict[str, Any]) -> Non
     toy_data["jet_kinds"]["vernier"] = {"nominal_thrust": 1.0, "specific_impulse_s": 60.0}
     toy_data["jets"][-1]["kind"] = "vernier"
     toy_data["jets"][-1]["thrust"] = 1.0
-    _written(tmp_path, yaml.safe_dump(toy_data), "toy.yaml")
+    _written(tmp_path, to_yaml(toy_data), "toy.yaml")
     path = tmp_path / "one_of_everything.yaml"
     shutil.copy(DATA / "one_of_everything.yaml", path)
     scenario = load_scenario(path)
@@ -474,7 +474,7 @@ def test_a_vehicle_file_is_found_beside_the_scenario(
 ) -> None:
     (tmp_path / "cases").mkdir()
     (tmp_path / "vehicles").mkdir()
-    _written(tmp_path / "vehicles", yaml.safe_dump(toy_data), "toy.yaml")
+    _written(tmp_path / "vehicles", to_yaml(toy_data), "toy.yaml")
     path = _written(tmp_path / "cases", "vehicle: ../vehicles/toy.yaml\n")
     elsewhere = tmp_path / "elsewhere"
     elsewhere.mkdir()
@@ -484,7 +484,7 @@ def test_a_vehicle_file_is_found_beside_the_scenario(
 
 def test_what_is_wrong_with_a_vehicles_file_is_told_with_both_files(tmp_path: Path, toy_data: dict[str, Any]) -> None:
     toy_data["jets"][2]["thrust"] = -1.0
-    _written(tmp_path, yaml.safe_dump(toy_data), "toy.yaml")
+    _written(tmp_path, to_yaml(toy_data), "toy.yaml")
     path = _written(tmp_path, "seed: 1\nvehicle: toy.yaml\n")
     problem = _problem(path)
     assert problem.startswith(f"{path}, line 2: vehicle: ")
@@ -492,7 +492,7 @@ def test_what_is_wrong_with_a_vehicles_file_is_told_with_both_files(tmp_path: Pa
 
 
 def test_a_vehicle_may_stand_in_the_scenario(tmp_path: Path, toy_data: dict[str, Any]) -> None:
-    scenario = load_scenario(_written(tmp_path, yaml.safe_dump({"vehicle": toy_data})))
+    scenario = load_scenario(_written(tmp_path, to_yaml({"vehicle": toy_data})))
     assert scenario.vehicle_data.name == "toy"
     assert resolved({"vehicle": toy_data}) == scenario
 
@@ -501,14 +501,14 @@ def test_what_is_wrong_with_a_vehicle_in_the_scenario_is_told_with_its_field(
     tmp_path: Path, toy_data: dict[str, Any]
 ) -> None:
     toy_data["jets"][2]["thrust"] = -1.0
-    path = _written(tmp_path, yaml.safe_dump({"vehicle": toy_data}))
+    path = _written(tmp_path, to_yaml({"vehicle": toy_data}))
     problem = _problem(path)
     assert problem.startswith(str(path))
     assert "vehicle.jets[2].thrust: input should be greater than 0, got -1.0" in problem
 
 
 def test_overrides_reach_into_a_vehicle_in_the_scenario(tmp_path: Path, toy_data: dict[str, Any]) -> None:
-    path = _written(tmp_path, yaml.safe_dump({"vehicle": toy_data}))
+    path = _written(tmp_path, to_yaml({"vehicle": toy_data}))
     scenario = load_scenario(path, ["vehicle.mass_properties.mass=123.5"])
     assert scenario.vehicle_data.nominal.mass == 123.5
 

@@ -11,13 +11,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-import yaml
 from conftest import REPOSITORY
 from numpy.typing import NDArray
 
 from massprop_drake import InputError, load_vehicle
 from massprop_drake.inputs.model import validated, yaml_text
 from massprop_drake.inputs.vehicle import MassPropertiesModel, Vehicle, bundled_vehicles
+from massprop_drake.inputs.yaml import to_yaml
 from massprop_drake.maths.mass_properties import six_elements, symmetric
 
 DATA = REPOSITORY / "tests" / "data"
@@ -148,7 +148,7 @@ def test_the_root_mean_square_arm(toy_data: dict[str, Any]) -> None:
 
 def _written(folder: Path, data: dict[str, Any]) -> Path:
     path = folder / "toy.yaml"
-    path.write_text(yaml.safe_dump(data, sort_keys=False), encoding="utf-8")
+    path.write_text(to_yaml(data), encoding="utf-8")
     return path
 
 

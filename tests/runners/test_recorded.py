@@ -435,7 +435,7 @@ def test_default_settings_with_a_vehicle() -> None:
     scenario = vehicle_scenario("flight", "orbiter", ["estimation.start=zero"])
     assert (scenario.name, scenario.vehicle_data.name, scenario.estimation.start) == ("flight", "orbiter", "zero")
     with pytest.raises(InputError, match="did you mean"):
-        vehicle_scenario("flight", "orbiter", ["estimation.strat=zero"])
+        vehicle_scenario("flight", "orbiter", ["estimation.strat=zero"])  # codespell:ignore
 
 
 def test_that_no_sample_was_tested_for_failed_jets_is_said(

@@ -1,0 +1,225 @@
+"""YAML text to data with the line of every field, and data to YAML text.
+
+Reading follows the scalars of YAML 1.2: 1e-6 is a number, `on` and `yes` are words. What is written means the same by
+YAML 1.1 and 1.2, and its floats read back exactly.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+import sys
+from pathlib import Path
+from typing import Any
+
+from ruamel.yaml import YAML
+from ruamel.yaml.composer import Composer, ComposerError, MaxDepthExceededError
+from ruamel.yaml.emitter import Emitter
+from ruamel.yaml.error import YAMLError
+from ruamel.yaml.events import AliasEvent
+from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
+from ruamel.yaml.representer import SafeRepresenter
+from ruamel.yaml.resolver import VersionedResolver
+from ruamel.yaml.tag import Tag
+
+from massprop_drake.errors import InputError, dotted
+from massprop_drake.inputs import renamed
+
+FieldPath = tuple[str | int, ...]
+
+_DEEPEST = 50  # levels of nesting
+
+# ---------------------------------------------------------------------------------------- reading
+
+
+class _Resolver(VersionedResolver):
+    """Tells numbers, booleans and null from words; a group of the pattern is named after the type it means."""
+
+    plain = re.compile(
+        r"""(?P<null> ~ | null | Null | NULL | )
+        | (?P<bool> true | True | TRUE | false | False | FALSE)
+        | (?P<int> [-+]?[0-9]+)
+        | (?P<float> [-+]? (\.[0-9]+ | [0-9]+(\.[0-9]*)?) ([eE][-+]?[0-9]+)? | [-+]?\.(inf|Inf|INF) | \.(nan|NaN|NAN))
+        """,
+        re.VERBOSE,
+    )
+
+    def resolve(self, kind: Any, value: Any, implicit: Any) -> Any:
+        """The tag of a node that has none of its own."""
+        if kind is not ScalarNode or not implicit[0]:
+            return super().resolve(kind, value, implicit)
+        match = self.plain.fullmatch(value)
+        return self.DEFAULT_SCALAR_TAG if match is None else Tag(suffix=f"tag:yaml.org,2002:{match.lastgroup}")
+
+
+class _Composer(Composer):
+    """Refuses aliases, which can make small files endless."""
+
+    def compose_node(self, parent: Any, index: Any) -> Any:
+        """A node of the document, with all that is in it."""
+        if self.parser.check_event(AliasEvent):
+            event = self.parser.peek_event()
+            raise ComposerError(
+                None, None, f"alias *{event.anchor} is not supported; write the value out", event.start_mark
+            )
+        return super().compose_node(parent, index)
+
+
+class Document:
+    """A YAML document: its data, and the line of each part.
+
+    Args:
+        text: the YAML text.
+        source: what to call it in messages, a file's path as the user gave it.
+        within: the place in a vehicle or scenario that the value of its one key is meant for, if it is not all of it.
+
+    Keys of version 0.1 get their present names, with one warning.
+
+    Raises:
+        InputError: when the text is not YAML, is empty, is no mapping, or has a key twice.
+    """
+
+    def __init__(self, text: str, source: str, within: FieldPath = ()):
+        self.source = source
+        self._within = within
+        self._lines: dict[FieldPath, int] = {}
+        self._renamed: dict[str, str] = {}
+        reader = YAML(typ="safe", pure=True)
+        reader.Resolver, reader.Composer = _Resolver, _Composer
+        reader.max_depth = _DEEPEST
+        try:
+            node = reader.compose(text)
+        except MaxDepthExceededError:
+            raise InputError(f"{source}: nested too deeply; no file of ours needs more than a few levels") from None
+        except YAMLError as error:
+            raise InputError(f"{source}: not valid YAML: {_problem(error)}") from None
+        if not isinstance(node, MappingNode):
+            what = "is empty" if node is None else "is no mapping"
+            raise InputError(f"{source}: the document {what}; expected keys with values, such as 'name: ...'")
+        self._walk(node, ())
+        if self._renamed:
+            renamed.warn(f"{source}: {', '.join(f'{old} is now {new}' for old, new in self._renamed.items())}", 3)
+        try:
+            self.data: dict[str, Any] = reader.constructor.construct_document(node)
+        except (YAMLError, ValueError) as error:
+            raise InputError(f"{source}: not valid YAML: {_problem(error)}") from None
+
+    def _walk(self, node: Node, path: FieldPath) -> None:
+        """Notes the line of each part, and refuses a key that comes twice."""
+        self._lines.setdefault(path, node.start_mark.line + 1)
+        if isinstance(node, MappingNode):
+            for key, value in node.value:
+                line = key.start_mark.line + 1
+                if not isinstance(key, ScalarNode):
+                    raise InputError(f"{self.source}, line {line}: a key must be a plain word")
+                place = (*self._within, *path[1:]) if self._within else path
+                now = renamed.key_now((*place, key.value))
+                if now is not None:
+                    self._renamed[key.value], key.value = now, now
+                field = (*path, key.value)
+                if field in self._lines:
+                    raise InputError(
+                        f"{self.source}, line {line}: {dotted(field)}: the key appears twice, "
+                        f"first in line {self._lines[field]}; keep one of them"
+                    )
+                self._lines[field] = line
+                self._walk(value, field)
+        elif isinstance(node, SequenceNode):
+            for index, value in enumerate(node.value):
+                self._walk(value, (*path, index))
+
+    def where(self, path: FieldPath) -> str:
+        """File, line where it is known, and dotted field: the beginning of a message."""
+        for length in range(len(path), 0, -1):
+            if path[:length] in self._lines:
+                return f"{self.source}, line {self._lines[path[:length]]}: {dotted(path)}"
+        return f"{self.source}: {dotted(path)}" if path else self.source
+
+
+def _problem(error: Exception) -> str:
+    mark = getattr(error, "problem_mark", None)
+    problem = getattr(error, "problem", None) or str(error).splitlines()[0]
+    return problem if mark is None else f"{problem} (line {mark.line + 1}, column {mark.column + 1})"
+
+
+def exists(path: Path) -> bool:
+    """Like `path.exists()`, but False instead of an error for a name that no file can have."""
+    try:
+        return path.exists()
+    except OSError:
+        return False
+
+
+def read_text(path: Path) -> str:
+    """A text file's content.
+
+    Raises:
+        InputError: when it is missing, unreadable or not UTF-8.
+    """
+    try:
+        return path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file") from None
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: not a text file in UTF-8") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+
+
+# ---------------------------------------------------------------------------------------- writing
+
+
+class _WrittenResolver(_Resolver):
+    """Tells words that some YAML reader, of 1.1 or 1.2, takes for something else, and which are therefore quoted."""
+
+    plain = re.compile(
+        r"""(?P<null> ~ | null | Null | NULL | )
+        | (?P<bool> (?i: yes | no | true | false | on | off))
+        | (?P<float> [-+]?[0-9][0-9_]*\.[0-9_]*([eE][-+][0-9]+)? | \.[0-9][0-9_]*([eE][-+][0-9]+)?
+            | [-+]?[0-9][0-9_]*(:[0-5]?[0-9])+\.[0-9_]* | [-+]?\.(inf|Inf|INF) | \.(nan|NaN|NAN))
+        | (?P<int> [-+]?(0b[01_]+ | 0[0-7_]+ | 0 | [1-9][0-9_]*(:[0-5]?[0-9])* | 0x[0-9a-fA-F_]+))
+        | (?P<timestamp> [0-9]{4}-[0-9]{2}-[0-9]{2})
+        | (?P<merge> <<) | (?P<value> =)
+        """,
+        re.VERBOSE,
+    )
+
+
+class _Emitter(Emitter):
+    """Breaks a long text after the word that passes the width, with no space left at the end of the line."""
+
+    def write_plain(self, text: str, split: bool = True) -> None:
+        """Writes a text without quotes."""
+        width, self.best_width = self.best_width, sys.maxsize
+        for word in re.split(r"(?<! ) (?! )", text):
+            if split and self.column > width:
+                self.write_indent()
+            super().write_plain(word, split=False)
+        self.best_width = width
+
+
+class _Representer(SafeRepresenter):
+    """Writes short lists on one line, and floats so that they read back exactly."""
+
+
+_Representer.add_representer(
+    float, lambda representer, value: representer.represent_scalar("tag:yaml.org,2002:float", repr(value))
+)
+_Representer.add_representer(
+    list,
+    lambda representer, value: representer.represent_sequence(
+        "tag:yaml.org,2002:seq", value, flow_style=not any(isinstance(item, (list, dict)) for item in value)
+    ),
+)
+
+
+def to_yaml(data: dict[str, Any]) -> str:
+    """Data of mappings, lists, text, numbers, booleans and None as YAML text; reading it gives equal data."""
+    writer = YAML(typ="safe", pure=True)
+    writer.Resolver, writer.Representer, writer.Emitter = _WrittenResolver, _Representer, _Emitter
+    writer.default_flow_style = False
+    writer.sort_base_mapping_type_on_output = False  # type: ignore[assignment] # declared as None
+    writer.width = 110
+    stream = io.StringIO()
+    writer.dump(data, stream)
+    return stream.getvalue()

@@ -1,0 +1,97 @@
+"""What version 0.1.0 wrote is read, and gives the same numbers, bit for bit."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from command_probe import Massprop
+
+from massprop_drake import Run, Scenario, estimate, load_scenario, simulate
+from massprop_drake.inputs.renamed import RenamedWarning
+
+LANDED = Path(__file__).parent / "data" / "landed_0_1"
+RUN = LANDED / "run"
+N_FIRST = 94  # rows that the part in first/ has taken
+ESTIMATED = ("estimate", "standard_deviation", "rotation_nis", "mass_nis", "likelihood", "known_force", "onset")
+
+pytestmark = pytest.mark.filterwarnings("ignore::massprop_drake.inputs.renamed.RenamedWarning")
+
+
+@pytest.fixture(scope="module")
+def stored() -> dict[str, np.ndarray]:
+    with np.load(RUN / "history.npz", allow_pickle=False) as arrays:
+        return {name: arrays[name] for name in arrays.files if not name.startswith("_")}
+
+
+@pytest.fixture(scope="module")
+def summary() -> dict[str, Any]:
+    return dict(json.loads((RUN / "summary.json").read_text(encoding="utf-8")))
+
+
+@pytest.fixture(scope="module")
+def scenario() -> Scenario:
+    return load_scenario(RUN)
+
+
+def test_the_folder_is_of_that_version_and_has_a_failure(summary: dict[str, Any]) -> None:
+    assert summary["version"] == "0.1.0"
+    assert [(entry["kind"], entry["jet"]) for entry in summary["detections"]] == [("jet_on", "J4")]
+    assert "quantiser_phase: equal" in (RUN / "scenario.yaml").read_text(encoding="utf-8")
+
+
+def test_its_run_is_loaded_with_the_same_numbers(stored: dict[str, np.ndarray], summary: dict[str, Any]) -> None:
+    with pytest.warns(RenamedWarning) as caught:
+        run = Run.load(RUN)
+    assert len(caught) == 1
+    assert run.summary == summary
+    assert set(run.signals) == set(stored) - {"time_s"}
+    for name in run.signals:
+        np.testing.assert_array_equal(run[name], stored[name], err_msg=name)
+    np.testing.assert_array_equal(run.covariance, np.array(summary["covariance"], dtype=float))
+    assert set(run.units) == set(run.signals)
+
+
+def test_its_scenario_is_the_one_it_was_made_from(scenario: Scenario) -> None:
+    assert scenario == load_scenario(LANDED / "turned_cube.yaml")
+
+
+def test_simulating_it_again_gives_its_telemetry_and_signals(
+    scenario: Scenario, stored: dict[str, np.ndarray], tmp_path: Path
+) -> None:
+    run = simulate(scenario)
+    for name in set(stored) - {"time_s"}:
+        np.testing.assert_array_equal(run[name], stored[name], err_msg=name)
+    folder = run.save(tmp_path / "again", pictures=False, report=False)
+    assert (folder / "telemetry.csv").read_bytes() == (RUN / "telemetry.csv").read_bytes()
+
+
+def test_its_telemetry_gives_its_estimates(
+    scenario: Scenario, stored: dict[str, np.ndarray], summary: dict[str, Any]
+) -> None:
+    run = estimate(RUN / "telemetry.csv", scenario)
+    for name in ESTIMATED:
+        np.testing.assert_array_equal(run[name], stored[name], err_msg=name)
+    for key in ("estimates", "standard_deviations", "covariance", "detections"):
+        assert run.summary[key] == summary[key], key
+
+
+def test_the_command_line_estimates_like_it(massprop: Massprop, summary: dict[str, Any]) -> None:
+    done = massprop("estimate", RUN / "telemetry.csv", "--like", RUN, "--no-report", "--json")
+    assert done.status == 0
+    assert json.loads(done.out)["estimates"] == summary["estimates"]
+    assert [line.startswith("massprop: ") for line in done.err.splitlines()] == [True]
+
+
+def test_estimating_goes_on_from_its_filter_state(
+    scenario: Scenario, stored: dict[str, np.ndarray], summary: dict[str, Any]
+) -> None:
+    run = estimate(RUN / "telemetry.csv", scenario, resume_from=LANDED / "first")
+    np.testing.assert_array_equal(run["time_s"], stored["time_s"][N_FIRST:])
+    for name in ESTIMATED:
+        np.testing.assert_array_equal(run[name], stored[name][N_FIRST:], err_msg=name)
+    for key in ("estimates", "standard_deviations", "covariance", "detections"):
+        assert run.summary[key] == summary[key], key
