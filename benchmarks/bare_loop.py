@@ -15,13 +15,8 @@ from numpy.typing import NDArray
 from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.maths.autopilot import jet_selection, phase_space
-from massprop_drake.maths.estimation import impulses
-from massprop_drake.maths.estimation.adaptation import NO_ADAPTATION
-from massprop_drake.maths.estimation.detectors import cglr as detection
-from massprop_drake.maths.estimation.filters import mass_filter, rotation_filter
-from massprop_drake.maths.estimation.filters.mass_filter import MassState, Rotation
-from massprop_drake.maths.estimation.filters.mass_jump import empty_window
-from massprop_drake.maths.estimation.filters.rotation_filter import RotationState
+from massprop_drake.maths.autopilot.phase_space import AttitudeMemory, Sensed, TranslationMemory, Urgency
+from massprop_drake.maths.estimation import cycle
 from massprop_drake.maths.noise import uniform_phase
 from massprop_drake.maths.vehicle import rigid_body, sensing
 from massprop_drake.maths.vehicle.thrust import lag_factors, level_after
@@ -76,23 +71,16 @@ def fly(scenario: Scenario) -> BareRun:  # noqa: PLR0915 (one plain loop is its 
     program = JetSelectionProgram(vehicle.mass_flows)
     activity = jet_selection.activity_vectors(vehicle.wrenches, truth.vector())
     selectable = params.selectable(scenario)
-    attitude = reference = np.array([1.0, 0, 0, 0])
-    holding = np.ones(3)
-    memory = phase_space.TranslationMemory(np.zeros(3), np.zeros(3), 0.0, 0.0)
+    upright = np.array([1.0, 0, 0, 0])
+    pointing = AttitudeMemory(upright, upright, np.ones(3), np.full(3, np.nan))
+    memory = TranslationMemory(np.zeros(3), np.zeros(3), 0.0, 0.0)
     delivered = np.zeros(3)
     remaining, refused = np.zeros(n), np.zeros(4)
     # estimators
-    rotation, mass = params.rotation_params(scenario), params.mass_params(scenario)
-    start, prior = params.initial_estimate(scenario), params.initial_covariance(scenario)
-    x = RotationState(start[:9], prior[:9, :9])
-    inverse_mass = MassState(float(start[9]), float(prior[9, 9]), empty_window(mass.jump_window))
-    impulse_per_level = vehicle.wrenches * period
-    factors = lag_factors(params.estimator_time_constants(scenario), period)
-    level, u, u_before = np.zeros(n), np.zeros(n), np.zeros(n)
-    hybrid, jumps = False, 0
-    detector = None if scenario.detector.kind == "off" else params.detector_params(scenario)
-    suspicion, limits = detection.initial_state(n), params.convergence_limits(scenario)
-    rate_reading = velocity_reading = None
+    estimation = params.estimation_params(scenario)
+    known, jumps = cycle.initial_state(estimation), 0
+    missing = [np.full((len(found(scenario)) - 1, 3), np.nan) for found in (params.gyros, params.accelerometers)]
+    u = np.zeros(n)
     rates, velocities, commands, nis_r, nis_t = [], [], [], [], []
     solve_s, estimator_s = 0.0, []
 
@@ -108,65 +96,26 @@ def fly(scenario: Scenario) -> BareRun:  # noqa: PLR0915 (one plain loop is its 
             acc_phase,
         )
         began = time.perf_counter()
-        if k > 0:
-            imp = impulses.interval_impulses(u, u_before, level, impulse_per_level, factors)
-            level = imp.level
-            turning = rotation_filter.measure(
-                x,
-                rate_reading[None],
-                hybrid,
-                w[None],
-                None,
-                imp.angular_impulse,
-                imp.linear_impulse,
-                imp.firing,
-                rotation,
-            )
-            sample = turning.sample
-            motion = Rotation(sample.increment, sample.rate, sample.gyro_variance, x.estimate[6:], x.covariance[6:, 6:])
-            moving = mass_filter.measure(
-                inverse_mass, velocity_reading[None], v[None], None, motion, imp.linear_impulse, mass
-            )
-            adaptation = NO_ADAPTATION
-            if detector is not None:
-                judged = detection.judged(
-                    suspicion,
-                    t,
-                    u,
-                    imp.usable,
-                    imp.firing,
-                    moving.innovation.innovation,
-                    turning.innovation.innovation,
-                    moving.innovation.covariance,
-                    turning.innovation.covariance,
-                    x.estimate,
-                    x.covariance,
-                    np.array(inverse_mass[:2]),
-                    limits,
-                    detector,
-                )
-                suspicion, adaptation = judged.state, judged.adaptation
-            turned = rotation_filter.finish(x, turning, imp.usable and imp.firing, adaptation, rotation)
-            weighed = mass_filter.finish(inverse_mass, moving, imp.usable, imp.firing, adaptation, mass)
-            x, inverse_mass, hybrid = turned.state, weighed.state, turning.innovation.subtract_coupling
-            jumps += turned.jumped
-            if turned.used:
-                nis_r.append((t, turning.innovation.nis))
-                nis_t.append((t, moving.innovation.nis))
+        sample = cycle.Sample(t, np.vstack([w, missing[0]]), np.vstack([v, missing[1]]), u)
+        done = cycle.step(known, sample, estimation)
+        known, filtered = done.state, done.filtered
+        jumps += filtered.rotation.rotation_jump
+        if filtered.rotation.rotation_used:
+            nis_r.append((t, filtered.rotation.rotation_nis))
+            nis_t.append((t, filtered.mass.mass_nis))
         estimator_s.append(time.perf_counter() - began)
         # autopilot
         rhc, thc = np.zeros(3), np.zeros(3)
         for window in scenario.maneuver:
             if window.start_s <= t < window.end_s:
                 (rhc if window.controller == "rhc" else thc)["xyz".index(window.axis[1])] = float(window.axis[0] + "1")
-        step = phase_space.attitude_step(
-            attitude, reference, holding, rate_reading if k else w, w, rhc, period if k else 0.0, control.capture_rate
-        )
-        attitude, reference, holding = step.attitude, step.reference, step.holding
-        request, memory = phase_space.phase_space_request(rhc, thc, step.error, w, delivered, memory, period, control)
+        step = phase_space.attitude_step(pointing, w, rhc, period, control.capture_rate)
+        pointing = AttitudeMemory(step.attitude, step.reference, step.holding, w)
+        sensed = Sensed(rhc, thc, step.error, w, delivered)
+        request, memory = phase_space.phase_space_request(sensed, memory, control)
         change = np.abs(request.rate_change - refused[:3]).max()
         idle = not remaining.any() and change >= refused[3]
-        if request.urgency == phase_space.Urgency.AT_ONCE or (request.urgency == phase_space.Urgency.WHEN_IDLE and idle):
+        if request.urgency == Urgency.AT_ONCE or (request.urgency == Urgency.WHEN_IDLE and idle):
             wanted = np.concatenate([request.rate_change, request.velocity_change])
             began = time.perf_counter()
             selection = program.solve(
@@ -179,21 +128,20 @@ def fly(scenario: Scenario) -> BareRun:  # noqa: PLR0915 (one plain loop is its 
             refused = np.zeros(4)
             if not remaining.any():
                 refused = np.append(wanted[:3], jet_selection.least_change(wanted, selection.on_times_s, period))
-        u_before, u = u, np.where(remaining > 0, 1.0, 0.0)
+        u = np.where(remaining > 0, 1.0, 0.0)
         remaining = np.maximum(remaining - 1.0, 0.0)
         delivered = activity[3:] @ u * period
         rates.append(w_true)
         velocities.append(state[rigid_body.VELOCITY])
         commands.append(u)
-        rate_reading, velocity_reading = w, v
         # vehicle
         transient = np.array([(thrust_level - u) @ c for c in classes]).reshape(len(classes), 7)
         state = rigid_body.step(state, u @ wrenches, transient, constants, period, body)
         thrust_level = level_after(thrust_level, u, plant_factors.remaining)
 
     return BareRun(
-        np.append(x.estimate, inverse_mass.mass_reciprocal),
-        np.sqrt(np.append(np.diag(x.covariance), inverse_mass.variance)),
+        estimation.filter.predicted(known.filter),
+        np.sqrt(estimation.filter.covariance(known.filter).diagonal()),
         np.array(nis_r),
         np.array(nis_t),
         np.array(rates),

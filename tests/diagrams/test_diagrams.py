@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import re
 from types import ModuleType
 from typing import Any
 
@@ -17,6 +18,8 @@ from massprop_drake import Estimator, Run, Scenario, Vehicle, load_scenario, sim
 from massprop_drake.diagrams import autopilot, closed_loop, estimation, open_loop, replay, vehicle
 from massprop_drake.display import graphs
 from massprop_drake.inputs.scenario import bundled_scenarios, resolved
+from massprop_drake.runners.simulate import _LOGGED
+from massprop_drake.systems.layouts import MASS_REPORT, ROTATION_REPORT
 
 Array = NDArray[np.float64]
 
@@ -35,27 +38,18 @@ ESTIMATION_OUT = {
     "impulses": 8,
     "estimate": 10,
     "standard_deviation": 10,
+    "covariance": 100,
     "converged": 1,
-    "rotation_estimate": 9,
-    "rotation_covariance": 81,
-    "rotation_standard_deviation": 9,
     "rotation_innovation": 3,
     "rotation_innovation_covariance": 9,
-    "rotation_status": 7,
     "rotation_report": 25,
-    "mass_estimate": 2,
     "mass_innovation": 3,
     "mass_innovation_covariance": 9,
-    "mass_status": 6,
     "mass_report": 8,
     "reconfiguration": 7 + 44,
     "closed": 44,
     "held_closed": 44,
-    "detector_status": 14,
-    "detector_likelihood": 44,
-    "detector_magnitude": 44,
-    "detector_report": 14 + 2 * 44,
-    "detector_memory": 10 + 4 * 44,
+    "detector_report": 14 + 4 * 44,
 }
 # the orbiter's ports as they are documented: inputs and outputs
 PORTS: dict[ModuleType, tuple[dict[str, int], dict[str, int]]] = {
@@ -74,7 +68,7 @@ PORTS: dict[ModuleType, tuple[dict[str, int], dict[str, int]]] = {
 def _ports_of(ports: dict[str, int], vehicle: Vehicle) -> dict[str, int]:
     """The orbiter's ports as another vehicle has them: its own sensors, and sizes by its number of jets."""
     n = len(vehicle.jets)
-    sizes = {44: n, 7 + 44: 7 + n, 14 + 2 * 44: 14 + 2 * n, 10 + 4 * 44: 10 + 4 * n}
+    sizes = {44: n, 7 + 44: 7 + n, 14 + 4 * 44: 14 + 4 * n}
     # the autopilot has one gyro port, whatever the package is called
     sensors = dict.fromkeys(vehicle.sensor_names(), 3) if "acc1" in ports else {"gyro": 3} if "gyro" in ports else {}
     return sensors | {name: sizes.get(size, size) for name, size in ports.items() if name not in SENSORS}
@@ -129,6 +123,33 @@ def test_every_exported_port_is_documented(module: ModuleType) -> None:
         assert "<accelerometer>" in text
 
 
+def _connected(dut: Diagram, output: str) -> bool:
+    """Whether an exported output is read inside the diagram, at whatever depth."""
+    part, index = dut.get_output_port_locator(dut.GetOutputPort(output).get_index())
+    read = {(system.get_name(), int(port)) for system, port in dut.connection_map().values()}
+    if (part.get_name(), int(index)) in read:
+        return True
+    return isinstance(part, Diagram) and _connected(part, part.get_output_port(index).get_name())
+
+
+def test_the_closed_loop_exports_nothing_idle() -> None:
+    """Connected inside, logged, or told to those who build diagrams; and few enough to look through."""
+    overrides = ["detector.close_manifold=true", "autopilot.mass_properties=estimated"]
+    dut = closed_loop.build(load_scenario("sample_maneuver", overrides))
+    exported = set(_outputs(dut))
+    assert len(exported) <= 30
+    idle = {name for name in exported - {*_LOGGED, *SENSORS} if not _connected(dut, name)}
+    text = "".join(module.build.__doc__ or "" for module in (vehicle, autopilot, estimation))
+    assert {name for name in idle if not re.search(rf"\b{name} \(out, ", text)} == set()
+    # for those who build diagrams alone; every other fact stands in a report
+    assert idle == {
+        "mass_properties",
+        "standard_deviation",
+        "covariance",
+        *(f"{name}_innovation{part}" for name in ("rotation", "mass") for part in ("", "_covariance")),
+    }
+
+
 def test_no_sensor_may_take_the_name_of_a_port_or_a_part(sample_maneuver: Scenario) -> None:
     """Two ports or parts of one name cannot be built; the history file uses `file` and `_...` itself."""
     taken = {"file", "_description", *ESTIMATION_OUT, *VEHICLE_OUT, *PORTS[estimation][0], *AUTOPILOT_OUT}
@@ -164,7 +185,7 @@ def test_estimates_at_a_sample_include_its_readings(sample_maneuver: Scenario) -
     dut = estimation.build(sample_maneuver)
     # through the detector either filter's update depends on all sensors: where acc2 is missing, others are used
     known = {"jet_commands", "outside_wrench"}
-    for name in ("rotation_estimate", "mass_estimate", "estimate", "reconfiguration"):
+    for name in ("estimate", "covariance", "rotation_report", "mass_report", "reconfiguration", "detector_report"):
         assert _depends_on(dut, name) == {*SENSORS, *known}, name
     assert _depends_on(dut, "rotation_innovation") == {"gyro", *known}
     assert _depends_on(dut, "mass_innovation") == {*SENSORS, *known}
@@ -365,7 +386,7 @@ def test_diagram_and_estimator_agree_on_telemetry_with_gaps_and_outside_forces(s
     estimators = builder.AddNamedSystem("mine", estimation.build(scenario))
     for name in tables:
         builder.Connect(recording.GetOutputPort(name), estimators.GetInputPort(name))
-    names = ("estimate", "standard_deviation", "rotation_status", "mass_status")
+    names = ("estimate", "standard_deviation", "rotation_report", "mass_report")
     sinks = {name: LogVectorOutput(estimators.GetOutputPort(name), builder, 0.08) for name in names}
     simulator = Simulator(builder.Build())
     simulator.Initialize()
@@ -373,12 +394,14 @@ def test_diagram_and_estimator_agree_on_telemetry_with_gaps_and_outside_forces(s
     logs = {name: sink.FindLog(simulator.get_context()).data().T for name, sink in sinks.items()}
     np.testing.assert_array_equal([step.estimate for step in steps], logs["estimate"])
     np.testing.assert_array_equal([step.standard_deviation for step in steps], logs["standard_deviation"])
-    np.testing.assert_array_equal([step.rotation_nis for step in steps], logs["rotation_status"][:, 3])
-    np.testing.assert_array_equal([step.used for step in steps], logs["rotation_status"][:, 4])
-    np.testing.assert_array_equal([step.mass_used for step in steps], logs["mass_status"][:, 4])
+    rotation, mass = ROTATION_REPORT.columns(logs["rotation_report"]), MASS_REPORT.columns(logs["mass_report"])
+    np.testing.assert_array_equal([step.rotation_nis for step in steps], rotation["rotation_nis"][:, 0])
+    np.testing.assert_array_equal([step.used for step in steps], rotation["rotation_used"][:, 0])
+    np.testing.assert_array_equal([step.mass_used for step in steps], mass["mass_used"][:, 0])
+    np.testing.assert_array_equal([step.mass_nis for step in steps], mass["mass_nis"][:, 0])
     assert np.isfinite(logs["estimate"]).all()
-    assert logs["rotation_status"][:, 4].sum() > 5
-    assert np.isnan(logs["rotation_status"][:, 3]).sum() > 5
+    assert rotation["rotation_used"].sum() > 5
+    assert np.isnan(rotation["rotation_nis"]).sum() > 5
 
 
 def test_the_closed_loop_serves_in_a_users_own_diagram(short_run: Run) -> None:

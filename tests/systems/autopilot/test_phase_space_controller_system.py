@@ -12,6 +12,7 @@ from massprop_drake.maths.autopilot.phase_space import PhaseSpaceParams, Urgency
 from massprop_drake.systems.autopilot.phase_space_controller import PhaseSpaceController
 
 SETTINGS = PhaseSpaceParams(
+    period_s=PERIOD_S,
     discrete_rate=0.01,
     hold_gain=0.15,
     hold_rate_limit=0.002,
@@ -25,7 +26,7 @@ SETTINGS = PhaseSpaceParams(
 
 
 def _dut() -> tuple[PhaseSpaceController, Any]:
-    dut = PhaseSpaceController(SETTINGS, period_s=PERIOD_S)
+    dut = PhaseSpaceController(SETTINGS)
     return dut, dut.CreateDefaultContext()
 
 

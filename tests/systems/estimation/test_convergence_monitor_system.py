@@ -37,7 +37,7 @@ def _converged(dut: ConvergenceMonitor, context: Any) -> float:
 def test_topology() -> None:
     dut, context = _dut()
     assert inputs(dut) == {"rotation_estimate": 9, "rotation_covariance": 81, "mass_estimate": 2}
-    assert outputs(dut) == {"estimate": 10, "standard_deviation": 10, "converged": 1}
+    assert outputs(dut) == {"estimate": 10, "standard_deviation": 10, "covariance": 100, "converged": 1}
     assert feedthrough(dut) == {name: set(inputs(dut)) for name in outputs(dut)}
     assert context.num_discrete_state_groups() == 0
 
@@ -48,6 +48,16 @@ def test_the_ten_estimates_and_their_deviations() -> None:
     np.testing.assert_allclose(
         dut.GetOutputPort("standard_deviation").Eval(context), [*DEVIATION, RECIPROCAL_STD], rtol=1e-15
     )
+
+
+def test_the_covariance_shares_nothing_between_the_mass_and_the_others() -> None:
+    dut, context = _dut()
+    covariance = dut.GetOutputPort("covariance").Eval(context).reshape(10, 10)
+    rotation = np.diag(DEVIATION**2) + 1e-3 * (1.0 - np.eye(9))
+    np.testing.assert_array_equal(covariance[:9, :9], rotation)
+    assert covariance[9, 9] == RECIPROCAL_STD**2
+    assert not covariance[9, :9].any()
+    assert not covariance[:9, 9].any()
 
 
 def test_estimates_within_every_limit_have_converged() -> None:
@@ -80,4 +90,6 @@ def test_without_a_mass_estimate_nothing_converges() -> None:
     np.testing.assert_array_equal(estimate[:9], ESTIMATE)
     assert np.isnan(estimate[9])
     assert np.isnan(dut.GetOutputPort("standard_deviation").Eval(context)[9])
+    covariance = dut.GetOutputPort("covariance").Eval(context).reshape(10, 10)
+    np.testing.assert_array_equal(np.argwhere(np.isnan(covariance)), [[9, 9]])
     assert _converged(dut, context) == 0.0
