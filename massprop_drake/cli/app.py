@@ -42,6 +42,7 @@ Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON alo
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")]
 View = Annotated[bool, typer.Option("--view", help="Write replay.html, the run in three dimensions, too.")]
 Report = Annotated[bool, typer.Option("--report/--no-report", help="Write report.html, or not.")]
+Figures = Annotated[bool, typer.Option("--figures/--no-figures", help="Draw the figures, or not, which is faster.")]
 _PROGRESS_AFTER_S = 2.0
 _TELEMETRY = (".csv", ".tsv", ".parquet", ".pq")  # endings of telemetry files
 
@@ -123,6 +124,7 @@ def run(
     ] = False,
     speed: Annotated[float, typer.Option(help="With --live: times real time.")] = 1.0,
     report: Report = True,
+    figures: Figures = True,
     force: Annotated[bool, typer.Option("--force", help="Write into a folder that is not an earlier run's.")] = False,
     as_json: Json = False,
     quiet: Quiet = False,
@@ -145,7 +147,7 @@ def run(
         Console(stderr=True, highlight=False).print(f"massprop: the run is shown at {watch.address}", markup=False)
     with _Progress(f"simulating {case.name}", case.duration_s, shown=not (as_json or quiet)) as progress:
         result = simulate(case, progress=progress, watch=watch)
-    folder = result.save(target, force=force, report=report, replay=view)
+    folder = result.save(target, force=force, pictures=figures, report=report, replay=view)
     if as_json:
         _print_json(result.summary)
     elif not quiet:
@@ -180,6 +182,7 @@ def estimate(
     ] = None,
     view: View = False,
     report: Report = True,
+    figures: Figures = True,
     force: Annotated[bool, typer.Option("--force", help="Write into a folder that is not an earlier run's.")] = False,
     as_json: Json = False,
     quiet: Quiet = False,
@@ -204,7 +207,7 @@ def estimate(
             declared=(lambda entry: _print_declared(entry, case.vehicle_data)) if live else None,
             folder=target.parent,
         )
-        folder = result.save(target, force=force, report=report, replay=view)
+        folder = result.save(target, force=force, pictures=figures, report=report, replay=view)
     if as_json:
         _print_json(result.summary)
     elif not quiet:
@@ -628,7 +631,8 @@ def _print_files(console: Console, folder: Path) -> None:
     """Where a run's files lie."""
     names = [name for name in ("report.html", "replay.html") if (folder / name).exists()]
     pages = [f"{name.partition('.')[0]}: {folder}/{name}" for name in names]
-    text = "   ".join([f"{folder}/", *pages, f"figures: {folder}/figures/"])
+    figures = [f"figures: {folder}/figures/"] if (folder / "figures").exists() else []
+    text = "   ".join([f"{folder}/", *pages, *figures])
     console.print(f"files:       {text}", markup=False, soft_wrap=True)
 
 

@@ -12,16 +12,16 @@ from numpy.typing import NDArray
 
 from massprop_drake.display import events
 from massprop_drake.display.stage import SHOWN, Stage
-from massprop_drake.inputs import params
-from massprop_drake.maths.attitude import propagated
-from massprop_drake.results.folder import write_whole
-from massprop_drake.signals import (
+from massprop_drake.display.style import (
     ESTIMATE_COLOR,
     FAILED_COLOR,
     PLUME_COLOR,
     SUSPECT_COLOR,
     TRUTH_COLOR,
 )
+from massprop_drake.inputs import params
+from massprop_drake.maths.attitude import propagated
+from massprop_drake.results.folder import write_whole
 
 if TYPE_CHECKING:
     from massprop_drake.results.run import Run

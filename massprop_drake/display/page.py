@@ -10,12 +10,11 @@ from typing import TYPE_CHECKING, Any
 
 import jinja2
 
-from massprop_drake.display import events
-from massprop_drake.display.plots import panels
+from massprop_drake.display import events, interactive, plots
 from massprop_drake.inputs.model import yaml_text
 from massprop_drake.results.folder import write_whole
 from massprop_drake.results.summary import from_names
-from massprop_drake.signals import SYMBOLS, WINDOW_COLOR, mass_property_units, with_deviation
+from massprop_drake.signals import SYMBOLS, mass_property_units, with_deviation
 
 if TYPE_CHECKING:
     from massprop_drake.results.run import Run
@@ -56,19 +55,10 @@ def report_html(run: Run, *, replay: str | None = None) -> str:
     """The report as one HTML text that needs no network."""
     run = run.shown()
     summary, scenario = run.summary, run.scenario
-    plots = {
-        "time": [float(f"{value:.9g}") for value in run.time_s.tolist()],
-        "panels": panels(run),
-        "windows": [
-            {"start": window.start_s, "end": window.end_s, "text": f"{window.controller.upper()} {window.axis}"}
-            for window in scenario.maneuver
-        ],
-        "window_color": WINDOW_COLOR,
-        "marks": [{"at": mark.start_s, "text": mark.text, "true": True} for mark in events.failures(run)]
-        + [
-            {"at": entry["time_s"], "text": f"declared: {events.headline(entry)}", "true": False}
-            for entry in summary["detections"]
-        ],
+    source = plots.source(run)
+    described = {
+        "time": interactive.times(run.time_s),
+        "plots": [interactive.drawn(plot(source)) for plot in plots.available(source).values()],
     }
     page: str = (
         _environment()
@@ -88,7 +78,7 @@ def report_html(run: Run, *, replay: str | None = None) -> str:
             scenario=yaml_text(scenario),
             replay=replay,
             # between script tags '<' could end them, whatever the names in a user's files are
-            plots=json.dumps(plots, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c"),
+            plots=json.dumps(described, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c"),
             plotly=(resources.files("plotly") / "package_data" / "plotly.min.js").read_text(encoding="utf-8"),
         )
     )

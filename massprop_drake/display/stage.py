@@ -14,6 +14,13 @@ from pydrake.common.eigen_geometry import Quaternion
 from pydrake.geometry import Box, Cylinder, Ellipsoid, Meshcat, MeshcatCone, MeshcatParams, Rgba, Sphere
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 
+from massprop_drake.display.style import (
+    ESTIMATE_COLOR,
+    FAILED_COLOR,
+    PLUME_COLOR,
+    SUSPECT_COLOR,
+    TRUTH_COLOR,
+)
 from massprop_drake.inputs.vehicle import (
     BoxSolid,
     ConeSolid,
@@ -22,13 +29,6 @@ from massprop_drake.inputs.vehicle import (
     PlateSolid,
     Solid,
     Vehicle,
-)
-from massprop_drake.signals import (
-    ESTIMATE_COLOR,
-    FAILED_COLOR,
-    PLUME_COLOR,
-    SUSPECT_COLOR,
-    TRUTH_COLOR,
 )
 
 Array = NDArray[np.float64]

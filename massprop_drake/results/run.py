@@ -46,6 +46,7 @@ class Run:
             `time_s`. Those of a replay lie on disk, and are read when they are asked for.
         covariance: of the ten estimates at the end, shape (10, 10).
         state: what is needed to go on from the end, as `filter_state.json` has it.
+        thinned: whether the signals are but some of the rows, as `shown` picks them.
     """
 
     def __init__(
@@ -64,7 +65,7 @@ class Run:
         self.signals = signals if isinstance(signals, Spool) else dict(signals)
         self.covariance = covariance
         self.state = dict(state or {})
-        self._thinned = False  # whether these are but some of the rows
+        self.thinned = False
 
     def __repr__(self) -> str:
         return f"<Run of '{self.scenario.name}', {self.summary['duration_s']:g} s, seed {self.scenario.seed}>"
@@ -101,10 +102,9 @@ class Run:
     def plot(self) -> Plots:
         """Figures of this run: `run.plot.rates()` and the others return matplotlib figures."""
         from massprop_drake.display.figures import Plots  # noqa: PLC0415 (matplotlib is slow to load)
+        from massprop_drake.display.plots import source  # noqa: PLC0415
 
-        shown = self.shown() if isinstance(self.signals, Spool) else self
-        consistency = self.summary["consistency"] if shown._thinned else None
-        return Plots(shown.time_s, shown.signals, self.scenario, consistency=consistency)
+        return Plots(source(self.shown() if isinstance(self.signals, Spool) else self))
 
     def shown(self) -> Run:
         """The run or, of a long one, some thousand of its rows that show what there is to see.
@@ -114,7 +114,7 @@ class Run:
         """
         spooled = isinstance(self.signals, Spool)
         n_rows = self.signals.n_rows if isinstance(self.signals, Spool) else self.time_s.size
-        if self._thinned or (not spooled and n_rows <= _MANY_ROWS):
+        if self.thinned or (not spooled and n_rows <= _MANY_ROWS):
             return self
         gyro = params.gyro(self.scenario).name
         peaks = tuple(name for name in ("rotation_nis", "mass_nis") if name in self.signals)
@@ -124,7 +124,7 @@ class Run:
         signals = picked(self.signals, rows, leaving_out=leaving_out)
         time_s = signals.pop("time_s") if spooled else self.time_s[rows]
         shown = Run(self.scenario, self.summary, time_s, signals, self.covariance, self.state)
-        shown._thinned = True
+        shown.thinned = True
         return shown
 
     def save(
@@ -157,9 +157,7 @@ class Run:
             shown = self.shown() if isinstance(self.signals, Spool) else self  # once: it is large
             if pictures:
                 (partial / "figures").mkdir()
-                figures = shown.plot.all()
-                for name in figures:  # one at a time, to hold no more than one
-                    figures[name].savefig(partial / "figures" / f"{name}.png")
+                shown.plot.save(partial / "figures")
             if report or replay:
                 from massprop_drake.display import write_replay, write_report  # noqa: PLC0415 (loads templates, Drake)
 
