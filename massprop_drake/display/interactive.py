@@ -6,6 +6,7 @@ grid. A trace without `x` is over the sample times, which the page holds once.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -34,7 +35,8 @@ _PIXELS_PER_POINT = 4.0 / 3.0
 
 # Places, pixels
 _TOP, _BOTTOM = 6, 40
-_PANEL, _ONE_PANEL, _ROW, _GAP, _KEY = 120, 190, 13, 12, 20
+_PANEL, _ONE_PANEL, _ROW, _GAP = 120, 190, 13, 8
+_KEY, _SYMBOL, _LETTER, _NARROW = 18, 40, 6, 430  # height of a row of a key, and the widths that fill it
 
 
 def drawn(plot: Plot) -> Json:
@@ -48,7 +50,7 @@ def drawn(plot: Plot) -> Json:
     shapes: list[Json] = []
     axes: Json = {}
     heights = [_height(panel, alone=len(plot.panels) == 1) for panel in plot.panels]
-    spaces = [_KEY if _has_key(panel) else _GAP for panel in plot.panels]
+    spaces = [_GAP + _key_height(panel) for panel in plot.panels]
     total = sum(heights) + sum(spaces)
     top = total
     for number, (panel, height, space) in enumerate(zip(plot.panels, heights, spaces, strict=True), 1):
@@ -101,13 +103,19 @@ def _height(panel: Panel, *, alone: bool) -> int:
     return max(_ROW * len(panel.rows), _ONE_PANEL if alone else _PANEL)
 
 
-def _has_key(panel: Panel) -> bool:
-    return any(mark.label for mark in panel.marks if not isinstance(mark, Bars))
+def _key_height(panel: Panel) -> int:
+    """Of a panel's key, pixels: its entries take several rows where a card is narrow."""
+    labels = [mark.label for mark in panel.marks if not isinstance(mark, Bars) and mark.label]
+    return _KEY * math.ceil(sum(_SYMBOL + _LETTER * len(label) for label in labels) / _NARROW)
 
 
 def _vertical(panel: Panel) -> Json:
     """The vertical axis of a panel."""
-    axis: Json = {"title": {"text": panel.axis_label, "font": {"size": 10}}, "exponentformat": "power"}
+    axis: Json = {
+        "title": {"text": panel.axis_label, "font": {"size": 10}},
+        "exponentformat": "power",
+        "automargin": True,
+    }
     axis["type"] = "log" if panel.scale == "log" else "linear"
     if panel.limits is not None:
         limits = np.log10(panel.limits) if panel.scale == "log" else np.array(panel.limits)

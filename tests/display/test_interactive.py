@@ -131,3 +131,14 @@ def test_the_numbers_are_those_of_the_run_to_six_digits(stuck_run: Run) -> None:
     expected = np.degrees(stuck_run["rate"][:, 2])
     np.testing.assert_allclose(figure["traces"][2]["y"], expected, rtol=1e-5, atol=1e-12)
     assert figure["traces"][2]["yaxis"] == "y3"
+
+
+def test_a_key_of_many_entries_has_room_above_its_panel() -> None:
+    few, many = (
+        tuple(Line(TIME, TIME, BLUE, f"label of mark {number}") for number in range(count)) for count in (1, 8)
+    )
+    heights = [
+        interactive.drawn(Plot("some", "T", "c", TIME, (Panel("a", "", marks),)))["layout"]["height"]
+        for marks in ((), few, many)
+    ]
+    assert heights[0] < heights[1] < heights[2]
