@@ -228,12 +228,12 @@ def _continue_grid(axes: Sequence[Axes]) -> None:
 
 
 def _height(panel: Panel) -> float:
-    """Of a panel, inches."""
+    """Returns the height of a panel, inches."""
     return _PANEL if len(panel.rows) <= _FEW_ROWS else max(_PANEL, _ROW * len(panel.rows))
 
 
 def _left(panels: Sequence[Panel]) -> float:
-    """Width beside the panels for the numbers, or names of rows, and labels of their vertical axes, inches."""
+    """Returns the width left of the panels that their vertical axes need for numbers or names, inches."""
     longest = max(len(row) for panel in panels for row in (*panel.rows, ""))
     return max(_LEFT, 0.35 + _LETTER * longest)
 
@@ -297,13 +297,13 @@ def _dashes(dashed: bool) -> Literal["--", "-"]:
 
 
 def _rectangles(left: Array, right: Array, low: Array, high: Array) -> list[Array]:
-    """Corners of rectangles, shape (4, 2) each."""
+    """Makes the corners of rectangles, shape (4, 2) each."""
     x, y = np.stack([left, right, right, left], axis=1), np.stack([low, low, high, high], axis=1)
     return list(np.stack([x, y], axis=2))
 
 
 def _draw_times(axes: Axes, plot: Plot) -> None:
-    """Windows and moments, over the whole height of a panel."""
+    """Draws windows and moments over the whole height of a panel."""
     whole = axes.get_xaxis_transform()
     if plot.windows:
         start, end = np.array([(window.start_s, window.end_s) for window in plot.windows]).T
@@ -321,7 +321,7 @@ def _draw_times(axes: Axes, plot: Plot) -> None:
 
 
 def _levels(windows: Sequence[Window], seconds_per_inch: float) -> list[int]:
-    """Heights of the windows' names: each as low as it finds room beside those before it."""
+    """Stacks the windows' names: each goes to the lowest level with room beside those before it."""
     ends: list[float] = []  # of the names at each level, s
     levels = []
     for window in windows:
@@ -364,7 +364,7 @@ def _mark_plainly(axes: Axes) -> None:
 
 
 def _key_rows(panel: Panel) -> list[list[Mark]]:
-    """The marks of a panel that have a label, in rows that are not too long."""
+    """Arranges the labeled marks of a panel in rows that fit the figure."""
     rows: list[list[Mark]] = []
     for mark in panel.marks:
         if isinstance(mark, Bars) or not mark.label:
@@ -376,7 +376,7 @@ def _key_rows(panel: Panel) -> list[list[Mark]]:
 
 
 def _key_width(marks: Sequence[Mark]) -> float:
-    """About what a row of a key takes, inches."""
+    """Estimates the width of a row of a key, inches."""
     return sum(_entry_width(mark) for mark in marks)
 
 
@@ -385,7 +385,7 @@ def _entry_width(mark: Mark) -> float:
 
 
 def _draw_key(figure: Figure, rows: Sequence[Sequence[Mark]], bottom: float) -> None:
-    """Symbols and labels at the right, clear of what an axis writes at the left."""
+    """Draws symbols and labels at the right, clear of the exponent that an axis writes at the left."""
     width, height = figure.get_size_inches()
     for number, row in enumerate(reversed(rows)):
         at, level = _WIDTH - _RIGHT - _key_width(row), (bottom + _KEY * (number + 0.5)) / height
@@ -397,7 +397,7 @@ def _draw_key(figure: Figure, rows: Sequence[Sequence[Mark]], bottom: float) -> 
 
 
 def _handle(mark: Mark, left: float, right: float, level: float) -> Line2D:
-    """The symbol of a mark in a key, in fractions of the figure."""
+    """Makes the symbol of a mark in a key, in fractions of the figure."""
     middle = 0.5 * (left + right)
     match mark:
         case Points():

@@ -1,7 +1,7 @@
-"""Plots as figures of plotly, for a page that draws them in the browser.
+"""Plots as plotly figures, for a page that draws them in the browser.
 
-Black is the color of the page's text, light on a dark background: the page puts it in, with the color of the
-grid. A trace without `x` is over the sample times, which the page holds once.
+The page replaces black by the color of its text, which is light in the dark theme, and colors the grid. A
+trace without `x` is drawn over the sample times, which the page holds once.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ _KEY, _SYMBOL, _LETTER, _NARROW = 18, 40, 6, 430  # height of a row of a key, an
 
 
 def drawn(plot: Plot) -> Json:
-    """A plot as data for the page.
+    """Turns a plot into data for the page.
 
     Returns:
         `name` and `title`; `traces` and `layout` as plotly takes them; and `views`, the vertical axes that the
@@ -94,23 +94,23 @@ def drawn(plot: Plot) -> Json:
 
 
 def times(plot_time_s: Array) -> list[float]:
-    """Sample times for the page, s."""
+    """Rounds sample times for the page, s."""
     return [float(f"{value:.9g}") for value in plot_time_s.tolist()]
 
 
 def _height(panel: Panel, *, alone: bool) -> int:
-    """Of a panel, pixels."""
+    """Returns the height of a panel, pixels."""
     return max(_ROW * len(panel.rows), _ONE_PANEL if alone else _PANEL)
 
 
 def _key_height(panel: Panel) -> int:
-    """Of a panel's key, pixels: its entries take several rows where a card is narrow."""
+    """Estimates the height of a panel's key, pixels; its entries wrap where a card is narrow."""
     labels = [mark.label for mark in panel.marks if not isinstance(mark, Bars) and mark.label]
     return _KEY * math.ceil(sum(_SYMBOL + _LETTER * len(label) for label in labels) / _NARROW)
 
 
 def _vertical(panel: Panel) -> Json:
-    """The vertical axis of a panel."""
+    """Describes the vertical axis of a panel."""
     axis: Json = {
         "title": {"text": panel.axis_label, "font": {"size": 10}},
         "exponentformat": "power",
@@ -130,7 +130,7 @@ def _vertical(panel: Panel) -> Json:
 
 
 def _traces(plot: Plot, marks: Sequence[Mark], panel: Panel) -> list[Json]:
-    """The marks of a panel; what spans all times is among the shapes."""
+    """Makes the traces of a panel; marks that span all times are shapes instead."""
     found = []
     for mark in marks:
         match mark:
@@ -148,7 +148,7 @@ def _traces(plot: Plot, marks: Sequence[Mark], panel: Panel) -> list[Json]:
 
 
 def _views(plot: Plot, marks: Sequence[Mark]) -> list[Json]:
-    """The marks of a symmetric logarithmic panel, which plotly has not: a linear view, and one of magnitudes."""
+    """Makes a linear view and one of magnitudes, for plotly has no symmetric logarithmic axis."""
     linear, log = [], []
     for mark in marks:
         match mark:
@@ -188,7 +188,7 @@ def _whiskers(mark: Whiskers) -> Json:
 
 
 def _band(plot: Plot, mark: Band) -> list[Json]:
-    """Two edges without a line, the second filled down to the first."""
+    """Makes two edges without lines, the upper one filled down to the lower."""
     edge = {**_over(plot, mark.x), "mode": "lines", "line": {"width": 0, "shape": _shape(mark.steps)}}
     face = {"fill": "tonexty", "fillcolor": f"{mark.color}{round(255 * mark.opacity):02x}"}
     low = _trace("", {**edge, "y": _numbers(mark.low), "hoverinfo": "skip"})
@@ -210,7 +210,7 @@ def _trace(label: str, content: Json) -> Json:
 
 
 def _over(plot: Plot, x: Array) -> Json:
-    """The times of a trace, unless they are the sample times."""
+    """Returns the times of a trace, unless they are the sample times."""
     return {} if x is plot.time_s else {"x": _numbers(x)}
 
 
@@ -230,7 +230,7 @@ def _rounded(value: float) -> float:
 
 
 def _shapes(plot: Plot, panel: Panel, suffix: str) -> list[Json]:
-    """What spans a whole panel: windows and moments over all values, levels and zones over all times."""
+    """Makes what spans a panel: windows and moments over all values, levels and zones over all times."""
     over_values = {"xref": "x", "yref": f"y{suffix} domain", "y0": 0, "y1": 1}
     over_times = {"xref": "x domain", "yref": f"y{suffix}", "x0": 0, "x1": 1}
     found: list[Json] = []

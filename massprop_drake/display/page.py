@@ -1,4 +1,4 @@
-"""The report of a run: one self-contained HTML page, the verdict first."""
+"""The report of a run: one self-contained HTML page that begins with the verdict."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ def write_report(run: Run, path: str | Path, *, replay: str | None = None) -> Pa
     """Writes the report of a run.
 
     Args:
-        run: simulated or from telemetry.
-        path: of the HTML file; it appears whole or not at all.
-        replay: where the replay lies, relative to the report; None: there is none.
+        run: simulated, or estimated from telemetry.
+        path: the HTML file to write; it appears whole or not at all.
+        replay: path of the replay relative to the report; None: the report links to none.
     """
     target = Path(path)
     write_whole(target, report_html(run, replay=replay))
@@ -34,7 +34,7 @@ def write_report(run: Run, path: str | Path, *, replay: str | None = None) -> Pa
 
 
 def summary_html(run: Run) -> str:
-    """The verdict and the table of ten parameters, for a notebook."""
+    """Returns the verdict and the table of ten parameters as HTML for a notebook."""
     return (
         _environment()
         .get_template("summary.html")
@@ -52,7 +52,7 @@ def _environment() -> jinja2.Environment:
 
 
 def report_html(run: Run, *, replay: str | None = None) -> str:
-    """The report as one HTML text that needs no network."""
+    """Returns the report as the text of one HTML file that needs no network."""
     run = run.shown()
     summary, scenario = run.summary, run.scenario
     source = plots.source(run)
@@ -86,7 +86,7 @@ def report_html(run: Run, *, replay: str | None = None) -> str:
 
 
 def _verdict(summary: dict[str, Any]) -> list[dict[str, Any]]:
-    """The few sentences that a reader wants first; `good` is None where nothing can be said."""
+    """Writes the few sentences that a reader wants first; `good` is None where there is nothing to judge."""
     sentences: list[dict[str, Any]] = []
 
     def say(good: bool | None, text: str) -> None:
@@ -124,7 +124,7 @@ def _verdict(summary: dict[str, Any]) -> list[dict[str, Any]]:
 
 
 def _parameters(run: Run) -> list[dict[str, Any]]:
-    """The table of ten parameters as text."""
+    """Formats the table of ten parameters."""
     summary = run.summary
     keys = ("estimates", "truth", "standard_deviations", "percent_error")
     rows = []
@@ -149,7 +149,7 @@ def _parameters(run: Run) -> list[dict[str, Any]]:
 
 
 def _mass(run: Run) -> list[str]:
-    """Mass and inertia that follow, with their 1-sigma."""
+    """Formats the mass and inertia that the estimates imply, with their 1-sigma."""
     derived, units = run.summary["derived"], run.scenario.vehicle_data.unit_names
     lines = []
     if derived["mass"] is not None:
@@ -165,7 +165,7 @@ def _mass(run: Run) -> list[str]:
 
 
 def _detection(entry: dict[str, Any], force: str) -> dict[str, str]:
-    """One detection: what, when, how much, how sure."""
+    """Formats a detection: what failed, when, by how much, and how sure that is."""
     sure = "-" if entry["statistic"] is None else f"{entry['statistic']:.4g}"
     return {
         "what": events.headline(entry),
@@ -181,7 +181,7 @@ def _detection(entry: dict[str, Any], force: str) -> dict[str, str]:
 
 
 def _autopilot(run: Run) -> list[str]:
-    """What the autopilot did, in sentences."""
+    """Describes in sentences what the autopilot did."""
     found, units = run.summary["autopilot"], run.scenario.vehicle_data.unit_names
     lines = [f"{found['firings']} firings, {found['propellant_mass']:.3g} {units['mass']} of propellant."]
     if found.get("jets_out_of_use"):
@@ -194,7 +194,7 @@ def _autopilot(run: Run) -> list[str]:
 
 
 def _quality(quality: dict[str, Any]) -> list[tuple[str, str]]:
-    """What was found about a record, as rows of a heading and a text; what was not found is left out."""
+    """Formats the findings about a record as rows of heading and text; empty ones are left out."""
     rows = []
     for key, value in quality.items():
         heading = key.replace("_", " ")
@@ -208,7 +208,7 @@ def _quality(quality: dict[str, Any]) -> list[tuple[str, str]]:
 
 
 def _in_words(value: Any) -> str:
-    """A value of a summary as text; nothing for zero, null and empty ones."""
+    """Formats a value of the summary; empty for zero, null and empty values."""
     if isinstance(value, dict):
         parts = ((name.replace("_", " "), _in_words(part)) for name, part in value.items())
         return ", ".join(f"{name} {text}" for name, text in parts if text)
