@@ -1,4 +1,4 @@
-"""Names, units and labels of the logged signals, and the colors of plots, in one place for files, plots and tables."""
+"""Names, units and labels of the logged signals, in one place for files, plots and tables."""
 
 from __future__ import annotations
 
@@ -14,16 +14,6 @@ from massprop_drake.maths.mass_properties import NAMES
 Array = NDArray[np.float64]
 
 AXES = ("x", "y", "z")
-
-# Colors that people with any color vision tell apart (Okabe and Ito), in the order of use
-COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
-TRUTH_COLOR = "#000000"
-ESTIMATE_COLOR = "#0072B2"
-FAILED_COLOR = "#D55E00"  # what truly fails
-SUSPECT_COLOR = "#CC79A7"  # what the detector names
-PLUME_COLOR = "#E69F00"
-BAND_COLOR = "#9AA5B1"
-WINDOW_COLOR = "#E69F00"
 
 
 class Signal(NamedTuple):

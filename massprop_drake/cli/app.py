@@ -38,6 +38,7 @@ Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON alo
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")]
 View = Annotated[bool, typer.Option("--view", help="Write replay.html, the run in three dimensions, too.")]
 Report = Annotated[bool, typer.Option("--report/--no-report", help="Write report.html, or not.")]
+Figures = Annotated[bool, typer.Option("--figures/--no-figures", help="Draw the figures, or not, which is faster.")]
 _TELEMETRY = (".csv", ".tsv", ".parquet", ".pq")  # endings of telemetry files
 
 
@@ -131,6 +132,7 @@ def run(
     ] = False,
     speed: Annotated[float, typer.Option(help="With --live: times real time.")] = 1.0,
     report: Report = True,
+    figures: Figures = True,
     force: Annotated[bool, typer.Option("--force", help="Write into a folder that is not an earlier run's.")] = False,
     as_json: Json = False,
     quiet: Quiet = False,
@@ -153,7 +155,7 @@ def run(
         show.note(f"the run is shown at {watch.address}")
     with Progress(f"simulating {case.name}", case.duration_s, shown=not (as_json or quiet)) as progress:
         result = simulate(case, progress=progress, watch=watch)
-    folder = result.save(target, force=force, report=report, replay=view)
+    folder = result.save(target, force=force, pictures=figures, report=report, replay=view)
     if as_json:
         show.as_json(result.summary)
     elif not quiet:
@@ -188,6 +190,7 @@ def estimate(
     ] = None,
     view: View = False,
     report: Report = True,
+    figures: Figures = True,
     force: Annotated[bool, typer.Option("--force", help="Write into a folder that is not an earlier run's.")] = False,
     as_json: Json = False,
     quiet: Quiet = False,
@@ -212,7 +215,7 @@ def estimate(
             declared=(lambda entry: show.declared(entry, case.vehicle_data)) if live else None,
             folder=target.parent,
         )
-        folder = result.save(target, force=force, report=report, replay=view)
+        folder = result.save(target, force=force, pictures=figures, report=report, replay=view)
     if as_json:
         show.as_json(result.summary)
     elif not quiet:

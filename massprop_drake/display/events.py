@@ -12,12 +12,12 @@ if TYPE_CHECKING:
 
 
 class Mark(NamedTuple):
-    """Jets that stand out for a while.
+    """An interval in which some jets are to be marked.
 
     Attributes:
         jets: their indices.
-        start_s, end_s: from when to when, s.
-        text: why.
+        start_s, end_s: the interval, s.
+        text: the reason, for the reader.
     """
 
     jets: tuple[int, ...]
@@ -27,7 +27,7 @@ class Mark(NamedTuple):
 
 
 def failures(run: Run) -> list[Mark]:
-    """Jets that truly fail, as the scenario has them."""
+    """Lists the jets that truly fail, from the scenario."""
     vehicle, end_s = run.scenario.vehicle_data, float(run.time_s[-1])
     return [
         Mark(
@@ -42,7 +42,7 @@ def failures(run: Run) -> list[Mark]:
 
 
 def found(run: Run) -> list[Mark]:
-    """Jets, or whole clusters, that were declared failed."""
+    """Lists the jets, or whole clusters, that the detector declared failed."""
     vehicle, end_s = run.scenario.vehicle_data, float(run.time_s[-1])
     marks = []
     for entry in run.results.detections:
@@ -59,7 +59,7 @@ def found(run: Run) -> list[Mark]:
 
 
 def headline(entry: DetectionRecord) -> str:
-    """Describes a detection in a few words."""
+    """Names a detection in a few words, such as 'jet R4R: on'."""
     kind = entry.kind.replace("_", " ")
     if entry.cluster is None:
         return kind
@@ -68,7 +68,7 @@ def headline(entry: DetectionRecord) -> str:
 
 
 def commanded(scenario: Scenario, time_s: float) -> str:
-    """What the hand controllers ask for at a time, such as 'RHC +x'; 'hold' with none out of detent."""
+    """Names what the hand controllers ask for at a time, such as 'RHC +x'; 'hold' while both are in detent."""
     windows = [window for window in scenario.maneuver if window.start_s <= time_s < window.end_s]
     if not windows:
         return "hold" if scenario.maneuver else ""

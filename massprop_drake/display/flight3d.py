@@ -1,4 +1,4 @@
-"""A run in three dimensions, recorded: one offline HTML file that plays it."""
+"""The replay of a run in three dimensions, as one HTML file that plays offline."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from numpy.typing import NDArray
 
 from massprop_drake.display import events
 from massprop_drake.display.stage import SHOWN, Stage
-from massprop_drake.inputs import params
-from massprop_drake.maths.attitude import propagated
-from massprop_drake.results.folder import write_whole
-from massprop_drake.signals import (
+from massprop_drake.display.style import (
     ESTIMATE_COLOR,
     FAILED_COLOR,
     PLUME_COLOR,
     SUSPECT_COLOR,
     TRUTH_COLOR,
 )
+from massprop_drake.inputs import params
+from massprop_drake.maths.attitude import propagated
+from massprop_drake.results.folder import write_whole
 
 if TYPE_CHECKING:
     from massprop_drake.results.run import Run
@@ -34,11 +34,11 @@ _FRAMES = 3000  # of the body's motion at the most
 def write_replay(run: Run, path: str | Path) -> Path:
     """Writes the replay of a run.
 
-    Without the truth, the attitude is integrated from the gyro and the thrust taken from the commands.
+    Where the truth is unknown, attitude is integrated from the gyro and thrust taken from the commands.
 
     Args:
-        run: simulated or from telemetry.
-        path: of the HTML file; it appears whole or not at all.
+        run: simulated, or estimated from telemetry.
+        path: the HTML file to write; it appears whole or not at all.
     """
     target = Path(path)
     write_whole(target, replay_html(run))
@@ -46,7 +46,7 @@ def write_replay(run: Run, path: str | Path) -> Path:
 
 
 def replay_html(run: Run) -> str:
-    """The replay as one HTML text that needs no network."""
+    """Returns the replay as the text of one HTML file that needs no network."""
     run = run.shown()
     page = _recorded(run)
     controls = (Path(__file__).parent / "flight3d_controls.html").read_text(encoding="utf-8")
@@ -57,7 +57,7 @@ def replay_html(run: Run) -> str:
 
 
 def _recorded(run: Run) -> str:
-    """Meshcat's page with the motion of a run."""
+    """Records the motion of a run and returns Meshcat's page with it."""
     vehicle, time_s = run.scenario.vehicle_data, np.asarray(run.time_s)
     stride = max(1, -(-time_s.size // _FRAMES))
     # rows are played a sample period apart: what lies in a gap of telemetry is not known
@@ -92,7 +92,7 @@ def _recorded(run: Run) -> str:
 
 
 def _narration(run: Run) -> dict[str, object]:
-    """What the page says at each moment: beginnings of intervals with their texts."""
+    """Collects what the page says and when: the start of every interval, with its texts."""
     scenario, start_s = run.scenario, float(run.time_s[0])
     failed, found = events.failures(run), events.found(run)
     edges = {start_s}
@@ -128,21 +128,21 @@ def _narration(run: Run) -> dict[str, object]:
 
 
 def _center(run: Run) -> Array:
-    """What the camera follows: the true center of mass or, without it, the nominal one, shape (n, 3)."""
+    """Returns the point that the camera follows, the true center of mass or else the nominal one, shape (n, 3)."""
     if "truth" in run.signals:
         return np.asarray(run["truth"])[:, 6:9]
     return np.tile(run.scenario.vehicle_data.nominal.center_of_mass, (np.asarray(run.time_s).size, 1))
 
 
 def _levels(run: Run) -> Array:
-    """True thrust over full thrust or, without the truth, the command, shape (n, n_jets)."""
+    """Returns true over full thrust or, where the truth is unknown, the command, shape (n, n_jets)."""
     if "thrust" in run.signals:
         return np.asarray(run["thrust"]) / np.linalg.norm(run.scenario.vehicle_data.thrusts, axis=1)
     return np.nan_to_num(np.asarray(run["command"]))
 
 
 def _attitudes(run: Run) -> Array:
-    """q_NB at every sample: the truth, or integrated from the gyro in use, shape (n, 4)."""
+    """Returns q_NB at every sample, the truth or else integrated from the gyro in use, shape (n, 4)."""
     if "attitude" in run.signals:
         return np.asarray(run["attitude"])
     rate = np.nan_to_num(np.asarray(run[params.gyro(run.scenario).name]))
@@ -155,5 +155,5 @@ def _attitudes(run: Run) -> Array:
 
 
 def _changes(values: Array | NDArray[np.bool_]) -> NDArray[np.int_]:
-    """Rows that differ from the one before, and the first, shape (k,)."""
+    """Finds the first row and every row that differs from the one before it, shape (k,)."""
     return np.concatenate([[0], np.flatnonzero(np.any(np.diff(values, axis=0) != 0.0, axis=1)) + 1])

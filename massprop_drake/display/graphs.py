@@ -26,24 +26,24 @@ DIAGRAMS = {
 
 
 def build(name: str) -> Diagram:
-    """A diagram by its name."""
+    """Builds a bundled diagram, given its name."""
     module = importlib.import_module(f"massprop_drake.diagrams.{name}")
     diagram: Diagram = module.build(load_scenario(DIAGRAMS[name]))
     return diagram
 
 
 def describe(name: str) -> str:
-    """First line of a diagram's documentation."""
+    """Returns the first line of a diagram's documentation."""
     module = importlib.import_module(f"massprop_drake.diagrams.{name}")
     return (module.__doc__ or "").strip().splitlines()[0]
 
 
 def dot_text(diagram: Diagram, depth: int) -> str:
-    """A diagram in Graphviz's language; the same for the same diagram, whatever was built before.
+    """Returns a diagram in Graphviz's language, independent of what else the process has built.
 
     Args:
-        diagram: to draw.
-        depth: levels of diagrams inside it to open; 0 shows one box.
+        diagram: the one to draw.
+        depth: how many levels of nested diagrams to open; 0 shows a single box.
     """
     text: str = diagram.GetGraphvizString(max_depth=depth, options={"name/split": "I/O"})
     # Drake numbers systems as they are made in a process: number them as they appear instead
@@ -66,7 +66,7 @@ _PORT = re.compile(r'PORT="([uy]?\d+)"[^>]*>([^<]*)</TD>')
 
 
 def _labeled(connections: list[str], text: str) -> list[str]:
-    """Arrows between systems with the name of the signal that they carry: of the port they come from."""
+    """Labels arrows between systems with the signal they carry, which has the name of the port it leaves."""
     ports = {(node, port): name for node, inside in _NODE.findall(text) for port, name in _PORT.findall(inside)}
     labeled = []
     for line in connections:
@@ -78,7 +78,7 @@ def _labeled(connections: list[str], text: str) -> list[str]:
 
 
 def svg_text(dot: str) -> str | None:
-    """The drawing, by whichever of `graphviz-pure` (pip) and `dot` (Graphviz) is there; None without."""
+    """Draws a graph as SVG with `graphviz-pure` (pip) or `dot` (Graphviz); None if neither is installed."""
     beside = Path(sys.executable).parent / "graphviz-pure"
     program = str(beside) if beside.exists() else shutil.which("graphviz-pure") or shutil.which("dot")
     if program is None:

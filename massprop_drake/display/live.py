@@ -1,4 +1,4 @@
-"""A simulation as it is computed, in three dimensions, on this machine only."""
+"""A live view of a simulation in three dimensions, served on this machine only."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ Array = NDArray[np.float64]
 
 
 class Live:
-    """Shows the moments of a simulation; a `watch` for `simulate`.
+    """Shows a simulation while it runs; pass it to `simulate` as `watch`.
 
     Args:
-        scenario: that is simulated.
-        speed: times real time; infinity: as fast as it is computed.
+        scenario: the one to be simulated.
+        speed: how many times faster than real time; infinity: as fast as it is computed.
     """
 
     def __init__(self, scenario: Scenario, speed: float = 1.0):
@@ -38,11 +38,11 @@ class Live:
 
     @property
     def address(self) -> str:
-        """Where a browser on this machine sees it."""
+        """The URL of the view, for a browser on this machine."""
         return str(self._stage.meshcat.web_url())
 
     def __call__(self, moment: Moment) -> None:
-        """Shows a moment, waiting for its time."""
+        """Waits until a moment is due, then shows it."""
         if self._began is None:
             self._began = time.monotonic()
         ahead_s = moment.time_s / self._speed - (time.monotonic() - self._began)

@@ -1,4 +1,4 @@
-"""The report of a run: one self-contained HTML page, the verdict first."""
+"""The report of a run: one self-contained HTML page that begins with the verdict."""
 
 from __future__ import annotations
 
@@ -11,12 +11,11 @@ from typing import TYPE_CHECKING, Any
 
 import jinja2
 
-from massprop_drake.display import events
-from massprop_drake.display.plots import panels
+from massprop_drake.display import events, interactive, plots
 from massprop_drake.inputs.model import yaml_text
 from massprop_drake.results.folder import write_whole
 from massprop_drake.results.summary import DetectionRecord, Summary
-from massprop_drake.signals import SYMBOLS, WINDOW_COLOR, mass_property_units, with_deviation
+from massprop_drake.signals import SYMBOLS, mass_property_units, with_deviation
 
 if TYPE_CHECKING:
     from massprop_drake.results.run import Run
@@ -26,9 +25,9 @@ def write_report(run: Run, path: str | Path, *, replay: str | None = None) -> Pa
     """Writes the report of a run.
 
     Args:
-        run: simulated or from telemetry.
-        path: of the HTML file; it appears whole or not at all.
-        replay: where the replay lies, relative to the report; None: there is none.
+        run: simulated, or estimated from telemetry.
+        path: the HTML file to write; it appears whole or not at all.
+        replay: path of the replay relative to the report; None: the report links to none.
     """
     target = Path(path)
     write_whole(target, report_html(run, replay=replay))
@@ -36,7 +35,7 @@ def write_report(run: Run, path: str | Path, *, replay: str | None = None) -> Pa
 
 
 def summary_html(run: Run) -> str:
-    """The verdict and the table of ten parameters, for a notebook."""
+    """Returns the verdict and the table of ten parameters as HTML for a notebook."""
     return (
         _environment()
         .get_template("summary.html")
@@ -54,22 +53,13 @@ def _environment() -> jinja2.Environment:
 
 
 def report_html(run: Run, *, replay: str | None = None) -> str:
-    """The report as one HTML text that needs no network."""
+    """Returns the report as the text of one HTML file that needs no network."""
     run = run.shown()
     results, scenario = run.results, run.scenario
-    plots = {
-        "time": [float(f"{value:.9g}") for value in run.time_s.tolist()],
-        "panels": panels(run),
-        "windows": [
-            {"start": window.start_s, "end": window.end_s, "text": f"{window.controller.upper()} {window.axis}"}
-            for window in scenario.maneuver
-        ],
-        "window_color": WINDOW_COLOR,
-        "marks": [{"at": mark.start_s, "text": mark.text, "true": True} for mark in events.failures(run)]
-        + [
-            {"at": entry.time_s, "text": f"declared: {events.headline(entry)}", "true": False}
-            for entry in results.detections
-        ],
+    source = plots.source(run)
+    described = {
+        "time": interactive.times(run.time_s),
+        "plots": [interactive.drawn(plot(source)) for plot in plots.available(source).values()],
     }
     page: str = (
         _environment()
@@ -87,7 +77,7 @@ def report_html(run: Run, *, replay: str | None = None) -> str:
             scenario=yaml_text(scenario),
             replay=replay,
             # between script tags '<' could end them, whatever the names in a user's files are
-            plots=json.dumps(plots, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c"),
+            plots=json.dumps(described, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c"),
             plotly=(resources.files("plotly") / "package_data" / "plotly.min.js").read_text(encoding="utf-8"),
         )
     )
@@ -95,7 +85,7 @@ def report_html(run: Run, *, replay: str | None = None) -> str:
 
 
 def _verdict(results: Summary) -> list[dict[str, Any]]:
-    """The few sentences that a reader wants first; `good` is None where nothing can be said."""
+    """Writes the few sentences that a reader wants first; `good` is None where there is nothing to judge."""
     sentences: list[dict[str, Any]] = []
 
     def say(good: bool | None, text: str) -> None:
@@ -122,7 +112,7 @@ def _verdict(results: Summary) -> list[dict[str, Any]]:
 
 
 def _parameters(run: Run) -> list[dict[str, Any]]:
-    """The table of ten parameters as text."""
+    """Formats the table of ten parameters."""
     rows = []
     units = mass_property_units(run.scenario.vehicle_data.unit_names)
     for symbol, unit, one in zip(SYMBOLS, units, run.results.parameters, strict=True):
@@ -144,7 +134,7 @@ def _parameters(run: Run) -> list[dict[str, Any]]:
 
 
 def _mass(run: Run) -> list[str]:
-    """Mass and inertia that follow, with their 1-sigma."""
+    """Formats the mass and inertia that the estimates imply, with their 1-sigma."""
     derived, units = run.results.derived, run.scenario.vehicle_data.unit_names
     lines = []
     if derived.mass is not None:
@@ -159,7 +149,7 @@ def _mass(run: Run) -> list[str]:
 
 
 def _detection(entry: DetectionRecord, force: str) -> dict[str, str]:
-    """One detection: what, when, how much, how sure."""
+    """Formats a detection: what failed, when, by how much, and how sure that is."""
     magnitude = ""
     if entry.magnitude is not None and entry.magnitude_std is not None:
         magnitude = f"{with_deviation(entry.magnitude, entry.magnitude_std)} {force}"
@@ -175,7 +165,7 @@ def _detection(entry: DetectionRecord, force: str) -> dict[str, str]:
 
 
 def _autopilot(run: Run) -> list[str]:
-    """What the autopilot did, in sentences."""
+    """Describes in sentences what the autopilot did."""
     found, units = run.results.autopilot, run.scenario.vehicle_data.unit_names
     lines = [f"{found.firings} firings, {found.propellant_mass:.3g} {units['mass']} of propellant."]
     if found.jets_out_of_use:
@@ -188,7 +178,7 @@ def _autopilot(run: Run) -> list[str]:
 
 
 def _quality(quality: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """What was found about a record, as rows of a heading and a text; what was not found is left out."""
+    """Formats the findings about a record as rows of heading and text; empty ones are left out."""
     rows = []
     for key, value in quality.items():
         heading = key.replace("_", " ")
@@ -202,7 +192,7 @@ def _quality(quality: Mapping[str, Any]) -> list[tuple[str, str]]:
 
 
 def _in_words(value: Any) -> str:
-    """A value of a summary as text; nothing for zero, null and empty ones."""
+    """Formats a value of the summary; empty for zero, null and empty values."""
     if isinstance(value, dict):
         parts = ((name.replace("_", " "), _in_words(part)) for name, part in value.items())
         return ", ".join(f"{name} {text}" for name, text in parts if text)

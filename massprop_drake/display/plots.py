@@ -1,231 +1,442 @@
-"""The interactive plots of a report, as data: which curves, in which units and colors."""
+"""The plots of a run, each described once: panels and marks from its signals, in units and colors.
+
+Every function takes a `Source` and returns a `Plot`; `available` names those that a source has the signals
+for. Their figure numbers are those of the thesis.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtri
 
-from massprop_drake.inputs import params
-from massprop_drake.signals import (
-    AXES,
-    BAND_COLOR,
-    COLORS,
-    SIGNALS,
-    SYMBOLS,
-    TRUTH_COLOR,
-    in_units,
-    mass_property_units,
+from massprop_drake.display.spec import (
+    Band,
+    Bars,
+    Level,
+    Line,
+    Mark,
+    Moment,
+    Panel,
+    Plot,
+    Points,
+    SymmetricLog,
+    Whiskers,
+    Window,
+    Zone,
 )
+from massprop_drake.display.style import BAND_COLOR, COLORS, TRUTH_COLOR
+from massprop_drake.inputs import params
+from massprop_drake.inputs.scenario import Scenario
+from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.signals import AXES, SIGNALS, SYMBOLS, in_units, mass_property_units
 
 if TYPE_CHECKING:
     from massprop_drake.results.run import Run
 
 Array = NDArray[np.float64]
-Panel = dict[str, Any]
 
+NIS_LIMITS = (0.21579528262389802, 9.348403604496148)  # 2.5 and 97.5 % of chi-square, 3 degrees of freedom
 _DEGREES = 180.0 / np.pi
-_DIGITS = 6  # of a number in the page
+_FLOOR = 0.1  # of statistics on a logarithmic scale: what lies below says nothing
+_NAMED = 5  # jets, or clusters, with a color of their own; the others are gray
 
 
-def panels(run: Run) -> list[Panel]:
-    """Every plot of a run, in the order to read them."""
-    return _Panels(run).all()
+class Source(NamedTuple):
+    """What plots are made from.
+
+    Attributes:
+        time_s: sample times, s, shape (n,).
+        signals: by name, shape (n, components).
+        scenario: for units, maneuver windows, failures and jets.
+        consistency: mean NIS and number of samples used, as in the summary; None: the signals are complete,
+            and the means are taken from them.
+    """
+
+    time_s: Array
+    signals: Mapping[str, Array]
+    scenario: Scenario
+    consistency: Mapping[str, float | None] | None = None
+
+    @property
+    def vehicle(self) -> Vehicle:
+        """The vehicle of the scenario."""
+        return self.scenario.vehicle_data
+
+    @property
+    def simulated(self) -> bool:
+        """Whether the truth is known; if not, the signals come from telemetry."""
+        return "truth" in self.signals
+
+    def where(self, name: str) -> NDArray[np.int_]:
+        """Rows at which a signal of one component is not zero, shape (k,)."""
+        return np.flatnonzero(self.signals[name][:, 0] != 0.0)
 
 
-class _Panels:
-    def __init__(self, run: Run):
-        self._run = run
-        self._signals = run.signals
-        self._vehicle = run.scenario.vehicle_data
-        self._names = self._vehicle.unit_names
-        self._time = np.asarray(run.time_s)
+def source(run: Run) -> Source:
+    """A run, or some of its rows, as a source of plots."""
+    return Source(run.time_s, run.signals, run.scenario, run.summary["consistency"] if run.thinned else None)
 
-    def all(self) -> list[Panel]:
-        found = [self._rates(), *self._velocities(), self._jets()]
-        found += [self._vector(name, steps=True) for name in ("torque", "force") if name in self._signals]
-        found += [self._parameter(element) for element in range(10) if self._observed(element)]
-        found += [self._consistency(name) for name in ("rotation", "mass") if f"{name}_nis" in self._signals]
-        if "likelihood" in self._signals:
-            found += [self._likelihoods(), self._margins(), self._magnitude()]
-        return found
 
-    # -------------------------------------------------------------------------------------- motion
+def available(run: Source) -> dict[str, Callable[[Source], Plot]]:
+    """The plots of a run by name, in the order to read them."""
+    found: dict[str, Callable[[Source], Plot]] = {}
+    if run.simulated:
+        found |= {"rates": rates, "velocities": velocities, "jets": jets, "torques": torques, "forces": forces}
+    else:  # recorded telemetry: what was read, in place of what was true
+        if run.vehicle.accelerometers:
+            found["accelerometer_velocities"] = accelerometer_velocities
+        found |= {"gyro_readings": gyro_readings, "jets": jets}
+    found |= {
+        "inverse_inertia_diagonal": inverse_inertia_diagonal,
+        "inverse_inertia_products": inverse_inertia_products,
+        "center_of_mass": center_of_mass,
+    }
+    if "mass_nis" in run.signals:  # there is an accelerometer
+        found["mass_reciprocal"] = mass_reciprocal
+    found["consistency"] = consistency
+    if "likelihood" in run.signals:
+        found |= {
+            "likelihoods": likelihoods,
+            "margins": margins,
+            "failure_magnitude": failure_magnitude,
+            "detection_timeline": detection_timeline,
+        }
+    return found
 
-    def _rates(self) -> Panel:
-        name = "rate" if "rate" in self._signals else params.gyro(self._run.scenario).name
-        return self._vector(name, unit="deg/s", scale=_DEGREES, title="Angular rate")
 
-    def _velocities(self) -> list[Panel]:
-        if "velocity" in self._signals:
-            return [self._vector("velocity")]
-        packages = params.accelerometers(self._run.scenario)
-        return [self._vector(packages[0].name)] if packages else []
+# ------------------------------------------------------------------------------------------ motion
 
-    def _vector(
-        self, name: str, *, unit: str | None = None, scale: float = 1.0, title: str | None = None, steps: bool = False
-    ) -> Panel:
-        signal = self._run.descriptions[name]
-        values = scale * np.asarray(self._signals[name])
-        unit = unit or in_units(signal.unit, self._names)
-        heading = title or signal.label[0].upper() + signal.label[1:]
-        curves = [self._curve(values[:, axis], letter, COLORS[axis], steps=steps) for axis, letter in enumerate(AXES)]
-        return _panel(name, heading, unit, curves)
 
-    def _jets(self) -> Panel:
-        """When each jet was commanded, a row per jet, by cluster."""
-        command = np.nan_to_num(np.asarray(self._signals["command"])) > 0.0
-        jets = self._vehicle.jets
-        order = sorted(range(len(jets)), key=lambda index: (jets[index].cluster, index))
-        after = np.append(self._time[1:], self._time[-1])
-        by_cluster: dict[int, dict[str, list[Any]]] = {}
-        for row, index in enumerate(order):
-            on = command[:, index]
-            begins = np.flatnonzero(on & ~np.append(False, on[:-1]))
-            ends = np.flatnonzero(on & ~np.append(on[1:], False))
-            curve = by_cluster.setdefault(jets[index].cluster, {"x": [], "y": [], "text": []})
-            for begin, end in zip(begins, ends, strict=True):
-                curve["x"] += [_rounded(self._time[begin]), _rounded(after[end]), None]
-                curve["y"] += [row, row, None]
-                curve["text"] += [jets[index].designation] * 2 + [""]
-        curves = [
-            {
-                **curve,
-                "mode": "lines",
-                "name": f"cluster {cluster}",
-                "color": COLORS[cluster % (len(COLORS) - 1)],
-                "width": 5,
-                "legend": False,
-            }
-            for cluster, curve in by_cluster.items()
+def rates(run: Source) -> Plot:
+    """Angular velocity (figure 5-2)."""
+    return _vector(run, "rates", "rate", "Angular rate", "deg/s", scale=_DEGREES)
+
+
+def velocities(run: Source) -> Plot:
+    """Velocity of the center of mass relative to the start, inertial axes (figure 5-3)."""
+    title = "Velocity of the center of mass, relative to the start, inertial axes"
+    return _vector(run, "velocities", "velocity", title)
+
+
+def torques(run: Source) -> Plot:
+    """Applied torque about the center of mass (figure 5-4)."""
+    return _vector(run, "torques", "torque", "Applied torque about the center of mass", steps=True)
+
+
+def forces(run: Source) -> Plot:
+    """Applied force (figure 5-5)."""
+    return _vector(run, "forces", "force", "Applied force", steps=True)
+
+
+def gyro_readings(run: Source) -> Plot:
+    """Angular rate as each gyro package read it."""
+    names = [gyro.name for gyro in run.vehicle.gyros]
+    return _readings(run, "gyro_readings", names, "Angular rate, as read", "deg/s", _DEGREES)
+
+
+def accelerometer_velocities(run: Source) -> Plot:
+    """Integrated specific force as each accelerometer package read it."""
+    names = [package.name for package in run.vehicle.accelerometers]
+    unit = f"{run.vehicle.unit_names['length']}/s"
+    return _readings(run, "accelerometer_velocities", names, "Integrated specific force, as read", unit, 1.0)
+
+
+def jets(run: Source) -> Plot:
+    """Which jet was commanded when, a row per jet, by cluster."""
+    every = run.vehicle.jets
+    order = sorted(range(len(every)), key=lambda index: (every[index].cluster, index))
+    command = np.nan_to_num(run.signals["command"]) > 0.0
+    by_cluster: dict[int, list[Array]] = {}  # rows of begin, end and row
+    for row, index in enumerate(order):
+        begin, end = _intervals(run.time_s, command[:, index])
+        bars = np.column_stack([begin, end, np.full(begin.shape, row)])
+        by_cluster.setdefault(every[index].cluster, []).append(bars)
+    marks = []
+    for cluster, parts in by_cluster.items():
+        begin, end, rows = np.vstack(parts).T
+        marks.append(Bars(begin, end, rows, COLORS[cluster % (len(COLORS) - 1)]))
+    names = tuple(f"{every[index].designation} ({every[index].cluster})" for index in order)
+    return _plot(run, "jets", "Jets commanded", [Panel("jet (cluster)", "", tuple(marks), rows=names)])
+
+
+def _intervals(time_s: Array, on: NDArray[np.bool_]) -> tuple[Array, Array]:
+    """Beginnings and ends of the intervals in which a jet is commanded, s.
+
+    What a row commands lasts until the next row, also where rows are left out; the last row commands nothing.
+    """
+    change = np.flatnonzero(np.diff(on[:-1], prepend=False, append=False))
+    return time_s[change[::2]], time_s[change[1::2]]
+
+
+def _vector(
+    run: Source,
+    name: str,
+    signal: str,
+    title: str,
+    unit: str | None = None,
+    *,
+    scale: float = 1.0,
+    steps: bool = False,
+) -> Plot:
+    """A vector signal, a panel per axis."""
+    values = scale * run.signals[signal]
+    unit = unit or in_units(SIGNALS[signal].unit, run.vehicle.unit_names)
+    panels = [
+        Panel(letter, unit, (Line(run.time_s, values[:, axis], COLORS[axis], steps=steps),))
+        for axis, letter in enumerate(AXES)
+    ]
+    return _plot(run, name, title, panels)
+
+
+def _readings(run: Source, name: str, packages: Sequence[str], title: str, unit: str, scale: float) -> Plot:
+    """What packages of one kind read, a panel per axis and a color per package."""
+    panels = []
+    for axis, letter in enumerate(AXES):
+        marks = [
+            Line(
+                run.time_s,
+                scale * run.signals[package][:, axis],
+                COLORS[number % len(COLORS)],
+                package if len(packages) > 1 and axis == 0 else "",
+            )
+            for number, package in enumerate(packages)
         ]
-        panel = _panel("jets", "Jets commanded, by cluster", "", curves)
-        panel["rows"] = [f"{jets[index].designation} ({jets[index].cluster})" for index in order]
-        panel["height"] = 80 + 13 * len(order)
-        return panel
+        panels.append(Panel(letter, unit, tuple(marks)))
+    return _plot(run, name, title, panels)
 
-    # ----------------------------------------------------------------------------------- estimates
 
-    def _observed(self, element: int) -> bool:
-        return bool(np.isfinite(np.asarray(self._signals["estimate"])[:, element]).any())
+# --------------------------------------------------------------------------------------- estimates
 
-    def _parameter(self, element: int) -> Panel:
-        """Estimation error and 3-sigma or, where the truth is unknown, the estimate within its band."""
-        estimate = np.asarray(self._signals["estimate"])[:, element]
-        deviation = np.asarray(self._signals["standard_deviation"])[:, element]
-        unit = mass_property_units(self._names)[element]
-        color = COLORS[element % 3]
-        if "truth" not in self._signals:
-            curves = self._band(estimate - 3.0 * deviation, estimate + 3.0 * deviation)
-            curves.append(self._curve(estimate, "estimate", color))
-            return _panel(f"parameter{element}", f"{SYMBOLS[element]}: estimate and 3-sigma", unit, curves)
-        truth = np.asarray(self._signals["truth"])
-        true = truth[:, element]
-        scale = np.ones_like(true)
-        if np.abs(true).max() > 1e-12 * np.abs(truth).max():
-            unit, scale = "%", 100.0 / np.abs(true)
-        error, band = scale * (estimate - true), scale * 3.0 * deviation
-        curves = [
-            *self._band(-band, band, view="linear"),
-            self._curve(error, "error", color, view="linear"),
-            self._curve(band, "3-sigma", BAND_COLOR, view="log"),
-            self._curve(np.abs(error), "|error|", color, view="log"),
-        ]
-        panel = _panel(f"parameter{element}", f"{SYMBOLS[element]}: estimation error", unit, curves)
-        panel["views"] = True
-        return panel
 
-    def _band(self, low: Array, high: Array, view: str = "") -> list[dict[str, Any]]:
-        lower = self._curve(low, "", BAND_COLOR, view=view)
-        upper = self._curve(high, "3-sigma", BAND_COLOR, view=view)
-        return [{**lower, "width": 0, "legend": False}, {**upper, "width": 0, "fill": True}]
+def inverse_inertia_diagonal(run: Source) -> Plot:
+    """Errors of the diagonal of the inverse inertia (figure 5-6a)."""
+    return _parameters(run, "inverse_inertia_diagonal", (0, 1, 2), "Inverse inertia, diagonal")
 
-    def _consistency(self, name: str) -> Panel:
-        used = np.asarray(self._signals[f"{name}_used"])[:, 0] != 0.0
-        nis = np.where(used, np.asarray(self._signals[f"{name}_nis"])[:, 0], np.nan)
-        panel = _panel(
-            f"{name}_nis", f"{SIGNALS[f'{name}_nis'].label}, samples used", "", [self._dots(nis, "NIS", COLORS[0])]
+
+def inverse_inertia_products(run: Source) -> Plot:
+    """Errors of the products of the inverse inertia (figure 5-6b)."""
+    return _parameters(run, "inverse_inertia_products", (3, 4, 5), "Inverse inertia, products")
+
+
+def center_of_mass(run: Source) -> Plot:
+    """Errors of the center of mass (figure 5-7)."""
+    return _parameters(run, "center_of_mass", (6, 7, 8), "Center of mass")
+
+
+def mass_reciprocal(run: Source) -> Plot:
+    """Error of the mass reciprocal (figure 5-12)."""
+    return _parameters(run, "mass_reciprocal", (9,), "Mass reciprocal")
+
+
+def _parameters(run: Source, name: str, elements: tuple[int, ...], title: str) -> Plot:
+    """Estimation errors with their 3-sigma band; without the truth the estimates with theirs."""
+    panel, what = (_error, "estimation error") if run.simulated else (_estimate, "estimate")
+    return _plot(run, name, f"{title}: {what}", [panel(run, element) for element in elements])
+
+
+def _error(run: Source, element: int) -> Panel:
+    """Estimation error in percent of the truth, or in the parameter's unit where the truth is about zero."""
+    truth = run.signals["truth"]
+    true = truth[:, element]
+    unit, scale = mass_property_units(run.vehicle.unit_names)[element], np.ones_like(true)
+    if np.abs(true).max() > 1e-12 * np.abs(truth).max():
+        unit, scale = "%", 100.0 / np.abs(true)
+    error = scale * (run.signals["estimate"][:, element] - true)
+    band = scale * 3.0 * run.signals["standard_deviation"][:, element]
+    return Panel(
+        SYMBOLS[element],
+        unit,
+        (
+            Band(run.time_s, -band, band, label=f"3-sigma, at the end {band[-1]:.3g} {unit}"),
+            Line(run.time_s, error, COLORS[element % 3], f"error, at the end {error[-1]:.3g} {unit}"),
+        ),
+        scale=SymmetricLog(float(band[-1]), float(np.nanmax(np.abs([error, band])))),
+    )
+
+
+def _estimate(run: Source, element: int) -> Panel:
+    """The estimate of a parameter, on a scale that the end of the record sets."""
+    value = run.signals["estimate"][:, element]
+    band = 3.0 * run.signals["standard_deviation"][:, element]
+    unit = mass_property_units(run.vehicle.unit_names)[element]
+    return Panel(
+        SYMBOLS[element],
+        unit,
+        (
+            Band(run.time_s, value - band, value + band, label=f"3-sigma, at the end {band[-1]:.3g} {unit}"),
+            Line(run.time_s, value, COLORS[element % 3], f"estimate, at the end {value[-1]:.5g} {unit}"),
+        ),
+        limits=_last_half(value, band),
+    )
+
+
+def _last_half(value: Array, band: Array) -> tuple[float, float]:
+    """Limits that show an estimate, and its band over the last half; the first band may be huge."""
+    half = value.size // 2
+    low = min(float(value.min()), float((value - band)[half:].min()))
+    high = max(float(value.max()), float((value + band)[half:].max()))
+    margin = 0.05 * (high - low) or 0.05 * abs(high) or 1.0
+    return low - margin, high + margin
+
+
+def consistency(run: Source) -> Plot:
+    """NIS of both filters at the samples used (figures 5-8, 5-13)."""
+    panels = []
+    filters = [name for name in ("rotation", "mass") if f"{name}_nis" in run.signals]
+    for name, color in zip(filters, COLORS, strict=False):
+        used = run.where(f"{name}_used")
+        nis = run.signals[f"{name}_nis"][used, 0]
+        marks = (
+            Zone(*NIS_LIMITS, label="95 % of chi-square, 3 degrees of freedom"),
+            Points(run.time_s[used], nis, color, _mean_nis(run, name, nis)),
         )
-        panel["log"] = True
-        panel["bands"] = [[float(value) for value in chdtri(3, [0.975, 0.025])]]
-        panel["note"] = "shaded: 95 % of chi-square with 3 degrees of freedom"
-        return panel
+        panels.append(Panel(f"NIS, {name} filter", "", marks, scale="log"))
+    return _plot(run, "consistency", "Consistency: NIS at the samples used", panels)
 
-    # ------------------------------------------------------------------------------------ detector
 
-    def _likelihoods(self) -> Panel:
-        likelihood = np.maximum(np.asarray(self._signals["likelihood"]), 0.1)
-        tested = np.isfinite(likelihood).any(axis=1)
-        peak = likelihood[tested].max(axis=0) if tested.any() else np.zeros(likelihood.shape[1])
-        highest = np.argsort(-peak)[:5]
-        curves = [
-            self._dots(likelihood[:, jet], self._vehicle.designations[jet], color)
-            for jet, color in zip(highest, COLORS, strict=False)
+def _mean_nis(run: Source, name: str, nis: Array) -> str:
+    if run.consistency is None:
+        return f"mean {nis.mean():.2f} of {nis.size} samples" if nis.size else "no sample used"
+    mean = run.consistency["rotation_nis_mean" if name == "rotation" else "translation_nis_mean"]
+    return "no sample used" if mean is None else f"mean {mean:.2f} of all samples used"
+
+
+# ---------------------------------------------------------------------------------------- detector
+
+
+def likelihoods(run: Source) -> Plot:
+    """Likelihood arguments of all jets, and of the clusters (figures 5-16, 5-19, 5-22, 5-25)."""
+    tested = run.where("tested")
+    of_jets = run.signals["likelihood"][tested]
+    clusters = np.array([jet.cluster for jet in run.vehicle.jets])
+    numbers = np.unique(clusters)
+    of_clusters = np.stack([of_jets[:, clusters == number].max(axis=1) for number in numbers], axis=1)
+    panels = [
+        _highest(run.time_s[tested], of_jets, run.vehicle.designations, "of the jets"),
+        _highest(run.time_s[tested], of_clusters, [f"cluster {number}" for number in numbers], "of the clusters"),
+    ]
+    return _plot(run, "likelihoods", "Likelihood arguments of a failed jet", panels)
+
+
+def _highest(time_s: Array, values: Array, names: Sequence[str], label: str) -> Panel:
+    """Statistics of many candidates: those that ever reach highest by name, the range of the others in gray."""
+    shown = np.maximum(values, _FLOOR)
+    limits = (_FLOOR, max(10.0, 2.0 * float(shown.max(initial=1.0))))
+    if not time_s.size:
+        return Panel(label, "", (), scale="log", limits=limits)
+    order = np.argsort(-shown.max(axis=0))
+    top, rest = order[:_NAMED], order[_NAMED:]
+    marks: list[Mark] = []
+    if rest.size:
+        low, high = shown[:, rest].min(axis=1), shown[:, rest].max(axis=1)
+        marks.append(Whiskers(time_s, low, high, BAND_COLOR, "range of the others"))
+    marks += [
+        Points(time_s, shown[:, column], color, names[column]) for column, color in zip(top, COLORS, strict=False)
+    ]
+    return Panel(label, "", tuple(marks), scale="log", limits=limits)
+
+
+def margins(run: Source) -> Plot:
+    """Margins of the likeliest jet and cluster (figures 5-17, 5-20, 5-23, 5-26)."""
+    tested = run.where("tested")
+    limit = run.scenario.detector.margin
+    sides = (("jet_margin", "jet, within its cluster"), ("cluster_margin", "cluster, over all others"))
+    panels = []
+    for (name, label), color in zip(sides, COLORS, strict=False):
+        values = np.maximum(run.signals[name][tested, 0], _FLOOR)
+        marks = (Points(run.time_s[tested], values, color), Level(limit, label=f"isolated above {limit:g}"))
+        panels.append(Panel(label, "", marks, scale="log"))
+    return _plot(run, "margins", "Margins of the likeliest", panels)
+
+
+def failure_magnitude(run: Source) -> Plot:
+    """Magnitude of a failure (figures 5-18, 5-21, 5-24, 5-27).
+
+    Shows the estimate for the likeliest jet at every alarm, with its 1-sigma; the truth of the jets that were
+    suspected or do fail; and the force that is taken as known from then on.
+    """
+    marks: list[Mark] = []
+    alarm = run.where("alarm")
+    if run.simulated:
+        suspected = run.signals["suspected_jet"][alarm, 0].astype(int).tolist()
+        failed = [run.vehicle.jet_index(failure.jet) for failure in run.scenario.failures]
+        for jet, color in zip(dict.fromkeys(suspected + failed), (TRUTH_COLOR, *COLORS[2:]), strict=False):
+            expected = run.vehicle.jets[jet].thrust * run.signals["command"][:, jet]
+            label = f"truth, {run.vehicle.designations[jet]}"
+            marks.append(Line(run.time_s, run.signals["thrust"][:, jet] - expected, color, label, steps=True))
+    known = run.signals["known_force_variance"] > 0.0
+    for jet in np.flatnonzero(known.any(axis=0)):
+        force = np.where(known[:, jet], run.signals["known_force"][:, jet], np.nan)
+        label = f"known force, {run.vehicle.designations[jet]}"
+        marks.append(Line(run.time_s, force, COLORS[1], label, width=1.4, dashed=True))
+    if alarm.size:
+        time_s, magnitude = run.time_s[alarm], run.signals["suspected_magnitude"][alarm, 0]
+        deviation = run.signals["suspected_magnitude_std"][alarm, 0]
+        marks += [
+            Whiskers(time_s, magnitude - deviation, magnitude + deviation, COLORS[0]),
+            Points(time_s, magnitude, COLORS[0], "likeliest jet, 1-sigma"),
         ]
-        panel = _panel("likelihood", "Likelihood arguments of the five likeliest jets", "", curves)
-        panel["log"] = True
-        return panel
-
-    def _margins(self) -> Panel:
-        tested = np.asarray(self._signals["tested"])[:, 0] != 0.0
-        curves = []
-        for name, words, color in (
-            ("cluster_margin", "cluster, over all others", COLORS[0]),
-            ("jet_margin", "jet, within its cluster", COLORS[1]),
-        ):
-            margin = np.maximum(np.asarray(self._signals[name])[:, 0], 0.1)
-            curves.append(self._dots(np.where(tested, margin, np.nan), words, color))
-        panel = _panel("margins", "Margins of the likeliest cluster and jet", "", curves)
-        panel["log"] = True
-        panel["lines"] = [self._run.scenario.detector.margin]
-        return panel
-
-    def _magnitude(self) -> Panel:
-        alarm = np.asarray(self._signals["alarm"])[:, 0] != 0.0
-        magnitude = np.where(alarm, np.asarray(self._signals["suspected_magnitude"])[:, 0], np.nan)
-        curves = [self._dots(magnitude, "at alarms, likeliest jet", COLORS[0])]
-        variance = np.asarray(self._signals["known_force_variance"])
-        force = np.asarray(self._signals["known_force"])
-        for jet in np.flatnonzero((variance > 0.0).any(axis=0)):
-            known = np.where(variance[:, jet] > 0.0, force[:, jet], np.nan)
-            words = f"known force, {self._vehicle.designations[jet]}"
-            curves.append(self._curve(known, words, COLORS[1]))
-        if "thrust" in self._signals:
-            for name in sorted({failure.jet for failure in self._run.scenario.failures}):
-                index = self._vehicle.jet_index(name)
-                full = self._vehicle.jets[index].thrust
-                command = np.nan_to_num(np.asarray(self._signals["command"])[:, index])
-                true = np.asarray(self._signals["thrust"])[:, index] - full * command
-                curves.append(self._curve(true, f"truth, {name}", TRUTH_COLOR, steps=True))
-        return _panel("magnitude", "Magnitude of the failure", self._names["force"], curves)
-
-    # ------------------------------------------------------------------------------------- helpers
-
-    def _curve(self, values: Array, name: str, color: str, *, steps: bool = False, view: str = "") -> dict[str, Any]:
-        curve: dict[str, Any] = {"y": _numbers(values), "name": name, "color": color, "mode": "lines"}
-        if steps:
-            curve["steps"] = True
-        if view:
-            curve["view"] = view
-        return curve
-
-    def _dots(self, values: Array, name: str, color: str) -> dict[str, Any]:
-        """Points at the samples that have a value; the others are left out of the page."""
-        rows = np.flatnonzero(np.isfinite(values))
-        times = [_rounded(value) for value in self._time[rows].tolist()]
-        return {"x": times, "y": _numbers(values[rows]), "name": name, "color": color, "mode": "markers"}
+    panel = Panel("magnitude", run.vehicle.unit_names["force"], tuple(marks))
+    return _plot(run, "failure_magnitude", "Magnitude of the failure", [panel])
 
 
-def _panel(name: str, title: str, unit: str, curves: Sequence[dict[str, Any]]) -> Panel:
-    return {"name": name, "title": title, "unit": unit, "curves": list(curves)}
+def detection_timeline(run: Source) -> Plot:
+    """Tests, alarms and declarations beside the rates and the number of jets commanded."""
+    rate = _DEGREES * run.signals["rate" if run.simulated else params.gyro(run.scenario).name]
+    turning = tuple(Line(run.time_s, rate[:, axis], COLORS[axis], letter) for axis, letter in enumerate(AXES))
+    count = (run.signals["command"] > 0.0).sum(axis=1).astype(float)
+    commanded = Band(run.time_s, np.zeros_like(count), count, COLORS[0], opacity=0.6, steps=True)
+    rows = {
+        "tested": ("tested", BAND_COLOR),
+        "alarm": ("alarm", COLORS[4]),
+        "jet_isolated": ("names the jet", COLORS[1]),
+    }
+    ticks = []
+    for row, (name, (_, color)) in enumerate(rows.items()):
+        at = run.time_s[run.where(name)]
+        ticks.append(Points(at, np.full(at.shape, float(row)), color, size=9.0, symbol="tick"))
+    panels = [
+        Panel("rate", "deg/s", turning),
+        Panel("jets commanded", "", (commanded,)),
+        Panel("", "", tuple(ticks), rows=tuple(label for label, _ in rows.values())),
+    ]
+    return _plot(run, "detection_timeline", "Detection", panels)
 
 
-def _numbers(values: Array) -> list[float | None]:
-    return [_rounded(value) if np.isfinite(value) else None for value in values.tolist()]
+# ------------------------------------------------------------------------------------ what all show
 
 
-def _rounded(value: float) -> float:
-    return float(f"{value:.{_DIGITS}g}")
+def _plot(run: Source, name: str, title: str, panels: Sequence[Panel]) -> Plot:
+    """A plot with what every plot of a run shows: whose it is, and what happened when."""
+    drawn = f", seed {run.scenario.seed}" if run.simulated else ""
+    caption = f"{run.vehicle.name}, {run.scenario.name}{drawn}"
+    windows, moments = _windows(run), _moments(run)
+    meanings = {
+        "shaded: hand controller out of detent": bool(windows),
+        "dotted: it happens": any(not moment.declared for moment in moments),
+        "red line: it is declared": any(moment.declared for moment in moments),
+    }
+    note = ", ".join(meaning for meaning, there in meanings.items() if there)
+    return Plot(name, title, caption, run.time_s, tuple(panels), windows, moments, note)
+
+
+def _windows(run: Source) -> tuple[Window, ...]:
+    """When a hand controller is out of detent."""
+    return tuple(
+        Window(window.start_s, window.end_s, f"{window.controller.upper()} {window.axis}")
+        for window in run.scenario.maneuver
+        if window.start_s < run.time_s[-1]
+    )
+
+
+def _moments(run: Source) -> tuple[Moment, ...]:
+    """When jets fail and mass properties jump, and when the detector says so."""
+    happens = [failure.start_s for failure in run.scenario.failures] + [jump.time_s for jump in run.scenario.jumps]
+    declared = run.time_s[run.where("detector_event")].tolist() if "detector_event" in run.signals else []
+    return (
+        *(Moment(time_s, declared=False) for time_s in happens if time_s <= run.time_s[-1]),
+        *(Moment(time_s, declared=True) for time_s in declared),
+    )

@@ -1,6 +1,6 @@
-"""A vehicle in Drake's Meshcat: body, jets, plumes and both centers of mass, still or recorded.
+"""A vehicle in Drake's Meshcat, live or recorded: body, jets, plumes, and the true and estimated center of mass.
 
-The camera goes with the vehicle: its center of mass stays in the middle, the inertial axes keep their
+The camera follows the vehicle: its center of mass stays in the middle, and the inertial axes keep their
 direction.
 """
 
@@ -14,6 +14,13 @@ from pydrake.common.eigen_geometry import Quaternion
 from pydrake.geometry import Box, Cylinder, Ellipsoid, Meshcat, MeshcatCone, MeshcatParams, Rgba, Sphere
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 
+from massprop_drake.display.style import (
+    ESTIMATE_COLOR,
+    FAILED_COLOR,
+    PLUME_COLOR,
+    SUSPECT_COLOR,
+    TRUTH_COLOR,
+)
 from massprop_drake.inputs.vehicle import (
     BoxSolid,
     ConeSolid,
@@ -22,13 +29,6 @@ from massprop_drake.inputs.vehicle import (
     PlateSolid,
     Solid,
     Vehicle,
-)
-from massprop_drake.signals import (
-    ESTIMATE_COLOR,
-    FAILED_COLOR,
-    PLUME_COLOR,
-    SUSPECT_COLOR,
-    TRUTH_COLOR,
 )
 
 Array = NDArray[np.float64]
@@ -42,13 +42,13 @@ _MARKS = {"failed": (FAILED_COLOR, 1.0), "found": (SUSPECT_COLOR, 1.5)}  # color
 
 
 class Stage:
-    """Puts a vehicle into Meshcat and moves it.
+    """Shows a vehicle in Meshcat and moves it.
 
-    Every method takes the time in the recording, s; None shows the change at once.
+    Methods take the time of a change in the recording, s; None shows it at once.
 
     Args:
-        vehicle: to show.
-        truth: whether the true center of mass is known.
+        vehicle: the one to show.
+        truth: whether to show the true center of mass.
     """
 
     def __init__(self, vehicle: Vehicle, *, truth: bool):
@@ -67,7 +67,7 @@ class Stage:
         self.meshcat.SetTransform(_BODY, RigidTransform(turned, np.zeros(3)), at_s)
 
     def center(self, position: Array, at_s: float | None = None) -> None:
-        """Puts a point of the vehicle frame, ft or m, into the middle, shape (3,)."""
+        """Centers the view on a point of the vehicle frame, ft or m, shape (3,)."""
         self.meshcat.SetTransform(_STRUCTURE, RigidTransform(-position), at_s)
 
     def plume(self, jet: int, shown: bool, at_s: float | None = None) -> None:
@@ -75,14 +75,14 @@ class Stage:
         self.meshcat.SetProperty(f"{_STRUCTURE}/jets/{jet}/plume", "visible", bool(shown), at_s)
 
     def estimate(self, position: Array, deviation: Array, at_s: float | None = None) -> None:
-        """Moves the estimated center of mass and its ellipsoid of 3 sigma, ft or m, shape (3,) each."""
+        """Moves the estimated center of mass and scales its 3-sigma ellipsoid, ft or m, shape (3,) each."""
         path, smallest = f"{_STRUCTURE}/estimate", 0.002 * self._extent
         spread = np.clip(np.nan_to_num(3.0 * deviation), smallest, 0.35 * self._extent)
         self.meshcat.SetTransform(path, RigidTransform(np.nan_to_num(position)), at_s)
         self.meshcat.SetProperty(f"{path}/spread", "scale", spread.tolist(), at_s)
 
     def add_mark(self, kind: str, name: str, jet: int) -> str:
-        """A hidden mark on a jet, "failed" or "found"; its path for `show`."""
+        """Adds a hidden mark to a jet, "failed" or "found", and returns its path for `show`."""
         color, size = _MARKS[kind]
         path = f"{_STRUCTURE}/marks/{kind}{name}_{jet}"
         self.meshcat.SetObject(path, Sphere(0.022 * size * self._extent), _rgba(color, 0.55))
@@ -143,7 +143,7 @@ class Stage:
 
 
 def _quiet_meshcat() -> Meshcat:
-    """A Meshcat on localhost that does not announce itself."""
+    """Starts Meshcat on localhost without its announcement on the terminal."""
     log = logging.getLogger("drake")
     level = log.level
     log.setLevel(logging.WARNING)
@@ -154,7 +154,7 @@ def _quiet_meshcat() -> Meshcat:
 
 
 def _extent(vehicle: Vehicle) -> float:
-    """Largest distance between jets along an axis, or of the solids, ft or m."""
+    """Returns the largest dimension of the vehicle, jets and solids, along an axis, ft or m."""
     corners = [vehicle.positions.min(axis=0), vehicle.positions.max(axis=0)]
     for solid in vehicle.shape:
         reach = _reach(solid)
@@ -163,7 +163,7 @@ def _extent(vehicle: Vehicle) -> float:
 
 
 def _reach(solid: Solid) -> float:
-    """From a solid's center to its farthest point, about, ft or m."""
+    """Returns about the distance from a solid's center to its farthest point, ft or m."""
     match solid:
         case BoxSolid():
             return 0.5 * max(solid.size)
@@ -176,7 +176,7 @@ def _reach(solid: Solid) -> float:
 
 
 def _box(vehicle: Vehicle) -> tuple[Solid, ...]:
-    """A box between the jets, for a vehicle without a shape."""
+    """Makes a box that spans the jets, for a vehicle without a shape."""
     low, high = vehicle.positions.min(axis=0), vehicle.positions.max(axis=0)
     size = np.maximum(0.9 * (high - low), 0.15 * float((high - low).max() or 1.0))
     middle = 0.5 * (low + high)
@@ -206,7 +206,7 @@ def _draw_solid(meshcat: Meshcat, path: str, solid: Solid) -> None:
 
 
 def _plate(outline: Array, thickness: float) -> tuple[Array, NDArray[np.int_]]:
-    """Vertices (3, n) and triangles (3, k) of a plate, both sides of each face."""
+    """Makes the vertices (3, n) and triangles (3, k) of a plate, every face seen from both sides."""
     count = outline.shape[0]
     sides = [np.column_stack([outline, np.full(count, side)]) for side in (-0.5 * thickness, 0.5 * thickness)]
     faces = []
@@ -220,7 +220,7 @@ def _plate(outline: Array, thickness: float) -> tuple[Array, NDArray[np.int_]]:
 
 
 def _cylinder(length: float, radii: tuple[float, float]) -> tuple[Array, NDArray[np.int_]]:
-    """Vertices and triangles of a cylinder along x."""
+    """Makes the vertices and triangles of a cylinder along x."""
     angle = np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)
     outline = np.column_stack([radii[0] * np.cos(angle), radii[1] * np.sin(angle)])
     vertices, faces = _plate(outline, length)
@@ -228,7 +228,7 @@ def _cylinder(length: float, radii: tuple[float, float]) -> tuple[Array, NDArray
 
 
 def _along(direction: Array) -> RotationMatrix:
-    """A rotation that takes z to a direction."""
+    """Returns a rotation that takes z to a direction."""
     return RotationMatrix.MakeFromOneVector(direction, 2)
 
 

@@ -46,6 +46,7 @@ class Run:
             unit of each is in `units`, the names of its columns in `components`. Sample times are
             `time_s`. Those of recorded telemetry stay on disk and are read when asked for.
         state: what it takes to resume from the end, as in `filter_state.json`.
+        thinned: whether the signals are but some of the rows, as `shown` picks them.
     """
 
     def __init__(
@@ -62,7 +63,7 @@ class Run:
             self.time_s = time_s
         self.signals = signals if isinstance(signals, Spool) else dict(signals)
         self.state = dict(state or {})
-        self._thinned = False  # whether some rows are left out
+        self.thinned = False
 
     def __repr__(self) -> str:
         return f"<Run of '{self.scenario.name}', {self.results.duration_s:g} s, seed {self.scenario.seed}>"
@@ -109,10 +110,9 @@ class Run:
     def plot(self) -> Plots:
         """Draws figures of the run: `run.plot.rates()` and the others return matplotlib figures."""
         from massprop_drake.display.figures import Plots  # noqa: PLC0415 (matplotlib is slow to load)
+        from massprop_drake.display.plots import source  # noqa: PLC0415
 
-        shown = self.shown() if isinstance(self.signals, Spool) else self
-        consistency = self.results.consistency._asdict() if shown._thinned else None
-        return Plots(shown.time_s, shown.signals, self.scenario, consistency=consistency)
+        return Plots(source(self.shown() if isinstance(self.signals, Spool) else self))
 
     def shown(self) -> Run:
         """Downsamples a long run for plots and pages; a short one is returned as it is.
@@ -122,7 +122,7 @@ class Run:
         """
         spooled = isinstance(self.signals, Spool)
         n_rows = self.signals.n_rows if isinstance(self.signals, Spool) else self.time_s.size
-        if self._thinned or (not spooled and n_rows <= _MANY_ROWS):
+        if self.thinned or (not spooled and n_rows <= _MANY_ROWS):
             return self
         gyro = params.gyro(self.scenario).name
         peaks = tuple(name for name in ("rotation_nis", "mass_nis") if name in self.signals)
@@ -132,7 +132,7 @@ class Run:
         signals = picked(self.signals, rows, leaving_out=leaving_out)
         time_s = signals.pop("time_s") if spooled else self.time_s[rows]
         shown = Run(self.scenario, self.results, time_s, signals, self.state)
-        shown._thinned = True
+        shown.thinned = True
         return shown
 
     def save(
@@ -165,9 +165,7 @@ class Run:
             shown = self.shown() if isinstance(self.signals, Spool) else self  # once: it is large
             if pictures:
                 (partial / "figures").mkdir()
-                figures = shown.plot.all()
-                for name in figures:  # one at a time, to hold no more than one
-                    figures[name].savefig(partial / "figures" / f"{name}.png")
+                shown.plot.save(partial / "figures")
             if report or replay:
                 from massprop_drake.display import write_replay, write_report  # noqa: PLC0415 (loads templates, Drake)
 

@@ -508,6 +508,14 @@ def test_a_run_of_the_program_with_its_figures(tmp_path: Path) -> None:
     assert len(list((tmp_path / "runs" / "mine" / "figures").glob("*.png"))) == 14
 
 
+def test_a_run_of_the_program_without_figures(tmp_path: Path) -> None:
+    options = ["--set", "duration_s=1", "--out", "there"]
+    done = _python("run", "sample_maneuver", "--no-figures", *options, folder=tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert {path.name for path in (tmp_path / "there").iterdir()} == FILES - {"figures"}
+    assert done.stdout.splitlines()[-1] == "files:       there/   report: there/report.html"
+
+
 @pytest.mark.parametrize("arguments", [("list",), ("check", "--schema", "scenario", "--json")], ids=" ".join)
 def test_a_closed_pipe_ends_the_program_quietly(tmp_path: Path, arguments: tuple[str, ...]) -> None:
     """As in `massprop list | head -0`: nobody reads, nobody is told."""

@@ -57,6 +57,14 @@ def test_a_vehicle_and_a_log_give_a_folder_and_a_table(massprop: Massprop) -> No
 
 
 @pytest.mark.usefixtures("toy")
+def test_figures_may_be_left_out(massprop: Massprop) -> None:
+    done = massprop("estimate", "flight.csv", "--vehicle", "toy.yaml", "--no-figures")
+    assert (done.status, done.err) == (0, "")
+    assert {path.name for path in Path("runs/flight").iterdir()} == FILES - {"figures"}
+    assert done.out.splitlines()[-1] == "files:       runs/flight/   report: runs/flight/report.html"
+
+
+@pytest.mark.usefixtures("toy")
 def test_json_is_the_summary_alone(massprop: Massprop) -> None:
     done = massprop("estimate", "flight.csv", "--vehicle", "toy.yaml", "--json", "--out", "there")
     assert (done.status, done.err) == (0, "")

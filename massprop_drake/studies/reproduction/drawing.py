@@ -7,9 +7,9 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from scipy.special import chdtri
 
-from massprop_drake.signals import BAND_COLOR, COLORS, TRUTH_COLOR, WINDOW_COLOR
+from massprop_drake.display.plots import NIS_LIMITS
+from massprop_drake.display.style import BAND_COLOR, COLORS, TRUTH_COLOR, WINDOW_COLOR
 from massprop_drake.studies.reproduction.claims import Array, Phases, Signals
 from massprop_drake.studies.reproduction.measures import maneuver_windows, used
 
@@ -76,7 +76,7 @@ def curves(
 
 def chi_square_band(panel: Axes) -> None:
     """Shades the central 95 % of chi-square with three degrees of freedom."""
-    panel.axhspan(*chdtri(3, [0.975, 0.025]), color=BAND_COLOR, alpha=0.3, linewidth=0.0)
+    panel.axhspan(*NIS_LIMITS, color=BAND_COLOR, alpha=0.3, linewidth=0.0)
 
 
 def consistency(

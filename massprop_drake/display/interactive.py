@@ -1,0 +1,258 @@
+"""Plots as plotly figures, for a page that draws them in the browser.
+
+The page replaces black by the color of its text, which is light in the dark theme, and colors the grid. A
+trace without `x` is drawn over the sample times, which the page holds once.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from massprop_drake.display.spec import (
+    Array,
+    Band,
+    Bars,
+    Level,
+    Line,
+    Mark,
+    Panel,
+    Plot,
+    Points,
+    SymmetricLog,
+    Whiskers,
+    Zone,
+)
+from massprop_drake.display.style import DECLARED_COLOR, TRUTH_COLOR, WINDOW_COLOR, WINDOW_OPACITY
+
+Json = dict[str, Any]
+
+_DIGITS = 6  # of a number in the page
+_PIXELS_PER_POINT = 4.0 / 3.0
+
+# Places, pixels
+_TOP, _BOTTOM = 6, 40
+_PANEL, _ONE_PANEL, _ROW, _GAP = 120, 190, 13, 8
+_KEY, _SYMBOL, _LETTER, _NARROW = 18, 40, 6, 430  # height of a row of a key, and the widths that fill it
+
+
+def drawn(plot: Plot) -> Json:
+    """Turns a plot into data for the page.
+
+    Returns:
+        `name` and `title`; `traces` and `layout` as plotly takes them; and `views`, the vertical axes that the
+        reader switches between a linear and a logarithmic view. A trace of one view names it in `meta`.
+    """
+    traces: list[Json] = []
+    shapes: list[Json] = []
+    axes: Json = {}
+    heights = [_height(panel, alone=len(plot.panels) == 1) for panel in plot.panels]
+    spaces = [_GAP + _key_height(panel) for panel in plot.panels]
+    total = sum(heights) + sum(spaces)
+    top = total
+    for number, (panel, height, space) in enumerate(zip(plot.panels, heights, spaces, strict=True), 1):
+        top -= space
+        suffix = "" if number == 1 else str(number)
+        marks = [mark for mark in panel.marks if not isinstance(mark, Level | Zone)]
+        for trace in _views(plot, marks) if isinstance(panel.scale, SymmetricLog) else _traces(plot, marks, panel):
+            traces.append({**trace, "yaxis": f"y{suffix}", "legend": f"legend{suffix}"})
+        shapes += _shapes(plot, panel, suffix)
+        axes[f"yaxis{suffix}"] = {**_vertical(panel), "domain": [(top - height) / total, top / total]}
+        axes[f"legend{suffix}"] = {
+            "orientation": "h", "x": 1.0, "xanchor": "right", "y": top / total, "yanchor": "bottom",
+            "font": {"size": 10},
+        }  # fmt: skip
+        top -= height
+    lowest = "y" if len(plot.panels) == 1 else f"y{len(plot.panels)}"
+    axes["xaxis"] = {
+        "title": {"text": "time, s"},
+        "range": [_rounded(plot.time_s[0]), _rounded(plot.time_s[-1])],
+        "anchor": lowest,
+    }
+    layout = {
+        "height": total + _TOP + _BOTTOM,
+        "margin": {"l": 64, "r": 12, "t": _TOP, "b": _BOTTOM},
+        "shapes": shapes,
+        **axes,
+    }
+    views = [
+        f"yaxis{'' if number == 1 else number}"
+        for number, panel in enumerate(plot.panels, 1)
+        if isinstance(panel.scale, SymmetricLog)
+    ]
+    return {
+        "name": plot.name,
+        "title": plot.title,
+        "note": plot.note,
+        "traces": traces,
+        "layout": layout,
+        "views": views,
+    }
+
+
+def times(plot_time_s: Array) -> list[float]:
+    """Rounds sample times for the page, s."""
+    return [float(f"{value:.9g}") for value in plot_time_s.tolist()]
+
+
+def _height(panel: Panel, *, alone: bool) -> int:
+    """Returns the height of a panel, pixels."""
+    return max(_ROW * len(panel.rows), _ONE_PANEL if alone else _PANEL)
+
+
+def _key_height(panel: Panel) -> int:
+    """Estimates the height of a panel's key, pixels; its entries wrap where a card is narrow."""
+    labels = [mark.label for mark in panel.marks if not isinstance(mark, Bars) and mark.label]
+    return _KEY * math.ceil(sum(_SYMBOL + _LETTER * len(label) for label in labels) / _NARROW)
+
+
+def _vertical(panel: Panel) -> Json:
+    """Describes the vertical axis of a panel."""
+    axis: Json = {
+        "title": {"text": panel.axis_label, "font": {"size": 10}},
+        "exponentformat": "power",
+        "automargin": True,
+    }
+    axis["type"] = "log" if panel.scale == "log" else "linear"
+    if panel.limits is not None:
+        limits = np.log10(panel.limits) if panel.scale == "log" else np.array(panel.limits)
+        axis["range"] = limits.tolist()
+    if panel.rows:
+        axis |= {"tickvals": list(range(len(panel.rows))), "ticktext": list(panel.rows), "tickfont": {"size": 9}}
+        axis["range"] = [len(panel.rows) - 0.4, -0.6]
+    return axis
+
+
+# ------------------------------------------------------------------------------------------ traces
+
+
+def _traces(plot: Plot, marks: Sequence[Mark], panel: Panel) -> list[Json]:
+    """Makes the traces of a panel; marks that span all times are shapes instead."""
+    found = []
+    for mark in marks:
+        match mark:
+            case Line():
+                found.append(_line(plot, mark))
+            case Points():
+                found.append(_points(mark))
+            case Whiskers():
+                found.append(_whiskers(mark))
+            case Band():
+                found += _band(plot, mark)
+            case Bars():
+                found.append(_bars(mark, panel.rows))
+    return found
+
+
+def _views(plot: Plot, marks: Sequence[Mark]) -> list[Json]:
+    """Makes a linear view and one of magnitudes, for plotly has no symmetric logarithmic axis."""
+    linear, log = [], []
+    for mark in marks:
+        match mark:
+            case Line():
+                linear.append(_line(plot, mark))
+                log.append(_line(plot, mark._replace(y=np.abs(mark.y))))
+            case Band():
+                linear += _band(plot, mark)
+                log.append(_line(plot, Line(mark.x, mark.high, mark.color, mark.label)))
+            case _:
+                raise TypeError(f"{type(mark).__name__} has no logarithmic view")
+    return [{**trace, "meta": "linear"} for trace in linear] + [{**trace, "meta": "log"} for trace in log]
+
+
+def _line(plot: Plot, mark: Line) -> Json:
+    style = {
+        "color": mark.color,
+        "width": mark.width * _PIXELS_PER_POINT,
+        "dash": "dash" if mark.dashed else "solid",
+        "shape": _shape(mark.steps),
+    }
+    return _trace(mark.label, {**_over(plot, mark.x), "y": _numbers(mark.y), "mode": "lines", "line": style})
+
+
+def _points(mark: Points) -> Json:
+    marker: Json = {"color": mark.color, "size": mark.size * _PIXELS_PER_POINT * 0.75}
+    if mark.symbol == "tick":
+        marker |= {"symbol": "line-ns-open", "size": mark.size}
+    return _trace(mark.label, {"x": _numbers(mark.x), "y": _numbers(mark.y), "mode": "markers", "marker": marker})
+
+
+def _whiskers(mark: Whiskers) -> Json:
+    gap = np.full(mark.x.shape, np.nan)
+    x, y = (np.stack(parts, axis=1).ravel() for parts in ((mark.x, mark.x, gap), (mark.low, mark.high, gap)))
+    style = {"color": mark.color, "width": mark.width * _PIXELS_PER_POINT}
+    return _trace(mark.label, {"x": _numbers(x), "y": _numbers(y), "mode": "lines", "line": style})
+
+
+def _band(plot: Plot, mark: Band) -> list[Json]:
+    """Makes two edges without lines, the upper one filled down to the lower."""
+    edge = {**_over(plot, mark.x), "mode": "lines", "line": {"width": 0, "shape": _shape(mark.steps)}}
+    face = {"fill": "tonexty", "fillcolor": f"{mark.color}{round(255 * mark.opacity):02x}"}
+    low = _trace("", {**edge, "y": _numbers(mark.low), "hoverinfo": "skip"})
+    return [low, _trace(mark.label, {**edge, "y": _numbers(mark.high), **face})]
+
+
+def _bars(mark: Bars, rows: Sequence[str]) -> Json:
+    gap = np.full(mark.begin.shape, np.nan)
+    x = np.stack([mark.begin, mark.end, gap], axis=1).ravel()
+    y = np.stack([mark.row, mark.row, gap], axis=1).ravel()
+    text = [name for row in mark.row.astype(int).tolist() for name in (rows[row], rows[row], "")]
+    style = {"color": mark.color, "width": 5}
+    bars = {"x": _numbers(x), "y": _numbers(y), "text": text, "hoverinfo": "text+x", "mode": "lines", "line": style}
+    return _trace("", bars)
+
+
+def _trace(label: str, content: Json) -> Json:
+    return {"type": "scatter", "hoverinfo": "x+y+name", "name": label, "showlegend": bool(label), **content}
+
+
+def _over(plot: Plot, x: Array) -> Json:
+    """Returns the times of a trace, unless they are the sample times."""
+    return {} if x is plot.time_s else {"x": _numbers(x)}
+
+
+def _shape(steps: bool) -> str:
+    return "hv" if steps else "linear"
+
+
+def _numbers(values: Array) -> list[float | None]:
+    return [_rounded(value) if np.isfinite(value) else None for value in values.tolist()]
+
+
+def _rounded(value: float) -> float:
+    return float(f"{value:.{_DIGITS}g}")
+
+
+# ------------------------------------------------------------------------------------------ shapes
+
+
+def _shapes(plot: Plot, panel: Panel, suffix: str) -> list[Json]:
+    """Makes what spans a panel: windows and moments over all values, levels and zones over all times."""
+    over_values = {"xref": "x", "yref": f"y{suffix} domain", "y0": 0, "y1": 1}
+    over_times = {"xref": "x domain", "yref": f"y{suffix}", "x0": 0, "x1": 1}
+    found: list[Json] = []
+    for window in plot.windows:
+        face = {"fillcolor": WINDOW_COLOR, "opacity": WINDOW_OPACITY, "line": {"width": 0}, "layer": "below"}
+        found.append({"type": "rect", **over_values, "x0": window.start_s, "x1": window.end_s, **face})
+    for moment in plot.moments:
+        color, dash = (DECLARED_COLOR, "solid") if moment.declared else (TRUTH_COLOR, "dot")
+        line = {"color": color, "width": 1, "dash": dash}
+        found.append({"type": "line", **over_values, "x0": moment.time_s, "x1": moment.time_s, "line": line})
+    for mark in panel.marks:
+        match mark:
+            case Zone():
+                face = {"fillcolor": mark.color, "opacity": mark.opacity, "line": {"width": 0}, "layer": "below"}
+                zone = {"type": "rect", **over_times, "y0": mark.low, "y1": mark.high, **face}
+                found.append({**zone, **_named(mark.label, suffix)})
+            case Level():
+                line = {"color": mark.color, "width": 1, "dash": "dash"}
+                level = {"type": "line", **over_times, "y0": mark.y, "y1": mark.y, "line": line}
+                found.append({**level, **_named(mark.label, suffix)})
+    return found
+
+
+def _named(label: str, suffix: str) -> Json:
+    return {"name": label, "showlegend": True, "legend": f"legend{suffix}"} if label else {}

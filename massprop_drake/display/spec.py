@@ -1,0 +1,212 @@
+"""What a plot is: panels over time with marks in them, as data that any renderer can draw.
+
+A `Plot` says everything that its picture shows and nothing of how it is drawn: `figures` draws it with
+matplotlib, `interactive` with plotly.
+"""
+
+from __future__ import annotations
+
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from massprop_drake.display.style import (
+    BAND_COLOR,
+    BAND_OPACITY,
+    LINE_WIDTH,
+    POINT_SIZE,
+    THIN_LINE,
+    TRUTH_COLOR,
+)
+
+Array = NDArray[np.float64]
+
+
+class Line(NamedTuple):
+    """A curve through values; NaN interrupts it.
+
+    Attributes:
+        x: times, s, shape (n,).
+        y: values in the unit of the panel, shape (n,).
+        color: as '#rrggbb'.
+        label: in the legend; empty for no entry. The same for every mark below.
+        width: points.
+        dashed: whether the curve is dashed.
+        steps: whether a value holds until the next one, instead of a straight line between them.
+    """
+
+    x: Array
+    y: Array
+    color: str
+    label: str = ""
+    width: float = LINE_WIDTH
+    dashed: bool = False
+    steps: bool = False
+
+
+class Points(NamedTuple):
+    """Single values.
+
+    Attributes:
+        x: times, s, shape (n,).
+        y: values, shape (n,).
+        color, label: as of a `Line`.
+        size: points.
+        symbol: a dot, or a vertical tick for an event.
+    """
+
+    x: Array
+    y: Array
+    color: str
+    label: str = ""
+    size: float = POINT_SIZE
+    symbol: Literal["dot", "tick"] = "dot"
+
+
+class Whiskers(NamedTuple):
+    """Vertical lines from a low to a high value: error bars, or the range of many values.
+
+    Attributes:
+        x: times, s, shape (n,).
+        low, high: ends, shape (n,) each.
+        color, label: as of a `Line`.
+        width: points.
+    """
+
+    x: Array
+    low: Array
+    high: Array
+    color: str
+    label: str = ""
+    width: float = THIN_LINE
+
+
+class Band(NamedTuple):
+    """The area between two curves.
+
+    Attributes:
+        x: times, s, shape (n,).
+        low, high: edges, shape (n,) each.
+        color, label, steps: as of a `Line`.
+        opacity: 0 to 1.
+    """
+
+    x: Array
+    low: Array
+    high: Array
+    color: str = BAND_COLOR
+    label: str = ""
+    opacity: float = BAND_OPACITY
+    steps: bool = False
+
+
+class Bars(NamedTuple):
+    """Horizontal bars in the rows of a panel.
+
+    Attributes:
+        begin, end: times, s, shape (n,) each.
+        row: whole number of the row each bar lies in, from 0 at the top, shape (n,).
+        color: of all.
+    """
+
+    begin: Array
+    end: Array
+    row: Array
+    color: str
+
+
+class Level(NamedTuple):
+    """A dashed horizontal line, such as a threshold."""
+
+    y: float
+    color: str = TRUTH_COLOR
+    label: str = ""
+
+
+class Zone(NamedTuple):
+    """A shaded range of values at all times, such as the one that a statistic should stay in."""
+
+    low: float
+    high: float
+    color: str = BAND_COLOR
+    label: str = ""
+    opacity: float = BAND_OPACITY
+
+
+Mark = Line | Points | Whiskers | Band | Bars | Level | Zone
+
+
+class SymmetricLog(NamedTuple):
+    """A scale that is linear around zero and logarithmic beyond.
+
+    Attributes:
+        small: where the logarithmic parts begin, about.
+        large: the largest magnitude to show.
+    """
+
+    small: float
+    large: float
+
+
+class Panel(NamedTuple):
+    """One pair of axes of a plot.
+
+    Attributes:
+        label: what the vertical axis shows.
+        unit: of it; empty for none.
+        marks: what is drawn, in this order.
+        scale: of the vertical axis.
+        limits: of the vertical axis, low and high; None: as the marks need.
+        rows: names of the rows 0, 1, ... from the top down, in place of numbers on the vertical axis.
+    """
+
+    label: str
+    unit: str
+    marks: tuple[Mark, ...]
+    scale: Literal["linear", "log"] | SymmetricLog = "linear"
+    limits: tuple[float, float] | None = None
+    rows: tuple[str, ...] = ()
+
+    @property
+    def axis_label(self) -> str:
+        """Label and unit, such as 'x, deg/s'."""
+        return f"{self.label}, {self.unit}" if self.unit else self.label
+
+
+class Window(NamedTuple):
+    """A shaded interval of time, s, and its name."""
+
+    start_s: float
+    end_s: float
+    text: str
+
+
+class Moment(NamedTuple):
+    """A vertical line at a time, s: something happens (dotted) or is declared by the detector (solid)."""
+
+    time_s: float
+    declared: bool
+
+
+class Plot(NamedTuple):
+    """Panels one above the other over the same time.
+
+    Attributes:
+        name: of its file and of its place in a page.
+        title: what it shows.
+        caption: whose data it shows.
+        time_s: sample times, s, shape (n,); the axis of time spans them.
+        panels: from the top down.
+        windows, moments: shown in every panel.
+        note: what shades and vertical lines mean.
+    """
+
+    name: str
+    title: str
+    caption: str
+    time_s: Array
+    panels: tuple[Panel, ...]
+    windows: tuple[Window, ...] = ()
+    moments: tuple[Moment, ...] = ()
+    note: str = ""

@@ -1,0 +1,30 @@
+"""How pictures and pages look: colors, opacities and the sizes of lines, points and letters."""
+
+from __future__ import annotations
+
+# Colors that people with any color vision tell apart (Okabe and Ito), in the order of use
+COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+TRUTH_COLOR = "#000000"  # a page with a dark background shows it in the color of its text
+ESTIMATE_COLOR = "#0072B2"
+FAILED_COLOR = "#D55E00"  # what truly fails
+SUSPECT_COLOR = "#CC79A7"  # what the detector names
+PLUME_COLOR = "#E69F00"
+BAND_COLOR = "#9AA5B1"  # what surrounds a curve, and what stands behind the others
+WINDOW_COLOR = "#E69F00"  # a hand controller is out of detent
+DECLARED_COLOR = "#D55E00"  # the detector declares a failure or a jump
+
+BAND_OPACITY = 0.35
+WINDOW_OPACITY = 0.10
+GRID_OPACITY = 0.25
+
+# Widths and sizes in points
+LINE_WIDTH = 1.1
+THIN_LINE = 0.9
+POINT_SIZE = 4.0
+TITLE_SIZE = 11.0
+LABEL_SIZE = 9.0
+KEY_SIZE = 8.0
+ROW_SIZE = 7.0  # of the names of many rows
+WINDOW_SIZE = 6.0  # of the names of windows
+
+DOTS_PER_INCH = 100

@@ -1,0 +1,178 @@
+"""Figures show what their descriptions say."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.figure import Figure
+from matplotlib.text import Text
+
+from massprop_drake.display import figures, plots
+from massprop_drake.display.spec import (
+    Band,
+    Bars,
+    Level,
+    Line,
+    Mark,
+    Moment,
+    Panel,
+    Plot,
+    Points,
+    SymmetricLog,
+    Whiskers,
+    Window,
+    Zone,
+)
+from massprop_drake.results.run import Run
+
+TIME = np.linspace(0.0, 10.0, 11)
+BLUE = "#0072B2"
+
+
+def plot(*panels: Panel, windows: tuple[Window, ...] = (), moments: tuple[Moment, ...] = ()) -> Plot:
+    return Plot("some", "Title", "caption", TIME, panels, windows, moments, "note")
+
+
+def only(mark: Mark, **about: object) -> Figure:
+    return figures.drawn(plot(Panel("label", "unit", (mark,), **about)))  # type: ignore[arg-type]
+
+
+def collections(figure: Figure, kind: type) -> list:
+    return [found for found in figure.axes[0].collections if isinstance(found, kind)]
+
+
+def texts(figure: Figure) -> list[str]:
+    return [text.get_text() for text in figure.findobj(Text)]
+
+
+def test_a_line_has_the_data_and_the_look_of_its_description() -> None:
+    figure = only(Line(TIME, TIME**2, BLUE, "square", width=2.0, dashed=True, steps=True))
+    (line,) = figure.axes[0].lines
+    np.testing.assert_array_equal(line.get_xydata(), np.column_stack([TIME, TIME**2]))
+    assert (line.get_color(), line.get_linewidth(), line.get_linestyle()) == (BLUE, 2.0, "--")
+    assert line.get_drawstyle() == "steps-post"
+    assert {"label, unit", "Title   (caption)", "time, s   (note)", "square"} <= set(texts(figure))
+
+
+def test_points_are_not_joined() -> None:
+    (line,) = only(Points(TIME, TIME, BLUE, size=3.0)).axes[0].lines
+    np.testing.assert_array_equal(line.get_ydata(), TIME)
+    assert (line.get_linestyle(), line.get_marker(), line.get_markersize()) == ("None", ".", 3.0)
+    (ticks,) = only(Points(TIME, TIME, BLUE, symbol="tick")).axes[0].lines
+    assert ticks.get_marker() == "|"
+
+
+def test_whiskers_go_from_low_to_high() -> None:
+    (whiskers,) = collections(only(Whiskers(TIME, TIME - 1.0, TIME + 1.0, BLUE)), LineCollection)
+    np.testing.assert_array_equal(np.array(whiskers.get_segments())[:, :, 1], np.stack([TIME - 1, TIME + 1], axis=1))
+
+
+def test_a_band_fills_what_lies_between_its_edges() -> None:
+    (band,) = only(Band(TIME, -TIME, TIME, opacity=0.5)).axes[0].collections
+    assert band.get_alpha() == 0.5
+    edges = band.get_paths()[0].vertices
+    for sign in (-1.0, 1.0):
+        assert {(x, sign * x) for x in TIME} <= {tuple(vertex) for vertex in edges.tolist()}
+
+
+def test_bars_lie_in_named_rows_from_the_top_down() -> None:
+    bars = Bars(np.array([1.0, 4.0]), np.array([2.0, 7.0]), np.array([0.0, 1.0]), BLUE)
+    figure = only(bars, rows=("first", "second"))
+    (drawn,) = collections(figure, PolyCollection)
+    boxes = [path.get_extents() for path in drawn.get_paths()]
+    assert [(box.x0, box.x1) for box in boxes] == [(1.0, 2.0), (4.0, 7.0)]
+    assert [0.5 * (box.y0 + box.y1) for box in boxes] == [0.0, 1.0]
+    assert figure.axes[0].get_ylim()[0] > figure.axes[0].get_ylim()[1]
+    assert [label.get_text() for label in figure.axes[0].get_yticklabels()] == ["first", "second"]
+
+
+def test_levels_and_zones_lie_at_their_values() -> None:
+    (level,) = only(Level(6.0)).axes[0].lines
+    assert list(level.get_ydata()) == [6.0, 6.0]
+    (zone,) = only(Zone(0.2, 9.0)).axes[0].patches
+    assert (zone.get_y(), zone.get_y() + zone.get_height()) == (0.2, pytest.approx(9.0))
+
+
+def test_a_scale_is_that_of_its_panel() -> None:
+    line = Line(TIME, TIME + 1.0, BLUE)
+    assert only(line).axes[0].get_yscale() == "linear"
+    assert only(line, scale="log").axes[0].get_yscale() == "log"
+    symmetric = only(line, scale=SymmetricLog(0.03, 200.0)).axes[0]
+    assert symmetric.get_yscale() == "symlog"
+    np.testing.assert_allclose(symmetric.get_yticks(), [-100, -10, -1, -0.1, 0, 0.1, 1, 10, 100])
+    assert only(line, limits=(-1.0, 50.0)).axes[0].get_ylim() == (-1.0, 50.0)
+
+
+def test_panels_share_their_time_which_stands_below_the_lowest() -> None:
+    line = Line(TIME, TIME, BLUE)
+    upper, lower = figures.drawn(plot(Panel("a", "", (line,)), Panel("b", "", (line,)))).axes
+    assert upper.get_position().y0 > lower.get_position().y1
+    assert upper.get_xlim() == lower.get_xlim() == (0.0, 10.0)
+    assert (upper.xaxis.get_visible(), lower.xaxis.get_visible()) == (False, True)
+
+
+def test_windows_and_moments_are_in_every_panel() -> None:
+    line = Line(TIME, TIME, BLUE)
+    panels = (Panel("a", "", (line,)), Panel("b", "", (line,)))
+    moments = (Moment(3.0, declared=False), Moment(4.0, declared=True))
+    figure = figures.drawn(plot(*panels, windows=(Window(1.0, 2.0, "RHC +x"),), moments=moments))
+    for axes in figure.axes:
+        (shade,) = [found for found in axes.collections if isinstance(found, PolyCollection)]
+        assert (shade.get_paths()[0].get_extents().x0, shade.get_paths()[0].get_extents().x1) == (1.0, 2.0)
+        rules = [found for found in axes.collections if isinstance(found, LineCollection)]
+        assert {3.0, 4.0} <= {segment[0][0] for found in rules for segment in found.get_segments()}
+    assert "RHC +x" in texts(figure)
+
+
+def test_names_of_windows_do_not_overlap() -> None:
+    windows = tuple(Window(start, start + 0.2, "RHC +x") for start in (1.0, 1.0, 1.2, 6.0))
+    figure = figures.drawn(plot(Panel("a", "", ()), windows=windows))
+    figure.canvas.draw()
+    boxes = [text.get_window_extent() for text in figure.findobj(Text) if text.get_text() == "RHC +x"]
+    for index, box in enumerate(boxes):
+        assert not any(box.overlaps(other) for other in boxes[:index])
+    assert boxes[3].y0 == boxes[0].y0
+
+
+def test_all_text_lies_apart_and_inside_the_picture(stuck_run: Run) -> None:
+    for name, figure in stuck_run.plot.all().items():
+        figure.canvas.draw()
+        shown = [text for text in figure.findobj(Text) if text.get_visible() and text.get_text().strip()]
+        ours = [text for text in shown if text in figure.texts or text in figure.axes[0].texts]
+        whole = figure.bbox
+        for text in [*ours, *(axes.yaxis.label for axes in figure.axes), figure.axes[-1].xaxis.label]:
+            box = text.get_window_extent()
+            assert box.width == 0.0 or (whole.x0 <= box.x0 and box.x1 <= whole.x1), (name, text)
+            assert box.width == 0.0 or (whole.y0 <= box.y0 and box.y1 <= whole.y1), (name, text)
+        boxes = [text.get_window_extent() for text in ours]
+        for index, box in enumerate(boxes):
+            assert not any(box.overlaps(other) for other in boxes[:index]), (name, ours[index])
+
+
+def test_a_runs_figures_are_its_plots(stuck_run: Run) -> None:
+    source = plots.source(stuck_run)
+    assert list(stuck_run.plot.all()) == list(plots.available(source))
+    figure = stuck_run.plot.rates()
+    for panel, axes in zip(plots.rates(source).panels, figure.axes, strict=True):
+        (line,) = axes.lines
+        np.testing.assert_array_equal(line.get_ydata(), panel.marks[0].y)  # type: ignore[union-attr]
+
+
+DRAWN = sorted(name for name in vars(figures.Plots) if not name.startswith("_") and name not in ("all", "save"))
+
+
+@pytest.mark.parametrize("name", DRAWN)
+def test_a_method_draws_the_plot_of_its_name(stuck_run: Run, name: str) -> None:
+    title = getattr(stuck_run.plot, name)().get_suptitle()
+    assert title.startswith(getattr(plots, name)(plots.source(stuck_run)).title)
+
+
+def test_figures_are_saved_by_name(stuck_run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    chosen = {"rates": stuck_run.plot.rates()}
+    monkeypatch.setattr(figures.Plots, "all", lambda _: chosen)
+    stuck_run.plot.save(tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["rates.png"]
+    assert (tmp_path / "rates.png").read_bytes().startswith(b"\x89PNG")

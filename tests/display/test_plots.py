@@ -1,0 +1,290 @@
+"""The description of each plot, against the signals that it is made from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from scipy.special import chdtri
+
+from massprop_drake.display import plots
+from massprop_drake.display.plots import Source
+from massprop_drake.display.spec import Band, Bars, Level, Line, Panel, Points, SymmetricLog, Whiskers, Zone
+from massprop_drake.results.run import Run
+
+MOTION = ["rates", "velocities", "jets", "torques", "forces"]
+ESTIMATES = ["inverse_inertia_diagonal", "inverse_inertia_products", "center_of_mass", "mass_reciprocal"]
+DETECTOR = ["likelihoods", "margins", "failure_magnitude", "detection_timeline"]
+TRUE = ("truth", "thrust", "rate", "velocity", "torque", "force", "attitude", "position")
+
+
+@dataclass(frozen=True)
+class Case:
+    """A run and its source."""
+
+    run: Run
+    source: Source
+
+
+@pytest.fixture(scope="module")
+def stuck(stuck_run: Run) -> Case:
+    return Case(stuck_run, plots.source(stuck_run))
+
+
+@pytest.fixture(scope="module")
+def recorded(stuck_run: Run) -> Source:
+    """The signals that a record of the run would give."""
+    signals = {name: values for name, values in stuck_run.signals.items() if name not in TRUE}
+    scenario = stuck_run.scenario.model_copy(update={"failures": (), "maneuver": ()})
+    return Source(stuck_run.time_s, signals, scenario)
+
+
+def marks(panel: Panel, kind: type) -> list:
+    return [mark for mark in panel.marks if isinstance(mark, kind)]
+
+
+def test_a_simulation_has_every_plot_in_the_order_to_read_them(stuck: Case) -> None:
+    assert list(plots.available(stuck.source)) == [*MOTION, *ESTIMATES, "consistency", *DETECTOR]
+
+
+def test_a_record_shows_what_was_read_in_place_of_the_truth(recorded: Source) -> None:
+    read = ["accelerometer_velocities", "gyro_readings", "jets"]
+    assert list(plots.available(recorded)) == [*read, *ESTIMATES, "consistency", *DETECTOR]
+
+
+def test_plots_without_their_signals_are_left_out(stuck: Case) -> None:
+    signals = {name: v for name, v in stuck.run.signals.items() if name not in ("mass_nis", "likelihood")}
+    left = plots.available(stuck.source._replace(signals=signals))
+    assert "mass_reciprocal" not in left
+    assert not set(DETECTOR) & set(left)
+
+
+@pytest.mark.parametrize("which", ["stuck", "recorded"])
+def test_a_plot_carries_the_name_it_is_asked_for_by(which: str, request: pytest.FixtureRequest) -> None:
+    case = request.getfixturevalue(which)
+    source = case if isinstance(case, Source) else case.source
+    for name, plot in plots.available(source).items():
+        assert plot(source).name == name
+
+
+# ------------------------------------------------------------------------------------------ motion
+
+
+def test_rates_are_in_degrees_a_panel_per_axis(stuck: Case) -> None:
+    plot = plots.rates(stuck.source)
+    assert [panel.axis_label for panel in plot.panels] == ["x, deg/s", "y, deg/s", "z, deg/s"]
+    for axis, panel in enumerate(plot.panels):
+        (line,) = panel.marks
+        assert line.x is plot.time_s
+        np.testing.assert_allclose(line.y, np.degrees(stuck.run["rate"][:, axis]), rtol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("name", "signal", "label", "steps"),
+    [
+        ("velocities", "velocity", "y, ft/s", False),
+        ("torques", "torque", "y, ft-lbf", True),
+        ("forces", "force", "y, lbf", True),
+    ],
+)
+def test_vectors_are_in_the_vehicles_units(stuck: Case, name: str, signal: str, label: str, steps: bool) -> None:
+    panel = plots.available(stuck.source)[name](stuck.source).panels[1]
+    assert panel.axis_label == label
+    np.testing.assert_array_equal(panel.marks[0].y, stuck.run[signal][:, 1])
+    assert panel.marks[0].steps == steps
+
+
+def test_every_package_has_its_readings(recorded: Source) -> None:
+    plot = plots.accelerometer_velocities(recorded)
+    assert [mark.label for mark in plot.panels[0].marks] == ["acc1", "acc2", "acc3"]
+    np.testing.assert_array_equal(plot.panels[2].marks[1].y, recorded.signals["acc2"][:, 2])
+    assert plot.panels[0].axis_label == "x, ft/s"
+    (gyro,) = plots.gyro_readings(recorded).panels[2].marks
+    np.testing.assert_allclose(gyro.y, np.degrees(recorded.signals["gyro"][:, 2]), rtol=1e-14)
+
+
+def test_a_firing_is_one_bar_from_its_beginning_to_its_end(stuck: Case) -> None:
+    (panel,) = plots.jets(stuck.source).panels
+    command = stuck.run["command"][:-1] > 0.0
+    length = sum((bars.end - bars.begin).sum() for bars in panel.marks)
+    assert length == pytest.approx(command.sum() * 0.08, rel=1e-9)
+    # a bar per firing, not per sample
+    begins = command & ~np.vstack([np.zeros_like(command[:1]), command[:-1]])
+    assert sum(bars.begin.size for bars in panel.marks) == begins.sum() < command.sum()
+
+
+def test_a_bar_lies_in_the_row_of_its_jet(stuck: Case) -> None:
+    (panel,) = plots.jets(stuck.source).panels
+    jets = stuck.run.scenario.vehicle_data.jets
+    assert sorted(panel.rows) == sorted(f"{jet.designation} ({jet.cluster})" for jet in jets)
+    fired = {panel.rows[int(row)].split()[0] for bars in marks(panel, Bars) for row in bars.row}
+    commanded = (stuck.run["command"][:-1] > 0.0).any(axis=0)
+    assert fired == {jet.designation for jet, on in zip(jets, commanded, strict=True) if on}
+
+
+def test_what_a_row_commands_lasts_until_the_next_row_that_is_there() -> None:
+    on = np.array([False, True, True, False, True, True])
+    begin, end = plots._intervals(np.array([0.0, 1.0, 2.0, 7.0, 8.0, 9.0]), on)
+    np.testing.assert_array_equal(begin, [1.0, 8.0])
+    np.testing.assert_array_equal(end, [7.0, 9.0])  # the last row commands nothing
+
+
+# --------------------------------------------------------------------------------------- estimates
+
+
+def test_errors_are_in_percent_of_the_truth_within_three_sigma(stuck: Case) -> None:
+    run, panel = stuck.run, plots.center_of_mass(stuck.source).panels[0]
+    truth = run["truth"][:, 6]
+    (band,), (line,) = marks(panel, Band), marks(panel, Line)
+    assert panel.axis_label == "x_cm, %"
+    np.testing.assert_allclose(line.y, 100.0 * (run["estimate"][:, 6] / truth - 1.0), rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(band.high, 300.0 * run["standard_deviation"][:, 6] / truth, rtol=1e-12)
+    np.testing.assert_array_equal(band.low, -band.high)
+    assert line.label == f"error, at the end {line.y[-1]:.3g} %"
+    assert panel.scale == SymmetricLog(band.high[-1], max(np.abs(line.y).max(), band.high.max()))
+
+
+def test_the_error_of_a_parameter_that_is_zero_has_its_own_unit(stuck: Case) -> None:
+    signals = dict(stuck.run.signals)
+    signals["truth"] = signals["truth"].copy()
+    signals["truth"][:, 7] = 0.0
+    panel = plots.center_of_mass(stuck.source._replace(signals=signals)).panels[1]
+    assert panel.unit == "ft"
+    np.testing.assert_array_equal(marks(panel, Line)[0].y, stuck.run["estimate"][:, 7])
+
+
+def test_without_the_truth_the_estimate_is_shown_in_its_unit(recorded: Source) -> None:
+    plot = plots.mass_reciprocal(recorded)
+    (panel,) = plot.panels
+    (band,), (line,) = marks(panel, Band), marks(panel, Line)
+    assert plot.title == "Mass reciprocal: estimate"
+    assert (panel.axis_label, panel.scale) == ("1/m, 1/slug", "linear")
+    np.testing.assert_array_equal(line.y, recorded.signals["estimate"][:, 9])
+    np.testing.assert_allclose(band.high - line.y, 3.0 * recorded.signals["standard_deviation"][:, 9], rtol=1e-9)
+    assert panel.limits is not None
+    assert panel.limits[0] < line.y.min()
+    assert panel.limits[1] > band.high[-1]
+
+
+def test_nis_is_shown_where_it_was_used_beside_its_limits(stuck: Case) -> None:
+    panel = plots.consistency(stuck.source).panels[0]
+    (zone,), (points,) = marks(panel, Zone), marks(panel, Points)
+    used = stuck.run["rotation_used"][:, 0] != 0.0
+    np.testing.assert_array_equal(points.x, stuck.run.time_s[used])
+    np.testing.assert_array_equal(points.y, stuck.run["rotation_nis"][used, 0])
+    assert points.label == f"mean {points.y.mean():.2f} of {used.sum()} samples"
+    assert panel.scale == "log"
+    np.testing.assert_allclose((zone.low, zone.high), chdtri(3, [0.975, 0.025]), rtol=1e-14)
+
+
+def test_means_of_a_thinned_run_are_those_of_all_samples(stuck: Case) -> None:
+    means = {"rotation_nis_mean": 2.5, "translation_nis_mean": None}
+    panels = plots.consistency(stuck.source._replace(consistency=means)).panels
+    labels = [marks(panel, Points)[0].label for panel in panels]
+    assert labels == ["mean 2.50 of all samples used", "no sample used"]
+
+
+# ---------------------------------------------------------------------------------------- detector
+
+
+def test_the_likeliest_jets_have_colors_and_the_others_their_range(stuck: Case) -> None:
+    panel = plots.likelihoods(stuck.source).panels[0]
+    tested = stuck.run["tested"][:, 0] != 0.0
+    values = np.maximum(stuck.run["likelihood"][tested], 0.1)
+    named, (others,) = marks(panel, Points), marks(panel, Whiskers)
+    jets = stuck.run.scenario.vehicle_data.designations
+    columns = [jets.index(points.label) for points in named]
+    assert named[0].label == "R4R"
+    assert len(named) == 5
+    for column, points in zip(columns, named, strict=True):
+        np.testing.assert_array_equal(points.y, values[:, column])
+    rest = np.delete(values, columns, axis=1)
+    np.testing.assert_array_equal(others.low, rest.min(axis=1))
+    np.testing.assert_array_equal(others.high, rest.max(axis=1))
+    assert values[:, columns].max(axis=0).min() >= rest.max()
+    assert panel.limits == (0.1, pytest.approx(2.0 * values.max()))
+
+
+def test_a_cluster_is_as_likely_as_its_likeliest_jet(stuck: Case) -> None:
+    points = marks(plots.likelihoods(stuck.source).panels[1], Points)[0]
+    tested = stuck.run["tested"][:, 0] != 0.0
+    in_cluster = [jet.cluster == 12 for jet in stuck.run.scenario.vehicle_data.jets]
+    assert points.label == "cluster 12"
+    expected = np.maximum(stuck.run["likelihood"][tested][:, in_cluster].max(axis=1), 0.1)
+    np.testing.assert_array_equal(points.y, expected)
+
+
+def test_nothing_tested_gives_empty_panels(stuck: Case) -> None:
+    signals = {**stuck.run.signals, "tested": np.zeros_like(stuck.run["tested"])}
+    source = stuck.source._replace(signals=signals)
+    assert [panel.marks for panel in plots.likelihoods(source).panels] == [(), ()]
+    assert marks(plots.margins(source).panels[0], Points)[0].x.size == 0
+
+
+def test_margins_stand_beside_the_one_that_isolates(stuck: Case) -> None:
+    panel = plots.margins(stuck.source).panels[1]
+    (level,), (points,) = marks(panel, Level), marks(panel, Points)
+    tested = stuck.run["tested"][:, 0] != 0.0
+    assert level.y == stuck.run.scenario.detector.margin
+    np.testing.assert_array_equal(points.y, np.maximum(stuck.run["cluster_margin"][tested, 0], 0.1))
+
+
+def test_the_magnitude_is_shown_at_alarms_beside_the_truth_and_the_known_force(stuck: Case) -> None:
+    run = stuck.run
+    (panel,) = plots.failure_magnitude(stuck.source).panels
+    (points,), (spread,) = marks(panel, Points), marks(panel, Whiskers)
+    alarm = run["alarm"][:, 0] != 0.0
+    np.testing.assert_array_equal(points.y, run["suspected_magnitude"][alarm, 0])
+    np.testing.assert_allclose(spread.high - points.y, run["suspected_magnitude_std"][alarm, 0], rtol=1e-6)
+    truth, known = marks(panel, Line)
+    assert (truth.label, known.label, panel.unit) == ("truth, R4R", "known force, R4R", "lbf")
+    jet = run.scenario.vehicle_data.jet_index("R4R")
+    np.testing.assert_allclose(truth.y, run["thrust"][:, jet] - 868.8 * run["command"][:, jet], atol=1e-6)
+    assert truth.y[-2] == pytest.approx(known.y[-1], rel=1e-3)
+    assert np.isnan(known.y[0])
+
+
+def test_the_truth_of_a_failure_without_an_alarm_is_shown_too(stuck: Case) -> None:
+    signals = {**stuck.run.signals, "alarm": np.zeros_like(stuck.run["alarm"])}
+    (panel,) = plots.failure_magnitude(stuck.source._replace(signals=signals)).panels
+    assert "truth, R4R" in [mark.label for mark in panel.marks]
+    assert not marks(panel, Points)
+
+
+def test_the_timeline_has_tests_alarms_and_the_jets_commanded(stuck: Case) -> None:
+    rate, commanded, events = plots.detection_timeline(stuck.source).panels
+    assert [line.label for line in rate.marks] == ["x", "y", "z"]
+    np.testing.assert_array_equal(marks(commanded, Band)[0].high, (stuck.run["command"] > 0.0).sum(axis=1))
+    assert events.rows == ("tested", "alarm", "names the jet")
+    for row, name in enumerate(("tested", "alarm", "jet_isolated")):
+        np.testing.assert_array_equal(events.marks[row].x, stuck.run.time_s[stuck.run[name][:, 0] != 0.0])
+        assert set(events.marks[row].y.tolist()) == {row}
+
+
+# ------------------------------------------------------------------------------------ what all show
+
+
+def test_every_plot_says_whose_it_is_and_what_happened_when(stuck: Case) -> None:
+    plot = plots.rates(stuck.source)
+    assert plot.caption == "orbiter, stuck_on_29, seed 0"
+    assert [tuple(window) for window in plot.windows] == [(0.2, 0.8, "RHC +x")]
+    happens, *declared = plot.moments
+    assert happens == (1.0, False)
+    assert [moment.time_s for moment in declared] == [entry["time_s"] for entry in stuck.run.summary["detections"]]
+    assert all(moment.declared for moment in declared)
+    assert plot.note == "shaded: hand controller out of detent, dotted: it happens, red line: it is declared"
+
+
+def test_a_record_knows_only_what_was_declared(recorded: Source) -> None:
+    plot = plots.gyro_readings(recorded)
+    assert plot.caption == "orbiter, stuck_on_29"
+    assert not plot.windows
+    assert plot.note == "red line: it is declared"
+
+
+def test_what_lies_beyond_the_end_is_left_out(stuck: Case) -> None:
+    until = stuck.run.time_s <= 0.16
+    signals = {name: values[until] for name, values in stuck.run.signals.items()}
+    plot = plots.rates(stuck.source._replace(time_s=stuck.run.time_s[until], signals=signals))
+    assert (plot.windows, plot.moments, plot.note) == ((), (), "")
