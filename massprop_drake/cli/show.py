@@ -211,7 +211,8 @@ def _detected(entry: DetectionRecord, vehicle: Vehicle) -> str:
 def _files(console: Console, folder: Path) -> None:
     names = [name for name in ("report.html", "replay.html") if (folder / name).exists()]
     pages = [f"{name.partition('.')[0]}: {folder}/{name}" for name in names]
-    line = "   ".join([f"{folder}/", *pages, f"figures: {folder}/figures/"])
+    figures = [f"figures: {folder}/figures/"] if (folder / "figures").exists() else []
+    line = "   ".join([f"{folder}/", *pages, *figures])
     console.print(f"files:       {line}", markup=False, soft_wrap=True)
 
 

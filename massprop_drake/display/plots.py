@@ -342,12 +342,13 @@ def _highest(time_s: Array, values: Array, names: Sequence[str], label: str) -> 
 def margins(run: Source) -> Plot:
     """Margins of the likeliest jet and cluster (figures 5-17, 5-20, 5-23, 5-26)."""
     tested = run.where("tested")
-    limit = run.scenario.detector.margin
+    limit = getattr(run.scenario.detector, "margin", None)  # a matter of the method
+    levels = () if limit is None else (Level(limit, label=f"isolated above {limit:g}"),)
     sides = (("jet_margin", "jet, within its cluster"), ("cluster_margin", "cluster, over all others"))
     panels = []
     for (name, label), color in zip(sides, COLORS, strict=False):
         values = np.maximum(run.signals[name][tested, 0], _FLOOR)
-        marks = (Points(run.time_s[tested], values, color), Level(limit, label=f"isolated above {limit:g}"))
+        marks = (Points(run.time_s[tested], values, color), *levels)
         panels.append(Panel(label, "", marks, scale="log"))
     return _plot(run, "margins", "Margins of the likeliest", panels)
 

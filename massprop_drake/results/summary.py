@@ -17,31 +17,12 @@ from massprop_drake.inputs.model import digest
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.maths import mass_properties
-from massprop_drake.maths.estimation.detector import Event
+from massprop_drake.maths.estimation.detector import STATUS, Event
 from massprop_drake.maths.mass_properties import Derived, six_elements
 
 Array = NDArray[np.float64]
 
 FORMAT = 1  # of `summary.json`
-
-# parts of the detector's status port, and so signals
-DETECTOR_STATUS = {
-    "tested": 1,
-    "alarm": 1,
-    "detector_event": 1,
-    "suspected_cluster": 1,
-    "suspected_jet": 1,
-    "jet_isolated": 1,
-    "suspected_magnitude": 1,
-    "suspected_magnitude_std": 1,
-    "suspected_likelihood": 1,
-    "cluster_margin": 1,
-    "jet_margin": 1,
-    "unexplained": 1,
-    "onset": 1,
-    "alarms": 1,
-}
-
 
 # ------------------------------------------------------------------------------------ what it holds
 
@@ -404,7 +385,7 @@ def detection_entries(
     if "detector_event" not in signals:
         return records
     for k in np.flatnonzero(signals["detector_event"][:, 0]):
-        at = {name: float(signals[name][k, 0]) for name in DETECTOR_STATUS}
+        at = {name: float(signals[name][k, 0]) for name in STATUS}
         now_s, jet, event = float(time_s[k]), int(at["suspected_jet"]), int(at["detector_event"])
         if event == Event.WITHDRAWN:
             records = [

@@ -11,7 +11,7 @@ import pytest
 
 from massprop_drake import InputError, Run
 from massprop_drake.inputs.vehicle import Vehicle
-from massprop_drake.maths.estimation.detectors import cglr
+from massprop_drake.maths.estimation.detector import Event
 from massprop_drake.maths.mass_properties import NAMES
 from massprop_drake.results.summary import (
     DETECTOR_STATUS,
@@ -190,7 +190,7 @@ def test_the_kind_follows_from_the_force(orbiter: Vehicle, magnitude: float, std
     jet = orbiter.jet_index("R4R")
     signals = _signals(
         3,
-        detector_event={1: float(cglr.DECLARED)},
+        detector_event={1: float(Event.DECLARED)},
         suspected_jet={1: float(jet)},
         jet_isolated={1: 1.0},
         suspected_magnitude={1: magnitude},
@@ -217,13 +217,13 @@ def test_the_kind_follows_from_the_force(orbiter: Vehicle, magnitude: float, std
 
 
 def test_a_jet_that_is_not_isolated_is_named_by_its_cluster(orbiter: Vehicle) -> None:
-    signals = _signals(2, detector_event={0: float(cglr.DECLARED)}, suspected_jet={0: 28.0})
+    signals = _signals(2, detector_event={0: float(Event.DECLARED)}, suspected_jet={0: 28.0})
     (record,) = detection_entries(orbiter, np.zeros(2), signals)
     assert (record.cluster, record.jet, record.isolated_to, record.jet_index) == (12, None, "cluster", 28)
 
 
 def test_a_jump_has_no_jet_and_the_nis_for_a_statistic(orbiter: Vehicle) -> None:
-    signals = _signals(2, detector_event={1: float(cglr.JUMP)}, rotation_nis={1: 99.0}, alarms={1: 4.0})
+    signals = _signals(2, detector_event={1: float(Event.JUMP)}, rotation_nis={1: 99.0}, alarms={1: 4.0})
     (record,) = detection_entries(orbiter, np.array([0.0, 0.08]), signals)
     assert (record.kind, record.cluster, record.jet, record.magnitude) == ("mass_property_jump", None, None, None)
     assert (record.statistic, record.alarms, record.jet_index) == (99.0, 4, None)
@@ -232,7 +232,7 @@ def test_a_jump_has_no_jet_and_the_nis_for_a_statistic(orbiter: Vehicle) -> None
 def test_a_withdrawal_marks_the_standing_declaration_of_its_jet(orbiter: Vehicle) -> None:
     other = STUCK_ON._replace(jet="F2R", jet_index=3)
     before = STUCK_ON._replace(withdrawn_s=51.0)
-    signals = _signals(2, detector_event={1: float(cglr.WITHDRAWN)}, suspected_jet={1: 28.0})
+    signals = _signals(2, detector_event={1: float(Event.WITHDRAWN)}, suspected_jet={1: 28.0})
     records = detection_entries(orbiter, np.array([52.0, 52.08]), signals, (before, other, STUCK_ON))
     assert records == [before, other, STUCK_ON._replace(withdrawn_s=52.08)]
 
