@@ -69,7 +69,7 @@ def packed(adaptation: Adaptation) -> Array:
 
 def unpacked(vector: Array) -> Adaptation:
     """The inverse of `packed`."""
-    if vector[_ACTION] == Action.NONE and vector[_JUMPED] == 0.0:
+    if vector.item(_ACTION) == 0.0 and vector.item(_JUMPED) == 0.0:  # Action.NONE
         return NO_ADAPTATION
     action, *parts = LAYOUT.read(vector)
     return Adaptation(Action(int(action)), *parts)

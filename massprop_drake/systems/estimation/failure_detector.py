@@ -111,13 +111,20 @@ class FailureDetector(LeafSystem):
     def _state(self, context: Any) -> Any:
         return self._state_of._make(self._layout.read(self._packed(context)))
 
-    def _judge(self, context: Any) -> Judgment:
+    def _judge(self, context: Any) -> tuple[Judgment, bool]:
+        """What the method makes of the sample, and whether there is anything new to remember."""
         impulses = IMPULSES.read(self._impulses.Eval(context))
         # a sample that is not steady is not looked at, so that nothing need be unpacked
         seen = EVIDENCE.read(self._evidence.Eval(context)) if impulses.usable else NOT_MEASURED
         command = self._command.Eval(context)
         evidence = Evidence(context.get_time(), command, impulses.usable, impulses.firing, *seen)
-        judgment: Judgment = self.stopwatch.measure(self._detector.judge, self._state(context), evidence, self._params)
+        state = self._state(context)
+        judgment: Judgment = self.stopwatch.measure(self._detector.judge, state, evidence, self._params)
+        return judgment, judgment.state is not state
+
+    def _judged(self, context: Any) -> Judgment:
+        judgment: Judgment
+        judgment, _ = self._judgment.get(self, context)
         return judgment
 
     def _calc_known_force(self, context: Any, output: Any) -> None:
@@ -129,25 +136,27 @@ class FailureDetector(LeafSystem):
         output.SetFromVector(KNOWN_FORCE.pack(known))
 
     def _calc_adaptation(self, context: Any, output: Any) -> None:
-        todo = self._judgment.get(self, context).adaptation
+        todo = self._judged(context).adaptation
         output.SetFromVector(_NO_ADAPTATION if todo is adaptation.NO_ADAPTATION else adaptation.packed(todo))
 
     def _calc_reconfiguration(self, context: Any, output: Any) -> None:
-        judgment = self._judgment.get(self, context)
+        judgment = self._judged(context)
         declared = judgment.status.detector_event == Event.DECLARED
         wrench = judgment.state.force @ self._jets.unit_wrenches
         output.SetFromVector(self._reconfiguration.pack((declared, wrench, judgment.state.removed)))
 
     def _calc_closed(self, context: Any, output: Any) -> None:
-        output.SetFromVector(self._judgment.get(self, context).state.closed)
+        output.SetFromVector(self._judged(context).state.closed)
 
     def _calc_held_closed(self, context: Any, output: Any) -> None:
         output.SetFromVector(self._state(context).closed)
 
     def _calc_report(self, context: Any, output: Any) -> None:
-        judgment, before = self._judgment.get(self, context), self._packed(context)
+        judgment, before = self._judged(context), self._packed(context)
         known = before[self._force], before[self._variance]
         output.SetFromVector(self._report.pack((*judgment.status, judgment.likelihood, judgment.magnitude, *known)))
 
     def _update(self, context: Any, state: Any) -> None:
-        state.set_value(self._memory, self._layout.pack(self._judgment.get(self, context).state))
+        judgment, changed = self._judgment.get(self, context)
+        if changed:  # else it stays as it is
+            state.set_value(self._memory, self._layout.pack(judgment.state))
