@@ -61,7 +61,7 @@ def test_one_number_is_an_array_when_its_size_is_given_and_a_float_otherwise() -
 
 @pytest.mark.parametrize("values", [(np.zeros(3),), (np.zeros(2), np.zeros((2, 2)), 0.0, False)])
 def test_values_that_do_not_fit_are_refused(values: tuple[object, ...]) -> None:
-    with pytest.raises(ValueError, match="argument 2 is shorter|could not broadcast"):
+    with pytest.raises(ValueError, match=r"argument 2 is shorter|could not broadcast"):
         LAYOUT.pack(values)
 
 
