@@ -88,7 +88,7 @@ class Layout:
             return sizes.get(shape, shape) if isinstance(shape, str) else shape
 
         fields: dict[str, Shape | Field] = {key: replaced(shape) for key, shape in self._shapes.items()}
-        logged = {key: field._replace(shape=fields[key]) for key, field in self.logged.items()}
+        logged = {key: field._replace(shape=replaced(field.shape)) for key, field in self.logged.items()}
         return Layout(self.name, **(fields | logged))
 
     def slice(self, name: str) -> slice:
