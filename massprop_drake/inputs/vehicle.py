@@ -41,8 +41,8 @@ _RESERVED = {
     *("time_s", "file", "jet", "known_force", "known_torque"),
     *("reaction_jets", "rigid_body", "noise_source", "body_state", "structure", "mass_properties"),
     *("telemetry_source", "record_time"),
-    *("closed", "held_closed", "command", "held_command", "jet_commands", "impulses", "rate_sample"),
-    *("outside_wrench", "mean_level"),
+    *("closed", "held_closed", "command", "held_command", "jet_commands", "impulses", "turning", "evidence"),
+    *("outside_wrench", "mean_level", "predicted"),
     *("estimate", "covariance", "innovation", "innovation_covariance", "status", "adaptation", "reconfiguration"),
 }
 _RESERVED_BEGINNINGS = ("rotation_", "mass_", "predicted_", "detector_")

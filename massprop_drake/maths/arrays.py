@@ -105,7 +105,8 @@ class Layout:
             return sizes.get(shape, shape) if isinstance(shape, str) else shape
 
         fields: dict[str, Shape | Field] = {key: replaced(shape) for key, shape in self._shapes.items()}
-        return Layout(self.name, **(fields | self.logged))
+        logged = {key: field._replace(shape=replaced(field.shape)) for key, field in self.logged.items()}
+        return Layout(self.name, **(fields | logged))
 
     def slice(self, name: str) -> slice:
         """Where a field lies."""

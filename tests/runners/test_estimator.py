@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from massprop_drake import Estimator, EstimatorStep, Run, Scenario, Vehicle, load_scenario, simulate
+from massprop_drake import Estimator, EstimatorStep, InputError, Run, Scenario, Vehicle, load_scenario, simulate
 from massprop_drake.inputs.scenario import resolved
 
 STILL = np.zeros(3)
@@ -369,6 +371,136 @@ def test_a_scenario_of_a_program_serves_as_settings(orbiter: Vehicle) -> None:
     np.testing.assert_array_equal(
         Estimator(orbiter, settings).step(0.0, STILL, STILL, OFF).estimate, orbiter.nominal.vector()
     )
+
+
+# -------------------------------------------------------------------------------------- kept states
+
+
+def _steps(dut: Estimator, run: Run, samples: range) -> list[EstimatorStep]:
+    return [
+        dut.step(
+            run.time_s[k], run["gyro"][k], {name: run[name][k] for name in ("acc1", "acc2", "acc3")}, run["command"][k]
+        )
+        for k in samples
+    ]
+
+
+def _assert_same_steps(steps: list[EstimatorStep], others: list[EstimatorStep]) -> None:
+    for step, other in zip(steps, others, strict=True):
+        for name in EstimatorStep._fields:
+            np.testing.assert_array_equal(getattr(step, name), getattr(other, name), err_msg=name)
+
+
+@pytest.mark.parametrize("after", ["first alarm", "declaration", "known force"])
+def test_it_goes_on_from_a_kept_state_bit_for_bit(stuck_run: Run, after: str) -> None:
+    """In the middle of a failure, through JSON and in another estimator."""
+    whole = Estimator(stuck_run.scenario.vehicle_data, stuck_run.scenario)
+    steps = _steps(whole, stuck_run, range(stuck_run.time_s.size))
+    alarms = [k for k, step in enumerate(steps) if step.alarm]
+    declared = next(k for k, step in enumerate(steps) if step.detection is not None)
+    cut = {"first alarm": alarms[0] + 1, "declaration": declared + 1, "known force": declared + 5}[after]
+    assert alarms[0] < declared  # there is a middle
+
+    first = Estimator(stuck_run.scenario.vehicle_data, stuck_run.scenario)
+    _steps(first, stuck_run, range(cut))
+    text = json.dumps(first.state, allow_nan=False)
+    second = Estimator(stuck_run.scenario.vehicle_data, stuck_run.scenario)
+    second.restore(json.loads(text))
+    rest = range(cut, stuck_run.time_s.size)
+    _assert_same_steps(_steps(second, stuck_run, rest), steps[cut:])
+    np.testing.assert_array_equal(second.covariance, whole.covariance)
+    assert json.dumps(second.state) == json.dumps(whole.state)
+    if cut > declared:
+        assert steps[cut].known_wrench.any()
+
+
+def test_a_state_kept_before_the_first_sample_is_a_new_estimator(short_run: Run) -> None:
+    scenario = short_run.scenario
+    fresh, restored = (Estimator(scenario.vehicle_data, scenario) for _ in range(2))
+    kept = json.loads(json.dumps(fresh.state, allow_nan=False))
+    _steps(restored, short_run, range(20))
+    restored.restore(kept)
+    _assert_same_steps(_steps(restored, short_run, range(40)), _steps(fresh, short_run, range(40)))
+
+
+def test_outside_forces_and_unknown_commands_are_kept(short_run: Run) -> None:
+    scenario = short_run.scenario
+    wrench, command = np.array([10.0, 0.0, 0.0, 0.0, -2.0, 0.0]), np.full(44, np.nan)
+    answers = []
+    for kept in (False, True):
+        dut = Estimator(scenario.vehicle_data, scenario)
+        dut.step(0.0, STILL, STILL, command, wrench)
+        if kept:
+            state = json.loads(json.dumps(dut.state, allow_nan=False))
+            dut = Estimator(scenario.vehicle_data, scenario)
+            dut.restore(state)
+        answers.append([dut.step(0.08 * k, STILL, STILL, OFF, wrench) for k in (1, 2, 3)])
+    _assert_same_steps(*answers)
+    assert answers[0][-1].used
+
+
+def test_a_kept_state_does_not_change_with_the_estimator(short_run: Run) -> None:
+    dut = Estimator(short_run.scenario.vehicle_data, short_run.scenario)
+    _steps(dut, short_run, range(20))
+    state = dut.state
+    text = json.dumps(state)
+    _steps(dut, short_run, range(20, 40))
+    assert json.dumps(state) == text
+
+
+def test_time_must_go_forward_after_a_restored_state_too(short_run: Run) -> None:
+    dut, other = (Estimator(short_run.scenario.vehicle_data, short_run.scenario) for _ in range(2))
+    _steps(dut, short_run, range(20))
+    other.restore(dut.state)
+    with pytest.raises(ValueError, match="time must go forward"):
+        other.step(short_run.time_s[19], STILL, STILL, OFF)
+
+
+def test_a_runs_filter_state_serves(stuck_run: Run, tmp_path: Path) -> None:
+    """What a simulated run leaves is what the estimator knows after its telemetry."""
+    folder = stuck_run.save(tmp_path / "run", pictures=False)
+    saved = json.loads((folder / "filter_state.json").read_text(encoding="utf-8"))
+    dut, whole = (Estimator(stuck_run.scenario.vehicle_data, stuck_run.scenario) for _ in range(2))
+    steps = _steps(whole, stuck_run, range(stuck_run.time_s.size))
+    dut.restore(saved)
+    np.testing.assert_array_equal(dut.covariance, whole.covariance)
+    assert dut.state["states"] == whole.state["states"]
+    assert dut.state["time_s"] == stuck_run.time_s[-1]
+    # the file does not say what is commanded beyond the end: that interval is not usable
+    later = dut.step(stuck_run.time_s[-1] + 0.08, STILL, STILL, OFF)
+    assert not later.used
+    np.testing.assert_array_equal(later.estimate, steps[-1].estimate)
+    np.testing.assert_array_equal(later.known_wrench, steps[-1].known_wrench)
+    assert later.known_wrench.any()
+
+
+def test_a_state_of_another_vehicle_is_refused(short_run: Run, toy_data: dict[str, Any]) -> None:
+    dut = Estimator(short_run.scenario.vehicle_data, short_run.scenario)
+    other = Estimator(Vehicle.model_validate(toy_data))
+    before = json.dumps(dut.state)
+    with pytest.raises(InputError, match="is of a vehicle with 12 jets, not 44"):
+        dut.restore(other.state)
+    assert json.dumps(dut.state) == before
+
+
+def test_a_state_of_other_settings_is_refused(short_run: Run) -> None:
+    vehicle = short_run.scenario.vehicle_data
+    dut = Estimator(vehicle, short_run.scenario)
+    before = json.dumps(dut.state)
+    without = Estimator(vehicle, load_scenario("sample_maneuver", ["detector.kind=off"]))
+    with pytest.raises(InputError, match="saved state of failure_detector has sizes none, but these settings"):
+        dut.restore(without.state)
+    with pytest.raises(InputError, match=r"failure_detector has sizes \[186\], but these settings make it none"):
+        without.restore(dut.state)
+    assert json.dumps(dut.state) == before
+
+
+@pytest.mark.parametrize("lost", ["time_s", "command", "states"])
+def test_a_state_that_lacks_a_part_is_refused(short_run: Run, lost: str) -> None:
+    dut = Estimator(short_run.scenario.vehicle_data, short_run.scenario)
+    state = {name: value for name, value in dut.state.items() if name != lost}
+    with pytest.raises(InputError, match=f"has no '{lost}'"):
+        dut.restore(state)
 
 
 def test_it_needs_neither_drake_nor_matplotlib() -> None:
