@@ -114,9 +114,11 @@ class Layout:
 
     def read(self, vector: Array) -> Any:
         """The fields of a vector as a named tuple: views of it, floats and booleans."""
-        values = list(self._parts(vector))
-        for index, converted in self._converted:
-            values[index] = converted(values[index])
+        values: Any = self._parts(vector)
+        if self._converted:
+            values = list(values)
+            for index, converted in self._converted:
+                values[index] = converted(values[index])
         return _new(self._made, values)
 
     def make(self, **values: Any) -> Any:

@@ -48,6 +48,11 @@ def cross(left: Array, right: Array) -> Array:
     return np.array([b * z - c * y, c * x - a * z, a * y - b * x])
 
 
+def nonzero(vector: Array) -> bool:
+    """Whether any element of a vector differs from zero; for short ones several times faster than numpy's."""
+    return any(vector.tolist())
+
+
 def inverse_positive_definite(matrix: Array, what: str = "matrix") -> Array:
     """Inverse of a symmetric positive definite 3x3 matrix, by its Cholesky factor.
 

@@ -21,7 +21,7 @@ from massprop_drake.maths.attitude import (
     propagated,
     to_rotation_vector,
 )
-from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.maths.linear_algebra import Array, nonzero
 
 
 class Urgency(IntEnum):
@@ -198,13 +198,13 @@ def phase_space_request(
     period_s = params.period_s
     rate_error = commanded_rate(rotation_command, attitude_error, params) - rate
     largest = max(abs(element) for element in rate_error.tolist())
-    if not translation_command.any():
+    if not nonzero(translation_command):
         urgency = Urgency.WHEN_IDLE if largest > params.rate_deadband else Urgency.NONE
-        if memory.command.any():  # back in detent: what is left of the translation is dropped
+        if nonzero(memory.command):  # back in detent: what is left of the translation is dropped
             urgency = Urgency.AT_ONCE
         return Request(rate_error, _NONE, np.inf, urgency), TranslationMemory(translation_command, _NONE, 0.0, 0.0)
 
-    changed = bool((translation_command != memory.command).any())
+    changed = translation_command.tolist() != memory.command.tolist()
     velocity_left = memory.velocity_left - delivered
     horizon_left = memory.horizon_left_s - period_s
     since = memory.since_selection_s + period_s

@@ -25,7 +25,7 @@ from massprop_drake.maths.estimation.detector import (
 )
 from massprop_drake.maths.estimation.filter import Filter, FilterStep, Groups, Interval, Joint
 from massprop_drake.maths.estimation.impulses import interval_impulses, with_wrench
-from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.maths.linear_algebra import Array, nonzero
 from massprop_drake.maths.vehicle.thrust import LagFactors
 
 
@@ -140,7 +140,7 @@ def measure(state: EstimationState, sample: Sample, params: EstimationParams) ->
 
 def known_force(state: EstimationState, sample: Sample, params: EstimationParams) -> KnownForce:
     """Effect of the forces of failed jets that are known already."""
-    if params.detector is None or not state.detector.variance.any():
+    if params.detector is None or not nonzero(state.detector.variance):
         return NO_KNOWN_FORCE
     predicted = params.filter.predicted(state.filter)
     return params.detector.known_force(state.detector, predicted, sample.command, params.detector_params)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from massprop_drake.maths.arrays import Field, Layout
 from massprop_drake.maths.estimation.adaptation import Adaptation
-from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.maths.linear_algebra import Array, nonzero
 
 
 class Event(IntEnum):
@@ -102,7 +102,7 @@ NO_KNOWN_FORCE = KnownForce(np.zeros(6), _NO_SPREAD, _NO_SPREAD)
 
 def known_force_of(vector: Array) -> KnownForce:
     """The known force of a packed one, `NO_KNOWN_FORCE` itself where there is none."""
-    return KnownForce(*KNOWN_FORCE.read(vector)) if vector.any() else NO_KNOWN_FORCE
+    return KnownForce(*KNOWN_FORCE.read(vector)) if nonzero(vector) else NO_KNOWN_FORCE
 
 
 # what is logged of every cycle; what does not apply to a method is NaN

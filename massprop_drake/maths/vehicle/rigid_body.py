@@ -28,7 +28,7 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_drake.maths.attitude import rotation_matrix
-from massprop_drake.maths.linear_algebra import Array, inverse
+from massprop_drake.maths.linear_algebra import Array, inverse, nonzero
 from massprop_drake.maths.mass_properties import MassProperties, six_elements, symmetric
 from massprop_drake.maths.vehicle.thrust import decay_integral
 
@@ -200,7 +200,7 @@ def step(
         body: constants of the motion.
     """
     target = steady.tolist()
-    lagging = [(row, tau) for row, tau in zip(transient, time_constants_s, strict=True) if row.any()]
+    lagging = [(row, tau) for row, tau in zip(transient, time_constants_s, strict=True) if nonzero(row)]
     fastest = min((tau for _, tau in lagging), default=math.inf)
     longest = _longest_substep(state, steady, lagging, duration_s, body)
     elapsed = 0.0

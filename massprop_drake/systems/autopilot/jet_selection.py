@@ -11,6 +11,7 @@ from pydrake.systems.framework import LeafSystem
 
 from massprop_drake.maths.autopilot.jet_selection import activity_vectors, burst_cycles, least_change
 from massprop_drake.maths.autopilot.phase_space import Urgency
+from massprop_drake.maths.linear_algebra import nonzero
 from massprop_drake.systems.autopilot.jet_selection_program import JetSelectionProgram, Outcome, Selection
 from massprop_drake.systems.caching import Cached, Stopwatch
 from massprop_drake.systems.layouts import RECONFIGURATION, REFUSED, REQUEST, SELECTION_COUNTS
@@ -134,13 +135,13 @@ class JetSelection(LeafSystem):
         if self._reconfiguration.HasValue(context):
             asked_for = self._layout.read(self._reconfiguration.Eval(context))
             declared = asked_for.declared
-            if asked_for.known_wrench.any():
+            if nonzero(asked_for.known_wrench):
                 wrench = asked_for.known_wrench
         if declared:
             remaining = np.zeros_like(remaining)
         urgency = request.urgency
         asked = urgency == Urgency.WHEN_IDLE or wrench is not None
-        if urgency != Urgency.AT_ONCE and not declared and (not asked or remaining.any()):
+        if urgency != Urgency.AT_ONCE and not declared and (not asked or nonzero(remaining)):
             return _Burst(remaining, np.where(remaining > 0.0, 1.0, 0.0), None)
 
         solved, reduced, closest, granted = SELECTION_COUNTS.read(
@@ -159,7 +160,7 @@ class JetSelection(LeafSystem):
             wanted, selection = self._selected(context, request, wrench, available)
             remaining = burst_cycles(selection.on_times_s, self._period_s, self._minimum)
             refused = _NOT_REFUSED
-            if not remaining.any():
+            if not nonzero(remaining):
                 refused = (wanted[_RATE], least_change(wanted, selection.on_times_s, self._period_s))
             size = float(np.linalg.norm(wanted[_VELOCITY]))
             reduced += selection.outcome == Outcome.REDUCED
@@ -227,7 +228,7 @@ class JetSelection(LeafSystem):
     def _update(self, context: Any, state: Any) -> None:
         burst = self._burst.get(self, context)
         delivered = np.zeros(3)
-        if burst.command.any():
+        if nonzero(burst.command):
             delivered = self._activity(context)[_VELOCITY] @ burst.command * self._period_s
         state.set_value(self._remaining, np.maximum(burst.remaining - 1.0, 0.0))
         state.set_value(self._held, burst.command)

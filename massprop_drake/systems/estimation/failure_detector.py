@@ -10,7 +10,7 @@ from pydrake.systems.framework import LeafSystem
 from massprop_drake.maths.estimation import adaptation
 from massprop_drake.maths.estimation.detector import Detector, Event, Evidence, Jets, Judgment
 from massprop_drake.maths.estimation.filter import NOT_MEASURED
-from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.maths.linear_algebra import Array, nonzero
 from massprop_drake.systems.caching import Cached, Stopwatch
 from massprop_drake.systems.layouts import (
     ADAPTATION,
@@ -128,7 +128,7 @@ class FailureDetector(LeafSystem):
         return judgment
 
     def _calc_known_force(self, context: Any, output: Any) -> None:
-        if not self._packed(context)[self._variance].any():
+        if not nonzero(self._packed(context)[self._variance]):
             output.SetFromVector(_NO_KNOWN_FORCE)
             return
         predicted, command = self._predicted.Eval(context), self._command.Eval(context)
