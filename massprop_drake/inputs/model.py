@@ -170,7 +170,7 @@ def _model_at(model: type[Model], path: FieldPath, data: Any) -> type[Model]:
         if isinstance(part, str) and part in here[0].model_fields:
             here = _models_in(here[0].model_fields[part].annotation) or here
         if len(here) > 1 and isinstance(data, dict):  # a union: the member that the data name
-            here = [member for member in here if _tag_of(member) == data.get("kind")] or here
+            here = [member for member in here if data.get("kind") in _tags_of(member)] or here
     return here[0]
 
 
@@ -179,7 +179,7 @@ def _tags_at(model: type[Model], path: FieldPath, data: Any) -> str:
     names = [part for part in path if isinstance(part, str)]
     holder = _model_at(model, path[: path.index(names[-1])], data)
     members = _models_in(holder.model_fields[names[-1]].annotation)
-    return ", ".join(_tag_of(member) for member in members)
+    return ", ".join(tag for member in members for tag in _tags_of(member))
 
 
 _BOUNDS = {"gt": "> {:g}", "ge": ">= {:g}", "lt": "< {:g}", "le": "<= {:g}", "min_length": "at least {:g} long"}
@@ -203,9 +203,9 @@ def _models_in(annotation: Any) -> list[type[Model]]:
     return [found for argument in typing.get_args(annotation) for found in _models_in(argument)]
 
 
-def _tag_of(model: type[Model]) -> str:
-    """The value of `kind` that selects this member of a union."""
-    return str(typing.get_args(model.model_fields["kind"].annotation)[0])
+def _tags_of(model: type[Model]) -> tuple[str, ...]:
+    """The values of `kind` that select this member of a union."""
+    return tuple(map(str, typing.get_args(model.model_fields["kind"].annotation)))
 
 
 # ---------------------------------------------------------------------------------------- writing
@@ -254,7 +254,7 @@ def keys(model: type[Model], prefix: str = "") -> list[Key]:
         for member in members:
             which = ""
             if len(members) > 1:
-                which = f" ({_tag_of(member)})"
+                which = f" ({', '.join(_tags_of(member))})"
                 meaning = (member.__doc__ or "").strip().removesuffix(".")
                 found.append(Key(f"{full}{inside}{which}", "mapping", "-", "-", "-", meaning))
             found.extend(keys(member, f"{full}{inside}{which}."))

@@ -388,8 +388,8 @@ class MassBlock(Model):
     disturbance_std: Real = described(0.0, "1-sigma per sample of unmodeled velocity increments", "ft/s | m/s", ge=0.0)
 
 
-class DetectorBlock(Model):
-    """Detection and isolation of failed jets, and of jumps of the mass properties."""
+class CglrBlock(Model):
+    """Detection and isolation of failed jets by the generalized likelihood ratio, and of jumps of mass properties."""
 
     kind: Literal["cglr", "off"] = described(
         "cglr", "off, or the constrained generalized likelihood ratio of one sample"
@@ -430,6 +430,9 @@ class DetectorBlock(Model):
     )
 
 
+DetectorBlock = CglrBlock
+
+
 class Scenario(Model):
     """One case: a vehicle, its commands and failures, and how its mass properties are estimated."""
 
@@ -450,9 +453,14 @@ class Scenario(Model):
     estimation: EstimationBlock = described(EstimationBlock(), "start of the estimators")
     rotation: RotationBlock = described(RotationBlock(), "filter for inverse inertia and center of mass")
     mass: MassBlock = described(MassBlock(), "filter for the mass reciprocal")
-    detector: DetectorBlock = described(DetectorBlock(), "detection of failed jets")
+    detector: DetectorBlock = described(CglrBlock(), "detection of failed jets; each kind has keys of its own")
     failures: tuple[Failure, ...] = described((), "failures of jets")
     jumps: tuple[MassJump, ...] = described((), "payloads that leave or come")
+
+    @field_validator("detector", mode="before")
+    @classmethod
+    def _usual_detector(cls, value: Any) -> Any:
+        return {"kind": "cglr", **value} if isinstance(value, dict) else value
 
     @model_validator(mode="after")
     def _windows(self) -> Scenario:
@@ -688,6 +696,6 @@ __getattr__ = renamed.attributes(
         "EstimationSettings": "EstimationBlock",
         "RotationFilterSettings": "RotationBlock",
         "MassFilterSettings": "MassBlock",
-        "DetectorSettings": "DetectorBlock",
+        "DetectorSettings": "CglrBlock",
     },
 )

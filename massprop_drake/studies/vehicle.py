@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from massprop_drake.inputs import params
-from massprop_drake.inputs.scenario import DetectorBlock, MassBlock, Scenario
+from massprop_drake.inputs.scenario import CglrBlock, MassBlock, Scenario
 from massprop_drake.inputs.vehicle import Accelerometer, Vehicle
 from massprop_drake.maths.autopilot.jet_selection import activity_vectors
 from massprop_drake.maths.estimation import observability
@@ -139,7 +139,7 @@ def _alike(vehicle: Vehicle, seen: Array, n_pairs: int) -> list[dict[str, Any]]:
 
 
 def _isolable(vehicle: Vehicle, seen: Array) -> list[dict[str, Any]]:
-    names, margin = vehicle.designations, DetectorBlock().margin
+    names, margin = vehicle.designations, CglrBlock().margin
     found = {kind: observability.smallest_isolable(seen, margin, lost=kind == "lost") for kind in ("on", "lost")}
     return [
         {
