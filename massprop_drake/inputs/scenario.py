@@ -430,7 +430,15 @@ class CglrBlock(Model):
     )
 
 
-DetectorBlock = CglrBlock
+class CusumBlock(Model):
+    """Detection of failed jets by a cumulative sum for each; a baseline."""
+
+    kind: Literal["cusum"] = described(..., "cumulative sums, jet by jet")
+    drift: Real = described(1.0, "taken off each sum at a sample, in standard deviations of the sample", "-", gt=0.0)
+    threshold: Real = described(20.0, "of a sum, above which its jet is declared", "-", gt=0.0)
+
+
+DetectorBlock = Annotated[CglrBlock | CusumBlock, Field(discriminator="kind")]
 
 
 class Scenario(Model):

@@ -95,7 +95,7 @@ def test_one_of_everything_runs(tmp_path: Path, toy_data: dict[str, Any]) -> Non
     path = tmp_path / "one_of_everything.yaml"
     shutil.copy(DATA / "one_of_everything.yaml", path)
     scenario = load_scenario(path)
-    left_out = ["jet_schedule", "estimation.given.covariance", "detector.kind"]
+    left_out = ["jet_schedule", "estimation.filter", "estimation.given.covariance", "detector.kind"]
     assert _unset(scenario) == left_out  # a new field belongs into the file
     run = simulate(scenario)
     assert run.time_s.size == 21

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from massprop_drake.maths.estimation.detector import Detector
-from massprop_drake.maths.estimation.detectors import cglr
+from massprop_drake.maths.estimation.detectors import cglr, cusum
 
 DETECTORS: dict[str, Detector] = {
     "cglr": cglr.DETECTOR,
+    "cusum": cusum.DETECTOR,
 }

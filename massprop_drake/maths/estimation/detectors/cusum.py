@@ -1,0 +1,195 @@
+r"""Detection of failed jets by cumulative sums (CUSUM), jet by jet: a baseline to compare others with.
+
+Of each tested sample the innovations e with covariance Y are projected on each jet's signature c,
+
+    z = c^T Y^-1 e / sqrt(c^T Y^-1 c),
+
+standard normal while nothing fails. Two one-sided sums gather what points the same way,
+
+    g+ <- max(0, g+ + z - k),    g- <- max(0, g- - z - k),
+
+too much thrust and, in samples that the jet was told to fire in, too little; k is the drift. The largest sum above
+the threshold h declares its jet, and all sums begin anew. Jets of its cluster whose sums are above the threshold as
+well cannot be told from it. The magnitude is that of all samples since the sum was last zero,
+
+    f = sum c^T Y^-1 e / sum c^T Y^-1 c.
+
+Source: E. S. Page, Continuous inspection schemes, Biometrika 41, 1954; signatures as in `jet_tests`.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from massprop_drake.maths.arrays import Layout
+from massprop_drake.maths.estimation.adaptation import NO_ADAPTATION, Action
+from massprop_drake.maths.estimation.detector import STATUS, Detector, Event, Evidence, Jets, Judgment
+from massprop_drake.maths.estimation.detectors.cglr import information_of, known_force
+from massprop_drake.maths.estimation.detectors.jet_tests import isolate, jet_tests, signatures
+from massprop_drake.maths.linear_algebra import Array
+
+_UP, _DOWN = 0, 1  # sides: too much thrust, too little
+
+
+class CusumParams(NamedTuple):
+    """What shapes the detector.
+
+    Attributes:
+        period_s, clusters, unit_wrenches, thrusts, limits: see `detector.Jets`.
+        drift: k, in standard deviations of one sample.
+        threshold: h, of a sum.
+    """
+
+    period_s: float
+    clusters: NDArray[np.int_]
+    unit_wrenches: Array
+    thrusts: Array
+    limits: Array
+    drift: float
+    threshold: float
+
+
+class CusumState(NamedTuple):
+    """What the detector remembers; the first axis is the side, too much thrust and too little.
+
+    Attributes:
+        sums: g, shape (2, n_jets).
+        projection, strength: gathered since the sum was last zero, shape (2, n_jets) each.
+        onset_s: end of the sample at which it was last zero, s, shape (2, n_jets).
+        force, variance, removed, closed: see `detector.Detector`.
+    """
+
+    sums: Array
+    projection: Array
+    strength: Array
+    onset_s: Array
+    force: Array
+    variance: Array
+    removed: Array
+    closed: Array
+
+
+LAYOUT = Layout(
+    "cusum",
+    sums=(2, "jets"),
+    projection=(2, "jets"),
+    strength=(2, "jets"),
+    onset_s=(2, "jets"),
+    force="jets",
+    variance="jets",
+    removed="jets",
+    closed="jets",
+)
+
+
+def make_params(jets: Jets, options: Any) -> CusumParams:
+    """Parameters from a scenario's block `detector` of kind `cusum`."""
+    return CusumParams(
+        jets.period_s,
+        jets.clusters,
+        jets.unit_wrenches,
+        jets.thrusts,
+        jets.limits,
+        options.drift,
+        options.threshold,
+    )
+
+
+def initial_state(n_jets: int) -> CusumState:
+    """Nothing gathered, nothing known."""
+    return CusumState(*np.zeros((4, 2, n_jets)), *np.zeros((4, n_jets)))
+
+
+def judge(state: CusumState, evidence: Evidence, params: CusumParams) -> Judgment:
+    """One cycle: gathers a sample that can be tested, and declares the jet of the largest sum above the threshold.
+
+    Args:
+        state: of the cycle before.
+        evidence: of this one.
+        params: see `CusumParams`.
+
+    Raises:
+        NotPositiveDefiniteError: when an innovation covariance is not positive definite.
+    """
+    information = information_of(evidence, params.limits)
+    if information is None:
+        blank = np.full(params.clusters.size, np.nan)
+        return Judgment(state, NO_ADAPTATION, STATUS.make(tested=0.0, alarm=0.0, detector_event=0.0), blank, blank)
+    state = gathered(state, evidence, information, params)
+    likelihood = state.sums.max(axis=0)
+    sides = state.sums.argmax(axis=0)
+    every = np.arange(params.clusters.size)
+    with np.errstate(invalid="ignore"):
+        magnitude = np.where(likelihood > 0.0, state.projection[sides, every] / state.strength[sides, every], 0.0)
+    isolation = isolate(likelihood, params.clusters)
+    jet, side = isolation.jet, int(sides[isolation.jet])
+    alarm = bool(likelihood[jet] > params.threshold)
+    alike = (params.clusters == isolation.cluster) & (likelihood > params.threshold)
+    status = STATUS.make(
+        tested=1.0,
+        alarm=alarm,
+        detector_event=Event.DECLARED if alarm else Event.NOTHING,
+        suspected_cluster=isolation.cluster,
+        suspected_jet=jet,
+        jet_isolated=alarm and int(alike.sum()) == 1,
+        suspected_magnitude=float(magnitude[jet]),
+        suspected_magnitude_std=float(state.strength[side, jet]) ** -0.5 if likelihood[jet] > 0.0 else 0.0,
+        suspected_likelihood=float(likelihood[jet]),
+        cluster_margin=isolation.cluster_margin,
+        jet_margin=isolation.jet_margin,
+        onset=float(state.onset_s[side, jet]),
+        alarms=float(alarm),
+    )
+    if not alarm:
+        return Judgment(state, NO_ADAPTATION, status, likelihood, magnitude)
+    state = _declared(state, alike, jet, float(magnitude[jet]), status.suspected_magnitude_std**2)
+    adaptation = NO_ADAPTATION._replace(action=Action.REJECT)
+    return Judgment(state, adaptation, status, likelihood, magnitude)
+
+
+def gathered(state: CusumState, evidence: Evidence, information: Array, params: CusumParams) -> CusumState:
+    """The sums with one more sample; those that fall to zero begin anew at its end."""
+    never = np.zeros(params.clusters.size, dtype=bool)
+    coefficients = signatures(params.unit_wrenches, evidence.estimate, params.period_s)
+    tests = jet_tests(coefficients, evidence.innovation, information, never, never)
+    strength = 1.0 / tests.variance
+    normalized = tests.magnitude * np.sqrt(strength)
+    # what is known to have failed already is not suspected again, and a jet that rests cannot give too little
+    fresh = (state.removed == 0.0) & (state.variance == 0.0)
+    counted = np.stack([fresh, fresh & (evidence.command > 0.0)])
+    step = np.stack([normalized, -normalized]) - params.drift
+    sums = np.where(counted, np.maximum(state.sums + step, 0.0), state.sums)
+    begun = sums > 0.0
+    return state._replace(
+        sums=sums,
+        projection=np.where(begun, state.projection + counted * (tests.magnitude * strength), 0.0),
+        strength=np.where(begun, state.strength + counted * strength, 0.0),
+        onset_s=np.where(begun, state.onset_s, evidence.time_s),
+    )
+
+
+def _declared(state: CusumState, alike: NDArray[np.bool_], jet: int, force: float, variance: float) -> CusumState:
+    """All sums begin anew; the jets in question are out of use, and too much thrust is a known force."""
+    anew = initial_state(alike.size)
+    known, spread = state.force.copy(), state.variance.copy()
+    if force > 0.0:
+        known[jet], spread[jet] = force, variance
+    return anew._replace(
+        onset_s=state.onset_s,
+        force=known,
+        variance=spread,
+        removed=np.where(alike, 1.0, state.removed),
+        closed=state.closed,
+    )
+
+
+DETECTOR = Detector(
+    params=make_params,
+    initial=lambda params: initial_state(params.clusters.size),
+    layout=lambda params: LAYOUT.sized(jets=params.clusters.size),
+    known_force=known_force,
+    judge=judge,
+)
