@@ -78,7 +78,7 @@ def build(scenario: Scenario) -> Diagram:
 def _windows(scenario: Scenario) -> tuple[Window, ...]:
     return tuple(
         Window(
-            channel=(0 if window.controller == "rhc" else 3) + "xyz".index(window.axis[1]),
+            channel=(0 if window.controller == "rhc" else 3) + "xyz".index(window.axis[-1]),
             sign=1.0 if window.axis[0] == "+" else -1.0,
             start_s=window.start_s,
             end_s=window.end_s,

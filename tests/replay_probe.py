@@ -62,5 +62,5 @@ def replayed(telemetry: Path, scenario: Scenario) -> Opinion:
     for system in diagram.GetSubsystemByName("estimation").GetSystems():
         state = system.GetMyContextFromRoot(context).get_discrete_state()
         if state.num_groups():
-            groups[system.get_name()] = [state.get_vector(index).CopyToVector() for index in range(state.num_groups())]
+            groups[system.get_name()] = state.get_vector(0).CopyToVector()
     return Opinion(estimation_signals(scenario, logs), for_json(groups), logs["covariance"][-1].reshape(10, 10))

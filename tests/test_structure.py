@@ -238,3 +238,23 @@ def test_no_imports_go_in_circles() -> None:
 def test_every_module_says_what_it_is() -> None:
     for name, tree in TREES.items():
         assert ast.get_docstring(tree), name
+
+
+def _bare(index: ast.expr) -> bool:
+    """Whether an index has a number in it, beyond the first, the last, and all after the first."""
+    match index:
+        case ast.Constant(value=int(value)):
+            return value not in (0, -1)
+        case ast.Slice(lower=lower, upper=upper):
+            return any(isinstance(end, ast.Constant) and end.value not in (0, 1) for end in (lower, upper))
+        case ast.Tuple(elts=parts):
+            return any(map(_bare, parts))
+    return False
+
+
+@pytest.mark.parametrize("name", [*_of("systems"), *_of("diagrams"), *_of("runners")])
+def test_packed_vectors_are_read_by_their_layouts(name: str) -> None:
+    for node in ast.walk(TREES[name]):
+        if isinstance(node, ast.Subscript) and _bare(node.slice):
+            of_shape = isinstance(node.value, ast.Attribute) and node.value.attr == "shape"
+            assert of_shape, f"{name}, line {node.lineno}: {ast.unparse(node)}"

@@ -21,6 +21,7 @@ from massprop_drake.display.style import (
 )
 from massprop_drake.inputs import params
 from massprop_drake.maths.attitude import propagated
+from massprop_drake.maths.mass_properties import CENTER_OF_MASS
 from massprop_drake.results.folder import write_whole
 
 if TYPE_CHECKING:
@@ -71,7 +72,7 @@ def _recorded(run: Run) -> str:
     center = _center(run)
     for row in _changes(center):
         stage.center(center[row], at_s[row])
-    estimate, deviation = (np.asarray(run[name])[:, 6:9] for name in ("estimate", "standard_deviation"))
+    estimate, deviation = (np.asarray(run[name])[:, CENTER_OF_MASS] for name in ("estimate", "standard_deviation"))
     changed = _changes(np.hstack([estimate, deviation]))
     for row in changed[:: changed.size // _FRAMES + 1]:
         stage.estimate(estimate[row], deviation[row], at_s[row])
@@ -130,7 +131,7 @@ def _narration(run: Run) -> dict[str, object]:
 def _center(run: Run) -> Array:
     """Returns the point that the camera follows, the true center of mass or else the nominal one, shape (n, 3)."""
     if "truth" in run.signals:
-        return np.asarray(run["truth"])[:, 6:9]
+        return np.asarray(run["truth"])[:, CENTER_OF_MASS]
     return np.tile(run.scenario.vehicle_data.nominal.center_of_mass, (np.asarray(run.time_s).size, 1))
 
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from massprop_drake.display.stage import SHOWN, Stage
 from massprop_drake.inputs.scenario import Scenario
+from massprop_drake.maths.mass_properties import CENTER_OF_MASS
 
 if TYPE_CHECKING:
     from massprop_drake.runners.simulate import Moment
@@ -50,7 +51,7 @@ class Live:
             time.sleep(ahead_s)
         self._stage.turn(moment.attitude)
         self._stage.center(moment.center_of_mass)
-        self._stage.estimate(moment.estimate[6:9], moment.standard_deviation[6:9])
+        self._stage.estimate(moment.estimate[CENTER_OF_MASS], moment.standard_deviation[CENTER_OF_MASS])
         firing = moment.thrust / self._full > SHOWN
         for jet in np.flatnonzero(firing != self._firing):
             self._stage.plume(int(jet), bool(firing[jet]))

@@ -13,6 +13,7 @@ import jinja2
 
 from massprop_drake.display import events, interactive, plots
 from massprop_drake.inputs.model import yaml_text
+from massprop_drake.maths.mass_properties import MASS_RECIPROCAL
 from massprop_drake.results.folder import write_whole
 from massprop_drake.results.summary import DetectionRecord, Summary
 from massprop_drake.signals import SYMBOLS, mass_property_units, with_deviation
@@ -97,7 +98,7 @@ def _verdict(results: Summary) -> list[dict[str, Any]]:
         say(inside == len(known), f"{inside} of {len(known)} parameters lie within 3 sigma of the truth.")
     else:
         say(None, "The truth is unknown: the table gives what was learned, and how surely.")
-    if not math.isfinite(results.estimates[9]):
+    if not math.isfinite(results.estimates[MASS_RECIPROCAL]):
         say(None, "The mass is not observable: no accelerometer was read.")
     declared = [entry for entry in results.detections if entry.withdrawn_s is None]
     if declared:

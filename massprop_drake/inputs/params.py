@@ -220,10 +220,16 @@ def true_properties(scenario: Scenario) -> MassProperties:
 
 
 def plant_wrenches(scenario: Scenario) -> Array:
-    """Torque about the vehicle origin, force and mass flow of each jet, shape (n_jets, 7)."""
+    """True torque about the vehicle origin, force and mass flow of each jet, shape (n_jets, 7)."""
+    wrenches = thrust_factors(scenario)[:, None] * scenario.vehicle_data.wrenches
+    return np.column_stack([wrenches, plant_mass_flows(scenario)])
+
+
+def plant_mass_flows(scenario: Scenario) -> Array:
+    """True mass flow of each jet at full thrust, slug/s or kg/s, shape (n_jets,); zero where none is used up."""
     vehicle = scenario.vehicle_data
     flows = vehicle.mass_flows if scenario.plant.depletion else np.zeros(len(vehicle.jets))
-    return thrust_factors(scenario)[:, None] * np.column_stack([vehicle.wrenches, flows])
+    return thrust_factors(scenario) * flows
 
 
 def commands(scenario: Scenario) -> Array:

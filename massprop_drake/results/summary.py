@@ -18,7 +18,7 @@ from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.maths import mass_properties
 from massprop_drake.maths.estimation.detector import STATUS, Event
-from massprop_drake.maths.mass_properties import Derived, six_elements
+from massprop_drake.maths.mass_properties import CENTER_OF_MASS, MASS_RECIPROCAL, Derived, six_elements
 
 Array = NDArray[np.float64]
 
@@ -471,7 +471,7 @@ def _propellant(scenario: Scenario, signals: Mapping[str, Array]) -> float:
     """Propellant used, slug or kg: what the thrust of every sample took."""
     vehicle = scenario.vehicle_data
     level = signals["thrust"][:-1] / np.linalg.norm(vehicle.thrusts, axis=1)
-    return float((level @ params.plant_wrenches(scenario)[:, 6]).sum() * vehicle.sample_period_s)
+    return float((level @ params.plant_mass_flows(scenario)).sum() * vehicle.sample_period_s)
 
 
 def _jets_in_question(vehicle: Vehicle, signals: Mapping[str, Array]) -> dict[str, Any]:
@@ -511,7 +511,11 @@ def by_name(parameters: Array) -> dict[str, Any]:
     """Writes the ten parameters as files have them: matrix, vector and number; NaN becomes None."""
     values = null_for_nan(parameters)
     matrix = [[values[index] for index in row] for row in mass_properties.ELEMENT.tolist()]
-    return {"inverse_inertia": matrix, "center_of_mass": values[6:9], "mass_reciprocal": values[9]}
+    return {
+        "inverse_inertia": matrix,
+        "center_of_mass": values[CENTER_OF_MASS],
+        "mass_reciprocal": values[MASS_RECIPROCAL],
+    }
 
 
 def from_names(values: Mapping[str, Any]) -> Array:

@@ -243,6 +243,7 @@ class _Estimation:
         n_jets = len(self._vehicle.jets)
         none = np.zeros(n_jets)
         quality = self._quality.finished(record, reader.ragged)
+        _, samples = self._nis["rotation"]
         means = {name: total / count if count else None for name, (total, count) in self._nis.items()}
         results = composed(
             self._scenario,
@@ -252,7 +253,7 @@ class _Estimation:
             covariance=self._params.filter.covariance(self._state.filter),
             truth=np.full(10, np.nan),
             found=settled(self._entries, last.get("known_force", none), last.get("known_force_variance", none)),
-            consistency=Consistency(means["rotation"], means["mass"], self._nis["rotation"][1]),
+            consistency=Consistency(means["rotation"], means["mass"], samples),
             autopilot=AutopilotSummary(self._firings, float(self._fired @ self._vehicle.mass_flows) * self._period_s),
             timing=Timing(wall_s, duration_s / wall_s, self._cycle_times()),
             telemetry="standard input" if str(telemetry) == "-" else Path(telemetry).name,

@@ -25,6 +25,7 @@ __all__ = [
     "KNOWN_FORCE",
     "MASS_ESTIMATE",
     "MASS_REPORT",
+    "NOISE",
     "RECONFIGURATION",
     "REFUSED",
     "REQUEST",
@@ -34,10 +35,13 @@ __all__ = [
     "STRUCTURE",
     "TRANSLATION_MEMORY",
     "TURNING",
+    "WRENCH",
 ]
 
 # the vehicle
 STRUCTURE = Layout("structure", inertia=6, center_of_mass=3)
+WRENCH = Layout("wrench", torque=3, force=3, mass_flow=NUMBER)
+NOISE = Layout("noise", white=3, walk=3)
 
 # the autopilot
 HAND_CONTROLLERS = Layout("hand_controllers", rotation=3, translation=3)

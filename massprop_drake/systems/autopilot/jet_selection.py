@@ -12,14 +12,19 @@ from pydrake.systems.framework import LeafSystem
 from massprop_drake.maths.autopilot.jet_selection import activity_vectors, burst_cycles, least_change
 from massprop_drake.maths.autopilot.phase_space import Urgency
 from massprop_drake.maths.linear_algebra import nonzero
-from massprop_drake.systems.autopilot.jet_selection_program import JetSelectionProgram, Outcome, Selection
+from massprop_drake.systems.autopilot.jet_selection_program import (
+    RATE,
+    VELOCITY,
+    JetSelectionProgram,
+    Outcome,
+    Selection,
+)
 from massprop_drake.systems.caching import Cached, Stopwatch
 from massprop_drake.systems.layouts import RECONFIGURATION, REFUSED, REQUEST, SELECTION_COUNTS
 
 Array = NDArray[np.float64]
 
 _LONGEST_BURST_S = 2.0  # against a force that acts all along
-_RATE, _VELOCITY = slice(0, 3), slice(3, 6)  # parts of a wanted change
 _NOT_REFUSED = (np.zeros(3), 0.0)
 _LEAST_CONTROL = 0.01  # share of the reach about an axis that must be left when jets are taken out
 
@@ -161,11 +166,11 @@ class JetSelection(LeafSystem):
             remaining = burst_cycles(selection.on_times_s, self._period_s, self._minimum)
             refused = _NOT_REFUSED
             if not nonzero(remaining):
-                refused = (wanted[_RATE], least_change(wanted, selection.on_times_s, self._period_s))
-            size = float(np.linalg.norm(wanted[_VELOCITY]))
+                refused = (wanted[RATE], least_change(wanted, selection.on_times_s, self._period_s))
+            size = float(np.linalg.norm(wanted[VELOCITY]))
             reduced += selection.outcome == Outcome.REDUCED
             closest += selection.outcome == Outcome.CLOSEST
-            granted = float(np.linalg.norm(selection.reached[_VELOCITY])) / size if size > 0.0 else 1.0
+            granted = float(np.linalg.norm(selection.reached[VELOCITY])) / size if size > 0.0 else 1.0
         counts = (solved + self._program.solves - before, reduced, closest, granted)
         changed = SELECTION_COUNTS.pack(counts), REFUSED.pack(refused), out_of_use
         return _Burst(remaining, np.where(remaining > 0.0, 1.0, 0.0), changed)
@@ -229,7 +234,7 @@ class JetSelection(LeafSystem):
         burst = self._burst.get(self, context)
         delivered = np.zeros(3)
         if nonzero(burst.command):
-            delivered = self._activity(context)[_VELOCITY] @ burst.command * self._period_s
+            delivered = self._activity(context)[VELOCITY] @ burst.command * self._period_s
         state.set_value(self._remaining, np.maximum(burst.remaining - 1.0, 0.0))
         state.set_value(self._held, burst.command)
         state.set_value(self._delivered, delivered)

@@ -29,6 +29,7 @@ from pydrake.solvers import ClpSolver, MathematicalProgram, MathematicalProgramR
 
 Array = NDArray[np.float64]
 
+RATE, VELOCITY = slice(0, 3), slice(3, 6)  # parts of a request
 _ROTATION_WEIGHT = 10.0
 _TINY = 1e-9  # share of a relaxed request given up so that rounding cannot make it infeasible again
 
@@ -180,8 +181,10 @@ class JetSelectionProgram:
     def _largest_share(self, activity: Array, request: Array, limits_s: Array) -> tuple[Array, Array] | None:
         """The largest part [dw; s dv] of a request, and on-times that give it; None without dw."""
         rows, target, scale = _scaled(activity, request)
-        column = np.concatenate([np.zeros(3), -target[3:]])
-        self._share_rows.UpdateCoefficients(np.column_stack([rows, column]), np.concatenate([target[:3], np.zeros(3)]))
+        column = np.concatenate([np.zeros(3), -target[VELOCITY]])
+        self._share_rows.UpdateCoefficients(
+            np.column_stack([rows, column]), np.concatenate([target[RATE], np.zeros(3)])
+        )
         self._share_box.set_bounds(np.zeros(self._n + 1), np.append(limits_s / scale, 1.0))
         result = self._solve(self._share)
         if result is None:
@@ -189,7 +192,7 @@ class JetSelectionProgram:
         solution = result.GetSolution(self._share_t)
         share = float(solution[-1]) * (1.0 - _TINY)
         on_times = np.clip(solution[:-1] * scale, 0.0, limits_s)
-        return np.concatenate([request[:3], share * request[3:]]), on_times
+        return np.concatenate([request[RATE], share * request[VELOCITY]]), on_times
 
     def _closest(self, activity: Array, request: Array, limits_s: Array) -> tuple[Array, Array]:
         """The closest request that can be reached, and on-times that give it."""

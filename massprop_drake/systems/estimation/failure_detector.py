@@ -78,7 +78,7 @@ class FailureDetector(LeafSystem):
         initial = detector.initial(params)
         self._state_of = type(initial)
         self._layout = detector.layout(params)
-        self._force, self._variance = self._layout.slice("force"), self._layout.slice("variance")
+        self._variance = self._layout.slice("variance")
         self._memory = self.DeclareDiscreteState(self._layout.pack(initial))
 
         self._judgment = Cached(
@@ -111,8 +111,8 @@ class FailureDetector(LeafSystem):
     def _state(self, context: Any) -> Any:
         return self._state_of._make(self._layout.read(self._packed(context)))
 
-    def _judge(self, context: Any) -> tuple[Judgment, bool]:
-        """What the method makes of the sample, and whether there is anything new to remember."""
+    def _judge(self, context: Any) -> tuple[Judgment, Any]:
+        """What the method makes of the sample, and the state before."""
         impulses = IMPULSES.read(self._impulses.Eval(context))
         # a sample that is not steady is not looked at, so that nothing need be unpacked
         seen = EVIDENCE.read(self._evidence.Eval(context)) if impulses.usable else NOT_MEASURED
@@ -120,7 +120,7 @@ class FailureDetector(LeafSystem):
         evidence = Evidence(context.get_time(), command, impulses.usable, impulses.firing, *seen)
         state = self._state(context)
         judgment: Judgment = self.stopwatch.measure(self._detector.judge, state, evidence, self._params)
-        return judgment, judgment.state is not state
+        return judgment, state
 
     def _judged(self, context: Any) -> Judgment:
         judgment: Judgment
@@ -152,11 +152,11 @@ class FailureDetector(LeafSystem):
         output.SetFromVector(self._state(context).closed)
 
     def _calc_report(self, context: Any, output: Any) -> None:
-        judgment, before = self._judged(context), self._packed(context)
-        known = before[self._force], before[self._variance]
-        output.SetFromVector(self._report.pack((*judgment.status, judgment.likelihood, judgment.magnitude, *known)))
+        judgment, before = self._judgment.get(self, context)
+        of_jets = (judgment.likelihood, judgment.magnitude, before.force, before.variance)
+        output.SetFromVector(self._report.pack((*judgment.status, *of_jets)))
 
     def _update(self, context: Any, state: Any) -> None:
-        judgment, changed = self._judgment.get(self, context)
-        if changed:  # else it stays as it is
+        judgment, before = self._judgment.get(self, context)
+        if judgment.state is not before:  # else it stays as it is
             state.set_value(self._memory, self._layout.pack(judgment.state))

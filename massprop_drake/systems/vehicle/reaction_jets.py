@@ -11,6 +11,7 @@ from pydrake.systems.framework import LeafSystem
 from massprop_drake.maths.vehicle.rigid_body import N_WRENCH
 from massprop_drake.maths.vehicle.thrust import lag_factors, level_after, level_at, mean_level
 from massprop_drake.maths.vehicle.true_failures import Failure, delivered
+from massprop_drake.systems.layouts import WRENCH
 
 Array = NDArray[np.float64]
 
@@ -86,7 +87,7 @@ class ReactionJets(LeafSystem):
         self.set_name("reaction_jets")
         n_jets = wrenches.shape[0]
         self._wrenches = wrenches
-        self._forces = np.linalg.norm(wrenches[:, 3:6], axis=1)
+        self._forces = np.linalg.norm(WRENCH.columns(wrenches)["force"], axis=1)
         self._time_constants_s = time_constants_s
         self._lag = lag_factors(time_constants_s, period_s)
         self._classes = lag_classes(wrenches, time_constants_s)

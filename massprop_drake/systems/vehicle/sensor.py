@@ -12,6 +12,7 @@ from pydrake.systems.framework import LeafSystem
 from massprop_drake.maths.vehicle.rigid_body import N_STATE
 from massprop_drake.maths.vehicle.sensing import SensorModel, sense
 from massprop_drake.systems.caching import Cached
+from massprop_drake.systems.layouts import NOISE
 
 Array = NDArray[np.float64]
 
@@ -41,7 +42,7 @@ class Sensor(LeafSystem):
         self._scale = 1.0 + model.scale_factor
         self._exact = not (model.scale_factor.any() or model.bias.any() or model.noisy)
         self._body_state = self.DeclareVectorInputPort("body_state", N_STATE)
-        self._noise = self.DeclareVectorInputPort("noise", 6, RandomDistribution.kGaussian)
+        self._noise = self.DeclareVectorInputPort("noise", NOISE.size, RandomDistribution.kGaussian)
         inputs = {self.input_port_ticket(self._body_state.get_index())}
         if model.noisy:
             inputs.add(self.input_port_ticket(self._noise.get_index()))
@@ -65,7 +66,7 @@ class Sensor(LeafSystem):
         if not self._exact:
             value = self._scale * value + model.bias
             if model.noisy:
-                value += model.noise_std * self._noise.Eval(context)[:3]
+                value += model.noise_std * NOISE.read(self._noise.Eval(context)).white
         output.SetFromVector(model.read(value))
 
     def _compute(self, context: Any) -> tuple[Array, Array]:
@@ -74,7 +75,9 @@ class Sensor(LeafSystem):
         return sense(self._signal(self._body_state.Eval(context)), memory, noise, self._model)
 
     def _calc_remembering(self, context: Any, output: Any) -> None:
-        output.SetFromVector(self._step.get(self, context)[0])
+        reading, _ = self._step.get(self, context)
+        output.SetFromVector(reading)
 
     def _update(self, context: Any, state: Any) -> None:
-        state.set_value(self._memory, self._step.get(self, context)[1])
+        _, memory = self._step.get(self, context)
+        state.set_value(self._memory, memory)

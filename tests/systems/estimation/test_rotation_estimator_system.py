@@ -11,7 +11,7 @@ from systems_probe import PERIOD_S, advance, feedthrough, inputs, outputs
 
 from massprop_drake.maths.estimation.filter import RotationReport
 from massprop_drake.maths.estimation.filters.rotation_filter import Coupling
-from massprop_drake.maths.estimation.filters.thesis import Turning
+from massprop_drake.maths.estimation.filters.thesis import ROTATION_STATE, Turning
 from massprop_drake.maths.estimation.redundancy import Rule
 from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
 from massprop_drake.systems.estimation._readings import Package
@@ -68,6 +68,11 @@ def _out(dut: RotationEstimator, context: Any, name: str) -> np.ndarray:
     return dut.GetOutputPort(name).Eval(context)
 
 
+def _sensitivity(context: Any) -> np.ndarray:
+    """What one sigma of each of two jets' thrust errors has done to the estimate, shape (9, 2)."""
+    return ROTATION_STATE.sized(gyros=1, errors=2).read(context.get_discrete_state(0).CopyToVector()).sensitivity
+
+
 def test_topology() -> None:
     dut, context = _dut(("gyro", "spare"))
     assert inputs(dut) == {"gyro": 3, "spare": 3, "impulses": 8, "known_force": 24, "adaptation": 26}
@@ -87,7 +92,8 @@ def test_topology() -> None:
     expected |= dict.fromkeys(("turning", "innovation", "innovation_covariance"), measured)
     expected |= {"predicted_estimate": set()}
     assert feedthrough(dut) == expected
-    assert [context.get_discrete_state(group).size() for group in range(3)] == [9, 81, 7]
+    assert context.get_discrete_state().num_groups() == 1
+    assert context.get_discrete_state(0).size() == 9 + 81 + 1 + 2 * 3
 
 
 def test_it_starts_from_what_it_is_given() -> None:
@@ -284,7 +290,7 @@ def test_thrust_errors_add_a_port_and_a_state() -> None:
     depends = feedthrough(dut)
     assert "mean_level" in depends["innovation"]
     assert depends["turning"] == depends["innovation"]
-    assert context.get_discrete_state(3).size() == 18
+    assert context.get_discrete_state(0).size() == 9 + 81 + 1 + 3 + 18
 
 
 def test_thrust_errors_count_by_the_level_of_their_jet() -> None:
@@ -304,10 +310,10 @@ def test_thrust_errors_count_by_the_level_of_their_jet() -> None:
         _out(dut, context, "innovation_covariance").reshape(3, 3), expected, rtol=1e-13, atol=1e-18
     )
     advance(dut, context)
-    sensitivity = context.get_discrete_state(3).CopyToVector().reshape(9, 2)
+    sensitivity = _sensitivity(context)
     assert (sensitivity[0] < 0.0).all()  # more torque looks like a larger inverse inertia: truth minus estimate falls
     # coasting, none bears on the sample
     dut.GetInputPort("mean_level").FixValue(context, [0.0, 0.0])
     _sample(dut, context, [1.2, -0.1, 0.05])
     assert not _turning(dut, context, jets=2).effects.any()
-    np.testing.assert_array_equal(context.get_discrete_state(3).CopyToVector().reshape(9, 2), sensitivity)
+    np.testing.assert_array_equal(_sensitivity(context), sensitivity)

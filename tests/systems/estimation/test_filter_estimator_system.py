@@ -1,0 +1,110 @@
+"""A filter of another method as one system: what a new entry of the registry gets without a line of wiring."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+from systems_probe import feedthrough, inputs, outputs
+
+from massprop_drake import Estimator, Run, Scenario, load_scenario, simulate
+from massprop_drake.diagrams import estimation
+from massprop_drake.maths.estimation.filter import Filter, FilterStep, Groups
+from massprop_drake.maths.estimation.filters import FILTERS, thesis
+from massprop_drake.maths.estimation.filters.thesis import ThesisParams, ThesisState
+from massprop_drake.maths.linear_algebra import Array
+
+
+class CountingState(NamedTuple):
+    """The thesis's pair, and how often each axis was pushed: a state of another size."""
+
+    pair: ThesisState
+    pushes: Array
+
+
+def _finish(state: CountingState, measurement: Any, interval: Any, adaptation: Any, params: Any) -> FilterStep:
+    step = thesis.finish(state.pair, measurement, interval, adaptation, params)
+    pushes = state.pushes + (interval.impulses.linear_impulse != 0.0)
+    return step._replace(state=CountingState(step.state, pushes))
+
+
+def _saved(state: CountingState, params: ThesisParams) -> Groups:
+    return {**thesis.saved(state.pair, params), "pushes": state.pushes}
+
+
+COUNTING = Filter(
+    params=thesis.make_params,
+    initial=lambda params: CountingState(thesis.initial_state(params), np.zeros(3)),
+    predicted=lambda state: thesis.predicted(state.pair),
+    measure=lambda state, *rest: thesis.measure(state.pair, *rest),
+    evidence=lambda state, *rest: thesis.evidence(state.pair, *rest),
+    finish=_finish,
+    covariance=lambda state: thesis.covariance(state.pair),
+    saved=_saved,
+    restored=lambda groups, params: CountingState(thesis.restored(groups, params), groups["pushes"]),
+)
+
+
+@pytest.fixture
+def counting(monkeypatch: pytest.MonkeyPatch) -> Scenario:
+    """A failure's scenario, estimated by the filter that the registry has from now on."""
+    monkeypatch.setitem(FILTERS, "counting", COUNTING)
+    case = load_scenario(
+        "stuck_on_29",
+        [
+            "duration_s=8",
+            "estimation={start: nominal, std_fraction: 0.001, thrust_uncertainty: 0.01}",
+            "failures=[{kind: stuck_on, jet: R4R, start_s: 5}]",
+        ],
+    )
+    return case.model_copy(update={"estimation": case.estimation.model_copy(update={"filter": "counting"})})
+
+
+@pytest.fixture
+def flown(counting: Scenario) -> Run:
+    return simulate(counting)
+
+
+def test_topology(counting: Scenario) -> None:
+    dut = estimation.build(counting).GetSubsystemByName("counting_estimator")
+    assert inputs(dut) == {
+        **dict.fromkeys(("gyro", "acc1", "acc2", "acc3"), 3),
+        "impulses": 8,
+        "known_force": 24,
+        "adaptation": 26,
+        "mean_level": 44,
+    }
+    sizes = {"predicted": 10, "evidence": 153, "estimate": 10, "standard_deviation": 10, "covariance": 100}
+    assert outputs(dut) == {**sizes, "converged": 1, "rotation_report": 25, "mass_report": 8}
+    depends = feedthrough(dut)
+    assert depends["predicted"] == set()
+    assert depends["evidence"] == set(inputs(dut)) - {"adaptation"}
+    assert depends["estimate"] == set(inputs(dut))
+
+
+def test_the_whole_loop_flies_on_it_as_on_the_pair(counting: Scenario, flown: Run) -> None:
+    pair = simulate(
+        counting.model_copy(update={"estimation": counting.estimation.model_copy(update={"filter": "thesis"})})
+    )
+    for name in ("estimate", "standard_deviation", "rotation_nis", "mass_nis", "likelihood", "known_force", "command"):
+        np.testing.assert_array_equal(flown[name], pair[name], err_msg=name)
+    np.testing.assert_array_equal(flown.covariance, pair.covariance)
+    assert flown.summary["detections"] == pair.summary["detections"]
+    assert flown.summary["detections"], "a jet stuck on is declared"
+
+
+def test_the_estimator_takes_it_and_keeps_its_state(counting: Scenario, flown: Run) -> None:
+    dut = Estimator(counting.vehicle_data, counting)
+    for k, time_s in enumerate(flown.time_s):
+        accelerometers = {name: flown[name][k] for name in ("acc1", "acc2", "acc3")}
+        step = dut.step(time_s, flown["gyro"][k], accelerometers, flown["command"][k])
+        np.testing.assert_array_equal(step.estimate, flown["estimate"][k])
+        if k == flown.time_s.size // 2:
+            kept = dut.state
+            dut = Estimator(counting.vehicle_data, counting)
+            dut.restore(kept)
+    (pushes,) = dut.state["states"]["pushes"]
+    linear = flown["linear_impulse"] != 0.0
+    np.testing.assert_array_equal(pushes, linear.sum(axis=0))
+    assert linear.any()
