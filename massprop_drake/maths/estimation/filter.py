@@ -61,7 +61,9 @@ class Joint(NamedTuple):
     """Predictions and innovations of one sample, as a detector sees them; see `detector.Evidence`.
 
     Attributes:
-        innovation, covariance, coupled, estimate, estimate_covariance: as there.
+        innovation, covariance: as there.
+        coupled: as there.
+        estimate, estimate_covariance: as there.
     """
 
     innovation: Array
