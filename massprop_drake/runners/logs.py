@@ -77,7 +77,7 @@ def from_json(states: Mapping[str, Any], like: Groups, source: str) -> Groups:
         here = like[name].size if name in like else 0
         if saved != here:
             raise InputError(
-                f"{source}: the saved state of {name} has sizes {[saved] if saved else 'none'}, but these settings make "
-                f"it {[here] if here else 'none'}; go on with the vehicle and the settings of that run"
+                f"{source}: the saved state of {name} has sizes {[saved] if saved else 'none'}, but these settings "
+                f"make it {[here] if here else 'none'}; go on with the vehicle and the settings of that run"
             )
     return {name: np.concatenate([np.array(piece, dtype=float) for piece in pieces]) for name, pieces in states.items()}

@@ -161,8 +161,8 @@ def test_a_state_that_is_saved_goes_on_bit_for_bit(kind: str, number: int) -> No
     whole = _run(params, start, _samples())
     state = whole[number - 1].state if number else start
     groups = cycle.saved(state, params)
-    assert all(vector.ndim == 1 for vectors in groups.values() for vector in vectors)
-    kept = {name: [vector.copy() for vector in vectors] for name, vectors in groups.items()}
+    assert all(vector.ndim == 1 for vector in groups.values())
+    kept = {name: vector.copy() for name, vector in groups.items()}
     restored = cycle.restored(kept, params)
     _assert_same(restored, state)
     assert type(restored.detector) is type(state.detector)
@@ -174,17 +174,16 @@ def test_a_state_that_is_saved_goes_on_bit_for_bit(kind: str, number: int) -> No
 def test_saved_vectors_go_by_the_part_that_holds_them() -> None:
     sizes = {
         kind: {
-            name: [vector.size for vector in vectors]
-            for name, vectors in cycle.saved(cycle.initial_state(_params(kind)), _params(kind)).items()
+            name: vector.size for name, vector in cycle.saved(cycle.initial_state(_params(kind)), _params(kind)).items()
         }
         for kind in KINDS
     }
     window = 3 * _params().filter_params.mass.jump_window
-    plain = {"impulse_model": [2 * N], "rotation_estimator": [9, 81, 4], "mass_estimator": [11 + window]}
-    detector = {"failure_detector": [10 + 4 * N]}
+    plain = {"impulse_model": 2 * N, "rotation_estimator": 9 + 81 + 4, "mass_estimator": 11 + window}
+    detector = {"failure_detector": 10 + 4 * N}
     assert sizes["plain"] == plain | detector
     assert sizes["no detector"] == plain
-    errors = {"rotation_estimator": [9, 81, 4, 9 * N], "mass_estimator": [11 + window, N]}
+    errors = {"rotation_estimator": 9 + 81 + 4 + 9 * N, "mass_estimator": 11 + window + N}
     assert sizes["thrust errors"] == plain | detector | errors
     assert sizes["no accelerometer"] == {name: plain[name] for name in ("impulse_model", "rotation_estimator")}
 
@@ -231,3 +230,17 @@ def test_no_outside_wrench_is_one_of_zero() -> None:
     assert quiet.outside_wrench is not None
     assert not quiet.outside_wrench.any()
     _assert_same(cycle.step(state, quiet, params), cycle.step(state, quiet._replace(outside_wrench=None), params))
+
+
+def test_the_filter_goes_on_from_a_state_that_the_detector_hands_back() -> None:
+    params, samples = _params(), _samples()
+    steps = _run(params, cycle.initial_state(params), samples)
+    before, sample = steps[-2].state, samples[-1]
+    measured = cycle.measure(before, sample, params)
+    judgment = cycle.judge(before, sample, measured, params)
+    assert judgment is not None
+    earlier = steps[3].state.filter
+    after = cycle.finish(before, sample, measured, judgment._replace(replacement=earlier), params)
+    assert after.state.filter is earlier
+    _assert_same(after.state.detector, steps[-1].state.detector)
+    _assert_same(steps[-1].filtered.rotation, after.filtered.rotation)  # what is logged is the measurement's own
