@@ -73,6 +73,7 @@ def test_estimates_stand_beside_the_truth(capsys: Capture, short_run: Run, orbit
     percent = short_run.results.percent_error.copy()
     percent[7] = np.nan
     (tmp_path / "report.html").touch()
+    (tmp_path / "figures").mkdir()
     results = replace(
         short_run.results, autopilot=autopilot, truth=truth, percent_error=percent, detections=(STUCK_ON,)
     )

@@ -11,10 +11,9 @@ import pytest
 
 from massprop_drake import InputError, Run
 from massprop_drake.inputs.vehicle import Vehicle
-from massprop_drake.maths.estimation.detector import Event
+from massprop_drake.maths.estimation.detector import STATUS, Event
 from massprop_drake.maths.mass_properties import NAMES
 from massprop_drake.results.summary import (
-    DETECTOR_STATUS,
     DetectionRecord,
     Parameter,
     Summary,
@@ -169,7 +168,7 @@ def test_within_three_sigma(estimate: float, inside: bool) -> None:
 
 def _signals(n_rows: int, **rows: dict[int, float]) -> dict[str, Any]:
     """Signals of a detector that are zero but at some rows."""
-    signals = {name: np.zeros((n_rows, 1)) for name in (*DETECTOR_STATUS, "rotation_nis")}
+    signals = {name: np.zeros((n_rows, 1)) for name in (*STATUS, "rotation_nis")}
     for name, values in rows.items():
         for row, value in values.items():
             signals[name][row] = value

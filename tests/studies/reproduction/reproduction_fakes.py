@@ -37,7 +37,7 @@ def failing(seed: int) -> dict[str, NDArray[np.float64]]:
     return quick(seed)
 
 
-SLOW = Calculation("slow", slow, seeds=16)
+SLOW = Calculation("slow", slow, seeds=32)
 FAILING = Calculation("failing", failing, seeds=2)
 
 if __name__ == "__main__":
