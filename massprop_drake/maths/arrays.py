@@ -30,7 +30,7 @@ class Field(NamedTuple):
     """A field that is logged under its own name, as a signal.
 
     Attributes:
-        label: as on a plot's axis.
+        label: what it is, in words.
         unit: with {length}, {mass}, {force} for the vehicle's units; "-" for none.
         component: name of its one column; the field's own where empty.
         shape: see `Layout`.

@@ -6,13 +6,16 @@ those with one element per jet, need none.
 
 from __future__ import annotations
 
-from massprop_drake.maths.arrays import FLAG, NUMBER, Layout
+from typing import Any
+
+from massprop_drake.maths.arrays import FLAG, NUMBER, Array, Layout
 from massprop_drake.maths.estimation.adaptation import LAYOUT as ADAPTATION
 from massprop_drake.maths.estimation.cycle import MEMORY as IMPULSE_MEMORY
-from massprop_drake.maths.estimation.detector import KNOWN_FORCE, STATUS
+from massprop_drake.maths.estimation.detector import KNOWN_FORCE, STATUS, Judgment
 from massprop_drake.maths.estimation.filter import JOINT as EVIDENCE
 from massprop_drake.maths.estimation.filter import MASS_REPORT, ROTATION_REPORT
 from massprop_drake.maths.estimation.filters.thesis import TURNING
+from massprop_drake.maths.estimation.impulses import Impulses
 
 __all__ = [
     "ADAPTATION",
@@ -36,6 +39,8 @@ __all__ = [
     "TRANSLATION_MEMORY",
     "TURNING",
     "WRENCH",
+    "detector_row",
+    "impulse_row",
 ]
 
 # the vehicle
@@ -65,3 +70,14 @@ DETECTOR_REPORT = Layout(
     known_force="jets",
     known_force_variance="jets",
 )
+
+
+def impulse_row(impulses: Impulses) -> Array:
+    """What is told of an interval's impulses, as `IMPULSES`."""
+    return IMPULSES.pack((impulses.angular_impulse, impulses.linear_impulse, impulses.usable, impulses.firing))
+
+
+def detector_row(judgment: Judgment, before: Any) -> Array:
+    """What is logged of a detector's cycle, as `DETECTOR_REPORT`; known forces are those of the state before."""
+    of_jets = (judgment.likelihood, judgment.magnitude, before.force, before.variance)
+    return DETECTOR_REPORT.sized(jets=before.force.size).pack((*judgment.status, *of_jets))

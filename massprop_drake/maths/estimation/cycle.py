@@ -24,7 +24,7 @@ from massprop_drake.maths.estimation.detector import (
     KnownForce,
 )
 from massprop_drake.maths.estimation.filter import Filter, FilterStep, Groups, Interval, Joint
-from massprop_drake.maths.estimation.impulses import interval_impulses, with_wrench
+from massprop_drake.maths.estimation.impulses import Impulses, interval_impulses, with_wrench
 from massprop_drake.maths.linear_algebra import Array, nonzero
 from massprop_drake.maths.vehicle.thrust import LagFactors
 
@@ -151,13 +151,13 @@ def judge(state: EstimationState, sample: Sample, measured: Measured, params: Es
     if params.detector is None:
         return None
     seen = params.filter.evidence(state.filter, measured.measurement, measured.interval)
-    evidence = evidence_of(sample.time_s, sample.command, measured.interval, seen)
+    evidence = evidence_of(sample.time_s, sample.command, measured.interval.impulses, seen)
     return params.detector.judge(state.detector, evidence, params.detector_params)
 
 
-def evidence_of(time_s: float, command: Array, interval: Interval, seen: Joint) -> Evidence:
+def evidence_of(time_s: float, command: Array, impulses: Impulses, seen: Joint) -> Evidence:
     """What the filter saw, with the circumstances."""
-    return Evidence(time_s, command, interval.impulses.usable, interval.impulses.firing, *seen)
+    return Evidence(time_s, command, impulses.usable, impulses.firing, *seen)
 
 
 def finish(

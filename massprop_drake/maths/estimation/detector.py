@@ -17,6 +17,8 @@ from massprop_drake.maths.arrays import Field, Layout
 from massprop_drake.maths.estimation.adaptation import Adaptation
 from massprop_drake.maths.linear_algebra import Array, nonzero
 
+TRANSLATION, ROTATION = slice(0, 3), slice(3, 6)  # parts of the innovation that a detector sees
+
 
 class Event(IntEnum):
     """What a detector declares at a cycle."""

@@ -206,7 +206,7 @@ def smallest_isolable(signatures: Array, margin: float, *, lost: bool) -> Isolab
 
     Args:
         signatures: in units of the noise per unit force, see `whitened`, shape (n_jets, k).
-        margin: in likelihood argument, see `jet_failures.isolate`.
+        margin: in likelihood argument, see `jet_tests.isolate`.
         lost: whether the jet loses thrust while it fires; else it gives thrust untold.
     """
     size, units = _sizes_and_directions(signatures)

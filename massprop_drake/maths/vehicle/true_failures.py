@@ -1,6 +1,6 @@
 """Failures of jets as they happen: what a jet delivers in place of what it was told.
 
-The truth's side of a failure; how one is found stands in `jet_failures`.
+The truth's side of a failure; how one is found stands in `maths.estimation.detectors`.
 """
 
 from __future__ import annotations

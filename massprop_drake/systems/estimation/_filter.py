@@ -11,12 +11,13 @@ from massprop_drake.maths.estimation.adaptation import NO_ADAPTATION, Adaptation
 from massprop_drake.maths.estimation.detector import NO_KNOWN_FORCE, known_force_of
 from massprop_drake.maths.estimation.filter import Interval
 from massprop_drake.maths.estimation.impulses import Impulses
-from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.systems.caching import Cached, Stopwatch
 from massprop_drake.systems.estimation._readings import Package, Readings
 from massprop_drake.systems.layouts import ADAPTATION, IMPULSES, KNOWN_FORCE
 
 Ports = tuple[tuple[str, int, Any], ...]  # name, size and callback of output ports
+
+_NO_LEVEL = np.empty(0)
 
 
 class Measured(NamedTuple):
@@ -43,16 +44,15 @@ class FilterSystem(LeafSystem):
 
     Args:
         name: of the system.
-        thrust_errors: impulses of one sigma of each jet's thrust error, shape (n_jets, 6); None: thrust is known.
+        n_levels: number of jets whose mean thrust levels it reads; 0: none.
     """
 
-    def __init__(self, name: str, thrust_errors: Array | None):
+    def __init__(self, name: str, n_levels: int):
         super().__init__()
         self.set_name(name)
         self.stopwatch = Stopwatch()
-        self._thrust_errors = thrust_errors
+        self._n_levels = n_levels
         self._inputs: list[Any] = []
-        self._no_level = np.empty(0)
 
     def _declare_packages(self, packages: tuple[Package, ...]) -> Readings:
         readings = Readings(self, packages)
@@ -70,9 +70,7 @@ class FilterSystem(LeafSystem):
         self._impulses = self._declare_input("impulses", IMPULSES.size)
         self._known_force = self._declare_input("known_force", KNOWN_FORCE.size)
         self._adaptation = self.DeclareVectorInputPort("adaptation", ADAPTATION.size)
-        self._mean_level = None
-        if self._thrust_errors is not None:
-            self._mean_level = self._declare_input("mean_level", self._thrust_errors.shape[0])
+        self._mean_level = self._declare_input("mean_level", self._n_levels) if self._n_levels else None
 
     def _declare_cycle(self, outputs: Ports, reports: Ports) -> None:
         """Cache entries and output ports: of the measurement alone, and of the whole cycle."""
@@ -86,15 +84,13 @@ class FilterSystem(LeafSystem):
                 self.DeclareVectorOutputPort(name, size, calc, prerequisites_of_calc={entry.ticket})
 
     def _interval(self, context: Any) -> Interval:
-        """What is known of the interval; mean levels only where thrust errors are considered."""
+        """What is known of the interval; mean levels only where they are read."""
         known = NO_KNOWN_FORCE
         if self._known_force.HasValue(context):
             known = known_force_of(self._known_force.Eval(context))
-        mean_level = self._no_level if self._mean_level is None else self._mean_level.Eval(context)
+        mean_level = _NO_LEVEL if self._mean_level is None else self._mean_level.Eval(context)
         told = IMPULSES.read(self._impulses.Eval(context))
-        impulses = Impulses(
-            told.angular_impulse, told.linear_impulse, told.usable, told.firing, self._no_level, mean_level
-        )
+        impulses = Impulses(told.angular_impulse, told.linear_impulse, told.usable, told.firing, _NO_LEVEL, mean_level)
         return Interval(impulses, known)
 
     def _adapted(self, context: Any) -> Adaptation:

@@ -8,7 +8,8 @@ import numpy as np
 from pydrake.systems.framework import LeafSystem
 
 from massprop_drake.maths.estimation import adaptation
-from massprop_drake.maths.estimation.detector import Detector, Event, Evidence, Jets, Judgment
+from massprop_drake.maths.estimation.cycle import evidence_of
+from massprop_drake.maths.estimation.detector import Detector, Event, Jets, Judgment
 from massprop_drake.maths.estimation.filter import NOT_MEASURED
 from massprop_drake.maths.linear_algebra import Array, nonzero
 from massprop_drake.systems.caching import Cached, Stopwatch
@@ -19,6 +20,7 @@ from massprop_drake.systems.layouts import (
     IMPULSES,
     KNOWN_FORCE,
     RECONFIGURATION,
+    detector_row,
 )
 
 _NO_KNOWN_FORCE = np.zeros(KNOWN_FORCE.size)
@@ -68,7 +70,6 @@ class FailureDetector(LeafSystem):
         self._jets = jets
         n_jets = jets.thrusts.size
         self._reconfiguration = RECONFIGURATION.sized(jets=n_jets)
-        self._report = DETECTOR_REPORT.sized(jets=n_jets)
         self.stopwatch = Stopwatch()
 
         self._command = self.DeclareVectorInputPort("jet_commands", n_jets)
@@ -96,7 +97,7 @@ class FailureDetector(LeafSystem):
             ("adaptation", ADAPTATION.size, self._calc_adaptation),
             ("reconfiguration", self._reconfiguration.size, self._calc_reconfiguration),
             ("closed", n_jets, self._calc_closed),
-            ("report", self._report.size, self._calc_report),
+            ("report", DETECTOR_REPORT.sized(jets=n_jets).size, self._calc_report),
         ):
             self.DeclareVectorOutputPort(name, size, calc, prerequisites_of_calc={self._judgment.ticket})
         self.DeclareVectorOutputPort(
@@ -116,8 +117,7 @@ class FailureDetector(LeafSystem):
         impulses = IMPULSES.read(self._impulses.Eval(context))
         # a sample that is not steady is not looked at, so that nothing need be unpacked
         seen = EVIDENCE.read(self._evidence.Eval(context)) if impulses.usable else NOT_MEASURED
-        command = self._command.Eval(context)
-        evidence = Evidence(context.get_time(), command, impulses.usable, impulses.firing, *seen)
+        evidence = evidence_of(context.get_time(), self._command.Eval(context), impulses, seen)
         state = self._state(context)
         judgment: Judgment = self.stopwatch.measure(self._detector.judge, state, evidence, self._params)
         return judgment, state
@@ -152,9 +152,7 @@ class FailureDetector(LeafSystem):
         output.SetFromVector(self._state(context).closed)
 
     def _calc_report(self, context: Any, output: Any) -> None:
-        judgment, before = self._judgment.get(self, context)
-        of_jets = (judgment.likelihood, judgment.magnitude, before.force, before.variance)
-        output.SetFromVector(self._report.pack((*judgment.status, *of_jets)))
+        output.SetFromVector(detector_row(*self._judgment.get(self, context)))
 
     def _update(self, context: Any, state: Any) -> None:
         judgment, before = self._judgment.get(self, context)

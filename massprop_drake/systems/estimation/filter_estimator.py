@@ -57,7 +57,7 @@ class FilterEstimator(FilterSystem):
         limits: Array,
         period_s: float,
     ):
-        super().__init__(name, np.zeros((n_jets, 6)))
+        super().__init__(name, n_jets)
         self._method, self._params, self._limits = method, params, limits
         self._gyros, self._accelerometers = self._declare_packages(gyros), self._declare_packages(accelerometers)
         self._declare_interval()

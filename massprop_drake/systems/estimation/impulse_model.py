@@ -12,7 +12,7 @@ from massprop_drake.maths.estimation.detector import known_force_of
 from massprop_drake.maths.estimation.impulses import Impulses, interval_impulses, with_wrench
 from massprop_drake.maths.vehicle.thrust import lag_factors
 from massprop_drake.systems.caching import Cached, Stopwatch
-from massprop_drake.systems.layouts import IMPULSE_MEMORY, IMPULSES, KNOWN_FORCE
+from massprop_drake.systems.layouts import IMPULSE_MEMORY, IMPULSES, KNOWN_FORCE, impulse_row
 
 Array = NDArray[np.float64]
 
@@ -88,9 +88,7 @@ class ImpulseModel(LeafSystem):
             known = known_force_of(self._known_force.Eval(context))
             if known.acts:
                 impulses = with_wrench(impulses, known.wrench, self._period_s)
-        output.SetFromVector(
-            IMPULSES.pack((impulses.angular_impulse, impulses.linear_impulse, impulses.usable, impulses.firing))
-        )
+        output.SetFromVector(impulse_row(impulses))
 
     def _calc_mean_level(self, context: Any, output: Any) -> None:
         output.SetFromVector(self._impulses.get(self, context).mean_level)

@@ -10,7 +10,6 @@ from massprop_drake.maths.estimation.adaptation import Adaptation
 from massprop_drake.maths.estimation.filter import NOT_MEASURED
 from massprop_drake.maths.estimation.filters import mass_filter, thesis
 from massprop_drake.maths.estimation.filters.mass_filter import MassCycle, MassParams, MassState
-from massprop_drake.maths.estimation.filters.mass_jump import empty_window
 from massprop_drake.maths.estimation.filters.thesis import Turning
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import N_ROTATION
@@ -70,21 +69,17 @@ class MassEstimator(FilterSystem):
         params: MassParams,
         thrust_errors: Array | None = None,
     ):
-        super().__init__("mass_estimator", thrust_errors)
-        self._params = params
-        self._linear_errors = thesis.linear_errors(thrust_errors)
         n_errors = 0 if thrust_errors is None else thrust_errors.shape[0]
+        super().__init__("mass_estimator", n_errors)
+        self._params, self._linear_errors = params, thesis.linear_errors(thrust_errors)
         self._accelerometers = self._declare_packages(accelerometers)
         self._turning_layout = TURNING.sized(jets=n_errors)
         self._turning = self._declare_input("turning", self._turning_layout.size)
         self._declare_interval()
         self._prediction = self.DeclareVectorInputPort("predicted_estimate", N_ROTATION)
-        self._layout = thesis.MASS_STATE.sized(
-            accelerometers=len(accelerometers), window=params.jump_window, errors=n_errors
-        )
-        start = MassState(mass_reciprocal, variance, empty_window(params.jump_window), np.zeros(n_errors))
-        readings = np.full((len(accelerometers), 3), np.nan)
-        self._state = self.DeclareDiscreteState(thesis.pack_mass(start, readings, self._layout))
+        self._layout = thesis.mass_layout(params, n_errors)
+        start = thesis.mass_start(mass_reciprocal, variance, params, n_errors)
+        self._state = self.DeclareDiscreteState(thesis.pack_mass(*start, self._layout))
         predictions = {self.xd_ticket(), self.input_port_ticket(self._prediction.get_index())}
         self.DeclareVectorOutputPort("predicted", 10, self._calc_predicted, prerequisites_of_calc=predictions)
         self._declare_cycle(
@@ -106,7 +101,7 @@ class MassEstimator(FilterSystem):
     def _seen(self, context: Any) -> Turning:
         """What the rotation filter says of the sample."""
         turning = Turning._make(self._turning_layout.read(self._turning.Eval(context)))
-        return turning if self._thrust_errors is not None else turning._replace(effects=None)
+        return turning if self._linear_errors is not None else turning._replace(effects=None)
 
     def _measure(self, context: Any) -> Measured:
         state, before = self._known(context)

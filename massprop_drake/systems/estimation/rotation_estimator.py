@@ -75,17 +75,16 @@ class RotationEstimator(FilterSystem):
         params: RotationParams,
         thrust_errors: Array | None = None,
     ):
-        super().__init__("rotation_estimator", thrust_errors)
-        self._params = params
+        n_errors = 0 if thrust_errors is None else thrust_errors.shape[0]
+        super().__init__("rotation_estimator", n_errors)
+        self._params, self._thrust_errors = params, thrust_errors
         self._gyros = self._declare_packages(gyros)
         self._declare_interval()
-        n_errors = 0 if thrust_errors is None else thrust_errors.shape[0]
         self._turning = TURNING.sized(jets=n_errors)
         self._no_effects = np.zeros((3, n_errors))
-        self._layout = thesis.ROTATION_STATE.sized(gyros=len(gyros), errors=n_errors)
-        start = RotationState(estimate, covariance, np.zeros((N_ROTATION, n_errors)))
-        memory = RotationMemory(np.full((len(gyros), 3), np.nan), False)
-        self._state = self.DeclareDiscreteState(thesis.pack_rotation(start, memory, self._layout))
+        self._layout = thesis.rotation_layout(params, n_errors)
+        start = thesis.rotation_start(estimate, covariance, params, n_errors)
+        self._state = self.DeclareDiscreteState(thesis.pack_rotation(*start, self._layout))
         self.DeclareVectorOutputPort(
             "predicted_estimate", N_ROTATION, self._calc_predicted, prerequisites_of_calc={self.xd_ticket()}
         )

@@ -70,7 +70,7 @@ class ReactionJets(LeafSystem):
         wrenches: torque about the vehicle origin, force, mass flow at full thrust, shape (n_jets, 7).
         time_constants_s: of each jet, s, shape (n_jets,).
         period_s: sample period, s.
-        failures: what jets deliver in place of what they are told; see `maths.failures`.
+        failures: what jets deliver in place of what they are told; see `maths.vehicle.true_failures`.
         seed: of intermittent failures.
     """
 

@@ -33,34 +33,35 @@ from numpy.typing import NDArray
 from massprop_drake.maths.arrays import NUMBER, Layout
 from massprop_drake.maths.estimation.adaptation import NO_ADAPTATION, Action, Adaptation
 from massprop_drake.maths.estimation.detector import (
-    NO_KNOWN_FORCE,
+    ROTATION,
     STATUS,
+    TRANSLATION,
     Detector,
     Event,
     Evidence,
     Jets,
     Judgment,
-    KnownForce,
 )
 from massprop_drake.maths.estimation.detectors.jet_tests import (
     Isolation,
     JetTests,
     Signs,
     UncertainSignatures,
+    information_of,
     isolate,
     jet_tests,
     signatures,
     uncertain_jet_tests,
 )
-from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError, inverse_positive_definite
-from massprop_drake.maths.mass_properties import N_ROTATION, converged
+from massprop_drake.maths.estimation.detectors.known_forces import excess_share, known_force
+from massprop_drake.maths.linear_algebra import Array, inverse_positive_definite
+from massprop_drake.maths.mass_properties import N_ROTATION
 
 _AMBIGUOUS = 25.0  # likelihood argument of a failure beyond doubt, whichever jet it is
 _LONGEST_GATE = 25.0  # cycles that alarms in a row may lie apart with no sample tested between them
 _JUMP_NIS = 50.0  # of the rotation filter: a jump beyond doubt (chi-square, 3 degrees: 1e-10)
 _FORCE_FLOOR = 1e-4  # least 1-sigma of a known force, relative to the strongest jet's
 _QUIET = -1.0  # no cluster is suspected
-_TRANSLATION, _ROTATION = slice(0, 3), slice(3, 6)  # parts of the innovations
 
 
 class CglrParams(NamedTuple):
@@ -82,7 +83,7 @@ class CglrParams(NamedTuple):
         alarms_to_declare: alarms in a row that declare a failure; 0: never declare.
         alarm_gap: cycles between two alarms in a row at the most, where samples tested in between show
             nothing; gated samples neither count nor break the row, for up to 25 cycles.
-        action: what the filters do on an alarm, see `maths.adaptation`.
+        action: what the filters do on an alarm, see `estimation.adaptation`.
         force_variance_floor: of a known force, lbf^2 or N^2.
         manifolds: index of the manifold that is closed when a jet's failure is declared, -1: none is,
             shape (n_jets,).
@@ -216,7 +217,7 @@ class Finding(NamedTuple):
     Attributes:
         tested: whether the sample was tested.
         alarm: whether an alarm passed as a jet's.
-        isolation: see `jet_failures.isolate`; of no meaning when not tested.
+        isolation: see `jet_tests.isolate`; of no meaning when not tested.
         jet_isolated: whether the alarm names the jet.
         magnitude: of the likeliest jet, lbf or N.
         magnitude_std: 1-sigma of it.
@@ -346,8 +347,8 @@ def _untested(state: DetectorState) -> DetectorCycle:
 
 
 def _rotation_nis(sample: DetectorSample) -> float:
-    rotation = sample.innovation[_ROTATION]
-    return float(rotation @ inverse_positive_definite(sample.covariance[_ROTATION, _ROTATION]) @ rotation)
+    rotation = sample.innovation[ROTATION]
+    return float(rotation @ inverse_positive_definite(sample.covariance[ROTATION, ROTATION]) @ rotation)
 
 
 def _unsuspecting(state: DetectorState) -> DetectorState:
@@ -377,10 +378,10 @@ def _correction(signature: Array, tests: JetTests, jet: int, params: CglrParams)
     spread = float(tests.variance[jet]) * (signature[:, None] * signature)
     return Adaptation(
         params.action,
-        effect[_TRANSLATION],
-        effect[_ROTATION],
-        spread[_TRANSLATION, _TRANSLATION],
-        spread[_ROTATION, _ROTATION],
+        effect[TRANSLATION],
+        effect[ROTATION],
+        spread[TRANSLATION, TRANSLATION],
+        spread[ROTATION, ROTATION],
         mass_jumped=False,
     )
 
@@ -449,9 +450,9 @@ def _followed(state: DetectorState, coefficients: Array, sample: DetectorSample,
     force, variance = state.force.copy(), state.variance.copy()
     blocks = [
         (block, inverse_positive_definite(sample.covariance[block, block], "innovation covariance"))
-        for block in (_TRANSLATION, _ROTATION)
+        for block in (TRANSLATION, ROTATION)
     ]
-    for jet, excess in zip(jets, _excess(state, jets, sample.command, params), strict=True):
+    for jet, excess in zip(jets, excess_share(state, jets, sample.command, params), strict=True):
         prior = float(variance[jet])
         information, projection = 1.0 / prior, 0.0
         for block, weight in blocks:
@@ -464,38 +465,6 @@ def _followed(state: DetectorState, coefficients: Array, sample: DetectorSample,
         force[jet] += projection / information
         variance[jet] = max(1.0 / information, params.force_variance_floor)
     return state._replace(force=force, variance=variance)
-
-
-def _excess(state: DetectorState, jets: NDArray[np.int_], command: Array, params: CglrParams) -> Array:
-    """Share of each known force that comes on top of what is commanded, shape (k,).
-
-    A jet that is stuck on gives no more when it is told to fire; a leak does.
-    """
-    stuck = state.force[jets] > 0.5 * params.thrusts[jets]
-    return np.where(stuck, 1.0 - np.nan_to_num(command[jets]), 1.0)
-
-
-def known_force(state: DetectorState, mass_properties: Array, command: Array, params: CglrParams) -> KnownForce:
-    """The wrench of known forces, and what their uncertainty adds to the measurements' covariance.
-
-    Args:
-        state: of the detector.
-        mass_properties: the ten predicted parameters, shape (10,).
-        command: fraction commanded over the interval that ended, NaN where not known, shape (n_jets,).
-        params: see `CglrParams`.
-    """
-    jets = np.flatnonzero(state.variance)
-    if jets.size == 0:
-        return NO_KNOWN_FORCE
-    wrenches = params.unit_wrenches[jets]
-    c = signatures(wrenches, mass_properties, params.period_s)
-    excess = _excess(state, jets, command, params)
-    variance = state.variance[jets] * excess**2
-    return KnownForce(
-        (state.force[jets] * excess) @ wrenches,
-        (c[:, _TRANSLATION].T * variance) @ c[:, _TRANSLATION],
-        (c[:, _ROTATION].T * variance) @ c[:, _ROTATION],
-    )
 
 
 def judged(state: DetectorState, evidence: Evidence, params: CglrParams) -> DetectorCycle:
@@ -525,45 +494,6 @@ def judged(state: DetectorState, evidence: Evidence, params: CglrParams) -> Dete
         mass_variance=float(evidence.estimate_covariance[N_ROTATION, N_ROTATION]),
     )
     return cycle(state, sample, params)
-
-
-def information_of(evidence: Evidence, limits: Array) -> Array | None:
-    """Inverse of the innovations' covariance, shape (6, 6); None for a sample that cannot be tested.
-
-    A sample can be tested when the combination of jets was steady, both innovations are there, and the estimates
-    have converged.
-
-    Args:
-        evidence: of the sample.
-        limits: of convergence, see `mass_properties.converged`, shape (3,).
-
-    Raises:
-        NotPositiveDefiniteError: when an innovation covariance is not positive definite.
-    """
-    innovation, covariance = evidence.innovation, evidence.covariance
-    measured = math.isfinite(innovation[_TRANSLATION.start]) and math.isfinite(innovation[_ROTATION.start])
-    if not (evidence.usable and measured):
-        return None
-    if not converged(np.sqrt(evidence.estimate_covariance.diagonal()), evidence.estimate, limits):
-        return None
-    if evidence.coupled:
-        return _inverse(covariance)
-    information = np.zeros((6, 6))
-    for block in (_TRANSLATION, _ROTATION):
-        information[block, block] = inverse_positive_definite(covariance[block, block], "innovation covariance")
-    return information
-
-
-def _inverse(covariance: Array) -> Array:
-    """Inverse of a covariance of any size, scaled to a unit diagonal on the way."""
-    scale = np.sqrt(covariance.diagonal())
-    try:
-        factor = np.linalg.cholesky(covariance / (scale[:, None] * scale))
-    except np.linalg.LinAlgError:
-        raise NotPositiveDefiniteError(covariance, "innovation covariance") from None
-    half = np.linalg.inv(factor) / scale
-    result: Array = half.T @ half
-    return result
 
 
 def status(result: DetectorCycle) -> Any:

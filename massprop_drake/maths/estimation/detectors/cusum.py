@@ -27,11 +27,9 @@ from numpy.typing import NDArray
 from massprop_drake.maths.arrays import Layout
 from massprop_drake.maths.estimation.adaptation import NO_ADAPTATION, Action
 from massprop_drake.maths.estimation.detector import STATUS, Detector, Event, Evidence, Jets, Judgment
-from massprop_drake.maths.estimation.detectors.cglr import information_of, known_force
-from massprop_drake.maths.estimation.detectors.jet_tests import isolate, jet_tests, signatures
+from massprop_drake.maths.estimation.detectors.jet_tests import information_of, isolate, jet_tests, signatures
+from massprop_drake.maths.estimation.detectors.known_forces import known_force
 from massprop_drake.maths.linear_algebra import Array
-
-_UP, _DOWN = 0, 1  # sides: too much thrust, too little
 
 
 class CusumParams(NamedTuple):

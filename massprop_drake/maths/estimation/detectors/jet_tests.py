@@ -28,14 +28,16 @@ Source: D. R. Levy, MIT S.M. thesis, 1983, chapter 4; the uncertainty of the sig
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from massprop_drake.maths.estimation.detector import ROTATION, TRANSLATION, Evidence
 from massprop_drake.maths.estimation.filters.rotation_filter import rate_increment_jacobians
-from massprop_drake.maths.linear_algebra import Array
-from massprop_drake.maths.mass_properties import ELEMENT
+from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError, inverse_positive_definite
+from massprop_drake.maths.mass_properties import ELEMENT, converged
 
 
 class JetTests(NamedTuple):
@@ -52,6 +54,45 @@ class JetTests(NamedTuple):
     variance: Array
     likelihood: Array
     unexplained: Array
+
+
+def information_of(evidence: Evidence, limits: Array) -> Array | None:
+    """Inverse of the innovations' covariance, shape (6, 6); None for a sample that cannot be tested.
+
+    A sample can be tested when the combination of jets was steady, both innovations are there, and the estimates
+    have converged.
+
+    Args:
+        evidence: of the sample.
+        limits: of convergence, see `mass_properties.converged`, shape (3,).
+
+    Raises:
+        NotPositiveDefiniteError: when an innovation covariance is not positive definite.
+    """
+    innovation, covariance = evidence.innovation, evidence.covariance
+    measured = math.isfinite(innovation[TRANSLATION.start]) and math.isfinite(innovation[ROTATION.start])
+    if not (evidence.usable and measured):
+        return None
+    if not converged(np.sqrt(evidence.estimate_covariance.diagonal()), evidence.estimate, limits):
+        return None
+    if evidence.coupled:
+        return _inverse(covariance)
+    information = np.zeros((6, 6))
+    for block in (TRANSLATION, ROTATION):
+        information[block, block] = inverse_positive_definite(covariance[block, block], "innovation covariance")
+    return information
+
+
+def _inverse(covariance: Array) -> Array:
+    """Inverse of a covariance of any size, scaled to a unit diagonal on the way."""
+    scale = np.sqrt(covariance.diagonal())
+    try:
+        factor = np.linalg.cholesky(covariance / (scale[:, None] * scale))
+    except np.linalg.LinAlgError:
+        raise NotPositiveDefiniteError(covariance, "innovation covariance") from None
+    half = np.linalg.inv(factor) / scale
+    result: Array = half.T @ half
+    return result
 
 
 def signatures(unit_wrenches: Array, mass_properties: Array, period_s: float) -> Array:

@@ -14,12 +14,12 @@ estimated center of mass, and the measurement's covariance grows by what is unkn
 with v the noise of the measured increment dw, and w^ the mean of the two readings. Then one Kalman
 update (3-83) to (3-87), its variance in Joseph's form.
 
-Several accelerometers make one zeta' by a rule of `maths.redundancy`. Their errors share what is unknown of
+Several accelerometers make one zeta' by a rule of `estimation.redundancy`. Their errors share what is unknown of
 the rotation, so that with M_ij = r^_i r^_j^T + S_cm
 
     R'_ij = R^d + var(v) (tr(M_ij) 1 - M_ij^T) + (O + O') S_cm (O + O')^T,    i != j
 
-Considered thrust errors enter as in `maths.rotation_filter`, with L = lambda Psi + [lambda_1 ... lambda_n] / m.
+Considered thrust errors enter as in `rotation_filter`, with L = lambda Psi + [lambda_1 ... lambda_n] / m.
 
 Source: D. R. Levy, MIT S.M. thesis, 1983, chapter 3; R'_ij and considered thrust errors are our own.
 """
@@ -58,7 +58,7 @@ class MassParams(NamedTuple):
         period_s: sample period, s.
         positions: of the accelerometers, the preferred one first, vehicle frame, ft or m, shape (s, 3).
         variances: of the error of one reading of each, per component, shape (s,).
-        rule: how they make one measurement, see `maths.redundancy`.
+        rule: how they make one measurement, see `estimation.redundancy`.
         correlated: whether what they share counts.
         compensation: NONE, TRANSVERSE or TRANSVERSE_CENTRIPETAL.
         compensation_covariance: whether R' grows by what is unknown of the compensation.
@@ -118,10 +118,7 @@ def compensated(
     """
     if params.compensation == Compensation.NONE:
         return velocity_increment, velocity_noise
-    mixing = skew(rotation.increment)
-    if params.compensation == Compensation.TRANSVERSE_CENTRIPETAL:
-        spin = skew(rotation.rate)
-        mixing = mixing + spin @ spin * params.period_s
+    mixing = _mixing(rotation, params)
     result = velocity_increment - mixing @ arm
     if params.compensation == Compensation.TRANSVERSE_CENTRIPETAL:
         # E{[v x]^2} = -2 var (3-69) for an error v independent of the reading, as a quantizer's is; the
@@ -137,6 +134,15 @@ def compensated(
     return result, covariance
 
 
+def _mixing(rotation: Rotation, params: MassParams) -> Array:
+    """O + O' (3-41), (3-64): what makes a velocity increment of an arm; O alone for TRANSVERSE, shape (3, 3)."""
+    mixing = skew(rotation.increment)
+    if params.compensation == Compensation.TRANSVERSE_CENTRIPETAL:
+        spin = skew(rotation.rate)
+        mixing = mixing + spin @ spin * params.period_s
+    return mixing
+
+
 def shared_covariance(arms: tuple[Array, Array], rotation: Rotation, params: MassParams) -> Array:
     """R'_ij - R^d of two accelerometers: what their compensated velocity increments share, shape (3, 3).
 
@@ -146,10 +152,7 @@ def shared_covariance(arms: tuple[Array, Array], rotation: Rotation, params: Mas
     """
     if params.compensation == Compensation.NONE or not params.compensation_covariance:
         return np.zeros((3, 3))
-    mixing = skew(rotation.increment)
-    if params.compensation == Compensation.TRANSVERSE_CENTRIPETAL:
-        spin = skew(rotation.rate)
-        mixing = mixing + spin @ spin * params.period_s
+    mixing = _mixing(rotation, params)
     moment = np.outer(*arms) + rotation.center_covariance
     shared: Array = mixing @ rotation.center_covariance @ mixing.T
     return shared + rotation.variance * (np.trace(moment) * _IDENTITY - moment.T)
@@ -276,13 +279,13 @@ def update(
     """Measurement update (3-83), (3-86), variance in Joseph's form of (3-84), then (3-82).
 
     A jump of the mass reciprocal is tested for, and corrected, unless a jet's failure explains the
-    sample; see `maths.mass_jump`.
+    sample; see `mass_jump`.
 
     Args:
         state: predicted, see `MassState`.
         sample: see `MassSample`.
         innovation: what `innovate` made of the same sample.
-        adaptation: see `maths.adaptation`.
+        adaptation: see `estimation.adaptation`.
         params: see `MassParams`.
         each: the packages' own samples, where the update is made with one after the other.
     """
@@ -485,7 +488,7 @@ def finish(
         measurement: what `measure` made of the sample.
         usable: whether the combination of jets was steady.
         firing: whether a known impulse acted.
-        adaptation: see `maths.adaptation`.
+        adaptation: see `estimation.adaptation`.
         params: see `MassParams`.
     """
     sample, innovation, each = measurement

@@ -188,7 +188,7 @@ class RotationParams(NamedTuple):
         period_s: sample period, s.
         gyro_variances: of the error of one reading of each gyro package, the preferred one first, per
             component, rad^2/s^2, shape (s,).
-        rule: how several gyros make one measurement, see `maths.redundancy`.
+        rule: how several gyros make one measurement, see `estimation.redundancy`.
         second_order: the second-order filter, or (False) the extended Kalman filter.
         coupling: SUBTRACT, IGNORE, HYBRID or MODEL.
         coupling_limit: HYBRID subtracts once the largest variance of the innovation is below this
@@ -434,7 +434,7 @@ def update(
         state: predicted, see `RotationState`.
         sample: see `RotationSample`.
         innovation: what `innovate` made of the same sample.
-        adaptation: see `maths.adaptation`.
+        adaptation: see `estimation.adaptation`.
         params: see `RotationParams`.
         each: the packages' own samples, where the update is made with one after the other.
 
@@ -598,7 +598,7 @@ def finish(
         state: predicted, see `RotationState`.
         measurement: what `measure` made of the sample.
         usable: whether the combination of jets was steady and a known impulse acted.
-        adaptation: see `maths.adaptation`.
+        adaptation: see `estimation.adaptation`.
         params: see `RotationParams`.
     """
     sample, innovation, each = measurement

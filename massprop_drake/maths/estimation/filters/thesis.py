@@ -16,6 +16,7 @@ import numpy as np
 
 from massprop_drake.maths.arrays import FLAG, NUMBER, Layout
 from massprop_drake.maths.estimation.adaptation import Adaptation
+from massprop_drake.maths.estimation.detector import ROTATION, TRANSLATION
 from massprop_drake.maths.estimation.filter import (
     NOT_MEASURED,
     Filter,
@@ -52,7 +53,6 @@ from massprop_drake.maths.estimation.redundancy import Rule
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import N_ROTATION
 
-_TRANSLATION, _ROTATION = slice(0, 3), slice(3, 6)  # parts of the joint innovation
 _CENTER = slice(6, 9)  # of the rotational state
 _NO_ACCELEROMETER = np.empty((0, 3))
 
@@ -227,10 +227,10 @@ def joint(turning: Turning, innovation: MassInnovation, state: MassState) -> Joi
     """Both filters' predictions and innovations side by side, translation first."""
     coupled = shared_covariance(innovation.effects, turning.effects)
     covariance = np.zeros((6, 6))
-    covariance[_TRANSLATION, _TRANSLATION] = innovation.covariance
-    covariance[_ROTATION, _ROTATION] = turning.innovation_covariance
+    covariance[TRANSLATION, TRANSLATION] = innovation.covariance
+    covariance[ROTATION, ROTATION] = turning.innovation_covariance
     if coupled is not None:
-        covariance[_TRANSLATION, _ROTATION], covariance[_ROTATION, _TRANSLATION] = coupled, coupled.T
+        covariance[TRANSLATION, ROTATION], covariance[ROTATION, TRANSLATION] = coupled, coupled.T
     return Joint(
         np.concatenate([innovation.innovation, turning.innovation]),
         covariance,
@@ -334,24 +334,34 @@ def make_params(setup: Setup, options: Any) -> ThesisParams:
 
 def initial_state(params: ThesisParams) -> ThesisState:
     """Both filters at the start, with no reading yet."""
-    n_jets = None if params.thrust_errors is None else params.thrust_errors.shape[0]
-    return ThesisState(
-        RotationState(
-            params.estimate[:N_ROTATION],
-            params.covariance[:N_ROTATION, :N_ROTATION],
-            None if n_jets is None else np.zeros((N_ROTATION, n_jets)),
-        ),
-        RotationMemory(np.full((params.rotation.gyro_variances.size, 3), np.nan), False),
-        None
-        if params.mass is None
-        else MassState(
-            float(params.estimate[N_ROTATION]),
-            float(params.covariance[N_ROTATION, N_ROTATION]),
-            empty_window(params.mass.jump_window),
-            None if n_jets is None else np.zeros(n_jets),
-        ),
-        _NO_ACCELEROMETER if params.mass is None else np.full((params.mass.variances.size, 3), np.nan),
-    )
+    estimate, covariance, n_errors = params.estimate, params.covariance, _n_errors(params)
+    turning = rotation_start(estimate[:N_ROTATION], covariance[:N_ROTATION, :N_ROTATION], params.rotation, n_errors)
+    if params.mass is None:
+        return ThesisState(*turning, None, _NO_ACCELEROMETER)
+    reciprocal, variance = float(estimate[N_ROTATION]), float(covariance[N_ROTATION, N_ROTATION])
+    return ThesisState(*turning, *mass_start(reciprocal, variance, params.mass, n_errors))
+
+
+def rotation_start(
+    estimate: Array, covariance: Array, params: RotationParams, n_errors: int
+) -> tuple[RotationState, RotationMemory]:
+    """The rotation filter at the start, and no reading yet.
+
+    Args:
+        estimate, covariance: shapes (9,) and (9, 9).
+        params: for the number of gyros.
+        n_errors: number of jets whose thrust errors are considered.
+    """
+    sensitivity = np.zeros((N_ROTATION, n_errors)) if n_errors else None
+    readings = np.full((params.gyro_variances.size, 3), np.nan)
+    return RotationState(estimate, covariance, sensitivity), RotationMemory(readings, False)
+
+
+def mass_start(mass_reciprocal: float, variance: float, params: MassParams, n_errors: int) -> tuple[MassState, Array]:
+    """The mass filter at the start, and no reading yet; `n_errors` as in `rotation_start`."""
+    sensitivity = np.zeros(n_errors) if n_errors else None
+    readings = np.full((params.variances.size, 3), np.nan)
+    return MassState(mass_reciprocal, variance, empty_window(params.jump_window), sensitivity), readings
 
 
 def predicted(state: ThesisState) -> Array:
@@ -415,17 +425,14 @@ def covariance(state: ThesisState) -> Array:
 # --------------------------------------------------------------------------------------- kept states
 
 
-def rotation_layout(params: ThesisParams) -> Layout:
-    """The rotation filter's state and memory as a vector."""
-    return ROTATION_STATE.sized(gyros=params.rotation.gyro_variances.size, errors=_n_errors(params))
+def rotation_layout(params: RotationParams, n_errors: int) -> Layout:
+    """The rotation filter's state and memory as a vector; `n_errors` as in `rotation_start`."""
+    return ROTATION_STATE.sized(gyros=params.gyro_variances.size, errors=n_errors)
 
 
-def mass_layout(params: ThesisParams) -> Layout:
-    """The mass filter's state and readings as a vector."""
-    assert params.mass is not None
-    return MASS_STATE.sized(
-        accelerometers=params.mass.variances.size, window=params.mass.jump_window, errors=_n_errors(params)
-    )
+def mass_layout(params: MassParams, n_errors: int) -> Layout:
+    """The mass filter's state and readings as a vector; `n_errors` as in `rotation_start`."""
+    return MASS_STATE.sized(accelerometers=params.variances.size, window=params.jump_window, errors=n_errors)
 
 
 def _n_errors(params: ThesisParams) -> int:
@@ -460,18 +467,22 @@ def read_mass(vector: Array, layout: Layout) -> tuple[MassState, Array]:
 
 def saved(state: ThesisState, params: ThesisParams) -> Groups:
     """Both filters' states as vectors, by the systems that hold them in a diagram."""
-    groups = {"rotation_estimator": pack_rotation(state.rotation, state.memory, rotation_layout(params))}
-    if state.mass is not None:
-        groups["mass_estimator"] = pack_mass(state.mass, state.velocities, mass_layout(params))
+    n_errors = _n_errors(params)
+    layout = rotation_layout(params.rotation, n_errors)
+    groups = {"rotation_estimator": pack_rotation(state.rotation, state.memory, layout)}
+    if state.mass is not None and params.mass is not None:
+        layout = mass_layout(params.mass, n_errors)
+        groups["mass_estimator"] = pack_mass(state.mass, state.velocities, layout)
     return groups
 
 
 def restored(groups: Groups, params: ThesisParams) -> ThesisState:
     """The inverse of `saved`."""
-    rotation, memory = read_rotation(groups["rotation_estimator"], rotation_layout(params))
+    n_errors = _n_errors(params)
+    rotation, memory = read_rotation(groups["rotation_estimator"], rotation_layout(params.rotation, n_errors))
     if params.mass is None:
         return ThesisState(rotation, memory, None, _NO_ACCELEROMETER)
-    mass, velocities = read_mass(groups["mass_estimator"], mass_layout(params))
+    mass, velocities = read_mass(groups["mass_estimator"], mass_layout(params.mass, n_errors))
     return ThesisState(rotation, memory, mass, velocities)
 
 

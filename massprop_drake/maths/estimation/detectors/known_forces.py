@@ -1,0 +1,48 @@
+"""The known forces of failed jets, as every detector that declares some gives them to the filters."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from massprop_drake.maths.estimation.detector import NO_KNOWN_FORCE, ROTATION, TRANSLATION, KnownForce
+from massprop_drake.maths.estimation.detectors.jet_tests import signatures
+from massprop_drake.maths.linear_algebra import Array
+
+
+def known_force(state: Any, mass_properties: Array, command: Array, params: Any) -> KnownForce:
+    """The wrench of known forces, and what their uncertainty adds to the measurements' covariance.
+
+    Args:
+        state: of the detector, with `force` and `variance`; see `detector.Detector`.
+        mass_properties: the ten predicted parameters, shape (10,).
+        command: fraction commanded over the interval that ended, NaN where not known, shape (n_jets,).
+        params: of the detector, with `period_s`, `unit_wrenches` and `thrusts` as in `detector.Jets`.
+    """
+    jets = np.flatnonzero(state.variance)
+    if jets.size == 0:
+        return NO_KNOWN_FORCE
+    wrenches = params.unit_wrenches[jets]
+    c = signatures(wrenches, mass_properties, params.period_s)
+    excess = excess_share(state, jets, command, params)
+    variance = state.variance[jets] * excess**2
+    return KnownForce(
+        (state.force[jets] * excess) @ wrenches,
+        (c[:, TRANSLATION].T * variance) @ c[:, TRANSLATION],
+        (c[:, ROTATION].T * variance) @ c[:, ROTATION],
+    )
+
+
+def excess_share(state: Any, jets: NDArray[np.int_], command: Array, params: Any) -> Array:
+    """Share of each known force that comes on top of what is commanded, shape (k,).
+
+    A jet that is stuck on gives no more when it is told to fire; a leak does.
+
+    Args:
+        jets: indices of those whose force is known, shape (k,).
+        state, command, params: see `known_force`.
+    """
+    stuck = state.force[jets] > 0.5 * params.thrusts[jets]
+    return np.where(stuck, 1.0 - np.nan_to_num(command[jets]), 1.0)
