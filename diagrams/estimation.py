@@ -14,7 +14,6 @@ The same diagram serves the closed loop, the open loop and recorded telemetry.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 from pydrake.systems.framework import Diagram, DiagramBuilder, InputPortIndex, LeafSystem
@@ -174,9 +173,8 @@ def _add_detector(
         commands: index of the exported port of jet commands.
     """
     impulses, *filters = estimators
-    jets = params.jets(scenario)
     detector = builder.AddNamedSystem(
-        "failure_detector", FailureDetector(method, method.params(jets, scenario.detector), jets=jets)
+        "failure_detector", FailureDetector(method, params.detector_params(scenario), jets=params.jets(scenario))
     )
     builder.ConnectInput(commands, detector.GetInputPort("jet_commands"))
     builder.Connect(impulses.GetOutputPort("impulses"), detector.GetInputPort("impulses"))
@@ -193,4 +191,4 @@ def _add_detector(
 
 
 def _packages(sensors: Sequence[SensorPackage]) -> tuple[Package, ...]:
-    return tuple(Package(sensor.name, math.inf if sensor.range is None else sensor.range) for sensor in sensors)
+    return tuple(Package(sensor.name, sensor.limit) for sensor in sensors)

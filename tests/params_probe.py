@@ -59,7 +59,8 @@ def mass_params(**changes: Any) -> MassParams:
 @cache
 def detector_settings_of(*overrides: str) -> CglrParams:
     """The detector of a bundled scenario, with overrides."""
-    return detector_params(load_scenario("stuck_on_29", list(overrides)))
+    made: CglrParams = detector_params(load_scenario("stuck_on_29", list(overrides)))
+    return made
 
 
 def evidence(

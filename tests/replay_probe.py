@@ -14,7 +14,7 @@ from pydrake.systems.primitives import LogVectorOutput
 from massprop_drake import Scenario
 from massprop_drake.diagrams import replay
 from massprop_drake.inputs import params
-from massprop_drake.runners.logs import ESTIMATION, SavedState, estimation_signals, for_json
+from massprop_drake.runners.logs import ESTIMATION, SavedState, estimation_signals, for_json, state_groups
 from massprop_drake.telemetry.reader import Reader
 
 Array = NDArray[np.float64]
@@ -58,9 +58,5 @@ def replayed(telemetry: Path, scenario: Scenario) -> Opinion:
     reader.close()
     context = simulator.get_context()
     logs = {name: np.array(sink.FindLog(context).data().T) for name, sink in sinks.items()}
-    groups = {}
-    for system in diagram.GetSubsystemByName("estimation").GetSystems():
-        state = system.GetMyContextFromRoot(context).get_discrete_state()
-        if state.num_groups():
-            groups[system.get_name()] = state.get_vector(0).CopyToVector()
-    return Opinion(estimation_signals(scenario, logs), for_json(groups), logs["covariance"][-1].reshape(10, 10))
+    states = for_json(state_groups(diagram, context))
+    return Opinion(estimation_signals(scenario, logs), states, logs["covariance"][-1].reshape(10, 10))

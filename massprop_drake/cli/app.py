@@ -203,7 +203,7 @@ def estimate(
     _require_apart(target, telemetry, resume_from)
     require_writable(target, force=force)
 
-    from massprop_drake.runners.recorded import estimate as estimate_record  # noqa: PLC0415 (loads Drake)
+    from massprop_drake.runners.recorded import estimate as estimate_record  # noqa: PLC0415 (slow to load)
 
     live = telemetry == "-" and not (as_json or quiet)
     with Progress(f"estimating {name}", 1.0, shown=telemetry != "-" and not (as_json or quiet)) as progress:

@@ -16,11 +16,11 @@ from rich.table import Table
 from massprop_drake.inputs.model import Key
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.vehicle import Vehicle
-from massprop_drake.results.summary import AutopilotSummary, Consistency, DetectionRecord, Parameter, Summary
 from massprop_drake.signals import SYMBOLS, mass_property_units, with_deviation
 
 if TYPE_CHECKING:
     from massprop_drake.maths.mass_properties import Derived
+    from massprop_drake.results.summary import AutopilotSummary, Consistency, DetectionRecord, Parameter, Summary
     from massprop_drake.studies.reproduction.report import Reproduced
 
 _VERDICT_STYLES = {"holds": "green", "holds within spread": "cyan", "differs": "yellow"}

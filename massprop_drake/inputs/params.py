@@ -6,6 +6,7 @@ The diagrams and the real-time `Estimator` both build their parts from these, so
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,8 +16,7 @@ from massprop_drake.inputs.vehicle import Accelerometer, Gyro, SensorPackage, Ve
 from massprop_drake.maths.autopilot.phase_space import PhaseSpaceParams
 from massprop_drake.maths.estimation.cycle import EstimationParams
 from massprop_drake.maths.estimation.detector import Detector, Jets
-from massprop_drake.maths.estimation.detectors import DETECTORS, cglr
-from massprop_drake.maths.estimation.detectors.cglr import CglrParams
+from massprop_drake.maths.estimation.detectors import DETECTORS
 from massprop_drake.maths.estimation.filter import Setup
 from massprop_drake.maths.estimation.filters import FILTERS, thesis
 from massprop_drake.maths.estimation.filters.mass_filter import MassParams
@@ -92,15 +92,14 @@ def estimation_params(scenario: Scenario) -> EstimationParams:
     """Parameters of a cycle of estimation: those of the filter and the detector that the scenario names."""
     vehicle = scenario.vehicle_data
     filter_ = FILTERS[scenario.estimation.filter]
-    method = detector(scenario)
     return EstimationParams(
         period_s=vehicle.sample_period_s,
         impulse_per_level=vehicle.wrenches * vehicle.sample_period_s,
         lag=lag_factors(estimator_time_constants(scenario), vehicle.sample_period_s),
         filter=filter_,
         filter_params=filter_.params(setup(scenario), scenario),
-        detector=method,
-        detector_params=None if method is None else method.params(jets(scenario), scenario.detector),
+        detector=detector(scenario),
+        detector_params=detector_params(scenario),
         limits=convergence_limits(scenario),
     )
 
@@ -209,7 +208,7 @@ def sensor_model(scenario: Scenario, sensor: SensorPackage) -> SensorModel:
         quantum=sensor.quantum if errors.quantum is None else errors.quantum,
         phase=uniform_phase(scenario.seed, sensor.name, 3) if seeded else np.zeros(3),
         delay=errors.delay_samples,
-        limit=math.inf if sensor.range is None else sensor.range,
+        limit=sensor.limit,
     )
 
 
@@ -273,7 +272,7 @@ def jet_failures(scenario: Scenario) -> tuple[failures.Failure, ...]:
 
 
 def _amount(entry: Failure, thrust: float) -> float:
-    """What `maths.failures.Failure` calls the amount."""
+    """What `maths.vehicle.true_failures.Failure` calls the amount."""
     match entry:
         case Degraded():
             return entry.fraction
@@ -323,6 +322,7 @@ def closes_manifolds(scenario: Scenario) -> bool:
     return bool(getattr(scenario.detector, "close_manifold", False))
 
 
-def detector_params(scenario: Scenario) -> CglrParams:
-    """Parameters of the detector by the constrained generalized likelihood ratio."""
-    return cglr.make_params(jets(scenario), scenario.detector)
+def detector_params(scenario: Scenario) -> Any:
+    """Parameters of the detector that the scenario names; None: there is none."""
+    method = detector(scenario)
+    return None if method is None else method.params(jets(scenario), scenario.detector)

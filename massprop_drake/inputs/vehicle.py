@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from functools import cached_property
 from importlib import resources
@@ -155,6 +156,11 @@ class SensorPackage(Model):
     def variance(self) -> float:
         """Variance of the error of one reading, quantum^2 / 12 + noise_std^2, in the reading's unit squared."""
         return self.quantum**2 / 12.0 + self.noise_std**2
+
+    @property
+    def limit(self) -> float:
+        """Largest reading either way, where the sensor saturates; infinity: unlimited."""
+        return math.inf if self.range is None else self.range
 
 
 class Gyro(SensorPackage):

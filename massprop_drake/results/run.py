@@ -33,6 +33,7 @@ Array = NDArray[np.float64]
 _NOT_SHOWN = ("angular_impulse", "linear_impulse", "failure_magnitude", "rotation_innovation", "mass_innovation")
 _MANY_ROWS = 5000  # longer runs are downsampled for plots and pages
 _END = "...\n"  # closes a YAML document: a file without it was cut short
+_PEAKS = ("rotation_nis", "mass_nis")  # signals whose maxima a plot must not lose
 _EVENTS = ("alarm", "detector_event", "gap")  # signals whose rows a plot must not lose
 
 
@@ -125,9 +126,7 @@ class Run:
         if self.thinned or (not spooled and n_rows <= _MANY_ROWS):
             return self
         gyro = params.gyro(self.scenario).name
-        peaks = tuple(name for name in ("rotation_nis", "mass_nis") if name in self.signals)
-        events = tuple(name for name in _EVENTS if name in self.signals)
-        rows = outstanding_rows(self.signals, n_rows, keys=(gyro,), peaks=peaks, events=events)
+        rows = outstanding_rows(self.signals, n_rows, keys=(gyro,), peaks=_PEAKS, events=_EVENTS)
         leaving_out = _NOT_SHOWN if spooled else ()
         signals = picked(self.signals, rows, leaving_out=leaving_out)
         time_s = signals.pop("time_s") if spooled else self.time_s[rows]
@@ -166,13 +165,14 @@ class Run:
             if pictures:
                 (partial / "figures").mkdir()
                 shown.plot.save(partial / "figures")
-            if report or replay:
-                from massprop_drake.display import write_replay, write_report  # noqa: PLC0415 (loads templates, Drake)
+            if replay:
+                from massprop_drake.display.flight3d import write_replay  # noqa: PLC0415 (loads Drake)
 
-                if replay:
-                    write_replay(shown, partial / "replay.html")
-                if report:
-                    write_report(shown, partial / "report.html", replay="replay.html" if replay else None)
+                write_replay(shown, partial / "replay.html")
+            if report:
+                from massprop_drake.display.page import write_report  # noqa: PLC0415 (loads templates)
+
+                write_report(shown, partial / "report.html", replay="replay.html" if replay else None)
             (partial / "summary.json").write_text(_json(self.summary), encoding="utf-8")
         return target
 

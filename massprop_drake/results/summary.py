@@ -307,7 +307,7 @@ def summarize(
             samples=int(used.sum()),
         ),
         autopilot=AutopilotSummary(
-            firings=_firings(signals["command"][:-1] > 0.0),
+            firings=firings(signals["command"][:-1] > 0.0, np.zeros(signals["command"].shape[1], dtype=bool)),
             propellant_mass=_propellant(scenario, signals),
             **_selection(signals),
             **_jets_in_question(vehicle, signals),
@@ -461,10 +461,14 @@ def _kind(magnitude: float, std: float, thrust: float) -> str:
     return "jet_off" if lost_all else "jet_degraded"
 
 
-def _firings(commands: NDArray[np.bool_]) -> int:
-    """Number of off-to-on transitions over all jets, shape (n_samples, n_jets)."""
-    before = np.vstack([np.zeros((1, commands.shape[1]), dtype=bool), commands[:-1]])
-    return int((commands & ~before).sum())
+def firings(on: NDArray[np.bool_], before: NDArray[np.bool_]) -> int:
+    """Number of off-to-on transitions over all jets.
+
+    Args:
+        on: whether each jet is told to fire, shape (n_samples, n_jets).
+        before: the same in the sample before the first, shape (n_jets,).
+    """
+    return int((on & ~np.vstack([before, on[:-1]])).sum())
 
 
 def _propellant(scenario: Scenario, signals: Mapping[str, Array]) -> float:

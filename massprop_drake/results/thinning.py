@@ -31,8 +31,8 @@ def outstanding_rows(
         n_rows: number of rows.
         keys: signals whose minima and maxima are kept; NaN is passed over.
         peaks: signals whose maxima alone are kept.
-        events: signals that mark an event where a component is not zero, NaN included; those that are not among the
-            signals are passed over.
+        events: signals that mark an event where a component is not zero, NaN included. Keys, peaks and events that are
+            not among the signals are passed over.
         buckets: number of stretches.
 
     Returns:
@@ -49,8 +49,7 @@ def outstanding_rows(
     counts: dict[int, int] = {}
     for block in blocks(signals, *names):
         size = len(next(iter(block.values())))
-        first = int(np.searchsorted(edges, start, side="right")) - 1
-        bucket = first
+        bucket = int(np.searchsorted(edges, start, side="right")) - 1
         while bucket < buckets and edges[bucket] < start + size:
             part = slice(max(int(edges[bucket]) - start, 0), min(int(edges[bucket + 1]) - start, size))
             for name in names:

@@ -19,7 +19,7 @@ from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
 from massprop_drake.maths.mass_properties import converged
 from massprop_drake.maths.vehicle.sensing import unsaturated
 from massprop_drake.results.summary import null_for_nan
-from massprop_drake.runners.logs import for_json, from_json
+from massprop_drake.runners.logs import kept, restored
 
 Array = NDArray[np.float64]
 
@@ -123,7 +123,7 @@ class Estimator:
             "time_s": self._time_s if math.isfinite(self._time_s) else None,
             "command": null_for_nan(self._command),
             "outside_wrench": null_for_nan(self._outside),
-            "states": for_json(cycle.saved(self._state, self._params)),
+            "states": kept(self._state, self._params),
         }
 
     def restore(self, state: Mapping[str, Any]) -> None:
@@ -141,8 +141,7 @@ class Estimator:
         command = np.array(state["command"], dtype=float)
         if command.shape != self._command.shape:
             raise InputError(f"state: is of a vehicle with {command.size} jets, not {self._command.size}")
-        groups = from_json(state["states"], cycle.saved(self._state, self._params), "state")
-        self._state = cycle.restored(groups, self._params)
+        self._state = restored(state["states"], self._params, "state")
         self._command = command
         self._outside = np.array(state.get("outside_wrench", [0.0] * 6), dtype=float)
         self._time_s = -math.inf if state["time_s"] is None else float(state["time_s"])
@@ -253,5 +252,5 @@ def _readings(readings: ArrayLike | Mapping[str, ArrayLike], packages: Sequence[
             reading = np.asarray(readings[package.name], dtype=float)
             if reading.shape != (3,):
                 raise ValueError(f"{what} must have shape (3,), got {reading.shape}")
-            row[:] = unsaturated(reading, math.inf if package.range is None else package.range)
+            row[:] = unsaturated(reading, package.limit)
     return result

@@ -15,6 +15,8 @@ from massprop_drake.errors import InputError
 from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.maths import mass_properties
+from massprop_drake.maths.estimation import cycle
+from massprop_drake.maths.estimation.cycle import EstimationParams, EstimationState
 from massprop_drake.maths.estimation.filter import Groups
 from massprop_drake.results.summary import null_for_nan
 from massprop_drake.systems.layouts import DETECTOR_REPORT, IMPULSES, MASS_REPORT, ROTATION_REPORT
@@ -54,6 +56,27 @@ def estimation_signals(scenario: Scenario, logs: Mapping[str, Array]) -> dict[st
 
 
 # --------------------------------------------------------------------------------------- kept states
+
+
+def state_groups(diagram: Any, context: Any) -> Groups:
+    """The discrete state of every part of the estimation diagram in a diagram, by name, from the root context."""
+    groups = {}
+    for system in diagram.GetSubsystemByName("estimation").GetSystems():
+        state = system.GetMyContextFromRoot(context).get_discrete_state()
+        if state.num_groups():  # a system of the estimators keeps one vector
+            groups[system.get_name()] = state.get_vector(0).CopyToVector()
+    return groups
+
+
+def kept(state: EstimationState, params: EstimationParams) -> SavedState:
+    """A cycle's state as a file keeps it."""
+    return for_json(cycle.saved(state, params))
+
+
+def restored(states: Mapping[str, Any], params: EstimationParams, source: str) -> EstimationState:
+    """The inverse of `kept`; arguments and errors as those of `from_json`."""
+    like = cycle.saved(cycle.initial_state(params), params)
+    return cycle.restored(from_json(states, like, source), params)
 
 
 def for_json(groups: Groups) -> SavedState:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 from massprop_drake.errors import InputError
 from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import PlantBlock, Scenario
-from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.inputs.vehicle import SensorPackage, Vehicle
 from massprop_drake.maths.estimation import cycle
 from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
 from massprop_drake.results.run import Run, saved_filter_state
@@ -25,11 +26,19 @@ from massprop_drake.results.summary import (
     Timing,
     composed,
     detection_entries,
+    firings,
     null_for_nan,
     settled,
 )
-from massprop_drake.runners.logs import RECENT, estimation_signals, for_json, from_json
-from massprop_drake.systems.layouts import DETECTOR_REPORT, IMPULSES, MASS_REPORT, ROTATION_REPORT
+from massprop_drake.runners.logs import RECENT, estimation_signals, kept, restored
+from massprop_drake.systems.layouts import (
+    DETECTOR_REPORT,
+    IMPULSES,
+    MASS_REPORT,
+    ROTATION_REPORT,
+    detector_row,
+    impulse_row,
+)
 from massprop_drake.telemetry.quality import QualityReport
 from massprop_drake.telemetry.reader import Continuation, Reader, Rows
 
@@ -112,23 +121,20 @@ class _Estimation:
         self._period_s = self._vehicle.sample_period_s
         self._next_row = 0 if earlier is None else int(earlier["row"]) + 1
         self._params = params.estimation_params(scenario)
-        self._state = cycle.initial_state(self._params)
-        if earlier is not None:
-            like = cycle.saved(self._state, self._params)
-            groups = from_json(earlier["states"], like, f"{source}/filter_state.json")
-            self._state = cycle.restored(groups, self._params)
+        self._state = (
+            cycle.initial_state(self._params)
+            if earlier is None
+            else restored(earlier["states"], self._params, f"{source}/filter_state.json")
+        )
         n_jets = len(self._vehicle.jets)
         self._command, self._outside = np.zeros(n_jets), np.zeros(6)  # of the interval before the next row
-        self._gyros = [(package.name, package.range) for package in params.gyros(scenario)]
-        self._accelerometers = [(package.name, package.range) for package in params.accelerometers(scenario)]
-        self._report = DETECTOR_REPORT.sized(jets=n_jets)
+        self._gyros, self._accelerometers = params.gyros(scenario), params.accelerometers(scenario)
         self._spent_s = {"estimators": 0.0, "detector": 0.0}
         self._spool = spool
         self._rows = 0
         known = [] if earlier is None else earlier["detections"]
         self._entries = [DetectionRecord(**entry) for entry in known]
         self._recent = np.array([] if earlier is None else earlier["recent_s"], dtype=float)
-        self._recent_end = self._next_row  # number of the row after the last of the recent ones
         self._nis: dict[str, tuple[float, int]] = {"rotation": (0.0, 0), "mass": (0.0, 0)}
         self._on_before = np.zeros(n_jets, dtype=bool)
         self._firings = 0
@@ -162,7 +168,7 @@ class _Estimation:
         if self._accelerometers:
             logs["mass_report"] = np.empty((count, MASS_REPORT.size))
         if self._params.detector is not None:
-            logs["detector_report"] = np.empty((count, self._report.size))
+            logs["detector_report"] = np.empty((count, DETECTOR_REPORT.sized(jets=len(self._vehicle.jets)).size))
         for index in range(count):
             time_s = self._next_row * self._period_s
             sample = cycle.Sample(time_s, rates[index], velocities[index], self._command, self._outside)
@@ -171,15 +177,13 @@ class _Estimation:
                 done = self._cycle(sample)
             except NotPositiveDefiniteError as error:
                 raise error.at(time_s, "estimator") from None
-            impulses, filtered, judgment = done.interval.impulses, done.filtered, done.judgment
-            known = (impulses.angular_impulse, impulses.linear_impulse, impulses.usable, impulses.firing)
-            logs["impulses"][index] = IMPULSES.pack(known)
+            filtered, judgment = done.filtered, done.judgment
+            logs["impulses"][index] = impulse_row(done.interval.impulses)
             logs["rotation_report"][index] = ROTATION_REPORT.pack(filtered.rotation)
             if filtered.mass is not None:
                 logs["mass_report"][index] = MASS_REPORT.pack(filtered.mass)
             if judgment is not None:
-                of_jets = (judgment.likelihood, judgment.magnitude, before.force, before.variance)
-                logs["detector_report"][index] = self._report.pack((*judgment.status, *of_jets))
+                logs["detector_report"][index] = detector_row(judgment, before)
             self._state = done.state
             self._command = rows.commands[index]
             if rows.outside_wrench is not None:
@@ -208,7 +212,6 @@ class _Estimation:
         signals |= estimation_signals(self._scenario, logs)
         signals |= rows.readings
         self._recent = np.concatenate([self._recent, rows.time_s])
-        self._recent_end += rows.time_s.size
         if "onset" in signals:
             signals["onset"] = self._record_time(signals["onset"])
         self._recent = self._recent[-RECENT:]
@@ -217,7 +220,7 @@ class _Estimation:
     def _record_time(self, diagram_s: Array) -> Array:
         """Times of the record for times of the diagram, which counts rows; NaN stays."""
         rows = np.nan_to_num(diagram_s / self._period_s).round().astype(int)
-        first = self._recent_end - self._recent.size
+        first = self._next_row - self._recent.size
         found = self._recent[np.clip(rows - first, 0, None)]
         # rows long past: as far back from the first one known as their number says
         found = np.where(rows >= first, found, self._recent[0] - (first - rows) * self._period_s)
@@ -230,7 +233,7 @@ class _Estimation:
                 total, count = self._nis[name]
                 self._nis[name] = (total + float(used.sum()), count + used.size)
         on = rows.commands > 0.0
-        self._firings += int((on & ~np.vstack([self._on_before, on[:-1]])).sum())
+        self._firings += firings(on, self._on_before)
         self._on_before = on[-1]
         self._fired += np.nansum(rows.commands, axis=0)
 
@@ -263,7 +266,7 @@ class _Estimation:
         state = {
             "time_s": record.last_s,
             "row": self._next_row - 1,
-            "states": for_json(cycle.saved(self._state, self._params)),
+            "states": kept(self._state, self._params),
             "command": null_for_nan(last["command"]),
             "recent_s": null_for_nan(self._recent),
             "detections": [entry._asdict() for entry in self._entries],
@@ -274,18 +277,18 @@ class _Estimation:
 
     def _cycle_times(self) -> dict[str, float | None]:
         """Mean time per cycle spent in each part, microseconds."""
-        mean = {name: 1e6 * spent / max(self._rows, 1) for name, spent in self._spent_s.items()}
+        mean = {name: 1e6 * spent / self._rows for name, spent in self._spent_s.items()}
         detector = mean["detector"] if self._params.detector is not None else None
         return {"estimators": mean["estimators"], "detector": detector, "jet_selection": None}
 
 
-def _stacked(rows: Rows, packages: Sequence[tuple[str, float | None]]) -> Array:
+def _stacked(rows: Rows, packages: Sequence[SensorPackage]) -> Array:
     """Readings of some packages side by side, NaN where missing or saturated, shape (n, s, 3)."""
     stacked = np.empty((rows.time_s.size, len(packages), 3))
-    for place, (name, limit) in enumerate(packages):
-        stacked[:, place] = rows.readings[name]
-        if limit is not None:
-            within = (np.abs(rows.readings[name]) < limit).all(axis=1)
+    for place, package in enumerate(packages):
+        stacked[:, place] = readings = rows.readings[package.name]
+        if package.limit < math.inf:
+            within = (np.abs(readings) < package.limit).all(axis=1)
             stacked[~within, place] = np.nan
     return stacked
 

@@ -17,12 +17,11 @@ from massprop_drake.diagrams import closed_loop, open_loop
 from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.maths.autopilot.jet_selection import activity_vectors
-from massprop_drake.maths.estimation.filter import Groups
 from massprop_drake.maths.mass_properties import N_ROTATION, MassProperties, symmetric
 from massprop_drake.maths.vehicle.rigid_body import MASS, POSITION, QUATERNION, RATE, VELOCITY
 from massprop_drake.results.run import Run
 from massprop_drake.results.summary import Timing, detection_entries, null_for_nan, summarize
-from massprop_drake.runners.logs import ESTIMATION, RECENT, estimation_signals, for_json
+from massprop_drake.runners.logs import ESTIMATION, RECENT, estimation_signals, for_json, state_groups
 from massprop_drake.systems.autopilot.jet_selection_program import JetSelectionProgram
 from massprop_drake.systems.layouts import RECONFIGURATION, STRUCTURE
 
@@ -124,7 +123,7 @@ def simulate(
     state = {
         "time_s": float(time_s[-1]),
         "row": len(time_s) - 1,
-        "states": for_json(_state_groups(diagram, context)),
+        "states": for_json(state_groups(diagram, context)),
         # nothing is commanded beyond the end
         "command": [None] * len(vehicle.jets),
         "recent_s": null_for_nan(time_s[-RECENT:]),
@@ -172,7 +171,7 @@ def _signals(scenario: Scenario, logs: dict[str, Array]) -> dict[str, Array]:
         "attitude": body[:, QUATERNION],
         "position": body[:, POSITION],
         "velocity": body[:, VELOCITY],
-        "truth": _truth(body[:, MASS], structure["inertia"], structure["center_of_mass"]),
+        "truth": _truth(body[:, MASS], logs["structure"]),
         "command": logs["command"],
         "thrust": logs["thrust"],
     }
@@ -188,10 +187,10 @@ def _signals(scenario: Scenario, logs: dict[str, Array]) -> dict[str, Array]:
     return signals
 
 
-def _truth(mass: Array, inertia: Array, center: Array) -> Array:
+def _truth(mass: Array, structure: Array) -> Array:
     """True ten parameters at each sample; the inverse is taken once per distinct structure."""
-    truth = np.empty((mass.size, 10))
-    structure = np.hstack([inertia, center])
+    truth, parts = np.empty((mass.size, 10)), STRUCTURE.columns(structure)
+    inertia, center = parts["inertia"], parts["center_of_mass"]
     changes = np.flatnonzero(np.any(np.diff(structure, axis=0) != 0.0, axis=1)) + 1
     for first, last in zip([0, *changes], [*changes, mass.size], strict=True):
         truth[first:last] = MassProperties(1.0, center[first], symmetric(inertia[first])).vector()
@@ -213,16 +212,6 @@ def _cycle_times(diagram: Any, cycles: int) -> dict[str, float | None]:
         autopilot = diagram.GetSubsystemByName("autopilot")
         selection = 1e6 * autopilot.GetSubsystemByName("jet_selection").stopwatch.spent_s / cycles
     return {"estimators": sum(spent.values()), "detector": detector, "jet_selection": selection}
-
-
-def _state_groups(diagram: Any, context: Any) -> Groups:
-    """The discrete state of every part of the estimation diagram, by name, from the root context."""
-    groups = {}
-    for system in diagram.GetSubsystemByName("estimation").GetSystems():
-        state = system.GetMyContextFromRoot(context).get_discrete_state()
-        if state.num_groups():  # a system of the estimators keeps one vector
-            groups[system.get_name()] = state.get_vector(0).CopyToVector()
-    return groups
 
 
 def _authority(scenario: Scenario, signals: dict[str, Array]) -> dict[str, Any] | None:

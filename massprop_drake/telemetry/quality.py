@@ -115,7 +115,7 @@ class QualityReport:
         self._samples = {name: {"used": 0, **dict.fromkeys(_REASONS, 0)} for name in filters}
 
         self._limits = params.convergence_limits(scenario)
-        self._detects = scenario.detector.kind != "off"
+        self._detects = params.detector(scenario) is not None
         self._tested = 0  # samples that were tested for failed jets
         self._estimate = self._deviation = np.full(10, np.nan)
 
@@ -333,7 +333,7 @@ class QualityReport:
 
     def _about_tests(self) -> list[str]:
         """Explains why no sample was tested for failed jets, if none was."""
-        if self._tested or not self._detects or not self._accelerometers:
+        if self._tested or not self._detects:
             return []
         diagonal, center, reciprocal = self._limits.tolist()
         relative = np.append(np.full(3, diagonal), reciprocal)

@@ -6,6 +6,8 @@ import csv
 import io
 import json
 import re
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -450,3 +452,16 @@ def test_that_no_sample_was_tested_for_failed_jets_is_said(
     assert "(2 % is asked)" in warning
     whole = estimate(failed_folder / "telemetry.csv", failed_run.scenario)
     assert not any("tested" in text for text in whole.summary["data_quality"]["warnings"])
+
+
+def test_neither_estimating_nor_its_report_loads_drake(failed_folder: Path, tmp_path: Path) -> None:
+    program = (
+        "import sys\n"
+        "from massprop_drake import estimate, load_scenario\n"
+        f"scenario = load_scenario({str(failed_folder / 'scenario.yaml')!r})\n"
+        f"estimate({str(failed_folder / 'telemetry.csv')!r}, scenario).save({str(tmp_path / 'again')!r}, pictures=False)\n"
+        "print('pydrake' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "False"
+    assert (tmp_path / "again" / "report.html").exists()
