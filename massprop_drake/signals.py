@@ -21,7 +21,7 @@ class Signal(NamedTuple):
 
     Attributes:
         name: as in `Run.signals` and files.
-        label: as on a plot's axis.
+        label: what it is, in words.
         unit: with {length}, {mass}, {force} for the vehicle's units; "-" for none.
         components: names of its columns; empty for one per jet.
     """

@@ -49,6 +49,7 @@ def drawn(plot: Plot) -> Json:
     traces: list[Json] = []
     shapes: list[Json] = []
     axes: Json = {}
+    views: list[str] = []
     heights = [_height(panel, alone=len(plot.panels) == 1) for panel in plot.panels]
     spaces = [_GAP + _key_height(panel) for panel in plot.panels]
     total = sum(heights) + sum(spaces)
@@ -57,7 +58,10 @@ def drawn(plot: Plot) -> Json:
         top -= space
         suffix = "" if number == 1 else str(number)
         marks = [mark for mark in panel.marks if not isinstance(mark, Level | Zone)]
-        for trace in _views(plot, marks) if isinstance(panel.scale, SymmetricLog) else _traces(plot, marks, panel):
+        symmetric = isinstance(panel.scale, SymmetricLog)
+        if symmetric:
+            views.append(f"yaxis{suffix}")
+        for trace in _views(plot, marks) if symmetric else _traces(plot, marks, panel):
             traces.append({**trace, "yaxis": f"y{suffix}", "legend": f"legend{suffix}"})
         shapes += _shapes(plot, panel, suffix)
         axes[f"yaxis{suffix}"] = {**_vertical(panel), "domain": [(top - height) / total, top / total]}
@@ -66,11 +70,10 @@ def drawn(plot: Plot) -> Json:
             "font": {"size": 10},
         }  # fmt: skip
         top -= height
-    lowest = "y" if len(plot.panels) == 1 else f"y{len(plot.panels)}"
     axes["xaxis"] = {
         "title": {"text": "time, s"},
         "range": [_rounded(plot.time_s[0]), _rounded(plot.time_s[-1])],
-        "anchor": lowest,
+        "anchor": f"y{suffix}",  # of the lowest panel
     }
     layout = {
         "height": total + _TOP + _BOTTOM,
@@ -78,11 +81,6 @@ def drawn(plot: Plot) -> Json:
         "shapes": shapes,
         **axes,
     }
-    views = [
-        f"yaxis{'' if number == 1 else number}"
-        for number, panel in enumerate(plot.panels, 1)
-        if isinstance(panel.scale, SymmetricLog)
-    ]
     return {
         "name": plot.name,
         "title": plot.title,
@@ -174,9 +172,9 @@ def _line(plot: Plot, mark: Line) -> Json:
 
 
 def _points(mark: Points) -> Json:
-    marker: Json = {"color": mark.color, "size": mark.size * _PIXELS_PER_POINT * 0.75}
+    marker: Json = {"color": mark.color, "size": mark.size}
     if mark.symbol == "tick":
-        marker |= {"symbol": "line-ns-open", "size": mark.size}
+        marker["symbol"] = "line-ns-open"
     return _trace(mark.label, {"x": _numbers(mark.x), "y": _numbers(mark.y), "mode": "markers", "marker": marker})
 
 
@@ -219,7 +217,7 @@ def _shape(steps: bool) -> str:
 
 
 def _numbers(values: Array) -> list[float | None]:
-    return [_rounded(value) if np.isfinite(value) else None for value in values.tolist()]
+    return [_rounded(value) if math.isfinite(value) else None for value in values.tolist()]
 
 
 def _rounded(value: float) -> float:

@@ -21,6 +21,8 @@ from massprop_drake.signals import SYMBOLS, mass_property_units, with_deviation
 if TYPE_CHECKING:
     from massprop_drake.results.run import Run
 
+_HERE = Path(__file__).parent
+
 
 def write_report(run: Run, path: str | Path, *, replay: str | None = None) -> Path:
     """Writes the report of a run.
@@ -38,7 +40,7 @@ def write_report(run: Run, path: str | Path, *, replay: str | None = None) -> Pa
 def summary_html(run: Run) -> str:
     """Returns the verdict and the table of ten parameters as HTML for a notebook."""
     return (
-        _environment()
+        environment()
         .get_template("summary.html")
         .render(
             title=f"{run.results.vehicle}: {run.results.scenario}",
@@ -48,8 +50,9 @@ def summary_html(run: Run) -> str:
     )
 
 
-def _environment() -> jinja2.Environment:
-    loader = jinja2.FileSystemLoader(Path(__file__).parent)
+def environment(folder: Path = _HERE) -> jinja2.Environment:
+    """Returns what renders the templates of a folder."""
+    loader = jinja2.FileSystemLoader(folder)
     return jinja2.Environment(loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True)
 
 
@@ -63,7 +66,7 @@ def report_html(run: Run, *, replay: str | None = None) -> str:
         "plots": [interactive.drawn(plot(source)) for plot in plots.available(source).values()],
     }
     page: str = (
-        _environment()
+        environment()
         .get_template("page.html")
         .render(
             title=f"{results.vehicle}: {results.scenario}",

@@ -9,13 +9,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from massprop_drake.display.plots import NIS_LIMITS
-from massprop_drake.display.style import BAND_COLOR, COLORS, TRUTH_COLOR, WINDOW_COLOR
+from massprop_drake.display.style import BAND_COLOR, COLORS, LINE_WIDTH, TRUTH_COLOR, WINDOW_COLOR
 from massprop_drake.studies.reproduction.claims import Array, Phases, Signals
 from massprop_drake.studies.reproduction.measures import maneuver_windows, used
 
 __all__ = ["BAND_COLOR", "COLORS", "TRUTH_COLOR"]
 
-LINE_WIDTH = 1.1
 _CENTRAL = (0.025, 0.975)
 
 

@@ -11,8 +11,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-import jinja2
-
+from massprop_drake.display.page import environment
 from massprop_drake.results.folder import write_whole
 from massprop_drake.studies.reproduction.claims import Outcome, Verdict
 from massprop_drake.studies.reproduction.entry import Entry
@@ -144,22 +143,23 @@ def page(results: Sequence[Reproduced], folder: Path) -> str:
         results: of the entries, in their order.
         folder: that the figures are read from.
     """
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(Path(__file__).parent), autoescape=True, trim_blocks=True, lstrip_blocks=True
-    )
-    return environment.get_template("page.html").render(
-        summary=summary_line(results),
-        legend=_LEGEND,
-        sections=[
-            {
-                "name": result.entry.name,
-                "label": label(result.entry),
-                "title": result.entry.title,
-                "pictures": [_encoded(folder / picture) for picture in result.pictures],
-                "rows": [_row(outcome) for outcome in result.outcomes],
-            }
-            for result in results
-        ],
+    return (
+        environment(Path(__file__).parent)
+        .get_template("page.html")
+        .render(
+            summary=summary_line(results),
+            legend=_LEGEND,
+            sections=[
+                {
+                    "name": result.entry.name,
+                    "label": label(result.entry),
+                    "title": result.entry.title,
+                    "pictures": [_encoded(folder / picture) for picture in result.pictures],
+                    "rows": [_row(outcome) for outcome in result.outcomes],
+                }
+                for result in results
+            ],
+        )
     )
 
 
