@@ -17,9 +17,12 @@ from pathlib import Path
 import numpy as np
 from bare_loop import fly
 
+import massprop_drake
 from massprop_drake import Estimator, load_scenario, simulate
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.results.run import Run
+
+_PACKAGE = Path(massprop_drake.__file__).parent
 
 REPEATS = 7
 
@@ -51,7 +54,7 @@ def main() -> None:
     spent = run.summary["timing"]["cycle_us"]
     solves = run.summary["autopilot"]["lp_solves"]
     each = spent["jet_selection"] * cycles / solves
-    print(f"linear program           {each:6.0f} us, {solves} programs in {cycles} cycles")
+    print(f"linear program             {each:6.0f} us, {solves} programs in {cycles} cycles")
     print(f"failure detector           {spent['detector']:6.0f} us a cycle")
     _estimator(run)
     _modules(scenario)
@@ -86,14 +89,15 @@ def _modules(scenario: Scenario) -> None:
     own: dict[str, float] = {}
     for (file, _, _), (_, _, total, _, _) in pstats.Stats(profile).stats.items():  # type: ignore[attr-defined]
         path = Path(file)
-        ours = path.parent.name in ("maths", "systems")
-        name = f"{path.parent.name}/{path.name}" if ours else "numpy, Drake and the rest"
+        inside = path.relative_to(_PACKAGE) if path.is_relative_to(_PACKAGE) else None
+        ours = inside is not None and inside.parts[0] in ("maths", "systems")
+        name = str(inside) if ours else "numpy, Drake and the rest"
         own[name] = own.get(name, 0.0) + total
     cycles = len(run.time_s)
     print("own time per cycle under the profiler, us:")
     for name, total in sorted(own.items(), key=lambda item: -item[1]):
         if 1e6 * total / cycles >= 1.0:
-            print(f"  {name:40} {1e6 * total / cycles:6.1f}")
+            print(f"  {name:45} {1e6 * total / cycles:6.1f}")
 
 
 if __name__ == "__main__":

@@ -16,6 +16,7 @@ import json
 import sys
 import warnings
 from collections.abc import Iterator
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -57,9 +58,7 @@ def cases() -> dict[str, tuple[str, ...]]:
     """Every case by name: a bundled scenario and what is set in it."""
     from massprop_drake import load_scenario  # noqa: PLC0415 (either version)
 
-    home = load_scenario.__module__.rpartition(".")[0]
-    bundled = __import__(load_scenario.__module__, fromlist=["bundled_scenarios"]).bundled_scenarios()
-    assert home
+    bundled = import_module(load_scenario.__module__).bundled_scenarios()
     return {**{name: (name,) for name in bundled}, **VARIANTS}
 
 
