@@ -161,9 +161,30 @@ def test_mathematics_knows_numpy_and_itself(name: str) -> None:
     assert _outside(name) <= {"numpy"}
 
 
-@pytest.mark.parametrize("name", _of("systems") + _of("diagrams"))
-def test_systems_and_diagrams_know_drake_and_numpy(name: str) -> None:
+@pytest.mark.parametrize("name", _of("systems"))
+def test_systems_know_drake_numpy_mathematics_and_themselves(name: str) -> None:
     assert _outside(name) <= {"numpy", "pydrake"}
+    assert {_top(imported) for imported in _own(IMPORTS[name])} <= {"maths", "systems"}
+
+
+@pytest.mark.parametrize("name", _of("diagrams"))
+def test_diagrams_know_what_they_wire_and_what_they_are_given(name: str) -> None:
+    assert _outside(name) <= {"numpy", "pydrake"}
+    assert {_top(imported) for imported in _own(IMPORTS[name])} <= {"maths", "systems", "inputs", "diagrams"}
+
+
+def test_the_estimator_knows_numpy_alone() -> None:
+    assert _outside("runners.estimator") <= {"numpy"}
+    own = _own(IMPORTS["runners.estimator"])
+    assert not {_top(imported) for imported in own} & {"systems", "diagrams", "display", "cli"}
+    assert not own & {"results.run", "runners.simulate"}
+
+
+@pytest.mark.parametrize("name", [name for name in _of("display") if name != "display.graphs"])
+def test_what_is_shown_of_a_run_does_not_run_it(name: str) -> None:
+    own = _own(IMPORTS[name])
+    assert not {_top(imported) for imported in own} & {"runners", "systems", "diagrams", "cli"}
+    assert "results.run" not in own
 
 
 @pytest.mark.parametrize("room", WITHOUT_DRAKE)
@@ -185,8 +206,9 @@ def test_a_fresh_interpreter_agrees_that_no_drake_is_loaded() -> None:
 
 
 def test_drake_stays_where_it_belongs() -> None:
-    users = {_top(name) for name in MODULES if "pydrake" in _outside(name)}
-    assert users == {"systems", "diagrams", "runners", "display"}
+    users = {name for name in MODULES if "pydrake" in _outside(name)}
+    elsewhere = {name for name in users if _top(name) not in {"systems", "diagrams"}}
+    assert elsewhere == {"runners.simulate", "display.graphs", "display.stage"}
 
 
 def test_only_the_entry_knows_the_command_line() -> None:

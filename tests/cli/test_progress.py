@@ -19,6 +19,11 @@ class _Terminal(io.StringIO):
 def at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """Any work counts as long."""
     monkeypatch.setattr(progress, "_AFTER_S", 0.0)
+
+
+@pytest.fixture(autouse=True)
+def terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A terminal on which a bar can be drawn."""
     monkeypatch.setenv("TERM", "xterm")
 
 

@@ -458,7 +458,7 @@ def test_time_must_go_forward_after_a_restored_state_too(short_run: Run) -> None
 
 def test_a_runs_filter_state_serves(stuck_run: Run, tmp_path: Path) -> None:
     """What a simulated run leaves is what the estimator knows after its telemetry."""
-    folder = stuck_run.save(tmp_path / "run", pictures=False)
+    folder = stuck_run.save(tmp_path / "run", pictures=False, report=False)
     saved = json.loads((folder / "filter_state.json").read_text(encoding="utf-8"))
     dut, whole = (Estimator(stuck_run.scenario.vehicle_data, stuck_run.scenario) for _ in range(2))
     steps = _steps(whole, stuck_run, range(stuck_run.time_s.size))

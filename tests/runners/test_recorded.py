@@ -459,7 +459,8 @@ def test_neither_estimating_nor_its_report_loads_drake(failed_folder: Path, tmp_
         "import sys\n"
         "from massprop_drake import estimate, load_scenario\n"
         f"scenario = load_scenario({str(failed_folder / 'scenario.yaml')!r})\n"
-        f"estimate({str(failed_folder / 'telemetry.csv')!r}, scenario).save({str(tmp_path / 'again')!r}, pictures=False)\n"
+        f"found = estimate({str(failed_folder / 'telemetry.csv')!r}, scenario)\n"
+        f"found.save({str(tmp_path / 'again')!r}, pictures=False)\n"
         "print('pydrake' in sys.modules)"
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
 import time
 from pathlib import Path
@@ -37,11 +38,13 @@ def failing(seed: int) -> dict[str, NDArray[np.float64]]:
     return quick(seed)
 
 
-SLOW = Calculation("slow", slow, seeds=32)
+SLOW = Calculation("slow", slow, seeds=16)
 FAILING = Calculation("failing", failing, seeds=2)
 
 if __name__ == "__main__":
     # the functions by the name under which workers find them
     from reproduction_fakes import SLOW as WORK
 
+    # what a shell starts in the background ignores Ctrl-C, and so would this
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     run_missing(Store(Path(sys.argv[1])), [WORK])

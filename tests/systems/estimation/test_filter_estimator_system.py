@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -46,10 +47,17 @@ COUNTING = Filter(
 )
 
 
-@pytest.fixture
-def counting(monkeypatch: pytest.MonkeyPatch) -> Scenario:
-    """A failure's scenario, estimated by the filter that the registry has from now on."""
-    monkeypatch.setitem(FILTERS, "counting", COUNTING)
+@pytest.fixture(scope="module", autouse=True)
+def registered() -> Iterator[None]:
+    """The registry has the filter while these tests run."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(FILTERS, "counting", COUNTING)
+        yield
+
+
+@pytest.fixture(scope="module")
+def counting() -> Scenario:
+    """A failure's scenario, estimated by that filter."""
     case = load_scenario(
         "stuck_on_29",
         [
@@ -61,7 +69,7 @@ def counting(monkeypatch: pytest.MonkeyPatch) -> Scenario:
     return case.model_copy(update={"estimation": case.estimation.model_copy(update={"filter": "counting"})})
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def flown(counting: Scenario) -> Run:
     return simulate(counting)
 
