@@ -154,7 +154,7 @@ def run(
         watch = Live(case, speed)
         show.note(f"the run is shown at {watch.address}")
     with Progress(f"simulating {case.name}", case.duration_s, shown=not (as_json or quiet)) as progress:
-        result = simulate(case, progress=progress, watch=watch)
+        result = simulate(case, progress=progress, watch=watch, folder=target.parent)
     folder = result.save(target, force=force, pictures=figures, report=report, replay=view)
     if as_json:
         show.as_json(result.summary)
