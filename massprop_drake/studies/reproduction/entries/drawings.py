@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 
 from massprop_drake.studies.reproduction import checks
 from massprop_drake.studies.reproduction.cases import Calculation
-from massprop_drake.studies.reproduction.claims import AtMost, Claim, Near, Phase, Phases
+from massprop_drake.studies.reproduction.claims import AtMost, Claim, Near, Phase, Phases, Source
 from massprop_drake.studies.reproduction.drawing import COLORS, tidy
 from massprop_drake.studies.reproduction.entry import Entry
 from massprop_drake.studies.reproduction.measures import orbiter
@@ -161,6 +161,7 @@ ENTRIES = (
                 Near(1.0, 0.05),
                 lambda phases: float(np.mean([phase["jump"]["true"] / phase["jump"]["exact"] for phase in phases])),
                 pooled=True,
+                source=Source.REFERENCE,
             ),
         ),
     ),
