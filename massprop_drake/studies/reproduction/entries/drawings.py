@@ -157,7 +157,7 @@ ENTRIES = (
             Claim(
                 1,
                 "variance after a jump that one sample finds and corrects, true over claimed",
-                "ratio test and jump correction (3-114) to (3-118)",
+                "(jump correction (3-116) with the variance that (3-118) has without the cross term)",
                 Near(1.0, 0.05),
                 lambda phases: float(np.mean([phase["jump"]["true"] / phase["jump"]["exact"] for phase in phases])),
                 pooled=True,
