@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from massprop_drake.studies.reproduction.report import Reproduced
 
 _VERDICT_STYLES = {"holds": "green", "holds within spread": "cyan", "differs": "yellow"}
+_CLAIM_COLUMNS = {"claim": 4, "source": 1, "its words": 4, "expected": 3, "measured": 3, "verdict": 3}  # widths
 _INERTIA = (("Ixx", 0, 0), ("Iyy", 1, 1), ("Izz", 2, 2), ("Iyz", 1, 2), ("Ixz", 0, 2), ("Ixy", 0, 1))
 
 
@@ -312,12 +313,13 @@ def reproduced(results: Iterable[Reproduced], folder: Path) -> None:
     for result in results:
         title = f"{report.label(result.entry)}: {result.entry.title}"
         table = Table(title=_escaped(title), title_justify="left", header_style="bold", expand=True)
-        for heading, share in (("claim", 4), ("thesis", 4), ("measured", 4), ("verdict", 3)):
+        for heading, share in _CLAIM_COLUMNS.items():
             table.add_column(heading, ratio=share)
         for outcome in result.outcomes:
             verdict = f"[{_VERDICT_STYLES[outcome.verdict]}]{outcome.verdict}[/]"
             why = f": {_escaped(outcome.why)}" if outcome.why else ""
-            cells = map(_escaped, (outcome.claim.text, outcome.claim.thesis, outcome.measured))
+            claim = outcome.claim
+            cells = map(_escaped, (claim.text, claim.source, claim.thesis, claim.expected, outcome.measured))
             table.add_row(*cells, verdict + why)
         console.print(table)
     console.print(report.summary_line(results))
