@@ -165,7 +165,7 @@ def test_a_signal_is_told_while_a_module_loads(massprop: Massprop, monkeypatch: 
                 except BaseException as error:
                     raise ImportError("initialization failed") from error
 
-    monkeypatch.delitem(sys.modules, "massprop_drake.cli.app")
+    monkeypatch.delitem(sys.modules, "massprop_drake.cli.app", raising=False)
     monkeypatch.setattr(sys, "meta_path", [Signaling(), *sys.meta_path])
     assert massprop(*RUN) == (130, "", "massprop: interrupted: nothing was saved\n")
 
