@@ -314,7 +314,7 @@ def reproduced(results: Iterable[Reproduced], folder: Path) -> None:
         title = f"{report.label(result.entry)}: {result.entry.title}"
         table = Table(title=_escaped(title), title_justify="left", header_style="bold", expand=True)
         for heading, share in _CLAIM_COLUMNS.items():
-            table.add_column(heading, ratio=share)
+            table.add_column(heading, ratio=share, min_width=9)  # "reference"
         for outcome in result.outcomes:
             verdict = f"[{_VERDICT_STYLES[outcome.verdict]}]{outcome.verdict}[/]"
             why = f": {_escaped(outcome.why)}" if outcome.why else ""
