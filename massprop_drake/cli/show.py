@@ -24,7 +24,8 @@ if TYPE_CHECKING:
     from massprop_drake.studies.reproduction.report import Reproduced
 
 _VERDICT_STYLES = {"holds": "green", "holds within spread": "cyan", "differs": "yellow"}
-_CLAIM_COLUMNS = {"claim": 4, "source": 1, "its words": 4, "expected": 3, "measured": 3, "verdict": 3}  # widths
+# share of the width by heading; None: as wide as it needs
+_CLAIM_COLUMNS = {"claim": 4, "source": None, "its words": 4, "expected": 3, "measured": 3, "verdict": 3}
 _INERTIA = (("Ixx", 0, 0), ("Iyy", 1, 1), ("Izz", 2, 2), ("Iyz", 1, 2), ("Ixz", 0, 2), ("Ixy", 0, 1))
 
 
@@ -314,7 +315,7 @@ def reproduced(results: Iterable[Reproduced], folder: Path) -> None:
         title = f"{report.label(result.entry)}: {result.entry.title}"
         table = Table(title=_escaped(title), title_justify="left", header_style="bold", expand=True)
         for heading, share in _CLAIM_COLUMNS.items():
-            table.add_column(heading, ratio=share, min_width=9)  # "reference"
+            table.add_column(heading, ratio=share)
         for outcome in result.outcomes:
             verdict = f"[{_VERDICT_STYLES[outcome.verdict]}]{outcome.verdict}[/]"
             why = f": {_escaped(outcome.why)}" if outcome.why else ""
