@@ -27,7 +27,8 @@ if TYPE_CHECKING:
     from massprop_drake.studies.reproduction.report import Reproduced
 
 _VERDICT_STYLES = {"holds": "green", "holds within spread": "cyan", "differs": "yellow"}
-_CLAIM_COLUMNS = {"claim": 4, "source": 1, "its words": 4, "expected": 3, "measured": 3, "verdict": 3}  # widths
+# share of the width by heading; None: as wide as it needs
+_CLAIM_COLUMNS = {"claim": 4, "source": None, "its words": 4, "expected": 3, "measured": 3, "verdict": 3}
 _INERTIA = (("Ixx", 0, 0), ("Iyy", 1, 1), ("Izz", 2, 2), ("Iyz", 1, 2), ("Ixz", 0, 2), ("Ixy", 0, 1))
 
 
