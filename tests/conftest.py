@@ -158,7 +158,7 @@ def browser() -> Iterator[Any]:
 class Page:
     """A page opened from disk, and what its console said."""
 
-    def __init__(self, browser: Any, path: Path):
+    def __init__(self, browser: Any, path: Path, before: str, ready: str):
         self.page = browser.new_page(viewport={"width": 1000, "height": 700})
         self.page.set_default_timeout(120_000)
         self.said: list[str] = []
@@ -166,17 +166,29 @@ class Page:
         self.page.on("pageerror", lambda error: self.said.append(f"error: {error}"))
         self.page.on("dialog", lambda dialog: (self.said.append(f"dialog: {dialog.message}"), dialog.dismiss()))
         self.page.context.set_offline(True)
+        self.page.add_init_script(before)
         self.page.goto(path.as_uri())
-        self.page.wait_for_function("document.body.dataset.ready === 'yes'")
+        self.page.wait_for_selector(ready, state="attached")
+
+    def until(self, expression: str) -> None:
+        """Waits until an expression holds; a page's policy forbids what Playwright's `wait_for_function` does in it."""
+        for _ in range(1200):
+            if self.page.evaluate(expression):
+                return
+            self.page.wait_for_timeout(100)
+        raise TimeoutError(expression)
 
 
 @pytest.fixture
 def opened(browser: Any) -> Iterator[Any]:
-    """A function that opens a file in the browser."""
+    """A function that opens a file in the browser.
+
+    `before` is a script to run before the page's own; the page is ready when it has what `ready` selects.
+    """
     pages: list[Page] = []
 
-    def open_page(path: Path) -> Page:
-        pages.append(Page(browser, path))
+    def open_page(path: Path, before: str = "", ready: str = "body[data-ready=yes]") -> Page:
+        pages.append(Page(browser, path, before, ready))
         return pages[-1]
 
     yield open_page

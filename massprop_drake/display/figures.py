@@ -60,6 +60,7 @@ _STYLE: Any = {  # as `rc_context` takes it
     "axes.labelsize": LABEL_SIZE,
     "xtick.labelsize": LABEL_SIZE,
     "ytick.labelsize": LABEL_SIZE,
+    "text.parse_math": False,  # a dollar in a user's name is a dollar
     "axes.titley": 1.0,  # panels have no titles: their place need not be found
 }
 
@@ -236,9 +237,12 @@ def _height(panel: Panel) -> float:
 
 
 def _left(panels: Sequence[Panel]) -> float:
-    """Returns the width left of the panels that their vertical axes need for numbers or names, inches."""
+    """Returns the width left of the panels that their vertical axes need for numbers or names, inches.
+
+    It is at most half of the figure: longer names are cut.
+    """
     longest = max(len(row) for panel in panels for row in (*panel.rows, ""))
-    return max(_LEFT, 0.35 + _LETTER * longest)
+    return min(max(_LEFT, 0.35 + _LETTER * longest), 0.5 * _WIDTH)
 
 
 def _draw_panel(axes: Axes, panel: Panel) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import io
 import weakref
 from pathlib import Path
 
@@ -57,6 +58,17 @@ def test_a_line_has_the_data_and_the_look_of_its_description() -> None:
     assert (line.get_color(), line.get_linewidth(), line.get_linestyle()) == (BLUE, 2.0, "--")
     assert line.get_drawstyle() == "steps-post"
     assert {"label, unit", "Title   (caption)", "time, s   (note)", "square"} <= set(texts(figure))
+
+
+@pytest.mark.parametrize("name", ["$x$", r"$\frac$ and $", 300 * "long"])
+def test_names_are_shown_as_they_are(name: str) -> None:
+    """Dollars are no mathematics, and a name longer than the figure is cut."""
+    bars = Bars(np.zeros(1), np.ones(1), np.zeros(1), BLUE)
+    panel = Panel(name, "", (bars, Line(TIME, TIME, BLUE, name)), rows=(name,))
+    figure = figures.drawn(plot(panel)._replace(caption=name))
+    figure.savefig(io.BytesIO())
+    assert {name, f"Title   ({name})"} <= set(texts(figure))
+    assert not any(text.get_parse_math() for text in figure.findobj(Text) if name in text.get_text())
 
 
 def test_points_are_not_joined() -> None:

@@ -116,11 +116,11 @@ def test_one_cursor_moves_all_plots(opened: Any, stuck_run: Run, tmp_path: Path)
 
 
 def test_a_zoom_in_one_plot_is_a_zoom_in_all(opened: Any, stuck_run: Run, tmp_path: Path) -> None:
-    page = opened(write_report(stuck_run, tmp_path / "report.html")).page
+    opening = opened(write_report(stuck_run, tmp_path / "report.html"))
     zoom = "{'xaxis.range[0]': 1, 'xaxis.range[1]': 2}"
-    page.evaluate(f"Plotly.relayout(document.querySelector('#plot-rates .js-plotly-plot'), {zoom})")
+    opening.page.evaluate(f"Plotly.relayout(document.querySelector('#plot-rates .js-plotly-plot'), {zoom})")
     zoomed = "p => Math.abs(p._fullLayout.xaxis.range[1] - 2) < 1e-6"
-    page.wait_for_function(f"[...document.querySelectorAll('.js-plotly-plot')].every({zoomed})")
+    opening.until(f"[...document.querySelectorAll('.js-plotly-plot')].every({zoomed})")
 
 
 def test_a_script_in_a_name_does_not_run(opened: Any, tmp_path: Path, toy_data: dict[str, Any]) -> None:

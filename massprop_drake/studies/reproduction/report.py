@@ -11,7 +11,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from massprop_drake.display.page import environment
+from massprop_drake.display import templates
 from massprop_drake.results.folder import write_whole
 from massprop_drake.studies.reproduction.claims import Outcome, Source, Verdict
 from massprop_drake.studies.reproduction.entry import Entry
@@ -98,6 +98,8 @@ def write(folder: Path, results: Sequence[Reproduced]) -> None:
     write_whole(folder / "reproduction.html", page(results, folder))
 
 
+_HERE = Path(__file__).parent
+_TITLE = "The thesis, claim by claim"
 _LEGEND = (
     "Source: thesis, what its words, figures and tables say; reference, a number that our reference worked out from "
     "the thesis's equations or found by a check of them; errata, what it says of errors in the thesis. "
@@ -110,7 +112,7 @@ _LEGEND = (
 
 def markdown(results: Sequence[Reproduced], *, pictures: bool = True) -> str:
     """Renders the results as Markdown, a section with a table per entry."""
-    lines = ["# The thesis, claim by claim", "", summary_line(results) + ".", "", _LEGEND, ""]
+    lines = [f"# {_TITLE}", "", summary_line(results) + ".", "", _LEGEND, ""]
     for result in results:
         lines += [f"## {label(result.entry)}: {result.entry.title}", ""]
         lines += [f"![{result.entry.title}]({picture.as_posix()})" for picture in result.pictures if pictures]
@@ -153,24 +155,22 @@ def page(results: Sequence[Reproduced], folder: Path) -> str:
         results: of the entries, in their order.
         folder: that the figures are read from.
     """
-    return (
-        environment(Path(__file__).parent)
-        .get_template("page.html")
-        .render(
-            summary=summary_line(results),
-            legend=_LEGEND,
-            sections=[
-                {
-                    "name": result.entry.name,
-                    "label": label(result.entry),
-                    "title": result.entry.title,
-                    "pictures": [_encoded(folder / picture) for picture in result.pictures],
-                    "rows": [_row(outcome) for outcome in result.outcomes],
-                }
-                for result in results
-            ],
-        )
-    )
+    content = {
+        "title": _TITLE,
+        "summary": summary_line(results),
+        "legend": _LEGEND,
+        "sections": [
+            {
+                "name": result.entry.name,
+                "label": label(result.entry),
+                "title": result.entry.title,
+                "pictures": [_encoded(folder / picture) for picture in result.pictures],
+                "rows": [_row(outcome) for outcome in result.outcomes],
+            }
+            for result in results
+        ],
+    }
+    return templates.page(_HERE / "page.html", content, styles=[(_HERE / "page.css").read_text(encoding="utf-8")])
 
 
 def _row(outcome: Outcome) -> dict[str, str]:
