@@ -8,6 +8,7 @@ faults that were found are printed, a line each.
 from __future__ import annotations
 
 import contextlib
+import importlib
 import json
 import os
 import random
@@ -25,8 +26,7 @@ from massprop_drake import Run, load_scenario
 from massprop_drake.cli import app
 from massprop_drake.display import flight3d
 from massprop_drake.results import exchange, manifest
-from massprop_drake.runners import recorded, simulate
-from massprop_drake.studies.reproduction import catalog, reproduce  # noqa: F401 (loaded before the forks)
+from massprop_drake.runners import simulate
 from massprop_drake.studies.reproduction.runner import write_result
 
 EVENTS = {"open", "os.rename", "os.mkdir", "os.remove", "os.rmdir", "os.scandir", "fcntl.flock", "ctypes.dlsym"}
@@ -101,9 +101,14 @@ class Prober:
     """Runs trials below a folder, and collects their faults."""
 
     def __init__(self, folder: Path, seed: int):
+        for name in ("runners.recorded", "display.page", "studies.reproduction.reproduce"):  # which commands load late
+            importlib.import_module(f"massprop_drake.{name}")
         self._folder = folder
         self._random = random.Random(seed)
-        self._runs = {number: simulate.simulate(load_scenario("sample_maneuver", [SHORT, f"seed={number}"])) for number in (0, 1, 2)}
+        self._runs = {
+            number: simulate.simulate(load_scenario("sample_maneuver", [SHORT, f"seed={number}"]))
+            for number in (0, 1, 2)
+        }
         self._earlier = self._runs[0].save(folder / "earlier", pictures=False, report=True)
         self._spans: dict[str, tuple[float, int]] = {}
         self.faults: list[str] = []
@@ -124,7 +129,9 @@ class Prober:
             os.waitpid(victim, 0)
             if other:
                 os.waitpid(other, 0)
-            told = f"{number} {name} " + (f"after {delay_s:.3f} of {duration_s:.3f} s" if timed else f"at event {event} of {events}")
+            told = f"{number} {name} " + (
+                f"after {delay_s:.3f} of {duration_s:.3f} s" if timed else f"at event {event} of {events}"
+            )
             self._look(here, told, trial, name)
             again = trial.child if self._random.random() < 0.5 else _read
             before = self._seeds(here)
@@ -224,7 +231,9 @@ def _count(event: int, here: str) -> list[int]:
     seen = [0]
 
     def heard(name: str, arguments: tuple[Any, ...]) -> None:
-        if name not in EVENTS or (name == "open" and not str(arguments[0]).startswith((here, "K", "R", "cache", "page"))):
+        if name not in EVENTS or (
+            name == "open" and not str(arguments[0]).startswith((here, "K", "R", "cache", "page"))
+        ):
             return
         seen[0] += 1
         if seen[0] == event:
@@ -251,7 +260,6 @@ def _is_whole(path: Path) -> bool:
 
 
 if __name__ == "__main__":
-    assert recorded
     prober = Prober(Path(sys.argv[1]), int(sys.argv[2]))
     for index in range(int(sys.argv[3])):
         prober.trial(index)

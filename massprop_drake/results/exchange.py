@@ -105,7 +105,10 @@ def stage(folder: Path) -> Iterator[Stage]:
 
 def recover(path: Path) -> None:
     """Brings back or removes what killed processes have left about a path that is to be read."""
-    real = Path(os.path.realpath(path))
+    try:
+        real = Path(os.path.realpath(path))
+    except ValueError:  # a name that no file can have
+        return
     for folder in (real, *list(real.parents)[:2]):  # a run's folder, or a file in it
         with contextlib.suppress(OSError):  # where nothing may be changed, what is there can still be read
             if any(_left_over(folder)):

@@ -64,9 +64,7 @@ def require_writable(target: Path, *, force: bool = False, reads: Iterable[str |
         for source in map(Path, reads):
             real = Path(os.path.realpath(source))
             if not force and path in (real, *real.parents) and real.exists():
-                raise InputError(
-                    f"{target}: holds what is to be read ({source}), and would be replaced; {_ELSEWHERE} with --out"
-                )
+                raise InputError(f"{target}: holds what is to be read, and would be replaced; {_ELSEWHERE} with --out")
         if path in (here := Path.cwd(), *here.parents):
             raise InputError(f"{target}: is the current folder or one above it, which cannot be replaced; {_ELSEWHERE}")
         if path.is_mount():
@@ -259,10 +257,11 @@ def resumable_folder(target: Path, kind: str, *, force: bool = False) -> Iterato
 
 def _found(target: Path) -> Path:
     """The folder that a path stands for, without links; it need not be there, but killed processes may have left it."""
-    if "\0" in str(target):
-        raise InputError(f"{str(target)!r}: no file can have this name; {_ELSEWHERE}")
     recover(target)
-    path = Path(os.path.realpath(target))
+    try:
+        path = Path(os.path.realpath(target))
+    except ValueError:
+        raise InputError(f"{str(target)!r}: no file can have this name; {_ELSEWHERE}") from None
     if target.is_symlink() and not target.exists():
         raise InputError(f"{target}: is a link to nowhere; remove it, or {_ELSEWHERE}")
     if path.exists() and not path.is_dir():

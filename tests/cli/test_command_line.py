@@ -6,6 +6,7 @@ import copy
 import json
 import math
 import re
+import resource
 import subprocess
 import sys
 from pathlib import Path
@@ -173,7 +174,7 @@ def test_a_users_file_in_a_runs_folder_is_kept(massprop: Massprop) -> None:
         ("run", "K", "--out", "."),
     ):
         _assert_refused(massprop(*arguments), "holds what is to be read", "would be replaced; give another folder")
-    _assert_refused(massprop(*run), "K: holds files", "logs/flight.csv, my_scenario.yaml", "keep what is there as K.1")
+    _assert_refused(massprop(*run), "K: holds files", "my_scenario.yaml, logs/flight.csv", "keep what is there as K.1")
     assert _everything(Path()) == before
     assert massprop("estimate", "K/logs/flight.csv", "--like", "K", "--out", "K", "--force", "-q").status == 0
     assert (Path("K.1") / "logs" / "flight.csv").exists()
@@ -513,6 +514,13 @@ def test_view_writes_the_replay_beside_the_run_and_the_report_leads_to_it(masspr
     assert Path("elsewhere.html").read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
 
 
+@pytest.fixture
+def short_replay(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A replay that costs nothing to make."""
+    monkeypatch.setattr("massprop_drake.display.flight3d.replay_html", lambda _: "<!DOCTYPE html>\n" + 300_000 * ".")
+
+
+@pytest.mark.usefixtures("short_replay")
 def test_a_runs_folder_can_be_replaced_after_a_view(massprop: Massprop) -> None:
     run = ("run", "sample_maneuver", "--set", "duration_s=1", "--out", "there", "-q")
     for arguments in (run, ("view", "there", "-q"), ("view", "there", "-q"), run):
@@ -521,6 +529,7 @@ def test_a_runs_folder_can_be_replaced_after_a_view(massprop: Massprop) -> None:
     assert _everything(Path())[0] == "there"
 
 
+@pytest.mark.usefixtures("short_replay")
 def test_view_replaces_no_file_of_others(massprop: Massprop) -> None:
     massprop("run", "sample_maneuver", "--set", "duration_s=1", "--out", "there", "-q")
     view = ("view", "there", "-q")
@@ -544,22 +553,20 @@ def test_view_replaces_no_file_of_others(massprop: Massprop) -> None:
         assert Path(name).read_text(encoding="utf-8") == "mine"
 
 
-def test_a_full_disk_leaves_nothing_of_a_view(tmp_path: Path) -> None:
-    script = (
-        "import resource, sys\n"
-        "from massprop_drake.cli.app import main\n"
-        "resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, 200_000))\n"
-        "main()\n"
-    )
-    options = ["--set", "duration_s=1", "--out", "there", "--no-figures", "-q"]
-    assert _python("run", "sample_maneuver", *options, folder=tmp_path).returncode == 0
-    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
-    for arguments in (["view", "there"], ["view", "there", "--out", "page.html"], ["view", "there", "--force"]):
-        command = [sys.executable, "-c", script, *arguments]
-        done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, check=False)
-        _assert_refused(Outcome(done.returncode, done.stdout, done.stderr), "cannot be written: File too large")
-        assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
-        assert _everything(tmp_path)[0] == "there"
+@pytest.mark.usefixtures("short_replay")
+@pytest.mark.parametrize("options", [(), ("--out", "page.html"), ("--force",)], ids=" ".join)
+def test_a_full_disk_leaves_nothing_of_a_view(massprop: Massprop, options: tuple[str, ...]) -> None:
+    massprop("run", "sample_maneuver", "--set", "duration_s=1", "--out", "there", "--no-report", "-q")
+    before = {path: path.read_bytes() for path in Path().rglob("*") if path.is_file()}
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, limits[1]))
+    try:
+        done = massprop("view", "there", *options)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    _assert_refused(done, "cannot be written: File too large")
+    assert {path: path.read_bytes() for path in Path().rglob("*") if path.is_file()} == before
+    assert [path.name for path in Path().iterdir()] == ["there"]
 
 
 def test_view_of_what_is_no_run_is_refused(massprop: Massprop) -> None:

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from massprop_drake import InputError
+from massprop_drake import InputError, Run
 from massprop_drake.results import exchange, manifest
 from massprop_drake.results.exchange import recover, stage
 from massprop_drake.results.folder import (
@@ -109,8 +109,11 @@ def test_a_place_is_checked_without_leaving_anything(tmp_path: Path) -> None:
         require_writable(tmp_path / "file", force=True)
     with pytest.raises(InputError, match=r"run: cannot be written: .*; give a folder you may write to"):
         require_writable(tmp_path / "file" / "run")
-    with pytest.raises(InputError, match="no file can have this name"):
-        require_writable(tmp_path / "a\0b")
+    for name in ("a\0b", "\ud800"):
+        with pytest.raises(InputError, match="no file can have this name"):
+            require_writable(tmp_path / name)
+        with pytest.raises(InputError, match="holds no run that can be read"):
+            Run.load(tmp_path / name)
     with pytest.raises(InputError, match="is a mount point"):
         require_writable(Path("/proc"), force=True)
 
@@ -135,7 +138,7 @@ STRANGE: dict[str, tuple[Callable[[Path], object], str]] = {
         "figures",
     ),
     "a pipe": (lambda run: os.mkfifo(run / "pipe"), "pipe"),
-    "a changed file": (lambda run: (run / "summary").write_text("earlies"), r"summary \(changed\)"),
+    "a changed file": (lambda run: (run / "summary").write_text("EARLIER"), r"summary \(changed\)"),
     "a folder in place of a file": (lambda run: [(run / "summary").unlink(), (run / "summary").mkdir()], "summary/"),
     "no manifest": (
         lambda run: (run / "manifest.json").unlink(),
@@ -216,7 +219,7 @@ def test_what_is_to_be_read_is_not_replaced(tmp_path: Path) -> None:
         (run / "figures", tmp_path / "link"),
         (tmp_path, run),
     ):
-        with pytest.raises(InputError, match=r"holds what is to be read .*, and would be replaced"):
+        with pytest.raises(InputError, match="holds what is to be read, and would be replaced"):
             require_writable(target, reads=[source])
     require_writable(run, reads=[tmp_path / "other", tmp_path / "runs"])
     require_writable(run, reads=[run], force=True)
