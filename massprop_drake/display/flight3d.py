@@ -22,7 +22,7 @@ from massprop_drake.display.style import (
 from massprop_drake.inputs import params
 from massprop_drake.maths.attitude import propagated
 from massprop_drake.maths.mass_properties import CENTER_OF_MASS
-from massprop_drake.results.folder import write_whole
+from massprop_drake.results.folder import write_page
 
 if TYPE_CHECKING:
     from massprop_drake.results.run import Run
@@ -35,17 +35,21 @@ _FRAMES = 3000  # of the body's motion at the most
 _MESHCAT = {"style-src": "'unsafe-inline'", "connect-src": "data:"}
 
 
-def write_replay(run: Run, path: str | Path) -> Path:
+def write_replay(run: Run, path: str | Path, *, force: bool = False) -> Path:
     """Writes the replay of a run.
 
     Where the truth is unknown, attitude is integrated from the gyro and thrust taken from the commands.
 
     Args:
         run: simulated, or estimated from telemetry.
-        path: the HTML file to write; it appears whole or not at all.
+        path: the HTML file to write; it appears whole or not at all, and replaces nothing but a page of ours.
+        force: keep a file that is there and not ours as `<path>.1`, `<path>.2`, ....
+
+    Raises:
+        InputError: when a file is there that is not ours, or it cannot be written.
     """
     target = Path(path)
-    write_whole(target, replay_html(run))
+    write_page(target, replay_html(run), force=force)
     return target
 
 

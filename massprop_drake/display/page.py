@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from massprop_drake.display import events, interactive, plots, templates
 from massprop_drake.inputs.model import yaml_text
 from massprop_drake.maths.mass_properties import MASS_RECIPROCAL
-from massprop_drake.results.folder import write_whole
+from massprop_drake.results.folder import write_page
 from massprop_drake.results.summary import DetectionRecord, Summary
 from massprop_drake.signals import SYMBOLS, mass_property_units, with_deviation
 
@@ -23,16 +23,20 @@ _HERE = Path(__file__).parent
 _PLOTLY = {"style-src": "'unsafe-inline'", "img-src": "data: blob:"}
 
 
-def write_report(run: Run, path: str | Path, *, replay: str | None = None) -> Path:
+def write_report(run: Run, path: str | Path, *, replay: str | None = None, force: bool = False) -> Path:
     """Writes the report of a run.
 
     Args:
         run: simulated, or estimated from telemetry.
-        path: the HTML file to write; it appears whole or not at all.
+        path: the HTML file to write; it appears whole or not at all, and replaces nothing but a page of ours.
         replay: path of the replay relative to the report; None: the report links to none.
+        force: keep a file that is there and not ours as `<path>.1`, `<path>.2`, ....
+
+    Raises:
+        InputError: when a file is there that is not ours, or it cannot be written.
     """
     target = Path(path)
-    write_whole(target, report_html(run, replay=replay))
+    write_page(target, report_html(run, replay=replay), force=force)
     return target
 
 

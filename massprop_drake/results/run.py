@@ -17,7 +17,8 @@ from massprop_drake.errors import InputError
 from massprop_drake.inputs import params
 from massprop_drake.inputs.model import yaml_text
 from massprop_drake.inputs.scenario import Scenario, load_scenario
-from massprop_drake.results.folder import whole_folder
+from massprop_drake.results.exchange import recover
+from massprop_drake.results.folder import Place, require_writable, whole_folder
 from massprop_drake.results.spool import Spool, blocks, write_npz
 from massprop_drake.results.summary import Summary, null_for_nan
 from massprop_drake.results.thinning import outstanding_rows, picked
@@ -141,7 +142,7 @@ class Run:
 
     def save(
         self,
-        folder: str | Path,
+        folder: str | Path | Place,
         *,
         force: bool = False,
         pictures: bool = True,
@@ -151,17 +152,19 @@ class Run:
         """Writes the run's folder, whole or not at all.
 
         Args:
-            folder: where to write; the folder of an earlier run is replaced.
-            force: also write into a non-empty folder that is no run's.
+            folder: where to write. A folder of an earlier run is replaced, when every file in it is in its
+                `manifest.json` and unchanged. A place that was found before the work says what was there then.
+            force: keep what is there as `<folder>.1`, `<folder>.2`, ...; nothing is replaced then.
             pictures: draw the figures, which takes most of the time.
             report: write `report.html`.
             replay: write `replay.html`, the run in three dimensions.
 
         Raises:
-            InputError: when the folder cannot be written.
+            InputError: when the folder holds anything else, cannot be written, or has been changed by others since
+                it was found; the message then says where the run is.
         """
-        target = Path(folder)
-        with whole_folder(target, force=force) as partial:
+        place = folder if isinstance(folder, Place) else require_writable(Path(folder), force=force)
+        with whole_folder(place) as partial:
             (partial / "scenario.yaml").write_text(yaml_text(self.scenario) + _END, encoding="utf-8")
             self._write_telemetry(partial / "telemetry.csv")
             self._write_history(partial / "history.npz")
@@ -171,15 +174,16 @@ class Run:
                 (partial / "figures").mkdir()
                 shown.plot.save(partial / "figures")
             if replay:
-                from massprop_drake.display.flight3d import write_replay  # noqa: PLC0415 (loads Drake)
+                from massprop_drake.display.flight3d import replay_html  # noqa: PLC0415 (loads Drake)
 
-                write_replay(shown, partial / "replay.html")
+                (partial / "replay.html").write_text(replay_html(shown), encoding="utf-8", newline="")
             if report:
-                from massprop_drake.display.page import write_report  # noqa: PLC0415 (loads templates)
+                from massprop_drake.display.page import report_html  # noqa: PLC0415 (loads templates)
 
-                write_report(shown, partial / "report.html", replay="replay.html" if replay else None)
+                page = report_html(shown, replay="replay.html" if replay else None)
+                (partial / "report.html").write_text(page, encoding="utf-8", newline="")
             (partial / "summary.json").write_text(_json(self.summary), encoding="utf-8")
-        return target
+        return place.shown
 
     def _repr_html_(self) -> str:
         """Shows the ten parameters and what was found in a notebook."""
@@ -219,12 +223,13 @@ class Run:
 
     @staticmethod
     def load(folder: str | Path) -> Run:
-        """Reads a run back from its folder.
+        """Reads a run back from its folder, also where a killed process has left it unfinished beside.
 
         Raises:
             InputError: when the folder holds no run that can be read.
         """
         path = Path(folder)
+        recover(path)
         try:
             results = Summary.from_json(json.loads((path / "summary.json").read_text(encoding="utf-8")))
             with (path / "history.npz").open("rb") as file, np.load(file, allow_pickle=False) as stored:
@@ -276,6 +281,7 @@ def saved_filter_state(folder: Path) -> dict[str, Any]:
         InputError: when the folder has no filter state that can be read.
     """
     path = folder / "filter_state.json"
+    recover(folder)
     try:
         state = json.loads(path.read_text(encoding="utf-8"))
         return {key: value for key, value in state.items() if key not in ("format", "estimate", "covariance")}

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from massprop_drake.display import templates
-from massprop_drake.results.folder import write_whole
+from massprop_drake.results.folder import write_files
 from massprop_drake.studies.reproduction.claims import Outcome, Source, Verdict
 from massprop_drake.studies.reproduction.entry import Entry
 
@@ -91,11 +91,14 @@ def _claim_data(outcome: Outcome) -> dict[str, Any]:
     }
 
 
-def write(folder: Path, results: Sequence[Reproduced]) -> None:
-    """Writes `reproduction.json`, `reproduction.md` and `reproduction.html`, each whole or not at all."""
-    write_whole(folder / "reproduction.json", json.dumps(as_data(results), indent=2) + "\n")
-    write_whole(folder / "reproduction.md", markdown(results))
-    write_whole(folder / "reproduction.html", page(results, folder))
+PAGES = ("reproduction.json", "reproduction.md", "reproduction.html")
+
+
+def write(folder: Path, results: Sequence[Reproduced], *, force: bool = False) -> None:
+    """Writes the `PAGES`, each whole or not at all."""
+    texts = (json.dumps(as_data(results), indent=2) + "\n", markdown(results), page(results, folder))
+    pages = {name: text.encode() for name, text in zip(PAGES, texts, strict=True)}
+    write_files(folder, pages, force=force)
 
 
 _HERE = Path(__file__).parent
