@@ -1,4 +1,7 @@
-"""What words of the thesis that leave room are read as: one bound for each, whatever was measured."""
+"""What words of the thesis that leave room are read as, one bound for each word wherever it stands.
+
+Words that mean a quantity of their own ("some", "good", "kept") are read beside their claim.
+"""
 
 from __future__ import annotations
 
@@ -12,6 +15,7 @@ SAME = Reading(Between(0.9, 1.1), "essentially the same: within 10 %")
 SIGNIFICANT = Reading(AtLeast(1.5), "significant: half as much again")
 CONSIDERABLE = Reading(AtLeast(2.0), "considerably: twofold")
 MUCH_MORE = Reading(AtLeast(10.0), "much, rapidly: tenfold")
+DRASTIC = Reading(AtLeast(10.0), "drastic: tenfold")
 TREMENDOUS = Reading(AtLeast(100.0), "diverges, tremendous: a hundredfold")
 SMALL = Reading(AtMost(1.0 / 3.0), "small: at most a third")
 NOTICEABLE = Reading(AtLeast(0.05), "noticeable: a twentieth")

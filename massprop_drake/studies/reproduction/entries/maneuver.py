@@ -239,7 +239,7 @@ ENTRIES = (
                 2,
                 "largest mean rate about an axis not commanded, before 37 s",
                 "small residual rates about other axes, also in translations",
-                Reading(AtMost(0.1), "small: a fifth of the commanded rate"),
+                Reading(AtMost(0.5 / 3.0), "small: at most a third of the commanded rate"),
                 lambda phase: _off_axis(phase["flight"]),
                 "deg/s",
                 because=Because(
