@@ -467,6 +467,19 @@ def test_coasting_the_modeled_coupling_is_as_uncertain_as_the_estimates() -> Non
     np.testing.assert_allclose(dut.covariance, expected, rtol=1e-6, atol=1e-9)
 
 
+@pytest.mark.parametrize("element", [0, 1, 2])
+@pytest.mark.parametrize(("fraction", "modeled"), [(0.49, True), (0.51, False)])
+def test_coupling_is_modeled_once_the_diagonal_is_known_to_half_its_size(
+    element: int, fraction: float, *, modeled: bool
+) -> None:
+    deviation = 0.1 * np.abs(STATE)
+    deviation[element] = fraction * STATE[element]
+    sample = RotationSample(np.zeros(3), np.array([1.0, -2.0, 1.5]), np.eye(3), 0.0, NONE, NONE, firing=False)
+    params = SETTINGS._replace(coupling=Coupling.MODEL)
+    dut = innovate(RotationState(STATE, np.diag(deviation**2)), sample, False, params)
+    assert dut.innovation.any() == dut.jacobian.any() == modeled
+
+
 # ---------------------------------------------------------------- dynamic coupling
 
 
