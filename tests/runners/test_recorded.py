@@ -21,7 +21,7 @@ from massprop_drake import InputError, Run, Scenario, estimate, load_scenario, s
 from massprop_drake.diagrams import estimation
 from massprop_drake.results.spool import Spool
 from massprop_drake.results.summary import DetectionRecord
-from massprop_drake.telemetry.reader import vehicle_scenario
+from massprop_drake.telemetry.reader import Reader, vehicle_scenario
 
 Array = NDArray[np.float64]
 
@@ -163,6 +163,19 @@ def test_propellant_is_that_of_the_commands(failed_run: Run, replayed: Run) -> N
     vehicle = failed_run.scenario.vehicle_data
     expected = (failed_run["command"][:-1] @ vehicle.mass_flows).sum() * vehicle.sample_period_s
     assert replayed.summary["autopilot"]["propellant_mass"] == pytest.approx(expected, rel=1e-12)
+
+
+@pytest.mark.parametrize("rows_per_block", [1, 7])
+def test_how_many_rows_are_read_at_once_changes_nothing(
+    failed_folder: Path, replayed: Run, rows_per_block: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(Reader.__init__.__kwdefaults__, "rows_per_block", rows_per_block)
+    again = estimate(failed_folder / "telemetry.csv", replayed.scenario)
+    for part in ("autopilot", "detections", "estimate"):
+        assert again.summary[part] == replayed.summary[part], part
+    assert again.summary["data_quality"]["samples"] == replayed.summary["data_quality"]["samples"]
+    assert again.summary["consistency"] == pytest.approx(replayed.summary["consistency"])  # sums, in another order
+    np.testing.assert_array_equal(again["estimate"], replayed["estimate"])
 
 
 def test_a_sound_record_has_no_warnings(replayed: Run) -> None:
