@@ -242,7 +242,7 @@ def test_the_reproduction(visited: Any, tmp_path: Path, first: int) -> None:
     entry = Entry(text(), text(), {}, ())
     reproduction.write(tmp_path, [reproduction.Reproduced(entry, (outcome,), (Path("a.png"),))])
     page = visited(tmp_path / "reproduction.html", ready="table")
-    assert words(page, "td")[:2] == [shown(claim.text), shown(claim.thesis)]
+    assert words(page, "td")[:3] == [shown(claim.text), claim.source, shown(claim.thesis)]
     assert page.evaluate("document.querySelector('img').naturalWidth") == 1
 
 

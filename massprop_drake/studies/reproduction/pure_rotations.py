@@ -22,10 +22,10 @@ def pure_rotations(seed: int) -> dict[str, Array]:
     """Runs 200 samples of jets that fire in threes, their torques kept and their net force taken away.
 
     Returns:
-        center: largest change of the error of the center of mass from its first value, over the run, %, shape (1,).
-        center_std: its 1-sigma at the end over that at the start, each component, shape (3,).
-        diagonal, diagonal_extended: largest error of the diagonal at the end, second-order and extended filter, %,
-            shape (1,).
+        - `center`: largest change of the error of the center of mass from its first value, over the run, %, shape (1,).
+        - `center_std`: its 1-sigma at the end over that at the start, each component, shape (3,).
+        - `diagonal`, `diagonal_extended`: largest error of the diagonal at the end, second-order and extended filter,
+          %, shape (1,).
     """
     return rotations(seed, force=0.0)
 
