@@ -5,7 +5,7 @@ The same for simulated runs, for recorded telemetry and for the estimator in rea
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -22,7 +22,7 @@ from massprop_drake.results.summary import null_for_nan
 from massprop_drake.systems.layouts import DETECTOR_REPORT, IMPULSES, MASS_REPORT, ROTATION_REPORT
 
 Array = NDArray[np.float64]
-SavedState = dict[str, list[list[float | None]]]  # vectors by the part of the diagram that holds them, NaN as None
+SavedState = Mapping[str, Sequence[Sequence[float | None]]]  # vectors by the part of the diagram, NaN as None
 
 # ports of the estimation diagram that are logged, where it has them
 ESTIMATION = ("impulses", "rotation_report", "mass_report", "detector_report")
@@ -73,10 +73,18 @@ def kept(state: EstimationState, params: EstimationParams) -> SavedState:
     return for_json(cycle.saved(state, params))
 
 
-def restored(states: Mapping[str, Any], params: EstimationParams, source: str) -> EstimationState:
-    """The inverse of `kept`; arguments and errors as those of `from_json`."""
+def restored(states: SavedState, params: EstimationParams, source: str) -> EstimationState:
+    """The inverse of `kept`; arguments as those of `from_json`.
+
+    Raises:
+        InputError: when they are of other parameters, or no run can have left them.
+    """
     like = cycle.saved(cycle.initial_state(params), params)
-    return cycle.restored(from_json(states, like, source), params)
+    groups = from_json(states, like, source)
+    try:
+        return cycle.restored(groups, params)
+    except ValueError as error:
+        raise InputError(f"{source}: states: {error}; it was not written by a run") from None
 
 
 def for_json(groups: Groups) -> SavedState:
@@ -84,7 +92,7 @@ def for_json(groups: Groups) -> SavedState:
     return {name: [null_for_nan(vector)] for name, vector in groups.items()}
 
 
-def from_json(states: Mapping[str, Any], like: Groups, source: str) -> Groups:
+def from_json(states: SavedState, like: Groups, source: str) -> Groups:
     """The inverse of `for_json`; a part may be in several pieces, as version 0.1 kept it.
 
     Args:
@@ -96,11 +104,11 @@ def from_json(states: Mapping[str, Any], like: Groups, source: str) -> Groups:
         InputError: when they are of another vehicle or other settings.
     """
     for name in sorted(set(like) | set(states)):
-        saved = sum(map(len, states[name])) if isinstance(states.get(name), list) else 0
+        saved = sum(map(len, states.get(name, ())))
         here = like[name].size if name in like else 0
         if saved != here:
             raise InputError(
                 f"{source}: the saved state of {name} has sizes {[saved] if saved else 'none'}, but these settings "
                 f"make it {[here] if here else 'none'}; go on with the vehicle and the settings of that run"
             )
-    return {name: np.concatenate([np.array(piece, dtype=float) for piece in pieces]) for name, pieces in states.items()}
+    return {name: np.concatenate([np.array(piece, dtype=float) for piece in states[name]]) for name in like}

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,12 +15,15 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput, VectorLogSink
 
 from massprop_drake.diagrams import closed_loop, open_loop
+from massprop_drake.errors import InputError
 from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.maths.autopilot.jet_selection import activity_vectors
+from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
 from massprop_drake.maths.mass_properties import N_ROTATION, MassProperties, symmetric
-from massprop_drake.maths.vehicle.rigid_body import MASS, POSITION, QUATERNION, RATE, VELOCITY
+from massprop_drake.maths.vehicle.rigid_body import MASS, POSITION, QUATERNION, RATE, VELOCITY, OutOfMassError
 from massprop_drake.results.run import Run
+from massprop_drake.results.stored import FORMAT, made_with
 from massprop_drake.results.summary import Timing, detection_entries, null_for_nan, summarize
 from massprop_drake.runners.logs import ESTIMATION, RECENT, estimation_signals, for_json, state_groups
 from massprop_drake.systems.autopilot.jet_selection_program import JetSelectionProgram
@@ -79,7 +83,8 @@ def simulate(
         watch: called at every sample with what there is to see.
 
     Raises:
-        NotPositiveDefiniteError: when a covariance loses definiteness, with the time and the matrix.
+        InputError: when the vehicle uses up its mass, or a covariance loses definiteness by the scenario's numbers;
+            with the time.
         ArithmeticError: when the jet selection's solver fails.
     """
     vehicle = scenario.vehicle_data
@@ -101,19 +106,20 @@ def simulate(
 
     end_s = params.sample_count(scenario) * period
     began = time.perf_counter()
-    simulator.Initialize()
     chunk_s = _CHUNK_S if watch is None else period
-    for number in range(1, math.ceil(end_s / chunk_s - 1e-9) + 1):
-        reached = min(number * chunk_s, end_s)
-        simulator.AdvanceTo(reached)
-        if watch is not None:
-            watch(_moment(diagram, diagram.GetMyContextFromRoot(simulator.get_context())))
-        if progress is not None:
-            progress(reached)
-    context = simulator.get_context()
-    own = diagram.GetMyContextFromRoot(context)
-    covariance = diagram.GetOutputPort("covariance").Eval(own).reshape(10, 10)
-    simulator.AdvancePendingEvents()  # the sample at the end is used like any other
+    with _scenario_to_blame(scenario):
+        simulator.Initialize()
+        for number in range(1, math.ceil(end_s / chunk_s - 1e-9) + 1):
+            reached = min(number * chunk_s, end_s)
+            simulator.AdvanceTo(reached)
+            if watch is not None:
+                watch(_moment(diagram, diagram.GetMyContextFromRoot(simulator.get_context())))
+            if progress is not None:
+                progress(reached)
+        context = simulator.get_context()
+        own = diagram.GetMyContextFromRoot(context)
+        covariance = diagram.GetOutputPort("covariance").Eval(own).reshape(10, 10)
+        simulator.AdvancePendingEvents()  # the sample at the end is used like any other
     wall_s = time.perf_counter() - began
 
     time_s, logs = _collect(sinks, context)
@@ -121,6 +127,8 @@ def simulate(
     timing = Timing(wall_s, float(time_s[-1]) / wall_s, _cycle_times(diagram, len(time_s)))
     results = summarize(scenario, time_s, signals, covariance, timing, _authority(scenario, signals))
     state = {
+        "format": FORMAT,
+        "made_with": made_with(scenario),
         "time_s": float(time_s[-1]),
         "row": len(time_s) - 1,
         "states": for_json(state_groups(diagram, context)),
@@ -130,6 +138,27 @@ def simulate(
         "detections": [entry._asdict() for entry in detection_entries(vehicle, time_s, signals)],
     }
     return Run(scenario, results, time_s, signals, state)
+
+
+@contextlib.contextmanager
+def _scenario_to_blame(scenario: Scenario) -> Iterator[None]:
+    """Turns what only the numbers of a scenario can bring about into the message that says so."""
+    try:
+        yield
+    except OutOfMassError as error:
+        vehicle = scenario.vehicle_data
+        unit = vehicle.unit_names["mass"]
+        raise InputError(
+            f"scenario '{scenario.name}': at t = {error.time_s:.6g} s the vehicle runs out of mass: {error.left:.6g} "
+            f"{unit} are left, and its jets would use {error.wanted:.6g} {unit} before the next sample; check "
+            "the mass, and thrust and specific impulse of the jets, or set plant.depletion to false"
+        ) from error
+    except NotPositiveDefiniteError as error:
+        raise InputError(
+            f"scenario '{scenario.name}': the filters cannot go on: {error.headline}; check quantum and noise of the "
+            "sensors and the uncertainty at the start: both must be such that double precision holds their squares "
+            "side by side"
+        ) from error
 
 
 def _moment(diagram: Diagram, context: Any) -> Moment:
