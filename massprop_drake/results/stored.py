@@ -66,7 +66,7 @@ def _finite(text: str) -> float:
 # ----------------------------------------------------------------------------------- filter states
 
 STATE_FILE = "filter_state.json"
-FORMAT = 2  # of saved states; 1, of version 0.1, does not say what it was made with
+FORMAT = 2  # of saved states; 1, up to version 0.2, does not say what it was made with
 
 
 class MadeWith(Model):
@@ -111,6 +111,12 @@ class FilterState(EstimatorState):
         if any(later <= earlier for earlier, later in pairwise(value)):
             raise ValueError("must go forward")
         return value
+
+    @model_validator(mode="after")
+    def _ends(self) -> FilterState:
+        if self.recent_s[-1] != self.time_s:
+            raise ValueError(f"recent_s: must end at time_s, {self.time_s:g} s, got {self.recent_s[-1]:g} s")
+        return self
 
 
 # blocks of a scenario, and fields in them, that leave the estimators as they are
@@ -158,8 +164,8 @@ def require_made_with(state: EstimatorState, scenario: Scenario, source: str) ->
         )
     if made is None:
         warnings.warn(
-            f"{source}: is of version 0.1, which does not say of which vehicle and settings: these are taken for "
-            "them; version 0.3 will refuse it",
+            f"{source}: is of format 1, of version 0.2 or earlier, which does not say of which vehicle and settings: "
+            "these here are taken for them; version 0.4 will refuse it",
             RenamedWarning,
             stacklevel=2,
         )

@@ -150,14 +150,21 @@ def _scenario_to_blame(scenario: Scenario) -> Iterator[None]:
         unit = vehicle.unit_names["mass"]
         raise InputError(
             f"scenario '{scenario.name}': at t = {error.time_s:.6g} s the vehicle runs out of mass: {error.left:.6g} "
-            f"{unit} are left, and its jets would use {error.wanted:.6g} {unit} before the next sample; check "
-            "the mass, and thrust and specific impulse of the jets, or set plant.depletion to false"
+            f"{unit} are left, and its jets are about to use {error.wanted:.6g} {unit}; check the mass, and thrust and "
+            "specific impulse of the jets, or set plant.depletion to false"
         ) from error
     except NotPositiveDefiniteError as error:
         raise InputError(
             f"scenario '{scenario.name}': the filters cannot go on: {error.headline}; check quantum and noise of the "
             "sensors and the uncertainty at the start: both must be such that double precision holds their squares "
             "side by side"
+        ) from error
+    except RuntimeError as error:
+        if "smaller than minimum allowed" not in str(error):
+            raise
+        raise InputError(
+            f"scenario '{scenario.name}': plant.accuracy: the continuous plant cannot be integrated to "
+            f"{scenario.plant.accuracy:g}; ask for less, or leave out plant.time_step for steps of high order"
         ) from error
 
 

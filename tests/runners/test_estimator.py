@@ -537,12 +537,12 @@ def test_a_state_with_a_covariance_that_is_none_is_refused(short_run: Run) -> No
         dut.restore(state)
 
 
-def test_a_state_of_version_0_1_is_taken_with_one_warning(short_run: Run) -> None:
+def test_a_state_of_format_1_is_taken_with_one_warning(short_run: Run) -> None:
     dut = Estimator(short_run.scenario.vehicle_data, short_run.scenario)
     _steps(dut, short_run, range(20))
     kept = dut.state
     old = {key: value for key, value in kept.items() if key not in ("format", "made_with")}
-    with pytest.warns(RenamedWarning, match="state: is of version 0.1, which does not say") as caught:
+    with pytest.warns(RenamedWarning, match=r"state: is of format 1, .* which does not say") as caught:
         dut.restore(old)
     assert len(caught) == 1
     assert json.dumps(dut.state) == json.dumps(kept)

@@ -447,6 +447,7 @@ NO_RUN_LEAVES: dict[str, tuple[Callable[[dict[str, Any]], Any], str]] = {
     "negative row": (lambda state: state.update(row=-1), "row: input should be greater"),
     "flag for a time": (lambda state: state.update(time_s=True), "time_s: input should be a valid number"),
     "recent times back": (lambda state: state["recent_s"].reverse(), "recent_s: must go forward"),
+    "another time": (lambda state: state.update(time_s=1e-6), "recent_s: must end at time_s"),
     "no recent times": (lambda state: state.update(recent_s=[]), "recent_s: "),
     "command of two": (lambda state: state.update(command=[2.0] * 44), "command.*less than or equal to 1"),
     "detections of words": (lambda state: state.update(detections=["x"]), r"detections\[0\]: "),

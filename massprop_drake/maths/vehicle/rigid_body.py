@@ -66,16 +66,15 @@ class OutOfMassError(ArithmeticError):
         return OutOfMassError(self.left, self.wanted, time_s)
 
 
-def require_mass(state: Array, wanted: float) -> None:
+def require_mass(left: float, wanted: float) -> None:
     """Raises OutOfMassError when the jets are to use up all that the vehicle has.
 
     Args:
-        state: shape (23,).
+        left: mass of the vehicle, slug or kg; below zero at a trial step beyond the end.
         wanted: mass to be used, slug or kg.
     """
-    left = float(state[MASS])
     if not left > wanted:
-        raise OutOfMassError(left, wanted)
+        raise OutOfMassError(max(left, 0.0), wanted)
 
 
 _Decay = tuple[Array, float]  # a wrench that dies away, shape (7,), and its time constant, s
@@ -234,7 +233,8 @@ def step(
     """
     target = steady.tolist()
     decaying = zip(transient[:, 6].tolist(), time_constants_s, strict=True)
-    require_mass(state, target[6] * duration_s + sum(flow * decay_integral(tau, duration_s) for flow, tau in decaying))
+    used = target[6] * duration_s + sum(flow * decay_integral(tau, duration_s) for flow, tau in decaying)
+    require_mass(float(state[MASS]), used)
     lagging = [(row, tau) for row, tau in zip(transient, time_constants_s, strict=True) if nonzero(row)]
     fastest = min((tau for _, tau in lagging), default=math.inf)
     longest = _longest_substep(state, steady, lagging, duration_s, body)

@@ -138,7 +138,7 @@ class RigidBodyPlant(LeafSystem):
             wrench = self._wrench.Eval(context)
             body, state = self._body(context), self._body_state(context)
             with _timed(context):
-                rigid_body.require_mass(state, _LEAST_TIME_S * float(wrench[-1]))
+                rigid_body.require_mass(float(state[MASS]), _LEAST_TIME_S * float(wrench[-1]))
             derivatives.get_mutable_vector().SetFromVector(rigid_body.derivative(state, wrench, body))
 
     def _jump(self, context: Any, state: Any) -> None:
