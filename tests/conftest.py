@@ -14,7 +14,7 @@ from command_probe import Massprop, Outcome
 from ruamel.yaml import YAML
 
 from massprop_drake import load_scenario, load_vehicle, simulate
-from massprop_drake.cli import app as cli
+from massprop_drake.cli import main as cli
 from massprop_drake.display import figures
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.vehicle import Vehicle
@@ -118,10 +118,8 @@ def massprop(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
         monkeypatch.setattr(sys, "argv", ["massprop", *map(str, arguments)])
         monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(stdin)))
         capsys.readouterr()
-        with pytest.raises(SystemExit) as caught:
-            cli.main()
-        out, err = capsys.readouterr()
-        return Outcome(int(caught.value.code or 0), out, err)
+        status = cli.run()
+        return Outcome(status, *capsys.readouterr())
 
     return call
 

@@ -28,7 +28,7 @@ from ruamel.yaml import YAML
 from telemetry_probe import Log
 
 from massprop_drake import Run, estimate, load_scenario, simulate
-from massprop_drake.cli import app as cli
+from massprop_drake.cli import main as cli
 from massprop_drake.inputs.model import yaml_text
 from massprop_drake.inputs.vehicle import load_vehicle
 from massprop_drake.inputs.yaml import to_yaml
@@ -674,9 +674,7 @@ def called(case: Case, here: Path) -> tuple[int, str, str]:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("default")
-            cli.main()
-    except SystemExit as ended:
-        status = int(ended.code or 0)
+            status = cli.run()
     except Hung:
         if _is_long(case, here):
             status = LONG

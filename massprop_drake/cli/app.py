@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 import sys
-import warnings
-from collections.abc import Callable
 from enum import StrEnum
 from importlib.metadata import version
 from pathlib import Path
@@ -15,9 +13,9 @@ import typer
 
 from massprop_drake.cli import show
 from massprop_drake.cli.progress import Progress
+from massprop_drake.cli.streams import note, say
 from massprop_drake.errors import InputError, suggestion
 from massprop_drake.inputs.model import keys, validated
-from massprop_drake.inputs.renamed import RenamedWarning
 from massprop_drake.inputs.scenario import Scenario, bundled_scenarios, load_scenario, resolved
 from massprop_drake.inputs.vehicle import Vehicle, bundled_vehicles, load_vehicle
 from massprop_drake.inputs.yaml import Document, exists, read_text
@@ -64,42 +62,6 @@ def common(
     """Estimates a spacecraft's mass properties and finds failed jets, in real time, and simulates the vehicle."""
 
 
-def main() -> None:
-    """Runs the command line; bad input ends with one message and exit status 2."""
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("always", RenamedWarning)
-            warnings.showwarning = _old_names_in_a_line(warnings.showwarning)
-            app()
-    except InputError as error:
-        _fail(str(error), 2)
-    except KeyboardInterrupt:
-        _fail("interrupted", 130)
-    except BrokenPipeError:
-        sys.exit(0)
-    except Exception as error:  # the last line of defense: say it, and say it is ours
-        _fail(f"internal failure: {type(error).__name__}: {error}", 1)
-
-
-def _fail(message: str, status: int) -> None:
-    show.note(message)
-    sys.exit(status)
-
-
-def _old_names_in_a_line(otherwise: Callable[..., None]) -> Callable[..., None]:
-    """How warnings are shown: those of old names as messages of the command line, each once; others as always."""
-    said: set[str] = set()
-
-    def shown(message: Warning | str, category: type[Warning], *rest: Any, **options: Any) -> None:
-        if not issubclass(category, RenamedWarning):
-            otherwise(message, category, *rest, **options)
-        elif str(message) not in said:
-            said.add(str(message))
-            show.note(str(message))
-
-    return shown
-
-
 @app.command("list", epilog="Example: `massprop list --json`")
 def list_everything(as_json: Json = False) -> None:
     """Lists the bundled vehicles, scenarios and diagrams, a line each."""
@@ -119,6 +81,7 @@ def list_everything(as_json: Json = False) -> None:
 
 @app.command(epilog="Example: `massprop run sample_maneuver --seed 3 --set rotation.filter=extended --out runs/ekf`")
 def run(
+    context: typer.Context,
     scenario: Annotated[str, typer.Argument(help="A bundled scenario, a YAML file, or an earlier run's folder.")],
     out: Annotated[Path | None, typer.Option(help="Folder to write; default runs/<name>.")] = None,
     seed: Annotated[int | None, typer.Option(help="Replaces the scenario's seed.")] = None,
@@ -143,6 +106,7 @@ def run(
     if not (math.isfinite(speed) and speed > 0.0):
         raise InputError(f"--speed {speed:g}: must be a number above zero, such as 10 for ten times real time")
     target = out or Path("runs") / case.name
+    context.obj.watch(target / "summary.json", f"the run is saved in {target}/")
     require_writable(target, force=force)
 
     from massprop_drake.runners.simulate import simulate  # noqa: PLC0415 (loads Drake)
@@ -152,9 +116,9 @@ def run(
         from massprop_drake.display.live import Live  # noqa: PLC0415 (loads Drake)
 
         watch = Live(case, speed)
-        show.note(f"the run is shown at {watch.address}")
+        note(f"the run is shown at {watch.address}")
     with Progress(f"simulating {case.name}", case.duration_s, shown=not (as_json or quiet)) as progress:
-        result = simulate(case, progress=progress, watch=watch)
+        result = simulate(case, progress=progress, watch=watch, folder=target.parent)
     folder = result.save(target, force=force, pictures=figures, report=report, replay=view)
     if as_json:
         show.as_json(result.summary)
@@ -171,6 +135,7 @@ class Start(StrEnum):
 
 @app.command(epilog="Example: `massprop estimate flight.csv --vehicle orbiter --out runs/flight`")
 def estimate(
+    context: typer.Context,
     telemetry: Annotated[str, typer.Argument(help="A CSV or Parquet file, or - for rows on standard input.")],
     vehicle: Annotated[str | None, typer.Option(help="A bundled vehicle or a YAML file; settings by default.")] = None,
     like: Annotated[
@@ -201,6 +166,7 @@ def estimate(
     case = _case_of_a_record(name, vehicle, like, resume_from, chosen)
     target = out or Path("runs") / name
     _require_apart(target, telemetry, resume_from)
+    context.obj.watch(target / "summary.json", f"the run is saved in {target}/")
     require_writable(target, force=force)
 
     from massprop_drake.runners.recorded import estimate as estimate_record  # noqa: PLC0415 (slow to load)
@@ -247,6 +213,7 @@ def _require_apart(target: Path, telemetry: str, resume_from: Path | None) -> No
 
 @app.command("view", epilog="Example: `massprop view runs/stuck_on_29 --out stuck.html`")
 def view_run(
+    context: typer.Context,
     folder: Annotated[Path, typer.Argument(help="A run's folder.")],
     out: Annotated[Path | None, typer.Option(help="File to write; default replay.html in the run's folder.")] = None,
     as_json: Json = False,
@@ -256,6 +223,8 @@ def view_run(
     target = out or folder / "replay.html"
     if target.is_dir() or not exists(target.parent):
         raise InputError(f"{target}: cannot be written; give a file in a folder that is there")
+
+    context.obj.watch(target, f"the replay is saved in {target}")
 
     from massprop_drake.display import write_replay, write_report  # noqa: PLC0415 (loads Drake)
     from massprop_drake.results.run import Run  # noqa: PLC0415 (slow to load)
@@ -271,11 +240,12 @@ def view_run(
     if as_json:
         show.as_json(str(target))
     elif not quiet:
-        show.text(target)
+        say(target)
 
 
 @app.command(epilog="Example: `massprop reproduce --only fig_5_6 --only table_5_3`")
 def reproduce(
+    context: typer.Context,
     out: Annotated[Path, typer.Option(help="Folder to write; goes on with what it holds.")] = Path("runs/reproduction"),
     only: Annotated[
         list[str] | None, typer.Option(metavar="NAME", help="A figure or table alone, such as fig_5_6. Repeatable.")
@@ -284,6 +254,12 @@ def reproduce(
     quiet: Quiet = False,
 ) -> None:
     """Reruns every figure and table of the thesis and says of each claim whether it holds."""
+    context.obj.watch(
+        out / "reproduction.html",
+        f"the reproduction is saved in {out}/",
+        f"finished runs are kept in {out}/, and the same command goes on from there",
+    )
+
     from massprop_drake.studies.reproduction import catalog, report  # noqa: PLC0415 (loads matplotlib)
     from massprop_drake.studies.reproduction.reproduce import reproduce as rerun  # noqa: PLC0415
 
@@ -333,9 +309,9 @@ def graph(
         show.as_json([str(path) for path in written])
     elif not quiet:
         for path in written:
-            show.text(path)
+            say(path)
     if not drawn and not quiet:
-        show.note("no SVG: install a program that draws it, 'pip install graphviz-pure' or Graphviz's 'dot'")
+        note("no SVG: install a program that draws it, 'pip install graphviz-pure' or Graphviz's 'dot'")
 
 
 @app.command(epilog="Example: `massprop check my_vehicle.yaml flight.csv --vehicle my_vehicle.yaml`")
@@ -366,12 +342,14 @@ def check(
         raise InputError("nothing to check: name a file, or --schema vehicle or --schema scenario")
     whose = None if vehicle is None else load_vehicle(vehicle)
     findings: list[dict[str, Any]] = []
+    problems: list[str] = []
     lines: list[str] = []
     for name in files:
         try:
             good = _checked(name, whose)
         except InputError as error:
             findings.append({"file": name, "ok": False, "findings": list(error.problems)})
+            problems += error.problems
             lines += error.problems
             continue
         about = good if isinstance(good, str) else show.about(good)
@@ -384,10 +362,10 @@ def check(
             lines += show.vehicle_lines(findings[-1]["report"], good.unit_names["force"])
     if as_json:
         show.as_json(findings)
-    elif not quiet:
-        for line in lines:
-            show.text(line)
-    if not all(finding["ok"] for finding in findings):
+    else:
+        for line in problems if quiet else lines:
+            (note if quiet else say)(line)
+    if problems:
         raise typer.Exit(2)
 
 

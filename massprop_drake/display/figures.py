@@ -6,6 +6,7 @@ legends, would take twice as long to draw as everything else.
 
 from __future__ import annotations
 
+import gc
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -108,6 +109,8 @@ class Plots:
         for name, figure in self.all().items():
             # a picture of lines hardly gets smaller by compressing it harder, which takes half the time of drawing it
             figure.savefig(folder / f"{name}.png", pil_kwargs={"compress_level": 1})
+            del figure
+            gc.collect()  # a figure is full of cycles: else a few, of many megabytes each, wait to be freed
 
     def rates(self) -> Figure:
         """Angular velocity (figure 5-2)."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterator, Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,7 +17,7 @@ from massprop_drake.inputs.model import validated, yaml_text
 from massprop_drake.inputs.scenario import Scenario, load_scenario
 from massprop_drake.inputs.yaml import exists, read_text
 from massprop_drake.results.folder import whole_folder
-from massprop_drake.results.spool import Spool, write_npz
+from massprop_drake.results.spool import Spool, blocks, write_npz
 from massprop_drake.results.stored import STATE_FILE, FilterState, read_history, read_json
 from massprop_drake.results.summary import Summary, null_for_nan
 from massprop_drake.results.thinning import outstanding_rows, picked
@@ -45,7 +45,7 @@ class Run:
         results: what it found, as arrays and objects; `summary` is the same as JSON.
         signals: every logged signal by name, one row per sample, shape (n_samples, components); the
             unit of each is in `units`, the names of its columns in `components`. Sample times are
-            `time_s`. Those of recorded telemetry stay on disk and are read when asked for.
+            `time_s`. Those of a long run stay on disk and are read when asked for.
         state: what it takes to resume from the end, as in `filter_state.json`.
         thinned: whether the signals are but some of the rows, as `shown` picks them.
     """
@@ -87,13 +87,22 @@ class Run:
         """Sample times, s, shape (n_samples,)."""
         return self.signals["time_s"]
 
+    @property
+    def _rows(self) -> Mapping[str, Array]:
+        """The signals with their times, as files have them."""
+        return self.signals if isinstance(self.signals, Spool) else {"time_s": self.time_s, **self.signals}
+
+    @property
+    def _n_rows(self) -> int:
+        return self.signals.n_rows if isinstance(self.signals, Spool) else self.time_s.size
+
     @cached_property
     def descriptions(self) -> dict[str, Signal]:
         """Name, label, unit and components of each signal."""
         vehicle = self.scenario.vehicle_data
         packages = {gyro.name: gyro_signal(gyro.name) for gyro in vehicle.gyros}
         packages |= {package.name: accelerometer_signal(package.name) for package in vehicle.accelerometers}
-        return {name: SIGNALS.get(name) or packages[name] for name in self.signals if name != "time_s"}
+        return {name: SIGNALS.get(name) or packages[name] for name in self.signals}
 
     @cached_property
     def units(self) -> dict[str, str]:
@@ -113,7 +122,7 @@ class Run:
         from massprop_drake.display.figures import Plots  # noqa: PLC0415 (matplotlib is slow to load)
         from massprop_drake.display.plots import source  # noqa: PLC0415
 
-        return Plots(source(self.shown() if isinstance(self.signals, Spool) else self))
+        return Plots(source(self.shown()))
 
     def shown(self) -> Run:
         """Downsamples a long run for plots and pages; a short one is returned as it is.
@@ -121,16 +130,12 @@ class Run:
         Kept are the rows at which the rates and the NIS are extreme within each of many stretches of equal
         length, and rows with alarms, a few thousand in all. Rows are never averaged.
         """
-        spooled = isinstance(self.signals, Spool)
-        n_rows = self.signals.n_rows if isinstance(self.signals, Spool) else self.time_s.size
-        if self.thinned or (not spooled and n_rows <= _MANY_ROWS):
+        if self.thinned or self._n_rows <= _MANY_ROWS:
             return self
         gyro = params.gyro(self.scenario).name
-        rows = outstanding_rows(self.signals, n_rows, keys=(gyro,), peaks=_PEAKS, events=_EVENTS)
-        leaving_out = _NOT_SHOWN if spooled else ()
-        signals = picked(self.signals, rows, leaving_out=leaving_out)
-        time_s = signals.pop("time_s") if spooled else self.time_s[rows]
-        shown = Run(self.scenario, self.results, time_s, signals, self.state)
+        rows = outstanding_rows(self.signals, self._n_rows, keys=(gyro,), peaks=_PEAKS, events=_EVENTS)
+        signals = picked(self._rows, rows, leaving_out=_NOT_SHOWN)
+        shown = Run(self.scenario, self.results, signals.pop("time_s"), signals, self.state)
         shown.thinned = True
         return shown
 
@@ -162,7 +167,7 @@ class Run:
             self._write_history(partial / "history.npz")
             if self.state:
                 (partial / STATE_FILE).write_text(_json(self._filter_state()), encoding="utf-8")
-            shown = self.shown() if isinstance(self.signals, Spool) else self  # once: it is large
+            shown = self.shown()  # once: it takes a while
             if pictures:
                 (partial / "figures").mkdir()
                 shown.plot.save(partial / "figures")
@@ -235,32 +240,25 @@ class Run:
         return Run(scenario, results, time_s, signals, state)
 
     def _write_telemetry(self, path: Path) -> None:
-        vehicle = self.scenario.vehicle_data
-        sensors = vehicle.sensor_names()
-        if isinstance(self.signals, Spool):
-            optional = [name for name in ("outside_wrench",) if name in self.signals]
-            rows = self.signals.blocks("time_s", "command", "gap", *sensors, *optional)
-            parts: Iterable[telemetry.Rows] = (
-                telemetry.Rows(
-                    block["time_s"],
-                    {name: block[name] for name in sensors},
-                    block["command"],
-                    block.get("outside_wrench"),
-                    block["gap"][:, 0] == 0.0,
-                )
-                for block in rows
-            )
-        else:
-            commands = self.signals["command"].copy()
-            commands[-1] = np.nan  # nothing is commanded beyond the end
-            readings = {name: self.signals[name] for name in sensors}
-            parts = [telemetry.Rows(self.time_s, readings, commands, None, np.ones(len(commands), dtype=bool))]
-        telemetry.write_csv(path, vehicle, parts)
+        telemetry.write_csv(path, self.scenario.vehicle_data, self._telemetry())
+
+    def _telemetry(self) -> Iterator[telemetry.Rows]:
+        """The readings and commands, block by block."""
+        sensors = self.scenario.vehicle_data.sensor_names()
+        recorded = "gap" in self.signals
+        optional = [name for name in ("gap", "outside_wrench") if name in self.signals]
+        left = self._n_rows
+        for block in blocks(self._rows, "time_s", "command", *sensors, *optional):
+            left -= block["time_s"].size
+            commands, readings = block["command"], {name: block[name] for name in sensors}
+            if not (recorded or left):
+                commands = np.vstack([commands[:-1], np.full(commands.shape[1], np.nan)])  # none beyond the end
+            there = block["gap"][:, 0] == 0.0 if recorded else np.ones(len(commands), dtype=bool)
+            yield telemetry.Rows(block["time_s"], readings, commands, block.get("outside_wrench"), there)
 
     def _write_history(self, path: Path) -> None:
         described = {name: {"unit": self.units[name], "components": self.components[name]} for name in self.units}
-        signals = self.signals if isinstance(self.signals, Spool) else {"time_s": self.time_s, **self.signals}
-        write_npz(path, signals, described)
+        write_npz(path, self._rows, described)
 
     def _filter_state(self) -> dict[str, Any]:
         return {

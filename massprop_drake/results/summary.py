@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from typing import Annotated, Any, Literal, NamedTuple
@@ -19,6 +19,7 @@ from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.maths import mass_properties
 from massprop_drake.maths.estimation.detector import STATUS, Event
 from massprop_drake.maths.mass_properties import CENTER_OF_MASS, MASS_RECIPROCAL, Derived, six_elements
+from massprop_drake.results.spool import Spool, blocks
 
 Array = NDArray[np.float64]
 
@@ -357,8 +358,8 @@ class SummaryFile(_Stored):
 
 def summarize(
     scenario: Scenario,
-    time_s: Array,
-    signals: Mapping[str, Array],
+    signals: Spool,
+    found: Sequence[DetectionRecord],
     covariance: Array,
     timing: Timing,
     control_authority: Mapping[str, Mapping[str, float]] | None,
@@ -367,30 +368,29 @@ def summarize(
 
     Args:
         scenario: as run.
-        time_s: sample times, s, shape (n,).
-        signals: by name, shape (n, components).
+        signals: all of them, by name, with `time_s`.
+        found: detections, as `settled` gives them.
         covariance: of the ten estimates at the end, shape (10, 10).
         timing: how long it took.
         control_authority: what the autopilot could do before and after failures; None without one.
     """
     vehicle = scenario.vehicle_data
-    used = signals["rotation_used"][:, 0] != 0.0
-    translation_nis = signals["mass_nis"][signals["mass_used"][:, 0] != 0.0, 0] if "mass_nis" in signals else None
+    rotation_nis = _used_nis(signals, "rotation")
     return composed(
         scenario,
-        duration_s=float(time_s[-1]),
-        estimate=signals["estimate"][-1],
-        deviation=signals["standard_deviation"][-1],
+        duration_s=float(signals.last("time_s")),
+        estimate=signals.last("estimate"),
+        deviation=signals.last("standard_deviation"),
         covariance=covariance,
-        truth=signals["truth"][-1],
-        found=_detections(vehicle, time_s, signals),
+        truth=signals.last("truth"),
+        found=found,
         consistency=Consistency(
-            rotation_nis_mean=_mean(signals["rotation_nis"][used, 0]),
-            translation_nis_mean=None if translation_nis is None else _mean(translation_nis),
-            samples=int(used.sum()),
+            rotation_nis_mean=_mean(rotation_nis),
+            translation_nis_mean=_mean(_used_nis(signals, "mass")) if "mass_nis" in signals else None,
+            samples=rotation_nis.size,
         ),
         autopilot=AutopilotSummary(
-            firings=firings(signals["command"][:-1] > 0.0, np.zeros(signals["command"].shape[1], dtype=bool)),
+            firings=_firings(signals),
             propellant_mass=_propellant(scenario, signals),
             **_selection(signals),
             **_jets_in_question(vehicle, signals),
@@ -499,11 +499,6 @@ def settled(records: Sequence[DetectionRecord], force: Array, variance: Array) -
     return tuple(map(at_the_end, records))
 
 
-def _detections(vehicle: Vehicle, time_s: Array, signals: Mapping[str, Array]) -> tuple[DetectionRecord, ...]:
-    records = detection_entries(vehicle, time_s, signals)
-    return settled(records, signals["known_force"][-1], signals["known_force_variance"][-1]) if records else ()
-
-
 def _declared(vehicle: Vehicle, time_s: float, jet: int, at: Mapping[str, float]) -> DetectionRecord:
     magnitude, std = at["suspected_magnitude"], at["suspected_magnitude_std"]
     isolated = bool(at["jet_isolated"])
@@ -554,29 +549,53 @@ def firings(on: NDArray[np.bool_], before: NDArray[np.bool_]) -> int:
     return int((on & ~np.vstack([before, on[:-1]])).sum())
 
 
-def _propellant(scenario: Scenario, signals: Mapping[str, Array]) -> float:
+def _intervals(signals: Spool, name: str) -> Iterator[Array]:
+    """The rows of a signal that stand at the beginning of an interval: all but the last, block by block."""
+    left = signals.n_rows - 1
+    for block in blocks(signals, name):
+        yield block[name][:left]
+        left -= len(block[name])
+
+
+def _firings(signals: Spool) -> int:
+    count, before = 0, np.zeros(signals.last("command").size, dtype=bool)
+    for commands in _intervals(signals, "command"):
+        on = commands > 0.0
+        count += firings(on, before)
+        before = on[-1] if len(on) else before
+    return count
+
+
+def _propellant(scenario: Scenario, signals: Spool) -> float:
     """Propellant used, slug or kg: what the thrust of every sample took."""
     vehicle = scenario.vehicle_data
-    level = signals["thrust"][:-1] / np.linalg.norm(vehicle.thrusts, axis=1)
-    return float((level @ params.plant_mass_flows(scenario)).sum() * vehicle.sample_period_s)
+    full, flows = np.linalg.norm(vehicle.thrusts, axis=1), params.plant_mass_flows(scenario)
+    flow = np.concatenate([thrust / full @ flows for thrust in _intervals(signals, "thrust")])
+    return float(flow.sum() * vehicle.sample_period_s)
 
 
-def _jets_in_question(vehicle: Vehicle, signals: Mapping[str, Array]) -> dict[str, Any]:
+def _used_nis(signals: Spool, name: str) -> Array:
+    """NIS of a filter at the samples it used, shape (n_used,)."""
+    nis, used = f"{name}_nis", f"{name}_used"
+    return np.concatenate([block[nis][block[used][:, 0] != 0.0, 0] for block in blocks(signals, nis, used)])
+
+
+def _jets_in_question(vehicle: Vehicle, signals: Spool) -> dict[str, Any]:
     """Designations of the jets taken out of use, and of those left in because control needs them."""
     if "out_of_use" not in signals:
         return {}
-    state = signals["out_of_use"][-1]
+    state = signals.last("out_of_use")
     return {
         name: [jet for jet, value in zip(vehicle.designations, state, strict=True) if value == wanted]
         for name, wanted in (("jets_out_of_use", 1.0), ("jets_left_in", -1.0))
     }
 
 
-def _selection(signals: Mapping[str, Array]) -> dict[str, Any]:
+def _selection(signals: Spool) -> dict[str, Any]:
     """How many requests the jet selection solved, and how many of them it could not meet."""
     if "selection_counts" not in signals:
         return {}
-    solved, reduced, closest, _ = signals["selection_counts"][-1].tolist()
+    solved, reduced, closest, _ = signals.last("selection_counts").tolist()
     return {"lp_solves": int(solved), "lp_infeasible": int(reduced + closest)}
 
 

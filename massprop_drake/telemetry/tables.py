@@ -16,7 +16,7 @@ from typing import IO, Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_drake.errors import InputError
+from massprop_drake.errors import InputError, require_text
 
 Array = NDArray[np.float64]
 
@@ -90,8 +90,10 @@ def open_table(path: Path, *, rows_per_block: int = 1024) -> Table:
     """Opens a CSV file, or a Parquet file, told by its ending `.parquet` or `.pq`.
 
     Raises:
-        InputError: when it is missing, a folder, unreadable, or no such table.
+        InputError: when it is missing, a folder, unreadable, no such table, or named by what is no text, which no
+            result could hold.
     """
+    require_text(str(path))
     if path.is_dir():
         raise InputError(f"{path}: is a folder; name a telemetry file, such as telemetry.csv")
     try:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gc
+import weakref
 from pathlib import Path
 
 import numpy as np
@@ -168,6 +170,30 @@ DRAWN = sorted(name for name in vars(figures.Plots) if not name.startswith("_") 
 def test_a_method_draws_the_plot_of_its_name(stuck_run: Run, name: str) -> None:
     title = getattr(stuck_run.plot, name)().get_suptitle()
     assert title.startswith(getattr(plots, name)(plots.source(stuck_run)).title)
+
+
+def test_a_figure_is_freed_before_the_next_is_drawn(
+    stuck_run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made: list[weakref.ref[Figure]] = []
+    alive: list[int] = []
+    draw = figures.drawn
+
+    def watched(described: Plot) -> Figure:
+        alive.append(sum(figure() is not None for figure in made))
+        figure = draw(described)
+        made.append(weakref.ref(figure))
+        return figure
+
+    monkeypatch.setattr(figures, "drawn", watched)
+    every = list(plots.available(plots.source(stuck_run)).items())
+    monkeypatch.setattr(plots, "available", lambda _: dict(every[:3]))
+    gc.disable()  # none is freed by chance
+    try:
+        stuck_run.plot.save(tmp_path)
+    finally:
+        gc.enable()
+    assert alive == [0, 0, 0]
 
 
 def test_figures_are_saved_by_name(stuck_run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -232,6 +232,18 @@ def test_estimates_are_kept_over_a_gap(failed_run: Run, failed_folder: Path, tmp
     assert len(run.summary["detections"]) == 1
 
 
+def test_a_run_that_was_loaded_is_saved_as_it_was(failed_run: Run, failed_folder: Path, tmp_path: Path) -> None:
+    header, rows = _table(failed_folder)
+    del rows[20:30]
+    record = _write(tmp_path / "gap.csv", header, rows[:40])  # cut, so that its last row has a command
+    run = estimate(record, failed_run.scenario)
+    run.save(tmp_path / "once", pictures=False, report=False)
+    Run.load(tmp_path / "once").save(tmp_path / "again", pictures=False, report=False)
+    for name in ("telemetry.csv", "history.npz", "filter_state.json"):
+        assert (tmp_path / "again" / name).read_bytes() == (tmp_path / "once" / name).read_bytes(), name
+    assert (tmp_path / "once" / "telemetry.csv").read_bytes() == record.read_bytes()
+
+
 @pytest.mark.parametrize(
     ("column", "reason", "filters"),
     [

@@ -15,7 +15,7 @@ import tempfile
 import threading
 import zipfile
 import zlib
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import replace
 from itertools import islice
@@ -135,7 +135,8 @@ def _run_batch(batch: list[tuple[Case, int, Path]]) -> Iterable[None]:
     context = multiprocessing.get_context("spawn")
     pool = ProcessPoolExecutor(min(WORKERS, len(batch)), mp_context=context, initializer=_start_worker)
     try:
-        futures = {pool.submit(_run_one, *work): work for work in batch}
+        with _ctrl_c_held():  # also in the workers, which inherit it while they load
+            futures = {pool.submit(_run_one, *work): work for work in batch}
         for future in as_completed(futures):
             case, seed, _ = futures[future]
             try:
@@ -147,9 +148,18 @@ def _run_batch(batch: list[tuple[Case, int, Path]]) -> Iterable[None]:
         pool.shutdown(cancel_futures=True)
 
 
+@contextlib.contextmanager
+def _ctrl_c_held() -> Iterator[None]:
+    """Leaves Ctrl-C to this process, after the block: processes started in it never see one."""
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+
+
 def _start_worker() -> None:
-    """Leaves Ctrl-C to the parent, which waits for the runs under way, and ends when the parent is gone."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    """Ends when the parent is gone; after Ctrl-C it waits for the runs under way."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
