@@ -82,9 +82,8 @@ jet_kinds:
 """
 
 
-@pytest.fixture
-def toy_data() -> dict[str, Any]:
-    """A small vehicle in SI units as a file has it, a fresh copy for each test: a pair of jets per side of a cube."""
+def cube_data() -> dict[str, Any]:
+    """A small vehicle in SI units as a file has it: a pair of jets per side of a cube."""
     data: dict[str, Any] = YAML(typ="safe", pure=True).load(TOY)
     data["jets"] = []
     for axis in range(3):
@@ -96,6 +95,12 @@ def toy_data() -> dict[str, Any]:
                 jet = {"number": number, "designation": f"J{number}", "cluster": number, "kind": "primary"}
                 data["jets"].append({**jet, "position": position, "direction": direction, "thrust": 10.0})
     return data
+
+
+@pytest.fixture
+def toy_data() -> dict[str, Any]:
+    """The same, a fresh copy for each test."""
+    return cube_data()
 
 
 # --------------------------------------------------------------------------------- the command line

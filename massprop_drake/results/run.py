@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import zipfile
-import zlib
 from collections.abc import Iterator, Mapping
 from functools import cached_property
 from pathlib import Path
@@ -15,11 +13,13 @@ from numpy.typing import NDArray
 
 from massprop_drake.errors import InputError
 from massprop_drake.inputs import params
-from massprop_drake.inputs.model import yaml_text
+from massprop_drake.inputs.model import validated, yaml_text
 from massprop_drake.inputs.scenario import Scenario, load_scenario
+from massprop_drake.inputs.yaml import exists, read_text
 from massprop_drake.results.exchange import recover
 from massprop_drake.results.folder import Place, require_writable, whole_folder
 from massprop_drake.results.spool import Spool, blocks, write_npz
+from massprop_drake.results.stored import STATE_FILE, FilterState, read_history, read_json
 from massprop_drake.results.summary import Summary, null_for_nan
 from massprop_drake.results.thinning import outstanding_rows, picked
 from massprop_drake.signals import SIGNALS, Signal, accelerometer_signal, gyro_signal, in_units
@@ -168,7 +168,8 @@ class Run:
             (partial / "scenario.yaml").write_text(yaml_text(self.scenario) + _END, encoding="utf-8")
             self._write_telemetry(partial / "telemetry.csv")
             self._write_history(partial / "history.npz")
-            (partial / "filter_state.json").write_text(_json(self._filter_state()), encoding="utf-8")
+            if self.state:
+                (partial / STATE_FILE).write_text(_json(self._filter_state()), encoding="utf-8")
             shown = self.shown()  # once: it takes a while
             if pictures:
                 (partial / "figures").mkdir()
@@ -230,18 +231,18 @@ class Run:
         """
         path = Path(folder)
         recover(path)
-        try:
-            results = Summary.from_json(json.loads((path / "summary.json").read_text(encoding="utf-8")))
-            with (path / "history.npz").open("rb") as file, np.load(file, allow_pickle=False) as stored:
-                arrays = {name: stored[name] for name in stored.files if not name.startswith("_")}
-        except (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error) as error:
-            raise InputError(f"{path}: holds no run that can be read: {error}") from None
+        if not exists(path / "summary.json"):
+            raise InputError(f"{path}: holds no run that can be read: it has no summary.json")
+        results = Summary.from_json(read_json(path / "summary.json"), str(path / "summary.json"))
         scenario = load_scenario(path / "scenario.yaml")
-        if not (path / "scenario.yaml").read_text(encoding="utf-8").endswith(_END):
+        if not read_text(path / "scenario.yaml").endswith(_END):
             raise InputError(f"{path / 'scenario.yaml'}: is cut short: it must end with '...'; run the scenario anew")
-        state = saved_filter_state(path) if (path / "filter_state.json").exists() else {}
-        time_s = arrays.pop("time_s")
-        return Run(scenario, results, time_s, arrays, state)
+        time_s, signals = read_history(path / "history.npz", scenario.vehicle_data)
+        state: dict[str, Any] = {}
+        if exists(path / STATE_FILE):
+            state = read_json(path / STATE_FILE)
+            validated(FilterState, state, source=str(path / STATE_FILE))
+        return Run(scenario, results, time_s, signals, state)
 
     def _write_telemetry(self, path: Path) -> None:
         telemetry.write_csv(path, self.scenario.vehicle_data, self._telemetry())
@@ -266,27 +267,10 @@ class Run:
 
     def _filter_state(self) -> dict[str, Any]:
         return {
-            "format": 1,
-            "time_s": self.state["time_s"] if "time_s" in self.state else float(self.time_s[-1]),
+            **self.state,
             "estimate": null_for_nan(self.results.estimates),
             "covariance": null_for_nan(self.covariance),
-            **self.state,
         }
-
-
-def saved_filter_state(folder: Path) -> dict[str, Any]:
-    """Reads a run folder's `filter_state.json`, without the estimate and covariance that the summary has as well.
-
-    Raises:
-        InputError: when the folder has no filter state that can be read.
-    """
-    path = folder / "filter_state.json"
-    recover(folder)
-    try:
-        state = json.loads(path.read_text(encoding="utf-8"))
-        return {key: value for key, value in state.items() if key not in ("format", "estimate", "covariance")}
-    except (OSError, ValueError, AttributeError) as error:
-        raise InputError(f"{path}: holds no filter state that can be read: {error}") from None
 
 
 def _json(content: Any) -> str:

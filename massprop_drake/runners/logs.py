@@ -15,17 +15,17 @@ from numpy.typing import NDArray
 from massprop_drake.errors import InputError
 from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import Scenario
-from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.maths import mass_properties
 from massprop_drake.maths.estimation import cycle
 from massprop_drake.maths.estimation.cycle import EstimationParams, EstimationState
 from massprop_drake.maths.estimation.filter import Groups
 from massprop_drake.results.spool import Spool
+from massprop_drake.results.stored import FORMAT, made_with
 from massprop_drake.results.summary import DetectionRecord, detection_entries, null_for_nan, settled
 from massprop_drake.systems.layouts import DETECTOR_REPORT, IMPULSES, MASS_REPORT, ROTATION_REPORT
 
 Array = NDArray[np.float64]
-SavedState = dict[str, list[list[float | None]]]  # vectors by the part of the diagram that holds them, NaN as None
+SavedState = Mapping[str, Sequence[Sequence[float | None]]]  # vectors by the part of the diagram, NaN as None
 
 # ports of the estimation diagram that are logged, where it has them
 ESTIMATION = ("impulses", "rotation_report", "mass_report", "detector_report")
@@ -62,7 +62,7 @@ class Intake:
     """Takes in the signals of a run block by block: spools them, and keeps what is told at the end.
 
     Args:
-        vehicle: for its jets.
+        scenario: as run.
         folder: for the spool; default the system's place for such.
         detections: of the run that this one goes on from.
         recent_s: times of the last rows of that run, s.
@@ -74,15 +74,15 @@ class Intake:
 
     def __init__(
         self,
-        vehicle: Vehicle,
+        scenario: Scenario,
         folder: Path | None = None,
-        detections: Sequence[Mapping[str, Any]] = (),
+        detections: Sequence[DetectionRecord] = (),
         recent_s: Sequence[float] = (),
     ):
         self.spool = Spool(folder, index="time_s")
         self.recent_s = np.array(recent_s, dtype=float)
-        self._vehicle = vehicle
-        self._entries = [DetectionRecord(**entry) for entry in detections]
+        self._scenario, self._vehicle = scenario, scenario.vehicle_data
+        self._entries = list(detections)
 
     def take(self, signals: Mapping[str, Array]) -> list[DetectionRecord]:
         """Takes in a block; the detections that it brings.
@@ -114,6 +114,8 @@ class Intake:
             command: from it on, NaN where none is known, shape (n_jets,).
         """
         return {
+            "format": FORMAT,
+            "made_with": made_with(self._scenario),
             "time_s": float(self.spool.last("time_s")),
             "row": row,
             "states": states,
@@ -141,10 +143,18 @@ def kept(state: EstimationState, params: EstimationParams) -> SavedState:
     return for_json(cycle.saved(state, params))
 
 
-def restored(states: Mapping[str, Any], params: EstimationParams, source: str) -> EstimationState:
-    """The inverse of `kept`; arguments and errors as those of `from_json`."""
+def restored(states: SavedState, params: EstimationParams, source: str) -> EstimationState:
+    """The inverse of `kept`; arguments as those of `from_json`.
+
+    Raises:
+        InputError: when they are of other parameters, or no run can have left them.
+    """
     like = cycle.saved(cycle.initial_state(params), params)
-    return cycle.restored(from_json(states, like, source), params)
+    groups = from_json(states, like, source)
+    try:
+        return cycle.restored(groups, params)
+    except ValueError as error:
+        raise InputError(f"{source}: states: {error}; it was not written by a run") from None
 
 
 def for_json(groups: Groups) -> SavedState:
@@ -152,7 +162,7 @@ def for_json(groups: Groups) -> SavedState:
     return {name: [null_for_nan(vector)] for name, vector in groups.items()}
 
 
-def from_json(states: Mapping[str, Any], like: Groups, source: str) -> Groups:
+def from_json(states: SavedState, like: Groups, source: str) -> Groups:
     """The inverse of `for_json`; a part may be in several pieces, as version 0.1 kept it.
 
     Args:
@@ -164,11 +174,11 @@ def from_json(states: Mapping[str, Any], like: Groups, source: str) -> Groups:
         InputError: when they are of another vehicle or other settings.
     """
     for name in sorted(set(like) | set(states)):
-        saved = sum(map(len, states[name])) if isinstance(states.get(name), list) else 0
+        saved = sum(map(len, states.get(name, ())))
         here = like[name].size if name in like else 0
         if saved != here:
             raise InputError(
                 f"{source}: the saved state of {name} has sizes {[saved] if saved else 'none'}, but these settings "
                 f"make it {[here] if here else 'none'}; go on with the vehicle and the settings of that run"
             )
-    return {name: np.concatenate([np.array(piece, dtype=float) for piece in pieces]) for name, pieces in states.items()}
+    return {name: np.concatenate([np.array(piece, dtype=float) for piece in states[name]]) for name in like}

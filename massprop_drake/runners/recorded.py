@@ -6,18 +6,21 @@ import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import IO, Any
+from typing import IO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from massprop_drake.errors import InputError
 from massprop_drake.inputs import params
+from massprop_drake.inputs.model import validated
 from massprop_drake.inputs.scenario import PlantBlock, Scenario
-from massprop_drake.inputs.vehicle import SensorPackage, Vehicle
+from massprop_drake.inputs.vehicle import SensorPackage
 from massprop_drake.maths.estimation import cycle
 from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
-from massprop_drake.results.run import Run, saved_filter_state
+from massprop_drake.results.exchange import recover
+from massprop_drake.results.run import Run
+from massprop_drake.results.stored import STATE_FILE, FilterState, read_json, require_made_with
 from massprop_drake.results.summary import (
     AutopilotSummary,
     Consistency,
@@ -78,7 +81,7 @@ def estimate(
             loses definiteness; the message says where.
     """
     scenario = settings_alone(scenario)
-    earlier = None if resume_from is None else _saved(Path(resume_from), scenario.vehicle_data)
+    earlier = None if resume_from is None else _saved(Path(resume_from), scenario)
     after = None if earlier is None else _continuation(earlier)
     reader = Reader(telemetry, scenario.vehicle_data, gyro=params.gyro(scenario).name, after=after, stream=stream)
     try:
@@ -94,7 +97,7 @@ def estimate(
         wall_s = time.perf_counter() - began
     except NotPositiveDefiniteError as error:  # the files are all that there is to be wrong
         raise InputError(
-            f"{reader.source}: the filters cannot go on: {str(error).splitlines()[0].rstrip(':')}; "
+            f"{reader.source}: the filters cannot go on: {error.headline}; "
             "check that units, columns and vehicle belong together"
         ) from error
     finally:
@@ -112,23 +115,23 @@ def settings_alone(scenario: Scenario) -> Scenario:
 class _Estimation:
     """A cycle of estimation for every row, what has come out of it, and what that says."""
 
-    def __init__(self, scenario: Scenario, earlier: Mapping[str, Any] | None, source: str, folder: Path | None):
+    def __init__(self, scenario: Scenario, earlier: FilterState | None, source: str, folder: Path | None):
         self._scenario = scenario
         self._vehicle = scenario.vehicle_data
         self._period_s = self._vehicle.sample_period_s
-        self._next_row = 0 if earlier is None else int(earlier["row"]) + 1
+        self._next_row = 0 if earlier is None else earlier.row + 1
         self._params = params.estimation_params(scenario)
         self._state = (
             cycle.initial_state(self._params)
             if earlier is None
-            else restored(earlier["states"], self._params, f"{source}/filter_state.json")
+            else restored(earlier.states, self._params, f"{source}/{STATE_FILE}")
         )
         n_jets = len(self._vehicle.jets)
         self._command, self._outside = np.zeros(n_jets), np.zeros(6)  # of the interval before the next row
         self._gyros, self._accelerometers = params.gyros(scenario), params.accelerometers(scenario)
         self._spent_s = {"estimators": 0.0, "detector": 0.0}
-        before = {} if earlier is None else {name: earlier[name] for name in ("detections", "recent_s")}
-        self._intake = Intake(self._vehicle, folder, **before)
+        detections, recent_s = ((), ()) if earlier is None else (earlier.detections, earlier.recent_s)
+        self._intake = Intake(scenario, folder, detections, recent_s)
         self._nis: dict[str, tuple[float, int]] = {"rotation": (0.0, 0), "mass": (0.0, 0)}
         self._on_before = np.zeros(n_jets, dtype=bool)
         self._firings = 0
@@ -277,25 +280,23 @@ def _stacked(rows: Rows, packages: Sequence[SensorPackage]) -> Array:
 # ------------------------------------------------------------------------------------------ going on
 
 
-def _saved(folder: Path, vehicle: Vehicle) -> dict[str, Any]:
-    """The filter state of an earlier run's folder, checked as far as it does not depend on the diagram."""
-    state = saved_filter_state(folder)
-    source = folder / "filter_state.json"
-    for key in ("time_s", "row", "states", "command", "recent_s", "detections"):
-        if key not in state:
-            raise InputError(f"{source}: has no '{key}'; it was not written by this version: estimate the run anew")
-    if not isinstance(state["states"], dict) or len(state["command"]) != len(vehicle.jets):
-        raise InputError(
-            f"{source}: is of a vehicle with {len(state['command'])} jets, and '{vehicle.name}' has "
-            f"{len(vehicle.jets)}; go on with the vehicle of that run"
-        )
+def _saved(folder: Path, scenario: Scenario) -> FilterState:
+    """The filter state of an earlier run's folder, of the same vehicle and settings."""
+    source = folder / STATE_FILE
+    recover(folder)
+    state = validated(FilterState, read_json(source), source=str(source))
+    require_made_with(state, scenario, str(source))
+    vehicle = scenario.vehicle_data
+    for entry in state.detections:
+        if entry.jet_index is not None and entry.jet_index >= len(vehicle.jets):
+            raise InputError(f"{source}: detections: vehicle '{vehicle.name}' has no jet of index {entry.jet_index}")
     return state
 
 
-def _continuation(state: Mapping[str, Any]) -> Continuation:
+def _continuation(state: FilterState) -> Continuation:
     return Continuation(
-        time_s=float(state["time_s"]),
-        command=np.array(state["command"], dtype=float),
-        outside_wrench=np.array(state.get("outside_wrench", [0.0] * 6), dtype=float),
-        velocity={name: np.array(value, dtype=float) for name, value in state.get("velocity", {}).items()},
+        time_s=state.time_s,
+        command=np.array(state.command, dtype=float),
+        outside_wrench=np.array(state.outside_wrench),
+        velocity={name: np.array(value) for name, value in state.velocity.items()},
     )

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -15,11 +16,13 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput, VectorLogSink
 
 from massprop_drake.diagrams import closed_loop, open_loop
+from massprop_drake.errors import InputError
 from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.maths.autopilot.jet_selection import activity_vectors
+from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
 from massprop_drake.maths.mass_properties import N_ROTATION, MassProperties, symmetric
-from massprop_drake.maths.vehicle.rigid_body import MASS, POSITION, QUATERNION, RATE, VELOCITY
+from massprop_drake.maths.vehicle.rigid_body import MASS, POSITION, QUATERNION, RATE, VELOCITY, OutOfMassError
 from massprop_drake.results.run import Run
 from massprop_drake.results.spool import Spool
 from massprop_drake.results.summary import Timing, summarize
@@ -84,8 +87,8 @@ def simulate(
         folder: where a temporary file with the signals of a long run may lie; default the system's place for such.
 
     Raises:
-        InputError: when that file cannot be written.
-        NotPositiveDefiniteError: when a covariance loses definiteness, with the time and the matrix.
+        InputError: when the vehicle uses up its mass, or a covariance loses definiteness by the scenario's numbers,
+            with the time; or when that file cannot be written.
         ArithmeticError: when the jet selection's solver fails.
     """
     vehicle = scenario.vehicle_data
@@ -105,27 +108,28 @@ def simulate(
         )
         ApplySimulatorConfig(config, simulator)
 
-    intake = Intake(vehicle, folder)
+    intake = Intake(scenario, folder)
     intervals = params.sample_count(scenario)
     end_s = intervals * period
     root = simulator.get_mutable_context()
     began = time.perf_counter()
-    simulator.Initialize()
     chunk_s = _CHUNK_S if watch is None else period
-    for number in range(1, math.ceil(end_s / chunk_s - 1e-9) + 1):
-        reached = min(number * chunk_s, end_s)
-        simulator.AdvanceTo(reached)
-        if watch is not None:
-            watch(_moment(diagram, diagram.GetMyContextFromRoot(simulator.get_context())))
-        if progress is not None:
-            progress(reached)
-        logged = sinks["command"].FindLog(root).num_samples()
-        # a block of a few rows at the end would take other ways through linear algebra, with other rounding
-        if _BLOCK_ROWS <= logged <= intervals + 1 - intake.spool.n_rows - _BLOCK_ROWS:
-            intake.take(_emptied(scenario, sinks, root))
-    own = diagram.GetMyContextFromRoot(root)
-    covariance = diagram.GetOutputPort("covariance").Eval(own).reshape(10, 10)
-    simulator.AdvancePendingEvents()  # the sample at the end is used like any other
+    with _scenario_to_blame(scenario):
+        simulator.Initialize()
+        for number in range(1, math.ceil(end_s / chunk_s - 1e-9) + 1):
+            reached = min(number * chunk_s, end_s)
+            simulator.AdvanceTo(reached)
+            if watch is not None:
+                watch(_moment(diagram, diagram.GetMyContextFromRoot(simulator.get_context())))
+            if progress is not None:
+                progress(reached)
+            logged = sinks["command"].FindLog(root).num_samples()
+            # a block of a few rows at the end would take other ways through linear algebra, with other rounding
+            if _BLOCK_ROWS <= logged <= intervals + 1 - intake.spool.n_rows - _BLOCK_ROWS:
+                intake.take(_emptied(scenario, sinks, root))
+        own = diagram.GetMyContextFromRoot(root)
+        covariance = diagram.GetOutputPort("covariance").Eval(own).reshape(10, 10)
+        simulator.AdvancePendingEvents()  # the sample at the end is used like any other
     intake.take(_emptied(scenario, sinks, root))
     wall_s = time.perf_counter() - began
 
@@ -135,6 +139,34 @@ def simulate(
     not_commanded = np.full(len(vehicle.jets), np.nan)  # beyond the end
     state = intake.state(signals.n_rows - 1, for_json(state_groups(diagram, root)), not_commanded)
     return Run(scenario, results, None, signals, state)
+
+
+@contextlib.contextmanager
+def _scenario_to_blame(scenario: Scenario) -> Iterator[None]:
+    """Turns what only the numbers of a scenario can bring about into the message that says so."""
+    try:
+        yield
+    except OutOfMassError as error:
+        vehicle = scenario.vehicle_data
+        unit = vehicle.unit_names["mass"]
+        raise InputError(
+            f"scenario '{scenario.name}': at t = {error.time_s:.6g} s the vehicle runs out of mass: {error.left:.6g} "
+            f"{unit} are left, and its jets are about to use {error.wanted:.6g} {unit}; check the mass, and thrust and "
+            "specific impulse of the jets, or set plant.depletion to false"
+        ) from error
+    except NotPositiveDefiniteError as error:
+        raise InputError(
+            f"scenario '{scenario.name}': the filters cannot go on: {error.headline}; check quantum and noise of the "
+            "sensors and the uncertainty at the start: both must be such that double precision holds their squares "
+            "side by side"
+        ) from error
+    except RuntimeError as error:
+        if "smaller than minimum allowed" not in str(error):
+            raise
+        raise InputError(
+            f"scenario '{scenario.name}': plant.accuracy: the continuous plant cannot be integrated to "
+            f"{scenario.plant.accuracy:g}; ask for less, or leave out plant.time_step for steps of high order"
+        ) from error
 
 
 def _moment(diagram: Diagram, context: Any) -> Moment:

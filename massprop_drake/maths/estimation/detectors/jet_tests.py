@@ -42,6 +42,8 @@ from massprop_drake.maths.estimation.filters.rotation_filter import rate_increme
 from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError, inverse_positive_definite
 from massprop_drake.maths.mass_properties import ELEMENT, N_ROTATION, converged
 
+_WHAT = "the detector's innovation covariance"
+
 
 class JetTests(NamedTuple):
     """The test of every jet on one sample.
@@ -82,7 +84,7 @@ def information_of(evidence: Evidence, limits: Array) -> Array | None:
         return _inverse(covariance)
     information = np.zeros((6, 6))
     for block in (TRANSLATION, ROTATION):
-        information[block, block] = inverse_positive_definite(covariance[block, block], "innovation covariance")
+        information[block, block] = inverse_positive_definite(covariance[block, block], _WHAT)
     return information
 
 
@@ -92,7 +94,7 @@ def _inverse(covariance: Array) -> Array:
     try:
         factor = np.linalg.cholesky(covariance / (scale[:, None] * scale))
     except np.linalg.LinAlgError:
-        raise NotPositiveDefiniteError(covariance, "innovation covariance") from None
+        raise NotPositiveDefiniteError(covariance, _WHAT) from None
     half = np.linalg.inv(factor) / scale
     result: Array = half.T @ half
     return result

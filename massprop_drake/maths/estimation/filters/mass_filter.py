@@ -49,6 +49,7 @@ class Compensation(IntEnum):
 
 _TELLING = 1e4  # a jump's variance by one sample, relative to that of a jump, above which it says nothing
 _IDENTITY = np.eye(3)
+_WHAT = "the mass filter's innovation covariance"
 _NOT_MEASURED = np.full(3, np.nan)
 
 
@@ -252,7 +253,7 @@ def innovate(state: MassState, sample: MassSample) -> MassInnovation:
         innovation = innovation - mean
         noise = noise + state.variance * (sample.thrust_errors @ sample.thrust_errors.T) + np.outer(mean, mean)
     covariance = _innovation_covariance(state, impulse, effects, noise)
-    information = inverse_positive_definite(covariance, "innovation covariance")
+    information = inverse_positive_definite(covariance, _WHAT)
     nis = float(innovation @ information @ innovation)
     return MassInnovation(innovation, covariance, information, noise, effects, nis)
 
@@ -331,14 +332,14 @@ def _updated(
         noise = noise + adaptation.translation_spread
     if adaptation.action == Action.CORRECT_THESIS:
         enlarged = adaptation.translation_spread
-        information = inverse_positive_definite(innovation.covariance + enlarged, "innovation covariance")
+        information = inverse_positive_definite(innovation.covariance + enlarged, _WHAT)
     after, gain = _joseph_update(state, sample.linear_impulse, error, information, noise, innovation.effects)
     if innovation.effects is not None:
         effects = _effects(state, sample, after.mass_reciprocal)
         covariance = _innovation_covariance(state, sample.linear_impulse, effects, innovation.noise)
         if enlarged is not None:
             covariance = covariance + enlarged
-        information = inverse_positive_definite(covariance, "innovation covariance")
+        information = inverse_positive_definite(covariance, _WHAT)
         after, gain = _joseph_update(state, sample.linear_impulse, error, information, noise, effects)
     return after, gain
 

@@ -89,6 +89,7 @@ _DIAGONAL = np.array([0, 4, 8])  # of the (m, n) pairs above
 _IDENTITY = np.eye(N_ROTATION)
 _NOT_MEASURED = np.full(3, np.nan)
 _UNIT = np.eye(3)
+_WHAT = "the rotation filter's innovation covariance"
 
 
 def angular_block(vector: Array) -> Array:
@@ -369,7 +370,7 @@ def innovate(
         inverse_inertia = estimate[ELEMENT]
         if is_positive_definite(inverse_inertia):
             innovation = innovation - coupling_increment(inverse_inertia, sample.rate, params.period_s)
-    information = inverse_positive_definite(innovation_covariance, "innovation covariance")
+    information = inverse_positive_definite(innovation_covariance, _WHAT)
     nis = float(innovation @ information @ innovation)
     return RotationInnovation(
         innovation, innovation_covariance, information, jacobian, total_noise, effects, subtract_coupling, nis
@@ -476,7 +477,7 @@ def _updated(
         noise = noise + adaptation.rotation_spread
     if adaptation.action == Action.CORRECT_THESIS:
         enlarged = adaptation.rotation_spread
-        information = inverse_positive_definite(innovation.covariance + enlarged, "innovation covariance")
+        information = inverse_positive_definite(innovation.covariance + enlarged, _WHAT)
     jacobian = innovation.jacobian
     after = joseph_update(state, error, information, jacobian, noise, innovation.effects)
     if sample.thrust_errors is None or state.sensitivity is None:
@@ -485,7 +486,7 @@ def _updated(
     covariance = jacobian @ state.independent @ jacobian.T + effects @ effects.T + innovation.noise
     if enlarged is not None:
         covariance = covariance + enlarged
-    information = inverse_positive_definite(covariance, "innovation covariance")
+    information = inverse_positive_definite(covariance, _WHAT)
     return joseph_update(state, error, information, jacobian, noise, effects)
 
 

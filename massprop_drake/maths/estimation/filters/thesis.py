@@ -52,6 +52,7 @@ from massprop_drake.maths.estimation.redundancy import Rule
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import N_ROTATION
 
+_ROUNDING = 1e-6  # by so much a part of a variance may exceed it
 _CENTER = slice(6, 9)  # of the rotational state
 _NO_ACCELEROMETER = np.empty((0, 3))
 
@@ -501,13 +502,34 @@ def saved(state: ThesisState, params: ThesisParams) -> Groups:
 
 
 def restored(groups: Groups, params: ThesisParams) -> ThesisState:
-    """The inverse of `saved`."""
+    """The inverse of `saved`.
+
+    Raises:
+        ValueError: when the state holds what no filter leaves.
+    """
     n_errors = _n_errors(params)
     rotation, memory = read_rotation(groups["rotation_estimator"], rotation_layout(params.rotation, n_errors))
+    _require_finite("rotation_estimator", rotation)
+    if rotation.sensitivity is not None:
+        _require_within("rotation_estimator", rotation.sensitivity, rotation.covariance.diagonal())
     if params.mass is None:
         return ThesisState(rotation, memory, None, _NO_ACCELEROMETER)
     mass, velocities = read_mass(groups["mass_estimator"], mass_layout(params.mass, n_errors))
+    _require_finite("mass_estimator", mass)
+    if mass.sensitivity is not None:
+        _require_within("mass_estimator", mass.sensitivity[None, :], np.array([mass.variance]))
     return ThesisState(rotation, memory, mass, velocities)
+
+
+def _require_finite(name: str, state: RotationState | MassState) -> None:
+    if not all(np.isfinite(part).all() for part in state if part is not None):
+        raise ValueError(f"{name}: only readings may be missing")
+
+
+def _require_within(name: str, sensitivity: Array, variance: Array) -> None:
+    """Raises ValueError when thrust errors give more than the whole variance of an estimate."""
+    if ((sensitivity**2).sum(axis=1) > variance * (1.0 + _ROUNDING)).any():
+        raise ValueError(f"{name}: thrust errors must be a part of the variances")
 
 
 FILTER = Filter(
