@@ -17,6 +17,7 @@ from massprop_drake.cli import show
 from massprop_drake.cli.progress import Progress
 from massprop_drake.errors import InputError, suggestion
 from massprop_drake.inputs.model import keys, validated
+from massprop_drake.inputs.plausible import Finding
 from massprop_drake.inputs.renamed import RenamedWarning
 from massprop_drake.inputs.scenario import Scenario, bundled_scenarios, load_scenario, resolved
 from massprop_drake.inputs.vehicle import Vehicle, bundled_vehicles, load_vehicle
@@ -144,6 +145,7 @@ def run(
         raise InputError(f"--speed {speed:g}: must be a number above zero, such as 10 for ten times real time")
     target = out or Path("runs") / case.name
     require_writable(target, force=force)
+    _note_doubts(case.doubts, quiet=quiet)
 
     from massprop_drake.runners.simulate import simulate  # noqa: PLC0415 (loads Drake)
 
@@ -160,6 +162,12 @@ def run(
         show.as_json(result.summary)
     elif not quiet:
         show.simulated(result.results, case.vehicle_data, folder)
+
+
+def _note_doubts(doubts: list[Finding], *, quiet: bool) -> None:
+    """Notes what may bear on a result otherwise than it was meant, a line each."""
+    for doubt in () if quiet else doubts:
+        show.note(f"warning: {doubt}")
 
 
 class Start(StrEnum):
@@ -202,6 +210,7 @@ def estimate(
     target = out or Path("runs") / name
     _require_apart(target, telemetry, resume_from)
     require_writable(target, force=force)
+    _note_doubts(case.estimation_doubts, quiet=quiet)
 
     from massprop_drake.runners.recorded import estimate as estimate_record  # noqa: PLC0415 (slow to load)
 
@@ -375,8 +384,10 @@ def check(
             lines += error.problems
             continue
         about = good if isinstance(good, str) else show.about(good)
-        findings.append({"file": name, "ok": True, "findings": [about]})
+        doubts = [] if isinstance(good, str) else list(map(str, good.doubts))
+        findings.append({"file": name, "ok": True, "findings": [about], "warnings": doubts})
         lines.append(f"{name}: ok: {about}")
+        lines += [f"{name}: warning: {doubt}" for doubt in doubts]
         if isinstance(good, Vehicle) and not quiet:
             from massprop_drake.studies.vehicle import vehicle_report  # noqa: PLC0415 (loads Drake)
 
