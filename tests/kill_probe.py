@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from massprop_drake import Run, load_scenario
-from massprop_drake.cli import app
+from massprop_drake.cli.main import main
 from massprop_drake.display import flight3d
 from massprop_drake.results import exchange, manifest
 from massprop_drake.runners import simulate
@@ -54,7 +54,7 @@ def massprop(*arguments: str) -> Child:
 
     def call() -> None:
         sys.argv = ["massprop", *arguments]
-        app.main()
+        main()
 
     return call
 

@@ -16,6 +16,7 @@ from massprop_drake.cli.progress import Progress
 from massprop_drake.cli.streams import note, say
 from massprop_drake.errors import InputError, suggestion
 from massprop_drake.inputs.model import keys, validated
+from massprop_drake.inputs.plausible import Finding
 from massprop_drake.inputs.scenario import Scenario, bundled_scenarios, load_scenario, resolved
 from massprop_drake.inputs.vehicle import Vehicle, bundled_vehicles, load_vehicle
 from massprop_drake.inputs.yaml import Document, exists, read_text
@@ -114,6 +115,7 @@ def run(
     reads = [] if scenario in bundled_scenarios() else [scenario]
     place = require_writable(out or Path("runs") / case.name, force=force, reads=reads)
     context.obj.watch(place.path / "summary.json", f"the run is saved in {place.shown}/")
+    _note_doubts(case.doubts, quiet=quiet)
 
     from massprop_drake.runners.simulate import simulate  # noqa: PLC0415 (loads Drake)
 
@@ -130,6 +132,12 @@ def run(
         show.as_json(result.summary)
     elif not quiet:
         show.simulated(result.results, case.vehicle_data, folder)
+
+
+def _note_doubts(doubts: list[Finding], *, quiet: bool) -> None:
+    """Notes what may bear on a result otherwise than it was meant, a line each."""
+    for doubt in () if quiet else doubts:
+        note(f"warning: {doubt}")
 
 
 class Start(StrEnum):
@@ -174,6 +182,7 @@ def estimate(
     reads = [source for source in (telemetry, vehicle, like, resume_from) if source not in bundled and source]
     place = require_writable(out or Path("runs") / name, force=force, reads=reads)
     context.obj.watch(place.path / "summary.json", f"the run is saved in {place.shown}/")
+    _note_doubts(case.estimation_doubts, quiet=quiet)
 
     from massprop_drake.runners.recorded import estimate as estimate_record  # noqa: PLC0415 (slow to load)
 
@@ -359,8 +368,10 @@ def check(
             lines += error.problems
             continue
         about = good if isinstance(good, str) else show.about(good)
-        findings.append({"file": name, "ok": True, "findings": [about]})
+        doubts = [] if isinstance(good, str) else list(map(str, good.doubts))
+        findings.append({"file": name, "ok": True, "findings": [about], "warnings": doubts})
         lines.append(f"{name}: ok: {about}")
+        lines += [f"{name}: warning: {doubt}" for doubt in doubts]
         if isinstance(good, Vehicle) and not quiet:
             from massprop_drake.studies.vehicle import vehicle_report  # noqa: PLC0415 (loads Drake)
 

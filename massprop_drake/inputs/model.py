@@ -10,10 +10,12 @@ from __future__ import annotations
 import hashlib
 import types
 import typing
+from collections.abc import Iterable
 from typing import Annotated, Any, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 from pydantic.fields import FieldInfo
+from pydantic_core import InitErrorDetails, PydanticCustomError
 
 from massprop_drake.errors import InputError, dotted, suggestion
 from massprop_drake.inputs.yaml import Document, FieldPath, to_yaml
@@ -22,6 +24,15 @@ Real = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Whole = Annotated[int, Field(strict=True)]
 Flag = Annotated[bool, Field(strict=True)]
 Text = Annotated[str, Field(strict=True)]
+
+
+def _plain_name(value: str) -> str:
+    if not value.isprintable() or value != value.strip():
+        raise ValueError(f"must be printable characters, with no blank at either end, got {value!r}")
+    return value
+
+
+Name = Annotated[str, Field(strict=True, max_length=100), AfterValidator(_plain_name)]
 Vector3 = tuple[Real, Real, Real]
 Matrix3 = tuple[Vector3, Vector3, Vector3]
 
@@ -42,13 +53,61 @@ class Model(BaseModel):
 
 M = TypeVar("M", bound=Model)
 
+_MOST_PROBLEMS = 100  # that are told of one file
 
-def described(default: Any, meaning: str, unit: str = "-", *, reason: str = "", **constraints: Any) -> Any:
-    """A field with default, meaning and unit; `...` as the default makes it required, with an optional reason."""
-    return Field(default, description=meaning, json_schema_extra={"unit": unit, "reason": reason}, **constraints)
+
+class Span(typing.NamedTuple):
+    """The sizes that a physical quantity can have, and why no other; zero is another key's matter.
+
+    Attributes:
+        least, most: of the absolute value, in SI units whatever the units of the file.
+        why: the reason, as the end of a sentence.
+    """
+
+    least: float
+    most: float
+    why: str
+
+
+def described(
+    default: Any, meaning: str, unit: str = "-", *, reason: str = "", span: Span | None = None, **constraints: Any
+) -> Any:
+    """A field with default, meaning and unit.
+
+    Args:
+        default: `...` makes the field required.
+        meaning: for the documentation.
+        unit: with the alternatives of the unit systems, SI last: "slug | kg".
+        reason: why it is required.
+        span: of each number in it; `plausible.out_of_span` compares.
+        **constraints: pydantic's.
+    """
+    if span is not None:
+        meaning = f"{meaning}. Bounds: {span.why}"
+    extra = {"unit": unit, "reason": reason, "span": span}
+    return Field(default, description=meaning, json_schema_extra=extra, **constraints)  # type: ignore[arg-type]
+
+
+def span_of(field: FieldInfo) -> tuple[Span | None, str]:
+    """The span of a field, None where it has none, and the SI unit that it is in."""
+    extra = field.json_schema_extra
+    if not isinstance(extra, dict):
+        return None, "-"
+    return extra.get("span"), str(extra["unit"]).rpartition("| ")[2]  # type: ignore[return-value]
 
 
 # ------------------------------------------------------------------------------------- validating
+
+
+def refusal(problems: Iterable[tuple[FieldPath, str]]) -> ValidationError:
+    """An error for a model's validator to raise that names the fields, and so their lines, in which problems lie."""
+    details = [
+        InitErrorDetails(
+            type=PydanticCustomError("value_error", "{problem}", {"problem": problem}), loc=path, input=None
+        )
+        for path, problem in problems
+    ]
+    return ValidationError.from_exception_data("refused", details)
 
 
 def validated(model: type[M], data: Any, document: Document | None = None, source: str = "") -> M:
@@ -75,13 +134,17 @@ def _problems(
     problems = []
     # unknown keys first: a misspelled one is often the cause of a missing one
     items = sorted(error.errors(include_url=False), key=lambda item: item["type"] != "extra_forbidden")
-    for item in _without_echoes(items):
+    items = _without_echoes(items)
+    for item in items[:_MOST_PROBLEMS]:
         path = _without_union_tags(item["loc"], data)
         if document is not None:
             where = document.where(path)
         else:
             where = ": ".join(part for part in (source, dotted(path)) if part)
         problems.append(f"{where}: {_sentence(model, data, item, path)}")
+    more = len(items) - _MOST_PROBLEMS
+    if more > 0:
+        problems.append(f"{document.source if document else source}: {more} more like these")
     return list(dict.fromkeys(problems))
 
 
@@ -92,17 +155,18 @@ def _without_echoes(items: list[Any]) -> list[Any]:
     """
     kept: list[Any] = []
     lacking: dict[FieldPath, int] = {}
+    above = {item["loc"][:length] for item in items for length in range(len(item["loc"]))}
+    places: set[FieldPath] = set()
     for item in items:
         place = item["loc"]
         if item["type"] == "missing" and isinstance(place[-1], int):
             lacking[place[:-1]] = max(lacking.get(place[:-1], 0), place[-1] + 1)
-            if place[:-1] in [other["loc"] for other in kept]:
-                continue
-            kept.append({**item, "type": "too_few_values", "loc": place[:-1], "ctx": lacking})
-            continue
-        inside = [other for other in items if len(other["loc"]) > len(place) and other["loc"][: len(place)] == place]
-        if not (item["type"] == "too_short" and inside):
+            if place[:-1] not in places:
+                kept.append({**item, "type": "too_few_values", "loc": place[:-1], "ctx": lacking})
+                places.add(place[:-1])
+        elif not (item["type"] == "too_short" and place in above):
             kept.append(item)
+            places.add(place)
     return kept
 
 
@@ -193,6 +257,15 @@ def _range(field: FieldInfo) -> str:
         for name, text in _BOUNDS.items()
         if getattr(part, name, None) is not None
     ]
+    span, unit = span_of(field)
+    if span is not None:
+        unit = "" if unit == "-" else f" {unit}"
+        if "> 0" in bounds:
+            bounds = [f"{span.least:g} to {span.most:g}{unit}" if span.least else f"> 0, <= {span.most:g}{unit}"]
+        elif ">= 0" in bounds:
+            bounds = [f"0, {span.least:g} to {span.most:g}{unit}" if span.least else f"0 to {span.most:g}{unit}"]
+        else:
+            bounds = [f"{-span.most:g} to {span.most:g}{unit}"]
     return ", ".join(bounds) or "-"
 
 

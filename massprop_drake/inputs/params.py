@@ -22,7 +22,7 @@ from massprop_drake.maths.estimation.filters import FILTERS, thesis
 from massprop_drake.maths.estimation.filters.mass_filter import MassParams
 from massprop_drake.maths.estimation.filters.rotation_filter import RotationParams
 from massprop_drake.maths.estimation.filters.thesis import ThesisParams
-from massprop_drake.maths.mass_properties import MassProperties, initial_standard_deviation
+from massprop_drake.maths.mass_properties import MassProperties
 from massprop_drake.maths.noise import normal_sample, uniform_phase
 from massprop_drake.maths.vehicle import true_failures as failures
 from massprop_drake.maths.vehicle.sensing import SensorModel, smoothing_factor
@@ -42,18 +42,7 @@ def initial_estimate(scenario: Scenario) -> Array:
 
 def initial_covariance(scenario: Scenario) -> Array:
     """Covariance of the ten parameters at the start, shape (10, 10)."""
-    estimation, vehicle = scenario.estimation, scenario.vehicle_data
-    if estimation.given is not None:
-        if estimation.given.covariance is not None:
-            return np.array(estimation.given.covariance)
-        return np.diag(np.square(np.array(estimation.given.standard_deviation)))
-    fraction = estimation.std_fraction
-    if fraction is None:
-        fraction = vehicle.uncertainty if estimation.start == "nominal" else 1.0
-    deviation = initial_standard_deviation(
-        vehicle.nominal.vector(), fraction, vehicle.center_of_mass_floor, floors=estimation.floors
-    )
-    return np.diag(deviation**2)
+    return scenario.estimation.initial_covariance(scenario.vehicle_data)
 
 
 def setup(scenario: Scenario) -> Setup:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import os
+import re
 from collections.abc import Iterable
 from importlib import resources
 from itertools import pairwise
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 from pydantic import Field, field_validator, model_validator
 
 from massprop_drake.errors import InputError, dotted, suggestion
-from massprop_drake.inputs import renamed
+from massprop_drake.inputs import plausible, renamed
 from massprop_drake.inputs.model import (
     Flag,
     Matrix3,
@@ -30,14 +31,17 @@ from massprop_drake.inputs.model import (
     described,
     validated,
 )
-from massprop_drake.inputs.vehicle import MassPropertiesModel, Vehicle, load_vehicle
+from massprop_drake.inputs.vehicle import MassPropertiesModel, Vehicle, load_vehicle, symmetric_inertia
 from massprop_drake.inputs.yaml import Document, FieldPath, exists, read_text
 from massprop_drake.maths.linear_algebra import is_covariance
-from massprop_drake.maths.mass_properties import could_be_inertia, joined
+from massprop_drake.maths.mass_properties import could_be_inertia, initial_standard_deviation, joined
 
 Array = NDArray[np.float64]
 
 _DEGREE = np.pi / 180.0
+_ESTIMATION = ("vehicle", "estimation", "rotation", "mass", "detector")
+_INDEX = re.compile(r"[0-9]{1,6}")
+_LONGEST_NAME = 200  # characters; those of a folder's name are limited
 
 
 class HandControllerWindow(Model):
@@ -47,8 +51,8 @@ class HandControllerWindow(Model):
         ..., "rhc: rotational (discrete rate), thc: translational (acceleration)"
     )
     axis: Literal["+x", "-x", "+y", "-y", "+z", "-z"] = described(..., "body axis and direction")
-    start_s: Real = described(..., "leaves detent", "s", ge=0.0)
-    end_s: Real = described(..., "returns to detent", "s", gt=0.0)
+    start_s: Real = described(..., "leaves detent", "s", ge=0.0, span=plausible.TIME)
+    end_s: Real = described(..., "returns to detent", "s", gt=0.0, span=plausible.TIME)
 
     @model_validator(mode="after")
     def _ordered(self) -> HandControllerWindow:
@@ -60,8 +64,8 @@ class JetPulse(Model):
     """An interval in which a jet is commanded on, in a scenario with a prescribed jet schedule."""
 
     jet: Text = described(..., "designation")
-    start_s: Real = described(..., "first commanded", "s", ge=0.0)
-    end_s: Real = described(..., "no longer commanded", "s", gt=0.0)
+    start_s: Real = described(..., "first commanded", "s", ge=0.0, span=plausible.TIME)
+    end_s: Real = described(..., "no longer commanded", "s", gt=0.0, span=plausible.TIME)
 
     @model_validator(mode="after")
     def _ordered(self) -> JetPulse:
@@ -85,7 +89,7 @@ class PlantBlock(Model):
     integrator: Literal["runge_kutta3", "runge_kutta5", "bogacki_shampine3"] = described(
         "runge_kutta5", "Drake's integration scheme for the continuous plant"
     )
-    accuracy: Real = described(1e-10, "accuracy asked of that integrator", "-", gt=0.0, le=1e-2)
+    accuracy: Real = described(1e-10, "accuracy asked of that integrator", "-", gt=0.0, span=plausible.ACCURACY)
     thrust_transient: Literal["none", "vehicle"] = described(
         "vehicle", "none: thrust instantaneous; vehicle: first-order lag with the vehicle file's time constants"
     )
@@ -96,15 +100,17 @@ class PlantBlock(Model):
     mass_properties: MassPropertiesModel | None = described(
         None, "true mass properties at the start; null: the vehicle's nominal ones"
     )
-    initial_rate: Vector3 = described((0.0, 0.0, 0.0), "angular rate at the start, body axes", "rad/s")
+    initial_rate: Vector3 = described(
+        (0.0, 0.0, 0.0), "angular rate at the start, body axes", "rad/s", span=plausible.RATE
+    )
 
 
 class _Timed(Model):
     """The fields common to all jet failures."""
 
     jet: Text = described(..., "designation")
-    start_s: Real = described(..., "onset", "s", ge=0.0)
-    end_s: Real | None = described(None, "when the jet recovers; null: never", "s", gt=0.0)
+    start_s: Real = described(..., "onset", "s", ge=0.0, span=plausible.TIME)
+    end_s: Real | None = described(None, "when the jet recovers; null: never", "s", gt=0.0, span=plausible.TIME)
 
     @model_validator(mode="after")
     def _ordered(self) -> _Timed:
@@ -136,7 +142,7 @@ class Leak(_Timed):
     """The jet produces a force along its direction, commanded or not."""
 
     kind: Literal["leak"] = described(..., "kind of failure")
-    force: Real = described(..., "that it gives besides what it is told", "lbf | N", gt=0.0)
+    force: Real = described(..., "that it gives besides what it is told", "lbf | N", gt=0.0, span=plausible.LEAK)
 
 
 class Intermittent(_Timed):
@@ -151,7 +157,7 @@ class Drift(_Timed):
     """The jet's thrust changes slowly."""
 
     kind: Literal["drift"] = described(..., "kind of failure")
-    rate_per_s: Real = described(..., "change of the thrust, relative", "1/s")
+    rate_per_s: Real = described(..., "change of the thrust, relative", "1/s", span=plausible.DRIFT)
 
 
 Failure = Annotated[StuckOn | StuckOff | Degraded | Leak | Intermittent | Drift, Field(discriminator="kind")]
@@ -161,20 +167,34 @@ class MassJump(Model):
     """A payload that leaves the vehicle or docks with it, moving with the structure at that moment."""
 
     kind: Literal["release", "dock"] = described(..., "whether it leaves or comes")
-    time_s: Real = described(..., "when; it happens at the first sample not before this", "s", ge=0.0)
-    mass: Real = described(..., "of the payload", "slug | kg", gt=0.0)
-    position: Vector3 = described(..., "of its center of mass, vehicle frame", "ft | m")
-    inertia: Matrix3 | None = described(
-        None, "of it about its own center of mass, body axes; null: a point mass", "slug-ft^2 | kg-m^2"
+    time_s: Real = described(
+        ..., "when; it happens at the first sample not before this", "s", ge=0.0, span=plausible.TIME
     )
+    mass: Real = described(..., "of the payload", "slug | kg", gt=0.0, span=plausible.PAYLOAD)
+    position: Vector3 = described(..., "of its center of mass, vehicle frame", "ft | m", span=plausible.POSITION)
+    inertia: Matrix3 | None = described(
+        None,
+        "of it about its own center of mass, body axes; null: a point mass",
+        "slug-ft^2 | kg-m^2",
+        span=plausible.INERTIA,
+    )
+
+    @field_validator("inertia")
+    @classmethod
+    def _symmetric(cls, value: Matrix3 | None) -> Matrix3 | None:
+        return value if value is None else symmetric_inertia(value)
 
 
 class SensorErrors(Model):
     """The true errors of one sensor package, unknown to the estimators, in the order in which they act on a signal."""
 
     sensor: Text = described(..., "name of a gyro or accelerometer package")
-    scale_factor: Vector3 = described((0.0, 0.0, 0.0), "relative error of scale per axis: reading = (1 + this) x truth")
-    bandwidth_hz: Real | None = described(None, "corner of a first-order low-pass; null: unlimited", "Hz", gt=0.0)
+    scale_factor: Vector3 = described(
+        (0.0, 0.0, 0.0), "relative error of scale per axis: reading = (1 + this) x truth", span=plausible.SCALE
+    )
+    bandwidth_hz: Real | None = described(
+        None, "corner of a first-order low-pass; null: unlimited", "Hz", gt=0.0, span=plausible.BANDWIDTH
+    )
     bias: Vector3 = described(
         (0.0, 0.0, 0.0), "constant bias; of an accelerometer, of the acceleration", "rad/s | ft/s^2 | m/s^2"
     )
@@ -232,19 +252,39 @@ class AutopilotBlock(Model):
         "kinds of jets that may be selected; null: `primary` or, for a vehicle without such, all",
         min_length=1,
     )
-    discrete_rate: Real = described(0.5 * _DEGREE, "rate that the rotational hand controller commands", "rad/s", gt=0.0)
-    hold_gain: Real = described(0.15, "rate commanded per attitude error in hold", "1/s", ge=0.0)
-    hold_rate_limit: Real = described(0.1 * _DEGREE, "largest rate commanded in hold", "rad/s", ge=0.0)
+    discrete_rate: Real = described(
+        0.5 * _DEGREE, "rate that the rotational hand controller commands", "rad/s", gt=0.0, span=plausible.RATE
+    )
+    hold_gain: Real = described(0.15, "rate commanded per attitude error in hold", "1/s", ge=0.0, span=plausible.GAIN)
+    hold_rate_limit: Real = described(
+        0.1 * _DEGREE, "largest rate commanded in hold", "rad/s", ge=0.0, span=plausible.RATE
+    )
     capture_rate: Real = described(
-        0.05 * _DEGREE, "back in detent, an axis holds attitude once its rate is below this", "rad/s", gt=0.0
+        0.05 * _DEGREE,
+        "back in detent, an axis holds attitude once its rate is below this",
+        "rad/s",
+        gt=0.0,
+        span=plausible.RATE,
     )
-    rate_deadband: Real = described(0.02 * _DEGREE, "rate error that asks for a correction", "rad/s", gt=0.0)
-    acceleration: Real = described(0.5, "that the translational hand controller commands", "ft/s^2 | m/s^2", gt=0.0)
-    horizon_s: Real = described(2.0, "a translation is requested for this long at a time", "s", gt=0.0)
+    rate_deadband: Real = described(
+        0.02 * _DEGREE, "rate error that asks for a correction", "rad/s", gt=0.0, span=plausible.RATE
+    )
+    acceleration: Real = described(
+        0.5, "that the translational hand controller commands", "ft/s^2 | m/s^2", gt=0.0, span=plausible.ACCELERATION
+    )
+    horizon_s: Real = described(
+        2.0, "a translation is requested for this long at a time", "s", gt=0.0, span=plausible.TIME
+    )
     resolve_rate: Real = described(
-        0.2 * _DEGREE, "in a translation, rate error that asks for a new selection", "rad/s", gt=0.0
+        0.2 * _DEGREE,
+        "in a translation, rate error that asks for a new selection",
+        "rad/s",
+        gt=0.0,
+        span=plausible.RATE,
     )
-    resolve_after_s: Real = described(0.4, "least time between two selections in a translation", "s", ge=0.0)
+    resolve_after_s: Real = described(
+        0.4, "least time between two selections in a translation", "s", ge=0.0, span=plausible.TIME
+    )
 
 
 _Ten = tuple[Real, Real, Real, Real, Real, Real, Real, Real, Real, Real]
@@ -304,6 +344,7 @@ class EstimationBlock(Model):
         "1-sigma at the start relative to the nominal values; null: the vehicle's for nominal, 1 for zero",
         "-",
         gt=0.0,
+        span=plausible.UNCERTAINTY,
     )
     floors: Flag = described(
         True, "least 1-sigma at the start for products of inertia and center of mass, whose nominal values may be zero"
@@ -328,6 +369,20 @@ class EstimationBlock(Model):
             raise ValueError("start: given and the field `given` go together")
         return self
 
+    def initial_covariance(self, vehicle: Vehicle) -> Array:
+        """Covariance of the ten parameters at the start, shape (10, 10)."""
+        if self.given is not None:
+            if self.given.covariance is not None:
+                return np.array(self.given.covariance)
+            return np.diag(np.square(np.array(self.given.standard_deviation)))
+        fraction = self.std_fraction
+        if fraction is None:
+            fraction = vehicle.uncertainty if self.start == "nominal" else 1.0
+        deviation = initial_standard_deviation(
+            vehicle.nominal.vector(), fraction, vehicle.center_of_mass_floor, floors=self.floors
+        )
+        return np.diag(deviation**2)
+
 
 class RotationBlock(Model):
     """The filter for inverse inertia and center of mass."""
@@ -351,11 +406,13 @@ class RotationBlock(Model):
         "covariance_increment", "what a too large innovation does: nothing, or raise the covariance"
     )
     jump_threshold: Real = described(25.0, "NIS that counts as too large; 11.34 in the thesis", "-", gt=0.0)
-    jump_std_fraction: Real = described(1.0, "1-sigma then added, relative to that at the start", "-", gt=0.0)
+    jump_std_fraction: Real = described(1.0, "1-sigma then added, relative to that at the start", "-", gt=0.0, le=100.0)
     process_noise_std: tuple[Real, Real, Real, Real, Real, Real, Real, Real, Real] = described(
         (0.0,) * 9, "1-sigma of the change per sample, in state order", "1/(slug-ft^2) | 1/(kg-m^2), ft | m"
     )
-    disturbance_std: Real = described(0.0, "1-sigma per sample of unmodeled rate increments", "rad/s", ge=0.0)
+    disturbance_std: Real = described(
+        0.0, "1-sigma per sample of unmodeled rate increments", "rad/s", ge=0.0, span=plausible.RATE_STEP
+    )
     largest_turn: Real = described(
         0.2, "samples in which the vehicle turns by more are not used: rates are taken as steady in one", "rad", gt=0.0
     )
@@ -385,7 +442,9 @@ class MassBlock(Model):
     )
     jump_window: Whole = described(5, "used samples that glr looks back", "-", ge=2, le=1000)
     process_noise_std: Real = described(0.0, "1-sigma of the change of 1/m per sample", "1/slug | 1/kg", ge=0.0)
-    disturbance_std: Real = described(0.0, "1-sigma per sample of unmodeled velocity increments", "ft/s | m/s", ge=0.0)
+    disturbance_std: Real = described(
+        0.0, "1-sigma per sample of unmodeled velocity increments", "ft/s | m/s", ge=0.0, span=plausible.VELOCITY_STEP
+    )
 
 
 class CglrBlock(Model):
@@ -445,7 +504,10 @@ class Scenario(Model):
     """One case: a vehicle, its commands and failures, and how its mass properties are estimated."""
 
     name: Text = described(
-        "scenario", "short name; the run's folder is named after it", pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$"
+        "scenario",
+        "short name; the run's folder is named after it",
+        pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$",
+        max_length=_LONGEST_NAME,
     )
     description: Text = described("", "one line")
     vehicle: Text | Vehicle = described(
@@ -486,6 +548,23 @@ class Scenario(Model):
             return self.vehicle
         return load_vehicle(self.vehicle)
 
+    @property
+    def process_noise_std(self) -> tuple[float, ...]:
+        """1-sigma of the change of the ten parameters per sample, as the blocks of their filters say."""
+        return (*self.rotation.process_noise_std, self.mass.process_noise_std)
+
+    @property
+    def doubts(self) -> list[plausible.Finding]:
+        """What may be meant, but is more likely a slip; of the vehicle, too."""
+        vehicle = self.vehicle_data
+        own = [found for found in plausible.of_scenario(self, vehicle) if not found.impossible]
+        return [found._replace(path=("vehicle", *found.path)) for found in vehicle.doubts] + own
+
+    @property
+    def estimation_doubts(self) -> list[plausible.Finding]:
+        """Those of them that bear on estimation from a record, too."""
+        return [found for found in self.doubts if found.path[0] in _ESTIMATION]
+
 
 def _require_apart(field: str, windows: list[tuple[str, float, float]]) -> None:
     for index, (what, start, end) in enumerate(windows):
@@ -499,7 +578,10 @@ def _require_apart(field: str, windows: list[tuple[str, float, float]]) -> None:
 
 def check_against_vehicle(scenario: Scenario, vehicle: Vehicle) -> list[tuple[FieldPath, str]]:
     """Finds the problems of a scenario that only show against its vehicle, each with the path of its field."""
-    problems: list[tuple[FieldPath, str]] = []
+    outside = plausible.out_of_span(scenario, vehicle.units, skipped=("vehicle",))
+    problems = [(finding.path, finding.problem) for finding in outside]
+    if problems:  # nothing can be reckoned with such numbers
+        return problems
 
     def require(what: str, name: str, valid: Iterable[str], *path: str | int) -> None:
         names = list(valid)
@@ -532,6 +614,9 @@ def check_against_vehicle(scenario: Scenario, vehicle: Vehicle) -> list[tuple[Fi
         problems.append((("plant", "time_step"), problem))
     if scenario.duration_s < period:
         problems.append((("duration_s",), f"must be at least one sample period, {period:g} s"))
+    if not problems:
+        found = plausible.of_scenario(scenario, vehicle)
+        problems.extend((finding.path, finding.problem) for finding in found if finding.impossible)
     return problems
 
 
@@ -549,6 +634,9 @@ def _impossible_jumps(scenario: Scenario, vehicle: Vehicle) -> list[tuple[FieldP
         if not could_be_inertia(body.inertia):
             problem = "leaves an inertia that no rigid body has; check mass, position and inertia"
             return [(("jumps", index), problem)]
+        for finding in plausible.of_body(body, vehicle, ("jumps", index)):
+            if finding.impossible:
+                return [(finding.path, f"leaves a body of which this {finding.problem}")]
     return []
 
 
@@ -654,6 +742,10 @@ def set_field(data: Any, override: str) -> None:
     key, separator, text = override.partition("=")
     if not separator or not key:
         raise InputError(f"--set {override}: expected KEY=VALUE, such as --set rotation.filter=extended")
+    if len(text.splitlines()) > 1:
+        raise InputError(
+            f"--set {key}=...: the value has more than one line; write a list as [a, b], a mapping as {{a: 1, b: 2}}"
+        )
     path = _parsed_key(key, override)
     now = renamed.key_now(path)
     if now is not None:
@@ -686,7 +778,7 @@ def _parsed_key(key: str, override: str) -> list[str | int]:
         if name:
             path.append(name)
         for index in indices:
-            if not index.endswith("]") or not index[:-1].isdigit():
+            if not index.endswith("]") or not _INDEX.fullmatch(index[:-1]):
                 raise InputError(f"--set {override}: expected an index such as [0] in {key!r}")
             path.append(int(index[:-1]))
         if not name and not indices:

@@ -14,14 +14,17 @@ from numpy.typing import NDArray
 from pydantic import Field, field_validator, model_validator
 
 from massprop_drake.errors import InputError, suggestion
+from massprop_drake.inputs import plausible
 from massprop_drake.inputs.model import (
     Matrix3,
     Model,
+    Name,
     Real,
     Text,
     Vector3,
     Whole,
     described,
+    refusal,
     validated,
 )
 from massprop_drake.inputs.yaml import Document, exists, read_text
@@ -31,7 +34,7 @@ from massprop_drake.signals import SIGNALS
 
 Array = NDArray[np.float64]
 
-STANDARD_GRAVITY = {"us": 32.17404855643045, "si": 9.80665}  # ft/s^2, m/s^2: 9.80665 m/s^2 exactly
+STANDARD_GRAVITY = {"us": plausible.GRAVITY / plausible.FOOT, "si": plausible.GRAVITY}  # ft/s^2, m/s^2
 UNITS = {
     "us": {"length": "ft", "mass": "slug", "force": "lbf"},
     "si": {"length": "m", "mass": "kg", "force": "N"},
@@ -50,29 +53,38 @@ _RESERVED_BEGINNINGS = ("rotation_", "mass_", "predicted_", "detector_")
 _SENSOR_NAME = r"^[A-Za-z][A-Za-z0-9_]*$"
 _RANGE = "largest reading either way, where the sensor saturates; the filters skip such a reading; null: unlimited"
 _UNIT_LENGTH_TOLERANCE = 0.002  # of a direction, as printed tables have it
+_LARGEST_NUMBER = 1_000_000  # of a jet or a cluster
+_MOST_JETS = 500  # several times what any vehicle has
 
 
 PositiveReal = Annotated[Real, Field(gt=0.0)]
 Positive3 = tuple[PositiveReal, PositiveReal, PositiveReal]
 
 
+def symmetric_inertia(value: Matrix3) -> Matrix3:
+    """The inertia as it is; raises ValueError if it is not symmetric."""
+    inertia = np.array(value)
+    if not np.allclose(inertia, inertia.T, rtol=1e-9, atol=0.0):
+        raise ValueError("must be symmetric: element (i, j) equal to element (j, i)")
+    return value
+
+
 class MassPropertiesModel(Model):
     """Mass, center of mass and inertia of a rigid body, as a file gives them."""
 
-    mass: Real = described(..., "mass", "slug | kg", gt=0.0)
-    center_of_mass: Vector3 = described(..., "center of mass in the vehicle frame", "ft | m")
+    mass: Real = described(..., "mass", "slug | kg", gt=0.0, span=plausible.MASS)
+    center_of_mass: Vector3 = described(..., "center of mass in the vehicle frame", "ft | m", span=plausible.POSITION)
     inertia: Matrix3 = described(
         ...,
         "inertia matrix about the center of mass, body axes; products are the matrix entries (negative integrals)",
         "slug-ft^2 | kg-m^2",
+        span=plausible.INERTIA,
     )
 
     @field_validator("inertia")
     @classmethod
     def _possible(cls, value: Matrix3) -> Matrix3:
-        inertia = np.array(value)
-        if not np.allclose(inertia, inertia.T, rtol=1e-9, atol=0.0):
-            raise ValueError("must be symmetric: element (i, j) equal to element (j, i)")
+        inertia = np.array(symmetric_inertia(value))
         moments = np.linalg.eigvalsh(inertia)
         if moments[0] <= 1e-9 * moments[2]:
             raise ValueError(
@@ -94,26 +106,34 @@ class JetKind(Model):
     """The properties that jets of one kind share."""
 
     nominal_thrust: Real = described(
-        ..., "thrust without plume impingement; gives the propellant flow", "lbf | N", gt=0.0
+        ..., "thrust without plume impingement; gives the propellant flow", "lbf | N", gt=0.0, span=plausible.FORCE
     )
-    specific_impulse_s: Real = described(..., "specific impulse; flow = thrust / (g0 x this)", "s", gt=0.0)
-    time_constant_s: Real = described(0.0, "first-order time constant of build-up and tail-off", "s", ge=0.0)
-    minimum_on_time_s: Real = described(0.0, "shortest firing", "s", ge=0.0)
+    specific_impulse_s: Real = described(
+        ..., "specific impulse; flow = thrust / (g0 x this)", "s", gt=0.0, span=plausible.SPECIFIC_IMPULSE
+    )
+    time_constant_s: Real = described(
+        0.0, "first-order time constant of build-up and tail-off", "s", ge=0.0, span=plausible.VALVE
+    )
+    minimum_on_time_s: Real = described(0.0, "shortest firing", "s", ge=0.0, span=plausible.VALVE)
 
 
 class Jet(Model):
     """One reaction-control jet."""
 
-    number: Whole = described(..., "number in the vehicle's own table", ge=1)
-    designation: Text = described(..., "unique name, such as F1L", min_length=1)
-    cluster: Whole = described(..., "number of the cluster of neighboring, nearly parallel jets", ge=1)
-    kind: Text = described(..., "one of jet_kinds")
-    position: Vector3 = described(..., "where it thrusts, vehicle frame", "ft | m")
+    number: Whole = described(..., "number in the vehicle's own table", ge=1, le=_LARGEST_NUMBER)
+    designation: Name = described(..., "unique name, such as F1L", min_length=1)
+    cluster: Whole = described(
+        ..., "number of the cluster of neighboring, nearly parallel jets", ge=1, le=_LARGEST_NUMBER
+    )
+    kind: Name = described(..., "one of jet_kinds")
+    position: Vector3 = described(..., "where it thrusts, vehicle frame", "ft | m", span=plausible.POSITION)
     direction: Vector3 = described(
         ..., "direction of the force on the vehicle, body axes; length 1 within 0.002, normalized"
     )
-    thrust: Real = described(..., "force on the vehicle, plume impingement included", "lbf | N", gt=0.0)
-    manifold: Text | None = described(
+    thrust: Real = described(
+        ..., "force on the vehicle, plume impingement included", "lbf | N", gt=0.0, span=plausible.FORCE
+    )
+    manifold: Name | None = described(
         None, "name of the propellant manifold that feeds it; null: none that can be closed"
     )
     mass_flow: Real | None = described(
@@ -121,6 +141,7 @@ class Jet(Model):
         "propellant flow at full thrust; null: nominal thrust / (g0 x specific impulse) of its kind",
         "slug/s | kg/s",
         gt=0.0,
+        span=plausible.FLOW,
     )
 
     @field_validator("direction")
@@ -135,7 +156,7 @@ class Jet(Model):
 class SensorPackage(Model):
     """A package of three sensors along the body axes: the fields common to gyros and accelerometers."""
 
-    name: Text = described(
+    name: Name = described(
         ...,
         "unique name of letters, digits and underscores; its columns in telemetry are <name>_x, _y, _z",
         pattern=_SENSOR_NAME,
@@ -166,24 +187,26 @@ class SensorPackage(Model):
 class Gyro(SensorPackage):
     """A package of three rate gyros."""
 
-    quantum: Real = described(0.0, "step of a reading", "rad/s", ge=0.0)
-    noise_std: Real = described(0.0, "white noise of a reading, 1-sigma", "rad/s", ge=0.0)
-    range: Real | None = described(None, _RANGE, "rad/s", gt=0.0)
+    quantum: Real = described(0.0, "step of a reading", "rad/s", ge=0.0, span=plausible.RATE_STEP)
+    noise_std: Real = described(0.0, "white noise of a reading, 1-sigma", "rad/s", ge=0.0, span=plausible.RATE_STEP)
+    range: Real | None = described(None, _RANGE, "rad/s", gt=0.0, span=plausible.RATE)
 
 
 class Accelerometer(SensorPackage):
     """A package of three integrating accelerometers."""
 
-    position: Vector3 = described(..., "in the vehicle frame", "ft | m")
-    quantum: Real = described(0.0, "step of a reading", "ft/s | m/s", ge=0.0)
-    noise_std: Real = described(0.0, "white noise of a reading, 1-sigma", "ft/s | m/s", ge=0.0)
-    range: Real | None = described(None, _RANGE, "ft/s | m/s", gt=0.0)
+    position: Vector3 = described(..., "in the vehicle frame", "ft | m", span=plausible.POSITION)
+    quantum: Real = described(0.0, "step of a reading", "ft/s | m/s", ge=0.0, span=plausible.VELOCITY_STEP)
+    noise_std: Real = described(
+        0.0, "white noise of a reading, 1-sigma", "ft/s | m/s", ge=0.0, span=plausible.VELOCITY_STEP
+    )
+    range: Real | None = described(None, _RANGE, "ft/s | m/s", gt=0.0, span=plausible.VELOCITY)
 
 
 class _Solid(Model):
     """The fields common to all solids of a shape."""
 
-    position: Vector3 = described((0.0, 0.0, 0.0), "of its center, vehicle frame", "ft | m")
+    position: Vector3 = described((0.0, 0.0, 0.0), "of its center, vehicle frame", "ft | m", span=plausible.POSITION)
     rotation_deg: Vector3 = described((0.0, 0.0, 0.0), "roll, pitch and yaw from the vehicle frame", "deg")
     color: Text = described("#c9ced6", "as #rrggbb", pattern=r"^#[0-9A-Fa-f]{6}$")
 
@@ -192,38 +215,42 @@ class BoxSolid(_Solid):
     """A box."""
 
     kind: Literal["box"] = described(..., "kind of solid")
-    size: Positive3 = described(..., "edges along x, y, z", "ft | m")
+    size: Positive3 = described(..., "edges along x, y, z", "ft | m", span=plausible.SIZE)
 
 
 class EllipsoidSolid(_Solid):
     """An ellipsoid."""
 
     kind: Literal["ellipsoid"] = described(..., "kind of solid")
-    radii: Positive3 = described(..., "half axes along x, y, z", "ft | m")
+    radii: Positive3 = described(..., "half axes along x, y, z", "ft | m", span=plausible.SIZE)
 
 
 class CylinderSolid(_Solid):
     """A circular or elliptic cylinder along x."""
 
     kind: Literal["cylinder"] = described(..., "kind of solid")
-    length: Real = described(..., "along x", "ft | m", gt=0.0)
-    radii: tuple[PositiveReal, PositiveReal] = described(..., "half axes along y and z", "ft | m")
+    length: Real = described(..., "along x", "ft | m", gt=0.0, span=plausible.SIZE)
+    radii: tuple[PositiveReal, PositiveReal] = described(..., "half axes along y and z", "ft | m", span=plausible.SIZE)
 
 
 class ConeSolid(_Solid):
     """A cone that points toward +x, its center halfway along its axis."""
 
     kind: Literal["cone"] = described(..., "kind of solid")
-    length: Real = described(..., "along x", "ft | m", gt=0.0)
-    radii: tuple[PositiveReal, PositiveReal] = described(..., "half axes of the base along y and z", "ft | m")
+    length: Real = described(..., "along x", "ft | m", gt=0.0, span=plausible.SIZE)
+    radii: tuple[PositiveReal, PositiveReal] = described(
+        ..., "half axes of the base along y and z", "ft | m", span=plausible.SIZE
+    )
 
 
 class PlateSolid(_Solid):
     """A flat plate with a convex outline in the x-y plane of its own frame, such as a wing."""
 
     kind: Literal["plate"] = described(..., "kind of solid")
-    outline: tuple[tuple[Real, Real], ...] = described(..., "corners in order, x and y", "ft | m", min_length=3)
-    thickness: Real = described(..., "along z", "ft | m", gt=0.0)
+    outline: tuple[tuple[Real, Real], ...] = described(
+        ..., "corners in order, x and y", "ft | m", min_length=3, max_length=1000, span=plausible.POSITION
+    )
+    thickness: Real = described(..., "along z", "ft | m", gt=0.0, span=plausible.SIZE)
 
 
 Solid = Annotated[BoxSolid | EllipsoidSolid | CylinderSolid | ConeSolid | PlateSolid, Field(discriminator="kind")]
@@ -235,17 +262,25 @@ class Vehicle(Model):
     The vehicle frame has its origin fixed in the structure and the body axes' directions.
     """
 
-    name: Text = described(..., "short name", min_length=1)
+    name: Name = described(..., "short name", min_length=1)
     description: Text = described("", "one line")
     source: Text = described("", "where the data come from")
     units: Literal["us", "si"] = described(..., "us: ft, slug, lbf; si: m, kg, N; both s, rad")
-    sample_period_s: Real = described(..., "period of control and estimation", "s", gt=0.0)
+    sample_period_s: Real = described(..., "period of control and estimation", "s", gt=0.0, span=plausible.PERIOD)
     mass_properties: MassPropertiesModel = described(..., "nominal mass properties")
     uncertainty: Real = described(
-        0.3, "1-sigma of the nominal mass properties, relative to them; products have floors", "-", gt=0.0
+        0.3,
+        "1-sigma of the nominal mass properties, relative to them; products have floors",
+        "-",
+        gt=0.0,
+        span=plausible.UNCERTAINTY,
     )
     center_of_mass_std: Real | None = described(
-        None, "least 1-sigma of the center of mass at the start; null: 10 % of the jets' RMS arm", "ft | m", gt=0.0
+        None,
+        "least 1-sigma of the center of mass at the start; null: 10 % of the jets' RMS arm",
+        "ft | m",
+        gt=0.0,
+        span=plausible.POSITION,
     )
     gyros: tuple[Gyro, ...] = described(
         ...,
@@ -255,8 +290,8 @@ class Vehicle(Model):
     )
     accelerometers: tuple[Accelerometer, ...] = described((), "integrating-accelerometer packages")
     preferred_accelerometer: Text | None = described(None, "the package used where one is enough; null: the first")
-    jet_kinds: dict[str, JetKind] = described(..., "kinds of jets by name", min_length=1)
-    jets: tuple[Jet, ...] = described(..., "reaction-control jets", min_length=1)
+    jet_kinds: dict[Name, JetKind] = described(..., "kinds of jets by name", min_length=1)
+    jets: tuple[Jet, ...] = described(..., "reaction-control jets", min_length=1, max_length=_MOST_JETS)
     shape: tuple[Solid, ...] = described((), "solids that draw it in the 3-D replay; empty: a box between the jets")
 
     @model_validator(mode="after")
@@ -281,6 +316,18 @@ class Vehicle(Model):
                 + suggestion(preferred, accelerometers)
             )
         return self
+
+    @model_validator(mode="after")
+    def _plausible(self) -> Vehicle:
+        impossible = [(found.path, found.problem) for found in plausible.of_vehicle(self) if found.impossible]
+        if impossible:
+            raise refusal(impossible)
+        return self
+
+    @property
+    def doubts(self) -> list[plausible.Finding]:
+        """What may be meant, but is more likely a slip."""
+        return [found for found in plausible.of_vehicle(self) if not found.impossible]
 
     @property
     def sensors(self) -> tuple[SensorPackage, ...]:

@@ -16,7 +16,7 @@ from ruamel.yaml import YAML
 from ruamel.yaml.composer import Composer, ComposerError, MaxDepthExceededError
 from ruamel.yaml.emitter import Emitter
 from ruamel.yaml.error import YAMLError
-from ruamel.yaml.events import AliasEvent
+from ruamel.yaml.events import AliasEvent, ScalarEvent, SequenceStartEvent
 from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 from ruamel.yaml.representer import SafeRepresenter
 from ruamel.yaml.resolver import VersionedResolver
@@ -28,6 +28,7 @@ from massprop_drake.inputs import renamed
 FieldPath = tuple[str | int, ...]
 
 _DEEPEST = 50  # levels of nesting
+_LONGEST = 1_000_000  # characters; a vehicle of 500 jets has some 100 000
 
 # ---------------------------------------------------------------------------------------- reading
 
@@ -53,7 +54,7 @@ class _Resolver(VersionedResolver):
 
 
 class _Composer(Composer):
-    """Refuses aliases, which can make small files endless."""
+    """Refuses aliases, which can make small files endless, and tags that do not fit their values."""
 
     def compose_node(self, parent: Any, index: Any) -> Any:
         """A node of the document, with all that is in it."""
@@ -62,7 +63,23 @@ class _Composer(Composer):
             raise ComposerError(
                 None, None, f"alias *{event.anchor} is not supported; write the value out", event.start_mark
             )
+        event = self.parser.peek_event()
+        if event.tag is not None and not _fits(event):
+            raise ComposerError(
+                None, None, f"tag {event.tag} says what the value is not; write the value alone", event.start_mark
+            )
         return super().compose_node(parent, index)
+
+
+def _fits(event: Any) -> bool:
+    """Whether a part's tag says what it is without it, or that a scalar is text."""
+    if isinstance(event, ScalarEvent):
+        match = _Resolver.plain.fullmatch(event.value)
+        kinds = {"str"} if match is None else {"str", match.lastgroup}
+        kinds |= {"float"} if "int" in kinds else set()
+    else:
+        kinds = {"seq" if isinstance(event, SequenceStartEvent) else "map"}
+    return str(event.tag) in {f"tag:yaml.org,2002:{kind}" for kind in kinds}
 
 
 class Document:
@@ -84,6 +101,8 @@ class Document:
         self._within = within
         self._lines: dict[FieldPath, int] = {}
         self._renamed: dict[str, str] = {}
+        if len(text) > _LONGEST:
+            raise InputError(f"{source}: has {len(text)} characters; no vehicle or scenario needs more than {_LONGEST}")
         reader = YAML(typ="safe", pure=True)
         reader.Resolver, reader.Composer = _Resolver, _Composer
         reader.max_depth = _DEEPEST
@@ -146,7 +165,7 @@ def exists(path: Path) -> bool:
     """Like `path.exists()`, but False instead of an error for a name that no file can have."""
     try:
         return path.exists()
-    except OSError:
+    except (OSError, ValueError):
         return False
 
 
@@ -164,6 +183,8 @@ def read_text(path: Path) -> str:
         raise InputError(f"{path}: not a text file in UTF-8") from None
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+    except ValueError:  # such as a NUL
+        raise InputError(f"{str(path)!r}: no file can have this name") from None
 
 
 # ---------------------------------------------------------------------------------------- writing
@@ -203,7 +224,10 @@ class _Representer(SafeRepresenter):
 
 
 _Representer.add_representer(
-    float, lambda representer, value: representer.represent_scalar("tag:yaml.org,2002:float", repr(value))
+    float,
+    lambda representer, value: representer.represent_scalar(
+        "tag:yaml.org,2002:float", repr(value).replace("inf", ".inf").replace("nan", ".nan")
+    ),
 )
 _Representer.add_representer(
     list,
