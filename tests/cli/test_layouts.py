@@ -10,15 +10,16 @@ import os
 import random
 import shutil
 from collections import Counter
+from functools import cache
+from importlib import resources
 from pathlib import Path
 from typing import Any
 
 import pytest
 from command_probe import Massprop
 
-from massprop_drake import Run, load_scenario, load_vehicle, simulate
+from massprop_drake import Run, load_scenario, simulate
 from massprop_drake.display import flight3d, graphs
-from massprop_drake.inputs.yaml import to_yaml
 from massprop_drake.results import manifest
 
 COUNT = int(os.environ.get("MASSPROP_LAYOUTS", "15"))
@@ -50,6 +51,12 @@ def quick(monkeypatch: pytest.MonkeyPatch, ready_run: Run) -> None:
     monkeypatch.setattr(graphs, "svg_text", lambda _: None)
 
 
+@cache
+def _vehicle() -> bytes:
+    """A vehicle's file, whose telemetry is that of the runs."""
+    return (resources.files("massprop_drake") / "vehicles" / "orbiter.yaml").read_bytes()
+
+
 class Layout:
     """Files in the current folder, and a command on them.
 
@@ -63,7 +70,7 @@ class Layout:
         self._random = random.Random(seed)
         self._earlier = earlier
         self.mine: dict[Path, bytes] = {}
-        self.runs = [path for path in map(Path, FOLDERS) if self._random.random() < 0.4 and self._make_run(path)]
+        self.runs = [path for path in map(Path, FOLDERS) if self._random.random() < 0.5 and self._make_run(path)]
         for number in range(self._random.randint(2, 6)):
             folder = Path(self._random.choice(FOLDERS))
             name = self._random.choice((f"notes_{number}.txt", f".hidden_{number}", f"logs/{number}.txt", *OURS))
@@ -72,7 +79,7 @@ class Layout:
         for path in (Path("K/logs/flight.csv"), Path("data/flight.csv")):
             self._write(path, telemetry)
         for folder in (Path("K"), Path("data")):
-            self._write(folder / "my_vehicle.yaml", to_yaml(load_vehicle("orbiter").model_dump(mode="json")).encode())
+            self._write(folder / "my_vehicle.yaml", _vehicle())
             scenario = f"name: s{seed}\nvehicle: my_vehicle.yaml\nduration_s: 1\n"
             self._write(folder / "my_scenario.yaml", scenario.encode())
         if self._random.random() < 0.4:  # only what is ours
@@ -116,7 +123,7 @@ class Layout:
     def _command(self) -> list[str]:
         draw = self._random.choice
         places = [*FOLDERS, *NEW, *LINKS, ".", "K/logs", "K/../K", "data/flight.csv", str(Path("K").absolute())]
-        self._out = Path(draw(places))
+        self._out = Path(draw(places) if self._random.random() < 0.5 or not self.runs else draw(self.runs))
         source = draw([*map(str, self.runs), "K", "to_K"])
         telemetry = draw(
             ["K/logs/flight.csv", "data/flight.csv", f"{source}/telemetry.csv", "to_log", "to_K/logs/flight.csv"]
