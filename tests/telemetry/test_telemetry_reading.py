@@ -74,6 +74,8 @@ def test_a_log_reads_as_it_was_written(log: Log, toy: Vehicle, tmp_path: Path) -
 def test_the_size_of_blocks_does_not_matter(log: Log, toy: Vehicle, tmp_path: Path, rows_per_block: int) -> None:
     del log.rows[20:23]
     log.rows[31] = list(log.rows[30])
+    for row in (3, 4, 40):
+        log.set(row, "gyro_x", "")
     path = log.write(tmp_path / "log.csv")
     one, reader = _read(path, toy)
     other, again = _read(path, toy, rows_per_block=rows_per_block)
@@ -120,6 +122,15 @@ def test_missing_cells(log: Log, toy: Vehicle, tmp_path: Path, cell: str) -> Non
     assert np.isnan(rows.readings["gyro"][5]).tolist() == [False, True, False]
     assert np.flatnonzero(np.isnan(rows.commands).any(axis=1)).tolist() == [6]
     assert reader.record.missing == {"gyro": 1, "acc": 0}
+
+
+def test_a_fraction_beyond_its_range_by_rounding_is_taken_for_the_end_of_it(
+    log: Log, toy: Vehicle, tmp_path: Path
+) -> None:
+    log.set(5, "jet_J3", "1.0000000001")
+    log.set(6, "jet_J3", "-0.0000000001")
+    rows, _ = _read(log.write(tmp_path / "log.csv"), toy)
+    assert rows.commands[5:7, 2].tolist() == [1.0, 0.0]
 
 
 def test_columns_not_used_are_named_with_what_may_have_been_meant(log: Log, toy: Vehicle, tmp_path: Path) -> None:

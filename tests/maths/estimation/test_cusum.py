@@ -10,6 +10,7 @@ from params_probe import evidence
 
 from massprop_drake import Scenario, Vehicle, estimate, load_scenario, simulate
 from massprop_drake.inputs import params
+from massprop_drake.maths.estimation.adaptation import Action
 from massprop_drake.maths.estimation.detector import Event, Evidence, Judgment
 from massprop_drake.maths.estimation.detectors import DETECTORS
 from massprop_drake.maths.estimation.detectors.cusum import CusumParams, CusumState
@@ -115,6 +116,17 @@ def test_it_is_declared_and_all_sums_begin_anew(bench: Bench) -> None:
     np.testing.assert_allclose(bench.state.force[STUCK], 868.8, rtol=1e-9)
     # what is known is not declared again
     assert bench.step(868.8 * bench.signatures[STUCK]).status.suspected_jet != STUCK
+
+
+@pytest.mark.parametrize(("size", "declared"), [(20.9, False), (21.1, True)])
+def test_a_sum_declares_above_the_threshold_and_its_sample_teaches_nothing(
+    bench: Bench, size: float, *, declared: bool
+) -> None:
+    # drift 1, threshold 20
+    judgment = bench.step(bench.deviations(STUCK, size))
+    assert judgment.status.alarm == declared
+    assert judgment.status.detector_event == (Event.DECLARED if declared else Event.NOTHING)
+    assert judgment.adaptation.action == (Action.REJECT if declared else Action.NONE)
 
 
 def test_a_sample_that_cannot_be_tested_changes_nothing(bench: Bench) -> None:

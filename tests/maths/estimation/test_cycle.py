@@ -102,6 +102,16 @@ def _run(params: EstimationParams, state: EstimationState, samples: tuple[Sample
     return steps
 
 
+def test_the_thrust_level_builds_up_from_sample_to_sample() -> None:
+    # a jet told to fire in every sample: a lag leaves exp(-k T / tau) of the way to go after k samples
+    params, state = _params("thrust errors"), cycle.initial_state(_params("thrust errors"))
+    command = np.eye(N)[STUCK]
+    for number in range(1, 4):
+        reading = np.zeros((1, 3)), np.zeros((3, 3))
+        state = cycle.step(state, Sample(number * 0.08, *reading, command), params).state
+        np.testing.assert_allclose(state.level, command * -np.expm1(-number * 0.08 / 0.015), rtol=1e-12)
+
+
 KINDS = ("plain", "thrust errors", "no detector", "no accelerometer")
 
 
