@@ -145,7 +145,7 @@ def run(
         raise InputError(f"--speed {speed:g}: must be a number above zero, such as 10 for ten times real time")
     target = out or Path("runs") / case.name
     require_writable(target, force=force)
-    _note_doubts(case.doubts, quiet=quiet)
+    _note_doubts(case.simulation_doubts, quiet=quiet)
 
     from massprop_drake.runners.simulate import simulate  # noqa: PLC0415 (loads Drake)
 
