@@ -115,7 +115,7 @@ def run(
     reads = [] if scenario in bundled_scenarios() else [scenario]
     place = require_writable(out or Path("runs") / case.name, force=force, reads=reads)
     context.obj.watch(place.path / "summary.json", f"the run is saved in {place.shown}/")
-    _note_doubts(case.doubts, quiet=quiet)
+    _note_doubts(case.simulation_doubts, quiet=quiet)
 
     from massprop_drake.runners.simulate import simulate  # noqa: PLC0415 (loads Drake)
 

@@ -561,6 +561,11 @@ class Scenario(Model):
         return [found._replace(path=("vehicle", *found.path)) for found in vehicle.doubts] + own
 
     @property
+    def simulation_doubts(self) -> list[plausible.Finding]:
+        """Those of them that bear on a simulation: a run may be cut short before the last of its commands."""
+        return [found for found in self.doubts if found.path[0] not in ("maneuver", "jet_schedule")]
+
+    @property
     def estimation_doubts(self) -> list[plausible.Finding]:
         """Those of them that bear on estimation from a record, too."""
         return [found for found in self.doubts if found.path[0] in _ESTIMATION]

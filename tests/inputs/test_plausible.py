@@ -246,8 +246,15 @@ def test_doubts_in_a_scenarios_vehicle_are_its_own_too(toy_data: dict[str, Any])
     toy_data["jets"][1]["thrust"] = 20.0
     case = resolved({"vehicle": toy_data, "failures": [{"kind": "stuck_on", "jet": "J1", "start_s": 99.0}]})
     assert [found.path for found in case.doubts] == [("vehicle", "jets", 1, "thrust"), ("failures", 0, "start_s")]
+    assert case.simulation_doubts == case.doubts
     # a record ends where it ends: what a simulation does with failures does not bear on it
     assert [found.path for found in case.estimation_doubts] == [("vehicle", "jets", 1, "thrust")]
+
+
+def test_a_run_may_be_cut_short() -> None:
+    case = load_scenario("sample_maneuver", ["duration_s=3"])
+    assert [found.path for found in case.doubts] == [("maneuver", 1, "start_s")]
+    assert case.simulation_doubts == []
 
 
 @pytest.mark.parametrize("start", ["nominal", "zero"])
