@@ -3,6 +3,7 @@
 #
 #   make demo PYTHON=python3.13        another Python (of a new environment)
 #   make test PYTEST_FLAGS="-k gyro"   other flags for pytest
+#   make mutants MUTANTS=cglr          those alone whose file or tests are so called
 
 PYTHON ?= python3
 VENV := .venv
@@ -23,7 +24,7 @@ unexport PYTHONPATH PYTHONHOME
 
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
-.PHONY: help demo test quick coverage docs lint types bench wheel clean
+.PHONY: help demo test quick coverage mutants docs lint types bench wheel clean
 
 help: ## shows this list
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/  make \1:\2/p' $(MAKEFILE_LIST) | awk -F: '{ printf "%-15s %s\n", $$1, $$2 }'
@@ -39,6 +40,9 @@ quick: $(VENV)/.installed-test ## runs the tests that take a minute together: no
 
 coverage: $(VENV)/.installed-test ## runs all tests and prints the share of the lines that they run
 	$(BIN)/python -m pytest $(PYTEST_FLAGS) --cov=massprop_drake --cov-report=term:skip-covered
+
+mutants: $(VENV)/.installed-test ## makes single edits and checks that tests notice each
+	$(BIN)/python tests/mutants.py $(MUTANTS)
 
 docs: $(VENV)/.installed-test ## builds the documentation into build/docs
 	$(BIN)/sphinx-build -q -W --keep-going -n docs build/docs

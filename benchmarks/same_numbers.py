@@ -75,9 +75,9 @@ def record(folder: Path, wanted: list[str]) -> None:
             if (place / "estimated" / "summary.json").exists():
                 continue
             case = load_scenario(scenario, [*overrides, f"seed={seed}"])
-            simulate(case).save(place / "run", pictures=False, report=False, force=True)
+            simulate(case).save(place / "run", pictures=False, report=False)
             replayed = estimate(place / "run" / "telemetry.csv", case)
-            replayed.save(place / "estimated", pictures=False, report=False, force=True)
+            replayed.save(place / "estimated", pictures=False, report=False)
             print(place.name, flush=True)
 
 

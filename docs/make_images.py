@@ -59,7 +59,7 @@ def screenshots() -> None:
         ):
             page.set_viewport_size({"width": 900, "height": 560})
             page.goto(write(run, Path(folder) / f"{name}.html").as_uri())
-            page.wait_for_function("document.body.dataset.ready === 'yes'")
+            page.wait_for_selector("body[data-ready=yes]", state="attached")
             page.evaluate(act)
             page.wait_for_timeout(1500)
             page.screenshot(path=IMAGES / f"{name}.jpg", type="jpeg", quality=80)

@@ -10,12 +10,13 @@ from __future__ import annotations
 
 import sys
 from importlib import import_module
-from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 from massprop_drake.inputs.renamed import Finder
 
 if TYPE_CHECKING:
+    __version__: str
+
     from massprop_drake.errors import InputError as InputError
     from massprop_drake.inputs.scenario import Scenario as Scenario
     from massprop_drake.inputs.scenario import load_scenario as load_scenario
@@ -40,7 +41,6 @@ _HOMES = {
     "load_vehicle": "inputs.vehicle",
 }
 
-__version__ = version("massprop-drake")
 __all__ = sorted(_HOMES)  # noqa: PLE0605 (the names are those of the mapping above)
 
 if not any(isinstance(finder, Finder) for finder in sys.meta_path):
@@ -48,10 +48,14 @@ if not any(isinstance(finder, Finder) for finder in sys.meta_path):
 
 
 def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        from importlib.metadata import version  # noqa: PLC0415 (slow to load)
+
+        return version("massprop-drake")
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *_HOMES})
+    return sorted({*globals(), *_HOMES, "__version__"})

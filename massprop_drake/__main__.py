@@ -1,5 +1,5 @@
 """`python -m massprop_drake` is `massprop`."""
 
-from massprop_drake.cli.app import main
+from massprop_drake.cli.main import main
 
 main()

@@ -19,6 +19,18 @@ class InputError(ValueError):
         super().__init__(problems[0] + tail)
 
 
+def require_text(name: str) -> None:
+    """Makes sure that a name or an argument is text, which a result can hold, and which no file name cannot be.
+
+    Raises:
+        InputError: when it has bytes that are no text, or the character NUL.
+    """
+    if "\0" in name:
+        raise InputError(f"{name}: has the character NUL, which no file's name has")
+    if any("\ud800" <= one <= "\udfff" for one in name):
+        raise InputError(f"{name}: has bytes that are no text in this system's encoding; rename what is named so")
+
+
 def suggestion(word: object, valid: list[str]) -> str:
     """Suggests a close valid word ('; did you mean ...?'), or lists the valid words."""
     close = difflib.get_close_matches(str(word), valid, n=1)

@@ -6,7 +6,16 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 # of a run's folder
-FILES = {"report.html", "filter_state.json", "history.npz", "scenario.yaml", "summary.json", "telemetry.csv", "figures"}
+FILES = {
+    "report.html",
+    "filter_state.json",
+    "history.npz",
+    "manifest.json",
+    "scenario.yaml",
+    "summary.json",
+    "telemetry.csv",
+    "figures",
+}
 
 
 class Outcome(NamedTuple):

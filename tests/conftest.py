@@ -14,7 +14,7 @@ from command_probe import Massprop, Outcome
 from ruamel.yaml import YAML
 
 from massprop_drake import load_scenario, load_vehicle, simulate
-from massprop_drake.cli import app as cli
+from massprop_drake.cli import main as cli
 from massprop_drake.display import figures
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.vehicle import Vehicle
@@ -82,9 +82,8 @@ jet_kinds:
 """
 
 
-@pytest.fixture
-def toy_data() -> dict[str, Any]:
-    """A small vehicle in SI units as a file has it, a fresh copy for each test: a pair of jets per side of a cube."""
+def cube_data() -> dict[str, Any]:
+    """A small vehicle in SI units as a file has it: a pair of jets per side of a cube."""
     data: dict[str, Any] = YAML(typ="safe", pure=True).load(TOY)
     data["jets"] = []
     for axis in range(3):
@@ -96,6 +95,12 @@ def toy_data() -> dict[str, Any]:
                 jet = {"number": number, "designation": f"J{number}", "cluster": number, "kind": "primary"}
                 data["jets"].append({**jet, "position": position, "direction": direction, "thrust": 10.0})
     return data
+
+
+@pytest.fixture
+def toy_data() -> dict[str, Any]:
+    """The same, a fresh copy for each test."""
+    return cube_data()
 
 
 # --------------------------------------------------------------------------------- the command line
@@ -113,10 +118,8 @@ def massprop(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
         monkeypatch.setattr(sys, "argv", ["massprop", *map(str, arguments)])
         monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(stdin)))
         capsys.readouterr()
-        with pytest.raises(SystemExit) as caught:
-            cli.main()
-        out, err = capsys.readouterr()
-        return Outcome(int(caught.value.code or 0), out, err)
+        status = cli.run()
+        return Outcome(status, *capsys.readouterr())
 
     return call
 
@@ -160,7 +163,7 @@ def browser() -> Iterator[Any]:
 class Page:
     """A page opened from disk, and what its console said."""
 
-    def __init__(self, browser: Any, path: Path):
+    def __init__(self, browser: Any, path: Path, before: str, ready: str):
         self.page = browser.new_page(viewport={"width": 1000, "height": 700})
         self.page.set_default_timeout(120_000)
         self.said: list[str] = []
@@ -168,17 +171,29 @@ class Page:
         self.page.on("pageerror", lambda error: self.said.append(f"error: {error}"))
         self.page.on("dialog", lambda dialog: (self.said.append(f"dialog: {dialog.message}"), dialog.dismiss()))
         self.page.context.set_offline(True)
+        self.page.add_init_script(before)
         self.page.goto(path.as_uri())
-        self.page.wait_for_function("document.body.dataset.ready === 'yes'")
+        self.page.wait_for_selector(ready, state="attached")
+
+    def until(self, expression: str) -> None:
+        """Waits until an expression holds; a page's policy forbids what Playwright's `wait_for_function` does in it."""
+        for _ in range(1200):
+            if self.page.evaluate(expression):
+                return
+            self.page.wait_for_timeout(100)
+        raise TimeoutError(expression)
 
 
 @pytest.fixture
 def opened(browser: Any) -> Iterator[Any]:
-    """A function that opens a file in the browser."""
+    """A function that opens a file in the browser.
+
+    `before` is a script to run before the page's own; the page is ready when it has what `ready` selects.
+    """
     pages: list[Page] = []
 
-    def open_page(path: Path) -> Page:
-        pages.append(Page(browser, path))
+    def open_page(path: Path, before: str = "", ready: str = "body[data-ready=yes]") -> Page:
+        pages.append(Page(browser, path, before, ready))
         return pages[-1]
 
     yield open_page

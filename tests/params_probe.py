@@ -77,6 +77,7 @@ def evidence(
     state_covariance: Any,
     mass_estimate: Any,
     shared_covariance: Any = None,
+    cross_covariance: Any = None,
 ) -> Evidence:
     """What a detector sees, from what both filters say of a sample."""
     covariance = np.zeros((6, 6))
@@ -93,4 +94,5 @@ def evidence(
         shared_covariance is not None,
         np.append(rotation_estimate, mass_estimate[0]),
         joint_covariance(state_covariance, mass_estimate[1]),
+        np.zeros((6, 10)) if cross_covariance is None else cross_covariance,
     )

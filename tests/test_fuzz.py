@@ -1,6 +1,6 @@
-"""Spoilt telemetry and vehicle files: whatever is in them, a result or one message, and nothing half-written.
+"""Spoilt files of every kind: whatever is in them, a result or one message, and nothing half-written.
 
-`MASSPROP_FUZZ=20` makes twenty times as many cases.
+`MASSPROP_FUZZ=20` makes twenty times as many cases; `MASSPROP_FUZZ=all` also runs all ten thousand of the command line.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import pytest
 from conftest import TOY
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from malformed_probe import KINDS, QUIET, Case, Sound, judged
 from ruamel.yaml import YAML
 from telemetry_probe import Log, toy_vehicle
 
@@ -24,7 +25,8 @@ from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.inputs.yaml import to_yaml
 from massprop_drake.telemetry.reader import Reader, check
 
-TIMES = int(os.environ.get("MASSPROP_FUZZ", "1"))
+ALL = os.environ.get("MASSPROP_FUZZ") == "all"
+TIMES = 20 if ALL else int(os.environ.get("MASSPROP_FUZZ", "1"))
 CELLS = [
     "",
     "nan",
@@ -252,3 +254,47 @@ def test_the_log_that_is_spoilt_is_sound(tmp_path: Path) -> None:
     assert estimate(path, Scenario(vehicle=VEHICLE)).summary["data_quality"]["rows"] == 60
     with pytest.raises(InputError):
         check(tmp_path / "nowhere.csv")
+
+
+# ------------------------------------------------------------------------------- the command line
+
+SAMPLE = 8  # cases of each kind
+
+
+@pytest.fixture(scope="module")
+def sound(tmp_path_factory: pytest.TempPathFactory) -> Sound:
+    """Sound files of every kind that the command line reads."""
+    return Sound(tmp_path_factory.mktemp("sound"))
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["check", "vehicle.yaml", "sound.yaml", "scheduled.yaml", "log.csv"],
+        ["run", "sound.yaml", "--out", "out", *QUIET],
+        ["run", "scheduled.yaml", "--out", "out", *QUIET],
+        ["run", "run", "--out", "out", *QUIET],
+        ["estimate", "log.csv", "--like", "run", "--out", "out", *QUIET],
+        ["estimate", "log.csv", "--resume-from", "run", "--out", "out", *QUIET],
+        ["estimate", "log.csv", "--resume-from", "estimated", "--out", "out", *QUIET],
+        ["view", "estimated", "--out", "page.html"],
+    ],
+)
+def test_what_is_spoilt_below_is_sound(sound: Sound, tmp_path: Path, arguments: list[str]) -> None:
+    verdict = judged(lambda *_: Case(arguments, "none"), 0, sound, tmp_path)
+    assert (verdict.status, verdict.fault) == (0, ""), verdict.said
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_malformed_input_ends_in_a_result_or_a_message(sound: Sound, tmp_path: Path, kind: str) -> None:
+    """Status 0 with a whole result or 2 with a message; no traceback, nothing half-written, within five seconds."""
+    make, count = KINDS[kind]
+    statuses, faults = set(), []
+    for number in range(count) if ALL else range(0, count, count // SAMPLE):
+        with tempfile.TemporaryDirectory(dir=tmp_path) as here:
+            verdict = judged(make, number, sound, Path(here))
+        statuses.add(verdict.status)
+        if verdict.fault:
+            faults.append(f"{kind} {number}: {verdict.damage}: {verdict.arguments}: {verdict.fault}: {verdict.said}")
+    assert not faults, "\n".join([f"{len(faults)} faults", *faults])
+    assert 2 in statuses  # there was something to refuse

@@ -13,6 +13,7 @@ import pytest
 from conftest import REPOSITORY
 
 PACKAGE = REPOSITORY / "massprop_drake"
+SHIPPED = (".py", ".yaml", ".html", ".css", ".js", ".typed")
 LINKED = ("diagrams", "scenarios")
 BUILD = "import sys, setuptools.build_meta as b; getattr(b, f'build_{sys.argv[1]}')(sys.argv[2])"
 
@@ -47,7 +48,7 @@ def wheel(sdist: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def _expected() -> dict[str, bytes]:
     """The package's files: code, vehicles, scenarios, pages; what is beside them in linked folders stays out."""
     roots = [PACKAGE, *(PACKAGE / name for name in LINKED)]  # globbing does not follow links
-    files = [path for root in roots for path in root.rglob("*") if path.suffix in (".py", ".yaml", ".html", ".typed")]
+    files = [path for root in roots for path in root.rglob("*") if path.suffix in SHIPPED]
     return {path.relative_to(REPOSITORY).as_posix(): path.read_bytes() for path in files}
 
 

@@ -280,3 +280,8 @@ def test_packed_vectors_are_read_by_their_layouts(name: str) -> None:
         if isinstance(node, ast.Subscript) and _bare(node.slice):
             of_shape = isinstance(node.value, ast.Attribute) and node.value.attr == "shape"
             assert of_shape, f"{name}, line {node.lineno}: {ast.unparse(node)}"
+
+
+def test_a_test_that_hangs_fails(pytestconfig: pytest.Config) -> None:
+    assert pytestconfig.pluginmanager.hasplugin("timeout")
+    assert float(pytestconfig.getini("timeout")) > 0.0

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 import sys
-import warnings
-from collections.abc import Callable
 from enum import StrEnum
 from importlib.metadata import version
 from pathlib import Path
@@ -15,14 +13,17 @@ import typer
 
 from massprop_drake.cli import show
 from massprop_drake.cli.progress import Progress
+from massprop_drake.cli.streams import note, say
 from massprop_drake.errors import InputError, suggestion
 from massprop_drake.inputs.model import keys, validated
 from massprop_drake.inputs.plausible import Finding
-from massprop_drake.inputs.renamed import RenamedWarning
 from massprop_drake.inputs.scenario import Scenario, bundled_scenarios, load_scenario, resolved
 from massprop_drake.inputs.vehicle import Vehicle, bundled_vehicles, load_vehicle
 from massprop_drake.inputs.yaml import Document, exists, read_text
-from massprop_drake.results.folder import require_writable, write_whole
+from massprop_drake.results.exchange import recover
+from massprop_drake.results.folder import is_ours, require_files, require_writable, write_files, write_page
+from massprop_drake.results.manifest import read as read_manifest
+from massprop_drake.results.manifest import sealed
 from massprop_drake.telemetry.reader import check as check_telemetry
 from massprop_drake.telemetry.reader import scenario_name, vehicle_scenario
 
@@ -39,6 +40,9 @@ Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON alo
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")]
 View = Annotated[bool, typer.Option("--view", help="Write replay.html, the run in three dimensions, too.")]
 Report = Annotated[bool, typer.Option("--report/--no-report", help="Write report.html, or not.")]
+Force = Annotated[
+    bool, typer.Option("--force", help="Keep what is there as <name>.1, <name>.2, ... instead of refusing it.")
+]
 Figures = Annotated[bool, typer.Option("--figures/--no-figures", help="Draw the figures, or not, which is faster.")]
 _TELEMETRY = (".csv", ".tsv", ".parquet", ".pq")  # endings of telemetry files
 
@@ -65,42 +69,6 @@ def common(
     """Estimates a spacecraft's mass properties and finds failed jets, in real time, and simulates the vehicle."""
 
 
-def main() -> None:
-    """Runs the command line; bad input ends with one message and exit status 2."""
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("always", RenamedWarning)
-            warnings.showwarning = _old_names_in_a_line(warnings.showwarning)
-            app()
-    except InputError as error:
-        _fail(str(error), 2)
-    except KeyboardInterrupt:
-        _fail("interrupted", 130)
-    except BrokenPipeError:
-        sys.exit(0)
-    except Exception as error:  # the last line of defense: say it, and say it is ours
-        _fail(f"internal failure: {type(error).__name__}: {error}", 1)
-
-
-def _fail(message: str, status: int) -> None:
-    show.note(message)
-    sys.exit(status)
-
-
-def _old_names_in_a_line(otherwise: Callable[..., None]) -> Callable[..., None]:
-    """How warnings are shown: those of old names as messages of the command line, each once; others as always."""
-    said: set[str] = set()
-
-    def shown(message: Warning | str, category: type[Warning], *rest: Any, **options: Any) -> None:
-        if not issubclass(category, RenamedWarning):
-            otherwise(message, category, *rest, **options)
-        elif str(message) not in said:
-            said.add(str(message))
-            show.note(str(message))
-
-    return shown
-
-
 @app.command("list", epilog="Example: `massprop list --json`")
 def list_everything(as_json: Json = False) -> None:
     """Lists the bundled vehicles, scenarios and diagrams, a line each."""
@@ -120,6 +88,7 @@ def list_everything(as_json: Json = False) -> None:
 
 @app.command(epilog="Example: `massprop run sample_maneuver --seed 3 --set rotation.filter=extended --out runs/ekf`")
 def run(
+    context: typer.Context,
     scenario: Annotated[str, typer.Argument(help="A bundled scenario, a YAML file, or an earlier run's folder.")],
     out: Annotated[Path | None, typer.Option(help="Folder to write; default runs/<name>.")] = None,
     seed: Annotated[int | None, typer.Option(help="Replaces the scenario's seed.")] = None,
@@ -134,17 +103,18 @@ def run(
     speed: Annotated[float, typer.Option(help="With --live: times real time.")] = 1.0,
     report: Report = True,
     figures: Figures = True,
-    force: Annotated[bool, typer.Option("--force", help="Write into a folder that is not an earlier run's.")] = False,
+    force: Force = False,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
     """Simulates a scenario and estimates the vehicle's mass properties in it."""
     chosen = [*(overrides or []), *([] if seed is None else [f"seed={seed}"])]
-    case = load_scenario(scenario, chosen)
+    case = _recovered(scenario, chosen)
     if not (math.isfinite(speed) and speed > 0.0):
         raise InputError(f"--speed {speed:g}: must be a number above zero, such as 10 for ten times real time")
-    target = out or Path("runs") / case.name
-    require_writable(target, force=force)
+    reads = [] if scenario in bundled_scenarios() else [scenario]
+    place = require_writable(out or Path("runs") / case.name, force=force, reads=reads)
+    context.obj.watch(place.path / "summary.json", f"the run is saved in {place.shown}/")
     _note_doubts(case.simulation_doubts, quiet=quiet)
 
     from massprop_drake.runners.simulate import simulate  # noqa: PLC0415 (loads Drake)
@@ -154,10 +124,10 @@ def run(
         from massprop_drake.display.live import Live  # noqa: PLC0415 (loads Drake)
 
         watch = Live(case, speed)
-        show.note(f"the run is shown at {watch.address}")
+        note(f"the run is shown at {watch.address}")
     with Progress(f"simulating {case.name}", case.duration_s, shown=not (as_json or quiet)) as progress:
-        result = simulate(case, progress=progress, watch=watch)
-    folder = result.save(target, force=force, pictures=figures, report=report, replay=view)
+        result = simulate(case, progress=progress, watch=watch, folder=place.path.parent)
+    folder = result.save(place, pictures=figures, report=report, replay=view)
     if as_json:
         show.as_json(result.summary)
     elif not quiet:
@@ -167,7 +137,7 @@ def run(
 def _note_doubts(doubts: list[Finding], *, quiet: bool) -> None:
     """Notes what may bear on a result otherwise than it was meant, a line each."""
     for doubt in () if quiet else doubts:
-        show.note(f"warning: {doubt}")
+        note(f"warning: {doubt}")
 
 
 class Start(StrEnum):
@@ -179,6 +149,7 @@ class Start(StrEnum):
 
 @app.command(epilog="Example: `massprop estimate flight.csv --vehicle orbiter --out runs/flight`")
 def estimate(
+    context: typer.Context,
     telemetry: Annotated[str, typer.Argument(help="A CSV or Parquet file, or - for rows on standard input.")],
     vehicle: Annotated[str | None, typer.Option(help="A bundled vehicle or a YAML file; settings by default.")] = None,
     like: Annotated[
@@ -199,7 +170,7 @@ def estimate(
     view: View = False,
     report: Report = True,
     figures: Figures = True,
-    force: Annotated[bool, typer.Option("--force", help="Write into a folder that is not an earlier run's.")] = False,
+    force: Force = False,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
@@ -207,9 +178,10 @@ def estimate(
     name = scenario_name(telemetry)
     chosen = [*(overrides or []), *([] if start is None else [f"estimation.start={start}"])]
     case = _case_of_a_record(name, vehicle, like, resume_from, chosen)
-    target = out or Path("runs") / name
-    _require_apart(target, telemetry, resume_from)
-    require_writable(target, force=force)
+    bundled = (*bundled_scenarios(), *bundled_vehicles(), "-", None)
+    reads = [source for source in (telemetry, vehicle, like, resume_from) if source not in bundled and source]
+    place = require_writable(out or Path("runs") / name, force=force, reads=reads)
+    context.obj.watch(place.path / "summary.json", f"the run is saved in {place.shown}/")
     _note_doubts(case.estimation_doubts, quiet=quiet)
 
     from massprop_drake.runners.recorded import estimate as estimate_record  # noqa: PLC0415 (slow to load)
@@ -222,9 +194,9 @@ def estimate(
             resume_from=resume_from,
             progress=progress,
             declared=(lambda entry: show.declared(entry, case.vehicle_data)) if live else None,
-            folder=target.parent,
+            folder=place.path.parent,
         )
-        folder = result.save(target, force=force, pictures=figures, report=report, replay=view)
+        folder = result.save(place, pictures=figures, report=report, replay=view)
     if as_json:
         show.as_json(result.summary)
     elif not quiet:
@@ -242,63 +214,77 @@ def _case_of_a_record(
     source = like or resume_from
     if source is None:
         raise InputError("whose telemetry is it? Give --vehicle (a vehicle) or --like (a run's folder or a scenario)")
-    return load_scenario(source, overrides)
+    return _recovered(source, overrides)
 
 
-def _require_apart(target: Path, telemetry: str, resume_from: Path | None) -> None:
-    """Makes sure that the output does not replace its own input."""
-    for source in (Path(telemetry).parent if telemetry != "-" else None, resume_from):
-        if source is not None and exists(target) and exists(source) and target.resolve() == source.resolve():
-            raise InputError(
-                f"{target}: holds what is to be read, and would be replaced; give another folder with --out"
-            )
+def _recovered(scenario: str | Path, overrides: list[str]) -> Scenario:
+    """Loads a scenario, also from a run's folder that a killed process has left unfinished."""
+    if scenario not in bundled_scenarios():
+        recover(Path(scenario))
+    return load_scenario(scenario, overrides)
 
 
 @app.command("view", epilog="Example: `massprop view runs/stuck_on_29 --out stuck.html`")
 def view_run(
+    context: typer.Context,
     folder: Annotated[Path, typer.Argument(help="A run's folder.")],
     out: Annotated[Path | None, typer.Option(help="File to write; default replay.html in the run's folder.")] = None,
+    force: Force = False,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
     """Writes a run in three dimensions as one HTML file that plays without a network."""
     target = out or folder / "replay.html"
+    recover(folder)
     if target.is_dir() or not exists(target.parent):
         raise InputError(f"{target}: cannot be written; give a file in a folder that is there")
+    require_files(target.parent, [target.name], force=force)
+    written = read_manifest(folder)
 
-    from massprop_drake.display import write_replay, write_report  # noqa: PLC0415 (loads Drake)
+    context.obj.watch(target, f"the replay is saved in {target}")
+
+    from massprop_drake.display.flight3d import replay_html  # noqa: PLC0415 (loads Drake)
+    from massprop_drake.display.page import report_html  # noqa: PLC0415 (loads templates)
     from massprop_drake.results.run import Run  # noqa: PLC0415 (slow to load)
 
     shown = Run.load(folder)
-    try:
-        write_replay(shown, target)
-        beside = folder / "report.html"
-        if out is None and exists(beside):  # its report then leads to the replay
-            write_report(shown, beside, replay=target.name)
-    except OSError as error:
-        raise InputError(f"{target}: cannot be written: {error.strerror}") from None
+    if out is not None:
+        write_page(target, replay_html(shown), force=force)
+    else:
+        pages = {target.name: sealed(replay_html(shown))}
+        if force or is_ours(folder, "report.html"):  # its report then leads to the replay
+            pages["report.html"] = sealed(report_html(shown, replay=target.name))
+        write_files(folder, pages, force=force, found=None if written is None else written.id)
     if as_json:
         show.as_json(str(target))
     elif not quiet:
-        show.text(target)
+        say(target)
 
 
 @app.command(epilog="Example: `massprop reproduce --only fig_5_6 --only table_5_3`")
 def reproduce(
+    context: typer.Context,
     out: Annotated[Path, typer.Option(help="Folder to write; goes on with what it holds.")] = Path("runs/reproduction"),
     only: Annotated[
         list[str] | None, typer.Option(metavar="NAME", help="A figure or table alone, such as fig_5_6. Repeatable.")
     ] = None,
+    force: Force = False,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
     """Reruns every figure and table of the thesis and says of each claim whether it holds."""
+    context.obj.watch(
+        out / "reproduction.html",
+        f"the reproduction is saved in {out}/",
+        f"finished runs are kept in {out}/, and the same command goes on from there",
+    )
+
     from massprop_drake.studies.reproduction import catalog, report  # noqa: PLC0415 (loads matplotlib)
     from massprop_drake.studies.reproduction.reproduce import reproduce as rerun  # noqa: PLC0415
 
     entries = catalog.chosen(only)
     with Progress("reproducing the thesis", 1.0, shown=not (as_json or quiet)) as progress:
-        results = rerun(entries, out, lambda done, total: progress(done / total))
+        results = rerun(entries, out, lambda done, total: progress(done / total), force=force)
     if as_json:
         show.as_json(report.as_data(results))
     elif not quiet:
@@ -309,6 +295,7 @@ def reproduce(
 def graph(
     diagrams: Annotated[list[str] | None, typer.Argument(help="Names as `massprop list` shows; default all.")] = None,
     out: Annotated[Path, typer.Option(help="Folder to write.")] = Path("runs/graphs"),
+    force: Force = False,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
@@ -319,32 +306,27 @@ def graph(
     for name in names:
         if name not in graphs.DIAGRAMS:
             raise InputError(f"'{name}' is no diagram{suggestion(name, list(graphs.DIAGRAMS))}")
-    if out.exists() and not out.is_dir():
-        raise InputError(f"{out}: is a file; give a folder to write to")
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{out}: cannot be written: {error.strerror}") from None
-    written, drawn = [], True
+    require_files(out, [f"{name}.{kind}" for name in names for kind in ("dot", "svg")], force=force)
+    files, drawn = {}, True
     for name in names:
         diagram = graphs.build(name)
         shallow = graphs.dot_text(diagram, 1)
         deep = graphs.dot_text(diagram, 2)
         for dot, suffix in [(shallow, ""), *([(deep, "_inside")] if deep != shallow else [])]:
-            written.append(out / f"{name}{suffix}.dot")
-            write_whole(written[-1], dot)
+            files[f"{name}{suffix}.dot"] = dot.encode()
             svg = graphs.svg_text(dot)
             drawn = drawn and svg is not None
             if svg is not None:
-                written.append(out / f"{name}{suffix}.svg")
-                write_whole(written[-1], svg)
+                files[f"{name}{suffix}.svg"] = svg.encode()
+    write_files(out, files, force=force)
+    written = [out / name for name in files]
     if as_json:
         show.as_json([str(path) for path in written])
     elif not quiet:
         for path in written:
-            show.text(path)
+            say(path)
     if not drawn and not quiet:
-        show.note("no SVG: install a program that draws it, 'pip install graphviz-pure' or Graphviz's 'dot'")
+        note("no SVG: install a program that draws it, 'pip install graphviz-pure' or Graphviz's 'dot'")
 
 
 @app.command(epilog="Example: `massprop check my_vehicle.yaml flight.csv --vehicle my_vehicle.yaml`")
@@ -375,12 +357,14 @@ def check(
         raise InputError("nothing to check: name a file, or --schema vehicle or --schema scenario")
     whose = None if vehicle is None else load_vehicle(vehicle)
     findings: list[dict[str, Any]] = []
+    problems: list[str] = []
     lines: list[str] = []
     for name in files:
         try:
             good = _checked(name, whose)
         except InputError as error:
             findings.append({"file": name, "ok": False, "findings": list(error.problems)})
+            problems += error.problems
             lines += error.problems
             continue
         about = good if isinstance(good, str) else show.about(good)
@@ -395,10 +379,10 @@ def check(
             lines += show.vehicle_lines(findings[-1]["report"], good.unit_names["force"])
     if as_json:
         show.as_json(findings)
-    elif not quiet:
-        for line in lines:
-            show.text(line)
-    if not all(finding["ok"] for finding in findings):
+    else:
+        for line in problems if quiet else lines:
+            (note if quiet else say)(line)
+    if problems:
         raise typer.Exit(2)
 
 

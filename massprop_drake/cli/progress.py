@@ -8,6 +8,8 @@ from typing import Any
 
 from rich.console import Console
 
+from massprop_drake.cli.streams import visible
+
 _AFTER_S = 2.0  # shorter work shows no bar
 
 
@@ -35,11 +37,14 @@ class Progress:
         if not self._shown or time.monotonic() - self._began < _AFTER_S:
             return
         if self._bar is None:
-            from rich.progress import Progress as Bar  # noqa: PLC0415 (only for long work)
+            from rich import progress  # noqa: PLC0415 (only for long work)
 
-            self._bar = Bar(console=Console(stderr=True), transient=True)
+            title = progress.TextColumn("{task.description}", "progress.description", markup=False)
+            _, *others = progress.Progress.get_default_columns()
+            console = Console(stderr=True)
+            self._bar = progress.Progress(title, *others, console=console, transient=True)
             self._bar.start()
-            self._task = self._bar.add_task(self._title, total=self._total)
+            self._task = self._bar.add_task(visible(self._title, console.encoding), total=self._total)
         self._bar.update(self._task, completed=reached)
 
     def __exit__(self, *_: object) -> None:

@@ -11,8 +11,11 @@ from statistics import median
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
+from rich.style import Style
 from rich.table import Table
+from rich.text import Text
 
+from massprop_drake.cli.streams import say, visible
 from massprop_drake.inputs.model import Key
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.vehicle import Vehicle
@@ -24,17 +27,35 @@ if TYPE_CHECKING:
     from massprop_drake.studies.reproduction.report import Reproduced
 
 _VERDICT_STYLES = {"holds": "green", "holds within spread": "cyan", "differs": "yellow"}
+# share of the width by heading; None: as wide as it needs
+_CLAIM_COLUMNS = {"claim": 4, "source": None, "its words": 4, "expected": 3, "measured": 3, "verdict": 3}
 _INERTIA = (("Ixx", 0, 0), ("Iyy", 1, 1), ("Izz", 2, 2), ("Iyz", 1, 2), ("Ixz", 0, 2), ("Ixy", 0, 1))
 
 
-def text(line: object) -> None:
-    """Prints one line as it is, however long."""
-    Console(highlight=False, soft_wrap=True).print(str(line), markup=False)
+class Terminal(Console):
+    """Standard output, to which a `str` is text as it stands, wherever it is printed: never markup, never an order.
 
+    The program's own styles are given apart from the words, as `words` takes them.
 
-def note(line: str) -> None:
-    """Prints a line from the program itself on the error stream."""
-    Console(stderr=True, highlight=False, soft_wrap=True).print(f"massprop: {line}", markup=False)
+    Args:
+        width: in characters where output goes to a file; a terminal has its own.
+    """
+
+    def __init__(self, width: int | None = None):
+        super().__init__(width=None if sys.stdout.isatty() else width, highlight=False)
+
+    def render_str(self, text: str, *, style: str | Style = "", **_: Any) -> Text:
+        """Makes the text of a `str` that is to be printed; rich calls it for lines, titles and cells."""
+        return Text(visible(text, self.encoding), style=style)
+
+    def words(self, *parts: str | tuple[str, str]) -> Text:
+        """Joins parts of a line; one with a style is a pair."""
+        pairs = ((part, "") if isinstance(part, str) else part for part in parts)
+        return Text.assemble(*(self.render_str(part, style=style) for part, style in pairs))
+
+    def say(self, *parts: str | tuple[str, str]) -> None:
+        """Prints parts as one line, however long."""
+        self.print(self.words(*parts), soft_wrap=True)
 
 
 def as_json(content: Any) -> None:
@@ -48,11 +69,11 @@ def listing(found: Mapping[str, Mapping[str, str]]) -> None:
     Args:
         found: descriptions by name, by kind in the plural.
     """
-    table = Table.grid(padding=(0, 2))
+    console, table = Terminal(), Table.grid(padding=(0, 2))
     for kind, items in found.items():
         for name, description in items.items():
-            table.add_row(kind.removesuffix("s"), f"[bold]{name}[/bold]", description)
-    Console().print(table)
+            table.add_row(kind.removesuffix("s"), console.words((name, "bold")), description)
+    console.print(table)
 
 
 def schema(found: Iterable[Key]) -> None:
@@ -61,8 +82,8 @@ def schema(found: Iterable[Key]) -> None:
     for heading in Key._fields:
         table.add_column(heading, overflow="fold", no_wrap=heading == "name")
     for key in found:
-        table.add_row(*(_escaped(part) for part in key))
-    _console(160).print(table)
+        table.add_row(*key)
+    Terminal(160).print(table)
 
 
 # -------------------------------------------------------------------------------------------- runs
@@ -70,7 +91,7 @@ def schema(found: Iterable[Key]) -> None:
 
 def simulated(results: Summary, vehicle: Vehicle, folder: Path) -> None:
     """Prints the table of ten parameters, how the run went, and where its files are."""
-    console = _console()
+    console = Terminal(120)
     title = f"{results.scenario}: {results.vehicle}, {results.duration_s:g} s, seed {results.seed}"
     table = _table(title, "parameter", "unit", "estimate", "truth", "error %", "1-sigma", "1-sigma %", "within 3 sigma")
     for symbol, unit, one in _parameters(results, vehicle):
@@ -86,30 +107,31 @@ def simulated(results: Summary, vehicle: Vehicle, folder: Path) -> None:
             f"{one.percent_error:+.4f}" if comparable else "-",
             f"{one.standard_deviation:.3g}",
             f"{100.0 * one.standard_deviation / abs(one.truth):.4f}" if comparable else "-",
-            "yes" if one.within_three_sigma else "[bold red]no[/bold red]",
+            "yes" if one.within_three_sigma else console.words(("no", "bold red")),
         )
     console.print(table)
-    console.print(_consistency(results.consistency))
+    console.say(_consistency(results.consistency))
     autopilot = results.autopilot
-    console.print(
+    console.say(
         f"autopilot:   {autopilot.firings} firings, {autopilot.propellant_mass:.3g} {vehicle.unit_names['mass']} "
-        f"of propellant{_shortfalls(autopilot)}"
+        "of propellant",
+        *_shortfalls(autopilot),
     )
     for jets, words in (
         (autopilot.jets_out_of_use, "out of use"),
         (autopilot.jets_left_in, "left in, though in question"),
     ):
         if jets:
-            console.print(f"             {words}: {', '.join(jets)}", markup=False)
+            console.say(f"             {words}: {', '.join(jets)}")
     for entry in results.detections:
-        console.print(_detected(entry, vehicle), soft_wrap=True)
-    console.print(f"speed:       {results.timing.real_time_factor:.0f} times real time")
+        console.say(_detected(entry, vehicle))
+    console.say(f"speed:       {results.timing.real_time_factor:.0f} times real time")
     _files(console, folder)
 
 
 def estimated(results: Summary, vehicle: Vehicle, folder: Path) -> None:
     """Prints what a record gave: the ten parameters, what follows from them, warnings, failures and files."""
-    console = _console()
+    console = Terminal(120)
     quality = results.data_quality or {}
     title = f"{results.provenance.telemetry}: {results.vehicle}, {results.duration_s:g} s"
     table = _table(title, "parameter", "unit", "estimate", "1-sigma", "1-sigma %")
@@ -121,36 +143,28 @@ def estimated(results: Summary, vehicle: Vehicle, folder: Path) -> None:
     _add_derived(table, results.derived, vehicle)
     console.print(table)
     for warning in quality["warnings"]:
-        console.print(f"[bold yellow]warning:[/bold yellow]     {_escaped(warning)}", soft_wrap=True)
-    console.print(_consistency(results.consistency))
+        console.say(("warning:", "bold yellow"), f"     {warning}")
+    console.say(_consistency(results.consistency))
     counts = quality["samples"]["rotation"]
     skipped = ", ".join(
         f"{count} {reason.replace('_', ' ')}" for reason, count in counts.items() if count and reason != "used"
     )
-    console.print(
-        f"samples:     {quality['rows']} rows; {counts['used']} used; skipped: {skipped or 'none'}", soft_wrap=True
-    )
+    console.say(f"samples:     {quality['rows']} rows; {counts['used']} used; skipped: {skipped or 'none'}")
     for entry in results.detections:
-        console.print(_detected(entry, vehicle), soft_wrap=True)
+        console.say(_detected(entry, vehicle))
     if not results.detections:
-        console.print("detected:    no failure")
-    console.print(f"speed:       {quality['rows'] / results.timing.wall_s:.0f} rows a second")
+        console.say("detected:    no failure")
+    console.say(f"speed:       {quality['rows'] / results.timing.wall_s:.0f} rows a second")
     _files(console, folder)
 
 
 def declared(entry: DetectionRecord, vehicle: Vehicle) -> None:
     """Prints a detection at once, while rows come in."""
-    text(_detected(entry, vehicle))
-    sys.stdout.flush()
-
-
-def _console(width: int = 120) -> Console:
-    """Makes a console as wide as the terminal, or of a fixed width where output goes to a file."""
-    return Console(width=None if sys.stdout.isatty() else width, highlight=False)
+    say(_detected(entry, vehicle))
 
 
 def _table(title: str, *headings: str) -> Table:
-    table = Table(title=_escaped(title), title_justify="left", header_style="bold")
+    table = Table(title=title, title_justify="left", header_style="bold")
     for heading in headings:
         table.add_column(heading, justify="left" if heading in ("parameter", "unit") else "right")
     return table
@@ -190,11 +204,9 @@ def _number(value: float | None) -> str:
     return "-" if value is None else f"{value:.2f}"
 
 
-def _shortfalls(autopilot: AutopilotSummary) -> str:
+def _shortfalls(autopilot: AutopilotSummary) -> list[str | tuple[str, str]]:
     missed = autopilot.lp_infeasible
-    if not missed:
-        return ""
-    return f"; [bold yellow]{missed} requests beyond the jets' reach, met as far as they go[/bold yellow]"
+    return ["; ", (f"{missed} requests beyond the jets' reach, met as far as they go", "bold yellow")] if missed else []
 
 
 def _detected(entry: DetectionRecord, vehicle: Vehicle) -> str:
@@ -208,17 +220,12 @@ def _detected(entry: DetectionRecord, vehicle: Vehicle) -> str:
     return f"detected:    {kind}: {where}, {force}, {when}{withdrawn}"
 
 
-def _files(console: Console, folder: Path) -> None:
+def _files(console: Terminal, folder: Path) -> None:
     names = [name for name in ("report.html", "replay.html") if (folder / name).exists()]
     pages = [f"{name.partition('.')[0]}: {folder}/{name}" for name in names]
     figures = [f"figures: {folder}/figures/"] if (folder / "figures").exists() else []
     line = "   ".join([f"{folder}/", *pages, *figures])
-    console.print(f"files:       {line}", markup=False, soft_wrap=True)
-
-
-def _escaped(content: str) -> str:
-    """Escapes what the console would take for markup."""
-    return content.replace("[", r"\[")
+    console.say(f"files:       {line}")
 
 
 # ------------------------------------------------------------------------------------------- files
@@ -308,17 +315,17 @@ def reproduced(results: Iterable[Reproduced], folder: Path) -> None:
     """Prints a table of claims per entry, and how many of them hold."""
     from massprop_drake.studies.reproduction import report  # noqa: PLC0415 (loads matplotlib)
 
-    results, console = list(results), _console(160)
+    results, console = list(results), Terminal(160)
     for result in results:
         title = f"{report.label(result.entry)}: {result.entry.title}"
-        table = Table(title=_escaped(title), title_justify="left", header_style="bold", expand=True)
-        for heading, share in (("claim", 4), ("thesis", 4), ("measured", 4), ("verdict", 3)):
+        table = Table(title=title, title_justify="left", header_style="bold", expand=True)
+        for heading, share in _CLAIM_COLUMNS.items():
             table.add_column(heading, ratio=share)
         for outcome in result.outcomes:
-            verdict = f"[{_VERDICT_STYLES[outcome.verdict]}]{outcome.verdict}[/]"
-            why = f": {_escaped(outcome.why)}" if outcome.why else ""
-            cells = map(_escaped, (outcome.claim.text, outcome.claim.thesis, outcome.measured))
-            table.add_row(*cells, verdict + why)
+            why = f": {outcome.why}" if outcome.why else ""
+            verdict = console.words((outcome.verdict, _VERDICT_STYLES[outcome.verdict]), why)
+            claim = outcome.claim
+            table.add_row(claim.text, claim.source, claim.thesis, claim.expected, outcome.measured, verdict)
         console.print(table)
-    console.print(report.summary_line(results))
-    console.print(f"files: {folder}/reproduction.html, reproduction.md, figures/", markup=False, soft_wrap=True)
+    console.say(report.summary_line(results))
+    console.say(f"files: {folder}/reproduction.html, reproduction.md, figures/")

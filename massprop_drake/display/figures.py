@@ -6,6 +6,7 @@ legends, would take twice as long to draw as everything else.
 
 from __future__ import annotations
 
+import gc
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -59,6 +60,7 @@ _STYLE: Any = {  # as `rc_context` takes it
     "axes.labelsize": LABEL_SIZE,
     "xtick.labelsize": LABEL_SIZE,
     "ytick.labelsize": LABEL_SIZE,
+    "text.parse_math": False,  # a dollar in a user's name is a dollar
     "axes.titley": 1.0,  # panels have no titles: their place need not be found
 }
 
@@ -108,6 +110,8 @@ class Plots:
         for name, figure in self.all().items():
             # a picture of lines hardly gets smaller by compressing it harder, which takes half the time of drawing it
             figure.savefig(folder / f"{name}.png", pil_kwargs={"compress_level": 1})
+            del figure
+            gc.collect()  # a figure is full of cycles: else a few, of many megabytes each, wait to be freed
 
     def rates(self) -> Figure:
         """Angular velocity (figure 5-2)."""
@@ -233,9 +237,12 @@ def _height(panel: Panel) -> float:
 
 
 def _left(panels: Sequence[Panel]) -> float:
-    """Returns the width left of the panels that their vertical axes need for numbers or names, inches."""
+    """Returns the width left of the panels that their vertical axes need for numbers or names, inches.
+
+    It is at most half of the figure: longer names are cut.
+    """
     longest = max(len(row) for panel in panels for row in (*panel.rows, ""))
-    return max(_LEFT, 0.35 + _LETTER * longest)
+    return min(max(_LEFT, 0.35 + _LETTER * longest), 0.5 * _WIDTH)
 
 
 def _draw_panel(axes: Axes, panel: Panel) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import json
+from html.parser import HTMLParser
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_drake.display import events
+from massprop_drake.display import events, templates
 from massprop_drake.display.stage import SHOWN, Stage
 from massprop_drake.display.style import (
     ESTIMATE_COLOR,
@@ -22,43 +22,81 @@ from massprop_drake.display.style import (
 from massprop_drake.inputs import params
 from massprop_drake.maths.attitude import propagated
 from massprop_drake.maths.mass_properties import CENTER_OF_MASS
-from massprop_drake.results.folder import write_whole
+from massprop_drake.results.folder import write_page
 
 if TYPE_CHECKING:
     from massprop_drake.results.run import Run
 
 Array = NDArray[np.float64]
 
+_HERE = Path(__file__).parent
 _FRAMES = 3000  # of the body's motion at the most
+# Meshcat writes its own styles, and reads the scene from addresses that hold it
+_MESHCAT = {"style-src": "'unsafe-inline'", "connect-src": "data:"}
 
 
-def write_replay(run: Run, path: str | Path) -> Path:
+def write_replay(run: Run, path: str | Path, *, force: bool = False) -> Path:
     """Writes the replay of a run.
 
     Where the truth is unknown, attitude is integrated from the gyro and thrust taken from the commands.
 
     Args:
         run: simulated, or estimated from telemetry.
-        path: the HTML file to write; it appears whole or not at all.
+        path: the HTML file to write; it appears whole or not at all, and replaces nothing but a page of ours.
+        force: keep a file that is there and not ours as `<path>.1`, `<path>.2`, ....
+
+    Raises:
+        InputError: when a file is there that is not ours, or it cannot be written.
     """
     target = Path(path)
-    write_whole(target, replay_html(run))
+    write_page(target, replay_html(run), force=force)
     return target
 
 
 def replay_html(run: Run) -> str:
     """Returns the replay as the text of one HTML file that needs no network."""
     run = run.shown()
-    page = _recorded(run)
-    controls = (Path(__file__).parent / "flight3d_controls.html").read_text(encoding="utf-8")
-    # between script tags '<' could end them, whatever the names in a user's files are
-    for place, content in (("/*NARRATION*/", _narration(run)), ("/*NAME*/", run.scenario.vehicle_data.name)):
-        controls = controls.replace(place, json.dumps(content).replace("<", "\\u003c"))
-    return page.replace("</body>", f"{controls}\n</body>")
+    return templates.page(
+        _HERE / "replay.html",
+        {"title": f"{run.scenario.vehicle_data.name}: {run.scenario.name}"},
+        data=_narration(run),
+        styles=[(_HERE / "replay.css").read_text(encoding="utf-8")],
+        scripts=[*_scripts(_recorded(run)), (_HERE / "replay.js").read_text(encoding="utf-8")],
+        needs=_MESHCAT,
+    )
+
+
+class _Scripts(HTMLParser):
+    """Collects the texts of a page's scripts."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.texts: list[str] = []
+        self._inside = False
+
+    def handle_starttag(self, tag: str, attrs: object) -> None:
+        self._inside = tag == "script"
+        if self._inside:
+            self.texts.append("")
+
+    def handle_endtag(self, tag: str) -> None:
+        self._inside = False
+
+    def handle_data(self, data: str) -> None:
+        if self._inside:
+            self.texts[-1] += data
+
+
+def _scripts(page: str) -> list[str]:
+    """Returns the texts of a page's scripts, in order: Meshcat's are its library and the recorded scene."""
+    reader = _Scripts()
+    reader.feed(page)
+    reader.close()
+    return [text for text in reader.texts if text]
 
 
 def _recorded(run: Run) -> str:
-    """Records the motion of a run and returns Meshcat's page with it."""
+    """Records the motion of a run and returns Meshcat's page with it, in which no text of the user's is."""
     vehicle, time_s = run.scenario.vehicle_data, np.asarray(run.time_s)
     stride = max(1, -(-time_s.size // _FRAMES))
     # rows are played a sample period apart: what lies in a gap of telemetry is not known
@@ -106,7 +144,6 @@ def _narration(run: Run) -> dict[str, object]:
         return [mark.text for mark in marks if mark.start_s <= edge < mark.end_s]
 
     return {
-        "scenario": scenario.name,
         "start_s": start_s,
         "moments": [
             {

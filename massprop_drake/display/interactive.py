@@ -6,6 +6,7 @@ trace without `x` is drawn over the sample times, which the page holds once.
 
 from __future__ import annotations
 
+import html
 import math
 from collections.abc import Sequence
 from typing import Any
@@ -44,7 +45,8 @@ def drawn(plot: Plot) -> Json:
 
     Returns:
         `name` and `title`; `traces` and `layout` as plotly takes them; and `views`, the vertical axes that the
-        reader switches between a linear and a logarithmic view. A trace of one view names it in `meta`.
+        reader switches between a linear and a logarithmic view. A trace of one view names it in `view`, which the
+        page takes out.
     """
     traces: list[Json] = []
     shapes: list[Json] = []
@@ -110,7 +112,7 @@ def _key_height(panel: Panel) -> int:
 def _vertical(panel: Panel) -> Json:
     """Describes the vertical axis of a panel."""
     axis: Json = {
-        "title": {"text": panel.axis_label, "font": {"size": 10}},
+        "title": {"text": _plain(panel.axis_label), "font": {"size": 10}},
         "exponentformat": "power",
         "automargin": True,
     }
@@ -119,8 +121,9 @@ def _vertical(panel: Panel) -> Json:
         limits = np.log10(panel.limits) if panel.scale == "log" else np.array(panel.limits)
         axis["range"] = limits.tolist()
     if panel.rows:
-        axis |= {"tickvals": list(range(len(panel.rows))), "ticktext": list(panel.rows), "tickfont": {"size": 9}}
-        axis["range"] = [len(panel.rows) - 0.4, -0.6]
+        names = [_plain(row) for row in panel.rows]
+        axis |= {"tickvals": list(range(len(names))), "ticktext": names, "tickfont": {"size": 9}}
+        axis["range"] = [len(names) - 0.4, -0.6]
     return axis
 
 
@@ -158,7 +161,7 @@ def _views(plot: Plot, marks: Sequence[Mark]) -> list[Json]:
                 log.append(_line(plot, Line(mark.x, mark.high, mark.color, mark.label)))
             case _:
                 raise TypeError(f"{type(mark).__name__} has no logarithmic view")
-    return [{**trace, "meta": "linear"} for trace in linear] + [{**trace, "meta": "log"} for trace in log]
+    return [{**trace, "view": "linear"} for trace in linear] + [{**trace, "view": "log"} for trace in log]
 
 
 def _line(plot: Plot, mark: Line) -> Json:
@@ -197,14 +200,20 @@ def _bars(mark: Bars, rows: Sequence[str]) -> Json:
     gap = np.full(mark.begin.shape, np.nan)
     x = np.stack([mark.begin, mark.end, gap], axis=1).ravel()
     y = np.stack([mark.row, mark.row, gap], axis=1).ravel()
-    text = [name for row in mark.row.astype(int).tolist() for name in (rows[row], rows[row], "")]
+    names = [_plain(row) for row in rows]
+    text = [name for row in mark.row.astype(int).tolist() for name in (names[row], names[row], "")]
     style = {"color": mark.color, "width": 5}
     bars = {"x": _numbers(x), "y": _numbers(y), "text": text, "hoverinfo": "text+x", "mode": "lines", "line": style}
     return _trace("", bars)
 
 
 def _trace(label: str, content: Json) -> Json:
-    return {"type": "scatter", "hoverinfo": "x+y+name", "name": label, "showlegend": bool(label), **content}
+    return {"type": "scatter", "hoverinfo": "x+y+name", "name": _plain(label), "showlegend": bool(label), **content}
+
+
+def _plain(text: str) -> str:
+    """Writes a text so that plotly, which takes some HTML and TeX between dollars in texts, shows it as it is."""
+    return html.escape(text, quote=False).replace("$", "&#36;")
 
 
 def _over(plot: Plot, x: Array) -> Json:
@@ -253,4 +262,4 @@ def _shapes(plot: Plot, panel: Panel, suffix: str) -> list[Json]:
 
 
 def _named(label: str, suffix: str) -> Json:
-    return {"name": label, "showlegend": True, "legend": f"legend{suffix}"} if label else {}
+    return {"name": _plain(label), "showlegend": True, "legend": f"legend{suffix}"} if label else {}

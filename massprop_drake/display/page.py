@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import jinja2
-
-from massprop_drake.display import events, interactive, plots
+from massprop_drake.display import events, interactive, plots, templates
 from massprop_drake.inputs.model import yaml_text
 from massprop_drake.maths.mass_properties import MASS_RECIPROCAL
-from massprop_drake.results.folder import write_whole
+from massprop_drake.results.folder import write_page
 from massprop_drake.results.summary import DetectionRecord, Summary
 from massprop_drake.signals import SYMBOLS, mass_property_units, with_deviation
 
@@ -22,38 +19,35 @@ if TYPE_CHECKING:
     from massprop_drake.results.run import Run
 
 _HERE = Path(__file__).parent
+# plotly writes its own styles, and turns a plot into a picture for the reader to save
+_PLOTLY = {"style-src": "'unsafe-inline'", "img-src": "data: blob:"}
 
 
-def write_report(run: Run, path: str | Path, *, replay: str | None = None) -> Path:
+def write_report(run: Run, path: str | Path, *, replay: str | None = None, force: bool = False) -> Path:
     """Writes the report of a run.
 
     Args:
         run: simulated, or estimated from telemetry.
-        path: the HTML file to write; it appears whole or not at all.
+        path: the HTML file to write; it appears whole or not at all, and replaces nothing but a page of ours.
         replay: path of the replay relative to the report; None: the report links to none.
+        force: keep a file that is there and not ours as `<path>.1`, `<path>.2`, ....
+
+    Raises:
+        InputError: when a file is there that is not ours, or it cannot be written.
     """
     target = Path(path)
-    write_whole(target, report_html(run, replay=replay))
+    write_page(target, report_html(run, replay=replay), force=force)
     return target
 
 
 def summary_html(run: Run) -> str:
     """Returns the verdict and the table of ten parameters as HTML for a notebook."""
-    return (
-        environment()
-        .get_template("summary.html")
-        .render(
-            title=f"{run.results.vehicle}: {run.results.scenario}",
-            verdict=_verdict(run.results),
-            parameters=_parameters(run),
-        )
-    )
-
-
-def environment(folder: Path = _HERE) -> jinja2.Environment:
-    """Returns what renders the templates of a folder."""
-    loader = jinja2.FileSystemLoader(folder)
-    return jinja2.Environment(loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True)
+    content = {
+        "title": f"{run.results.vehicle}: {run.results.scenario}",
+        "verdict": _verdict(run.results),
+        "parameters": _parameters(run),
+    }
+    return templates.fragment(_HERE / "summary.html", content)
 
 
 def report_html(run: Run, *, replay: str | None = None) -> str:
@@ -65,27 +59,29 @@ def report_html(run: Run, *, replay: str | None = None) -> str:
         "time": interactive.times(run.time_s),
         "plots": [interactive.drawn(plot(source)) for plot in plots.available(source).values()],
     }
-    page: str = (
-        environment()
-        .get_template("page.html")
-        .render(
-            title=f"{results.vehicle}: {results.scenario}",
-            summary=run.summary,
-            units=scenario.vehicle_data.unit_names,
-            verdict=_verdict(results),
-            parameters=_parameters(run),
-            mass=_mass(run),
-            detections=[_detection(entry, scenario.vehicle_data.unit_names["force"]) for entry in results.detections],
-            autopilot=_autopilot(run),
-            quality=_quality(results.data_quality or {}),
-            scenario=yaml_text(scenario),
-            replay=replay,
-            # between script tags '<' could end them, whatever the names in a user's files are
-            plots=json.dumps(described, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c"),
-            plotly=(resources.files("plotly") / "package_data" / "plotly.min.js").read_text(encoding="utf-8"),
-        )
+    units = scenario.vehicle_data.unit_names
+    content = {
+        "title": f"{results.vehicle}: {results.scenario}",
+        "summary": run.summary,
+        "units": units,
+        "verdict": _verdict(results),
+        "parameters": _parameters(run),
+        "mass": _mass(run),
+        "detections": [_detection(entry, units["force"]) for entry in results.detections],
+        "autopilot": _autopilot(run),
+        "quality": _quality(results.data_quality or {}),
+        "scenario": yaml_text(scenario),
+        "replay": replay,
+    }
+    plotly = (resources.files("plotly") / "package_data" / "plotly.min.js").read_text(encoding="utf-8")
+    return templates.page(
+        _HERE / "report.html",
+        content,
+        data=described,
+        styles=[(_HERE / "report.css").read_text(encoding="utf-8")],
+        scripts=[plotly, (_HERE / "report.js").read_text(encoding="utf-8")],
+        needs=_PLOTLY,
     )
-    return page
 
 
 def _verdict(results: Summary) -> list[dict[str, Any]]:

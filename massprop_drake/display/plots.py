@@ -242,7 +242,7 @@ def _error(run: Source, element: int) -> Panel:
     truth = run.signals["truth"]
     true = truth[:, element]
     unit, scale = mass_property_units(run.vehicle.unit_names)[element], np.ones_like(true)
-    if np.abs(true).max() > 1e-12 * np.abs(truth).max():
+    if np.abs(true).min() > 1e-12 * np.abs(truth).max():
         unit, scale = "%", 100.0 / np.abs(true)
     error = scale * (run.signals["estimate"][:, element] - true)
     band = scale * 3.0 * run.signals["standard_deviation"][:, element]

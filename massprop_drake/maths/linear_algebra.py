@@ -27,12 +27,19 @@ class NotPositiveDefiniteError(ArithmeticError):
         self.matrix = np.array(matrix)
         self.what = what
         self.time_s = time_s
-        when = "" if time_s is None else f" at t = {time_s:.6g} s"
-        super().__init__(f"{what} is not positive definite{when}:\n{self.matrix}")
+        super().__init__(f"{self.headline}:\n{self.matrix}")
+
+    @property
+    def headline(self) -> str:
+        """Which matrix it is, and when it happened, in a line."""
+        when = "" if self.time_s is None else f" at t = {self.time_s:.6g} s"
+        return f"{self.what} is not positive definite{when}"
 
     def at(self, time_s: float, where: str) -> NotPositiveDefiniteError:
-        """The same trouble, with the time and the system it happened in."""
-        return NotPositiveDefiniteError(self.matrix, f"{where}: {self.what}", time_s)
+        """The same trouble, with the time and the system it happened in, where these are not known yet."""
+        return (
+            self if self.time_s is not None else NotPositiveDefiniteError(self.matrix, f"{where}: {self.what}", time_s)
+        )
 
 
 def skew(vector: Array) -> Array:

@@ -1,116 +1,349 @@
-"""Files that appear whole or not at all."""
+"""Folders and files that appear whole or not at all, and never in place of anybody else's.
+
+One rule for everything that is written: it takes the place of nothing, of an empty folder, or of what we have written
+and nobody has changed since (`results.manifest`). Anything else is refused before the work, or kept as `<name>.1`,
+`<name>.2`, ... where that is asked for (`force`).
+"""
 
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
-import shutil
-import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
+from itertools import islice
 from pathlib import Path
+from typing import NamedTuple
 
 from massprop_drake.errors import InputError
+from massprop_drake.results import manifest
+from massprop_drake.results.exchange import Stage, drop, lock, locked, recover, set_aside, stage
+from massprop_drake.results.manifest import Manifest
 
-_MARKERS = ("summary.json", "scenario.yaml")  # a folder with both, or an empty one, may be replaced
+_NAMED = 3  # files that a message names
+_COUNTED = 1000  # files that it counts at the most
+_ELSEWHERE = "give another folder"
+_MARKER = ".massprop"  # of a folder for work that can be interrupted
+
+
+class Place(NamedTuple):
+    """A folder to write, as it was found before the work.
+
+    Attributes:
+        path: without links.
+        shown: as the user gave it.
+        force: keep what is there under another name.
+        found: `id` of the folder's manifest; None where there was no folder, or an empty one.
+    """
+
+    path: Path
+    shown: Path
+    force: bool
+    found: str | None
+
+    def named(self, beside: Path) -> Path:
+        """A path beside the folder as the user would give it."""
+        return beside if self.shown.is_symlink() else self.shown.with_name(beside.name)
+
+
+def require_writable(target: Path, *, force: bool = False, reads: Iterable[str | Path] = ()) -> Place:
+    """Checks, before any work is done, that a folder can be written, and notes what is there.
+
+    What killed processes have left beside it is brought back or removed.
+
+    Args:
+        target: path of the folder; a link to a folder stands for that folder.
+        force: keep what is there as `<name>.1`, `<name>.2`, ..., instead of replacing or refusing it.
+        reads: what the work will read, which must not be replaced by its result.
+
+    Raises:
+        InputError: when the target holds anything but what we have written, or cannot be written.
+    """
+    with _told(target):
+        path = _found(target)
+        for source in map(Path, reads):
+            real = Path(os.path.realpath(source))
+            if not force and path in (real, *real.parents) and real.exists():
+                raise InputError(f"{target}: holds what is to be read, and would be replaced; {_ELSEWHERE} with --out")
+        if path in (here := Path.cwd(), *here.parents):
+            raise InputError(f"{target}: is the current folder or one above it, which cannot be replaced; {_ELSEWHERE}")
+        if path.is_mount():
+            raise InputError(f"{target}: is a mount point, which cannot be replaced; give a folder in it")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with stage(path.parent):  # can be made
+            pass
+        found = manifest.read(path) if path.exists() else None
+        if path.exists() and not force:
+            _require_ours(target, path, found)
+        return Place(path, target, force, None if found is None else found.id)
 
 
 @contextlib.contextmanager
-def whole_folder(target: Path, *, force: bool = False) -> Iterator[Path]:
-    """Yields a temporary folder that takes the target's place once the block ends without an error.
+def whole_folder(place: Place) -> Iterator[Path]:
+    """Yields a folder to write into, which takes its place, with a manifest, once the block ends without an error.
 
-    The folder of an earlier run is replaced as a whole. With ``force`` any other folder keeps its files, and the
-    new ones are moved in one by one.
+    What is in the place is looked at again: where it is not what was found before, it is left alone, and the new folder
+    is kept under the next free name.
 
     Args:
-        target: path of the folder.
-        force: also write into a non-empty folder that is no run's.
+        place: as `require_writable` found it.
 
     Raises:
-        InputError: when the target is taken or cannot be written.
+        InputError: when the folder cannot be written, or somebody has changed the place meanwhile; the message says
+            where the new folder is.
     """
-    require_writable(target, force=force)
-    partial = Path(tempfile.mkdtemp(prefix=f".{target.name}.", dir=target.parent))
-    try:
+    path = place.path
+    with _told(place.shown), stage(path.parent) as prepared:
+        partial = prepared.partial / path.name
+        partial.mkdir()
         yield partial
-        partial.chmod(0o777 & ~_umask())
-        if not target.exists():
-            partial.rename(target)
-        elif _is_ours(target):
-            old = Path(tempfile.mkdtemp(prefix=f".{target.name}.", dir=target.parent))
-            target.rename(old / "old")
-            partial.rename(target)
-            shutil.rmtree(old)
-        else:
-            for source in sorted(path for path in partial.rglob("*") if path.is_file()):
-                destination = target / source.relative_to(partial)
-                destination.parent.mkdir(parents=True, exist_ok=True)
-                os.replace(source, destination)
-    except OSError as error:
-        raise InputError(f"{target}: cannot be written: {error.strerror}") from None
-    finally:
-        shutil.rmtree(partial, ignore_errors=True)
+        (partial / manifest.NAME).write_bytes(manifest.listing(partial).as_bytes())
+        whole = prepared.finished(path.name)
+        with locked(path.parent):
+            try:
+                replaced = _placed(whole, place, prepared)
+            except (InputError, OSError) as error:
+                kept = place.named(set_aside(whole, path))
+                raise InputError(
+                    f"{place.shown}: {error} since the work began, and is left as it is; the new result is in {kept}"
+                ) from None
+            rest = None if replaced is None else drop(replaced, path)
+        if rest is not None:
+            raise InputError(f"{place.shown}: is written; what is not ours of the old one is in {place.named(rest)}")
 
 
-def require_writable(target: Path, *, force: bool = False) -> None:
-    """Checks, before any work is done, that a run's folder can be written.
+def _placed(whole: Path, place: Place, prepared: Stage) -> Path | None:
+    """Puts a finished folder in its place, and returns where the one is now that was there, or None.
 
     Raises:
-        InputError: when the target is taken by anything but an earlier run, or cannot be written.
+        InputError: when that is not what was found before; nothing has changed.
     """
-    try:
-        if target.exists() and not target.is_dir():
-            raise InputError(f"{target}: is a file; give a folder to write to")
-        if target.exists() and not _is_ours(target) and not force:
-            raise InputError(
-                f"{target}: holds files that are not of an earlier run; "
-                "give another folder, or --force to write into it"
-            )
-        target.parent.mkdir(parents=True, exist_ok=True)
-        probe = tempfile.mkdtemp(prefix=f".{target.name}.", dir=target.parent)
-        os.rmdir(probe)
-    except OSError as error:
-        raise InputError(f"{target}: cannot be written: {error.strerror}; give a folder you may write to") from None
+    path = place.path
+    if place.force and os.path.lexists(path) and not _is_empty(path):
+        set_aside(path, path)
+    if _took(whole, path):
+        return None
+    if not path.is_dir() or path.is_symlink():
+        raise InputError("has become something else than a folder")
+    with locked(path):  # nobody puts pages into it
+        found = manifest.read(path)
+        if others := _others(path, found):
+            raise InputError(f"has got files that are not ours ({others})")
+        if found is None or found.id != place.found:
+            raise InputError("has got another run")
+        return prepared.exchanged(whole, path)
 
 
-def resumable_folder(target: Path, kind: str) -> None:
-    """Makes a folder for work that can be interrupted, or takes up one that was made for the same kind of work.
+def require_files(folder: Path, names: Iterable[str], *, force: bool = False) -> None:
+    """Checks, before any work is done, that files can be written into a folder.
+
+    Args:
+        folder: path of the folder; it need not be there.
+        names: of the files, relative to it, with slashes.
+        force: keep what is there as `<name>.1`, `<name>.2`, ....
+
+    Raises:
+        InputError: when a file of a name is there and not ours, or the folder cannot be written.
+    """
+    with _told(folder):
+        path = _found(folder)
+        path.mkdir(parents=True, exist_ok=True)
+        with stage(path):  # can be made
+            pass
+        if not force:
+            _require_free(folder, path, manifest.read(path), names)
+
+
+def write_files(
+    folder: Path, files: Mapping[str, bytes], *, force: bool = False, listed: bool = True, found: str | None = None
+) -> None:
+    """Writes files into a folder, each whole or not at all, and lists them in its manifest.
+
+    Args:
+        folder: path of the folder; made where it is missing.
+        files: content by name, relative to the folder, with slashes.
+        force: keep what is there and not ours as `<name>.1`, `<name>.2`, ..., instead of refusing.
+        listed: whether to begin a manifest where the folder has none.
+        found: `id` that the folder's manifest must have.
+
+    Raises:
+        InputError: when a file of a name is there and not ours, or the folder cannot be written; nothing has changed.
+    """
+    with _told(folder):
+        path = _found(folder)
+        path.mkdir(parents=True, exist_ok=True)
+        with stage(path) as prepared:
+            ready = {name: prepared.partial / str(number) for number, name in enumerate(files)}
+            for name, content in files.items():
+                ready[name].write_bytes(content)
+            with locked(path):
+                before = manifest.read(path)
+                if found is not None and (before is None or before.id != found):
+                    raise InputError(f"{folder}: has been replaced meanwhile; try again")
+                begun = before or (manifest.empty() if listed else None)
+                names = [*files, *([manifest.NAME] if begun else [])]
+                if not force:
+                    _require_free(folder, path, before, names)
+                for name in _taken(path, before, names):
+                    set_aside(path / name, path / name)
+                if begun is None:
+                    _put(ready, path)
+                    return
+                entries = {name: manifest.entry(content) for name, content in files.items()}
+                parents = {str(parent) for name in files for parent in list(Path(name).parents)[:-1]}
+                after = begun.model_copy(update={"folders": tuple(sorted({*begun.folders, *parents}))})
+                _note(after.model_copy(update={"pending": entries}), prepared.partial, path)
+                _put(ready, path)
+                _note(after.model_copy(update={"files": {**after.files, **entries}}), prepared.partial, path)
+
+
+def write_page(path: Path, text: str, *, force: bool = False) -> None:
+    """Writes a page that stands alone, whole or not at all.
+
+    Args:
+        path: of the page; a page of ours that nobody has changed is replaced.
+        text: HTML; a last line is added, by which the page is known to be ours.
+        force: keep what is there and not ours as `<name>.1`, `<name>.2`, ....
+
+    Raises:
+        InputError: when a file is there that is not ours, or the folder cannot be written.
+    """
+    with _told(path):
+        if path.is_dir() or not path.parent.is_dir():
+            raise InputError(f"{path}: cannot be written; give a file in a folder that is there")
+        write_files(path.parent, {path.name: manifest.sealed(text)}, force=force, listed=False)
+
+
+def is_ours(folder: Path, name: str) -> bool:
+    """Whether a file in a folder is there, and as we wrote it."""
+    return os.path.lexists(folder / name) and not any(_taken(folder, manifest.read(folder), [name]))
+
+
+@contextlib.contextmanager
+def resumable_folder(target: Path, kind: str, *, force: bool = False) -> Iterator[Path]:
+    """Yields a folder for work that can be interrupted, new or of the same kind of work, to one process at a time.
 
     Args:
         target: path of the folder.
         kind: of work, kept in a marker file.
+        force: keep a folder of anything else as `<name>.1`, `<name>.2`, ....
 
     Raises:
-        InputError: when the target is taken by anything else, or cannot be written.
+        InputError: when the target is taken by anything else, cannot be written, or another process is at work in it.
     """
-    marker = target / ".massprop"
+    with _told(target):
+        path = _found(target)
+        marker = path / _MARKER
+        others = path.exists() and not marker.is_file() and not _is_empty(path)
+        if others or (marker.is_file() and marker.read_text(encoding="utf-8").strip() not in ("", kind)):
+            if not force:
+                raise InputError(
+                    f"{target}: holds files that are not of an earlier {kind}; {_ELSEWHERE}, or {_kept(path)}"
+                )
+            set_aside(path, path)
+        path.mkdir(parents=True, exist_ok=True)
+        with marker.open("a", encoding="utf-8") as file:
+            try:
+                lock(file.fileno(), wait=False)
+            except BlockingIOError:
+                raise InputError(
+                    f"{target}: another process is at work in it; wait for its end, or {_ELSEWHERE}"
+                ) from None
+            if not marker.stat().st_size:
+                file.write(f"{kind}\n")
+                file.flush()
+            yield path
+
+
+def _found(target: Path) -> Path:
+    """The folder that a path stands for, without links; it need not be there, but killed processes may have left it."""
+    recover(target)
     try:
-        if target.exists() and not target.is_dir():
-            raise InputError(f"{target}: is a file; give a folder to write to")
-        ours = marker.is_file() and marker.read_text(encoding="utf-8").strip() == kind
-        if target.exists() and any(target.iterdir()) and not ours:
-            raise InputError(f"{target}: holds files that are not of an earlier {kind}; give another folder")
-        target.mkdir(parents=True, exist_ok=True)
-        if not ours:
-            write_whole(marker, kind + "\n")
+        path = Path(os.path.realpath(target))
+    except ValueError:
+        raise InputError(f"{str(target)!r}: no file can have this name; {_ELSEWHERE}") from None
+    if target.is_symlink() and not target.exists():
+        raise InputError(f"{target}: is a link to nowhere; remove it, or {_ELSEWHERE}")
+    if path.exists() and not path.is_dir():
+        raise InputError(f"{target}: is a file; give a folder to write to")
+    return path
+
+
+@contextlib.contextmanager
+def _told(target: Path) -> Iterator[None]:
+    """Says of an error of the operating system where it happened."""
+    try:
+        yield
     except OSError as error:
-        raise InputError(f"{target}: cannot be written: {error.strerror}; give a folder you may write to") from None
+        reason = error.strerror or str(error)
+        hint = "" if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG) else "; give a folder you may write to"
+        raise InputError(f"{target}: cannot be written: {reason}{hint}") from None
 
 
-def _is_ours(folder: Path) -> bool:
-    return all((folder / name).is_file() for name in _MARKERS) or not any(folder.iterdir())
+def _require_ours(target: Path, path: Path, found: Manifest | None) -> None:
+    others = _others(path, found)
+    if not others:
+        return
+    why = "" if found is not None else f" (it has no {manifest.NAME} of ours, which runs of 0.2 and before lack)"
+    raise InputError(
+        f"{target}: holds files that are not of an earlier run, or changed since{why}: {others}; "
+        f"{_ELSEWHERE}, or {_kept(path)}"
+    )
 
 
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
+def _kept(path: Path) -> str:
+    return f"--force to keep what is there as {path.name}.1"
 
 
-def write_whole(path: Path, text: str) -> None:
-    """Writes a text file whole or not at all."""
-    with tempfile.NamedTemporaryFile(
-        "w", encoding="utf-8", newline="", dir=path.parent, prefix=f".{path.name}.", delete=False
-    ) as file:
-        file.write(text)
-    os.chmod(file.name, 0o666 & ~_umask())
-    os.replace(file.name, path)
+def _others(path: Path, found: Manifest | None) -> str:
+    """Names the first few entries of a folder that are not ours; empty when all are."""
+    names = list(islice(manifest.foreign(path, found), _COUNTED + 1))
+    more = f" and {'more than ' * (len(names) > _COUNTED)}{min(len(names), _COUNTED) - _NAMED} more"
+    return ", ".join(names[:_NAMED]) + (more if len(names) > _NAMED else "")
+
+
+def _took(whole: Path, path: Path) -> bool:
+    """Moves a folder to where nothing is, or nothing but an empty folder; False where something is."""
+    try:
+        whole.rename(path)
+    except OSError as error:
+        if error.errno not in (errno.ENOTEMPTY, errno.EEXIST, errno.ENOTDIR):
+            raise
+        return False
+    return True
+
+
+def _is_empty(path: Path) -> bool:
+    return path.is_dir() and not path.is_symlink() and not any(path.iterdir())
+
+
+def _taken(path: Path, found: Manifest | None, names: Iterable[str]) -> list[str]:
+    """The names in a folder under which something is that is not ours."""
+    return [
+        name
+        for name in names
+        if os.path.lexists(path / name)
+        and not (found is not None and (name == manifest.NAME or found.lists(name, path / name)))
+        and not manifest.is_sealed(path / name)
+    ]
+
+
+def _require_free(folder: Path, path: Path, found: Manifest | None, names: Iterable[str]) -> None:
+    taken = _taken(path, found, names)
+    if taken:
+        raise InputError(
+            f"{folder / taken[0]}: is there already, and not as we wrote it; give another place, or --force to keep it "
+            f"as {Path(taken[0]).name}.1",
+            *(f"{folder / name}: is there already, and not as we wrote it" for name in taken[1:]),
+        )
+
+
+def _put(ready: Mapping[str, Path], path: Path) -> None:
+    for name, file in ready.items():
+        (path / name).parent.mkdir(parents=True, exist_ok=True)
+        file.replace(path / name)
+
+
+def _note(content: Manifest, partial: Path, path: Path) -> None:
+    (partial / manifest.NAME).write_bytes(content.as_bytes())
+    (partial / manifest.NAME).replace(path / manifest.NAME)

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import json
-import zipfile
-import zlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterator, Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,10 +13,13 @@ from numpy.typing import NDArray
 
 from massprop_drake.errors import InputError
 from massprop_drake.inputs import params
-from massprop_drake.inputs.model import yaml_text
+from massprop_drake.inputs.model import validated, yaml_text
 from massprop_drake.inputs.scenario import Scenario, load_scenario
-from massprop_drake.results.folder import whole_folder
-from massprop_drake.results.spool import Spool, write_npz
+from massprop_drake.inputs.yaml import exists, read_text
+from massprop_drake.results.exchange import recover
+from massprop_drake.results.folder import Place, require_writable, whole_folder
+from massprop_drake.results.spool import Spool, blocks, write_npz
+from massprop_drake.results.stored import STATE_FILE, FilterState, read_history, read_json
 from massprop_drake.results.summary import Summary, null_for_nan
 from massprop_drake.results.thinning import outstanding_rows, picked
 from massprop_drake.signals import SIGNALS, Signal, accelerometer_signal, gyro_signal, in_units
@@ -45,7 +46,7 @@ class Run:
         results: what it found, as arrays and objects; `summary` is the same as JSON.
         signals: every logged signal by name, one row per sample, shape (n_samples, components); the
             unit of each is in `units`, the names of its columns in `components`. Sample times are
-            `time_s`. Those of recorded telemetry stay on disk and are read when asked for.
+            `time_s`. Those of a long run stay on disk and are read when asked for.
         state: what it takes to resume from the end, as in `filter_state.json`.
         thinned: whether the signals are but some of the rows, as `shown` picks them.
     """
@@ -87,13 +88,22 @@ class Run:
         """Sample times, s, shape (n_samples,)."""
         return self.signals["time_s"]
 
+    @property
+    def _rows(self) -> Mapping[str, Array]:
+        """The signals with their times, as files have them."""
+        return self.signals if isinstance(self.signals, Spool) else {"time_s": self.time_s, **self.signals}
+
+    @property
+    def _n_rows(self) -> int:
+        return self.signals.n_rows if isinstance(self.signals, Spool) else self.time_s.size
+
     @cached_property
     def descriptions(self) -> dict[str, Signal]:
         """Name, label, unit and components of each signal."""
         vehicle = self.scenario.vehicle_data
         packages = {gyro.name: gyro_signal(gyro.name) for gyro in vehicle.gyros}
         packages |= {package.name: accelerometer_signal(package.name) for package in vehicle.accelerometers}
-        return {name: SIGNALS.get(name) or packages[name] for name in self.signals if name != "time_s"}
+        return {name: SIGNALS.get(name) or packages[name] for name in self.signals}
 
     @cached_property
     def units(self) -> dict[str, str]:
@@ -113,7 +123,7 @@ class Run:
         from massprop_drake.display.figures import Plots  # noqa: PLC0415 (matplotlib is slow to load)
         from massprop_drake.display.plots import source  # noqa: PLC0415
 
-        return Plots(source(self.shown() if isinstance(self.signals, Spool) else self))
+        return Plots(source(self.shown()))
 
     def shown(self) -> Run:
         """Downsamples a long run for plots and pages; a short one is returned as it is.
@@ -121,22 +131,18 @@ class Run:
         Kept are the rows at which the rates and the NIS are extreme within each of many stretches of equal
         length, and rows with alarms, a few thousand in all. Rows are never averaged.
         """
-        spooled = isinstance(self.signals, Spool)
-        n_rows = self.signals.n_rows if isinstance(self.signals, Spool) else self.time_s.size
-        if self.thinned or (not spooled and n_rows <= _MANY_ROWS):
+        if self.thinned or self._n_rows <= _MANY_ROWS:
             return self
         gyro = params.gyro(self.scenario).name
-        rows = outstanding_rows(self.signals, n_rows, keys=(gyro,), peaks=_PEAKS, events=_EVENTS)
-        leaving_out = _NOT_SHOWN if spooled else ()
-        signals = picked(self.signals, rows, leaving_out=leaving_out)
-        time_s = signals.pop("time_s") if spooled else self.time_s[rows]
-        shown = Run(self.scenario, self.results, time_s, signals, self.state)
+        rows = outstanding_rows(self.signals, self._n_rows, keys=(gyro,), peaks=_PEAKS, events=_EVENTS)
+        signals = picked(self._rows, rows, leaving_out=_NOT_SHOWN)
+        shown = Run(self.scenario, self.results, signals.pop("time_s"), signals, self.state)
         shown.thinned = True
         return shown
 
     def save(
         self,
-        folder: str | Path,
+        folder: str | Path | Place,
         *,
         force: bool = False,
         pictures: bool = True,
@@ -146,35 +152,39 @@ class Run:
         """Writes the run's folder, whole or not at all.
 
         Args:
-            folder: where to write; the folder of an earlier run is replaced.
-            force: also write into a non-empty folder that is no run's.
+            folder: where to write. A folder of an earlier run is replaced, when every file in it is in its
+                `manifest.json` and unchanged. A place that was found before the work says what was there then.
+            force: keep what is there as `<folder>.1`, `<folder>.2`, ...; nothing is replaced then.
             pictures: draw the figures, which takes most of the time.
             report: write `report.html`.
             replay: write `replay.html`, the run in three dimensions.
 
         Raises:
-            InputError: when the folder cannot be written.
+            InputError: when the folder holds anything else, cannot be written, or has been changed by others since
+                it was found; the message then says where the run is.
         """
-        target = Path(folder)
-        with whole_folder(target, force=force) as partial:
+        place = folder if isinstance(folder, Place) else require_writable(Path(folder), force=force)
+        with whole_folder(place) as partial:
             (partial / "scenario.yaml").write_text(yaml_text(self.scenario) + _END, encoding="utf-8")
             self._write_telemetry(partial / "telemetry.csv")
             self._write_history(partial / "history.npz")
-            (partial / "filter_state.json").write_text(_json(self._filter_state()), encoding="utf-8")
-            shown = self.shown() if isinstance(self.signals, Spool) else self  # once: it is large
+            if self.state:
+                (partial / STATE_FILE).write_text(_json(self._filter_state()), encoding="utf-8")
+            shown = self.shown()  # once: it takes a while
             if pictures:
                 (partial / "figures").mkdir()
                 shown.plot.save(partial / "figures")
             if replay:
-                from massprop_drake.display.flight3d import write_replay  # noqa: PLC0415 (loads Drake)
+                from massprop_drake.display.flight3d import replay_html  # noqa: PLC0415 (loads Drake)
 
-                write_replay(shown, partial / "replay.html")
+                (partial / "replay.html").write_text(replay_html(shown), encoding="utf-8", newline="")
             if report:
-                from massprop_drake.display.page import write_report  # noqa: PLC0415 (loads templates)
+                from massprop_drake.display.page import report_html  # noqa: PLC0415 (loads templates)
 
-                write_report(shown, partial / "report.html", replay="replay.html" if replay else None)
+                page = report_html(shown, replay="replay.html" if replay else None)
+                (partial / "report.html").write_text(page, encoding="utf-8", newline="")
             (partial / "summary.json").write_text(_json(self.summary), encoding="utf-8")
-        return target
+        return place.shown
 
     def _repr_html_(self) -> str:
         """Shows the ten parameters and what was found in a notebook."""
@@ -214,75 +224,53 @@ class Run:
 
     @staticmethod
     def load(folder: str | Path) -> Run:
-        """Reads a run back from its folder.
+        """Reads a run back from its folder, also where a killed process has left it unfinished beside.
 
         Raises:
             InputError: when the folder holds no run that can be read.
         """
         path = Path(folder)
-        try:
-            results = Summary.from_json(json.loads((path / "summary.json").read_text(encoding="utf-8")))
-            with (path / "history.npz").open("rb") as file, np.load(file, allow_pickle=False) as stored:
-                arrays = {name: stored[name] for name in stored.files if not name.startswith("_")}
-        except (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error) as error:
-            raise InputError(f"{path}: holds no run that can be read: {error}") from None
+        recover(path)
+        if not exists(path / "summary.json"):
+            raise InputError(f"{path}: holds no run that can be read: it has no summary.json")
+        results = Summary.from_json(read_json(path / "summary.json"), str(path / "summary.json"))
         scenario = load_scenario(path / "scenario.yaml")
-        if not (path / "scenario.yaml").read_text(encoding="utf-8").endswith(_END):
+        if not read_text(path / "scenario.yaml").endswith(_END):
             raise InputError(f"{path / 'scenario.yaml'}: is cut short: it must end with '...'; run the scenario anew")
-        state = saved_filter_state(path) if (path / "filter_state.json").exists() else {}
-        time_s = arrays.pop("time_s")
-        return Run(scenario, results, time_s, arrays, state)
+        time_s, signals = read_history(path / "history.npz", scenario.vehicle_data)
+        state: dict[str, Any] = {}
+        if exists(path / STATE_FILE):
+            state = read_json(path / STATE_FILE)
+            validated(FilterState, state, source=str(path / STATE_FILE))
+        return Run(scenario, results, time_s, signals, state)
 
     def _write_telemetry(self, path: Path) -> None:
-        vehicle = self.scenario.vehicle_data
-        sensors = vehicle.sensor_names()
-        if isinstance(self.signals, Spool):
-            optional = [name for name in ("outside_wrench",) if name in self.signals]
-            rows = self.signals.blocks("time_s", "command", "gap", *sensors, *optional)
-            parts: Iterable[telemetry.Rows] = (
-                telemetry.Rows(
-                    block["time_s"],
-                    {name: block[name] for name in sensors},
-                    block["command"],
-                    block.get("outside_wrench"),
-                    block["gap"][:, 0] == 0.0,
-                )
-                for block in rows
-            )
-        else:
-            commands = self.signals["command"].copy()
-            commands[-1] = np.nan  # nothing is commanded beyond the end
-            readings = {name: self.signals[name] for name in sensors}
-            parts = [telemetry.Rows(self.time_s, readings, commands, None, np.ones(len(commands), dtype=bool))]
-        telemetry.write_csv(path, vehicle, parts)
+        telemetry.write_csv(path, self.scenario.vehicle_data, self._telemetry())
+
+    def _telemetry(self) -> Iterator[telemetry.Rows]:
+        """The readings and commands, block by block."""
+        sensors = self.scenario.vehicle_data.sensor_names()
+        recorded = "gap" in self.signals
+        optional = [name for name in ("gap", "outside_wrench") if name in self.signals]
+        left = self._n_rows
+        for block in blocks(self._rows, "time_s", "command", *sensors, *optional):
+            left -= block["time_s"].size
+            commands, readings = block["command"], {name: block[name] for name in sensors}
+            if not (recorded or left):
+                commands = np.vstack([commands[:-1], np.full(commands.shape[1], np.nan)])  # none beyond the end
+            there = block["gap"][:, 0] == 0.0 if recorded else np.ones(len(commands), dtype=bool)
+            yield telemetry.Rows(block["time_s"], readings, commands, block.get("outside_wrench"), there)
 
     def _write_history(self, path: Path) -> None:
         described = {name: {"unit": self.units[name], "components": self.components[name]} for name in self.units}
-        signals = self.signals if isinstance(self.signals, Spool) else {"time_s": self.time_s, **self.signals}
-        write_npz(path, signals, described)
+        write_npz(path, self._rows, described)
 
     def _filter_state(self) -> dict[str, Any]:
         return {
-            "format": 1,
-            "time_s": self.state["time_s"] if "time_s" in self.state else float(self.time_s[-1]),
+            **self.state,
             "estimate": null_for_nan(self.results.estimates),
             "covariance": null_for_nan(self.covariance),
-            **self.state,
         }
-
-
-def saved_filter_state(folder: Path) -> dict[str, Any]:
-    """Reads a run folder's `filter_state.json`, without the estimate and covariance that the summary has as well.
-
-    Raises:
-        InputError: when the folder has no filter state that can be read.
-    """
-    path = folder / "filter_state.json"
-    try:
-        state = json.loads(path.read_text(encoding="utf-8"))
-        return {key: value for key, value in state.items() if key not in ("format", "estimate", "covariance")}
-    except (OSError, ValueError, AttributeError) as error:
-        raise InputError(f"{path}: holds no filter state that can be read: {error}") from None
 
 
 def _json(content: Any) -> str:

@@ -1,4 +1,4 @@
-"""Signals of a run of any length: spooled to disk as they come, and archived block by block."""
+"""Signals of a run of any length: in memory while they are few, else on disk; read and archived block by block."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import zipfile
 import zlib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import IO, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,36 +27,59 @@ class _Piece(NamedTuple):
 
 
 class Spool(Mapping[str, Array]):
-    """Appends signals to a compressed temporary file; looking one up reads all of it into an array.
+    """Takes in the signals of a run as they come, and keeps no more than a piece of them in memory.
 
-    The file is unnamed, so nothing is left behind, even after a crash.
+    Pieces that are full go to a compressed temporary file; a run shorter than a piece makes none. The file is
+    unnamed, so nothing is left behind, even after a crash. Looking a signal up gives all of it: the array itself
+    while it is in memory, else a new one read from disk. Where a piece ends depends on the number of rows alone,
+    not on how many came at a time.
 
     Args:
-        folder: for the file; default the system's temporary folder.
+        folder: for the file, which must be writable; default the system's temporary folder, where one is needed.
         rows_per_piece: rows to hold in memory before they are written.
+        index: name of what says which row is which, such as their times: it is looked up like a signal, but not
+            listed as one.
+
+    Attributes:
+        n_rows: so many have been taken in.
 
     Raises:
         InputError: when the file cannot be created or written.
     """
 
-    def __init__(self, folder: Path | None = None, *, rows_per_piece: int = 4096):
-        try:
-            self._file = tempfile.TemporaryFile(dir=folder)  # noqa: SIM115 (closed with the object)
-        except OSError as error:
-            raise InputError(f"{folder or tempfile.gettempdir()}: cannot be written: {error.strerror}") from None
+    def __init__(self, folder: Path | None = None, *, rows_per_piece: int = 4096, index: str | None = None):
         self._folder = folder
         self._rows_per_piece = rows_per_piece
+        self._index = index
+        self._file: IO[bytes] | None = None
         self._pieces: dict[str, list[_Piece]] = {}
         self._waiting: list[dict[str, Array]] = []
         self._n_waiting = 0
         self.n_rows = 0
+        if folder is not None:  # a place that cannot be written is told before the work, not in the midst of it
+            self._created().close()
 
     def __del__(self) -> None:
-        if hasattr(self, "_file"):
-            self._file.close()
+        file = getattr(self, "_file", None)
+        if file is not None:
+            file.close()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """All that there is, on disk as well: a run may be copied, or sent to another process."""
+        content = None
+        if self._file is not None:
+            self._file.seek(0)
+            content = self._file.read()
+        return {**self.__dict__, "_folder": None, "_file": content}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state, _file=None)
+        if state["_file"] is not None:
+            self._file = self._created()
+            self._file.write(state["_file"])
 
     def __iter__(self) -> Iterator[str]:
-        return iter(self._pieces or (self._waiting[0] if self._waiting else {}))
+        return iter([name for name in self.names if name != self._index])
 
     def __len__(self) -> int:
         return len(list(iter(self)))
@@ -65,9 +88,21 @@ class Spool(Mapping[str, Array]):
         return name in list(iter(self))
 
     def __getitem__(self, name: str) -> Array:
-        if name not in self:
+        if name not in self.names:
             raise KeyError(name)
+        if self.in_memory:
+            return next(self.blocks(name))[name]
         return np.concatenate([block[name] for block in self.blocks(name)])
+
+    @property
+    def in_memory(self) -> bool:
+        """Whether nothing lies on disk."""
+        return not self._pieces
+
+    @property
+    def names(self) -> list[str]:
+        """All that can be looked up: the index, and the signals."""
+        return list(self._pieces or (self._waiting[0] if self._waiting else {}))
 
     def append(self, rows: Mapping[str, Array]) -> None:
         """Appends rows to every signal.
@@ -79,8 +114,8 @@ class Spool(Mapping[str, Array]):
             ValueError: when the signals are not those of the rows before.
         """
         block = dict(rows)
-        if self.n_rows and set(block) != set(self):
-            raise ValueError(f"the signals are {sorted(self)}, got {sorted(block)}")
+        if self.n_rows and set(block) != set(self.names):
+            raise ValueError(f"the signals are {sorted(self.names)}, got {sorted(block)}")
         count = len(next(iter(block.values())))
         self._waiting.append(block)
         self._n_waiting += count
@@ -88,25 +123,55 @@ class Spool(Mapping[str, Array]):
         if self._n_waiting >= self._rows_per_piece:
             self._put_away()
 
+    def last(self, name: str) -> Array:
+        """The last row of a signal, shape (components,)."""
+        if self._waiting:
+            return self._waiting[-1][name][-1]
+        return self._read(self._pieces[name][-1])[-1]
+
     def _put_away(self) -> None:
+        size = self._rows_per_piece
+        full = self._n_waiting // size * size
+        rest: dict[str, Array] = {}
         try:
-            for name in self._waiting[0]:
-                values = np.concatenate([block[name] for block in self._waiting])
-                data = zlib.compress(np.ascontiguousarray(values, dtype="<f8").tobytes(), _LEVEL)
-                self._pieces.setdefault(name, []).append(_Piece(self._file.seek(0, 2), len(data), values.shape))
-                self._file.write(data)
+            if self._file is None:
+                self._file = self._created()
+            for name in self.names:
+                values = np.concatenate([block.pop(name) for block in self._waiting])
+                for first in range(0, full, size):
+                    piece = np.ascontiguousarray(values[first : first + size], dtype="<f8")
+                    data = zlib.compress(piece.tobytes(), _LEVEL)
+                    place = _Piece(self._file.seek(0, 2), len(data), piece.shape)
+                    self._file.write(data)
+                    self._pieces.setdefault(name, []).append(place)
+                rest[name] = values[full:].copy()
         except OSError as error:
-            raise InputError(f"{self._folder or tempfile.gettempdir()}: cannot be written: {error.strerror}") from None
-        self._waiting, self._n_waiting = [], 0
+            raise self._cannot_be_written(error) from None
+        self._n_waiting -= full
+        self._waiting = [rest] if self._n_waiting else []
+
+    def _created(self) -> IO[bytes]:
+        try:
+            return tempfile.TemporaryFile(dir=self._folder)
+        except OSError as error:
+            raise self._cannot_be_written(error) from None
+
+    def _cannot_be_written(self, error: OSError) -> InputError:
+        return InputError(f"{self._folder or tempfile.gettempdir()}: cannot be written: {error.strerror}")
 
     def blocks(self, *names: str) -> Iterator[dict[str, Array]]:
         """Yields some signals from beginning to end, block by block."""
         for index in range(len(next(iter(self._pieces.values()), []))):
             yield {name: self._read(self._pieces[name][index]) for name in names}
+        if len(self._waiting) > 1:
+            self._waiting = [
+                {name: np.concatenate([block[name] for block in self._waiting]) for name in self._waiting[0]}
+            ]
         for block in self._waiting:
             yield {name: block[name] for name in names}
 
     def _read(self, piece: _Piece) -> Array:
+        assert self._file is not None
         self._file.seek(piece.offset)
         data = zlib.decompress(self._file.read(piece.size))
         return np.frombuffer(data, dtype="<f8").reshape(piece.shape)
@@ -129,7 +194,7 @@ def write_npz(path: Path, signals: Mapping[str, Array], description: Mapping[str
         description: of each signal, stored as JSON under `_description`.
     """
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=_LEVEL) as archive:
-        for name in signals:
+        for name in signals.names if isinstance(signals, Spool) else signals:
             _write_member(archive, name, blocks(signals, name), _shape(signals, name))
         text = np.array(json.dumps(description))
         with archive.open(_member("_description"), "w") as file:

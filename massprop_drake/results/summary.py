@@ -3,26 +3,31 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
-from typing import Any, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BeforeValidator, ConfigDict, Field, field_validator
 
-from massprop_drake.errors import InputError
 from massprop_drake.inputs import params
-from massprop_drake.inputs.model import digest
+from massprop_drake.inputs.model import Flag, Model, Real, Text, Whole, digest, validated
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.maths import mass_properties
 from massprop_drake.maths.estimation.detector import STATUS, Event
 from massprop_drake.maths.mass_properties import CENTER_OF_MASS, MASS_RECIPROCAL, Derived, six_elements
+from massprop_drake.results.spool import Spool, blocks
 
 Array = NDArray[np.float64]
 
 FORMAT = 1  # of `summary.json`
+
+Kind = Literal["jet_on", "jet_off", "jet_degraded", "mass_property_jump"]
+Count = Annotated[Whole, Field(ge=0, lt=2**63)]
+NotNegative = Annotated[Real, Field(ge=0.0)]
 
 # ------------------------------------------------------------------------------------ what it holds
 
@@ -69,18 +74,18 @@ class DetectionRecord(NamedTuple):
             summary.
     """
 
-    onset_s: float
-    time_s: float
-    kind: str
-    cluster: int | None
-    jet: str | None
-    isolated_to: str | None
-    magnitude: float | None
-    magnitude_std: float | None
-    statistic: float
-    alarms: int
-    withdrawn_s: float | None = None
-    jet_index: int | None = None
+    onset_s: Real
+    time_s: Real
+    kind: Kind
+    cluster: Whole | None
+    jet: Text | None
+    isolated_to: Literal["jet", "cluster"] | None
+    magnitude: Real | None
+    magnitude_std: NotNegative | None
+    statistic: Real
+    alarms: Count
+    withdrawn_s: Real | None = None
+    jet_index: Count | None = None
 
 
 class Consistency(NamedTuple):
@@ -92,9 +97,9 @@ class Consistency(NamedTuple):
         samples: number of samples that the rotation filter used.
     """
 
-    rotation_nis_mean: float | None
-    translation_nis_mean: float | None
-    samples: int
+    rotation_nis_mean: Real | None
+    translation_nis_mean: Real | None
+    samples: Count
 
 
 class AutopilotSummary(NamedTuple):
@@ -111,13 +116,13 @@ class AutopilotSummary(NamedTuple):
             failures, each by axis and direction.
     """
 
-    firings: int
-    propellant_mass: float
-    lp_solves: int | None = None
-    lp_infeasible: int | None = None
-    jets_out_of_use: Sequence[str] | None = None
-    jets_left_in: Sequence[str] | None = None
-    control_authority: Mapping[str, Mapping[str, float]] | None = None
+    firings: Count
+    propellant_mass: Real
+    lp_solves: Count | None = None
+    lp_infeasible: Count | None = None
+    jets_out_of_use: Sequence[Text] | None = None
+    jets_left_in: Sequence[Text] | None = None
+    control_authority: Mapping[str, Mapping[str, Real]] | None = None
 
 
 class Provenance(NamedTuple):
@@ -130,12 +135,12 @@ class Provenance(NamedTuple):
         telemetry_sha256: digest of its content.
     """
 
-    drake: str
-    numpy: str
-    vehicle_sha256: str
-    scenario_sha256: str
-    telemetry: str | None = None
-    telemetry_sha256: str | None = None
+    drake: Text
+    numpy: Text
+    vehicle_sha256: Text
+    scenario_sha256: Text
+    telemetry: Text | None = None
+    telemetry_sha256: Text | None = None
 
 
 class Timing(NamedTuple):
@@ -147,9 +152,9 @@ class Timing(NamedTuple):
         cycle_us: mean time per cycle by part, microseconds; None for a part that the run has not.
     """
 
-    wall_s: float
-    real_time_factor: float
-    cycle_us: Mapping[str, float | None]
+    wall_s: Real
+    real_time_factor: Real
+    cycle_us: Mapping[str, Real | None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,41 +237,120 @@ class Summary:
         return content if self.data_quality is None else {**content, "data_quality": self.data_quality}
 
     @staticmethod
-    def from_json(content: Mapping[str, Any]) -> Summary:
+    def from_json(content: Any, source: str = "the summary") -> Summary:
         """A summary from the content of `summary.json`, of this version or an earlier one.
 
         What an earlier version did not write yet has its default; keys that are not known are left out.
 
+        Args:
+            content: as JSON has it.
+            source: what to call it in messages.
+
         Raises:
-            InputError: when it is no summary.
+            InputError: when it is no summary; the message names each field that is wrong.
         """
-        try:
-            derived = content["derived"]
-            return Summary(
-                **{key: content[key] for key in ("version", "scenario", "vehicle", "units", "seed", "duration_s")},
-                estimates=from_names(content["estimates"]),
-                standard_deviations=from_names(content["standard_deviations"]),
-                covariance=np.array(content["covariance"], dtype=float),
-                derived=Derived(
-                    mass=derived["mass"],
-                    mass_std=derived["mass_std"],
-                    inertia=_array(derived["inertia"]),
-                    inertia_std=_array(derived["inertia_std"]),
-                    physically_possible=derived["physically_possible"],
-                ),
-                truth=from_names(content["truth"]),
-                percent_error=from_names(content["percent_error"]),
-                detections=tuple(_filled(DetectionRecord, record) for record in content["detections"]),
-                consistency=_filled(Consistency, content["consistency"]),
-                autopilot=_filled(AutopilotSummary, content["autopilot"]),
-                provenance=_filled(Provenance, content["provenance"]),
-                timing=_filled(Timing, content["timing"]),
-                data_quality=content.get("data_quality"),
-            )
-        except KeyError as error:
-            raise InputError(f"the summary has no {error}") from None
-        except (TypeError, ValueError, IndexError) as error:
-            raise InputError(f"the summary is not as it should be: {error}") from None
+        read = validated(SummaryFile, content, source=source)
+        derived = read.derived
+        return Summary(
+            read.version,
+            read.scenario,
+            read.vehicle,
+            read.units,
+            read.seed,
+            read.duration_s,
+            estimates=from_names(read.estimates.model_dump()),
+            standard_deviations=from_names(read.standard_deviations.model_dump()),
+            covariance=np.array(read.covariance, dtype=float),
+            derived=Derived(
+                derived.mass,
+                derived.mass_std,
+                _array(derived.inertia),
+                _array(derived.inertia_std),
+                derived.physically_possible,
+            ),
+            truth=from_names(read.truth.model_dump()),
+            percent_error=from_names(read.percent_error.model_dump()),
+            detections=read.detections,
+            consistency=read.consistency,
+            autopilot=read.autopilot,
+            provenance=read.provenance,
+            timing=read.timing,
+            data_quality=read.data_quality,
+        )
+
+
+# --------------------------------------------------------------------------------- how it is stored
+
+_Maybe = Real | None
+_Maybe3 = tuple[_Maybe, _Maybe, _Maybe]
+_Maybe10 = tuple[_Maybe, _Maybe, _Maybe, _Maybe, _Maybe, _Maybe, _Maybe, _Maybe, _Maybe, _Maybe]
+
+
+def _known_to(kind: Any) -> BeforeValidator:
+    """Passes over keys that a later version of a named tuple wrote."""
+
+    def known(content: Any) -> Any:
+        return {key: content[key] for key in kind._fields if key in content} if isinstance(content, dict) else content
+
+    return BeforeValidator(known)
+
+
+class _Stored(Model):
+    """A part of `summary.json`; what a later version wrote besides is passed over."""
+
+    model_config = ConfigDict(extra="ignore")
+
+
+class _ByName(_Stored):
+    """The ten parameters as `by_name` writes them."""
+
+    inverse_inertia: tuple[_Maybe3, _Maybe3, _Maybe3]
+    center_of_mass: _Maybe3
+    mass_reciprocal: _Maybe
+
+
+class _Derived(_Stored):
+    """See `mass_properties.Derived`."""
+
+    mass: _Maybe
+    mass_std: _Maybe
+    inertia: tuple[_Maybe3, _Maybe3, _Maybe3] | None
+    inertia_std: tuple[_Maybe3, _Maybe3, _Maybe3] | None
+    physically_possible: Flag
+
+
+class SummaryFile(_Stored):
+    """The schema of `summary.json`; see `Summary`."""
+
+    format: Annotated[Whole, Field(ge=1, le=FORMAT)]
+    version: Text
+    scenario: Text
+    vehicle: Text
+    units: Literal["us", "si"]
+    seed: Count
+    duration_s: NotNegative
+    estimates: _ByName
+    standard_deviations: _ByName
+    covariance: tuple[
+        _Maybe10, _Maybe10, _Maybe10, _Maybe10, _Maybe10, _Maybe10, _Maybe10, _Maybe10, _Maybe10, _Maybe10
+    ]
+    derived: _Derived
+    truth: _ByName
+    percent_error: _ByName
+    detections: tuple[Annotated[DetectionRecord, _known_to(DetectionRecord)], ...]
+    consistency: Annotated[Consistency, _known_to(Consistency)]
+    autopilot: Annotated[AutopilotSummary, _known_to(AutopilotSummary)]
+    provenance: Annotated[Provenance, _known_to(Provenance)]
+    timing: Annotated[Timing, _known_to(Timing)]
+    data_quality: dict[str, Any] | None = None
+
+    @field_validator("data_quality")
+    @classmethod
+    def _has_warnings(cls, value: dict[str, Any] | None) -> dict[str, Any] | None:
+        warnings = [] if value is None else value.get("warnings", [])
+        if not (isinstance(warnings, list) and all(isinstance(text, str) for text in warnings)):
+            raise ValueError("warnings: must be a list of text")
+        return value
 
 
 # -------------------------------------------------------------------------------- how it is computed
@@ -274,8 +358,8 @@ class Summary:
 
 def summarize(
     scenario: Scenario,
-    time_s: Array,
-    signals: Mapping[str, Array],
+    signals: Spool,
+    found: Sequence[DetectionRecord],
     covariance: Array,
     timing: Timing,
     control_authority: Mapping[str, Mapping[str, float]] | None,
@@ -284,30 +368,29 @@ def summarize(
 
     Args:
         scenario: as run.
-        time_s: sample times, s, shape (n,).
-        signals: by name, shape (n, components).
+        signals: all of them, by name, with `time_s`.
+        found: detections, as `settled` gives them.
         covariance: of the ten estimates at the end, shape (10, 10).
         timing: how long it took.
         control_authority: what the autopilot could do before and after failures; None without one.
     """
     vehicle = scenario.vehicle_data
-    used = signals["rotation_used"][:, 0] != 0.0
-    translation_nis = signals["mass_nis"][signals["mass_used"][:, 0] != 0.0, 0] if "mass_nis" in signals else None
+    rotation_nis = _used_nis(signals, "rotation")
     return composed(
         scenario,
-        duration_s=float(time_s[-1]),
-        estimate=signals["estimate"][-1],
-        deviation=signals["standard_deviation"][-1],
+        duration_s=float(signals.last("time_s")),
+        estimate=signals.last("estimate"),
+        deviation=signals.last("standard_deviation"),
         covariance=covariance,
-        truth=signals["truth"][-1],
-        found=_detections(vehicle, time_s, signals),
+        truth=signals.last("truth"),
+        found=found,
         consistency=Consistency(
-            rotation_nis_mean=_mean(signals["rotation_nis"][used, 0]),
-            translation_nis_mean=None if translation_nis is None else _mean(translation_nis),
-            samples=int(used.sum()),
+            rotation_nis_mean=_mean(rotation_nis),
+            translation_nis_mean=_mean(_used_nis(signals, "mass")) if "mass_nis" in signals else None,
+            samples=rotation_nis.size,
         ),
         autopilot=AutopilotSummary(
-            firings=firings(signals["command"][:-1] > 0.0, np.zeros(signals["command"].shape[1], dtype=bool)),
+            firings=_firings(signals),
             propellant_mass=_propellant(scenario, signals),
             **_selection(signals),
             **_jets_in_question(vehicle, signals),
@@ -416,11 +499,6 @@ def settled(records: Sequence[DetectionRecord], force: Array, variance: Array) -
     return tuple(map(at_the_end, records))
 
 
-def _detections(vehicle: Vehicle, time_s: Array, signals: Mapping[str, Array]) -> tuple[DetectionRecord, ...]:
-    records = detection_entries(vehicle, time_s, signals)
-    return settled(records, signals["known_force"][-1], signals["known_force_variance"][-1]) if records else ()
-
-
 def _declared(vehicle: Vehicle, time_s: float, jet: int, at: Mapping[str, float]) -> DetectionRecord:
     magnitude, std = at["suspected_magnitude"], at["suspected_magnitude_std"]
     isolated = bool(at["jet_isolated"])
@@ -454,7 +532,7 @@ def _jump(time_s: float, at: Mapping[str, float], nis: float) -> DetectionRecord
     )
 
 
-def _kind(magnitude: float, std: float, thrust: float) -> str:
+def _kind(magnitude: float, std: float, thrust: float) -> Kind:
     if magnitude > 0.0:
         return "jet_on"
     lost_all = -magnitude > 0.9 * thrust or abs(magnitude + thrust) < 3.0 * std
@@ -471,29 +549,53 @@ def firings(on: NDArray[np.bool_], before: NDArray[np.bool_]) -> int:
     return int((on & ~np.vstack([before, on[:-1]])).sum())
 
 
-def _propellant(scenario: Scenario, signals: Mapping[str, Array]) -> float:
+def _intervals(signals: Spool, name: str) -> Iterator[Array]:
+    """The rows of a signal that stand at the beginning of an interval: all but the last, block by block."""
+    left = signals.n_rows - 1
+    for block in blocks(signals, name):
+        yield block[name][:left]
+        left -= len(block[name])
+
+
+def _firings(signals: Spool) -> int:
+    count, before = 0, np.zeros(signals.last("command").size, dtype=bool)
+    for commands in _intervals(signals, "command"):
+        on = commands > 0.0
+        count += firings(on, before)
+        before = on[-1] if len(on) else before
+    return count
+
+
+def _propellant(scenario: Scenario, signals: Spool) -> float:
     """Propellant used, slug or kg: what the thrust of every sample took."""
     vehicle = scenario.vehicle_data
-    level = signals["thrust"][:-1] / np.linalg.norm(vehicle.thrusts, axis=1)
-    return float((level @ params.plant_mass_flows(scenario)).sum() * vehicle.sample_period_s)
+    full, flows = np.linalg.norm(vehicle.thrusts, axis=1), params.plant_mass_flows(scenario)
+    flow = np.concatenate([thrust / full @ flows for thrust in _intervals(signals, "thrust")])
+    return float(flow.sum() * vehicle.sample_period_s)
 
 
-def _jets_in_question(vehicle: Vehicle, signals: Mapping[str, Array]) -> dict[str, Any]:
+def _used_nis(signals: Spool, name: str) -> Array:
+    """NIS of a filter at the samples it used, shape (n_used,)."""
+    nis, used = f"{name}_nis", f"{name}_used"
+    return np.concatenate([block[nis][block[used][:, 0] != 0.0, 0] for block in blocks(signals, nis, used)])
+
+
+def _jets_in_question(vehicle: Vehicle, signals: Spool) -> dict[str, Any]:
     """Designations of the jets taken out of use, and of those left in because control needs them."""
     if "out_of_use" not in signals:
         return {}
-    state = signals["out_of_use"][-1]
+    state = signals.last("out_of_use")
     return {
         name: [jet for jet, value in zip(vehicle.designations, state, strict=True) if value == wanted]
         for name, wanted in (("jets_out_of_use", 1.0), ("jets_left_in", -1.0))
     }
 
 
-def _selection(signals: Mapping[str, Array]) -> dict[str, Any]:
+def _selection(signals: Spool) -> dict[str, Any]:
     """How many requests the jet selection solved, and how many of them it could not meet."""
     if "selection_counts" not in signals:
         return {}
-    solved, reduced, closest, _ = signals["selection_counts"][-1].tolist()
+    solved, reduced, closest, _ = signals.last("selection_counts").tolist()
     return {"lp_solves": int(solved), "lp_infeasible": int(reduced + closest)}
 
 
@@ -532,11 +634,6 @@ def from_names(values: Mapping[str, Any]) -> Array:
 
 def _array(values: Any) -> Array | None:
     return None if values is None else np.array(values, dtype=float)
-
-
-def _filled(kind: Any, content: Mapping[str, Any]) -> Any:
-    """A named tuple from a mapping that may lack keys with a default, and have others besides."""
-    return kind(**{name: content[name] for name in kind._fields if name in content})
 
 
 def _without(record: DetectionRecord, name: str) -> dict[str, Any]:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_drake.results.spool import blocks
+from massprop_drake.results.spool import Spool, blocks
 
 Array = NDArray[np.float64]
 
@@ -106,11 +106,12 @@ def picked(
     """Takes some rows of every signal, reading spooled signals once.
 
     Args:
-        signals: by name.
+        signals: by name; those of a spool with its index.
         rows: indices in ascending order.
         leaving_out: names of signals to leave out.
     """
-    names = [name for name in signals if name not in leaving_out]
+    every = signals.names if isinstance(signals, Spool) else signals
+    names = [name for name in every if name not in leaving_out]
     found: dict[str, Array] = {}
     start = 0
     for block in blocks(signals, *names):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import reprlib
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -11,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from massprop_drake.errors import InputError, dotted
 from massprop_drake.inputs import params
+from massprop_drake.inputs.model import validated
 from massprop_drake.inputs.scenario import Scenario, check_against_vehicle
 from massprop_drake.inputs.vehicle import SensorPackage, Vehicle
 from massprop_drake.maths.estimation import cycle
@@ -18,8 +20,10 @@ from massprop_drake.maths.estimation.detector import Event
 from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
 from massprop_drake.maths.mass_properties import converged
 from massprop_drake.maths.vehicle.sensing import unsaturated
+from massprop_drake.results.stored import FORMAT, EstimatorState, FilterState, made_with, require_made_with
 from massprop_drake.results.summary import null_for_nan
 from massprop_drake.runners.logs import kept, restored
+from massprop_drake.telemetry.tables import LARGEST
 
 Array = NDArray[np.float64]
 
@@ -102,7 +106,8 @@ class Estimator:
             raise InputError(*(f"scenario: {dotted(path)}: {problem}" for path, problem in problems))
         if not vehicle.accelerometers:
             raise InputError(f"vehicle '{vehicle.name}' has no accelerometer: its mass cannot be observed")
-        self._vehicle = vehicle
+        self._vehicle, self._scenario = vehicle, scenario
+        self._made_with = made_with(scenario)
         self._gyros, self._accelerometers = params.gyros(scenario), params.accelerometers(scenario)
         self._params = params.estimation_params(scenario)
         self._unit_wrenches = params.unit_wrenches(vehicle)
@@ -120,6 +125,8 @@ class Estimator:
     def state(self) -> dict[str, Any]:
         """All that is known and remembered, as JSON takes it; a run's `filter_state.json` holds the same and more."""
         return {
+            "format": FORMAT,
+            "made_with": self._made_with,
             "time_s": self._time_s if math.isfinite(self._time_s) else None,
             "command": null_for_nan(self._command),
             "outside_wrench": null_for_nan(self._outside),
@@ -133,18 +140,16 @@ class Estimator:
             state: as `state` gives it.
 
         Raises:
-            InputError: when it is of another vehicle or other settings, or lacks a part.
+            InputError: when it is of another vehicle or other settings, or is not as it should be; the message says
+                where. The estimator then is as it was.
         """
-        missing = [key for key in ("time_s", "command", "states") if key not in state]
-        if missing:
-            raise InputError(f"state: has no '{missing[0]}'; give what `Estimator.state` gave")
-        command = np.array(state["command"], dtype=float)
-        if command.shape != self._command.shape:
-            raise InputError(f"state: is of a vehicle with {command.size} jets, not {self._command.size}")
-        self._state = restored(state["states"], self._params, "state")
-        self._command = command
-        self._outside = np.array(state.get("outside_wrench", [0.0] * 6), dtype=float)
-        self._time_s = -math.inf if state["time_s"] is None else float(state["time_s"])
+        kind = FilterState if isinstance(state, Mapping) and "row" in state else EstimatorState
+        kept = validated(kind, state, source="state")
+        require_made_with(kept, self._scenario, "state")
+        self._state = restored(kept.states, self._params, "state")
+        self._command = np.array(kept.command, dtype=float)
+        self._outside = np.array(kept.outside_wrench)
+        self._time_s = -math.inf if kept.time_s is None else kept.time_s
 
     def step(
         self,
@@ -168,22 +173,21 @@ class Estimator:
                 that interval, shape (6,); None: none.
 
         Raises:
-            ValueError: when time goes backwards, a shape is wrong, a fraction is outside 0 to 1, or the
-                outside wrench is not finite.
+            ValueError: when time is no number or goes backwards, a shape is wrong, a reading is infinite, a fraction
+                is outside 0 to 1, or the outside wrench is not finite.
             NotPositiveDefiniteError: when a covariance loses definiteness.
+
+            After either the estimator is as it was before the call.
         """
+        time_s = float(_numbers(time_s, (), "time_s"))
         if not time_s > self._time_s:
             raise ValueError(f"time must go forward: {time_s} s after {self._time_s} s")
         rates = _readings(gyro, self._gyros, "gyro")
         velocities = _readings(accelerometers, self._accelerometers, "accelerometers")
-        coming = np.array(commands, dtype=float)  # copies: the caller may reuse its buffers
-        if coming.shape != self._command.shape:
-            raise ValueError(f"commands must have shape {self._command.shape}, got {coming.shape}")
+        coming = _numbers(commands, self._command.shape, "commands")
         if ((coming < 0.0) | (coming > 1.0)).any():
             raise ValueError("commands must be fractions from 0 to 1")
-        outside = np.zeros(6) if outside_wrench is None else np.array(outside_wrench, dtype=float)
-        if outside.shape != (6,):
-            raise ValueError(f"outside_wrench must have shape (6,), got {outside.shape}")
+        outside = np.zeros(6) if outside_wrench is None else _numbers(outside_wrench, (6,), "outside_wrench")
         if not np.isfinite(outside).all():
             raise ValueError("outside_wrench must be finite")
 
@@ -249,8 +253,18 @@ def _readings(readings: ArrayLike | Mapping[str, ArrayLike], packages: Sequence[
     result = np.full((len(packages), 3), np.nan)
     for row, package in zip(result, packages, strict=True):
         if package.name in readings:
-            reading = np.asarray(readings[package.name], dtype=float)
-            if reading.shape != (3,):
-                raise ValueError(f"{what} must have shape (3,), got {reading.shape}")
-            row[:] = unsaturated(reading, package.limit)
+            row[:] = unsaturated(_numbers(readings[package.name], (3,), what), package.limit)
     return result
+
+
+def _numbers(values: ArrayLike, shape: tuple[int, ...], what: str) -> Array:
+    """A copy, for the caller may reuse its buffers; NaN stands for what is missing."""
+    try:
+        numbers = np.array(values, dtype=float)
+    except (TypeError, ValueError, OverflowError):
+        raise ValueError(f"{what} must be numbers of shape {shape}, got {reprlib.repr(values)}") from None
+    if numbers.shape != shape:
+        raise ValueError(f"{what} must have shape {shape}, got {numbers.shape}")
+    if (np.abs(numbers) > LARGEST).any():
+        raise ValueError(f"{what} must be finite and at most {LARGEST:g}, got {reprlib.repr(values)}")
+    return numbers

@@ -5,7 +5,8 @@ The same for simulated runs, for recorded telemetry and for the estimator in rea
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,11 +19,13 @@ from massprop_drake.maths import mass_properties
 from massprop_drake.maths.estimation import cycle
 from massprop_drake.maths.estimation.cycle import EstimationParams, EstimationState
 from massprop_drake.maths.estimation.filter import Groups
-from massprop_drake.results.summary import null_for_nan
+from massprop_drake.results.spool import Spool
+from massprop_drake.results.stored import FORMAT, made_with
+from massprop_drake.results.summary import DetectionRecord, detection_entries, null_for_nan, settled
 from massprop_drake.systems.layouts import DETECTOR_REPORT, IMPULSES, MASS_REPORT, ROTATION_REPORT
 
 Array = NDArray[np.float64]
-SavedState = dict[str, list[list[float | None]]]  # vectors by the part of the diagram that holds them, NaN as None
+SavedState = Mapping[str, Sequence[Sequence[float | None]]]  # vectors by the part of the diagram, NaN as None
 
 # ports of the estimation diagram that are logged, where it has them
 ESTIMATION = ("impulses", "rotation_report", "mass_report", "detector_report")
@@ -55,6 +58,73 @@ def estimation_signals(scenario: Scenario, logs: Mapping[str, Array]) -> dict[st
     return signals
 
 
+class Intake:
+    """Takes in the signals of a run block by block: spools them, and keeps what is told at the end.
+
+    Args:
+        scenario: as run.
+        folder: for the spool; default the system's place for such.
+        detections: of the run that this one goes on from.
+        recent_s: times of the last rows of that run, s.
+
+    Attributes:
+        spool: all signals so far, with `time_s`.
+        recent_s: times of the last rows, s, at most `RECENT`.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        folder: Path | None = None,
+        detections: Sequence[DetectionRecord] = (),
+        recent_s: Sequence[float] = (),
+    ):
+        self.spool = Spool(folder, index="time_s")
+        self.recent_s = np.array(recent_s, dtype=float)
+        self._scenario, self._vehicle = scenario, scenario.vehicle_data
+        self._entries = list(detections)
+
+    def take(self, signals: Mapping[str, Array]) -> list[DetectionRecord]:
+        """Takes in a block; the detections that it brings.
+
+        Args:
+            signals: by name, shape (n, components), and `time_s`, shape (n,).
+        """
+        self.spool.append(signals)
+        self.recent_s = np.concatenate([self.recent_s, signals["time_s"]])[-RECENT:]
+        known = len(self._entries)
+        self._entries = detection_entries(self._vehicle, signals["time_s"], signals, self._entries)
+        return self._entries[known:]
+
+    def last(self, name: str, otherwise: Array) -> Array:
+        """The last row of a signal, or what stands for it where there is no such signal."""
+        return self.spool.last(name) if name in self.spool else otherwise
+
+    def found(self) -> tuple[DetectionRecord, ...]:
+        """The detections, as they stand at the end."""
+        none = np.zeros(len(self._vehicle.jets))
+        return settled(self._entries, self.last("known_force", none), self.last("known_force_variance", none))
+
+    def state(self, row: int, states: SavedState, command: Array) -> dict[str, Any]:
+        """What it takes to go on from the end, as `filter_state.json` has it.
+
+        Args:
+            row: number of the last row.
+            states: of the estimators, after it.
+            command: from it on, NaN where none is known, shape (n_jets,).
+        """
+        return {
+            "format": FORMAT,
+            "made_with": made_with(self._scenario),
+            "time_s": float(self.spool.last("time_s")),
+            "row": row,
+            "states": states,
+            "command": null_for_nan(command),
+            "recent_s": null_for_nan(self.recent_s),
+            "detections": [entry._asdict() for entry in self._entries],
+        }
+
+
 # --------------------------------------------------------------------------------------- kept states
 
 
@@ -73,10 +143,18 @@ def kept(state: EstimationState, params: EstimationParams) -> SavedState:
     return for_json(cycle.saved(state, params))
 
 
-def restored(states: Mapping[str, Any], params: EstimationParams, source: str) -> EstimationState:
-    """The inverse of `kept`; arguments and errors as those of `from_json`."""
+def restored(states: SavedState, params: EstimationParams, source: str) -> EstimationState:
+    """The inverse of `kept`; arguments as those of `from_json`.
+
+    Raises:
+        InputError: when they are of other parameters, or no run can have left them.
+    """
     like = cycle.saved(cycle.initial_state(params), params)
-    return cycle.restored(from_json(states, like, source), params)
+    groups = from_json(states, like, source)
+    try:
+        return cycle.restored(groups, params)
+    except ValueError as error:
+        raise InputError(f"{source}: states: {error}; it was not written by a run") from None
 
 
 def for_json(groups: Groups) -> SavedState:
@@ -84,7 +162,7 @@ def for_json(groups: Groups) -> SavedState:
     return {name: [null_for_nan(vector)] for name, vector in groups.items()}
 
 
-def from_json(states: Mapping[str, Any], like: Groups, source: str) -> Groups:
+def from_json(states: SavedState, like: Groups, source: str) -> Groups:
     """The inverse of `for_json`; a part may be in several pieces, as version 0.1 kept it.
 
     Args:
@@ -96,11 +174,11 @@ def from_json(states: Mapping[str, Any], like: Groups, source: str) -> Groups:
         InputError: when they are of another vehicle or other settings.
     """
     for name in sorted(set(like) | set(states)):
-        saved = sum(map(len, states[name])) if isinstance(states.get(name), list) else 0
+        saved = sum(map(len, states.get(name, ())))
         here = like[name].size if name in like else 0
         if saved != here:
             raise InputError(
                 f"{source}: the saved state of {name} has sizes {[saved] if saved else 'none'}, but these settings "
                 f"make it {[here] if here else 'none'}; go on with the vehicle and the settings of that run"
             )
-    return {name: np.concatenate([np.array(piece, dtype=float) for piece in pieces]) for name, pieces in states.items()}
+    return {name: np.concatenate([np.array(piece, dtype=float) for piece in states[name]]) for name in like}

@@ -6,31 +6,31 @@ import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import IO, Any
+from typing import IO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from massprop_drake.errors import InputError
 from massprop_drake.inputs import params
+from massprop_drake.inputs.model import validated
 from massprop_drake.inputs.scenario import PlantBlock, Scenario
-from massprop_drake.inputs.vehicle import SensorPackage, Vehicle
+from massprop_drake.inputs.vehicle import SensorPackage
 from massprop_drake.maths.estimation import cycle
 from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
-from massprop_drake.results.run import Run, saved_filter_state
-from massprop_drake.results.spool import Spool
+from massprop_drake.results.exchange import recover
+from massprop_drake.results.run import Run
+from massprop_drake.results.stored import STATE_FILE, FilterState, read_json, require_made_with
 from massprop_drake.results.summary import (
     AutopilotSummary,
     Consistency,
     DetectionRecord,
     Timing,
     composed,
-    detection_entries,
     firings,
     null_for_nan,
-    settled,
 )
-from massprop_drake.runners.logs import RECENT, estimation_signals, kept, restored
+from massprop_drake.runners.logs import Intake, estimation_signals, kept, restored
 from massprop_drake.systems.layouts import (
     DETECTOR_REPORT,
     IMPULSES,
@@ -81,11 +81,11 @@ def estimate(
             loses definiteness; the message says where.
     """
     scenario = settings_alone(scenario)
-    earlier = None if resume_from is None else _saved(Path(resume_from), scenario.vehicle_data)
+    earlier = None if resume_from is None else _saved(Path(resume_from), scenario)
     after = None if earlier is None else _continuation(earlier)
     reader = Reader(telemetry, scenario.vehicle_data, gyro=params.gyro(scenario).name, after=after, stream=stream)
     try:
-        replayed = _Estimation(scenario, earlier, str(resume_from), Spool(folder))
+        replayed = _Estimation(scenario, earlier, str(resume_from), folder)
         began = time.perf_counter()
         for rows in reader:
             entries = replayed.take(rows, reader.before)
@@ -97,7 +97,7 @@ def estimate(
         wall_s = time.perf_counter() - began
     except NotPositiveDefiniteError as error:  # the files are all that there is to be wrong
         raise InputError(
-            f"{reader.source}: the filters cannot go on: {str(error).splitlines()[0].rstrip(':')}; "
+            f"{reader.source}: the filters cannot go on: {error.headline}; "
             "check that units, columns and vehicle belong together"
         ) from error
     finally:
@@ -115,26 +115,23 @@ def settings_alone(scenario: Scenario) -> Scenario:
 class _Estimation:
     """A cycle of estimation for every row, what has come out of it, and what that says."""
 
-    def __init__(self, scenario: Scenario, earlier: Mapping[str, Any] | None, source: str, spool: Spool):
+    def __init__(self, scenario: Scenario, earlier: FilterState | None, source: str, folder: Path | None):
         self._scenario = scenario
         self._vehicle = scenario.vehicle_data
         self._period_s = self._vehicle.sample_period_s
-        self._next_row = 0 if earlier is None else int(earlier["row"]) + 1
+        self._next_row = 0 if earlier is None else earlier.row + 1
         self._params = params.estimation_params(scenario)
         self._state = (
             cycle.initial_state(self._params)
             if earlier is None
-            else restored(earlier["states"], self._params, f"{source}/filter_state.json")
+            else restored(earlier.states, self._params, f"{source}/{STATE_FILE}")
         )
         n_jets = len(self._vehicle.jets)
         self._command, self._outside = np.zeros(n_jets), np.zeros(6)  # of the interval before the next row
         self._gyros, self._accelerometers = params.gyros(scenario), params.accelerometers(scenario)
         self._spent_s = {"estimators": 0.0, "detector": 0.0}
-        self._spool = spool
-        self._rows = 0
-        known = [] if earlier is None else earlier["detections"]
-        self._entries = [DetectionRecord(**entry) for entry in known]
-        self._recent = np.array([] if earlier is None else earlier["recent_s"], dtype=float)
+        detections, recent_s = ((), ()) if earlier is None else (earlier.detections, earlier.recent_s)
+        self._intake = Intake(scenario, folder, detections, recent_s)
         self._nis: dict[str, tuple[float, int]] = {"rotation": (0.0, 0), "mass": (0.0, 0)}
         self._on_before = np.zeros(n_jets, dtype=bool)
         self._firings = 0
@@ -143,19 +140,14 @@ class _Estimation:
 
     def take(self, rows: Rows, before: tuple[Array, Array]) -> list[DetectionRecord]:
         """Takes in rows; the detections that they bring."""
-        if not self._rows:
+        if not self._intake.spool.n_rows:
             self._command, self._outside = before
             self._on_before = before[0] > 0.0
             self._quality.begin(before[0])
         signals = self._signals(rows, self._estimated(rows))
-        self._rows += rows.time_s.size
-        self._spool.append(signals)
         self._count(rows, signals)
         self._quality.add(rows, signals)
-        self._last = {name: values[-1] for name, values in signals.items()}
-        known = len(self._entries)
-        self._entries = detection_entries(self._vehicle, rows.time_s, signals, self._entries)
-        return self._entries[known:]
+        return self._intake.take(signals)
 
     def _estimated(self, rows: Rows) -> dict[str, Array]:
         """A cycle for each row; what the ports of the estimation diagram would log."""
@@ -211,19 +203,18 @@ class _Estimation:
             signals["outside_wrench"] = rows.outside_wrench
         signals |= estimation_signals(self._scenario, logs)
         signals |= rows.readings
-        self._recent = np.concatenate([self._recent, rows.time_s])
         if "onset" in signals:
-            signals["onset"] = self._record_time(signals["onset"])
-        self._recent = self._recent[-RECENT:]
+            signals["onset"] = self._record_time(signals["onset"], rows.time_s)
         return signals
 
-    def _record_time(self, diagram_s: Array) -> Array:
+    def _record_time(self, diagram_s: Array, time_s: Array) -> Array:
         """Times of the record for times of the diagram, which counts rows; NaN stays."""
         rows = np.nan_to_num(diagram_s / self._period_s).round().astype(int)
-        first = self._next_row - self._recent.size
-        found = self._recent[np.clip(rows - first, 0, None)]
+        recent_s = np.concatenate([self._intake.recent_s, time_s])
+        first = self._next_row - recent_s.size
+        found = recent_s[np.clip(rows - first, 0, None)]
         # rows long past: as far back from the first one known as their number says
-        found = np.where(rows >= first, found, self._recent[0] - (first - rows) * self._period_s)
+        found = np.where(rows >= first, found, recent_s[0] - (first - rows) * self._period_s)
         return found + (diagram_s - rows * self._period_s)  # exactly what it was where both times agree
 
     def _count(self, rows: Rows, signals: Mapping[str, Array]) -> None:
@@ -239,23 +230,21 @@ class _Estimation:
 
     def finish(self, reader: Reader, telemetry: str | Path, wall_s: float) -> Run:
         """The run, once all rows have been taken."""
-        record, last = reader.record, self._last
+        record, last = reader.record, self._intake.spool.last
         duration_s = record.last_s - record.first_s
         if self._period_s <= duration_s <= _LONGEST_S:
             self._scenario = self._scenario.model_copy(update={"duration_s": duration_s})
-        n_jets = len(self._vehicle.jets)
-        none = np.zeros(n_jets)
         quality = self._quality.finished(record, reader.ragged)
         _, samples = self._nis["rotation"]
         means = {name: total / count if count else None for name, (total, count) in self._nis.items()}
         results = composed(
             self._scenario,
             duration_s=duration_s,
-            estimate=last["estimate"],
-            deviation=last["standard_deviation"],
+            estimate=last("estimate"),
+            deviation=last("standard_deviation"),
             covariance=self._params.filter.covariance(self._state.filter),
             truth=np.full(10, np.nan),
-            found=settled(self._entries, last.get("known_force", none), last.get("known_force_variance", none)),
+            found=self._intake.found(),
             consistency=Consistency(means["rotation"], means["mass"], samples),
             autopilot=AutopilotSummary(self._firings, float(self._fired @ self._vehicle.mass_flows) * self._period_s),
             timing=Timing(wall_s, duration_s / wall_s, self._cycle_times()),
@@ -264,20 +253,15 @@ class _Estimation:
             data_quality=quality,
         )
         state = {
-            "time_s": record.last_s,
-            "row": self._next_row - 1,
-            "states": kept(self._state, self._params),
-            "command": null_for_nan(last["command"]),
-            "recent_s": null_for_nan(self._recent),
-            "detections": [entry._asdict() for entry in self._entries],
-            "outside_wrench": null_for_nan(last.get("outside_wrench", np.zeros(6))),
+            **self._intake.state(self._next_row - 1, kept(self._state, self._params), last("command")),
+            "outside_wrench": null_for_nan(self._intake.last("outside_wrench", np.zeros(6))),
             "velocity": {name: null_for_nan(value) for name, value in reader.velocity.items()},
         }
-        return Run(self._scenario, results, None, self._spool, state)
+        return Run(self._scenario, results, None, self._intake.spool, state)
 
     def _cycle_times(self) -> dict[str, float | None]:
         """Mean time per cycle spent in each part, microseconds."""
-        mean = {name: 1e6 * spent / self._rows for name, spent in self._spent_s.items()}
+        mean = {name: 1e6 * spent / self._intake.spool.n_rows for name, spent in self._spent_s.items()}
         detector = mean["detector"] if self._params.detector is not None else None
         return {"estimators": mean["estimators"], "detector": detector, "jet_selection": None}
 
@@ -296,25 +280,23 @@ def _stacked(rows: Rows, packages: Sequence[SensorPackage]) -> Array:
 # ------------------------------------------------------------------------------------------ going on
 
 
-def _saved(folder: Path, vehicle: Vehicle) -> dict[str, Any]:
-    """The filter state of an earlier run's folder, checked as far as it does not depend on the diagram."""
-    state = saved_filter_state(folder)
-    source = folder / "filter_state.json"
-    for key in ("time_s", "row", "states", "command", "recent_s", "detections"):
-        if key not in state:
-            raise InputError(f"{source}: has no '{key}'; it was not written by this version: estimate the run anew")
-    if not isinstance(state["states"], dict) or len(state["command"]) != len(vehicle.jets):
-        raise InputError(
-            f"{source}: is of a vehicle with {len(state['command'])} jets, and '{vehicle.name}' has "
-            f"{len(vehicle.jets)}; go on with the vehicle of that run"
-        )
+def _saved(folder: Path, scenario: Scenario) -> FilterState:
+    """The filter state of an earlier run's folder, of the same vehicle and settings."""
+    source = folder / STATE_FILE
+    recover(folder)
+    state = validated(FilterState, read_json(source), source=str(source))
+    require_made_with(state, scenario, str(source))
+    vehicle = scenario.vehicle_data
+    for entry in state.detections:
+        if entry.jet_index is not None and entry.jet_index >= len(vehicle.jets):
+            raise InputError(f"{source}: detections: vehicle '{vehicle.name}' has no jet of index {entry.jet_index}")
     return state
 
 
-def _continuation(state: Mapping[str, Any]) -> Continuation:
+def _continuation(state: FilterState) -> Continuation:
     return Continuation(
-        time_s=float(state["time_s"]),
-        command=np.array(state["command"], dtype=float),
-        outside_wrench=np.array(state.get("outside_wrench", [0.0] * 6), dtype=float),
-        velocity={name: np.array(value, dtype=float) for name, value in state.get("velocity", {}).items()},
+        time_s=state.time_s,
+        command=np.array(state.command, dtype=float),
+        outside_wrench=np.array(state.outside_wrench),
+        velocity={name: np.array(value) for name, value in state.velocity.items()},
     )

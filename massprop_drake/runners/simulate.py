@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,14 +16,17 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput, VectorLogSink
 
 from massprop_drake.diagrams import closed_loop, open_loop
+from massprop_drake.errors import InputError
 from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.maths.autopilot.jet_selection import activity_vectors
+from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
 from massprop_drake.maths.mass_properties import N_ROTATION, MassProperties, symmetric
-from massprop_drake.maths.vehicle.rigid_body import MASS, POSITION, QUATERNION, RATE, VELOCITY
+from massprop_drake.maths.vehicle.rigid_body import MASS, POSITION, QUATERNION, RATE, VELOCITY, OutOfMassError
 from massprop_drake.results.run import Run
-from massprop_drake.results.summary import Timing, detection_entries, null_for_nan, summarize
-from massprop_drake.runners.logs import ESTIMATION, RECENT, estimation_signals, for_json, state_groups
+from massprop_drake.results.spool import Spool
+from massprop_drake.results.summary import Timing, summarize
+from massprop_drake.runners.logs import ESTIMATION, Intake, estimation_signals, for_json, state_groups
 from massprop_drake.systems.autopilot.jet_selection_program import JetSelectionProgram
 from massprop_drake.systems.layouts import RECONFIGURATION, STRUCTURE
 
@@ -40,6 +45,7 @@ _LOGGED = (
     *ESTIMATION,
 )
 _CHUNK_S = 5.0  # of simulated time between two reports of progress
+_BLOCK_ROWS = 1024  # that logs hold, at least, before they are emptied
 
 
 class Moment(NamedTuple):
@@ -68,8 +74,9 @@ def simulate(
     *,
     progress: Callable[[float], None] | None = None,
     watch: Callable[[Moment], None] | None = None,
+    folder: Path | None = None,
 ) -> Run:
-    """Simulates a scenario from start to end.
+    """Simulates a scenario from start to end, of any length in bounded memory.
 
     The same scenario gives the same run, bit for bit, but for the time it took.
 
@@ -77,9 +84,11 @@ def simulate(
         scenario: with hand-controller windows (closed loop) or a jet schedule (open loop).
         progress: called now and then with the simulated time, s.
         watch: called at every sample with what there is to see.
+        folder: where a temporary file with the signals of a long run may lie; default the system's place for such.
 
     Raises:
-        NotPositiveDefiniteError: when a covariance loses definiteness, with the time and the matrix.
+        InputError: when the vehicle uses up its mass, or a covariance loses definiteness by the scenario's numbers,
+            with the time; or when that file cannot be written.
         ArithmeticError: when the jet selection's solver fails.
     """
     vehicle = scenario.vehicle_data
@@ -99,37 +108,65 @@ def simulate(
         )
         ApplySimulatorConfig(config, simulator)
 
-    end_s = params.sample_count(scenario) * period
+    intake = Intake(scenario, folder)
+    intervals = params.sample_count(scenario)
+    end_s = intervals * period
+    root = simulator.get_mutable_context()
     began = time.perf_counter()
-    simulator.Initialize()
     chunk_s = _CHUNK_S if watch is None else period
-    for number in range(1, math.ceil(end_s / chunk_s - 1e-9) + 1):
-        reached = min(number * chunk_s, end_s)
-        simulator.AdvanceTo(reached)
-        if watch is not None:
-            watch(_moment(diagram, diagram.GetMyContextFromRoot(simulator.get_context())))
-        if progress is not None:
-            progress(reached)
-    context = simulator.get_context()
-    own = diagram.GetMyContextFromRoot(context)
-    covariance = diagram.GetOutputPort("covariance").Eval(own).reshape(10, 10)
-    simulator.AdvancePendingEvents()  # the sample at the end is used like any other
+    with _scenario_to_blame(scenario):
+        simulator.Initialize()
+        for number in range(1, math.ceil(end_s / chunk_s - 1e-9) + 1):
+            reached = min(number * chunk_s, end_s)
+            simulator.AdvanceTo(reached)
+            if watch is not None:
+                watch(_moment(diagram, diagram.GetMyContextFromRoot(simulator.get_context())))
+            if progress is not None:
+                progress(reached)
+            logged = sinks["command"].FindLog(root).num_samples()
+            # a block of a few rows at the end would take other ways through linear algebra, with other rounding
+            if _BLOCK_ROWS <= logged <= intervals + 1 - intake.spool.n_rows - _BLOCK_ROWS:
+                intake.take(_emptied(scenario, sinks, root))
+        own = diagram.GetMyContextFromRoot(root)
+        covariance = diagram.GetOutputPort("covariance").Eval(own).reshape(10, 10)
+        simulator.AdvancePendingEvents()  # the sample at the end is used like any other
+    intake.take(_emptied(scenario, sinks, root))
     wall_s = time.perf_counter() - began
 
-    time_s, logs = _collect(sinks, context)
-    signals = _signals(scenario, logs)
-    timing = Timing(wall_s, float(time_s[-1]) / wall_s, _cycle_times(diagram, len(time_s)))
-    results = summarize(scenario, time_s, signals, covariance, timing, _authority(scenario, signals))
-    state = {
-        "time_s": float(time_s[-1]),
-        "row": len(time_s) - 1,
-        "states": for_json(state_groups(diagram, context)),
-        # nothing is commanded beyond the end
-        "command": [None] * len(vehicle.jets),
-        "recent_s": null_for_nan(time_s[-RECENT:]),
-        "detections": [entry._asdict() for entry in detection_entries(vehicle, time_s, signals)],
-    }
-    return Run(scenario, results, time_s, signals, state)
+    signals = intake.spool
+    timing = Timing(wall_s, end_s / wall_s, _cycle_times(diagram, signals.n_rows))
+    results = summarize(scenario, signals, intake.found(), covariance, timing, _authority(scenario, signals))
+    not_commanded = np.full(len(vehicle.jets), np.nan)  # beyond the end
+    state = intake.state(signals.n_rows - 1, for_json(state_groups(diagram, root)), not_commanded)
+    return Run(scenario, results, None, signals, state)
+
+
+@contextlib.contextmanager
+def _scenario_to_blame(scenario: Scenario) -> Iterator[None]:
+    """Turns what only the numbers of a scenario can bring about into the message that says so."""
+    try:
+        yield
+    except OutOfMassError as error:
+        vehicle = scenario.vehicle_data
+        unit = vehicle.unit_names["mass"]
+        raise InputError(
+            f"scenario '{scenario.name}': at t = {error.time_s:.6g} s the vehicle runs out of mass: {error.left:.6g} "
+            f"{unit} are left, and its jets are about to use {error.wanted:.6g} {unit}; check the mass, and thrust and "
+            "specific impulse of the jets, or set plant.depletion to false"
+        ) from error
+    except NotPositiveDefiniteError as error:
+        raise InputError(
+            f"scenario '{scenario.name}': the filters cannot go on: {error.headline}; check quantum and noise of the "
+            "sensors and the uncertainty at the start: both must be such that double precision holds their squares "
+            "side by side"
+        ) from error
+    except RuntimeError as error:
+        if "smaller than minimum allowed" not in str(error):
+            raise
+        raise InputError(
+            f"scenario '{scenario.name}': plant.accuracy: the continuous plant cannot be integrated to "
+            f"{scenario.plant.accuracy:g}; ask for less, or leave out plant.time_step for steps of high order"
+        ) from error
 
 
 def _moment(diagram: Diagram, context: Any) -> Moment:
@@ -153,13 +190,15 @@ def _moment(diagram: Diagram, context: Any) -> Moment:
     )
 
 
-def _collect(sinks: dict[str, VectorLogSink], context: Any) -> tuple[Array, dict[str, Array]]:
+def _emptied(scenario: Scenario, sinks: dict[str, VectorLogSink], root: Any) -> dict[str, Array]:
+    """Takes what has been logged out of the logs; the signals that it holds, with their times."""
     logs = {}
     for name, sink in sinks.items():
-        log = sink.FindLog(context)
-        logs[name] = np.array(log.data().T)  # a copy: the log's own memory goes with it
+        log = sink.FindMutableLog(root)
+        logs[name] = np.array(log.data().T)  # a copy: the log goes on in its memory
         times = np.array(log.sample_times())
-    return times, logs
+        log.Clear()
+    return {"time_s": times, **_signals(scenario, logs)}
 
 
 def _signals(scenario: Scenario, logs: dict[str, Array]) -> dict[str, Array]:
@@ -214,7 +253,7 @@ def _cycle_times(diagram: Any, cycles: int) -> dict[str, float | None]:
     return {"estimators": sum(spent.values()), "detector": detector, "jet_selection": selection}
 
 
-def _authority(scenario: Scenario, signals: dict[str, Array]) -> dict[str, Any] | None:
+def _authority(scenario: Scenario, signals: Spool) -> dict[str, Any] | None:
     """Largest change of rate and velocity in one second of firing, per axis and direction, by nominal mass
     properties: with all selectable jets, and with those left at the end. None without an autopilot.
     """
@@ -223,7 +262,7 @@ def _authority(scenario: Scenario, signals: dict[str, Array]) -> dict[str, Any] 
     vehicle = scenario.vehicle_data
     program = JetSelectionProgram(vehicle.mass_flows)
     activity = activity_vectors(vehicle.wrenches, vehicle.nominal.vector())
-    left = params.selectable(scenario) & (signals["out_of_use"][-1] <= 0.0)
+    left = params.selectable(scenario) & (signals.last("out_of_use") <= 0.0)
 
     def reach(available: NDArray[np.bool_]) -> dict[str, float]:
         limits = np.where(available, 1.0, 0.0)

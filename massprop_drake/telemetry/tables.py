@@ -16,14 +16,14 @@ from typing import IO, Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_drake.errors import InputError
+from massprop_drake.errors import InputError, require_text
 
 Array = NDArray[np.float64]
 
 MISSING = {"", "nan", "null", "n/a", "na", "-"}  # cells that say that there is no value, in any case
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 _LONGEST_LINE = 1_000_000  # characters; a row of a thousand columns has some 20 000
-_LARGEST = 1e12  # number of any meaning, whatever its unit
+LARGEST = 1e12  # number of any meaning, whatever its unit
 _FEW_RAGGED, _RAGGED_SHARE = 10, 0.01  # rows of a wrong length that a file may have: so many, or this share
 
 
@@ -90,8 +90,10 @@ def open_table(path: Path, *, rows_per_block: int = 1024) -> Table:
     """Opens a CSV file, or a Parquet file, told by its ending `.parquet` or `.pq`.
 
     Raises:
-        InputError: when it is missing, a folder, unreadable, or no such table.
+        InputError: when it is missing, a folder, unreadable, no such table, or named by what is no text, which no
+            result could hold.
     """
+    require_text(str(path))
     if path.is_dir():
         raise InputError(f"{path}: is a folder; name a telemetry file, such as telemetry.csv")
     try:
@@ -303,7 +305,7 @@ def _infinite(where: str, column: str) -> str:
 
 
 def _require_finite(block: Block, columns: list[str], source: str, place: str) -> None:
-    wrong = np.abs(block.values) > _LARGEST  # NaN is not
+    wrong = np.abs(block.values) > LARGEST  # NaN is not
     if wrong.any():
         row, column = np.argwhere(wrong)[0]
         where = f"{source}, {place} {block.lines[row]}"

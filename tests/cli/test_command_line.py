@@ -6,6 +6,7 @@ import copy
 import json
 import math
 import re
+import resource
 import subprocess
 import sys
 from pathlib import Path
@@ -136,7 +137,6 @@ def test_a_runs_folder_runs_again(massprop: Massprop) -> None:
 
 def test_an_earlier_run_is_replaced(massprop: Massprop) -> None:
     massprop("run", "sample_maneuver", "--set", "duration_s=1", "--out", "there", "-q")
-    (Path("there") / "stale.txt").write_text("old", encoding="utf-8")
     assert (
         massprop("run", "sample_maneuver", "--set", "duration_s=1", "--seed", "9", "--out", "there", "-q").status == 0
     )
@@ -149,11 +149,69 @@ def test_files_of_others_need_force(massprop: Massprop) -> None:
     Path("mine").mkdir()
     (Path("mine") / "notes.txt").write_text("keep", encoding="utf-8")
     done = massprop("run", "sample_maneuver", "--set", "duration_s=1", "--out", "mine")
-    _assert_refused(done, "mine: holds files that are not of an earlier run", "--force")
+    _assert_refused(done, "mine: holds files that are not of an earlier run", "notes.txt", "--force")
     assert _everything(Path()) == ["mine", "mine/notes.txt"]
     assert massprop("run", "sample_maneuver", "--set", "duration_s=1", "--out", "mine", "--force", "-q").status == 0
-    assert {path.name for path in Path("mine").iterdir()} >= FILES - {"figures"} | {"notes.txt"}
-    assert (Path("mine") / "notes.txt").read_text(encoding="utf-8") == "keep"
+    assert {path.name for path in Path("mine").iterdir()} == FILES
+    assert (Path("mine.1") / "notes.txt").read_text(encoding="utf-8") == "keep"
+
+
+def test_a_users_file_in_a_runs_folder_is_kept(massprop: Massprop) -> None:
+    run = ("run", "sample_maneuver", "--set", "duration_s=1", "--out", "K", "-q")
+    assert massprop(*run).status == 0
+    assert massprop(*run).status == 0
+    Path("K/logs").mkdir()
+    Path("K/telemetry.csv").rename("K/logs/flight.csv")
+    Path("K/my_scenario.yaml").write_text("duration_s: 1\n", encoding="utf-8")
+    Path("link").symlink_to("K")
+    before = _everything(Path())
+    for arguments in (
+        ("estimate", "K/logs/flight.csv", "--like", "K", "--out", "K"),
+        ("estimate", "K/logs/flight.csv", "--like", "K", "--out", "link"),
+        ("estimate", "link/logs/flight.csv", "--vehicle", "orbiter", "--out", "K"),
+        ("run", "K/my_scenario.yaml", "--out", "K"),
+        ("run", "K", "--out", "K"),
+        ("run", "K", "--out", "."),
+    ):
+        _assert_refused(massprop(*arguments), "holds what is to be read", "would be replaced; give another folder")
+    _assert_refused(massprop(*run), "K: holds files", "my_scenario.yaml, logs/flight.csv", "keep what is there as K.1")
+    assert _everything(Path()) == before
+    assert massprop("estimate", "K/logs/flight.csv", "--like", "K", "--out", "K", "--force", "-q").status == 0
+    assert (Path("K.1") / "logs" / "flight.csv").exists()
+    assert Run.load("K").summary["scenario"] == "sample_maneuver"
+
+
+@pytest.mark.parametrize("arguments", [("run", "sample_maneuver"), ("graph", "autopilot"), ("reproduce",)])
+def test_a_link_to_nowhere_is_refused_before_the_work(
+    massprop: Massprop, monkeypatch: pytest.MonkeyPatch, arguments: tuple[str, ...]
+) -> None:
+    def fail(*_: object, **__: object) -> None:
+        raise AssertionError
+
+    monkeypatch.setattr("massprop_drake.runners.simulate.simulate", fail)
+    monkeypatch.setattr("massprop_drake.display.graphs.build", fail)
+    Path("dangling").symlink_to("nowhere")
+    _assert_refused(massprop(*arguments, "--out", "dangling"), "dangling: is a link to nowhere")
+    Path("loop").symlink_to("loop")
+    _assert_refused(massprop(*arguments, "--out", "loop"), "loop: ")
+    assert _everything(Path()) == ["dangling", "loop"]
+
+
+def test_a_link_to_a_folder_stands_for_it(massprop: Massprop) -> None:
+    Path("disk").mkdir()
+    Path("disk/run").mkdir()
+    Path("link").symlink_to("disk/run")
+    run = ("run", "sample_maneuver", "--set", "duration_s=1", "--out", "link", "-q")
+    assert massprop(*run).status == 0
+    assert massprop(*run).status == 0
+    assert Path("link").is_symlink()
+    assert {path.name for path in Path("disk/run").iterdir()} == FILES
+    assert sorted(path.name for path in Path("disk").iterdir()) == ["run"]
+
+
+def test_the_folder_that_one_is_in_is_no_place(massprop: Massprop) -> None:
+    _assert_refused(massprop("run", "sample_maneuver", "--out", "."), "is the current folder or one above it")
+    assert _everything(Path()) == []
 
 
 def test_a_scenario_file_is_run_into_a_folder_of_its_name(massprop: Massprop) -> None:
@@ -281,17 +339,6 @@ def test_a_failure_of_ours_is_told_as_such_and_leaves_nothing(
     assert _everything(Path()) == []
 
 
-def test_an_interruption_is_told_and_leaves_nothing(massprop: Massprop, monkeypatch: pytest.MonkeyPatch) -> None:
-    def interrupt(*_: object, **__: object) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("massprop_drake.runners.simulate.simulate", interrupt)
-    done = massprop("run", "sample_maneuver", "--out", "there")
-    assert done.status == 130
-    assert "Traceback" not in done.err
-    assert _everything(Path()) == []
-
-
 # -------------------------------------------------------------------------------------------- check
 
 
@@ -362,7 +409,7 @@ def test_check_as_json_and_quiet(massprop: Massprop) -> None:
     bad, good = json.loads(done.out)
     assert (bad["file"], bad["ok"], good["file"], good["ok"]) == ("case.yaml", False, "orbiter", True)
     assert "sede: unknown key" in bad["findings"][0]
-    assert massprop("check", "case.yaml", "--quiet") == (2, "", "")
+    assert massprop("check", "case.yaml", "--quiet").out == ""
     assert massprop("check", "orbiter", "--quiet") == (0, "", "")
 
 
@@ -389,7 +436,7 @@ def test_graph_writes_dot_and_svg(massprop: Massprop) -> None:
     done = massprop("graph", "autopilot", "--out", "graphs")
     assert (done.status, done.err) == (0, "")
     names = ["autopilot.dot", "autopilot.svg"]  # nothing in it can be opened
-    assert sorted(path.name for path in Path("graphs").iterdir()) == names
+    assert sorted(path.name for path in Path("graphs").iterdir()) == [*names, "manifest.json"]
     assert sorted(Path(line).name for line in done.out.splitlines()) == names
     assert "digraph" in (Path("graphs") / "autopilot.dot").read_text(encoding="utf-8")
     svg = (Path("graphs") / "autopilot.svg").read_text(encoding="utf-8")
@@ -408,8 +455,20 @@ def test_graph_without_a_program_to_draw_writes_dot_and_says_so(
     assert done.err.count("\n") == 1
     nested = {"closed_loop", "open_loop", "replay"}
     names = {f"{name}.dot" for name in graphs.DIAGRAMS} | {f"{name}_inside.dot" for name in nested}
-    assert {path.name for path in Path("graphs").iterdir()} == names
+    assert {path.name for path in Path("graphs").iterdir()} == names | {"manifest.json"}
     assert massprop("graph", "estimation", "--out", "graphs", "--quiet") == (0, "", "")
+
+
+def test_graph_replaces_no_file_of_others(massprop: Massprop, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(graphs, "svg_text", lambda _: None)
+    Path("autopilot.dot").write_text("mine", encoding="utf-8")
+    here = ("graph", "autopilot", "--out", ".", "-q")
+    _assert_refused(massprop(*here), "autopilot.dot: is there already", "--force to keep it as autopilot.dot.1")
+    assert _everything(Path()) == ["autopilot.dot"]
+    assert massprop(*here, "--force") == (0, "", massprop(*here).err)
+    assert Path("autopilot.dot.1").read_text(encoding="utf-8") == "mine"
+    assert Path("autopilot.dot").read_text(encoding="utf-8").startswith("digraph")
+    assert sorted(_everything(Path())) == ["autopilot.dot", "autopilot.dot.1", "manifest.json"]
 
 
 def test_graph_as_json(massprop: Massprop, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -442,6 +501,61 @@ def test_view_writes_the_replay_beside_the_run_and_the_report_leads_to_it(masspr
     assert 'href="replay.html"' in (Path("there") / "report.html").read_text(encoding="utf-8")
     assert massprop("view", "there", "--out", "elsewhere.html", "-q") == (0, "", "")
     assert Path("elsewhere.html").read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
+
+
+@pytest.fixture
+def short_replay(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A replay that costs nothing to make."""
+    monkeypatch.setattr("massprop_drake.display.flight3d.replay_html", lambda _: "<!DOCTYPE html>\n" + 300_000 * ".")
+
+
+@pytest.mark.usefixtures("short_replay")
+def test_a_runs_folder_can_be_replaced_after_a_view(massprop: Massprop) -> None:
+    run = ("run", "sample_maneuver", "--set", "duration_s=1", "--out", "there", "-q")
+    for arguments in (run, ("view", "there", "-q"), ("view", "there", "-q"), run):
+        assert massprop(*arguments) == (0, "", "")
+    assert {path.name for path in Path("there").iterdir()} == FILES  # the replay went with the run that it showed
+    assert _everything(Path())[0] == "there"
+
+
+@pytest.mark.usefixtures("short_replay")
+def test_view_replaces_no_file_of_others(massprop: Massprop) -> None:
+    massprop("run", "sample_maneuver", "--set", "duration_s=1", "--out", "there", "-q")
+    view = ("view", "there", "-q")
+    for name in ("there/report.html", "page.html"):
+        Path(name).write_text("mine", encoding="utf-8")
+    assert massprop(*view) == (0, "", "")  # the report is left as it is
+    assert Path("there/report.html").read_text(encoding="utf-8") == "mine"
+    Path("there/replay.html").write_text("mine", encoding="utf-8")
+    Path("dangling.html").symlink_to("nowhere")
+    before = _everything(Path())
+    _assert_refused(massprop(*view), "there/replay.html: is there already", "keep it as replay.html.1")
+    for name in ("page.html", "dangling.html"):
+        _assert_refused(massprop(*view, "--out", name), f"{name}: is there already", "--force")
+    assert _everything(Path()) == before
+    assert Path("page.html").read_text(encoding="utf-8") == "mine"
+    for options in ((), ("--out", "page.html"), ("--out", "page.html")):
+        assert massprop(*view, *options, "--force") == (0, "", "")
+    assert massprop(*view, "--out", "page.html") == (0, "", "")  # it is ours now
+    assert sorted({*_everything(Path())} - {*before}) == ["page.html.1", "there/replay.html.1", "there/report.html.1"]
+    for name in ("page.html.1", "there/replay.html.1", "there/report.html.1"):
+        assert Path(name).read_text(encoding="utf-8") == "mine"
+
+
+@pytest.mark.usefixtures("short_replay")
+@pytest.mark.parametrize("options", [(), ("--out", "page.html"), ("--force",)], ids=" ".join)
+def test_a_full_disk_leaves_nothing_of_a_view(massprop: Massprop, options: tuple[str, ...]) -> None:
+    massprop("run", "sample_maneuver", "--set", "duration_s=1", "--out", "there", "--no-report", "-q")
+    before = {path: path.read_bytes() for path in Path().rglob("*") if path.is_file()}
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, limits[1]))
+    try:
+        done = massprop("view", "there", *options)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    _assert_refused(done, "cannot be written: File too large")
+    assert {path: path.read_bytes() for path in Path().rglob("*") if path.is_file()} == before
+    assert [path.name for path in Path().iterdir()] == ["there"]
 
 
 def test_view_of_what_is_no_run_is_refused(massprop: Massprop) -> None:
@@ -525,4 +639,4 @@ def test_a_closed_pipe_ends_the_program_quietly(tmp_path: Path, arguments: tuple
         assert program.stderr is not None
         program.stdout.close()  # long before anything is printed
         err = program.stderr.read()
-    assert err == ""
+    assert (program.returncode, err) == (0, "")

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from massprop_drake import Run
-from massprop_drake.cli import show
+from massprop_drake.cli import show, streams
 from massprop_drake.inputs.model import keys
 from massprop_drake.inputs.scenario import Scenario, load_scenario
 from massprop_drake.inputs.vehicle import Vehicle
@@ -134,8 +134,8 @@ def test_a_record_has_no_truth_but_warnings(capsys: Capture, short_run: Run, orb
 
 def test_lines_are_never_broken_nor_read_as_markup(capsys: Capture) -> None:
     line = "[bold]x[/bold] " + "y" * 300
-    show.text(line)
-    show.note(line)
+    show.say(line)
+    streams.note(line)
     assert capsys.readouterr() == (f"{line}\n", f"massprop: {line}\n")
 
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import gc
+import io
+import weakref
 from pathlib import Path
 
 import numpy as np
@@ -55,6 +58,17 @@ def test_a_line_has_the_data_and_the_look_of_its_description() -> None:
     assert (line.get_color(), line.get_linewidth(), line.get_linestyle()) == (BLUE, 2.0, "--")
     assert line.get_drawstyle() == "steps-post"
     assert {"label, unit", "Title   (caption)", "time, s   (note)", "square"} <= set(texts(figure))
+
+
+@pytest.mark.parametrize("name", ["$x$", r"$\frac$ and $", 300 * "long"])
+def test_names_are_shown_as_they_are(name: str) -> None:
+    """Dollars are no mathematics, and a name longer than the figure is cut."""
+    bars = Bars(np.zeros(1), np.ones(1), np.zeros(1), BLUE)
+    panel = Panel(name, "", (bars, Line(TIME, TIME, BLUE, name)), rows=(name,))
+    figure = figures.drawn(plot(panel)._replace(caption=name))
+    figure.savefig(io.BytesIO())
+    assert {name, f"Title   ({name})"} <= set(texts(figure))
+    assert not any(text.get_parse_math() for text in figure.findobj(Text) if name in text.get_text())
 
 
 def test_points_are_not_joined() -> None:
@@ -168,6 +182,30 @@ DRAWN = sorted(name for name in vars(figures.Plots) if not name.startswith("_") 
 def test_a_method_draws_the_plot_of_its_name(stuck_run: Run, name: str) -> None:
     title = getattr(stuck_run.plot, name)().get_suptitle()
     assert title.startswith(getattr(plots, name)(plots.source(stuck_run)).title)
+
+
+def test_a_figure_is_freed_before_the_next_is_drawn(
+    stuck_run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made: list[weakref.ref[Figure]] = []
+    alive: list[int] = []
+    draw = figures.drawn
+
+    def watched(described: Plot) -> Figure:
+        alive.append(sum(figure() is not None for figure in made))
+        figure = draw(described)
+        made.append(weakref.ref(figure))
+        return figure
+
+    monkeypatch.setattr(figures, "drawn", watched)
+    every = list(plots.available(plots.source(stuck_run)).items())
+    monkeypatch.setattr(plots, "available", lambda _: dict(every[:3]))
+    gc.disable()  # none is freed by chance
+    try:
+        stuck_run.plot.save(tmp_path)
+    finally:
+        gc.enable()
+    assert alive == [0, 0, 0]
 
 
 def test_figures_are_saved_by_name(stuck_run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

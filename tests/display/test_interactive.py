@@ -97,8 +97,8 @@ def test_a_symmetric_logarithmic_panel_has_a_linear_view_and_one_of_magnitudes()
     panel = Panel("label", "%", (band, line), scale=SymmetricLog(1.0, 10.0))
     figure = interactive.drawn(Plot("some", "Title", "caption", TIME, (panel,)))
     assert figure["views"] == ["yaxis"]
-    linear = [trace for trace in figure["traces"] if trace["meta"] == "linear"]
-    log = [trace for trace in figure["traces"] if trace["meta"] == "log"]
+    linear = [trace for trace in figure["traces"] if trace["view"] == "linear"]
+    log = [trace for trace in figure["traces"] if trace["view"] == "log"]
     np.testing.assert_allclose(linear[-1]["y"], -TIME)
     assert len(linear) == 3  # two edges of the band
     np.testing.assert_allclose(log[0]["y"], TIME + 1.0)

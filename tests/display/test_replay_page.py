@@ -74,7 +74,7 @@ def test_it_opens_from_disk_and_plays(replay: Any) -> None:
     page = replay.page
     assert replay.said == []
     page.click("#mp-play")
-    page.wait_for_function("massprop.time() > 0.2")
+    replay.until("massprop.time() > 0.2")
     page.click("#mp-play")
     assert page.inner_text("#mp-play") == "Play"
 

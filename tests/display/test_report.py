@@ -116,18 +116,8 @@ def test_one_cursor_moves_all_plots(opened: Any, stuck_run: Run, tmp_path: Path)
 
 
 def test_a_zoom_in_one_plot_is_a_zoom_in_all(opened: Any, stuck_run: Run, tmp_path: Path) -> None:
-    page = opened(write_report(stuck_run, tmp_path / "report.html")).page
+    opening = opened(write_report(stuck_run, tmp_path / "report.html"))
     zoom = "{'xaxis.range[0]': 1, 'xaxis.range[1]': 2}"
-    page.evaluate(f"Plotly.relayout(document.querySelector('#plot-rates .js-plotly-plot'), {zoom})")
+    opening.page.evaluate(f"Plotly.relayout(document.querySelector('#plot-rates .js-plotly-plot'), {zoom})")
     zoomed = "p => Math.abs(p._fullLayout.xaxis.range[1] - 2) < 1e-6"
-    page.wait_for_function(f"[...document.querySelectorAll('.js-plotly-plot')].every({zoomed})")
-
-
-def test_a_script_in_a_name_does_not_run(opened: Any, tmp_path: Path, toy_data: dict[str, Any]) -> None:
-    vehicle = Vehicle.model_validate({**toy_data, "name": "<script>alert(1)</script><img src=x onerror=alert(2)>"})
-    scenario = load_scenario("jet_pulses").model_copy(
-        update={"vehicle": vehicle, "jet_schedule": (), "duration_s": 1.0}
-    )
-    page = opened(write_report(simulate(scenario), tmp_path / "report.html"))
-    assert page.said == []
-    assert "<script>alert(1)" in page.page.inner_text("h1")
+    opening.until(f"[...document.querySelectorAll('.js-plotly-plot')].every({zoomed})")

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.stats import chi2
 
 from massprop_drake import Scenario, load_scenario
 from massprop_drake.inputs import params
@@ -92,6 +93,16 @@ def test_settings_of_the_rotation_filter() -> None:
     np.testing.assert_allclose(changed.disturbance_covariance, 0.01 * np.eye(3), rtol=1e-15)
     np.testing.assert_allclose(changed.process_noise, np.diag([0, 0, 0, 0, 0, 0, 4.0, 0, 0]), rtol=1e-15)
     np.testing.assert_allclose(changed.jump_covariance, 0.25 * default.jump_covariance, rtol=1e-14)
+
+
+@pytest.mark.parametrize("window", [2, 5, 40])
+def test_the_false_alarm_rate_of_a_mass_jump_is_shared_by_the_window(window: int) -> None:
+    overrides = ["mass.jump=glr", f"mass.jump_window={window}", "mass.jump_false_alarm_rate=1e-3"]
+    dut = params.mass_params(load_scenario("sample_maneuver", overrides))
+    assert dut.jump_window == window
+    assert dut.jump_threshold == pytest.approx(chi2.isf(1e-3 / window, 1), rel=1e-9)
+    single = params.mass_params(load_scenario("sample_maneuver", [*overrides[1:], "mass.jump=single_sample"]))
+    assert (single.jump_window, single.jump_threshold) == (1, pytest.approx(chi2.isf(1e-3, 1), rel=1e-9))
 
 
 def test_settings_of_the_mass_filter() -> None:

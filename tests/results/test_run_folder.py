@@ -11,12 +11,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from command_probe import FILES as ALL_FILES
 
 from massprop_drake import InputError, Run, load_scenario, simulate
 from massprop_drake.inputs.model import digest
 from massprop_drake.results.summary import by_name, from_names
 
-FILES = {"report.html", "filter_state.json", "history.npz", "scenario.yaml", "summary.json", "telemetry.csv"}
+FILES = ALL_FILES - {"figures"}
 FIGURES = {
     "center_of_mass",
     "consistency",
@@ -373,9 +374,8 @@ def test_a_failure_leaves_the_earlier_run_as_it_was(
 
 
 def test_an_earlier_run_is_replaced_altogether(short_run: Run, tmp_path: Path) -> None:
-    target = short_run.save(tmp_path / "run", pictures=False)
-    (target / "figures").mkdir()
-    (target / "figures" / "old.png").write_bytes(b"old")
+    target = short_run.save(tmp_path / "run")
+    assert (target / "figures").is_dir()
     short_run.save(target, pictures=False)
     assert {path.name for path in target.iterdir()} == FILES
     assert [path.name for path in tmp_path.iterdir()] == ["run"]
@@ -395,13 +395,13 @@ def test_missing_parents_are_made(short_run: Run, tmp_path: Path) -> None:
 def test_files_of_others_are_kept(short_run: Run, tmp_path: Path) -> None:
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "thesis.txt").write_text("years of work", encoding="utf-8")
-    with pytest.raises(InputError, match="holds files that are not of an earlier run; give another folder, or --force"):
+    with pytest.raises(InputError, match=r"not of an earlier run.*: thesis.txt; give another folder, or --force"):
         short_run.save(tmp_path / "mine", pictures=False)
     assert [path.name for path in (tmp_path / "mine").iterdir()] == ["thesis.txt"]
     short_run.save(tmp_path / "mine", force=True, pictures=False)
-    assert {path.name for path in (tmp_path / "mine").iterdir()} == {"thesis.txt", *FILES}
-    assert (tmp_path / "mine" / "thesis.txt").read_text(encoding="utf-8") == "years of work"
-    assert [path.name for path in tmp_path.iterdir()] == ["mine"]
+    assert {path.name for path in (tmp_path / "mine").iterdir()} == FILES
+    assert (tmp_path / "mine.1" / "thesis.txt").read_text(encoding="utf-8") == "years of work"
+    assert {path.name for path in tmp_path.iterdir()} == {"mine", "mine.1"}
 
 
 def test_a_file_is_no_folder(short_run: Run, tmp_path: Path) -> None:

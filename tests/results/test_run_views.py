@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from massprop_drake.results.run import Run
 
@@ -16,7 +15,6 @@ def test_a_notebook_shows_the_verdict_and_the_parameters(short_run: Run) -> None
 
 
 def test_signals_as_a_table_of_pandas(short_run: Run) -> None:
-    pytest.importorskip("pandas", reason="pandas is not installed")
     table = short_run.to_pandas()
     np.testing.assert_array_equal(table.index, short_run.time_s)
     np.testing.assert_array_equal(table["rate"]["y"], short_run["rate"][:, 1])
@@ -24,7 +22,6 @@ def test_signals_as_a_table_of_pandas(short_run: Run) -> None:
 
 
 def test_signals_as_a_dataset_of_xarray(short_run: Run) -> None:
-    pytest.importorskip("xarray", reason="xarray is not installed")
     data = short_run.to_xarray()
     assert data["force"].attrs["units"] == "lbf"
     np.testing.assert_array_equal(data["rate"].sel(rate_component="z"), short_run["rate"][:, 2])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from pathlib import Path
 
 import numpy as np
@@ -74,3 +75,50 @@ def test_signals_in_memory_are_one_block() -> None:
     (block,) = blocks(SIGNALS, "gyro", "alarm")
     assert set(block) == {"gyro", "alarm"}
     assert block["gyro"] is SIGNALS["gyro"]
+
+
+@pytest.mark.parametrize("sizes", [(5000,), (1,) * 130 + (4870,), (63, 1, 64, 65, 4807)])
+def test_where_pieces_end_depends_on_the_number_of_rows_alone(sizes: tuple[int, ...]) -> None:
+    assert [len(block["gyro"]) for block in _spooled(*sizes).blocks("gyro")] == [64] * 78 + [8]
+
+
+def test_no_more_than_a_piece_is_held_in_memory() -> None:
+    spool = Spool(rows_per_piece=64)
+    for start in range(0, 5000, 50):
+        spool.append({name: values[start : start + 50] for name, values in SIGNALS.items()})
+        assert sum(len(block["gyro"]) for block in spool._waiting) < 64
+    held = sum(values.nbytes for block in spool._waiting for values in block.values())
+    assert held < 64 * 8 * 9  # of nine columns: no row that has been put away is held by a view on it
+
+
+def test_what_fits_into_a_piece_stays_in_memory() -> None:
+    spool = _spooled(30, 33)
+    assert spool.in_memory
+    assert spool["gyro"] is spool["gyro"]
+    assert not _spooled(30, 34).in_memory
+
+
+def test_the_last_row_is_at_hand() -> None:
+    for sizes in ((10,), (60, 3), (60, 4), (60, 5)):
+        np.testing.assert_array_equal(_spooled(*sizes).last("gyro"), SIGNALS["gyro"][sum(sizes) - 1])
+
+
+def test_an_index_is_kept_but_is_no_signal(tmp_path: Path) -> None:
+    spool = Spool(rows_per_piece=64, index="time_s")
+    spool.append(SIGNALS)
+    assert list(spool) == list(SIGNALS)[1:]
+    assert "time_s" not in spool
+    np.testing.assert_array_equal(spool["time_s"], SIGNALS["time_s"])
+    write_npz(tmp_path / "spool.npz", spool, {})
+    with np.load(tmp_path / "spool.npz", allow_pickle=False) as stored:
+        assert stored.files == [*SIGNALS, "_description"]
+
+
+@pytest.mark.parametrize("size", [10, 200])
+def test_a_copy_has_all_of_it(size: int) -> None:
+    spool = _spooled(size)
+    other = pickle.loads(pickle.dumps(spool))
+    spool.append({name: values[:1] for name, values in SIGNALS.items()})
+    assert other.n_rows == size
+    for name, values in SIGNALS.items():
+        np.testing.assert_array_equal(other[name], values[:size])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import subprocess
 import sys
 from pathlib import Path
@@ -12,6 +13,7 @@ import numpy as np
 import pytest
 
 from massprop_drake import Estimator, EstimatorStep, InputError, Run, Scenario, Vehicle, load_scenario, simulate
+from massprop_drake.inputs.renamed import RenamedWarning
 from massprop_drake.inputs.scenario import resolved
 
 STILL = np.zeros(3)
@@ -478,7 +480,7 @@ def test_a_state_of_another_vehicle_is_refused(short_run: Run, toy_data: dict[st
     dut = Estimator(short_run.scenario.vehicle_data, short_run.scenario)
     other = Estimator(Vehicle.model_validate(toy_data))
     before = json.dumps(dut.state)
-    with pytest.raises(InputError, match="is of a vehicle with 12 jets, not 44"):
+    with pytest.raises(InputError, match=r"state: is of vehicle 'toy' with the digest .* and 'orbiter' here"):
         dut.restore(other.state)
     assert json.dumps(dut.state) == before
 
@@ -488,9 +490,9 @@ def test_a_state_of_other_settings_is_refused(short_run: Run) -> None:
     dut = Estimator(vehicle, short_run.scenario)
     before = json.dumps(dut.state)
     without = Estimator(vehicle, load_scenario("sample_maneuver", ["detector.kind=off"]))
-    with pytest.raises(InputError, match="saved state of failure_detector has sizes none, but these settings"):
+    with pytest.raises(InputError, match=r"is of other settings: detector.kind was 'off' and is 'cglr'; go on with"):
         dut.restore(without.state)
-    with pytest.raises(InputError, match=r"failure_detector has sizes \[186\], but these settings make it none"):
+    with pytest.raises(InputError, match=r"is of other settings: detector.kind was 'cglr' and is 'off'"):
         without.restore(dut.state)
     assert json.dumps(dut.state) == before
 
@@ -499,8 +501,91 @@ def test_a_state_of_other_settings_is_refused(short_run: Run) -> None:
 def test_a_state_that_lacks_a_part_is_refused(short_run: Run, lost: str) -> None:
     dut = Estimator(short_run.scenario.vehicle_data, short_run.scenario)
     state = {name: value for name, value in dut.state.items() if name != lost}
-    with pytest.raises(InputError, match=f"has no '{lost}'"):
+    with pytest.raises(InputError, match=f"state: {lost}: missing"):
         dut.restore(state)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"format": 3}, "format: input should be less than or equal to 2, got 3"),
+        ({"made_with": None}, "has no 'made_with'"),
+        ({"time_s": float("inf")}, "time_s: input should be a finite number"),
+        ({"time_s": "1"}, "time_s: input should be a valid number"),
+        ({"command": [2.0] * 44}, "command"),
+        ({"outside_wrench": [0.0] * 5}, "outside_wrench: must have 6 values"),
+        ({"states": {}}, "the saved state of failure_detector has sizes none"),
+        ({"more": 1}, "more: unknown key"),
+    ],
+)
+def test_a_damaged_state_is_refused_and_the_estimator_goes_on(
+    short_run: Run, change: dict[str, Any], words: str
+) -> None:
+    dut = Estimator(short_run.scenario.vehicle_data, short_run.scenario)
+    _steps(dut, short_run, range(20))
+    before = json.dumps(dut.state)
+    with pytest.raises(InputError, match=f"state: .*{words}|state: {words}"):
+        dut.restore({**dut.state, **change})
+    assert json.dumps(dut.state) == before
+
+
+def test_a_state_with_a_covariance_that_is_none_is_refused(short_run: Run) -> None:
+    dut = Estimator(short_run.scenario.vehicle_data, short_run.scenario)
+    state = json.loads(json.dumps(dut.state))
+    state["states"]["rotation_estimator"][0][9] = -1.0
+    with pytest.raises(InputError, match="state: states: the covariance of the estimates must be symmetric"):
+        dut.restore(state)
+
+
+def test_a_state_of_format_1_is_taken_with_one_warning(short_run: Run) -> None:
+    dut = Estimator(short_run.scenario.vehicle_data, short_run.scenario)
+    _steps(dut, short_run, range(20))
+    kept = dut.state
+    old = {key: value for key, value in kept.items() if key not in ("format", "made_with")}
+    with pytest.warns(RenamedWarning, match=r"state: is of format 1, .* which does not say") as caught:
+        dut.restore(old)
+    assert len(caught) == 1
+    assert json.dumps(dut.state) == json.dumps(kept)
+
+
+NO_SAMPLES: dict[str, tuple[dict[str, Any], str]] = {
+    "infinite time": ({"time_s": math.inf}, "time_s must be finite"),
+    "time before all": ({"time_s": -math.inf}, "time_s must be finite"),
+    "unknown time": ({"time_s": math.nan}, "time must go forward"),
+    "time in words": ({"time_s": "soon"}, "time_s must be numbers"),
+    "no time": ({"time_s": None}, "time must go forward|time_s must be numbers"),
+    "two times": ({"time_s": [1.0, 2.0]}, r"time_s must have shape \(\)"),
+    "huge time": ({"time_s": 1e300}, "time_s must be finite and at most"),
+    "infinite rate": ({"gyro": [0.0, math.inf, 0.0]}, "gyro must be finite"),
+    "huge rate": ({"gyro": [0.0, 1e300, 0.0]}, "gyro must be finite and at most"),
+    "four rates": ({"gyro": [0.0] * 4}, r"gyro must have shape \(3,\)"),
+    "rate in words": ({"gyro": ["x", 0.0, 0.0]}, "gyro must be numbers"),
+    "ragged rates": ({"gyro": [[0.0], 0.0, 0.0]}, "gyro must be numbers"),
+    "complex rate": ({"gyro": [1j, 0.0, 0.0]}, "gyro must be numbers"),
+    "too large a whole number": ({"gyro": [10**400, 0, 0]}, "gyro must be numbers"),
+    "infinite velocity": ({"accelerometers": [math.inf] * 3}, "accelerometers must be finite"),
+    "command of two": ({"commands": np.full(44, 2.0)}, "commands must be fractions"),
+    "infinite command": ({"commands": np.full(44, math.inf)}, "commands must be finite"),
+    "no commands": ({"commands": None}, "commands must have shape"),
+    "few commands": ({"commands": np.zeros(43)}, "commands must have shape"),
+    "unknown wrench": ({"outside_wrench": [math.nan] * 6}, "outside_wrench must be finite"),
+    "infinite wrench": ({"outside_wrench": [math.inf] * 6}, "outside_wrench must be finite"),
+    "short wrench": ({"outside_wrench": [0.0] * 3}, "outside_wrench must have shape"),
+}
+
+
+@pytest.mark.parametrize("name", NO_SAMPLES)
+def test_what_is_no_sample_is_refused_and_leaves_the_state(short_run: Run, name: str) -> None:
+    change, words = NO_SAMPLES[name]
+    dut, other = (Estimator(short_run.scenario.vehicle_data, short_run.scenario) for _ in range(2))
+    _steps(dut, short_run, range(20))
+    _steps(other, short_run, range(20))
+    before = json.dumps(dut.state)
+    sample = {"time_s": short_run.time_s[20], "gyro": STILL, "accelerometers": STILL, "commands": OFF, **change}
+    with pytest.raises(ValueError, match=words):
+        dut.step(**sample)
+    assert json.dumps(dut.state) == before
+    _assert_same_steps(_steps(dut, short_run, range(20, 25)), _steps(other, short_run, range(20, 25)))
 
 
 def test_it_needs_neither_drake_nor_matplotlib() -> None:

@@ -21,7 +21,7 @@ from massprop_drake import InputError, Run, Scenario, estimate, load_scenario, s
 from massprop_drake.diagrams import estimation
 from massprop_drake.results.spool import Spool
 from massprop_drake.results.summary import DetectionRecord
-from massprop_drake.telemetry.reader import vehicle_scenario
+from massprop_drake.telemetry.reader import Reader, vehicle_scenario
 
 Array = NDArray[np.float64]
 
@@ -165,6 +165,19 @@ def test_propellant_is_that_of_the_commands(failed_run: Run, replayed: Run) -> N
     assert replayed.summary["autopilot"]["propellant_mass"] == pytest.approx(expected, rel=1e-12)
 
 
+@pytest.mark.parametrize("rows_per_block", [1, 7])
+def test_how_many_rows_are_read_at_once_changes_nothing(
+    failed_folder: Path, replayed: Run, rows_per_block: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(Reader.__init__.__kwdefaults__, "rows_per_block", rows_per_block)
+    again = estimate(failed_folder / "telemetry.csv", replayed.scenario)
+    for part in ("autopilot", "detections"):
+        assert again.summary[part] == replayed.summary[part], part
+    assert again.summary["data_quality"]["samples"] == replayed.summary["data_quality"]["samples"]
+    assert again.summary["consistency"] == pytest.approx(replayed.summary["consistency"])  # sums, in another order
+    np.testing.assert_array_equal(again["estimate"], replayed["estimate"])
+
+
 def test_a_sound_record_has_no_warnings(replayed: Run) -> None:
     quality = replayed.summary["data_quality"]
     assert quality["warnings"] == []
@@ -230,6 +243,18 @@ def test_estimates_are_kept_over_a_gap(failed_run: Run, failed_folder: Path, tmp
     assert quality["samples"]["rotation"]["first_after_start_or_gap"] == 2
     assert any("1 gap in time, 2.48 s the longest, the first after 15.92 s" in text for text in quality["warnings"])
     assert len(run.summary["detections"]) == 1
+
+
+def test_a_run_that_was_loaded_is_saved_as_it_was(failed_run: Run, failed_folder: Path, tmp_path: Path) -> None:
+    header, rows = _table(failed_folder)
+    del rows[20:30]
+    record = _write(tmp_path / "gap.csv", header, rows[:40])  # cut, so that its last row has a command
+    run = estimate(record, failed_run.scenario)
+    run.save(tmp_path / "once", pictures=False, report=False)
+    Run.load(tmp_path / "once").save(tmp_path / "again", pictures=False, report=False)
+    for name in ("telemetry.csv", "history.npz", "filter_state.json"):
+        assert (tmp_path / "again" / name).read_bytes() == (tmp_path / "once" / name).read_bytes(), name
+    assert (tmp_path / "once" / "telemetry.csv").read_bytes() == record.read_bytes()
 
 
 @pytest.mark.parametrize(
@@ -375,26 +400,107 @@ def test_accelerations_and_outside_forces_go_on_as_well(toy_data: dict[str, Any]
     np.testing.assert_array_equal(second["acc"], whole["acc"][-29:])
 
 
-def test_a_state_of_other_settings_is_refused(failed_folder: Path, failed_run: Run) -> None:
-    telemetry = failed_folder / "telemetry.csv"
-    for override in ("detector.kind=off", "mass.jump=glr"):
-        other = load_scenario(failed_folder, [override])
-        with pytest.raises(InputError, match=r"filter_state.json: the saved state of \w+ has sizes .*; go on"):
-            estimate(telemetry, other, resume_from=failed_folder)
+@pytest.mark.parametrize(
+    ("override", "words"),
+    [
+        ("detector.kind=off", "detector.kind was 'cglr' and is 'off'"),
+        ("mass.jump=glr", "mass.jump was 'single_sample' and is 'glr'"),
+        ("rotation.jump_threshold=11.34", "rotation.jump_threshold was 25.0 and is 11.34"),
+        ("sensors.accelerometer=acc3", "sensors.accelerometer was None and is 'acc3'"),
+        ("estimation.start=nominal", "estimation.start was 'zero' and is 'nominal'"),
+    ],
+)
+def test_a_state_of_other_settings_is_refused(failed_folder: Path, failed_run: Run, override: str, words: str) -> None:
+    other = load_scenario(failed_folder, [override])
+    with pytest.raises(InputError, match=f"filter_state.json: is of other settings: .*{words}.*; go on with"):
+        estimate("nowhere.csv", other, resume_from=failed_folder)
+
+
+def test_what_is_not_the_estimators_may_differ(failed_folder: Path, tmp_path: Path) -> None:
+    overrides = ["failures=[]", "seed=3", "plant.depletion=false", "sensors.quantizer_phase=equal", "name=other"]
+    with pytest.raises(InputError, match="no such file"):  # of the record: the state has been taken
+        estimate(tmp_path / "nowhere.csv", load_scenario(failed_folder, overrides), resume_from=failed_folder)
 
 
 def test_a_state_of_another_vehicle_is_refused(failed_folder: Path, toy_data: dict[str, Any]) -> None:
-    with pytest.raises(InputError, match="is of a vehicle with 44 jets, and 'toy' has 12; go on with"):
+    with pytest.raises(InputError, match=r"is of vehicle 'orbiter' with the digest .* and 'toy' here has .*; go on"):
         estimate("nowhere.csv", Scenario(vehicle=toy_vehicle(toy_data)), resume_from=failed_folder)
+    vehicle = load_scenario(failed_folder).vehicle_data
+    heavier = vehicle.model_copy(update={"uncertainty": 0.31})
+    with pytest.raises(InputError, match=r"is of vehicle 'orbiter' with the digest .* and 'orbiter' here has"):
+        estimate("nowhere.csv", Scenario(vehicle=heavier), resume_from=failed_folder)
 
 
-@pytest.mark.parametrize("content", ["", "[]", "{}", '{"states": 3}'])
-def test_a_damaged_state_is_refused(failed_run: Run, tmp_path: Path, content: str) -> None:
-    with pytest.raises(InputError, match="holds no filter state that can be read"):
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ("", "not valid JSON"),
+        ("[]", "input should be a valid mapping"),
+        ("{}", "time_s: missing"),
+        ('{"row": 1e400}', "not valid JSON: 1e400 is not finite"),
+        ('{"row": NaN}', "not valid JSON: NaN is not finite"),
+        ("[" * 100_000, "nested too deeply"),
+    ],
+)
+def test_a_damaged_state_is_refused(failed_run: Run, tmp_path: Path, content: str, words: str) -> None:
+    with pytest.raises(InputError, match=r"filter_state.json: no such file"):
         estimate("nowhere.csv", failed_run.scenario, resume_from=tmp_path)
     (tmp_path / "filter_state.json").write_text(content, encoding="utf-8")
-    with pytest.raises(InputError, match=r"filter_state.json: (has no|holds no filter state)"):
+    with pytest.raises(InputError, match=f"filter_state.json: {words}"):
         estimate("nowhere.csv", failed_run.scenario, resume_from=tmp_path)
+
+
+def _put(state: dict[str, Any], group: str, place: int, value: Any) -> None:
+    state["states"][group][0][place] = value
+
+
+def _asymmetric(state: dict[str, Any]) -> None:
+    _put(state, "rotation_estimator", 9 + 1, 1e-9)  # the covariance begins after nine estimates
+
+
+def _indefinite(state: dict[str, Any]) -> None:
+    for place in (9 + 1, 9 + 9):
+        vector = state["states"]["rotation_estimator"][0]
+        vector[place] = 1.1 * (vector[9] * vector[9 + 10]) ** 0.5
+
+
+NO_RUN_LEAVES: dict[str, tuple[Callable[[dict[str, Any]], Any], str]] = {
+    "unknown format": (lambda state: state.update(format=3), "format: input should be less than or equal to 2, got 3"),
+    "no fingerprint": (lambda state: state.pop("made_with"), "has no 'made_with'"),
+    "one more key": (lambda state: state.update(more=1), "more: unknown key"),
+    "word for a row": (lambda state: state.update(row="x"), "row: input should be a valid integer"),
+    "negative row": (lambda state: state.update(row=-1), "row: input should be greater"),
+    "flag for a time": (lambda state: state.update(time_s=True), "time_s: input should be a valid number"),
+    "recent times back": (lambda state: state["recent_s"].reverse(), "recent_s: must go forward"),
+    "another time": (lambda state: state.update(time_s=1e-6), "recent_s: must end at time_s"),
+    "no recent times": (lambda state: state.update(recent_s=[]), "recent_s: "),
+    "command of two": (lambda state: state.update(command=[2.0] * 44), "command.*less than or equal to 1"),
+    "detections of words": (lambda state: state.update(detections=["x"]), r"detections\[0\]: "),
+    "strange detection": (lambda state: state["detections"][0].update(kind="x"), r"detections\[0\].kind: 'x' is not"),
+    "jet 44": (lambda state: state["detections"][0].update(jet_index=44), "has no jet of index 44"),
+    "velocity": (lambda state: state.update(velocity={"acc1": [1.0]}), "velocity.acc1: must have 3 values"),
+    "short state": (lambda state: state["states"]["impulse_model"][0].pop(), "impulse_model has sizes"),
+    "one more state": (lambda state: state["states"].update(x=[[1.0]]), "state of x has sizes"),
+    "asymmetric": (_asymmetric, "covariance of the estimates must be symmetric"),
+    "indefinite": (_indefinite, "covariance of the estimates must be symmetric and positive semidefinite"),
+    "negative variance": (lambda state: _put(state, "rotation_estimator", 9, -1.0), "positive semidefinite"),
+    "negative variance of 1/m": (lambda state: _put(state, "mass_estimator", 1, -1e-9), "positive semidefinite"),
+    "unknown estimate": (lambda state: _put(state, "rotation_estimator", 0, None), "only readings may be missing"),
+    "unknown 1/m": (lambda state: _put(state, "mass_estimator", 0, None), "only readings may be missing"),
+    "level of two": (lambda state: _put(state, "impulse_model", -1, 2.0), "must be fractions"),
+    "unknown alarms": (lambda state: _put(state, "failure_detector", 1, None), "failure_detector: must be finite"),
+    "half removed": (lambda state: _put(state, "failure_detector", -1, 0.5), "must be 0 or 1"),
+}
+
+
+@pytest.mark.parametrize("name", NO_RUN_LEAVES)
+def test_a_state_that_no_run_leaves_is_refused(failed_folder: Path, failed_run: Run, tmp_path: Path, name: str) -> None:
+    change, words = NO_RUN_LEAVES[name]
+    state = json.loads((failed_folder / "filter_state.json").read_text(encoding="utf-8"))
+    change(state)
+    (tmp_path / "filter_state.json").write_text(json.dumps(state), encoding="utf-8")
+    with pytest.raises(InputError, match=f"filter_state.json: .*{words}"):
+        estimate(failed_folder / "telemetry.csv", failed_run.scenario, resume_from=tmp_path)
 
 
 # ------------------------------------------------------------------------------------------- others

@@ -342,7 +342,7 @@ def test_no_file_and_a_folder(toy: Vehicle, tmp_path: Path) -> None:
         _read(tmp_path / "nowhere.csv", toy)
     with pytest.raises(InputError, match="is a folder; name a telemetry file"):
         _read(tmp_path, toy)
-    with pytest.raises(InputError, match="cannot be read"):
+    with pytest.raises(InputError, match="has the character NUL"):
         _read("a\0b.csv", toy)
 
 

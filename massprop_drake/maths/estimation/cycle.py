@@ -25,7 +25,7 @@ from massprop_drake.maths.estimation.detector import (
 )
 from massprop_drake.maths.estimation.filter import Filter, FilterStep, Groups, Interval, Joint
 from massprop_drake.maths.estimation.impulses import Impulses, interval_impulses, with_wrench
-from massprop_drake.maths.linear_algebra import Array, nonzero
+from massprop_drake.maths.linear_algebra import Array, is_covariance, nonzero
 from massprop_drake.maths.vehicle.thrust import LagFactors
 
 
@@ -114,6 +114,7 @@ class EstimationStep(NamedTuple):
     judgment: Judgment | None
 
 
+_ROUNDING = 1e-12  # of a level
 MEMORY = Layout("memory", command="jets", level="jets")  # of the impulse model
 
 
@@ -200,11 +201,31 @@ def saved(state: EstimationState, params: EstimationParams) -> Groups:
 
 
 def restored(groups: Groups, params: EstimationParams) -> EstimationState:
-    """The inverse of `saved`."""
+    """The inverse of `saved`.
+
+    Raises:
+        ValueError: when no run can have left such a state.
+    """
     memory = MEMORY.sized(jets=params.impulse_per_level.shape[0]).read(groups["impulse_model"])
+    if ((groups["impulse_model"] < 0.0) | (groups["impulse_model"] > 1.0 + _ROUNDING)).any():  # NaN: not known
+        raise ValueError("impulse_model: commands and levels must be fractions of 0 to 1")
     detector = None
     if params.detector is not None:
         initial = params.detector.initial(params.detector_params)
-        read = params.detector.layout(params.detector_params).read(groups["failure_detector"])
+        vector = groups["failure_detector"]
+        read = params.detector.layout(params.detector_params).read(vector)
         detector = type(initial)(*read)
-    return EstimationState(memory.command, memory.level, params.filter.restored(groups, params.filter_params), detector)
+        if not np.isfinite(vector).all():
+            raise ValueError("failure_detector: must be finite")
+        if (detector.variance < 0.0).any():
+            raise ValueError("failure_detector: variances of known forces must be zero or positive")
+        if not all(np.isin(flags, (0.0, 1.0)).all() for flags in (detector.removed, detector.closed)):
+            raise ValueError("failure_detector: removed and closed must be 0 or 1 for each jet")
+    state = params.filter.restored(groups, params.filter_params)
+    covariance = params.filter.covariance(state)
+    observed = ~np.isnan(params.filter.covariance(params.filter.initial(params.filter_params)).diagonal())
+    if not np.isfinite(params.filter.predicted(state)[observed]).all():
+        raise ValueError("estimates must be finite")
+    if not is_covariance(covariance[np.ix_(observed, observed)]):
+        raise ValueError("the covariance of the estimates must be symmetric and positive semidefinite")
+    return EstimationState(memory.command, memory.level, state, detector)

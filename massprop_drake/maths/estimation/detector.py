@@ -63,7 +63,8 @@ class Evidence(NamedTuple):
         coupled: whether translation and rotation share a part of it, by considered thrust errors that bear on
             the sample; else its blocks off the diagonal are zero.
         estimate: the ten parameters, predicted, shape (10,).
-        estimate_covariance: theirs, shape (10, 10).
+        estimate_covariance: Sigma, of their errors, shape (10, 10).
+        cross_covariance: Gamma, of the innovation with these errors (true minus predicted), shape (6, 10).
     """
 
     time_s: float
@@ -75,6 +76,7 @@ class Evidence(NamedTuple):
     coupled: bool
     estimate: Array
     estimate_covariance: Array
+    cross_covariance: Array
 
 
 class KnownForce(NamedTuple):

@@ -63,7 +63,7 @@ class Joint(NamedTuple):
     Attributes:
         innovation, covariance: as there.
         coupled: as there.
-        estimate, estimate_covariance: as there.
+        estimate, estimate_covariance, cross_covariance: as there.
     """
 
     innovation: Array
@@ -71,10 +71,19 @@ class Joint(NamedTuple):
     coupled: bool
     estimate: Array
     estimate_covariance: Array
+    cross_covariance: Array
 
 
-JOINT = Layout("evidence", innovation=6, covariance=(6, 6), coupled=FLAG, estimate=10, estimate_covariance=(10, 10))
-NOT_MEASURED = Joint(np.full(6, np.nan), np.zeros((6, 6)), False, np.zeros(10), np.zeros((10, 10)))
+JOINT = Layout(
+    "evidence",
+    innovation=6,
+    covariance=(6, 6),
+    coupled=FLAG,
+    estimate=10,
+    estimate_covariance=(10, 10),
+    cross_covariance=(6, 10),
+)
+NOT_MEASURED = Joint(np.full(6, np.nan), np.zeros((6, 6)), False, np.zeros(10), np.zeros((10, 10)), np.zeros((6, 10)))
 
 
 class RotationReport(NamedTuple):

@@ -48,6 +48,35 @@ SPIN_INTEGRAL = slice(17, 23)
 _LARGEST_ANGLE = 0.005
 
 
+class OutOfMassError(ArithmeticError):
+    """The jets use up the vehicle's whole mass.
+
+    Args:
+        left: mass at the beginning of the step, slug or kg.
+        wanted: what the jets would use in it.
+        time_s: when, once a system that knows the time passes the error on.
+    """
+
+    def __init__(self, left: float, wanted: float, time_s: float = math.nan):
+        self.left, self.wanted, self.time_s = left, wanted, time_s
+        super().__init__(f"at t = {time_s:g} s the vehicle has a mass of {left:g} and its jets use {wanted:g}")
+
+    def at(self, time_s: float) -> OutOfMassError:
+        """The same, with the time."""
+        return OutOfMassError(self.left, self.wanted, time_s)
+
+
+def require_mass(left: float, wanted: float) -> None:
+    """Raises OutOfMassError when the jets are to use up all that the vehicle has.
+
+    Args:
+        left: mass of the vehicle, slug or kg; below zero at a trial step beyond the end.
+        wanted: mass to be used, slug or kg.
+    """
+    if not left > wanted:
+        raise OutOfMassError(max(left, 0.0), wanted)
+
+
 _Decay = tuple[Array, float]  # a wrench that dies away, shape (7,), and its time constant, s
 
 
@@ -198,8 +227,14 @@ def step(
         time_constants_s: positive, s, one per row of ``transient``.
         duration_s: length of the step, s.
         body: constants of the motion.
+
+    Raises:
+        OutOfMassError: when the jets use up the vehicle's mass in the step.
     """
     target = steady.tolist()
+    decaying = zip(transient[:, 6].tolist(), time_constants_s, strict=True)
+    used = target[6] * duration_s + sum(flow * decay_integral(tau, duration_s) for flow, tau in decaying)
+    require_mass(float(state[MASS]), used)
     lagging = [(row, tau) for row, tau in zip(transient, time_constants_s, strict=True) if nonzero(row)]
     fastest = min((tau for _, tau in lagging), default=math.inf)
     longest = _longest_substep(state, steady, lagging, duration_s, body)

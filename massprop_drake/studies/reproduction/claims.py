@@ -5,7 +5,7 @@ differs, because the thesis shows one run of a quantized simulation. Its verdict
 measured values lie over the phases:
 
 - a threshold or range *holds* when at least 95 % of the phases meet it, *holds within spread* when at
-  least 5 % do, and else *differs*;
+  least half do, and else *differs*;
 - a printed number *holds within spread* when it lies inside the central 95 % of the phases, and else
   *differs*: one number from one run can prove no more.
 
@@ -28,9 +28,17 @@ Signals = Mapping[str, Array]  # of one run, by name, a row per sample
 Phase = Mapping[str, Signals]  # runs of one sensor phase, by the label of their case
 Phases = Sequence[Phase]
 
-MOST, SOME = 0.95, 0.05  # of the phases
+MOST, HALF = 0.95, 0.5  # of the phases
 _CENTRAL = (0.025, 0.975)
 _RESAMPLES = 400  # of the phases, for a pooled claim
+
+
+class Source(StrEnum):
+    """Who makes a claim."""
+
+    THESIS = "thesis"  # its words, figures and tables
+    REFERENCE = "reference"  # our reference: worked out from the thesis's equations, or found by a check of them
+    ERRATA = "errata"  # our reference, on errors of the thesis
 
 
 class Verdict(StrEnum):
@@ -109,7 +117,27 @@ class Printed:
         return number(self.value)
 
 
-Expectation = AtMost | AtLeast | Between | Near | Printed
+@dataclass(frozen=True)
+class Reading:
+    """Expects what words that leave room are read as.
+
+    Attributes:
+        bound: of the values.
+        words: how they are read, shown beside the bound.
+    """
+
+    bound: AtMost | AtLeast | Between | Near
+    words: str
+
+    def met(self, values: Array) -> NDArray[np.bool_]:
+        """Tells which values meet it."""
+        return self.bound.met(values)
+
+    def __str__(self) -> str:
+        return str(self.bound)
+
+
+Expectation = AtMost | AtLeast | Between | Near | Printed | Reading
 
 
 @dataclass(frozen=True)
@@ -131,17 +159,18 @@ class Because:
 
 @dataclass(frozen=True)
 class Claim:
-    """One thing the thesis says, and how it is measured.
+    """One thing the thesis says, or our reference of it, and how it is measured.
 
     Attributes:
         row: number of the row in the reference's table of claims that it belongs to, from 1.
         text: what is measured, in our words.
-        thesis: the thesis's words or number.
+        thesis: the words or number of the source.
         expect: see the classes above.
         measure: of one phase, or with `pooled` of a list of phases.
         unit: of the measured value.
         pooled: whether it is about all phases together.
         because: shown when the claim differs.
+        source: who makes it.
     """
 
     row: int
@@ -152,6 +181,13 @@ class Claim:
     unit: str = ""
     pooled: bool = False
     because: Because | None = None
+    source: Source = Source.THESIS
+
+    @property
+    def expected(self) -> str:
+        """Writes what is expected: the bound with its unit, and how words are read."""
+        bound = f"{self.expect} {self.unit}".strip()
+        return f"{bound} ({self.expect.words})" if isinstance(self.expect, Reading) else bound
 
 
 @dataclass(frozen=True)
@@ -221,7 +257,7 @@ def decide(expect: Expectation, values: Array) -> tuple[Verdict, float]:
     share = float(np.mean(expect.met(values)))
     if share >= MOST:
         return Verdict.HOLDS, share
-    return (Verdict.SPREAD if share >= SOME else Verdict.DIFFERS), share
+    return (Verdict.SPREAD if share >= HALF else Verdict.DIFFERS), share
 
 
 def _central(values: Array) -> tuple[float, float]:

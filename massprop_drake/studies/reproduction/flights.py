@@ -114,7 +114,26 @@ def failure(name: str) -> Flight:
     return Flight(name, name, _DETECTOR, DETECTION, from_s=45.0)
 
 
-STUCK_ON = failure("stuck_on_29")
+STUCK_ON = replace(failure("stuck_on_29"), signals=(*DETECTION, *ESTIMATES))
+# the same with a reset of the jet logic after two alarms in a row
+STUCK_ON_RESET = Flight(
+    "stuck_on_29_reset", "stuck_on_29", (*_DETECTOR, "detector.reconfigure_after=2"), ESTIMATES, from_s=45.0
+)
+# the same with every too large innovation taken for a jump of the mass properties, at the thesis's 1 %
+STUCK_ON_JUMP = Flight(
+    "stuck_on_29_jump",
+    "stuck_on_29",
+    (
+        "detector.kind=off",
+        "rotation.jump=covariance_increment",
+        "rotation.jump_threshold=11.34",
+        "mass.jump=single_sample",
+        "mass.jump_false_alarm_rate=0.01",
+        "duration_s=58",
+    ),
+    ESTIMATES,
+    from_s=45.0,
+)
 STUCK_OFF = failure("stuck_off_11")
 VERNIER = failure("vernier_stuck_on_39")
 LEAK = failure("leak_24")

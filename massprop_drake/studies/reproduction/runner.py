@@ -10,12 +10,12 @@ from __future__ import annotations
 import contextlib
 import multiprocessing
 import os
+import re
 import signal
-import tempfile
 import threading
 import zipfile
 import zlib
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import replace
 from itertools import islice
@@ -24,6 +24,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from massprop_drake.results.exchange import recover, stage
 from massprop_drake.studies.reproduction.cases import Case
 from massprop_drake.studies.reproduction.claims import Phase, Signals
 
@@ -31,7 +32,8 @@ Array = NDArray[np.float64]
 
 WORKERS = 2
 _BATCH = 120  # runs of one pair of processes: with some versions of Drake memory grows with every run
-_PARTIAL = ".part"
+_KEY = 20  # hexadecimal digits of a digest in a file's name
+_RESULT = re.compile(rf"(?P<case>.+)-\d\d-(?P<key>[0-9a-f]{{{_KEY}}})\.npz")
 
 
 class Store:
@@ -44,11 +46,12 @@ class Store:
     def __init__(self, folder: Path):
         self._folder = folder
         folder.mkdir(parents=True, exist_ok=True)
+        recover(folder)
         self._keys: dict[str, str] = {}
 
     def path(self, case: Case, seed: int) -> Path:
         """Names the file of one result."""
-        key = self._keys.get(case.name) or self._keys.setdefault(case.name, case.key()[:20])
+        key = self._keys.get(case.name) or self._keys.setdefault(case.name, case.key()[:_KEY])
         return self._folder / f"{case.name}-{seed:02d}-{key}.npz"
 
     def get(self, case: Case, seed: int) -> Signals | None:
@@ -80,13 +83,11 @@ class Store:
         return found
 
     def tidy(self) -> None:
-        """Removes files left by interrupted writing, and superseded results of known cases."""
-        for path in self._folder.glob(f".*{_PARTIAL}"):
-            path.unlink(missing_ok=True)
-        for name, key in self._keys.items():
-            for path in self._folder.glob(f"{name}-[0-9][0-9]-*.npz"):
-                if not path.stem.endswith(key):
-                    path.unlink(missing_ok=True)
+        """Removes superseded results of known cases."""
+        for path in self._folder.glob("*.npz"):
+            name = _RESULT.fullmatch(path.name)
+            if name and self._keys.get(name["case"], name["key"]) != name["key"]:
+                path.unlink(missing_ok=True)
 
 
 def phase_count(cases: Mapping[str, Case]) -> int:
@@ -135,7 +136,8 @@ def _run_batch(batch: list[tuple[Case, int, Path]]) -> Iterable[None]:
     context = multiprocessing.get_context("spawn")
     pool = ProcessPoolExecutor(min(WORKERS, len(batch)), mp_context=context, initializer=_start_worker)
     try:
-        futures = {pool.submit(_run_one, *work): work for work in batch}
+        with _ctrl_c_held():  # also in the workers, which inherit it while they load
+            futures = {pool.submit(_run_one, *work): work for work in batch}
         for future in as_completed(futures):
             case, seed, _ = futures[future]
             try:
@@ -147,9 +149,18 @@ def _run_batch(batch: list[tuple[Case, int, Path]]) -> Iterable[None]:
         pool.shutdown(cancel_futures=True)
 
 
+@contextlib.contextmanager
+def _ctrl_c_held() -> Iterator[None]:
+    """Leaves Ctrl-C to this process, after the block: processes started in it never see one."""
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+
+
 def _start_worker() -> None:
-    """Leaves Ctrl-C to the parent, which waits for the runs under way, and ends when the parent is gone."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    """Ends when the parent is gone; after Ctrl-C it waits for the runs under way."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
@@ -166,14 +177,10 @@ def _run_one(case: Case, seed: int, path: Path) -> None:
 
 def write_result(path: Path, result: Signals) -> None:
     """Writes one result, whole or not at all."""
-    with tempfile.NamedTemporaryFile(dir=path.parent, prefix=f".{path.stem}.", suffix=_PARTIAL, delete=False) as file:
-        try:
-            np.savez_compressed(file, **result)  # type: ignore[arg-type]
-        except BaseException:
-            with contextlib.suppress(OSError):
-                os.unlink(file.name)
-            raise
-    os.replace(file.name, path)
+    with stage(path.parent) as prepared:
+        partial = prepared.partial / path.name
+        np.savez_compressed(partial, **result)  # type: ignore[arg-type]
+        partial.replace(path)
 
 
 def _read(path: Path) -> Signals | None:

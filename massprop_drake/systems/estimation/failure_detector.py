@@ -36,7 +36,7 @@ class FailureDetector(LeafSystem):
     Ports:
         jet_commands (in, n_jets): fraction commanded over the interval that ends now. Required.
         impulses (in, 8): see `ImpulseModel`. Required.
-        evidence (in, 153), predicted (in, 10): see `MassEstimator`. Required.
+        evidence (in, 213), predicted (in, 10): see `MassEstimator`. Required.
         known_force (out, 24): packed as `layouts.KNOWN_FORCE`: wrench about the vehicle origin (6) of the known
             forces of failed jets, and what their uncertainty adds to the covariances of the velocity (9) and rate
             (9) increments. No feedthrough from innovations.

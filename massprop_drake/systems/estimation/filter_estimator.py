@@ -26,7 +26,7 @@ class FilterEstimator(FilterSystem):
         <gyro> (in, 3), <accelerometer> (in, 3), one per package: as `RotationEstimator` and `MassEstimator`.
         impulses (in, 8), mean_level (in, n_jets): see `ImpulseModel`. Required.
         known_force (in, 24), adaptation (in, 26): see `FailureDetector`. Unconnected: no failures.
-        predicted (out, 10), evidence (out, 153): see `MassEstimator`.
+        predicted (out, 10), evidence (out, 213): see `MassEstimator`.
         estimate (out, 10), standard_deviation (out, 10), covariance (out, 100), converged (out, 1): of the ten
             parameters, after this sample's measurement; see `ConvergenceMonitor`.
         rotation_report (out, 25), mass_report (out, 8): see `RotationEstimator` and `MassEstimator`.

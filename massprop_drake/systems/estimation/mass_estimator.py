@@ -29,16 +29,16 @@ class MassEstimator(FilterSystem):
     Ports:
         <accelerometer> (in, 3), one per package: integrated specific force, ft/s or m/s, body axes; NaN
             where missing. Required of the first; another that is unconnected counts as missing.
-        turning (in, 109 + 3 n): see `RotationEstimator`. Required.
+        turning (in, 136 + 12 n): see `RotationEstimator`. Required.
         predicted_estimate (in, 9): see `RotationEstimator`. Required for `predicted`.
         impulses (in, 8): see `ImpulseModel`. Required.
         known_force (in, 24), adaptation (in, 26): see `FailureDetector`. Unconnected: no failures.
         mean_level (in, n_jets): see `ImpulseModel`. Required where thrust errors are considered.
         predicted (out, 10): the ten parameters before this sample's measurement. No feedthrough from readings.
-        evidence (out, 153): both filters' innovations and predictions for the detector, packed as
+        evidence (out, 213): both filters' innovations and predictions for the detector, packed as
             `layouts.EVIDENCE`: innovation (6), translation first, its covariance (36), 1 when translation and
-            rotation share a part of it, the ten predicted parameters (10) and their covariance (100). NaN where
-            the combination of jets was not steady.
+            rotation share a part of it, the ten predicted parameters (10) and their covariance (100), covariance
+            of the innovation with their errors (60). NaN where the combination of jets was not steady.
         innovation (out, 3): measured minus predicted velocity increment after compensation, ft/s or
             m/s, NaN where not measured.
         innovation_covariance (out, 9): row by row.
@@ -101,7 +101,7 @@ class MassEstimator(FilterSystem):
     def _seen(self, context: Any) -> Turning:
         """What the rotation filter says of the sample."""
         turning = Turning._make(self._turning_layout.read(self._turning.Eval(context)))
-        return turning if self._linear_errors is not None else turning._replace(effects=None)
+        return turning if self._linear_errors is not None else turning._replace(effects=None, sensitivity=None)
 
     def _measure(self, context: Any) -> Measured:
         state, before = self._known(context)
@@ -132,7 +132,7 @@ class MassEstimator(FilterSystem):
     def _calc_evidence(self, context: Any, output: Any) -> None:
         state, interval, measurement, (_, turning) = self._measured(context)
         if interval.impulses.usable:
-            output.SetFromVector(EVIDENCE.pack(thesis.joint(turning, measurement.innovation, state)))
+            output.SetFromVector(EVIDENCE.pack(thesis.joint(turning, measurement, state)))
         else:
             output.SetFromVector(_NOT_MEASURED)
 

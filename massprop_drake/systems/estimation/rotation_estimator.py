@@ -34,11 +34,12 @@ class RotationEstimator(FilterSystem):
         known_force (in, 24), adaptation (in, 26): see `FailureDetector`. Unconnected: no failures.
         mean_level (in, n_jets): see `ImpulseModel`. Required where thrust errors are considered.
         predicted_estimate (out, 9): x before this sample's measurement. No feedthrough.
-        turning (out, 109 + 3 n): what the mass filter and the detector need, packed as `layouts.TURNING`:
+        turning (out, 136 + 12 n): what the mass filter and the detector need, packed as `layouts.TURNING`:
             innovation (3) and its covariance (9), measured rate increment (3) and mean rate (3) over the sample,
             rad/s, NaN where missing, the variance of the increment's error per component, rad^2/s^2, prediction
-            (9) and its covariance (81); where thrust errors are considered, n = n_jets, the effect of one sigma of
-            each on the innovation, row by row, zero where none bears on the sample; else n = 0.
+            (9) and its covariance (81), covariance of the innovation with the error of the prediction (27); where
+            thrust errors are considered, n = n_jets, the effect of one sigma of each on the innovation, row by row,
+            zero where none bears on the sample, and the sensitivity (9 n); else n = 0.
         innovation (out, 3): measured minus predicted rate increment, rad/s, NaN where not measured.
         innovation_covariance (out, 9): row by row, rad^2/s^2.
         estimate (out, 9): x after this sample's measurement.
@@ -81,7 +82,7 @@ class RotationEstimator(FilterSystem):
         self._gyros = self._declare_packages(gyros)
         self._declare_interval()
         self._turning = TURNING.sized(jets=n_errors)
-        self._no_effects = np.zeros((3, n_errors))
+        self._no_effects, self._insensitive = np.zeros((3, n_errors)), np.zeros((N_ROTATION, n_errors))
         self._layout = thesis.rotation_layout(params, n_errors)
         start = thesis.rotation_start(estimate, covariance, params, n_errors)
         self._state = self.DeclareDiscreteState(thesis.pack_rotation(*start, self._layout))
@@ -128,7 +129,8 @@ class RotationEstimator(FilterSystem):
         state, _, measurement, _ = self._measured(context)
         turning = thesis.turning_of(state, measurement)
         effects = self._no_effects if turning.effects is None else turning.effects
-        output.SetFromVector(self._turning.pack((*turning[:-1], effects)))
+        sensitivity = self._insensitive if turning.sensitivity is None else turning.sensitivity
+        output.SetFromVector(self._turning.pack(turning._replace(effects=effects, sensitivity=sensitivity)))
 
     def _calc_innovation(self, context: Any, output: Any) -> None:
         output.SetFromVector(self._measured(context).measurement.innovation.innovation)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
+from collections.abc import Iterator
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -12,10 +14,12 @@ from pydrake.systems.framework import BasicVector, LeafSystem
 
 from massprop_drake.maths.mass_properties import MassProperties, joined, six_elements, symmetric
 from massprop_drake.maths.vehicle import rigid_body
-from massprop_drake.maths.vehicle.rigid_body import MASS, N_WRENCH, RATE
+from massprop_drake.maths.vehicle.rigid_body import MASS, N_WRENCH, RATE, OutOfMassError
 from massprop_drake.systems.layouts import STRUCTURE
 
 Array = NDArray[np.float64]
+
+_LEAST_TIME_S = 1e-9  # that the mass must last in a continuous plant, whose steps shrink with what is left
 
 
 class Jump(NamedTuple):
@@ -132,10 +136,10 @@ class RigidBodyPlant(LeafSystem):
         """The continuous plant's equations of motion."""
         if self._time_step == 0.0:
             wrench = self._wrench.Eval(context)
-            body = self._body(context)
-            derivatives.get_mutable_vector().SetFromVector(
-                rigid_body.derivative(self._body_state(context), wrench, body)
-            )
+            body, state = self._body(context), self._body_state(context)
+            with _timed(context):
+                rigid_body.require_mass(float(state[MASS]), _LEAST_TIME_S * float(wrench[-1]))
+            derivatives.get_mutable_vector().SetFromVector(rigid_body.derivative(state, wrench, body))
 
     def _jump(self, context: Any, state: Any) -> None:
         body_state = self._body_state(context)
@@ -156,10 +160,16 @@ class RigidBodyPlant(LeafSystem):
 
     def _update(self, context: Any, state: Any) -> None:
         profile = self._wrench.Eval(context).reshape(-1, N_WRENCH)
-        body = self._body(context)
-        if self._body_state(context)[MASS] <= 0.0:
-            raise ArithmeticError(f"at t = {context.get_time():g} s the vehicle has used up its whole mass")
-        state.set_value(
-            self._state,
-            rigid_body.step(self._body_state(context), profile[0], profile[1:], self._lags, self._time_step, body),
-        )
+        before, body = self._body_state(context), self._body(context)
+        with _timed(context):
+            after = rigid_body.step(before, profile[0], profile[1:], self._lags, self._time_step, body)
+        state.set_value(self._state, after)
+
+
+@contextlib.contextmanager
+def _timed(context: Any) -> Iterator[None]:
+    """Adds the time to the error of a vehicle that runs out of mass."""
+    try:
+        yield
+    except OutOfMassError as error:
+        raise error.at(context.get_time()) from None

@@ -207,6 +207,18 @@ def test_a_rejected_sample_leaves_the_state_but_for_process_noise(scene: Scene) 
     assert not weighed.state.window.any()
 
 
+@pytest.mark.parametrize("action", [Action.CORRECT, Action.CORRECT_THESIS])
+def test_a_corrected_sample_empties_the_window_of_the_jump_test(scene: Scene, action: int) -> None:
+    # its sums are of plain updates: what they gathered says nothing of the estimate that a correction leaves
+    gathered = np.array([[0.0, 0.0, 0.0], [0.5, 2.0, 1.0], [0.2, 3.0, -1.0]])
+    state = scene.moving_state._replace(window=gathered)
+    plain = mass_filter.update(state, scene.pushed, scene.moving, NO_ADAPTATION, MASS._replace(jump_threshold=1e9))
+    assert plain.state.window.any()
+    params = MASS._replace(jump_threshold=1e9)
+    corrected = mass_filter.update(state, scene.pushed, scene.moving, scene.adaptation(action), params)
+    assert not corrected.state.window.any()
+
+
 @pytest.mark.parametrize(
     ("action", "used"), [(Action.CORRECT, True), (Action.CORRECT_THESIS, True), (Action.REJECT, False)]
 )

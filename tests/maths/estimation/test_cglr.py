@@ -26,7 +26,7 @@ from massprop_drake.maths.estimation.detectors.cglr import (
 )
 from massprop_drake.maths.estimation.detectors.jet_tests import signatures
 from massprop_drake.maths.estimation.filters.rotation_filter import rate_increment_jacobian
-from massprop_drake.maths.estimation.filters.thesis import shared_covariance
+from massprop_drake.maths.estimation.filters.thesis import joint_covariance, shared_covariance
 from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError
 
 PERIOD_S = 0.08
@@ -623,6 +623,26 @@ def test_a_known_force_that_has_ceased_is_withdrawn(bench: Bench) -> None:
     np.testing.assert_allclose(result.adaptation.rotation, -868.0 * bench.signatures[STUCK][3:], rtol=1e-9)
 
 
+@pytest.mark.parametrize(("left", "event"), [(2.9, Event.WITHDRAWN), (3.1, Event.NOTHING), (-2.9, Event.WITHDRAWN)])
+def test_a_known_force_is_withdrawn_below_three_sigma(bench: Bench, left: float, event: int) -> None:
+    with_known(bench, STUCK, 868.8, 0.01)
+    c = bench.signatures[STUCK]
+    sigma = (c @ bench.information @ c) ** -0.5  # of the force by one sample
+    finding = bench.step((left * sigma - 868.8) * c).finding
+    assert finding.event == event
+    expected = 0.0 if event == Event.WITHDRAWN else left * sigma
+    np.testing.assert_allclose(bench.state.force[STUCK], expected, rtol=1e-9, atol=1e-12)
+
+
+def test_a_declared_and_a_corrected_force_are_not_known_better_than_the_floor(orbiter: Vehicle) -> None:
+    bench = Bench(orbiter, force_variance_floor=400.0)  # a sample knows the force to about 1 lbf
+    bench.declare(STUCK, 868.8)
+    assert bench.state.variance[STUCK] == 400.0
+    bench.step(-400.0 * bench.signatures[STUCK])
+    np.testing.assert_allclose(bench.state.force[STUCK], 468.8, rtol=1e-9)
+    assert bench.state.variance[STUCK] == 400.0
+
+
 def test_a_known_force_that_has_ceased_is_withdrawn_though_a_healthy_jet_could_explain_it(bench: Bench) -> None:
     # a jet of cluster 8 pushing with 13 lbf looks much like jet 15 no longer pushing with 50; but the one is known
     # to have failed, and a force that is no longer there must not be made up for
@@ -857,8 +877,8 @@ def test_what_the_filters_know_makes_the_sample(orbiter: Vehicle) -> None:
         information=np.linalg.inv(covariance),
         thrust_errors=False,
         mass_properties=bench.properties,
-        state_covariance=given["state_covariance"],
-        mass_variance=float(given["mass_estimate"][1]),
+        parameter_covariance=joint_covariance(given["state_covariance"], given["mass_estimate"][1]),
+        cross_covariance=np.zeros((6, 10)),
     )
     theirs = cycle(bench.state, sample, bench.params)
     np.testing.assert_allclose(status(ours), status(theirs), rtol=1e-9)

@@ -21,6 +21,7 @@ from massprop_drake.maths.estimation.detectors.jet_tests import (
     uncertain_jet_tests,
 )
 from massprop_drake.maths.estimation.filters.rotation_filter import rate_increment_jacobian, rate_increment_jacobians
+from massprop_drake.maths.estimation.filters.thesis import joint_covariance
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import ELEMENT, pack
 
@@ -206,7 +207,12 @@ def uncertainty(case: Case, fraction: float = 0.02) -> tuple[Array, float]:
 
 
 def judged_again(
-    case: Case, innovation: Array, state_covariance: Array, mass_variance: float, off: Array | None = None
+    case: Case,
+    innovation: Array,
+    state_covariance: Array,
+    mass_variance: float,
+    off: Array | None = None,
+    cross: Array | None = None,
 ) -> JetTests:
     negative = case.allowed if off is None else off
     return uncertain_jet_tests(
@@ -214,7 +220,11 @@ def judged_again(
         innovation,
         case.whole,
         UncertainSignatures(
-            case.coefficients, case.wrenches * PERIOD_S, case.properties, state_covariance, mass_variance
+            case.coefficients,
+            case.wrenches * PERIOD_S,
+            case.properties,
+            joint_covariance(state_covariance, mass_variance),
+            np.zeros((6, 10)) if cross is None else cross,
         ),
         Signs(negative, case.allowed),
     )

@@ -450,6 +450,36 @@ def test_coasting_innovation_is_the_increment_with_the_sensors_noise() -> None:
     assert dut.nis == pytest.approx(0.02 + 768.0 + 52.5625, rel=1e-12)
 
 
+def test_coasting_the_modeled_coupling_is_as_uncertain_as_the_estimates() -> None:
+    covariance, noise = 1e-4 * random_covariance(np.random.default_rng(2), 1.0), 1e-3 * np.eye(3)
+    rate = np.array([1.0, -2.0, 1.5])
+    sample = RotationSample(np.zeros(3), rate, noise, 0.0, NONE, NONE, firing=False)
+    params = SETTINGS._replace(coupling=Coupling.MODEL)
+    dut = innovate(RotationState(STATE, covariance), sample, False, params)
+    slope = np.empty((3, 6))
+    for element in range(6):
+        step = np.zeros(9)
+        step[element] = 1e-6
+        sides = [coupling_increment((STATE + sign * step)[ELEMENT], rate, PERIOD) for sign in (1.0, -1.0)]
+        slope[:, element] = (sides[0] - sides[1]) / 2e-6
+    expected = slope @ covariance[:6, :6] @ slope.T + noise
+    assert np.abs(expected - noise).max() > 0.1 * np.abs(noise).max()  # the case shows something
+    np.testing.assert_allclose(dut.covariance, expected, rtol=1e-6, atol=1e-9)
+
+
+@pytest.mark.parametrize("element", [0, 1, 2])
+@pytest.mark.parametrize(("fraction", "modeled"), [(0.49, True), (0.51, False)])
+def test_coupling_is_modeled_once_the_diagonal_is_known_to_half_its_size(
+    element: int, fraction: float, *, modeled: bool
+) -> None:
+    deviation = 0.1 * np.abs(STATE)
+    deviation[element] = fraction * STATE[element]
+    sample = RotationSample(np.zeros(3), np.array([1.0, -2.0, 1.5]), np.eye(3), 0.0, NONE, NONE, firing=False)
+    params = SETTINGS._replace(coupling=Coupling.MODEL)
+    dut = innovate(RotationState(STATE, np.diag(deviation**2)), sample, False, params)
+    assert dut.innovation.any() == dut.jacobian.any() == modeled
+
+
 # ---------------------------------------------------------------- dynamic coupling
 
 

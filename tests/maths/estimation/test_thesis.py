@@ -10,7 +10,7 @@ from massprop_drake.maths.estimation.adaptation import NO_ADAPTATION
 from massprop_drake.maths.estimation.detector import NO_KNOWN_FORCE, KnownForce, known_force_of
 from massprop_drake.maths.estimation.filter import NOT_MEASURED, Interval
 from massprop_drake.maths.estimation.filters import thesis
-from massprop_drake.maths.estimation.filters.mass_filter import MassInnovation, MassState
+from massprop_drake.maths.estimation.filters.mass_filter import MassInnovation, MassMeasurement, MassSample, MassState
 from massprop_drake.maths.estimation.filters.mass_jump import empty_window
 from massprop_drake.maths.estimation.filters.thesis import ThesisParams, Turning
 from massprop_drake.maths.estimation.impulses import Impulses
@@ -81,6 +81,21 @@ def test_the_rotation_filter_learns_from_steady_commanded_thrust_alone(
     assert thesis.is_learning(_interval(usable=usable, firing=firing, known=known)) == (usable and firing)
 
 
+def test_a_known_force_alone_teaches_neither_filter() -> None:
+    # it may have ceased: what it is known by is the detector's to follow
+    params = _params()
+    for firing, learnt in ((False, False), (True, True)):
+        interval, state = _interval(firing=firing, known=KNOWN), thesis.initial_state(params)
+        for reading in (0.0, 0.5):
+            rates = velocities = np.full((1, 3), reading)
+            measurement = thesis.measure(state, rates, velocities, interval, params)
+            step = thesis.finish(state, measurement, interval, NO_ADAPTATION, params)
+            before, state = state, step.state
+        assert (step.rotation.rotation_used, step.mass.mass_used) == (learnt, learnt)
+        assert (state.rotation.estimate != before.rotation.estimate).any() == learnt
+        assert (state.mass.mass_reciprocal != before.mass.mass_reciprocal) == learnt
+
+
 # ------------------------------------------------------------------------------------ thrust errors
 
 
@@ -117,7 +132,16 @@ def test_nothing_is_shared_where_no_error_bears_on_the_sample() -> None:
 
 def _turning(effects: np.ndarray | None) -> Turning:
     return Turning(
-        np.array([1.0, 2.0, 3.0]), 5.0 * np.eye(3), np.zeros(3), np.zeros(3), 0.0, np.arange(9.0), np.eye(9), effects
+        innovation=np.array([1.0, 2.0, 3.0]),
+        innovation_covariance=5.0 * np.eye(3),
+        increment=np.zeros(3),
+        rate=np.zeros(3),
+        rate_variance=0.0,
+        estimate=np.arange(9.0),
+        covariance=np.eye(9),
+        cross_covariance=np.zeros((3, 9)),
+        effects=effects,
+        sensitivity=None if effects is None else np.zeros((9, 2)),
     )
 
 
@@ -133,8 +157,9 @@ def test_the_joint_covariance_shares_nothing_between_the_mass_and_the_others() -
 def test_both_innovations_stand_side_by_side_translation_first(coupled: bool) -> None:
     effects = np.full((3, 2), 0.5)
     innovation = MassInnovation(np.array([7.0, 8.0, 9.0]), 4.0 * np.eye(3), np.eye(3), np.eye(3), effects, 0.0)
+    moving = MassMeasurement(MassSample(np.zeros(3), np.eye(3), np.zeros(3)), innovation)
     seen = thesis.joint(
-        _turning(effects if coupled else None), innovation, MassState(0.25, 0.5, empty_window(1), np.zeros(2))
+        _turning(effects if coupled else None), moving, MassState(0.25, 0.5, empty_window(1), np.zeros(2))
     )
     np.testing.assert_array_equal(seen.innovation, [7.0, 8.0, 9.0, 1.0, 2.0, 3.0])
     np.testing.assert_array_equal(seen.covariance[:3, :3], 4.0 * np.eye(3))

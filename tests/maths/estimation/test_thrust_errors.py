@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import Any
 
 import numpy as np
@@ -71,13 +72,15 @@ def effects_by_hand(estimate: Array, errors: Array) -> Array:
     return np.column_stack([inverse @ (jet[:3] + np.cross(jet[3:], estimate[6:])) for jet in errors])
 
 
-def products_by_hand(estimate: Array, covariance: Array, errors: Array) -> Array:
-    """sum_j H_j S H_j^T, jet by jet."""
-    total = np.zeros((3, 3))
-    for jet in errors:
-        jacobian = rate_increment_jacobian(estimate, jet[:3], jet[3:])
-        total += jacobian @ covariance @ jacobian.T
-    return total
+def products_by_hand(state: RotationState, errors: Array) -> tuple[Array, Array]:
+    """Mean and covariance of sum_j beta_j H_j dx, pair by pair."""
+    assert state.sensitivity is not None
+    jacobians = [rate_increment_jacobian(state.estimate, jet[:3], jet[3:]) for jet in errors]
+    mean = sum(h @ psi for h, psi in zip(jacobians, state.sensitivity.T, strict=True))
+    total = sum(h @ state.covariance @ h.T for h in jacobians)
+    for j, k in itertools.product(range(len(errors)), repeat=2):
+        total += np.outer(jacobians[j] @ state.sensitivity[:, k], jacobians[k] @ state.sensitivity[:, j])
+    return np.asarray(mean), np.asarray(total)
 
 
 def schmidt(
@@ -115,8 +118,9 @@ def updated_by_hand(
     estimate, covariance = state.estimate, state.covariance
     jacobian = rate_increment_jacobian(estimate, sample.angular_impulse, sample.linear_impulse)
     bias, curvature = second_order_terms(covariance, sample.linear_impulse)
-    noise = sample.noise + curvature + products_by_hand(estimate, covariance, sample.thrust_errors)
-    error = sample.increment - rate_increment(estimate, sample.angular_impulse, sample.linear_impulse) - bias
+    mean, products = products_by_hand(state, sample.thrust_errors)
+    noise = sample.noise + curvature + products
+    error = sample.increment - rate_increment(estimate, sample.angular_impulse, sample.linear_impulse) - bias - mean
     gained = spread = np.zeros((3, 3))
     if adaptation.action != Action.NONE:
         error, spread = error - adaptation.rotation, adaptation.rotation_spread
@@ -181,7 +185,7 @@ def test_the_innovations_covariance_is_that_of_state_and_thrust_errors_together(
     dut = rotation_filter.innovate(state, sample, False, ROTATION)
     design = np.hstack([dut.jacobian, effects_by_hand(STATE, sample.thrust_errors)])
     _, curvature = second_order_terms(state.covariance, sample.linear_impulse)
-    noise = sample.noise + curvature + products_by_hand(STATE, state.covariance, sample.thrust_errors)
+    noise = sample.noise + curvature + products_by_hand(state, sample.thrust_errors)[1]
     expected = design @ augmented(state.covariance, state.sensitivity) @ design.T + noise
     np.testing.assert_allclose(dut.noise, noise, rtol=1e-12)
     np.testing.assert_allclose(dut.covariance, expected, rtol=1e-12)
@@ -296,7 +300,7 @@ def test_moments_of_the_innovation_by_sampling() -> None:
     bounds = 5.0 * products.std(axis=0) / np.sqrt(count)
     assert (np.abs(products.mean(axis=0) - dut.covariance) < bounds).all()
     # the test can tell: neither the products nor the effects may be left out
-    without = dut.covariance - products_by_hand(STATE, covariance, sample.thrust_errors)
+    without = dut.covariance - products_by_hand(state, sample.thrust_errors)[1]
     assert (np.abs(products.mean(axis=0) - without) > 2.0 * bounds).any()
     without = dut.covariance - dut.effects @ dut.effects.T
     assert (np.abs(products.mean(axis=0) - without) > 2.0 * bounds).any()
@@ -366,13 +370,24 @@ def mass_sample(rng: np.random.Generator, **changes: Any) -> MassSample:
     return MassSample(rng.normal(size=3), 0.05 * spd(rng, 3), rng.normal(size=3), errors)._replace(**changes)
 
 
+def mass_products_by_hand(state: MassState, sample: MassSample) -> tuple[Array, Array]:
+    """Mean of sum_j beta_j lambda_j d(1/m), pair by pair, and R' with their covariance."""
+    assert state.sensitivity is not None
+    assert sample.thrust_errors is not None
+    errors, psi = sample.thrust_errors.T, state.sensitivity
+    noise = sample.noise + sum(state.variance * np.outer(jet, jet) for jet in errors)
+    for j, k in itertools.product(range(N_JETS), repeat=2):
+        noise = noise + psi[k] * psi[j] * np.outer(errors[j], errors[k])
+    return sum(jet * part for jet, part in zip(errors, psi, strict=True)), noise
+
+
 def weighed_by_hand(state: MassState, sample: MassSample, adaptation: Adaptation = NO_ADAPTATION) -> MassState:
     """The filter of [1/m; beta], the update made again with G where it led to."""
     assert state.sensitivity is not None
     assert sample.thrust_errors is not None
     joint = augmented(np.array([[state.variance]]), state.sensitivity[None])
-    noise = sample.noise + sum(state.variance * np.outer(jet, jet) for jet in sample.thrust_errors.T)
-    error = sample.measured - sample.linear_impulse * state.mass_reciprocal
+    mean, noise = mass_products_by_hand(state, sample)
+    error = sample.measured - sample.linear_impulse * state.mass_reciprocal - mean
     gained = spread = np.zeros((3, 3))
     if adaptation.action != Action.NONE:
         error, spread = error - adaptation.translation, adaptation.translation_spread
@@ -404,7 +419,7 @@ def test_the_mass_innovations_covariance_is_that_of_state_and_thrust_errors_toge
     state, sample = mass_state(rng), mass_sample(rng)
     dut = mass_filter.innovate(state, sample)
     design = np.column_stack([sample.linear_impulse, 0.3 * sample.thrust_errors])
-    noise = sample.noise + sum(state.variance * np.outer(jet, jet) for jet in sample.thrust_errors.T)
+    _, noise = mass_products_by_hand(state, sample)
     expected = design @ augmented(np.array([[state.variance]]), state.sensitivity[None]) @ design.T + noise
     np.testing.assert_allclose(dut.noise, noise, rtol=1e-12)
     np.testing.assert_allclose(dut.covariance, expected, rtol=1e-12)

@@ -16,6 +16,7 @@ from massprop_drake.studies.reproduction.claims import (
     Expectation,
     Near,
     Printed,
+    Reading,
     Verdict,
     decide,
     judge,
@@ -39,12 +40,18 @@ def claim(expect: Expectation, **others: Any) -> Claim:
         (AtMost(20.0), Verdict.HOLDS, 1.0),
         (AtMost(19.0), Verdict.HOLDS, 0.95),
         (AtMost(18.9), Verdict.SPREAD, 0.9),
-        (AtMost(1.0), Verdict.SPREAD, 0.05),
-        (AtMost(0.9), Verdict.DIFFERS, 0.0),
+        (AtMost(10.0), Verdict.SPREAD, 0.5),  # half of the phases are asked for, and no fewer
+        (AtMost(9.9), Verdict.DIFFERS, 0.45),
+        (AtMost(1.0), Verdict.DIFFERS, 0.05),
         (AtLeast(2.0), Verdict.HOLDS, 0.95),
         (AtLeast(2.1), Verdict.SPREAD, 0.9),
-        (Between(5.0, 10.0), Verdict.SPREAD, 0.3),
-        (Near(5.0, 0.5), Verdict.SPREAD, 0.05),
+        (AtLeast(11.0), Verdict.SPREAD, 0.5),
+        (AtLeast(11.1), Verdict.DIFFERS, 0.45),
+        (Between(5.0, 14.0), Verdict.SPREAD, 0.5),
+        (Between(5.0, 13.0), Verdict.DIFFERS, 0.45),
+        (Reading(AtLeast(11.0), "many: more than ten"), Verdict.SPREAD, 0.5),
+        (Reading(AtLeast(12.0), "many: more than eleven"), Verdict.DIFFERS, 0.45),
+        (Near(5.0, 0.5), Verdict.DIFFERS, 0.05),
         (Near(5.5, 0.4), Verdict.DIFFERS, 0.0),
         # the central 95 % of 1 .. 20 is 1.475 to 19.525
         (Printed(1.5), Verdict.SPREAD, 0.05),
@@ -63,6 +70,22 @@ def test_what_could_not_be_measured_meets_nothing() -> None:
     for expect in (AtMost(100.0), AtLeast(0.0), Between(0.0, 100.0), Near(0.0, 100.0)):
         assert decide(expect, values) == (Verdict.SPREAD, pytest.approx(0.85))
     assert decide(Printed(10.0), values)[0] is Verdict.DIFFERS
+
+
+def test_a_pooled_claim_is_judged_by_the_same_half() -> None:
+    def first(some: Any) -> float:
+        return float(some[0]["case"]["x"][0])
+
+    # the first of phases drawn anew is any of the twenty
+    outcomes = [judge(Claim(1, "", "", AtMost(limit), first, pooled=True), phases(TWENTY)) for limit in (13.0, 7.0)]
+    assert [outcome.verdict for outcome in outcomes] == [Verdict.SPREAD, Verdict.DIFFERS]
+
+
+def test_how_words_are_read_stands_beside_the_bound() -> None:
+    reading = Reading(Between(1.0, 2.0), "minor: at most double")
+    assert claim(reading, unit="s").expected == "1 to 2 s (minor: at most double)"
+    assert claim(AtMost(2.0), unit="lbf").expected == "≤ 2 lbf"
+    assert claim(Printed(3.0)).expected == "3"
 
 
 def test_measured_gives_median_spread_and_place() -> None:

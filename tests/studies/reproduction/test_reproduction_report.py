@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 
 from massprop_drake.studies.reproduction import report
-from massprop_drake.studies.reproduction.claims import AtMost, Claim, Outcome, Verdict
+from massprop_drake.studies.reproduction.claims import AtMost, Claim, Outcome, Reading, Source, Verdict
 from massprop_drake.studies.reproduction.entry import Entry
 
 EVIL = "a <b> & \"c\" 'd' | e"
 
 
-def _outcome(verdict: Verdict, why: str = "") -> Outcome:
-    claim = Claim(1, EVIL, "10 %", AtMost(10.0), lambda _: 0.0, unit="%")
+def _outcome(verdict: Verdict, why: str = "", source: Source = Source.THESIS) -> Outcome:
+    claim = Claim(1, EVIL, "10 %", Reading(AtMost(10.0), "small"), lambda _: 0.0, unit="%", source=source)
     return Outcome(claim, np.array([2.0]), 2.0, verdict, 1.0, why)
 
 
@@ -68,24 +68,45 @@ def test_the_page_says_what_was_found_and_holds_its_pictures(results: list[repor
     read = _Read()
     read.feed(report.page(results, tmp_path))
     assert read.headings == [f"Figure 5-2: Rates {EVIL}", "Section 6.1: Conclusions"]
-    row = [EVIL, "10 %", "≤ 10 %", "2 %"]
+    row = [EVIL, "thesis", "10 %", "≤ 10 % (small)", "2 %"]
     assert read.cells == [*row, "holds", *row, f"differs: {EVIL}", *row, "holds within spread"]
-    assert read.classes == ["verdict holds", "verdict differs", "verdict within"]
+    assert read.classes == ["source", "verdict holds", "source", "verdict differs", "source", "verdict within"]
     assert read.sources == [f"data:image/png;base64,{base64.b64encode(b'picture').decode()}"]
 
 
 def test_verdicts_are_counted(results: list[report.Reproduced]) -> None:
     assert report.counted(results) == {"holds": 1, "holds within spread": 1, "differs": 1}
-    assert report.summary_line(results) == (
-        "3 claims: 1 holds, 1 holds within spread, 1 differs (67 % hold, by themselves or within spread)"
+    assert report.summary_line(results) == "3 claims of the thesis: 1 holds, 1 holds within spread, 1 differs"
+    assert report.summary_line([]).startswith("0 claims of the thesis")
+
+
+def test_claims_that_are_not_the_thesis_s_are_counted_apart(results: list[report.Reproduced]) -> None:
+    ours = (
+        *(_outcome(verdict, source=Source.REFERENCE) for verdict in (Verdict.HOLDS, Verdict.HOLDS, Verdict.DIFFERS)),
+        _outcome(Verdict.SPREAD, source=Source.ERRATA),
     )
-    assert report.summary_line([]).startswith("0 claims")
+    results = [*results, report.Reproduced(Entry("errata", "Errata", {}, ()), ours, ())]
+    line = (
+        "3 claims of the thesis: 1 holds, 1 holds within spread, 1 differs. Apart from these: "
+        "3 numbers of our reference: 2 holds, 0 holds within spread, 1 differs; "
+        "1 errata that it names: 0 holds, 1 holds within spread, 0 differs"
+    )
+    assert report.summary_line(results) == line
+    assert f"\n{line}.\n" in report.markdown(results)
+    data = report.as_data(results)
+    assert data["verdicts"] == {"holds": 1, "holds within spread": 1, "differs": 1}
+    assert data["apart"] == {
+        "reference": {"holds": 2, "holds within spread": 0, "differs": 1},
+        "errata": {"holds": 0, "holds within spread": 1, "differs": 0},
+    }
+    sources = [claim["source"] for entry in data["entries"] for claim in entry["claims"]]
+    assert sources == ["thesis"] * 3 + ["reference"] * 3 + ["errata"]
 
 
 def test_a_table_of_markdown_keeps_its_columns(results: list[report.Reproduced]) -> None:
     *_, row = report.table(results[0])
     escaped = EVIL.replace("|", "\\|")
-    assert row == f"| {escaped} | 10 % | ≤ 10 % | 2 % | differs: {escaped} |"
+    assert row == f"| {escaped} | thesis | 10 % | ≤ 10 % (small) | 2 % | differs: {escaped} |"
     assert "![Rates" in report.markdown(results)
     assert "![" not in report.markdown(results, pictures=False)
 

@@ -61,6 +61,7 @@ class Rig:
             "shared_covariance": None,
             "predicted": self.properties,
             "predicted_covariance": joint_covariance(np.diag(deviation**2), (1e-3 * self.properties[9]) ** 2),
+            "cross_covariance": np.zeros((6, 10)),
         }
         self.see(np.zeros(6))
 
@@ -75,7 +76,14 @@ class Rig:
         if shared is not None:
             covariance[:3, 3:], covariance[3:, :3] = shared, shared.T
         innovation = np.concatenate([given["mass_innovation"], given["rotation_innovation"]])
-        return Joint(innovation, covariance, shared is not None, given["predicted"], given["predicted_covariance"])
+        return Joint(
+            innovation,
+            covariance,
+            shared is not None,
+            given["predicted"],
+            given["predicted_covariance"],
+            given["cross_covariance"],
+        )
 
     def see(self, innovation: Array, **changes: Any) -> None:
         """Sets the inputs of the sample."""
@@ -143,7 +151,7 @@ def rig(orbiter: Vehicle) -> Rig:
 
 
 def test_topology(rig: Rig) -> None:
-    assert inputs(rig.dut) == {"jet_commands": N, "impulses": 8, "evidence": 153, "predicted": 10}
+    assert inputs(rig.dut) == {"jet_commands": N, "impulses": 8, "evidence": 213, "predicted": 10}
     assert outputs(rig.dut) == {
         "known_force": 24,
         "adaptation": 26,

@@ -55,7 +55,7 @@ def _dut(
 def _turn(dut: MassEstimator, context: Any, motion: Motion = STILL, **changes: Any) -> None:
     """What the rotation filter says of the sample."""
     port = dut.GetInputPort("turning")
-    n_errors = (port.size() - TURNING.sized(jets=0).size) // 3
+    n_errors = (port.size() - TURNING.sized(jets=0).size) // 12
     layout = TURNING.sized(jets=n_errors)
     turning = {
         "innovation": np.zeros(3),
@@ -65,7 +65,9 @@ def _turn(dut: MassEstimator, context: Any, motion: Motion = STILL, **changes: A
         "rate_variance": motion[2],
         "estimate": ROTATION,
         "covariance": np.zeros((9, 9)),
+        "cross_covariance": np.zeros((3, 9)),
         "effects": np.zeros((3, n_errors)),
+        "sensitivity": np.zeros((9, n_errors)),
     }
     port.FixValue(context, layout.pack(layout.make(**(turning | changes))))
 
@@ -117,14 +119,14 @@ def test_topology() -> None:
         "acc": 3,
         "spare": 3,
         "impulses": 8,
-        "turning": 109,
+        "turning": 136,
         "predicted_estimate": 9,
         "known_force": 24,
         "adaptation": 26,
     }
     assert outputs(dut) == {
         "predicted": 10,
-        "evidence": 153,
+        "evidence": 213,
         "innovation": 3,
         "innovation_covariance": 9,
         "estimate": 2,
@@ -341,7 +343,7 @@ def test_an_unsteady_sample_gives_no_evidence() -> None:
 def test_thrust_errors_add_a_port_and_a_state() -> None:
     dut, context = _dut(thrust_errors=np.ones((2, 6)))
     assert inputs(dut)["mean_level"] == 2
-    assert inputs(dut)["turning"] == 109 + 6
+    assert inputs(dut)["turning"] == 136 + 24
     depends = feedthrough(dut)
     assert "mean_level" in depends["innovation"]
     assert depends["evidence"] == depends["innovation"]

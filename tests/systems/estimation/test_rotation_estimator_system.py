@@ -78,7 +78,7 @@ def test_topology() -> None:
     assert inputs(dut) == {"gyro": 3, "spare": 3, "impulses": 8, "known_force": 24, "adaptation": 26}
     assert outputs(dut) == {
         "predicted_estimate": 9,
-        "turning": 109,
+        "turning": 136,
         "innovation": 3,
         "innovation_covariance": 9,
         "estimate": 9,
@@ -286,7 +286,7 @@ def test_two_gyros_are_averaged_and_tell_the_mass_filter_how_well() -> None:
 def test_thrust_errors_add_a_port_and_a_state() -> None:
     dut, context = _dut(thrust_errors=np.ones((2, 6)))
     assert inputs(dut)["mean_level"] == 2
-    assert outputs(dut)["turning"] == 109 + 6
+    assert outputs(dut)["turning"] == 136 + 24
     depends = feedthrough(dut)
     assert "mean_level" in depends["innovation"]
     assert depends["turning"] == depends["innovation"]

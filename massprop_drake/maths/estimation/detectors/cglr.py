@@ -55,7 +55,6 @@ from massprop_drake.maths.estimation.detectors.jet_tests import (
 )
 from massprop_drake.maths.estimation.detectors.known_forces import excess_share, known_force
 from massprop_drake.maths.linear_algebra import Array, inverse_positive_definite
-from massprop_drake.maths.mass_properties import N_ROTATION
 
 _AMBIGUOUS = 25.0  # likelihood argument of a failure beyond doubt, whichever jet it is
 _LONGEST_GATE = 25.0  # cycles that alarms in a row may lie apart with no sample tested between them
@@ -195,8 +194,8 @@ class DetectorSample(NamedTuple):
         information: its inverse, shape (6, 6).
         thrust_errors: whether considered thrust errors bear on the sample.
         mass_properties: the ten predicted parameters, shape (10,).
-        state_covariance: S, predicted, shape (9, 9).
-        mass_variance: of 1/m, predicted.
+        parameter_covariance: Sigma, of their errors, shape (10, 10).
+        cross_covariance: Gamma, of the innovation with these errors, shape (6, 10).
     """
 
     time_s: float
@@ -207,8 +206,8 @@ class DetectorSample(NamedTuple):
     information: Array
     thrust_errors: bool
     mass_properties: Array
-    state_covariance: Array
-    mass_variance: float
+    parameter_covariance: Array
+    cross_covariance: Array
 
 
 class Finding(NamedTuple):
@@ -287,8 +286,8 @@ def cycle(state: DetectorState, sample: DetectorSample, params: CglrParams) -> D
             coefficients,
             params.unit_wrenches * params.period_s,
             sample.mass_properties,
-            sample.state_covariance,
-            sample.mass_variance,
+            sample.parameter_covariance,
+            sample.cross_covariance,
         )
         signs = Signs(impossible_negative, impossible_positive)
         tests = uncertain_jet_tests(tests, innovation, sample.covariance, uncertain, signs)
@@ -490,8 +489,8 @@ def judged(state: DetectorState, evidence: Evidence, params: CglrParams) -> Dete
         information=information,
         thrust_errors=evidence.coupled,
         mass_properties=evidence.estimate,
-        state_covariance=evidence.estimate_covariance[:N_ROTATION, :N_ROTATION],
-        mass_variance=float(evidence.estimate_covariance[N_ROTATION, N_ROTATION]),
+        parameter_covariance=evidence.estimate_covariance,
+        cross_covariance=evidence.cross_covariance,
     )
     return cycle(state, sample, params)
 

@@ -11,13 +11,16 @@ translation first. From one sample's innovations e with covariance Y = blkdiag(Y
 constrained in sign: a jet that is off cannot lose thrust. The jet is found in two steps, the cluster
 and the jet in it, each by a margin of six: twice a log-likelihood ratio of twenty to one.
 
-The signature c follows from estimates, so it is itself uncertain. With that taken into account the
+The signature c follows from estimates, so it is itself uncertain: of its error the innovations have f J_j dx, with
+dx the error of the ten parameters, of covariance Sigma, J_j = [0, d dt; H_j, 0] and H_j = H((r' x d) dt, d dt).
+It adds to what the same dx does to them through the commanded jets. With Gamma = cov(e, dx) of a healthy sample the
 covariance under the hypothesis of jet j is
 
-    Y_j = Y + f^2 blkdiag( sigma_m^2 d d^T dt^2, H_j S H_j^T ),   H_j = H((r' x d) dt, d dt),
+    Y_j = Y + f (Gamma J_j^T + J_j Gamma^T) + f^2 J_j Sigma J_j^T,
 
-what the jet leaves unexplained is g = e^T Y_j^-1 e - (c^T Y_j^-1 e)^2 / (c^T Y_j^-1 c), chi-square with
-five degrees of freedom if it is the cause, and its likelihood argument against no failure
+less than Y where a jet that was told to fire does not. What the jet leaves unexplained is
+g = e^T Y_j^-1 e - (c^T Y_j^-1 e)^2 / (c^T Y_j^-1 c), chi-square with five degrees of freedom if it is the cause, and
+its likelihood argument against no failure
 
     l = e^T Y^-1 e - g - ln(|Y_j| / |Y|),
 
@@ -37,7 +40,9 @@ from numpy.typing import NDArray
 from massprop_drake.maths.estimation.detector import ROTATION, TRANSLATION, Evidence
 from massprop_drake.maths.estimation.filters.rotation_filter import rate_increment_jacobians
 from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError, inverse_positive_definite
-from massprop_drake.maths.mass_properties import ELEMENT, converged
+from massprop_drake.maths.mass_properties import ELEMENT, N_ROTATION, converged
+
+_WHAT = "the detector's innovation covariance"
 
 
 class JetTests(NamedTuple):
@@ -79,7 +84,7 @@ def information_of(evidence: Evidence, limits: Array) -> Array | None:
         return _inverse(covariance)
     information = np.zeros((6, 6))
     for block in (TRANSLATION, ROTATION):
-        information[block, block] = inverse_positive_definite(covariance[block, block], "innovation covariance")
+        information[block, block] = inverse_positive_definite(covariance[block, block], _WHAT)
     return information
 
 
@@ -89,7 +94,7 @@ def _inverse(covariance: Array) -> Array:
     try:
         factor = np.linalg.cholesky(covariance / (scale[:, None] * scale))
     except np.linalg.LinAlgError:
-        raise NotPositiveDefiniteError(covariance, "innovation covariance") from None
+        raise NotPositiveDefiniteError(covariance, _WHAT) from None
     half = np.linalg.inv(factor) / scale
     result: Array = half.T @ half
     return result
@@ -150,15 +155,15 @@ class UncertainSignatures(NamedTuple):
         impulses: angular about the vehicle origin and linear, of a unit force along each jet over a sample,
             shape (n_jets, 6).
         mass_properties: the ten parameters, shape (10,).
-        state_covariance: S of the first nine, shape (9, 9).
-        mass_variance: of 1/m.
+        covariance: Sigma, of their errors, shape (10, 10).
+        cross_covariance: Gamma, of the innovations with these errors, shape (6, 10).
     """
 
     coefficients: Array
     impulses: Array
     mass_properties: Array
-    state_covariance: Array
-    mass_variance: float
+    covariance: Array
+    cross_covariance: Array
 
 
 class Signs(NamedTuple):
@@ -185,31 +190,43 @@ def uncertain_jet_tests(
         signatures: see `UncertainSignatures`.
         signs: see `Signs`.
     """
-    coefficients, state_covariance = signatures.coefficients, signatures.state_covariance
     impossible_negative, impossible_positive = signs
-    force = tests.magnitude[:, None, None]
-    directions = signatures.impulses[:, 3:]
-    jacobians = rate_increment_jacobians(signatures.mass_properties, signatures.impulses)
-    enlarged = np.broadcast_to(covariance, (tests.magnitude.size, 6, 6)).copy()
-    enlarged[:, :3, :3] += (force**2 * signatures.mass_variance) * (directions[:, :, None] * directions[:, None, :])
-    enlarged[:, 3:, 3:] += force**2 * (jacobians @ state_covariance @ jacobians.transpose(0, 2, 1))
+    under = failed_covariance(tests.magnitude, covariance, signatures)
     # scaled: translation and rotation differ by many orders of magnitude
     scale = np.sqrt(covariance.diagonal())
-    enlarged /= scale[:, None] * scale
-    c, e = coefficients / scale, innovation / scale
-    weight = np.linalg.inv(enlarged)
+    under /= scale[:, None] * scale
+    c, e = signatures.coefficients / scale, innovation / scale
+    weight = np.linalg.inv(under)
     weighted_c, weighted_e = np.einsum("ijk,ik->ij", weight, c), weight @ e
     projection = weighted_c @ e
     strength = (weighted_c * c).sum(axis=1)
     magnitude = projection / strength
     unexplained = weighted_e @ e - projection * magnitude
-    growth = np.linalg.slogdet(enlarged)[1] - np.linalg.slogdet(covariance / (scale[:, None] * scale))[1]
+    growth = np.linalg.slogdet(under)[1] - np.linalg.slogdet(covariance / (scale[:, None] * scale))[1]
     total = tests.unexplained + tests.likelihood
     likelihood = np.maximum(total - unexplained - growth, 0.0)
     ruled_out = (impossible_negative & (magnitude <= 0.0)) | (impossible_positive & (magnitude >= 0.0))
     magnitude[ruled_out] = 0.0
     likelihood[ruled_out] = 0.0
     return JetTests(magnitude, 1.0 / strength, likelihood, np.where(ruled_out, total, unexplained))
+
+
+def failed_covariance(force: Array, covariance: Array, signatures: UncertainSignatures) -> Array:
+    """Y_j, the innovations' covariance under each jet's hypothesis, shape (n_jets, 6, 6).
+
+    Args:
+        force: f of each jet, lbf or N, shape (n_jets,).
+        covariance: Y, shape (6, 6).
+        signatures: see `UncertainSignatures`.
+    """
+    jacobians = np.zeros((force.size, 6, N_ROTATION + 1))  # f_j J_j
+    jacobians[:, TRANSLATION, N_ROTATION] = signatures.impulses[:, 3:]
+    jacobians[:, ROTATION, :N_ROTATION] = rate_increment_jacobians(signatures.mass_properties, signatures.impulses)
+    jacobians *= force[:, None, None]
+    transposed = jacobians.transpose(0, 2, 1)
+    shared = signatures.cross_covariance @ transposed
+    result: Array = covariance + shared + shared.transpose(0, 2, 1) + jacobians @ signatures.covariance @ transposed
+    return result
 
 
 class Isolation(NamedTuple):

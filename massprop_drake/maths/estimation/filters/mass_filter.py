@@ -19,7 +19,8 @@ the rotation, so that with M_ij = r^_i r^_j^T + S_cm
 
     R'_ij = R^d + var(v) (tr(M_ij) 1 - M_ij^T) + (O + O') S_cm (O + O')^T,    i != j
 
-Considered thrust errors enter as in `rotation_filter`, with L = lambda Psi + [lambda_1 ... lambda_n] / m.
+Considered thrust errors enter as in `rotation_filter`, with L = lambda Psi + [lambda_1 ... lambda_n] / m, and with
+lambda_j in place of H_j.
 
 Source: D. R. Levy, MIT S.M. thesis, 1983, chapter 3; R'_ij and considered thrust errors are our own.
 """
@@ -48,6 +49,7 @@ class Compensation(IntEnum):
 
 _TELLING = 1e4  # a jump's variance by one sample, relative to that of a jump, above which it says nothing
 _IDENTITY = np.eye(3)
+_WHAT = "the mass filter's innovation covariance"
 _NOT_MEASURED = np.full(3, np.nan)
 
 
@@ -206,7 +208,7 @@ class MassInnovation(NamedTuple):
         innovation: epsilon, ft/s or m/s, body axes, shape (3,).
         covariance: Y^zeta, shape (3, 3).
         information: its inverse.
-        noise: R', with considered thrust errors also sum_j lambda_j S lambda_j^T, shape (3, 3).
+        noise: R', with considered thrust errors also the products' covariance, see `rotation_filter`, shape (3, 3).
         effects: L = lambda Psi + G, what one sigma of each jet's thrust error does to the innovation, shape
             (3, n_jets); None where no thrust error is considered.
         nis: epsilon^T Y^-1 epsilon; at most 3 on average for a consistent filter (a quantizer larger
@@ -246,10 +248,12 @@ def innovate(state: MassState, sample: MassSample) -> MassInnovation:
     impulse, noise = sample.linear_impulse, sample.noise
     innovation = sample.measured - impulse * state.mass_reciprocal
     effects = _effects(state, sample, state.mass_reciprocal)
-    if sample.thrust_errors is not None:
-        noise = noise + state.variance * (sample.thrust_errors @ sample.thrust_errors.T)
+    if sample.thrust_errors is not None and state.sensitivity is not None:
+        mean = sample.thrust_errors @ state.sensitivity  # of the products of both errors
+        innovation = innovation - mean
+        noise = noise + state.variance * (sample.thrust_errors @ sample.thrust_errors.T) + np.outer(mean, mean)
     covariance = _innovation_covariance(state, impulse, effects, noise)
-    information = inverse_positive_definite(covariance, "innovation covariance")
+    information = inverse_positive_definite(covariance, _WHAT)
     nis = float(innovation @ information @ innovation)
     return MassInnovation(innovation, covariance, information, noise, effects, nis)
 
@@ -328,14 +332,14 @@ def _updated(
         noise = noise + adaptation.translation_spread
     if adaptation.action == Action.CORRECT_THESIS:
         enlarged = adaptation.translation_spread
-        information = inverse_positive_definite(innovation.covariance + enlarged, "innovation covariance")
+        information = inverse_positive_definite(innovation.covariance + enlarged, _WHAT)
     after, gain = _joseph_update(state, sample.linear_impulse, error, information, noise, innovation.effects)
     if innovation.effects is not None:
         effects = _effects(state, sample, after.mass_reciprocal)
         covariance = _innovation_covariance(state, sample.linear_impulse, effects, innovation.noise)
         if enlarged is not None:
             covariance = covariance + enlarged
-        information = inverse_positive_definite(covariance, "innovation covariance")
+        information = inverse_positive_definite(covariance, _WHAT)
         after, gain = _joseph_update(state, sample.linear_impulse, error, information, noise, effects)
     return after, gain
 

@@ -25,13 +25,16 @@ beta unknown and of unit variance, never estimated. With a_j and lambda_j the im
 the error of x is Psi beta plus what is independent of beta, and
 
     L   = H Psi + G,    G = [g_1 ... g_n],    g_j = I^-1 (a_j + lambda_j x r_cm)
-    Y   = H S_0 H^T + L L^T + D + sum_j H_j S H_j^T + R,    S_0 = S - Psi Psi^T
+    Y   = H S_0 H^T + L L^T + D + Pi + R,    S_0 = S - Psi Psi^T
     K   = (S_0 H^T + Psi L^T) Y^-1,    Psi <- Psi - K L
 
 the Schmidt-Kalman update; L is what one sigma of each thrust error does to the innovation. H_j is H for
 the impulses of sigma_j: while the estimates are poor, G says little of what a thrust error does, and the
-products of both errors stand in for it. The update is made twice, the second time with G at the estimate
-that the first one gave.
+products of both errors, sum_j beta_j H_j dx, stand in for it. Their mean is part of h^, their covariance is Pi:
+
+    sum_j H_j Psi_j,    Pi = sum_j H_j S H_j^T + sum_jk (H_j Psi_k) (H_k Psi_j)^T.
+
+The update is made twice, the second time with G at the estimate that the first one gave.
 
 Dynamic coupling adds g(x) = -I^-1 (w x I w) dt. The thesis subtracts it as if it were known. MODEL takes it
 into h and H, with l = I w,
@@ -86,6 +89,7 @@ _DIAGONAL = np.array([0, 4, 8])  # of the (m, n) pairs above
 _IDENTITY = np.eye(N_ROTATION)
 _NOT_MEASURED = np.full(3, np.nan)
 _UNIT = np.eye(3)
+_WHAT = "the rotation filter's innovation covariance"
 
 
 def angular_block(vector: Array) -> Array:
@@ -250,7 +254,7 @@ class RotationInnovation(NamedTuple):
         covariance: Y, rad^2/s^2, NaN likewise, shape (3, 3).
         information: the inverse of Y.
         jacobian: H, shape (3, 9).
-        noise: D + R, with considered thrust errors also sum_j H_j S H_j^T, rad^2/s^2, shape (3, 3).
+        noise: D + R, with considered thrust errors also Pi, rad^2/s^2, shape (3, 3).
         effects: L = H Psi + G, what one sigma of each jet's thrust error does to the innovation, rad/s, shape
             (3, n_jets); None where no thrust error is considered.
         subtract_coupling: whether the hybrid rule asks for the subtraction of dynamic coupling.
@@ -345,7 +349,9 @@ def innovate(
                 total_noise = noise + curvature
         if sample.thrust_errors is not None and sensitivity is not None:
             effects = jacobian @ sensitivity + thrust_error_effects(estimate, sample.thrust_errors)
-            total_noise = total_noise + _thrust_error_products(estimate, covariance, sample.thrust_errors)
+            mean, spread = _thrust_error_products(state, sensitivity, sample.thrust_errors)
+            innovation -= mean
+            total_noise = total_noise + spread
         apart = jacobian @ state.independent @ jacobian.T + total_noise
         innovation_covariance = apart if effects is None else apart + effects @ effects.T
         # a thrust that is off by a little is not what the subtraction waits for
@@ -364,7 +370,7 @@ def innovate(
         inverse_inertia = estimate[ELEMENT]
         if is_positive_definite(inverse_inertia):
             innovation = innovation - coupling_increment(inverse_inertia, sample.rate, params.period_s)
-    information = inverse_positive_definite(innovation_covariance, "innovation covariance")
+    information = inverse_positive_definite(innovation_covariance, _WHAT)
     nis = float(innovation @ information @ innovation)
     return RotationInnovation(
         innovation, innovation_covariance, information, jacobian, total_noise, effects, subtract_coupling, nis
@@ -377,12 +383,17 @@ def _knows_inertia(estimate: Array, covariance: Array) -> bool:
     return bool((deviation < 0.5 * estimate[:3]).all()) and is_positive_definite(estimate[ELEMENT])
 
 
-def _thrust_error_products(estimate: Array, covariance: Array, thrust_errors: Array) -> Array:
-    """sum_j H_j S H_j^T: covariance of the products of thrust errors and errors of the estimates, shape (3, 3)."""
-    acting = thrust_errors[thrust_errors.any(axis=1)]
-    jacobians = rate_increment_jacobians(estimate, acting)
-    products: Array = (jacobians @ covariance @ jacobians.transpose(0, 2, 1)).sum(axis=0)
-    return products
+def _thrust_error_products(state: RotationState, sensitivity: Array, thrust_errors: Array) -> tuple[Array, Array]:
+    """The products of thrust errors and errors of the estimates, sum_j beta_j H_j dx.
+
+    Their mean, rad/s, shape (3,), and their covariance, rad^2/s^2, shape (3, 3).
+    """
+    acting = thrust_errors.any(axis=1)
+    jacobians = rate_increment_jacobians(state.estimate, thrust_errors[acting])
+    through = jacobians @ sensitivity[:, acting]  # H_j Psi_k, shape (j, 3, k)
+    mean: Array = np.einsum("jij->i", through)
+    spread: Array = (jacobians @ state.covariance @ jacobians.transpose(0, 2, 1)).sum(axis=0)
+    return mean, spread + np.einsum("jak,kbj->ab", through, through)
 
 
 def joseph_update(
@@ -466,7 +477,7 @@ def _updated(
         noise = noise + adaptation.rotation_spread
     if adaptation.action == Action.CORRECT_THESIS:
         enlarged = adaptation.rotation_spread
-        information = inverse_positive_definite(innovation.covariance + enlarged, "innovation covariance")
+        information = inverse_positive_definite(innovation.covariance + enlarged, _WHAT)
     jacobian = innovation.jacobian
     after = joseph_update(state, error, information, jacobian, noise, innovation.effects)
     if sample.thrust_errors is None or state.sensitivity is None:
@@ -475,7 +486,7 @@ def _updated(
     covariance = jacobian @ state.independent @ jacobian.T + effects @ effects.T + innovation.noise
     if enlarged is not None:
         covariance = covariance + enlarged
-    information = inverse_positive_definite(covariance, "innovation covariance")
+    information = inverse_positive_definite(covariance, _WHAT)
     return joseph_update(state, error, information, jacobian, noise, effects)
 
 

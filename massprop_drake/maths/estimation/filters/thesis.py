@@ -32,7 +32,6 @@ from massprop_drake.maths.estimation.filters import mass_filter, rotation_filter
 from massprop_drake.maths.estimation.filters.mass_filter import (
     Compensation,
     MassCycle,
-    MassInnovation,
     MassInterval,
     MassMeasurement,
     MassParams,
@@ -53,6 +52,7 @@ from massprop_drake.maths.estimation.redundancy import Rule
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import N_ROTATION
 
+_ROUNDING = 1e-6  # by so much a part of a variance may exceed it
 _CENTER = slice(6, 9)  # of the rotational state
 _NO_ACCELEROMETER = np.empty((0, 3))
 
@@ -98,8 +98,10 @@ class Turning(NamedTuple):
         increment, rate: measured rate increment and mean rate, rad/s, shape (3,) each; NaN where missing.
         rate_variance: of the increment's error per component, rad^2/s^2.
         estimate, covariance: predicted, shapes (9,) and (9, 9).
+        cross_covariance: of the innovation with the error of the prediction (true minus predicted), shape (3, 9).
         effects: of one sigma of each jet's thrust error on the innovation, shape (3, n_jets); None, or zero, where
             none bears on the sample.
+        sensitivity: see `RotationState`; None where thrust is taken as known.
     """
 
     innovation: Array
@@ -109,7 +111,9 @@ class Turning(NamedTuple):
     rate_variance: float
     estimate: Array
     covariance: Array
+    cross_covariance: Array
     effects: Array | None
+    sensitivity: Array | None
 
 
 TURNING = Layout(
@@ -121,7 +125,9 @@ TURNING = Layout(
     rate_variance=NUMBER,
     estimate=N_ROTATION,
     covariance=(N_ROTATION, N_ROTATION),
+    cross_covariance=(3, N_ROTATION),
     effects=(3, "jets"),
+    sensitivity=(N_ROTATION, "jets"),
 )
 ROTATION_STATE = Layout(
     "rotation_state",
@@ -200,6 +206,9 @@ def linear_errors(thrust_errors: Array | None) -> Array | None:
 def turning_of(state: RotationState, measurement: RotationMeasurement) -> Turning:
     """What the mass filter and the detector need of the rotation filter's measurement."""
     sample, innovation = measurement.sample, measurement.innovation
+    cross = innovation.jacobian @ state.covariance
+    if innovation.effects is not None and state.sensitivity is not None:
+        cross = innovation.jacobian @ state.independent + innovation.effects @ state.sensitivity.T
     return Turning(
         innovation.innovation,
         innovation.covariance,
@@ -208,7 +217,9 @@ def turning_of(state: RotationState, measurement: RotationMeasurement) -> Turnin
         sample.gyro_variance,
         state.estimate,
         state.covariance,
+        cross,
         innovation.effects,
+        state.sensitivity,
     )
 
 
@@ -223,20 +234,34 @@ def rotation_of(turning: Turning) -> Rotation:
     )
 
 
-def joint(turning: Turning, innovation: MassInnovation, state: MassState) -> Joint:
+def joint(turning: Turning, measurement: MassMeasurement, state: MassState) -> Joint:
     """Both filters' predictions and innovations side by side, translation first."""
+    innovation, impulse = measurement.innovation, measurement.sample.linear_impulse
     coupled = shared_covariance(innovation.effects, turning.effects)
     covariance = np.zeros((6, 6))
     covariance[TRANSLATION, TRANSLATION] = innovation.covariance
     covariance[ROTATION, ROTATION] = turning.innovation_covariance
     if coupled is not None:
         covariance[TRANSLATION, ROTATION], covariance[ROTATION, TRANSLATION] = coupled, coupled.T
+    parameters = joint_covariance(turning.covariance, state.variance)
+    cross = np.zeros((6, N_ROTATION + 1))
+    cross[ROTATION, :N_ROTATION] = turning.cross_covariance
+    cross[TRANSLATION, N_ROTATION] = impulse * state.independent
+    if turning.sensitivity is not None and state.sensitivity is not None:  # both share the thrust errors
+        parameters[:N_ROTATION, N_ROTATION] = turning.sensitivity @ state.sensitivity
+        parameters[N_ROTATION, :N_ROTATION] = parameters[:N_ROTATION, N_ROTATION]
+        if innovation.effects is not None:
+            cross[TRANSLATION, :N_ROTATION] = innovation.effects @ turning.sensitivity.T
+            cross[TRANSLATION, N_ROTATION] += innovation.effects @ state.sensitivity
+        if turning.effects is not None:
+            cross[ROTATION, N_ROTATION] = turning.effects @ state.sensitivity
     return Joint(
         np.concatenate([innovation.innovation, turning.innovation]),
         covariance,
         coupled is not None,
         np.append(turning.estimate, state.mass_reciprocal),
-        joint_covariance(turning.covariance, state.variance),
+        parameters,
+        cross,
     )
 
 
@@ -395,7 +420,7 @@ def evidence(state: ThesisState, measurement: Measurement, interval: Interval) -
     if not interval.impulses.usable or measurement.moving is None or state.mass is None:
         return NOT_MEASURED
     turning = turning_of(state.rotation, measurement.turning)
-    return joint(turning, measurement.moving.innovation, state.mass)
+    return joint(turning, measurement.moving, state.mass)
 
 
 def finish(
@@ -477,13 +502,34 @@ def saved(state: ThesisState, params: ThesisParams) -> Groups:
 
 
 def restored(groups: Groups, params: ThesisParams) -> ThesisState:
-    """The inverse of `saved`."""
+    """The inverse of `saved`.
+
+    Raises:
+        ValueError: when the state holds what no filter leaves.
+    """
     n_errors = _n_errors(params)
     rotation, memory = read_rotation(groups["rotation_estimator"], rotation_layout(params.rotation, n_errors))
+    _require_finite("rotation_estimator", rotation)
+    if rotation.sensitivity is not None:
+        _require_within("rotation_estimator", rotation.sensitivity, rotation.covariance.diagonal())
     if params.mass is None:
         return ThesisState(rotation, memory, None, _NO_ACCELEROMETER)
     mass, velocities = read_mass(groups["mass_estimator"], mass_layout(params.mass, n_errors))
+    _require_finite("mass_estimator", mass)
+    if mass.sensitivity is not None:
+        _require_within("mass_estimator", mass.sensitivity[None, :], np.array([mass.variance]))
     return ThesisState(rotation, memory, mass, velocities)
+
+
+def _require_finite(name: str, state: RotationState | MassState) -> None:
+    if not all(np.isfinite(part).all() for part in state if part is not None):
+        raise ValueError(f"{name}: only readings may be missing")
+
+
+def _require_within(name: str, sensitivity: Array, variance: Array) -> None:
+    """Raises ValueError when thrust errors give more than the whole variance of an estimate."""
+    if ((sensitivity**2).sum(axis=1) > variance * (1.0 + _ROUNDING)).any():
+        raise ValueError(f"{name}: thrust errors must be a part of the variances")
 
 
 FILTER = Filter(

@@ -8,7 +8,7 @@ import numpy as np
 
 from massprop_drake.studies.reproduction import analytic, checks
 from massprop_drake.studies.reproduction.cases import Calculation
-from massprop_drake.studies.reproduction.claims import AtLeast, AtMost, Between, Claim, Near, Phase, Phases
+from massprop_drake.studies.reproduction.claims import AtMost, Because, Between, Claim, Near, Phase, Phases, Source
 from massprop_drake.studies.reproduction.entry import Entry
 from massprop_drake.studies.reproduction.flights import (
     HYBRID,
@@ -18,6 +18,7 @@ from massprop_drake.studies.reproduction.flights import (
     STACKED,
 )
 from massprop_drake.studies.reproduction.measures import DIAGONAL, MASS, final_percent, nis, percent_error, rms
+from massprop_drake.studies.reproduction.words import CHI_SQUARE
 
 
 def _mean(case: str, name: str, index: int = 0) -> Callable[[Phases], float]:
@@ -76,54 +77,69 @@ ENTRIES = (
                 Near(1.0, 0.04),
                 lambda phases: _mean("jump", "true")(phases) / _mean("jump", "exact")(phases),
                 pooled=True,
+                source=Source.ERRATA,
             ),
             Claim(
                 1,
                 "the thesis's small-gain form over the true variance, gain 0.8",
                 "(3-118) errs on the large side, 7.4 times at this gain",
-                AtLeast(5.0),
+                Near(7.4, 0.2),
                 lambda phases: _mean("jump", "thesis")(phases) / _mean("jump", "true")(phases),
                 pooled=True,
+                source=Source.ERRATA,
             ),
             Claim(
                 1,
                 "the same, gain 0.004",
                 "and differs little for small gains (1.017)",
-                Between(0.97, 1.07),
+                Near(1.017, 0.03),
                 lambda phases: _mean("jump", "thesis", 1)(phases) / _mean("jump", "true", 1)(phases),
                 pooled=True,
+                source=Source.ERRATA,
             ),
             Claim(
                 2,
                 "false alarms of a window of five samples at 6.63, small gain",
                 "below (3-110): not chi-square with N degrees; 3.8 %",
-                Near(0.038, 0.01),
+                Near(0.038, 0.002),
                 _share(0, 0),
                 pooled=True,
+                because=Because(
+                    "it depends on the gain, which the reference does not give: {:.1%} here, {:.1%} with a prior as "
+                    "uncertain as one sample",
+                    (
+                        lambda phase: float(phase["window"]["share"][0, 0]),
+                        lambda phase: float(phase["window"]["share"][1, 0]),
+                    ),
+                ),
+                source=Source.ERRATA,
             ),
             Claim(
                 2,
                 "the same with a prior as uncertain as one sample",
                 "3.8 %",
-                Near(0.038, 0.01),
+                Near(0.038, 0.002),
                 _share(1, 0),
                 pooled=True,
+                source=Source.ERRATA,
             ),
             Claim(
                 2,
                 "at the value of one degree for 1 % / 5, small gain",
                 "0.8 %",
-                Near(0.008, 0.003),
+                Near(0.008, 0.001),
                 _share(0, 1),
                 pooled=True,
+                source=Source.ERRATA,
             ),
             Claim(
                 2,
                 "the same with a prior as uncertain as one sample",
                 "0.8 %",
-                Near(0.008, 0.003),
+                Near(0.008, 0.001),
                 _share(1, 1),
                 pooled=True,
+                source=Source.ERRATA,
             ),
             Claim(
                 3,
@@ -132,32 +148,38 @@ ENTRIES = (
                 Near(1.0, 0.05),
                 _mean("corrected", "ours"),
                 pooled=True,
+                source=Source.ERRATA,
             ),
             Claim(
                 3,
                 "the same with the thesis's smaller gains",
                 "1.1 to 1.2: claimed too small",
-                Between(1.03, 1.4),
+                Between(1.05, 1.25),
                 _mean("corrected", "thesis"),
                 pooled=True,
+                source=Source.ERRATA,
             ),
             Claim(
                 4,
                 "healthy samples whose largest argument of 44 exceeds 6.63",
                 "(4-27): 4.8 %, five times the 1 % of one jet",
-                Near(0.048, 0.004),
+                Near(0.048, 0.0015),
                 _above(6.635),
                 pooled=True,
+                source=Source.ERRATA,
             ),
-            Claim(4, "their 99 % value", "9.7", Near(9.7, 0.3), _quantile(0.99), pooled=True),
-            Claim(4, "their 99.9 % value", "14.3", Near(14.3, 0.8), _quantile(0.999), pooled=True),
+            Claim(4, "their 99 % value", "9.7", Near(9.7, 0.15), _quantile(0.99), pooled=True, source=Source.ERRATA),
+            Claim(
+                4, "their 99.9 % value", "14.3", Near(14.3, 0.4), _quantile(0.999), pooled=True, source=Source.ERRATA
+            ),
             Claim(
                 5,
                 "healthy samples that pass the margin of six",
                 "0.0015 per sample",
-                Near(0.0015, 0.0005),
+                Near(0.0015, 0.0002),
                 _false_alarms,
                 pooled=True,
+                source=Source.ERRATA,
             ),
             Claim(
                 6,
@@ -166,6 +188,7 @@ ENTRIES = (
                 Near(-0.5, 0.02),
                 _mean("white", "correlation"),
                 pooled=True,
+                source=Source.ERRATA,
             ),
             Claim(
                 7,
@@ -174,6 +197,7 @@ ENTRIES = (
                 Between(0.0, 0.15),
                 _bad_starts,
                 pooled=True,
+                source=Source.ERRATA,
             ),
             Claim(
                 8,
@@ -182,20 +206,23 @@ ENTRIES = (
                 AtMost(0.04),
                 _worst_diagonal("incremented"),
                 "%",
+                source=Source.ERRATA,
             ),
             Claim(
                 8,
                 "mean consistency with incrementation at 25",
                 "consistent in every phase",
-                AtMost(10.0),
+                CHI_SQUARE,
                 lambda phase: float(nis(phase["incremented"], "rotation").mean()),
+                source=Source.ERRATA,
             ),
             Claim(
                 8,
                 "mean consistency with incrementation at 11.34",
                 "consistent in every phase",
-                AtMost(10.0),
+                CHI_SQUARE,
                 lambda phase: float(nis(phase["early"], "rotation").mean()),
+                source=Source.ERRATA,
             ),
             Claim(
                 9,
@@ -204,6 +231,7 @@ ENTRIES = (
                 Near(1.0, 0.1),
                 lambda phases: _final_mass("stacked", phases) / _final_mass("serial", phases),
                 pooled=True,
+                source=Source.ERRATA,
             ),
         ),
     ),

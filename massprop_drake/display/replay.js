@@ -1,36 +1,7 @@
-<style>
-  #mp-head, #mp-bar { position: fixed; left: 0; right: 0; z-index: 20; font: 14px/1.45 system-ui, sans-serif; color: #16202c; }
-  #mp-head { top: 0; padding: 10px 14px; pointer-events: none; }
-  #mp-head h1 { font-size: 16px; margin: 0; }
-  #mp-head p { margin: 2px 0; }
-  #mp-keys span { margin-right: 12px; white-space: nowrap; }
-  #mp-keys i { display: inline-block; width: 10px; height: 10px; border-radius: 5px; margin-right: 4px; }
-  #mp-bar { bottom: 0; display: flex; gap: 10px; align-items: center; padding: 10px 14px; background: rgba(255, 255, 255, 0.85); }
-  #mp-bar button { font: inherit; min-width: 74px; padding: 4px 10px; }
-  #mp-bar input { flex: 1; min-width: 60px; }
-  #mp-time { min-width: 84px; text-align: right; font-variant-numeric: tabular-nums; }
-  #stats-plot { display: none !important; }
-</style>
-<div id="mp-head">
-  <h1 id="mp-title"></h1>
-  <p id="mp-now" aria-live="polite"></p>
-  <p id="mp-keys"></p>
-</div>
-<div id="mp-bar" role="group" aria-label="Playback">
-  <button id="mp-play" type="button">Play</button>
-  <select id="mp-speed" aria-label="Speed">
-    <option value="0.25">¼×</option><option value="1" selected>1×</option><option value="4">4×</option><option value="16">16×</option>
-  </select>
-  <input id="mp-slider" type="range" min="0" max="1" step="any" value="0" aria-label="Time">
-  <span id="mp-time"></span>
-</div>
-<script>
 (function () {
   "use strict";
-  const story = /*NARRATION*/, name = /*NAME*/;
   const element = id => document.getElementById(id);
-  document.title = name + ": " + story.scenario;
-  element("mp-title").textContent = document.title;
+  const story = JSON.parse(element("data").textContent);
   const keys = [["plume", "thrust"], ["truth", "true center of mass"], ["estimate", "estimated, with its 3-sigma"],
                 ["failed", "failed jet"], ["found", "found by the detector"]];
   for (const [key, words] of keys) {
@@ -87,4 +58,3 @@
   window.massprop = { seek, toggle, time: () => now };
   requestAnimationFrame(step);
 })();
-</script>

@@ -1,0 +1,184 @@
+"""The entry of the command line: how a command ends, and what is said when it ends early.
+
+Exit statuses: 0 success, 1 an internal failure or a result that cannot be printed, 2 bad input, 128 and its number
+for a signal (130 after Ctrl-C, 143 after SIGTERM). A reader of standard output that leaves is no failure.
+"""
+
+from __future__ import annotations
+
+import codecs
+import contextlib
+import locale
+import os
+import signal
+import sys
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+from types import FrameType
+from typing import Any, TextIO
+
+from massprop_drake.cli.streams import Stream, guarded, note
+from massprop_drake.errors import InputError, require_text
+from massprop_drake.inputs.renamed import RenamedWarning
+
+_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
+class Interrupted(BaseException):
+    """A signal that asks the program to end."""
+
+
+class Kept:
+    """What a command leaves on disk, told when it ends before its result is printed."""
+
+    def __init__(self) -> None:
+        self._file: Path | None = None
+        self._before: tuple[int, ...] | None = None
+        self._written, self._otherwise = "", "nothing was saved"
+
+    def watch(self, file: Path, written: str, otherwise: str = "nothing was saved") -> None:
+        """Names the file by which the work is known to be saved.
+
+        Args:
+            file: that the command writes last or together with all others.
+            written: what to say once it is another file than now.
+            otherwise: what to say until then.
+        """
+        self._file, self._before, self._written, self._otherwise = file, _identity(file), written, otherwise
+
+    @property
+    def saved(self) -> bool:
+        """Whether the file has been written since."""
+        return self._file is not None and _identity(self._file) != self._before
+
+    def __str__(self) -> str:
+        return self._written if self.saved else self._otherwise
+
+
+def _identity(file: Path) -> tuple[int, ...] | None:
+    try:
+        found = os.stat(file)
+    except OSError:
+        return None
+    return found.st_dev, found.st_ino, found.st_mtime_ns
+
+
+def main() -> None:
+    """Runs the command line and ends the process."""
+    status = run()
+    for number in _SIGNALS:
+        signal.signal(number, signal.SIG_IGN)  # the command has ended: its status stands
+    sys.exit(status)
+
+
+def run() -> int:
+    """Runs the command line that `sys.argv` holds and returns its exit status; whatever is wrong is one message."""
+    kept = Kept()
+    with guarded() as output, _interruptible() as received, _warnings_in_a_line():
+        try:
+            try:
+                status = _command(kept)
+                output.flush()
+            except Exception as error:  # the last line of defense: say it
+                if received:  # which the code that it met turned into an error of its own
+                    raise Interrupted from error
+                status = _failed(error)
+            status = _printed(output, kept, status)
+        except Interrupted:
+            word = "interrupted" if received[0] == signal.SIGINT else f"ended by {signal.Signals(received[0]).name}"
+            note(f"{word}: {kept}")
+            status = 128 + received[0]
+    return status
+
+
+def _command(kept: Kept) -> int:
+    for argument in sys.argv[1:]:
+        require_text(argument)
+    if codecs.lookup(locale.getpreferredencoding(False)).name == "ascii":
+        raise InputError("Drake does not load where text is ASCII, as in the C locale; set PYTHONUTF8=1")
+
+    from massprop_drake.cli.app import app  # noqa: PLC0415 (slow to load, and a signal is told from the start)
+
+    return app(standalone_mode=False, obj=kept) or 0
+
+
+def _failed(error: Any) -> int:
+    """Says what went wrong; the exit status."""
+    if isinstance(error, InputError):
+        note(error)
+        return 2
+
+    import typer  # noqa: PLC0415 (slow to load)
+
+    usage_error: Any = typer.BadParameter.__base__  # wrong usage of whichever kind
+    if isinstance(error, usage_error):
+        if message := error.format_message().rstrip("."):  # none where help was shown for want of a command
+            note(f"{message}. {' '.join(error.ctx.get_usage().split())}")
+        return 2
+    note(f"internal failure: {type(error).__name__}: {error}")
+    return 1
+
+
+def _printed(output: Stream, kept: Kept, status: int) -> int:
+    """Says what became of a result that could not be printed; the exit status."""
+    if output.failure is None:
+        return status
+    saved = [str(kept)] if kept.saved else []
+    if isinstance(output.failure, BrokenPipeError):  # nobody reads, and is told where it can be read if anywhere
+        for line in saved:
+            note(line)
+        return status
+    note("; ".join([f"the result cannot be printed: {output.failure.strerror}", *saved]))
+    return status or 1
+
+
+@contextlib.contextmanager
+def _interruptible() -> Iterator[list[int]]:
+    """Makes signals to end an exception, which lets everything be tidied up; a second one ends the process at once.
+
+    Yields:
+        The number of the signal received, if any.
+    """
+    received: list[int] = []
+    before = {number: signal.getsignal(number) for number in _SIGNALS}
+    heeded = [number for number, handler in before.items() if handler is not signal.SIG_IGN]
+
+    def receive(number: int, _: FrameType | None) -> None:
+        for each in heeded:
+            signal.signal(each, signal.SIG_DFL)
+        received.append(number)
+        raise Interrupted
+
+    for number in heeded:
+        signal.signal(number, receive)
+    try:
+        yield received
+    finally:
+        for number in heeded:
+            signal.signal(number, before[number])
+
+
+@contextlib.contextmanager
+def _warnings_in_a_line() -> Iterator[None]:
+    """Shows warnings as messages of the command line: those of old names once each, others with their place."""
+    said: set[str] = set()
+
+    def shown(
+        message: Warning | str,
+        category: type[Warning],
+        filename: str,
+        lineno: int,
+        file: TextIO | None = None,
+        line: str | None = None,
+    ) -> None:
+        place = "" if issubclass(category, RenamedWarning) else f"{filename}:{lineno}: {category.__name__}: "
+        words = f"{place}{message}"
+        if words not in said:
+            said.add(words)
+            note(words)
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", RenamedWarning)
+        warnings.showwarning = shown
+        yield

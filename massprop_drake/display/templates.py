@@ -1,0 +1,89 @@
+"""What every page has in common: a template that is filled once, and a Content-Security-Policy.
+
+A page is one file that needs no network. Text from a user's files gets into it in two ways: into its markup through
+a template, which escapes it, and into its only block of data, which is JSON. The page's scripts read the block and
+write with `textContent`; they are named in the policy by their digests, so that a browser runs nothing else.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import jinja2
+
+_HERE = Path(__file__).parent
+
+_POLICY = {
+    "default-src": "'none'",
+    "img-src": "data:",
+    "base-uri": "'none'",
+    "form-action": "'none'",
+}
+
+
+def page(
+    template: Path,
+    content: Mapping[str, Any],
+    *,
+    data: Any = None,
+    styles: Sequence[str] = (),
+    scripts: Sequence[str] = (),
+    needs: Mapping[str, str] | None = None,
+) -> str:
+    """Returns a page as the text of one HTML file.
+
+    Args:
+        template: the file; it extends `frame.html` and fills its block `body`.
+        content: values for the template, `title` among them; they are escaped.
+        data: of the page's block `data`, as `json.dumps` takes it; None: it has no block.
+        styles: style sheets.
+        scripts: to be run in this order when the rest of the page is there.
+        needs: sources that libraries among the scripts use, by directive of the policy, beyond what every page may.
+
+    Raises:
+        ValueError: when data hold NaN or infinity, or a style or script would end its element.
+    """
+    policy = {
+        **_POLICY,
+        "script-src": _digests(scripts, "script"),
+        "style-src": _digests(styles, "style"),
+        **(needs or {}),
+    }
+    filled: str = (
+        environment(template.parent)
+        .get_template(template.name)
+        .render(
+            content,
+            policy="; ".join(f"{directive} {sources}" for directive, sources in policy.items()),
+            data=data,
+            styles=styles,
+            scripts=scripts,
+        )
+    )
+    return filled
+
+
+def fragment(template: Path, content: Mapping[str, Any]) -> str:
+    """Returns a part of a page of someone else's, such as a notebook's, with no script; values are escaped."""
+    filled: str = environment(template.parent).get_template(template.name).render(content)
+    return filled
+
+
+def environment(folder: Path) -> jinja2.Environment:
+    """Returns what fills the templates of a folder, and the ones here that they extend."""
+    loader = jinja2.FileSystemLoader([folder, _HERE])
+    made = jinja2.Environment(loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True)
+    made.policies["json.dumps_kwargs"] = {"allow_nan": False, "separators": (",", ":")}
+    return made
+
+
+def _digests(texts: Sequence[str], element: str) -> str:
+    """Names inline styles or scripts as a Content-Security-Policy does."""
+    if any(f"</{element}" in text.lower() for text in texts):
+        raise ValueError(f"the text of a {element} ends its element")
+    digests = [base64.b64encode(hashlib.sha256(text.encode()).digest()).decode() for text in texts]
+    return " ".join(f"'sha256-{digest}'" for digest in digests) or "'none'"

@@ -1,0 +1,188 @@
+"""How finished work takes its place at once: stages, locks, and what is done about processes that were killed.
+
+A stage is a hidden folder beside its target. Work in progress lies in its `partial/`, finished work that is to take
+its place in `whole/`, what had to make room for it in `old/`. It is locked as long as its process lives, by a lock of
+the operating system that ends with the process; so whoever comes next can tell what a kill has left. Where a file
+system has no such locks (some network file systems), what is left stays until it is removed by hand.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import errno
+import fcntl
+import itertools
+import os
+import re
+import shutil
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+from massprop_drake.results import manifest
+
+_PREFIX = ".massprop-"
+_STAGE = re.compile(re.escape(_PREFIX) + r"[a-z0-9_]{8}")
+_PARTIAL, _WHOLE, _OLD = "partial", "whole", "old"
+_NO_LOCKS = (errno.ENOLCK, errno.EBADF, errno.ENOTSUP, errno.ENOSYS)
+_NO_SWAP = (errno.EINVAL, errno.ENOTSUP, errno.ENOSYS)
+
+
+class Stage:
+    """The hidden folder in which something is made ready to take its place.
+
+    Args:
+        path: of the stage.
+    """
+
+    def __init__(self, path: Path):
+        self._path = path
+        self.partial = path / _PARTIAL
+
+    def finished(self, name: str) -> Path:
+        """Declares the folder of a name in `partial` to be finished, and returns where it is now."""
+        whole = self._path / _WHOLE / name
+        (self.partial / name).rename(whole)
+        return whole
+
+    def exchanged(self, whole: Path, target: Path) -> Path:
+        """Puts a finished folder in place of another at once, and returns where that is now."""
+        if _swapped(whole, target):
+            return whole
+        old = self._path / _OLD / target.name
+        target.rename(old)
+        whole.rename(target)
+        return old
+
+
+def lock(descriptor: int, *, wait: bool = True) -> bool:
+    """Locks an open file or folder until it is closed or the process ends; False where there are no such locks.
+
+    Raises:
+        BlockingIOError: when another process has it and it is not to be waited for.
+    """
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:
+        if error.errno not in _NO_LOCKS:
+            raise
+        return False
+    return True
+
+
+@contextlib.contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Keeps other processes from exchanging anything in a folder, for a short time; waits for its turn."""
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        lock(descriptor)
+        yield
+    finally:
+        os.close(descriptor)
+
+
+@contextlib.contextmanager
+def stage(folder: Path) -> Iterator[Stage]:
+    """Yields a stage in a folder, and removes it and what of it is not finished."""
+    with locked(folder):
+        _tidy(folder)
+        path = Path(tempfile.mkdtemp(prefix=_PREFIX, dir=folder))
+        descriptor = os.open(path, os.O_RDONLY)
+        lock(descriptor)
+    try:
+        for part in (_PARTIAL, _WHOLE, _OLD):
+            (path / part).mkdir()
+        yield Stage(path)
+    finally:
+        shutil.rmtree(path / _PARTIAL, ignore_errors=True)
+        for emptied in (path / _WHOLE, path / _OLD, path):
+            with contextlib.suppress(OSError):  # not empty: something stands in the way of finished work
+                emptied.rmdir()
+        os.close(descriptor)
+
+
+def recover(path: Path) -> None:
+    """Brings back or removes what killed processes have left about a path that is to be read."""
+    try:
+        real = Path(os.path.realpath(path))
+    except ValueError:  # a name that no file can have
+        return
+    for folder in (real, *list(real.parents)[:2]):  # a run's folder, or a file in it
+        with contextlib.suppress(OSError):  # where nothing may be changed, what is there can still be read
+            if any(_left_over(folder)):
+                with locked(folder):
+                    _tidy(folder)
+
+
+def set_aside(path: Path, name: Path) -> Path:
+    """Moves a file or folder to the first free one of `<name>.1`, `<name>.2`, ..., and returns where it is now."""
+    for number in itertools.count(1):
+        free = name.with_name(f"{name.name}.{number}")
+        if not os.path.lexists(free):
+            path.rename(free)
+            return free
+    raise AssertionError
+
+
+def drop(old: Path, name: Path) -> Path | None:
+    """Removes a replaced folder; what is not in its manifest is kept as `<name>.1` or so, whose path is returned."""
+    return None if manifest.discard(old) else set_aside(old, name)
+
+
+def _left_over(folder: Path) -> Iterator[Path]:
+    """The stages in a folder, of the living as well."""
+    if folder.is_dir():
+        for path in sorted(folder.iterdir()):
+            if _STAGE.fullmatch(path.name) and path.is_dir() and not path.is_symlink():
+                yield path
+
+
+def _tidy(folder: Path) -> None:
+    """Ends what killed processes have begun in a folder; the folder is locked."""
+    for path in _left_over(folder):
+        with contextlib.suppress(PermissionError, BlockingIOError):  # another user's, or of a living process
+            descriptor = os.open(path, os.O_RDONLY)
+            try:
+                if lock(descriptor, wait=False):
+                    _settle(path)
+            finally:
+                os.close(descriptor)
+
+
+def _settle(left: Path) -> None:
+    """Finishes the work of a killed process: what is whole and lacks its place takes it, the rest goes."""
+    if {path.name for path in left.iterdir()} - {_PARTIAL, _WHOLE, _OLD}:
+        return  # no stage of ours
+    shutil.rmtree(left / _PARTIAL, ignore_errors=True)
+    for part in (left / _WHOLE, left / _OLD):
+        for path in sorted(part.iterdir()) if part.is_dir() else []:
+            target = left.parent / path.name
+            if os.path.lexists(target):
+                drop(path, target)
+            else:
+                path.rename(target)
+        with contextlib.suppress(OSError):
+            part.rmdir()
+    with contextlib.suppress(OSError):  # not empty: somebody has put something there
+        left.rmdir()
+
+
+def _swapped(one: Path, other: Path) -> bool:
+    """Lets two folders change places at once; False where system or file system cannot."""
+    library = ctypes.CDLL(None, use_errno=True)
+    first, second = os.fsencode(one), os.fsencode(other)
+    if sys.platform == "darwin":
+        failed = library.renamex_np(first, second, 2)  # RENAME_SWAP
+    elif hasattr(library, "renameat2"):
+        here = -100  # AT_FDCWD: paths are absolute
+        failed = library.renameat2(here, first, here, second, 2)  # RENAME_EXCHANGE
+    else:
+        return False
+    if not failed:
+        return True
+    number = ctypes.get_errno()
+    if number in _NO_SWAP:
+        return False
+    raise OSError(number, os.strerror(number))

@@ -1,0 +1,290 @@
+"""What a run's folder keeps, read back: each file through one schema, before anything is made of it.
+
+What is written is data of this program, but it lies in a user's folder: it may be cut short, edited, or of another
+version. A file that is read is as the schema says, or there is one message that names the field.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+import reprlib
+import warnings
+import zipfile
+import zlib
+from collections.abc import Iterator, Mapping
+from itertools import pairwise
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, field_validator, model_validator
+
+from massprop_drake.errors import InputError, dotted
+from massprop_drake.inputs.model import Model, Real, Text, Vector3, Whole, digest, validated
+from massprop_drake.inputs.renamed import RenamedWarning
+from massprop_drake.inputs.scenario import Scenario
+from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.inputs.yaml import read_text
+from massprop_drake.maths.estimation.detector import STATUS
+from massprop_drake.maths.estimation.filter import MASS_REPORT, ROTATION_REPORT
+from massprop_drake.results.summary import Count, DetectionRecord
+from massprop_drake.signals import AXES, SIGNALS
+
+Array = NDArray[np.float64]
+
+Fraction = Annotated[Real, Field(ge=0.0, le=1.0)]
+
+
+# ------------------------------------------------------------------------------------------- JSON
+
+
+def read_json(path: Path) -> Any:
+    """Reads a JSON file.
+
+    Raises:
+        InputError: when it is missing or no JSON, or a number in it is not finite.
+    """
+    text = read_text(path)
+    try:
+        return json.loads(text, parse_float=_finite, parse_constant=_finite)
+    except ValueError as error:
+        raise InputError(f"{path}: not valid JSON: {error}") from None
+    except RecursionError:
+        raise InputError(f"{path}: nested too deeply; no file of ours needs more than a few levels") from None
+
+
+def _finite(text: str) -> float:
+    value = float(text)
+    if not math.isfinite(value):
+        raise ValueError(f"{text} is not finite; what is not known is null")
+    return value
+
+
+# ----------------------------------------------------------------------------------- filter states
+
+STATE_FILE = "filter_state.json"
+FORMAT = 2  # of saved states; 1, up to version 0.2, does not say what it was made with
+
+
+class MadeWith(Model):
+    """The vehicle and the settings that a state of the estimators belongs to."""
+
+    vehicle: Text = Field(description="name")
+    vehicle_sha256: Text = Field(description="digest of the vehicle in full")
+    settings: dict[str, Any] = Field(description="blocks of the scenario that shape the estimators")
+
+
+class EstimatorState(Model):
+    """What the estimators know and remember after a sample; vectors with None for what is not known."""
+
+    format: Annotated[Whole, Field(ge=1, le=FORMAT)] = 1
+    made_with: MadeWith | None = None
+    time_s: Real | None
+    command: tuple[Fraction | None, ...]
+    outside_wrench: tuple[Real, Real, Real, Real, Real, Real] = (0.0,) * 6
+    states: dict[str, list[list[Real | None]]]
+
+    @model_validator(mode="after")
+    def _says_what_it_is_of(self) -> EstimatorState:
+        if self.format > 1 and self.made_with is None:
+            raise ValueError("has no 'made_with': nothing says which vehicle and settings it is of")
+        return self
+
+
+class FilterState(EstimatorState):
+    """The same at the end of a run, and what it takes to go on with its record: `filter_state.json`."""
+
+    time_s: Real
+    row: Count
+    recent_s: Annotated[tuple[Real, ...], Field(min_length=1)]
+    detections: tuple[DetectionRecord, ...]
+    velocity: dict[str, Vector3] = Field(default_factory=dict)
+    estimate: Any = None  # for readers; the states have them as well
+    covariance: Any = None
+
+    @field_validator("recent_s")
+    @classmethod
+    def _goes_forward(cls, value: tuple[float, ...]) -> tuple[float, ...]:
+        if any(later <= earlier for earlier, later in pairwise(value)):
+            raise ValueError("must go forward")
+        return value
+
+    @model_validator(mode="after")
+    def _ends(self) -> FilterState:
+        if self.recent_s[-1] != self.time_s:
+            raise ValueError(f"recent_s: must end at time_s, {self.time_s:g} s, got {self.recent_s[-1]:g} s")
+        return self
+
+
+# blocks of a scenario, and fields in them, that leave the estimators as they are
+_ELSEWHERE: Any = {
+    **dict.fromkeys(("name", "description", "vehicle", "duration_s", "seed", "maneuver", "jet_schedule"), True),
+    **dict.fromkeys(("plant", "autopilot", "failures", "jumps"), True),
+    "sensors": {"errors", "quantizer_phase"},
+}
+
+
+def made_with(scenario: Scenario) -> dict[str, Any]:
+    """What a state of a scenario's estimators belongs to, as files keep it."""
+    vehicle = scenario.vehicle_data
+    return {"vehicle": vehicle.name, "vehicle_sha256": digest(vehicle), "settings": _settings(scenario)}
+
+
+def _settings(scenario: Scenario) -> dict[str, Any]:
+    return scenario.model_dump(mode="json", exclude=_ELSEWHERE)
+
+
+def require_made_with(state: EstimatorState, scenario: Scenario, source: str) -> None:
+    """Makes sure that a state is of a scenario's vehicle and of its settings.
+
+    One of format 1 does not say; that is told in a warning, once more.
+
+    Args:
+        state: as saved.
+        scenario: to go on with.
+        source: where the state comes from, for messages.
+
+    Raises:
+        InputError: when it is of others; the message says of which, and what differs.
+    """
+    vehicle, made = scenario.vehicle_data, state.made_with
+    n_jets = len(vehicle.jets)
+    if made is not None and made.vehicle_sha256 != digest(vehicle):
+        raise InputError(
+            f"{source}: is of vehicle '{made.vehicle}' with the digest {made.vehicle_sha256[:12]}, and "
+            f"'{vehicle.name}' here has {digest(vehicle)[:12]}; go on with the vehicle of that run"
+        )
+    if len(state.command) != n_jets:
+        raise InputError(
+            f"{source}: is of a vehicle with {len(state.command)} jets, and '{vehicle.name}' has {n_jets}; go on with "
+            "the vehicle of that run"
+        )
+    if made is None:
+        warnings.warn(
+            f"{source}: is of format 1, of version 0.2 or earlier, which does not say of which vehicle and settings: "
+            "these here are taken for them; version 0.4 will refuse it",
+            RenamedWarning,
+            stacklevel=2,
+        )
+        return
+    there = validated(Scenario, made.settings, source=f"{source}: made_with.settings")
+    differences = list(_differences(_settings(there), _settings(scenario)))
+    if differences:
+        more = f" and {len(differences) - 3} more" if len(differences) > 3 else ""
+        raise InputError(
+            f"{source}: is of other settings: {', '.join(differences[:3])}{more}; go on with the settings of that run"
+        )
+
+
+def _differences(there: Any, here: Any, path: tuple[str | int, ...] = ()) -> Iterator[str]:
+    if isinstance(there, dict) and isinstance(here, dict):
+        for key in dict.fromkeys([*here, *there]):
+            yield from _differences(there.get(key), here.get(key), (*path, key))
+    elif there != here:
+        yield f"{dotted(path)} was {reprlib.repr(there)} and is {reprlib.repr(here)}"
+
+
+# ---------------------------------------------------------------------------------------- histories
+
+# signals that are there together or not at all; those of the first are in every run
+_ALWAYS = {
+    *("estimate", "standard_deviation", "converged", "command"),
+    *("angular_impulse", "linear_impulse", "usable", "firing"),
+    *(name for name in ROTATION_REPORT if name in SIGNALS),
+}
+_TRUTH = {"rate", "attitude", "position", "velocity", "truth", "thrust", "torque", "force"}
+_AUTOPILOT = {"hand_controllers", "attitude_error", "request", "selection_counts", "out_of_use"}
+_MASS = {name for name in MASS_REPORT if name in SIGNALS}
+_DETECTOR = {*STATUS.logged, "likelihood", "failure_magnitude", "known_force", "known_force_variance"}
+_HEADER = re.compile(rb"\{'descr': '<f8', 'fortran_order': False, 'shape': \(([0-9]{1,15}), ?([0-9]{0,15})\), \} *\n")
+_AT_ONCE = 2**20  # bytes
+
+
+def read_history(path: Path, vehicle: Vehicle) -> tuple[Array, dict[str, Array]]:
+    """Reads a run's signals.
+
+    Signals that are not known are passed over.
+
+    Args:
+        path: of `history.npz`.
+        vehicle: whose sensors and jets they are of.
+
+    Returns:
+        Sample times, s, shape (n,), and the signals by name, shape (n, components).
+
+    Raises:
+        InputError: when the file cannot be read, or a signal is missing or not as it should be.
+    """
+    columns = {name: len(signal.components) or len(vehicle.jets) for name, signal in SIGNALS.items()}
+    columns |= {name: len(AXES) for name in vehicle.sensor_names()}
+    try:
+        with path.open("rb") as file, zipfile.ZipFile(file) as archive:
+            members = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
+            _require_groups(set(members), vehicle)
+            time_s = _read_array(archive, members["time_s"], None, 0)
+            wanted = [name for name in members if name in columns]
+            signals = {name: _read_array(archive, members[name], time_s.size, columns[name]) for name in wanted}
+    except MemoryError:
+        raise InputError(f"{path}: is too large for the memory of this machine") from None
+    except (OSError, EOFError, ValueError, zipfile.BadZipFile, zlib.error) as error:
+        raise InputError(f"{path}: holds no signals that can be read: {error}") from None
+    _require_sound(path, time_s, signals, vehicle)
+    return time_s, signals
+
+
+def _require_groups(names: set[str], vehicle: Vehicle) -> None:
+    """Raises ValueError when a signal is missing."""
+    for group in ({"time_s"} | _ALWAYS | set(vehicle.sensor_names()), _TRUTH, _AUTOPILOT, _MASS, _DETECTOR):
+        missing = sorted(group - names)
+        if missing and ("time_s" in group or group & names):
+            raise ValueError(f"'{missing[0]}' is missing")
+
+
+def _read_array(archive: zipfile.ZipFile, info: zipfile.ZipInfo, rows: int | None, columns: int) -> Array:
+    """Reads a signal, whose size must be what its header says, and that what is expected.
+
+    Args:
+        archive: to read from.
+        info: of its member.
+        rows: expected; None: any but none.
+        columns: expected; 0: it is a vector.
+
+    Raises:
+        ValueError: when it is anything else.
+    """
+    if info.flag_bits & 1 or info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+        raise ValueError(f"'{info.filename}' is encrypted or compressed in a way that is not ours")
+    with archive.open(info) as file:
+        magic = file.read(10)
+        header = file.read(int.from_bytes(magic[8:10], "little"))
+        match = _HEADER.fullmatch(header)
+        if magic[:8] != b"\x93NUMPY\x01\x00" or match is None:
+            raise ValueError(f"'{info.filename}' is no array of numbers in double precision")
+        shape = tuple(int(part) for part in match.groups() if part)
+        expected = (shape[0] if rows is None else rows, *([columns] if columns else []))
+        if shape != expected or shape[0] == 0:
+            raise ValueError(f"'{info.filename}' has shape {shape}, expected {('n',) if rows is None else expected}")
+        if info.file_size != 10 + len(header) + 8 * math.prod(shape):
+            raise ValueError(f"'{info.filename}' is not as long as its shape {shape} says")
+        values = np.empty(shape)
+        view = values.data.cast("B")
+        for start in range(0, len(view), _AT_ONCE):
+            view[start : start + _AT_ONCE] = file.read(_AT_ONCE)
+    return values
+
+
+def _require_sound(path: Path, time_s: Array, signals: Mapping[str, Array], vehicle: Vehicle) -> None:
+    """Raises InputError for numbers that no run has."""
+    if not (np.isfinite(time_s).all() and (np.diff(time_s) > 0.0).all()):
+        raise InputError(f"{path}: time_s: must be finite and go forward")
+    for name in (_TRUTH & set(signals)) | {"estimate", "standard_deviation", "command", *vehicle.sensor_names()}:
+        wrong = ~np.isfinite(signals[name]) if name in _TRUTH else np.isinf(signals[name])
+        if wrong.any():
+            raise InputError(f"{path}: {name}, row {int(np.argwhere(wrong)[0, 0])}: must be finite")
+    if "alarm" in signals:
+        suspected = signals["suspected_jet"][signals["alarm"][:, 0] != 0.0, 0]
+        if not ((suspected >= 0.0) & (suspected < len(vehicle.jets))).all():
+            raise InputError(f"{path}: suspected_jet: names a jet that vehicle '{vehicle.name}' does not have")

@@ -1,0 +1,163 @@
+"""What users wrote reaches the terminal as it is, and streams that fail stop nothing."""
+
+from __future__ import annotations
+
+import errno
+import io
+import re
+import sys
+import unicodedata
+from dataclasses import replace
+from pathlib import Path
+from typing import cast
+
+import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
+from rich.table import Table
+
+from massprop_drake import Run
+from massprop_drake.cli import progress, show, streams
+from massprop_drake.cli.streams import Stream, visible
+from massprop_drake.inputs.vehicle import Vehicle
+
+HOSTILE = {
+    "[/red]": "[/red]",
+    "[bold]J[/bold]": "[bold]J[/bold]",
+    "\\[/red]": "\\[/red]",
+    "J\\": "J\\",
+    "[link=https://example.org]J": "[link=https://example.org]J",
+    ":rocket:": ":rocket:",
+    "100 °C, ±π": "100 °C, ±π",
+    "\x1b[31mX": "\\x1b[31mX",
+    "\x1b]0;title\x07": "\\x1b]0;title\\x07",
+    "\x9b2J": "\\x9b2J",
+    "a\rb\nc\td": "a\\rb\\nc\\td",
+    "a\x00b\x7fc\x08": "a\\x00b\\x7fc\\x08",
+    "\u202egnp.\u2066x": "\\u202egnp.\\u2066x",
+    "\u2028\u200b\ufeff": "\\u2028\\u200b\\ufeff",
+    "fl\udcffght": "fl\\udcffght",
+}
+
+
+def _is_safe(text: str) -> bool:
+    """Whether nothing in it is an order to a terminal; categories by the standard, not by our own rule."""
+    return not any(unicodedata.category(one) in {"Cc", "Cf", "Cs", "Zl", "Zp"} for one in text)
+
+
+@pytest.mark.parametrize(("text", "shown"), HOSTILE.items(), ids=ascii)
+def test_a_hostile_text_is_shown_as_it_is(text: str, shown: str) -> None:
+    assert visible(text) == shown
+    assert _is_safe(visible(text))
+
+
+@given(st.text(st.characters(categories=None)))
+@example("\x1b[0m[/]")
+def test_no_text_is_an_order(text: str) -> None:
+    assert _is_safe(visible(text))
+    remaining = iter(visible(text))
+    assert all(one in remaining for one in text if one.isprintable()), "lost, or out of order"
+    for encoding in ("utf-8", "latin-1", "ascii"):
+        visible(text, encoding).encode(encoding)
+
+
+@pytest.mark.parametrize(
+    ("encoding", "shown"), [("utf-8", "±⁻¹"), ("latin-1", "±\\u207b¹"), ("ascii", "\\xb1\\u207b\\xb9")]
+)
+def test_what_an_encoding_lacks_is_visible(encoding: str, shown: str) -> None:
+    assert visible("±⁻¹", encoding) == shown
+
+
+def _terminal(monkeypatch: pytest.MonkeyPatch, encoding: str = "utf-8") -> io.BytesIO:
+    """Puts a stream of an encoding in the place of standard output."""
+    raw = io.BytesIO()
+    monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(raw, encoding))
+    return raw
+
+
+@pytest.mark.parametrize(("text", "shown"), HOSTILE.items(), ids=ascii)
+def test_every_place_of_a_table_is_safe(monkeypatch: pytest.MonkeyPatch, text: str, shown: str) -> None:
+    raw = _terminal(monkeypatch)
+    terminal = show.Terminal(120)
+    table = Table(text, title=text, caption=text)
+    table.add_row(text)
+    table.add_row(terminal.words((text, "bold"), text))
+    terminal.print(table)
+    terminal.say(text, (text, "red"))
+    terminal.print(text)
+    streams.say(text)
+    out = raw.getvalue().decode()
+    assert out.count(shown) == 10, out
+    assert all(map(_is_safe, out.splitlines()))
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "latin-1", "ascii"])
+def test_results_are_printed_in_any_encoding(
+    monkeypatch: pytest.MonkeyPatch, short_run: Run, orbiter: Vehicle, encoding: str
+) -> None:
+    raw = _terminal(monkeypatch, encoding)
+    autopilot = short_run.results.autopilot._replace(jets_out_of_use=list(HOSTILE))
+    names = replace(short_run.results, scenario="[/red]\x1b", vehicle="é[bold]π", autopilot=autopilot)
+    show.simulated(names, orbiter, Path("runs/[/x]"))
+    lines = raw.getvalue().decode(encoding).splitlines()
+    assert all(map(_is_safe, lines))
+    assert lines[0].startswith(f"[/red]\\x1b: {visible('é[bold]π', encoding)}, 6.96 s")
+    (row,) = [line for line in lines if re.match(rf". {re.escape(visible('Ixx⁻¹', encoding))} ", line)]
+    table = lines[1 : next(i for i, line in enumerate(lines) if line.startswith("consistency: "))]
+    assert len(table) == 14
+    assert len({len(line) for line in table}) == 1, "columns out of line"
+    assert row in table
+    assert f"             out of use: {visible(', '.join(HOSTILE), encoding)}" in lines
+    assert lines[-1] == "files:       runs/[/x]/"
+
+
+def test_a_bar_shows_its_title_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    class _Terminal(io.StringIO):
+        encoding = "utf-8"
+
+        def isatty(self) -> bool:
+            return True
+
+    monkeypatch.setattr(progress, "_AFTER_S", 0.0)
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setattr(sys, "stderr", stream := _Terminal())
+    with progress.Progress("simulating [/red]\x1b]0;x\x07", 1.0, shown=True) as report:
+        report(1.0)
+    bar = stream.getvalue()
+    assert "simulating [/red]\\x1b]0;x\\x07" in bar
+    assert "\x1b]" not in bar
+
+
+class _Failing(io.RawIOBase):
+    """A file that takes nothing."""
+
+    def __init__(self, number: int):
+        self.number = number
+
+    def writable(self) -> bool:
+        return True
+
+    def write(self, _: object) -> int:
+        raise OSError(self.number, "takes nothing")
+
+
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EBADF, errno.EPIPE])
+def test_a_stream_keeps_its_first_failure(number: int) -> None:
+    under = io.TextIOWrapper(io.BufferedWriter(_Failing(number)), "utf-8")
+    stream = Stream(under)
+    for _ in range(3):
+        assert stream.write("x") == 1
+        stream.flush()
+    assert stream.failure is not None
+    assert stream.failure.errno == number
+    with pytest.raises(OSError, match="takes nothing"):
+        under.close()
+
+
+def test_a_stream_is_the_one_below_it() -> None:
+    under = io.TextIOWrapper(io.BytesIO(), "ascii")
+    stream = Stream(under)
+    stream.write("±")
+    stream.flush()
+    assert (stream.failure, stream.encoding, stream.isatty()) == (None, "ascii", False)
+    assert cast(io.BytesIO, under.buffer).getvalue() == b"\\xb1"

@@ -1,0 +1,346 @@
+"""Text from a user's files is shown as it is and never runs: every payload in every text field, on every page.
+
+`MASSPROP_HOSTILE=all` opens every page once per payload, each time with another payload in each field; without it
+one such round is made.
+"""
+
+from __future__ import annotations
+
+import csv
+import os
+from collections.abc import Iterator
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from telemetry_probe import Log
+
+from massprop_drake import load_scenario
+from massprop_drake.display import interactive, write_replay, write_report
+from massprop_drake.display.page import summary_html
+from massprop_drake.display.spec import Bars, Panel, Plot
+from massprop_drake.display.stage import Stage
+from massprop_drake.errors import InputError
+from massprop_drake.inputs.model import Model, validated
+from massprop_drake.inputs.scenario import Scenario, StuckOn
+from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.results.run import Run
+from massprop_drake.results.summary import DetectionRecord
+from massprop_drake.runners.recorded import estimate
+from massprop_drake.studies.reproduction import report as reproduction
+from massprop_drake.studies.reproduction.claims import AtMost, Claim, Outcome, Verdict
+from massprop_drake.studies.reproduction.entry import Entry
+
+RUN = "window.pwned=1"  # what a payload would do
+PAYLOADS = (
+    f"<script>{RUN}</script>",
+    f"</script><script>{RUN}</script>",
+    f"</title></style></textarea></pre></td></table><script>{RUN}</script>",
+    "<!--<script>",
+    f"--><script>{RUN}</script><!--",
+    f"]]><![CDATA[<script>{RUN}</script>",
+    f"<img src=x onerror={RUN}>",
+    f"<svg/onload={RUN}>",
+    f"<svg><animate onbegin={RUN} attributeName=x dur=1s></svg>",
+    f"<details open ontoggle={RUN}>",
+    f'<iframe srcdoc="<script>parent.{RUN}</script>"></iframe>',
+    f'<object data="javascript:{RUN}"></object><embed src="javascript:{RUN}">',
+    '<base href="https://example.invalid/"><link rel=stylesheet href=x.css><script src=x.js></script>',
+    f'<meta http-equiv=refresh content="0;url=javascript:{RUN}">',
+    f'<form action="javascript:{RUN}"><button autofocus onfocus={RUN}>',
+    '<style>@import "https://example.invalid/x.css"; body{display:none}</style>',
+    f'"><b onmouseover={RUN} style="position:fixed;inset:0">',
+    f"' onclick='{RUN}' x='",
+    f'" onfocus="{RUN}" autofocus="',
+    f"` onload={RUN} `",
+    f"javascript:{RUN}//",
+    f'<a href="javascript:{RUN}">a link</a>',
+    '<b>bold</b><br><sub>low</sub><span style="font-size:99px">large</span>',
+    "{{7*7}}{% raw %}{# a comment #}",
+    f"{{{{constructor.constructor('{RUN}')()}}}}",
+    f"${{{RUN}}} `${{{RUN}}}`",
+    "%{meta}%{customdata}%{x}{}%s%d",
+    "/*NAME*/",
+    "/*NARRATION*/",
+    f"+({RUN})+",
+    f'"+({RUN})+"',
+    f'\\";{RUN};//',
+    f'"}}],"text":"\\u003cscript\\u003e{RUN}\\u003c/script\\u003e',
+    f"\u2028{RUN}\u2029{RUN}\n{RUN}",
+    f"\u202e{RUN}\u2066\u200f",
+    "__proto__",
+    "null",
+    5000 * "<b>long ",
+    f"[x](javascript:{RUN}) ![x](x) **b** | $\\href{{javascript:{RUN}}}{{x}}$ \\(x\\)",
+    f"&lt;script&gt;{RUN}&lt;/script&gt; &#60;img src=x onerror={RUN}&#62; \x07\x1b[31m",
+)
+ALL = os.environ.get("MASSPROP_HOSTILE") == "all"
+ROUNDS = range(len(PAYLOADS)) if ALL else (7,)
+WATCHED = "addEventListener('securitypolicyviolation', e => console.error('policy: ' + e.violatedDirective))"
+
+
+def test_there_are_forty() -> None:
+    assert len(set(PAYLOADS)) == 40
+
+
+class Texts:
+    """Deals a payload to each field that asks: in every round another one, so that each field meets all."""
+
+    def __init__(self, first: int):
+        self._next = first
+
+    def __call__(self) -> str:
+        self._next += 1
+        return PAYLOADS[self._next % len(PAYLOADS)]
+
+
+def changed(model: Model, **fields: Any) -> Any:
+    """The same with other fields, whether they are allowed or not."""
+    same = {name: getattr(model, name) for name in type(model).model_fields}
+    return type(model).model_construct(**{**same, **fields})
+
+
+def hostile(run: Run, text: Texts, failing: slice = slice(None)) -> Run:
+    """A run with a payload in every text of its vehicle, scenario and results; no two jets have the same.
+
+    `failing` picks the jets that fail: a line for each in every panel of the report takes its time.
+    """
+    vehicle = run.scenario.vehicle_data
+    kinds = {name: f"{text()} {name}" for name in vehicle.jet_kinds}
+    first = [text() for _ in vehicle.jets]
+    names = [name if number < len(PAYLOADS) else f"{name} {number}" for number, name in enumerate(first)]
+    sensors = {package.name: f"{text()} {package.name}" for package in vehicle.sensors}
+    spoilt = changed(
+        vehicle,
+        name=text(),
+        description=text(),
+        source=text(),
+        gyros=tuple(changed(package, name=sensors[package.name]) for package in vehicle.gyros),
+        accelerometers=tuple(changed(package, name=sensors[package.name]) for package in vehicle.accelerometers),
+        jet_kinds={kinds[name]: kind for name, kind in vehicle.jet_kinds.items()},
+        jets=tuple(
+            changed(jet, designation=name, kind=kinds[jet.kind], manifold=text())
+            for jet, name in zip(vehicle.jets, names, strict=True)
+        ),
+        preferred_accelerometer=sensors[vehicle.accelerometers[0].name],
+    )
+    scenario = changed(
+        run.scenario,
+        name=text(),
+        description=text(),
+        vehicle=spoilt,
+        failures=tuple(StuckOn(kind="stuck_on", jet=name, start_s=1.0) for name in names[failing]),
+        autopilot=changed(run.scenario.autopilot, jet_kinds=tuple(kinds.values())),
+    )
+    (found,) = run.results.detections
+    every = [found._replace(jet=name, cluster=jet.cluster) for name, jet in zip(names, vehicle.jets, strict=True)]
+    results = replace(
+        run.results,
+        version=text(),
+        scenario=scenario.name,
+        vehicle=spoilt.name,
+        detections=(*every, DetectionRecord(1.0, 2.0, text(), None, None, None, None, None, 30.0, 1)),
+        autopilot=run.results.autopilot._replace(jets_out_of_use=names, jets_left_in=names),
+        provenance=run.results.provenance._replace(telemetry=text(), drake=text()),
+        data_quality={
+            "warnings": [f"column '{text()}' is not used; is '{text()}' meant?"],
+            "unknown_columns": {text(): text()},
+            "missing": dict.fromkeys(sensors.values(), 2),
+            text(): {text(): {text(): text()}},
+        },
+    )
+    signals = {sensors.get(name, name): value for name, value in run.signals.items()}
+    return Run(scenario, results, run.time_s, signals, run.state)
+
+
+def shown(text: str) -> str:
+    """A text as a browser may show it: white space is one blank, what has no glyph may be left out."""
+    return " ".join(text.replace("\x07", "").replace("\x1b", "").split())
+
+
+@pytest.fixture
+def visited(opened: Any) -> Iterator[Any]:
+    """A function that opens a page, lets it go through its paces and makes sure that nothing ran or was asked for."""
+
+    def visit(path: Path, act: str = "0", ready: str = "body[data-ready=yes]") -> Any:
+        page = opened(path, WATCHED, ready)
+        page.page.evaluate(act)
+        page.page.wait_for_timeout(100)
+        assert page.said == []
+        assert page.page.evaluate("window.pwned === undefined && frames.length === 0")
+        assert page.page.locator("iframe, object, embed, base, form, [onerror], [onload], [onclick]").count() == 0
+        assert page.page.locator("a[href^='javascript:']").count() == 0
+        return page.page
+
+    return visit
+
+
+def words(page: Any, selector: str) -> list[str]:
+    return [shown(text) for text in page.locator(selector).all_text_contents()]
+
+
+# ------------------------------------------------------------------------------------ in a browser
+
+HOVER = """for (const plot of document.querySelectorAll(".js-plotly-plot")) {
+  plot.data.forEach((trace, number) => trace.visible !== false && trace.y.length
+    && Plotly.Fx.hover(plot, [{ curveNumber: number, pointNumber: trace.y.findIndex(value => value !== null) }],
+                       ["x" + trace.yaxis]));
+}"""
+
+
+def folder_named(text: str, parent: Path) -> Path:
+    """A folder that has a text in its name, as far as a file system takes it."""
+    folder = parent / text.replace("/", "\u2215").replace("\0", "")[:60]
+    folder.mkdir()
+    return folder
+
+
+@pytest.mark.parametrize("first", ROUNDS)
+def test_the_report(visited: Any, stuck_run: Run, tmp_path: Path, first: int) -> None:
+    run = hostile(stuck_run, Texts(first), slice(3))
+    folder = folder_named(PAYLOADS[first], tmp_path)
+    page = visited(write_report(run, folder / "report.html", replay=f"javascript:{RUN}"), HOVER)
+    assert words(page, "h1") == [shown(f"{run.results.vehicle}: {run.results.scenario}")]
+    jets = run.scenario.vehicle_data.jets
+    assert set(words(page, "#plot-jets .ytick text")) == {shown(f"{jet.designation} ({jet.cluster})") for jet in jets}
+    known = words(page, "#plot-failure_magnitude .legendtext")
+    assert {shown(f"truth, {jet.designation}") for jet in (jets[28], *jets[:3])} <= set(known)
+    (line,) = [line for line in words(page, "#verdict li") if line.startswith("Found")]
+    assert all(shown(f"jet {jet.designation}: on") in line for jet in jets)
+
+
+@pytest.mark.parametrize("first", ROUNDS)
+def test_the_replay(visited: Any, stuck_run: Run, tmp_path: Path, first: int) -> None:
+    run = hostile(stuck_run, Texts(first))
+    folder = folder_named(PAYLOADS[first], tmp_path)
+    page = visited(write_replay(run, folder / "replay.html"), "massprop.seek(5)")
+    assert words(page, "h1") == [shown(f"{run.scenario.vehicle_data.name}: {run.scenario.name}")]
+    (now,) = words(page, "#mp-now")
+    jets = run.scenario.vehicle_data.jets
+    assert all(shown(f"failed: jet {jet.designation}: stuck on") in now for jet in jets)
+
+
+@pytest.mark.parametrize("first", ROUNDS)
+def test_the_notebook(visited: Any, stuck_run: Run, tmp_path: Path, first: int) -> None:
+    run = hostile(stuck_run, Texts(first))
+    path = tmp_path / "notebook.html"
+    head = '<!DOCTYPE html><meta charset="utf-8"><link rel="icon" href="data:,">'
+    path.write_text(f"{head}{summary_html(run)}", encoding="utf-8")
+    page = visited(path, ready="strong")
+    assert words(page, "strong") == [shown(f"{run.results.vehicle}: {run.results.scenario}")]
+
+
+@pytest.mark.parametrize("first", ROUNDS)
+def test_the_reproduction(visited: Any, tmp_path: Path, first: int) -> None:
+    text = Texts(first)
+    claim = Claim(1, text(), text(), AtMost(1.0), lambda _: 0.0, text())
+    outcome = Outcome(claim, np.zeros(1), 0.0, Verdict.DIFFERS, 0.0, text())
+    (tmp_path / "a.png").write_bytes(bytes.fromhex(PIXEL))
+    entry = Entry(text(), text(), {}, ())
+    reproduction.write(tmp_path, [reproduction.Reproduced(entry, (outcome,), (Path("a.png"),))])
+    page = visited(tmp_path / "reproduction.html", ready="table")
+    assert words(page, "td")[:3] == [shown(claim.text), claim.source, shown(claim.thesis)]
+    assert page.evaluate("document.querySelector('img').naturalWidth") == 1
+
+
+PIXEL = (
+    "89504e470d0a1a0a0000000d4948445200000001000000010806000000"
+    "1f15c4890000000d49444154789c6360606060000000050001a5f645400000000049454e44ae426082"
+)
+
+
+def test_a_record_with_hostile_columns_in_a_hostile_file(visited: Any, toy_data: Any, tmp_path: Path) -> None:
+    vehicle = validated(Vehicle, {**toy_data, "name": PAYLOADS[0]})
+    log = Log(vehicle)
+    for name in (*PAYLOADS, "known_<b>torque_x"):
+        log.add(name, ["0"] * len(log.rows))
+    record = folder_named(PAYLOADS[6], tmp_path) / f"<img src=x onerror={RUN}>.csv"
+    with record.open("w", encoding="utf-8", newline="") as file:
+        csv.writer(file).writerows([log.header, *log.rows])
+    scenario = changed(load_scenario("jet_pulses"), vehicle=vehicle, jet_schedule=())
+    run = estimate(record, scenario)
+    page = visited(write_report(run, tmp_path / "report.html"), HOVER)
+    assert shown(record.name) in words(page, "td")
+    assert "column 'known_<b>torque_x' is not used; is 'known_torque_x' meant?" in words(page, "#verdict li")
+
+
+def test_names_that_complete_each_other_do_not_run(visited: Any, stuck_run: Run, tmp_path: Path) -> None:
+    """A place to be filled in one name, and in another what would run there if places were filled one by one."""
+    vehicle = stuck_run.scenario.vehicle_data
+    places = ("/*NAME*/", "/*NARRATION*/", "</body>", "{{ title }}", "{{ data }}")
+    jets = tuple(changed(jet, designation=place) for jet, place in zip(vehicle.jets, places, strict=False))
+    scenario = changed(
+        stuck_run.scenario,
+        vehicle=changed(vehicle, name=f"+({RUN})+", jets=(*jets, *vehicle.jets[len(jets) :])),
+        failures=tuple(StuckOn(kind="stuck_on", jet=place, start_s=1.0) for place in places),
+    )
+    run = Run(scenario, stuck_run.results, stuck_run.time_s, stuck_run.signals)
+    page = visited(write_replay(run, tmp_path / "replay.html"), "massprop.seek(2)")
+    assert page.title() == f"+({RUN})+: stuck_on_29"
+    assert all(f"jet {place}: stuck on" in page.inner_text("#mp-now") for place in places)
+
+
+# --------------------------------------------------------------------------------- without a browser
+
+
+class _Policies(HTMLParser):
+    def __init__(self) -> None:
+        super().__init__()
+        self.found: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        values = dict(attrs)
+        if tag == "meta" and values.get("http-equiv") == "Content-Security-Policy":
+            self.found.append(values["content"] or "")
+
+
+def test_every_page_has_a_strict_policy(stuck_run: Run, tmp_path: Path) -> None:
+    reproduction.write(tmp_path, [])
+    write_report(stuck_run, tmp_path / "report.html")
+    write_replay(stuck_run, tmp_path / "replay.html")
+    for name in ("report", "replay", "reproduction"):
+        reader = _Policies()
+        reader.feed((tmp_path / f"{name}.html").read_text(encoding="utf-8"))
+        (text,) = reader.found
+        policy = {directive: sources for directive, _, sources in (part.partition(" ") for part in text.split("; "))}
+        assert policy["default-src"] == policy["base-uri"] == policy["form-action"] == "'none'"
+        assert all(source.startswith("'sha256-") for source in policy["script-src"].split() if source != "'none'")
+        assert not any(scheme in text for scheme in ("unsafe-eval", "http:", "https:", "*"))
+
+
+def test_no_text_of_the_user_reaches_the_scene(orbiter: Vehicle, stuck_run: Run) -> None:
+    """The live view and the replay's scene, whose paths are numbers."""
+    spoilt = hostile(stuck_run, Texts(0)).scenario.vehicle_data
+    scenes = []
+    for vehicle in (orbiter, spoilt):
+        stage = Stage(vehicle, truth=True)
+        stage.add_mark("found", "", 0)
+        scenes.append(stage.meshcat.StaticHtml())
+    assert scenes[0] == scenes[1]
+
+
+@pytest.mark.parametrize("text", PAYLOADS[:5])
+def test_a_plot_shows_names_as_they_are(text: str) -> None:
+    bars = Bars(np.array([0.0]), np.array([1.0]), np.array([0]), "#0072b2")
+    plot = Plot("p", text, "", np.array([0.0, 1.0]), (Panel(text, "", (bars,), rows=(text,)),))
+    figure = interactive.drawn(plot)
+    assert figure["title"] == text  # is written as text
+    axis = figure["layout"]["yaxis"]
+    for written in (axis["title"]["text"], *axis["ticktext"], figure["traces"][0]["text"][0]):
+        assert "<" not in written
+        assert written.replace("&#36;", "$").replace("&lt;", "<").replace("&gt;", ">").replace("&amp;", "&") == text
+
+
+@pytest.mark.parametrize("text", [pytest.param(text, id=str(number)) for number, text in enumerate(PAYLOADS)])
+def test_names_that_stand_in_telemetry_and_paths_are_refused(text: str, toy_data: dict[str, Any]) -> None:
+    toy_data["gyros"][0]["name"] = text
+    if text == "null":  # a word like any other
+        assert validated(Vehicle, toy_data).gyros[0].name == text
+        return
+    with pytest.raises(InputError, match="name"):
+        validated(Vehicle, toy_data)
+    with pytest.raises(InputError, match="name"):
+        validated(Scenario, {"name": text})

@@ -1,0 +1,81 @@
+"""Simulated runs that the numbers of their scenario bring to an end."""
+
+from __future__ import annotations
+
+import itertools
+import re
+from typing import Any
+
+import numpy as np
+import pytest
+from telemetry_probe import toy_vehicle
+
+from massprop_drake import InputError, simulate
+from massprop_drake.inputs.model import validated
+from massprop_drake.inputs.scenario import Scenario
+from massprop_drake.maths.estimation.filters import rotation_filter
+from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
+
+# a jet of 10 N and 70 s uses 0.0145673 kg/s
+FLOW = 10.0 / (9.80665 * 70.0)
+
+
+def _pushing(toy_data: dict[str, Any], mass: float, **changes: Any) -> Scenario:
+    """Two jets push along x from 0.2 s on."""
+    toy_data["mass_properties"]["mass"] = mass
+    pulses = [{"jet": jet, "start_s": 0.2, "end_s": 1.0} for jet in ("J1", "J2")]
+    data = {"vehicle": toy_vehicle(toy_data), "duration_s": 1.0, "jet_schedule": pulses, **changes}
+    return validated(Scenario, data)
+
+
+@pytest.mark.parametrize("time_step", [None, 0.0])
+def test_a_vehicle_that_runs_out_of_mass_is_told(toy_data: dict[str, Any], time_step: float | None) -> None:
+    scenario = _pushing(toy_data, 2.0 * FLOW * 0.35, plant={"time_step": time_step})  # lasts until 0.55 s
+    left = f"{2.0 * FLOW * 0.05:.6g} kg are left" if time_step is None else "kg are left"
+    with pytest.raises(InputError, match=rf"at t = 0\.5\S* s the vehicle runs out of mass: .*{left}"):
+        simulate(scenario)
+
+
+@pytest.mark.parametrize("time_step", [None, 0.0])
+def test_a_vehicle_whose_mass_just_lasts_is_simulated(toy_data: dict[str, Any], time_step: float | None) -> None:
+    run = simulate(_pushing(toy_data, 2.0 * FLOW * 0.85, plant={"time_step": time_step}))
+    assert 1.0 / run["truth"][-1, 9] == pytest.approx(2.0 * FLOW * 0.05, rel=1e-6)
+
+
+def test_mass_that_thrust_uses_as_it_dies_away_counts(toy_data: dict[str, Any]) -> None:
+    # the lag takes off at the start what it adds at the end: 0.35 s of thrust until 0.65 s
+    toy_data["jet_kinds"]["primary"]["time_constant_s"] = 0.1
+    with pytest.raises(InputError, match=r"at t = 0\.6 s the vehicle runs out of mass"):
+        simulate(_pushing(toy_data, 2.0 * FLOW * 0.35))
+
+
+def test_without_depletion_no_mass_is_used(toy_data: dict[str, Any]) -> None:
+    run = simulate(_pushing(toy_data, 2.0 * FLOW * 0.35, plant={"depletion": False}))
+    assert run["truth"][-1, 9] == run["truth"][0, 9]
+
+
+def test_an_accuracy_that_cannot_be_had_is_told(toy_data: dict[str, Any]) -> None:
+    scenario = _pushing(toy_data, 100.0, plant={"time_step": 0.0, "accuracy": 1e-100})
+    with pytest.raises(InputError, match=r"plant.accuracy: the continuous plant cannot be integrated to 1e-100"):
+        simulate(scenario)
+
+
+def test_a_covariance_that_loses_definiteness_is_named(
+    toy_data: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    innovate, calls = rotation_filter.innovate, itertools.count()
+
+    def failing(*arguments: Any) -> Any:
+        if next(calls) == 4:
+            raise NotPositiveDefiniteError(np.zeros((3, 3)), "the rotation filter's innovation covariance")
+        return innovate(*arguments)
+
+    monkeypatch.setattr(rotation_filter, "innovate", failing)
+    with pytest.raises(InputError) as caught:
+        simulate(_pushing(toy_data, 100.0))
+    message = str(caught.value)
+    assert "scenario 'scenario': the filters cannot go on: rotation_estimator: " in message
+    assert re.search(
+        r"the rotation filter's innovation covariance is not positive definite at t = 0\.\d s; check", message
+    )
+    assert "\n" not in message
