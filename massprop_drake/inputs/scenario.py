@@ -438,7 +438,7 @@ class MassBlock(Model):
         "for small gains), or generalized likelihood ratio over a window of used samples",
     )
     jump_false_alarm_rate: Real = described(
-        1e-6, "of that test, per used sample; 0.01 in the thesis", "-", gt=0.0, lt=1.0
+        1e-6, "of that test, per used sample; 0.01 in the thesis", "-", ge=1e-100, lt=1.0
     )
     jump_window: Whole = described(5, "used samples that glr looks back", "-", ge=2, le=1000)
     process_noise_std: Real = described(0.0, "1-sigma of the change of 1/m per sample", "1/slug | 1/kg", ge=0.0)

@@ -197,6 +197,7 @@ REFUSED_SCENARIOS = [
     ("sensors.errors=[{sensor: acc2, bias: [1e300, 0, 0]}]", "sensors.errors[0].bias[0]: 1e+300, in SI units"),
     ("sensors.errors=[{sensor: acc2, scale_factor: [1e300, 0, 0]}]", "sensors.errors[0].scale_factor[0]: 1e+300, is"),
     (f"name={'a' * 5000}", "at most 200 characters"),
+    ("mass.jump_false_alarm_rate=5e-324", "mass.jump_false_alarm_rate: input should be greater than or equal to"),
 ]
 
 
