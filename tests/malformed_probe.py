@@ -32,6 +32,7 @@ from massprop_drake.cli import main as cli
 from massprop_drake.inputs.model import yaml_text
 from massprop_drake.inputs.vehicle import load_vehicle
 from massprop_drake.inputs.yaml import to_yaml
+from massprop_drake.results.manifest import is_sealed
 
 LONGEST_S = 5.0  # of computing, for one case
 LONG = -2  # in place of the status of a run that asks for more than that
@@ -709,7 +710,7 @@ def _fault(status: int, said: str, before: dict[str, int], after: dict[str, int]
     if status == 2 and len(said.strip()) < 20:
         return "no message"
     changed = [name for name in before if after.get(name) != before[name]]
-    ours = ("report.html", "replay.html")
+    ours = ("report.html", "replay.html", "manifest.json")
     if [name for name in changed if Path(name).name not in ours]:
         return f"input changed: {changed}"
     new = {name for name in after if name not in before}
@@ -720,7 +721,7 @@ def _fault(status: int, said: str, before: dict[str, int], after: dict[str, int]
     if status == 2 and new:
         return f"half-written: {sorted(new)}"
     for name in pages:
-        if not (here / name).read_text(encoding="utf-8").rstrip().endswith("</html>"):
+        if not is_sealed(here / name):
             return f"half-written: {name}"
     if "out" in new:
         try:

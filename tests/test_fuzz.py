@@ -173,6 +173,7 @@ def _assert_whole(folder: Path) -> None:
         "report.html",
         "filter_state.json",
         "history.npz",
+        "manifest.json",
         "scenario.yaml",
         "summary.json",
         "telemetry.csv",

@@ -170,8 +170,11 @@ def require_made_with(state: EstimatorState, scenario: Scenario, source: str) ->
             stacklevel=2,
         )
         return
-    there = validated(Scenario, made.settings, source=f"{source}: made_with.settings")
-    differences = list(_differences(_settings(there), _settings(scenario)))
+    here = _settings(scenario)
+    if made.settings == here:
+        return
+    there = validated(Scenario, made.settings, source=f"{source}: made_with.settings")  # with what is new since
+    differences = list(_differences(_settings(there), here))
     if differences:
         more = f" and {len(differences) - 3} more" if len(differences) > 3 else ""
         raise InputError(

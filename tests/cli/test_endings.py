@@ -22,6 +22,7 @@ from massprop_drake.cli import show
 from massprop_drake.inputs.model import yaml_text
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.yaml import to_yaml
+from massprop_drake.results.folder import write_files
 from massprop_drake.results.run import Run
 
 RUN = ("run", "sample_maneuver", "--no-report", "--out", "there")
@@ -179,14 +180,15 @@ def test_an_interrupted_reproduction_goes_on(massprop: Massprop, monkeypatch: py
 
 @pytest.mark.usefixtures("at_once")
 def test_an_interrupted_view(massprop: Massprop, monkeypatch: pytest.MonkeyPatch) -> None:
-    def write(_: Run, target: Path) -> None:
-        target.write_text("whole", encoding="utf-8")
+    def write(*arguments: Any, **options: Any) -> None:
+        write_files(*arguments, **options)
         signal.raise_signal(signal.SIGINT)
 
     massprop(*RUN, "-q")
-    monkeypatch.setattr("massprop_drake.display.write_replay", _signals(signal.SIGINT))
-    assert massprop("view", "there") == (130, "", "massprop: interrupted: nothing was saved\n")
-    monkeypatch.setattr("massprop_drake.display.write_replay", write)
+    with monkeypatch.context() as patch:
+        patch.setattr("massprop_drake.display.flight3d.replay_html", _signals(signal.SIGINT))
+        assert massprop("view", "there") == (130, "", "massprop: interrupted: nothing was saved\n")
+    monkeypatch.setattr("massprop_drake.cli.app.write_files", write)
     done = massprop("view", "there")
     assert done == (130, "", "massprop: interrupted: the replay is saved in there/replay.html\n")
 

@@ -374,10 +374,9 @@ def test_a_failure_leaves_the_earlier_run_as_it_was(
 
 
 def test_an_earlier_run_is_replaced_altogether(short_run: Run, tmp_path: Path) -> None:
-    target = short_run.save(tmp_path / "run")
-    assert (target / "figures").is_dir()
-    short_run.save(target, pictures=False)
-    assert {path.name for path in target.iterdir()} == FILES
+    target = short_run.save(tmp_path / "run", pictures=False)
+    short_run.save(target, pictures=False, report=False)
+    assert {path.name for path in target.iterdir()} == FILES - {"report.html"}
     assert [path.name for path in tmp_path.iterdir()] == ["run"]
 
 

@@ -262,12 +262,12 @@ def massprop(
     """Runs the command line in this process."""
     import sys  # noqa: PLC0415
 
-    from massprop_drake.cli import app as cli  # noqa: PLC0415
+    from massprop_drake.cli.main import main  # noqa: PLC0415
 
     def call(*arguments: str | Path) -> tuple[int, str, str]:
         monkeypatch.setattr(sys, "argv", ["massprop", "reproduce", *map(str, arguments)])
         with pytest.raises(SystemExit) as caught:
-            cli.main()
+            main()
         out, err = capsys.readouterr()
         return int(caught.value.code or 0), out, err
 
