@@ -22,7 +22,15 @@ from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.maths.autopilot.jet_selection import activity_vectors
 from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
 from massprop_drake.maths.mass_properties import N_ROTATION, MassProperties, symmetric
-from massprop_drake.maths.vehicle.rigid_body import MASS, POSITION, QUATERNION, RATE, VELOCITY, OutOfMassError
+from massprop_drake.maths.vehicle.rigid_body import (
+    MASS,
+    POSITION,
+    QUATERNION,
+    RATE,
+    VELOCITY,
+    OutOfMassError,
+    SpunUpError,
+)
 from massprop_drake.results.run import Run
 from massprop_drake.results.spool import Spool
 from massprop_drake.results.summary import Timing, summarize
@@ -153,6 +161,11 @@ def _scenario_to_blame(scenario: Scenario) -> Iterator[None]:
             f"scenario '{scenario.name}': at t = {error.time_s:.6g} s the vehicle runs out of mass: {error.left:.6g} "
             f"{unit} are left, and its jets are about to use {error.wanted:.6g} {unit}; check the mass, and thrust and "
             "specific impulse of the jets, or set plant.depletion to false"
+        ) from error
+    except SpunUpError as error:
+        raise InputError(
+            f"scenario '{scenario.name}': at t = {error.time_s:.6g} s the vehicle makes {error.turns:.3g} turns in a "
+            "sample, which nothing could follow; check thrust, inertia, failures and initial rate, or end it sooner"
         ) from error
     except NotPositiveDefiniteError as error:
         raise InputError(

@@ -47,6 +47,25 @@ SPIN_INTEGRAL = slice(17, 23)
 # less than (angle^5 / 120) = 3e-14 of the rate.
 _LARGEST_ANGLE = 0.005
 
+_MOST_TURNS = 1.0  # in a step: beyond, no sensor shows which way a vehicle turns, and no step comes to an end
+
+
+class SpunUpError(ArithmeticError):
+    """The jets have spun the vehicle up beyond all that can be followed.
+
+    Args:
+        turns: that it makes in the step.
+        time_s: when, once a system that knows the time passes the error on.
+    """
+
+    def __init__(self, turns: float, time_s: float = math.nan):
+        self.turns, self.time_s = turns, time_s
+        super().__init__(f"at t = {time_s:g} s the vehicle makes {turns:.3g} turns in a step")
+
+    def at(self, time_s: float) -> SpunUpError:
+        """The same, with the time."""
+        return SpunUpError(self.turns, time_s)
+
 
 class OutOfMassError(ArithmeticError):
     """The jets use up the vehicle's whole mass.
@@ -230,6 +249,7 @@ def step(
 
     Raises:
         OutOfMassError: when the jets use up the vehicle's mass in the step.
+        SpunUpError: when the vehicle makes more than a turn in it.
     """
     target = steady.tolist()
     decaying = zip(transient[:, 6].tolist(), time_constants_s, strict=True)
@@ -238,6 +258,9 @@ def step(
     lagging = [(row, tau) for row, tau in zip(transient, time_constants_s, strict=True) if nonzero(row)]
     fastest = min((tau for _, tau in lagging), default=math.inf)
     longest = _longest_substep(state, steady, lagging, duration_s, body)
+    turns = duration_s / longest * _LARGEST_ANGLE / (2.0 * math.pi)
+    if not turns <= _MOST_TURNS:
+        raise SpunUpError(turns)
     elapsed = 0.0
     while elapsed < duration_s:
         # while thrust decays: half a time constant at first, then each substep as long as all before

@@ -14,7 +14,7 @@ from pydrake.systems.framework import BasicVector, LeafSystem
 
 from massprop_drake.maths.mass_properties import MassProperties, joined, six_elements, symmetric
 from massprop_drake.maths.vehicle import rigid_body
-from massprop_drake.maths.vehicle.rigid_body import MASS, N_WRENCH, RATE, OutOfMassError
+from massprop_drake.maths.vehicle.rigid_body import MASS, N_WRENCH, RATE, OutOfMassError, SpunUpError
 from massprop_drake.systems.layouts import STRUCTURE
 
 Array = NDArray[np.float64]
@@ -168,8 +168,8 @@ class RigidBodyPlant(LeafSystem):
 
 @contextlib.contextmanager
 def _timed(context: Any) -> Iterator[None]:
-    """Adds the time to the error of a vehicle that runs out of mass."""
+    """Adds the time to the error of a vehicle that runs out of mass, or turns too fast."""
     try:
         yield
-    except OutOfMassError as error:
+    except (OutOfMassError, SpunUpError) as error:
         raise error.at(context.get_time()) from None
