@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from massprop_drake import load_scenario
-from massprop_drake.cli import app as cli
+from massprop_drake.cli.main import main
 from massprop_drake.errors import InputError
 
 ORBITER_MASS = 5908.1093  # slug, table 5-2
@@ -254,7 +254,7 @@ def test_the_command_line_says_so_once_and_ends_with_status_2(
     out = tmp_path / "out"
     monkeypatch.setattr("sys.argv", ["massprop", "run", str(path), "--out", str(out)])
     with pytest.raises(SystemExit) as ended:
-        cli.main()
+        main()
     assert ended.value.code == 2
     printed = capsys.readouterr()
     assert printed.out == ""
