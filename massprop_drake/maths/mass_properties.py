@@ -175,7 +175,7 @@ def initial_standard_deviation(
 
 
 def percent_error(estimate: Array, truth: Array) -> Array:
-    """100 (estimate - truth) / |truth| of each parameter; NaN where the truth is below its floor.
+    """100 (estimate - truth) / |truth| of each parameter; NaN where the truth is below its floor or beyond any number.
 
     The floor of a product element is 1e-9 of sqrt(I_ii^-1 I_jj^-1), that of a coordinate of the center
     of mass 1e-9 of the vector's length: smaller values are zero for every practical purpose.
@@ -186,7 +186,9 @@ def percent_error(estimate: Array, truth: Array) -> Array:
     floor[6:9] = 1e-9 * np.linalg.norm(truth[6:9])
     known = np.abs(truth) > floor
     error = np.full(10, np.nan)
-    error[known] = 100.0 * (estimate[known] - truth[known]) / np.abs(truth[known])
+    with np.errstate(over="ignore"):
+        error[known] = 100.0 * (estimate[known] - truth[known]) / np.abs(truth[known])
+    error[np.isinf(error)] = np.nan
     return error
 
 

@@ -229,6 +229,13 @@ def test_percent_error_of_a_truth_that_is_as_good_as_zero_is_not_a_number() -> N
     assert not np.isnan(percent_error(np.zeros(10), truth)).any()
 
 
+def test_percent_error_that_no_number_can_hold_is_not_a_number() -> None:
+    truth = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0, 2.2e-311, 0.0, 0.0, 1.0])
+    error = percent_error(np.full(10, 0.1), truth)
+    assert np.isnan(error[6])
+    assert error[0] == pytest.approx(-90.0)
+
+
 # standard deviations just inside the limits 1 %, 0.5 and 2 % of an estimate
 CONVERGED_ESTIMATE = np.array([1.0, 2.0, 3.0, 0.0, 0.0, 0.0, 5.0, 0.0, 0.0, 0.1])
 CONVERGED_STD = np.array([0.0099, 0.0199, 0.0299, 9.0, 9.0, 9.0, 0.49, 0.49, 0.49, 0.0019])
