@@ -23,6 +23,7 @@ from massprop_drake.errors import InputError, require_text
 from massprop_drake.inputs.renamed import RenamedWarning
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+_AGAIN_S = 0.5  # after which an interruption that somebody has swallowed is raised again
 
 
 class Interrupted(BaseException):
@@ -86,6 +87,7 @@ def run() -> int:
                 status = _failed(error)
             status = _printed(output, kept, status)
         except Interrupted:
+            signal.setitimer(signal.ITIMER_REAL, 0.0)
             word = "interrupted" if received[0] == signal.SIGINT else f"ended by {signal.Signals(received[0]).name}"
             note(f"{word}: {kept}")
             status = 128 + received[0]
@@ -137,18 +139,30 @@ def _printed(output: Stream, kept: Kept, status: int) -> int:
 def _interruptible() -> Iterator[list[int]]:
     """Makes signals to end an exception, which lets everything be tidied up; a second one ends the process at once.
 
+    Code that the exception meets can swallow it, a destructor for one: it is raised again until it is on its way.
+
     Yields:
         The number of the signal received, if any.
     """
     received: list[int] = []
     before = {number: signal.getsignal(number) for number in _SIGNALS}
+    alarm, timer = signal.getsignal(signal.SIGALRM), signal.getitimer(signal.ITIMER_REAL)
     heeded = [number for number, handler in before.items() if handler is not signal.SIG_IGN]
 
     def receive(number: int, _: FrameType | None) -> None:
         for each in heeded:
             signal.signal(each, signal.SIG_DFL)
         received.append(number)
+        signal.signal(signal.SIGALRM, receive_again)
+        signal.setitimer(signal.ITIMER_REAL, _AGAIN_S, _AGAIN_S)
         raise Interrupted
+
+    def receive_again(_: int, __: FrameType | None) -> None:
+        handled = sys.exception()  # what a cleanup that is under way was begun for
+        while handled is not None and not isinstance(handled, Interrupted):
+            handled = handled.__context__
+        if handled is None:
+            raise Interrupted
 
     for number in heeded:
         signal.signal(number, receive)
@@ -157,6 +171,9 @@ def _interruptible() -> Iterator[list[int]]:
     finally:
         for number in heeded:
             signal.signal(number, before[number])
+        if received:
+            signal.signal(signal.SIGALRM, alarm)
+            signal.setitimer(signal.ITIMER_REAL, *timer)
 
 
 @contextlib.contextmanager

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import io
 import json
 import os
 import signal
 import subprocess
 import sys
+import time
 import warnings
 from collections.abc import Callable
 from importlib.abc import MetaPathFinder
@@ -18,6 +20,7 @@ import pytest
 from command_probe import Massprop
 
 from massprop_drake import InputError, estimate, load_vehicle
+from massprop_drake.cli import main as cli_main
 from massprop_drake.cli import show
 from massprop_drake.inputs.model import yaml_text
 from massprop_drake.inputs.scenario import Scenario
@@ -191,6 +194,36 @@ def test_an_interrupted_view(massprop: Massprop, monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr("massprop_drake.cli.app.write_files", write)
     done = massprop("view", "there")
     assert done == (130, "", "massprop: interrupted: the replay is saved in there/replay.html\n")
+
+
+def test_an_interruption_that_is_swallowed_comes_again(massprop: Massprop, monkeypatch: pytest.MonkeyPatch) -> None:
+    def swallow(*_: Any, **__: Any) -> None:
+        with contextlib.suppress(BaseException):
+            signal.raise_signal(signal.SIGINT)
+        time.sleep(30.0)
+
+    monkeypatch.setattr("massprop_drake.runners.simulate.simulate", swallow)
+    assert massprop(*RUN) == (130, "", "massprop: interrupted: nothing was saved\n")
+
+
+def test_an_interruption_does_not_come_again_while_things_are_tidied_up(
+    massprop: Massprop, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tidied = []
+
+    def tidy(*_: Any, **__: Any) -> None:
+        try:
+            signal.raise_signal(signal.SIGINT)
+        finally:
+            with contextlib.suppress(ValueError):
+                raise ValueError
+            time.sleep(3.0 * cli_main._AGAIN_S)
+            tidied.append(True)
+
+    monkeypatch.setattr(cli_main, "_AGAIN_S", 0.05)
+    monkeypatch.setattr("massprop_drake.runners.simulate.simulate", tidy)
+    assert massprop(*RUN) == (130, "", "massprop: interrupted: nothing was saved\n")
+    assert tidied
 
 
 def test_a_signal_that_is_ignored_stays_so(massprop: Massprop, monkeypatch: pytest.MonkeyPatch) -> None:
