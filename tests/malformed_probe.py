@@ -471,7 +471,7 @@ _PARQUET: list[_Column] = [
     lambda values, rng: ("structs", pa.array([{"a": value} for value in values])),
     lambda values, rng: ("bytes", pa.array([b"\xff"] * len(values))),
     lambda values, rng: ("time", pa.array([int(value * 1000) for value in values], pa.timestamp("ms"))),
-    lambda values, rng: ("decimal", pa.array([round(value) for value in values]).cast(pa.decimal128(20, 3))),
+    lambda values, rng: ("decimal", pa.array([round(value) for value in values]).cast(pa.decimal128(38, 3))),
     lambda values, rng: ("words", pa.array([str(value) for value in values]).dictionary_encode()),
     lambda values, rng: ("large", pa.array([2**63 + 1] * len(values), pa.uint64())),
     lambda values, rng: ("back", pa.array(values[::-1])),
