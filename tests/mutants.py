@@ -4,7 +4,7 @@
 
 The edits stand in `mutants.yaml`: a file, a text that stands in it once, what is put there instead, and what pytest is
 given. With words, only those are made whose file or tests contain one. Each is made in a throw-away copy of the
-repository, two at a time. Exit status 1 when one survives, or can no longer be made.
+repository, two at a time. Exit status 1 when one survives, or can no longer be made, or a test fails without any.
 """
 
 from __future__ import annotations
@@ -74,14 +74,19 @@ def _write(path: Path, content: str) -> None:
         compiled.unlink()
 
 
+def said(tests: list[str], root: Path, limit_s: float | None) -> subprocess.CompletedProcess[str]:
+    """What pytest says of some tests, up to the first that fails."""
+    command = [sys.executable, "-m", "pytest", "-x", "-q", "-n", "0", "-p", "no:cacheprovider", *tests]
+    return subprocess.run(command, cwd=root, capture_output=True, text=True, timeout=limit_s, check=False)
+
+
 def outcome(mutant: Mutant, root: Path) -> tuple[str, str]:
     """What became of an edit, "killed" if it was noticed, and by which test."""
-    command = [sys.executable, "-m", "pytest", "-x", "-q", "-n", "0", "-p", "no:cacheprovider", *mutant.tests]
     with made(mutant, root) as applies:
         if not applies:
             return "does not apply", ""
         try:
-            done = subprocess.run(command, cwd=root, capture_output=True, text=True, timeout=LIMIT_S, check=False)
+            done = said(mutant.tests, root, LIMIT_S)
         except subprocess.TimeoutExpired:
             return "killed", f"by time: {LIMIT_S:g} s"
     if done.returncode == FAILED:
@@ -104,6 +109,13 @@ def main() -> int:
             shutil.copytree(REPOSITORY, root, symlinks=True, ignore=shutil.ignore_patterns(*NOT_COPIED))
             free.put(root)
 
+        # `python -m pytest` in the copy puts the copy's package first; nothing else may come before it
+        os.environ.pop("PYTHONPATH", None)
+        healthy = said(sorted({test for mutant in chosen for test in mutant.tests}), root, None)
+        if healthy.returncode != 0:
+            print(f"{healthy.stdout[-2000:]}{healthy.stderr[-500:]}\na test fails without any edit")
+            return 1
+
         def run(mutant: Mutant) -> tuple[str, str]:
             root = free.get()
             try:
@@ -111,8 +123,6 @@ def main() -> int:
             finally:
                 free.put(root)
 
-        # `python -m pytest` in the copy puts the copy's package first; nothing else may come before it
-        os.environ.pop("PYTHONPATH", None)
         for mutant, (what, detail) in zip(chosen, pool.map(run, chosen), strict=True):
             killed += what == "killed"
             print(f"{what:14} {mutant.file}: {' '.join(mutant.old.split())[:80]}  {detail}", flush=True)

@@ -263,6 +263,7 @@ def test_a_run_that_was_loaded_is_saved_as_it_was(failed_run: Run, failed_folder
         ("gyro", "gyro_missing", ["rotation", "mass"]),
         ("acc", "accelerometer_missing", ["mass"]),
         ("jet_", "command_missing", ["rotation", "mass"]),
+        ("jet_R4R", "command_missing", ["rotation", "mass"]),  # one of them is enough
     ],
 )
 def test_what_is_missing_is_skipped_at_that_sample_alone(
@@ -270,13 +271,13 @@ def test_what_is_missing_is_skipped_at_that_sample_alone(
 ) -> None:
     (used,) = np.nonzero(failed_run["mass_used"][:, 0])
     at = int(used[10])
-    if column == "jet_":
+    if column.startswith("jet_"):
         at -= 1  # the command of the interval before
     path = _changed(failed_folder, tmp_path / "log.csv", _set(column, slice(at, at + 1), ""))
     run = estimate(path, failed_run.scenario)
     counts = run.summary["data_quality"]["samples"]
     for name in ("rotation", "mass"):
-        assert counts[name][reason] == ((1 if column == "jet_" else 2) if name in filters else 0), name
+        assert counts[name][reason] == ((1 if column.startswith("jet_") else 2) if name in filters else 0), name
     assert counts["mass"]["used"] < failed_run.summary["consistency"]["samples"]
     assert (counts["rotation"]["used"] == failed_run.summary["consistency"]["samples"]) == ("rotation" not in filters)
     assert np.isfinite(run["estimate"]).all()
@@ -332,7 +333,11 @@ def test_what_is_wrong_with_a_record_is_told(failed_run: Run, failed_folder: Pat
     assert any(re.search(message, text) for text in warnings), warnings
 
 
-def test_readings_at_the_end_of_the_range_are_counted(failed_run: Run, failed_folder: Path) -> None:
+@pytest.mark.parametrize("rows_per_block", [1, 1024])
+def test_readings_at_the_end_of_the_range_are_counted(
+    failed_run: Run, failed_folder: Path, rows_per_block: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(Reader.__init__.__kwdefaults__, "rows_per_block", rows_per_block)
     vehicle = failed_run.scenario.vehicle_data
     limit = float(np.abs(failed_run["gyro"]).max())
     gyro = vehicle.gyros[0].model_copy(update={"range": limit})
