@@ -708,8 +708,11 @@ def resolved(data: Any, document: Document | None = None, folder: Path | None = 
         scenario = validated(Scenario, {**data, "vehicle": vehicle}, document)
     else:
         scenario = validated(Scenario, data, document)
-        assert isinstance(scenario.vehicle, str)
-        vehicle = _find_vehicle(scenario.vehicle, folder or Path(), document)
+        vehicle = (
+            scenario.vehicle
+            if isinstance(scenario.vehicle, Vehicle)
+            else _find_vehicle(scenario.vehicle, folder or Path(), document)
+        )
     problems = check_against_vehicle(scenario, vehicle)
     if problems:
         raise InputError(*(f"{_place(path, document)}: {problem}" for path, problem in problems))
@@ -751,13 +754,28 @@ def set_field(data: Any, override: str) -> None:
         raise InputError(
             f"--set {key}=...: the value has more than one line; write a list as [a, b], a mapping as {{a: 1, b: 2}}"
         )
-    path = _parsed_key(key, override)
+    path = parsed_key(key, override)
     now = renamed.key_now(path)
     if now is not None:
         renamed.warn(f"--set {override}: {path[-1]} is now {now}")
         path[-1] = now
     text = f"value: {text}" if text.strip() else "value: null"
     value = Document(text, f"--set {override}", within=tuple(path)).data["value"]
+    set_at(data, path, value, f"--set {override}")
+
+
+def set_at(data: Any, path: list[str | int], value: Any, where: str) -> None:
+    """Sets one field of nested data; blocks that are not there yet are made.
+
+    Args:
+        data: mappings and lists.
+        path: keys and indices; an index may be one past the end of its list.
+        value: to set.
+        where: what to call it in messages.
+
+    Raises:
+        InputError: when the path leads nowhere.
+    """
     here = data
     for part, following in pairwise(path):
         if isinstance(part, str) and isinstance(here, dict):
@@ -766,17 +784,22 @@ def set_field(data: Any, override: str) -> None:
         if isinstance(part, int) and isinstance(here, list) and part < len(here):
             here = here[part]
             continue
-        raise InputError(f"--set {override}: there is no {part!r} to set in")
+        raise InputError(f"{where}: there is no {part!r} to set in")
     last = path[-1]
     if isinstance(last, str) and isinstance(here, dict):
         here[last] = value
     elif isinstance(last, int) and isinstance(here, list) and last <= len(here):
         here[last : last + 1] = [value]
     else:
-        raise InputError(f"--set {override}: there is no {last!r} to set")
+        raise InputError(f"{where}: there is no {last!r} to set")
 
 
-def _parsed_key(key: str, override: str) -> list[str | int]:
+def parsed_key(key: str, override: str) -> list[str | int]:
+    """The parts of a dotted key such as sensors.errors[0].noise_std.
+
+    Raises:
+        InputError: when it is none; the message begins with --set and the override.
+    """
     path: list[str | int] = []
     for part in key.split("."):
         name, *indices = part.split("[")

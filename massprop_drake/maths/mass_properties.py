@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_drake.maths import linear_algebra
+from massprop_drake.maths import attitude, linear_algebra
 from massprop_drake.maths.linear_algebra import Array, is_positive_definite, symmetrized
 
 NAMES = ("Ixx_inv", "Iyy_inv", "Izz_inv", "Iyz_inv", "Ixz_inv", "Ixy_inv", "x_cm", "y_cm", "z_cm", "m_inv")
@@ -69,6 +69,28 @@ def joined(body: MassProperties, mass: float, position: Array, inertia: Array) -
 
     moved = body.inertia + offset(body.mass, body.center_of_mass) + inertia + offset(mass, position)
     return MassProperties(total, center, symmetrized(moved))
+
+
+def perturbed(
+    body: MassProperties, *, mass_factor: float, shift: Array, second_moment_factors: Array, rotation: Array
+) -> MassProperties:
+    r"""A body near another one, which is possible whatever the numbers are.
+
+    The second moments of the mass distribution, E = (tr I / 2) 1 - I, are positive semidefinite for every body, and
+    every such matrix belongs to one. They are scaled along their principal axes, which are then turned.
+
+    Args:
+        body: before.
+        mass_factor: of the mass, positive.
+        shift: of the center of mass, ft or m, shape (3,).
+        second_moment_factors: of the principal second moments in ascending order, positive, shape (3,).
+        rotation: rotation vector of the principal axes, body axes, rad, shape (3,).
+    """
+    moments, axes = np.linalg.eigh(0.5 * np.trace(body.inertia) * np.eye(3) - body.inertia)
+    turned = attitude.rotation_matrix(attitude.from_rotation_vector(rotation)) @ axes
+    second = symmetrized((turned * (moments * second_moment_factors)) @ turned.T)
+    inertia = np.trace(second) * np.eye(3) - second
+    return MassProperties(body.mass * mass_factor, body.center_of_mass + shift, inertia)
 
 
 def symmetric(elements: Array) -> Array:

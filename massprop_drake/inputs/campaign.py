@@ -1,0 +1,369 @@
+"""Campaigns: many cases of one scenario, what is drawn in them and what is swept; read from YAML and validated."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from importlib import resources
+from pathlib import Path
+from typing import Annotated, Any, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, model_validator
+
+from massprop_drake.errors import InputError, dotted, suggestion
+from massprop_drake.inputs import params
+from massprop_drake.inputs.distributions import KINDS, Choice, Distribution, Normal, distribution_in
+from massprop_drake.inputs.model import Model, Real, Text, Whole, described, validated
+from massprop_drake.inputs.scenario import Scenario, load_scenario, parsed_key, resolved, set_at
+from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.inputs.yaml import Document, FieldPath, exists, read_text
+from massprop_drake.maths.mass_properties import MassProperties, perturbed
+
+Array = NDArray[np.float64]
+
+MASS_PROPERTIES = "plant.mass_properties"  # the one key with a distribution of its own
+_MOST_CASES = 1_000_000
+
+
+class Limits(Model):
+    """What one case may take before it counts as failed to run."""
+
+    time_s: Real = described(600.0, "of wall time", "s", gt=0.0)
+    memory_mb: Real = described(2000.0, "of resident memory", "MB", ge=200.0)
+
+
+class Gate(Model):
+    """What a figure of the report must satisfy."""
+
+    min: Real | None = described(None, "least value that passes")
+    max: Real | None = described(None, "largest value that passes")
+    on: Literal["estimate", "lower_bound", "upper_bound"] = described(
+        "estimate", "the figure itself, or a bound of its 95 % interval"
+    )
+
+    @model_validator(mode="after")
+    def _bounded(self) -> Gate:
+        if self.min is None and self.max is None:
+            raise ValueError("give min, max or both")
+        return self
+
+
+class Dispersion(Model):
+    """Mass properties drawn about the scenario's: always those of a possible body.
+
+    The second moments of the mass distribution are scaled along their principal axes, which are turned by a small
+    rotation.
+    """
+
+    mass_percent: Real = described(0.0, "1-sigma of the mass, as a factor", "%", ge=0.0, le=100.0)
+    center_of_mass: Real = described(0.0, "1-sigma of each coordinate of the center of mass", "ft | m", ge=0.0)
+    second_moments_percent: Real = described(
+        0.0, "1-sigma of each principal second moment, as a factor", "%", ge=0.0, le=100.0
+    )
+    axes_deg: Real = described(0.0, "1-sigma of the rotation of the principal axes about each axis", "deg", ge=0.0)
+
+    def drawn(self, nominal: MassProperties, z: Array) -> MassProperties:
+        """The mass properties for ten standard normal numbers, shape (10,)."""
+        return perturbed(
+            nominal,
+            mass_factor=(1.0 + 0.01 * self.mass_percent) ** float(z[0]),
+            shift=self.center_of_mass * z[1:4],
+            second_moment_factors=(1.0 + 0.01 * self.second_moments_percent) ** z[4:7],
+            rotation=np.radians(self.axes_deg) * z[7:10],
+        )
+
+
+class CampaignFile(Model):
+    """Many cases of one scenario."""
+
+    name: Text = described(
+        "campaign", "short name; the campaign's folder is named after it", pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$"
+    )
+    description: Text = described("", "one line")
+    base: Text = described(..., "a bundled scenario, or a scenario's file relative to this one")
+    records: Text | None = described(
+        None,
+        "telemetry to estimate instead of simulating: files, relative to this one, as a pattern such as flights/*.csv; "
+        "base gives vehicle and settings",
+    )
+    cases: Whole | None = described(
+        None, "number of cases of each cell; null: all there are, with grid or records", "-", ge=1, le=_MOST_CASES
+    )
+    seed: Whole = described(0, "of everything drawn", "-", ge=0, lt=2**63)
+    method: Literal["random", "lhs", "sobol", "grid", "saltelli"] = described(
+        "random",
+        "random: independent draws; lhs: Latin hypercube; sobol: scrambled Sobol sequence; grid: every combination; "
+        "saltelli: pairs of Sobol points, from which the report computes Sobol indices",
+    )
+    set: dict[str, Any] = described({}, "fields of the scenario that have one value in all cases, by dotted key")
+    draw: dict[str, Any] = described(
+        {}, "fields of the scenario that are drawn for each case, by dotted key; a value may hold distributions anywhere"
+    )
+    sweep: dict[str, Annotated[list[Any], Field(min_length=1)]] = described(
+        {}, "fields that take each of some values with the same draws, by dotted key"
+    )
+    times_s: tuple[Annotated[Real, Field(ge=0.0)], ...] = described(
+        (), "times at which errors are kept besides those at the end", "s"
+    )
+    keep: Literal["failing", "all", "none"] = described("failing", "whose whole run folders are kept")
+    gates: dict[str, Gate] = described({}, "what figures of the report must satisfy, by name of the figure")
+    limits: Limits = described(Limits(), "what one case may take")
+
+    @model_validator(mode="after")
+    def _consistent(self) -> CampaignFile:
+        if self.cases is None and self.method != "grid" and self.records is None:
+            raise ValueError("cases: missing; say how many")
+        keys = [*self.set, *self.draw, *self.sweep]
+        for key in keys:
+            if keys.count(key) > 1:
+                raise ValueError(f"{key}: stands in two of set, draw and sweep; keep one")
+        return self
+
+
+class Quantity(NamedTuple):
+    """Something drawn.
+
+    Attributes:
+        label: what it is called in tables, the dotted path of its field.
+        distribution: of it.
+    """
+
+    label: str
+    distribution: Distribution
+
+
+class CampaignSpec(NamedTuple):
+    """A campaign's file, with all that it refers to.
+
+    Attributes:
+        file: as written.
+        base: the scenario, with what `set` says.
+        quantities: all that is drawn, in the order of the coordinates of a draw.
+        source: the path or name it was loaded from, for messages.
+        text: of the file.
+        folder: that its paths are relative to.
+    """
+
+    file: CampaignFile
+    base: Scenario
+    quantities: tuple[Quantity, ...]
+    source: str
+    text: str
+    folder: Path
+
+
+def bundled_campaigns() -> list[str]:
+    """Lists the campaigns that come with the package."""
+    folder = resources.files("massprop_drake.scenarios") / "campaigns"
+    return sorted(item.name.removesuffix(".yaml") for item in folder.iterdir() if item.name.endswith(".yaml"))
+
+
+def load_campaign(campaign: str | Path, overrides: Sequence[str] = ()) -> CampaignSpec:
+    """Loads a bundled campaign by name, or one from a YAML file.
+
+    Args:
+        campaign: a name that `massprop list` shows, or the path of a file.
+        overrides: `KEY=VALUE` each, as of a scenario, KEY being one of the campaign's.
+
+    Raises:
+        InputError: when there is none of that name, or its data are wrong; the message says where.
+    """
+    name, folder = str(campaign), Path()
+    if name in bundled_campaigns():
+        path = resources.files("massprop_drake.scenarios") / "campaigns" / f"{name}.yaml"
+        text, source = path.read_text(encoding="utf-8"), f"campaign '{name}'"
+    else:
+        file = Path(campaign)
+        if not exists(file) and file.suffix not in (".yaml", ".yml") and file.parent == Path():
+            raise InputError(
+                f"'{name}' is neither a bundled campaign nor a file{suggestion(name, bundled_campaigns())}"
+            )
+        text, source, folder = read_text(file), name, file.parent
+    document = Document(text, source)
+    for override in overrides:
+        _set_in_file(document.data, override)
+    return campaign_from(document, text, folder)
+
+
+def _set_in_file(data: dict[str, Any], override: str) -> None:
+    """Sets one of the campaign's own keys; those of the scenario are themselves keys with dots."""
+    key, separator, text = override.partition("=")
+    if not separator or not key:
+        raise InputError(f"--set {override}: expected KEY=VALUE, such as --set cases=200")
+    value = Document(f"value: {text if text.strip() else 'null'}", f"--set {override}").data["value"]
+    block, _, field = key.partition(".")
+    if block in ("set", "draw", "sweep", "gates") and field:
+        data.setdefault(block, {})[field] = value
+    else:
+        set_at(data, parsed_key(key, override), value, f"--set {override}")
+
+
+def campaign_from(document: Document, text: str, folder: Path) -> CampaignSpec:
+    """A campaign from its document.
+
+    Raises:
+        InputError: naming each field that is wrong.
+    """
+    file = validated(CampaignFile, document.data, document)
+    try:
+        beside = folder / file.base
+        base = load_scenario(beside if exists(beside) else file.base)
+    except InputError as error:
+        raise InputError(*(f"{document.where(('base',))}: {problem}" for problem in error.problems)) from None
+    for key, value in file.set.items():
+        base = _with(base, {key: value}, document.where(("set", key)))
+    quantities: list[Quantity] = []
+    for key, value in file.draw.items():
+        found = list(_quantities(key, value, (key,), base.vehicle_data, document))
+        quantities.extend(found)
+        if not any(True for _ in found):
+            _with(base, {key: value}, document.where(("draw", key)))
+    for key, values in file.sweep.items():
+        for index, value in enumerate(values):
+            _with(base, {key: value}, document.where(("sweep", key, index)))
+    return CampaignSpec(file, base, tuple(quantities), document.source, text, folder)
+
+
+def _with(base: Scenario, settings: Mapping[str, Any], where: str) -> Scenario:
+    try:
+        return with_settings(base, settings)
+    except InputError as error:
+        raise InputError(*(f"{where}: {problem.removeprefix('scenario: ')}" for problem in error.problems)) from None
+
+
+# ------------------------------------------------------------------------------------ what is drawn
+
+
+def _quantities(key: str, value: Any, path: FieldPath, vehicle: Vehicle, document: Document) -> Iterator[Quantity]:
+    """All that is drawn in a value, in its order."""
+    where = document.where(("draw", *path))
+    label = dotted(path)
+    if key == MASS_PROPERTIES and len(path) == 1 and _is_dispersion(value):
+        validated(Dispersion, value, None, where)
+        normal = Normal(mean=0.0, std=1.0)
+        yield Quantity(f"{label}.mass", normal)
+        for part in ("center_of_mass", "second_moments", "axes"):
+            yield from (Quantity(f"{label}.{part}.{axis}", normal) for axis in "xyz")
+        return
+    try:
+        found = distribution_in(value)
+    except ValueError as error:
+        raise InputError(f"{where}: {error}") from None
+    if found is not None:
+        yield Quantity(label, _distribution(*found, vehicle, where))
+    elif isinstance(value, dict):
+        for name, inner in value.items():
+            yield from _quantities(key, inner, (*path, name), vehicle, document)
+    elif isinstance(value, list):
+        for index, inner in enumerate(value):
+            yield from _quantities(key, inner, (*path, index), vehicle, document)
+
+
+def _is_dispersion(value: Any) -> bool:
+    """Tells a dispersion from mass properties written out, parts of which may be drawn."""
+    return isinstance(value, dict) and not {"mass", "inertia"} & set(value)
+
+
+def _distribution(tag: str, parameters: Any, vehicle: Vehicle, where: str) -> Distribution:
+    distribution = validated(KINDS[tag], parameters, None, f"{where}: {tag}")
+    if isinstance(distribution, Choice) and isinstance(distribution.values, str):
+        return distribution.model_copy(update={"values": _jets(distribution.values, vehicle, where)})
+    return distribution
+
+
+def _jets(which: str, vehicle: Vehicle, where: str) -> tuple[str, ...]:
+    """Designations of all jets, or of those of a kind."""
+    if which == "all":
+        return vehicle.designations
+    if which not in vehicle.jet_kinds:
+        raise InputError(
+            f"{where}: choice: {which!r} is neither a list, nor 'all', nor a kind of jets of '{vehicle.name}'"
+            f"{suggestion(which, list(vehicle.jet_kinds))}"
+        )
+    return tuple(jet.designation for jet in vehicle.jets if jet.kind == which)
+
+
+def settings_of(campaign: CampaignSpec, drawn: Mapping[str, Any]) -> dict[str, Any]:
+    """The fields of one draw, by dotted key.
+
+    Args:
+        campaign: with what is drawn.
+        drawn: the value of each quantity by its label.
+    """
+    settings = {}
+    for key, value in campaign.file.draw.items():
+        if key == MASS_PROPERTIES and _is_dispersion(value):
+            z = np.array([number for label, number in drawn.items() if label.startswith(f"{key}.")], dtype=float)
+            body = Dispersion(**value).drawn(params.true_properties(campaign.base), z)
+            settings[key] = {name: np.asarray(part).tolist() for name, part in body._asdict().items()}
+        else:
+            settings[key] = _filled(value, (key,), drawn)
+        if key == "failures":
+            settings[key] = _told_apart(campaign, settings[key])
+    return settings
+
+
+def _filled(value: Any, path: FieldPath, drawn: Mapping[str, Any]) -> Any:
+    """A value with each distribution in it replaced by what was drawn."""
+    label = dotted(path)
+    if label in drawn:
+        return drawn[label]
+    if isinstance(value, dict):
+        return {name: _filled(inner, (*path, name), drawn) for name, inner in value.items()}
+    if isinstance(value, list):
+        return [_filled(inner, (*path, index), drawn) for index, inner in enumerate(value)]
+    return value
+
+
+_OF_KIND = {"leak": {"force"}, "degraded": {"fraction"}, "intermittent": {"probability", "level"}, "drift": {"rate_per_s"}}
+_SIZES = set().union(*_OF_KIND.values())
+
+
+def _told_apart(campaign: CampaignSpec, failures: Any) -> Any:
+    """Failures with the sizes of their kind alone, and different jets.
+
+    Where the kind is drawn, a block may give sizes for all kinds. The force of a degraded jet without a fraction is
+    what it has lost. A jet that an earlier failure of the case has is replaced by the next one that is free.
+    """
+    if not isinstance(failures, list):
+        return failures
+    vehicle, taken, told = campaign.base.vehicle_data, set(), []
+    for index, failure in enumerate(failures):
+        if not isinstance(failure, dict):
+            return failures
+        kind, jet = failure.get("kind"), failure.get("jet")
+        label = f"failures[{index}].jet"
+        choice = next((q.distribution for q in campaign.quantities if q.label == label), None)
+        if jet in taken and isinstance(choice, Choice):
+            assert not isinstance(choice.values, str)
+            begin = choice.values.index(jet)
+            free = [name for name in (*choice.values[begin:], *choice.values[:begin]) if name not in taken]
+            jet = free[0] if free else jet
+        taken.add(jet)
+        kept = {name: part for name, part in failure.items() if name not in _SIZES - _OF_KIND.get(str(kind), set())}
+        if kind == "degraded" and "fraction" not in failure and "force" in failure and jet in vehicle.designations:
+            thrust = vehicle.jets[vehicle.designations.index(jet)].thrust
+            kept["fraction"] = max(0.0, 1.0 - failure["force"] / thrust)
+        told.append({**kept, "jet": jet})
+    return told
+
+
+def with_settings(base: Scenario, settings: Mapping[str, Any]) -> Scenario:
+    """A scenario with some fields replaced; only the blocks that they stand in are validated anew.
+
+    Args:
+        base: with its vehicle.
+        settings: values by dotted key.
+
+    Raises:
+        InputError: when the result is no scenario.
+    """
+    data: dict[str, Any] = {name: getattr(base, name) for name in type(base).model_fields}
+    for key, value in settings.items():
+        path = parsed_key(key, key)
+        block = str(path[0])
+        if isinstance(data.get(block), (Model, tuple)):
+            data[block] = base.model_dump(mode="json", include={block})[block]
+        set_at(data, path, value, key)
+    return resolved(data)

@@ -1,0 +1,213 @@
+"""Probability distributions as a campaign's file writes them: a block with one tag and plain names.
+
+    {normal: {mean: 0.0, std: 0.01}}
+
+Every draw is made from a coordinate of the unit cube by the inverse of the distribution function, so that random,
+Latin-hypercube and low-discrepancy plans take the same blocks.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Annotated, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, model_validator
+
+from massprop_drake.errors import suggestion
+from massprop_drake.inputs.model import Model, Real, Whole, described
+
+Array = NDArray[np.float64]
+
+_MOST_POINTS = 1000  # of one quantity in a grid
+_NAMES_OF_PARAMETERS = {"low", "high", "mean", "std", "mode", "median", "factor", "values", "weights", "points"}
+
+
+class Distribution(Model):
+    """One quantity that is drawn."""
+
+    def at(self, u: Array) -> list[Any]:
+        """The quantiles at some probabilities.
+
+        Args:
+            u: in [0, 1), shape (n,).
+
+        Returns:
+            n plain values: floats, integers or whatever is chosen among.
+        """
+        raise NotImplementedError
+
+    def grid(self) -> list[Any] | None:
+        """All values of a full-factorial plan; None where the block does not say how many."""
+        return None
+
+
+class _Between(Distribution):
+    """What lies between two bounds."""
+
+    low: Real = described(..., "lower bound")
+    high: Real = described(..., "upper bound, above low")
+    points: Whole | None = described(
+        None, "how many values, bounds included, `method: grid` takes", "-", ge=2, le=_MOST_POINTS
+    )
+
+    @model_validator(mode="after")
+    def _ordered(self) -> _Between:
+        if not self.high > self.low:
+            raise ValueError(f"high must be above low, got {self.low:g} to {self.high:g}")
+        return self
+
+    def grid(self) -> list[Any] | None:
+        return None if self.points is None else self.at(np.linspace(0.0, 1.0, self.points))
+
+
+class Uniform(_Between):
+    """Every value between two bounds alike."""
+
+    def at(self, u: Array) -> list[Any]:
+        return (self.low + (self.high - self.low) * u).tolist()
+
+
+class LogUniform(_Between):
+    """Every order of magnitude between two positive bounds alike."""
+
+    low: Real = described(..., "lower bound, above zero", gt=0.0)
+
+    def at(self, u: Array) -> list[Any]:
+        return (self.low * (self.high / self.low) ** u).tolist()
+
+
+class Triangular(_Between):
+    """Likeliest at a mode, and down to nothing at both bounds."""
+
+    mode: Real = described(..., "likeliest value, from low to high")
+
+    @model_validator(mode="after")
+    def _inside(self) -> Triangular:
+        if not self.low <= self.mode <= self.high:
+            raise ValueError(f"mode must lie between low and high, got {self.mode:g}")
+        return self
+
+    def at(self, u: Array) -> list[Any]:
+        from scipy import stats  # noqa: PLC0415 (slow to load)
+
+        width = self.high - self.low
+        return stats.triang((self.mode - self.low) / width, self.low, width).ppf(u).tolist()
+
+
+class Integers(_Between):
+    """Whole numbers from low to high, both included."""
+
+    low: Whole = described(..., "least number")
+    high: Whole = described(..., "largest number, above low")
+
+    def at(self, u: Array) -> list[Any]:
+        count = self.high - self.low + 1
+        return [self.low + min(int(part * count), count - 1) for part in u.tolist()]
+
+    def grid(self) -> list[Any] | None:
+        if self.points is None and self.high - self.low >= _MOST_POINTS:
+            return None
+        return list(range(self.low, self.high + 1)) if self.points is None else super().grid()
+
+
+class Normal(Distribution):
+    """The normal distribution, cut off at bounds where there are any."""
+
+    mean: Real = described(0.0, "mean, before anything is cut off")
+    std: Real = described(..., "1-sigma, before anything is cut off", gt=0.0)
+    low: Real | None = described(None, "no value below this; null: any")
+    high: Real | None = described(None, "no value above this; null: any")
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Normal:
+        low, high = self._bounds()
+        if not high > low:
+            raise ValueError(f"high must be above low, got {low:g} to {high:g}")
+        if low > self.mean + 8.0 * self.std or high < self.mean - 8.0 * self.std:
+            raise ValueError("low and high leave nothing within 8 std of the mean")
+        return self
+
+    def _bounds(self) -> tuple[float, float]:
+        return -math.inf if self.low is None else self.low, math.inf if self.high is None else self.high
+
+    def at(self, u: Array) -> list[Any]:
+        from scipy import stats  # noqa: PLC0415 (slow to load)
+
+        low, high = ((bound - self.mean) / self.std for bound in self._bounds())
+        inside = np.clip(u, np.finfo(float).tiny, 1.0 - np.finfo(float).epsneg)  # a quasi-random zero is not -infinity
+        return (self.mean + self.std * stats.truncnorm(low, high).ppf(inside)).tolist()
+
+
+class LogNormal(Distribution):
+    """A positive quantity whose logarithm is normal."""
+
+    median: Real = described(..., "median", gt=0.0)
+    factor: Real = described(..., "1-sigma as a factor: 1.1 for 10 % more or less", gt=1.0)
+
+    def at(self, u: Array) -> list[Any]:
+        return (self.median * self.factor ** np.array(Normal(mean=0.0, std=1.0).at(u))).tolist()
+
+
+class Choice(Distribution):
+    """One of some values; written as a list, or as `values` with `weights`."""
+
+    values: tuple[Any, ...] | str = described(
+        ..., "any values; `all`, or a kind of jets, for the jets of the vehicle", min_length=1
+    )
+    weights: tuple[Annotated[Real, Field(ge=0.0)], ...] | None = described(
+        None, "how often each, relative to the others; null: all alike"
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _short(cls, value: Any) -> Any:
+        return value if isinstance(value, dict) else {"values": value}
+
+    @model_validator(mode="after")
+    def _weighed(self) -> Choice:
+        if self.weights is None:
+            return self
+        if isinstance(self.values, str) or len(self.weights) != len(self.values):
+            raise ValueError("give as many weights as values")
+        if not sum(self.weights) > 0.0:
+            raise ValueError("one weight at least must be above zero")
+        return self
+
+    def at(self, u: Array) -> list[Any]:
+        assert not isinstance(self.values, str), "jets are named by `named`"
+        weights = np.ones(len(self.values)) if self.weights is None else np.array(self.weights)
+        edges = np.cumsum(weights / weights.sum())
+        return [self.values[min(place, len(self.values) - 1)] for place in np.searchsorted(edges, u, side="right")]
+
+    def grid(self) -> list[Any] | None:
+        return list(self.values)
+
+
+KINDS: Mapping[str, type[Distribution]] = {
+    "uniform": Uniform,
+    "loguniform": LogUniform,
+    "triangular": Triangular,
+    "integers": Integers,
+    "normal": Normal,
+    "lognormal": LogNormal,
+    "choice": Choice,
+}
+
+
+def distribution_in(value: Any) -> tuple[str, Any] | None:
+    """Tells a distribution from other data: its tag and its parameters, or None.
+
+    Raises:
+        ValueError: when it looks like a distribution and has a tag that is none.
+    """
+    if not isinstance(value, dict) or len(value) != 1:
+        return None
+    tag, parameters = next(iter(value.items()))
+    if tag in KINDS:
+        return tag, parameters
+    if isinstance(parameters, dict) and parameters and set(parameters) <= _NAMES_OF_PARAMETERS:
+        raise ValueError(f"there is no distribution {tag!r}{suggestion(tag, list(KINDS))}")
+    return None

@@ -1,0 +1,70 @@
+"""The process that flies cases, one after the other: reads requests and writes results, a JSON line each.
+
+It is a process of its own because a run can crash or hang in compiled code, and because memory of Drake grows with
+every simulation; whoever started it replaces it. It ends with the one that started it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import json
+import os
+import signal
+import sys
+import threading
+import time
+from typing import Any, TextIO
+
+_PARENT_DEATH_SIGNAL = 1  # of Linux's prctl
+
+
+def main() -> None:
+    """Serves until standard input ends."""
+    _end_with_the_parent()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for whoever started it
+    replies = os.fdopen(os.dup(1), "w", encoding="utf-8", buffering=1)
+    os.dup2(2, 1)  # whatever prints must not come between
+    requests = iter(sys.stdin)
+    setup = json.loads(next(requests))
+
+    from massprop_drake.errors import InputError  # noqa: PLC0415 (the parent's end is to be noticed from the first)
+    from massprop_drake.studies.campaign.execution import execution  # noqa: PLC0415
+    from massprop_drake.studies.campaign.flight import Flights  # noqa: PLC0415 (loads Drake)
+
+    flights = Flights(setup)
+    _reply(replies, {"execution": execution()})
+    for request in requests:
+        began, spent = time.perf_counter(), time.process_time()
+        try:
+            answer = {"row": flights.fly(json.loads(request))}
+        except InputError as error:
+            answer = {"failed": str(error)}
+        except Exception as error:  # noqa: BLE001 (a case that raises is a result, too)
+            answer = {"failed": f"{type(error).__name__}: {str(error).splitlines()[0] if str(error) else ''}"}
+        answer |= {"wall_s": time.perf_counter() - began, "cpu_s": time.process_time() - spent}
+        _reply(replies, answer)
+
+
+def _reply(replies: TextIO, content: dict[str, Any]) -> None:
+    replies.write(json.dumps(content) + "\n")
+
+
+def _end_with_the_parent() -> None:
+    """Makes sure that no flight goes on alone when whoever asked for it has been killed."""
+    parent = os.getppid()
+    with contextlib.suppress(OSError, AttributeError):
+        ctypes.CDLL(None).prctl(_PARENT_DEATH_SIGNAL, signal.SIGKILL)
+    if os.getppid() != parent:
+        os._exit(1)
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(1.0)
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,43 @@
+"""What the bits of a result may depend on: versions and processor of whoever computes it."""
+
+from __future__ import annotations
+
+import platform
+import sys
+from collections.abc import Mapping
+from importlib.metadata import version
+
+import numpy as np
+
+_PACKAGES = ("massprop-drake", "drake", "numpy", "scipy")
+
+
+def execution() -> dict[str, str]:
+    """How this process executes a case.
+
+    Two processes for which this is equal give the same bits.
+    """
+    import scipy.linalg  # noqa: F401, PLC0415 (loads the BLAS that is to be named)
+    from threadpoolctl import threadpool_info  # noqa: PLC0415 (optional)
+
+    blas = sorted(
+        f"{library['internal_api']} {library['version']} {library.get('architecture', '')}".strip()
+        for library in threadpool_info()
+        if library["user_api"] == "blas"
+    )
+    return {
+        "python": platform.python_version(),
+        **{name: version(name) for name in _PACKAGES},
+        "system": f"{sys.platform} {platform.machine()}",
+        "blas": ", ".join(dict.fromkeys(blas)),
+        "simd": " ".join(np.show_config(mode="dicts")["SIMD Extensions"].get("found", [])),
+    }
+
+
+def differences(here: Mapping[str, str], there: Mapping[str, str]) -> list[str]:
+    """What is not equal in two of them, in words."""
+    return [
+        f"{name} {here.get(name, 'unknown')} instead of {there.get(name, 'unknown')}"
+        for name in dict.fromkeys([*there, *here])
+        if here.get(name) != there.get(name)
+    ]

@@ -1,0 +1,52 @@
+"""Flies one case after the other, in the process that is there for it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from massprop_drake.inputs.model import validated
+from massprop_drake.inputs.scenario import Scenario
+from massprop_drake.results.run import Run
+from massprop_drake.studies.campaign.measure import ended_wrong, measured
+from massprop_drake.studies.campaign.plan import PlannedCase, case_name
+
+
+class Flights:
+    """What all cases of a campaign share, loaded once.
+
+    Args:
+        setup: `base` (the scenario in full), `campaign` (its name), `times_s`, `keep` and `folder`, as JSON has them.
+    """
+
+    def __init__(self, setup: Mapping[str, Any]):
+        self._base = validated(Scenario, setup["base"], None, "base")
+        self._setup = setup
+
+    def fly(self, request: Mapping[str, Any]) -> dict[str, Any]:
+        """The row of one case; its folder is written where it is to be kept.
+
+        Args:
+            request: the fields of a `PlannedCase`, and `keep`: whether to keep it whatever becomes of it.
+        """
+        case = PlannedCase(**{name: request[name] for name in PlannedCase._fields})
+        run = flown(case, self._base, self._setup["campaign"])
+        row = measured(run, self._setup["times_s"])
+        row["failing"] = ended_wrong(row)
+        if request["keep"] or self._setup["keep"] == "all" or (self._setup["keep"] == "failing" and row["failing"]):
+            folder = Path(self._setup["folder"]) / "cases" / case_name(case.case_id)
+            run.save(folder, pictures=False, report=False)
+        return row
+
+
+def flown(case: PlannedCase, base: Scenario, campaign: str) -> Run:
+    """One case, simulated or estimated from its record: the run that `massprop run` makes of it."""
+    scenario = case.scenario(base, campaign)
+    if case.record is not None:
+        from massprop_drake.runners.recorded import estimate  # noqa: PLC0415 (the other cases need it not)
+
+        return estimate(case.record, scenario)
+    from massprop_drake.runners.simulate import simulate  # noqa: PLC0415 (loads Drake)
+
+    return simulate(scenario)

@@ -1,0 +1,132 @@
+"""What a campaign keeps of each case: errors, consistency, failures and how they were found, and what it cost."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from massprop_drake.maths.mass_properties import NAMES, N_ROTATION
+from massprop_drake.results.injected import InjectedFailures
+from massprop_drake.results.run import Run
+
+Array = NDArray[np.float64]
+
+WRONG_SIGMAS = 6.0  # beyond which a parameter counts as wrong
+
+
+def measured(run: Run, times_s: Sequence[float]) -> dict[str, Any]:
+    """The row of one case.
+
+    Args:
+        run: of the case, simulated or estimated from telemetry.
+        times_s: at which errors are kept besides those at the end.
+
+    Returns:
+        Plain values by column, NaN as None; `injected` and `declared` are lists of mappings.
+    """
+    results = run.results
+    row: dict[str, Any] = {"duration_s": results.duration_s}
+    row |= _errors("", results.estimates, results.standard_deviations, results.truth)
+    row |= _nees(results.estimates - results.truth, results.covariance)
+    for at_s in times_s:
+        index = int(np.searchsorted(run.time_s, at_s + 1e-9, side="right")) - 1
+        truth = run["truth"][index] if "truth" in run.signals else np.full(10, np.nan)
+        row |= _errors(f"@{at_s:g}", run["estimate"][index], run["standard_deviation"][index], truth)
+    row |= _consistency(run)
+    row |= _found(run)
+    autopilot = results.autopilot
+    return row | {
+        "firings": autopilot.firings,
+        "propellant_mass": autopilot.propellant_mass,
+        "lp_infeasible": autopilot.lp_infeasible,
+    }
+
+
+def ended_wrong(row: dict[str, Any]) -> list[str]:
+    """Why a case counts as failing; empty: it does not."""
+    reasons = []
+    if row["largest_sigmas"] is not None and row["largest_sigmas"] > WRONG_SIGMAS:
+        reasons.append(f"{row['worst_parameter']} {row['largest_sigmas']:.3g} sigma off")
+    if row["n_false"]:
+        reasons.append(f"{row['n_false']} false declaration{'s' if row['n_false'] > 1 else ''}")
+    if row["healthy_jets_out"]:
+        reasons.append(f"healthy jets out of use: {', '.join(row['healthy_jets_out'])}")
+    for failure in row["injected"]:
+        if failure["outcome"] in ("wrong", "missed", "not_tested"):
+            what = failure["jet"] or failure["kind"]
+            taken = f" for {failure['taken_for']}" if failure["taken_for"] else ""
+            reasons.append(f"{what} {failure['outcome'].replace('_', ' ')}{taken}")
+    return reasons
+
+
+def _number(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
+
+
+def _errors(suffix: str, estimate: Array, sigma: Array, truth: Array) -> dict[str, Any]:
+    row: dict[str, Any] = {}
+    for name, x, s, t in zip(NAMES, estimate.tolist(), sigma.tolist(), truth.tolist(), strict=True):
+        row[f"estimate{suffix}.{name}"] = _number(x)
+        row[f"error{suffix}.{name}"] = _number(x - t)
+        row[f"sigma{suffix}.{name}"] = _number(s)
+        if not suffix:
+            row[f"truth.{name}"] = _number(t)
+    if not suffix:
+        ratios = np.abs(estimate - truth) / np.where(sigma > 0.0, sigma, np.nan)
+        known = np.isfinite(ratios)
+        worst = int(np.nanargmax(ratios)) if known.any() else None
+        row["largest_sigmas"] = None if worst is None else float(ratios[worst])
+        row["worst_parameter"] = None if worst is None else NAMES[worst]
+    return row
+
+
+def _nees(error: Array, covariance: Array) -> dict[str, Any]:
+    """Normalized estimation error squared of the rotational state and of 1/m."""
+    row: dict[str, Any] = {}
+    for name, part in (("rotation", slice(0, N_ROTATION)), ("mass", slice(N_ROTATION, 10))):
+        e, p = error[part], covariance[part, part]
+        scale = np.sqrt(p.diagonal())
+        known = np.isfinite(e).all() and (scale > 0.0).all()
+        value = None
+        if known:
+            unit = p / np.outer(scale, scale)
+            value = _number(float((e / scale) @ np.linalg.solve(unit, e / scale)))
+        row[f"nees.{name}"] = value
+    return row
+
+
+def _consistency(run: Run) -> dict[str, Any]:
+    found = run.results.consistency
+    converged = np.flatnonzero(run["converged"][:, 0])
+    return {
+        "nis.rotation": found.rotation_nis_mean,
+        "nis.translation": found.translation_nis_mean,
+        "samples": found.samples,
+        "converged_s": float(run.time_s[converged[0]]) if converged.size else None,
+    }
+
+
+def _found(run: Run) -> dict[str, Any]:
+    results = run.results
+    followed = InjectedFailures(run.scenario)
+    followed.add(run.time_s, run.signals)
+    injected = [record._asdict() for record in followed.finish(results.detections)]
+    false = {results.detections.index(e): cause for e, cause in followed.false(results.detections)}
+    declared = []
+    for index, entry in enumerate(results.detections):
+        columns = ("kind", "cluster", "jet", "onset_s", "time_s", "magnitude", "magnitude_std", "statistic")
+        declared.append({name: getattr(entry, name) for name in columns})
+        declared[-1] |= {"withdrawn_s": entry.withdrawn_s, "false": index in false, "cause": false.get(index)}
+    failed = {record["jet"] for record in injected if record["first_acted_s"] is not None}
+    out = results.autopilot.jets_out_of_use or ()
+    return {
+        "injected": injected,
+        "declared": declared,
+        "n_false": len(false),
+        "jets_out_of_use": list(out),
+        "healthy_jets_out": [jet for jet in out if jet not in failed],
+    }

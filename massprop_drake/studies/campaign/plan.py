@@ -1,0 +1,222 @@
+"""The plan of a campaign: every drawn value of every case, before any is flown.
+
+What is drawn for a sample depends on the campaign's seed and the sample's number alone, never on workers, order or
+the number of cases, so that a campaign can grow and one case can be flown by itself.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+import json
+import warnings
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from massprop_drake.errors import InputError
+from massprop_drake.inputs.campaign import CampaignSpec, settings_of, with_settings
+from massprop_drake.inputs.scenario import Scenario
+
+Array = NDArray[np.float64]
+
+_DRAWS, _DESIGN = 0, 1  # streams of chance beside the cases' own: independent draws, and designs made as a whole
+
+
+class PlannedCase(NamedTuple):
+    """One case, fully resolved.
+
+    Attributes:
+        case_id: its number; the samples of all cells come one after the other.
+        sample: number of its draw; the same in every cell of the sweep.
+        cell: number of its cell.
+        seed: of its scenario.
+        drawn: what was drawn, by the quantity's label.
+        swept: what the cell has, by dotted key.
+        settings: fields of the scenario that the case replaces, by dotted key.
+        record: telemetry to read; None: the case is simulated.
+    """
+
+    case_id: int
+    sample: int
+    cell: int
+    seed: int
+    drawn: Mapping[str, Any]
+    swept: Mapping[str, Any]
+    settings: Mapping[str, Any]
+    record: str | None = None
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of what makes the case, hexadecimal."""
+        content = [self.seed, self.settings, self.record]
+        return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+    def scenario(self, base: Scenario, campaign: str) -> Scenario:
+        """The case as a scenario that can be run by itself.
+
+        Args:
+            base: the campaign's.
+            campaign: its name.
+
+        Raises:
+            InputError: when what was drawn makes no scenario.
+        """
+        given = {**self.settings, "seed": self.seed, "name": f"{campaign}_{case_name(self.case_id)}"}
+        return with_settings(base, given)
+
+
+def case_name(case_id: int) -> str:
+    """The name of a case's folder."""
+    return f"{case_id:04d}"
+
+
+def planned(campaign: CampaignSpec) -> list[PlannedCase]:
+    """Plans every case, and makes sure that each can be flown.
+
+    Raises:
+        InputError: when a draw is impossible, naming the case.
+    """
+    file = campaign.file
+    records = _records(campaign)
+    coordinates = design(campaign, len(records))
+    cells = [dict(zip(file.sweep, values, strict=True)) for values in itertools.product(*file.sweep.values())]
+    columns = _columns(campaign, coordinates)
+    cases = []
+    for sample in range(len(coordinates)):
+        drawn = {quantity.label: column[sample] for quantity, column in zip(campaign.quantities, columns, strict=True)}
+        settings = settings_of(campaign, drawn)
+        seed = int(_sequence(file.seed, sample).generate_state(1, np.uint64)[0] >> np.uint64(1))
+        for number, cell in enumerate(cells):
+            case_id = sample * len(cells) + number
+            record = records[sample] if records else None
+            case = PlannedCase(case_id, sample, number, seed, drawn, cell, {**settings, **cell}, record)
+            try:
+                case.scenario(campaign.base, file.name)
+            except InputError as error:
+                what = "; ".join(f"{label} = {value}" for label, value in drawn.items())
+                raise InputError(
+                    *(f"{campaign.source}: case {case_id}: {problem}; drawn: {what}" for problem in error.problems)
+                ) from None
+            cases.append(case)
+    return cases
+
+
+def _records(campaign: CampaignSpec) -> list[str]:
+    if campaign.file.records is None:
+        return []
+    found = sorted(str(path.resolve()) for path in Path(campaign.folder).glob(campaign.file.records))
+    if not found:
+        raise InputError(f"{campaign.source}: records: no file fits {campaign.file.records!r} in {campaign.folder}")
+    wanted = campaign.file.cases
+    if wanted is not None and wanted > len(found):
+        raise InputError(f"{campaign.source}: cases: {wanted} are asked for, and there are {len(found)} records")
+    return found[:wanted]
+
+
+def design(campaign: CampaignSpec, n_records: int = 0) -> Array:
+    """Coordinates of every sample in the unit cube, shape (n_samples, n_quantities).
+
+    Args:
+        campaign: for method, seed, number of cases and quantities.
+        n_records: number of records, when the campaign reads some.
+
+    Raises:
+        InputError: when the method cannot give that number of cases.
+    """
+    from scipy.stats import qmc  # noqa: PLC0415 (slow to load)
+
+    file, dimensions = campaign.file, len(campaign.quantities)
+    count = n_records or file.cases or 0
+    if file.method == "grid":
+        return _grid(campaign)
+    if dimensions == 0:
+        return np.empty((count, 0))
+    generator = np.random.default_rng(np.random.SeedSequence(file.seed, spawn_key=(_DESIGN, dimensions)))
+    if file.method == "lhs":
+        return qmc.LatinHypercube(dimensions, rng=generator).random(count)
+    if file.method == "sobol":
+        return _sobol(generator, dimensions, count)
+    if file.method == "saltelli":
+        return _saltelli(campaign, generator, count)
+    return np.array(
+        [
+            np.random.default_rng(np.random.SeedSequence(file.seed, spawn_key=(sample, _DRAWS))).random(dimensions)
+            for sample in range(count)
+        ]
+    )
+
+
+def _sequence(seed: int, sample: int) -> np.random.SeedSequence:
+    return np.random.SeedSequence(seed, spawn_key=(sample,))
+
+
+def _sobol(generator: np.random.Generator, dimensions: int, count: int) -> Array:
+    from scipy.stats import qmc  # noqa: PLC0415 (slow to load)
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # `advice` says it in our words
+        return qmc.Sobol(dimensions, rng=generator).random(count)
+
+
+def _saltelli(campaign: CampaignSpec, generator: np.random.Generator, count: int) -> Array:
+    """Sobol points A and B, and A with each column of B in turn: n (d + 2) rows."""
+    dimensions = len(campaign.quantities)
+    points, left = divmod(count, dimensions + 2)
+    if left or points & (points - 1) or not points:
+        fitting = (dimensions + 2) * 2 ** max(0, round(np.log2(max(points, 1))))
+        raise InputError(
+            f"{campaign.source}: cases: saltelli needs a power of two times {dimensions + 2} (the {dimensions} "
+            f"quantities and 2), such as {fitting}; got {count}"
+        )
+    first, second = np.hsplit(_sobol(generator, 2 * dimensions, points), 2)
+    mixed = []
+    for column in range(dimensions):
+        part = first.copy()
+        part[:, column] = second[:, column]
+        mixed.append(part)
+    return np.vstack([first, second, *mixed])
+
+
+def _grid(campaign: CampaignSpec) -> Array:
+    """Every combination, the last quantity running fastest; coordinates are the numbers of the values."""
+    sizes = []
+    for quantity in campaign.quantities:
+        values = quantity.distribution.grid()
+        if values is None:
+            raise InputError(
+                f"{campaign.source}: draw: {quantity.label}: grid needs to know how many values to take; "
+                "give points, or a choice"
+            )
+        sizes.append(len(values))
+    count = int(np.prod(sizes))
+    if campaign.file.cases not in (None, count):
+        raise InputError(
+            f"{campaign.source}: cases: the grid has {count} of them, got {campaign.file.cases}; leave it out"
+        )
+    return np.stack([axis.ravel() for axis in np.indices(sizes)], axis=1).astype(float) if sizes else np.empty((1, 0))
+
+
+def _columns(campaign: CampaignSpec, coordinates: Array) -> Iterator[list[Any]]:
+    """The values of each quantity in every sample."""
+    columns = []
+    for quantity, column in zip(campaign.quantities, coordinates.T, strict=True):
+        if campaign.file.method == "grid":
+            values = quantity.distribution.grid()
+            assert values is not None
+            columns.append([values[int(number)] for number in column])
+        else:
+            columns.append(quantity.distribution.at(column))
+    return columns
+
+
+def advice(campaign: CampaignSpec) -> list[str]:
+    """What is not wrong with a plan, but could be better."""
+    file = campaign.file
+    count = file.cases or 0
+    if file.method == "sobol" and count & (count - 1):
+        return [f"cases: a Sobol sequence is balanced at powers of two, such as {1 << count.bit_length()}; got {count}"]
+    return []
