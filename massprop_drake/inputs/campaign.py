@@ -141,7 +141,6 @@ class CampaignSpec(NamedTuple):
         base: the scenario, with what `set` says.
         quantities: all that is drawn, in the order of the coordinates of a draw.
         source: the path or name it was loaded from, for messages.
-        text: of the file.
         folder: that its paths are relative to.
     """
 
@@ -149,7 +148,6 @@ class CampaignSpec(NamedTuple):
     base: Scenario
     quantities: tuple[Quantity, ...]
     source: str
-    text: str
     folder: Path
 
 
@@ -183,7 +181,7 @@ def load_campaign(campaign: str | Path, overrides: Sequence[str] = ()) -> Campai
     document = Document(text, source)
     for override in overrides:
         _set_in_file(document.data, override)
-    return campaign_from(document, text, folder)
+    return campaign_from(document, folder)
 
 
 def _set_in_file(data: dict[str, Any], override: str) -> None:
@@ -199,7 +197,7 @@ def _set_in_file(data: dict[str, Any], override: str) -> None:
         set_at(data, parsed_key(key, override), value, f"--set {override}")
 
 
-def campaign_from(document: Document, text: str, folder: Path) -> CampaignSpec:
+def campaign_from(document: Document, folder: Path) -> CampaignSpec:
     """A campaign from its document.
 
     Raises:
@@ -222,7 +220,7 @@ def campaign_from(document: Document, text: str, folder: Path) -> CampaignSpec:
     for key, values in file.sweep.items():
         for index, value in enumerate(values):
             _with(base, {key: value}, document.where(("sweep", key, index)))
-    return CampaignSpec(file, base, tuple(quantities), document.source, text, folder)
+    return CampaignSpec(file, base, tuple(quantities), document.source, folder)
 
 
 def _with(base: Scenario, settings: Mapping[str, Any], where: str) -> Scenario:

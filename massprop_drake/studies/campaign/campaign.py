@@ -13,7 +13,7 @@ from massprop_drake.errors import InputError
 from massprop_drake.inputs.campaign import CampaignSpec, campaign_from, load_campaign
 from massprop_drake.inputs.model import yaml_text
 from massprop_drake.inputs.yaml import Document, exists, read_text
-from massprop_drake.results.folder import write_whole
+from massprop_drake.results.folder import resumable_folder
 from massprop_drake.studies.campaign import engine, store
 from massprop_drake.studies.campaign.plan import PlannedCase, advice, planned
 from massprop_drake.studies.campaign.worker import CannotFlyError
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from distributed import Client
 
 _CAN_GROW = ("random", "sobol")
+_KIND = "campaign"  # of work, as folders are marked
 
 
 class Status(NamedTuple):
@@ -81,26 +82,34 @@ class Campaign:
         """What is not wrong, but could be better."""
         return advice(self.spec)
 
-    def plan(self, folder: str | Path) -> Campaign:
+    def plan(self, folder: str | Path, *, force: bool = False) -> Campaign:
         """Writes file, base scenario and plan into a folder that has none yet, or a plan that this one extends.
 
+        Args:
+            folder: to write.
+            force: keep a folder of anything else as `<folder>.1`, `<folder>.2`, ....
+
         Raises:
-            InputError: when the folder holds another campaign, or anything else.
+            InputError: when the folder holds another campaign, or anything else, or another process is at work in it.
         """
         target = Path(folder)
-        if target == self.folder:
-            return self
-        digest = _digest(self.spec)
-        cases = planned(self.spec)
-        if exists(target / store.PLAN):
-            earlier, facts = store.read_plan(target)
-            if facts.get("digest") != digest:
+        cases = self.planned()  # before anything is made
+        with resumable_folder(target, _KIND, force=force) as path:
+            self._plan(target, path, cases)
+        return Campaign(self.spec, target)
+
+    def _plan(self, target: Path, path: Path, cases: Sequence[PlannedCase]) -> None:
+        """Writes the plan, or makes sure that the one that is there is this one's."""
+        facts = {"digest": _digest(self.spec), "campaign": self.spec.file.name}
+        if exists(path / store.PLAN):
+            earlier, found = store.read_plan(path)
+            if found.get("digest") != facts["digest"]:
                 raise InputError(
                     f"{target}: holds the plan of another campaign, or of an earlier version of this one; "
                     "give another folder with --out"
                 )
             if len(earlier) == len(cases):
-                return Campaign(self.spec, target)
+                return
             if self.spec.file.method not in _CAN_GROW:
                 raise InputError(
                     f"{target}: holds a plan of {len(earlier)} cases, which {self.spec.file.method} cannot change to "
@@ -108,14 +117,10 @@ class Campaign:
                 )
             if len(cases) < len(earlier):
                 raise InputError(f"{target}: holds a plan of {len(earlier)} cases, more than {len(cases)}")
-        else:
-            _require_empty(target)
-            facts = {"digest": digest, "campaign": self.spec.file.name}
-        target.mkdir(parents=True, exist_ok=True)
-        write_whole(target / store.BASE, yaml_text(self.spec.base))
-        write_whole(target / store.FILE, self.spec.text)
-        store.write_plan(target, cases, facts)
-        return Campaign(self.spec, target)
+            facts = found
+        store.write_text(path / store.BASE, yaml_text(self.spec.base))
+        store.write_text(path / store.FILE, yaml_text(self.spec.file))
+        store.write_plan(path, cases, facts)
 
     def run(
         self,
@@ -126,6 +131,7 @@ class Campaign:
         scheduler: str | None = None,
         resume: bool = False,
         only: Iterable[int] = (),
+        force: bool = False,
         progress: Callable[[int, int], None] | None = None,
         dashboard: Callable[[str], None] | None = None,
     ) -> Campaign:
@@ -138,6 +144,7 @@ class Campaign:
             scheduler: address of a Dask scheduler.
             resume: go on with what the folder holds.
             only: numbers of cases to fly alone, flown before or not; their run folders are kept.
+            force: keep a folder of anything else as `<folder>.1`, `<folder>.2`, ....
             progress: called with the number of cases that have a row, and of all.
             dashboard: called with the address of Dask's dashboard.
 
@@ -145,32 +152,32 @@ class Campaign:
             InputError: when the folder is taken, a case is not in the plan, or no worker can fly.
         """
         target = Path(folder) if folder is not None else self.folder or Path("runs") / self.spec.file.name
-        there = exists(target / store.PLAN) and bool(store.flown_ids(target))
         alone = frozenset(only)
-        if there and not resume and not alone:
-            raise InputError(f"{target}: holds results already; --resume goes on with them, --out names another folder")
-        here = self.plan(target)
-        store.tidy(target)
-        cases, facts = store.read_plan(target)
+        cases = self.planned()
         unknown = sorted(alone - {case.case_id for case in cases})
         if unknown:
             raise InputError(f"--only {unknown[0]}: the plan has cases 0 to {len(cases) - 1}")
-        done = store.flown_ids(target)
-        todo = [case for case in cases if (case.case_id in alone if alone else case.case_id not in done)]
-        if todo:
-            opened = _opened(client, workers, scheduler)
-            with opened as chosen:
-                if dashboard is not None and chosen.dashboard_link:
-                    dashboard(chosen.dashboard_link)
-                self._fly(chosen, target, todo, facts, alone, len(cases), progress)
-        return here
+        with resumable_folder(target, _KIND, force=force) as path:
+            store.tidy(path)
+            done = store.flown_ids(path)
+            if done and not resume and not alone:
+                raise InputError(
+                    f"{target}: holds results already; --resume goes on with them, --out names another folder"
+                )
+            self._plan(target, path, cases)
+            todo = [case for case in cases if (case.case_id in alone if alone else case.case_id not in done)]
+            if todo:
+                with _opened(client, workers, scheduler) as chosen:
+                    if dashboard is not None and chosen.dashboard_link:
+                        dashboard(chosen.dashboard_link)
+                    self._fly(chosen, path, todo, alone, len(cases), progress)
+        return Campaign(self.spec, target)
 
     def _fly(
         self,
         client: Client,
         target: Path,
         todo: Sequence[PlannedCase],
-        facts: dict[str, str],
         alone: frozenset[int],
         total: int,
         progress: Callable[[int, int], None] | None,
@@ -181,10 +188,11 @@ class Campaign:
             "campaign": file.name,
             "times_s": list(file.times_s),
             "keep": file.keep,
-            "folder": str(target.resolve()),
+            "folder": str(target),
         }
         setup["key"] = hashlib.sha256(json.dumps(setup).encode()).hexdigest()
         work = engine.Work(setup, todo, alone, file.limits.time_s, file.limits.memory_mb)
+        cases, facts = store.read_plan(target)
         execution = json.loads(facts["execution"]) if "execution" in facts else None
         columns = store.schema(file.times_s)
         done = store.flown_ids(target)
@@ -192,7 +200,7 @@ class Campaign:
             for rows, here in engine.flown(client, work, execution, target):
                 if execution is None:
                     execution = here
-                    store.write_plan(target, store.read_plan(target)[0], {**facts, "execution": json.dumps(here)})
+                    store.write_plan(target, cases, {**facts, "execution": json.dumps(here)})
                 rows = [row for row in rows if row["case_id"] not in done]  # one flown alone has its row already
                 if rows:
                     store.write_rows(target, sorted(rows, key=lambda row: row["case_id"]), columns)
@@ -247,7 +255,7 @@ def _kept(folder: Path) -> CampaignSpec:
     document = Document(text, str(folder / store.FILE))
     document.data["base"] = str((folder / store.BASE).resolve())
     document.data.pop("set", None)  # is in the base
-    return campaign_from(document, text, folder)
+    return campaign_from(document, folder)
 
 
 def _digest(spec: CampaignSpec) -> str:
@@ -257,8 +265,3 @@ def _digest(spec: CampaignSpec) -> str:
     if file.method in _CAN_GROW:
         content.pop("cases")
     return hashlib.sha256(json.dumps([content, spec.base.model_dump(mode="json")]).encode()).hexdigest()
-
-
-def _require_empty(target: Path) -> None:
-    if exists(target) and (not target.is_dir() or any(target.iterdir())):
-        raise InputError(f"{target}: holds something else; give another folder with --out")

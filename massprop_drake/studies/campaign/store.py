@@ -5,10 +5,9 @@ The folder is the truth: what is in it has been flown, and nothing else needs to
 
 from __future__ import annotations
 
+import contextlib
 import json
-import os
-import tempfile
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -85,13 +84,25 @@ def schema(times_s: Sequence[float]) -> pa.Schema:
 
 def write_table(path: Path, table: pa.Table) -> None:
     """Writes a Parquet file whole or not at all."""
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=_PARTIAL)
-    os.close(handle)
+    with _whole(path) as partial:
+        pq.write_table(table, partial)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Writes a file of text whole or not at all."""
+    with _whole(path) as partial:
+        partial.write_text(text, encoding="utf-8")
+
+
+@contextlib.contextmanager
+def _whole(path: Path) -> Iterator[Path]:
+    """Yields the name of a file to write, which takes the place of another once it is written."""
+    partial = path.with_name(f".{path.name}{_PARTIAL}")  # one process at a time is at work in the folder
     try:
-        pq.write_table(table, name)
-        os.replace(name, path)
+        yield partial
+        partial.replace(path)
     except BaseException:
-        Path(name).unlink(missing_ok=True)
+        partial.unlink(missing_ok=True)
         raise
 
 
