@@ -23,7 +23,8 @@ from massprop_drake.signals import SYMBOLS, mass_property_units, with_deviation
 
 if TYPE_CHECKING:
     from massprop_drake.maths.mass_properties import Derived
-    from massprop_drake.results.summary import AutopilotSummary, Consistency, DetectionRecord, Parameter, Summary
+    from massprop_drake.results.detections import DetectionRecord
+    from massprop_drake.results.summary import AutopilotSummary, Consistency, Parameter, Summary
     from massprop_drake.studies.reproduction.report import Reproduced
 
 _VERDICT_STYLES = {"holds": "green", "holds within spread": "cyan", "differs": "yellow"}

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, NamedTuple
 
 from massprop_drake.inputs.scenario import Scenario
-from massprop_drake.results.summary import DetectionRecord
+from massprop_drake.results.detections import DetectionRecord
 
 if TYPE_CHECKING:
     from massprop_drake.results.run import Run

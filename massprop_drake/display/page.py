@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Any
 from massprop_drake.display import events, interactive, plots, templates
 from massprop_drake.inputs.model import yaml_text
 from massprop_drake.maths.mass_properties import MASS_RECIPROCAL
+from massprop_drake.results.detections import DetectionRecord
 from massprop_drake.results.folder import write_page
-from massprop_drake.results.summary import DetectionRecord, Summary
+from massprop_drake.results.summary import Summary
 from massprop_drake.signals import SYMBOLS, mass_property_units, with_deviation
 
 if TYPE_CHECKING:

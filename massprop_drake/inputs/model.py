@@ -24,6 +24,8 @@ Real = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Whole = Annotated[int, Field(strict=True)]
 Flag = Annotated[bool, Field(strict=True)]
 Text = Annotated[str, Field(strict=True)]
+Count = Annotated[Whole, Field(ge=0, lt=2**63)]
+NotNegative = Annotated[Real, Field(ge=0.0)]
 
 
 def _plain_name(value: str) -> str:

@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from massprop_drake.inputs import params
+from massprop_drake.inputs.model import Real, Text
 from massprop_drake.inputs.scenario import Scenario
+from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.maths.vehicle.thrust import lag_factors, level_after, mean_level
-from massprop_drake.results.summary import DetectionRecord
+from massprop_drake.results.detections import JUMP, DetectionRecord
+from massprop_drake.results.spool import blocks
 
 Array = NDArray[np.float64]
 
 _ACTS = 1e-9  # of full thrust, between what a jet gives and what it was told to
-JUMP = "mass_property_jump"
+Cause = Literal["healthy", "failure", "jump"]
+Outcome = Literal["named", "group", "wrong", "missed", "never_acted", "not_tested"]
+FOUND: tuple[Outcome, ...] = ("named", "group")
 
 
 class InjectedRecord(NamedTuple):
@@ -34,162 +40,208 @@ class InjectedRecord(NamedTuple):
             "wrong": another jet, or a jump for a jet, or a jet for a jump; "missed": nothing was declared;
             "never_acted"; "not_tested": no sample was tested from when it acted.
         taken_for: what it was declared as, where that is wrong: a designation, a cluster, or "mass_property_jump".
-        force: mean of what the jet gave less what it was told over the samples in which it acted, lbf or N; None for
+        force: median of what the jet gave less what it was told over the samples in which it acted, lbf or N; None for
             a payload and where it never acted.
         magnitude, magnitude_std: as declared, lbf or N, with 1-sigma; None likewise, and where it was not found.
     """
 
-    kind: str
-    jet: str | None
-    start_s: float
-    first_acted_s: float | None
-    first_alarm_s: float | None
-    declared_s: float | None
-    outcome: str
-    taken_for: str | None = None
-    force: float | None = None
-    magnitude: float | None = None
-    magnitude_std: float | None = None
+    kind: Text
+    jet: Text | None
+    start_s: Real
+    first_acted_s: Real | None
+    first_alarm_s: Real | None
+    declared_s: Real | None
+    outcome: Outcome
+    taken_for: Text | None = None
+    force: Real | None = None
+    magnitude: Real | None = None
+    magnitude_std: Real | None = None
+
+    @property
+    def is_jump(self) -> bool:
+        """Whether it is a payload that came or left."""
+        return self.jet is None
 
 
-class _Seen:
-    """One injected failure, followed through a run."""
-
-    def __init__(self, kind: str, jet: int | None, start_s: float, end_s: float):
-        self.kind, self.jet, self.start_s, self.end_s = kind, jet, start_s, end_s
-        self.level = 0.0  # of the jet, were it well
-        self.acted_s: float | None = None
-        self.alarm_s: float | None = None
-        self.tested = False
-        self.excess, self.samples = 0.0, 0
-
-
-class InjectedFailures:
-    """Follows the failures of a scenario through its signals, block by block.
+def what_became(
+    scenario: Scenario, signals: Mapping[str, Array], found: Sequence[DetectionRecord]
+) -> tuple[InjectedRecord, ...]:
+    """Tells of each failure and jump of a simulated run when it acted, and what was made of it.
 
     Args:
         scenario: as run.
+        signals: of the run, by name, with `time_s`.
+        found: all that was declared, in its order.
+
+    Returns:
+        A record each, failures of jets first, in the scenario's order.
+    """
+    followed = _followed(scenario)
+    if not followed:
+        return ()
+    names = [name for name in ("command", "thrust", "tested", "alarm") if name in signals]
+    for block in blocks(signals, "time_s", *names):
+        for one in followed:
+            one.add(block["time_s"], block)
+    vehicle = scenario.vehicle_data
+    right = _right(vehicle, [one.record for one in followed], found)
+    free = [index for index in range(len(found)) if index not in right.values()]
+    records = []
+    for number, one in enumerate(followed):
+        record = one.record
+        acted = record.first_acted_s
+        if number in right:
+            entry = found[right[number]]
+            named = record.is_jump or entry.isolated_to == "jet"
+            record = _declared(record._replace(outcome="named" if named else "group"), entry)
+        elif acted is not None:
+            wrong = next((index for index in free if found[index].time_s >= acted - _ACTS), None)
+            if wrong is not None:
+                free.remove(wrong)
+                record = _declared(record._replace(outcome="wrong", taken_for=_name(found[wrong])), found[wrong])
+            else:
+                record = record._replace(outcome="missed" if one.tested else "not_tested")
+        records.append(record)
+    return tuple(records)
+
+
+def false_declarations(
+    vehicle: Vehicle, injected: Sequence[InjectedRecord], found: Sequence[DetectionRecord]
+) -> dict[int, Cause]:
+    """The declarations that none of the failures explains, by their number, each with its cause.
+
+    Args:
+        vehicle: whose jets they are.
+        injected: as `what_became` tells.
+        found: all that was declared, in its order.
+
+    Returns:
+        The cause is what had acted last before: "healthy" (nothing), "failure" or "jump".
+    """
+    right = _right(vehicle, injected, found).values()
+    return {index: _cause(injected, entry.time_s) for index, entry in enumerate(found) if index not in right}
+
+
+def _cause(injected: Sequence[InjectedRecord], time_s: float) -> Cause:
+    before = [(one.first_acted_s, one.is_jump) for one in injected if (one.first_acted_s or math.inf) <= time_s]
+    if not before:
+        return "healthy"
+    return "jump" if max(before)[1] else "failure"
+
+
+def _right(vehicle: Vehicle, injected: Sequence[InjectedRecord], found: Sequence[DetectionRecord]) -> dict[int, int]:
+    """The declaration that is right for each failure, number by number; each declaration is right for one."""
+    right: dict[int, int] = {}
+    for number, one in sorted(enumerate(injected), key=lambda item: item[1].start_s):
+        if one.first_acted_s is None:
+            continue
+        for index, entry in enumerate(found):
+            if index not in right.values() and entry.time_s >= one.first_acted_s - _ACTS and _is(vehicle, one, entry):
+                right[number] = index
+                break
+    return right
+
+
+def _is(vehicle: Vehicle, one: InjectedRecord, entry: DetectionRecord) -> bool:
+    """Whether a declaration says what a failure is."""
+    if one.jet is None or entry.kind == JUMP:
+        return one.jet is None and entry.kind == JUMP
+    if entry.jet is not None:
+        return entry.jet == one.jet
+    return entry.cluster == vehicle.jets[vehicle.designations.index(one.jet)].cluster
+
+
+def _declared(record: InjectedRecord, entry: DetectionRecord) -> InjectedRecord:
+    return record._replace(declared_s=entry.time_s, magnitude=entry.magnitude, magnitude_std=entry.magnitude_std)
+
+
+def _name(entry: DetectionRecord) -> str:
+    """What a declaration says that it is."""
+    return entry.jet or (entry.kind if entry.kind == JUMP else f"cluster {entry.cluster}")
+
+
+# ----------------------------------------------------------------------------- when a failure acts
+
+
+def _followed(scenario: Scenario) -> list[_Followed]:
+    vehicle = scenario.vehicle_data
+    thrusts = params.thrust_factors(scenario) * np.linalg.norm(vehicle.thrusts, axis=1)
+    lag = lag_factors(params.plant_time_constants(scenario), vehicle.sample_period_s)
+    followed = []
+    for failure in params.jet_failures(scenario):
+        kind, jet = failure.kind.name.lower(), failure.jet
+        record = _unknown(kind, vehicle.designations[jet], failure.start_s)
+        response = lag.remaining[[jet]], lag.mean[[jet]]
+        followed.append(_Followed(record, failure.end_s, jet, float(thrusts[jet]), response, vehicle.sample_period_s))
+    return followed + [_Followed(_unknown(jump.kind, None, jump.time_s), jump.time_s) for jump in scenario.jumps]
+
+
+def _unknown(kind: str, jet: str | None, start_s: float) -> InjectedRecord:
+    return InjectedRecord(kind, jet, start_s, None, None, None, "never_acted")
+
+
+class _Followed:
+    """One failure or jump, followed through a run block by block.
+
+    Args:
+        record: with what the scenario says.
+        end_s: when a failure is over, s.
+        jet: its number; None for a jump, as of all that follow.
+        thrust: of the jet at its best, lbf or N.
+        response: of its lag: what remains of a level after a sample, and what of it the mean has, shape (1,) each.
+        period_s: of a sample, s.
     """
 
-    def __init__(self, scenario: Scenario):
-        vehicle = scenario.vehicle_data
-        self._designations = vehicle.designations
-        self._clusters = [jet.cluster for jet in vehicle.jets]
-        self._thrusts = params.thrust_factors(scenario) * np.linalg.norm(vehicle.thrusts, axis=1)
-        self._lag = lag_factors(params.plant_time_constants(scenario), vehicle.sample_period_s)
-        self._seen = [
-            *(_Seen(failure.kind.name.lower(), failure.jet, failure.start_s, failure.end_s)
-              for failure in params.jet_failures(scenario)),
-            *(_Seen(jump.kind, None, jump.time_s, jump.time_s) for jump in scenario.jumps),
-        ]  # fmt: skip
+    def __init__(
+        self,
+        record: InjectedRecord,
+        end_s: float,
+        jet: int | None = None,
+        thrust: float = 0.0,
+        response: tuple[Array, Array] | None = None,
+        period_s: float = 0.0,
+    ):
+        self._begun, self.tested = record, False
+        self._end_s, self._jet, self._thrust, self._response = end_s, jet, thrust, response
+        self._period_s = period_s
+        self._level = np.zeros(1)  # of the jet, were it well
+        self._acted_s: float | None = None
+        self._alarm_s: float | None = None
+        self._excess: list[Array] = []  # force beyond what is right, of the samples in which it acted
+
+    @property
+    def record(self) -> InjectedRecord:
+        """What is known of it by now."""
+        acted = np.concatenate(self._excess) if self._excess else np.empty(0)
+        force = float(np.median(acted)) if acted.size else None
+        return self._begun._replace(first_acted_s=self._acted_s, first_alarm_s=self._alarm_s, force=force)
 
     def add(self, time_s: Array, signals: Mapping[str, Array]) -> None:
         """Takes in a block of rows; signals by name, shape (n, components)."""
-        for seen in self._seen:
-            if seen.jet is None:
-                if seen.acted_s is None and time_s[-1] >= seen.start_s - _ACTS:
-                    seen.acted_s = float(time_s[np.searchsorted(time_s, seen.start_s - _ACTS)])
-            else:
-                self._follow(seen, seen.jet, time_s, signals)
-            if seen.acted_s is not None and "tested" in signals:
-                after = time_s >= seen.acted_s
-                seen.tested |= bool((signals["tested"][after, 0] > 0.0).any())
-                alarms = time_s[after & (np.nan_to_num(signals["alarm"][:, 0]) > 0.0)]
-                if seen.alarm_s is None and alarms.size:
-                    seen.alarm_s = float(alarms[0])
+        acting = self._acting(time_s, signals)
+        if self._acted_s is None and acting.any():
+            # a payload comes or leaves when it is told to, and a jet whose sample has begun no sooner than it fails
+            start_s = self._begun.start_s
+            self._acted_s = start_s if self._jet is None else max(float(time_s[acting][0]), start_s)
+        if self._acted_s is None or "tested" not in signals:
+            return
+        after = time_s >= self._acted_s
+        self.tested |= bool((signals["tested"][after, 0] > 0.0).any())
+        alarms = time_s[after & (np.nan_to_num(signals["alarm"][:, 0]) > 0.0)]
+        if self._alarm_s is None and alarms.size:
+            self._alarm_s = float(alarms[0])
 
-    def _follow(self, seen: _Seen, jet: int, time_s: Array, signals: Mapping[str, Array]) -> None:
-        """Compares what the jet gives with what it would give were it well."""
-        remaining, mean = self._lag.remaining[jet], self._lag.mean[jet]
-        commands, level, given = signals["command"][:, jet], seen.level, np.empty(time_s.size)
-        for row, command in enumerate(commands.tolist()):
-            given[row] = mean_level(level, command, mean)
-            level = level_after(level, command, remaining)
-        seen.level = float(level)
-        excess = signals["thrust"][:, jet] - self._thrusts[jet] * given
-        period = float(time_s[-1] - time_s[0]) / max(time_s.size - 1, 1)
-        begun = (time_s > seen.start_s - period - _ACTS) & (time_s < seen.end_s)
-        acting = begun & (np.abs(excess) > _ACTS * self._thrusts[jet])
-        if acting.any():
-            if seen.acted_s is None:
-                seen.acted_s = max(float(time_s[acting][0]), seen.start_s)
-            seen.excess += float(excess[acting].sum())
-            seen.samples += int(acting.sum())
-
-    def finish(self, found: Sequence[DetectionRecord]) -> tuple[InjectedRecord, ...]:
-        """What became of each, in the order of the scenario.
-
-        Args:
-            found: all that was declared, in its order.
-        """
-        right = self._matched(found)
-        free = [index for index in range(len(found)) if index not in right.values()]
-        records = []
-        for number, seen in enumerate(self._seen):
-            outcome, entry, taken_for = "missed", None, None
-            if number in right:
-                entry = found[right[number]]
-                outcome = "named" if entry.kind == JUMP or entry.isolated_to == "jet" else "group"
-            elif seen.acted_s is None:
-                outcome = "never_acted"
-            else:
-                wrong = next((index for index in free if found[index].time_s >= seen.acted_s - _ACTS), None)
-                if wrong is not None:
-                    free.remove(wrong)
-                    entry, outcome = found[wrong], "wrong"
-                    taken_for = entry.jet or (entry.kind if entry.kind == JUMP else f"cluster {entry.cluster}")
-                elif not seen.tested:
-                    outcome = "not_tested"
-            records.append(
-                InjectedRecord(
-                    kind=seen.kind,
-                    jet=None if seen.jet is None else self._designations[seen.jet],
-                    start_s=seen.start_s,
-                    first_acted_s=seen.acted_s,
-                    first_alarm_s=seen.alarm_s,
-                    declared_s=None if entry is None else entry.time_s,
-                    outcome=outcome,
-                    taken_for=taken_for,
-                    force=seen.excess / seen.samples if seen.samples else None,
-                    magnitude=None if entry is None else entry.magnitude,
-                    magnitude_std=None if entry is None else entry.magnitude_std,
-                )
-            )
-        return tuple(records)
-
-    def false(self, found: Sequence[DetectionRecord]) -> list[tuple[DetectionRecord, str]]:
-        """The declarations that none of the failures explains, each with its cause.
-
-        The cause is what had acted last before: "healthy" (nothing), "failure" or "jump".
-        """
-        right = set(self._matched(found).values())
-        false = []
-        for index, entry in enumerate(found):
-            if index in right:
-                continue
-            before = [seen for seen in self._seen if seen.acted_s is not None and seen.acted_s <= entry.time_s]
-            last = max(before, key=lambda seen: seen.acted_s or 0.0, default=None)
-            cause = "healthy" if last is None else "jump" if last.jet is None else "failure"
-            false.append((entry, cause))
-        return false
-
-    def _matched(self, found: Sequence[DetectionRecord]) -> dict[int, int]:
-        """The declaration that is right for each failure, index by index; each declaration is right for one."""
-        right: dict[int, int] = {}
-        for number, seen in sorted(enumerate(self._seen), key=lambda item: item[1].start_s):
-            if seen.acted_s is None:
-                continue
-            for index, entry in enumerate(found):
-                if index in right.values() or entry.time_s < seen.acted_s - _ACTS:
-                    continue
-                if self._is(seen, entry):
-                    right[number] = index
-                    break
-        return right
-
-    def _is(self, seen: _Seen, entry: DetectionRecord) -> bool:
-        if seen.jet is None or entry.kind == JUMP:
-            return seen.jet is None and entry.kind == JUMP
-        if entry.jet is not None:
-            return entry.jet == self._designations[seen.jet]
-        return entry.cluster == self._clusters[seen.jet]
+    def _acting(self, time_s: Array, signals: Mapping[str, Array]) -> NDArray[np.bool_]:
+        """In which rows the jet gives other than it would were it well, or the payload has come or left."""
+        if self._jet is None or self._response is None:
+            return time_s >= self._begun.start_s - _ACTS
+        remaining, mean = self._response
+        given = np.empty(time_s.size)
+        for row, command in enumerate(signals["command"][:, [self._jet]]):
+            given[row] = mean_level(self._level, command, mean)[0]
+            self._level = level_after(self._level, command, remaining)
+        excess = signals["thrust"][:, self._jet] - self._thrust * given
+        begun = (time_s > self._begun.start_s - self._period_s - _ACTS) & (time_s < self._end_s)
+        acting = begun & (np.abs(excess) > _ACTS * self._thrust)
+        self._excess.append(excess[acting])
+        return acting

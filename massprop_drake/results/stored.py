@@ -23,14 +23,14 @@ from numpy.typing import NDArray
 from pydantic import Field, field_validator, model_validator
 
 from massprop_drake.errors import InputError, dotted
-from massprop_drake.inputs.model import Model, Real, Text, Vector3, Whole, digest, validated
+from massprop_drake.inputs.model import Count, Model, Real, Text, Vector3, Whole, digest, validated
 from massprop_drake.inputs.renamed import RenamedWarning
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.inputs.yaml import read_text
 from massprop_drake.maths.estimation.detector import STATUS
 from massprop_drake.maths.estimation.filter import MASS_REPORT, ROTATION_REPORT
-from massprop_drake.results.summary import Count, DetectionRecord
+from massprop_drake.results.detections import DetectionRecord
 from massprop_drake.signals import AXES, SIGNALS
 
 Array = NDArray[np.float64]

@@ -19,9 +19,10 @@ from massprop_drake.maths import mass_properties
 from massprop_drake.maths.estimation import cycle
 from massprop_drake.maths.estimation.cycle import EstimationParams, EstimationState
 from massprop_drake.maths.estimation.filter import Groups
+from massprop_drake.results.detections import DetectionRecord, detection_entries, settled
 from massprop_drake.results.spool import Spool
 from massprop_drake.results.stored import FORMAT, made_with
-from massprop_drake.results.summary import DetectionRecord, detection_entries, null_for_nan, settled
+from massprop_drake.results.summary import null_for_nan
 from massprop_drake.systems.layouts import DETECTOR_REPORT, IMPULSES, MASS_REPORT, ROTATION_REPORT
 
 Array = NDArray[np.float64]

@@ -18,13 +18,13 @@ from massprop_drake.inputs.scenario import PlantBlock, Scenario
 from massprop_drake.inputs.vehicle import SensorPackage
 from massprop_drake.maths.estimation import cycle
 from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
+from massprop_drake.results.detections import DetectionRecord
 from massprop_drake.results.exchange import recover
 from massprop_drake.results.run import Run
 from massprop_drake.results.stored import STATE_FILE, FilterState, read_json, require_made_with
 from massprop_drake.results.summary import (
     AutopilotSummary,
     Consistency,
-    DetectionRecord,
     Timing,
     composed,
     firings,

@@ -15,7 +15,7 @@ from massprop_drake.cli import show, streams
 from massprop_drake.inputs.model import keys
 from massprop_drake.inputs.scenario import Scenario, load_scenario
 from massprop_drake.inputs.vehicle import Vehicle
-from massprop_drake.results.summary import DetectionRecord
+from massprop_drake.results.detections import DetectionRecord
 
 STUCK_ON = DetectionRecord(
     onset_s=50.0,

@@ -27,8 +27,8 @@ from massprop_drake.errors import InputError
 from massprop_drake.inputs.model import Model, validated
 from massprop_drake.inputs.scenario import Scenario, StuckOn
 from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.results.detections import DetectionRecord
 from massprop_drake.results.run import Run
-from massprop_drake.results.summary import DetectionRecord
 from massprop_drake.runners.recorded import estimate
 from massprop_drake.studies.reproduction import report as reproduction
 from massprop_drake.studies.reproduction.claims import AtMost, Claim, Outcome, Verdict

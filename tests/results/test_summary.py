@@ -14,16 +14,8 @@ from massprop_drake import InputError, Run
 from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.maths.estimation.detector import STATUS, Event
 from massprop_drake.maths.mass_properties import NAMES
-from massprop_drake.results.summary import (
-    DetectionRecord,
-    Parameter,
-    Summary,
-    by_name,
-    detection_entries,
-    from_names,
-    null_for_nan,
-    settled,
-)
+from massprop_drake.results.detections import DetectionRecord, detection_entries, settled
+from massprop_drake.results.summary import Parameter, Summary, by_name, from_names, null_for_nan
 
 STUCK_ON = DetectionRecord(
     onset_s=50.0,

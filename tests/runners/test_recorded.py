@@ -19,8 +19,8 @@ from telemetry_probe import Log, toy_vehicle
 
 from massprop_drake import InputError, Run, Scenario, estimate, load_scenario, simulate
 from massprop_drake.diagrams import estimation
+from massprop_drake.results.detections import DetectionRecord
 from massprop_drake.results.spool import Spool
-from massprop_drake.results.summary import DetectionRecord
 from massprop_drake.telemetry.reader import Reader, vehicle_scenario
 
 Array = NDArray[np.float64]

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_drake.maths.mass_properties import NAMES, N_ROTATION
-from massprop_drake.results.injected import InjectedFailures
+from massprop_drake.maths.mass_properties import N_ROTATION, NAMES
+from massprop_drake.results.injected import false_declarations
 from massprop_drake.results.run import Run
 
 Array = NDArray[np.float64]
@@ -111,22 +111,21 @@ def _consistency(run: Run) -> dict[str, Any]:
 
 
 def _found(run: Run) -> dict[str, Any]:
+    """What was injected and what was declared; of a record nobody knows what is false."""
     results = run.results
-    followed = InjectedFailures(run.scenario)
-    followed.add(run.time_s, run.signals)
-    injected = [record._asdict() for record in followed.finish(results.detections)]
-    false = {results.detections.index(e): cause for e, cause in followed.false(results.detections)}
-    declared = []
-    for index, entry in enumerate(results.detections):
-        columns = ("kind", "cluster", "jet", "onset_s", "time_s", "magnitude", "magnitude_std", "statistic")
-        declared.append({name: getattr(entry, name) for name in columns})
-        declared[-1] |= {"withdrawn_s": entry.withdrawn_s, "false": index in false, "cause": false.get(index)}
-    failed = {record["jet"] for record in injected if record["first_acted_s"] is not None}
+    known = results.injected is not None
+    injected = results.injected or ()
+    false = false_declarations(run.scenario.vehicle_data, injected, results.detections)
+    columns = ("kind", "cluster", "jet", "onset_s", "time_s", "magnitude", "magnitude_std", "statistic", "withdrawn_s")
+    declared = [{name: getattr(entry, name) for name in columns} for entry in results.detections]
+    for index, entry in enumerate(declared if known else ()):
+        entry |= {"false": index in false, "cause": false.get(index)}
+    failed = {record.jet for record in injected if record.first_acted_s is not None}
     out = results.autopilot.jets_out_of_use or ()
     return {
-        "injected": injected,
+        "injected": [record._asdict() for record in injected],
         "declared": declared,
-        "n_false": len(false),
+        "n_false": len(false) if known else None,
         "jets_out_of_use": list(out),
-        "healthy_jets_out": [jet for jet in out if jet not in failed],
+        "healthy_jets_out": [jet for jet in out if jet not in failed] if known else None,
     }
