@@ -197,15 +197,12 @@ class Summary:
             "percent_error": by_name(self.percent_error),
             "detections": [_without(record, "jet_index") for record in self.detections],
             "consistency": self.consistency._asdict(),
+            "injected": None if self.injected is None else [record._asdict() for record in self.injected],
             "autopilot": self.autopilot._asdict(),
             "provenance": {key: value for key, value in self.provenance._asdict().items() if value is not None},
             "timing": self.timing._asdict(),
         }
-        if self.injected is not None:
-            content["injected"] = [record._asdict() for record in self.injected]
-        if self.data_quality is not None:
-            content["data_quality"] = self.data_quality
-        return content
+        return content if self.data_quality is None else {**content, "data_quality": self.data_quality}
 
     @staticmethod
     def from_json(content: Any, source: str = "the summary") -> Summary:

@@ -86,6 +86,7 @@ SUMMARY: dict[str, Any] = {
     "percent_error": PERCENT,
     "detections": list,
     "consistency": {"rotation_nis_mean": MAYBE, "translation_nis_mean": MAYBE, "samples": int},
+    "injected": list,
     "autopilot": {
         "firings": int,
         "propellant_mass": float,
