@@ -1,4 +1,4 @@
-"""Writes the tables of keys in vehicle.md and scenario.md from the code; the text above them is kept.
+"""Writes the tables of keys in vehicle.md, scenario.md and campaign.md from the code; the text above them is kept.
 
 python docs/make_reference.py
 """
@@ -6,25 +6,32 @@ python docs/make_reference.py
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 
-from massprop_drake.inputs.model import Key, Model, keys
+from massprop_drake.inputs.campaign import campaign_keys
+from massprop_drake.inputs.model import Key, keys
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.vehicle import Vehicle
 
 DOCS = Path(__file__).parent
-PAGES: dict[str, type[Model]] = {"vehicle.md": Vehicle, "scenario.md": Scenario}
+PAGES: dict[str, Callable[[], list[Key]]] = {
+    "vehicle.md": partial(keys, Vehicle),
+    "scenario.md": partial(keys, Scenario),
+    "campaign.md": campaign_keys,
+}
 MARK = "<!-- docs/make_reference.py writes what follows from the code: edit the descriptions there -->"
 HEADINGS = ("key", "type", "unit", "default", "range", "meaning")
 _LONG = 12  # characters of a number beyond which its page shows six digits
 
 
-def updated(text: str, model: type[Model]) -> str:
+def updated(text: str, found: Sequence[Key]) -> str:
     """A page's text with its tables made anew.
 
     Args:
         text: of the page; what stands before `MARK` is kept.
-        model: whose keys are shown.
+        found: the keys to show.
 
     Raises:
         ValueError: when the page has no `MARK`.
@@ -32,12 +39,12 @@ def updated(text: str, model: type[Model]) -> str:
     introduction, mark, _ = text.partition(MARK)
     if not mark:
         raise ValueError(f"the page has no line '{MARK}' to write below")
-    return f"{introduction}{MARK}\n\n{reference(model)}"
+    return f"{introduction}{MARK}\n\n{reference(found)}"
 
 
-def reference(model: type[Model]) -> str:
+def reference(found: Sequence[Key]) -> str:
     """A table of keys for the file itself, then one for each mapping in it, in Markdown."""
-    shown = [key for key in keys(model) if not key.name.startswith("vehicle.")]  # a scenario's: on a page of its own
+    shown = [key for key in found if not key.name.startswith("vehicle.")]  # a scenario's: on a page of its own
     meanings = {key.name: key.meaning for key in shown}
     groups: dict[str, list[Key]] = {}
     for key in shown:
@@ -78,9 +85,9 @@ def _default(key: Key) -> str:
 
 def main() -> None:
     """Writes the pages."""
-    for name, model in PAGES.items():
+    for name, found in PAGES.items():
         page = DOCS / name
-        page.write_text(updated(page.read_text(encoding="utf-8"), model), encoding="utf-8")
+        page.write_text(updated(page.read_text(encoding="utf-8"), found()), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -27,8 +27,10 @@ if TYPE_CHECKING:
     from massprop_drake.runners.estimator import EstimatorStep as EstimatorStep
     from massprop_drake.runners.recorded import estimate as estimate
     from massprop_drake.runners.simulate import simulate as simulate
+    from massprop_drake.studies.campaign.campaign import Campaign as Campaign
 
 _HOMES = {
+    "Campaign": "studies.campaign.campaign",
     "InputError": "errors",
     "estimate": "runners.recorded",
     "Estimator": "runners.estimator",

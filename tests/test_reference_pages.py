@@ -13,9 +13,11 @@ import pytest
 from massprop_drake import load_scenario, load_vehicle, simulate
 from massprop_drake.cli import main as cli
 from massprop_drake.display import figures
-from massprop_drake.inputs.model import keys
+from massprop_drake.inputs.campaign import campaign_from, campaign_keys
+from massprop_drake.inputs.model import Key, keys
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.inputs.yaml import Document
 
 DOCS = Path(__file__).parent.parent / "docs"
 
@@ -45,24 +47,27 @@ def examples(tmp_path: Path) -> Path:
     return tmp_path
 
 
-@pytest.mark.parametrize("name", ["vehicle.md", "scenario.md"])
+@pytest.mark.parametrize("name", ["vehicle.md", "scenario.md", "campaign.md"])
 def test_page_matches_the_code(name: str, make_reference: ModuleType) -> None:
     page = (DOCS / name).read_text(encoding="utf-8")
-    expected = make_reference.updated(page, make_reference.PAGES[name])
+    expected = make_reference.updated(page, make_reference.PAGES[name]())
     assert page == expected, "run 'python docs/make_reference.py' and commit what it writes"
 
 
-@pytest.mark.parametrize(("name", "model"), [("vehicle.md", Vehicle), ("scenario.md", Scenario)])
-def test_page_has_every_key_once(name: str, model: type[Vehicle] | type[Scenario]) -> None:
-    page = (DOCS / name).read_text(encoding="utf-8")
+@pytest.mark.parametrize(
+    ("name", "found"),
+    [("vehicle.md", keys(Vehicle)), ("scenario.md", keys(Scenario)), ("campaign.md", campaign_keys())],
+)
+def test_page_has_every_key_once(name: str, found: list[Key]) -> None:
+    _, page = (DOCS / name).read_text(encoding="utf-8").split("<!-- docs/make_reference.py")
     shown = re.findall(r"^\| `([^`]+)` \|", page, flags=re.MULTILINE)
     # a vehicle inside a scenario has a page of its own
-    assert sorted(shown) == sorted(key.name for key in keys(model) if not key.name.startswith("vehicle."))
+    assert sorted(shown) == sorted(key.name for key in found if not key.name.startswith("vehicle."))
 
 
 def test_page_without_its_mark_is_refused(make_reference: ModuleType) -> None:
     with pytest.raises(ValueError, match="the page has no line"):
-        make_reference.updated("# A page\n", Vehicle)
+        make_reference.updated("# A page\n", keys(Vehicle))
 
 
 def test_example_vehicle_is_valid(examples: Path) -> None:
@@ -82,6 +87,12 @@ def test_example_of_variants_is_valid(examples: Path) -> None:
     scenario = load_scenario(examples / "extended_filter.yaml")
     assert scenario.rotation.filter == "extended"
     assert scenario.mass.compensation == "transverse_centripetal"
+
+
+def test_example_campaign_is_valid(tmp_path: Path) -> None:
+    (text,) = yaml_examples("campaign.md")
+    campaign = campaign_from(Document(text, "campaign.md"), tmp_path)
+    assert len(campaign.quantities) == 10 + 3
 
 
 def test_the_telemetry_pages_python_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -4,18 +4,29 @@ from __future__ import annotations
 
 import math
 import sys
+from collections.abc import Callable
 from enum import StrEnum
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from massprop_drake.cli import show
+from massprop_drake.cli import campaigns, show
+from massprop_drake.cli.options import Figures, Force, Json, Overrides, Quiet, Report, View
 from massprop_drake.cli.progress import Progress
 from massprop_drake.cli.streams import note, say
 from massprop_drake.errors import InputError, suggestion
-from massprop_drake.inputs.model import keys, validated
+from massprop_drake.inputs.campaign import (
+    CampaignSpec,
+    bundled_campaigns,
+    campaign_description,
+    campaign_from,
+    campaign_keys,
+    load_campaign,
+)
+from massprop_drake.inputs.model import Key, keys, validated
 from massprop_drake.inputs.plausible import Finding
 from massprop_drake.inputs.scenario import Scenario, bundled_scenarios, load_scenario, resolved
 from massprop_drake.inputs.vehicle import Vehicle, bundled_vehicles, load_vehicle
@@ -35,15 +46,8 @@ app = typer.Typer(
     rich_markup_mode="markdown",
     context_settings={"help_option_names": ["-h", "--help"]},
 )
+app.add_typer(campaigns.app, name="campaign")
 
-Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON alone on standard output.")]
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")]
-View = Annotated[bool, typer.Option("--view", help="Write replay.html, the run in three dimensions, too.")]
-Report = Annotated[bool, typer.Option("--report/--no-report", help="Write report.html, or not.")]
-Force = Annotated[
-    bool, typer.Option("--force", help="Keep what is there as <name>.1, <name>.2, ... instead of refusing it.")
-]
-Figures = Annotated[bool, typer.Option("--figures/--no-figures", help="Draw the figures, or not, which is faster.")]
 _TELEMETRY = (".csv", ".tsv", ".parquet", ".pq")  # endings of telemetry files
 
 
@@ -52,6 +56,14 @@ class Schema(StrEnum):
 
     vehicle = "vehicle"
     scenario = "scenario"
+    campaign = "campaign"
+
+
+_KEYS: dict[Schema, Callable[[], list[Key]]] = {
+    Schema.vehicle: partial(keys, Vehicle),
+    Schema.scenario: partial(keys, Scenario),
+    Schema.campaign: campaign_keys,
+}
 
 
 def _show_version(shown: bool) -> None:
@@ -71,14 +83,14 @@ def common(
 
 @app.command("list", epilog="Example: `massprop list --json`")
 def list_everything(as_json: Json = False) -> None:
-    """Lists the bundled vehicles, scenarios and diagrams, a line each."""
+    """Lists the bundled vehicles, scenarios, diagrams and campaigns, a line each."""
     from massprop_drake.display import graphs  # noqa: PLC0415 (loads Drake)
 
     found = {
         "vehicles": {name: load_vehicle(name).description for name in bundled_vehicles()},
         "scenarios": {name: load_scenario(name).description for name in bundled_scenarios()},
         "diagrams": {name: graphs.describe(name) for name in graphs.DIAGRAMS},
-        "campaigns": {},
+        "campaigns": {name: campaign_description(name) for name in bundled_campaigns()},
     }
     if as_json:
         show.as_json(found)
@@ -92,10 +104,7 @@ def run(
     scenario: Annotated[str, typer.Argument(help="A bundled scenario, a YAML file, or an earlier run's folder.")],
     out: Annotated[Path | None, typer.Option(help="Folder to write; default runs/<name>.")] = None,
     seed: Annotated[int | None, typer.Option(help="Replaces the scenario's seed.")] = None,
-    overrides: Annotated[
-        list[str] | None,
-        typer.Option("--set", metavar="KEY=VALUE", help="Replaces any field; VALUE is read as YAML. Repeatable."),
-    ] = None,
+    overrides: Overrides = None,
     view: View = False,
     live: Annotated[
         bool, typer.Option("--live", help="Show the run in a browser on this machine as it is computed.")
@@ -163,10 +172,7 @@ def estimate(
         Path | None, typer.Option(help="A run's folder: go on from the filter state at its end.")
     ] = None,
     out: Annotated[Path | None, typer.Option(help="Folder to write; default runs/<name of the file>.")] = None,
-    overrides: Annotated[
-        list[str] | None,
-        typer.Option("--set", metavar="KEY=VALUE", help="Replaces any field; VALUE is read as YAML. Repeatable."),
-    ] = None,
+    overrides: Overrides = None,
     view: View = False,
     report: Report = True,
     figures: Figures = True,
@@ -332,7 +338,7 @@ def graph(
 @app.command(epilog="Example: `massprop check my_vehicle.yaml flight.csv --vehicle my_vehicle.yaml`")
 def check(
     files: Annotated[
-        list[str] | None, typer.Argument(help="Vehicle, scenario and telemetry files, or bundled names.")
+        list[str] | None, typer.Argument(help="Vehicle, scenario, campaign and telemetry files, or bundled names.")
     ] = None,
     vehicle: Annotated[str | None, typer.Option(help="The vehicle whose telemetry it should be.")] = None,
     schema: Annotated[Schema | None, typer.Option(help="Show every key of a kind of file instead.")] = None,
@@ -340,12 +346,12 @@ def check(
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Validates vehicle, scenario and telemetry files and says what is wrong, or shows the keys they may have.
+    """Validates vehicle, scenario, campaign and telemetry files and says what is wrong, or shows their keys.
 
     Of a good vehicle it also reports how the jets push, which mass properties they show, and which jets look alike.
     """
     if schema is not None:
-        found = keys(Vehicle) if schema is Schema.vehicle else keys(Scenario)
+        found = _KEYS[schema]()
         # a scenario may hold a whole vehicle, whose keys are the other schema's
         shown = [key for key in found if not key.name.startswith("vehicle.")]
         if as_json:
@@ -354,7 +360,7 @@ def check(
             show.schema(shown)
         return
     if not files:
-        raise InputError("nothing to check: name a file, or --schema vehicle or --schema scenario")
+        raise InputError("nothing to check: name a file, or --schema vehicle, scenario or campaign")
     whose = None if vehicle is None else load_vehicle(vehicle)
     findings: list[dict[str, Any]] = []
     problems: list[str] = []
@@ -386,7 +392,7 @@ def check(
         raise typer.Exit(2)
 
 
-def _checked(name: str, whose: Vehicle | None) -> Vehicle | Scenario | str:
+def _checked(name: str, whose: Vehicle | None) -> Vehicle | Scenario | CampaignSpec | str:
     """Reads a file and returns what it holds, telemetry in words; raises InputError for a bad one."""
     if Path(name).suffix.lower() in _TELEMETRY:
         return show.about_telemetry(check_telemetry(Path(name), whose), whose)
@@ -394,7 +400,11 @@ def _checked(name: str, whose: Vehicle | None) -> Vehicle | Scenario | str:
         return load_vehicle(name)
     if name in bundled_scenarios():
         return load_scenario(name)
+    if name in bundled_campaigns():
+        return load_campaign(name)
     document = Document(read_text(Path(name)), name)
     if "jets" in document.data or "jet_kinds" in document.data:
         return validated(Vehicle, document.data, document)
+    if "base" in document.data:
+        return campaign_from(document, Path(name).parent)
     return resolved(document.data, document, Path(name).parent)

@@ -16,6 +16,7 @@ from rich.table import Table
 from rich.text import Text
 
 from massprop_drake.cli.streams import say, visible
+from massprop_drake.inputs.campaign import CampaignSpec
 from massprop_drake.inputs.model import Key
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.vehicle import Vehicle
@@ -59,9 +60,14 @@ class Terminal(Console):
         self.print(self.words(*parts), soft_wrap=True)
 
 
+def json_text(content: Any) -> str:
+    """JSON as files and standard output have it."""
+    return json.dumps(content, indent=2, allow_nan=False) + "\n"
+
+
 def as_json(content: Any) -> None:
     """Prints JSON alone on standard output."""
-    sys.stdout.write(json.dumps(content, indent=2, allow_nan=False) + "\n")
+    sys.stdout.write(json_text(content))
 
 
 def listing(found: Mapping[str, Mapping[str, str]]) -> None:
@@ -232,8 +238,14 @@ def _files(console: Terminal, folder: Path) -> None:
 # ------------------------------------------------------------------------------------------- files
 
 
-def about(good: Vehicle | Scenario) -> str:
-    """Describes a good vehicle or scenario in a line."""
+def about(good: Vehicle | Scenario | CampaignSpec) -> str:
+    """Describes a good vehicle, scenario or campaign in a line."""
+    if isinstance(good, CampaignSpec):
+        cells = math.prod(len(values) for values in good.file.sweep.values())
+        cases = "every one" if good.file.cases is None else str(good.file.cases)
+        swept = f", each in {cells} ways" if cells > 1 else ""
+        drawn = f"{len(good.quantities)} quantities drawn"
+        return f"campaign '{good.file.name}' of scenario '{good.base.name}', cases: {cases}{swept}, {drawn}"
     if isinstance(good, Scenario):
         return f"scenario '{good.name}', {good.duration_s:g} s, vehicle '{good.vehicle_data.name}'"
     sensors = f"{len(good.gyros)} gyro and {len(good.accelerometers)} accelerometer packages"

@@ -14,7 +14,7 @@ from pydantic import Field, model_validator
 from massprop_drake.errors import InputError, dotted, suggestion
 from massprop_drake.inputs import params
 from massprop_drake.inputs.distributions import KINDS, Choice, Distribution, Normal, distribution_in
-from massprop_drake.inputs.model import Model, Real, Text, Whole, described, validated
+from massprop_drake.inputs.model import Key, Model, Real, Text, Whole, described, keys, validated
 from massprop_drake.inputs.scenario import Scenario, load_scenario, parsed_key, resolved, set_at
 from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.inputs.yaml import Document, FieldPath, exists, read_text
@@ -150,11 +150,27 @@ class CampaignSpec(NamedTuple):
     source: str
     folder: Path
 
+    @property
+    def doubts(self) -> list[str]:
+        """What is not wrong, but could be better."""
+        count = self.file.cases or 0
+        if self.file.method == "sobol" and count & (count - 1):
+            better = 1 << count.bit_length()
+            return [f"cases: a Sobol sequence is balanced at powers of two, such as {better}; got {count}"]
+        return []
+
 
 def bundled_campaigns() -> list[str]:
     """Lists the campaigns that come with the package."""
     folder = resources.files("massprop_drake.scenarios") / "campaigns"
     return sorted(item.name.removesuffix(".yaml") for item in folder.iterdir() if item.name.endswith(".yaml"))
+
+
+def campaign_description(name: str) -> str:
+    """The line that a bundled campaign says of itself."""
+    path = resources.files("massprop_drake.scenarios") / "campaigns" / f"{name}.yaml"
+    document = Document(path.read_text(encoding="utf-8"), f"campaign '{name}'")
+    return validated(CampaignFile, document.data, document).description
 
 
 def load_campaign(campaign: str | Path, overrides: Sequence[str] = ()) -> CampaignSpec:
@@ -228,6 +244,17 @@ def _with(base: Scenario, settings: Mapping[str, Any], where: str) -> Scenario:
         return with_settings(base, settings)
     except InputError as error:
         raise InputError(*(f"{where}: {problem.removeprefix('scenario: ')}" for problem in error.problems)) from None
+
+
+def campaign_keys() -> list[Key]:
+    """Lists every key of a campaign's file, and of what may stand in it for a value that is drawn."""
+    found = keys(CampaignFile)
+    drawn = {f"draw{{}}.{tag}": model for tag, model in KINDS.items()}
+    for name, model in {f"draw{{}} ({MASS_PROPERTIES})": Dispersion, **drawn}.items():
+        meaning = (model.__doc__ or "").strip().partition("\n")[0].removesuffix(".")
+        found.append(Key(name, "mapping", "-", "-", "-", meaning))
+        found += keys(model, f"{name}.")
+    return found
 
 
 # ------------------------------------------------------------------------------------ what is drawn

@@ -371,5 +371,5 @@ def _type_name(annotation: Any) -> str:
         return f"{len(arguments)} {inner}s"
     if origin is dict:
         return f"map of {_type_name(arguments[1])}"
-    names = {float: "number", int: "integer", bool: "true | false", str: "text"}
+    names = {float: "number", int: "integer", bool: "true | false", str: "text", Any: "anything"}
     return names.get(annotation, "mapping")

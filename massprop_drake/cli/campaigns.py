@@ -1,0 +1,205 @@
+"""The command line's campaigns: `massprop campaign ...`.
+
+Exit statuses besides the usual ones: 3 when a gate fails, 4 when cases failed to run, whatever the gates say of the
+rest.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from massprop_drake.cli import show
+from massprop_drake.cli.options import Force, Json, Overrides, Quiet
+from massprop_drake.cli.progress import Progress
+from massprop_drake.cli.streams import note, say
+from massprop_drake.errors import InputError
+from massprop_drake.results.folder import require_files, write_files, write_page
+from massprop_drake.results.manifest import sealed
+
+if TYPE_CHECKING:
+    from massprop_drake.studies.campaign.campaign import Campaign
+
+app = typer.Typer(
+    help="Flies many cases of a scenario, and reports what becomes of them.",
+    no_args_is_help=True,
+    rich_markup_mode="markdown",
+)
+
+GATE_FAILED, NOT_ALL_RAN = 3, 4  # exit statuses
+_PAGE, _SUMMARY = "campaign.html", "summary.json"
+
+Source = Annotated[str, typer.Argument(help="A bundled campaign, a YAML file, or a campaign's folder.")]
+Folder = Annotated[Path, typer.Argument(help="A campaign's folder.")]
+Out = Annotated[Path | None, typer.Option(help="Folder to write; default runs/<name>.")]
+
+
+@app.command(epilog="Example: `massprop campaign plan every_jet --out runs/every_jet`")
+def plan(
+    campaign: Source,
+    out: Out = None,
+    overrides: Overrides = None,
+    force: Force = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Draws every case of a campaign and writes them down, without flying any."""
+    chosen = _loaded(campaign, overrides)
+    target = _target(chosen, out)
+    planned = chosen.plan(target, force=force)
+    _advise(chosen, quiet=quiet)
+    cases = planned.planned()
+    if as_json:
+        show.as_json([case._asdict() for case in cases])
+    elif not quiet:
+        cells = len({case.cell for case in cases})
+        drawn = ", ".join(quantity.label for quantity in chosen.spec.quantities) or "nothing"
+        say(f"{len(cases)} cases of '{chosen.spec.base.name}', {cells} of each draw; drawn: {drawn}")
+        say(f"plan: {target}/plan.parquet")
+
+
+@app.command(epilog="Example: `massprop campaign run healthy_maneuver --workers 4 --out runs/healthy`")
+def run(
+    context: typer.Context,
+    campaign: Source,
+    out: Out = None,
+    workers: Annotated[int | None, typer.Option(min=1, help="Processes on this machine; default its cores.")] = None,
+    scheduler: Annotated[
+        str | None, typer.Option(metavar="ADDRESS", help="A Dask scheduler, such as tcp://10.0.0.1:8786.")
+    ] = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on with what the folder holds.")] = False,
+    only: Annotated[
+        list[int] | None, typer.Option(metavar="CASE", help="Fly this case alone and keep its folder. Repeatable.")
+    ] = None,
+    overrides: Overrides = None,
+    report: Annotated[bool, typer.Option("--report/--no-report", help="Write campaign.html, or not.")] = True,
+    force: Force = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Flies the cases of a campaign that have not been flown yet."""
+    if workers is not None and scheduler is not None:
+        raise InputError("give either --workers or --scheduler, not both: a scheduler has its own workers")
+    chosen = _loaded(campaign, overrides)
+    target = _target(chosen, out)
+    if report and not only and not force:
+        require_files(target, [_PAGE, _SUMMARY]) if target.is_dir() else None
+    context.obj.watch(
+        target / _SUMMARY,
+        f"the report is saved in {target}/",
+        f"cases flown so far are kept in {target}/; the same command with --resume goes on from there",
+    )
+    _advise(chosen, quiet=quiet)
+    shown = not (as_json or quiet)
+    with Progress(f"flying {chosen.spec.file.name}", 1.0, shown=shown) as progress:
+        flown = chosen.run(
+            target,
+            workers=workers,
+            scheduler=scheduler,
+            resume=resume,
+            only=only or (),
+            force=force,
+            progress=lambda done, total: progress(done / total),
+            dashboard=(lambda address: note(f"Dask's dashboard is at {address}")) if shown else None,
+        )
+    if only:
+        _say_kept(flown, target, only, as_json=as_json, quiet=quiet)
+    else:
+        _concluded(target, written=report, force=force, as_json=as_json, quiet=quiet)
+
+
+@app.command(epilog="Example: `massprop campaign status runs/healthy`")
+def status(folder: Folder, as_json: Json = False) -> None:
+    """Says how far a campaign is, also while it runs."""
+    from massprop_drake.studies.campaign.campaign import Campaign  # noqa: PLC0415 (slow to load)
+
+    found = Campaign.load(folder).status()
+    if as_json:
+        show.as_json(found._asdict())
+    else:
+        say(
+            f"{folder}: {found.flown} of {found.planned} cases flown, {found.failing} of them ended wrong, "
+            f"{found.failed} failed to run"
+        )
+
+
+@app.command(epilog="Example: `massprop campaign report runs/healthy`")
+def report(folder: Folder, force: Force = False, as_json: Json = False, quiet: Quiet = False) -> None:
+    """Writes the report of a campaign anew from what has been flown, and judges its gates."""
+    _concluded(folder, written=True, force=force, as_json=as_json, quiet=quiet)
+
+
+@app.command(epilog="Example: `massprop campaign compare runs/cglr runs/cusum --out cglr_cusum.html`")
+def compare(
+    folders: Annotated[list[Path], typer.Argument(help="Two campaigns' folders, or more, with the same draws.")],
+    out: Annotated[Path, typer.Option(help="File to write.")] = Path("compare.html"),
+    force: Force = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Holds campaigns with the same draws against each other, case by case."""
+    if len(folders) < 2:
+        raise InputError(f"{folders[0]}: with which campaign is it to be compared? Give two folders or more")
+    if not force:
+        require_files(out.parent, [out.name])
+
+    from massprop_drake.studies.campaign import compare as comparison  # noqa: PLC0415 (loads templates)
+
+    write_page(out, comparison.page(folders), force=force)
+    if as_json:
+        show.as_json(comparison.summary(folders))
+    elif not quiet:
+        show.compared(comparison.summary(folders))
+        say(f"comparison: {out}")
+
+
+def _loaded(campaign: str, overrides: list[str] | None) -> Campaign:
+    from massprop_drake.studies.campaign.campaign import Campaign  # noqa: PLC0415 (slow to load)
+
+    return Campaign.load(campaign, overrides or ())
+
+
+def _target(chosen: Campaign, out: Path | None) -> Path:
+    return out or chosen.folder or Path("runs") / chosen.spec.file.name
+
+
+def _advise(chosen: Campaign, *, quiet: bool) -> None:
+    for advice in () if quiet else chosen.advice():
+        note(f"warning: {advice}")
+
+
+def _say_kept(flown: Campaign, target: Path, only: list[int], *, as_json: bool, quiet: bool) -> None:
+    """Says where the folders of cases flown alone are, and which could not be flown."""
+    kept = {number: target / "cases" / flown.folder_of(number) for number in only}
+    if as_json:
+        show.as_json({str(number): str(path) if path.is_dir() else None for number, path in kept.items()})
+    for number, path in kept.items():
+        if path.is_dir():
+            if not (quiet or as_json):
+                say(f"case {number}: {path}/; massprop run {path} flies it again")
+        else:
+            note(f"case {number} failed to run: {flown.reason(number)}")
+    if not all(path.is_dir() for path in kept.values()):
+        raise typer.Exit(NOT_ALL_RAN)
+
+
+def _concluded(folder: Path, *, written: bool, force: bool, as_json: bool, quiet: bool) -> None:
+    """Writes the report, prints what it says, and ends with the status that the gates and the cases ask for."""
+    from massprop_drake.studies.campaign import report as reporting  # noqa: PLC0415 (loads templates)
+
+    found: dict[str, Any] = reporting.summary(folder)
+    if written:
+        files = {_SUMMARY: show.json_text(found).encode(), _PAGE: sealed(reporting.page(folder))}
+        write_files(folder, files, force=force)
+    if as_json:
+        show.as_json(found)
+    elif not quiet:
+        show.campaign(found)
+        if written:
+            say(f"report: {folder / _PAGE}")
+    if found["failed_to_run"]:
+        raise typer.Exit(NOT_ALL_RAN)
+    if not all(gate["passes"] for gate in found["gates"]):
+        raise typer.Exit(GATE_FAILED)

@@ -1,0 +1,20 @@
+"""Options that commands have in common."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON alone on standard output.")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")]
+View = Annotated[bool, typer.Option("--view", help="Write replay.html, the run in three dimensions, too.")]
+Report = Annotated[bool, typer.Option("--report/--no-report", help="Write report.html, or not.")]
+Force = Annotated[
+    bool, typer.Option("--force", help="Keep what is there as <name>.1, <name>.2, ... instead of refusing it.")
+]
+Figures = Annotated[bool, typer.Option("--figures/--no-figures", help="Draw the figures, or not, which is faster.")]
+Overrides = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="KEY=VALUE", help="Replaces any field; VALUE is read as YAML. Repeatable."),
+]
