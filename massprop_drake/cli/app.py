@@ -226,7 +226,13 @@ def _case_of_a_record(
 def _recovered(scenario: str | Path, overrides: list[str]) -> Scenario:
     """Loads a scenario, also from a run's folder that a killed process has left unfinished."""
     if scenario not in bundled_scenarios():
-        recover(Path(scenario))
+        path = Path(scenario)
+        recover(path)
+        if not exists(path) and path.parent.name == "cases" and exists(path.parent.parent / "plan.parquet"):
+            raise InputError(
+                f"{path}: this case's folder was not kept; 'massprop campaign run {path.parent.parent} --only "
+                f"{path.name.lstrip('0') or '0'}' flies it and keeps it"
+            )
     return load_scenario(scenario, overrides)
 
 
