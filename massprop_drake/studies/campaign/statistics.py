@@ -114,6 +114,17 @@ def mean(values: Sequence[float]) -> Figure:
     return Figure(float(x.mean()), float(x.mean() - half), float(x.mean() + half), x.size)
 
 
+def median(values: Sequence[float]) -> Figure:
+    """A median, with the interval between two of the values that holds it with 95 % or more; open for less than six."""
+    x = np.sort(np.asarray(values, dtype=float))
+    n = x.size
+    if n == 0:
+        return _NOTHING
+    outside = int(stats.binom.ppf(_TAIL, n, 0.5))  # P(at most this many) >= tail, so one fewer may lie outside
+    low, high = (float(x[outside - 1]), float(x[n - outside])) if outside > 0 else (-math.inf, math.inf)
+    return Figure(float(np.median(x)), low, high, n)
+
+
 # ------------------------------------------------------------------------------------------- delays
 
 
@@ -324,7 +335,7 @@ def _size_found(z: Array, y: Array, fitted: tuple[float, float], wanted: float, 
     level = math.log(wanted / (1.0 - wanted))
     value = (level - intercept) / slope
     allowed = _penalized_loss(intercept, slope, z, y) + 0.5 * stats.chi2.ppf(CONFIDENCE, 1)
-    steepest = 10.0 * slope + 10.0
+    steep_bounds = (math.log(1e-3 * slope), math.log(10.0 * slope + 10.0))
 
     def excess(size: float) -> float:
         """How much worse the best curve through this size is than is allowed."""
@@ -333,7 +344,7 @@ def _size_found(z: Array, y: Array, fitted: tuple[float, float], wanted: float, 
             steep = math.exp(logarithm)
             return _penalized_loss(level - steep * size, steep, z, y)
 
-        best = minimize_scalar(loss, bounds=(math.log(1e-3 * slope), math.log(steepest)), method="bounded", options={"xatol": 1e-4})
+        best = minimize_scalar(loss, bounds=steep_bounds, method="bounded", options={"xatol": 1e-4})
         return float(best.fun) - allowed
 
     def bound(far: float, otherwise: float) -> float:
@@ -476,14 +487,9 @@ def _tango(up: int, down: int, n: int, side: float) -> float:
 
 def paired_median(differences: Sequence[float]) -> Paired:
     """The median of differences, with the interval of the order statistics, and the sign test."""
-    d = np.sort(np.asarray(differences, dtype=float))
-    n = d.size
-    if n == 0:
-        return Paired(_NOTHING, 0, 0, math.nan)
+    d = np.asarray(differences, dtype=float)
     up, down = int((d > 0.0).sum()), int((d < 0.0).sum())
-    outside = int(stats.binom.ppf(_TAIL, n, 0.5))  # P(at most this many) >= tail, so one fewer may lie outside
-    low, high = (float(d[outside - 1]), float(d[n - outside])) if outside > 0 else (-math.inf, math.inf)
-    return Paired(Figure(float(np.median(d)), low, high, n), up, down, _split(up, down))
+    return Paired(median(differences), up, down, _split(up, down))
 
 
 def paired_mean(differences: Sequence[float], scale: float = 1.0) -> Paired:
