@@ -6,7 +6,7 @@ Black is the color of the page's text, which the page's script puts in. All text
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -123,9 +123,9 @@ def delays(curves: Mapping[str, Detections], name: str = "delays", what: str = "
             np.concatenate([[start], edge, edge[-1:] if edge.size else [start]])
             for start, edge in ((0.0, curve.low), (0.0, curve.found), (curve.at(0.0).high, curve.high))
         ]
-        traces += _band(x, edges[0], edges[2], color, shape="hv", legendgroup=label)
+        traces += _band(x, edges[0], edges[2], color, shape="hv", legendgroup=str(number))
         words = f"{label} ({curve.n_found} of {curve.n})"
-        traces.append(_line(x, edges[1], color, words, line={"dash": dash, "shape": "hv"}, legendgroup=label))
+        traces.append(_line(x, edges[1], color, words, line={"dash": dash, "shape": "hv"}, legendgroup=str(number)))
     layout = {
         "xaxis": _log_axis("time since the failure first acted, s", _LEAST_DELAY_S, max(1.05 * longest, 1.0)),
         "yaxis": _axis("probability of being found", range=[-0.02, 1.02]),
@@ -152,7 +152,11 @@ def operating(
     everything = [*curve, *cells, flown]
     high = max(point.false_per_hour.high for point in everything)
     low = min(_drawn_rate(point) for point in everything)
-    for axis, figure_of in (("", lambda point: point.found), ("2", lambda point: point.delay_s)):
+    panels: tuple[tuple[str, Callable[[OperatingPoint], Figure]], ...] = (
+        ("", lambda point: point.found),
+        ("2", lambda point: point.delay_s),
+    )
+    for axis, figure_of in panels:
         place = {"xaxis": f"x{axis}", "yaxis": f"y{axis}"}
         if curve:
             x = np.array([_drawn_rate(point) for point in curve])
@@ -181,7 +185,7 @@ def operating(
                     },
                     "text": [plain(str(point.setting)) if symbol == "circle" else "" for point in points],
                     "textposition": "top left", "textfont": {"size": 10}, "hoverinfo": "x+y+text",
-                    "name": label, "showlegend": not axis, "legendgroup": label, **place,
+                    "name": label, "showlegend": not axis, "legendgroup": symbol, **place,
                 }
             )  # fmt: skip
     rate = "false declarations of jets per hour"
@@ -299,6 +303,8 @@ def sizes(kind: str, found: Sequence[Event], curve: SizeCurve | None, bins: Sequ
         note += f", 95 %: {curve.size_90.low:.3g} to " + (
             f"{curve.size_90.high:.3g} {unit}." if math.isfinite(curve.size_90.high) else "an unknown size."
         )
+    elif curve is not None and curve.finds_all:
+        note = "Every size from the smallest on is found with a probability above 0.9 (dashed)."
     elif curve is not None:
         note = "No size up to the largest is found with a probability of 0.9 (dashed)."
     else:
@@ -306,10 +312,10 @@ def sizes(kind: str, found: Sequence[Event], curve: SizeCurve | None, bins: Sequ
     return _figure(f"sizes-{kind}", f"Probability of detection by size: {kind}", traces, layout, note)
 
 
-def _level(y: float, x_axis: str, y_axis: str) -> Json:
+def _level(y: float, x_axis: str, y_axis: str, color: str = TRUTH_COLOR) -> Json:
     return {
         "type": "line", "xref": f"{x_axis} domain", "yref": y_axis, "x0": 0, "x1": 1, "y0": y, "y1": y,
-        "line": {"color": TRUTH_COLOR, "width": 1, "dash": "dash"},
+        "line": {"color": color, "width": 1, "dash": "dash"},
     }  # fmt: skip
 
 
@@ -416,9 +422,9 @@ def chi_square(values: Sequence[float], degrees: int, what: tuple[str, str, str]
     x = np.asarray([value for value in values if value > 0.0], dtype=float)
     name, title, label = what
     low, high = stats.chi2.ppf([0.025, 0.975], degrees * n) / n
-    decades = np.log10([min(x.min(initial=low), 0.3 * low), max(x.max(initial=high), 3.0 * high)])
-    count = int(np.clip(round(3.0 * float(np.ptp(decades)) / min(math.log10(high / low), 0.4)), 12, 90))
-    edges = np.logspace(*decades, count + 1)
+    ends = math.log10(min(x.min(initial=low), 0.3 * low)), math.log10(max(x.max(initial=high), 3.0 * high))
+    count = int(np.clip(round(3.0 * (ends[1] - ends[0]) / min(math.log10(high / low), 0.4)), 12, 90))
+    edges = np.logspace(ends[0], ends[1], count + 1)
     edges[0], edges[-1] = edges[0] * (1.0 - 1e-9), edges[-1] * (1.0 + 1e-9)
     counts, _ = np.histogram(x, edges)
     expected = x.size * np.diff(stats.chi2.cdf(edges * n, degrees * n))
@@ -455,8 +461,7 @@ def coverage(found: Mapping[str, Mapping[float, Figure]]) -> Json:
              "y": _values(figures), "error_y": {**_errors(figures), "color": color}, "name": f"within {sigma:g} sigma",
              "marker": {"color": color, "size": 7}, "hoverinfo": "y+name"}
         )  # fmt: skip
-        level = _level(float(stats.chi2.cdf(sigma**2, 1)), "x", "y")
-        layout["shapes"].append({**level, "line": {**level["line"], "color": color}})
+        layout["shapes"].append(_level(float(stats.chi2.cdf(sigma**2, 1)), "x", "y", color))
     note = "Bars: 95 %. Dashed: 68.3, 95.4 and 99.7 %, as of a consistent filter."
     return _figure("coverage", "Estimates within what they claim", traces, layout, note)
 

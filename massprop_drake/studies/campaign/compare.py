@@ -19,7 +19,7 @@ from massprop_drake.studies.campaign.merit import MEANINGS, Event, Row
 from massprop_drake.studies.campaign.plan import case_name
 from massprop_drake.studies.campaign.reading import Cell, Study, read
 from massprop_drake.studies.campaign.report import figure_data
-from massprop_drake.studies.campaign.statistics import Figure, Paired
+from massprop_drake.studies.campaign.statistics import Paired
 
 _HERE = Path(__file__).parent
 _MOST_LISTED = 20  # cases that became something else
@@ -291,7 +291,8 @@ def contents(found: Sequence[Column]) -> dict[str, Any]:
         curves = {column.label: merit.detection_curve(merit.events(column.cell.rows)) for column in found}
         plots.append(charts.delays(curves, what="by column"))
         points = [merit.operating_point(column.cell.rows, chr(ord("A") + n)) for n, column in enumerate(found)]
-        plots.append(charts.operating([], points[1:], points[0], "settings"))
+        flown = found[0].baseline
+        plots.append(charts.operating([], points[:flown] + points[flown + 1 :], points[flown], "settings"))
     return {
         "title": "Campaigns compared: " + ", ".join(dict.fromkeys(column.study.spec.file.name for column in found)),
         "columns": [{"letter": chr(ord("A") + n), "label": label} for n, label in enumerate(labels)],
@@ -327,7 +328,7 @@ def _row(measure: Measure) -> dict[str, Any]:
     scale, unit = (100.0, "points") if measure.unit == "%" else (1.0, measure.unit)
 
     def number(value: float) -> str:
-        return "-" if math.isnan(value) else f"{scale * value:+.3g}"
+        return "-" if math.isnan(value) else f"{scale * value:+.3g}" if value else "0"
 
     bounded = not math.isnan(difference.low)
     return {

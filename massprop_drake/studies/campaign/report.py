@@ -20,7 +20,7 @@ from massprop_drake.studies.campaign.measure import WRONG_SIGMAS
 from massprop_drake.studies.campaign.merit import CAUSES, DELAYS_S, MEANINGS, OUTCOMES, Event, Passed, Row
 from massprop_drake.studies.campaign.plan import case_name
 from massprop_drake.studies.campaign.reading import Cell, Study, read
-from massprop_drake.studies.campaign.statistics import Figure
+from massprop_drake.studies.campaign.statistics import Figure, SizeCurve
 
 FORMAT = 1  # of a campaign's `summary.json`
 SIZED = ("leak", "degraded")  # kinds of failures that have a size
@@ -573,10 +573,16 @@ def _smallest(found: Sequence[Event], force: str) -> list[dict[str, str]]:
                 "found": f"{len(right)} of {len(group)}",
                 "smallest": f"{min(right):.3g} {force}" if right else "-",
                 "largest_left": f"{max(left):.3g} {force}" if left else "-",
-                "size_90": "-" if curve is None else shown(curve.size_90, force),
+                "size_90": _size_90(curve, force),
             }
         )
     return sorted(table, key=lambda row: row["jet"])
+
+
+def _size_90(curve: SizeCurve | None, force: str) -> str:
+    if curve is None:
+        return "-"
+    return f"below {curve.smallest:.3g} {force}" if curve.finds_all else shown(curve.size_90, force)
 
 
 def _magnitudes(acted: Sequence[Event], force: str) -> list[dict[str, Any]]:

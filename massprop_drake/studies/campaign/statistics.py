@@ -8,6 +8,7 @@ have in common is allowed for: cases are independent, parameters and failures of
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
@@ -20,7 +21,7 @@ Array = NDArray[np.float64]
 CONFIDENCE = 0.95
 _TAIL = 0.5 * (1.0 - CONFIDENCE)
 _FEWEST_SIZES = 8  # failures that a curve over their size is fitted to
-_RESAMPLES = 500  # of a bootstrap
+_RESAMPLES = 200  # of a bootstrap
 _FAR = 10.0  # times the largest size, and part of the smallest one, beyond which a bound is none
 
 
@@ -203,7 +204,8 @@ def detection_curve(delay_s: Sequence[float], censored_s: Sequence[float]) -> De
     exact = delays <= left.min(initial=math.inf)
     low, high = _clopper_pearson(np.round(probabilities * n), n)
     if not exact.all():
-        with np.errstate(divide="ignore", invalid="ignore"):  # 0/0 where all have been found
+        with np.errstate(divide="ignore", invalid="ignore"), warnings.catch_warnings():
+            warnings.simplefilter("ignore", RuntimeWarning)  # Greenwood's formula is 0/0 where all have been found
             interval = curve.confidence_interval(CONFIDENCE, method="log-log")
         low[~exact] = interval.low.probabilities[steps][~exact]
         high[~exact] = np.nan_to_num(interval.high.probabilities[steps][~exact], nan=1.0)
@@ -244,7 +246,7 @@ class SizeCurve(NamedTuple):
         covariance: of both, shape (2, 2).
         smallest, largest: size of those that it was fitted to.
         n: number of failures.
-        size_90: the size that is found with probability 0.9; NaN where sizes up to the largest do not reach it.
+        size_90: the size that is found with probability 0.9; NaN where it lies beyond the largest or the smallest.
     """
 
     intercept: float
@@ -254,6 +256,11 @@ class SizeCurve(NamedTuple):
     largest: float
     n: int
     size_90: Figure
+
+    @property
+    def finds_all(self) -> bool:
+        """Whether even the smallest is found with probability 0.9 or more."""
+        return math.isnan(self.size_90.value) and self.intercept + self.slope * math.log(self.largest) > math.log(9.0)
 
     def at(self, sizes: Array) -> tuple[Array, Array, Array]:
         """Probability of detection of some sizes, and its 95 % bounds, shape (k,) each."""
@@ -298,13 +305,11 @@ def size_curve(sizes: Sequence[float], found: Sequence[bool], wanted: float = 0.
     to_sizes = np.array([[1.0, -center / scale], [0.0, 1.0 / scale]])
     covariance = to_sizes @ np.linalg.inv(_information(intercept, slope, z)) @ to_sizes.T
     size = _size_found(z, y, (intercept, slope), wanted, math.log(_FAR) / scale)
-    bounds = [math.exp(center + scale * edge) for edge in (size.value, size.low, size.high)]
-    if bounds[0] > math.exp(x.max()):
-        bounds[0] = math.nan
+    value, low, high = (math.exp(center + scale * edge) for edge in (size.value, size.low, size.high))
+    smallest, largest = math.exp(x.min()), math.exp(x.max())
+    size_90 = Figure(value if smallest <= value <= largest else math.nan, low, high, x.size)
     a, b = to_sizes @ np.array([intercept, slope])
-    return SizeCurve(
-        float(a), float(b), covariance, math.exp(x.min()), math.exp(x.max()), x.size, Figure(*bounds, n=x.size)
-    )
+    return SizeCurve(float(a), float(b), covariance, smallest, largest, x.size, size_90)
 
 
 def _information(intercept: float, slope: float, z: Array) -> Array:
@@ -422,13 +427,8 @@ def sobol_indices(values: Array, draws: int) -> SobolIndices:
     generator = np.random.default_rng(0)
     again = np.array([indices(generator.integers(0, n, n)) for _ in range(_RESAMPLES)])
     low, high = np.quantile(again, [_TAIL, 1.0 - _TAIL], axis=0)
-    first, total = (
-        [
-            [Figure(*(float(part[which, row, draw]) for part in (values_found, low, high)), n) for draw in range(draws)]
-            for row in range(outputs)
-        ]
-        for which in range(2)
-    )
+    bounds = np.stack([values_found, low, high], axis=-1).tolist()
+    first, total = ([[Figure(*bound, n) for bound in by_draw] for by_draw in order] for order in bounds)
     return SobolIndices(first, total)
 
 
@@ -479,10 +479,10 @@ def _tango(up: int, down: int, n: int, side: float) -> float:
         gap = up - down - n * difference
         return gap * gap - z * z * variance
 
-    found, end = (up - down) / n, side
-    if found == end:
-        return end
-    return float(brentq(excess, found, end, xtol=1e-12)) if excess(end) > 0.0 else end
+    begin = (up - down) / n + 1e-9 * side  # at the difference itself nothing is left over, and nothing is allowed
+    if begin * side >= 1.0 or excess(side) <= 0.0:
+        return side
+    return float(brentq(excess, begin, side, xtol=1e-12))
 
 
 def paired_median(differences: Sequence[float]) -> Paired:
