@@ -112,7 +112,7 @@ def _key_height(panel: Panel) -> int:
 def _vertical(panel: Panel) -> Json:
     """Describes the vertical axis of a panel."""
     axis: Json = {
-        "title": {"text": _plain(panel.axis_label), "font": {"size": 10}},
+        "title": {"text": plain(panel.axis_label), "font": {"size": 10}},
         "exponentformat": "power",
         "automargin": True,
     }
@@ -121,7 +121,7 @@ def _vertical(panel: Panel) -> Json:
         limits = np.log10(panel.limits) if panel.scale == "log" else np.array(panel.limits)
         axis["range"] = limits.tolist()
     if panel.rows:
-        names = [_plain(row) for row in panel.rows]
+        names = [plain(row) for row in panel.rows]
         axis |= {"tickvals": list(range(len(names))), "ticktext": names, "tickfont": {"size": 9}}
         axis["range"] = [len(names) - 0.4, -0.6]
     return axis
@@ -171,61 +171,61 @@ def _line(plot: Plot, mark: Line) -> Json:
         "dash": "dash" if mark.dashed else "solid",
         "shape": _shape(mark.steps),
     }
-    return _trace(mark.label, {**_over(plot, mark.x), "y": _numbers(mark.y), "mode": "lines", "line": style})
+    return _trace(mark.label, {**_over(plot, mark.x), "y": numbers(mark.y), "mode": "lines", "line": style})
 
 
 def _points(mark: Points) -> Json:
     marker: Json = {"color": mark.color, "size": mark.size}
     if mark.symbol == "tick":
         marker["symbol"] = "line-ns-open"
-    return _trace(mark.label, {"x": _numbers(mark.x), "y": _numbers(mark.y), "mode": "markers", "marker": marker})
+    return _trace(mark.label, {"x": numbers(mark.x), "y": numbers(mark.y), "mode": "markers", "marker": marker})
 
 
 def _whiskers(mark: Whiskers) -> Json:
     gap = np.full(mark.x.shape, np.nan)
     x, y = (np.stack(parts, axis=1).ravel() for parts in ((mark.x, mark.x, gap), (mark.low, mark.high, gap)))
     style = {"color": mark.color, "width": mark.width * _PIXELS_PER_POINT}
-    return _trace(mark.label, {"x": _numbers(x), "y": _numbers(y), "mode": "lines", "line": style})
+    return _trace(mark.label, {"x": numbers(x), "y": numbers(y), "mode": "lines", "line": style})
 
 
 def _band(plot: Plot, mark: Band) -> list[Json]:
     """Makes two edges without lines, the upper one filled down to the lower."""
     edge = {**_over(plot, mark.x), "mode": "lines", "line": {"width": 0, "shape": _shape(mark.steps)}}
     face = {"fill": "tonexty", "fillcolor": f"{mark.color}{round(255 * mark.opacity):02x}"}
-    low = _trace("", {**edge, "y": _numbers(mark.low), "hoverinfo": "skip"})
-    return [low, _trace(mark.label, {**edge, "y": _numbers(mark.high), **face})]
+    low = _trace("", {**edge, "y": numbers(mark.low), "hoverinfo": "skip"})
+    return [low, _trace(mark.label, {**edge, "y": numbers(mark.high), **face})]
 
 
 def _bars(mark: Bars, rows: Sequence[str]) -> Json:
     gap = np.full(mark.begin.shape, np.nan)
     x = np.stack([mark.begin, mark.end, gap], axis=1).ravel()
     y = np.stack([mark.row, mark.row, gap], axis=1).ravel()
-    names = [_plain(row) for row in rows]
+    names = [plain(row) for row in rows]
     text = [name for row in mark.row.astype(int).tolist() for name in (names[row], names[row], "")]
     style = {"color": mark.color, "width": 5}
-    bars = {"x": _numbers(x), "y": _numbers(y), "text": text, "hoverinfo": "text+x", "mode": "lines", "line": style}
+    bars = {"x": numbers(x), "y": numbers(y), "text": text, "hoverinfo": "text+x", "mode": "lines", "line": style}
     return _trace("", bars)
 
 
 def _trace(label: str, content: Json) -> Json:
-    return {"type": "scatter", "hoverinfo": "x+y+name", "name": _plain(label), "showlegend": bool(label), **content}
+    return {"type": "scatter", "hoverinfo": "x+y+name", "name": plain(label), "showlegend": bool(label), **content}
 
 
-def _plain(text: str) -> str:
+def plain(text: str) -> str:
     """Writes a text so that plotly, which takes some HTML and TeX between dollars in texts, shows it as it is."""
     return html.escape(text, quote=False).replace("$", "&#36;")
 
 
 def _over(plot: Plot, x: Array) -> Json:
     """Returns the times of a trace, unless they are the sample times."""
-    return {} if x is plot.time_s else {"x": _numbers(x)}
+    return {} if x is plot.time_s else {"x": numbers(x)}
 
 
 def _shape(steps: bool) -> str:
     return "hv" if steps else "linear"
 
 
-def _numbers(values: Array) -> list[float | None]:
+def numbers(values: Array) -> list[float | None]:
     return [_rounded(value) if math.isfinite(value) else None for value in values.tolist()]
 
 
@@ -262,4 +262,4 @@ def _shapes(plot: Plot, panel: Panel, suffix: str) -> list[Json]:
 
 
 def _named(label: str, suffix: str) -> Json:
-    return {"name": _plain(label), "showlegend": True, "legend": f"legend{suffix}"} if label else {}
+    return {"name": plain(label), "showlegend": True, "legend": f"legend{suffix}"} if label else {}

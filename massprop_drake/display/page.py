@@ -80,7 +80,7 @@ def report_html(run: Run, *, replay: str | None = None) -> str:
         content,
         data=described,
         styles=[(_HERE / "report.css").read_text(encoding="utf-8")],
-        scripts=[plotly, (_HERE / "report.js").read_text(encoding="utf-8")],
+        scripts=[plotly, *((_HERE / name).read_text(encoding="utf-8") for name in ("themed.js", "report.js"))],
         needs=_PLOTLY,
     )
 

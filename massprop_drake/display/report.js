@@ -3,37 +3,19 @@
   const data = JSON.parse(document.getElementById("data").textContent);
   const host = document.getElementById("plots"), slider = document.getElementById("cursor-slider");
   const first = data.time[0], last = data.time[data.time.length - 1];
-  const style = name => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
   const drawn = [];
   let logarithmic = true, linking = false;
 
-  // a copy in which black, as a color, is the ink of the theme
-  function inked(part, ink) {
-    if (Array.isArray(part)) return part.map(item => inked(item, ink));
-    if (part === null || typeof part !== "object") return part;
-    const copy = {};
-    for (const [key, value] of Object.entries(part)) {
-      copy[key] = key === "color" && value === "#000000" ? ink : inked(value, ink);
-    }
-    return copy;
-  }
-
   // a figure in the colors of the theme, showing one of its views
-  function themed(figure) {
-    const ink = style("--ink"), grid = style("--line");
-    const layout = inked(figure.layout, ink);
+  function shown(figure) {
+    const layout = themed.layout(figure.layout);
     const traces = figure.traces.map(({ view, ...trace }) => {
       const visible = view === undefined || (view === "log") === logarithmic;
-      return { x: data.time, ...inked(trace, ink), visible };
+      return { x: data.time, ...themed.traces(trace), visible };
     });
-    for (const key of Object.keys(layout)) if (/^[xy]axis/.test(key)) Object.assign(layout[key], { gridcolor: grid, zerolinecolor: grid });
     for (const key of figure.views) layout[key].type = logarithmic ? "log" : "linear";
-    Object.assign(layout, { paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", font: { color: ink, size: 11 },
-                            hoverlabel: { namelength: -1 }, hovermode: "closest", dragmode: "zoom" });
     return { traces, layout };
   }
-
-  const options = { responsive: true, displaylogo: false, modeBarButtonsToRemove: ["select2d", "lasso2d"] };
 
   function place(entry, time) {
     const axis = entry.plot._fullLayout.xaxis, area = entry.plot._fullLayout._size;
@@ -71,8 +53,8 @@
     card.append(heading, plot, line);
     if (figure.note) { const note = document.createElement("p"); note.textContent = figure.note; card.append(note); }
     host.append(card);
-    const entry = { figure, plot, line }, drawing = themed(figure);
-    return Plotly.newPlot(plot, drawing.traces, drawing.layout, options).then(() => {
+    const entry = { figure, plot, line }, drawing = shown(figure);
+    return Plotly.newPlot(plot, drawing.traces, drawing.layout, themed.options).then(() => {
       drawn.push(entry);
       plot.on("plotly_hover", event => cursor(event.points[0].x));
       plot.on("plotly_relayout", change => link(entry, change));
@@ -83,9 +65,9 @@
 
   function redraw() {
     for (const entry of drawn) {
-      const drawing = themed(entry.figure);
+      const drawing = shown(entry.figure);
       drawing.layout.xaxis.range = entry.plot._fullLayout.xaxis.range.slice();  // a zoom stays
-      Plotly.react(entry.plot, drawing.traces, drawing.layout, options);
+      Plotly.react(entry.plot, drawing.traces, drawing.layout, themed.options);
     }
   }
 
@@ -98,12 +80,7 @@
     event.target.setAttribute("aria-pressed", String(logarithmic));
     redraw();
   });
-  document.getElementById("theme").addEventListener("click", () => {
-    const root = document.documentElement, dark = root.dataset.theme ? root.dataset.theme === "dark" : matchMedia("(prefers-color-scheme: dark)").matches;
-    root.dataset.theme = dark ? "light" : "dark";
-    redraw();
-  });
-  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", redraw);
+  themed.onChange(redraw);
   addEventListener("resize", () => requestAnimationFrame(() => cursor(Number(slider.value))));
 
   (async () => {

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from massprop_drake.errors import InputError, suggestion
 from massprop_drake.inputs.campaign import Gate
-from massprop_drake.maths.mass_properties import NAMES, N_ROTATION
+from massprop_drake.maths.mass_properties import N_ROTATION, NAMES
+from massprop_drake.results.injected import JUMP
 from massprop_drake.studies.campaign import statistics
 from massprop_drake.studies.campaign.measure import WRONG_SIGMAS
 from massprop_drake.studies.campaign.statistics import Detections, Figure
@@ -20,7 +21,9 @@ Row = Mapping[str, Any]
 
 CAUSES = ("healthy", "failure", "jump")  # what had acted last before a false declaration
 DELAYS_S = (1.0, 5.0, 30.0)  # within which a failure is found or not
+OUTCOMES = ("named", "group", "wrong", "missed", "not_tested", "never_acted")
 PAYLOADS = ("release", "dock")
+_HOUR_S = 3600.0
 
 
 class Event(NamedTuple):
@@ -43,13 +46,22 @@ class Event(NamedTuple):
         """Whether it was declared as what it is."""
         return self.injected["outcome"] in ("named", "group")
 
+    @property
+    def statistic(self) -> float:
+        """Likelihood argument of the right declaration; NaN where there is none."""
+        if not self.right:
+            return math.nan
+        at_s = self.injected["declared_s"]
+        found = [entry for entry in self.row["declared"] if entry["time_s"] == at_s and not entry["false"]]
+        return max((entry["statistic"] for entry in found), default=math.nan)
 
-def flown(rows: Sequence[Row]) -> list[Row]:
+
+def flown(rows: Iterable[Row]) -> list[Row]:
     """Cases that could be run."""
     return [row for row in rows if row["status"] == "flown"]
 
 
-def events(rows: Sequence[Row], *, payloads: bool = False) -> list[Event]:
+def events(rows: Iterable[Row], *, payloads: bool = False) -> list[Event]:
     """Injected failures of jets that acted, or payloads that came or left."""
     found = []
     for row in flown(rows):
@@ -62,6 +74,15 @@ def events(rows: Sequence[Row], *, payloads: bool = False) -> list[Event]:
     return found
 
 
+def outcomes(rows: Iterable[Row]) -> dict[str, Counter[str]]:
+    """How many injected failures and payloads ended how, by kind in the order in which kinds appear."""
+    found: dict[str, Counter[str]] = {}
+    for row in flown(rows):
+        for one in row["injected"]:
+            found.setdefault(one["kind"], Counter())[one["outcome"]] += 1
+    return found
+
+
 def detection_curve(found: Sequence[Event]) -> Detections:
     """Kaplan-Meier curve of the delay to the right declaration."""
     return statistics.detection_curve(
@@ -70,23 +91,57 @@ def detection_curve(found: Sequence[Event]) -> Detections:
     )
 
 
-def hours(rows: Sequence[Row]) -> float:
-    """Time flown by all cases together, h."""
-    return sum(row["duration_s"] for row in flown(rows)) / 3600.0
+def found_share(found: Sequence[Event], holds: Callable[[Event], bool]) -> Figure:
+    """The share of failures for which something holds; failures of one case are not independent."""
+    by_case: dict[int, list[bool]] = {}
+    for event in found:
+        by_case.setdefault(event.row["case_id"], []).append(holds(event))
+    return statistics.clustered_share(
+        [sum(case) for case in by_case.values()], [len(case) for case in by_case.values()]
+    )
 
 
-def false_rate(rows: Sequence[Row], cause: str | None = None) -> Figure:
-    """False declarations per hour; of one cause, or of all."""
-    count = sum(
-        1
+# --------------------------------------------------------------------------------------- false ones
+
+
+def hours(rows: Iterable[Row], cause: str | None = None) -> float:
+    """Time flown by all cases together, h; or the part of it in which that had acted last."""
+    return sum(_at_risk_s(row)[cause] if cause else row["duration_s"] for row in flown(rows)) / _HOUR_S
+
+
+def _at_risk_s(row: Row) -> dict[str, float]:
+    """The time of a case in which nothing had acted yet, a failure had acted last, or a payload had moved last, s."""
+    acted = sorted(
+        (one["first_acted_s"], "jump" if one["kind"] in PAYLOADS else "failure")
+        for one in row["injected"]
+        if one["first_acted_s"] is not None
+    )
+    times = [0.0, *(time for time, _ in acted), row["duration_s"]]
+    spent = dict.fromkeys(CAUSES, 0.0)
+    for cause, begin, end in zip(("healthy", *(what for _, what in acted)), times, times[1:], strict=False):
+        spent[cause] += max(0.0, end - begin)
+    return spent
+
+
+def false_declarations(rows: Iterable[Row], cause: str | None = None) -> list[Mapping[str, Any]]:
+    """Declarations that nothing explains; of one cause, or all."""
+    return [
+        entry
         for row in flown(rows)
         for entry in row["declared"]
         if entry["false"] and (cause is None or entry["cause"] == cause)
-    )
-    return statistics.rate(count, hours(rows))
+    ]
 
 
-def sigmas(rows: Sequence[Row], name: str, suffix: str = "") -> list[float]:
+def false_rate(rows: Sequence[Row], cause: str | None = None) -> Figure:
+    """False declarations per hour; of all time, or of one cause in the hours in which it could be the cause."""
+    return statistics.rate(len(false_declarations(rows, cause)), hours(rows, cause))
+
+
+# --------------------------------------------------------------------------------------- estimates
+
+
+def sigmas(rows: Iterable[Row], name: str, suffix: str = "") -> list[float]:
     """Error over claimed 1-sigma of one parameter in every case where both are known."""
     found = []
     for row in flown(rows):
@@ -96,46 +151,114 @@ def sigmas(rows: Sequence[Row], name: str, suffix: str = "") -> list[float]:
     return found
 
 
-def coverage(rows: Sequence[Row], name: str | None = None, sigma: float = 3.0) -> Figure:
-    """Share of estimates within some sigma of the truth; of one parameter, or of all."""
-    ratios = [abs(z) for one in (NAMES if name is None else (name,)) for z in sigmas(rows, one)]
-    return statistics.share(sum(z <= sigma for z in ratios), len(ratios))
+def coverage(rows: Sequence[Row], names: Sequence[str] = NAMES, sigma: float = 3.0, suffix: str = "") -> Figure:
+    """Share of estimates within some sigma of the truth, over some parameters, which are not independent in a case."""
+    inside, sizes = [], []
+    for row in flown(rows):
+        ratios = [abs(z) for name in names for z in sigmas([row], name, suffix)]
+        inside.append(sum(z <= sigma for z in ratios))
+        sizes.append(len(ratios))
+    return statistics.clustered_share(inside, sizes)
+
+
+def known(rows: Iterable[Row], column: str) -> list[float]:
+    """The values of a column where there are some."""
+    return [row[column] for row in rows if row[column] is not None]
+
+
+def ended_wrong(rows: Iterable[Row]) -> Figure:
+    """Share of the cases in which a parameter ends farther from the truth than it can claim."""
+    sizes = known(flown(rows), "largest_sigmas")
+    return statistics.share(sum(size > WRONG_SIGMAS for size in sizes), len(sizes))
+
+
+# ----------------------------------------------------------------------------------------- figures
+
+
+class Meaning(NamedTuple):
+    """What a figure is.
+
+    Attributes:
+        words: that name it.
+        unit: of it; "%" for a share.
+        measured_on: what its n counts.
+    """
+
+    words: str
+    unit: str
+    measured_on: str
+
+
+_CAUSED = {"healthy": "before anything failed", "failure": "after a failure", "jump": "after a payload moved"}
+MEANINGS: dict[str, Meaning] = {
+    "false_declarations_per_hour": Meaning("False declarations", "1/h", "hours flown"),
+    **{
+        f"false_declarations_per_hour_{cause}": Meaning(f"False declarations {words}", "1/h", "hours of that")
+        for cause, words in _CAUSED.items()
+    },
+    "false_declarations_in_case": Meaning("Cases with a false declaration", "%", "cases"),
+    "healthy_jets_out": Meaning("Cases that end with a healthy jet out of use", "%", "cases"),
+    "ended_wrong": Meaning(f"Cases that end wrong (a parameter beyond {WRONG_SIGMAS:g} sigma)", "%", "cases"),
+    "failing": Meaning("Failing cases (wrong estimate, false or missing declaration)", "%", "cases"),
+    "failed_to_run": Meaning("Cases that failed to run", "%", "cases"),
+    "isolated": Meaning("Failures found: the jet, or its cluster", "%", "failures"),
+    "named": Meaning("Failures found: the jet itself", "%", "failures"),
+    **{
+        f"found_within_{delay:g}_s": Meaning(f"Failures found within {delay:g} s", "%", "failures")
+        for delay in DELAYS_S
+    },
+    "delay_50_percent_s": Meaning("Delay within which 50 % are found", "s", "failures"),
+    "delay_90_percent_s": Meaning("Delay within which 90 % are found", "s", "failures"),
+    "wrong": Meaning("Failures taken for something else", "%", "failures"),
+    "missed": Meaning("Failures missed", "%", "failures"),
+    "not_tested": Meaning("Failures after which no sample could be tested", "%", "failures"),
+    "jumps_found": Meaning("Jumps of the mass properties found", "%", "payloads"),
+    "coverage_3_sigma": Meaning("Estimates within 3 sigma of the truth (99.7 % expected)", "%", "estimates"),
+    "nees_in_band": Meaning("NEES of the nine rotational parameters in its 95 % band", "%", "cases"),
+    "nees_mass_in_band": Meaning("NEES of 1/m in its 95 % band", "%", "cases"),
+    "nees_mean": Meaning("Mean NEES of the rotational parameters, each (1 expected)", "", "cases"),
+    "nis_rotation": Meaning("Mean NIS of the rotation filter, median case (3 expected)", "", "cases"),
+    "nis_translation": Meaning("Mean NIS of the mass filter, median case (3 expected)", "", "cases"),
+    "converged": Meaning("Cases that converge", "%", "cases"),
+}  # fmt: skip
 
 
 def figures(rows: Sequence[Row]) -> dict[str, Figure]:
-    """Everything that a gate can ask for, by name."""
+    """Everything that a gate can ask for, by name, in the order of `MEANINGS`."""
     good, acted, jumps = flown(rows), events(rows), events(rows, payloads=True)
-    outcomes = Counter(event.injected["outcome"] for event in acted)
     curve = detection_curve(acted)
+
+    def cases(column: str) -> Figure:
+        return statistics.share(sum(bool(row[column]) for row in good), len(good))
+
     found = {
         "false_declarations_per_hour": false_rate(rows),
         **{f"false_declarations_per_hour_{cause}": false_rate(rows, cause) for cause in CAUSES},
-        "ended_wrong": statistics.share(
-            sum((row["largest_sigmas"] or 0.0) > WRONG_SIGMAS for row in good),
-            sum(row["largest_sigmas"] is not None for row in good),
-        ),
-        "failing": statistics.share(sum(bool(row["failing"]) for row in good), len(good)),
-        "healthy_jets_out": statistics.share(sum(bool(row["healthy_jets_out"]) for row in good), len(good)),
+        "false_declarations_in_case": cases("n_false"),
+        "healthy_jets_out": cases("healthy_jets_out"),
+        "ended_wrong": ended_wrong(rows),
+        "failing": cases("failing"),
         "failed_to_run": statistics.share(len(rows) - len(good), len(rows)),
-        "coverage_3_sigma": coverage(rows),
-        "nees_in_band": statistics.in_band(_known(good, "nees.rotation"), N_ROTATION),
-        "nees_mass_in_band": statistics.in_band(_known(good, "nees.mass"), 1),
-        "nees_mean": statistics.mean([value / N_ROTATION for value in _known(good, "nees.rotation")]),
-        "nis_rotation": statistics.mean(_known(good, "nis.rotation")),
-        "nis_translation": statistics.mean(_known(good, "nis.translation")),
-        **{name: statistics.share(outcomes[name], len(acted)) for name in ("named", "wrong", "missed", "not_tested")},
-        "isolated": statistics.share(outcomes["named"] + outcomes["group"], len(acted)),
+        "isolated": found_share(acted, lambda event: event.right),
+        **{
+            name: found_share(acted, lambda event, name=name: event.injected["outcome"] == name)  # type: ignore[misc]
+            for name in ("named", "wrong", "missed", "not_tested")
+        },
         **{f"found_within_{delay:g}_s": curve.at(delay) for delay in DELAYS_S},
-        "jumps_found": statistics.share(sum(event.right for event in jumps), len(jumps)),
+        **{f"delay_{percent}_percent_s": curve.quantile(0.01 * percent) for percent in (50, 90)},
+        "jumps_found": found_share(jumps, lambda event: event.right),
+        "coverage_3_sigma": coverage(rows),
+        "nees_in_band": statistics.in_band(known(good, "nees.rotation"), N_ROTATION),
+        "nees_mass_in_band": statistics.in_band(known(good, "nees.mass"), 1),
+        "nees_mean": statistics.mean([value / N_ROTATION for value in known(good, "nees.rotation")]),
+        "nis_rotation": statistics.median(known(good, "nis.rotation")),
+        "nis_translation": statistics.median(known(good, "nis.translation")),
+        "converged": statistics.share(len(known(good, "converged_s")), len(good)),
     }
-    for quantile in (0.5, 0.9):
-        delay = curve.quantile(quantile)
-        found[f"delay_{round(100 * quantile)}_percent_s"] = Figure(delay, math.nan, math.nan, curve.n)
-    return found
+    return {name: found[name] for name in MEANINGS}
 
 
-def _known(rows: Sequence[Row], column: str) -> list[float]:
-    return [row[column] for row in rows if row[column] is not None]
+# -------------------------------------------------------------------------------------------- gates
 
 
 class Passed(NamedTuple):
@@ -162,10 +285,9 @@ def require_known(gates: Mapping[str, Gate], source: str) -> None:
     Raises:
         InputError: when one does not.
     """
-    known = list(figures([]))
     for name in gates:
-        if name not in known:
-            raise InputError(f"{source}: gates.{name}: there is no such figure{suggestion(name, known)}")
+        if name not in MEANINGS:
+            raise InputError(f"{source}: gates.{name}: there is no such figure{suggestion(name, list(MEANINGS))}")
 
 
 def judged(gates: Mapping[str, Gate], found: Mapping[str, Figure]) -> list[Passed]:
@@ -180,18 +302,47 @@ def judged(gates: Mapping[str, Gate], found: Mapping[str, Figure]) -> list[Passe
     return results
 
 
-def confusion(found: Sequence[Event]) -> dict[tuple[str, str], int]:
-    """How often each jet was taken for each; what was not found is "-", a jump "jump"."""
+# ---------------------------------------------------------------------------------------- isolation
+
+NOT_FOUND, NOT_TESTED, OWN_CLUSTER, JUMP_COLUMN = "not found", "not tested", "its cluster", "jump"
+
+
+def confusion(found: Sequence[Event]) -> Counter[tuple[str, str]]:
+    """How often each jet, or a jump, was taken for what: a designation, a cluster, or one of the words above."""
     counts: Counter[tuple[str, str]] = Counter()
     for event in found:
         one = event.injected
-        named = {
-            "named": one["jet"],
-            "group": f"cluster of {one['jet']}",
-            "wrong": "jump" if one["taken_for"] == "mass_property_jump" else one["taken_for"],
-        }.get(one["outcome"], "-")
-        counts[one["jet"], named] += 1
-    return dict(counts)
+        counts[one["jet"] or JUMP_COLUMN, _taken_for(one)] += 1
+    return counts
+
+
+def _taken_for(one: Mapping[str, Any]) -> str:
+    match one["outcome"]:
+        case "named":
+            return one["jet"] or JUMP_COLUMN
+        case "group":
+            return OWN_CLUSTER
+        case "wrong":
+            return JUMP_COLUMN if one["taken_for"] == JUMP else str(one["taken_for"])
+        case "not_tested":
+            return NOT_TESTED
+        case _:
+            return NOT_FOUND
+
+
+def by_cluster(counts: Mapping[tuple[str, str], int], clusters: Mapping[str, int]) -> Counter[tuple[str, str]]:
+    """The same by cluster of the jets.
+
+    Args:
+        counts: of a confusion.
+        clusters: number of each jet's cluster, by designation.
+    """
+    merged: Counter[tuple[str, str]] = Counter()
+    for (true, named), count in counts.items():
+        row = f"cluster {clusters[true]}" if true in clusters else true
+        column = row if named == OWN_CLUSTER else f"cluster {clusters[named]}" if named in clusters else named
+        merged[row, column] += count
+    return merged
 
 
 def by_kind(found: Sequence[Event]) -> dict[str, list[Event]]:
@@ -202,18 +353,17 @@ def by_kind(found: Sequence[Event]) -> dict[str, list[Event]]:
     return groups
 
 
-def smallest_leaks(found: Sequence[Event]) -> dict[str, float | None]:
-    """The size from which a jet's leak is found with a probability of 0.9, by jet; lbf or N."""
-    leaks: dict[str, list[Event]] = {}
+def by_jet(found: Sequence[Event]) -> dict[str, list[Event]]:
+    """Failures by their jet, in the order in which jets appear."""
+    groups: dict[str, list[Event]] = {}
     for event in found:
-        if event.injected["kind"] == "leak":
-            leaks.setdefault(event.injected["jet"], []).append(event)
-    return {
-        jet: statistics.smallest_found(
-            [abs(event.injected["force"]) for event in group], [event.right for event in group]
-        )
-        for jet, group in leaks.items()
-    }
+        groups.setdefault(event.injected["jet"], []).append(event)
+    return groups
+
+
+def size_of(event: Event) -> float:
+    """How large a failure truly is: the mean force that the jet gives too much or too little, lbf or N."""
+    return abs(event.injected["force"])
 
 
 def magnitude_errors(found: Sequence[Event]) -> list[tuple[float, float]]:
@@ -221,33 +371,114 @@ def magnitude_errors(found: Sequence[Event]) -> list[tuple[float, float]]:
     pairs = []
     for event in found:
         one = event.injected
-        if event.right and one["magnitude"] is not None and one["magnitude_std"]:
+        if event.right and None not in (one["magnitude"], one["force"]) and one["magnitude_std"]:
             error = one["magnitude"] - one["force"]
             pairs.append((error, error / one["magnitude_std"]))
     return pairs
 
 
-def sensitivity(rows: Sequence[Row], labels: Sequence[str]) -> dict[str, dict[str, float]]:
-    """Rank correlation of the size of each parameter's error with each draw, by parameter and draw."""
+class OperatingPoint(NamedTuple):
+    """What a detector finds, and what it finds where there is nothing.
+
+    Attributes:
+        setting: the threshold, or what else makes the point.
+        false_per_hour: false declarations of jets per hour.
+        found: share of failures declared as what they are.
+        delay_s: within which half of all failures are found.
+    """
+
+    setting: Any
+    false_per_hour: Figure
+    found: Figure
+    delay_s: Figure
+
+
+def operating_point(rows: Sequence[Row], setting: Any, threshold: float = -math.inf) -> OperatingPoint:
+    """What is left of what was declared of jets with at least some likelihood argument.
+
+    A declaration below the threshold is struck out; the flight itself is not flown again, so that what would have been
+    declared later, with more evidence, is not counted: the share found is a lower bound of the detector's.
+    """
+    acted = events(rows)
+    kept = [event if not event.right or event.statistic >= threshold else _struck(event) for event in acted]
+    false = [entry for entry in false_declarations(rows) if entry["kind"] != JUMP and entry["statistic"] >= threshold]
+    curve = detection_curve(kept)
+    return OperatingPoint(
+        setting,
+        statistics.rate(len(false), hours(rows)),
+        found_share(kept, lambda event: event.right),
+        curve.quantile(0.5),
+    )
+
+
+def _struck(event: Event) -> Event:
+    return event._replace(injected={**event.injected, "outcome": "missed"}, delay_s=math.nan)
+
+
+def operating_curve(rows: Sequence[Row], most: int = 40) -> list[OperatingPoint]:
+    """The points of thresholds from the least likelihood argument declared to the largest."""
+    declared = [entry["statistic"] for entry in false_declarations(rows) if entry["kind"] != JUMP]
+    declared += [event.statistic for event in events(rows) if event.right and not math.isnan(event.statistic)]
+    levels = np.unique([level for level in declared if level > 0.0])
+    if levels.size > most:
+        levels = np.unique(np.quantile(levels, np.linspace(0.0, 1.0, most)))
+    return [operating_point(rows, level, level) for level in levels.tolist()]
+
+
+# -------------------------------------------------------------------------------------- sensitivity
+
+
+def sensitivity(rows: Sequence[Row], labels: Sequence[str], *, size: bool) -> dict[str, dict[str, Figure]]:
+    """Rank correlation of each parameter's error with each draw, by parameter and draw.
+
+    Args:
+        rows: with the draws in columns `draw.<label>`.
+        labels: of the draws; those that are no numbers are left out.
+        size: of the error without its sign.
+    """
     good = flown(rows)
     columns = {}
     for label in labels:
-        values = [row[label] for row in good]
-        if all(isinstance(value, (int, float)) for value in values):
+        values = [row[f"draw.{label}"] for row in good]
+        if all(isinstance(value, (int, float)) and not isinstance(value, bool) for value in values):
             columns[label] = values
-    return {
-        name: statistics.rank_correlations(
-            columns, [math.nan if row[f"error.{name}"] is None else abs(row[f"error.{name}"]) for row in good]
-        )
-        for name in NAMES
-    }
+    found = {}
+    for name in NAMES:
+        errors = [math.nan if row[f"error.{name}"] is None else row[f"error.{name}"] for row in good]
+        correlations = statistics.rank_correlations(columns, [abs(error) if size else error for error in errors])
+        if correlations:
+            found[name] = correlations
+    return found
+
+
+def sobol(rows: Sequence[Row], draws: int) -> tuple[tuple[str, ...], statistics.SobolIndices] | None:
+    """Sobol indices of each parameter's error, for a plan by `method: saltelli`.
+
+    Args:
+        rows: of one cell, every sample in its order.
+        draws: how many quantities are drawn.
+
+    Returns:
+        Names of the parameters, and the indices; None where a case has no error, for then they cannot be computed.
+    """
+    if not rows or len(rows) != len(flown(rows)):
+        return None
+    errors = np.array(
+        [[np.nan if row[f"error.{name}"] is None else row[f"error.{name}"] for row in rows] for name in NAMES]
+    )
+    complete = np.isfinite(errors).all(axis=1)
+    if not complete.any():
+        return None
+    names = tuple(name for name, whole in zip(NAMES, complete.tolist(), strict=True) if whole)
+    scale = np.abs(errors[complete]).max(axis=1, keepdims=True)
+    return names, statistics.sobol_indices(errors[complete] / np.where(scale > 0.0, scale, 1.0), draws)
 
 
 def worst(rows: Sequence[Row], count: int = 10) -> list[Row]:
-    """The cases that ended worst: those that failed to run, then failing ones, by the largest error in sigma."""
+    """The cases that ended worst: failing ones, by how many reasons there are and by the largest error in sigma."""
 
-    def badness(row: Row) -> tuple[bool, int, float]:
+    def badness(row: Row) -> tuple[int, float]:
         size = row["largest_sigmas"]
-        return row["status"] != "flown", len(row["failing"] or ()), 0.0 if size is None else float(np.nan_to_num(size))
+        return len(row["failing"] or ()), 0.0 if size is None else float(np.nan_to_num(size))
 
-    return sorted((row for row in rows if row["failing"] or row["status"] != "flown"), key=badness, reverse=True)[:count]
+    return sorted((row for row in flown(rows) if row["failing"]), key=badness, reverse=True)[:count]

@@ -1,7 +1,8 @@
-"""Figures of merit of failure detection and estimation over many cases, each with its 95 % interval.
+"""Statistics of failure detection and estimation over many cases, each with its 95 % interval.
 
 Rates by exact Poisson bounds, shares by the Clopper-Pearson interval, delays as Kaplan-Meier curves of the time to
-detection with cases that ended undetected censored.
+detection with cases that ended undetected censored, sizes by logistic regression. What several values of one case
+have in common is allowed for: cases are independent, parameters and failures of one case are not.
 """
 
 from __future__ import annotations
@@ -18,6 +19,10 @@ from scipy import stats
 Array = NDArray[np.float64]
 
 CONFIDENCE = 0.95
+_TAIL = 0.5 * (1.0 - CONFIDENCE)
+_FEWEST_SIZES = 8  # failures that a curve over their size is fitted to
+_RESAMPLES = 200  # of a bootstrap
+_FAR = 10.0  # times the largest size, and part of the smallest one, beyond which a bound is none
 
 
 class Figure(NamedTuple):
@@ -25,7 +30,7 @@ class Figure(NamedTuple):
 
     Attributes:
         value: the figure itself; NaN where there is nothing to measure it on.
-        low, high: bounds of the interval.
+        low, high: bounds of the interval; NaN where there is none, infinite where it is open.
         n: what it was measured on: cases, events or hours.
     """
 
@@ -52,9 +57,8 @@ def rate(events: int, exposure: float) -> Figure:
         return _NOTHING
     if events == 0:
         return Figure(0.0, 0.0, -math.log(1.0 - CONFIDENCE) / exposure, exposure)
-    tail = 0.5 * (1.0 - CONFIDENCE)
-    low = 0.5 * stats.chi2.ppf(tail, 2 * events)
-    high = 0.5 * stats.chi2.ppf(1.0 - tail, 2 * events + 2)
+    low = 0.5 * stats.chi2.ppf(_TAIL, 2 * events)
+    high = 0.5 * stats.chi2.ppf(1.0 - _TAIL, 2 * events + 2)
     return Figure(events / exposure, float(low) / exposure, float(high) / exposure, exposure)
 
 
@@ -62,8 +66,44 @@ def share(successes: int, n: int) -> Figure:
     """A share of n independent cases, with its Clopper-Pearson interval."""
     if n == 0:
         return _NOTHING
-    interval = stats.binomtest(successes, n).proportion_ci(CONFIDENCE, method="exact")
-    return Figure(successes / n, float(interval.low), float(interval.high), n)
+    low, high = _clopper_pearson(np.array([float(successes)]), n)
+    return Figure(successes / n, float(low[0]), float(high[0]), n)
+
+
+def _clopper_pearson(successes: Array, n: float) -> tuple[Array, Array]:
+    """Bounds for numbers of successes, shape (k,); neither these nor n need be whole."""
+    missed = n - successes
+    inner = successes > 0.0
+    low = np.where(inner, stats.beta.ppf(_TAIL, np.where(inner, successes, 1.0), missed + 1.0), 0.0)
+    inner = missed > 0.0
+    high = np.where(inner, stats.beta.ppf(1.0 - _TAIL, successes + 1.0, np.where(inner, missed, 1.0)), 1.0)
+    return low, high
+
+
+def clustered_share(successes: Sequence[int], sizes: Sequence[int]) -> Figure:
+    """A share of values that come in clusters, such as the ten parameters of each case.
+
+    With one value in each it is `share`. Otherwise the Clopper-Pearson interval is that of as many independent values
+    as have the variance that the clusters show (Korn and Graubard 1998); where all or none succeed, which shows
+    nothing of it, a cluster counts as one value.
+
+    Args:
+        successes: in each cluster.
+        sizes: number of values in each cluster; empty ones do not count.
+    """
+    m = np.asarray(sizes, dtype=float)
+    hits, m = np.asarray(successes, dtype=float)[m > 0], m[m > 0]
+    clusters, n = m.size, float(m.sum())
+    if clusters == 0 or m.max() == 1.0:
+        return share(int(hits.sum()), int(n))
+    p = float(hits.sum()) / n
+    effective = float(clusters)
+    if 0.0 < p < 1.0 and clusters > 1:
+        variance = clusters / (clusters - 1.0) * float(((hits - p * m) ** 2).sum()) / n**2
+        few = float(stats.t.ppf(1.0 - _TAIL, n - 1.0) / stats.t.ppf(1.0 - _TAIL, clusters - 1.0)) ** 2
+        effective = n if variance == 0.0 else min(n, p * (1.0 - p) / variance * few)
+    low, high = _clopper_pearson(np.array([p * effective]), effective)
+    return Figure(p, float(low[0]), float(high[0]), n)
 
 
 def mean(values: Sequence[float]) -> Figure:
@@ -71,8 +111,22 @@ def mean(values: Sequence[float]) -> Figure:
     x = np.asarray(values, dtype=float)
     if x.size < 2:
         return Figure(float(x.mean()), math.nan, math.nan, x.size) if x.size else _NOTHING
-    half = stats.t.ppf(0.5 * (1.0 + CONFIDENCE), x.size - 1) * x.std(ddof=1) / math.sqrt(x.size)
+    half = stats.t.ppf(1.0 - _TAIL, x.size - 1) * x.std(ddof=1) / math.sqrt(x.size)
     return Figure(float(x.mean()), float(x.mean() - half), float(x.mean() + half), x.size)
+
+
+def median(values: Sequence[float]) -> Figure:
+    """A median, with the interval between two of the values that holds it with 95 % or more; open for less than six."""
+    x = np.sort(np.asarray(values, dtype=float))
+    n = x.size
+    if n == 0:
+        return _NOTHING
+    outside = int(stats.binom.ppf(_TAIL, n, 0.5))  # P(at most this many) >= tail, so one fewer may lie outside
+    low, high = (float(x[outside - 1]), float(x[n - outside])) if outside > 0 else (-math.inf, math.inf)
+    return Figure(float(np.median(x)), low, high, n)
+
+
+# ------------------------------------------------------------------------------------------- delays
 
 
 class Detections(NamedTuple):
@@ -84,6 +138,7 @@ class Detections(NamedTuple):
         low, high: 95 % bounds of it, shape (k,).
         n: failures that acted.
         n_found: those of them that were found.
+        followed_s: the longest time for which one was there, found or not; beyond it nothing is known.
     """
 
     delay_s: Array
@@ -92,46 +147,74 @@ class Detections(NamedTuple):
     high: Array
     n: int
     n_found: int
+    followed_s: float
 
     def at(self, delay_s: float) -> Figure:
-        """Probability of detection within a delay."""
+        """Probability of detection within a delay.
+
+        Its value is NaN for a delay for which no failure was followed; the lower bound then is the last one known.
+        """
         if self.n == 0:
             return _NOTHING
-        index = int(np.searchsorted(self.delay_s, delay_s + 1e-9, side="right")) - 1
-        if index < 0:
-            return Figure(0.0, 0.0, share(0, self.n).high, self.n)
-        return Figure(float(self.found[index]), float(self.low[index]), float(self.high[index]), self.n)
+        index = int(np.searchsorted(self.delay_s, delay_s + _SAME_S, side="right")) - 1
+        value = float(self.found[index]) if index >= 0 else 0.0
+        low, high = (float(self.low[index]), float(self.high[index])) if index >= 0 else (0.0, share(0, self.n).high)
+        if delay_s > self.followed_s + _SAME_S and value < 1.0:
+            return Figure(math.nan, low, 1.0, self.n)
+        return Figure(value, low, high, self.n)
 
-    def quantile(self, probability: float) -> float:
-        """The delay within which a share of the failures is found; NaN where fewer are."""
-        reached = np.flatnonzero(self.found >= probability - 1e-12)
-        return float(self.delay_s[reached[0]]) if reached.size else math.nan
+    def quantile(self, probability: float) -> Figure:
+        """The delay within which a share of the failures is found; NaN where fewer are.
+
+        The interval holds the delays at which the band around the curve holds that share; it is open where the band's
+        lower edge stays below.
+        """
+        value, low, high = (_first(self.delay_s, edge, probability) for edge in (self.found, self.high, self.low))
+        return Figure(value, low, math.inf if math.isnan(high) and not math.isnan(value) else high, self.n)
+
+
+_SAME_S = 1e-9  # times that differ by less are equal
+
+
+def _first(x: Array, curve: Array, level: float) -> float:
+    """Where a rising curve first reaches a level; NaN where it does not."""
+    reached = np.flatnonzero(curve >= level - 1e-12)
+    return float(x[reached[0]]) if reached.size else math.nan
 
 
 def detection_curve(delay_s: Sequence[float], censored_s: Sequence[float]) -> Detections:
     """Delays of what was found, and how long the rest was there without being found.
 
+    As long as nothing has been censored the curve is a share of all, with its Clopper-Pearson interval; from then on
+    the interval is that of Greenwood's variance of log(-log), and the lower bound stays where it was once all that
+    is left has been found.
+
     Args:
         delay_s: from first effect to declaration, s.
-        censored_s: from first effect to the end of the failure or the run, for those never found, s.
+        censored_s: from first effect to the end of the run, for those never found, s.
     """
     found, left = np.asarray(delay_s, dtype=float), np.asarray(censored_s, dtype=float)
     n = found.size + left.size
-    empty = np.empty(0)
+    followed = float(max(found.max(initial=0.0), left.max(initial=0.0)))
     if not found.size:
-        return Detections(empty, empty, empty, empty, n, 0)
+        return Detections(np.empty(0), np.empty(0), np.empty(0), np.empty(0), n, 0, followed)
     curve = stats.ecdf(stats.CensoredData(uncensored=found, right=left)).cdf
-    with np.errstate(divide="ignore", invalid="ignore"), warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # Greenwood's formula is 0/0 where all have been found
-        interval = curve.confidence_interval(CONFIDENCE, method="log-log")
     steps = np.isin(curve.quantiles, found)
-    low = np.nan_to_num(interval.low.probabilities[steps], nan=0.0)
-    high = np.nan_to_num(interval.high.probabilities[steps], nan=1.0)
-    probabilities = curve.probabilities[steps]
-    if not left.size:  # without censoring it is a share of n at each step
-        shares = [share(round(p * n), n) for p in probabilities.tolist()]
-        low, high = np.array([s.low for s in shares]), np.array([s.high for s in shares])
-    return Detections(curve.quantiles[steps], probabilities, low, high, n, found.size)
+    delays, probabilities = curve.quantiles[steps], curve.probabilities[steps]
+    exact = delays <= left.min(initial=math.inf)
+    low, high = _clopper_pearson(np.round(probabilities * n), n)
+    if not exact.all():
+        with np.errstate(divide="ignore", invalid="ignore"), warnings.catch_warnings():
+            warnings.simplefilter("ignore", RuntimeWarning)  # Greenwood's formula is 0/0 where all have been found
+            interval = curve.confidence_interval(CONFIDENCE, method="log-log")
+        low[~exact] = interval.low.probabilities[steps][~exact]
+        high[~exact] = np.nan_to_num(interval.high.probabilities[steps][~exact], nan=1.0)
+        last = np.maximum.accumulate(np.where(np.isnan(low), 0, np.arange(low.size)))
+        low = np.nan_to_num(low[last], nan=0.0)
+    return Detections(delays, probabilities, low, high, n, found.size, followed)
+
+
+# ------------------------------------------------------------------------------------- consistency
 
 
 def in_band(values: Sequence[float], degrees: int) -> Figure:
@@ -142,54 +225,291 @@ def in_band(values: Sequence[float], degrees: int) -> Figure:
         degrees: of freedom.
     """
     x = np.asarray(values, dtype=float)
-    low, high = stats.chi2.ppf([0.5 * (1.0 - CONFIDENCE), 0.5 * (1.0 + CONFIDENCE)], degrees)
+    low, high = mean_band(degrees, 1)
     return share(int(((x >= low) & (x <= high)).sum()), x.size)
 
 
 def mean_band(degrees: int, n: int) -> tuple[float, float]:
-    """Central 95 % of the mean of n such statistics."""
-    low, high = stats.chi2.ppf([0.5 * (1.0 - CONFIDENCE), 0.5 * (1.0 + CONFIDENCE)], degrees * n) / n
+    """Central 95 % of the mean of n such statistics, if they are independent."""
+    low, high = stats.chi2.ppf([_TAIL, 1.0 - _TAIL], degrees * n) / n
     return float(low), float(high)
 
 
-def smallest_found(sizes: Sequence[float], found: Sequence[bool], wanted: float = 0.9) -> float | None:
-    """The size from which failures are found with some probability: logistic regression on the logarithm of size.
+# -------------------------------------------------------------------------------------------- sizes
+
+
+class SizeCurve(NamedTuple):
+    """The probability that a failure is found, over the logarithm of its size: 1 / (1 + exp(-(a + b ln(size)))).
+
+    Attributes:
+        intercept, slope: a and b.
+        covariance: of both, shape (2, 2).
+        smallest, largest: size of those that it was fitted to.
+        n: number of failures.
+        size_90: the size that is found with probability 0.9; NaN where it lies beyond the largest or the smallest.
+    """
+
+    intercept: float
+    slope: float
+    covariance: Array
+    smallest: float
+    largest: float
+    n: int
+    size_90: Figure
+
+    @property
+    def finds_all(self) -> bool:
+        """Whether even the smallest is found with probability 0.9 or more."""
+        return math.isnan(self.size_90.value) and self.intercept + self.slope * math.log(self.largest) > math.log(9.0)
+
+    def at(self, sizes: Array) -> tuple[Array, Array, Array]:
+        """Probability of detection of some sizes, and its 95 % bounds, shape (k,) each."""
+        terms = np.stack([np.ones(sizes.size), np.log(sizes)])
+        eta = np.array([self.intercept, self.slope]) @ terms
+        half = stats.norm.ppf(1.0 - _TAIL) * np.sqrt(np.einsum("ik,ij,jk->k", terms, self.covariance, terms))
+        low, middle, high = (1.0 / (1.0 + np.exp(-x)) for x in (eta - half, eta, eta + half))
+        return middle, low, high
+
+
+def size_curve(sizes: Sequence[float], found: Sequence[bool], wanted: float = 0.9) -> SizeCurve | None:
+    """Fits the probability of detection to the size of failures.
+
+    Logistic regression with Jeffreys's prior (Firth 1993), which is finite where sizes separate found from missed;
+    the interval of the size found with a probability is by the profile likelihood, as for the sizes a90/95 of
+    nondestructive evaluation.
 
     Args:
         sizes: of each failure, above zero.
         found: whether it was found.
-        wanted: probability.
+        wanted: probability of `size_90`.
 
     Returns:
-        The size; None where the data do not bracket it.
+        The curve; None for less than eight failures, for one size, and where all or none were found, or smaller ones
+        more often.
     """
     from scipy.optimize import minimize  # noqa: PLC0415 (slow to load)
 
     x, y = np.log(np.asarray(sizes, dtype=float)), np.asarray(found, dtype=float)
-    if x.size < 8 or np.ptp(x) == 0.0 or y.all() or not y.any():
+    if x.size < _FEWEST_SIZES or np.ptp(x) == 0.0 or y.all() or not y.any():
         return None
-    center, scale = x.mean(), x.std()
+    center, scale = float(x.mean()), float(x.std())
     z = (x - center) / scale
 
     def loss(beta: Array) -> float:
-        # the small penalty keeps the slope finite where sizes separate found from missed
-        eta = beta[0] + beta[1] * z
-        return float(np.logaddexp(0.0, eta).sum() - y @ eta + 0.005 * beta[1] ** 2)
+        return _penalized_loss(beta[0], beta[1], z, y)
 
-    intercept, slope = minimize(loss, np.array([0.0, 1.0])).x
+    best = minimize(loss, np.array([0.0, 1.0]), method="Nelder-Mead", options={"xatol": 1e-8, "fatol": 1e-10})
+    intercept, slope = best.x
     if slope <= 0.0:
         return None
-    size = math.exp(center + scale * (math.log(wanted / (1.0 - wanted)) - intercept) / slope)
-    return size if math.exp(x.min()) <= size <= math.exp(x.max()) else None
+    to_sizes = np.array([[1.0, -center / scale], [0.0, 1.0 / scale]])
+    covariance = to_sizes @ np.linalg.inv(_information(intercept, slope, z)) @ to_sizes.T
+    size = _size_found(z, y, (intercept, slope), wanted, math.log(_FAR) / scale)
+    value, low, high = (math.exp(center + scale * edge) for edge in (size.value, size.low, size.high))
+    smallest, largest = math.exp(x.min()), math.exp(x.max())
+    size_90 = Figure(value if smallest <= value <= largest else math.nan, low, high, x.size)
+    a, b = to_sizes @ np.array([intercept, slope])
+    return SizeCurve(float(a), float(b), covariance, smallest, largest, x.size, size_90)
 
 
-def rank_correlations(columns: Mapping[str, Sequence[float]], error: Sequence[float]) -> dict[str, float]:
-    """Spearman's rank correlation of an error with each draw; draws that do not vary are left out."""
-    y = np.asarray(error, dtype=float)
-    found = {}
-    for name, values in columns.items():
-        x = np.asarray(values, dtype=float)
-        both = np.isfinite(x) & np.isfinite(y)
-        if both.sum() > 2 and np.ptp(x[both]) > 0.0 and np.ptp(y[both]) > 0.0:
-            found[name] = float(stats.spearmanr(x[both], y[both]).statistic)
-    return found
+def _information(intercept: float, slope: float, z: Array) -> Array:
+    """Fisher information of both coefficients, shape (2, 2)."""
+    p = 1.0 / (1.0 + np.exp(-np.clip(intercept + slope * z, -500.0, 500.0)))
+    weight = p * (1.0 - p)
+    return np.array([[weight.sum(), weight @ z], [weight @ z, weight @ z**2]])
+
+
+def _penalized_loss(intercept: float, slope: float, z: Array, y: Array) -> float:
+    """Negative logarithm of the likelihood times Jeffreys's prior."""
+    eta = intercept + slope * z
+    information = _information(intercept, slope, z)
+    determinant = float(information[0, 0] * information[1, 1] - information[0, 1] ** 2)
+    if not determinant > 0.0:
+        return math.inf
+    return float(np.logaddexp(0.0, eta).sum() - y @ eta) - 0.5 * math.log(determinant)
+
+
+def _size_found(z: Array, y: Array, fitted: tuple[float, float], wanted: float, beyond: float) -> Figure:
+    """The standardized size found with a probability, with its profile-likelihood interval.
+
+    A bound that lies farther from all sizes than `beyond` is infinite.
+    """
+    from scipy.optimize import brentq, minimize_scalar  # noqa: PLC0415 (slow to load)
+
+    intercept, slope = fitted
+    level = math.log(wanted / (1.0 - wanted))
+    value = (level - intercept) / slope
+    allowed = _penalized_loss(intercept, slope, z, y) + 0.5 * stats.chi2.ppf(CONFIDENCE, 1)
+    steep_bounds = (math.log(1e-3 * slope), math.log(10.0 * slope + 10.0))
+
+    def excess(size: float) -> float:
+        """How much worse the best curve through this size is than is allowed."""
+
+        def loss(logarithm: float) -> float:
+            steep = math.exp(logarithm)
+            return _penalized_loss(level - steep * size, steep, z, y)
+
+        best = minimize_scalar(loss, bounds=steep_bounds, method="bounded", options={"xatol": 1e-4})
+        return float(best.fun) - allowed
+
+    def bound(far: float, otherwise: float) -> float:
+        return float(brentq(excess, *sorted((value, far)), xtol=1e-4)) if excess(far) > 0.0 else otherwise
+
+    return Figure(
+        value, bound(min(value, z.min()) - beyond, -math.inf), bound(max(value, z.max()) + beyond, math.inf), z.size
+    )
+
+
+def binned(sizes: Sequence[float], found: Sequence[bool], most: int = 8) -> list[tuple[float, float, Figure]]:
+    """Shares found by size: lower and upper edge of each bin, and the share in it.
+
+    Few sizes have a bin each; many are put into bins that are equally wide in the logarithm.
+    """
+    x, y = np.asarray(sizes, dtype=float), np.asarray(found, dtype=bool)
+    distinct = np.unique(x)
+    if distinct.size <= most:
+        groups = [(float(size), float(size), x == size) for size in distinct]
+    else:
+        edges = np.geomspace(distinct[0], distinct[-1], most + 1)
+        place = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, most - 1)
+        groups = [(float(edges[bin]), float(edges[bin + 1]), place == bin) for bin in range(most)]
+    return [(low, high, share(int(y[inside].sum()), int(inside.sum()))) for low, high, inside in groups if inside.any()]
+
+
+# -------------------------------------------------------------------------------------- sensitivity
+
+
+def rank_correlation(x: Sequence[float], y: Sequence[float]) -> Figure:
+    """Spearman's rank correlation, with the interval of Bonett and Wright (2000); NaN where either does not vary."""
+    a, b = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
+    both = np.isfinite(a) & np.isfinite(b)
+    a, b, n = a[both], b[both], int(both.sum())
+    if n < 4 or np.ptp(a) == 0.0 or np.ptp(b) == 0.0:
+        return Figure(math.nan, math.nan, math.nan, n)
+    r = float(stats.spearmanr(a, b).statistic)
+    if abs(r) >= 1.0 - 1e-12:
+        return Figure(r, r, r, n)
+    half = stats.norm.ppf(1.0 - _TAIL) * math.sqrt((1.0 + 0.5 * r * r) / (n - 3))
+    return Figure(r, math.tanh(math.atanh(r) - half), math.tanh(math.atanh(r) + half), n)
+
+
+class SobolIndices(NamedTuple):
+    """Shares of the variance of some outputs that are due to each draw.
+
+    Attributes:
+        first: alone, by output and draw.
+        total: alone and with others, by output and draw.
+    """
+
+    first: list[list[Figure]]
+    total: list[list[Figure]]
+
+
+def sobol_indices(values: Array, draws: int) -> SobolIndices:
+    """First-order and total Sobol indices (Saltelli 2010), with bootstrapped intervals.
+
+    Args:
+        values: of some outputs, shape (outputs, n (draws + 2)): the n points A, the n points B, and A with each draw
+            in turn from B; n a power of two.
+        draws: how many quantities are drawn.
+    """
+    outputs = values.shape[0]
+    n = values.shape[1] // (draws + 2)
+    parts = values.reshape(outputs, draws + 2, n)
+    a, b, mixed = parts[:, 0], parts[:, 1], np.moveaxis(parts[:, 2:], 1, 0)
+
+    def indices(rows: NDArray[np.int64]) -> Array:
+        chosen = {"f_A": a[:, rows], "f_B": b[:, rows], "f_AB": mixed[..., rows]}
+        found = stats.sobol_indices(func=chosen, n=n)
+        return np.array([np.reshape(part, (outputs, draws)) for part in (found.first_order, found.total_order)])
+
+    values_found = indices(np.arange(n))
+    generator = np.random.default_rng(0)
+    again = np.array([indices(generator.integers(0, n, n)) for _ in range(_RESAMPLES)])
+    low, high = np.quantile(again, [_TAIL, 1.0 - _TAIL], axis=0)
+    bounds = np.stack([values_found, low, high], axis=-1).tolist()
+    first, total = ([[Figure(*bound, n) for bound in by_draw] for by_draw in order] for order in bounds)
+    return SobolIndices(first, total)
+
+
+# ------------------------------------------------------------------------------------------- pairs
+
+
+class Paired(NamedTuple):
+    """A difference between two sets of the same cases.
+
+    Attributes:
+        difference: second less first, with its interval.
+        up, down: number of pairs in which the second is larger, and in which it is smaller.
+        p: probability of so unequal a split, or a more unequal one, were both alike; NaN without unequal pairs.
+    """
+
+    difference: Figure
+    up: int
+    down: int
+    p: float
+
+
+def _split(up: int, down: int) -> float:
+    return float(stats.binomtest(up, up + down).pvalue) if up + down else math.nan
+
+
+def paired_share(first: Sequence[bool], second: Sequence[bool]) -> Paired:
+    """The difference of two shares of the same cases: McNemar's exact test, and Tango's score interval (1998)."""
+    a, b = np.asarray(first, dtype=bool), np.asarray(second, dtype=bool)
+    up, down, n = int((b & ~a).sum()), int((a & ~b).sum()), a.size
+    if n == 0:
+        return Paired(_NOTHING, 0, 0, math.nan)
+    low, high = (_tango(up, down, n, side) for side in (-1.0, 1.0))
+    return Paired(Figure((up - down) / n, low, high, n), up, down, _split(up, down))
+
+
+def _tango(up: int, down: int, n: int, side: float) -> float:
+    """The difference beyond the one found, on a side, at which the score statistic is as large as is allowed."""
+    from scipy.optimize import brentq  # noqa: PLC0415 (slow to load)
+
+    z = float(stats.norm.ppf(1.0 - _TAIL))
+
+    def excess(difference: float) -> float:
+        # `other` is the likeliest share of pairs that are down, given the difference
+        linear = -up - down + (2.0 * n - up + down) * difference
+        constant = -down * difference * (1.0 - difference)
+        other = (math.sqrt(max(0.0, linear**2 - 8.0 * n * constant)) - linear) / (4.0 * n)
+        variance = n * (2.0 * other + difference * (1.0 - difference))
+        gap = up - down - n * difference
+        return gap * gap - z * z * variance
+
+    begin = (up - down) / n + 1e-9 * side  # at the difference itself nothing is left over, and nothing is allowed
+    if begin * side >= 1.0 or excess(side) <= 0.0:
+        return side
+    return float(brentq(excess, begin, side, xtol=1e-12))
+
+
+def paired_median(differences: Sequence[float]) -> Paired:
+    """The median of differences, with the interval of the order statistics, and the sign test."""
+    d = np.asarray(differences, dtype=float)
+    up, down = int((d > 0.0).sum()), int((d < 0.0).sum())
+    return Paired(median(differences), up, down, _split(up, down))
+
+
+def paired_mean(differences: Sequence[float], scale: float = 1.0) -> Paired:
+    """The mean of differences, with a bootstrapped interval (bias-corrected and accelerated), and the sign test.
+
+    Args:
+        differences: of each pair.
+        scale: that mean and interval are multiplied by.
+    """
+    d = np.asarray(differences, dtype=float)
+    up, down = int((d > 0.0).sum()), int((d < 0.0).sum())
+    if d.size < 2 or np.ptp(d) == 0.0:
+        value = scale * float(d.mean()) if d.size else math.nan
+        return Paired(Figure(value, math.nan, math.nan, d.size), up, down, _split(up, down))
+    found = stats.bootstrap([d], np.mean, confidence_level=CONFIDENCE, rng=np.random.default_rng(0))
+    low, high = (scale * float(bound) for bound in found.confidence_interval)
+    return Paired(Figure(scale * float(d.mean()), low, high, d.size), up, down, _split(up, down))
+
+
+def rank_correlations(columns: Mapping[str, Sequence[float]], error: Sequence[float]) -> dict[str, Figure]:
+    """Spearman's rank correlation of an error with each draw that varies."""
+    found = {name: rank_correlation(values, error) for name, values in columns.items()}
+    return {name: figure for name, figure in found.items() if not math.isnan(figure.value)}

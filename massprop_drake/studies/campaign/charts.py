@@ -1,0 +1,544 @@
+"""The plots of a campaign's pages, as plotly takes them.
+
+Black is the color of the page's text, which the page's script puts in. All texts are plain.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from massprop_drake.display.interactive import numbers, plain
+from massprop_drake.display.style import BAND_COLOR, COLORS, ESTIMATE_COLOR, FAILED_COLOR, TRUTH_COLOR
+from massprop_drake.maths.mass_properties import NAMES
+from massprop_drake.signals import SYMBOLS
+from massprop_drake.studies.campaign.merit import Event, OperatingPoint, size_of
+from massprop_drake.studies.campaign.statistics import Detections, Figure, SizeCurve
+
+Array = NDArray[np.float64]
+Json = dict[str, Any]
+
+PARAMETERS = dict(zip(NAMES, SYMBOLS, strict=True))
+_BAND = "22"  # opacity of a band, hexadecimal
+_LEAST_DELAY_S = 0.05  # on a logarithmic axis
+_DASHES = ("solid", "dash", "dot", "dashdot")  # once the colors have been used up
+_CURVE_COLOR = "#7d8894"
+_MOST_POINTS = 2000  # of a cloud
+_MARGIN = {"l": 60, "r": 14, "t": 10, "b": 48}
+_RIGHT, _WRONG, _NOTHING = (
+    [[0.0, "#cfe4f3"], [1.0, ESTIMATE_COLOR]],
+    [[0.0, "#fbdcc6"], [1.0, FAILED_COLOR]],
+    [[0.0, "#dfe4ea"], [1.0, "#7d8894"]],
+)
+_DIVERGING = [[0.0, FAILED_COLOR], [0.5, "#f4f6f9"], [1.0, ESTIMATE_COLOR]]
+
+
+def _style(number: int) -> tuple[str, str]:
+    """Color and dash of the n-th series; black is left to what is expected."""
+    colors = [color for color in COLORS if color != TRUTH_COLOR]
+    return colors[number % len(colors)], _DASHES[number // len(colors) % len(_DASHES)]
+
+
+def _axis(title: str, **more: Any) -> Json:
+    return {"title": {"text": plain(title), "font": {"size": 11}}, "automargin": True, **more}
+
+
+def _log_axis(title: str, low: float, high: float, **more: Any) -> Json:
+    """A logarithmic axis over a range, with few round numbers at its ticks."""
+    ends = [math.log10(low), math.log10(high)]
+    decades = range(math.floor(ends[0]), math.ceil(ends[1]) + 1)
+    steps = (1.0,) if ends[1] - ends[0] > 2.5 else (1.0, 2.0, 5.0) if ends[1] - ends[0] > 0.6 else (1, 1.5, 2, 3, 5, 7)
+    ticks = [float(f"{step}e{decade}") for decade in decades for step in steps]
+    ticks = [tick for tick in ticks if low <= tick <= high]
+    return _axis(title, type="log", range=ends, tickvals=ticks, ticktext=[f"{tick:g}" for tick in ticks], **more)
+
+
+def _figure(name: str, title: str, traces: Sequence[Json], layout: Json, note: str = "", *, wide: bool = False) -> Json:
+    return {
+        "name": name,
+        "title": title,
+        "note": note,
+        "wide": wide,
+        "traces": list(traces),
+        "layout": {"height": 330, "margin": _MARGIN, "legend": _KEY, **layout},
+    }
+
+
+_KEY = {"orientation": "h", "x": 0.0, "y": 1.02, "yanchor": "bottom", "font": {"size": 10}}
+
+
+def _errors(figures: Sequence[Figure]) -> Json:
+    """Error bars of figures; a bound that there is not, or that is open, has none."""
+
+    def size(of: float, to: float) -> float | None:
+        return abs(to - of) if math.isfinite(of) and math.isfinite(to) else None
+
+    return {
+        "type": "data",
+        "symmetric": False,
+        "array": [size(figure.value, figure.high) for figure in figures],
+        "arrayminus": [size(figure.value, figure.low) for figure in figures],
+        "thickness": 1.2,
+        "width": 3,
+    }
+
+
+def _values(figures: Sequence[Figure]) -> list[float | None]:
+    return [figure.value if math.isfinite(figure.value) else None for figure in figures]
+
+
+def _line(x: Array, y: Array, color: str, label: str = "", **more: Any) -> Json:
+    style = {"color": color, "width": 1.6, **more.pop("line", {})}
+    return {
+        "type": "scatter", "mode": "lines", "x": numbers(x), "y": numbers(y), "line": style, "name": plain(label),
+        "showlegend": bool(label), **more,
+    }  # fmt: skip
+
+
+def _band(x: Array, low: Array, high: Array, color: str, **more: Any) -> list[Json]:
+    shape = more.pop("shape", "linear")
+    edge = {"line": {"width": 0, "shape": shape}, "hoverinfo": "skip", **more}
+    return [
+        _line(x, low, color, **edge),
+        _line(x, high, color, **edge, fill="tonexty", fillcolor=f"{color}{_BAND}"),
+    ]
+
+
+# ------------------------------------------------------------------------------------------ delays
+
+
+def delays(curves: Mapping[str, Detections], name: str = "delays", what: str = "by kind of failure") -> Json:
+    """Kaplan-Meier curves, a color for each group; delays below 50 ms stand there."""
+    traces: list[Json] = []
+    longest = max([curve.followed_s for curve in curves.values()], default=0.0)
+    for number, (label, curve) in enumerate(curves.items()):
+        color, dash = _style(number)
+        x = np.maximum(np.concatenate([[0.0], curve.delay_s, [curve.followed_s]]), _LEAST_DELAY_S)
+        edges = [
+            np.concatenate([[start], edge, edge[-1:] if edge.size else [start]])
+            for start, edge in ((0.0, curve.low), (0.0, curve.found), (curve.at(0.0).high, curve.high))
+        ]
+        traces += _band(x, edges[0], edges[2], color, shape="hv", legendgroup=str(number))
+        words = f"{label} ({curve.n_found} of {curve.n})"
+        traces.append(_line(x, edges[1], color, words, line={"dash": dash, "shape": "hv"}, legendgroup=str(number)))
+    layout = {
+        "xaxis": _log_axis("time since the failure first acted, s", _LEAST_DELAY_S, max(1.05 * longest, 1.0)),
+        "yaxis": _axis("probability of being found", range=[-0.02, 1.02]),
+    }
+    note = (
+        "Kaplan-Meier, bands 95 %. What was never found, or taken for something else, is censored at the end of its "
+        "flight; each curve ends where the longest flight does. In brackets: found, of those that acted."
+    )
+    return _figure(name, f"Delay to the right declaration, {what}", traces, layout, note)
+
+
+def operating(
+    curve: Sequence[OperatingPoint], cells: Sequence[OperatingPoint], flown: OperatingPoint, swept: str
+) -> Json:
+    """Share found, and delay, against false declarations per hour: by threshold, by cell of the sweep, and as flown.
+
+    Args:
+        curve: by threshold.
+        cells: of the sweep.
+        flown: the operating point.
+        swept: what the labels of the cells are values of.
+    """
+    traces: list[Json] = []
+    everything = [*curve, *cells, flown]
+    high = max(point.false_per_hour.high for point in everything)
+    low = min(_drawn_rate(point) for point in everything)
+    panels: tuple[tuple[str, Callable[[OperatingPoint], Figure]], ...] = (
+        ("", lambda point: point.found),
+        ("2", lambda point: point.delay_s),
+    )
+    for axis, figure_of in panels:
+        place = {"xaxis": f"x{axis}", "yaxis": f"y{axis}"}
+        if curve:
+            x = np.array([_drawn_rate(point) for point in curve])
+            y = np.array([figure_of(point).value for point in curve])
+            settings = [f"likelihood argument at least {point.setting:.4g}" for point in curve]
+            label = "as flown, less what is below a threshold" if not axis else ""
+            style = {"line": {"dash": "dot"}, "text": settings, "hoverinfo": "x+y+text"}
+            traces.append(_line(x, y, _CURVE_COLOR, label, **style, **place))
+        for points, color, symbol, label in (
+            (list(cells), ESTIMATE_COLOR, "circle", f"flown again with other {plain(swept)}"),
+            ([flown], FAILED_COLOR, "star", "operating point"),
+        ):
+            if not points:
+                continue
+            figures = [figure_of(point) for point in points]
+            false = [point.false_per_hour._replace(value=_drawn_rate(point)) for point in points]
+            false = [figure._replace(low=max(figure.low, 0.2 * low)) for figure in false]
+            traces.append(
+                {
+                    "type": "scatter", "mode": "markers+text", "x": [figure.value for figure in false],
+                    "y": _values(figures),
+                    "error_x": {**_errors(false), "color": color}, "error_y": {**_errors(figures), "color": color},
+                    "marker": {
+                        "color": color, "size": 13 if symbol == "star" else 8,
+                        "symbol": [symbol if point.false_per_hour.value else f"{symbol}-open" for point in points],
+                    },
+                    "text": [plain(str(point.setting)) if symbol == "circle" else "" for point in points],
+                    "textposition": "top left", "textfont": {"size": 10}, "hoverinfo": "x+y+text",
+                    "name": label, "showlegend": not axis, "legendgroup": symbol, **place,
+                }
+            )  # fmt: skip
+    rate = "false declarations of jets per hour"
+    layout = {
+        "height": 480,
+        "xaxis": _log_axis("", 0.5 * low, 1.3 * high, anchor="y", showticklabels=False),
+        "xaxis2": _log_axis(rate, 0.5 * low, 1.3 * high, anchor="y2", matches="x"),
+        "yaxis": _axis("share found", domain=[0.54, 1.0], range=[-0.02, 1.02]),
+        "yaxis2": _axis("median delay, s", domain=[0.0, 0.46], anchor="x2", rangemode="tozero"),
+    }
+    note = (
+        "Bars: 95 %. An open symbol has no false declaration: it stands at half of one, and its bar reaches to "
+        "3 / hours flown. The dotted curve leaves out declarations of these flights with a lower likelihood argument. "
+        "None was flown again for it, so that what would have been declared later is missing: of the share found it "
+        "is a lower bound, and what a lower threshold would declare it cannot say. Jumps of the mass properties have "
+        "another statistic and are not counted here."
+    )
+    return _figure("operating", "Operating curve", traces, layout, note)
+
+
+def _drawn_rate(point: OperatingPoint) -> float:
+    """Where a rate stands on a logarithmic axis: none at half a declaration."""
+    figure = point.false_per_hour
+    return figure.value or 0.5 / figure.n
+
+
+# --------------------------------------------------------------------------------------- isolation
+
+
+def confusion(counts: Mapping[tuple[str, str], int], order: Sequence[str], name: str, title: str) -> Json:
+    """A heat map of what was taken for what: blue right, red wrong, gray not found.
+
+    Args:
+        counts: by true and declared name.
+        order: of names, for both axes; others come behind.
+        name, title: of the plot.
+    """
+    rows = _ordered({true for true, _ in counts}, order)
+    columns = _ordered({named for _, named in counts}, order)
+    place = {label: number for number, label in enumerate(columns)}
+    kinds: dict[str, tuple[list[list[Any]], Any]] = {}
+    empty = ("not found", "not tested")
+    most = max(counts.values(), default=1)
+    for kind, scale in (("right", _RIGHT), ("wrong", _WRONG), ("nothing", _NOTHING)):
+        cells: list[list[Any]] = [[None] * len(columns) for _ in rows]
+        for (true, named), count in counts.items():
+            is_kind = "nothing" if named in empty else "right" if named in (true, "its cluster") else "wrong"
+            if is_kind == kind:
+                cells[rows.index(true)][place[named]] = count
+        kinds[kind] = (cells, scale)
+    traces = [
+        {
+            "type": "heatmap", "z": cells, "colorscale": scale, "zmin": 0, "zmax": most, "showscale": False,
+            "x": list(range(len(columns))), "y": list(range(len(rows))), "hoverongaps": False,
+            "text": [["" if cell is None else str(cell) for cell in line] for line in cells],
+            "texttemplate": "%{text}", "textfont": {"size": 10}, "xgap": 1, "ygap": 1,
+            "customdata": [[[plain(true), plain(named)] for named in columns] for true in rows],
+            "hovertemplate": "%{customdata[0]} declared as %{customdata[1]}: %{z}<extra></extra>",
+        }
+        for cells, scale in kinds.values()
+    ]  # fmt: skip
+    layout = {
+        "height": max(220, 90 + 17 * len(rows)),
+        "margin": {**_MARGIN, "l": 70, "b": 70},
+        "xaxis": _axis("", tickvals=list(range(len(columns))), ticktext=[plain(c) for c in columns],
+                       tickfont={"size": 10}, tickangle=-90 if len(columns) > 8 else -30, showgrid=False,
+                       range=[-0.5, len(columns) - 0.5], zeroline=False),
+        "yaxis": _axis("", tickvals=list(range(len(rows))), ticktext=[plain(r) for r in rows],
+                       tickfont={"size": 10}, showgrid=False, range=[len(rows) - 0.5, -0.5], zeroline=False),
+    }  # fmt: skip
+    note = (
+        "From left: what failed; from below: what was declared. Blue: right; red: taken for something else; gray: not "
+        "found, or not tested."
+    )
+    return _figure(name, title, traces, layout, note, wide=len(columns) > 14)
+
+
+def _ordered(names: set[str], order: Sequence[str]) -> list[str]:
+    place = {name: number for number, name in enumerate(order)}
+    return sorted(names, key=lambda name: (place.get(name, len(place)), name))
+
+
+# -------------------------------------------------------------------------------------------- sizes
+
+
+def sizes(kind: str, found: Sequence[Event], curve: SizeCurve | None, bins: Sequence[Any], unit: str) -> Json:
+    """Probability of detection over the size of failures: shares by size, and the fitted curve."""
+    traces: list[Json] = []
+    if curve is not None:
+        x = np.geomspace(curve.smallest, curve.largest, 80)
+        middle, low, high = curve.at(x)
+        traces += _band(x, low, high, ESTIMATE_COLOR)
+        traces.append(_line(x, middle, ESTIMATE_COLOR, "logistic fit with 95 % band"))
+    for right, y, label in ((True, 1.06, "found, one by one"), (False, -0.06, "not found")):
+        x = np.array([size_of(event) for event in found if event.right == right])[:_MOST_POINTS]
+        color = ESTIMATE_COLOR if right else FAILED_COLOR
+        traces.append(
+            {"type": "scatter", "mode": "markers", "x": numbers(x), "y": [y] * x.size, "name": label, "hoverinfo": "x",
+             "marker": {"symbol": "line-ns-open", "size": 8, "color": color}}
+        )  # fmt: skip
+    centers = [math.sqrt(low * high) for low, high, _ in bins]
+    shares = [figure for _, _, figure in bins]
+    traces.append(
+        {"type": "scatter", "mode": "markers", "x": centers, "y": _values(shares), "name": "share by size, 95 %",
+         "error_y": {**_errors(shares), "color": TRUTH_COLOR}, "marker": {"color": TRUTH_COLOR, "size": 7},
+         "text": [f"{figure.n:g} failures" for figure in shares], "hoverinfo": "x+y+text"}
+    )  # fmt: skip
+    layout = {
+        "xaxis": _log_axis(f"mean force too much or missing, {unit}", 0.85 * bins[0][0], 1.18 * bins[-1][1]),
+        "yaxis": _axis("share found", range=[-0.12, 1.12], tickvals=[0, 0.25, 0.5, 0.75, 1]),
+        "shapes": [_level(0.9, "x", "y")],
+    }  # fmt: skip
+    if curve is not None and math.isfinite(curve.size_90.value):
+        note = f"Found with a probability of 0.9 (dashed) from {curve.size_90.value:.3g} {unit} on"
+        note += f", 95 %: {curve.size_90.low:.3g} to " + (
+            f"{curve.size_90.high:.3g} {unit}." if math.isfinite(curve.size_90.high) else "an unknown size."
+        )
+    elif curve is not None and curve.finds_all:
+        note = "Every size from the smallest on is found with a probability above 0.9 (dashed)."
+    elif curve is not None:
+        note = "No size up to the largest is found with a probability of 0.9 (dashed)."
+    else:
+        note = "Too few failures, or too much alike in what became of them, for a curve. Dashed: 0.9."
+    return _figure(f"sizes-{kind}", f"Probability of detection by size: {kind}", traces, layout, note)
+
+
+def _level(y: float, x_axis: str, y_axis: str, color: str = TRUTH_COLOR) -> Json:
+    return {
+        "type": "line", "xref": f"{x_axis} domain", "yref": y_axis, "x0": 0, "x1": 1, "y0": y, "y1": y,
+        "line": {"color": color, "width": 1, "dash": "dash"},
+    }  # fmt: skip
+
+
+def magnitudes(groups: Mapping[str, Sequence[Event]], unit: str) -> Json:
+    """Declared against true force."""
+    traces: list[Json] = []
+    everything: list[float] = []
+    for number, (kind, found) in enumerate(groups.items()):
+        pairs = [
+            (one["force"], one["magnitude"], one["magnitude_std"] or 0.0)
+            for one in (event.injected for event in found if event.right)
+            if None not in (one["force"], one["magnitude"])
+        ][:_MOST_POINTS]
+        if not pairs:
+            continue
+        true, declared, sigma = (np.array(part) for part in zip(*pairs, strict=True))
+        everything += [*true.tolist(), *declared.tolist()]
+        color, _ = _style(number)
+        traces.append(
+            {"type": "scatter", "mode": "markers", "x": numbers(true), "y": numbers(declared), "name": plain(kind),
+             "error_y": {"type": "data", "array": numbers(2.0 * sigma), "thickness": 1, "width": 0, "color": color},
+             "marker": {"size": 6, "color": color}}
+        )  # fmt: skip
+    low, high = (min(everything), max(everything)) if everything else (0.0, 1.0)
+    ends = np.array([low, high])
+    traces.append(_line(ends, ends, TRUTH_COLOR, "no error", line={"dash": "dash", "width": 1}))
+    layout = {
+        "xaxis": _axis(f"true mean force too much (+) or missing (-), {unit}"),
+        "yaxis": _axis(f"declared, {unit}"),
+    }
+    note = "Failures declared as what they are; bars: 2-sigma as claimed."
+    return _figure("magnitudes", "Magnitude, declared and true", traces, layout, note)
+
+
+# ------------------------------------------------------------------------------------- consistency
+
+
+def normal_histogram(values: Sequence[float], name: str, title: str, axis: str) -> Json:
+    """A histogram of errors over sigma, beside the numbers that a normal distribution gives."""
+    traces, outside = _normal_bars(np.asarray(values, dtype=float), "", first=True)
+    layout = {"xaxis": _axis(axis), "yaxis": _axis("number"), "bargap": 0.06}
+    return _figure(name, title, traces, layout, _outside_words(outside, len(values)))
+
+
+_EDGES = np.linspace(-6.0, 6.0, 25)
+
+
+def _normal_bars(z: Array, axis: str, *, first: bool) -> tuple[list[Json], int]:
+    """Bars of z, what lies outside in the outermost ones, and expected numbers; and how many lie outside."""
+    centers = 0.5 * (_EDGES[1:] + _EDGES[:-1])
+    counts, _ = np.histogram(np.clip(z, -5.99, 5.99), _EDGES)
+    expected = z.size * np.diff(stats.norm.cdf(_EDGES))
+    place = {"xaxis": f"x{axis}", "yaxis": f"y{axis}"}
+    bars = {
+        "type": "bar", "x": numbers(centers), "y": counts.tolist(), "marker": {"color": ESTIMATE_COLOR},
+        "name": "cases", "showlegend": first, "legendgroup": "cases", "hoverinfo": "x+y", **place,
+    }  # fmt: skip
+    style = {"line": {"shape": "hvh", "width": 1.2}, "legendgroup": "expected"}
+    line = _line(centers, expected, TRUTH_COLOR, "expected", **style, **place)
+    return [bars, {**line, "showlegend": first}], int((np.abs(z) > 6.0).sum())
+
+
+def _outside_words(outside: int, n: int) -> str:
+    beyond = f"; {outside} of {n} values lie beyond 6 and are in the outermost bars" if outside else ""
+    return f"Line: numbers expected of a consistent filter{beyond}."
+
+
+def parameter_histograms(sigmas: Mapping[str, Sequence[float]]) -> Json:
+    """Errors over claimed sigma, a panel for each parameter."""
+    traces: list[Json] = []
+    layout: Json = {"height": 420, "bargap": 0.06, "annotations": [], "legend": {**_KEY, "x": 1.0, "xanchor": "right"}}
+    outside = total = 0
+    columns = 5
+    for number, (name, values) in enumerate(sigmas.items()):
+        axis = str(number + 1) if number else ""
+        row, column = divmod(number, columns)
+        z = np.asarray(values, dtype=float)
+        bars, beyond = _normal_bars(z, axis, first=number == 0)
+        traces += bars
+        outside, total = outside + beyond, total + z.size
+        left, top = column / columns, 1.0 - 0.54 * row
+        x = [left + 0.022, left + 0.19]
+        y = [top - 0.44, top - 0.05]
+        layout[f"xaxis{axis}"] = {"domain": x, "anchor": f"y{axis}", "tickvals": [-6, -3, 0, 3, 6]}
+        layout[f"yaxis{axis}"] = {"domain": y, "anchor": f"x{axis}", "nticks": 4, "automargin": False}
+        layout["annotations"].append(
+            {"xref": "paper", "yref": "paper", "x": x[0], "y": y[1] + 0.01, "text": PARAMETERS[name], "xanchor": "left",
+             "yanchor": "bottom", "showarrow": False}
+        )  # fmt: skip
+    note = "Across: error / claimed 1-sigma at the end; up: number of cases. " + _outside_words(outside, total)
+    layout["margin"] = {**_MARGIN, "l": 34, "b": 28, "t": 26}
+    return _figure("parameters", "Errors over claimed sigma, parameter by parameter", traces, layout, note, wide=True)
+
+
+def chi_square(values: Sequence[float], degrees: int, what: tuple[str, str, str], n: int = 1) -> Json:
+    """A histogram of a statistic on a logarithmic axis, with its band and the numbers expected.
+
+    Args:
+        values: means of n chi-square statistics each.
+        degrees: of freedom of one.
+        what: name and title of the plot, and what its axis shows.
+        n: how many each value is the mean of.
+    """
+    x = np.asarray([value for value in values if value > 0.0], dtype=float)
+    name, title, label = what
+    low, high = stats.chi2.ppf([0.025, 0.975], degrees * n) / n
+    ends = math.log10(min(x.min(initial=low), 0.3 * low)), math.log10(max(x.max(initial=high), 3.0 * high))
+    count = int(np.clip(round(3.0 * (ends[1] - ends[0]) / min(math.log10(high / low), 0.4)), 12, 90))
+    edges = np.logspace(ends[0], ends[1], count + 1)
+    edges[0], edges[-1] = edges[0] * (1.0 - 1e-9), edges[-1] * (1.0 + 1e-9)
+    counts, _ = np.histogram(x, edges)
+    expected = x.size * np.diff(stats.chi2.cdf(edges * n, degrees * n))
+    centers = np.sqrt(edges[1:] * edges[:-1])
+    traces: list[Json] = [
+        _line(edges, np.append(counts, counts[-1]), ESTIMATE_COLOR, "cases", line={"shape": "hv", "width": 1},
+              fill="tozeroy", fillcolor=f"{ESTIMATE_COLOR}bb"),
+        _line(centers, expected, TRUTH_COLOR, "expected", line={"shape": "hvh", "width": 1.2}),
+    ]  # fmt: skip
+    layout = {
+        "xaxis": _log_axis(label, float(edges[0]), float(edges[-1])),
+        "yaxis": _axis("number of cases"),
+        "shapes": [
+            {"type": "rect", "xref": "x", "yref": "y domain", "x0": float(low), "x1": float(high), "y0": 0, "y1": 1,
+             "fillcolor": BAND_COLOR, "opacity": 0.25, "line": {"width": 0}, "layer": "below"}
+        ],
+    }  # fmt: skip
+    return _figure(name, title, traces, layout, f"Shaded: the band that holds 95 %, {low:.3g} to {high:.3g}.")
+
+
+def coverage(found: Mapping[str, Mapping[float, Figure]]) -> Json:
+    """Shares within 1, 2 and 3 sigma, by parameter, beside what is expected."""
+    traces: list[Json] = []
+    layout: Json = {
+        "xaxis": _axis("", tickvals=list(range(len(found))), ticktext=[PARAMETERS[name] for name in found]),
+        "yaxis": _axis("share of cases", range=[-0.02, 1.04], tickformat=".0%"),
+        "shapes": [],
+    }
+    for number, sigma in enumerate((1.0, 2.0, 3.0)):
+        color, _ = _style(number)
+        figures = [by_sigma[sigma] for by_sigma in found.values()]
+        traces.append(
+            {"type": "scatter", "mode": "markers", "x": [place + 0.16 * (number - 1) for place in range(len(found))],
+             "y": _values(figures), "error_y": {**_errors(figures), "color": color}, "name": f"within {sigma:g} sigma",
+             "marker": {"color": color, "size": 7}, "hoverinfo": "y+name"}
+        )  # fmt: skip
+        layout["shapes"].append(_level(float(stats.chi2.cdf(sigma**2, 1)), "x", "y", color))
+    note = "Bars: 95 %. Dashed: 68.3, 95.4 and 99.7 %, as of a consistent filter."
+    return _figure("coverage", "Estimates within what they claim", traces, layout, note)
+
+
+def coverage_over_time(found: Mapping[float, Mapping[str, Figure]]) -> Json:
+    """The share of estimates within 3 sigma at some times, of rotational parameters and of 1/m."""
+    traces = []
+    for number, label in enumerate(next(iter(found.values()))):
+        color, _ = _style(number)
+        figures = [parts[label] for parts in found.values()]
+        traces.append(
+            {"type": "scatter", "mode": "lines+markers", "x": list(found), "y": _values(figures), "name": label,
+             "error_y": {**_errors(figures), "color": color}, "line": {"color": color, "width": 1.6}}
+        )  # fmt: skip
+    layout = {
+        "xaxis": _axis("time, s"),
+        "yaxis": _axis("share within 3 sigma", range=[-0.02, 1.04], tickformat=".0%"),
+        "shapes": [_level(0.9973, "x", "y")],
+    }
+    return _figure("over-time", "Estimates within 3 sigma, over time", traces, layout, "Bars: 95 %. Dashed: 99.7 %.")
+
+
+# ------------------------------------------------------------------------------------- sensitivity
+
+
+def correlations(found: Mapping[str, Mapping[str, Figure]], name: str, title: str) -> Json:
+    """Rank correlations of errors with draws; in bold those whose interval leaves out zero."""
+    draws = list(dict.fromkeys(draw for by_draw in found.values() for draw in by_draw))
+    cells = [[by_draw.get(draw) for by_draw in found.values()] for draw in draws]
+    sure = sum(cell is not None and cell.low * cell.high > 0.0 for line in cells for cell in line)
+    total = sum(cell is not None for line in cells for cell in line)
+    note = (
+        f"Spearman's rank correlation; bold: {sure} of {total} whose 95 % interval leaves out zero, of which about "
+        f"{0.05 * total:.0f} would by chance alone. Draws that are no numbers, such as jets, are not in it."
+    )
+    text = [["" if cell is None else _bold(cell) for cell in line] for line in cells]
+    return _heat((name, title, note), [PARAMETERS[one] for one in found], draws, cells, text)
+
+
+def _bold(cell: Figure) -> str:
+    text = f"{cell.value:+.2f}"
+    return f"<b>{text}</b>" if cell.low * cell.high > 0.0 else text
+
+
+def sobol(found: Sequence[Sequence[Figure]], names: Sequence[str], draws: Sequence[str], order: str) -> Json:
+    """Sobol indices of each parameter's error."""
+    cells = [[by_draw[number] for by_draw in found] for number in range(len(draws))]
+    text = [[f"{cell.value:.2f}" for cell in line] for line in cells]
+    note = f"Share of the variance of the error that is due to a draw {order}; point at a cell for its 95 % interval."
+    what = ("sobol-total", "Sobol indices, total") if "with" in order else ("sobol-first", "Sobol indices, first order")
+    return _heat((*what, note), [PARAMETERS[name] for name in names], draws, cells, text)
+
+
+def _heat(
+    what: tuple[str, str, str],
+    columns: Sequence[str],
+    rows: Sequence[str],
+    cells: Sequence[Sequence[Figure | None]],
+    text: Sequence[Sequence[str]],
+) -> Json:
+    """A heat map of figures from -1 to 1; `what` are name, title and note of the plot."""
+    interval = [
+        ["" if cell is None else f"{cell.low:.2f} to {cell.high:.2f} (n = {cell.n:g})" for cell in line]
+        for line in cells
+    ]
+    trace = {
+        "type": "heatmap", "z": [[None if cell is None else round(cell.value, 4) for cell in line] for line in cells],
+        "x": list(range(len(columns))), "y": list(range(len(rows))), "zmin": -1, "zmax": 1,
+        "colorscale": _DIVERGING, "text": text, "texttemplate": "%{text}", "customdata": interval,
+        "textfont": {"size": 10}, "hovertemplate": "%{z}, 95 %: %{customdata}<extra></extra>", "xgap": 1, "ygap": 1,
+        "colorbar": {"thickness": 10, "outlinewidth": 0},
+    }  # fmt: skip
+    layout = {
+        "height": max(240, 80 + 22 * len(rows)),
+        "xaxis": _axis("error of", tickvals=list(range(len(columns))), ticktext=[plain(c) for c in columns],
+                       showgrid=False, zeroline=False),
+        "yaxis": _axis("", tickvals=list(range(len(rows))), ticktext=[plain(r) for r in rows], tickfont={"size": 10},
+                       showgrid=False, zeroline=False, range=[len(rows) - 0.5, -0.5]),
+    }  # fmt: skip
+    return _figure(*what[:2], [trace], layout, what[2], wide=True)

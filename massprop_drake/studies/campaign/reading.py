@@ -1,0 +1,135 @@
+"""A campaign's folder, read for its report: rows and draws together, by cell of the sweep."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from massprop_drake.errors import InputError
+from massprop_drake.inputs.campaign import CampaignSpec
+from massprop_drake.inputs.scenario import parsed_key
+from massprop_drake.studies.campaign import store
+from massprop_drake.studies.campaign.campaign import Campaign
+from massprop_drake.studies.campaign.merit import Row
+from massprop_drake.studies.campaign.plan import case_name
+
+_NOT_SHOWN = ("estimate", "truth")  # columns that no figure needs, by the first part of their names
+
+
+class Cell(NamedTuple):
+    """The cases that have the same settings of the sweep.
+
+    Attributes:
+        settings: what the cell has, by dotted key; empty without a sweep.
+        planned: number of its cases.
+        rows: of those that have been tried, by sample; with `sample` and the draws in columns `draw.<label>`.
+    """
+
+    settings: Mapping[str, Any]
+    planned: int
+    rows: Sequence[Row]
+
+    @property
+    def label(self) -> str:
+        """Its settings in short."""
+        names = (f"{key.rpartition('.')[2]} {value}" for key, value in self.settings.items())
+        return ", ".join(names) or "all cases"
+
+
+class Study(NamedTuple):
+    """What a campaign's folder holds.
+
+    Attributes:
+        folder: as it was given.
+        spec: the campaign.
+        cells: of its sweep, in their order.
+        reference: number of the cell with the base scenario's own settings, or of the first.
+        labels: of what is drawn.
+        execution: how cases were executed; empty before the first.
+        kept: links to the folders or reports of kept cases, relative to the campaign's folder, by case.
+    """
+
+    folder: Path
+    spec: CampaignSpec
+    cells: Sequence[Cell]
+    reference: int
+    labels: Sequence[str]
+    execution: Mapping[str, str]
+    kept: Mapping[int, str]
+
+    @property
+    def rows(self) -> list[Row]:
+        """Of all cells."""
+        return [row for cell in self.cells for row in cell.rows]
+
+
+def read(folder: str | Path) -> Study:
+    """Reads a campaign's folder.
+
+    Raises:
+        InputError: when it holds no campaign, or nothing has been flown.
+    """
+    path = Path(folder)
+    _, facts = store.read_plan(path)
+    spec = Campaign.load(path).spec
+    wanted = [name for name in store.schema(spec.file.times_s).names if name.partition(".")[0] not in _NOT_SHOWN]
+    table = store.read_rows(path, wanted)
+    if table is None:
+        raise InputError(f"{path}: no case has been flown yet; `massprop campaign run` does that")
+    drawn = store.read_draws(path)
+    labels = [name.removeprefix("draw.") for name in drawn.column_names if name.startswith("draw.")]
+    place = {case_id: number for number, case_id in enumerate(drawn["case_id"].to_pylist())}
+    columns = {name: drawn[name].to_pylist() for name in ("sample", "cell", "seed", "record", *_drawn(labels))}
+    rows: dict[int, list[Row]] = {}
+    for row in table.to_pylist():
+        number = place[row["case_id"]]
+        found = {**row, **{name: values[number] for name, values in columns.items()}}
+        rows.setdefault(found["cell"], []).append(found)
+    sweep = spec.file.sweep
+    settings = [dict(zip(sweep, values, strict=True)) for values in itertools.product(*sweep.values())]
+    cells = [Cell(one, columns["cell"].count(number), rows.get(number, [])) for number, one in enumerate(settings)]
+    return Study(
+        path, spec, cells, _reference(spec, settings), labels, json.loads(facts.get("execution", "{}")), _kept(path)
+    )
+
+
+def _drawn(labels: Sequence[str]) -> list[str]:
+    return [f"draw.{label}" for label in labels]
+
+
+def _reference(spec: CampaignSpec, settings: Sequence[Mapping[str, Any]]) -> int:
+    """The cell that changes nothing about the base scenario, or the first."""
+    base = spec.base.model_dump(mode="json")
+    for number, one in enumerate(settings):
+        if all(_same(_at(base, key), value) for key, value in one.items()):
+            return number
+    return 0
+
+
+def _at(data: Any, key: str) -> Any:
+    """The value at a dotted key; None where there is none."""
+    for part in parsed_key(key, key):
+        try:
+            data = data[part]
+        except (KeyError, IndexError, TypeError):
+            return None
+    return data
+
+
+def _same(one: Any, other: Any) -> bool:
+    if isinstance(one, (int, float)) and isinstance(other, (int, float)):
+        return math.isclose(one, other)
+    return bool(one == other)
+
+
+def _kept(folder: Path) -> dict[int, str]:
+    found = {}
+    for path in (folder / store.CASES).glob("*"):
+        if path.name.isdecimal() and path.name == case_name(int(path.name)) and path.is_dir():
+            report = "report.html" if (path / "report.html").exists() else ""
+            found[int(path.name)] = f"{store.CASES}/{path.name}/{report}"
+    return found
