@@ -2,6 +2,8 @@
 
 command ------> reaction_jets --wrench--> rigid_body --body_state--> gyros, accelerometers --> readings
 held_command -->                                          noise_source --noise-->
+
+A disturbance, where there is one, stands between jets and body, and has its noise from the same source.
 """
 
 from __future__ import annotations
@@ -13,6 +15,7 @@ from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import Scenario, jump_terms
 from massprop_drake.inputs.vehicle import Accelerometer, SensorPackage
 from massprop_drake.maths.vehicle.sensing import SensorModel
+from massprop_drake.systems.vehicle.disturbance import Disturbance
 from massprop_drake.systems.vehicle.integrating_accelerometer import IntegratingAccelerometer
 from massprop_drake.systems.vehicle.noise_source import NoiseSource
 from massprop_drake.systems.vehicle.rate_gyro import RateGyro
@@ -58,12 +61,24 @@ def build(scenario: Scenario) -> Diagram:
             period_s=period,
         ),
     )
-    wrench = "wrench" if params.time_step(scenario) == 0.0 else "wrench_profile"
-    builder.Connect(jets.GetOutputPort(wrench), body.GetInputPort(wrench))
+    stepped = params.time_step(scenario) != 0.0
+    wrench = "wrench_profile" if stepped else "wrench"
+    noisy: list[Sensor | Disturbance] = []
+    model_of_disturbance = params.disturbance(scenario)
+    if model_of_disturbance is None:
+        builder.Connect(jets.GetOutputPort(wrench), body.GetInputPort(wrench))
+    else:
+        n_lags = len(jets.lag_time_constants_s) if stepped else 0
+        disturbance = builder.AddSystem(
+            Disturbance(model_of_disturbance, period_s=period, stepped=stepped, n_lags=n_lags)
+        )
+        builder.Connect(jets.GetOutputPort(wrench), disturbance.GetInputPort("jets"))
+        builder.Connect(body.GetOutputPort("structure"), disturbance.GetInputPort("structure"))
+        builder.Connect(disturbance.GetOutputPort("wrench"), body.GetInputPort(wrench))
+        noisy.append(disturbance)
     for name in ("command", "held_command", "closed", "held_closed"):
         builder.ExportInput(jets.GetInputPort(name), name)
 
-    noisy = []
     for package in vehicle.sensors:
         model = params.sensor_model(scenario, package)
         sensor = builder.AddNamedSystem(package.name, _sensor(package, model))
@@ -73,10 +88,10 @@ def build(scenario: Scenario) -> Diagram:
             noisy.append(sensor)
 
     if noisy:
-        streams = {sensor.get_name(): 6 for sensor in noisy}
+        streams = {system.get_name(): 6 for system in noisy}
         noise = builder.AddNamedSystem("noise_source", NoiseSource(scenario.seed, period_s=period, streams=streams))
-        for sensor in noisy:
-            builder.Connect(noise.GetOutputPort(sensor.get_name()), sensor.GetInputPort("noise"))
+        for system in noisy:
+            builder.Connect(noise.GetOutputPort(system.get_name()), system.GetInputPort("noise"))
 
     for name in ("body_state", "structure", "mass_properties"):
         builder.ExportOutput(body.GetOutputPort(name), name)

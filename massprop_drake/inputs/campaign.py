@@ -98,7 +98,8 @@ class CampaignFile(Model):
     )
     set: dict[str, Any] = described({}, "fields of the scenario that have one value in all cases, by dotted key")
     draw: dict[str, Any] = described(
-        {}, "fields of the scenario that are drawn for each case, by dotted key; a value may hold distributions anywhere"
+        {},
+        "fields of the scenario that are drawn for each case, by dotted key; a value may hold distributions anywhere",
     )
     sweep: dict[str, Annotated[list[Any], Field(min_length=1)]] = described(
         {}, "fields that take each of some values with the same draws, by dotted key"
@@ -335,13 +336,20 @@ def _filled(value: Any, path: FieldPath, drawn: Mapping[str, Any]) -> Any:
     if label in drawn:
         return drawn[label]
     if isinstance(value, dict):
-        return {name: _filled(inner, (*path, name), drawn) for name, inner in value.items()}
+        filled = {name: _filled(inner, (*path, name), drawn) for name, inner in value.items()}
+        kind = filled.get("kind")
+        return {**filled, **kind} if isinstance(kind, dict) else filled  # a kind may be chosen with keys of its own
     if isinstance(value, list):
         return [_filled(inner, (*path, index), drawn) for index, inner in enumerate(value)]
     return value
 
 
-_OF_KIND = {"leak": {"force"}, "degraded": {"fraction"}, "intermittent": {"probability", "level"}, "drift": {"rate_per_s"}}
+_OF_KIND = {
+    "leak": {"force"},
+    "degraded": {"fraction"},
+    "intermittent": {"probability", "level"},
+    "drift": {"rate_per_s"},
+}
 _SIZES = set().union(*_OF_KIND.values())
 
 

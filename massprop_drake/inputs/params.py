@@ -25,7 +25,8 @@ from massprop_drake.maths.estimation.filters.thesis import ThesisParams
 from massprop_drake.maths.mass_properties import MassProperties
 from massprop_drake.maths.noise import normal_sample, uniform_phase
 from massprop_drake.maths.vehicle import true_failures as failures
-from massprop_drake.maths.vehicle.sensing import SensorModel, smoothing_factor
+from massprop_drake.maths.vehicle.disturbance import DisturbanceModel, kept_share
+from massprop_drake.maths.vehicle.sensing import SensorModel, Tone, Vibration, smoothing_factor, vibration
 from massprop_drake.maths.vehicle.thrust import lag_factors
 
 Array = NDArray[np.float64]
@@ -198,7 +199,33 @@ def sensor_model(scenario: Scenario, sensor: SensorPackage) -> SensorModel:
         phase=uniform_phase(scenario.seed, sensor.name, 3) if seeded else np.zeros(3),
         delay=errors.delay_samples,
         limit=sensor.limit,
+        vibration=_vibration(scenario, errors, integrates=isinstance(sensor, Accelerometer)),
     )
+
+
+def _vibration(scenario: Scenario, errors: SensorErrors, *, integrates: bool) -> Vibration | None:
+    if not errors.vibration:
+        return None
+    tones = [
+        Tone(
+            entry.frequency_hz,
+            np.array(entry.amplitude),
+            uniform_phase(scenario.seed, f"vibration {number} of {errors.sensor}", 3),
+        )
+        for number, entry in enumerate(errors.vibration)
+    ]
+    return vibration(tones, 1.0 + np.array(errors.scale_factor), errors.bandwidth_hz, integrates=integrates)
+
+
+def disturbance(scenario: Scenario) -> DisturbanceModel | None:
+    """What pushes the true vehicle besides its jets; None: nothing."""
+    block = scenario.plant.disturbance
+    mean, std = np.array([*block.torque, *block.force]), np.array([*block.torque_std, *block.force_std])
+    if not (mean.any() or std.any()):
+        return None
+    kept = kept_share(block.correlation_time_s, scenario.vehicle_data.sample_period_s)
+    before = std * normal_sample(scenario.seed, "disturbance before the start", 0, 6)
+    return DisturbanceModel(mean, std, kept, before)
 
 
 def true_properties(scenario: Scenario) -> MassProperties:

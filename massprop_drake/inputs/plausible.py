@@ -31,6 +31,7 @@ FOOT, SLUG = 0.3048, 0.45359237 * GRAVITY / 0.3048  # m, kg
 # SI value of one US unit, by the SI unit
 _US = {
     **{"m": FOOT, "m/s": FOOT, "m/s^2": FOOT, "kg": SLUG, "kg/s": SLUG, "N": SLUG * FOOT, "kg-m^2": SLUG * FOOT**2},
+    "N-m": SLUG * FOOT**2,
 }
 
 MASS = Span(1e-3, 1e9, "from a satellite on a chip to a thousand space stations")
@@ -56,6 +57,10 @@ DRIFT = Span(0.0, 100.0, "faster is a failure at once")
 GAIN = Span(0.0, 1e3, "a loop of jets is slower")
 SCALE = Span(0.0, 2.0, "-2 turns a reading round")
 BANDWIDTH = Span(1e-6, 1e9, "from a week to what is no limit")
+TONE = Span(1e-6, 1e6, "no structure carries a faster vibration")
+OUTSIDE_FORCE = Span(0.0, FORCE.most, FORCE.why)
+OUTSIDE_TORQUE = Span(0.0, FORCE.most * POSITION.most, "the largest force at the longest arm")
+CORRELATION = Span(1e-6, 1e9, "thirty years; shorter than a sample it is white")
 ACCURACY = Span(1e-13, 1e-2, "an integrator gets no closer with numbers of 16 digits, and less close shows")
 TIME = Span(0.0, 1e9, "thirty years")
 
@@ -336,6 +341,7 @@ def of_scenario(scenario: Scenario, vehicle: Vehicle) -> Iterator[Finding]:
         yield from _turning(scenario, vehicle)
         if scenario.plant.mass_properties is not None:
             yield from of_body(scenario.plant.mass_properties.properties(), vehicle, ("plant", "mass_properties"))
+        yield from _disturbed(scenario, vehicle)
         yield from _leaks(scenario, vehicle)
         yield from _late(scenario)
         yield from _noise(scenario, vehicle)
@@ -361,6 +367,9 @@ def _sensor_errors(scenario: Scenario, vehicle: Vehicle) -> Iterator[Finding]:
             bounds = span if field in ("noise_std", "quantum") else span._replace(least=0.0)
             path = ("sensors", "errors", index, field)
             yield from _compared(getattr(errors, field), bounds, unit, vehicle.units, path)
+        for number, tone in enumerate(errors.vibration):
+            path = ("sensors", "errors", index, "vibration", number, "amplitude")
+            yield from _compared(tone.amplitude, span._replace(least=0.0), unit, vehicle.units, path)
 
 
 def _turning(scenario: Scenario, vehicle: Vehicle) -> Iterator[Finding]:
@@ -376,6 +385,22 @@ def _turning(scenario: Scenario, vehicle: Vehicle) -> Iterator[Finding]:
             "a sample is used, and beyond half a turn none could be"
         )
         yield from _beyond(turn, min(usable, _HALF_TURN), _HALF_TURN, path, problem)
+
+
+def _disturbed(scenario: Scenario, vehicle: Vehicle) -> Iterator[Finding]:
+    """What disturbs a vehicle is less than its jets can hold."""
+    disturbance = scenario.plant.disturbance
+    torques = np.cross(vehicle.positions - vehicle.nominal.center_of_mass, vehicle.thrusts)
+    units = vehicle.unit_names
+    for field, gives, unit in (
+        ("torque", torques, f"{units['length']}-{units['force']}"),
+        ("force", vehicle.thrusts, units["force"]),
+    ):
+        largest = float(np.linalg.norm(gives, axis=1).max())
+        mean, std = (np.array(getattr(disturbance, name)) for name in (field, f"{field}_std"))
+        size = float(np.hypot(np.linalg.norm(mean), np.linalg.norm(std)))
+        problem = f"with what changes in it is {size:.3g} {unit}, and the strongest jet gives {largest:.3g}"
+        yield from _beyond(size, largest, math.inf, ("plant", "disturbance", field), problem)
 
 
 def _leaks(scenario: Scenario, vehicle: Vehicle) -> Iterator[Finding]:

@@ -78,6 +78,37 @@ def _require_order(start_s: float, end_s: float) -> None:
         raise ValueError(f"end_s must be later than start_s, got {start_s:g} to {end_s:g}")
 
 
+class DisturbanceBlock(Model):
+    """A torque and a force that nobody commands, body axes: a mean, and a first-order Gauss-Markov process about it."""
+
+    torque: Vector3 = described(
+        (0.0, 0.0, 0.0), "mean torque about the center of mass", "ft-lbf | N-m", span=plausible.OUTSIDE_TORQUE
+    )
+    torque_std: Vector3 = described(
+        (0.0, 0.0, 0.0), "1-sigma of what changes in it", "ft-lbf | N-m", span=plausible.OUTSIDE_TORQUE
+    )
+    force: Vector3 = described(
+        (0.0, 0.0, 0.0), "mean force at the center of mass", "lbf | N", span=plausible.OUTSIDE_FORCE
+    )
+    force_std: Vector3 = described(
+        (0.0, 0.0, 0.0), "1-sigma of what changes in it", "lbf | N", span=plausible.OUTSIDE_FORCE
+    )
+    correlation_time_s: Real = described(
+        100.0,
+        "in which what changes keeps 37 % of itself; it is held over a sample",
+        "s",
+        gt=0.0,
+        span=plausible.CORRELATION,
+    )
+
+    @field_validator("torque_std", "force_std")
+    @classmethod
+    def _not_negative(cls, value: Vector3) -> Vector3:
+        if min(value) < 0.0:
+            raise ValueError("must be zero or positive")
+        return value
+
+
 class PlantBlock(Model):
     """The true vehicle."""
 
@@ -103,6 +134,7 @@ class PlantBlock(Model):
     initial_rate: Vector3 = described(
         (0.0, 0.0, 0.0), "angular rate at the start, body axes", "rad/s", span=plausible.RATE
     )
+    disturbance: DisturbanceBlock = described(DisturbanceBlock(), "what pushes besides the jets, drawn from the seed")
 
 
 class _Timed(Model):
@@ -185,15 +217,35 @@ class MassJump(Model):
         return value if value is None else symmetric_inertia(value)
 
 
+class VibrationTone(Model):
+    """A vibration of the structure as the sensors of a package feel it; estimators and autopilot do not know of it."""
+
+    frequency_hz: Real = described(
+        ...,
+        "frequency; from half the sample frequency on, readings show it at another",
+        "Hz",
+        gt=0.0,
+        span=plausible.TONE,
+    )
+    amplitude: Vector3 = described(
+        ..., "per axis; of an accelerometer, of the acceleration; phases are drawn", "rad/s | ft/s^2 | m/s^2"
+    )
+
+
 class SensorErrors(Model):
     """The true errors of one sensor package, unknown to the estimators, in the order in which they act on a signal."""
 
     sensor: Text = described(..., "name of a gyro or accelerometer package")
+    vibration: tuple[VibrationTone, ...] = described((), "of the structure where it stands")
     scale_factor: Vector3 = described(
         (0.0, 0.0, 0.0), "relative error of scale per axis: reading = (1 + this) x truth", span=plausible.SCALE
     )
     bandwidth_hz: Real | None = described(
-        None, "corner of a first-order low-pass; null: unlimited", "Hz", gt=0.0, span=plausible.BANDWIDTH
+        None,
+        "corner of a first-order low-pass before sampling; null: unlimited",
+        "Hz",
+        gt=0.0,
+        span=plausible.BANDWIDTH,
     )
     bias: Vector3 = described(
         (0.0, 0.0, 0.0), "constant bias; of an accelerometer, of the acceleration", "rad/s | ft/s^2 | m/s^2"
@@ -666,7 +718,8 @@ def load_scenario(scenario: str | Path, overrides: list[str] | None = None) -> S
 
     Args:
         scenario: a name that `massprop list` shows, or the path of a file or of a run's folder.
-        overrides: `KEY=VALUE` each, KEY dotted (`sensors.errors[0].noise_std`), VALUE read as YAML.
+        overrides: `KEY=VALUE` each, KEY dotted (`sensors.errors[0].noise_std`, `vehicle.gyros[0].quantum`), VALUE
+            read as YAML.
 
     Raises:
         InputError: when there is none of that name, or its data are wrong; the message says where.
@@ -687,8 +740,17 @@ def load_scenario(scenario: str | Path, overrides: list[str] | None = None) -> S
         document = Document(read_text(path), str(path))
         folder = path.parent
     for override in overrides or []:
+        if override.startswith("vehicle."):
+            _spell_out_vehicle(document, folder)
         set_field(document.data, override)
     return resolved(document.data, document, folder)
+
+
+def _spell_out_vehicle(document: Document, folder: Path) -> None:
+    """Puts the data of a vehicle into a scenario that names it, so that a field of it can be set."""
+    named = document.data.get("vehicle", Scenario.model_fields["vehicle"].default)
+    if isinstance(named, str):
+        document.data["vehicle"] = _find_vehicle(named, folder, document).model_dump(mode="json")
 
 
 def resolved(data: Any, document: Document | None = None, folder: Path | None = None) -> Scenario:

@@ -1,12 +1,18 @@
 r"""Errors of rate gyros and integrating accelerometers, one sample at a time.
 
-In the order a signal meets them: scale factor, first-order bandwidth, bias with random walk,
-white noise, quantization, range; a delay of whole samples last.
+In the order a signal meets them: vibration of the structure, scale factor, first-order bandwidth, bias
+with random walk, white noise, quantization, range; a delay of whole samples last.
+
+What the rigid body does is known at the samples and taken as linear between them. Vibration is faster than
+that, so it is reckoned at its own frequency and sampled as it is: from half the sample frequency on, a reading
+shows it at another (aliasing).
 """
 
 from __future__ import annotations
 
+import cmath
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -56,6 +62,77 @@ def smoothing_factor(bandwidth_hz: float | None, period_s: float) -> float:
     return 0.0 if bandwidth_hz is None else math.exp(-2.0 * math.pi * bandwidth_hz * period_s)
 
 
+def low_passed(value: Array, before: Array | None, smoothing: float) -> tuple[Array, Array]:
+    """What a first-order low-pass gives of a signal that is linear between samples, and its memory after it.
+
+    Exact for such a signal: at a corner of w rad/s and a period T the answer to a ramp is late by 1 / w.
+
+    Args:
+        value: of the signal now, shape (3,).
+        before: the memory, shape (3,): the answer now, had the signal gone to zero since the last sample. None: there
+            was no sample yet, and the signal is taken to have been steady.
+        smoothing: share of the old value that is kept over one period, exp(-w T); 0: unlimited.
+    """
+    if smoothing == 0.0:
+        return value, np.zeros(3)
+    mean = (smoothing - 1.0) / math.log(smoothing)  # of the share that is kept, over the period
+    answer = value if before is None else before + (1.0 - mean) * value
+    return answer, smoothing * answer + (mean - smoothing) * value
+
+
+class Tone(NamedTuple):
+    """A vibration of one frequency at a package of sensors.
+
+    Attributes:
+        frequency_hz: Hz.
+        amplitude: of the rate, rad/s, or of the acceleration, ft/s^2 or m/s^2, shape (3,).
+        phase: in turns, shape (3,).
+    """
+
+    frequency_hz: float
+    amplitude: Array
+    phase: Array
+
+
+class Vibration(NamedTuple):
+    """What a package of sensors makes of vibration, before bias and noise.
+
+    Attributes:
+        frequency: of each tone, rad/s, shape (n,).
+        amplitude: in the reading's unit, shape (n, 3).
+        phase: rad, shape (n, 3).
+    """
+
+    frequency: Array
+    amplitude: Array
+    phase: Array
+
+    def at(self, time_s: float) -> Array:
+        """Their sum at a time, shape (3,)."""
+        angles = (self.frequency * time_s)[:, None] + self.phase
+        return (self.amplitude * np.sin(angles)).sum(axis=0)
+
+
+def vibration(tones: Sequence[Tone], scale: Array, bandwidth_hz: float | None, *, integrates: bool) -> Vibration:
+    """What sensors make of tones that have lasted for long: scale, integral and low-pass at each one's frequency.
+
+    Args:
+        tones: at the sensors.
+        scale: reading over truth per axis, shape (3,).
+        bandwidth_hz: corner of a first-order low-pass, Hz; None: unlimited.
+        integrates: whether a reading is the integral of what is given, as in an integrating accelerometer.
+    """
+    gains = []
+    for tone in tones:
+        gain = 1.0 + 0.0j if bandwidth_hz is None else 1.0 / complex(1.0, tone.frequency_hz / bandwidth_hz)
+        gains.append(gain / complex(0.0, 2.0 * math.pi * tone.frequency_hz) if integrates else gain)
+    return Vibration(
+        frequency=np.array([2.0 * math.pi * tone.frequency_hz for tone in tones]),
+        amplitude=np.array([abs(g) * scale * tone.amplitude for g, tone in zip(gains, tones, strict=True)]),
+        phase=np.array([cmath.phase(g) + 2.0 * math.pi * tone.phase for g, tone in zip(gains, tones, strict=True)]),
+    )
+
+
 class SensorModel(NamedTuple):
     """Errors of one package of three sensors along the body axes.
 
@@ -71,6 +148,7 @@ class SensorModel(NamedTuple):
         phase: where the quantizer's marks lie, in quanta, within 1/2, shape (3,).
         delay: samples by which a reading is late.
         limit: largest reading either way; infinity: unlimited.
+        vibration: of the structure, as readings show it; None: there is none.
     """
 
     period_s: float
@@ -84,6 +162,7 @@ class SensorModel(NamedTuple):
     phase: Array
     delay: int
     limit: float = math.inf
+    vibration: Vibration | None = None
 
     @property
     def memory_size(self) -> int:
@@ -92,7 +171,7 @@ class SensorModel(NamedTuple):
 
     @property
     def remembers(self) -> bool:
-        """Whether a reading depends on anything but the signal and the noise now."""
+        """Whether a reading depends on anything but the signal, the noise and the time now."""
         drifts = self.walk_std > 0.0 or (self.integrates and bool(self.bias.any()))
         return self.smoothing > 0.0 or drifts or self.delay > 0
 
@@ -107,23 +186,24 @@ class SensorModel(NamedTuple):
         return reading if self.limit == math.inf else np.clip(reading, -self.limit, self.limit)
 
 
-def sense(signal: Array, memory: Array, noise: Array, model: SensorModel) -> tuple[Array, Array]:
+def sense(signal: Array, memory: Array, noise: Array, model: SensorModel, time_s: float = 0.0) -> tuple[Array, Array]:
     """One reading, and what to remember for the next.
 
     Args:
         signal: the true quantity, shape (3,).
-        memory: started (1, 0 or 1), low-passed signal (3), bias's random walk (3), accumulated bias (3),
+        memory: started (1, 0 or 1), memory of the low-pass (3), bias's random walk (3), accumulated bias (3),
             then the readings of the last ``delay`` samples, oldest first, shape (memory_size,).
         noise: standard normal: white (3), random walk (3), shape (6,).
         model: see `SensorModel`.
+        time_s: of the sample, s; matters to vibration alone.
     """
     started = bool(memory[0])
     value = (1.0 + model.scale_factor) * signal
-    if started:
-        value = value + model.smoothing * (memory[1:4] - value)
     after = memory.copy()
     after[0] = 1.0
-    after[1:4] = value
+    value, after[1:4] = low_passed(value, memory[1:4] if started else None, model.smoothing)
+    if model.vibration is not None:
+        value = value + model.vibration.at(time_s)
     walk = memory[4:7]
     if model.integrates:
         value = value + memory[7:10]

@@ -28,7 +28,7 @@ class Sensor(LeafSystem):
 
     State: memory (10 + 3 delay), see `maths.sensing.sense`; none for a model that remembers nothing.
 
-    Timing: the reading at t_k is of the body at t_k, or `delay` samples before.
+    Timing: the reading at t_k is of the body at t_k, or `delay` samples before; vibration is taken at t_k too.
 
     Args:
         name: of the system, the package's name.
@@ -40,12 +40,14 @@ class Sensor(LeafSystem):
         self.set_name(name)
         self._model = model
         self._scale = 1.0 + model.scale_factor
-        self._exact = not (model.scale_factor.any() or model.bias.any() or model.noisy)
+        self._exact = not (model.scale_factor.any() or model.bias.any() or model.noisy or model.vibration)
         self._body_state = self.DeclareVectorInputPort("body_state", N_STATE)
         self._noise = self.DeclareVectorInputPort("noise", NOISE.size, RandomDistribution.kGaussian)
         inputs = {self.input_port_ticket(self._body_state.get_index())}
         if model.noisy:
             inputs.add(self.input_port_ticket(self._noise.get_index()))
+        if model.vibration is not None:
+            inputs.add(self.time_ticket())
         if model.remembers:
             self._memory = self.DeclareDiscreteState(model.memory_size)
             self._step = Cached(self, "step", self._compute, {self.xd_ticket(), *inputs})
@@ -64,7 +66,10 @@ class Sensor(LeafSystem):
         model = self._model
         value = self._signal(self._body_state.Eval(context))
         if not self._exact:
-            value = self._scale * value + model.bias
+            value = self._scale * value
+            if model.vibration is not None:
+                value += model.vibration.at(context.get_time())
+            value += model.bias
             if model.noisy:
                 value += model.noise_std * NOISE.read(self._noise.Eval(context)).white
         output.SetFromVector(model.read(value))
@@ -72,7 +77,7 @@ class Sensor(LeafSystem):
     def _compute(self, context: Any) -> tuple[Array, Array]:
         noise = self._noise.Eval(context) if self._model.noisy else np.zeros(6)
         memory = context.get_discrete_state(self._memory).CopyToVector()
-        return sense(self._signal(self._body_state.Eval(context)), memory, noise, self._model)
+        return sense(self._signal(self._body_state.Eval(context)), memory, noise, self._model, context.get_time())
 
     def _calc_remembering(self, context: Any, output: Any) -> None:
         reading, _ = self._step.get(self, context)

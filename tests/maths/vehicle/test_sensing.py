@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+import math
 from typing import Any
 
 import numpy as np
@@ -10,12 +12,15 @@ import pytest
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.vehicle.sensing import (
     SensorModel,
+    Tone,
     increment_noise,
+    low_passed,
     point_velocity,
     quantized,
     sense,
     smoothing_factor,
     unsaturated,
+    vibration,
 )
 
 PERIOD = 0.5  # s
@@ -42,7 +47,8 @@ def readings(dut: SensorModel, signals: Array, noise: Array | None = None) -> Ar
     memory = np.zeros(dut.memory_size)
     answers = []
     for number, signal in enumerate(signals):
-        reading, memory = sense(signal, memory, SILENCE if noise is None else noise[number], dut)
+        heard = SILENCE if noise is None else noise[number]
+        reading, memory = sense(signal, memory, heard, dut, number * PERIOD)
         answers.append(reading)
     return np.array(answers)
 
@@ -172,12 +178,34 @@ def test_white_noise_scales_the_first_three_numbers() -> None:
     np.testing.assert_array_equal(readings(model(noise_std=0.5), SIGNALS, noise), SIGNALS + 0.5 * noise[:, :3])
 
 
-def test_bandwidth_answers_a_step_by_an_exponential() -> None:
-    # from rest at 0 the answer to a unit step is 1 - a^k after k samples
-    signals = np.concatenate([np.zeros((2, 3)), np.ones((6, 3))])
-    answer = readings(model(smoothing=0.75), signals)
-    expected = [0.0, *(1.0 - 0.75 ** np.arange(7))]
-    np.testing.assert_allclose(answer, np.outer(expected, np.ones(3)), rtol=1e-14)
+def test_bandwidth_answers_a_ramp_late_by_its_time_constant() -> None:
+    # of dy/dt = w (x - y) with x = s t from rest: y = s (t - (1 - exp(-w t)) / w)
+    slopes, w = np.array([2.0, -1.0, 0.5]), 3.0
+    times = PERIOD * np.arange(8)
+    answer = readings(model(smoothing=np.exp(-w * PERIOD)), np.outer(times, slopes))
+    late = times - (1.0 - np.exp(-w * times)) / w
+    np.testing.assert_allclose(answer, np.outer(late, slopes), rtol=1e-13, atol=1e-15)
+
+
+def test_bandwidth_of_any_broken_line_is_that_of_fine_steps() -> None:
+    # the differential equation by 1000 steps of Euler's method between samples
+    w, steps = 5.0, 1000
+    answer = readings(model(smoothing=np.exp(-w * PERIOD)), SIGNALS)
+    state, fine = SIGNALS[0].copy(), [SIGNALS[0]]
+    for before, after in itertools.pairwise(SIGNALS):
+        for step in range(steps):
+            signal = before + (after - before) * (step + 0.5) / steps
+            state = state + w * PERIOD / steps * (signal - state)
+        fine.append(state)
+    np.testing.assert_allclose(answer, fine, rtol=0.0, atol=0.01)  # a step keeps 0.25 %
+
+
+def test_a_bandwidth_far_above_the_samples_is_none() -> None:
+    # late by 1 / w, a 690th of a sample, in which the signal changes by 7 at the most
+    np.testing.assert_allclose(readings(model(smoothing=1e-300), SIGNALS), SIGNALS, rtol=0.0, atol=7.0 / 690.0)
+    answer, memory = low_passed(SIGNALS[0], SIGNALS[1], 0.0)
+    np.testing.assert_array_equal(answer, SIGNALS[0])
+    np.testing.assert_array_equal(memory, np.zeros(3))
 
 
 def test_bandwidth_starts_from_the_first_signal_not_from_zero() -> None:
@@ -192,10 +220,12 @@ def test_delay_shows_the_reading_of_earlier_samples_and_before_that_the_first(de
 
 
 def test_scale_factor_acts_before_bandwidth_and_bias() -> None:
-    # gain 2; step from 0 to 1 with half kept: 2 * 0.5 = 1; bias 3 not scaled or smoothed
+    # gain 2; up by 1 in a sample with half kept: 2 (1 - 0.5 / ln 2), then half of what is missing; bias 3 not
+    # scaled or smoothed
     dut = model(scale_factor=np.ones(3), smoothing=0.5, bias=np.full(3, 3.0))
     answer = readings(dut, np.array([[0.0] * 3, [1.0] * 3, [1.0] * 3]))
-    np.testing.assert_array_equal(answer[:, 0], [3.0, 4.0, 4.5])
+    first = 2.0 * (1.0 - 0.5 / np.log(2.0))
+    np.testing.assert_allclose(answer[:, 0], [3.0, 3.0 + first, 4.0 + 0.5 * first], rtol=1e-14)
 
 
 def test_noise_acts_before_the_quantizer() -> None:
@@ -279,3 +309,63 @@ def test_point_velocitys_centripetal_part_is_the_square_of_the_cross_product() -
         expected = np.cross(rate, position) + np.cross(rate, np.cross(rate, position))
         # sums of a few products of size one
         np.testing.assert_allclose(point_velocity(np.zeros(3), rate, spin, position), expected, rtol=0.0, atol=1e-14)
+
+
+# ---------------------------------------------------------------------------------------- vibration
+
+
+def tone(frequency_hz: float, amplitude: tuple[float, float, float], phase: float = 0.0) -> Tone:
+    return Tone(frequency_hz, np.array(amplitude), np.full(3, phase))
+
+
+def test_a_gyro_shows_a_vibration_at_the_true_times_of_its_samples() -> None:
+    # a quarter turn a sample of 0.5 s, from a phase of a quarter turn
+    shaken = vibration([tone(0.5, (1.0, 2.0, 0.0), 0.25)], np.ones(3), None, integrates=False)
+    answer = readings(model(vibration=shaken), SIGNALS)
+    np.testing.assert_allclose(answer - SIGNALS, np.outer([1.0, 0.0, -1.0, 0.0], [1.0, 2.0, 0.0]), rtol=0.0, atol=1e-14)
+
+
+@pytest.mark.parametrize("number", [1, 2, 7])
+def test_a_vibration_above_half_the_sample_frequency_appears_at_another(number: int) -> None:
+    # 2 Hz sampling: f and f + 2 n Hz give the same samples, and -f the same with the sign changed
+    low = readings(
+        model(vibration=vibration([tone(0.3, (1.0, 1.0, 1.0))], np.ones(3), None, integrates=False)), SIGNALS
+    )
+    fast = vibration([tone(0.3 + 2.0 * number, (1.0, 1.0, 1.0))], np.ones(3), None, integrates=False)
+    np.testing.assert_allclose(readings(model(vibration=fast), SIGNALS), low, rtol=0.0, atol=1e-12)
+    mirrored = vibration([tone(2.0 * number - 0.3, (-1.0, -1.0, -1.0))], np.ones(3), None, integrates=False)
+    np.testing.assert_allclose(readings(model(vibration=mirrored), SIGNALS), low, rtol=0.0, atol=1e-12)
+
+
+def test_an_accelerometers_vibration_is_the_integral_of_the_acceleration() -> None:
+    shaken = vibration([tone(1.7, (3.0, 0.0, -1.0), 0.1)], np.ones(3), None, integrates=True)
+    # from 0.2 s to 0.31 s, by the midpoint rule
+    times = 0.2 + 0.11 * (np.arange(2000) + 0.5) / 2000
+    acceleration = np.sin(2.0 * np.pi * (1.7 * times + 0.1))
+    expected = acceleration.mean() * 0.11 * np.array([3.0, 0.0, -1.0])
+    np.testing.assert_allclose(shaken.at(0.31) - shaken.at(0.2), expected, rtol=1e-6, atol=1e-15)
+
+
+def test_bandwidth_takes_of_a_vibration_what_it_takes_at_its_own_frequency() -> None:
+    # at the corner: 1 / sqrt 2 of it, an eighth of a turn late
+    shaken = vibration([tone(4.0, (1.0, 1.0, 1.0))], np.array([1.5, 1.0, 0.5]), 4.0, integrates=False)
+    np.testing.assert_allclose(shaken.amplitude, [[1.5 / np.sqrt(2.0), 1.0 / np.sqrt(2.0), 0.5 / np.sqrt(2.0)]])
+    np.testing.assert_allclose(shaken.phase, np.full((1, 3), -np.pi / 4.0))
+    # and by the differential equation, once its start is forgotten
+    w, step, state = 2.0 * math.pi * 4.0, 1e-4, 0.0
+    for number in range(10_000):
+        state += w * step * (math.sin(w * (number + 0.5) * step) - state)
+    assert shaken.at(1.0)[1] == pytest.approx(state, abs=3e-3)
+
+
+def test_vibrations_add_up() -> None:
+    one, two = tone(1.0, (1.0, 0.0, 0.0), 0.1), tone(3.3, (0.0, 2.0, 1.0), 0.2)
+    both = vibration([one, two], np.ones(3), None, integrates=False)
+    alone = [vibration([each], np.ones(3), None, integrates=False).at(0.7) for each in (one, two)]
+    np.testing.assert_allclose(both.at(0.7), alone[0] + alone[1], rtol=1e-14)
+
+
+def test_vibration_is_quantized_and_held_within_the_range_as_the_rest() -> None:
+    shaken = vibration([tone(0.5, (9.0, 0.26, 0.0), 0.25)], np.ones(3), None, integrates=False)
+    dut = model(vibration=shaken, quantum=0.5, limit=5.0)
+    np.testing.assert_array_equal(readings(dut, np.zeros((1, 3))), [[5.0, 0.5, 0.0]])

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from systems_probe import PERIOD_S, advance, feedthrough, inputs, outputs
+from systems_probe import PERIOD_S, advance, feedthrough, inputs, outputs, update
 
 from massprop_drake.maths.vehicle.rigid_body import MASS, N_STATE, ORIGIN_VELOCITY, RATE, SPIN_INTEGRAL
-from massprop_drake.maths.vehicle.sensing import SensorModel
+from massprop_drake.maths.vehicle.sensing import SensorModel, Tone, vibration
 from massprop_drake.systems.vehicle.integrating_accelerometer import IntegratingAccelerometer
 from massprop_drake.systems.vehicle.rate_gyro import RateGyro
 from massprop_drake.systems.vehicle.sensor import Sensor
@@ -157,10 +157,30 @@ def test_a_low_pass_forgets_the_old_value_by_its_share() -> None:
     keep = math.exp(-2.0 * math.pi * 1.0 * PERIOD_S)
     dut, context = _gyro(smoothing=keep)
     readings = []
-    for rate in (0.0, 1.0, 1.0):
+    for rate in (0.0, 1.0, 1.0):  # up by 1 within a sample, and steady from there: exact for that
         readings.append(_reading(dut, context, _body(rate=(rate, 0.0, 0.0)))[0])
         advance(dut, context)
-    np.testing.assert_allclose(readings, [0.0, 1.0 - keep, 1.0 - keep**2], rtol=1e-14)
+    first = 1.0 - (1.0 - keep) / (2.0 * math.pi * 1.0 * PERIOD_S)
+    np.testing.assert_allclose(readings, [0.0, first, 1.0 - keep * (1.0 - first)], rtol=1e-13)
+
+
+@pytest.mark.parametrize("remembering", [{}, {"delay": 1}])
+def test_vibration_is_taken_at_the_time_of_the_sample(remembering: dict[str, Any]) -> None:
+    # a fifth of a turn a sample
+    tone = Tone(0.2 / PERIOD_S, np.array([1.0, 0.0, -2.0]), np.zeros(3))
+    dut, context = _gyro(vibration=vibration([tone], np.ones(3), None, integrates=False), **remembering)
+    readings = []
+    for _ in range(4):
+        readings.append(_reading(dut, context, _body(rate=(0.0, 0.3, 0.0))))
+        if remembering:
+            update(dut, context)
+        context.SetTime(context.get_time() + PERIOD_S)
+    sines = np.sin(0.4 * np.pi * np.arange(4))
+    if remembering:
+        sines = np.array([sines[0], *sines[:3]])
+    expected = np.outer(sines, [1.0, 0.0, -2.0])
+    expected[:, 1] = 0.3
+    np.testing.assert_allclose(readings, expected, rtol=0.0, atol=1e-14)
 
 
 def test_asking_for_a_reading_changes_nothing() -> None:

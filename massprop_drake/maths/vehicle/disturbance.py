@@ -1,0 +1,58 @@
+"""A torque and a force that nobody commands and that change slowly: drag, gravity gradient, venting.
+
+A mean, and a first-order Gauss-Markov process about it, as a shaping filter gives it in a Kalman filter's model: its
+autocorrelation is std^2 exp(-|lag| / correlation time). It is held over each sample, so that a stepped and a
+continuous body are pushed alike.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_drake.maths.linear_algebra import Array
+
+
+class DisturbanceModel(NamedTuple):
+    """A disturbance: torque about the center of mass (3), force (3), body axes.
+
+    Attributes:
+        mean: ft-lbf and lbf, or N-m and N, shape (6,).
+        std: 1-sigma of the deviation from it, shape (6,).
+        kept: share of a deviation that is left after a sample.
+        before: deviation in the sample before the first, shape (6,).
+    """
+
+    mean: Array
+    std: Array
+    kept: float
+    before: Array
+
+
+def kept_share(correlation_time_s: float, period_s: float) -> float:
+    """Share of a deviation that is left after a period."""
+    return math.exp(-period_s / correlation_time_s)
+
+
+def next_deviation(deviation: Array, noise: Array, model: DisturbanceModel) -> Array:
+    """The deviation in the next sample; its 1-sigma stays what it is.
+
+    Args:
+        deviation: in this sample, shape (6,).
+        noise: independent standard normal numbers, shape (6,).
+        model: see `DisturbanceModel`.
+    """
+    return model.kept * deviation + math.sqrt(1.0 - model.kept**2) * model.std * noise
+
+
+def about_origin(disturbance: Array, center_of_mass: Array) -> Array:
+    """The same with the torque about the vehicle origin, shape (6,).
+
+    Args:
+        disturbance: torque about the center of mass, force, shape (6,).
+        center_of_mass: in the vehicle frame, ft or m, shape (3,).
+    """
+    torque, force = disturbance[:3], disturbance[3:]
+    return np.concatenate([torque + np.cross(center_of_mass, force), force])

@@ -1,0 +1,138 @@
+"""The pages of campaigns: figures by cell and failure, made of what was flown; what is written by hand stays."""
+
+from __future__ import annotations
+
+import importlib.util
+import math
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+from conftest import REPOSITORY
+
+from massprop_drake.inputs.campaign import bundled_campaigns, campaign_from
+from massprop_drake.inputs.model import yaml_text
+from massprop_drake.inputs.yaml import Document
+from massprop_drake.studies.campaign import store
+from massprop_drake.studies.campaign.campaign import Campaign
+from massprop_drake.studies.campaign.flight import Flights
+from massprop_drake.studies.campaign.plan import planned
+
+CAMPAIGN = """
+name: tiny
+description: Two cells of two short flights
+base: stuck_on_29
+cases: 2
+seed: 5
+set: {duration_s: 2.4, plant.disturbance.force_std: [1, 1, 1]}
+draw:
+  failures:
+    - {kind: {choice: [stuck_on, {kind: leak, force: 20}]}, jet: {choice: [F1F, R4R]}, start_s: 1}
+    - {kind: stuck_on, jet: {choice: [F3F, L3A]}, start_s: 1.5}
+sweep: {"vehicle.gyros[0].quantum": [1.0e-6, 1.0e-5]}
+"""
+
+
+@pytest.fixture(scope="module")
+def pages() -> ModuleType:
+    found = importlib.util.spec_from_file_location("make_campaigns", REPOSITORY / "docs" / "make_campaigns.py")
+    assert found is not None
+    assert found.loader is not None
+    module = importlib.util.module_from_spec(found)
+    found.loader.exec_module(module)
+    return module
+
+
+def _flown(spec: Any, cases: Any) -> list[dict[str, Any]]:
+    setup = {"base": spec.base.model_dump(mode="json"), "campaign": "tiny", "times_s": [], "keep": "none", "folder": ""}
+    flights = Flights(setup)
+    return [
+        {"case_id": case.case_id, "status": "flown", **flights.fly({**case._asdict(), "keep": False})} for case in cases
+    ]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("tiny")
+    spec = campaign_from(Document(CAMPAIGN, "tiny.yaml"), Path())
+    cases = planned(spec)
+    store.write_text(path / store.BASE, yaml_text(spec.base))
+    store.write_text(path / store.FILE, yaml_text(spec.file))
+    store.write_plan(path, cases, {})
+    rows = _flown(spec, cases)
+    assert _flown(spec, cases[-1:]) == rows[-1:]  # alone as among others
+    store.write_rows(path, rows, store.schema(()))
+    return path
+
+
+def test_a_page_has_a_line_for_each_cell_and_keeps_what_is_written_by_hand(
+    pages: ModuleType, folder: Path, tmp_path: Path
+) -> None:
+    page = pages.write_page(folder, tmp_path)
+    made = page.read_text(encoding="utf-8")
+    assert made.startswith("# Tiny\n\nTwo cells of two short flights.\n")
+    assert "4 of 4 flights" in made
+    _, _, consistency = made.partition("## Consistency at the end")
+    lines = consistency.partition("##")[0].strip().splitlines()
+    assert [line.split("|")[1].strip() for line in lines] == ["`vehicle.gyros[0].quantum`", "---", "1e-06", "1e-05"]
+    assert "## Failures by kind and size" in made
+    assert "## Failures by their order in the flight" in made
+    page.write_text(made.replace("Two cells", "Found: nothing. Two cells"), encoding="utf-8")
+    pages.write_page(folder, tmp_path)
+    assert page.read_text(encoding="utf-8") == made.replace("Two cells", "Found: nothing. Two cells")
+
+
+def test_each_failure_is_counted_once(pages: ModuleType, folder: Path) -> None:
+    cases, _ = store.read_plan(folder)
+    rows = store.read_rows(folder).to_pylist()  # type: ignore[union-attr]
+    group = pages.Group((), pages.sized(rows, Campaign.load(folder), cases))
+    for split in (pages.by_failure(group, "lbf"), pages.by_order(group)):
+        assert sum(len(row["injected"]) for part in split for row in part.rows) == 8
+    kinds = {part.labels: part for part in pages.by_failure(group, "lbf")}
+    assert set(kinds) == {("leak", "20 lbf"), ("stuck on", "-")}
+    planned_leaks = [f for case in cases for f in case.settings["failures"] if f["kind"] == "leak"]
+    assert len(kinds["leak", "20 lbf"].rows) == len(planned_leaks) > 0
+
+
+def test_median_and_its_interval(pages: ModuleType) -> None:
+    # of 1 to 11: the ranks 2 and 10, since 2 (1 + 11) / 2^11 = 1.2 % lie outside, and 6.5 % with the next ones
+    assert pages.median(range(1, 12)) == (6.0, 2.0, 10.0, 11)
+    few = pages.median([3.0, 1.0])
+    assert (few.value, few.n) == (2.0, 2)
+    assert math.isnan(few.low)  # no interval of so few
+
+
+def test_a_figure_is_shown_with_interval_and_n(pages: ModuleType) -> None:
+    assert pages.shown(pages.Figure(0.5, 0.25, 0.75, 12), "share") == "50 % (25 to 75, n 12)"
+    assert pages.shown(pages.Figure(0.0, 0.0, 6.0, 0.5), "1/h") == "0 (0 to 6, n 0.5 h)"
+    assert pages.shown(pages.Figure(1.5, math.nan, math.nan, 3), "") == "1.5 (n 3)"
+    assert pages.shown(pages.Figure(math.nan, math.nan, math.nan, 0), "share") == "-"
+
+
+def test_a_key_that_follows_from_others_is_no_column(pages: ModuleType) -> None:
+    spec = campaign_from(
+        Document("base: sample_maneuver\ncases: 1\nsweep: {estimation: [{start: zero, floors: true}, {}]}", "c.yaml"),
+        Path(),
+    )
+    assert pages.cells_of(planned(spec)) == (["`estimation.start`"], {0: ("zero",), 1: ("-",)})
+
+
+def test_the_index_names_each_campaign_and_how_many_flights_it_has(
+    pages: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(pages, "bundled_campaigns", lambda: ["every_jet", "healthy_maneuver"])  # reading all takes long
+    (tmp_path / "index.md").write_text(f"Text.\n{pages.MARK}", encoding="utf-8")
+    pages.write_index(tmp_path)
+    made = (tmp_path / "index.md").read_text(encoding="utf-8")
+    assert made.startswith("Text.\n")
+    assert "| healthy_maneuver |" in made
+    assert "| 1500 |" in made
+    assert "| every_jet | All 44 jets, each stuck on, stuck off, and leaking 10 and 30 lbf | 176 |" in made
+
+
+def test_every_page_that_is_there_belongs_to_a_bundled_campaign(pages: ModuleType) -> None:
+    there = {path.stem for path in pages.PAGES.glob("*.md")} - {"index"}
+    assert there == set(bundled_campaigns())
+    for name in there:
+        assert pages.MARK in (pages.PAGES / f"{name}.md").read_text(encoding="utf-8")
