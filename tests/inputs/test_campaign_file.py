@@ -103,7 +103,7 @@ def test_what_is_wrong_is_said_with_file_line_and_field(tmp_path: Path, before: 
 
 
 def test_no_file_and_no_campaign_of_a_name_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="nowhere.yaml: no such file"):
+    with pytest.raises(InputError, match=r"nowhere\.yaml: no such file"):
         load_campaign(tmp_path / "nowhere.yaml")
     with pytest.raises(InputError, match="'no_such' is neither a bundled campaign nor a file"):
         load_campaign("no_such")
@@ -123,9 +123,7 @@ percent = st.floats(0.0, 100.0)
 def test_a_dispersion_always_gives_a_body_that_can_be(
     orbiter: Vehicle, z: Any, mass: float, shift: float, moments: float, axes: float
 ) -> None:
-    dispersion = Dispersion(
-        mass_percent=mass, center_of_mass=shift, second_moments_percent=moments, axes_deg=axes
-    )
+    dispersion = Dispersion(mass_percent=mass, center_of_mass=shift, second_moments_percent=moments, axes_deg=axes)
     body = dispersion.drawn(orbiter.nominal, z)
     assert body.mass > 0.0
     assert could_be_inertia(body.inertia)
@@ -158,7 +156,10 @@ base: sample_maneuver
 cases: 2
 draw:
   failures:
-    - {kind: {choice: [stuck_on, leak, degraded]}, jet: {choice: all}, start_s: 3, force: {uniform: {low: 1, high: 400}}}
+    - kind: {choice: [stuck_on, leak, degraded]}
+      jet: {choice: all}
+      start_s: 3
+      force: {uniform: {low: 1, high: 400}}
     - {kind: stuck_off, jet: {choice: all}, start_s: 3}
 """
     spec = load_campaign(written(tmp_path, text))

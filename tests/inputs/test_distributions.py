@@ -141,5 +141,5 @@ def test_a_distribution_is_told_from_other_data() -> None:
     assert distribution_in({"choice": "all"}) == ("choice", "all")
     for other in (1.0, "normal", [1.0], {}, {"kind": "leak"}, {"normal": {}, "uniform": {}}, {"given": {"mass": 1.0}}):
         assert distribution_in(other) is None
-    with pytest.raises(ValueError, match="there is no distribution 'gauss'.*normal"):
+    with pytest.raises(ValueError, match=r"there is no distribution 'gauss'.*normal"):
         distribution_in({"gauss": {"mean": 0.0, "std": 1.0}})

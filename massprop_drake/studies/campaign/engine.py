@@ -19,6 +19,7 @@ from massprop_drake.errors import InputError
 from massprop_drake.studies.campaign.execution import differences
 from massprop_drake.studies.campaign.plan import FAILED, FLOWN, PlannedCase
 from massprop_drake.studies.campaign.worker import CannotFlyError, end, fly_chunk, require_shared
+from massprop_drake.studies.processes import ctrl_c_held
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -76,19 +77,18 @@ def local_client(workers: int) -> Iterator[Client]:
         "distributed.worker.multiprocessing-method": "spawn",  # Drake has threads, and a fork of them can hang
         "distributed.admin.tick.limit": "1h",  # of warnings
     }
-    with (
-        dask.config.set(settings),
-        LocalCluster(
-            n_workers=workers,
-            threads_per_worker=1,
-            processes=True,
-            memory_limit=0,  # the limit is each case's
-            dashboard_address="127.0.0.1:0",
-            silence_logs="CRITICAL",
-        ) as cluster,
-        Client(cluster) as client,
-    ):
-        yield client
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(dask.config.set(settings))
+        with ctrl_c_held():  # the cluster's own threads start its workers, also those that replace others
+            cluster = LocalCluster(
+                n_workers=workers,
+                threads_per_worker=1,
+                processes=True,
+                memory_limit=0,  # the limit is each case's
+                dashboard_address="127.0.0.1:0",
+                silence_logs="CRITICAL",
+            )
+        yield stack.enter_context(Client(stack.enter_context(cluster)))
 
 
 @contextlib.contextmanager

@@ -21,7 +21,6 @@ from massprop_drake.results.injected import InjectedRecord
 from massprop_drake.studies.campaign.plan import FAILED, PlannedCase
 
 PLAN, RESULTS, CASES, FILE, BASE = "plan.parquet", "results", "cases", "campaign.yaml", "base.yaml"
-_PLAN_LOST = "remove it, and plan the campaign anew from its file"
 # what depends on where and when a case was flown, not on the case
 CIRCUMSTANCES = ("wall_s", "cpu_s", "worker")
 
@@ -99,8 +98,14 @@ def _write(path: Path, table: pa.Table) -> None:
         partial.replace(path)
 
 
-def _read(path: Path, columns: Sequence[str] | None, remedy: str) -> pa.Table:
+def _read(path: Path, columns: Sequence[str] | None, key: str, remedy: str) -> pa.Table:
     """Reads a Parquet file of ours.
+
+    Args:
+        path: of the file.
+        columns: to read; None: all.
+        key: a column that it must have.
+        remedy: what to do about a damaged one.
 
     Raises:
         InputError: when it is missing, or not as it was written.
@@ -112,7 +117,7 @@ def _read(path: Path, columns: Sequence[str] | None, remedy: str) -> pa.Table:
         raise InputError(f"{path}: no such file") from None
     except (OSError, pa.ArrowException) as error:
         raise InputError(f"{path}: is damaged: {' '.join(str(error).split())}; {remedy}") from None
-    if not set(chosen or ()) <= set(table.column_names):
+    if not {key, *(chosen or ())} <= set(table.column_names):
         raise InputError(f"{path}: is not as a campaign writes it; {remedy}")
     return table
 
@@ -146,7 +151,7 @@ def write_plan(folder: Path, cases: Sequence[PlannedCase], facts: Mapping[str, s
 
 def note(folder: Path, facts: Mapping[str, str]) -> None:
     """Writes other facts to the plan."""
-    _write(folder / PLAN, _read(folder / PLAN, None, _PLAN_LOST).replace_schema_metadata(facts))
+    _write(folder / PLAN, _plan(folder, None).replace_schema_metadata(facts))
 
 
 def _column(values: Sequence[Any]) -> pa.Array:
@@ -167,17 +172,20 @@ def read_plan(folder: Path) -> tuple[list[PlannedCase], dict[str, str]]:
     Raises:
         InputError: when there is no plan that can be read.
     """
-    path = folder / PLAN
-    if not path.is_file():
-        raise InputError(f"{folder}: holds no campaign: there is no {PLAN}")
-    table = _read(path, ["case"], _PLAN_LOST)
+    table = _plan(folder, ["case"])
     facts = {key.decode(): value.decode() for key, value in (table.schema.metadata or {}).items()}
     return [PlannedCase(**json.loads(text)) for text in table["case"].to_pylist()], facts
 
 
 def read_draws(folder: Path) -> pa.Table:
     """The plan as a table: sample, cell, seed, and what was drawn and swept, without the cases as such."""
-    return _read(folder / PLAN, None, _PLAN_LOST).drop_columns(["case", "digest"])
+    return _plan(folder, None).drop_columns(["case", "digest"])
+
+
+def _plan(folder: Path, columns: Sequence[str] | None) -> pa.Table:
+    if not (folder / PLAN).is_file():
+        raise InputError(f"{folder}: holds no campaign: there is no {PLAN}")
+    return _read(folder / PLAN, columns, "case", "remove it, and plan the campaign anew from its file")
 
 
 # ------------------------------------------------------------------------------------------ results
@@ -234,4 +242,4 @@ def _chunks(folder: Path) -> list[Path]:
 
 
 def _rows(path: Path, columns: Sequence[str] | None) -> pa.Table:
-    return _read(path, columns, "remove it, and --resume flies its cases again")
+    return _read(path, columns, "case_id", "remove it, and --resume flies its cases again")

@@ -61,7 +61,9 @@ def test_hypercubes_and_sequences_fill_the_cube_evenly(tmp_path: Path) -> None:
     for method in ("lhs", "sobol"):
         points = design(spec(tmp_path, f"method={method}", "cases=16"))
         assert points.shape == (16, 3)
-        np.testing.assert_array_equal(np.sort(np.floor(16 * points), axis=0), np.arange(16.0)[:, None].repeat(3, axis=1))
+        np.testing.assert_array_equal(
+            np.sort(np.floor(16 * points), axis=0), np.arange(16.0)[:, None].repeat(3, axis=1)
+        )
 
 
 def test_a_grid_holds_every_combination(tmp_path: Path) -> None:
@@ -110,12 +112,17 @@ def test_every_cell_of_a_sweep_has_the_same_draws(tmp_path: Path) -> None:
 
 def test_one_more_quantity_leaves_the_draws_of_the_others(tmp_path: Path) -> None:
     more = DRAWN + "  sensors.gyro_noise: 1\n".replace("sensors.gyro_noise: 1", "mass.jump_window: {choice: [3, 4]}")
-    for small, large in zip(planned(spec(tmp_path, "cases=4")), planned(spec(tmp_path, "cases=4", text=more)), strict=True):
+    for small, large in zip(
+        planned(spec(tmp_path, "cases=4")), planned(spec(tmp_path, "cases=4", text=more)), strict=True
+    ):
         assert dict(large.drawn) | dict(small.drawn) == dict(large.drawn)
 
 
 IMPOSSIBLE: list[tuple[str, Any]] = [
-    ("plant.mass_properties: {mass: {normal: {mean: 100, std: 60}}, center_of_mass: [0, 0, 0], inertia: I}", r"\.mass: "),
+    (
+        "plant.mass_properties: {mass: {normal: {mean: 100, std: 60}}, center_of_mass: [0, 0, 0], inertia: I}",
+        r"\.mass: ",
+    ),
     ("plant.mass_properties: {mass: 6000, center_of_mass: [0, 0, 0], inertia: J}", "inertia"),
     ("plant.thrust_dispersion: {normal: {mean: 0.1, std: 0.05}}", "thrust_dispersion: "),
 ]
