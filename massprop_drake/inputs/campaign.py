@@ -23,7 +23,7 @@ from massprop_drake.maths.mass_properties import MassProperties, perturbed
 Array = NDArray[np.float64]
 
 MASS_PROPERTIES = "plant.mass_properties"  # the one key with a distribution of its own
-_MOST_CASES = 1_000_000
+MOST_CASES = 1_000_000
 
 
 class Limits(Model):
@@ -78,7 +78,10 @@ class CampaignFile(Model):
     """Many cases of one scenario."""
 
     name: Text = described(
-        "campaign", "short name; the campaign's folder is named after it", pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$"
+        "campaign",
+        "short name; the campaign's folder is named after it",
+        pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$",
+        max_length=100,
     )
     description: Text = described("", "one line")
     base: Text = described(..., "a bundled scenario, or a scenario's file relative to this one")
@@ -88,7 +91,7 @@ class CampaignFile(Model):
         "base gives vehicle and settings",
     )
     cases: Whole | None = described(
-        None, "number of cases of each cell; null: all there are, with grid or records", "-", ge=1, le=_MOST_CASES
+        None, "number of cases of each cell; null: all there are, with grid or records", "-", ge=1, le=MOST_CASES
     )
     seed: Whole = described(0, "of everything drawn", "-", ge=0, lt=2**63)
     method: Literal["random", "lhs", "sobol", "grid", "saltelli"] = described(
@@ -99,7 +102,7 @@ class CampaignFile(Model):
     set: dict[str, Any] = described({}, "fields of the scenario that have one value in all cases, by dotted key")
     draw: dict[str, Any] = described(
         {},
-        "fields of the scenario that are drawn for each case, by dotted key; a value may hold distributions anywhere",
+        "fields of the scenario drawn for each case, by dotted key; a value may hold distributions anywhere",
     )
     sweep: dict[str, Annotated[list[Any], Field(min_length=1)]] = described(
         {}, "fields that take each of some values with the same draws, by dotted key"
@@ -115,10 +118,14 @@ class CampaignFile(Model):
     def _consistent(self) -> CampaignFile:
         if self.cases is None and self.method != "grid" and self.records is None:
             raise ValueError("cases: missing; say how many")
+        if self.method == "grid" and self.records is not None:
+            raise ValueError("method: grid has no case for each of the records; leave it out")
         keys = [*self.set, *self.draw, *self.sweep]
         for key in keys:
             if keys.count(key) > 1:
                 raise ValueError(f"{key}: stands in two of set, draw and sweep; keep one")
+            if key in ("name", "seed"):
+                raise ValueError(f"{key}: every case has its own, by its number")
         return self
 
 
@@ -164,7 +171,8 @@ class CampaignSpec(NamedTuple):
 def bundled_campaigns() -> list[str]:
     """Lists the campaigns that come with the package."""
     folder = resources.files("massprop_drake.scenarios") / "campaigns"
-    return sorted(item.name.removesuffix(".yaml") for item in folder.iterdir() if item.name.endswith(".yaml"))
+    names = (item.name for item in folder.iterdir()) if folder.is_dir() else ()
+    return sorted(name.removesuffix(".yaml") for name in names if name.endswith(".yaml"))
 
 
 def campaign_description(name: str) -> str:
@@ -228,16 +236,25 @@ def campaign_from(document: Document, folder: Path) -> CampaignSpec:
         raise InputError(*(f"{document.where(('base',))}: {problem}" for problem in error.problems)) from None
     for key, value in file.set.items():
         base = _with(base, {key: value}, document.where(("set", key)))
-    quantities: list[Quantity] = []
-    for key, value in file.draw.items():
-        found = list(_quantities(key, value, (key,), base.vehicle_data, document))
-        quantities.extend(found)
-        if not any(True for _ in found):
-            _with(base, {key: value}, document.where(("draw", key)))
-    for key, values in file.sweep.items():
+    quantities = tuple(
+        quantity
+        for key, value in file.draw.items()
+        for quantity in _quantities(key, value, (key,), base.vehicle_data, document)
+    )
+    campaign = CampaignSpec(file, base, quantities, document.source, folder)
+    _require_fields(campaign, document)
+    return campaign
+
+
+def _require_fields(campaign: CampaignSpec, document: Document) -> None:
+    """Makes sure that what is drawn and swept are fields of the scenario, by a case with the median of everything."""
+    middle = campaign.base
+    medians = {quantity.label: quantity.distribution.at(np.array([0.5]))[0] for quantity in campaign.quantities}
+    for key, value in settings_of(campaign, medians).items():
+        middle = _with(middle, {key: value}, document.where(("draw", key)))
+    for key, values in campaign.file.sweep.items():
         for index, value in enumerate(values):
-            _with(base, {key: value}, document.where(("sweep", key, index)))
-    return CampaignSpec(file, base, tuple(quantities), document.source, folder)
+            _with(middle, {key: value}, document.where(("sweep", key, index)))
 
 
 def _with(base: Scenario, settings: Mapping[str, Any], where: str) -> Scenario:
@@ -344,41 +361,44 @@ def _filled(value: Any, path: FieldPath, drawn: Mapping[str, Any]) -> Any:
     return value
 
 
-_OF_KIND = {
+_OF_KIND: Mapping[str, set[str]] = {
     "leak": {"force"},
     "degraded": {"fraction"},
     "intermittent": {"probability", "level"},
     "drift": {"rate_per_s"},
 }
-_SIZES = set().union(*_OF_KIND.values())
+_SIZES = set[str]().union(*_OF_KIND.values())
 
 
 def _told_apart(campaign: CampaignSpec, failures: Any) -> Any:
     """Failures with the sizes of their kind alone, and different jets.
 
     Where the kind is drawn, a block may give sizes for all kinds. The force of a degraded jet without a fraction is
-    what it has lost. A jet that an earlier failure of the case has is replaced by the next one that is free.
+    what it has lost. A force that is drawn is at most the jet's thrust. A jet that an earlier failure of the case has
+    is replaced by the next one that is free.
     """
-    if not isinstance(failures, list):
+    if not isinstance(failures, list) or not all(isinstance(failure, dict) for failure in failures):
         return failures
-    vehicle, taken, told = campaign.base.vehicle_data, set(), []
+    drawn = {quantity.label: quantity.distribution for quantity in campaign.quantities}
+    thrusts = {jet.designation: jet.thrust for jet in campaign.base.vehicle_data.jets}
+    taken: list[Any] = []
+    told = []
     for index, failure in enumerate(failures):
-        if not isinstance(failure, dict):
-            return failures
-        kind, jet = failure.get("kind"), failure.get("jet")
-        label = f"failures[{index}].jet"
-        choice = next((q.distribution for q in campaign.quantities if q.label == label), None)
+        kind, jet, force = failure.get("kind"), failure.get("jet"), failure.get("force")
+        choice = drawn.get(f"failures[{index}].jet")
         if jet in taken and isinstance(choice, Choice):
-            assert not isinstance(choice.values, str)
             begin = choice.values.index(jet)
-            free = [name for name in (*choice.values[begin:], *choice.values[:begin]) if name not in taken]
-            jet = free[0] if free else jet
-        taken.add(jet)
+            jet = next((name for name in (*choice.values[begin:], *choice.values[:begin]) if name not in taken), jet)
+        taken.append(jet)
         kept = {name: part for name, part in failure.items() if name not in _SIZES - _OF_KIND.get(str(kind), set())}
-        if kind == "degraded" and "fraction" not in failure and "force" in failure and jet in vehicle.designations:
-            thrust = vehicle.jets[vehicle.designations.index(jet)].thrust
-            kept["fraction"] = max(0.0, 1.0 - failure["force"] / thrust)
-        told.append({**kept, "jet": jet})
+        if isinstance(force, (int, float)) and isinstance(jet, str) and jet in thrusts:
+            if f"failures[{index}].force" in drawn:
+                force = min(force, thrusts[jet])
+            if kind == "leak":
+                kept["force"] = force
+            elif kind == "degraded" and "fraction" not in failure:
+                kept["fraction"] = max(0.0, 1.0 - force / thrusts[jet])
+        told.append(kept if "jet" not in failure else {**kept, "jet": jet})
     return told
 
 

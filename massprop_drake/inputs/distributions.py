@@ -22,6 +22,7 @@ from massprop_drake.inputs.model import Model, Real, Whole, described
 Array = NDArray[np.float64]
 
 _MOST_POINTS = 1000  # of one quantity in a grid
+_FARTHEST = 8.0  # std from the mean that a bound of a normal distribution may cut off
 _NAMES_OF_PARAMETERS = {"low", "high", "mean", "std", "mode", "median", "factor", "values", "weights", "points"}
 
 
@@ -37,10 +38,16 @@ class Distribution(Model):
         Returns:
             n plain values: floats, integers or whatever is chosen among.
         """
-        raise NotImplementedError
+        return self._at(u)
 
     def grid(self) -> list[Any] | None:
         """All values of a full-factorial plan; None where the block does not say how many."""
+        return self._grid()
+
+    def _at(self, u: Array) -> list[Any]:
+        raise NotImplementedError
+
+    def _grid(self) -> list[Any] | None:
         return None
 
 
@@ -57,17 +64,23 @@ class _Between(Distribution):
     def _ordered(self) -> _Between:
         if not self.high > self.low:
             raise ValueError(f"high must be above low, got {self.low:g} to {self.high:g}")
+        if math.isinf(self.high - self.low):
+            raise ValueError(f"low and high are too far apart, {self.low:g} and {self.high:g}")
         return self
 
-    def grid(self) -> list[Any] | None:
+    def _inside(self, values: Array) -> list[Any]:
+        """The values, which rounding may have put past a bound."""
+        return np.clip(values, self.low, self.high).tolist()
+
+    def _grid(self) -> list[Any] | None:
         return None if self.points is None else self.at(np.linspace(0.0, 1.0, self.points))
 
 
 class Uniform(_Between):
     """Every value between two bounds alike."""
 
-    def at(self, u: Array) -> list[Any]:
-        return (self.low + (self.high - self.low) * u).tolist()
+    def _at(self, u: Array) -> list[Any]:
+        return self._inside(self.low * (1.0 - u) + self.high * u)
 
 
 class LogUniform(_Between):
@@ -75,8 +88,8 @@ class LogUniform(_Between):
 
     low: Real = described(..., "lower bound, above zero", gt=0.0)
 
-    def at(self, u: Array) -> list[Any]:
-        return (self.low * (self.high / self.low) ** u).tolist()
+    def _at(self, u: Array) -> list[Any]:
+        return self._inside(np.exp(math.log(self.low) * (1.0 - u) + math.log(self.high) * u))
 
 
 class Triangular(_Between):
@@ -85,32 +98,38 @@ class Triangular(_Between):
     mode: Real = described(..., "likeliest value, from low to high")
 
     @model_validator(mode="after")
-    def _inside(self) -> Triangular:
+    def _likeliest(self) -> Triangular:
         if not self.low <= self.mode <= self.high:
             raise ValueError(f"mode must lie between low and high, got {self.mode:g}")
         return self
 
-    def at(self, u: Array) -> list[Any]:
-        from scipy import stats  # noqa: PLC0415 (slow to load)
-
-        width = self.high - self.low
-        return stats.triang((self.mode - self.low) / width, self.low, width).ppf(u).tolist()
+    def _at(self, u: Array) -> list[Any]:
+        width, rise, fall = self.high - self.low, self.mode - self.low, self.high - self.mode
+        rising = self.low + np.sqrt(u) * (math.sqrt(width) * math.sqrt(rise))
+        falling = self.high - np.sqrt(1.0 - u) * (math.sqrt(width) * math.sqrt(fall))
+        return self._inside(np.where(u * width < rise, rising, falling))
 
 
 class Integers(_Between):
     """Whole numbers from low to high, both included."""
 
-    low: Whole = described(..., "least number")
-    high: Whole = described(..., "largest number, above low")
+    low: Whole = described(..., "least number", ge=-(2**53), le=2**53)
+    high: Whole = described(..., "largest number, above low", ge=-(2**53), le=2**53)
 
-    def at(self, u: Array) -> list[Any]:
+    @model_validator(mode="after")
+    def _enough(self) -> Integers:
+        if self.points is not None and self.points > self.high - self.low + 1:
+            raise ValueError(f"points: there are no {self.points} whole numbers from {self.low} to {self.high}")
+        return self
+
+    def _at(self, u: Array) -> list[Any]:
         count = self.high - self.low + 1
         return [self.low + min(int(part * count), count - 1) for part in u.tolist()]
 
-    def grid(self) -> list[Any] | None:
+    def _grid(self) -> list[Any] | None:
         if self.points is None and self.high - self.low >= _MOST_POINTS:
             return None
-        return list(range(self.low, self.high + 1)) if self.points is None else super().grid()
+        return list(range(self.low, self.high + 1)) if self.points is None else super()._grid()
 
 
 class Normal(Distribution):
@@ -126,19 +145,25 @@ class Normal(Distribution):
         low, high = self._bounds()
         if not high > low:
             raise ValueError(f"high must be above low, got {low:g} to {high:g}")
-        if low > self.mean + 8.0 * self.std or high < self.mean - 8.0 * self.std:
-            raise ValueError("low and high leave nothing within 8 std of the mean")
+        if low > self.mean + _FARTHEST * self.std or high < self.mean - _FARTHEST * self.std:
+            raise ValueError(f"low and high leave nothing within {_FARTHEST:g} std of the mean")
         return self
 
     def _bounds(self) -> tuple[float, float]:
         return -math.inf if self.low is None else self.low, math.inf if self.high is None else self.high
 
-    def at(self, u: Array) -> list[Any]:
-        from scipy import stats  # noqa: PLC0415 (slow to load)
+    def _at(self, u: Array) -> list[Any]:
+        from scipy.special import ndtr, ndtri  # noqa: PLC0415 (slow to load)
 
-        low, high = ((bound - self.mean) / self.std for bound in self._bounds())
+        low, high = self._bounds()
+        a, b = (low - self.mean) / self.std, (high - self.mean) / self.std
         inside = np.clip(u, np.finfo(float).tiny, 1.0 - np.finfo(float).epsneg)  # a quasi-random zero is not -infinity
-        return (self.mean + self.std * stats.truncnorm(low, high).ppf(inside)).tolist()
+        if a > 0.0:  # in the lower tail, where probabilities keep their digits
+            z = -ndtri(ndtr(-a) * (1.0 - inside) + ndtr(-b) * inside)
+        else:
+            z = ndtri(ndtr(a) * (1.0 - inside) + ndtr(b) * inside)
+        with np.errstate(over="ignore"):  # infinity is refused by the field that it is drawn for
+            return np.clip(self.mean + self.std * z, low, high).tolist()
 
 
 class LogNormal(Distribution):
@@ -147,8 +172,9 @@ class LogNormal(Distribution):
     median: Real = described(..., "median", gt=0.0)
     factor: Real = described(..., "1-sigma as a factor: 1.1 for 10 % more or less", gt=1.0)
 
-    def at(self, u: Array) -> list[Any]:
-        return (self.median * self.factor ** np.array(Normal(mean=0.0, std=1.0).at(u))).tolist()
+    def _at(self, u: Array) -> list[Any]:
+        with np.errstate(over="ignore"):  # likewise
+            return (self.median * self.factor ** np.array(Normal(mean=0.0, std=1.0).at(u))).tolist()
 
 
 class Choice(Distribution):
@@ -157,7 +183,7 @@ class Choice(Distribution):
     values: tuple[Any, ...] | str = described(
         ..., "any values; `all`, or a kind of jets, for the jets of the vehicle", min_length=1
     )
-    weights: tuple[Annotated[Real, Field(ge=0.0)], ...] | None = described(
+    weights: tuple[Annotated[Real, Field(ge=0.0, le=1e9)], ...] | None = described(
         None, "how often each, relative to the others; null: all alike"
     )
 
@@ -176,13 +202,12 @@ class Choice(Distribution):
             raise ValueError("one weight at least must be above zero")
         return self
 
-    def at(self, u: Array) -> list[Any]:
-        assert not isinstance(self.values, str), "jets are named by `named`"
-        weights = np.ones(len(self.values)) if self.weights is None else np.array(self.weights)
-        edges = np.cumsum(weights / weights.sum())
-        return [self.values[min(place, len(self.values) - 1)] for place in np.searchsorted(edges, u, side="right")]
+    def _at(self, u: Array) -> list[Any]:
+        assert not isinstance(self.values, str), "jets are named by the vehicle"
+        edges = np.cumsum(np.ones(len(self.values)) if self.weights is None else np.array(self.weights))
+        return [self.values[place] for place in np.searchsorted(edges / edges[-1], u, side="right")]
 
-    def grid(self) -> list[Any] | None:
+    def _grid(self) -> list[Any] | None:
         return list(self.values)
 
 

@@ -299,9 +299,7 @@ def of_sharpness(
     inverse = symmetric(nominal[:6])
     shown = {
         "gyros": (
-            np.array(
-                [_rate_variance(*pair, inverse, covariance[:9, :9]) for pair in zip(torques, forces, strict=True)]
-            ),
+            _rate_variances(torques, forces, inverse, covariance[:9, :9]),
             np.linalg.norm(torques @ inverse, axis=1),
         ),
         "accelerometers": ((forces**2).sum(axis=1) * covariance[9, 9], np.linalg.norm(forces, axis=1) * nominal[9]),
@@ -322,12 +320,14 @@ def of_sharpness(
             yield Finding(place, f"{problem}: nothing can be learned from it in a reasonable time", False)
 
 
-def _rate_variance(torque: Array, force: Array, inverse: Array, covariance: Array) -> float:
-    """Trace of H S Hᵀ for the rate increment of an impulse about the center of mass, (rad/s)^2."""
-    x, y, z = torque
-    by_inertia = np.array([[x, 0.0, 0.0, 0.0, z, y], [0.0, y, 0.0, z, 0.0, x], [0.0, 0.0, z, y, x, 0.0]])
-    by_matrix = np.hstack([by_inertia, inverse @ skew(force)])
-    return float(np.trace(by_matrix @ covariance @ by_matrix.T))
+def _rate_variances(torques: Array, forces: Array, inverse: Array, covariance: Array) -> Array:
+    """Trace of H S Hᵀ for the rate increments of impulses about the center of mass, (rad/s)^2, shape (n,)."""
+    x, y, z = torques.T
+    none = np.zeros_like(x)
+    by_inertia = np.array([[x, none, none, none, z, y], [none, y, none, z, none, x], [none, none, z, y, x, none]])
+    by_center = inverse @ np.array([skew(force) for force in forces])
+    by_matrix = np.concatenate([by_inertia.transpose(2, 0, 1), by_center], axis=2)
+    return np.einsum("nij,jk,nik->n", by_matrix, covariance, by_matrix, optimize=True)
 
 
 # -------------------------------------------------------------------------------------- a scenario

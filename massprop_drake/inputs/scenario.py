@@ -764,17 +764,14 @@ def resolved(data: Any, document: Document | None = None, folder: Path | None = 
     Raises:
         InputError: naming each field that is wrong.
     """
-    inline = isinstance(data.get("vehicle"), dict)
-    if inline:  # validated by itself, so that messages name its fields
-        vehicle = _inline_vehicle(data["vehicle"], document)
-        scenario = validated(Scenario, {**data, "vehicle": vehicle}, document)
+    vehicle = data.get("vehicle")
+    if isinstance(vehicle, dict):  # validated by itself, so that messages name its fields
+        vehicle = _inline_vehicle(vehicle, document)
+    if isinstance(vehicle, Vehicle):  # its validators would run again as part of the scenario
+        scenario = validated(Scenario, {**data, "vehicle": vehicle.name}, document)
     else:
         scenario = validated(Scenario, data, document)
-        vehicle = (
-            scenario.vehicle
-            if isinstance(scenario.vehicle, Vehicle)
-            else _find_vehicle(scenario.vehicle, folder or Path(), document)
-        )
+        vehicle = _find_vehicle(str(scenario.vehicle), folder or Path(), document)
     problems = check_against_vehicle(scenario, vehicle)
     if problems:
         raise InputError(*(f"{_place(path, document)}: {problem}" for path, problem in problems))

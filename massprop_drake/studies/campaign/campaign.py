@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 from collections.abc import Callable, Iterable, Sequence
-from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from massprop_drake.errors import InputError
 from massprop_drake.inputs.campaign import CampaignSpec, campaign_from, load_campaign
@@ -15,14 +15,12 @@ from massprop_drake.inputs.model import yaml_text
 from massprop_drake.inputs.yaml import Document, exists, read_text
 from massprop_drake.results.folder import resumable_folder
 from massprop_drake.studies.campaign import engine, store
-from massprop_drake.studies.campaign.plan import PlannedCase, advice, planned
-from massprop_drake.studies.campaign.worker import CannotFlyError
+from massprop_drake.studies.campaign.plan import FLOWN, PlannedCase, advice, planned
 
 if TYPE_CHECKING:
     import pandas
     from distributed import Client
 
-_CAN_GROW = ("random", "sobol")
 _KIND = "campaign"  # of work, as folders are marked
 
 
@@ -40,6 +38,24 @@ class Status(NamedTuple):
     flown: int
     failing: int
     failed: int
+
+
+class _Flight(NamedTuple):
+    """The state of a campaign's folder while cases are flown.
+
+    Attributes:
+        folder: the campaign's.
+        facts: of its plan.
+        done: numbers of the cases that have a row.
+        alone: numbers of those that are flown alone.
+        total: number of cases in the plan.
+    """
+
+    folder: Path
+    facts: dict[str, str]
+    done: set[int]
+    alone: frozenset[int]
+    total: int
 
 
 class Campaign:
@@ -98,9 +114,10 @@ class Campaign:
             self._plan(target, path, cases)
         return Campaign(self.spec, target)
 
-    def _plan(self, target: Path, path: Path, cases: Sequence[PlannedCase]) -> None:
-        """Writes the plan, or makes sure that the one that is there is this one's."""
+    def _plan(self, target: Path, path: Path, cases: Sequence[PlannedCase]) -> dict[str, str]:
+        """Writes file and plan, unless a plan is there that these cases do not extend; the facts of the plan."""
         facts = {"digest": _digest(self.spec), "campaign": self.spec.file.name}
+        earlier: list[PlannedCase] = []
         if exists(path / store.PLAN):
             earlier, found = store.read_plan(path)
             if found.get("digest") != facts["digest"]:
@@ -108,19 +125,20 @@ class Campaign:
                     f"{target}: holds the plan of another campaign, or of an earlier version of this one; "
                     "give another folder with --out"
                 )
-            if len(earlier) == len(cases):
-                return
-            if self.spec.file.method not in _CAN_GROW:
-                raise InputError(
-                    f"{target}: holds a plan of {len(earlier)} cases, which {self.spec.file.method} cannot change to "
-                    f"{len(cases)}: its draws are made as a whole; give another folder with --out"
-                )
             if len(cases) < len(earlier):
                 raise InputError(f"{target}: holds a plan of {len(earlier)} cases, more than {len(cases)}")
+            if any(old.digest != new.digest for old, new in zip(earlier, cases, strict=False)):
+                raise InputError(
+                    f"{target}: holds a plan of {len(earlier)} cases that are not the first of these {len(cases)}: "
+                    f"{self.spec.file.method} makes draws as a whole, or records have come in between; give another "
+                    "folder with --out"
+                )
             facts = found
         store.write_text(path / store.BASE, yaml_text(self.spec.base))
-        store.write_text(path / store.FILE, yaml_text(self.spec.file))
-        store.write_plan(path, cases, facts)
+        store.write_text(path / store.FILE, yaml_text(self.spec.file))  # gates and limits may be others
+        if len(cases) > len(earlier):
+            store.write_plan(path, cases, facts)
+        return facts
 
     def run(
         self,
@@ -143,13 +161,18 @@ class Campaign:
             workers: processes of the latter.
             scheduler: address of a Dask scheduler.
             resume: go on with what the folder holds.
-            only: numbers of cases to fly alone, flown before or not; their run folders are kept.
+            only: numbers of cases to fly alone, flown before or not; their run folders are kept, and what has failed to
+                run gets another row.
             force: keep a folder of anything else as `<folder>.1`, `<folder>.2`, ....
             progress: called with the number of cases that have a row, and of all.
             dashboard: called with the address of Dask's dashboard.
 
         Raises:
-            InputError: when the folder is taken, a case is not in the plan, or no worker can fly.
+            InputError: when the folder is taken, a case is not in the plan, or no worker can fly; what has been flown
+                until then is kept.
+
+        The processes of a cluster on this machine load the program that calls this: its own doings must stand under
+        `if __name__ == "__main__":`.
         """
         target = Path(folder) if folder is not None else self.folder or Path("runs") / self.spec.file.name
         alone = frozenset(only)
@@ -157,29 +180,33 @@ class Campaign:
         unknown = sorted(alone - {case.case_id for case in cases})
         if unknown:
             raise InputError(f"--only {unknown[0]}: the plan has cases 0 to {len(cases) - 1}")
-        with resumable_folder(target, _KIND, force=force) as path:
-            store.tidy(path)
+        with contextlib.ExitStack() as stack:
+            if client is None and scheduler is not None:  # before anything is written
+                client = stack.enter_context(engine.remote_client(scheduler))
+            path = stack.enter_context(resumable_folder(target, _KIND, force=force))
             done = store.flown_ids(path)
             if done and not resume and not alone:
                 raise InputError(
                     f"{target}: holds results already; --resume goes on with them, --out names another folder"
                 )
-            self._plan(target, path, cases)
+            facts = self._plan(target, path, cases)
+            if alone:
+                store.forget_failed(path, alone)
+                done = store.flown_ids(path)
             todo = [case for case in cases if (case.case_id in alone if alone else case.case_id not in done)]
             if todo:
-                with _opened(client, workers, scheduler) as chosen:
-                    if dashboard is not None and chosen.dashboard_link:
-                        dashboard(chosen.dashboard_link)
-                    self._fly(chosen, path, todo, alone, len(cases), progress)
+                client = client or stack.enter_context(engine.local_client(min(workers, len(todo))))
+                link = engine.dashboard(client)
+                if dashboard is not None and link is not None:
+                    dashboard(link)
+                self._fly(client, _Flight(path, facts, done, alone, len(cases)), todo, progress)
         return Campaign(self.spec, target)
 
     def _fly(
         self,
         client: Client,
-        target: Path,
+        flight: _Flight,
         todo: Sequence[PlannedCase],
-        alone: frozenset[int],
-        total: int,
         progress: Callable[[int, int], None] | None,
     ) -> None:
         file = self.spec.file
@@ -188,27 +215,22 @@ class Campaign:
             "campaign": file.name,
             "times_s": list(file.times_s),
             "keep": file.keep,
-            "folder": str(target),
+            "folder": str(flight.folder),
         }
-        setup["key"] = hashlib.sha256(json.dumps(setup).encode()).hexdigest()
-        work = engine.Work(setup, todo, alone, file.limits.time_s, file.limits.memory_mb)
-        cases, facts = store.read_plan(target)
+        work = engine.Work(setup, todo, flight.alone, file.limits.time_s, file.limits.memory_mb)
+        facts, done, columns = flight.facts, flight.done, store.schema(file.times_s)
         execution = json.loads(facts["execution"]) if "execution" in facts else None
-        columns = store.schema(file.times_s)
-        done = store.flown_ids(target)
-        try:
-            for rows, here in engine.flown(client, work, execution, target):
+        with contextlib.closing(engine.flown(client, work, execution, flight.folder)) as chunks:
+            for chunk in chunks:
                 if execution is None:
-                    execution = here
-                    store.write_plan(target, cases, {**facts, "execution": json.dumps(here)})
-                rows = [row for row in rows if row["case_id"] not in done]  # one flown alone has its row already
+                    execution = chunk.execution
+                    store.note(flight.folder, {**facts, "execution": json.dumps(execution)})
+                rows = [row for row in chunk.rows if row["case_id"] not in done]  # one flown alone may have its row
                 if rows:
-                    store.write_rows(target, sorted(rows, key=lambda row: row["case_id"]), columns)
+                    store.write_rows(flight.folder, sorted(rows, key=lambda row: row["case_id"]), columns)
                 done.update(row["case_id"] for row in rows)
                 if progress is not None:
-                    progress(len(done), total)
-        except CannotFlyError as error:
-            raise InputError(f"no case can be flown: {error}") from None
+                    progress(len(done), flight.total)
 
     def status(self) -> Status:
         """How far it is, from the folder alone."""
@@ -218,7 +240,7 @@ class Campaign:
         if rows is None:
             return Status(len(cases), 0, 0, 0)
         failing = sum(1 for reasons in rows["failing"].to_pylist() if reasons)
-        failed = sum(1 for status in rows["status"].to_pylist() if status != "flown")
+        failed = sum(1 for status in rows["status"].to_pylist() if status != FLOWN)
         return Status(len(cases), rows.num_rows, failing, failed)
 
     def to_pandas(self) -> pandas.DataFrame:
@@ -241,14 +263,6 @@ class Campaign:
         return self.folder
 
 
-def _opened(client: Client | None, workers: int, scheduler: str | None) -> AbstractContextManager[Client]:
-    if client is not None:
-        return nullcontext(client)
-    if scheduler is not None:
-        return engine.remote_client(scheduler)
-    return engine.local_client(workers)
-
-
 def _kept(folder: Path) -> CampaignSpec:
     """The campaign that a folder was planned for, independent of where its file was."""
     text = read_text(folder / store.FILE)
@@ -259,9 +273,7 @@ def _kept(folder: Path) -> CampaignSpec:
 
 
 def _digest(spec: CampaignSpec) -> str:
-    """What makes a plan, but for the number of cases where it can grow."""
+    """What makes a plan, but for the number of cases."""
     file = spec.file
-    content = file.model_dump(mode="json", exclude={"gates", "keep", "limits", "description", "base", "set"})
-    if file.method in _CAN_GROW:
-        content.pop("cases")
+    content = file.model_dump(mode="json", exclude={"cases", "gates", "keep", "limits", "description", "base", "set"})
     return hashlib.sha256(json.dumps([content, spec.base.model_dump(mode="json")]).encode()).hexdigest()

@@ -1,7 +1,8 @@
 """The process that flies cases, one after the other: reads requests and writes results, a JSON line each.
 
 It is a process of its own because a run can crash or hang in compiled code, and because memory of Drake grows with
-every simulation; whoever started it replaces it. It ends with the one that started it.
+every simulation; whoever started it replaces it. It ends with the one that started it, and when nobody asks anything
+of it any more.
 """
 
 from __future__ import annotations
@@ -14,19 +15,20 @@ import signal
 import sys
 import threading
 import time
+from collections.abc import Iterator
 from typing import Any, TextIO
 
 _PARENT_DEATH_SIGNAL = 1  # of Linux's prctl
+_IDLE_S = 60  # without a request: whoever ran the campaign has been killed, and its worker waits for another
 
 
 def main() -> None:
     """Serves until standard input ends."""
     _end_with_the_parent()
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for whoever started it
     replies = os.fdopen(os.dup(1), "w", encoding="utf-8", buffering=1)
     os.dup2(2, 1)  # whatever prints must not come between
-    requests = iter(sys.stdin)
-    setup = json.loads(next(requests))
+    requests = _requests()
+    setup = next(requests)
 
     from massprop_drake.errors import InputError  # noqa: PLC0415 (the parent's end is to be noticed from the first)
     from massprop_drake.studies.campaign.execution import execution  # noqa: PLC0415
@@ -37,13 +39,23 @@ def main() -> None:
     for request in requests:
         began, spent = time.perf_counter(), time.process_time()
         try:
-            answer = {"row": flights.fly(json.loads(request))}
+            answer: dict[str, Any] = {"row": flights.fly(request)}
         except InputError as error:
             answer = {"failed": str(error)}
-        except Exception as error:  # noqa: BLE001 (a case that raises is a result, too)
+        except Exception as error:  # a case that raises is a result, too
             answer = {"failed": f"{type(error).__name__}: {str(error).splitlines()[0] if str(error) else ''}"}
         answer |= {"wall_s": time.perf_counter() - began, "cpu_s": time.process_time() - spent}
         _reply(replies, answer)
+
+
+def _requests() -> Iterator[dict[str, Any]]:
+    while True:
+        signal.alarm(_IDLE_S)
+        line = sys.stdin.readline()
+        signal.alarm(0)
+        if not line:
+            return
+        yield json.loads(line)
 
 
 def _reply(replies: TextIO, content: dict[str, Any]) -> None:

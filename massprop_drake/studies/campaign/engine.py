@@ -8,31 +8,36 @@ its reason and nothing else.
 from __future__ import annotations
 
 import contextlib
+import importlib.util
 import uuid
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterator, Mapping, Sequence
+from concurrent.futures import CancelledError
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from massprop_drake.errors import InputError
 from massprop_drake.studies.campaign.execution import differences
-from massprop_drake.studies.campaign.plan import PlannedCase
-from massprop_drake.studies.campaign.worker import fly_chunk, shares_folder
+from massprop_drake.studies.campaign.plan import FAILED, FLOWN, PlannedCase
+from massprop_drake.studies.campaign.worker import CannotFlyError, end, fly_chunk, require_shared
+from massprop_drake.studies.processes import ctrl_c_held
 
 if TYPE_CHECKING:
-    from distributed import Client
+    from distributed import Client, Future
 
-_CHUNK_S = 15.0  # that a task is to take
+_CHUNK_S, _LEAST_S = 15.0, 2.0  # that a task is to take, and one of the last ones
 _FIRST = 4  # cases of a task before it is known how long one takes
 _MOST = 200
 _WAITING = 2  # tasks for each worker, so that none runs dry
-_RETRIES = 10  # of a task whose worker was lost
+_LOST = 10  # tasks in a row whose workers were killed, after which it is no chance
+_CONNECT_S = 10.0
+_WORKERS_S = 60.0  # to wait for the first worker
 
 
 class Work(NamedTuple):
     """What is to be flown, and how.
 
     Attributes:
-        setup: what all cases share, as of `flight.Flights`, with `key`, its digest.
+        setup: what all cases share, as of `flight.Flights`, without `key` and `token`.
         cases: to fly.
         kept: numbers of those to be kept whatever becomes of them.
         time_s, memory_mb: what each may take.
@@ -45,6 +50,18 @@ class Work(NamedTuple):
     memory_mb: float
 
 
+class Flown(NamedTuple):
+    """A chunk that has been flown.
+
+    Attributes:
+        rows: of its cases.
+        execution: how it was executed.
+    """
+
+    rows: list[dict[str, Any]]
+    execution: dict[str, str]
+
+
 @contextlib.contextmanager
 def local_client(workers: int) -> Iterator[Client]:
     """A client of a cluster on this machine, which ends with the block.
@@ -55,20 +72,23 @@ def local_client(workers: int) -> Iterator[Client]:
     import dask  # noqa: PLC0415 (optional, slow to load)
     from distributed import Client, LocalCluster  # noqa: PLC0415
 
-    quiet = {
-        "distributed.scheduler.allowed-failures": _RETRIES,
-        "distributed.worker.multiprocessing-method": "spawn",
-        "distributed.admin.tick.limit": "1h",
+    settings = {
+        "distributed.scheduler.allowed-failures": _LOST,
+        "distributed.worker.multiprocessing-method": "spawn",  # Drake has threads, and a fork of them can hang
+        "distributed.admin.tick.limit": "1h",  # of warnings
     }
-    with (
-        dask.config.set(quiet),
-        LocalCluster(
-            n_workers=workers, threads_per_worker=1, processes=True, memory_limit=0, dashboard_address="127.0.0.1:0",
-            silence_logs="ERROR",
-        ) as cluster,
-        Client(cluster) as client,
-    ):  # fmt: skip
-        yield client
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(dask.config.set(settings))
+        with ctrl_c_held():  # the cluster's own threads start its workers, also those that replace others
+            cluster = LocalCluster(
+                n_workers=workers,
+                threads_per_worker=1,
+                processes=True,
+                memory_limit=0,  # the limit is each case's
+                dashboard_address="127.0.0.1:0",
+                silence_logs="CRITICAL",
+            )
+        yield stack.enter_context(Client(stack.enter_context(cluster)))
 
 
 @contextlib.contextmanager
@@ -81,20 +101,26 @@ def remote_client(address: str) -> Iterator[Client]:
     from distributed import Client  # noqa: PLC0415 (optional, slow to load)
 
     try:
-        client = Client(address, timeout=10)
+        client = Client(address, timeout=_CONNECT_S)
     except (OSError, ValueError, TimeoutError) as error:
+        reason = " ".join(str(error).split()) or type(error).__name__
         raise InputError(
-            f"--scheduler {address}: no Dask scheduler answers there ({str(error).splitlines()[0]}); start one with "
-            "`dask scheduler`, and give the address that it prints"
+            f"--scheduler {address}: no Dask scheduler answers there ({reason}); start one with `dask scheduler`, and "
+            "give the address that it prints"
         ) from None
     with client:
         yield client
 
 
-def flown(
-    client: Client, work: Work, execution: Mapping[str, str] | None, folder: Path
-) -> Iterator[tuple[list[dict[str, Any]], dict[str, str]]]:
-    """Yields the rows of each chunk as it is done, with how it was executed.
+def dashboard(client: Client) -> str | None:
+    """The address of Dask's dashboard; None where the scheduler has none."""
+    if client.run_on_scheduler(importlib.util.find_spec, "bokeh") is None:  # an extra of Dask's
+        return None
+    return client.dashboard_link if "dashboard" in client.scheduler_info()["services"] else None
+
+
+def flown(client: Client, work: Work, execution: Mapping[str, str] | None, folder: Path) -> Generator[Flown]:
+    """Yields each chunk as it is done.
 
     Args:
         client: of a scheduler with workers.
@@ -103,70 +129,142 @@ def flown(
         folder: the campaign's; workers must see it where run folders are kept.
 
     Raises:
-        InputError: when a worker executes differently, or does not see the folder.
+        InputError: when there are no workers, one cannot fly, executes differently or does not see the folder, or the
+            scheduler is lost.
     """
-    from distributed import as_completed  # noqa: PLC0415 (optional, slow to load)
-
-    if not client.nthreads():
-        client.wait_for_workers(1, timeout=60)
-    if work.setup["keep"] != "none" or work.kept:
-        _require_shared(client, folder)
-    waiting = list(work.cases)
-    chunks: dict[str, list[PlannedCase]] = {}
-    running = as_completed()
-    per_case_s: float | None = None
-
-    def submit() -> None:
-        """Hands out the next chunk, if there is one."""
-        workers = max(1, len(client.nthreads()))
-        wanted = _FIRST if per_case_s is None else max(1, min(_MOST, round(_CHUNK_S / per_case_s)))
-        chunk = waiting[: min(wanted, -(-len(waiting) // workers))]  # the last ones are shared out
-        if not chunk:
-            return
-        del waiting[: len(chunk)]
-        requests = [{**case._asdict(), "keep": case.case_id in work.kept} for case in chunk]
-        key = f"cases-{chunk[0].case_id}-{uuid.uuid4().hex}"
-        chunks[key] = chunk
-        running.add(
-            client.submit(fly_chunk, work.setup, requests, work.time_s, work.memory_mb, key=key, retries=_RETRIES)
-        )
-
-    for _ in range(_WAITING * max(1, len(client.nthreads()))):
-        submit()
-    for future in running:
-        result = future.result()
-        chunk, here = chunks.pop(future.key), result["execution"]
-        future.release()
-        if execution is not None and differences(here, execution):
-            raise InputError(
-                "a worker executes cases differently, so that they would not be the same bit for bit: "
-                f"{'; '.join(differences(here, execution))}; give all workers the same environment"
-            )
-        execution = here
-        spent = [answer["wall_s"] for answer in result["answers"]]
-        per_case_s = max(1e-3, sum(spent) / len(spent))
-        yield [_row(case.case_id, answer) for case, answer in zip(chunk, result["answers"], strict=True)], here
-        submit()
-
-
-def _row(case_id: int, answer: Mapping[str, Any]) -> dict[str, Any]:
-    common = {"case_id": case_id, "wall_s": answer.get("wall_s"), "cpu_s": answer.get("cpu_s")}
-    if "row" in answer:
-        return {**common, "status": "flown", "reason": None, **answer["row"]}
-    return {**common, "status": "failed", "reason": answer["failed"]}
-
-
-def _require_shared(client: Client, folder: Path) -> None:
-    """Makes sure that every worker sees the folder that run folders are kept in."""
-    token = f".seen-{uuid.uuid4().hex}"
-    (folder / token).touch()
+    key = uuid.uuid4().hex
     try:
-        seen = client.run(shares_folder, str(folder.resolve()), token)
+        with _token(folder, wanted=work.setup["keep"] != "none" or bool(work.kept)) as token:
+            setup = {**work.setup, "key": key, "token": token}
+            _require_workers(client, setup)
+            chunks = _Chunks(client, work._replace(setup=setup), execution)
+            try:
+                yield from chunks.flown()
+            finally:
+                with contextlib.suppress(OSError, TimeoutError, CancelledError):  # lost anyway
+                    chunks.cancel()
+                    client.run(end, key, on_error="ignore")
+    except (OSError, CancelledError) as error:
+        if client.status == "running" and not isinstance(error, CancelledError):
+            raise
+        raise InputError("the connection to the Dask scheduler is lost; --resume goes on with what is there") from None
+
+
+@contextlib.contextmanager
+def _token(folder: Path, *, wanted: bool) -> Iterator[str | None]:
+    """A file by which workers know the campaign's folder; None where they need not see it."""
+    if not wanted:
+        yield None
+        return
+    path = folder / f".seen-{uuid.uuid4().hex}"
+    path.touch()
+    try:
+        yield path.name
     finally:
-        (folder / token).unlink(missing_ok=True)
-    blind = [address for address, sees in seen.items() if not sees]
-    if blind:
-        raise InputError(
-            f"{folder}: worker {blind[0]} does not see this folder, in which run folders are to be kept; give a folder "
-            "that all machines share, or `keep: none`"
-        )
+        path.unlink(missing_ok=True)
+
+
+def _require_workers(client: Client, setup: Mapping[str, Any]) -> None:
+    """Makes sure that there are workers, and that each can do what is asked of it."""
+    try:
+        client.wait_for_workers(1, timeout=_WORKERS_S)
+    except TimeoutError:
+        raise InputError(f"the Dask scheduler has no workers after {_WORKERS_S:g} s; start some") from None
+    for address, answer in client.run(require_shared, setup, on_error="return").items():
+        if isinstance(answer, Exception) and not isinstance(answer, OSError):  # one that has just gone
+            raise InputError(f"worker {address} cannot fly: {answer}")
+
+
+class _Chunks:
+    """Hands out chunks so that each takes some seconds and the last ones are shared, and takes back the rows.
+
+    Args:
+        client: of a scheduler with workers.
+        work: what to fly.
+        execution: how cases are executed; None: as the first chunk is.
+    """
+
+    def __init__(self, client: Client, work: Work, execution: Mapping[str, str] | None):
+        from distributed import as_completed  # noqa: PLC0415 (optional, slow to load)
+
+        self._client = client
+        self._work = work
+        self._execution = execution
+        self._waiting = list(reversed(work.cases))
+        self._under_way: dict[Future[Any], list[PlannedCase]] = {}
+        self._done = as_completed()
+        self._per_case_s: float | None = None
+
+    def flown(self) -> Iterator[Flown]:
+        """Yields each chunk as it is done."""
+        from distributed.scheduler import KilledWorker  # noqa: PLC0415
+
+        lost = 0
+        self._hand_out()
+        for future in self._done:
+            chunk = self._under_way.pop(future)
+            try:
+                result = future.result()
+            except KilledWorker:
+                lost += 1
+                if lost == _LOST:
+                    raise InputError(
+                        f"workers were killed again and again while they flew cases {chunk[0].case_id} to "
+                        f"{chunk[-1].case_id}; see whether their machines have memory for them"
+                    ) from None
+                self._waiting += reversed(chunk)
+            except CannotFlyError as error:
+                raise InputError(f"no case can be flown on {error}") from None
+            else:
+                lost = 0
+                yield self._taken(chunk, result)
+            future.release()
+            self._hand_out()
+
+    def cancel(self) -> None:
+        """Takes back what is under way."""
+        self._client.cancel(list(self._under_way), force=True)
+
+    def _hand_out(self) -> None:
+        """Submits chunks until every worker has some."""
+        threads = max(1, sum(self._client.nthreads().values()))
+        while self._waiting and len(self._under_way) < _WAITING * threads:
+            chunk = [self._waiting.pop() for _ in range(min(self._wanted(threads), len(self._waiting)))]
+            requests = [{**case._asdict(), "keep": case.case_id in self._work.kept} for case in chunk]
+            future = self._client.submit(
+                fly_chunk,
+                self._work.setup,
+                requests,
+                self._work.time_s,
+                self._work.memory_mb,
+                key=f"cases-{chunk[0].case_id}-{uuid.uuid4().hex}",
+            )
+            self._under_way[future] = chunk
+            self._done.add(future)
+
+    def _wanted(self, threads: int) -> int:
+        """The number of cases of the next chunk."""
+        share = len(self._waiting) // (_WAITING * threads)
+        if self._per_case_s is None:
+            return max(1, min(_FIRST, share))
+        least, most = (max(1, min(_MOST, round(span / self._per_case_s))) for span in (_LEAST_S, _CHUNK_S))
+        return min(most, max(least, share))
+
+    def _taken(self, chunk: Sequence[PlannedCase], result: Mapping[str, Any]) -> Flown:
+        here, answers = result["execution"], result["answers"]
+        if self._execution is not None and differences(here, self._execution):
+            raise InputError(
+                f"{result['worker']} executes cases differently, so that they would not be the same bit for bit: "
+                f"{'; '.join(differences(here, self._execution))}; give all workers the same environment"
+            )
+        self._execution = here
+        self._per_case_s = max(1e-3, sum(answer["wall_s"] for answer in answers) / len(answers))
+        rows = [_row(case, answer, result["worker"]) for case, answer in zip(chunk, answers, strict=True)]
+        return Flown(rows, here)
+
+
+def _row(case: PlannedCase, answer: Mapping[str, Any], worker: str) -> dict[str, Any]:
+    common = {"case_id": case.case_id, "wall_s": answer["wall_s"], "cpu_s": answer["cpu_s"], "worker": worker}
+    if "row" in answer:
+        return {**common, "status": FLOWN, "reason": None, **answer["row"]}
+    return {**common, "status": FAILED, "reason": answer["failed"]}

@@ -28,7 +28,7 @@ def execution() -> dict[str, str]:
     return {
         "python": platform.python_version(),
         **{name: version(name) for name in _PACKAGES},
-        "system": f"{sys.platform} {platform.machine()}",
+        "system": f"{sys.platform} {platform.machine()} {' '.join(platform.libc_ver())}".strip(),
         "blas": ", ".join(dict.fromkeys(blas)),
         "simd": " ".join(np.show_config(mode="dicts")["SIMD Extensions"].get("found", [])),
     }

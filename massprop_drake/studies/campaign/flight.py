@@ -6,23 +6,28 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from massprop_drake.inputs.model import validated
-from massprop_drake.inputs.scenario import Scenario
+from massprop_drake.inputs.scenario import Scenario, resolved
 from massprop_drake.results.run import Run
 from massprop_drake.studies.campaign.measure import ended_wrong, measured
 from massprop_drake.studies.campaign.plan import PlannedCase, case_name
+from massprop_drake.studies.campaign.worker import require_shared
 
 
 class Flights:
     """What all cases of a campaign share, loaded once.
 
     Args:
-        setup: `base` (the scenario in full), `campaign` (its name), `times_s`, `keep` and `folder`, as JSON has them.
+        setup: `base` (the scenario in full), `campaign` (its name), `times_s`, `keep`, `folder` (the campaign's) and
+            `token` (see `worker.require_shared`), as JSON has them.
+
+    Raises:
+        InputError: when run folders may be kept, and the folder is not the driver's.
     """
 
     def __init__(self, setup: Mapping[str, Any]):
-        self._base = validated(Scenario, setup["base"], None, "base")
+        self._base = resolved(setup["base"])
         self._setup = setup
+        require_shared(setup)
 
     def fly(self, request: Mapping[str, Any]) -> dict[str, Any]:
         """The row of one case; its folder is written where it is to be kept.

@@ -9,20 +9,22 @@ from __future__ import annotations
 import hashlib
 import itertools
 import json
+import math
+import re
 import warnings
 from collections.abc import Iterator, Mapping
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from massprop_drake.errors import InputError
-from massprop_drake.inputs.campaign import CampaignSpec, settings_of, with_settings
+from massprop_drake.inputs.campaign import MOST_CASES, CampaignSpec, settings_of, with_settings
 from massprop_drake.inputs.scenario import Scenario
 
 Array = NDArray[np.float64]
 
+FLOWN, FAILED = "flown", "failed"  # what becomes of a case; failed: it could not be run
 _DRAWS, _DESIGN = 0, 1  # streams of chance beside the cases' own: independent draws, and designs made as a whole
 
 
@@ -83,8 +85,9 @@ def planned(campaign: CampaignSpec) -> list[PlannedCase]:
     file = campaign.file
     records = _records(campaign)
     coordinates = design(campaign, len(records))
+    _require_few(campaign, len(coordinates) * math.prod(map(len, file.sweep.values())))
     cells = [dict(zip(file.sweep, values, strict=True)) for values in itertools.product(*file.sweep.values())]
-    columns = _columns(campaign, coordinates)
+    columns = list(_columns(campaign, coordinates))
     cases = []
     for sample in range(len(coordinates)):
         drawn = {quantity.label: column[sample] for quantity, column in zip(campaign.quantities, columns, strict=True)}
@@ -97,18 +100,35 @@ def planned(campaign: CampaignSpec) -> list[PlannedCase]:
             try:
                 case.scenario(campaign.base, file.name)
             except InputError as error:
-                what = "; ".join(f"{label} = {value}" for label, value in drawn.items())
                 raise InputError(
-                    *(f"{campaign.source}: case {case_id}: {problem}; drawn: {what}" for problem in error.problems)
+                    *(f"{campaign.source}: case {case_id}: {_told(problem, drawn)}" for problem in error.problems)
                 ) from None
             cases.append(case)
     return cases
 
 
+def _told(problem: str, drawn: Mapping[str, Any]) -> str:
+    """A problem of a case, with what was drawn in the block of fields that it names."""
+    problem = problem.removeprefix("scenario: ")
+    block = re.split(r"[.\[:]", problem, maxsplit=1)[0]
+    what = [f"{label} = {value}" for label, value in drawn.items() if re.split(r"[.\[]", label, maxsplit=1)[0] == block]
+    return problem if not what else f"{problem}; drawn: {', '.join(what)}"
+
+
+def _require_few(campaign: CampaignSpec, count: int) -> None:
+    if count > MOST_CASES:
+        raise InputError(f"{campaign.source}: is a campaign of {count} cases; expected {MOST_CASES} at the most")
+
+
 def _records(campaign: CampaignSpec) -> list[str]:
     if campaign.file.records is None:
         return []
-    found = sorted(str(path.resolve()) for path in Path(campaign.folder).glob(campaign.file.records))
+    try:
+        found = sorted(str(path.resolve()) for path in campaign.folder.glob(campaign.file.records))
+    except (NotImplementedError, ValueError):
+        raise InputError(
+            f"{campaign.source}: records: {campaign.file.records!r} is no pattern of files relative to this one"
+        ) from None
     if not found:
         raise InputError(f"{campaign.source}: records: no file fits {campaign.file.records!r} in {campaign.folder}")
     wanted = campaign.file.cases
@@ -127,8 +147,6 @@ def design(campaign: CampaignSpec, n_records: int = 0) -> Array:
     Raises:
         InputError: when the method cannot give that number of cases.
     """
-    from scipy.stats import qmc  # noqa: PLC0415 (slow to load)
-
     file, dimensions = campaign.file, len(campaign.quantities)
     count = n_records or file.cases or 0
     if file.method == "grid":
@@ -137,6 +155,8 @@ def design(campaign: CampaignSpec, n_records: int = 0) -> Array:
         return np.empty((count, 0))
     generator = np.random.default_rng(np.random.SeedSequence(file.seed, spawn_key=(_DESIGN, dimensions)))
     if file.method == "lhs":
+        from scipy.stats import qmc  # noqa: PLC0415 (slow to load)
+
         return qmc.LatinHypercube(dimensions, rng=generator).random(count)
     if file.method == "sobol":
         return _sobol(generator, dimensions, count)
@@ -192,7 +212,8 @@ def _grid(campaign: CampaignSpec) -> Array:
                 "give points, or a choice"
             )
         sizes.append(len(values))
-    count = int(np.prod(sizes))
+    count = math.prod(sizes)
+    _require_few(campaign, count)
     if campaign.file.cases not in (None, count):
         raise InputError(
             f"{campaign.source}: cases: the grid has {count} of them, got {campaign.file.cases}; leave it out"
@@ -202,15 +223,12 @@ def _grid(campaign: CampaignSpec) -> Array:
 
 def _columns(campaign: CampaignSpec, coordinates: Array) -> Iterator[list[Any]]:
     """The values of each quantity in every sample."""
-    columns = []
     for quantity, column in zip(campaign.quantities, coordinates.T, strict=True):
-        if campaign.file.method == "grid":
-            values = quantity.distribution.grid()
-            assert values is not None
-            columns.append([values[int(number)] for number in column])
+        values = quantity.distribution.grid() if campaign.file.method == "grid" else None
+        if values is None:
+            yield quantity.distribution.at(column)
         else:
-            columns.append(quantity.distribution.at(column))
-    return columns
+            yield [values[int(number)] for number in column]
 
 
 def advice(campaign: CampaignSpec) -> list[str]:

@@ -5,22 +5,22 @@ The folder is the truth: what is in it has been flown, and nothing else needs to
 
 from __future__ import annotations
 
-import contextlib
 import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from massprop_drake.errors import InputError
 from massprop_drake.maths.mass_properties import NAMES
+from massprop_drake.results.exchange import stage
 from massprop_drake.results.injected import InjectedRecord
-from massprop_drake.studies.campaign.plan import PlannedCase
+from massprop_drake.studies.campaign.plan import FAILED, PlannedCase
 
 PLAN, RESULTS, CASES, FILE, BASE = "plan.parquet", "results", "cases", "campaign.yaml", "base.yaml"
-_PARTIAL = ".part"
 # what depends on where and when a case was flown, not on the case
 CIRCUMSTANCES = ("wall_s", "cpu_s", "worker")
 
@@ -50,7 +50,7 @@ def schema(times_s: Sequence[float]) -> pa.Schema:
     number, text = pa.float64(), pa.string()
     columns: list[tuple[str, pa.DataType]] = [
         ("case_id", pa.int64()),
-        ("status", text),  # flown, or failed to run
+        ("status", text),  # FLOWN or FAILED
         ("reason", text),  # why it failed to run
         ("failing", pa.list_(text)),
         ("duration_s", number),
@@ -82,40 +82,50 @@ def schema(times_s: Sequence[float]) -> pa.Schema:
     return pa.schema(columns)
 
 
-def write_table(path: Path, table: pa.Table) -> None:
-    """Writes a Parquet file whole or not at all."""
-    with _whole(path) as partial:
-        pq.write_table(table, partial)
-
-
 def write_text(path: Path, text: str) -> None:
     """Writes a file of text whole or not at all."""
-    with _whole(path) as partial:
+    with stage(path.parent) as prepared:
+        partial = prepared.partial / path.name
         partial.write_text(text, encoding="utf-8")
-
-
-@contextlib.contextmanager
-def _whole(path: Path) -> Iterator[Path]:
-    """Yields the name of a file to write, which takes the place of another once it is written."""
-    partial = path.with_name(f".{path.name}{_PARTIAL}")  # one process at a time is at work in the folder
-    try:
-        yield partial
         partial.replace(path)
-    except BaseException:
-        partial.unlink(missing_ok=True)
-        raise
 
 
-def tidy(folder: Path) -> None:
-    """Removes what interrupted writing left."""
-    for path in [*folder.glob(f".*{_PARTIAL}"), *(folder / RESULTS).glob(f".*{_PARTIAL}")]:
-        path.unlink(missing_ok=True)
+def _write(path: Path, table: pa.Table) -> None:
+    """Writes a Parquet file whole or not at all, with sums that tell when it has been damaged."""
+    with stage(path.parent) as prepared:
+        partial = prepared.partial / path.name
+        pq.write_table(table, partial, write_page_checksum=True)
+        partial.replace(path)
+
+
+def _read(path: Path, columns: Sequence[str] | None, key: str, remedy: str) -> pa.Table:
+    """Reads a Parquet file of ours.
+
+    Args:
+        path: of the file.
+        columns: to read; None: all.
+        key: a column that it must have.
+        remedy: what to do about a damaged one.
+
+    Raises:
+        InputError: when it is missing, or not as it was written.
+    """
+    chosen = None if columns is None else list(columns)
+    try:
+        table = pq.read_table(path, columns=chosen, page_checksum_verification=True)
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file") from None
+    except (OSError, pa.ArrowException) as error:
+        raise InputError(f"{path}: is damaged: {' '.join(str(error).split())}; {remedy}") from None
+    if not {key, *(chosen or ())} <= set(table.column_names):
+        raise InputError(f"{path}: is not as a campaign writes it; {remedy}")
+    return table
 
 
 # --------------------------------------------------------------------------------------------- plan
 
 
-def write_plan(folder: Path, cases: Iterable[PlannedCase], facts: Mapping[str, str]) -> None:
+def write_plan(folder: Path, cases: Sequence[PlannedCase], facts: Mapping[str, str]) -> None:
     """Writes every case, with what is drawn in columns of their own.
 
     Args:
@@ -123,28 +133,37 @@ def write_plan(folder: Path, cases: Iterable[PlannedCase], facts: Mapping[str, s
         cases: all of them.
         facts: about the plan as a whole, such as the digest of the campaign, kept as metadata.
     """
-    rows = []
-    for case in cases:
-        given = {**{f"draw.{label}": value for label, value in case.drawn.items()}}
-        given |= {f"sweep.{key}": value for key, value in case.swept.items()}
-        rows.append(
-            {
-                "case_id": case.case_id,
-                "sample": case.sample,
-                "cell": case.cell,
-                "seed": case.seed,
-                "digest": case.digest,
-                "record": case.record,
-                **{name: _cell(value) for name, value in given.items()},
-                "case": json.dumps(case._asdict()),
-            }
-        )
-    table = pa.Table.from_pylist(rows)
-    write_table(folder / PLAN, table.replace_schema_metadata({**facts}))
+    columns = {
+        "case_id": pa.array([case.case_id for case in cases], pa.int64()),
+        "sample": pa.array([case.sample for case in cases], pa.int64()),
+        "cell": pa.array([case.cell for case in cases], pa.int64()),
+        "seed": pa.array([case.seed for case in cases], pa.int64()),
+        "digest": pa.array([case.digest for case in cases], pa.string()),
+        "record": pa.array([case.record for case in cases], pa.string()),
+    }
+    for label in cases[0].drawn:
+        columns[f"draw.{label}"] = _column([case.drawn[label] for case in cases])
+    for key in cases[0].swept:
+        columns[f"sweep.{key}"] = _column([case.swept[key] for case in cases])
+    columns["case"] = pa.array([json.dumps(case._asdict()) for case in cases], pa.string())
+    _write(folder / PLAN, pa.table(columns).replace_schema_metadata(facts))
 
 
-def _cell(value: Any) -> Any:
-    return value if isinstance(value, (int, float, str, bool)) or value is None else json.dumps(value)
+def note(folder: Path, facts: Mapping[str, str]) -> None:
+    """Writes other facts to the plan."""
+    _write(folder / PLAN, _plan(folder, None).replace_schema_metadata(facts))
+
+
+def _column(values: Sequence[Any]) -> pa.Array:
+    """Numbers, words or truths as they are, anything else and any mixture as JSON."""
+    kinds = {type(value) for value in values if value is not None}
+    if kinds == {int} and all(value is None or abs(value) <= 2**53 for value in values):
+        return pa.array(values, pa.int64())
+    if kinds <= {int, float}:
+        return pa.array([None if value is None else float(value) for value in values], pa.float64())
+    if kinds in ({str}, {bool}):
+        return pa.array(values)
+    return pa.array([json.dumps(value) for value in values], pa.string())
 
 
 def read_plan(folder: Path) -> tuple[list[PlannedCase], dict[str, str]]:
@@ -153,21 +172,20 @@ def read_plan(folder: Path) -> tuple[list[PlannedCase], dict[str, str]]:
     Raises:
         InputError: when there is no plan that can be read.
     """
-    path = folder / PLAN
-    try:
-        table = pq.read_table(path, columns=["case"])
-    except FileNotFoundError:
-        raise InputError(f"{folder}: holds no campaign: there is no {PLAN}") from None
-    except (OSError, pa.ArrowException) as error:
-        raise InputError(f"{path}: cannot be read: {error}") from None
+    table = _plan(folder, ["case"])
     facts = {key.decode(): value.decode() for key, value in (table.schema.metadata or {}).items()}
     return [PlannedCase(**json.loads(text)) for text in table["case"].to_pylist()], facts
 
 
 def read_draws(folder: Path) -> pa.Table:
     """The plan as a table: sample, cell, seed, and what was drawn and swept, without the cases as such."""
-    table = pq.read_table(folder / PLAN)
-    return table.drop_columns(["case", "digest"])
+    return _plan(folder, None).drop_columns(["case", "digest"])
+
+
+def _plan(folder: Path, columns: Sequence[str] | None) -> pa.Table:
+    if not (folder / PLAN).is_file():
+        raise InputError(f"{folder}: holds no campaign: there is no {PLAN}")
+    return _read(folder / PLAN, columns, "case", "remove it, and plan the campaign anew from its file")
 
 
 # ------------------------------------------------------------------------------------------ results
@@ -179,7 +197,7 @@ def write_rows(folder: Path, rows: Sequence[Mapping[str, Any]], columns: pa.Sche
     place.mkdir(exist_ok=True)
     first, last = rows[0]["case_id"], rows[-1]["case_id"]
     path = place / f"{first:06d}-{last:06d}.parquet"
-    write_table(path, pa.Table.from_pylist([dict(row) for row in rows], schema=columns))
+    _write(path, pa.Table.from_pylist([dict(row) for row in rows], schema=columns))
     return path
 
 
@@ -187,24 +205,41 @@ def flown_ids(folder: Path) -> set[int]:
     """Numbers of the cases that have a row."""
     found: set[int] = set()
     for path in _chunks(folder):
-        found.update(_read(path, ["case_id"])["case_id"].to_pylist())
+        found.update(_rows(path, ["case_id"])["case_id"].to_pylist())
     return found
 
 
+def forget_failed(folder: Path, ids: Collection[int]) -> None:
+    """Removes the rows of some cases where they say that the case failed to run."""
+    for path in _chunks(folder):
+        table = _rows(path, None)
+        wanted = pc.and_(pc.is_in(table["case_id"], pa.array(ids, pa.int64())), pc.equal(table["status"], FAILED))
+        kept = table.filter(pc.invert(wanted))
+        if not kept.num_rows:
+            path.unlink()
+        elif kept.num_rows < table.num_rows:
+            _write(path, kept)
+
+
 def read_rows(folder: Path, columns: Sequence[str] | None = None) -> pa.Table | None:
-    """All rows in the order of their cases; None where there are none."""
-    tables = [_read(path, columns) for path in _chunks(folder)]
+    """All rows in the order of their cases; None where there are none.
+
+    Args:
+        folder: the campaign's.
+        columns: to read, `case_id` among them; default all.
+
+    Raises:
+        InputError: when a file of them is damaged.
+    """
+    tables = [_rows(path, columns) for path in _chunks(folder)]
     if not tables:
         return None
     return pa.concat_tables(tables).sort_by("case_id")
 
 
 def _chunks(folder: Path) -> list[Path]:
-    return sorted(path for path in (folder / RESULTS).glob("*.parquet") if not path.name.startswith("."))
+    return sorted((folder / RESULTS).glob("*.parquet"))
 
 
-def _read(path: Path, columns: Sequence[str] | None) -> pa.Table:
-    try:
-        return pq.read_table(path, columns=None if columns is None else list(columns))
-    except (OSError, pa.ArrowException) as error:
-        raise InputError(f"{path}: cannot be read: {error}; remove it, and --resume flies its cases again") from None
+def _rows(path: Path, columns: Sequence[str] | None) -> pa.Table:
+    return _read(path, columns, "case_id", "remove it, and --resume flies its cases again")

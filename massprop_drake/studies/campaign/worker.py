@@ -6,25 +6,37 @@ What runs here, in a worker of Dask or anywhere else, never loads Drake.
 from __future__ import annotations
 
 import atexit
+import contextlib
 import json
 import os
+import platform
 import select
 import signal
 import subprocess
 import sys
+import tempfile
+import threading
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
+
+from massprop_drake.errors import InputError
 
 _LIFE = 60  # cases that one child flies: Drake 1.51 keeps 7 MB of every simulation
-_LOOK_S = 0.25  # between two looks at a child's memory
+_LOOK_S = 0.1  # between two looks at a child's memory
 _START_S = 120.0  # that a child may take to load everything
-_ATTEMPTS = 2  # a child killed from outside took an innocent case with it
+_ATTEMPTS = 2  # of a case: a kill from outside, or what the cases before have left in memory, is no fault of it
+_STARTS = 3  # of a child
+_TAIL = 2000  # bytes of what a child said last
 
 
 class CannotFlyError(RuntimeError):
     """A worker that cannot fly any case."""
+
+
+class _LostError(RuntimeError):
+    """A child that has ended, or been ended, before it answered."""
 
 
 class Child:
@@ -37,94 +49,127 @@ class Child:
     def __init__(self, setup: Mapping[str, Any]):
         self._setup = setup
         self._process: subprocess.Popen[bytes] | None = None
+        self._said: IO[bytes] | None = None  # its standard error
         self._rest = b""
         self._flown = 0
+        self._is_over = False
         self.execution: dict[str, str] = {}
 
     def fly(self, case: Mapping[str, Any], time_s: float, memory_mb: float) -> dict[str, Any]:
-        """The answer to one case: `row` or `failed`, with times; never an exception of the case.
+        """The answer to one case: `row` or `failed`, with `wall_s` and `cpu_s`; never an exception of the case.
 
         Args:
             case: the request.
             time_s, memory_mb: what it may take, s of wall time and MB of resident memory.
+
+        Raises:
+            CannotFlyError: when no process for it can be started.
         """
-        answer: dict[str, Any] = {}
+        failed = ""
         for _ in range(_ATTEMPTS):
             self._ready()
-            began = time.perf_counter()
-            answer = self._ask(json.dumps(case), time_s, memory_mb)
             self._flown += 1
-            if "crashed" not in answer:
+            began = time.perf_counter()
+            try:
+                return self._ask(case, time_s, memory_mb)
+            except TimeoutError as error:
+                failed = str(error)
                 break
-        if "crashed" in answer:
-            answer = {"failed": answer["crashed"], "wall_s": time.perf_counter() - began, "cpu_s": None}
-        return answer
+            except _LostError as error:
+                failed = str(error)
+        return {"failed": failed, "wall_s": time.perf_counter() - began, "cpu_s": None}
 
     def close(self) -> None:
-        """Ends the process."""
+        """Ends the process; the next case gets another one."""
         if self._process is not None:
             self._process.kill()
             self._process.wait()
-            for stream in (self._process.stdin, self._process.stdout):
+            for stream in (self._process.stdin, self._process.stdout, self._said):
                 if stream is not None:
-                    stream.close()
+                    with contextlib.suppress(BrokenPipeError):  # what it has not read
+                        stream.close()
             self._process, self._rest, self._flown = None, b"", 0
+
+    def end(self) -> None:
+        """Ends the process for good, from any thread: a case under way fails, and no other is flown."""
+        self._is_over = True
+        if (process := self._process) is not None:
+            process.kill()
 
     def _ready(self) -> None:
         """Starts a process where there is none, or the one that there is has flown enough."""
-        if self._flown >= _LIFE:
+        if self._process is not None and (self._flown >= _LIFE or self._process.poll() is not None):
             self.close()
-        if self._process is not None:
-            return
-        one_thread = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")}
+        problem = ""
+        for _ in range(_STARTS):
+            if self._is_over:
+                raise CannotFlyError("the campaign has ended")
+            if self._process is not None:
+                return
+            try:
+                self._start()
+            except (_LostError, TimeoutError) as error:
+                problem = str(error)
+        if self._process is None:
+            raise CannotFlyError(f"{platform.node()}: no process for the cases can be started: {problem}")
+
+    def _start(self) -> None:
+        one_thread = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+        self._said = tempfile.TemporaryFile()  # noqa: SIM115 (`close` closes it)
         self._process = subprocess.Popen(
             [sys.executable, "-P", "-m", "massprop_drake.studies.campaign.child"],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
+            stderr=self._said,
             env={**os.environ, **one_thread},
+            start_new_session=True,  # Ctrl-C is for whoever started it
         )
-        hello = self._ask(json.dumps(self._setup), _START_S, float("inf"))
-        if "execution" not in hello:
-            self.close()
-            raise CannotFlyError(f"a process for the cases does not start: {hello.get('failed') or hello['crashed']}")
-        self.execution = hello["execution"]
+        self.execution = self._ask(self._setup, _START_S, float("inf"))["execution"]
 
-    def _ask(self, request: str, time_s: float, memory_mb: float) -> dict[str, Any]:
+    def _ask(self, request: Mapping[str, Any], time_s: float, memory_mb: float) -> dict[str, Any]:
+        """The answer of the process, which is ended where there is none."""
+        try:
+            line = self._answer(json.dumps(request), time_s, memory_mb)
+        except (_LostError, TimeoutError):
+            self.close()
+            raise
+        answer: dict[str, Any] = json.loads(line)
+        return answer
+
+    def _answer(self, request: str, time_s: float, memory_mb: float) -> bytes:
         process = self._process
         assert process is not None
         assert process.stdin is not None
         assert process.stdout is not None
         began = time.perf_counter()
+        ready = select.poll()
+        ready.register(process.stdout, select.POLLIN)
         try:
             process.stdin.write(request.encode() + b"\n")
             process.stdin.flush()
         except BrokenPipeError:
-            return self._ended(process)
+            raise _LostError(self._end_of(process)) from None
         while b"\n" not in self._rest:
-            if select.select([process.stdout], [], [], _LOOK_S)[0]:
+            if ready.poll(1000.0 * _LOOK_S):
                 read = os.read(process.stdout.fileno(), 1 << 20)
                 if not read:
-                    return self._ended(process)
+                    raise _LostError(self._end_of(process))
                 self._rest += read
-                continue
-            spent = time.perf_counter() - began
-            if spent > time_s:
-                self.close()
-                return {"failed": f"took longer than {time_s:g} s", "wall_s": spent, "cpu_s": None}
-            used = _resident_mb(process.pid)
-            if used > memory_mb:
-                self.close()
-                return {"failed": f"needed more than {memory_mb:g} MB of memory", "wall_s": spent, "cpu_s": None}
+            elif time.perf_counter() - began > time_s:
+                raise TimeoutError(f"took longer than {time_s:g} s")
+            elif _resident_mb(process.pid) > memory_mb:
+                raise _LostError(f"needed more than {memory_mb:g} MB of memory")
         line, _, self._rest = self._rest.partition(b"\n")
-        answer: dict[str, Any] = json.loads(line)
-        return answer
+        return line
 
-    def _ended(self, process: subprocess.Popen[bytes]) -> dict[str, Any]:
+    def _end_of(self, process: subprocess.Popen[bytes]) -> str:
+        """How a process ended, in words, with the last that it said."""
         status = process.wait()
-        self.close()
-        if status < 0:
-            return {"crashed": f"its process was ended by {signal.Signals(-status).name}"}
-        return {"crashed": f"its process ended with status {status}"}
+        assert self._said is not None
+        self._said.seek(max(0, self._said.seek(0, os.SEEK_END) - _TAIL))
+        said = [line.strip() for line in self._said.read().decode(errors="replace").splitlines() if line.strip()]
+        how = f"was ended by {signal.Signals(-status).name}" if status < 0 else f"ended with status {status}"
+        return ": ".join([f"its process {how}", *said[-1:]])
 
 
 def _resident_mb(pid: int) -> float:
@@ -136,7 +181,8 @@ def _resident_mb(pid: int) -> float:
         return 0.0
 
 
-_children: dict[str, Child] = {}
+_here = threading.local()  # the child of each thread, one where the worker is as we start it
+_children: dict[str, list[Child]] = {}  # all of a campaign
 
 
 def fly_chunk(
@@ -145,23 +191,50 @@ def fly_chunk(
     """Flies some cases; a task of Dask.
 
     Args:
-        setup: as of `flight.Flights`, with `key`, its digest.
+        setup: as of `flight.Flights`, with `key`, which tells it from others.
         cases: requests.
         time_s, memory_mb: what each may take.
 
     Returns:
-        `answers`, one for each case, and `execution`: of the process that flew them.
+        `answers`, one for each case; `execution` of the process that flew them; `worker`, the machine.
+
+    Raises:
+        CannotFlyError: when no process for them can be started.
     """
-    key = setup["key"]
-    for other in [name for name in _children if name != key]:
-        _children.pop(other).close()
-    if key not in _children:
-        _children[key] = Child(setup)
-        atexit.register(_children[key].close)
-    child = _children[key]
-    return {"answers": [child.fly(case, time_s, memory_mb) for case in cases], "execution": child.execution}
+    child: Child | None = getattr(_here, "child", None)
+    if child is None or _here.key != setup["key"]:
+        if child is not None:
+            child.close()
+        child = _here.child = Child(setup)
+        _here.key = setup["key"]
+        _children.setdefault(setup["key"], []).append(child)
+    answers = [child.fly(case, time_s, memory_mb) for case in cases]
+    return {"answers": answers, "execution": child.execution, "worker": platform.node()}
 
 
-def shares_folder(folder: str, token: str) -> bool:
-    """Whether this worker sees the driver's folder."""
-    return Path(folder, token).is_file()
+def end(key: str) -> None:
+    """Ends all that a worker does for a campaign."""
+    for child in _children.pop(key, []):
+        child.end()
+
+
+@atexit.register
+def _end_all() -> None:
+    for key in list(_children):
+        end(key)
+
+
+def require_shared(setup: Mapping[str, Any]) -> None:
+    """Makes sure that the campaign's folder is here the one that the driver sees, where run folders may be kept.
+
+    Args:
+        setup: `folder`, and `token`: the name of a file that the driver has put into it; None where none are kept.
+
+    Raises:
+        InputError: when it is not.
+    """
+    if setup["token"] is not None and not Path(setup["folder"], setup["token"]).is_file():
+        raise InputError(
+            f"{platform.node()} does not see {setup['folder']}, in which run folders are to be kept; give a folder "
+            "that all machines share, or `keep: none`"
+        )

@@ -7,15 +7,13 @@ everything else is run.
 
 from __future__ import annotations
 
-import contextlib
 import multiprocessing
 import os
 import re
-import signal
 import threading
 import zipfile
 import zlib
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import replace
 from itertools import islice
@@ -25,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from massprop_drake.results.exchange import recover, stage
+from massprop_drake.studies.processes import ctrl_c_held
 from massprop_drake.studies.reproduction.cases import Case
 from massprop_drake.studies.reproduction.claims import Phase, Signals
 
@@ -136,7 +135,7 @@ def _run_batch(batch: list[tuple[Case, int, Path]]) -> Iterable[None]:
     context = multiprocessing.get_context("spawn")
     pool = ProcessPoolExecutor(min(WORKERS, len(batch)), mp_context=context, initializer=_start_worker)
     try:
-        with _ctrl_c_held():  # also in the workers, which inherit it while they load
+        with ctrl_c_held():  # also in the workers, which inherit it while they load
             futures = {pool.submit(_run_one, *work): work for work in batch}
         for future in as_completed(futures):
             case, seed, _ = futures[future]
@@ -147,16 +146,6 @@ def _run_batch(batch: list[tuple[Case, int, Path]]) -> Iterable[None]:
             yield
     finally:
         pool.shutdown(cancel_futures=True)
-
-
-@contextlib.contextmanager
-def _ctrl_c_held() -> Iterator[None]:
-    """Leaves Ctrl-C to this process, after the block: processes started in it never see one."""
-    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
 
 
 def _start_worker() -> None:
