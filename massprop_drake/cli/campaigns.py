@@ -7,7 +7,7 @@ rest.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -84,8 +84,8 @@ def run(
         raise InputError("give either --workers or --scheduler, not both: a scheduler has its own workers")
     chosen = _loaded(campaign, overrides)
     target = _target(chosen, out)
-    if report and not only and not force:
-        require_files(target, [_PAGE, _SUMMARY]) if target.is_dir() else None
+    if report and not only and not force and target.is_dir():
+        require_files(target, [_PAGE, _SUMMARY])
     context.obj.watch(
         target / _SUMMARY,
         f"the report is saved in {target}/",
@@ -105,7 +105,7 @@ def run(
             dashboard=(lambda address: note(f"Dask's dashboard is at {address}")) if shown else None,
         )
     if only:
-        _say_kept(flown, target, only, as_json=as_json, quiet=quiet)
+        _say_kept(flown, only, as_json=as_json, quiet=quiet)
     else:
         _concluded(target, written=report, force=force, as_json=as_json, quiet=quiet)
 
@@ -133,18 +133,15 @@ def report(folder: Folder, force: Force = False, as_json: Json = False, quiet: Q
 
 @app.command(epilog="Example: `massprop campaign compare runs/cglr runs/cusum --out cglr_cusum.html`")
 def compare(
-    folders: Annotated[list[Path], typer.Argument(help="Two campaigns' folders, or more, with the same draws.")],
+    folders: Annotated[
+        list[Path], typer.Argument(help="Campaigns' folders with the same draws; or one, for the cells of its sweep.")
+    ],
     out: Annotated[Path, typer.Option(help="File to write.")] = Path("compare.html"),
     force: Force = False,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
     """Holds campaigns with the same draws against each other, case by case."""
-    if len(folders) < 2:
-        raise InputError(f"{folders[0]}: with which campaign is it to be compared? Give two folders or more")
-    if not force:
-        require_files(out.parent, [out.name])
-
     from massprop_drake.studies.campaign import compare as comparison  # noqa: PLC0415 (loads templates)
 
     write_page(out, comparison.page(folders), force=force)
@@ -170,36 +167,38 @@ def _advise(chosen: Campaign, *, quiet: bool) -> None:
         note(f"warning: {advice}")
 
 
-def _say_kept(flown: Campaign, target: Path, only: list[int], *, as_json: bool, quiet: bool) -> None:
+def _say_kept(flown: Campaign, only: list[int], *, as_json: bool, quiet: bool) -> None:
     """Says where the folders of cases flown alone are, and which could not be flown."""
-    kept = {number: target / "cases" / flown.folder_of(number) for number in only}
+    kept = {number: flown.case_folder(number) for number in only}
+    failed = [number for number, path in kept.items() if not path.is_dir()]
     if as_json:
-        show.as_json({str(number): str(path) if path.is_dir() else None for number, path in kept.items()})
+        show.as_json({str(number): None if number in failed else str(path) for number, path in kept.items()})
     for number, path in kept.items():
-        if path.is_dir():
-            if not (quiet or as_json):
-                say(f"case {number}: {path}/; massprop run {path} flies it again")
-        else:
+        if number in failed:
             note(f"case {number} failed to run: {flown.reason(number)}")
-    if not all(path.is_dir() for path in kept.values()):
+        elif not (quiet or as_json):
+            say(f"case {number}: {path}/; 'massprop run {path}' flies it again")
+    if failed:
         raise typer.Exit(NOT_ALL_RAN)
 
 
 def _concluded(folder: Path, *, written: bool, force: bool, as_json: bool, quiet: bool) -> None:
     """Writes the report, prints what it says, and ends with the status that the gates and the cases ask for."""
-    from massprop_drake.studies.campaign import report as reporting  # noqa: PLC0415 (loads templates)
+    from massprop_drake.studies.campaign import reading  # noqa: PLC0415 (loads templates)
+    from massprop_drake.studies.campaign import report as reporting  # noqa: PLC0415
 
-    found: dict[str, Any] = reporting.summary(folder)
+    study = reading.read(folder)
+    found = reporting.summarized(study)
     if written:
-        files = {_SUMMARY: show.json_text(found).encode(), _PAGE: sealed(reporting.page(folder))}
+        files = {_SUMMARY: show.json_text(found).encode(), _PAGE: sealed(reporting.page_of(study))}
         write_files(folder, files, force=force)
     if as_json:
         show.as_json(found)
     elif not quiet:
-        show.campaign(found)
+        show.verdict(reporting.verdict(study))
         if written:
             say(f"report: {folder / _PAGE}")
     if found["failed_to_run"]:
         raise typer.Exit(NOT_ALL_RAN)
-    if not all(gate["passes"] for gate in found["gates"]):
+    if not found["passed"]:
         raise typer.Exit(GATE_FAILED)

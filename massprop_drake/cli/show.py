@@ -321,6 +321,49 @@ def _isolable_words(jets: list[dict[str, Any]], kind: str) -> str:
     return "; ".join(parts)
 
 
+# --------------------------------------------------------------------------------------- campaigns
+
+_GOOD_STYLES = {True: "green", False: "bold red", None: ""}
+
+
+def verdict(sentences: Iterable[Mapping[str, Any]]) -> None:
+    """Prints the sentences that a report begins with, each a `text` and whether it is `good`."""
+    console = Terminal()
+    for sentence in sentences:
+        console.say((sentence["text"], _GOOD_STYLES[sentence["good"]]))
+
+
+def compared(found: Mapping[str, Any]) -> None:
+    """Prints how campaigns differ from what they are compared with, in pairs of cases.
+
+    Args:
+        found: as `studies.campaign.compare.summary` returns it.
+    """
+    console = Terminal(120)
+    for column in found["columns"]:
+        if not column["differences"]:
+            continue
+        baseline = found["columns"][column["baseline"]]["label"]
+        table = _table(f"{column['label']}, compared with {baseline}", "", "there", "here", "difference", "95 %", "p")
+        for one in column["differences"]:
+            difference = one["difference"]
+            bounds = f"{_short(difference['low'])} to {_short(difference['high'])}"
+            cells = (
+                _short(one["baseline"]),
+                _short(one["here"]),
+                _short(difference["value"]),
+                bounds,
+                _short(one["p"]),
+            )
+            table.add_row(one["what"], *cells)
+        table.columns[0].justify = "left"
+        console.print(table)
+
+
+def _short(value: float | None) -> str:
+    return "-" if value is None else f"{value:.3g}"
+
+
 # ------------------------------------------------------------------------------------ reproduction
 
 

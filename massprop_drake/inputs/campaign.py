@@ -267,8 +267,9 @@ def _with(base: Scenario, settings: Mapping[str, Any], where: str) -> Scenario:
 def campaign_keys() -> list[Key]:
     """Lists every key of a campaign's file, and of what may stand in it for a value that is drawn."""
     found = keys(CampaignFile)
-    drawn = {f"draw{{}}.{tag}": model for tag, model in KINDS.items()}
-    for name, model in {f"draw{{}} ({MASS_PROPERTIES})": Dispersion, **drawn}.items():
+    drawn: dict[str, type[Model]] = {f"draw{{}} ({MASS_PROPERTIES})": Dispersion}
+    drawn |= {f"draw{{}}.{tag}": kind for tag, kind in KINDS.items()}
+    for name, model in drawn.items():
         meaning = (model.__doc__ or "").strip().partition("\n")[0].removesuffix(".")
         found.append(Key(name, "mapping", "-", "-", "-", meaning))
         found += keys(model, f"{name}.")

@@ -365,11 +365,11 @@ def _sensor_errors(scenario: Scenario, vehicle: Vehicle) -> Iterator[Finding]:
         assert span is not None
         for field in ("noise_std", "quantum", "bias", "bias_random_walk"):
             bounds = span if field in ("noise_std", "quantum") else span._replace(least=0.0)
-            path = ("sensors", "errors", index, field)
-            yield from _compared(getattr(errors, field), bounds, unit, vehicle.units, path)
+            here = ("sensors", "errors", index, field)
+            yield from _compared(getattr(errors, field), bounds, unit, vehicle.units, here)
         for number, tone in enumerate(errors.vibration):
-            path = ("sensors", "errors", index, "vibration", number, "amplitude")
-            yield from _compared(tone.amplitude, span._replace(least=0.0), unit, vehicle.units, path)
+            there = ("sensors", "errors", index, "vibration", number, "amplitude")
+            yield from _compared(tone.amplitude, span._replace(least=0.0), unit, vehicle.units, there)
 
 
 def _turning(scenario: Scenario, vehicle: Vehicle) -> Iterator[Finding]:

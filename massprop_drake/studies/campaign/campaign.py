@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
+import os
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -15,7 +16,7 @@ from massprop_drake.inputs.model import yaml_text
 from massprop_drake.inputs.yaml import Document, exists, read_text
 from massprop_drake.results.folder import resumable_folder
 from massprop_drake.studies.campaign import engine, store
-from massprop_drake.studies.campaign.plan import FLOWN, PlannedCase, advice, planned
+from massprop_drake.studies.campaign.plan import FLOWN, PlannedCase, planned
 
 if TYPE_CHECKING:
     import pandas
@@ -96,7 +97,17 @@ class Campaign:
 
     def advice(self) -> list[str]:
         """What is not wrong, but could be better."""
-        return advice(self.spec)
+        return self.spec.doubts
+
+    def reason(self, case_id: int) -> str | None:
+        """Why a case failed to run; None where it did not, or has not been flown."""
+        rows = store.read_rows(self._need_folder(), ["case_id", "reason"])
+        found = dict(zip(rows["case_id"].to_pylist(), rows["reason"].to_pylist(), strict=True)) if rows else {}
+        return found.get(case_id)
+
+    def case_folder(self, case_id: int) -> Path:
+        """Where the whole run of a case is kept, if it is."""
+        return self._need_folder() / store.CASES / case_name(case_id)
 
     def plan(self, folder: str | Path, *, force: bool = False) -> Campaign:
         """Writes file, base scenario and plan into a folder that has none yet, or a plan that this one extends.
@@ -145,7 +156,7 @@ class Campaign:
         folder: str | Path | None = None,
         *,
         client: Client | None = None,
-        workers: int = 2,
+        workers: int | None = None,
         scheduler: str | None = None,
         resume: bool = False,
         only: Iterable[int] = (),
@@ -158,7 +169,7 @@ class Campaign:
         Args:
             folder: to write; default `runs/<name>`.
             client: of Dask; None: one of `scheduler`, or of a cluster on this machine.
-            workers: processes of the latter.
+            workers: processes of the latter; None: one for each processor that this one may use.
             scheduler: address of a Dask scheduler.
             resume: go on with what the folder holds.
             only: numbers of cases to fly alone, flown before or not; their run folders are kept, and what has failed to
@@ -195,7 +206,9 @@ class Campaign:
                 done = store.flown_ids(path)
             todo = [case for case in cases if (case.case_id in alone if alone else case.case_id not in done)]
             if todo:
-                client = client or stack.enter_context(engine.local_client(min(workers, len(todo))))
+                client = client or stack.enter_context(
+                    engine.local_client(min(workers or len(os.sched_getaffinity(0)), len(todo)))
+                )
                 link = engine.dashboard(client)
                 if dashboard is not None and link is not None:
                     dashboard(link)
@@ -256,6 +269,14 @@ class Campaign:
             raise InputError(f"{folder}: no case has been flown yet")
         drawn = store.read_draws(folder).to_pandas().set_index("case_id")
         return rows.to_pandas().set_index("case_id").join(drawn)
+
+    def _repr_html_(self) -> str | None:
+        """Shows in a notebook what the report says first; nothing of its own before any case has been flown."""
+        if self.folder is None or not store.flown_ids(self.folder):
+            return None
+        from massprop_drake.studies.campaign import reading, report  # noqa: PLC0415 (they need this module)
+
+        return report.notebook(reading.read(self.folder))
 
     def _need_folder(self) -> Path:
         if self.folder is None:

@@ -12,7 +12,7 @@ import numpy as np
 from massprop_drake.errors import InputError, suggestion
 from massprop_drake.inputs.campaign import Gate
 from massprop_drake.maths.mass_properties import N_ROTATION, NAMES
-from massprop_drake.results.injected import JUMP
+from massprop_drake.results.detections import JUMP
 from massprop_drake.studies.campaign import statistics
 from massprop_drake.studies.campaign.measure import WRONG_SIGMAS
 from massprop_drake.studies.campaign.statistics import Detections, Figure

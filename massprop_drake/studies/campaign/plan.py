@@ -178,7 +178,7 @@ def _sobol(generator: np.random.Generator, dimensions: int, count: int) -> Array
     from scipy.stats import qmc  # noqa: PLC0415 (slow to load)
 
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # `advice` says it in our words
+        warnings.simplefilter("ignore", UserWarning)  # `CampaignSpec.doubts` says it in our words
         return qmc.Sobol(dimensions, rng=generator).random(count)
 
 
@@ -229,12 +229,3 @@ def _columns(campaign: CampaignSpec, coordinates: Array) -> Iterator[list[Any]]:
             yield quantity.distribution.at(column)
         else:
             yield [values[int(number)] for number in column]
-
-
-def advice(campaign: CampaignSpec) -> list[str]:
-    """What is not wrong with a plan, but could be better."""
-    file = campaign.file
-    count = file.cases or 0
-    if file.method == "sobol" and count & (count - 1):
-        return [f"cases: a Sobol sequence is balanced at powers of two, such as {1 << count.bit_length()}; got {count}"]
-    return []

@@ -14,7 +14,7 @@ from typing import Any
 from massprop_drake.display import templates
 from massprop_drake.inputs.model import yaml_text
 from massprop_drake.maths.mass_properties import N_ROTATION, NAMES
-from massprop_drake.results.injected import JUMP
+from massprop_drake.results.detections import JUMP
 from massprop_drake.studies.campaign import charts, merit, statistics
 from massprop_drake.studies.campaign.measure import WRONG_SIGMAS
 from massprop_drake.studies.campaign.merit import CAUSES, DELAYS_S, MEANINGS, OUTCOMES, Event, Passed, Row
@@ -156,15 +156,16 @@ def row_of(name: str, figure: Figure) -> dict[str, str]:
     }  # fmt: skip
 
 
-def _verdict(study: Study, found: Mapping[str, Figure]) -> list[dict[str, Any]]:
-    """The sentences that a reader wants first; `good` is None where nothing was asked."""
+def verdict(study: Study) -> list[dict[str, Any]]:
+    """The sentences that a reader wants first, each a `text` and whether it is `good`: None where nothing was asked."""
     sentences: list[dict[str, Any]] = []
 
     def say(good: bool | None, text: str) -> None:
         sentences.append({"good": good, "text": text})
 
     cell = study.cells[study.reference]
-    all_figures = [found if one is cell else merit.figures(one.rows) for one in study.cells]
+    all_figures = [merit.figures(one.rows) for one in study.cells]
+    found = all_figures[study.reference]
     judged = [merit.judged(study.spec.file.gates, figures) for figures in all_figures]
     for of_gate in zip(*judged, strict=True):
         say(all(passed.passes for passed in of_gate), _gate_words(of_gate, study.cells))
@@ -230,7 +231,18 @@ def page(folder: str | Path) -> str:
     Raises:
         InputError: when the folder holds no campaign that has been run.
     """
-    return rendered(_HERE / "campaign.html", contents(read(folder)))
+    return page_of(read(folder))
+
+
+def page_of(study: Study) -> str:
+    """The same of a campaign that has been read."""
+    return rendered(_HERE / "campaign.html", contents(study))
+
+
+def notebook(study: Study) -> str:
+    """What a notebook shows of a campaign, as HTML."""
+    title = f"{study.spec.file.name}: {study.spec.base.name}"
+    return templates.fragment(_HERE / "notebook.html", {"title": title, "verdict": verdict(study)})
 
 
 def rendered(template: Path, content: Mapping[str, Any]) -> str:
@@ -271,7 +283,7 @@ def contents(study: Study) -> dict[str, Any]:
         "title": spec.file.name,
         "description": spec.file.description,
         "about": _about(study),
-        "verdict": _verdict(study, found),
+        "verdict": verdict(study),
         "figures": [row_of(name, figure) for name, figure in found.items() if figure.n],
         "sweep": _sweep(study),
         "false": _false(rows),

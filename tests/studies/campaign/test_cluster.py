@@ -103,8 +103,7 @@ def test_workers_and_scheduler_may_be_lost(flown: Path, tmp_path: Path, cluster:
     assert are_gone(mark)
 
 
-def test_a_worker_that_executes_otherwise_is_refused(flown: Path, tmp_path: Path, cluster: Cluster) -> None:
-    ...
+def test_a_worker_that_executes_otherwise_is_refused(flown: Path, tmp_path: Path, cluster: Cluster) -> None: ...
 
 
 def test_a_scheduler_that_is_not_there_is_told_before_anything_is_written(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ import pytest
 from massprop_drake import InputError
 from massprop_drake.inputs.campaign import CampaignSpec, load_campaign
 from massprop_drake.studies.campaign import plan as plans
-from massprop_drake.studies.campaign.plan import PlannedCase, advice, design, planned
+from massprop_drake.studies.campaign.plan import PlannedCase, design, planned
 
 DRAWN = """\
 name: drawn
@@ -92,9 +92,9 @@ def test_saltelli_pairs_points_column_by_column(tmp_path: Path) -> None:
 
 
 def test_a_sobol_sequence_is_advised_a_power_of_two(tmp_path: Path) -> None:
-    assert advice(spec(tmp_path, "method=sobol", "cases=16")) == []
-    assert advice(spec(tmp_path, "method=random", "cases=20")) == []
-    [advised] = advice(spec(tmp_path, "method=sobol", "cases=20"))
+    assert spec(tmp_path, "method=sobol", "cases=16").doubts == []
+    assert spec(tmp_path, "method=random", "cases=20").doubts == []
+    [advised] = spec(tmp_path, "method=sobol", "cases=20").doubts
     assert "balanced at powers of two, such as 32; got 20" in advised
 
 
