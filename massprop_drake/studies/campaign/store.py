@@ -153,15 +153,28 @@ def read_plan(folder: Path) -> tuple[list[PlannedCase], dict[str, str]]:
     Raises:
         InputError: when there is no plan that can be read.
     """
+    table, facts = _plan(folder, "case")
+    return [PlannedCase(**json.loads(text)) for text in table["case"].to_pylist()], facts
+
+
+def read_facts(folder: Path) -> dict[str, str]:
+    """The facts alone.
+
+    Raises:
+        InputError: when there is no plan that can be read.
+    """
+    return _plan(folder, "case_id")[1]
+
+
+def _plan(folder: Path, column: str) -> tuple[pa.Table, dict[str, str]]:
     path = folder / PLAN
     try:
-        table = pq.read_table(path, columns=["case"])
+        table = pq.read_table(path, columns=[column])
     except FileNotFoundError:
         raise InputError(f"{folder}: holds no campaign: there is no {PLAN}") from None
     except (OSError, pa.ArrowException) as error:
         raise InputError(f"{path}: cannot be read: {error}") from None
-    facts = {key.decode(): value.decode() for key, value in (table.schema.metadata or {}).items()}
-    return [PlannedCase(**json.loads(text)) for text in table["case"].to_pylist()], facts
+    return table, {key.decode(): value.decode() for key, value in (table.schema.metadata or {}).items()}
 
 
 def read_draws(folder: Path) -> pa.Table:
