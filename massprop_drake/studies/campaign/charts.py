@@ -468,7 +468,7 @@ def coverage(found: Mapping[str, Mapping[float, Figure]]) -> Json:
 
 def coverage_over_time(found: Mapping[float, Mapping[str, Figure]]) -> Json:
     """The share of estimates within 3 sigma at some times, of rotational parameters and of 1/m."""
-    traces = []
+    traces: list[Json] = []
     for number, label in enumerate(next(iter(found.values()))):
         color, _ = _style(number)
         figures = [parts[label] for parts in found.values()]
@@ -476,7 +476,7 @@ def coverage_over_time(found: Mapping[float, Mapping[str, Figure]]) -> Json:
             {"type": "scatter", "mode": "lines+markers", "x": list(found), "y": _values(figures), "name": label,
              "error_y": {**_errors(figures), "color": color}, "line": {"color": color, "width": 1.6}}
         )  # fmt: skip
-    layout = {
+    layout: Json = {
         "xaxis": _axis("time, s"),
         "yaxis": _axis("share within 3 sigma", range=[-0.02, 1.04], tickformat=".0%"),
         "shapes": [_level(0.9973, "x", "y")],

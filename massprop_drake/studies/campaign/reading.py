@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -38,6 +38,24 @@ class Cell(NamedTuple):
         """Its settings in short."""
         names = (f"{key.rpartition('.')[2]} {value}" for key, value in self.settings.items())
         return ", ".join(names) or "all cases"
+
+
+class _InColumns(Mapping[str, Any]):
+    """A row of columns that all rows share, which takes a fraction of the memory of a mapping of its own."""
+
+    __slots__ = ("_columns", "_index")
+
+    def __init__(self, columns: Mapping[str, Sequence[Any]], index: int):
+        self._columns, self._index = columns, index
+
+    def __getitem__(self, name: str) -> Any:
+        return self._columns[name][self._index]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._columns)
+
+    def __len__(self) -> int:
+        return len(self._columns)
 
 
 class Study(NamedTuple):
@@ -74,7 +92,7 @@ def read(folder: str | Path) -> Study:
         InputError: when it holds no campaign, or nothing has been flown.
     """
     path = Path(folder)
-    _, facts = store.read_plan(path)
+    facts = store.read_facts(path)
     spec = Campaign.load(path).spec
     wanted = [name for name in store.schema(spec.file.times_s).names if name.partition(".")[0] not in _NOT_SHOWN]
     table = store.read_rows(path, wanted)
@@ -84,11 +102,12 @@ def read(folder: str | Path) -> Study:
     labels = [name.removeprefix("draw.") for name in drawn.column_names if name.startswith("draw.")]
     place = {case_id: number for number, case_id in enumerate(drawn["case_id"].to_pylist())}
     columns = {name: drawn[name].to_pylist() for name in ("sample", "cell", "seed", "record", *_drawn(labels))}
+    places = [place[case_id] for case_id in table["case_id"].to_pylist()]
+    values = {name: table[name].to_pylist() for name in wanted}
+    values |= {name: [column[number] for number in places] for name, column in columns.items()}
     rows: dict[int, list[Row]] = {}
-    for row in table.to_pylist():
-        number = place[row["case_id"]]
-        found = {**row, **{name: values[number] for name, values in columns.items()}}
-        rows.setdefault(found["cell"], []).append(found)
+    for index in range(table.num_rows):
+        rows.setdefault(values["cell"][index], []).append(_InColumns(values, index))
     sweep = spec.file.sweep
     settings = [dict(zip(sweep, values, strict=True)) for values in itertools.product(*sweep.values())]
     cells = [Cell(one, columns["cell"].count(number), rows.get(number, [])) for number, one in enumerate(settings)]

@@ -428,7 +428,7 @@ def sobol_indices(values: Array, draws: int) -> SobolIndices:
     again = np.array([indices(generator.integers(0, n, n)) for _ in range(_RESAMPLES)])
     low, high = np.quantile(again, [_TAIL, 1.0 - _TAIL], axis=0)
     bounds = np.stack([values_found, low, high], axis=-1).tolist()
-    first, total = ([[Figure(*bound, n) for bound in by_draw] for by_draw in order] for order in bounds)
+    first, total = ([[Figure(a, b, c, n) for a, b, c in by_draw] for by_draw in order] for order in bounds)
     return SobolIndices(first, total)
 
 

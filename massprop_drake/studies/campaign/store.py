@@ -173,8 +173,20 @@ def read_plan(folder: Path) -> tuple[list[PlannedCase], dict[str, str]]:
         InputError: when there is no plan that can be read.
     """
     table = _plan(folder, ["case"])
-    facts = {key.decode(): value.decode() for key, value in (table.schema.metadata or {}).items()}
-    return [PlannedCase(**json.loads(text)) for text in table["case"].to_pylist()], facts
+    return [PlannedCase(**json.loads(text)) for text in table["case"].to_pylist()], _facts(table)
+
+
+def read_facts(folder: Path) -> dict[str, str]:
+    """The facts alone.
+
+    Raises:
+        InputError: when there is no plan that can be read.
+    """
+    return _facts(_plan(folder, ["case_id"]))
+
+
+def _facts(table: pa.Table) -> dict[str, str]:
+    return {key.decode(): value.decode() for key, value in (table.schema.metadata or {}).items()}
 
 
 def read_draws(folder: Path) -> pa.Table:
