@@ -368,8 +368,8 @@ def _sensor_errors(scenario: Scenario, vehicle: Vehicle) -> Iterator[Finding]:
             path = ("sensors", "errors", index, field)
             yield from _compared(getattr(errors, field), bounds, unit, vehicle.units, path)
         for number, tone in enumerate(errors.vibration):
-            path = ("sensors", "errors", index, "vibration", number, "amplitude")
-            yield from _compared(tone.amplitude, span._replace(least=0.0), unit, vehicle.units, path)
+            of_tone: FieldPath = ("sensors", "errors", index, "vibration", number, "amplitude")
+            yield from _compared(tone.amplitude, span._replace(least=0.0), unit, vehicle.units, of_tone)
 
 
 def _turning(scenario: Scenario, vehicle: Vehicle) -> Iterator[Finding]:
@@ -391,10 +391,10 @@ def _disturbed(scenario: Scenario, vehicle: Vehicle) -> Iterator[Finding]:
     """What disturbs a vehicle is less than its jets can hold."""
     disturbance = scenario.plant.disturbance
     torques = np.cross(vehicle.positions - vehicle.nominal.center_of_mass, vehicle.thrusts)
-    units = vehicle.unit_names
+    of_torque = "ft-lbf" if vehicle.units == "us" else "N-m"
     for field, gives, unit in (
-        ("torque", torques, f"{units['length']}-{units['force']}"),
-        ("force", vehicle.thrusts, units["force"]),
+        ("torque", torques, of_torque),
+        ("force", vehicle.thrusts, vehicle.unit_names["force"]),
     ):
         largest = float(np.linalg.norm(gives, axis=1).max())
         mean, std = (np.array(getattr(disturbance, name)) for name in (field, f"{field}_std"))
