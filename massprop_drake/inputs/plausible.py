@@ -391,10 +391,10 @@ def _disturbed(scenario: Scenario, vehicle: Vehicle) -> Iterator[Finding]:
     """What disturbs a vehicle is less than its jets can hold."""
     disturbance = scenario.plant.disturbance
     torques = np.cross(vehicle.positions - vehicle.nominal.center_of_mass, vehicle.thrusts)
-    units = vehicle.unit_names
+    of_torque = "ft-lbf" if vehicle.units == "us" else "N-m"
     for field, gives, unit in (
-        ("torque", torques, f"{units['length']}-{units['force']}"),
-        ("force", vehicle.thrusts, units["force"]),
+        ("torque", torques, of_torque),
+        ("force", vehicle.thrusts, vehicle.unit_names["force"]),
     ):
         largest = float(np.linalg.norm(gives, axis=1).max())
         mean, std = (np.array(getattr(disturbance, name)) for name in (field, f"{field}_std"))

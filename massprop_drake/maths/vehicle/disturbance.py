@@ -56,3 +56,16 @@ def about_origin(disturbance: Array, center_of_mass: Array) -> Array:
     """
     torque, force = disturbance[:3], disturbance[3:]
     return np.concatenate([torque + np.cross(center_of_mass, force), force])
+
+
+def disturbed(wrench: Array, disturbance: Array, center_of_mass: Array) -> Array:
+    """A wrench, or a profile that begins with the steady one, and a disturbance with it.
+
+    Args:
+        wrench: torque about the vehicle origin, force, and what follows, shape (6 + any,).
+        disturbance: torque about the center of mass, force, shape (6,).
+        center_of_mass: in the vehicle frame, ft or m, shape (3,).
+    """
+    total = wrench.copy()
+    total[:6] += about_origin(disturbance, center_of_mass)
+    return total

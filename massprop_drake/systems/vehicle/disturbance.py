@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from pydrake.common import RandomDistribution
 from pydrake.systems.framework import LeafSystem
 
-from massprop_drake.maths.vehicle.disturbance import DisturbanceModel, about_origin, next_deviation
+from massprop_drake.maths.vehicle.disturbance import DisturbanceModel, disturbed, next_deviation
 from massprop_drake.maths.vehicle.rigid_body import N_WRENCH
 from massprop_drake.systems.layouts import STRUCTURE
 
@@ -60,9 +60,7 @@ class Disturbance(LeafSystem):
         held = context.get_discrete_state(self._deviation).CopyToVector()
         deviation = self._coming(context) if self._stepped else held
         center = STRUCTURE.read(self._structure.Eval(context)).center_of_mass
-        wrench = self._jets.Eval(context).copy()
-        wrench[:6] += about_origin(self._model.mean + deviation, center)
-        output.SetFromVector(wrench)
+        output.SetFromVector(disturbed(self._jets.Eval(context), self._model.mean + deviation, center))
 
     def _update(self, context: Any, state: Any) -> None:
         state.set_value(self._deviation, self._coming(context))
