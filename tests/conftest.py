@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import os
 import shutil
 import sys
 from collections.abc import Iterator
@@ -101,6 +102,15 @@ def cube_data() -> dict[str, Any]:
 def toy_data() -> dict[str, Any]:
     """The same, a fresh copy for each test."""
     return cube_data()
+
+
+@pytest.fixture(scope="session")
+def flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a short campaign, flown once for all tests; change nothing in it."""
+    from campaign_probe import fly_once  # noqa: PLC0415 (beside the tests that use it)
+
+    shared = tmp_path_factory.getbasetemp()
+    return fly_once(shared.parent if "PYTEST_XDIST_WORKER" in os.environ else shared)
 
 
 # --------------------------------------------------------------------------------- the command line

@@ -57,11 +57,13 @@ class Dispersion(Model):
     """
 
     mass_percent: Real = described(0.0, "1-sigma of the mass, as a factor", "%", ge=0.0, le=100.0)
-    center_of_mass: Real = described(0.0, "1-sigma of each coordinate of the center of mass", "ft | m", ge=0.0)
+    center_of_mass: Real = described(0.0, "1-sigma of each coordinate of the center of mass", "ft | m", ge=0.0, le=1e3)
     second_moments_percent: Real = described(
         0.0, "1-sigma of each principal second moment, as a factor", "%", ge=0.0, le=100.0
     )
-    axes_deg: Real = described(0.0, "1-sigma of the rotation of the principal axes about each axis", "deg", ge=0.0)
+    axes_deg: Real = described(
+        0.0, "1-sigma of the rotation of the principal axes about each axis", "deg", ge=0.0, le=180.0
+    )
 
     def drawn(self, nominal: MassProperties, z: Array) -> MassProperties:
         """The mass properties for ten standard normal numbers, shape (10,)."""

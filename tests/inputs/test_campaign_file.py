@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import random
 from pathlib import Path
 from typing import Any
 
@@ -10,12 +12,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
+from malformed_probe import spoil_data, spoil_number, spoil_text
+from ruamel.yaml import YAML
 
 from massprop_drake import InputError, load_scenario
-from massprop_drake.inputs.campaign import Dispersion, load_campaign, settings_of, with_settings
+from massprop_drake.inputs.campaign import MOST_CASES, Dispersion, load_campaign, settings_of, with_settings
 from massprop_drake.inputs.params import true_properties
 from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.inputs.yaml import to_yaml
 from massprop_drake.maths.mass_properties import could_be_inertia
+from massprop_drake.studies.campaign.plan import planned
 
 SOUND = """\
 name: sound
@@ -25,6 +31,28 @@ draw:
   plant.thrust_dispersion: 0.01
   failures: [{kind: leak, jet: {choice: vernier}, start_s: {uniform: {low: 3, high: 4}}, force: 5.0}]
 sweep: {detector.margin: [4, 6]}
+"""
+
+
+SPOILT = """\
+name: spoilt
+base: sample_maneuver
+cases: 3
+seed: 4
+method: random
+set: {duration_s: 3.0}
+draw:
+  plant.mass_properties: {mass_percent: 5.0, center_of_mass: 0.3, second_moments_percent: 3.0, axes_deg: 1.0}
+  plant.initial_rate:
+    - {normal: {mean: 0.0, std: 0.001, low: -0.01, high: 0.01}}
+    - 0.0
+    - {loguniform: {low: 1.0e-5, high: 1.0e-3}}
+  failures:
+    - {kind: {choice: {values: [leak, stuck_on], weights: [1.0, 2.0]}}, jet: {choice: all}, start_s: 1.0, force: 5.0}
+sweep: {detector.margin: [4.0, 6.0]}
+times_s: [1.0]
+gates: {nees_in_band: {min: 0.9, on: lower_bound}}
+limits: {time_s: 60.0, memory_mb: 1000.0}
 """
 
 
@@ -110,6 +138,31 @@ def test_no_file_and_no_campaign_of_a_name_are_refused(tmp_path: Path) -> None:
     for override in ("cases", "=3", "cases[x]=3", "draw[0]=3"):
         with pytest.raises(InputError):
             load_campaign(written(tmp_path, SOUND), [override])
+
+
+@pytest.mark.parametrize("how", [spoil_data, spoil_number, None])
+def test_spoilt_files_are_read_or_refused(tmp_path: Path, how: Any) -> None:
+    """MASSPROP_FUZZ=20 spoils twenty times as many."""
+    refused = sound = 0
+    for number in range(count := 20 * int(os.environ.get("MASSPROP_FUZZ", "1"))):
+        rng = random.Random(f"{how} {number}")
+        data = YAML(typ="safe", pure=True).load(SPOILT)
+        damage = how(data, rng) if how else ""
+        if type(data.get("cases")) is int and 10 < data["cases"] <= MOST_CASES:  # sound, and long
+            data["cases"] = 3
+        text = to_yaml(data).encode(errors="replace") if how else spoil_text(SPOILT, rng)
+        path = tmp_path / "study.yaml"
+        path.write_bytes(text)
+        try:
+            planned(load_campaign(path))
+        except InputError as error:
+            refused += str(path) in str(error)
+        except Exception as error:
+            raise AssertionError(f"{number}: {damage}\n{text.decode(errors='replace')}") from error
+        else:
+            sound += 1
+    assert refused
+    assert refused + sound == count  # each refusal names the file
 
 
 # ---------------------------------------------------------------------------------- mass properties

@@ -28,7 +28,9 @@ def main() -> None:
     replies = os.fdopen(os.dup(1), "w", encoding="utf-8", buffering=1)
     os.dup2(2, 1)  # whatever prints must not come between
     requests = _requests()
-    setup = next(requests)
+    setup = next(requests, None)
+    if setup is None:
+        return
 
     from massprop_drake.errors import InputError  # noqa: PLC0415 (the parent's end is to be noticed from the first)
     from massprop_drake.studies.campaign.execution import execution  # noqa: PLC0415

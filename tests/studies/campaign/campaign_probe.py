@@ -14,8 +14,10 @@ from typing import Any
 
 import psutil
 import pyarrow as pa
+import pytest
 
 from massprop_drake.studies.campaign import store
+from massprop_drake.studies.campaign.campaign import Campaign
 
 # a second with a turn in it, and whatever can be drawn
 SHORT = """\
@@ -61,6 +63,9 @@ if sys.orig_argv[-1].endswith("studies.campaign.child"):
         while what == "eat":
             eaten.append(b"x" * 50_000_000)
             time.sleep(0.02)
+        if what == "abort":
+            print("terminate called", file=sys.stderr, flush=True)
+            os.abort()
         if what == "raise":
             raise ArithmeticError("no number")
         return right(scenario)
@@ -112,6 +117,18 @@ def once(folder: Path, make: Callable[[Path], None]) -> Path:
         if not folder.exists():
             make(folder)
     return folder
+
+
+def fly_once(shared: Path) -> Path:
+    """The folder of a short campaign of which four cases fail to run, flown by two workers; change nothing in it."""
+
+    def fly(folder: Path) -> None:
+        with pytest.MonkeyPatch.context() as patch:
+            for name, value in {**environment(shared / "faulty", bad=BAD), "PROBE_MARK": "flown"}.items():
+                patch.setenv(name, value)
+            Campaign.load(study(shared, CASES)).run(folder)
+
+    return once(shared / "flown", fly)
 
 
 # ------------------------------------------------------------------------------------- processes

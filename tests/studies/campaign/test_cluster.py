@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import contextlib
 import os
+import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-import psutil
 import pytest
 from campaign_probe import GOOD, Driver, are_gone, environment, fliers, outcome, study
+from distributed import Client
 
 from massprop_drake import InputError
 from massprop_drake.studies.campaign.campaign import Campaign
@@ -44,8 +45,6 @@ class Cluster:
 
     @property
     def address(self) -> str:
-        from distributed import Client
-
         with Client(scheduler_file=str(self._file), timeout=60) as client:  # which waits for the file
             return str(client.scheduler.address)
 
@@ -68,7 +67,13 @@ def cluster(tmp_path: Path) -> Iterator[Cluster]:
 
 def test_workers_and_scheduler_may_be_lost(flown: Path, tmp_path: Path, cluster: Cluster) -> None:
     mark = f"cluster-{tmp_path}"
-    file, out = study(tmp_path, GOOD, more="keep: none\n".replace("keep: none\n", "")), tmp_path / "out"
+    file, out = (
+        study(
+            tmp_path,
+            GOOD,
+        ),
+        tmp_path / "out",
+    )
     scheduler = cluster.scheduler()
     cluster.worker()
     cluster.worker()
@@ -103,7 +108,14 @@ def test_workers_and_scheduler_may_be_lost(flown: Path, tmp_path: Path, cluster:
     assert are_gone(mark)
 
 
-def test_a_worker_that_executes_otherwise_is_refused(flown: Path, tmp_path: Path, cluster: Cluster) -> None: ...
+def test_a_worker_that_executes_otherwise_is_refused(flown: Path, tmp_path: Path, cluster: Cluster) -> None:
+    here = shutil.copytree(flown, tmp_path / "out")
+    cluster.scheduler()
+    cluster.worker(OPENBLAS_CORETYPE="Prescott")
+    with pytest.raises(InputError, match=r"executes cases differently.*blas openblas .* Prescott instead of") as caught:
+        Campaign.load(here).run(scheduler=cluster.address, only=[0])
+    assert "give all workers the same environment" in str(caught.value)
+    assert outcome(here).equals(outcome(flown))
 
 
 def test_a_scheduler_that_is_not_there_is_told_before_anything_is_written(tmp_path: Path) -> None:

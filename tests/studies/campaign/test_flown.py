@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import random
 import shutil
+import sys
 from pathlib import Path
 
 import pyarrow.parquet as pq
@@ -12,7 +13,7 @@ from campaign_probe import BAD, CASES, GOOD, LIMITS, are_gone, outcome, row, stu
 
 from massprop_drake import InputError, load_scenario, simulate
 from massprop_drake.inputs.scenario import Scenario
-from massprop_drake.studies.campaign import store
+from massprop_drake.studies.campaign import engine, store
 from massprop_drake.studies.campaign.campaign import Campaign
 from massprop_drake.studies.campaign.measure import measured
 from massprop_drake.studies.campaign.worker import Child
@@ -98,7 +99,12 @@ def test_how_cases_are_executed_is_in_the_plan(flown: Path) -> None:
 
 def test_cases_flown_alone_keep_their_runs_and_what_failed_gets_another_row(flown: Path, tmp_path: Path) -> None:
     here = shutil.copytree(flown, tmp_path / "short")
-    Campaign.load(here).run(only=[5, 39], workers=1)
+    with engine.local_client(1) as client:
+        Campaign.load(here).run(only=[5, 39], client=client)
+        assert list(client.nthreads().values()) == [1]
+        assert list(client.run(lambda: "pydrake" in sys.modules).values()) == [False]
+        link = engine.dashboard(client)
+        assert link is None or link.startswith("http://127.0.0.1:")
     assert outcome(here, CASES - 1).equals(outcome(flown, CASES - 1))
     assert row(here, 39)["status"] == "flown"  # nothing is injected here
     assert Campaign.load(here).status().failed == len(BAD) - 1

@@ -87,7 +87,7 @@ def test_saltelli_pairs_points_column_by_column(tmp_path: Path) -> None:
         expected = first.copy()
         expected[:, column] = second[:, column]
         np.testing.assert_array_equal(part, expected)
-    with pytest.raises(InputError, match="a power of two times 5 .*, such as 20; got 21"):
+    with pytest.raises(InputError, match=r"a power of two times 5 .*, such as 20; got 21"):
         planned(spec(tmp_path, "method=saltelli", "cases=21"))
 
 
