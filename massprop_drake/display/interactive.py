@@ -226,6 +226,7 @@ def _shape(steps: bool) -> str:
 
 
 def numbers(values: Array) -> list[float | None]:
+    """Plain numbers, rounded as plots need them; None for what is not finite."""
     return [_rounded(value) if math.isfinite(value) else None for value in values.tolist()]
 
 
