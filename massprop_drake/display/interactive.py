@@ -226,6 +226,7 @@ def _shape(steps: bool) -> str:
 
 
 def numbers(values: Array) -> list[float | None]:
+    """Returns values as the page holds them: rounded, null where they are not finite."""
     return [_rounded(value) if math.isfinite(value) else None for value in values.tolist()]
 
 
