@@ -40,8 +40,9 @@ class InjectedRecord(NamedTuple):
             "wrong": another jet, or a jump for a jet, or a jet for a jump; "missed": nothing was declared;
             "never_acted"; "not_tested": no sample was tested from when it acted.
         taken_for: what it was declared as, where that is wrong: a designation, a cluster, or "mass_property_jump".
-        force: median of what the jet gave less what it was told over the samples in which it acted, lbf or N; None for
-            a payload and where it never acted.
+        force: what the jet gave too much where it was to be quiet (positive), or too little where it was to fire
+            (negative), of a whole sample, lbf or N: the median over the samples in which it acted; None for a payload
+            and where it never acted.
         magnitude, magnitude_std: as declared, lbf or N, with 1-sigma; None likewise, and where it was not found.
     """
 
@@ -207,13 +208,18 @@ class _Followed:
         self._level = np.zeros(1)  # of the jet, were it well
         self._acted_s: float | None = None
         self._alarm_s: float | None = None
-        self._excess: list[Array] = []  # force beyond what is right, of the samples in which it acted
+        self._forces: list[Array] = []  # of the samples in which it acted, rows of force and share of the sample
 
     @property
     def record(self) -> InjectedRecord:
         """What is known of it by now."""
-        acted = np.concatenate(self._excess) if self._excess else np.empty(0)
-        force = float(np.median(acted)) if acted.size else None
+        force = None
+        if self._forces:
+            forces, shares = np.hstack(self._forces)
+            whole = shares >= min(
+                0.5, shares.max()
+            )  # a small part of a sample tells more of the lag than of the failure
+            force = float(np.median(forces[whole]))
         return self._begun._replace(first_acted_s=self._acted_s, first_alarm_s=self._alarm_s, force=force)
 
     def add(self, time_s: Array, signals: Mapping[str, Array]) -> None:
@@ -243,5 +249,7 @@ class _Followed:
         excess = signals["thrust"][:, self._jet] - self._thrust * given
         begun = (time_s > self._begun.start_s - self._period_s - _ACTS) & (time_s < self._end_s)
         acting = begun & (np.abs(excess) > _ACTS * self._thrust)
-        self._excess.append(excess[acting])
+        if acting.any():
+            share = np.where(excess < 0.0, given, 1.0 - given)[acting]
+            self._forces.append(np.stack([excess[acting] / np.maximum(share, _ACTS), share]))
         return acting

@@ -16,7 +16,7 @@ from massprop_drake.inputs.model import yaml_text
 from massprop_drake.inputs.yaml import Document, exists, read_text
 from massprop_drake.results.folder import resumable_folder
 from massprop_drake.studies.campaign import engine, store
-from massprop_drake.studies.campaign.plan import FLOWN, PlannedCase, planned
+from massprop_drake.studies.campaign.plan import FLOWN, PlannedCase, case_name, planned
 
 if TYPE_CHECKING:
     import pandas
@@ -87,7 +87,12 @@ class Campaign:
             if overrides:
                 raise InputError(f"--set {overrides[0]}: {folder} has its plan already; change the file and plan anew")
             return Campaign(_kept(folder), folder)
-        return Campaign(load_campaign(campaign, overrides))
+        spec = load_campaign(campaign, overrides)
+        if spec.file.gates:
+            from massprop_drake.studies.campaign import merit  # noqa: PLC0415 (scipy.stats is slow to load)
+
+            merit.require_known(spec.file.gates, spec.source)
+        return Campaign(spec)
 
     def planned(self) -> list[PlannedCase]:
         """Every case, fully resolved."""

@@ -117,7 +117,7 @@ def _read(path: Path, columns: Sequence[str] | None, key: str, remedy: str) -> p
         raise InputError(f"{path}: no such file") from None
     except (OSError, pa.ArrowException) as error:
         raise InputError(f"{path}: is damaged: {' '.join(str(error).split())}; {remedy}") from None
-    if not {key, *(chosen or ())} <= set(table.column_names):
+    if not {*(chosen or (key,))} <= set(table.column_names):
         raise InputError(f"{path}: is not as a campaign writes it; {remedy}")
     return table
 

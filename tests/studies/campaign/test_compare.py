@@ -92,33 +92,28 @@ def test_cells_of_two_campaigns_are_compared_setting_by_setting(tmp_path: Path) 
     )
 
 
-def test_campaigns_that_have_grown_apart_share_their_first_cases(tmp_path: Path) -> None:
-    studies = [
-        read(folder(tmp_path / f"of_{n}", ONE.replace("12", str(n)), rows_of({0}, n=n))) for n in (12, 5)
-    ]  # fmt: skip
-    found = compare.columns(studies)
+def test_campaigns_that_have_grown_apart_share_their_first_cases(two: list[Path], tmp_path: Path) -> None:
+    few = folder(tmp_path / "few", ONE.replace("12", "5"), rows_of({0}, n=5))
+    found = compare.columns([read(two[0]), read(few)])
     assert len(compare.pairs(*found)) == 5
 
 
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (("seed: 3", "seed: 4"), r"other: is drawn by random with seed 4, .*one by random with seed 3, .*same"),
-        (("high: 0.02", "high: 0.03"), r"other: sample 0: plant.thrust_dispersion is 0\.\d+, in .*one 0\.\d+, so that"),
+        (("seed: 3", "seed: 4"), r"other: is drawn by random with seed 4, .*glr by random with seed 3, .*same"),
+        (("high: 0.02", "high: 0.03"), r"other: sample 0: plant.thrust_dispersion is 0\.\d+, in .*glr 0\.\d+, so that"),
         (
             ("plant.thrust_dispersion", "detector.threshold"),
-            r"draws other quantities than .*detector.threshold only in .*other; plant.thrust_dispersion only in .*one",
+            r"draws other quantities than .*detector.threshold only in .*other; plant.thrust_dispersion only in .*glr",
         ),
         (("cases: 12", "cases: 12\nmethod: lhs"), "drawn by lhs"),
     ],
 )
-def test_other_draws_are_refused(tmp_path: Path, change: tuple[str, str], message: str) -> None:
-    studies = [
-        folder(tmp_path / "one", ONE, rows_of({0})),
-        folder(tmp_path / "other", ONE.replace(*change), rows_of({0})),
-    ]
+def test_other_draws_are_refused(two: list[Path], tmp_path: Path, change: tuple[str, str], message: str) -> None:
+    other = folder(tmp_path / "other", ONE.replace(*change), rows_of({0}))
     with pytest.raises(InputError, match=message) as problem:
-        compare.page(studies)
+        compare.page([two[0], other])
     assert "cannot be compared in pairs" in str(problem.value)
 
 
@@ -127,11 +122,11 @@ def test_one_campaign_without_a_sweep_has_nothing_to_be_compared_with(two: list[
         compare.summary(two[:1])
 
 
-def test_campaigns_without_a_common_case_are_refused(tmp_path: Path) -> None:
-    rows = rows_of({0})
-    studies = [folder(tmp_path / "one", ONE, rows[:4]), folder(tmp_path / "other", ONE, rows[4:])]
+def test_campaigns_without_a_common_case_are_refused(two: list[Path]) -> None:
+    one, other = (read(path) for path in two)
+    apart = other._replace(cells=[other.cells[0]._replace(rows=[{**other.cells[0].rows[0], "sample": 99}])])
     with pytest.raises(InputError, match="has no case in common"):
-        compare.summary(studies)
+        compare.columns([one, apart])
 
 
 def test_it_opens_from_disk(opened: Any, two: list[Path], tmp_path: Path) -> None:

@@ -1,0 +1,217 @@
+"""`massprop campaign`: plan, run, status, report and compare, and campaigns in `list`, `check` and `run`."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+from campaign_rows import SWEPT, folder, lost, many, row
+from command_probe import Massprop, Outcome
+
+from massprop_drake import Campaign, Run
+
+SHORT = """
+name: short
+base: sample_maneuver
+cases: 3
+seed: 3
+set: {duration_s: 1.0}
+keep: none
+draw:
+  plant.thrust_dispersion: {uniform: {low: 0.0, high: 0.01}}
+sweep: {estimation.start: [zero, nominal]}
+gates: {failed_to_run: {max: 0}}
+"""
+COMMAND = Path(sys.executable).with_name("massprop")
+
+
+def written(text: str = SHORT, name: str = "short.yaml") -> str:
+    Path(name).write_text(text, encoding="utf-8")
+    return name
+
+
+def refused(done: Outcome, *words: str) -> None:
+    """One message on the error stream, status 2, nothing else."""
+    assert done.status == 2, done
+    assert done.out == ""
+    assert done.err.startswith("massprop: ")
+    assert "Traceback" not in done.err
+    for word in words:
+        assert word in done.err, done.err
+
+
+# --------------------------------------------------------------------------------- all of it, once
+
+
+def test_a_campaign_is_flown_reported_and_flown_again_alone(tmp_path: Path) -> None:
+    def massprop(*arguments: str) -> Any:
+        command = [COMMAND, *arguments]
+        return subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=300)
+
+    (tmp_path / "short.yaml").write_text(SHORT, encoding="utf-8")
+    done = massprop("campaign", "run", "short.yaml", "--workers", "1", "--out", "K")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "Gate passed: Cases that failed to run" in done.stdout
+    assert done.stdout.endswith("report: K/campaign.html\n")
+    summary = json.loads((tmp_path / "K" / "summary.json").read_text(encoding="utf-8"))
+    assert summary["cases"] == {"planned": 6, "tried": 6, "flown": 6, "failing": 0, "failed_to_run": 0}
+
+    again = massprop("campaign", "run", "short.yaml", "--out", "K")
+    assert again.returncode == 2
+    assert (
+        again.stderr == "massprop: K: holds results already; --resume goes on with them, --out names another folder\n"
+    )
+    assert massprop("run", "K/cases/0005").stderr.endswith("'massprop campaign run K --only 5' flies it and keeps it\n")
+
+    alone = massprop("campaign", "run", "K", "--only", "5")
+    assert alone.stdout == "case 5: K/cases/0005/; 'massprop run K/cases/0005' flies it again\n", alone
+    assert massprop("run", "K/cases/0005", "--no-figures", "--no-report", "--out", "B", "-q").returncode == 0
+    kept, flown = Run.load(tmp_path / "K" / "cases" / "0005").summary, Run.load(tmp_path / "B").summary
+    assert {**kept, "timing": None} == {**flown, "timing": None}
+    ninth = Campaign.load(tmp_path / "K").to_pandas().loc[5]
+    assert ninth["estimate.Ixx_inverse"] == kept["estimates"]["inverse_inertia"][0][0]
+    assert ninth["sweep.estimation.start"] == "nominal"
+
+
+# -------------------------------------------------------------------------------- plan and status
+
+
+def test_a_plan_says_what_is_drawn_and_writes_it(massprop: Massprop) -> None:
+    done = massprop("campaign", "plan", written(), "--set", "cases=4")
+    assert (done.status, done.err) == (0, "")
+    assert "8 cases of 'sample_maneuver', 2 of each draw; drawn: plant.thrust_dispersion" in done.out
+    assert done.out.endswith("plan: runs/short/plan.parquet\n")
+    status = massprop("campaign", "status", "runs/short")
+    assert status.out == "runs/short: 0 of 8 cases flown, 0 of them ended wrong, 0 failed to run\n"
+    cases = json.loads(massprop("campaign", "plan", "short.yaml", "--json", "--out", "other").out)
+    assert [case["cell"] for case in cases] == [0, 1] * 3
+    assert cases[0]["drawn"] == cases[1]["drawn"] != cases[2]["drawn"]
+
+
+def test_a_plan_that_could_be_better_says_so(massprop: Massprop) -> None:
+    done = massprop("campaign", "plan", written(), "--set", "method=sobol")
+    assert done.status == 0
+    assert "warning: cases: a Sobol sequence is balanced at powers of two, such as 4; got 3" in done.err
+
+
+# ------------------------------------------------------------------------------------------ report
+
+
+@pytest.fixture
+def swept(massprop: Massprop) -> Path:
+    """A campaign as if it had been flown."""
+    assert massprop("list", "--json").status == 0  # in the folder that it works in
+    return folder(Path("K"), SWEPT.format(cases=6), many(2, 6))
+
+
+@pytest.mark.parametrize(("asked", "status"), [("{max: 1000}", 0), ("{max: 0.001}", 3)])
+def test_a_gate_that_fails_is_status_3(massprop: Massprop, asked: str, status: int) -> None:
+    text = f"{SHORT}".replace("failed_to_run: {max: 0}", f"false_declarations_per_hour: {asked}")
+    cases = [{**row(number), "declared": []} for number in range(6)]
+    folder(Path("K"), text, cases)
+    done = massprop("campaign", "report", "K")
+    assert done.status == (status and 0)  # without a false declaration both pass
+    text = text.replace("{max", "{on: upper_bound, max")
+    folder(Path("L"), text, cases)
+    assert massprop("campaign", "report", "L").status == status
+
+
+def test_cases_that_failed_to_run_are_status_4(massprop: Massprop) -> None:
+    folder(Path("K"), SHORT, [*(row(number) for number in range(5)), lost(5, "ArithmeticError: no number")])
+    done = massprop("campaign", "report", "K")
+    assert done.status == 4
+    assert "1 of 6 cases failed to run." in done.out
+    found = json.loads(massprop("campaign", "report", "K", "--json").out)
+    assert found["failed_to_run"] == {"ArithmeticError: no number": 1}
+
+
+def test_a_report_of_ours_is_replaced_and_no_other(massprop: Massprop, swept: Path) -> None:
+    massprop("campaign", "report", swept)
+    massprop("campaign", "report", swept)
+    page = swept / "campaign.html"
+    page.write_text(page.read_text(encoding="utf-8") + "<!-- my remark -->", encoding="utf-8")
+    refused(massprop("campaign", "report", swept), "campaign.html: is there already, and not as we wrote it")
+    assert massprop("campaign", "report", swept, "--force", "-q").out == ""
+    assert "my remark" in (swept / "campaign.html.1").read_text(encoding="utf-8")
+    assert "my remark" not in page.read_text(encoding="utf-8")
+
+
+def test_cells_and_campaigns_are_compared(massprop: Massprop, swept: Path) -> None:
+    done = massprop("campaign", "compare", swept)
+    assert (done.status, done.err) == (0, "")
+    assert "margin 4.0, compared with margin 6.0" in done.out
+    assert done.out.endswith("comparison: compare.html\n")
+    other = folder(Path("L"), SWEPT.format(cases=6).replace("seed: 3", "seed: 4"), many(2, 6))
+    refused(massprop("campaign", "compare", swept, other), "is drawn by random with seed 4, K by random with seed 3")
+
+
+# --------------------------------------------------------------------------------------- bad input
+
+BAD = {
+    "draw.plant.thrust_dispersion={unifrom: {low: 0, high: 1}}": "there is no distribution 'unifrom'",
+    "draw.plant.thrust_dispersion={uniform: {low: 0.2, high: 0.1}}": "high must be above low",
+    "draw.vehicle=7": "vehicle",
+    "sweep.detector.marign=[1, 2]": "marign",
+    "sweep.estimation.start=[warm]": "warm",
+    "gates.false_alarms={max: 1}": "there is no such figure",
+    "cases=0": "cases",
+    "method=lucky": "lucky",
+    "base=nothing_of_the_kind": "nothing_of_the_kind",
+    "draw.plant.mass_properties={mass_percent: -5}": "mass_percent",
+    "draw.plant.mass_properties={mass: {uniform: {low: -10, high: -5}}}": "mass",
+}
+
+
+@pytest.mark.parametrize("override", BAD)
+def test_bad_campaigns_are_one_message(massprop: Massprop, override: str) -> None:
+    done = massprop("campaign", "run", written(), "--set", override)
+    refused(done, BAD[override])
+    assert not Path("runs").exists()
+
+
+def test_what_is_wrong_in_a_file_is_told_with_its_line(massprop: Massprop) -> None:
+    name = written(SHORT.replace("uniform", "unifrom"))
+    done = massprop("check", name)
+    assert done.status == 2
+    assert "short.yaml, line 9: draw.plant.thrust_dispersion: there is no distribution 'unifrom'" in done.out
+    refused(massprop("campaign", "plan", name), "short.yaml, line 9: draw.plant.thrust_dispersion")
+
+
+def test_folders_that_hold_no_campaign_are_refused(massprop: Massprop) -> None:
+    Path("empty").mkdir()
+    for command in ("status", "report", "compare"):
+        refused(massprop("campaign", command, "empty"), "empty")
+    massprop("campaign", "plan", written(), "--out", "K")
+    refused(massprop("campaign", "report", "K"), "K: no case has been flown yet")
+    refused(massprop("campaign", "plan", "short.yaml", "--set", "seed=4", "--out", "K"), "K: holds the plan of another")
+    Path("mine").mkdir()
+    Path("mine/notes.txt").write_text("mine", encoding="utf-8")
+    refused(massprop("campaign", "run", "short.yaml", "--out", "mine"), "mine: holds files that are not of an earlier")
+
+
+def test_workers_of_two_kinds_are_refused(massprop: Massprop) -> None:
+    done = massprop("campaign", "run", written(), "--workers", "2", "--scheduler", "tcp://127.0.0.1:1")
+    refused(done, "give either --workers or --scheduler")
+
+
+# ------------------------------------------------------------------------------ elsewhere
+
+
+def test_campaigns_are_listed_checked_and_have_a_schema(massprop: Massprop) -> None:
+    assert "every_jet" in json.loads(massprop("list", "--json").out)["campaigns"]
+    done = massprop("check", written(), "every_jet")
+    assert (done.status, done.err) == (0, "")
+    assert "short.yaml: ok: campaign 'short' of scenario 'sample_maneuver', cases: 3, each in 2 ways" in done.out
+    names = [key["name"] for key in json.loads(massprop("check", "--schema", "campaign", "--json").out)]
+    assert {"base", "draw", "gates{}.max", "draw{}.uniform.low"} <= set(names)
+
+
+def test_a_notebook_shows_the_verdict(swept: Path) -> None:
+    shown = Campaign.load(swept)._repr_html_()
+    assert shown is not None
+    assert "Gate passed: False declarations" in shown
+    assert Campaign.load("every_jet")._repr_html_() is None
