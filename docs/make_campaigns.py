@@ -128,6 +128,7 @@ FAILURES = {
     "isolated": ("share", named("isolated")),
     "taken for another": ("share", named("wrong")),
     "missed": ("share", named("missed")),
+    "not tested": ("share", named("not_tested")),
     "found within 1 s": ("share", named("found_within_1_s")),
     "within 5 s": ("share", named("found_within_5_s")),
     "median delay, s": ("", named("delay_50_percent_s")),
