@@ -46,7 +46,9 @@ LIMITS = "{time_s: 10, memory_mb: 800}"
 _SITE = """
 import sys
 if sys.orig_argv[-1].endswith("studies.campaign.child"):
-    import json, os, time
+    import json, os, platform, time
+    version = platform.python_version()
+    platform.python_version = lambda: os.environ.get("PROBE_PYTHON", version)
     from massprop_drake.runners import simulate as module
     bad, slow, right = json.loads(os.environ["PROBE_BAD"]), float(os.environ["PROBE_SLOW_S"]), module.simulate
 
