@@ -45,7 +45,8 @@ def pages() -> ModuleType:
 
 
 def _flown(spec: Any, cases: Any) -> list[dict[str, Any]]:
-    setup = {"base": spec.base.model_dump(mode="json"), "campaign": "tiny", "times_s": [], "keep": "none", "folder": ""}
+    setup = {"base": spec.base.model_dump(mode="json"), "campaign": "tiny", "times_s": [], "keep": "none"}
+    setup |= {"folder": "", "token": None}
     flights = Flights(setup)
     return [
         {"case_id": case.case_id, "status": "flown", **flights.fly({**case._asdict(), "keep": False})} for case in cases

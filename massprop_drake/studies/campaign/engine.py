@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import contextlib
 import importlib.util
+import threading
 import uuid
-from collections.abc import Generator, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -31,6 +32,7 @@ _WAITING = 2  # tasks for each worker, so that none runs dry
 _LOST = 10  # tasks in a row whose workers were killed, after which it is no chance
 _CONNECT_S = 10.0
 _WORKERS_S = 60.0  # to wait for the first worker
+_TIDY_S = 20.0  # that each part of tidying up may take
 
 
 class Work(NamedTuple):
@@ -76,6 +78,8 @@ def local_client(workers: int) -> Iterator[Client]:
         "distributed.scheduler.allowed-failures": _LOST,
         "distributed.worker.multiprocessing-method": "spawn",  # Drake has threads, and a fork of them can hang
         "distributed.admin.tick.limit": "1h",  # of warnings
+        "distributed.worker.profile.enabled": False,  # what nobody looks at grows in this process's memory
+        "distributed.admin.system-monitor.log-length": 120,
     }
     with contextlib.ExitStack() as stack:
         stack.enter_context(dask.config.set(settings))
@@ -88,7 +92,8 @@ def local_client(workers: int) -> Iterator[Client]:
                 dashboard_address="127.0.0.1:0",
                 silence_logs="CRITICAL",
             )
-        yield stack.enter_context(Client(stack.enter_context(cluster)))
+        stack.callback(_in_time, cluster.close)
+        yield stack.enter_context(Client(cluster))
 
 
 @contextlib.contextmanager
@@ -141,13 +146,24 @@ def flown(client: Client, work: Work, execution: Mapping[str, str] | None, folde
             try:
                 yield from chunks.flown()
             finally:
-                with contextlib.suppress(OSError, TimeoutError, CancelledError):  # lost anyway
-                    chunks.cancel()
-                    client.run(end, key, on_error="ignore")
+                _in_time(chunks.cancel)
+                _in_time(client.run, end, key, on_error="ignore")
     except (OSError, CancelledError) as error:
         if client.status == "running" and not isinstance(error, CancelledError):
             raise
         raise InputError("the connection to the Dask scheduler is lost; --resume goes on with what is there") from None
+
+
+def _in_time(tidy: Callable[..., Any], *arguments: Any, **options: Any) -> None:
+    """Tidies up, or leaves it after a while: workers that are being lost may never answer, and end by themselves."""
+
+    def tried() -> None:
+        with contextlib.suppress(OSError, TimeoutError, CancelledError, RuntimeError):  # lost anyway
+            tidy(*arguments, **options)
+
+    thread = threading.Thread(target=tried, daemon=True)
+    thread.start()
+    thread.join(_TIDY_S)
 
 
 @contextlib.contextmanager

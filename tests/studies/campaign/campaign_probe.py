@@ -126,7 +126,7 @@ def fly_once(shared: Path) -> Path:
 
     def fly(folder: Path) -> None:
         with pytest.MonkeyPatch.context() as patch:
-            for name, value in {**environment(shared / "faulty", bad=BAD), "PROBE_MARK": "flown"}.items():
+            for name, value in {**environment(shared / "faulty", bad=BAD), "PROBE_MARK": f"flown-{shared}"}.items():
                 patch.setenv(name, value)
             Campaign.load(study(shared, CASES)).run(folder)
 

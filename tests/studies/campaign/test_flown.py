@@ -45,7 +45,7 @@ def test_every_case_has_its_row_and_bad_ones_their_reason(flown: Path) -> None:
 
 
 def test_nothing_is_left_running(flown: Path) -> None:
-    assert are_gone("flown")
+    assert are_gone(f"flown-{flown.parent}")
 
 
 def test_status_and_table_come_from_the_folder_alone(flown: Path) -> None:
