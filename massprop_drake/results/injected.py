@@ -21,8 +21,8 @@ Array = NDArray[np.float64]
 
 _ACTS = 1e-9  # of full thrust, between what a jet gives and what it was told to
 Cause = Literal["healthy", "failure", "jump"]
-Outcome = Literal["named", "group", "wrong", "missed", "never_acted", "not_tested"]
-FOUND: tuple[Outcome, ...] = ("named", "group")
+InjectedOutcome = Literal["named", "group", "wrong", "missed", "never_acted", "not_tested"]
+FOUND: tuple[InjectedOutcome, ...] = ("named", "group")
 
 
 class InjectedRecord(NamedTuple):
@@ -52,7 +52,7 @@ class InjectedRecord(NamedTuple):
     first_acted_s: Real | None
     first_alarm_s: Real | None
     declared_s: Real | None
-    outcome: Outcome
+    outcome: InjectedOutcome
     taken_for: Text | None = None
     force: Real | None = None
     magnitude: Real | None = None
