@@ -153,7 +153,7 @@ def test_cells_and_campaigns_are_compared(massprop: Massprop, swept: Path) -> No
 # --------------------------------------------------------------------------------------- bad input
 
 BAD = {
-    "draw.plant.thrust_dispersion={unifrom: {low: 0, high: 1}}": "there is no distribution 'unifrom'",
+    "draw.plant.thrust_dispersion={uniformm: {low: 0, high: 1}}": "there is no distribution 'uniformm'",
     "draw.plant.thrust_dispersion={uniform: {low: 0.2, high: 0.1}}": "high must be above low",
     "draw.vehicle=7": "vehicle",
     "sweep.detector.marign=[1, 2]": "marign",
@@ -175,10 +175,10 @@ def test_bad_campaigns_are_one_message(massprop: Massprop, override: str) -> Non
 
 
 def test_what_is_wrong_in_a_file_is_told_with_its_line(massprop: Massprop) -> None:
-    name = written(SHORT.replace("uniform", "unifrom"))
+    name = written(SHORT.replace("uniform", "uniformm"))
     done = massprop("check", name)
     assert done.status == 2
-    assert "short.yaml, line 9: draw.plant.thrust_dispersion: there is no distribution 'unifrom'" in done.out
+    assert "short.yaml, line 9: draw.plant.thrust_dispersion: there is no distribution 'uniformm'" in done.out
     refused(massprop("campaign", "plan", name), "short.yaml, line 9: draw.plant.thrust_dispersion")
 
 
