@@ -167,7 +167,8 @@ def fliers(marker: str) -> list[psutil.Process]:
 CHILD = "massprop_drake.studies.campaign.child"
 
 _DRIVER = """
-import json, sys
+import json, signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)
 from massprop_drake.studies.campaign.campaign import Campaign
 from massprop_drake.errors import InputError
 
