@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import importlib.util
+import logging
 import threading
 import uuid
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
@@ -33,6 +34,8 @@ _LOST = 10  # tasks in a row whose workers were killed, after which it is no cha
 _CONNECT_S = 10.0
 _WORKERS_S = 60.0  # to wait for the first worker
 _TIDY_S = 20.0  # that each part of tidying up may take
+_SHORT_LOG = {"distributed.admin.low-level-log-length": 10}  # messages; they hold the cases of their chunks
+_LOST_ERRORS = (OSError, CancelledError)  # of a connection to Dask, those of time among them
 
 
 class Work(NamedTuple):
@@ -82,7 +85,7 @@ def local_client(workers: int) -> Iterator[Client]:
         "distributed.admin.system-monitor.log-length": 120,
     }
     with contextlib.ExitStack() as stack:
-        stack.enter_context(dask.config.set(settings))
+        stack.enter_context(dask.config.set({**_SHORT_LOG, **settings}))
         with ctrl_c_held():  # the cluster's own threads start its workers, also those that replace others
             cluster = LocalCluster(
                 n_workers=workers,
@@ -103,18 +106,25 @@ def remote_client(address: str) -> Iterator[Client]:
     Raises:
         InputError: when none answers.
     """
-    from distributed import Client  # noqa: PLC0415 (optional, slow to load)
+    import dask  # noqa: PLC0415 (optional, slow to load)
+    from distributed import Client  # noqa: PLC0415
+    from distributed.utils import silence_logging_cmgr  # noqa: PLC0415
 
     try:
-        client = Client(address, timeout=_CONNECT_S)
+        with dask.config.set(_SHORT_LOG):
+            client = Client(address, timeout=_CONNECT_S)
     except (OSError, ValueError, TimeoutError) as error:
         reason = " ".join(str(error).split()) or type(error).__name__
         raise InputError(
             f"--scheduler {address}: no Dask scheduler answers there ({reason}); start one with `dask scheduler`, and "
             "give the address that it prints"
         ) from None
-    with client:
-        yield client
+    with silence_logging_cmgr(logging.CRITICAL):  # of a lost scheduler, too, our message is enough
+        try:
+            yield client
+        finally:
+            with contextlib.suppress(*_LOST_ERRORS):
+                client.close()
 
 
 def dashboard(client: Client) -> str | None:
@@ -138,27 +148,26 @@ def flown(client: Client, work: Work, execution: Mapping[str, str] | None, folde
             scheduler is lost.
     """
     key = uuid.uuid4().hex
-    try:
-        with _token(folder, wanted=work.setup["keep"] != "none" or bool(work.kept)) as token:
-            setup = {**work.setup, "key": key, "token": token}
+    with _token(folder, wanted=work.setup["keep"] != "none" or bool(work.kept)) as token:
+        setup = {**work.setup, "key": key, "token": token}
+        chunks = _Chunks(client, work._replace(setup=setup), execution)
+        try:
             _require_workers(client, setup)
-            chunks = _Chunks(client, work._replace(setup=setup), execution)
-            try:
-                yield from chunks.flown()
-            finally:
-                _in_time(chunks.cancel)
-                _in_time(client.run, end, key, on_error="ignore")
-    except (OSError, CancelledError) as error:
-        if client.status == "running" and not isinstance(error, CancelledError):
-            raise
-        raise InputError("the connection to the Dask scheduler is lost; --resume goes on with what is there") from None
+            yield from chunks.flown()
+        except _LOST_ERRORS:
+            raise InputError(
+                "the connection to the Dask scheduler is lost; --resume goes on with what is there"
+            ) from None
+        finally:
+            _in_time(chunks.cancel)
+            _in_time(client.run, end, key, on_error="ignore")
 
 
 def _in_time(tidy: Callable[..., Any], *arguments: Any, **options: Any) -> None:
     """Tidies up, or leaves it after a while: workers that are being lost may never answer, and end by themselves."""
 
     def tried() -> None:
-        with contextlib.suppress(OSError, TimeoutError, CancelledError, RuntimeError):  # lost anyway
+        with contextlib.suppress(*_LOST_ERRORS, RuntimeError):  # lost anyway
             tidy(*arguments, **options)
 
     thread = threading.Thread(target=tried, daemon=True)
@@ -201,23 +210,21 @@ class _Chunks:
     """
 
     def __init__(self, client: Client, work: Work, execution: Mapping[str, str] | None):
-        from distributed import as_completed  # noqa: PLC0415 (optional, slow to load)
-
         self._client = client
         self._work = work
         self._execution = execution
         self._waiting = list(reversed(work.cases))
         self._under_way: dict[Future[Any], list[PlannedCase]] = {}
-        self._done = as_completed()
         self._per_case_s: float | None = None
 
     def flown(self) -> Iterator[Flown]:
         """Yields each chunk as it is done."""
+        from distributed import as_completed  # noqa: PLC0415 (optional, slow to load)
         from distributed.scheduler import KilledWorker  # noqa: PLC0415
 
         lost = 0
-        self._hand_out()
-        for future in self._done:
+        done = as_completed(self._hand_out())
+        for future in done:
             chunk = self._under_way.pop(future)
             try:
                 result = future.result()
@@ -235,14 +242,15 @@ class _Chunks:
                 lost = 0
                 yield self._taken(chunk, result)
             future.release()
-            self._hand_out()
+            done.update(self._hand_out())
 
     def cancel(self) -> None:
         """Takes back what is under way."""
         self._client.cancel(list(self._under_way), force=True)
 
-    def _hand_out(self) -> None:
+    def _hand_out(self) -> list[Future[Any]]:
         """Submits chunks until every worker has some."""
+        submitted = []
         threads = max(1, sum(self._client.nthreads().values()))
         while self._waiting and len(self._under_way) < _WAITING * threads:
             chunk = [self._waiting.pop() for _ in range(min(self._wanted(threads), len(self._waiting)))]
@@ -256,7 +264,8 @@ class _Chunks:
                 key=f"cases-{chunk[0].case_id}-{uuid.uuid4().hex}",
             )
             self._under_way[future] = chunk
-            self._done.add(future)
+            submitted.append(future)
+        return submitted
 
     def _wanted(self, threads: int) -> int:
         """The number of cases of the next chunk."""

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import psutil
 import pytest
-from campaign_probe import GOOD, Driver, are_gone, environment, fliers, offspring, outcome, study
+from campaign_probe import GOOD, Driver, are_gone, environment, fliers, offspring, outcome, row, study
 
 from massprop_drake.studies.campaign.campaign import Campaign
 
@@ -63,6 +63,23 @@ def test_kills_of_everything_lose_at_most_what_is_under_way(flown: Path, tmp_pat
     assert outcome(out).equals(outcome(flown, GOOD))
     assert not list(out.rglob(".massprop-*"))
     assert not list(out.glob(".seen*"))
+
+
+@pytest.mark.skipif(not KILLS, reason="MASSPROP_CAMPAIGN_KILLS is not set: it waits for a minute")
+def test_a_case_that_hangs_among_others_is_a_row_and_no_other_is_lost(flown: Path, tmp_path: Path) -> None:
+    mark = f"hang-{tmp_path}"
+    environ = {**environment(tmp_path / "faulty", bad={5: "hang"}), "PROBE_MARK": mark}
+    file, out = study(tmp_path, GOOD), tmp_path / "out"
+    file.write_text(file.read_text().replace("time_s: 600", "time_s: 60"))
+    driver = Driver(file, out, environ, workers=2)
+    assert driver.to_the_end() == "ended"
+    assert driver.ended() == (0, "")
+    assert are_gone(mark)
+    assert row(out, 5)["reason"] == "took longer than 60 s"
+    rest, expected = outcome(out), outcome(flown, GOOD)
+    for part in (slice(0, 5), slice(6, GOOD)):
+        length = part.stop - part.start
+        assert rest.slice(part.start, length).equals(expected.slice(part.start, length))
 
 
 @pytest.mark.parametrize("number", range(KILLS))

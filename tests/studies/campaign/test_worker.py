@@ -11,9 +11,10 @@ from typing import Any
 import psutil
 import pytest
 from campaign_probe import CHILD, environment, study
+from distributed.comm import CommClosedError
 
 from massprop_drake import InputError
-from massprop_drake.studies.campaign import worker
+from massprop_drake.studies.campaign import engine, worker
 from massprop_drake.studies.campaign.campaign import Campaign
 from massprop_drake.studies.campaign.execution import differences, execution
 from massprop_drake.studies.campaign.worker import CannotFlyError, Child
@@ -138,6 +139,45 @@ def test_how_a_process_executes_is_told_and_compared() -> None:
     assert differences({**here, "numpy": "0.1"}, here) == [f"numpy 0.1 instead of {here['numpy']}"]
     assert differences(here, {**here, "compiler": "x"}) == ["compiler unknown instead of x"]
     assert here["blas"]
+
+
+def test_a_case_that_hangs_ends_at_its_limit_and_leaves_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name, value in environment(tmp_path / "faulty", bad={1: "hang"}).items():
+        monkeypatch.setenv(name, value)
+    campaign = Campaign.load(study(tmp_path, 3))
+    child = Child(setup_of(campaign))
+    try:
+        first, hung, last = ({**case._asdict(), "keep": False} for case in campaign.planned())
+        assert "row" in child.fly(first, 600.0, 2000.0)
+        assert child._process is not None
+        pid = child._process.pid
+        assert child.fly(hung, 1.0, 2000.0)["failed"] == "took longer than 1 s"  # whatever else the machine does
+        assert not psutil.pid_exists(pid)
+        assert "row" in child.fly(last, 600.0, 2000.0)
+    finally:
+        child.close()
+
+
+class Gone:
+    """A client whose scheduler has just gone, before it has noticed."""
+
+    status = "running"
+
+    def wait_for_workers(self, *_: Any, **__: Any) -> None:
+        """There are some, as far as it knows."""
+
+    def run(self, *_: Any, **__: Any) -> Any:
+        raise CommClosedError("closed")
+
+    cancel = run
+
+
+def test_a_scheduler_that_goes_unnoticed_is_told_all_the_same(tmp_path: Path) -> None:
+    work = engine.Work({"keep": "none", "folder": str(tmp_path)}, [], frozenset(), 1.0, 1.0)
+    with pytest.raises(InputError, match="connection to the Dask scheduler is lost; --resume goes on"):
+        list(engine.flown(Gone(), work, None, tmp_path))  # type: ignore[arg-type]
 
 
 def test_a_case_that_kills_its_process_is_flown_twice(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
