@@ -142,7 +142,8 @@ def _left_over(folder: Path) -> Iterator[Path]:
 def _tidy(folder: Path) -> None:
     """Ends what killed processes have begun in a folder; the folder is locked."""
     for path in _left_over(folder):
-        with contextlib.suppress(PermissionError, BlockingIOError):  # another user's, or of a living process
+        # another user's, of a living process, or of one that has just removed it
+        with contextlib.suppress(PermissionError, BlockingIOError, FileNotFoundError):
             descriptor = os.open(path, os.O_RDONLY)
             try:
                 if lock(descriptor, wait=False):

@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
+import stat
 from collections.abc import Iterable, Iterator, Mapping
 from itertools import islice
 from pathlib import Path
@@ -72,9 +73,10 @@ def require_writable(target: Path, *, force: bool = False, reads: Iterable[str |
         path.parent.mkdir(parents=True, exist_ok=True)
         with stage(path.parent):  # can be made
             pass
-        found = manifest.read(path) if path.exists() else None
-        if path.exists() and not force:
-            _require_ours(target, path, found)
+        with locked(path.parent):  # nobody exchanges it while it is looked at
+            found = manifest.read(path) if path.exists() else None
+            if path.exists() and not force:
+                _require_ours(target, path, found)
         return Place(path, target, force, None if found is None else found.id)
 
 
@@ -264,8 +266,9 @@ def _found(target: Path) -> Path:
         raise InputError(f"{str(target)!r}: no file can have this name; {_ELSEWHERE}") from None
     if target.is_symlink() and not target.exists():
         raise InputError(f"{target}: is a link to nowhere; remove it, or {_ELSEWHERE}")
-    if path.exists() and not path.is_dir():
-        raise InputError(f"{target}: is a file; give a folder to write to")
+    with contextlib.suppress(FileNotFoundError, NotADirectoryError):
+        if not stat.S_ISDIR(path.stat().st_mode):
+            raise InputError(f"{target}: is a file; give a folder to write to")
     return path
 
 

@@ -292,6 +292,16 @@ def test_what_arrives_in_the_very_moment_of_the_exchange_is_kept(
     assert set(os.listdir(tmp_path)) == {"run", "run.1"}
 
 
+@pytest.fixture
+def impatient_threads() -> Iterator[None]:
+    """Threads take turns so often that whatever can come between two steps of another does."""
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(1e-5)
+    yield
+    sys.setswitchinterval(before)
+
+
+@pytest.mark.usefixtures("impatient_threads")
 def test_writers_wait_for_each_other(tmp_path: Path) -> None:
     done: list[int] = []
 
