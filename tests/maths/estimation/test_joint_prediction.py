@@ -33,7 +33,7 @@ def predicted_mean(mean: Array, state: JointState, rate_read: Array) -> Array:
 @pytest.mark.parametrize("read", [True, False])
 def test_jacobian_agrees_with_central_differences(read: bool) -> None:
     state = some_state(PARAMS)
-    rate_read = state.mean[10:13] + [0.003, -0.001, 0.002] if read else UNREAD
+    rate_read = state.mean[10:13] + np.array([0.003, -0.001, 0.002]) if read else UNREAD
     acting = drive(state, SAMPLE.durations_s, SAMPLE.commands, SAMPLE.outside, PARAMS)
     acting = acting._replace(firing=acting.firing._replace(bow=np.zeros(6)))
     prediction = predict(state, acting, rate_read, PARAMS)
@@ -71,7 +71,7 @@ def test_coupling_and_its_derivatives() -> None:
 
     def by_inertia(elements: Array) -> Array:
         inverse = symmetric(elements)
-        return coupling((inverse, np.linalg.inv(inverse)), start, end, bow, PERIOD)[0]
+        return coupling((inverse, np.linalg.inv(inverse)), start, end, bow, PERIOD).change
 
     six, steps = six_elements(INVERSE), np.full(6, 1e-6)
     np.testing.assert_allclose(found[1], central_differences(by_inertia, six, steps), atol=1e-9)
@@ -79,7 +79,7 @@ def test_coupling_and_its_derivatives() -> None:
 
         def by_rate(rate: Array, index: int = index) -> Array:
             ends = (rate, end) if index == 2 else (start, rate)
-            return coupling((INVERSE, inertia), *ends, bow, PERIOD)[0]
+            return coupling((INVERSE, inertia), *ends, bow, PERIOD).change
 
         np.testing.assert_allclose(found[index], central_differences(by_rate, at, np.full(3, 1e-6)), atol=1e-9)
 
@@ -205,7 +205,9 @@ def test_covariance_goes_over_by_the_jacobian_and_noise() -> None:
     root = propagated(state.root, prediction, params)
     scale = np.sqrt(np.diag(expected))
     np.testing.assert_allclose(root @ root.T / np.outer(scale, scale), expected / np.outer(scale, scale), atol=1e-12)
-    assert prediction.drift[6] == pytest.approx(0.1**2 * 0.01 * TRUTH[9] * float(acting.firing.amount @ params.flows), rel=0.1)
+    assert prediction.drift[6] == pytest.approx(
+        0.1**2 * 0.01 * TRUTH[9] * float(acting.firing.amount @ params.flows), rel=0.1
+    )
     assert prediction.noise[0, 0] > (1e-6) ** 2 * PERIOD
 
 

@@ -8,8 +8,8 @@ The update is Joseph's form in terms of the root. With Y = H P H^T + R and the r
 
     [ (H S)^T ; R^1/2 ] = [ Q1 ; Q2 ] U,    U^T U = Y,    K = S Q1 U^-T,
 
-the optimal root is [ S - (S Q1) Q1^T, (S Q1) Q2^T ]; rows of K that are set to zero (Schmidt: considered, not estimated)
-are rows of S Q1 that are set to zero.
+the optimal root is [ S - (S Q1) Q1^T, (S Q1) Q2^T ]; rows of K that are set to zero (Schmidt: considered, not
+estimated) are rows of S Q1 that are set to zero.
 """
 
 from __future__ import annotations

@@ -193,9 +193,7 @@ def expect(state: JointState, acting: Drive, sample: Sample, params: JointParams
     return _expected(state, prediction, root, sample, params)
 
 
-def _expected(
-    state: JointState, prediction: Prediction, root: Array, sample: Sample, params: JointParams
-) -> Expected:
+def _expected(state: JointState, prediction: Prediction, root: Array, sample: Sample, params: JointParams) -> Expected:
     spin = state.spin + prediction.spin
     predicted, jacobian = outputs(prediction.mean, state.reference, spin, params)
     projected = jacobian @ root
@@ -307,9 +305,7 @@ def incremented_root(root: Array, params: JointParams) -> Array:
     return np.hstack((root, columns))
 
 
-def _update_again(
-    state: JointState, acting: Drive, expected: Expected, first: Update, params: JointParams
-) -> Update:
+def _update_again(state: JointState, acting: Drive, expected: Expected, first: Update, params: JointParams) -> Update:
     """The update with the effects of parameters taken at the estimate that the first one gave."""
     mean = state.mean.copy()
     mean[:N_PROPERTIES] = expected.prediction.mean[:N_PROPERTIES] + first.correction[:N_PROPERTIES]

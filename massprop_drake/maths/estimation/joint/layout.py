@@ -60,7 +60,9 @@ class Places(NamedTuple):
     size: int
 
 
-def make_places(counts: tuple[int, int, int], n_lag: int, biases: tuple[bool, bool], thrust: bool, forces: int) -> Places:
+def make_places(
+    counts: tuple[int, int, int], n_lag: int, biases: tuple[bool, bool], thrust: bool, forces: int
+) -> Places:
     """The places of a vehicle's state.
 
     Args:

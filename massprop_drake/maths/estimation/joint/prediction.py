@@ -4,9 +4,9 @@ r"""Prediction of the joint state over one interval, exact in its length, and it
     c_s <- c_s + lambda mu + beta_s T
     mu  <- mu + mu^2 sum_j m'_j L_j
 
-with a and lambda the impulses about the vehicle origin of all jets, sum_j W_j L_j (1 + sigma_T b_j) with L_j the seconds
-of full thrust of `impulses`, of the forces of failed jets, and of known outside forces. While mu falls, c gathers
-lambda at its mean over the interval.
+with a and lambda the impulses about the vehicle origin of all jets, the sum of W_j L_j (1 + sigma_T b_j) with L_j the
+seconds of full thrust of `impulses`, of the forces of failed jets, and of known outside forces. While mu falls, c
+gathers lambda at its mean over the interval.
 
 *Forces of failed jets.* A slot's force f acts on top for the time that its jet's level leaves, T - L (it gives more
 than it is told), or is missing for the time L (it gives less). Either way the lag of that jet counts for 1 - f/F.
@@ -22,7 +22,8 @@ sum g_j^2 P_bb N_j P_xx N_j^T.
 
 Thrust that builds up or tails off bows the rate: on average it lies J dL off that line, dL the angular impulse of the
 bows, so t += w_mean x dL + J dL x l_mean. It counts from when the diagonal of J is known to half its size. w1 is the
-reading where it is the more certain of the two, and else the rate predicted without coupling; the derivatives follow.
+reading, whose error is small and counts as none; where it is missing, the rate that is predicted with the coupling,
+and the derivatives follow.
 
 *The common thrust scale* s (`thrust_scale`) is not seen by what jets do, but known outside forces are not scaled with
 them: they enter by 1 - sigma_T s.
@@ -93,6 +94,21 @@ class Prediction(NamedTuple):
     duration_s: float
 
 
+class Coupling(NamedTuple):
+    """Dynamic coupling over an interval.
+
+    Attributes:
+        change: g, rad/s, shape (3,).
+        by_inertia: its derivative by J, shape (3, 6).
+        by_start, by_end: by w0 and w1, shape (3, 3).
+    """
+
+    change: Array
+    by_inertia: Array
+    by_start: Array
+    by_end: Array
+
+
 def drive(state: JointState, durations_s: Array, commands: Array, outside: Array, params: JointParams) -> Drive:
     """What acts over an interval, with the lag at its present estimate.
 
@@ -145,7 +161,7 @@ def error_rows(state: JointState, acting: Drive, params: JointParams) -> tuple[A
     rate_rows, velocity_rows = np.zeros((3, places.size)), np.zeros((3, places.size))
     rate_effect = _moments(mean, params.wrenches) @ inverse
     velocity_effect = reciprocal * params.wrenches[:, 3:]
-    factor, lagged = _thrust_factors(state, params)
+    _, lagged = _thrust_factors(state, params)
     if places.n_thrust > 0:
         columns = slice(places.thrust, places.thrust + places.n_thrust)
         sigma = (params.thrust_sigma * firing.amount).reshape(-1, 1)
@@ -197,58 +213,36 @@ def predict(state: JointState, acting: Drive, rate_read: Array, params: JointPar
         rate_read: rate read at the end of the interval, biases taken off, NaN where missing, rad/s, shape (3,).
         params: see `JointParams`.
     """
-    mean, places, firing = state.mean, params.places, acting.firing
+    mean, places, duration = state.mean, params.places, acting.firing.duration_s
     covariance = state.root[:N_PROPERTIES] @ state.root[:N_PROPERTIES].T
-    inverse, reciprocal, rate = mean[INERTIA][ELEMENT], mean[MASS], mean[RATE]
-    seconds = effective_seconds(state, firing, params)
+    inverse, reciprocal = mean[INERTIA][ELEMENT], mean[MASS]
+    seconds = effective_seconds(state, acting.firing, params)
     scale = 1.0 - params.thrust_sigma * mean[places.scale] if places.n_scale > 0 else 1.0
     impulse = seconds @ params.wrenches + scale * acting.outside
     linear = impulse[3:]
     moment = impulse[:3] + cross(linear, mean[CENTER])
+    flow = float(seconds @ params.flows) if 0.0 < reciprocal < _MOST_LIGHT * params.nominal_mass_reciprocal else 0.0
 
     rate_rows, velocity_rows = error_rows(state, acting, params)
     rate_rows[:, INERTIA] = angular_block(moment)
     rate_rows[:, CENTER] = inverse @ skew(linear)
-    change = inverse @ moment
-    flow = float(seconds @ params.flows) if 0.0 < reciprocal < _MOST_LIGHT * params.nominal_mass_reciprocal else 0.0
     velocity_rows[:, MASS] = linear * (1.0 + reciprocal * flow)
-    velocity_change = linear * reciprocal * (1.0 + 0.5 * reciprocal * flow)
+    bias, noise = _second_order(state, acting, linear, covariance, params)
+    noise += _white_noise(mean, acting.firing, params)
+    change = inverse @ moment + bias[:3]
+    velocity_change = linear * reciprocal * (1.0 + 0.5 * reciprocal * flow) + bias[3:]
 
-    noise = np.zeros((6, 6))
-    if params.second_order:
-        bias, curvature = second_order_terms(covariance[:9, :9], linear)
-        change = change + bias
-        noise[:3, :3] += curvature
-        if places.n_thrust > 0 and not state.freed:
-            product_mean, product_noise = _thrust_products(state, acting, covariance, params)
-            change = change + product_mean[:3]
-            velocity_change = velocity_change + product_mean[3:]
-            noise += product_noise
-    noise += _impulse_noise(mean, firing, params)
-    noise[:3, :3] += params.rate_walk**2 * firing.duration_s * _IDENTITY
-    noise[3:, 3:] += params.velocity_walk**2 * firing.duration_s * _IDENTITY
-
-    line = rate + change
-    missing = np.isnan(rate_read)
-    taken = ~missing
-    end = np.where(taken, rate_read, line)
+    end, bowed = mean[RATE] + change, np.zeros(3)
     if _knows_inertia(mean, covariance):
-        inertia = inverse_positive_definite(inverse, "inverse inertia")
-        bow = firing.bow * (seconds / np.where(firing.amount > 0.0, firing.amount, 1.0)) @ params.wrenches
-        bow_moment = bow[:3] + cross(bow[3:], mean[CENTER])
-        if missing.any():  # once more with the coupling in the rate at the end
-            first, _, _, _ = coupling((inverse, inertia), rate, end, bow_moment, firing.duration_s)
-            end = np.where(taken, end, line + first)
-        through, by_inertia, by_start, by_end = coupling((inverse, inertia), rate, end, bow_moment, firing.duration_s)
-        by_end = by_end * missing
+        through, end, bowed = _coupled(state, acting, change, rate_read, params)
+        by_end, by_start, by_inertia = through.by_end, through.by_start, through.by_inertia
         rows = by_end @ rate_rows
         rows[:, RATE] += by_start + by_end
         rows[:, INERTIA] += by_inertia
         rate_rows += rows
-        change = change + through
-        bowed = inverse @ bow_moment
+        change = change + through.change
     else:
-        bowed = np.zeros(3)
+        end = np.where(np.isnan(rate_read), end, rate_read)
 
     after = mean.copy()
     after[RATE] += change
@@ -257,7 +251,7 @@ def predict(state: JointState, acting: Drive, rate_read: Array, params: JointPar
         after[part] += velocity_change
         if places.n_acceleration_bias > 0:
             begin = places.acceleration_bias + 3 * package
-            after[part] += firing.duration_s * params.acceleration_bias_sigma * mean[begin : begin + 3]
+            after[part] += duration * params.acceleration_bias_sigma * mean[begin : begin + 3]
     after[MASS] += reciprocal * reciprocal * flow
     return Prediction(
         mean=after,
@@ -266,15 +260,47 @@ def predict(state: JointState, acting: Drive, rate_read: Array, params: JointPar
         mass_factor=1.0 + 2.0 * reciprocal * flow,
         noise=noise,
         drift=_drift(mean, flow, params),
-        spin=spin_integral(rate, end, bowed, firing.duration_s),
-        duration_s=firing.duration_s,
+        spin=spin_integral(mean[RATE], end, bowed, duration),
+        duration_s=duration,
     )
 
 
-def coupling(
-    inertias: tuple[Array, Array], start: Array, end: Array, bow_moment: Array, duration_s: float
-) -> tuple[Array, Array, Array, Array]:
-    """The change g of the rate by dynamic coupling, and its derivatives by J (3x6), w0 and w1 (3x3 each).
+def _second_order(
+    state: JointState, acting: Drive, linear: Array, covariance: Array, params: JointParams
+) -> tuple[Array, Array]:
+    """Mean, shape (6,), and covariance, shape (6, 6), on w and c, of the products of errors."""
+    bias, noise = np.zeros(6), np.zeros((6, 6))
+    if params.second_order:
+        bias[:3], noise[:3, :3] = second_order_terms(covariance[:9, :9], linear)
+        if params.places.n_thrust > 0 and not state.freed:
+            product_mean, product_noise = _thrust_products(state, acting, covariance, params)
+            bias += product_mean
+            noise += product_noise
+    return bias, noise
+
+
+def _coupled(
+    state: JointState, acting: Drive, change: Array, rate_read: Array, params: JointParams
+) -> tuple[Coupling, Array, Array]:
+    """Dynamic coupling with the rate that is read, or predicted where none is; that rate; and the bow of the rate."""
+    mean, firing = state.mean, acting.firing
+    inverse = mean[INERTIA][ELEMENT]
+    inertias = inverse, inverse_positive_definite(inverse, "inverse inertia")
+    _, lagged = _thrust_factors(state, params)
+    bow = (firing.bow * lagged) @ params.wrenches
+    bow_moment = bow[:3] + cross(bow[3:], mean[CENTER])
+    missing = np.isnan(rate_read)
+    line = mean[RATE] + change
+    end = np.where(missing, line, rate_read)
+    found = coupling(inertias, mean[RATE], end, bow_moment, firing.duration_s)
+    if missing.any():  # once more with the coupling in the rate at the end
+        end = np.where(missing, line + found.change, rate_read)
+        found = coupling(inertias, mean[RATE], end, bow_moment, firing.duration_s)
+    return found._replace(by_end=found.by_end * missing), end, inverse @ bow_moment
+
+
+def coupling(inertias: tuple[Array, Array], start: Array, end: Array, bow_moment: Array, duration_s: float) -> Coupling:
+    """The change g of the rate by dynamic coupling, and its derivatives; those of the bow are left out.
 
     Args:
         inertias: J and its inverse, shape (3, 3) each.
@@ -292,7 +318,7 @@ def coupling(
     by_end = inverse @ (over_start / 6.0 + over_end / 3.0 - skew(second))
     bent = cross(0.5 * (start + end), bow_moment) + cross(inverse @ bow_moment, 0.5 * (at_start + at_end))
     through = inverse @ (turn + bent) * -duration_s
-    return through, -duration_s * by_inertia, -duration_s * by_start, -duration_s * by_end
+    return Coupling(through, -duration_s * by_inertia, -duration_s * by_start, -duration_s * by_end)
 
 
 def spin_integral(start: Array, end: Array, bowed: Array, duration_s: float) -> Array:
@@ -364,13 +390,16 @@ def _thrust_products(state: JointState, acting: Drive, covariance: Array, params
     return product_mean, product_noise
 
 
-def _impulse_noise(mean: Array, firing: Firing, params: JointParams) -> Array:
-    """Covariance on w and c of impulses that scatter, and of commands that are not known, shape (6, 6)."""
+def _white_noise(mean: Array, firing: Firing, params: JointParams) -> Array:
+    """Covariance on w and c of walks, of impulses that scatter, and of commands that are not known, shape (6, 6)."""
     noise = np.zeros((6, 6))
     variance = firing.variance + (params.repeatability * firing.amount) ** 2
     if variance.any():
-        effects = np.hstack((_moments(mean, params.wrenches) @ mean[INERTIA][ELEMENT], mean[MASS] * params.wrenches[:, 3:]))
+        rate_effect = _moments(mean, params.wrenches) @ mean[INERTIA][ELEMENT]
+        effects = np.hstack((rate_effect, mean[MASS] * params.wrenches[:, 3:]))
         noise = (effects * variance.reshape(-1, 1)).T @ effects
+    noise[:3, :3] += params.rate_walk**2 * firing.duration_s * _IDENTITY
+    noise[3:, 3:] += params.velocity_walk**2 * firing.duration_s * _IDENTITY
     return noise
 
 

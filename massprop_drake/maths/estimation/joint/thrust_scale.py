@@ -1,9 +1,9 @@
 r"""The common scale of all thrusts, partitioned off when thrust errors are freed.
 
 More thrust of every jet by the same share and as much more inertia and mass change no reading: b_j -> b_j + e,
-J -> J (1 - sigma_T e), mu -> mu (1 - sigma_T e). Linearized at successive estimates, a filter that estimates all b breaks
-that symmetry and believes it sees the scale. In other variables it cannot: with s the mean of b over the jets that
-have fired so far,
+J -> J (1 - sigma_T e), mu -> mu (1 - sigma_T e). Linearized at successive estimates, a filter that estimates all b
+breaks that symmetry and believes it sees the scale. In other variables it cannot: with s the mean of b over the jets
+that have fired so far,
 
     b' = b - s,    J' = J (1 + sigma_T s),    mu' = mu (1 + sigma_T s),    f' = f (1 - sigma_T s),
 
