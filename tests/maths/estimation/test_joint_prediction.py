@@ -113,21 +113,21 @@ def exact_state(levels: float) -> JointState:
 def test_prediction_at_the_truth_is_the_motion() -> None:
     """The bow takes most of what a straight line leaves."""
     state = exact_state(1.0)
-    factor = 20.0
+    factor = 3.0
     params = PARAMS._replace(wrenches=factor * PARAMS.wrenches, flows=np.zeros(6))
     acting = drive(state, SAMPLE.durations_s, SAMPLE.commands, np.zeros(6), params)
     rate, spin, gathered = flown(state, factor)
     straight = acting._replace(firing=acting.firing._replace(bow=np.zeros(6)))
-    errors = []
+    errors, spins = [], []
     for each in (straight, acting):
         prediction = predict(state, each, rate, params)
         errors.append(np.abs(prediction.mean[10:13] - rate).max())
         np.testing.assert_allclose(prediction.mean[13:16], gathered, rtol=2e-2)
-        spin_error = np.abs(prediction.spin - spin).max()
+        spins.append(np.abs(prediction.spin - spin).max())
     through = np.abs(rate - state.mean[10:13]).max()
     assert errors[0] > 1e-4 * through
     assert errors[1] < 0.2 * errors[0]
-    assert spin_error < 1e-3 * np.abs(spin).max()
+    assert spins[1] < 0.2 * spins[0]
 
 
 def sampled(state: JointState, firing: Firing, draws: int) -> Array:
