@@ -10,6 +10,7 @@ from scipy.stats import chi2
 from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.maths.estimation.joint.cycle import Sample, initial
 from massprop_drake.maths.estimation.joint.layout import JointParams, JointState, make_places
+from massprop_drake.maths.estimation.joint.prediction import RateRead
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import initial_standard_deviation, six_elements
 
@@ -88,6 +89,16 @@ def some_sample(params: JointParams, **changed: Any) -> Sample:
         velocities=np.full((places.accelerometers, 3), np.nan),
     )
     return sample._replace(**changed)
+
+
+def read_as(rate: Array, params: JointParams) -> RateRead:
+    """A rate read without biases."""
+    return RateRead(rate, np.zeros((3, params.places.size)))
+
+
+def unread(params: JointParams) -> RateRead:
+    """No rate read."""
+    return read_as(np.full(3, np.nan), params)
 
 
 def vehicle_params(vehicle: Vehicle, *, lag: bool, start: str = "zero", **changed: Any) -> JointParams:

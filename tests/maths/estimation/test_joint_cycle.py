@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from joint_probe import PERIOD, TRUTH, small_params, some_sample, some_state, vehicle_params
+from joint_probe import PERIOD, TRUTH, read_as, small_params, some_sample, some_state, unread, vehicle_params
 
 from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.maths.estimation.joint import bound
@@ -72,7 +72,7 @@ def test_nothing_read_is_prediction_alone() -> None:
     after, report = step(state, some_sample(PARAMS), PARAMS)
     assert report.nis == 0.0
     acting = drive(state, np.array([PERIOD]), some_sample(PARAMS).commands, np.zeros(6), PARAMS)
-    np.testing.assert_array_equal(after.mean, predict(state, acting, np.full(3, np.nan), PARAMS).mean)
+    np.testing.assert_array_equal(after.mean, predict(state, acting, unread(PARAMS), PARAMS).mean)
 
 
 def test_the_start_is_incremented_where_gyros_contradict_it() -> None:
@@ -106,9 +106,9 @@ def test_the_bound_is_the_covariance_of_a_filter_that_stays_at_the_truth() -> No
         sample = some_sample(params, time_s=k * PERIOD, commands=commands, rates=nothing, velocities=nothing)
         acting = drive(state, sample.durations_s, commands, np.zeros(6), flow_free)
         # the truth's rate at the end follows from itself: twice, as the coupling takes the reading
-        rate = predict(state, acting, np.full(3, np.nan), flow_free).mean[10:13]
+        rate = predict(state, acting, unread(flow_free), flow_free).mean[10:13]
         for _ in range(8):
-            prediction = predict(state, acting, rate, flow_free)
+            prediction = predict(state, acting, read_as(rate, flow_free), flow_free)
             rate = prediction.mean[10:13]
         read, _ = outputs(prediction.mean, state.reference, state.spin + prediction.spin, flow_free)
         sample = sample._replace(rates=read[:6].reshape(2, 3), velocities=read[6:].reshape(2, 3))

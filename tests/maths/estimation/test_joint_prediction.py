@@ -6,11 +6,21 @@ from typing import Any
 
 import numpy as np
 import pytest
-from joint_probe import INVERSE, PERIOD, TRUTH, central_differences, small_params, some_sample, some_state
+from joint_probe import (
+    INVERSE,
+    PERIOD,
+    TRUTH,
+    central_differences,
+    read_as,
+    small_params,
+    some_sample,
+    some_state,
+    unread,
+)
 
 from massprop_drake.maths.estimation.joint.impulses import Firing
 from massprop_drake.maths.estimation.joint.layout import JointState
-from massprop_drake.maths.estimation.joint.prediction import coupling, drive, error_rows, predict, propagated
+from massprop_drake.maths.estimation.joint.prediction import RateRead, coupling, drive, error_rows, predict, propagated
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import ELEMENT, MassProperties, six_elements, symmetric
 from massprop_drake.maths.vehicle import rigid_body
@@ -18,10 +28,10 @@ from massprop_drake.maths.vehicle import rigid_body
 PARAMS = small_params(second_order=False)
 PLACES = PARAMS.places
 SAMPLE = some_sample(PARAMS, outside=np.array([0.01, -0.02, 0.03, 0.02, 0.01, -0.03]))
-UNREAD = np.full(3, np.nan)
+UNREAD = unread(PARAMS)
 
 
-def predicted_mean(mean: Array, state: JointState, rate_read: Array) -> Array:
+def predicted_mean(mean: Array, state: JointState, rate_read: RateRead) -> Array:
     """Rate, first accelerometer's c, and mu after the interval; bows left out, as their derivatives are."""
     state = state._replace(mean=mean)
     acting = drive(state, SAMPLE.durations_s, SAMPLE.commands, SAMPLE.outside, PARAMS)
@@ -33,7 +43,8 @@ def predicted_mean(mean: Array, state: JointState, rate_read: Array) -> Array:
 @pytest.mark.parametrize("read", [True, False])
 def test_jacobian_agrees_with_central_differences(read: bool) -> None:
     state = some_state(PARAMS)
-    rate_read = state.mean[10:13] + np.array([0.003, -0.001, 0.002]) if read else UNREAD
+    end = state.mean[10:13] + np.array([0.003, -0.001, 0.002])
+    rate_read = read_as(end, PARAMS) if read else UNREAD
     acting = drive(state, SAMPLE.durations_s, SAMPLE.commands, SAMPLE.outside, PARAMS)
     acting = acting._replace(firing=acting.firing._replace(bow=np.zeros(6)))
     prediction = predict(state, acting, rate_read, PARAMS)
@@ -120,7 +131,7 @@ def test_prediction_at_the_truth_is_the_motion() -> None:
     straight = acting._replace(firing=acting.firing._replace(bow=np.zeros(6)))
     errors, spins = [], []
     for each in (straight, acting):
-        prediction = predict(state, each, rate, params)
+        prediction = predict(state, each, read_as(rate, params), params)
         errors.append(np.abs(prediction.mean[10:13] - rate).max())
         np.testing.assert_allclose(prediction.mean[13:16], gathered, rtol=2e-2)
         spins.append(np.abs(prediction.spin - spin).max())

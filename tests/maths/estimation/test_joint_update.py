@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from joint_probe import central_differences, small_params, some_sample, some_state
+from joint_probe import central_differences, small_params, some_sample, some_state, unread
 
 from massprop_drake.maths.estimation.joint.covariance import compressed, semidefinite_root, updated
 from massprop_drake.maths.estimation.joint.guard import converged, guarded, unguarded
@@ -102,8 +102,12 @@ def test_rate_read_is_weighted_and_free_of_bias() -> None:
     mean[PLACES.gyro_bias : PLACES.gyro_bias + 6] = [100.0, 0, 0, -50, 0, 0]
     rates = np.array([[0.001, 0.02, np.nan], [-0.0005, 0.05, np.nan]])
     found = rate_read(rates, mean, PARAMS)
-    np.testing.assert_allclose(found[:2], [0.0, (2 * 0.02 + 0.05) / 3], atol=1e-15)  # variances 1 and 2
-    assert np.isnan(found[2])
+    np.testing.assert_allclose(found.rate[:2], [0.0, (2 * 0.02 + 0.05) / 3], atol=1e-15)  # variances 1 and 2
+    assert np.isnan(found.rate[2])
+    steps = np.full(PLACES.size, 1e-3)
+    rows = central_differences(lambda mean: rate_read(rates, mean, PARAMS).rate[:2], mean, steps)
+    np.testing.assert_allclose(found.rows[:2], rows, atol=1e-12)
+    assert not found.rows[2].any()
 
 
 def test_rebase_keeps_outputs_and_their_covariance() -> None:
@@ -134,7 +138,7 @@ def test_partition_keeps_the_distribution_of_what_is_observed() -> None:
     for each in (state, after):
         sample = some_sample(params)
         prediction = predict(
-            each, drive(each, sample.durations_s, sample.commands, np.zeros(6), params), np.full(3, np.nan), params
+            each, drive(each, sample.durations_s, sample.commands, np.zeros(6), params), unread(params), params
         )
         _, jacobian = outputs(prediction.mean, each.reference, each.spin + prediction.spin, params)
         rows = jacobian @ propagated(each.root, prediction, params)
@@ -148,7 +152,7 @@ def test_partition_keeps_the_distribution_of_what_is_observed() -> None:
     # the scale itself is seen by nothing but outside forces
     sample = some_sample(params)
     prediction = predict(
-        after, drive(after, sample.durations_s, sample.commands, np.zeros(6), params), np.full(3, np.nan), params
+        after, drive(after, sample.durations_s, sample.commands, np.zeros(6), params), unread(params), params
     )
     assert not prediction.rate_rows[:, PLACES.scale].any()
 

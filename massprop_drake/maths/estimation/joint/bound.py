@@ -12,7 +12,7 @@ import numpy as np
 from massprop_drake.maths.estimation.joint.covariance import compressed, updated
 from massprop_drake.maths.estimation.joint.cycle import Sample, begun, initial
 from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES, RATE, JointParams, JointState
-from massprop_drake.maths.estimation.joint.measurement import outputs
+from massprop_drake.maths.estimation.joint.measurement import outputs, rate_read
 from massprop_drake.maths.estimation.joint.prediction import drive, predict, propagated
 from massprop_drake.maths.linear_algebra import Array
 
@@ -48,14 +48,16 @@ def step(state: JointState, sample: Sample, mean: Array, used: np.ndarray, param
 
     Args:
         state: after the last one; its mean is the truth then.
-        sample: of this interval; its readings are not looked at.
+        sample: of this interval; of its readings it only counts which are missing.
         mean: the truth at its end, see `true_mean`.
         used: the components that the estimator used, shape (m,).
         params: see `JointParams`.
     """
     at_truth = params._replace(second_order=False)
     acting = drive(state, sample.durations_s, sample.commands, sample.outside, at_truth)
-    prediction = predict(state, acting, mean[RATE], at_truth)
+    read = rate_read(sample.rates, mean, params)
+    shown = np.where(np.isnan(read.rate), np.nan, mean[RATE])
+    prediction = predict(state, acting, read._replace(rate=shown), at_truth)
     root = propagated(state.root, prediction, at_truth)
     spin = state.spin + prediction.spin
     if used.any():

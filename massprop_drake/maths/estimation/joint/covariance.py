@@ -39,12 +39,7 @@ class Update(NamedTuple):
 
 def compressed(columns: Array) -> Array:
     """The lower triangular root of the same covariance, shape (n, n), of one with any number of columns."""
-    return np.ascontiguousarray(np.linalg.qr(columns.T, mode="r").T)
-
-
-def with_noise(root: Array, columns: Array) -> Array:
-    """The root with noise added that is given by columns, shape (n, m), not compressed."""
-    return np.hstack((root, columns))
+    return np.ascontiguousarray(np.asarray(np.linalg.qr(columns.T, mode="r")).T)
 
 
 def semidefinite_root(matrix: Array) -> Array:

@@ -35,6 +35,7 @@ from massprop_drake.maths.estimation.joint.prediction import (
 from massprop_drake.maths.estimation.joint.thrust_scale import reported
 from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError
 
+_WHAT = "the joint estimator's covariance"
 _UNREAD = 1e6  # sigmas of a reading that what was not read at the start may be off
 
 
@@ -238,12 +239,18 @@ def step(state: JointState, sample: Sample, params: JointParams) -> tuple[JointS
         params: see `JointParams`.
 
     Raises:
-        NotPositiveDefiniteError: when the covariance or the estimate overflow, with the time.
+        NotPositiveDefiniteError: when the covariance or the estimate overflow, or the readings are too precise for
+            what is known of them to be told from them, with the time.
     """
     with np.errstate(over="ignore", invalid="ignore"):
-        after, report = _step(state, sample, params) if state.started else _first(state, sample, params)
+        try:
+            after, report = _step(state, sample, params) if state.started else _first(state, sample, params)
+        except NotPositiveDefiniteError as error:
+            raise error.at(sample.time_s, "the joint estimator") from None
+        except np.linalg.LinAlgError:
+            raise NotPositiveDefiniteError(state.root @ state.root.T, _WHAT, sample.time_s) from None
         if not (np.all(np.isfinite(after.mean)) and np.all(np.isfinite(after.root))):
-            raise NotPositiveDefiniteError(after.root @ after.root.T, "the joint estimator's covariance", sample.time_s)
+            raise NotPositiveDefiniteError(after.root @ after.root.T, _WHAT, sample.time_s)
     return after, report
 
 

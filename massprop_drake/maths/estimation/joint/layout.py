@@ -32,7 +32,6 @@ class Places(NamedTuple):
 
     Attributes:
         jets, gyros, accelerometers: how many there are.
-        velocity: begin of c_s, always `VELOCITY`.
         thrust, n_thrust: of b; none or one per jet.
         lag, n_lag: of the lag's errors; none or one per kind of jet.
         gyro_bias, n_gyro_bias: none or three per package.
@@ -81,12 +80,25 @@ def make_places(
         1 if thrust else 0,
         forces,
     ]
-    begin = VELOCITY + 3 * accelerometers
-    parts: list[int] = []
-    for size in sizes:
-        parts += [begin, size]
-        begin += size
-    return Places(jets, gyros, accelerometers, *parts, begin)
+    begins = np.cumsum([VELOCITY + 3 * accelerometers, *sizes]).tolist()
+    return Places(
+        jets=jets,
+        gyros=gyros,
+        accelerometers=accelerometers,
+        thrust=begins[0],
+        n_thrust=sizes[0],
+        lag=begins[1],
+        n_lag=sizes[1],
+        gyro_bias=begins[2],
+        n_gyro_bias=sizes[2],
+        acceleration_bias=begins[3],
+        n_acceleration_bias=sizes[3],
+        scale=begins[4],
+        n_scale=sizes[4],
+        force=begins[5],
+        n_force=sizes[5],
+        size=begins[6],
+    )
 
 
 class JointParams(NamedTuple):
@@ -98,7 +110,7 @@ class JointParams(NamedTuple):
         thrusts: magnitudes of these forces, lbf or N, shape (n_jets,).
         flows: propellant flow of each jet at full thrust, slug/s or kg/s, shape (n_jets,).
         time_constants_s: nominal time constant of each jet's lag, zero: none, shape (n_jets,).
-        kinds: index of each jet's kind among the lags, whole numbers as floats are not taken, shape (n_jets,).
+        kinds: index of each jet's kind among the lags' errors, integers, shape (n_jets,).
         thrust_sigma: 1-sigma of each jet's thrust error, relative.
         lag_sigma: 1-sigma of each kind's time constant, relative.
         gyro_bias_sigma, acceleration_bias_sigma: 1-sigma of the biases, rad/s and ft/s^2 or m/s^2.

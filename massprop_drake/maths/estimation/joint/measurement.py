@@ -21,6 +21,7 @@ import numpy as np
 
 from massprop_drake.maths.estimation.joint.covariance import compressed
 from massprop_drake.maths.estimation.joint.layout import CENTER, RATE, VELOCITY, JointParams, JointState
+from massprop_drake.maths.estimation.joint.prediction import RateRead
 from massprop_drake.maths.linear_algebra import Array, skew
 
 _IDENTITY = np.eye(3)
@@ -36,23 +37,34 @@ def readings(rates: Array, velocities: Array) -> Array:
     return np.concatenate((rates.ravel(), velocities.ravel()))
 
 
-def rate_read(rates: Array, mean: Array, params: JointParams) -> Array:
-    """The rate that gyros show, biases taken off, weighted by their variances, NaN where none reads, shape (3,)."""
+def rate_read(rates: Array, mean: Array, params: JointParams) -> RateRead:
+    """The rate that gyros show, weighted by their variances.
+
+    Args:
+        rates: of each package, NaN where missing, rad/s, shape (n_gyros, 3).
+        mean: with the biases, shape (size,).
+        params: see `JointParams`.
+    """
     places = params.places
-    result = np.empty(3)
+    rate, rows = np.full(3, np.nan), np.zeros((3, places.size))
     for axis in range(3):
-        total = weight = 0.0
+        total = weighted = 0.0
         for package in range(places.gyros):
-            value = rates[package, axis]
-            if np.isnan(value):
-                continue
-            if places.n_gyro_bias > 0:
-                value = value - params.gyro_bias_sigma * mean[places.gyro_bias + 3 * package + axis]
-            each = 1.0 / params.variances[3 * package + axis]
-            total += each * value
-            weight += each
-        result[axis] = total / weight if weight > 0.0 else np.nan
-    return result
+            if not np.isnan(rates[package, axis]):
+                weight = 1.0 / params.variances[3 * package + axis]
+                total += weight
+                weighted += weight * rates[package, axis]
+        if total == 0.0:
+            continue
+        rate[axis] = weighted / total
+        if places.n_gyro_bias > 0:
+            for package in range(places.gyros):
+                if not np.isnan(rates[package, axis]):
+                    column = places.gyro_bias + 3 * package + axis
+                    share = 1.0 / (params.variances[3 * package + axis] * total)
+                    rows[axis, column] = -share * params.gyro_bias_sigma
+                    rate[axis] += rows[axis, column] * mean[column]
+    return RateRead(rate, rows)
 
 
 def turning(rate: Array, reference: Array, spin: Array) -> Array:

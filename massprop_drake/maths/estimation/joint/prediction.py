@@ -22,8 +22,8 @@ sum g_j^2 P_bb N_j P_xx N_j^T.
 
 Thrust that builds up or tails off bows the rate: on average it lies J dL off that line, dL the angular impulse of the
 bows, so t += w_mean x dL + J dL x l_mean. It counts from when the diagonal of J is known to half its size. w1 is the
-reading, whose error is small and counts as none; where it is missing, the rate that is predicted with the coupling,
-and the derivatives follow.
+reading less its bias, and its rounding counts as none; where it is missing, the rate that is predicted with the
+coupling. The derivatives follow.
 
 *The common thrust scale* s (`thrust_scale`) is not seen by what jets do, but known outside forces are not scaled with
 them: they enter by 1 - sigma_T s.
@@ -68,6 +68,18 @@ class Drive(NamedTuple):
     firing: Firing
     lag_slope: Array
     outside: Array
+
+
+class RateRead(NamedTuple):
+    """The rate that gyros show at the end of an interval.
+
+    Attributes:
+        rate: weighted mean of the packages, biases taken off, NaN where none reads, rad/s, shape (3,).
+        rows: its derivative by the state: by the biases, shape (3, size).
+    """
+
+    rate: Array
+    rows: Array
 
 
 class Prediction(NamedTuple):
@@ -204,13 +216,13 @@ def effective_seconds(state: JointState, firing: Firing, params: JointParams) ->
     return seconds
 
 
-def predict(state: JointState, acting: Drive, rate_read: Array, params: JointParams) -> Prediction:
+def predict(state: JointState, acting: Drive, rate_read: RateRead, params: JointParams) -> Prediction:
     """The state over an interval, before its readings but for the rate in the dynamic coupling.
 
     Args:
         state: before.
         acting: see `Drive`.
-        rate_read: rate read at the end of the interval, biases taken off, NaN where missing, rad/s, shape (3,).
+        rate_read: rate at the end of the interval as gyros show it.
         params: see `JointParams`.
     """
     mean, places, duration = state.mean, params.places, acting.firing.duration_s
@@ -235,14 +247,16 @@ def predict(state: JointState, acting: Drive, rate_read: Array, params: JointPar
     end, bowed = mean[RATE] + change, np.zeros(3)
     if _knows_inertia(mean, covariance):
         through, end, bowed = _coupled(state, acting, change, rate_read, params)
-        by_end, by_start, by_inertia = through.by_end, through.by_start, through.by_inertia
-        rows = by_end @ rate_rows
-        rows[:, RATE] += by_start + by_end
-        rows[:, INERTIA] += by_inertia
-        rate_rows += rows
+        end_rows = rate_rows.copy()
+        end_rows[:, RATE] += _IDENTITY
+        taken = ~np.isnan(rate_read.rate)
+        end_rows[taken] = rate_read.rows[taken]
+        rate_rows += through.by_end @ end_rows
+        rate_rows[:, RATE] += through.by_start
+        rate_rows[:, INERTIA] += through.by_inertia
         change = change + through.change
     else:
-        end = np.where(np.isnan(rate_read), end, rate_read)
+        end = np.where(np.isnan(rate_read.rate), end, rate_read.rate)
 
     after = mean.copy()
     after[RATE] += change
@@ -280,7 +294,7 @@ def _second_order(
 
 
 def _coupled(
-    state: JointState, acting: Drive, change: Array, rate_read: Array, params: JointParams
+    state: JointState, acting: Drive, change: Array, rate_read: RateRead, params: JointParams
 ) -> tuple[Coupling, Array, Array]:
     """Dynamic coupling with the rate that is read, or predicted where none is; that rate; and the bow of the rate."""
     mean, firing = state.mean, acting.firing
@@ -289,14 +303,14 @@ def _coupled(
     _, lagged = _thrust_factors(state, params)
     bow = (firing.bow * lagged) @ params.wrenches
     bow_moment = bow[:3] + cross(bow[3:], mean[CENTER])
-    missing = np.isnan(rate_read)
+    missing = np.isnan(rate_read.rate)
     line = mean[RATE] + change
-    end = np.where(missing, line, rate_read)
+    end = np.where(missing, line, rate_read.rate)
     found = coupling(inertias, mean[RATE], end, bow_moment, firing.duration_s)
     if missing.any():  # once more with the coupling in the rate at the end
-        end = np.where(missing, line + found.change, rate_read)
+        end = np.where(missing, line + found.change, rate_read.rate)
         found = coupling(inertias, mean[RATE], end, bow_moment, firing.duration_s)
-    return found._replace(by_end=found.by_end * missing), end, inverse @ bow_moment
+    return found, end, inverse @ bow_moment
 
 
 def coupling(inertias: tuple[Array, Array], start: Array, end: Array, bow_moment: Array, duration_s: float) -> Coupling:
