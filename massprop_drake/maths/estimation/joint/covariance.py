@@ -29,12 +29,16 @@ class Update(NamedTuple):
         root: of the covariance after the measurement, shape (n, n).
         nis: e^T Y^-1 e.
         log_determinant: ln |Y|.
+        half_gain: G with the gain K = G U^-T, shape (n, m).
+        upper: U, U^T U = Y, shape (m, m).
     """
 
     correction: Array
     root: Array
     nis: float
     log_determinant: float
+    half_gain: Array
+    upper: Array
 
 
 def compressed(columns: Array) -> Array:
@@ -84,4 +88,4 @@ def updated(root: Array, outputs: Array, variances: Array, innovation: Array, ga
     gain = (root @ q1) * gained.reshape(-1, 1)
     after = compressed(np.hstack((root - gain @ q1.T, gain @ q2.T)))
     log_determinant = 2.0 * float(np.sum(np.log(np.abs(np.diag(u)))))
-    return Update(gain @ whitened, after, float(whitened @ whitened), log_determinant)
+    return Update(gain @ whitened, after, float(whitened @ whitened), log_determinant, gain, u)

@@ -83,6 +83,20 @@ class Expected(NamedTuple):
     used: np.ndarray
 
 
+class Course(NamedTuple):
+    """How a cycle went: what a detector needs to follow how errors would have gone through it.
+
+    Attributes:
+        acting: see `Drive`.
+        expected: see `Expected`; after an increment, if there was one.
+        update: None where no component counted.
+    """
+
+    acting: Drive
+    expected: Expected
+    update: Update | None
+
+
 class Report(NamedTuple):
     """What a cycle says.
 
@@ -94,6 +108,7 @@ class Report(NamedTuple):
         nis: of those that counted; chi-square with as many degrees of freedom.
         log_determinant: of the covariance of these innovations.
         incremented: whether the covariance was incremented.
+        course: see `Course`; None at the first sample.
     """
 
     estimate: Array
@@ -103,6 +118,7 @@ class Report(NamedTuple):
     nis: float
     log_determinant: float
     incremented: bool
+    course: Course | None
 
 
 def initial(params: JointParams) -> JointState:
@@ -258,7 +274,7 @@ def _first(state: JointState, sample: Sample, params: JointParams) -> tuple[Join
     after = begun(state, sample, params)
     n_outputs = after.last.shape[0]
     nothing = np.full(n_outputs, np.nan)
-    return after, _report(after, nothing, np.zeros(n_outputs, dtype=np.bool_), (0.0, 0.0), False, params)
+    return after, _report(after, nothing, np.zeros(n_outputs, dtype=np.bool_), None, False, params)
 
 
 def _step(state: JointState, sample: Sample, params: JointParams) -> tuple[JointState, Report]:
@@ -277,7 +293,7 @@ def _step(state: JointState, sample: Sample, params: JointParams) -> tuple[Joint
 
     prediction = expected.prediction
     mean, root = prediction.mean, expected.root
-    evidence = (0.0, 0.0)
+    change: Update | None = None
     last = state.last
     mask = gained(state, params)
     if expected.used.any():
@@ -285,7 +301,6 @@ def _step(state: JointState, sample: Sample, params: JointParams) -> tuple[Joint
         if params.places.n_thrust > 0 and not state.freed and params.second_order:
             change = _update_again(state, acting, expected, change, params)
         mean, root = mean + change.correction, change.root
-        evidence = (change.nis, change.log_determinant)
         filtered, _ = outputs(mean, state.reference, expected.spin, params)
         last = np.where(expected.used, filtered, last)
     elif root.shape[1] > root.shape[0]:
@@ -301,7 +316,8 @@ def _step(state: JointState, sample: Sample, params: JointParams) -> tuple[Joint
         time_s=sample.time_s,
     )
     after = guarded(after, commanded, params)
-    return after, _report(after, innovation, expected.used, evidence, incremented, params)
+    course = Course(acting, expected, change)
+    return after, _report(after, innovation, expected.used, course, incremented, params)
 
 
 def incremented_root(root: Array, params: JointParams) -> Array:
@@ -338,9 +354,11 @@ def _report(
     state: JointState,
     innovation: Array,
     counts: np.ndarray,
-    evidence: tuple[float, float],
+    course: Course | None,
     incremented: bool,
     params: JointParams,
 ) -> Report:
     estimate, rows = reported(state, params)
-    return Report(estimate, rows @ rows.T, innovation, counts, evidence[0], evidence[1], incremented)
+    change = course.update if course is not None else None
+    evidence = (0.0, 0.0) if change is None else (change.nis, change.log_determinant)
+    return Report(estimate, rows @ rows.T, innovation, counts, *evidence, incremented, course)

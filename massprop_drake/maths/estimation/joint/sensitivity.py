@@ -1,0 +1,146 @@
+r"""How an error that the joint estimator does not model goes through it: the cycle, linearized, kept as a `Link`.
+
+If what the filter leaves out has put it off by x before an interval and acts on (w, c) by b over it, it is off by
+
+    x- = Phi x + b,    its innovation by H x-,    and after the update by x = x- - K H x-,
+
+with the filter's own Phi, H and K. So one run of the filter is enough for any number of hypotheses about what it
+leaves out (Willsky and Jones 1976, Friedland 1969): each is a column x, and the innovations that it would have had are
+e - H x- f for a force f. This is exact but for products of x with what the filter learns from it.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_drake.maths.estimation.joint.cycle import Report, Sample
+from massprop_drake.maths.estimation.joint.layout import (
+    CENTER,
+    INERTIA,
+    MASS,
+    RATE,
+    VELOCITY,
+    JointParams,
+    JointState,
+    Places,
+)
+from massprop_drake.maths.estimation.joint.measurement import readings
+from massprop_drake.maths.linear_algebra import Array, skew
+from massprop_drake.maths.mass_properties import ELEMENT
+
+
+class Link(NamedTuple):
+    """A cycle, linearized.
+
+    Attributes:
+        rate_rows, velocity_rows, mass_factor, duration_s: see `prediction.Prediction`.
+        noise: covariance added to w and c, shape (6, 6).
+        bias_seconds: derivative of the change of c by the accelerometer's bias.
+        jacobian: H, shape (m, size).
+        gain: K, zero for components that did not count, shape (size, m).
+        innovation: e, NaN where missing, shape (m,).
+        covariance: of the innovation of all components, shape (m, m).
+        correction: of the mean by the update, shape (size,).
+        effects: change of w and c per second of each jet's unit force, shape (n_jets, 6).
+        amount: seconds of full thrust of each jet, shape (n_jets,).
+        read: all readings, NaN where missing, shape (m,).
+    """
+
+    rate_rows: Array
+    velocity_rows: Array
+    mass_factor: float
+    duration_s: float
+    noise: Array
+    bias_seconds: float
+    jacobian: Array
+    gain: Array
+    innovation: Array
+    covariance: Array
+    correction: Array
+    effects: Array
+    amount: Array
+    read: Array
+
+
+def link(before: JointState, report: Report, sample: Sample, params: JointParams) -> Link:
+    """The link of a cycle that was not the first.
+
+    Args:
+        before: the state before it.
+        report: of it.
+        sample: of it.
+        params: see `JointParams`.
+    """
+    course = report.course
+    assert course is not None, "the first sample is no cycle"
+    prediction, projected = course.expected.prediction, course.expected.projected
+    n_outputs = projected.shape[0]
+    gain, correction = np.zeros((params.places.size, n_outputs)), np.zeros(params.places.size)
+    if course.update is not None:
+        gain[:, course.expected.used] = np.linalg.solve(course.update.upper, course.update.half_gain.T).T
+        correction = course.update.correction
+    mean = before.mean
+    moments = params.wrenches[:, :3] + params.wrenches[:, 3:] @ skew(mean[CENTER])
+    effects = np.hstack((moments @ mean[INERTIA][ELEMENT], mean[MASS] * params.wrenches[:, 3:]))
+    return Link(
+        rate_rows=prediction.rate_rows,
+        velocity_rows=prediction.velocity_rows,
+        mass_factor=prediction.mass_factor,
+        duration_s=prediction.duration_s,
+        noise=prediction.noise,
+        bias_seconds=prediction.duration_s * params.acceleration_bias_sigma,
+        jacobian=course.expected.jacobian,
+        gain=gain,
+        innovation=course.expected.innovation,
+        covariance=projected @ projected.T + np.diag(params.variances),
+        correction=correction,
+        effects=effects / params.thrusts.reshape(-1, 1),
+        amount=course.acting.firing.amount,
+        read=readings(sample.rates, sample.velocities),
+    )
+
+
+def carried(columns: Array, forcing: Array, over: Link, places: Places) -> Array:
+    """Errors before the update, shape (size, h).
+
+    Args:
+        columns: errors before the interval, shape (size, h).
+        forcing: what acts on w and c over it, shape (6, h).
+        over: the interval.
+        places: see `Places`.
+    """
+    after = columns.copy()
+    after[RATE] += over.rate_rows @ columns + forcing[:3]
+    common = over.velocity_rows @ columns + forcing[3:]
+    for package in range(places.accelerometers):
+        part = slice(VELOCITY + 3 * package, VELOCITY + 3 * package + 3)
+        after[part] += common
+        if places.n_acceleration_bias > 0:
+            begin = places.acceleration_bias + 3 * package
+            after[part] += over.bias_seconds * columns[begin : begin + 3]
+    after[MASS] *= over.mass_factor
+    return after
+
+
+def corrected(columns: Array, shown: Array, over: Link) -> Array:
+    """Errors after the update, shape (size, h).
+
+    Args:
+        columns: errors before it, shape (size, h).
+        shown: what they add to the innovation, shape (m, h).
+        over: the cycle.
+    """
+    result: Array = columns - over.gain @ shown
+    return result
+
+
+def smeared(over: Link, places: Places) -> Array:
+    """The error by an impulse of each jet's unit force over a whole interval, shape (size, n_jets)."""
+    columns = np.zeros((places.size, over.effects.shape[0]))
+    columns[RATE] = over.duration_s * over.effects[:, :3].T
+    for package in range(places.accelerometers):
+        part = slice(VELOCITY + 3 * package, VELOCITY + 3 * package + 3)
+        columns[part] = over.duration_s * over.effects[:, 3:].T
+    return columns
