@@ -1,0 +1,477 @@
+r"""The detector of the joint estimator: a bank of onsets raises the alarm, a race of hypotheses decides it.
+
+    every cycle     the bank is carried on, and its telescoped test looks for anything that nothing explains
+    at an alarm     a race begins from a snapshot before the likeliest onset (`joint.race`)
+    at a decision   the winner's state becomes the filter's: what it learned since the onset is undone by that alone
+
+Known failures stay in their slots of the state, their forces estimated on. A jet whose force has been found changed
+for the third time is *erratic*: from then on the filter expects anything of it.
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_drake.maths.estimation.joint import bank as banks
+from massprop_drake.maths.estimation.joint import race as races
+from massprop_drake.maths.estimation.joint import screen as screens
+from massprop_drake.maths.estimation.joint.bank import Bank
+from massprop_drake.maths.estimation.joint.covariance import compressed
+from massprop_drake.maths.estimation.joint.cycle import Report, Sample, step
+from massprop_drake.maths.estimation.joint.decision import SIGNIFICANT, Decision, Levels, Outcome, decided
+from massprop_drake.maths.estimation.joint.guard import unguarded
+from massprop_drake.maths.estimation.joint.hypotheses import (
+    JUMP_SHARE,
+    masked,
+    misfits,
+    restless,
+    slot_of,
+    without_increments,
+)
+from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES, JointParams, JointState, Places, settled
+from massprop_drake.maths.estimation.joint.race import History, Race, Record
+from massprop_drake.maths.estimation.joint.screen import Contender
+from massprop_drake.maths.estimation.joint.sensitivity import Link, link
+from massprop_drake.maths.estimation.joint.thrust_scale import reported
+from massprop_drake.maths.linear_algebra import Array
+
+_BEFORE_SETTLED = 8.0  # times the trigger: a start's own errors raise it by chance
+_UNSETTLED_FLOOR = 0.1  # of full thrust, to be declared before settled
+_REDRAWN = (6, 12, 24, 48, 96)  # cycles of a race after which onsets are chosen again: the likeliest may have moved
+_LEAK_FLOOR, _LOSS_FLOOR = 0.002, 0.05  # of full thrust: below, thrust errors and lags explain as much
+_LEAST_FLOOR = 0.00115  # of the largest jet's thrust: 1 lbf of 870
+_CHANGE = 0.1  # of full thrust, by which a known force must differ to be said to have changed
+_ERRATIC_AFTER = 3  # changes
+_ONSET_SHARE = 0.7  # of the largest statistic: older onsets explain the end point as well
+
+
+class Word(IntEnum):
+    """What is said of jets."""
+
+    FAILED = 1
+    GROUP = 2  # one of these has failed
+    CHANGED = 3
+    WITHDRAWN = 4  # nothing is left of an earlier failure
+    ERRATIC = 5  # it gives something else every time
+
+
+class JetsDeclared(NamedTuple):
+    """Something said of jets.
+
+    Attributes:
+        word: see `Word`.
+        jets: indices; of a group its members, likeliest first.
+        signs: 1: it gives more than it is told to, -1: less.
+        forces, sigmas: of each, lbf or N.
+        onset_s: when it began.
+        told_apart_by: index of the jet of a group that, fired alone, would tell its members apart; -1: none needed.
+    """
+
+    word: Word
+    jets: tuple[int, ...]
+    signs: tuple[int, ...]
+    forces: tuple[float, ...]
+    sigmas: tuple[float, ...]
+    onset_s: float
+    told_apart_by: int = -1
+
+
+class JumpDeclared(NamedTuple):
+    """A jump of the mass properties.
+
+    Attributes:
+        onset_s: when it had not happened yet.
+        mass, mass_sigma: gained (released: negative), slug or kg.
+        position, position_sigma: where, vehicle frame, ft or m, shape (3,).
+    """
+
+    onset_s: float
+    mass: float
+    mass_sigma: float
+    position: Array
+    position_sigma: Array
+
+
+class ReadingDeclared(NamedTuple):
+    """A reading that lies.
+
+    Attributes:
+        component: index among all, gyros first.
+        onset_s: before its first wrong sample.
+    """
+
+    component: int
+    onset_s: float
+
+
+class Unexplained(NamedTuple):
+    """Something that no hypothesis explains.
+
+    Attributes:
+        onset_s: when it began.
+    """
+
+    onset_s: float
+
+
+Declaration = JetsDeclared | JumpDeclared | ReadingDeclared | Unexplained
+
+
+class HypothesisParams(NamedTuple):
+    """What shapes the detector.
+
+    Attributes:
+        joint: of the filter.
+        trigger_jet: l above which a race begins.
+        trigger: T above which a race begins.
+        levels: see `Levels`.
+    """
+
+    joint: JointParams
+    trigger_jet: float = 28.0
+    trigger: float = 45.0
+    levels: Levels = Levels()
+
+
+class State(NamedTuple):
+    """All that the detector remembers. Never changed; a cycle makes a new one.
+
+    Attributes:
+        cycle: number of samples taken.
+        bank: see `Bank`.
+        history: see `History`.
+        race: the one under way.
+        commanded: samples in which each jet was commanded; zero: untested, shape (n_jets,).
+        announced: force of each slot as announced, zero: not yet, lbf or N, shape (n_force,).
+        changes: times that each slot's force was announced as changed, shape (n_force,).
+        erratic: 1 for each slot whose jet is erratic, shape (n_force,).
+        lying: 1 for each component that is left out until it fits, shape (m,).
+    """
+
+    cycle: int
+    bank: Bank
+    history: History
+    race: Race | None
+    commanded: Array
+    announced: Array
+    changes: Array
+    erratic: Array
+    lying: Array
+
+
+class Status(NamedTuple):
+    """What is logged of a cycle.
+
+    Attributes:
+        likelihood, total: largest l and T; zero where nothing was tested.
+        racing: whether a race is under way.
+        likeliest: hypothesis in it; None: nothing has happened, or not known yet.
+        lead: of the likeliest over the next, nats.
+    """
+
+    likelihood: float = 0.0
+    total: float = 0.0
+    racing: bool = False
+    likeliest: Contender | None = None
+    lead: float = 0.0
+
+
+class Judgment(NamedTuple):
+    """What the detector makes of a cycle.
+
+    Attributes:
+        state: to remember.
+        replacement: that the filter goes on from; None: its own.
+        published: state of the likeliest hypothesis.
+        declarations: what is declared.
+        status: see `Status`.
+    """
+
+    state: State
+    replacement: JointState | None
+    published: JointState
+    declarations: tuple[Declaration, ...]
+    status: Status
+
+
+def initial(params: JointParams) -> State:
+    """The state before the first sample."""
+    places: Places = params.places
+    slots = np.zeros(places.n_force)
+    return State(
+        cycle=0,
+        bank=banks.empty(places),
+        history=History(0, ()),
+        race=None,
+        commanded=np.zeros(places.jets),
+        announced=slots,
+        changes=slots,
+        erratic=slots,
+        lying=np.zeros(3 * (places.gyros + places.accelerometers)),
+    )
+
+
+def judge(
+    state: State, before: JointState, after: JointState, report: Report, sample: Sample, params: HypothesisParams
+) -> Judgment:
+    """What becomes of one cycle of the filter.
+
+    Args:
+        state: of the detector, after the last cycle.
+        before, after: of the filter, before and after this cycle.
+        report: of the filter's cycle.
+        sample: of it.
+        params: see `HypothesisParams`.
+
+    Raises:
+        NotPositiveDefiniteError: see `joint.cycle.step`.
+    """
+    joint = params.joint
+    told = np.nan_to_num(sample.commands, nan=0.0).max(axis=0) > 0.0
+    state = state._replace(cycle=state.cycle + 1, commanded=state.commanded + told)
+    if not before.started:
+        return Judgment(state, None, after, (), Status())
+    state, again, report, sample = _probation(state, before, (after, report), sample, joint)
+    if not again.guarded:
+        quiet = state._replace(bank=banks.empty(joint.places), history=History(state.cycle, ()), race=None)
+        return Judgment(quiet, _restless(quiet, again, after, joint), again, (), Status())
+    state, decision, standing, status = _raced(state, before, again, report, sample, params)
+    if decision.outcome == Outcome.OPEN:
+        published = again
+        if standing and standing[0].run is not None and standing[0].contender.lead > params.levels.lead_nothing:
+            published = standing[0].run.state
+        state, declared = _passed(state, again, joint)
+        return Judgment(state, _restless(state, again, after, joint), published, declared, status)
+    state, now, said = _concluded(state, again, decision, joint)
+    state, declared = _passed(state, now, joint)
+    return Judgment(state, _restless(state, now, after, joint), now, (*said, *declared), status)
+
+
+def _probation(
+    state: State, before: JointState, own: tuple[JointState, Report], sample: Sample, params: JointParams
+) -> tuple[State, JointState, Report, Sample]:
+    """The filter's cycle without readings that still lie; the first that fits is free again."""
+    if not state.lying.any():
+        return state, *own, sample
+    lying = state.lying.copy()
+    for component in np.flatnonzero(lying):
+        if misfits(own[1], int(component), params):
+            sample = masked(sample, int(component))
+        else:
+            lying[component] = 0.0
+    after, report = step(before, sample, without_increments(params)) if lying.any() else own
+    return state._replace(lying=lying), after, report, sample
+
+
+def _raced(
+    state: State, before: JointState, after: JointState, report: Report, sample: Sample, params: HypothesisParams
+) -> tuple[State, Decision, list[races.Standing], Status]:
+    """Bank, alarm, race and decision."""
+    joint = params.joint
+    over = _uncertain(link(before, report, sample, joint), before, state.erratic, joint)
+    history = History(state.cycle, (*state.history.records, Record(sample, over)))
+    bank = banks.advanced(state.bank, over, joint.places)
+    found = banks.tested(bank, over, params.trigger_jet, joint) if not state.lying.any() else None
+    likelihood = float(found.likelihood.max()) if found is not None else 0.0
+    total = float(found.total.max()) if found is not None else 0.0
+    index = -1
+    if found is not None:
+        factor = 1.0 if settled(after, joint) else _BEFORE_SETTLED
+        by_jet = likelihood > params.trigger_jet * factor
+        if by_jet or total > params.trigger * factor:
+            index = banks.onset_of(found.likelihood.max(axis=1) if by_jet else found.total, _ONSET_SHARE)
+    race, standing, decision = state.race, [], Decision(Outcome.OPEN)
+    if race is None and index >= 0:
+        race = races.begin(bank, index, state.cycle, history, joint)
+    elif race is not None and state.cycle - race.triggered in _REDRAWN and index >= 0:
+        drawn = races.begin(bank, index, race.triggered, history, joint)
+        race = race if drawn.screen.onsets == race.screen.onsets else drawn
+    status = Status(likelihood, total, race is not None)
+    if race is not None:
+        race, standing = _run(race, history, state, before, joint)
+        if standing:
+            was_settled = settled(race.states[0], joint)
+            decision = decided(race, standing, was_settled, params.levels, joint)
+            second = max(standing[1].contender.lead, 0.0) if len(standing) > 1 else 0.0
+            best = standing[0].contender
+            status = status._replace(
+                likeliest=best if best.lead > 0.0 else None, lead=best.lead - second if best.lead > 0.0 else -best.lead
+            )
+    bank = banks.taken(bank, over, after, state.cycle)
+    oldest = int(bank.cycles[0]) if race is None else min(int(bank.cycles[0]), race.screen.began)
+    history = History(state.cycle, history.records[-(state.cycle - oldest + 1) :])
+    return state._replace(bank=bank, history=history, race=race), decision, standing, status
+
+
+def _uncertain(over: Link, before: JointState, erratic: Array, params: JointParams) -> Link:
+    """The link with what erratic jets add to the noise of its interval."""
+    noise = over.noise
+    for slot in np.flatnonzero(erratic):
+        column = params.places.force + int(slot)
+        effect = np.concatenate((over.rate_rows[:, column], over.velocity_rows[:, column]))
+        noise = noise + params.thrusts[int(before.slot_jet[slot])] ** 2 * np.outer(effect, effect)
+    return over._replace(noise=noise)
+
+
+def _run(
+    race: Race, history: History, state: State, before: JointState, params: JointParams
+) -> tuple[Race, list[races.Standing]]:
+    """The race after one cycle's work, and its standing; none while it has not arrived at the present."""
+    before_links = race.screen.cycle
+    race = races.advanced(race, history, params)
+    links = race.screen.cycle - before_links
+    if not races.arrived(race, history):
+        return race, []
+    known = races.known_forces(race.states[0], params)
+    free = int((before.slot_jet < 0).sum())
+    allowed = (np.ones(2 * params.places.jets) if free > 0 else known) > 0.0
+    contenders = screens.contenders(race.screen, allowed, known, params)
+    standing = races.standings(race, contenders, params)
+    race = races.running(race, standing, free, params)
+    race = races.stepped_on(race, links, history, state.erratic, without_increments(params))
+    return race, races.standings(race, contenders, params)
+
+
+def _restless(state: State, now: JointState, own: JointState, params: JointParams) -> JointState | None:
+    """What the filter is to go on from: None where it is its own state."""
+    now = restless(now, state.erratic, params)
+    return None if now is own else now
+
+
+def _concluded(
+    state: State, now: JointState, decision: Decision, joint: JointParams
+) -> tuple[State, JointState, list[Declaration]]:
+    """What the detector remembers after a decision, the filter's state, and what is declared."""
+    declared: list[Declaration] = []
+    race = state.race
+    assert race is not None, "only a race is decided"
+    began = race.states[0].time_s
+    winner = decision.winner
+    if winner is not None and winner.run is not None:
+        now = winner.run.state
+    if decision.outcome in (Outcome.JETS, Outcome.GROUP):
+        assert winner is not None
+        state, said = _jets(state, now, race, decision, joint)
+        declared += said
+    elif decision.outcome == Outcome.JUMP:
+        declared.append(_jump(race.states[0], now, joint))
+    elif decision.outcome == Outcome.LIES:
+        assert winner is not None
+        assert winner.run is not None
+        lying = state.lying.copy()
+        lying[winner.contender.cause.component] = float(winner.run.lying)
+        state = state._replace(lying=lying)
+        declared.append(ReadingDeclared(winner.contender.cause.component, _onset_s(race, winner.contender)))
+    elif decision.outcome == Outcome.UNEXPLAINED:
+        columns = np.zeros((joint.places.size, N_PROPERTIES))
+        np.fill_diagonal(columns, JUMP_SHARE * joint.increment_sigma)
+        now = unguarded(now._replace(root=compressed(np.hstack((now.root, columns)))))
+        declared.append(Unexplained(began))
+    bank = banks.empty(joint.places)
+    history = History(state.cycle, state.history.records[-1:])
+    bank = banks.taken(bank, history.records[-1].link, now, state.cycle)
+    return state._replace(bank=bank, history=history, race=None), now, declared
+
+
+def _onset_s(race: Race, contender: Contender) -> float:
+    """Time of an onset."""
+    return race.states[1 + race.screen.onsets.index(contender.onset)].time_s
+
+
+def _floor(jet: int, sign: float, is_settled: bool, params: JointParams) -> float:
+    """The least force to be declared."""
+    thrust = float(params.thrusts[jet])
+    if not is_settled:
+        return _UNSETTLED_FLOOR * thrust
+    if sign < 0:
+        return _LOSS_FLOOR * thrust
+    return max(_LEAK_FLOOR * thrust, _LEAST_FLOOR * float(params.thrusts.max()))
+
+
+def _force(now: JointState, slot: int, params: JointParams) -> tuple[float, float]:
+    row = params.places.force + slot
+    return float(now.mean[row]), float(np.sqrt(np.sum(now.root[row] ** 2)))
+
+
+def _jets(
+    state: State, now: JointState, race: Race, decision: Decision, params: JointParams
+) -> tuple[State, list[Declaration]]:
+    """What is said of the winning jets, and kept of them."""
+    winner = decision.winner
+    assert winner is not None
+    contender = winner.contender
+    onset_s = _onset_s(race, contender)
+    announced, changes, erratic = state.announced.copy(), state.changes.copy(), state.erratic.copy()
+    was_settled = settled(race.states[0], params)
+    said: list[Declaration] = []
+    new: list[tuple[int, int, float, float]] = []
+    for jet, sign in zip(contender.cause.jets, contender.cause.signs, strict=True):
+        slot = slot_of(now, jet, sign)
+        force, sigma = _force(now, slot, params)
+        floor = _floor(jet, sign, was_settled, params)
+        if announced[slot] == 0.0:
+            if force > floor and force > SIGNIFICANT * sigma:
+                announced[slot] = force
+                new.append((jet, sign, force, sigma))
+            continue
+        if erratic[slot] or abs(force - announced[slot]) <= max(SIGNIFICANT * sigma, _CHANGE * params.thrusts[jet]):
+            continue
+        changes[slot] += 1.0
+        word = Word.WITHDRAWN if abs(force) < max(floor, SIGNIFICANT * sigma) else Word.CHANGED
+        announced[slot] = max(force, np.finfo(np.float64).tiny)
+        if changes[slot] >= _ERRATIC_AFTER:
+            word, erratic[slot] = Word.ERRATIC, 1.0
+        said.append(JetsDeclared(word, (jet,), (sign,), (force,), (sigma,), onset_s))
+    if new:
+        named = {(jet, sign) for jet, sign, _, _ in new}
+        for other in decision.group:
+            for member in zip(other.cause.jets, other.cause.signs, other.force, other.sigma, strict=True):
+                if member[:2] not in named:
+                    named.add(member[:2])
+                    new.append(member)
+        jets, signs, forces, sigmas = zip(*new, strict=True)
+        group = bool(decision.group)
+        word = Word.GROUP if group else Word.FAILED
+        said.append(JetsDeclared(word, jets, signs, forces, sigmas, onset_s, jets[0] if group else -1))
+    return state._replace(announced=announced, changes=changes, erratic=erratic), said
+
+
+def _passed(state: State, now: JointState, time_s: float, params: JointParams) -> tuple[State, tuple[Declaration, ...]]:
+    """Failures that were too small to be declared when they were found, and no longer are."""
+    said: list[Declaration] = []
+    announced = state.announced
+    for slot in np.flatnonzero((now.slot_jet >= 0) & (state.announced == 0.0)):
+        jet, sign = int(now.slot_jet[slot]), int(now.slot_sign[slot])
+        force, sigma = _force(now, int(slot), params)
+        if settled(now, params) and force > _floor(jet, sign, True, params) and force > SIGNIFICANT * sigma:
+            announced = announced.copy()
+            announced[slot] = force
+            said.append(JetsDeclared(Word.FAILED, (jet,), (sign,), (force,), (sigma,), now.time_s))
+    return state._replace(announced=announced), tuple(said)
+
+
+def _jump(earlier: JointState, now: JointState, params: JointParams) -> JumpDeclared:
+    """Size and place of what was gained, with sigmas by first-order propagation of both estimates."""
+    masses, moments, covariance = [], [], np.zeros((8, 8))
+    for index, each in enumerate((earlier, now)):
+        properties, rows = reported(each, params)
+        mass = 1.0 / properties[9]
+        masses.append(mass)
+        moments.append(mass * properties[6:9])
+        by_state = np.zeros((4, 4))
+        by_state[0, 0] = -(mass**2)
+        by_state[1:, 0] = -(mass**2) * properties[6:9]
+        by_state[1:, 1:] = mass * np.eye(3)
+        half = by_state @ rows[[9, 6, 7, 8]]
+        covariance[4 * index : 4 * index + 4, 4 * index : 4 * index + 4] = half @ half.T
+    gained = masses[1] - masses[0]
+    position = (moments[1] - moments[0]) / gained
+    derivative = np.zeros((4, 8))
+    derivative[0, [0, 4]] = -1.0, 1.0
+    derivative[1:, 0], derivative[1:, 4] = position / gained, -position / gained
+    derivative[1:, 1:4], derivative[1:, 5:] = -np.eye(3) / gained, np.eye(3) / gained
+    sigma = np.sqrt(np.diag(derivative @ covariance @ derivative.T))
+    return JumpDeclared(earlier.time_s, gained, float(sigma[0]), position, sigma[1:])

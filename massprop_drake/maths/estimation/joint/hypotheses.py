@@ -1,0 +1,267 @@
+r"""What a hypothesis is: the joint filter's own cycle from another state, and how likely it makes the readings.
+
+    jets    from the onset on each has a force in a slot, prior N(0, T^2) about what is known of it; since nobody knows
+            when in its interval it began, P += g g^T, g = 0.6 f x (interval) x (effect of a unit force)
+    jump    rebased, the ten parameters uncertain again: P_xx += 0.3^2 S0, guard and settling begin anew
+    lies    one component is not read from the onset on, until it fits again
+
+*Log-likelihood*, L = -1/2 sum (e^T Y^-1 e + ln |Y|), over the components whose reading has moved by half a step since
+it was last counted, all of them when six samples went by without any: the same for every hypothesis, whatever its
+filter uses, or a hypothesis would choose its evidence. A reading that lies is one of 4e4 steps, each as likely.
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_drake.maths.estimation.joint.covariance import compressed
+from massprop_drake.maths.estimation.joint.cycle import Report, Sample, step
+from massprop_drake.maths.estimation.joint.guard import unguarded
+from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES, JointParams, JointState
+from massprop_drake.maths.estimation.joint.measurement import rebased
+from massprop_drake.maths.estimation.joint.sensitivity import Link, smeared
+from massprop_drake.maths.linear_algebra import Array
+
+JUMP_SHARE = 0.3  # of the uncertainty of the start: no payload changes a vehicle by more than a third (1 sigma)
+KICK = 0.6  # 1-sigma of the onset's place, in intervals between onsets: uniform over two has 0.58
+_MOVED = 0.5  # steps by which a reading has moved to be counted
+_PATIENCE = 6  # samples without any, after which all count: that a rate stands still is evidence, too
+_RANGE = 4e4  # steps that a sensor's range has
+_LIES = 5.0  # sigmas off: a reading that does not fit
+_GAUSSIAN = 0.5 * np.log(2.0 * np.pi)  # of each component, left out of every L
+
+
+class Kind(IntEnum):
+    """What a hypothesis holds responsible."""
+
+    NOTHING = 0
+    JETS = 1
+    JUMP = 2
+    LIES = 3
+
+
+class Cause(NamedTuple):
+    """What a hypothesis says has happened.
+
+    Attributes:
+        kind: see `Kind`.
+        jets: indices of the jets that have failed.
+        signs: 1: that jet gives more than it is told to, -1: less.
+        component: index of the reading that lies, else -1.
+    """
+
+    kind: Kind
+    jets: tuple[int, ...] = ()
+    signs: tuple[int, ...] = ()
+    component: int = -1
+
+
+class Score(NamedTuple):
+    """How well a hypothesis explains the readings.
+
+    Attributes:
+        likelihood: L, nats.
+        nis: sum of e^T Y^-1 e.
+        degrees: number of components counted.
+    """
+
+    likelihood: float
+    nis: float
+    degrees: float
+
+    @property
+    def misfit(self) -> float:
+        """NIS above its expectation in its own standard deviations."""
+        return (self.nis - self.degrees) / max(np.sqrt(2.0 * self.degrees), 1.0)
+
+
+NO_SCORE = Score(0.0, 0.0, 0.0)
+
+
+class Counting(NamedTuple):
+    """Which readings were counted.
+
+    Attributes:
+        last: of each component when it was counted last, shape (m,).
+        quiet: samples since any was.
+    """
+
+    last: Array
+    quiet: int
+
+
+class Run(NamedTuple):
+    """A hypothesis on its way.
+
+    Attributes:
+        cause: see `Cause`.
+        onset: cycle after which it holds.
+        kicks: 1-sigma of the impulse of each failed jet at the onset, lbf or N over an interval.
+        cycle: the last one done.
+        state: after it.
+        score: since the race's beginning.
+        lying: whether its reading does not fit yet.
+    """
+
+    cause: Cause
+    onset: int
+    kicks: tuple[float, ...]
+    cycle: int
+    state: JointState
+    score: Score
+    lying: bool
+
+
+def counted(counting: Counting, read: Array, quanta: Array) -> tuple[np.ndarray, Counting]:
+    """Which components count for every hypothesis, shape (m,).
+
+    Args:
+        counting: see `Counting`.
+        read: readings, NaN where missing, shape (m,).
+        quanta: see `JointParams`, shape (m,).
+    """
+    present = ~np.isnan(read)
+    moved = present & ~(np.abs(read - counting.last) < _MOVED * quanta)
+    quiet = 0 if moved.any() else counting.quiet + 1
+    if quiet >= _PATIENCE:
+        moved, quiet = present, 0
+    return moved, Counting(np.where(moved, read, counting.last), quiet)
+
+
+def scored(score: Score, innovation: Array, covariance: Array, counts: np.ndarray) -> Score:
+    """The score after one more sample.
+
+    Args:
+        score: before.
+        innovation: e of all components, shape (m,).
+        covariance: of it, shape (m, m).
+        counts: see `counted`, shape (m,).
+    """
+    chosen = np.flatnonzero(counts)
+    if chosen.shape[0] == 0:
+        return score
+    half = np.linalg.cholesky(covariance[np.ix_(chosen, chosen)])
+    whitened = np.linalg.solve(half, innovation[chosen])
+    nis = float(whitened @ whitened)
+    gained = -0.5 * nis - float(np.sum(np.log(np.diag(half))))
+    return Score(score.likelihood + gained, score.nis + nis, score.degrees + chosen.shape[0])
+
+
+def cost_of_a_lie(component: int, params: JointParams) -> float:
+    """What a reading costs that a hypothesis takes for anything in the sensor's range, nats."""
+    spread = max(params.quanta[component], np.sqrt(12.0 * params.variances[component]))
+    return float(np.log(_RANGE * spread) - _GAUSSIAN)
+
+
+def slot_of(state: JointState, jet: int, sign: int) -> int:
+    """The slot of a jet's failure: its own if it has one, else the first that is free, -1: none is."""
+    own = np.flatnonzero((state.slot_jet == jet) & (state.slot_sign == sign))
+    free = np.flatnonzero(state.slot_jet < 0)
+    return int(own[0]) if own.shape[0] else int(free[0]) if free.shape[0] else -1
+
+
+def opened(state: JointState, cause: Cause, kicks: tuple[float, ...], over: Link, params: JointParams) -> JointState:
+    """The state at the onset with what the cause brings.
+
+    Args:
+        state: before the first interval that it bears on.
+        cause: see `Cause`.
+        kicks: see `Run`.
+        over: that interval, of any filter that is near.
+        params: see `JointParams`.
+    """
+    if cause.kind == Kind.JUMP:
+        fresh = rebased(state, params)
+        columns = np.zeros((fresh.root.shape[0], N_PROPERTIES))
+        np.fill_diagonal(columns, JUMP_SHARE * params.increment_sigma)
+        return unguarded(fresh._replace(root=compressed(np.hstack((fresh.root, columns)))))
+    if cause.kind != Kind.JETS:
+        return state
+    impulses = smeared(over, params.places)
+    slot_jet, slot_sign = state.slot_jet.copy(), state.slot_sign.copy()
+    columns = np.zeros((state.root.shape[0], 2 * len(cause.jets)))
+    for index, (jet, sign) in enumerate(zip(cause.jets, cause.signs, strict=True)):
+        slot = slot_of(state._replace(slot_jet=slot_jet, slot_sign=slot_sign), jet, sign)
+        slot_jet[slot], slot_sign[slot] = jet, sign
+        columns[params.places.force + slot, 2 * index] = params.thrusts[jet]
+        columns[:, 2 * index + 1] = kicks[index] * impulses[:, jet]
+    root = compressed(np.hstack((state.root, columns)))
+    return state._replace(root=root, slot_jet=slot_jet, slot_sign=slot_sign)
+
+
+def restless(state: JointState, erratic: np.ndarray, params: JointParams) -> JointState:
+    """The state with the force of each erratic jet anew: N(f, T^2), independent of what it was.
+
+    Args:
+        state: before an interval.
+        erratic: 1 for each slot whose jet gives something else every time, shape (n_force,).
+        params: see `JointParams`.
+    """
+    slots = np.flatnonzero(erratic)
+    if slots.shape[0] == 0:
+        return state
+    rows = params.places.force + slots
+    root, columns = state.root.copy(), np.zeros((state.root.shape[0], slots.shape[0]))
+    root[rows] = 0.0
+    columns[rows, np.arange(slots.shape[0])] = params.thrusts[state.slot_jet[slots].astype(np.intp)]
+    return state._replace(root=compressed(np.hstack((root, columns))))
+
+
+def without_increments(params: JointParams) -> JointParams:
+    """Parameters of a filter that increments nothing: the race compares what increments would blur."""
+    return params._replace(thresholds=np.full_like(params.thresholds, np.inf))
+
+
+def masked(sample: Sample, component: int) -> Sample:
+    """A sample without one component."""
+    rates, velocities = sample.rates.copy(), sample.velocities.copy()
+    if component < rates.size:
+        rates.flat[component] = np.nan
+    else:
+        velocities.flat[component - rates.size] = np.nan
+    return sample._replace(rates=rates, velocities=velocities)
+
+
+def misfits(report: Report, component: int, params: JointParams) -> bool:
+    """Whether a reading lies too far off its prediction to be one."""
+    course = report.course
+    assert course is not None, "the first sample fits"
+    half = course.expected.projected[component]
+    deviation = np.sqrt(half @ half + params.variances[component])
+    return bool(abs(course.expected.innovation[component]) > _LIES * deviation)
+
+
+def stepped(run: Run, sample: Sample, over: Link, counts: np.ndarray, erratic: np.ndarray, params: JointParams) -> Run:
+    """A hypothesis after one more cycle.
+
+    Args:
+        run: before; it opens when its onset is the last cycle done.
+        sample: of the cycle.
+        over: the cycle of the filter that knows of nothing.
+        counts: which components count, shape (m,).
+        erratic: see `restless`.
+        params: without increments.
+    """
+    state = run.state
+    if run.cycle == run.onset:
+        state = opened(state, run.cause, run.kicks, over, params)
+    state = restless(state, erratic, params)
+    after, report = step(state, sample, params)
+    score, lying, component = run.score, run.lying, run.cause.component
+    if lying and run.cycle >= run.onset:
+        lying = misfits(report, component, params)
+        if lying:
+            after, report = step(state, masked(sample, component), params)
+            if counts[component]:
+                cost = cost_of_a_lie(component, params)
+                score = score._replace(likelihood=score.likelihood - cost)
+                counts = counts.copy()
+                counts[component] = False
+    course = report.course
+    assert course is not None, "a race begins after the first sample"
+    projected = course.expected.projected
+    score = scored(score, report.innovation, projected @ projected.T + np.diag(params.variances), counts)
+    return run._replace(cycle=run.cycle + 1, state=after, score=score, lying=lying)

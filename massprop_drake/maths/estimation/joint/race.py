@@ -1,0 +1,218 @@
+r"""The race of hypotheses: from a snapshot of the past on, who explains the recorded readings best.
+
+All hypotheses are compared to first order (`screen`); the jump and whoever comes near the best also run as filters of
+their own (`hypotheses`), and nothing is decided for one that does not. What a cycle may cost is bounded: links of the
+screen and steps of filters that are left over are made up for in the next cycles, the likeliest first.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_drake.maths.estimation.joint import screen as screens
+from massprop_drake.maths.estimation.joint.bank import Bank
+from massprop_drake.maths.estimation.joint.cycle import Sample
+from massprop_drake.maths.estimation.joint.hypotheses import KICK, Cause, Kind, Run, slot_of, stepped
+from massprop_drake.maths.estimation.joint.layout import JointParams, JointState
+from massprop_drake.maths.estimation.joint.screen import Contender, Screen
+from massprop_drake.maths.estimation.joint.sensitivity import Link
+from massprop_drake.maths.linear_algebra import Array
+
+STEPS = 10  # of filters in a cycle: 1.5 to 2.5 ms each
+LINKS_PER_STEP = 4  # of the screen, in the time of a filter's step
+_BEFORE = 2  # snapshots before the onset where the race begins: the onset is not known to one
+_NEAR = 12.0  # nats behind the best within which a hypothesis runs as a filter: twice the lead that decides
+_RUNS = 6  # filters at once, with the jump
+OUT = 60.0  # nats behind the best: out of the race
+
+
+class Record(NamedTuple):
+    """A cycle to be replayed.
+
+    Attributes:
+        sample: its sample.
+        link: see `Link`.
+    """
+
+    sample: Sample
+    link: Link
+
+
+class History(NamedTuple):
+    """Cycles of the past.
+
+    Attributes:
+        last: number of the newest.
+        records: oldest first.
+    """
+
+    last: int
+    records: tuple[Record, ...]
+
+    def at(self, cycle: int) -> Record:
+        """The record of a cycle."""
+        return self.records[cycle - self.last - 1]
+
+
+class Race(NamedTuple):
+    """A race under way.
+
+    Attributes:
+        triggered: cycle of the alarm.
+        states: after the beginning and after each onset of the screen.
+        screen: see `Screen`.
+        runs: see `Run`.
+    """
+
+    triggered: int
+    states: tuple[JointState, ...]
+    screen: Screen
+    runs: tuple[Run, ...]
+
+
+class Standing(NamedTuple):
+    """A hypothesis in the race.
+
+    Attributes:
+        contender: see `Contender`; lead and forces are those of its filter where that has arrived.
+        run: its filter where it has arrived at the present, else None.
+    """
+
+    contender: Contender
+    run: Run | None
+
+
+def begin(bank: Bank, index: int, triggered: int, history: History, params: JointParams) -> Race:
+    """The race about an onset.
+
+    Args:
+        bank: before it takes the newest cycle.
+        index: of the onset in it.
+        triggered: cycle of the alarm.
+        history: back to the bank's oldest onset.
+        params: see `JointParams`.
+    """
+    first = max(index - _BEFORE, 0)
+    chosen = range(max(index - 1, 0), min(index + 2, len(bank.states)))
+    cycles = bank.cycles.astype(np.intp)
+    onsets = tuple(int(cycles[k]) for k in chosen)
+    gaps = tuple(int(max(cycles[k] - cycles[k - 1], 1)) if k > 0 else 1 for k in chosen)
+    began = int(cycles[first])
+    read = history.at(began).link.read
+    started = screens.begin(bank.states[first], began, onsets, gaps, read, params)
+    return Race(triggered, (bank.states[first], *(bank.states[k] for k in chosen)), started, ())
+
+
+def advanced(race: Race, history: History, params: JointParams) -> Race:
+    """The race with the screen as far as the bound on links lets it go."""
+    screen = race.screen
+    for _ in range(min(STEPS * LINKS_PER_STEP, history.last - screen.cycle)):
+        screen = screens.screened(screen, history.at(screen.cycle + 1).link, params)
+    return race._replace(screen=screen)
+
+
+def arrived(race: Race, history: History) -> bool:
+    """Whether the screen is at the present."""
+    return race.screen.cycle == history.last
+
+
+def standings(race: Race, contenders: list[Contender], params: JointParams) -> list[Standing]:
+    """All hypotheses by how likely they are, each by its filter where that has arrived.
+
+    Args:
+        race: see `Race`.
+        contenders: to first order.
+        params: see `JointParams`.
+    """
+    result = []
+    by_cause = {run.cause: run for run in race.runs if run.cycle == race.screen.cycle}
+    nothing = race.screen.scores[-1].likelihood
+    for contender in contenders:
+        run = by_cause.pop(contender.cause, None)
+        result.append(Standing(_measured(contender, run, nothing, params) if run else contender, run))
+    for cause, run in by_cause.items():  # what is not possible to first order may be so by its filter
+        contender = Contender(cause, run.onset, 1, 0.0)
+        result.append(Standing(_measured(contender, run, nothing, params), run))
+    return sorted(result, key=lambda standing: -standing.contender.lead)
+
+
+def _measured(contender: Contender, run: Run, nothing: float, params: JointParams) -> Contender:
+    lead = run.score.likelihood - nothing + screens.prior(run.cause, params)
+    force, sigma = [], []
+    for jet, sign in zip(run.cause.jets, run.cause.signs, strict=True):
+        row = params.places.force + slot_of(run.state, jet, sign)
+        force.append(float(run.state.mean[row]))
+        sigma.append(float(np.sqrt(np.sum(run.state.root[row] ** 2))))
+    return contender._replace(onset=run.onset, lead=lead, force=tuple(force), sigma=tuple(sigma))
+
+
+def running(race: Race, standing: list[Standing], free_slots: int, params: JointParams) -> Race:
+    """The race with the filters that it needs: of the jump, and of those near the best.
+
+    Args:
+        race: see `Race`.
+        standing: see `standings`.
+        free_slots: for forces of further failures.
+        params: see `JointParams`.
+    """
+    best = standing[0].contender.lead
+    present = {run.cause: run for run in race.runs}
+    wanted: list[Run] = []
+    for contender, _ in standing:
+        cause = contender.cause
+        near = contender.lead > best - (OUT if cause.kind == Kind.JUMP or cause in present else _NEAR)
+        if near and contender.lead > 0.0 and len(wanted) < _RUNS and _fits(race, cause, free_slots):
+            wanted.append(present[cause] if cause in present else _opened(race, contender, params))
+    return race._replace(runs=tuple(wanted))
+
+
+def _fits(race: Race, cause: Cause, free_slots: int) -> bool:
+    """Whether the state has a slot for each of its jets."""
+    base = race.states[0]
+    taken = set(zip(base.slot_jet.astype(np.intp).tolist(), base.slot_sign.tolist(), strict=True))
+    needed = sum((jet, float(sign)) not in taken for jet, sign in zip(cause.jets, cause.signs, strict=True))
+    return needed <= free_slots
+
+
+def _opened(race: Race, contender: Contender, params: JointParams) -> Run:
+    screen, cause = race.screen, contender.cause
+    place = 0 if cause.kind == Kind.JUMP else 1 + screen.onsets.index(contender.onset)
+    onset = screen.began if cause.kind == Kind.JUMP else contender.onset
+    thrusts = params.thrusts[list(cause.jets)] if cause.jets else np.zeros(0)
+    kicks = tuple(KICK * contender.gap * np.clip(np.abs(contender.force), 0.0, thrusts)) if cause.jets else ()
+    score = screen.scores[onset - screen.began]
+    return Run(cause, onset, kicks, onset, race.states[place], score, cause.kind == Kind.LIES)
+
+
+def stepped_on(race: Race, links: int, history: History, erratic: np.ndarray, params: JointParams) -> Race:
+    """The race with its filters as far as the bound on steps lets them go, in their order.
+
+    Args:
+        race: see `Race`.
+        links: that the screen has taken in this cycle.
+        history: see `History`.
+        erratic: see `hypotheses.restless`.
+        params: without increments.
+    """
+    left, runs = max(STEPS - links // LINKS_PER_STEP, 1), []
+    screen = race.screen
+    for run in race.runs:
+        now = run
+        while left > 0 and now.cycle < screen.cycle:
+            record = history.at(now.cycle + 1)
+            counts = screen.masks[now.cycle - screen.began]
+            now = stepped(now, record.sample, record.link, counts, erratic, params)
+            left -= 1
+        runs.append(now)
+    return race._replace(runs=tuple(runs))
+
+
+def known_forces(state: JointState, params: JointParams) -> Array:
+    """Force of each known failure, more and then less, shape (2 n_jets,)."""
+    result = np.zeros(2 * params.places.jets)
+    for slot in np.flatnonzero(state.slot_jet >= 0):
+        column = int(state.slot_jet[slot]) + (params.places.jets if state.slot_sign[slot] < 0 else 0)
+        result[column] = max(state.mean[params.places.force + slot], np.finfo(np.float64).tiny)
+    return result

@@ -1,0 +1,353 @@
+r"""Every hypothesis of a race at once, to first order: columns beside the filter that knows of nothing.
+
+Per onset there is a column for each jet that gives more than it is told, for each that gives less, for the impulse of
+each jet at the onset (nobody knows when in its interval a failure began), and for each reading that lies in the first
+sample; besides, the ten parameters jump at the race's beginning. With s the innovation that a column's unit adds,
+
+    A = sum S^T Y^-1 S,    b = sum S^T Y^-1 e,
+
+and for columns with the prior variances Pi, against no failure,
+
+    L = 1/2 b^T (A + Pi^-1)^-1 b - 1/2 ln |I + Pi A|,    f = (A + Pi^-1)^-1 b.
+
+So all jets, and all pairs of them, at three onsets cost a few matrix products a cycle. What is likeliest is then run
+as a filter of its own (`hypotheses`).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_drake.maths.estimation.joint.hypotheses import (
+    JUMP_SHARE,
+    KICK,
+    NO_SCORE,
+    Cause,
+    Counting,
+    Kind,
+    Score,
+    cost_of_a_lie,
+    counted,
+    scored,
+)
+from massprop_drake.maths.estimation.joint.layout import CENTER, N_PROPERTIES, VELOCITY, JointParams, JointState
+from massprop_drake.maths.estimation.joint.measurement import turning
+from massprop_drake.maths.estimation.joint.sensitivity import Link, carried, corrected
+from massprop_drake.maths.linear_algebra import Array
+
+MOST_FORCE = 1.05  # of full thrust: a jet gives no more
+PAIR_PRIOR = 12.0  # nats against two failures at once: 1e-5 of one
+_PAIRS = 10  # likeliest that are looked at with their onsets uncertain
+_NO_CHANCE = -1e9  # nats of what is not possible
+
+
+class Screen(NamedTuple):
+    """The columns of a race, and what they have explained.
+
+    Attributes:
+        onsets: cycles after which failures may have begun, ascending.
+        gaps: intervals between neighboring onsets, of each.
+        cycle: the last one done.
+        columns: errors of the filter per unit, shape (size, n_onsets * h + 10), h = 3 n_jets + m.
+        information: A of each onset, shape (n_onsets, h, h).
+        projection: b of each onset, shape (n_onsets, h).
+        jump_information, jump_projection: of the jump, shape (10, 10) and (10,).
+        counting: see `Counting`.
+        masks: components counted at each cycle since the beginning.
+        scores: of no failure, after each cycle from the beginning on.
+    """
+
+    onsets: tuple[int, ...]
+    gaps: tuple[int, ...]
+    cycle: int
+    columns: Array
+    information: Array
+    projection: Array
+    jump_information: Array
+    jump_projection: Array
+    counting: Counting
+    masks: tuple[np.ndarray, ...]
+    scores: tuple[Score, ...]
+
+    @property
+    def began(self) -> int:
+        """The cycle after which the race begins."""
+        return self.cycle - len(self.masks)
+
+
+class Contender(NamedTuple):
+    """A hypothesis and how likely it is.
+
+    Attributes:
+        cause: see `Cause`.
+        onset: cycle after which it holds.
+        gap: intervals between onsets there.
+        lead: L above that of no failure, nats.
+        force, sigma: of each failed jet, lbf or N.
+    """
+
+    cause: Cause
+    onset: int
+    gap: int
+    lead: float
+    force: tuple[float, ...] = ()
+    sigma: tuple[float, ...] = ()
+
+
+def begin(
+    state: JointState, cycle: int, onsets: tuple[int, ...], gaps: tuple[int, ...], read: Array, params: JointParams
+) -> Screen:
+    """The screen before the first cycle of a race.
+
+    Args:
+        state: where it begins.
+        cycle: after which.
+        onsets, gaps: see `Screen`.
+        read: readings then, shape (m,).
+        params: see `JointParams`.
+    """
+    places = params.places
+    h = 3 * places.jets + read.shape[0]
+    columns = np.zeros((places.size, len(onsets) * h + N_PROPERTIES))
+    jump = np.zeros((places.size, N_PROPERTIES))
+    jump[:N_PROPERTIES] = np.diag(JUMP_SHARE * params.increment_sigma)
+    turn = turning(state.mean[slice(10, 13)], state.reference, state.spin)
+    for package in range(places.accelerometers):
+        part = slice(VELOCITY + 3 * package, VELOCITY + 3 * package + 3)
+        jump[part] = turn @ jump[CENTER]
+    columns[:, len(onsets) * h :] = jump
+    return Screen(
+        onsets=onsets,
+        gaps=gaps,
+        cycle=cycle,
+        columns=columns,
+        information=np.zeros((len(onsets), h, h)),
+        projection=np.zeros((len(onsets), h)),
+        jump_information=np.zeros((N_PROPERTIES, N_PROPERTIES)),
+        jump_projection=np.zeros(N_PROPERTIES),
+        counting=Counting(np.where(np.isnan(read), 0.0, read), 0),
+        masks=(),
+        scores=(NO_SCORE,),
+    )
+
+
+def screened(screen: Screen, over: Link, params: JointParams) -> Screen:
+    """The screen after one more cycle."""
+    places = params.places
+    jets, m = places.jets, over.read.shape[0]
+    h, n_onsets = 3 * jets + m, len(screen.onsets)
+    forcing = np.zeros((6, n_onsets * h + N_PROPERTIES))
+    more = over.effects.T * (over.duration_s - over.amount)
+    less = over.effects.T * -over.amount
+    first = [index for index, onset in enumerate(screen.onsets) if onset == screen.cycle]
+    for index, onset in enumerate(screen.onsets):
+        if onset <= screen.cycle:
+            forcing[:, index * h : index * h + jets] = more
+            forcing[:, index * h + jets : index * h + 2 * jets] = less
+    for index in first:
+        forcing[:, index * h + 2 * jets : index * h + 3 * jets] = over.effects.T * over.duration_s
+    columns = carried(screen.columns, forcing, over, places)
+    shown = over.jacobian @ columns
+    for index in first:
+        shown[:, index * h + 3 * jets : (index + 1) * h] += np.eye(m)
+    columns = corrected(columns, shown, over)
+    mask, counting = counted(screen.counting, over.read, params.quanta)
+    score = scored(screen.scores[-1], over.innovation, over.covariance, mask)
+    information, projection = screen.information, screen.projection
+    jump_information, jump_projection = screen.jump_information, screen.jump_projection
+    chosen = np.flatnonzero(mask)
+    if chosen.shape[0] > 0:
+        half = np.linalg.cholesky(over.covariance[np.ix_(chosen, chosen)])
+        sides = np.column_stack((over.innovation[chosen], shown[chosen]))
+        whitened = np.linalg.solve(half, sides)
+        innovation, of_jump = whitened[:, 0], whitened[:, 1 + n_onsets * h :]
+        of_onsets = whitened[:, 1 : 1 + n_onsets * h].reshape(chosen.shape[0], n_onsets, h).transpose(1, 0, 2)
+        information = information + of_onsets.transpose(0, 2, 1) @ of_onsets
+        projection = projection + innovation @ of_onsets
+        jump_information = jump_information + of_jump.T @ of_jump
+        jump_projection = jump_projection + innovation @ of_jump
+    return screen._replace(
+        cycle=screen.cycle + 1,
+        columns=columns,
+        information=information,
+        projection=projection,
+        jump_information=jump_information,
+        jump_projection=jump_projection,
+        counting=counting,
+        masks=(*screen.masks, mask),
+        scores=(*screen.scores, score),
+    )
+
+
+def explained(information: Array, projection: Array, variances: Array) -> tuple[Array, Array, Array]:
+    """L against no failure, the amplitudes, and their covariances, for any number of sets of columns.
+
+    Args:
+        information: A of each set, shape (..., k, k).
+        projection: b, shape (..., k).
+        variances: of the priors, shape (..., k).
+    """
+    precision = information + np.eye(variances.shape[-1]) / variances[..., None, :]
+    covariance = np.linalg.inv(precision)
+    amplitude = (covariance @ projection[..., None])[..., 0]
+    _, volume = np.linalg.slogdet(precision)
+    lead = 0.5 * np.sum(amplitude * projection, axis=-1) - 0.5 * (volume + np.sum(np.log(variances), axis=-1))
+    return lead, amplitude, covariance
+
+
+def prior(cause: Cause, params: JointParams) -> float:
+    """Logarithm of how likely a cause is before any reading, nats."""
+    if cause.kind != Kind.JETS:
+        return 0.0
+    return float(rarity(params)[list(cause.jets)].sum()) - PAIR_PRIOR * (len(cause.jets) - 1)
+
+
+def rarity(params: JointParams) -> Array:
+    """What makes small jets as likely as large ones: N(0, T^2) favors those that could not have given more."""
+    result: Array = np.log(params.thrusts / params.thrusts.max())
+    return result
+
+
+def contenders(screen: Screen, allowed: np.ndarray, known: Array, params: JointParams) -> list[Contender]:
+    """All hypotheses that are possible, each at its likeliest onset, likeliest first; the jump and lies among them.
+
+    Args:
+        screen: see `Screen`.
+        allowed: whether a jet may have failed in this way, more and then less, shape (2 n_jets,).
+        known: force of each such failure that is known already, shape (2 n_jets,).
+        params: see `JointParams`.
+    """
+    found: dict[Cause, Contender] = {}
+    for index in range(len(screen.onsets)):
+        singles = _singles(screen, index, allowed, known, params)
+        pairs = _pairs(screen, index, allowed & (known == 0.0), params)
+        for contender in (*singles, *pairs, *_lies(screen, index, params)):
+            best = found.get(contender.cause)
+            if best is None or contender.lead > best.lead:
+                found[contender.cause] = contender
+    lead, _, _ = explained(screen.jump_information, screen.jump_projection, np.ones(N_PROPERTIES))
+    jump = Contender(Cause(Kind.JUMP), screen.began, 1, float(lead))
+    return sorted([*found.values(), jump], key=lambda contender: -contender.lead)
+
+
+def _of_column(column: int, jets: int) -> tuple[int, int]:
+    """Jet and sign of a column."""
+    return (column, 1) if column < jets else (column - jets, -1)
+
+
+def _kick_variance(force: Array, gap: int) -> Array:
+    return np.maximum((KICK * gap * force) ** 2, 1e-12)
+
+
+def _singles(screen: Screen, index: int, allowed: np.ndarray, known: Array, params: JointParams) -> list[Contender]:
+    jets = params.places.jets
+    information, projection, gap = screen.information[index], screen.projection[index], screen.gaps[index]
+    steps = np.arange(2 * jets)
+    kicks = 2 * jets + steps % jets
+    thrusts = np.tile(params.thrusts, 2)
+    energy = information[steps, steps]
+    force = projection[steps] / (energy + thrusts**-2.0)
+    pairs = np.stack((steps, kicks), axis=1)
+    variances = np.stack((thrusts**2, _kick_variance(np.minimum(np.abs(force), thrusts), gap)), axis=1)
+    lead, amplitude, covariance = explained(
+        information[pairs[:, :, None], pairs[:, None, :]], projection[pairs], variances
+    )
+    lead = lead + np.tile(rarity(params), 2)
+    total, sigma = known + amplitude[:, 0], np.sqrt(covariance[:, 0, 0])
+    possible = allowed & (energy > 0.0) & (total + 3.0 * sigma > 0.0) & (total - 3.0 * sigma < MOST_FORCE * thrusts)
+    possible &= (amplitude[:, 0] > 0.0) | (known > 0.0)
+    result = []
+    for column in np.flatnonzero(possible & (lead > 0.0)):
+        jet, sign = _of_column(int(column), jets)
+        cause = Cause(Kind.JETS, (jet,), (sign,))
+        result.append(
+            Contender(
+                cause, screen.onsets[index], gap, float(lead[column]), (float(total[column]),), (float(sigma[column]),)
+            )
+        )
+    return result
+
+
+def _pairs(screen: Screen, index: int, allowed: np.ndarray, params: JointParams) -> list[Contender]:
+    jets, gap = params.places.jets, screen.gaps[index]
+    information, projection = screen.information[index], screen.projection[index]
+    thrusts = np.tile(params.thrusts, 2)
+    steps = np.flatnonzero(allowed & (np.diag(information)[: 2 * jets] > 0.0))
+    first, second = np.triu_indices(steps.shape[0], 1)
+    one, other = steps[first], steps[second]
+    different = one % jets != other % jets
+    one, other = one[different], other[different]
+    if one.shape[0] == 0:
+        return []
+    a, b = information[one, one] + thrusts[one] ** -2.0, information[other, other] + thrusts[other] ** -2.0
+    c = information[one, other]
+    determinant = a * b - c * c
+    x = (b * projection[one] - c * projection[other]) / determinant
+    y = (a * projection[other] - c * projection[one]) / determinant
+    gain = 0.5 * (x * projection[one] + y * projection[other])
+    gain -= 0.5 * np.log(determinant * thrusts[one] ** 2 * thrusts[other] ** 2)
+    scarce = np.tile(rarity(params), 2)
+    gain += scarce[one] + scarce[other] - PAIR_PRIOR
+    possible = (x > 0.0) & (y > 0.0) & (x < 1.5 * thrusts[one]) & (y < 1.5 * thrusts[other])
+    order = np.flatnonzero(possible & (gain > 0.0))
+    order = order[np.argsort(-gain[order])][:_PAIRS]
+    if order.shape[0] == 0:
+        return []
+    one, other, x, y = one[order], other[order], x[order], y[order]
+    sets = np.stack((one, other, 2 * jets + one % jets, 2 * jets + other % jets), axis=1)
+    variances = np.stack(
+        (thrusts[one] ** 2, thrusts[other] ** 2, _kick_variance(x, gap), _kick_variance(y, gap)), axis=1
+    )
+    lead, amplitude, covariance = explained(
+        information[sets[:, :, None], sets[:, None, :]], projection[sets], variances
+    )
+    lead = lead + scarce[one] + scarce[other] - PAIR_PRIOR
+    result = []
+    for row in range(order.shape[0]):
+        (jet, sign), (jet2, sign2) = _of_column(int(one[row]), jets), _of_column(int(other[row]), jets)
+        sigma = np.sqrt(np.diag(covariance[row]))
+        force = amplitude[row, :2]
+        limits = params.thrusts[[jet, jet2]] * MOST_FORCE
+        if (force > 0.0).all() and (force - 3.0 * sigma[:2] < limits).all():
+            cause = Cause(Kind.JETS, (jet, jet2), (sign, sign2))
+            result.append(
+                Contender(
+                    cause, screen.onsets[index], gap, float(lead[row]), tuple(force.tolist()), tuple(sigma[:2].tolist())
+                )
+            )
+    return result
+
+
+def _lies(screen: Screen, index: int, params: JointParams) -> list[Contender]:
+    jets = params.places.jets
+    m = screen.projection.shape[1] - 3 * jets
+    result = []
+    for component in range(m):
+        column = 3 * jets + component
+        energy, projection = screen.information[index, column, column], screen.projection[index, column]
+        if energy > 0.0:
+            lead = 0.5 * projection**2 / energy - 0.5 * np.log(energy) - cost_of_a_lie(component, params)
+            if lead > 0.0:
+                cause = Cause(Kind.LIES, component=component)
+                result.append(Contender(cause, screen.onsets[index], screen.gaps[index], float(lead)))
+    return result
+
+
+def alike(screen: Screen, one: Contender, other: Contender, least: float, params: JointParams) -> bool:
+    """Whether what has fired could not have told two single jets apart: d_j - (c_j^T Y^-1 c_i)^2 / d_i < least.
+
+    Args:
+        screen: see `Screen`.
+        one, other: of one jet each; the first is likelier.
+        least: of the separation, methods of section 4.
+        params: see `JointParams`.
+    """
+    jets = params.places.jets
+    information = screen.information[screen.onsets.index(one.onset)]
+    j, i = (c.cause.jets[0] + (jets if c.cause.signs[0] < 0 else 0) for c in (one, other))
+    if information[i, i] <= 0.0:
+        return False
+    separation = information[j, j] - information[j, i] ** 2 / information[i, i]
+    return bool(one.force[0] ** 2 * separation < least)

@@ -1,0 +1,228 @@
+"""Hypotheses: columns beside one filter against filters of their own, the counting rule, and what each opens with."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from joint_probe import small_params
+from test_joint_bank import Flight, flight, ready
+
+from massprop_drake.maths.estimation.joint import screen as screens
+from massprop_drake.maths.estimation.joint.cycle import step
+from massprop_drake.maths.estimation.joint.hypotheses import (
+    NO_SCORE,
+    Cause,
+    Counting,
+    Kind,
+    Run,
+    cost_of_a_lie,
+    counted,
+    opened,
+    restless,
+    scored,
+    slot_of,
+    stepped,
+    without_increments,
+)
+from massprop_drake.maths.estimation.joint.layout import JointParams, JointState
+from massprop_drake.maths.estimation.joint.sensitivity import carried, corrected, link, smeared
+from massprop_drake.maths.linear_algebra import Array
+
+PARAMS = small_params(second_order=False, flows=np.zeros(6), thrust_sigma=0.0)
+QUIET = without_increments(PARAMS)
+PLACES = PARAMS.places
+NONE = np.zeros(2)
+
+
+def empty_slots(state: JointState) -> JointState:
+    """No known failures."""
+    root, mean = state.root.copy(), state.mean.copy()
+    root[PLACES.force :] = mean[PLACES.force :] = 0.0
+    return state._replace(
+        mean=mean, root=np.linalg.qr(root.T, mode="r").T, slot_jet=np.full(2, -1.0), slot_sign=np.ones(2)
+    )
+
+
+@pytest.fixture(scope="module")
+def flown() -> Flight:
+    return flight(empty_slots(ready()), PARAMS)
+
+
+def screen_of(flown: Flight, onsets: tuple[int, ...], params: JointParams = PARAMS) -> screens.Screen:
+    """The screen over the whole flight; its cycles count from one, after the first state."""
+    read = np.zeros(12)
+    screen = screens.begin(flown.states[0], 0, onsets, tuple(1 for _ in onsets), read, params)
+    for over in flown.links:
+        screen = screens.screened(screen, over, params)
+    return screen
+
+
+def run_of(flown: Flight, run: Run, params: JointParams = QUIET) -> Run:
+    """A filter of its own over the rest of the flight."""
+    for cycle in range(run.cycle, len(flown.links)):
+        counts = np.ones(12, dtype=np.bool_)
+        run = stepped(run, flown.samples[cycle], flown.links[cycle], counts, NONE, params)
+    return run
+
+
+def test_counting_rule() -> None:
+    quanta = np.array([1.0, 1.0, 0.0])
+    counting = Counting(np.array([0.0, 5.0, 0.0]), 0)
+    mask, counting = counted(counting, np.array([0.4, 5.6, np.nan]), quanta)
+    assert mask.tolist() == [False, True, False]
+    assert counting.last.tolist() == [0.0, 5.6, 0.0]
+    for _ in range(5):
+        mask, counting = counted(counting, np.array([0.4, 5.6, np.nan]), quanta)
+        assert not mask.any()
+    mask, counting = counted(counting, np.array([0.4, 5.6, np.nan]), quanta)
+    assert mask.tolist() == [True, True, False]
+    assert counting.quiet == 0
+    assert counted(counting, np.array([0.4, 5.6, 0.0]), quanta)[0].tolist() == [False, False, True]  # dithered
+
+
+def test_score_is_the_gaussian_of_what_is_counted() -> None:
+    rng = np.random.default_rng(0)
+    half = rng.standard_normal((4, 4))
+    covariance, innovation = half @ half.T, rng.standard_normal(4)
+    counts = np.array([True, False, True, True])
+    found = scored(NO_SCORE, innovation, covariance, counts)
+    part, e = covariance[np.ix_(counts, counts)], innovation[counts]
+    assert found.nis == pytest.approx(e @ np.linalg.solve(part, e))
+    assert found.likelihood == pytest.approx(-0.5 * (found.nis + np.linalg.slogdet(part)[1]))
+    assert found.degrees == 3
+    assert scored(found, innovation, covariance, np.zeros(4, dtype=np.bool_)) == found
+
+
+def filtered_alone(flown: Flight, onset: int, columns: Array, variances: Array) -> tuple[float, Array]:
+    """L against no failure and amplitudes, by dense least squares over all innovations."""
+    dense = np.vstack(columns)
+    rows, values = [], []
+    for k, over in enumerate(flown.links):
+        half = np.linalg.cholesky(over.covariance)
+        rows.append(np.linalg.solve(half, dense[12 * k : 12 * (k + 1)]))
+        values.append(np.linalg.solve(half, over.innovation))
+    whitened, residual = np.vstack(rows), np.concatenate(values)
+    total = np.eye(residual.size) + whitened @ np.diag(variances) @ whitened.T
+    lead = -0.5 * (residual @ np.linalg.solve(total, residual) - residual @ residual)
+    lead -= 0.5 * np.linalg.slogdet(total)[1]
+    return float(lead), np.diag(variances) @ whitened.T @ np.linalg.solve(total, residual)
+
+
+@pytest.mark.parametrize(("jet", "sign"), [(0, 1), (3, 1), (2, -1)])
+def test_a_column_agrees_with_a_filter_that_has_the_force_in_a_slot(flown: Flight, jet: int, sign: int) -> None:
+    """Likelihood, force and its sigma, for a force that readings know to a thousandth of its prior."""
+    onset = 3
+    screen = screen_of(flown, (onset,))
+    column = jet if sign > 0 else 6 + jet
+    index = np.array([column, 12 + jet])
+    kick = 1e-4
+    lead, amplitude, covariance = screens.explained(
+        screen.information[0][np.ix_(index, index)],
+        screen.projection[0][index],
+        np.array([PARAMS.thrusts[jet] ** 2, kick**2]),
+    )
+    none = Run(Cause(Kind.NOTHING), 0, (), onset, flown.states[onset], NO_SCORE, False)
+    cause = Cause(Kind.JETS, (jet,), (sign,))
+    run = run_of(flown, none._replace(cause=cause, onset=onset, kicks=(kick,)))
+    none = run_of(flown, none)
+    row = PLACES.force + slot_of(run.state, jet, sign)
+    assert run.state.mean[row] == pytest.approx(amplitude[0], abs=0.05 * np.sqrt(covariance[0, 0]))
+    assert np.linalg.norm(run.state.root[row]) == pytest.approx(np.sqrt(covariance[0, 0]), rel=2e-2)
+    assert run.score.likelihood - none.score.likelihood == pytest.approx(lead, abs=0.1)
+
+
+def test_a_jump_agrees_with_a_filter_that_expects_one(flown: Flight) -> None:
+    params = PARAMS._replace(increment_sigma=1e-3 * PARAMS.increment_sigma)
+    screen = screen_of(flown, (3,), params)
+    lead, _, _ = screens.explained(screen.jump_information, screen.jump_projection, np.ones(10))
+    none = Run(Cause(Kind.NOTHING), 0, (), 0, flown.states[0], NO_SCORE, False)
+    jump = run_of(flown, none._replace(cause=Cause(Kind.JUMP)), without_increments(params))
+    none = run_of(flown, none)
+    assert jump.score.likelihood - none.score.likelihood == pytest.approx(lead, abs=0.2)
+    assert jump.state.firing_count < none.state.firing_count
+
+
+def test_a_reading_that_lies_once(flown: Flight) -> None:
+    """It is left out at once, costs its share, and is read again as soon as it fits; the column says the same."""
+    onset, component, off = 4, 7, 1.0
+    links, samples, states = list(flown.links), list(flown.samples), list(flown.states)
+    velocities = samples[onset].velocities.copy()
+    velocities.flat[component - 6] += off
+    samples[onset] = samples[onset]._replace(velocities=velocities)
+    for cycle in range(onset, len(links)):
+        states[cycle + 1], report = step(states[cycle], samples[cycle], QUIET)
+        links[cycle] = link(states[cycle], report, samples[cycle], QUIET)
+    lied = Flight(states, samples, links)
+    cause = Cause(Kind.LIES, component=component)
+    run = run_of(lied, Run(cause, onset, (), onset, states[onset], NO_SCORE, True))
+    assert not run.lying
+    honest = run_of(flown, Run(Cause(Kind.NOTHING), 0, (), onset, flown.states[onset], NO_SCORE, False))
+    assert run.score.likelihood == pytest.approx(
+        honest.score.likelihood - cost_of_a_lie(component, PARAMS), abs=10.0
+    )  # but for what that reading would have said
+    none = run_of(lied, Run(Cause(Kind.NOTHING), 0, (), onset, states[onset], NO_SCORE, False))
+    found = screens.contenders(screen_of(lied, (onset,)), np.ones(12, dtype=np.bool_), np.zeros(12), PARAMS)
+    first = next(each for each in found if each.cause.kind == Kind.LIES)
+    assert first.cause == cause
+    assert first.lead == pytest.approx(run.score.likelihood - none.score.likelihood, rel=0.02)
+    deviation = np.sqrt(np.sum(honest.state.root**2, axis=1))
+    assert (np.abs(run.state.mean - honest.state.mean)[:19] < 1.0 * deviation[:19]).all()
+
+
+def test_what_the_jets_hypothesis_opens_with(flown: Flight) -> None:
+    state, over = flown.states[2], flown.links[2]
+    cause = Cause(Kind.JETS, (4, 1), (1, -1))
+    found = opened(state, cause, (0.2, 0.3), over, PARAMS)
+    assert found.slot_jet.tolist() == [4.0, 1.0]
+    assert found.slot_sign.tolist() == [1.0, -1.0]
+    impulses = smeared(over, PLACES)[:, [4, 1]] * [0.2, 0.3]
+    slots = np.zeros((PLACES.size, 2))
+    slots[PLACES.force :] = np.diag(PARAMS.thrusts[[4, 1]])
+    expected = state.root @ state.root.T + impulses @ impulses.T + slots @ slots.T
+    np.testing.assert_allclose(found.root @ found.root.T, expected, atol=1e-12)
+    # the same jet again: its force may have changed, in the slot it has
+    again = opened(found, Cause(Kind.JETS, (4,), (1,)), (0.0,), over, PARAMS)
+    assert again.slot_jet.tolist() == [4.0, 1.0]
+    row = PLACES.force
+    assert again.root[row] @ again.root[row] == pytest.approx(2 * PARAMS.thrusts[4] ** 2)
+    assert slot_of(found, 3, 1) == -1
+    # an erratic one is anew every time
+    anew = restless(again, np.array([1.0, 0.0]), PARAMS)
+    covariance = anew.root @ anew.root.T
+    assert covariance[row, row] == pytest.approx(PARAMS.thrusts[4] ** 2)
+    np.testing.assert_allclose(np.delete(covariance[row], row), 0.0, atol=1e-12)
+
+
+def test_small_jets_are_not_favored_and_pairs_are_rare() -> None:
+    params = PARAMS._replace(thrusts=np.array([1.0, 1, 1, 1, 1, 0.1]))
+    assert screens.prior(Cause(Kind.JETS, (5,), (1,)), params) == pytest.approx(np.log(0.1))
+    assert screens.prior(Cause(Kind.JETS, (0, 1), (1, 1)), params) == pytest.approx(-12.0)
+    assert screens.prior(Cause(Kind.JUMP), params) == 0.0
+
+
+def test_contenders_agree_with_dense_least_squares(flown: Flight) -> None:
+    """A single jet and a pair, from all innovations at once instead of sample by sample."""
+    screen = screen_of(flown, (3,))
+    columns = {}
+    for name, jet, kicked in (("step", 2, False), ("kick", 2, True), ("step2", 5, False), ("kick2", 5, True)):
+        column, shown_all = np.zeros((PLACES.size, 1)), []
+        for cycle, over in enumerate(flown.links):
+            forcing = np.zeros((6, 1))
+            if kicked and cycle == 3:
+                forcing[:, 0] = over.effects[jet] * over.duration_s
+            elif not kicked and cycle >= 3:
+                forcing[:, 0] = over.effects[jet] * (over.duration_s - over.amount[jet])
+            before = carried(column, forcing, over, PLACES)
+            shown = over.jacobian @ before
+            column = corrected(before, shown, over)
+            shown_all.append(shown)
+        columns[name] = np.vstack(shown_all)
+    variances = np.array([1.0, 0.01, 0.25, 0.04])
+    dense = np.hstack([columns[name] for name in ("step", "kick", "step2", "kick2")])
+    lead, amplitude = filtered_alone(flown, 3, dense, variances)
+    index = np.array([2, 12 + 2, 5, 12 + 5])
+    found, amplitudes, _ = screens.explained(
+        screen.information[0][np.ix_(index, index)], screen.projection[0][index], variances
+    )
+    assert found == pytest.approx(lead, rel=1e-6)
+    np.testing.assert_allclose(amplitudes, amplitude, rtol=1e-6, atol=1e-12)

@@ -1,0 +1,206 @@
+"""The detector by hypotheses, flown against a truth that is the filter's own prediction with something wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from joint_probe import PERIOD, small_params, some_sample, some_state, unread
+
+from massprop_drake.maths.estimation.detectors import multi_hypothesis as detector
+from massprop_drake.maths.estimation.detectors.multi_hypothesis import (
+    Declaration,
+    HypothesisParams,
+    JetsDeclared,
+    JumpDeclared,
+    ReadingDeclared,
+    Word,
+)
+from massprop_drake.maths.estimation.joint.cycle import Sample, step
+from massprop_drake.maths.estimation.joint.layout import JointParams, JointState, make_places, pack
+from massprop_drake.maths.estimation.joint.measurement import outputs, rebased
+from massprop_drake.maths.estimation.joint.prediction import drive, predict
+from massprop_drake.maths.linear_algebra import Array
+
+JOINT = small_params(
+    places=make_places((6, 2, 2), 2, (False, False), False, 2), second_order=False, flows=np.zeros(6), thrust_sigma=0.0
+)
+PARAMS = HypothesisParams(JOINT)
+PLACES = JOINT.places
+Wrong = Callable[[int, JointState], JointState]  # what happens to the truth before a cycle
+
+
+def settled_filter(params: JointParams = JOINT) -> JointState:
+    """A filter that has settled, to a part in ten thousand."""
+    state = some_state(params)
+    mean, root = state.mean.copy(), np.zeros_like(state.root)
+    mean[10:] = 0.0
+    sigma = np.concatenate([1e-4 * np.abs(mean[:10]), np.full(3, 1e-5), np.full(6, 1e-4), np.full(2, 0.05)])
+    root[: sigma.size, : sigma.size] = np.diag(sigma)
+    return state._replace(
+        mean=mean,
+        root=root,
+        level=np.zeros(6),
+        spin=np.zeros(6),
+        reference=np.zeros(3),
+        slot_jet=np.full(2, -1.0),
+        slot_sign=np.ones(2),
+        guarded=True,
+        freed=True,
+        firing_count=100.0,
+    )
+
+
+def failed(truth: JointState, jet: int, sign: int, force: float) -> JointState:
+    """The truth with a failure in the first slot."""
+    mean = truth.mean.copy()
+    mean[PLACES.force] = force
+    return truth._replace(mean=mean, slot_jet=np.array([jet, -1.0]), slot_sign=np.array([float(sign), 1.0]))
+
+
+class Flight:
+    """Filter and detector against a truth; what was declared, at which cycle."""
+
+    def __init__(self, params: HypothesisParams = PARAMS, seed: int = 0):
+        self.params, self.rng = params, np.random.default_rng(seed)
+        self.filter = self.truth = settled_filter(params.joint)
+        draw = self.filter.root[:10, :10] @ self.rng.standard_normal(10)
+        self.truth = self.truth._replace(mean=self.truth.mean + np.pad(draw, (0, PLACES.size - 10)))
+        self.state = detector.initial(params.joint)
+        self.said: list[tuple[int, Declaration]] = []
+        self.judgments: list[detector.Judgment] = []
+        self.cycle = 0
+
+    def command(self) -> Array:
+        """Two or three jets at a time, for some cycles."""
+        pattern = np.zeros(6)
+        pattern[(self.cycle // 4) % 6] = pattern[(self.cycle // 4 + 2) % 6] = float(self.cycle % 8 < 6)
+        return pattern
+
+    def fly(self, cycles: int, lie: tuple[int, float] | None = None) -> Flight:
+        """Flies on; the lie is a component and what it is off by, at the first of these cycles."""
+        joint = self.params.joint
+        for k in range(cycles):
+            self.cycle += 1
+            sample = some_sample(joint, time_s=self.cycle * PERIOD, commands=self.command()[None])
+            acting = drive(self.truth, sample.durations_s, sample.commands, np.zeros(6), joint)
+            prediction = predict(self.truth, acting, unread(joint), joint)
+            self.truth = self.truth._replace(
+                mean=prediction.mean,
+                spin=self.truth.spin + prediction.spin,
+                level=acting.firing.level,
+                slope=acting.firing.slope,
+            )
+            read, _ = outputs(self.truth.mean, self.truth.reference, self.truth.spin, joint)
+            read = read + self.rng.standard_normal(12) * np.sqrt(joint.variances)
+            if lie is not None and k == 0:
+                read[lie[0]] += lie[1]
+            self.take(sample._replace(rates=read[:6].reshape(2, 3), velocities=read[6:].reshape(2, 3)))
+        return self
+
+    def take(self, sample: Sample) -> None:
+        """One cycle of filter and detector."""
+        after, report = step(self.filter, sample, self.params.joint)
+        judgment = detector.judge(self.state, self.filter, after, report, sample, self.params)
+        self.filter = after if judgment.replacement is None else judgment.replacement
+        self.state = judgment.state
+        self.said += [(self.cycle, declaration) for declaration in judgment.declarations]
+        self.judgments.append(judgment)
+
+    def only(self, kind: type) -> Any:
+        """The only declaration, which is of a kind."""
+        assert [type(declaration) for _, declaration in self.said] == [kind]
+        return self.said[0][1]
+
+    def errors(self) -> Array:
+        """Of the ten parameters, in sigmas."""
+        deviation = np.sqrt(np.sum(self.filter.root[:10] ** 2, axis=1))
+        result: Array = (self.filter.mean[:10] - self.truth.mean[:10]) / deviation
+        return result
+
+
+def test_nothing_is_said_of_a_healthy_flight() -> None:
+    flown = Flight().fly(120)
+    assert not flown.said
+    assert np.abs(flown.errors()).max() < 4.5
+    assert (flown.state.commanded > 0).all()
+
+
+@pytest.mark.parametrize(("jet", "sign", "share"), [(1, 1, 1.0), (4, 1, 0.03), (0, -1, 1.0)])
+def test_a_failed_jet_is_named_and_what_was_learned_since_is_undone(jet: int, sign: int, share: float) -> None:
+    flown = Flight().fly(40)
+    force = share * float(JOINT.thrusts[jet])
+    flown.truth = failed(flown.truth, jet, sign, force)
+    flown.fly(40)
+    said = flown.only(JetsDeclared)
+    assert (said.word, said.jets, said.signs) == (Word.FAILED, (jet,), (sign,))
+    assert abs(said.forces[0] - force) < 4.5 * said.sigmas[0]
+    assert said.onset_s == pytest.approx(40 * PERIOD, abs=4 * PERIOD)
+    assert np.abs(flown.errors()).max() < 4.5
+    row = PLACES.force
+    assert abs(flown.filter.mean[row] - force) < 4.5 * np.linalg.norm(flown.filter.root[row])
+
+
+def test_jets_that_fire_together_are_a_group_until_one_fires_alone() -> None:
+    """Two jets in one place that have always been commanded together: nothing can tell which does not fire."""
+    wrenches = JOINT.wrenches.copy()
+    wrenches[1] = wrenches[0]
+    params = HypothesisParams(JOINT._replace(wrenches=wrenches, thrusts=np.linalg.norm(wrenches[:, 3:], axis=1)))
+    flown = Flight(params)
+    together = np.array([1.0, 1, 0, 0, 0, 0])
+    flown.command = lambda: together * float(flown.cycle % 6 < 3)  # type: ignore[method-assign]
+    flown.fly(40)
+    flown.truth = failed(flown.truth, 0, -1, float(params.joint.thrusts[0]))
+    flown.fly(30)
+    said = flown.only(JetsDeclared)
+    assert said.word == Word.GROUP
+    assert sorted(said.jets) == [0, 1]
+    assert said.told_apart_by in said.jets
+    assert (flown.state.commanded[2:] == 0).all()  # and these were never tested
+
+
+@pytest.mark.parametrize(("component", "off"), [(4, 1e-3), (8, 0.5)])
+def test_a_reading_that_lies_once_is_named_and_does_no_harm(component: int, off: float) -> None:
+    flown = Flight().fly(40)
+    flown.fly(30, lie=(component, off))
+    said = flown.only(ReadingDeclared)
+    assert said.component == component
+    assert not flown.state.lying.any()
+    assert np.abs(flown.errors()).max() < 4.5
+
+
+def test_a_jump_is_announced_once_with_its_size() -> None:
+    flown = Flight().fly(40)
+    mean = rebased(flown.truth, JOINT).mean.copy()
+    mass, gained, where = 1.0 / mean[9], 1.5, np.array([0.4, -0.2, 0.3])
+    center = (mass * mean[6:9] + gained * where) / (mass + gained)
+    flown.truth = rebased(flown.truth, JOINT)
+    mean[6:9], mean[9] = center, 1.0 / (mass + gained)
+    flown.truth = flown.truth._replace(mean=mean)
+    flown.fly(60)
+    said = flown.only(JumpDeclared)
+    assert abs(said.mass - gained) < 4.5 * said.mass_sigma
+    assert (np.abs(said.position - where) < 4.5 * said.position_sigma).all()
+    assert np.abs(flown.errors()).max() < 4.5
+
+
+def test_the_same_cycle_judged_again_gives_the_same_and_changes_nothing_that_came_in() -> None:
+    flown = Flight().fly(40)
+    flown.truth = failed(flown.truth, 1, 1, 0.03)
+    flown.fly(2)
+    joint = flown.params.joint
+    sample = some_sample(
+        joint, time_s=99.0, commands=np.zeros((1, 6)), rates=np.full((2, 3), 0.01), velocities=np.zeros((2, 3))
+    )
+    after, report = step(flown.filter, sample, joint)
+    kept = [pack(flown.filter, PLACES), pack(after, PLACES), flown.state.bank.learned.copy()]
+    first = detector.judge(flown.state, flown.filter, after, report, sample, flown.params)
+    second = detector.judge(flown.state, flown.filter, after, report, sample, flown.params)
+    for one, other in zip((first, second), (second, first), strict=True):
+        np.testing.assert_array_equal(pack(one.published, PLACES), pack(other.published, PLACES))
+        assert one.declarations == other.declarations
+    for was, now in zip(kept, [pack(flown.filter, PLACES), pack(after, PLACES), flown.state.bank.learned], strict=True):
+        np.testing.assert_array_equal(was, now)
+    assert first.status.racing
