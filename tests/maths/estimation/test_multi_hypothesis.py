@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -29,7 +28,7 @@ JOINT = small_params(
 )
 PARAMS = HypothesisParams(JOINT)
 PLACES = JOINT.places
-Wrong = Callable[[int, JointState], JointState]  # what happens to the truth before a cycle
+LITTLE = 0.05  # of full thrust
 
 
 def settled_filter(params: JointParams = JOINT) -> JointState:
@@ -74,9 +73,9 @@ class Flight:
         self.cycle = 0
 
     def command(self) -> Array:
-        """Two or three jets at a time, for some cycles."""
+        """Two jets at a time, a little, so that it does not turn fast."""
         pattern = np.zeros(6)
-        pattern[(self.cycle // 4) % 6] = pattern[(self.cycle // 4 + 2) % 6] = float(self.cycle % 8 < 6)
+        pattern[(self.cycle // 4) % 6] = pattern[(self.cycle // 4 + 2) % 6] = LITTLE * (self.cycle % 8 < 6)
         return pattern
 
     def fly(self, cycles: int, lie: tuple[int, float] | None = None) -> Flight:
@@ -150,7 +149,7 @@ def test_jets_that_fire_together_are_a_group_until_one_fires_alone() -> None:
     params = HypothesisParams(JOINT._replace(wrenches=wrenches, thrusts=np.linalg.norm(wrenches[:, 3:], axis=1)))
     flown = Flight(params)
     together = np.array([1.0, 1, 0, 0, 0, 0])
-    flown.command = lambda: together * float(flown.cycle % 6 < 3)  # type: ignore[method-assign]
+    flown.command = lambda: together * LITTLE * (flown.cycle % 6 < 3)  # type: ignore[method-assign]
     flown.fly(40)
     flown.truth = failed(flown.truth, 0, -1, float(params.joint.thrusts[0]))
     flown.fly(30)
@@ -172,7 +171,7 @@ def test_a_reading_that_lies_once_is_named_and_does_no_harm(component: int, off:
 
 
 def test_a_jump_is_announced_once_with_its_size() -> None:
-    flown = Flight().fly(40)
+    flown = Flight(HypothesisParams(JOINT._replace(increment_sigma=np.append(np.ones(9), 0.1)))).fly(40)
     mean = rebased(flown.truth, JOINT).mean.copy()
     mass, gained, where = 1.0 / mean[9], 1.5, np.array([0.4, -0.2, 0.3])
     center = (mass * mean[6:9] + gained * where) / (mass + gained)

@@ -40,7 +40,7 @@ from massprop_drake.maths.linear_algebra import Array
 
 _BEFORE_SETTLED = 8.0  # times the trigger: a start's own errors raise it by chance
 _UNSETTLED_FLOOR = 0.1  # of full thrust, to be declared before settled
-_REDRAWN = (6, 12, 24, 48, 96)  # cycles of a race after which onsets are chosen again: the likeliest may have moved
+_REDRAWN = ()  # cycles of a race after which onsets are chosen again: the likeliest may have moved
 _LEAK_FLOOR, _LOSS_FLOOR = 0.002, 0.05  # of full thrust: below, thrust errors and lags explain as much
 _LEAST_FLOOR = 0.00115  # of the largest jet's thrust: 1 lbf of 870
 _CHANGE = 0.1  # of full thrust, by which a known force must differ to be said to have changed
@@ -439,7 +439,7 @@ def _jets(
     return state._replace(announced=announced, changes=changes, erratic=erratic), said
 
 
-def _passed(state: State, now: JointState, time_s: float, params: JointParams) -> tuple[State, tuple[Declaration, ...]]:
+def _passed(state: State, now: JointState, params: JointParams) -> tuple[State, tuple[Declaration, ...]]:
     """Failures that were too small to be declared when they were found, and no longer are."""
     said: list[Declaration] = []
     announced = state.announced

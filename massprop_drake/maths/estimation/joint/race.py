@@ -14,7 +14,7 @@ import numpy as np
 from massprop_drake.maths.estimation.joint import screen as screens
 from massprop_drake.maths.estimation.joint.bank import Bank
 from massprop_drake.maths.estimation.joint.cycle import Sample
-from massprop_drake.maths.estimation.joint.hypotheses import KICK, Cause, Kind, Run, slot_of, stepped
+from massprop_drake.maths.estimation.joint.hypotheses import Cause, Kind, Run, slot_of, stepped
 from massprop_drake.maths.estimation.joint.layout import JointParams, JointState
 from massprop_drake.maths.estimation.joint.screen import Contender, Screen
 from massprop_drake.maths.estimation.joint.sensitivity import Link
@@ -98,10 +98,9 @@ def begin(bank: Bank, index: int, triggered: int, history: History, params: Join
     chosen = range(max(index - 1, 0), min(index + 2, len(bank.states)))
     cycles = bank.cycles.astype(np.intp)
     onsets = tuple(int(cycles[k]) for k in chosen)
-    gaps = tuple(int(max(cycles[k] - cycles[k - 1], 1)) if k > 0 else 1 for k in chosen)
     began = int(cycles[first])
     read = history.at(began).link.read
-    started = screens.begin(bank.states[first], began, onsets, gaps, read, params)
+    started = screens.begin(bank.states[first], began, onsets, read, params)
     return Race(triggered, (bank.states[first], *(bank.states[k] for k in chosen)), started, ())
 
 
@@ -133,7 +132,7 @@ def standings(race: Race, contenders: list[Contender], params: JointParams) -> l
         run = by_cause.pop(contender.cause, None)
         result.append(Standing(_measured(contender, run, nothing, params) if run else contender, run))
     for cause, run in by_cause.items():  # what is not possible to first order may be so by its filter
-        contender = Contender(cause, run.onset, 1, 0.0)
+        contender = Contender(cause, run.onset, 0.0)
         result.append(Standing(_measured(contender, run, nothing, params), run))
     return sorted(result, key=lambda standing: -standing.contender.lead)
 
@@ -180,10 +179,8 @@ def _opened(race: Race, contender: Contender, params: JointParams) -> Run:
     screen, cause = race.screen, contender.cause
     place = 0 if cause.kind == Kind.JUMP else 1 + screen.onsets.index(contender.onset)
     onset = screen.began if cause.kind == Kind.JUMP else contender.onset
-    thrusts = params.thrusts[list(cause.jets)] if cause.jets else np.zeros(0)
-    kicks = tuple(KICK * contender.gap * np.clip(np.abs(contender.force), 0.0, thrusts)) if cause.jets else ()
     score = screen.scores[onset - screen.began]
-    return Run(cause, onset, kicks, onset, race.states[place], score, cause.kind == Kind.LIES)
+    return Run(cause, onset, onset, race.states[place], score, cause.kind == Kind.LIES)
 
 
 def stepped_on(race: Race, links: int, history: History, erratic: np.ndarray, params: JointParams) -> Race:

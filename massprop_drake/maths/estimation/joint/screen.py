@@ -1,8 +1,9 @@
 r"""Every hypothesis of a race at once, to first order: columns beside the filter that knows of nothing.
 
 Per onset there is a column for each jet that gives more than it is told, for each that gives less, for the impulse of
-each jet at the onset (nobody knows when in its interval a failure began), and for each reading that lies in the first
-sample; besides, the ten parameters jump at the race's beginning. With s the innovation that a column's unit adds,
+each jet in the first interval (nobody knows when in it a failure began) and in the second (it builds up with a lag),
+and for each reading that lies in the first sample; besides, the ten parameters jump at the race's beginning. With s the
+innovation that a column's unit adds,
 
     A = sum S^T Y^-1 S,    b = sum S^T Y^-1 e,
 
@@ -22,7 +23,7 @@ import numpy as np
 
 from massprop_drake.maths.estimation.joint.hypotheses import (
     JUMP_SHARE,
-    KICK,
+    KICKS,
     NO_SCORE,
     Cause,
     Counting,
@@ -48,9 +49,8 @@ class Screen(NamedTuple):
 
     Attributes:
         onsets: cycles after which failures may have begun, ascending.
-        gaps: intervals between neighboring onsets, of each.
         cycle: the last one done.
-        columns: errors of the filter per unit, shape (size, n_onsets * h + 10), h = 3 n_jets + m.
+        columns: errors of the filter per unit, shape (size, n_onsets * h + 10), h = 4 n_jets + m.
         information: A of each onset, shape (n_onsets, h, h).
         projection: b of each onset, shape (n_onsets, h).
         jump_information, jump_projection: of the jump, shape (10, 10) and (10,).
@@ -60,7 +60,6 @@ class Screen(NamedTuple):
     """
 
     onsets: tuple[int, ...]
-    gaps: tuple[int, ...]
     cycle: int
     columns: Array
     information: Array
@@ -83,33 +82,29 @@ class Contender(NamedTuple):
     Attributes:
         cause: see `Cause`.
         onset: cycle after which it holds.
-        gap: intervals between onsets there.
         lead: L above that of no failure, nats.
         force, sigma: of each failed jet, lbf or N.
     """
 
     cause: Cause
     onset: int
-    gap: int
     lead: float
     force: tuple[float, ...] = ()
     sigma: tuple[float, ...] = ()
 
 
-def begin(
-    state: JointState, cycle: int, onsets: tuple[int, ...], gaps: tuple[int, ...], read: Array, params: JointParams
-) -> Screen:
+def begin(state: JointState, cycle: int, onsets: tuple[int, ...], read: Array, params: JointParams) -> Screen:
     """The screen before the first cycle of a race.
 
     Args:
         state: where it begins.
         cycle: after which.
-        onsets, gaps: see `Screen`.
+        onsets: see `Screen`.
         read: readings then, shape (m,).
         params: see `JointParams`.
     """
     places = params.places
-    h = 3 * places.jets + read.shape[0]
+    h = 4 * places.jets + read.shape[0]
     columns = np.zeros((places.size, len(onsets) * h + N_PROPERTIES))
     jump = np.zeros((places.size, N_PROPERTIES))
     jump[:N_PROPERTIES] = np.diag(JUMP_SHARE * params.increment_sigma)
@@ -120,7 +115,6 @@ def begin(
     columns[:, len(onsets) * h :] = jump
     return Screen(
         onsets=onsets,
-        gaps=gaps,
         cycle=cycle,
         columns=columns,
         information=np.zeros((len(onsets), h, h)),
@@ -137,21 +131,23 @@ def screened(screen: Screen, over: Link, params: JointParams) -> Screen:
     """The screen after one more cycle."""
     places = params.places
     jets, m = places.jets, over.read.shape[0]
-    h, n_onsets = 3 * jets + m, len(screen.onsets)
+    h, n_onsets = 4 * jets + m, len(screen.onsets)
     forcing = np.zeros((6, n_onsets * h + N_PROPERTIES))
     more = over.effects.T * (over.duration_s - over.amount)
     less = over.effects.T * -over.amount
+    impulse = over.effects.T * over.duration_s
     first = [index for index, onset in enumerate(screen.onsets) if onset == screen.cycle]
     for index, onset in enumerate(screen.onsets):
         if onset <= screen.cycle:
             forcing[:, index * h : index * h + jets] = more
             forcing[:, index * h + jets : index * h + 2 * jets] = less
-    for index in first:
-        forcing[:, index * h + 2 * jets : index * h + 3 * jets] = over.effects.T * over.duration_s
+        if 0 <= screen.cycle - onset < len(KICKS):
+            begin = index * h + (2 + screen.cycle - onset) * jets
+            forcing[:, begin : begin + jets] = impulse
     columns = carried(screen.columns, forcing, over, places)
     shown = over.jacobian @ columns
     for index in first:
-        shown[:, index * h + 3 * jets : (index + 1) * h] += np.eye(m)
+        shown[:, index * h + 4 * jets : (index + 1) * h] += np.eye(m)
     columns = corrected(columns, shown, over)
     mask, counting = counted(screen.counting, over.read, params.quanta)
     score = scored(screen.scores[-1], over.innovation, over.covariance, mask)
@@ -228,7 +224,7 @@ def contenders(screen: Screen, allowed: np.ndarray, known: Array, params: JointP
             if best is None or contender.lead > best.lead:
                 found[contender.cause] = contender
     lead, _, _ = explained(screen.jump_information, screen.jump_projection, np.ones(N_PROPERTIES))
-    jump = Contender(Cause(Kind.JUMP), screen.began, 1, float(lead))
+    jump = Contender(Cause(Kind.JUMP), screen.began, float(lead))
     return sorted([*found.values(), jump], key=lambda contender: -contender.lead)
 
 
@@ -237,22 +233,28 @@ def _of_column(column: int, jets: int) -> tuple[int, int]:
     return (column, 1) if column < jets else (column - jets, -1)
 
 
-def _kick_variance(force: Array, gap: int) -> Array:
-    return np.maximum((KICK * gap * force) ** 2, 1e-12)
+def _sets(steps: np.ndarray, params: JointParams) -> tuple[np.ndarray, Array]:
+    """Columns of failures with the impulses at their onsets, and the variances of their priors, (number, k) each.
+
+    Args:
+        steps: columns of the failures, shape (number, failures).
+        params: see `JointParams`.
+    """
+    jets = params.places.jets
+    thrusts = params.thrusts[steps % jets]
+    sets = [steps, *(2 * jets + place * jets + steps % jets for place in range(len(KICKS)))]
+    return np.hstack(sets), np.hstack([thrusts, *(share * thrusts for share in KICKS)]) ** 2
 
 
 def _singles(screen: Screen, index: int, allowed: np.ndarray, known: Array, params: JointParams) -> list[Contender]:
     jets = params.places.jets
-    information, projection, gap = screen.information[index], screen.projection[index], screen.gaps[index]
+    information, projection = screen.information[index], screen.projection[index]
     steps = np.arange(2 * jets)
-    kicks = 2 * jets + steps % jets
     thrusts = np.tile(params.thrusts, 2)
     energy = information[steps, steps]
-    force = projection[steps] / (energy + thrusts**-2.0)
-    pairs = np.stack((steps, kicks), axis=1)
-    variances = np.stack((thrusts**2, _kick_variance(np.minimum(np.abs(force), thrusts), gap)), axis=1)
+    sets, variances = _sets(steps.reshape(-1, 1), params)
     lead, amplitude, covariance = explained(
-        information[pairs[:, :, None], pairs[:, None, :]], projection[pairs], variances
+        information[sets[:, :, None], sets[:, None, :]], projection[sets], variances
     )
     lead = lead + np.tile(rarity(params), 2)
     total, sigma = known + amplitude[:, 0], np.sqrt(covariance[:, 0, 0])
@@ -264,14 +266,14 @@ def _singles(screen: Screen, index: int, allowed: np.ndarray, known: Array, para
         cause = Cause(Kind.JETS, (jet,), (sign,))
         result.append(
             Contender(
-                cause, screen.onsets[index], gap, float(lead[column]), (float(total[column]),), (float(sigma[column]),)
+                cause, screen.onsets[index], float(lead[column]), (float(total[column]),), (float(sigma[column]),)
             )
         )
     return result
 
 
 def _pairs(screen: Screen, index: int, allowed: np.ndarray, params: JointParams) -> list[Contender]:
-    jets, gap = params.places.jets, screen.gaps[index]
+    jets = params.places.jets
     information, projection = screen.information[index], screen.projection[index]
     thrusts = np.tile(params.thrusts, 2)
     steps = np.flatnonzero(allowed & (np.diag(information)[: 2 * jets] > 0.0))
@@ -295,11 +297,9 @@ def _pairs(screen: Screen, index: int, allowed: np.ndarray, params: JointParams)
     order = order[np.argsort(-gain[order])][:_PAIRS]
     if order.shape[0] == 0:
         return []
-    one, other, x, y = one[order], other[order], x[order], y[order]
-    sets = np.stack((one, other, 2 * jets + one % jets, 2 * jets + other % jets), axis=1)
-    variances = np.stack(
-        (thrusts[one] ** 2, thrusts[other] ** 2, _kick_variance(x, gap), _kick_variance(y, gap)), axis=1
-    )
+    one, other = one[order], other[order]
+    limits = np.stack((thrusts[one], thrusts[other]), axis=1)
+    sets, variances = _sets(np.stack((one, other), axis=1), params)
     lead, amplitude, covariance = explained(
         information[sets[:, :, None], sets[:, None, :]], projection[sets], variances
     )
@@ -309,12 +309,11 @@ def _pairs(screen: Screen, index: int, allowed: np.ndarray, params: JointParams)
         (jet, sign), (jet2, sign2) = _of_column(int(one[row]), jets), _of_column(int(other[row]), jets)
         sigma = np.sqrt(np.diag(covariance[row]))
         force = amplitude[row, :2]
-        limits = params.thrusts[[jet, jet2]] * MOST_FORCE
-        if (force > 0.0).all() and (force - 3.0 * sigma[:2] < limits).all():
+        if (force > 3.0 * sigma[:2]).all() and (force - 3.0 * sigma[:2] < MOST_FORCE * limits[row]).all():
             cause = Cause(Kind.JETS, (jet, jet2), (sign, sign2))
             result.append(
                 Contender(
-                    cause, screen.onsets[index], gap, float(lead[row]), tuple(force.tolist()), tuple(sigma[:2].tolist())
+                    cause, screen.onsets[index], float(lead[row]), tuple(force.tolist()), tuple(sigma[:2].tolist())
                 )
             )
     return result
@@ -322,16 +321,16 @@ def _pairs(screen: Screen, index: int, allowed: np.ndarray, params: JointParams)
 
 def _lies(screen: Screen, index: int, params: JointParams) -> list[Contender]:
     jets = params.places.jets
-    m = screen.projection.shape[1] - 3 * jets
+    m = screen.projection.shape[1] - 4 * jets
     result = []
     for component in range(m):
-        column = 3 * jets + component
+        column = 4 * jets + component
         energy, projection = screen.information[index, column, column], screen.projection[index, column]
         if energy > 0.0:
             lead = 0.5 * projection**2 / energy - 0.5 * np.log(energy) - cost_of_a_lie(component, params)
             if lead > 0.0:
                 cause = Cause(Kind.LIES, component=component)
-                result.append(Contender(cause, screen.onsets[index], screen.gaps[index], float(lead)))
+                result.append(Contender(cause, screen.onsets[index], float(lead)))
     return result
 
 
