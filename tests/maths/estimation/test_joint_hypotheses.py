@@ -10,8 +10,8 @@ from test_joint_bank import Flight, flight, ready
 from massprop_drake.maths.estimation.joint import screen as screens
 from massprop_drake.maths.estimation.joint.cycle import step
 from massprop_drake.maths.estimation.joint.hypotheses import (
-    KICKS,
     NO_SCORE,
+    SHARES,
     Cause,
     Counting,
     Kind,
@@ -53,7 +53,7 @@ def flown() -> Flight:
 def screen_of(flown: Flight, onsets: tuple[int, ...], params: JointParams = PARAMS) -> screens.Screen:
     """The screen over the whole flight; its cycles count from one, after the first state."""
     read = np.zeros(12)
-    screen = screens.begin(flown.states[0], 0, onsets, read, params)
+    screen = screens.begin((flown.states[0], 0), onsets, tuple(1 for _ in onsets), read, params)
     for over in flown.links:
         screen = screens.screened(screen, over, params)
     return screen
@@ -116,15 +116,15 @@ def test_a_column_agrees_with_a_filter_that_has_the_force_in_a_slot(flown: Fligh
     onset = 3
     screen = screen_of(flown, (onset,))
     column = jet if sign > 0 else 6 + jet
-    index = np.array([column, 12 + jet, 18 + jet])
+    index, kick = np.array([column, 12 + jet, 18 + jet]), 0.1
     lead, amplitude, covariance = screens.explained(
         screen.information[0][np.ix_(index, index)],
         screen.projection[0][index],
-        PARAMS.thrusts[jet] ** 2 * np.array([1.0, *KICKS]) ** 2,
+        np.array([PARAMS.thrusts[jet], kick, SHARES[1] * kick]) ** 2,
     )
-    none = Run(Cause(Kind.NOTHING), 0, onset, flown.states[onset], NO_SCORE, False)
+    none = Run(Cause(Kind.NOTHING), 0, (), onset, flown.states[onset], NO_SCORE, False)
     cause = Cause(Kind.JETS, (jet,), (sign,))
-    run = run_of(flown, none._replace(cause=cause, onset=onset))
+    run = run_of(flown, none._replace(cause=cause, onset=onset, kicks=(kick,)))
     none = run_of(flown, none)
     row = PLACES.force + slot_of(run.state, jet, sign)
     assert run.state.mean[row] == pytest.approx(amplitude[0], abs=0.1 * np.sqrt(covariance[0, 0]))
@@ -136,7 +136,7 @@ def test_a_jump_agrees_with_a_filter_that_expects_one(flown: Flight) -> None:
     params = PARAMS._replace(increment_sigma=1e-3 * PARAMS.increment_sigma)
     screen = screen_of(flown, (3,), params)
     lead, _, _ = screens.explained(screen.jump_information, screen.jump_projection, np.ones(10))
-    none = Run(Cause(Kind.NOTHING), 0, 0, flown.states[0], NO_SCORE, False)
+    none = Run(Cause(Kind.NOTHING), 0, (), 0, flown.states[0], NO_SCORE, False)
     jump = run_of(flown, none._replace(cause=Cause(Kind.JUMP)), without_increments(params))
     none = run_of(flown, none)
     assert jump.score.likelihood - none.score.likelihood == pytest.approx(lead, abs=0.2)
@@ -155,13 +155,13 @@ def test_a_reading_that_lies_once(flown: Flight) -> None:
         links[cycle] = link(states[cycle], report, samples[cycle], QUIET)
     lied = Flight(states, samples, links)
     cause = Cause(Kind.LIES, component=component)
-    run = run_of(lied, Run(cause, onset, onset, states[onset], NO_SCORE, True))
+    run = run_of(lied, Run(cause, onset, (), onset, states[onset], NO_SCORE, True))
     assert not run.lying
-    honest = run_of(flown, Run(Cause(Kind.NOTHING), 0, onset, flown.states[onset], NO_SCORE, False))
+    honest = run_of(flown, Run(Cause(Kind.NOTHING), 0, (), onset, flown.states[onset], NO_SCORE, False))
     assert run.score.likelihood == pytest.approx(
         honest.score.likelihood - cost_of_a_lie(component, PARAMS), abs=10.0
     )  # but for what that reading would have said
-    none = run_of(lied, Run(Cause(Kind.NOTHING), 0, onset, states[onset], NO_SCORE, False))
+    none = run_of(lied, Run(Cause(Kind.NOTHING), 0, (), onset, states[onset], NO_SCORE, False))
     found = screens.contenders(screen_of(lied, (onset,)), np.ones(12, dtype=np.bool_), np.zeros(12), PARAMS)
     first = next(each for each in found if each.cause.kind == Kind.LIES)
     assert first.cause == cause
@@ -173,10 +173,10 @@ def test_a_reading_that_lies_once(flown: Flight) -> None:
 def test_what_the_jets_hypothesis_opens_with(flown: Flight) -> None:
     state, over = flown.states[2], flown.links[2]
     cause = Cause(Kind.JETS, (4, 1), (1, -1))
-    found = kicked(opened(state, cause, PARAMS), cause, 0.3, over, PARAMS)
+    found = kicked(opened(state, cause, PARAMS), cause, np.array([0.2, 0.3]), over, PARAMS)
     assert found.slot_jet.tolist() == [4.0, 1.0]
     assert found.slot_sign.tolist() == [1.0, -1.0]
-    impulses = smeared(over, PLACES)[:, [4, 1]] * PARAMS.thrusts[[4, 1]] * 0.3
+    impulses = smeared(over, PLACES)[:, [4, 1]] * [0.2, 0.3]
     slots = np.zeros((PLACES.size, 2))
     slots[PLACES.force :] = np.diag(PARAMS.thrusts[[4, 1]])
     expected = state.root @ state.root.T + impulses @ impulses.T + slots @ slots.T

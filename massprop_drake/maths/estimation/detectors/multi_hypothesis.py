@@ -40,7 +40,7 @@ from massprop_drake.maths.linear_algebra import Array
 
 _BEFORE_SETTLED = 8.0  # times the trigger: a start's own errors raise it by chance
 _UNSETTLED_FLOOR = 0.1  # of full thrust, to be declared before settled
-_REDRAWN = ()  # cycles of a race after which onsets are chosen again: the likeliest may have moved
+_REDRAWN = (6, 12, 24, 48, 96)  # cycles of a race after which it moves to its likeliest onset, if that is at its edge
 _LEAK_FLOOR, _LOSS_FLOOR = 0.002, 0.05  # of full thrust: below, thrust errors and lags explain as much
 _LEAST_FLOOR = 0.00115  # of the largest jet's thrust: 1 lbf of 870
 _CHANGE = 0.1  # of full thrust, by which a known force must differ to be said to have changed
@@ -286,9 +286,6 @@ def _raced(
     race, standing, decision = state.race, [], Decision(Outcome.OPEN)
     if race is None and index >= 0:
         race = races.begin(bank, index, state.cycle, history, joint)
-    elif race is not None and state.cycle - race.triggered in _REDRAWN and index >= 0:
-        drawn = races.begin(bank, index, race.triggered, history, joint)
-        race = race if drawn.screen.onsets == race.screen.onsets else drawn
     status = Status(likelihood, total, race is not None)
     if race is not None:
         race, standing = _run(race, history, state, before, joint)
@@ -300,6 +297,8 @@ def _raced(
             status = status._replace(
                 likeliest=best if best.lead > 0.0 else None, lead=best.lead - second if best.lead > 0.0 else -best.lead
             )
+    if race is not None and decision.outcome == Outcome.OPEN and state.cycle - race.triggered in _REDRAWN:
+        race = races.moved(race, standing, bank, history, joint)
     bank = banks.taken(bank, over, after, state.cycle)
     oldest = int(bank.cycles[0]) if race is None else min(int(bank.cycles[0]), race.screen.began)
     history = History(state.cycle, history.records[-(state.cycle - oldest + 1) :])
@@ -330,7 +329,7 @@ def _run(
     allowed = (np.ones(2 * params.places.jets) if free > 0 else known) > 0.0
     contenders = screens.contenders(race.screen, allowed, known, params)
     standing = races.standings(race, contenders, params)
-    race = races.running(race, standing, free, params)
+    race = races.running(race, standing, free)
     race = races.stepped_on(race, links, history, state.erratic, without_increments(params))
     return race, races.standings(race, contenders, params)
 

@@ -1,8 +1,8 @@
 r"""What a hypothesis is: the joint filter's own cycle from another state, and how likely it makes the readings.
 
     jets    from the onset on each has a force in a slot, prior N(0, T^2) about what is known of it; since nobody knows
-            when in its interval it began, nor how large it is, P += g g^T, g = 0.6 T x (interval) x (effect of
-            a unit force); and once more in the second interval, 0.1 T, since it builds up with a lag
+            when in its interval it began, P += g g^T, g = 0.6 f x (interval) x (effect of a unit force), f the
+            most that it may be; and once more in the second interval, 0.17 of that: it builds up with a lag
     jump    rebased, the ten parameters uncertain again: P_xx += 0.3^2 S0, guard and settling begin anew
     lies    one component is not read from the onset on, until it fits again
 
@@ -27,8 +27,8 @@ from massprop_drake.maths.estimation.joint.sensitivity import Link, smeared
 from massprop_drake.maths.linear_algebra import Array
 
 JUMP_SHARE = 0.3  # of the uncertainty of the start: no payload changes a vehicle by more than a third (1 sigma)
-KICKS = (0.6, 0.1)  # of full thrust over the first and the second interval, 1-sigma: an onset anywhere in two
-# intervals has 0.58; a lag of a fifth of an interval takes up to that share of the second
+KICK = 0.6  # 1-sigma of an onset's place, in intervals between onsets: uniform over two has 0.58
+SHARES = (1.0, 0.17)  # of it in the first interval and in the second: a lag of a fifth of an interval takes that much
 _MOVED = 0.5  # steps by which a reading has moved to be counted
 _PATIENCE = 6  # samples without any, after which all count: that a rate stands still is evidence, too
 _RANGE = 4e4  # steps that a sensor's range has
@@ -101,6 +101,7 @@ class Run(NamedTuple):
     Attributes:
         cause: see `Cause`.
         onset: cycle after which it holds.
+        kicks: 1-sigma of the impulse of each failed jet at the onset, in intervals of force, lbf or N.
         cycle: the last one done.
         state: after it.
         score: since the race's beginning.
@@ -109,6 +110,7 @@ class Run(NamedTuple):
 
     cause: Cause
     onset: int
+    kicks: tuple[float, ...]
     cycle: int
     state: JointState
     score: Score
@@ -188,18 +190,17 @@ def opened(state: JointState, cause: Cause, params: JointParams) -> JointState:
     return state._replace(root=root, slot_jet=slot_jet, slot_sign=slot_sign)
 
 
-def kicked(state: JointState, cause: Cause, share: float, over: Link, params: JointParams) -> JointState:
+def kicked(state: JointState, cause: Cause, kicks: Array, over: Link, params: JointParams) -> JointState:
     """The state with what failed jets may have given besides over an interval, uncertain.
 
     Args:
         state: before the interval.
         cause: see `Cause`.
-        share: 1-sigma of it over full thrust.
+        kicks: 1-sigma of the force of each, lbf or N.
         over: the interval, of any filter that is near.
         params: see `JointParams`.
     """
-    jets = list(cause.jets)
-    impulses = smeared(over, params.places)[:, jets] * (share * params.thrusts[jets])
+    impulses = smeared(over, params.places)[:, list(cause.jets)] * kicks
     return state._replace(root=compressed(np.hstack((state.root, impulses))))
 
 
@@ -259,8 +260,8 @@ def stepped(run: Run, sample: Sample, over: Link, counts: np.ndarray, erratic: n
     state = run.state
     if run.cycle == run.onset:
         state = opened(state, run.cause, params)
-    if run.cause.kind == Kind.JETS and 0 <= run.cycle - run.onset < len(KICKS):
-        state = kicked(state, run.cause, KICKS[run.cycle - run.onset], over, params)
+    if run.cause.kind == Kind.JETS and 0 <= run.cycle - run.onset < len(SHARES):
+        state = kicked(state, run.cause, SHARES[run.cycle - run.onset] * np.array(run.kicks), over, params)
     state = restless(state, erratic, params)
     after, report = step(state, sample, params)
     score, lying, component = run.score, run.lying, run.cause.component

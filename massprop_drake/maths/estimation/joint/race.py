@@ -25,6 +25,7 @@ LINKS_PER_STEP = 4  # of the screen, in the time of a filter's step
 _BEFORE = 2  # snapshots before the onset where the race begins: the onset is not known to one
 _NEAR = 12.0  # nats behind the best within which a hypothesis runs as a filter: twice the lead that decides
 _RUNS = 6  # filters at once, with the jump
+_TOO_WIDE = 2.0  # times the uncertainty of the onset: then a filter begins anew
 OUT = 60.0  # nats behind the best: out of the race
 
 
@@ -99,9 +100,28 @@ def begin(bank: Bank, index: int, triggered: int, history: History, params: Join
     cycles = bank.cycles.astype(np.intp)
     onsets = tuple(int(cycles[k]) for k in chosen)
     began = int(cycles[first])
+    gaps = tuple(int(cycles[k] - cycles[k - 1]) if k > 0 else 1 for k in chosen)
     read = history.at(began).link.read
-    started = screens.begin(bank.states[first], began, onsets, read, params)
+    started = screens.begin((bank.states[first], began), onsets, gaps, read, params)
     return Race(triggered, (bank.states[first], *(bank.states[k] for k in chosen)), started, ())
+
+
+def moved(race: Race, standing: list[Standing], bank: Bank, history: History, params: JointParams) -> Race:
+    """The race anew about its likeliest onset, where that is the first or the last that it looks at and not the only.
+
+    Args:
+        race: see `Race`.
+        standing: see `standings`.
+        bank: see `begin`.
+        history: see `History`.
+        params: see `JointParams`.
+    """
+    onsets = race.screen.onsets
+    best = next((each.contender.onset for each in standing if each.contender.cause.kind == Kind.JETS), None)
+    if best not in (onsets[0], onsets[-1]) or best not in bank.cycles:
+        return race
+    drawn = begin(bank, int(np.flatnonzero(bank.cycles == best)[0]), race.triggered, history, params)
+    return race if drawn.screen.onsets == onsets else drawn
 
 
 def advanced(race: Race, history: History, params: JointParams) -> Race:
@@ -132,7 +152,7 @@ def standings(race: Race, contenders: list[Contender], params: JointParams) -> l
         run = by_cause.pop(contender.cause, None)
         result.append(Standing(_measured(contender, run, nothing, params) if run else contender, run))
     for cause, run in by_cause.items():  # what is not possible to first order may be so by its filter
-        contender = Contender(cause, run.onset, 0.0)
+        contender = Contender(cause, run.onset, 0.0, kicks=run.kicks)
         result.append(Standing(_measured(contender, run, nothing, params), run))
     return sorted(result, key=lambda standing: -standing.contender.lead)
 
@@ -147,14 +167,13 @@ def _measured(contender: Contender, run: Run, nothing: float, params: JointParam
     return contender._replace(onset=run.onset, lead=lead, force=tuple(force), sigma=tuple(sigma))
 
 
-def running(race: Race, standing: list[Standing], free_slots: int, params: JointParams) -> Race:
+def running(race: Race, standing: list[Standing], free_slots: int) -> Race:
     """The race with the filters that it needs: of the jump, and of those near the best.
 
     Args:
         race: see `Race`.
         standing: see `standings`.
         free_slots: for forces of further failures.
-        params: see `JointParams`.
     """
     best = standing[0].contender.lead
     present = {run.cause: run for run in race.runs}
@@ -163,7 +182,8 @@ def running(race: Race, standing: list[Standing], free_slots: int, params: Joint
         cause = contender.cause
         near = contender.lead > best - (OUT if cause.kind == Kind.JUMP or cause in present else _NEAR)
         if near and contender.lead > 0.0 and len(wanted) < _RUNS and _fits(race, cause, free_slots):
-            wanted.append(present[cause] if cause in present else _opened(race, contender, params))
+            run = present.get(cause)
+            wanted.append(_opened(race, contender) if run is None or _too_wide(run, contender) else run)
     return race._replace(runs=tuple(wanted))
 
 
@@ -175,12 +195,17 @@ def _fits(race: Race, cause: Cause, free_slots: int) -> bool:
     return needed <= free_slots
 
 
-def _opened(race: Race, contender: Contender, params: JointParams) -> Run:
+def _too_wide(run: Run, contender: Contender) -> bool:
+    """Whether a filter began with far more uncertainty of its onset than there now is."""
+    return any(had > _TOO_WIDE * has for had, has in zip(run.kicks, contender.kicks, strict=True))
+
+
+def _opened(race: Race, contender: Contender) -> Run:
     screen, cause = race.screen, contender.cause
     place = 0 if cause.kind == Kind.JUMP else 1 + screen.onsets.index(contender.onset)
     onset = screen.began if cause.kind == Kind.JUMP else contender.onset
     score = screen.scores[onset - screen.began]
-    return Run(cause, onset, onset, race.states[place], score, cause.kind == Kind.LIES)
+    return Run(cause, onset, contender.kicks, onset, race.states[place], score, cause.kind == Kind.LIES)
 
 
 def stepped_on(race: Race, links: int, history: History, erratic: np.ndarray, params: JointParams) -> Race:

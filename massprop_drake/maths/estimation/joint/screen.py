@@ -23,8 +23,9 @@ import numpy as np
 
 from massprop_drake.maths.estimation.joint.hypotheses import (
     JUMP_SHARE,
-    KICKS,
+    KICK,
     NO_SCORE,
+    SHARES,
     Cause,
     Counting,
     Kind,
@@ -40,6 +41,7 @@ from massprop_drake.maths.linear_algebra import Array
 
 MOST_FORCE = 1.05  # of full thrust: a jet gives no more
 PAIR_PRIOR = 12.0  # nats against two failures at once: 1e-5 of one
+BOUND = 3.0  # sigmas within which a force lies
 _PAIRS = 10  # likeliest that are looked at with their onsets uncertain
 _NO_CHANCE = -1e9  # nats of what is not possible
 
@@ -49,6 +51,7 @@ class Screen(NamedTuple):
 
     Attributes:
         onsets: cycles after which failures may have begun, ascending.
+        gaps: intervals between neighboring onsets, of each.
         cycle: the last one done.
         columns: errors of the filter per unit, shape (size, n_onsets * h + 10), h = 4 n_jets + m.
         information: A of each onset, shape (n_onsets, h, h).
@@ -60,6 +63,7 @@ class Screen(NamedTuple):
     """
 
     onsets: tuple[int, ...]
+    gaps: tuple[int, ...]
     cycle: int
     columns: Array
     information: Array
@@ -84,6 +88,7 @@ class Contender(NamedTuple):
         onset: cycle after which it holds.
         lead: L above that of no failure, nats.
         force, sigma: of each failed jet, lbf or N.
+        kicks: 1-sigma of the impulse of each at the onset, in intervals of force, lbf or N.
     """
 
     cause: Cause
@@ -91,19 +96,22 @@ class Contender(NamedTuple):
     lead: float
     force: tuple[float, ...] = ()
     sigma: tuple[float, ...] = ()
+    kicks: tuple[float, ...] = ()
 
 
-def begin(state: JointState, cycle: int, onsets: tuple[int, ...], read: Array, params: JointParams) -> Screen:
+def begin(
+    start: tuple[JointState, int], onsets: tuple[int, ...], gaps: tuple[int, ...], read: Array, params: JointParams
+) -> Screen:
     """The screen before the first cycle of a race.
 
     Args:
-        state: where it begins.
-        cycle: after which.
-        onsets: see `Screen`.
+        start: state where it begins, and the cycle after which that is.
+        onsets, gaps: see `Screen`.
         read: readings then, shape (m,).
         params: see `JointParams`.
     """
     places = params.places
+    state, cycle = start
     h = 4 * places.jets + read.shape[0]
     columns = np.zeros((places.size, len(onsets) * h + N_PROPERTIES))
     jump = np.zeros((places.size, N_PROPERTIES))
@@ -115,6 +123,7 @@ def begin(state: JointState, cycle: int, onsets: tuple[int, ...], read: Array, p
     columns[:, len(onsets) * h :] = jump
     return Screen(
         onsets=onsets,
+        gaps=gaps,
         cycle=cycle,
         columns=columns,
         information=np.zeros((len(onsets), h, h)),
@@ -141,7 +150,7 @@ def screened(screen: Screen, over: Link, params: JointParams) -> Screen:
         if onset <= screen.cycle:
             forcing[:, index * h : index * h + jets] = more
             forcing[:, index * h + jets : index * h + 2 * jets] = less
-        if 0 <= screen.cycle - onset < len(KICKS):
+        if 0 <= screen.cycle - onset < len(SHARES):
             begin = index * h + (2 + screen.cycle - onset) * jets
             forcing[:, begin : begin + jets] = impulse
     columns = carried(screen.columns, forcing, over, places)
@@ -233,42 +242,58 @@ def _of_column(column: int, jets: int) -> tuple[int, int]:
     return (column, 1) if column < jets else (column - jets, -1)
 
 
-def _sets(steps: np.ndarray, params: JointParams) -> tuple[np.ndarray, Array]:
-    """Columns of failures with the impulses at their onsets, and the variances of their priors, (number, k) each.
+class _Fitted(NamedTuple):
+    """Sets of failures with the impulses at their onsets, fitted: leads, forces and sigmas, and kicks, by row."""
+
+    lead: Array
+    force: Array
+    sigma: Array
+    kicks: Array
+
+
+def _fitted(screen: Screen, index: int, steps: np.ndarray, params: JointParams) -> _Fitted:
+    """The fit of sets of failures; first with forces of any size at the onset, then of what has been found.
 
     Args:
+        screen: see `Screen`.
+        index: of the onset.
         steps: columns of the failures, shape (number, failures).
         params: see `JointParams`.
     """
-    jets = params.places.jets
+    jets, failures = params.places.jets, steps.shape[1]
     thrusts = params.thrusts[steps % jets]
-    sets = [steps, *(2 * jets + place * jets + steps % jets for place in range(len(KICKS)))]
-    return np.hstack(sets), np.hstack([thrusts, *(share * thrusts for share in KICKS)]) ** 2
+    sets = np.hstack([steps, *((2 + place) * jets + steps % jets for place in range(len(SHARES)))])
+    information = screen.information[index][sets[:, :, None], sets[:, None, :]]
+    projection = screen.projection[index][sets]
+    most = thrusts
+    for _ in range(2):
+        kicks = KICK * screen.gaps[index] * most
+        variances = np.hstack([thrusts, *(share * kicks for share in SHARES)]) ** 2
+        lead, amplitude, covariance = explained(information, projection, variances)
+        force = amplitude[:, :failures]
+        sigma = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)[:, :failures])
+        most = np.minimum(np.abs(force) + BOUND * sigma, thrusts)
+    return _Fitted(lead, force, sigma, kicks)
 
 
 def _singles(screen: Screen, index: int, allowed: np.ndarray, known: Array, params: JointParams) -> list[Contender]:
     jets = params.places.jets
-    information, projection = screen.information[index], screen.projection[index]
     steps = np.arange(2 * jets)
     thrusts = np.tile(params.thrusts, 2)
-    energy = information[steps, steps]
-    sets, variances = _sets(steps.reshape(-1, 1), params)
-    lead, amplitude, covariance = explained(
-        information[sets[:, :, None], sets[:, None, :]], projection[sets], variances
-    )
-    lead = lead + np.tile(rarity(params), 2)
-    total, sigma = known + amplitude[:, 0], np.sqrt(covariance[:, 0, 0])
-    possible = allowed & (energy > 0.0) & (total + 3.0 * sigma > 0.0) & (total - 3.0 * sigma < MOST_FORCE * thrusts)
-    possible &= (amplitude[:, 0] > 0.0) | (known > 0.0)
+    energy = np.diagonal(screen.information[index])[: 2 * jets]
+    fitted = _fitted(screen, index, steps.reshape(-1, 1), params)
+    lead = fitted.lead + np.tile(rarity(params), 2)
+    change, sigma = fitted.force[:, 0], fitted.sigma[:, 0]
+    total = known + change
+    possible = allowed & (energy > 0.0) & (total + BOUND * sigma > 0.0) & (total - BOUND * sigma < MOST_FORCE * thrusts)
+    possible &= (change > 0.0) | (known > 0.0)
     result = []
     for column in np.flatnonzero(possible & (lead > 0.0)):
         jet, sign = _of_column(int(column), jets)
         cause = Cause(Kind.JETS, (jet,), (sign,))
-        result.append(
-            Contender(
-                cause, screen.onsets[index], float(lead[column]), (float(total[column]),), (float(sigma[column]),)
-            )
-        )
+        values = (total[column], sigma[column], fitted.kicks[column, 0])
+        forces = tuple((float(value),) for value in values)
+        result.append(Contender(cause, screen.onsets[index], float(lead[column]), *forces))
     return result
 
 
@@ -297,25 +322,17 @@ def _pairs(screen: Screen, index: int, allowed: np.ndarray, params: JointParams)
     order = order[np.argsort(-gain[order])][:_PAIRS]
     if order.shape[0] == 0:
         return []
-    one, other = one[order], other[order]
-    limits = np.stack((thrusts[one], thrusts[other]), axis=1)
-    sets, variances = _sets(np.stack((one, other), axis=1), params)
-    lead, amplitude, covariance = explained(
-        information[sets[:, :, None], sets[:, None, :]], projection[sets], variances
-    )
-    lead = lead + scarce[one] + scarce[other] - PAIR_PRIOR
+    steps = np.stack((one[order], other[order]), axis=1)
+    fitted = _fitted(screen, index, steps, params)
+    lead = fitted.lead + scarce[steps].sum(axis=1) - PAIR_PRIOR
+    shows = (fitted.force > BOUND * fitted.sigma).all(axis=1)
+    possible = shows & (fitted.force - BOUND * fitted.sigma < MOST_FORCE * thrusts[steps]).all(axis=1)
     result = []
-    for row in range(order.shape[0]):
-        (jet, sign), (jet2, sign2) = _of_column(int(one[row]), jets), _of_column(int(other[row]), jets)
-        sigma = np.sqrt(np.diag(covariance[row]))
-        force = amplitude[row, :2]
-        if (force > 3.0 * sigma[:2]).all() and (force - 3.0 * sigma[:2] < MOST_FORCE * limits[row]).all():
-            cause = Cause(Kind.JETS, (jet, jet2), (sign, sign2))
-            result.append(
-                Contender(
-                    cause, screen.onsets[index], float(lead[row]), tuple(force.tolist()), tuple(sigma[:2].tolist())
-                )
-            )
+    for row in np.flatnonzero(possible):
+        columns = [_of_column(int(column), jets) for column in steps[row]]
+        cause = Cause(Kind.JETS, tuple(jet for jet, _ in columns), tuple(sign for _, sign in columns))
+        forces = (tuple(each[row].tolist()) for each in (fitted.force, fitted.sigma, fitted.kicks))
+        result.append(Contender(cause, screen.onsets[index], float(lead[row]), *forces))
     return result
 
 
