@@ -7,8 +7,8 @@ r"""What a hypothesis is: the joint filter's own cycle from another state, and h
     lies    one component is not read from the onset on, until it fits again
 
 *Log-likelihood*, L = -1/2 sum (e^T Y^-1 e + ln |Y|), over the components whose reading has moved by half a step since
-it was last counted, all of them when six samples went by without any: the same for every hypothesis, whatever its
-filter uses, or a hypothesis would choose its evidence. A reading that lies is one of 4e4 steps, each as likely.
+it was last counted, or that six samples ago was counted last: the same for every hypothesis, whatever its filter uses,
+or a hypothesis would choose its evidence. A reading that lies is one of 4e4 steps, each as likely.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ JUMP_SHARE = 0.3  # of the uncertainty of the start: no payload changes a vehicl
 KICK = 0.6  # 1-sigma of an onset's place, in intervals between onsets: uniform over two has 0.58
 SHARES = (1.0, 0.17)  # of it in the first interval and in the second: a lag of a fifth of an interval takes that much
 _MOVED = 0.5  # steps by which a reading has moved to be counted
-_PATIENCE = 6  # samples without any, after which all count: that a rate stands still is evidence, too
+_PATIENCE = 6  # samples after which what has not moved counts: that a rate stands still is evidence, too
 _RANGE = 4e4  # steps that a sensor's range has
 _LIES = 5.0  # sigmas off: a reading that does not fit
 _GAUSSIAN = 0.5 * np.log(2.0 * np.pi)  # of each component, left out of every L
@@ -88,11 +88,11 @@ class Counting(NamedTuple):
 
     Attributes:
         last: of each component when it was counted last, shape (m,).
-        quiet: samples since any was.
+        quiet: samples since then, shape (m,).
     """
 
     last: Array
-    quiet: int
+    quiet: Array
 
 
 class Run(NamedTuple):
@@ -126,11 +126,9 @@ def counted(counting: Counting, read: Array, quanta: Array) -> tuple[np.ndarray,
         quanta: see `JointParams`, shape (m,).
     """
     present = ~np.isnan(read)
-    moved = present & ~(np.abs(read - counting.last) < _MOVED * quanta)
-    quiet = 0 if moved.any() else counting.quiet + 1
-    if quiet >= _PATIENCE:
-        moved, quiet = present, 0
-    return moved, Counting(np.where(moved, read, counting.last), quiet)
+    moved = ~(np.abs(read - counting.last) < _MOVED * quanta)
+    counts = present & (moved | (counting.quiet + 1.0 >= _PATIENCE))
+    return counts, Counting(np.where(counts, read, counting.last), np.where(counts, 0.0, counting.quiet + 1.0))
 
 
 def scored(score: Score, innovation: Array, covariance: Array, counts: np.ndarray) -> Score:

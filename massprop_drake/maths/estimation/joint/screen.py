@@ -130,7 +130,7 @@ def begin(
         projection=np.zeros((len(onsets), h)),
         jump_information=np.zeros((N_PROPERTIES, N_PROPERTIES)),
         jump_projection=np.zeros(N_PROPERTIES),
-        counting=Counting(np.where(np.isnan(read), 0.0, read), 0),
+        counting=Counting(np.where(np.isnan(read), 0.0, read), np.zeros(read.shape[0])),
         masks=(),
         scores=(NO_SCORE,),
     )
