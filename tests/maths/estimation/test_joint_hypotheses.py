@@ -124,7 +124,7 @@ def test_a_column_agrees_with_a_filter_that_has_the_force_in_a_slot(flown: Fligh
     )
     none = Run(Cause(Kind.NOTHING), 0, (), onset, flown.states[onset], NO_SCORE, False)
     cause = Cause(Kind.JETS, (jet,), (sign,))
-    run = run_of(flown, none._replace(cause=cause, onset=onset, kicks=(kick,)))
+    run = run_of(flown, none._replace(cause=cause, onset=onset, kicks=((kick,), (SHARES[1] * kick,))))
     none = run_of(flown, none)
     row = PLACES.force + slot_of(run.state, jet, sign)
     assert run.state.mean[row] == pytest.approx(amplitude[0], abs=0.1 * np.sqrt(covariance[0, 0]))

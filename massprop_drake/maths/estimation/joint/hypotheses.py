@@ -101,7 +101,8 @@ class Run(NamedTuple):
     Attributes:
         cause: see `Cause`.
         onset: cycle after which it holds.
-        kicks: 1-sigma of the impulse of each failed jet at the onset, in intervals of force, lbf or N.
+        kicks: 1-sigma of the impulse of each failed jet in the first and in the second interval, in intervals of
+            force, lbf or N.
         cycle: the last one done.
         state: after it.
         score: since the race's beginning.
@@ -110,7 +111,7 @@ class Run(NamedTuple):
 
     cause: Cause
     onset: int
-    kicks: tuple[float, ...]
+    kicks: tuple[tuple[float, ...], ...]
     cycle: int
     state: JointState
     score: Score
@@ -258,8 +259,8 @@ def stepped(run: Run, sample: Sample, over: Link, counts: np.ndarray, erratic: n
     state = run.state
     if run.cycle == run.onset:
         state = opened(state, run.cause, params)
-    if run.cause.kind == Kind.JETS and 0 <= run.cycle - run.onset < len(SHARES):
-        state = kicked(state, run.cause, SHARES[run.cycle - run.onset] * np.array(run.kicks), over, params)
+    if 0 <= run.cycle - run.onset < len(run.kicks):
+        state = kicked(state, run.cause, np.array(run.kicks[run.cycle - run.onset]), over, params)
     state = restless(state, erratic, params)
     after, report = step(state, sample, params)
     score, lying, component = run.score, run.lying, run.cause.component

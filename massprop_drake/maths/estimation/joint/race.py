@@ -65,12 +65,14 @@ class Race(NamedTuple):
         states: after the beginning and after each onset of the screen.
         screen: see `Screen`.
         runs: see `Run`.
+        out: causes whose own filters have fallen too far behind, whatever the first order says of them.
     """
 
     triggered: int
     states: tuple[JointState, ...]
     screen: Screen
     runs: tuple[Run, ...]
+    out: frozenset[Cause] = frozenset()
 
 
 class Standing(NamedTuple):
@@ -149,6 +151,8 @@ def standings(race: Race, contenders: list[Contender], params: JointParams) -> l
     by_cause = {run.cause: run for run in race.runs if run.cycle == race.screen.cycle}
     nothing = race.screen.scores[-1].likelihood
     for contender in contenders:
+        if contender.cause in race.out:
+            continue
         run = by_cause.pop(contender.cause, None)
         result.append(Standing(_measured(contender, run, nothing, params) if run else contender, run))
     for cause, run in by_cause.items():  # what is not possible to first order may be so by its filter
@@ -178,13 +182,14 @@ def running(race: Race, standing: list[Standing], free_slots: int) -> Race:
     best = standing[0].contender.lead
     present = {run.cause: run for run in race.runs}
     wanted: list[Run] = []
+    lost = {each.contender.cause for each in standing if each.run is not None and each.contender.lead < best - OUT}
     for contender, _ in standing:
         cause = contender.cause
         near = contender.lead > best - (OUT if cause.kind == Kind.JUMP or cause in present else _NEAR)
         if near and contender.lead > 0.0 and len(wanted) < _RUNS and _fits(race, cause, free_slots):
             run = present.get(cause)
             wanted.append(_opened(race, contender) if run is None or _too_wide(run, contender) else run)
-    return race._replace(runs=tuple(wanted))
+    return race._replace(runs=tuple(wanted), out=race.out | (lost - {Cause(Kind.JUMP)}))
 
 
 def _fits(race: Race, cause: Cause, free_slots: int) -> bool:
@@ -197,7 +202,11 @@ def _fits(race: Race, cause: Cause, free_slots: int) -> bool:
 
 def _too_wide(run: Run, contender: Contender) -> bool:
     """Whether a filter began with far more uncertainty of its onset than there now is."""
-    return any(had > _TOO_WIDE * has for had, has in zip(run.kicks, contender.kicks, strict=True))
+    return any(
+        had > _TOO_WIDE * has
+        for of_run, now in zip(run.kicks, contender.kicks, strict=True)
+        for had, has in zip(of_run, now, strict=True)
+    )
 
 
 def _opened(race: Race, contender: Contender) -> Run:

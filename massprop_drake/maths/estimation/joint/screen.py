@@ -41,6 +41,7 @@ from massprop_drake.maths.linear_algebra import Array
 
 MOST_FORCE = 1.05  # of full thrust: a jet gives no more
 PAIR_PRIOR = 12.0  # nats against two failures at once: 1e-5 of one
+_LEAST_KICK = 1e-6  # of the largest, so that a variance has an inverse
 BOUND = 3.0  # sigmas within which a force lies
 _PAIRS = 10  # likeliest that are looked at with their onsets uncertain
 _NO_CHANCE = -1e9  # nats of what is not possible
@@ -54,6 +55,8 @@ class Screen(NamedTuple):
         gaps: intervals between neighboring onsets, of each.
         cycle: the last one done.
         columns: errors of the filter per unit, shape (size, n_onsets * h + 10), h = 4 n_jets + m.
+        acting: share of the first intervals after each onset in which each failure can have acted, more and then
+            less, shape (n_onsets, len(SHARES), 2 n_jets).
         information: A of each onset, shape (n_onsets, h, h).
         projection: b of each onset, shape (n_onsets, h).
         jump_information, jump_projection: of the jump, shape (10, 10) and (10,).
@@ -66,6 +69,7 @@ class Screen(NamedTuple):
     gaps: tuple[int, ...]
     cycle: int
     columns: Array
+    acting: Array
     information: Array
     projection: Array
     jump_information: Array
@@ -88,7 +92,7 @@ class Contender(NamedTuple):
         onset: cycle after which it holds.
         lead: L above that of no failure, nats.
         force, sigma: of each failed jet, lbf or N.
-        kicks: 1-sigma of the impulse of each at the onset, in intervals of force, lbf or N.
+        kicks: 1-sigma of the impulse of each in the first and in the second interval, in intervals of force, lbf or N.
     """
 
     cause: Cause
@@ -96,7 +100,7 @@ class Contender(NamedTuple):
     lead: float
     force: tuple[float, ...] = ()
     sigma: tuple[float, ...] = ()
-    kicks: tuple[float, ...] = ()
+    kicks: tuple[tuple[float, ...], ...] = ()
 
 
 def begin(
@@ -126,6 +130,7 @@ def begin(
         gaps=gaps,
         cycle=cycle,
         columns=columns,
+        acting=np.zeros((len(onsets), len(SHARES), 2 * places.jets)),
         information=np.zeros((len(onsets), h, h)),
         projection=np.zeros((len(onsets), h)),
         jump_information=np.zeros((N_PROPERTIES, N_PROPERTIES)),
@@ -154,6 +159,7 @@ def screened(screen: Screen, over: Link, params: JointParams) -> Screen:
             begin = index * h + (2 + screen.cycle - onset) * jets
             forcing[:, begin : begin + jets] = impulse
     columns = carried(screen.columns, forcing, over, places)
+    acting = _acting(screen, over)
     shown = over.jacobian @ columns
     for index in first:
         shown[:, index * h + 4 * jets : (index + 1) * h] += np.eye(m)
@@ -176,6 +182,7 @@ def screened(screen: Screen, over: Link, params: JointParams) -> Screen:
     return screen._replace(
         cycle=screen.cycle + 1,
         columns=columns,
+        acting=acting,
         information=information,
         projection=projection,
         jump_information=jump_information,
@@ -184,6 +191,21 @@ def screened(screen: Screen, over: Link, params: JointParams) -> Screen:
         masks=(*screen.masks, mask),
         scores=(*screen.scores, score),
     )
+
+
+def _acting(screen: Screen, over: Link) -> Array:
+    """`Screen.acting` with one more cycle.
+
+    A loss shows only while its jet is told to fire, a leak only while it is not; but where an onset stands for several
+    intervals, what may have acted in those before it is not known.
+    """
+    idle = 1.0 - over.amount / over.duration_s
+    acting = screen.acting.copy()
+    for index, (onset, gap) in enumerate(zip(screen.onsets, screen.gaps, strict=True)):
+        place = screen.cycle - onset
+        if 0 <= place < len(SHARES):
+            acting[index, place] = 1.0 if place == 0 and gap > 1 else np.concatenate((idle, 1.0 - idle))
+    return acting
 
 
 def explained(information: Array, projection: Array, variances: Array) -> tuple[Array, Array, Array]:
@@ -242,13 +264,17 @@ def _of_column(column: int, jets: int) -> tuple[int, int]:
     return (column, 1) if column < jets else (column - jets, -1)
 
 
+def _rows(values: Array) -> tuple[tuple[float, ...], ...]:
+    return tuple(tuple(row) for row in values.tolist())
+
+
 class _Fitted(NamedTuple):
     """Sets of failures with the impulses at their onsets, fitted: leads, forces and sigmas, and kicks, by row."""
 
     lead: Array
     force: Array
     sigma: Array
-    kicks: Array
+    kicks: Array  # by interval, row and failure
 
 
 def _fitted(screen: Screen, index: int, steps: np.ndarray, params: JointParams) -> _Fitted:
@@ -265,10 +291,11 @@ def _fitted(screen: Screen, index: int, steps: np.ndarray, params: JointParams) 
     sets = np.hstack([steps, *((2 + place) * jets + steps % jets for place in range(len(SHARES)))])
     information = screen.information[index][sets[:, :, None], sets[:, None, :]]
     projection = screen.projection[index][sets]
+    places = np.maximum(screen.acting[index][:, steps], _LEAST_KICK) * np.reshape(SHARES, (-1, 1, 1))
     most = thrusts
     for _ in range(2):
-        kicks = KICK * screen.gaps[index] * most
-        variances = np.hstack([thrusts, *(share * kicks for share in SHARES)]) ** 2
+        kicks = KICK * screen.gaps[index] * most * places
+        variances = np.hstack([thrusts, *kicks]) ** 2
         lead, amplitude, covariance = explained(information, projection, variances)
         force = amplitude[:, :failures]
         sigma = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)[:, :failures])
@@ -291,8 +318,7 @@ def _singles(screen: Screen, index: int, allowed: np.ndarray, known: Array, para
     for column in np.flatnonzero(possible & (lead > 0.0)):
         jet, sign = _of_column(int(column), jets)
         cause = Cause(Kind.JETS, (jet,), (sign,))
-        values = (total[column], sigma[column], fitted.kicks[column, 0])
-        forces = tuple((float(value),) for value in values)
+        forces = ((float(total[column]),), (float(sigma[column]),), _rows(fitted.kicks[:, column]))
         result.append(Contender(cause, screen.onsets[index], float(lead[column]), *forces))
     return result
 
@@ -331,7 +357,7 @@ def _pairs(screen: Screen, index: int, allowed: np.ndarray, params: JointParams)
     for row in np.flatnonzero(possible):
         columns = [_of_column(int(column), jets) for column in steps[row]]
         cause = Cause(Kind.JETS, tuple(jet for jet, _ in columns), tuple(sign for _, sign in columns))
-        forces = (tuple(each[row].tolist()) for each in (fitted.force, fitted.sigma, fitted.kicks))
+        forces = (tuple(fitted.force[row].tolist()), tuple(fitted.sigma[row].tolist()), _rows(fitted.kicks[:, row]))
         result.append(Contender(cause, screen.onsets[index], float(lead[row]), *forces))
     return result
 
