@@ -178,8 +178,12 @@ def test_a_jump_is_announced_once_with_its_size() -> None:
     flown.truth = rebased(flown.truth, JOINT)
     mean[6:9], mean[9] = center, 1.0 / (mass + gained)
     flown.truth = flown.truth._replace(mean=mean)
-    flown.fly(60)
-    said = flown.only(JumpDeclared)
+    flown.fly(110)
+    (_, found), (_, said) = flown.said
+    assert isinstance(found, JumpDeclared)
+    assert isinstance(said, JumpDeclared)
+    assert (found.measured, said.measured) == (False, True)
+    assert said.mass_sigma < 0.2 * gained
     assert abs(said.mass - gained) < 4.5 * said.mass_sigma
     assert (np.abs(said.position - where) < 4.5 * said.position_sigma).all()
     assert np.abs(flown.errors()).max() < 4.5

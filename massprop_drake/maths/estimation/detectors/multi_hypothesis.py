@@ -21,7 +21,14 @@ from massprop_drake.maths.estimation.joint import screen as screens
 from massprop_drake.maths.estimation.joint.bank import Bank
 from massprop_drake.maths.estimation.joint.covariance import compressed
 from massprop_drake.maths.estimation.joint.cycle import Report, Sample, step
-from massprop_drake.maths.estimation.joint.decision import SIGNIFICANT, Decision, Levels, Outcome, decided
+from massprop_drake.maths.estimation.joint.decision import (
+    SIGNIFICANT,
+    UNSETTLED_FLOOR,
+    Decision,
+    Levels,
+    Outcome,
+    decided,
+)
 from massprop_drake.maths.estimation.joint.guard import unguarded
 from massprop_drake.maths.estimation.joint.hypotheses import (
     JUMP_SHARE,
@@ -39,7 +46,6 @@ from massprop_drake.maths.estimation.joint.thrust_scale import reported
 from massprop_drake.maths.linear_algebra import Array
 
 _BEFORE_SETTLED = 8.0  # times the trigger: a start's own errors raise it by chance
-_UNSETTLED_FLOOR = 0.1  # of full thrust, to be declared before settled
 _REDRAWN = (6, 12, 24, 48, 96)  # cycles of a race after which it moves to its likeliest onset, if that is at its edge
 _LEAK_FLOOR, _LOSS_FLOOR = 0.002, 0.05  # of full thrust: below, thrust errors and lags explain as much
 _LEAST_FLOOR = 0.00115  # of the largest jet's thrust: 1 lbf of 870
@@ -80,14 +86,16 @@ class JetsDeclared(NamedTuple):
 
 
 class JumpDeclared(NamedTuple):
-    """A jump of the mass properties.
+    """A jump of the mass properties; first when it is found, and again when the filter has settled after it.
 
     Attributes:
+        measured: whether this is the second time.
         onset_s: when it had not happened yet.
         mass, mass_sigma: gained (released: negative), slug or kg.
         position, position_sigma: where, vehicle frame, ft or m, shape (3,).
     """
 
+    measured: bool
     onset_s: float
     mass: float
     mass_sigma: float
@@ -149,6 +157,7 @@ class State(NamedTuple):
         changes: times that each slot's force was announced as changed, shape (n_force,).
         erratic: 1 for each slot whose jet is erratic, shape (n_force,).
         lying: 1 for each component that is left out until it fits, shape (m,).
+        earlier: of the filter before a jump that is not measured yet.
     """
 
     cycle: int
@@ -160,6 +169,7 @@ class State(NamedTuple):
     changes: Array
     erratic: Array
     lying: Array
+    earlier: JointState | None
 
 
 class Status(NamedTuple):
@@ -211,6 +221,7 @@ def initial(params: JointParams) -> State:
         changes=slots,
         erratic=slots,
         lying=np.zeros(3 * (places.gyros + places.accelerometers)),
+        earlier=None,
     )
 
 
@@ -235,7 +246,7 @@ def judge(
     if not before.started:
         return Judgment(state, None, after, (), Status())
     state, again, report, sample = _probation(state, before, (after, report), sample, joint)
-    if not again.guarded:
+    if not again.guarded or report.incremented:  # an increment forgets what a race would compare
         quiet = state._replace(bank=banks.empty(joint.places), history=History(state.cycle, ()), race=None)
         return Judgment(quiet, _restless(quiet, again, after, joint), again, (), Status())
     state, decision, standing, status = _raced(state, before, again, report, sample, params)
@@ -243,10 +254,10 @@ def judge(
         published = again
         if standing and standing[0].run is not None and standing[0].contender.lead > params.levels.lead_nothing:
             published = standing[0].run.state
-        state, declared = _passed(state, again, joint)
+        state, declared = _known_now(state, again, joint)
         return Judgment(state, _restless(state, again, after, joint), published, declared, status)
     state, now, said = _concluded(state, again, decision, joint)
-    state, declared = _passed(state, now, joint)
+    state, declared = _known_now(state, now, joint)
     return Judgment(state, _restless(state, now, after, joint), now, (*said, *declared), status)
 
 
@@ -319,18 +330,19 @@ def _run(
     race: Race, history: History, state: State, before: JointState, params: JointParams
 ) -> tuple[Race, list[races.Standing]]:
     """The race after one cycle's work, and its standing; none while it has not arrived at the present."""
-    before_links = race.screen.cycle
+    links = race.screen.cycle
     race = races.advanced(race, history, params)
-    links = race.screen.cycle - before_links
     if not races.arrived(race, history):
         return race, []
+    left = max(races.STEPS - (race.screen.cycle - links) // races.LINKS_PER_STEP, 1)
     known = races.known_forces(race.states[0], params)
     free = int((before.slot_jet < 0).sum())
     allowed = (np.ones(2 * params.places.jets) if free > 0 else known) > 0.0
     contenders = screens.contenders(race.screen, allowed, known, params)
-    standing = races.standings(race, contenders, params)
-    race = races.running(race, standing, free)
-    race = races.stepped_on(race, links, history, state.erratic, without_increments(params))
+    quiet = without_increments(params)
+    race, left = races.stepped_on(race, left, history, state.erratic, quiet)
+    race = races.running(race, races.standings(race, contenders, params), free)
+    race, _ = races.stepped_on(race, left, history, state.erratic, quiet)
     return race, races.standings(race, contenders, params)
 
 
@@ -356,7 +368,8 @@ def _concluded(
         state, said = _jets(state, now, race, decision, joint)
         declared += said
     elif decision.outcome == Outcome.JUMP:
-        declared.append(_jump(race.states[0], now, joint))
+        declared.append(_jump(race.states[0], now, False, joint))
+        state = state._replace(earlier=race.states[0])
     elif decision.outcome == Outcome.LIES:
         assert winner is not None
         assert winner.run is not None
@@ -384,7 +397,7 @@ def _floor(jet: int, sign: float, is_settled: bool, params: JointParams) -> floa
     """The least force to be declared."""
     thrust = float(params.thrusts[jet])
     if not is_settled:
-        return _UNSETTLED_FLOOR * thrust
+        return UNSETTLED_FLOOR * thrust
     if sign < 0:
         return _LOSS_FLOOR * thrust
     return max(_LEAK_FLOOR * thrust, _LEAST_FLOOR * float(params.thrusts.max()))
@@ -438,10 +451,13 @@ def _jets(
     return state._replace(announced=announced, changes=changes, erratic=erratic), said
 
 
-def _passed(state: State, now: JointState, params: JointParams) -> tuple[State, tuple[Declaration, ...]]:
-    """Failures that were too small to be declared when they were found, and no longer are."""
+def _known_now(state: State, now: JointState, params: JointParams) -> tuple[State, tuple[Declaration, ...]]:
+    """What is known only now: failures too small to be declared when they were found, and the size of a jump."""
     said: list[Declaration] = []
     announced = state.announced
+    if state.earlier is not None and settled(now, params):
+        said.append(_jump(state.earlier, now, True, params))
+        state = state._replace(earlier=None)
     for slot in np.flatnonzero((now.slot_jet >= 0) & (state.announced == 0.0)):
         jet, sign = int(now.slot_jet[slot]), int(now.slot_sign[slot])
         force, sigma = _force(now, int(slot), params)
@@ -452,7 +468,7 @@ def _passed(state: State, now: JointState, params: JointParams) -> tuple[State, 
     return state._replace(announced=announced), tuple(said)
 
 
-def _jump(earlier: JointState, now: JointState, params: JointParams) -> JumpDeclared:
+def _jump(earlier: JointState, now: JointState, measured: bool, params: JointParams) -> JumpDeclared:
     """Size and place of what was gained, with sigmas by first-order propagation of both estimates."""
     masses, moments, covariance = [], [], np.zeros((8, 8))
     for index, each in enumerate((earlier, now)):
@@ -473,4 +489,4 @@ def _jump(earlier: JointState, now: JointState, params: JointParams) -> JumpDecl
     derivative[1:, 0], derivative[1:, 4] = position / gained, -position / gained
     derivative[1:, 1:4], derivative[1:, 5:] = -np.eye(3) / gained, np.eye(3) / gained
     sigma = np.sqrt(np.diag(derivative @ covariance @ derivative.T))
-    return JumpDeclared(earlier.time_s, gained, float(sigma[0]), position, sigma[1:])
+    return JumpDeclared(measured, earlier.time_s, gained, float(sigma[0]), position, sigma[1:])

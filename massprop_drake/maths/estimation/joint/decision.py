@@ -27,6 +27,7 @@ from massprop_drake.maths.estimation.joint.screen import Contender
 
 FIT = 6.0  # standard deviations of chi-square: rounding is not white, and six are never chance
 SIGNIFICANT = 3.0  # sigmas of a force
+UNSETTLED_FLOOR = 0.1  # of full thrust: before settled a start that still learns explains less than that by jets
 _LIE_AFTER = 6  # cycles: a lie that ends is told from a rate that has changed by what follows it
 _JUMP_AFTER = 2  # samples: in one of them a pair of jets explains as much
 _JUMP_AT_LEAST = 1000.0  # nats before settled: less is a start that still learns
@@ -98,7 +99,8 @@ def decided(race: Race, standing: list[Standing], settled: bool, levels: Levels,
     second = standing[1].contender.lead if len(standing) > 1 else 0.0
     clear = lead - second > levels.lead and lead > levels.lead_nothing
     if kind == Kind.JETS and best.run is not None and (jump.run is not None or jump.contender.lead < lead - OUT):
-        found = _of_jets(race, standing, cycles, clear, levels, params)
+        large = settled or _large(best.contender, params)
+        found = _of_jets(race, standing, cycles, clear, levels, params) if large else None
         if found is not None:
             return found
     if kind == Kind.JUMP and jump.run is not None and clear and cycles >= _JUMP_AFTER:
@@ -136,6 +138,12 @@ def _of_jets(
     if small and all(screens.alike(race.screen, best, other, ALIKE, params) for other in near):
         return Decision(Outcome.GROUP, standing[0], near)
     return None
+
+
+def _large(contender: Contender, params: JointParams) -> bool:
+    """Whether each force is one that may be believed before settled."""
+    jets = contender.cause.jets
+    return all(f > UNSETTLED_FLOOR * params.thrusts[jet] for f, jet in zip(contender.force, jets, strict=True))
 
 
 def _near(standing: list[Standing], levels: Levels) -> tuple[Contender, ...]:

@@ -25,6 +25,7 @@ LINKS_PER_STEP = 4  # of the screen, in the time of a filter's step
 _BEFORE = 2  # snapshots before the onset where the race begins: the onset is not known to one
 _NEAR = 12.0  # nats behind the best within which a hypothesis runs as a filter: twice the lead that decides
 _RUNS = 6  # filters at once, with the jump
+_BETTER = 3.0  # nats at another onset, that a filter begins anew there
 _TOO_WIDE = 2.0  # times the uncertainty of the onset: then a filter begins anew
 OUT = 60.0  # nats behind the best: out of the race
 
@@ -81,10 +82,12 @@ class Standing(NamedTuple):
     Attributes:
         contender: see `Contender`; lead and forces are those of its filter where that has arrived.
         run: its filter where it has arrived at the present, else None.
+        first_order: what the screen says of it, maybe at another onset.
     """
 
     contender: Contender
     run: Run | None
+    first_order: Contender
 
 
 def begin(bank: Bank, index: int, triggered: int, history: History, params: JointParams) -> Race:
@@ -154,10 +157,11 @@ def standings(race: Race, contenders: list[Contender], params: JointParams) -> l
         if contender.cause in race.out:
             continue
         run = by_cause.pop(contender.cause, None)
-        result.append(Standing(_measured(contender, run, nothing, params) if run else contender, run))
+        measured = _measured(contender, run, nothing, params) if run else contender
+        result.append(Standing(measured, run, contender))
     for cause, run in by_cause.items():  # what is not possible to first order may be so by its filter
         contender = Contender(cause, run.onset, 0.0, kicks=run.kicks)
-        result.append(Standing(_measured(contender, run, nothing, params), run))
+        result.append(Standing(_measured(contender, run, nothing, params), run, contender))
     return sorted(result, key=lambda standing: -standing.contender.lead)
 
 
@@ -183,12 +187,13 @@ def running(race: Race, standing: list[Standing], free_slots: int) -> Race:
     present = {run.cause: run for run in race.runs}
     wanted: list[Run] = []
     lost = {each.contender.cause for each in standing if each.run is not None and each.contender.lead < best - OUT}
-    for contender, _ in standing:
-        cause = contender.cause
+    for each in standing:
+        contender, cause = each.contender, each.contender.cause
         near = contender.lead > best - (OUT if cause.kind == Kind.JUMP or cause in present else _NEAR)
         if near and contender.lead > 0.0 and len(wanted) < _RUNS and _fits(race, cause, free_slots):
             run = present.get(cause)
-            wanted.append(_opened(race, contender) if run is None or _too_wide(run, contender) else run)
+            anew = run is None or _too_wide(run, contender) or _elsewhere(each)
+            wanted.append(_opened(race, each.first_order) if run is None or anew else run)
     return race._replace(runs=tuple(wanted), out=race.out | (lost - {Cause(Kind.JUMP)}))
 
 
@@ -209,6 +214,12 @@ def _too_wide(run: Run, contender: Contender) -> bool:
     )
 
 
+def _elsewhere(standing: Standing) -> bool:
+    """Whether another onset than its filter's explains clearly more."""
+    contender, run, first = standing
+    return run is not None and first.onset != run.onset and first.lead > contender.lead + _BETTER
+
+
 def _opened(race: Race, contender: Contender) -> Run:
     screen, cause = race.screen, contender.cause
     place = 0 if cause.kind == Kind.JUMP else 1 + screen.onsets.index(contender.onset)
@@ -217,18 +228,17 @@ def _opened(race: Race, contender: Contender) -> Run:
     return Run(cause, onset, contender.kicks, onset, race.states[place], score, cause.kind == Kind.LIES)
 
 
-def stepped_on(race: Race, links: int, history: History, erratic: np.ndarray, params: JointParams) -> Race:
-    """The race with its filters as far as the bound on steps lets them go, in their order.
+def stepped_on(race: Race, left: int, history: History, erratic: np.ndarray, params: JointParams) -> tuple[Race, int]:
+    """The race with its filters as far as the steps that are left let them go, in their order, and what then is left.
 
     Args:
         race: see `Race`.
-        links: that the screen has taken in this cycle.
+        left: steps.
         history: see `History`.
         erratic: see `hypotheses.restless`.
         params: without increments.
     """
-    left, runs = max(STEPS - links // LINKS_PER_STEP, 1), []
-    screen = race.screen
+    runs, screen = [], race.screen
     for run in race.runs:
         now = run
         while left > 0 and now.cycle < screen.cycle:
@@ -237,7 +247,7 @@ def stepped_on(race: Race, links: int, history: History, erratic: np.ndarray, pa
             now = stepped(now, record.sample, record.link, counts, erratic, params)
             left -= 1
         runs.append(now)
-    return race._replace(runs=tuple(runs))
+    return race._replace(runs=tuple(runs)), left
 
 
 def known_forces(state: JointState, params: JointParams) -> Array:
