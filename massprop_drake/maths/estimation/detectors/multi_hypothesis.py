@@ -294,7 +294,8 @@ def _raced(
         by_jet = likelihood > params.trigger_jet * factor
         if by_jet or total > params.trigger * factor:
             index = banks.onset_of(found.likelihood.max(axis=1) if by_jet else found.total, _ONSET_SHARE)
-    race, standing, decision = state.race, [], Decision(Outcome.OPEN)
+    race, decision = state.race, Decision(Outcome.OPEN)
+    standing: list[races.Standing] = []
     if race is None and index >= 0:
         race = races.begin(bank, index, state.cycle, history, joint)
     status = Status(likelihood, total, race is not None)

@@ -217,7 +217,7 @@ def explained(information: Array, projection: Array, variances: Array) -> tuple[
         variances: of the priors, shape (..., k).
     """
     precision = information + np.eye(variances.shape[-1]) / variances[..., None, :]
-    covariance = np.linalg.inv(precision)
+    covariance = np.asarray(np.linalg.inv(precision), dtype=np.float64)
     amplitude = (covariance @ projection[..., None])[..., 0]
     _, volume = np.linalg.slogdet(precision)
     lead = 0.5 * np.sum(amplitude * projection, axis=-1) - 0.5 * (volume + np.sum(np.log(variances), axis=-1))
