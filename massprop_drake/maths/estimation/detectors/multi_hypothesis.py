@@ -92,7 +92,7 @@ class JumpDeclared(NamedTuple):
         measured: whether this is the second time.
         onset_s: when it had not happened yet.
         mass, mass_sigma: gained (released: negative), slug or kg.
-        position, position_sigma: where, vehicle frame, ft or m, shape (3,).
+        position, position_sigma: where, vehicle frame, NaN while the mass is not significant, ft or m, shape (3,).
     """
 
     measured: bool
@@ -484,10 +484,13 @@ def _jump(earlier: JointState, now: JointState, measured: bool, params: JointPar
         half = by_state @ rows[[9, 6, 7, 8]]
         covariance[4 * index : 4 * index + 4, 4 * index : 4 * index + 4] = half @ half.T
     gained = masses[1] - masses[0]
+    mass_sigma = float(np.sqrt(covariance[0, 0] + covariance[4, 4]))
+    if abs(gained) < SIGNIFICANT * mass_sigma:
+        unknown = np.full(3, np.nan)
+        return JumpDeclared(measured, earlier.time_s, float(gained), mass_sigma, unknown, unknown)
     position = (moments[1] - moments[0]) / gained
-    derivative = np.zeros((4, 8))
-    derivative[0, [0, 4]] = -1.0, 1.0
-    derivative[1:, 0], derivative[1:, 4] = position / gained, -position / gained
-    derivative[1:, 1:4], derivative[1:, 5:] = -np.eye(3) / gained, np.eye(3) / gained
+    derivative = np.zeros((3, 8))
+    derivative[:, 0], derivative[:, 4] = position / gained, -position / gained
+    derivative[:, 1:4], derivative[:, 5:] = -np.eye(3) / gained, np.eye(3) / gained
     sigma = np.sqrt(np.diag(derivative @ covariance @ derivative.T))
-    return JumpDeclared(measured, earlier.time_s, gained, float(sigma[0]), position, sigma[1:])
+    return JumpDeclared(measured, earlier.time_s, float(gained), mass_sigma, position, sigma)

@@ -30,6 +30,7 @@ SIGNIFICANT = 3.0  # sigmas of a force
 UNSETTLED_FLOOR = 0.1  # of full thrust: before settled a start that still learns explains less than that by jets
 _LIE_AFTER = 6  # cycles: a lie that ends is told from a rate that has changed by what follows it
 _JUMP_AFTER = 2  # samples: in one of them a pair of jets explains as much
+_PAIR_AFTER = 3  # samples: two jets and their onsets explain nearly all of the six increments of one or two
 _JUMP_AT_LEAST = 1000.0  # nats before settled: less is a start that still learns
 _INCREMENT_AFTER = 25  # cycles: a filter that was a little off, no payload
 _NOTHING_AFTER, _NOTHING_NEAR, _NOTHING_LATE = 12, 8.0, 75
@@ -128,6 +129,8 @@ def _of_jets(
     significant = all(abs(force) > SIGNIFICANT * sigma for force, sigma in zip(best.force, best.sigma, strict=True))
     known = any(jet in race.states[0].slot_jet for jet in best.cause.jets)
     if run.score.misfit >= FIT or best.lead <= levels.lead_nothing or not (significant or known):
+        return None
+    if len(best.cause.jets) > 1 and cycles < _PAIR_AFTER:
         return None
     if clear:
         return Decision(Outcome.JETS, standing[0])

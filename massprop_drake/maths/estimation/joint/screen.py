@@ -130,7 +130,7 @@ def begin(
         gaps=gaps,
         cycle=cycle,
         columns=columns,
-        acting=np.zeros((len(onsets), len(SHARES), 2 * places.jets)),
+        acting=np.ones((len(onsets), len(SHARES), 2 * places.jets)),
         information=np.zeros((len(onsets), h, h)),
         projection=np.zeros((len(onsets), h)),
         jump_information=np.zeros((N_PROPERTIES, N_PROPERTIES)),
@@ -249,7 +249,7 @@ def contenders(screen: Screen, allowed: np.ndarray, known: Array, params: JointP
     found: dict[Cause, Contender] = {}
     for index in range(len(screen.onsets)):
         singles = _singles(screen, index, allowed, known, params)
-        pairs = _pairs(screen, index, allowed & (known == 0.0), params)
+        pairs = _pairs(screen, index, allowed, known, params)
         for contender in (*singles, *pairs, *_lies(screen, index, params)):
             best = found.get(contender.cause)
             if best is None or contender.lead > best.lead:
@@ -323,7 +323,7 @@ def _singles(screen: Screen, index: int, allowed: np.ndarray, known: Array, para
     return result
 
 
-def _pairs(screen: Screen, index: int, allowed: np.ndarray, params: JointParams) -> list[Contender]:
+def _pairs(screen: Screen, index: int, allowed: np.ndarray, known: Array, params: JointParams) -> list[Contender]:
     jets = params.places.jets
     information, projection = screen.information[index], screen.projection[index]
     thrusts = np.tile(params.thrusts, 2)
@@ -343,7 +343,9 @@ def _pairs(screen: Screen, index: int, allowed: np.ndarray, params: JointParams)
     gain -= 0.5 * np.log(determinant * thrusts[one] ** 2 * thrusts[other] ** 2)
     scarce = np.tile(rarity(params), 2)
     gain += scarce[one] + scarce[other] - PAIR_PRIOR
-    possible = (x > 0.0) & (y > 0.0) & (x < 1.5 * thrusts[one]) & (y < 1.5 * thrusts[other])
+    had, other_had = known[one] > 0.0, known[other] > 0.0
+    possible = ((x > 0.0) | had) & ((y > 0.0) | other_had) & ~(had & other_had)
+    possible &= (x < 1.5 * thrusts[one]) & (y < 1.5 * thrusts[other])
     order = np.flatnonzero(possible & (gain > 0.0))
     order = order[np.argsort(-gain[order])][:_PAIRS]
     if order.shape[0] == 0:
@@ -351,13 +353,15 @@ def _pairs(screen: Screen, index: int, allowed: np.ndarray, params: JointParams)
     steps = np.stack((one[order], other[order]), axis=1)
     fitted = _fitted(screen, index, steps, params)
     lead = fitted.lead + scarce[steps].sum(axis=1) - PAIR_PRIOR
-    shows = (fitted.force > BOUND * fitted.sigma).all(axis=1)
-    possible = shows & (fitted.force - BOUND * fitted.sigma < MOST_FORCE * thrusts[steps]).all(axis=1)
+    total = fitted.force + known[steps]
+    shows = (np.abs(fitted.force) > BOUND * fitted.sigma) & ((fitted.force > 0.0) | (known[steps] > 0.0))
+    within = (total + BOUND * fitted.sigma > 0.0) & (total - BOUND * fitted.sigma < MOST_FORCE * thrusts[steps])
+    possible = (shows & within).all(axis=1)
     result = []
     for row in np.flatnonzero(possible):
         columns = [_of_column(int(column), jets) for column in steps[row]]
         cause = Cause(Kind.JETS, tuple(jet for jet, _ in columns), tuple(sign for _, sign in columns))
-        forces = (tuple(fitted.force[row].tolist()), tuple(fitted.sigma[row].tolist()), _rows(fitted.kicks[:, row]))
+        forces = (tuple(total[row].tolist()), tuple(fitted.sigma[row].tolist()), _rows(fitted.kicks[:, row]))
         result.append(Contender(cause, screen.onsets[index], float(lead[row]), *forces))
     return result
 

@@ -1,0 +1,74 @@
+"""Filter and detector on the orbiter, flown open loop through the sample maneuver with lag, told 5 % wrong."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+from detector_probe import Body, Failure, Release, Watch, body_of, detector_params, fly, quantized, watch, watched
+
+from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.maths.estimation.detectors.multi_hypothesis import (
+    Declaration,
+    HypothesisParams,
+    JetsDeclared,
+    JumpDeclared,
+    Word,
+)
+from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.results.run import Run
+
+START = 480  # cycles before anything happens: the filter has settled
+
+
+class Flight(NamedTuple):
+    """The healthy part of a flight, and what continues it."""
+
+    vehicle: Vehicle
+    params: HypothesisParams
+    commands: Array
+    body: Body
+    watch: Watch
+
+
+def readings(flown: Any, vehicle: Vehicle) -> tuple[Array, Array]:
+    """Of one gyro and the accelerometers, quantized at one phase."""
+    phase = np.random.default_rng(4).uniform(size=(2, 3))
+    rates = quantized(flown.rates[:, None], vehicle.gyros[0].quantum, phase[:1])
+    return rates, quantized(flown.velocities, vehicle.accelerometers[0].quantum, phase[1:])
+
+
+@pytest.fixture(scope="module")
+def healthy(sample_run: Run, orbiter: Vehicle) -> Flight:
+    params = detector_params(orbiter, dispersed=False)
+    commands = sample_run["command"]
+    flown = fly(orbiter, body_of(orbiter), commands[:START], 0.0, np.ones(44), [])
+    now, said = watched(watch(params), commands[:START], *readings(flown, orbiter), params)
+    assert not said
+    return Flight(orbiter, params, commands, flown.body, now)
+
+
+def continued(healthy: Flight, event: Failure | Release, cycles: int) -> list[tuple[float, Declaration]]:
+    """What is said after an event, with the time since it."""
+    vehicle, params, commands, body, now = healthy
+    rows = commands[START : START + cycles]
+    flown = fly(vehicle, body, rows, START * vehicle.sample_period_s, np.ones(44), [event])
+    _, said = watched(now, rows, *readings(flown, vehicle), params)
+    begin = event.start_s if isinstance(event, Failure) else event.time_s
+    return [(time_s - begin, declaration) for time_s, declaration in said]
+
+
+@pytest.mark.parametrize(("kind", "jet", "size", "limit_s"), [("on", 28, 0.0, 0.3), ("leak", 38, 10.0, 1.5)])
+def test_a_failed_jet_is_named_soon(healthy: Flight, kind: str, jet: int, size: float, limit_s: float) -> None:
+    ((after_s, said),) = continued(healthy, Failure(kind, jet, 38.43, size), 25)
+    assert isinstance(said, JetsDeclared)
+    assert (said.word, said.jets, said.signs) == (Word.FAILED, (jet,), (1,))
+    assert after_s < limit_s
+    force = size or np.linalg.norm(healthy.vehicle.thrusts[jet])
+    assert abs(said.forces[0] - force) < 4.5 * said.sigmas[0]
+
+
+def test_a_release_is_a_jump_and_no_jet(healthy: Flight) -> None:
+    said = continued(healthy, Release(38.43, 1000.0, np.array([60.0, 0.0, -3.0])), 60)
+    assert [type(declaration) for _, declaration in said] == [JumpDeclared]
