@@ -412,61 +412,70 @@ def _force(now: JointState, slot: int, params: JointParams) -> tuple[float, floa
 def _jets(
     state: State, now: JointState, race: Race, decision: Decision, params: JointParams
 ) -> tuple[State, list[Declaration]]:
-    """What is said of the winning jets, and kept of them."""
+    """What is said of winning jets that nothing has been said of, if they are large enough."""
     winner = decision.winner
-    assert winner is not None
+    assert winner is not None, "somebody has won"
     contender = winner.contender
-    onset_s = _onset_s(race, contender)
-    announced, changes, erratic = state.announced.copy(), state.changes.copy(), state.erratic.copy()
+    announced = state.announced.copy()
     was_settled = settled(race.states[0], params)
-    said: list[Declaration] = []
     new: list[tuple[int, int, float, float]] = []
     for jet, sign in zip(contender.cause.jets, contender.cause.signs, strict=True):
         slot = slot_of(now, jet, sign)
         force, sigma = _force(now, slot, params)
-        floor = _floor(jet, sign, was_settled, params)
-        if announced[slot] == 0.0:
-            if force > floor and force > SIGNIFICANT * sigma:
-                announced[slot] = force
-                new.append((jet, sign, force, sigma))
-            continue
-        if erratic[slot] or abs(force - announced[slot]) <= max(SIGNIFICANT * sigma, _CHANGE * params.thrusts[jet]):
-            continue
-        changes[slot] += 1.0
-        word = Word.WITHDRAWN if abs(force) < max(floor, SIGNIFICANT * sigma) else Word.CHANGED
-        announced[slot] = max(force, np.finfo(np.float64).tiny)
-        if changes[slot] >= _ERRATIC_AFTER:
-            word, erratic[slot] = Word.ERRATIC, 1.0
-        said.append(JetsDeclared(word, (jet,), (sign,), (force,), (sigma,), onset_s))
-    if new:
-        named = {(jet, sign) for jet, sign, _, _ in new}
-        for other in decision.group:
-            for member in zip(other.cause.jets, other.cause.signs, other.force, other.sigma, strict=True):
-                if member[:2] not in named:
-                    named.add(member[:2])
-                    new.append(member)
-        jets, signs, forces, sigmas = zip(*new, strict=True)
-        group = bool(decision.group)
-        word = Word.GROUP if group else Word.FAILED
-        said.append(JetsDeclared(word, jets, signs, forces, sigmas, onset_s, jets[0] if group else -1))
-    return state._replace(announced=announced, changes=changes, erratic=erratic), said
+        if announced[slot] == 0.0 and force > max(_floor(jet, sign, was_settled, params), SIGNIFICANT * sigma):
+            announced[slot] = force
+            new.append((jet, sign, force, sigma))
+    if not new:
+        return state, []
+    named = {(jet, sign) for jet, sign, _, _ in new}
+    for other in decision.group:
+        for member in zip(other.cause.jets, other.cause.signs, other.force, other.sigma, strict=True):
+            if member[:2] not in named:
+                named.add(member[:2])
+                new.append(member)
+    jets, signs, forces, sigmas = zip(*new, strict=True)
+    word, apart = (Word.GROUP, jets[0]) if decision.group else (Word.FAILED, -1)
+    said = JetsDeclared(word, jets, signs, forces, sigmas, _onset_s(race, contender), apart)
+    return state._replace(announced=announced), [said]
 
 
 def _known_now(state: State, now: JointState, params: JointParams) -> tuple[State, tuple[Declaration, ...]]:
-    """What is known only now: failures too small to be declared when they were found, and the size of a jump."""
+    """What is known only now: failures too small before, forces that have changed, and the size of a jump."""
     said: list[Declaration] = []
-    announced = state.announced
     if state.earlier is not None and settled(now, params):
         said.append(_jump(state.earlier, now, True, params))
         state = state._replace(earlier=None)
-    for slot in np.flatnonzero((now.slot_jet >= 0) & (state.announced == 0.0)):
+    for slot in np.flatnonzero((now.slot_jet >= 0) & (state.erratic == 0.0)).tolist():
         jet, sign = int(now.slot_jet[slot]), int(now.slot_sign[slot])
-        force, sigma = _force(now, int(slot), params)
-        if settled(now, params) and force > _floor(jet, sign, True, params) and force > SIGNIFICANT * sigma:
-            announced = announced.copy()
-            announced[slot] = force
-            said.append(JetsDeclared(Word.FAILED, (jet,), (sign,), (force,), (sigma,), now.time_s))
-    return state._replace(announced=announced), tuple(said)
+        force, sigma = _force(now, slot, params)
+        floor = max(_floor(jet, sign, settled(now, params), params), SIGNIFICANT * sigma)
+        had = state.announced[slot]
+        changes = state.changes[slot]
+        if had == 0.0:
+            if force < floor:
+                continue
+            word = Word.FAILED
+        elif abs(force - had) > max(SIGNIFICANT * sigma, _CHANGE * params.thrusts[jet]):
+            changes += 1.0
+            word = Word.WITHDRAWN if force < floor else Word.CHANGED
+        else:
+            continue
+        if changes >= _ERRATIC_AFTER:
+            word = Word.ERRATIC
+        said.append(JetsDeclared(word, (jet,), (sign,), (force,), (sigma,), now.time_s))
+        state = state._replace(
+            announced=_with(state.announced, slot, max(force, np.finfo(np.float64).tiny)),
+            changes=_with(state.changes, slot, changes),
+            erratic=_with(state.erratic, slot, float(word == Word.ERRATIC)),
+        )
+    return state, tuple(said)
+
+
+def _with(values: Array, index: int, value: float) -> Array:
+    """The values with one replaced."""
+    result = values.copy()
+    result[index] = value
+    return result
 
 
 def _jump(earlier: JointState, now: JointState, measured: bool, params: JointParams) -> JumpDeclared:
