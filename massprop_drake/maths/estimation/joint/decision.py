@@ -104,7 +104,7 @@ def decided(race: Race, standing: list[Standing], settled: bool, levels: Levels,
         found = _of_jets(race, standing, cycles, clear, levels, params) if large else None
         if found is not None:
             return found
-    if kind == Kind.JUMP and jump.run is not None and clear and cycles >= _JUMP_AFTER:
+    if kind == Kind.JUMP and jump.run is not None and clear and cycles >= _JUMP_AFTER and jump.run.score.misfit < FIT:
         if settled and lead > levels.jump:
             return Decision(Outcome.JUMP, jump)
         if cycles >= _INCREMENT_AFTER or (not settled and lead > _JUMP_AT_LEAST):
@@ -128,6 +128,8 @@ def _of_jets(
     assert run is not None, "only a filter of its own decides"
     significant = all(abs(force) > SIGNIFICANT * sigma for force, sigma in zip(best.force, best.sigma, strict=True))
     known = any(jet in race.states[0].slot_jet for jet in best.cause.jets)
+    if run.cycle - run.onset < len(run.kicks):  # what is not known of its first intervals is not all in its state
+        return None
     if run.score.misfit >= FIT or best.lead <= levels.lead_nothing or not (significant or known):
         return None
     if len(best.cause.jets) > 1 and cycles < _PAIR_AFTER:

@@ -25,6 +25,7 @@ LINKS_PER_STEP = 4  # of the screen, in the time of a filter's step
 _BEFORE = 2  # snapshots before the onset where the race begins: the onset is not known to one
 _NEAR = 12.0  # nats behind the best within which a hypothesis runs as a filter: twice the lead that decides
 _RUNS = 6  # filters at once, with the jump
+_LIE_RUNS = 12  # cycles in which the likeliest liar runs, however the first order takes so large an error
 _BETTER = 3.0  # nats at another onset, that a filter begins anew there
 _TOO_WIDE = 2.0  # times the uncertainty of the onset: then a filter begins anew
 OUT = 60.0  # nats behind the best: out of the race
@@ -186,10 +187,13 @@ def running(race: Race, standing: list[Standing], free_slots: int) -> Race:
     best = standing[0].contender.lead
     present = {run.cause: run for run in race.runs}
     wanted: list[Run] = []
+    liar = next((each.contender.cause for each in standing if each.contender.cause.kind == Kind.LIES), None)
+    young = race.screen.cycle - race.triggered < _LIE_RUNS
     lost = {each.contender.cause for each in standing if each.run is not None and each.contender.lead < best - OUT}
     for each in standing:
         contender, cause = each.contender, each.contender.cause
         near = contender.lead > best - (OUT if cause.kind == Kind.JUMP or cause in present else _NEAR)
+        near = near or (young and cause == liar)
         if near and contender.lead > 0.0 and len(wanted) < _RUNS and _fits(race, cause, free_slots):
             run = present.get(cause)
             anew = run is None or _too_wide(run, contender) or _elsewhere(each)
