@@ -291,9 +291,8 @@ def _raced(
     index = -1
     if found is not None:
         factor = 1.0 if settled(after, joint) else _BEFORE_SETTLED
-        by_jet = likelihood > params.trigger_jet * factor
-        if by_jet or total > params.trigger * factor:
-            index = banks.onset_of(found.likelihood.max(axis=1) if by_jet else found.total, _ONSET_SHARE)
+        if likelihood > params.trigger_jet * factor or total > params.trigger * factor:
+            index = banks.onset_of(found.total, _ONSET_SHARE)
     race, decision = state.race, Decision(Outcome.OPEN)
     standing: list[races.Standing] = []
     if race is None and index >= 0:

@@ -220,11 +220,11 @@ def _covariances(bank: Bank, looked_at: np.ndarray, jacobian: Array, params: Joi
     return result
 
 
-def onset_of(statistic: Array, share: float) -> int:
+def onset_of(total: Array, share: float) -> int:
     """Index of the youngest onset whose statistic comes near the best one's; older ones explain as much.
 
     Args:
-        statistic: T, or the largest l, of each onset, shape (k,).
+        total: T of each onset, shape (k,).
         share: of the largest that is near.
     """
-    return int(np.flatnonzero(statistic >= share * statistic.max())[-1])
+    return int(np.flatnonzero(total >= share * total.max())[-1])

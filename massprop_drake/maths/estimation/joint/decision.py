@@ -20,7 +20,7 @@ from enum import IntEnum
 from typing import NamedTuple
 
 from massprop_drake.maths.estimation.joint import screen as screens
-from massprop_drake.maths.estimation.joint.hypotheses import Kind
+from massprop_drake.maths.estimation.joint.hypotheses import Kind, Run
 from massprop_drake.maths.estimation.joint.layout import JointParams
 from massprop_drake.maths.estimation.joint.race import OUT, Race, Standing
 from massprop_drake.maths.estimation.joint.screen import Contender
@@ -30,6 +30,7 @@ SIGNIFICANT = 3.0  # sigmas of a force
 UNSETTLED_FLOOR = 0.1  # of full thrust: before settled a start that still learns explains less than that by jets
 _LIE_AFTER = 6  # cycles: a lie that ends is told from a rate that has changed by what follows it
 _JUMP_AFTER = 2  # samples: in one of them a pair of jets explains as much
+_JUMP_THAT_MISFITS_AFTER = 12  # samples
 _PAIR_AFTER = 3  # samples: two jets and their onsets explain nearly all of the six increments of one or two
 _JUMP_AT_LEAST = 1000.0  # nats before settled: less is a start that still learns
 _INCREMENT_AFTER = 25  # cycles: a filter that was a little off, no payload
@@ -104,7 +105,7 @@ def decided(race: Race, standing: list[Standing], settled: bool, levels: Levels,
         found = _of_jets(race, standing, cycles, clear, levels, params) if large else None
         if found is not None:
             return found
-    if kind == Kind.JUMP and jump.run is not None and clear and cycles >= _JUMP_AFTER and jump.run.score.misfit < FIT:
+    if kind == Kind.JUMP and jump.run is not None and clear and cycles >= _jump_after(jump.run):
         if settled and lead > levels.jump:
             return Decision(Outcome.JUMP, jump)
         if cycles >= _INCREMENT_AFTER or (not settled and lead > _JUMP_AT_LEAST):
@@ -119,6 +120,11 @@ def decided(race: Race, standing: list[Standing], settled: bool, levels: Levels,
     if cycles >= LAST:
         return _at_last(standing, levels, nothing_fits)
     return Decision(Outcome.OPEN)
+
+
+def _jump_after(run: Run) -> int:
+    """Cycles after which a jump may win: large ones fit only when the filter has learned them."""
+    return _JUMP_AFTER if run.score.misfit < FIT else _JUMP_THAT_MISFITS_AFTER
 
 
 def _of_jets(
