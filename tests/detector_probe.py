@@ -10,7 +10,12 @@ from joint_probe import vehicle_params
 
 from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.maths.estimation.detectors import multi_hypothesis as detector
-from massprop_drake.maths.estimation.detectors.multi_hypothesis import Declaration, HypothesisParams
+from massprop_drake.maths.estimation.detectors.multi_hypothesis import (
+    Declaration,
+    HypothesisParams,
+    JetsDeclared,
+    Word,
+)
 from massprop_drake.maths.estimation.joint.cycle import Sample, step
 from massprop_drake.maths.estimation.joint.cycle import initial as initial_filter
 from massprop_drake.maths.estimation.joint.layout import JointParams, JointState, make_places
@@ -239,3 +244,21 @@ def watched(
         found = judgment.state
         said += [(time_s, declaration) for declaration in judgment.declarations]
     return Watch(state, found, time_s), said
+
+
+def verdict(said: list[tuple[float, Declaration]], truth: set[tuple[int, int]]) -> str:
+    """What the first declaration is worth: right, group (of at most three, with all that failed), wrong or silent.
+
+    Args:
+        said: what was declared, and when.
+        truth: jets that have failed, with their signs; none: anything that is said is wrong.
+    """
+    if not said:
+        return "silent"
+    first = said[0][1]
+    if not isinstance(first, JetsDeclared):
+        return "wrong"
+    named = set(zip(first.jets, first.signs, strict=True))
+    if first.word == Word.FAILED and named == truth:
+        return "right"
+    return "group" if first.word == Word.GROUP and truth <= named and len(named) <= 3 else "wrong"

@@ -225,6 +225,11 @@ def initial(params: JointParams) -> State:
     )
 
 
+def untested(state: State) -> tuple[int, ...]:
+    """Indices of the jets that have never been commanded: that they would not fire, nothing could have shown."""
+    return tuple(np.flatnonzero(state.commanded == 0.0).tolist())
+
+
 def judge(
     state: State, before: JointState, after: JointState, report: Report, sample: Sample, params: HypothesisParams
 ) -> Judgment:

@@ -3,10 +3,12 @@ r"""Who has won a race, and what is said of it.
 With L_0, L_J, L_S of nothing, jump and a reading that lies, L_1 of the likeliest jets, L_2 of the likeliest *other*
 set of jets, in nats, and cycles counted from the alarm:
 
-    jets     L_1 - L_2 > 6, L_1 - L_J > 6, L_1 - L_S > 6, L_1 - L_0 > 12, f > 3 sigma of each, and they fit
+    jets     L_1 - L_2 > 6, L_1 - L_J > 6, L_1 - L_S > 6, L_1 - L_0 > 12, f > 3 sigma of each, and they fit; a pair
+             after three samples; before settled only forces of a tenth of full thrust
     group    the same against all but at most two single jets that what has fired cannot tell apart
     lie      L_S leads all by 6 and nothing by 12, after 6 cycles
-    jump     L_J leads all by 6, two samples at least; announced if settled and L_J - L_0 > 100
+    jump     L_J leads all by 6, two samples at least and twelve where it does not fit; announced if settled and
+             L_J - L_0 > 100, else taken as an increment
     nothing  L_0 leads after 12 cycles, or is within 8 after 75; and fits
 
 and what is still open after 250 cycles is a group of however many, or unexplained.
