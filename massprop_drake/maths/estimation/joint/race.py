@@ -20,8 +20,8 @@ from massprop_drake.maths.estimation.joint.screen import Contender, Screen
 from massprop_drake.maths.estimation.joint.sensitivity import Link
 from massprop_drake.maths.linear_algebra import Array
 
-STEPS = 10  # of filters in a cycle: 1.5 to 2.5 ms each
-LINKS_PER_STEP = 4  # of the screen, in the time of a filter's step
+STEPS = 8  # of filters in a cycle: 1.5 to 2.5 ms each
+LINKS_PER_STEP = 2  # of the screen, in the time of a filter's step
 _BEFORE = 2  # snapshots before the onset where the race begins: the onset is not known to one
 _NEAR = 12.0  # nats behind the best within which a hypothesis runs as a filter: twice the lead that decides
 _RUNS = 6  # filters at once, with the jump
