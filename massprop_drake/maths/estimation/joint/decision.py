@@ -100,8 +100,7 @@ def decided(race: Race, standing: list[Standing], settled: bool, levels: Levels,
     best = standing[0]
     lead = best.contender.lead
     kind = best.contender.cause.kind
-    second = standing[1].contender.lead if len(standing) > 1 else 0.0
-    clear = lead - second > levels.lead and lead > levels.lead_nothing
+    clear = lead > levels.lead_nothing and all(_margin(best, other) > levels.lead for other in standing[1:])
     if kind == Kind.JETS and best.run is not None and (jump.run is not None or jump.contender.lead < lead - OUT):
         large = settled or _large(best.contender, params)
         found = _of_jets(race, standing, cycles, clear, levels, params) if large else None
@@ -122,6 +121,14 @@ def decided(race: Race, standing: list[Standing], settled: bool, levels: Levels,
     if cycles >= LAST:
         return _at_last(standing, levels, nothing_fits)
     return Decision(Outcome.OPEN)
+
+
+def _margin(best: Standing, other: Standing) -> float:
+    """Lead over another hypothesis, like compared with like: filters, or where one has not arrived the first order."""
+    measured = best.contender.lead - other.contender.lead
+    if other.run is not None or best.run is None:
+        return measured
+    return min(measured, best.first_order.lead - other.first_order.lead)
 
 
 def _jump_after(run: Run) -> int:
@@ -161,8 +168,7 @@ def _large(contender: Contender, params: JointParams) -> bool:
 
 def _near(standing: list[Standing], levels: Levels) -> tuple[Contender, ...]:
     """Those that the best does not lead by enough."""
-    best = standing[0].contender.lead
-    return tuple(each.contender for each in standing[1:] if each.contender.lead > best - levels.lead)
+    return tuple(each.contender for each in standing[1:] if _margin(standing[0], each) <= levels.lead)
 
 
 def _at_last(standing: list[Standing], levels: Levels, nothing_fits: bool) -> Decision:

@@ -26,7 +26,7 @@ _BEFORE = 2  # snapshots before the onset where the race begins: the onset is no
 _NEAR = 12.0  # nats behind the best within which a hypothesis runs as a filter: twice the lead that decides
 _RUNS = 6  # filters at once, with the jump
 _LIE_RUNS = 12  # cycles in which the likeliest liar runs, however the first order takes so large an error
-_BETTER = 3.0  # nats at another onset, that a filter begins anew there
+_BETTER = 1.0  # nats at another onset, that a filter begins anew there
 _TOO_WIDE = 2.0  # times the uncertainty of the onset: then a filter begins anew
 OUT = 60.0  # nats behind the best: out of the race
 
