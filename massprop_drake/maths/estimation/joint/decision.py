@@ -168,7 +168,8 @@ def _large(contender: Contender, params: JointParams) -> bool:
 
 def _near(standing: list[Standing], levels: Levels) -> tuple[Contender, ...]:
     """Those that the best does not lead by enough."""
-    return tuple(each.contender for each in standing[1:] if _margin(standing[0], each) <= levels.lead)
+    best = standing[0].contender.lead
+    return tuple(each.contender for each in standing[1:] if each.contender.lead > best - levels.lead)
 
 
 def _at_last(standing: list[Standing], levels: Levels, nothing_fits: bool) -> Decision:
