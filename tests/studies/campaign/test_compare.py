@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from campaign_rows import SWEPT, declaration, failure, folder, many, row
+from campaign_rows import SWEPT, declaration, failure, folder, many, recorded, row
 
 from massprop_drake.errors import InputError
 from massprop_drake.studies.campaign import compare
@@ -40,6 +40,12 @@ def two(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
         folder(path / "glr", ONE, rows_of({0, 1, 2})),
         folder(path / "cusum", other, rows_of(set(range(1, 11)), delay_s=3.0)),
     ]
+
+
+def test_records_are_compared_by_what_is_known_of_them(tmp_path: Path) -> None:
+    paths = [folder(tmp_path / name, ONE, [recorded(case) for case in range(12)]) for name in ("one", "other")]
+    _, second = compare.summary(paths)["columns"]
+    assert second["differences"] == []
 
 
 def test_pairs_tell_what_changed_and_how_surely(two: list[Path]) -> None:
