@@ -101,10 +101,12 @@ def simulated(results: Summary, vehicle: Vehicle, folder: Path) -> None:
     console = Terminal(120)
     title = f"{results.scenario}: {results.vehicle}, {results.duration_s:g} s, seed {results.seed}"
     table = _table(title, "parameter", "unit", "estimate", "truth", "error %", "1-sigma", "1-sigma %", "within 3 sigma")
+    not_excited = {entry.parameter for entry in results.identifiability if entry.flag == "not_excited"}
     for symbol, unit, one in _parameters(results, vehicle):
         if math.isnan(one.estimate):
             table.add_row(symbol, unit, "not observable", f"{one.truth:.6g}", *["-"] * 4)
             continue
+        inside: Any = "yes" if one.within_three_sigma else console.words(("no", "bold red"))
         comparable = not math.isnan(one.percent_error)
         table.add_row(
             symbol,
@@ -114,10 +116,11 @@ def simulated(results: Summary, vehicle: Vehicle, folder: Path) -> None:
             f"{one.percent_error:+.4f}" if comparable else "-",
             f"{one.standard_deviation:.3g}",
             f"{100.0 * one.standard_deviation / abs(one.truth):.4f}" if comparable else "-",
-            "yes" if one.within_three_sigma else console.words(("no", "bold red")),
+            "not excited" if one.name in not_excited and one.within_three_sigma else inside,
         )
     console.print(table)
     console.say(_consistency(results.consistency))
+    _say_unidentified(console, results)
     autopilot = results.autopilot
     console.say(
         f"autopilot:   {autopilot.firings} firings, {autopilot.propellant_mass:.3g} {vehicle.unit_names['mass']} "
@@ -152,6 +155,7 @@ def estimated(results: Summary, vehicle: Vehicle, folder: Path) -> None:
     for warning in quality["warnings"]:
         console.say(("warning:", "bold yellow"), f"     {warning}")
     console.say(_consistency(results.consistency))
+    _say_unidentified(console, results)
     counts = quality["samples"]["rotation"]
     skipped = ", ".join(
         f"{count} {reason.replace('_', ' ')}" for reason, count in counts.items() if count and reason != "used"
@@ -205,6 +209,14 @@ def _consistency(found: Consistency) -> str:
         f"consistency: mean NIS {_number(found.rotation_nis_mean)} rotation, "
         f"{_number(found.translation_nis_mean)} translation, over {found.samples} samples used"
     )
+
+
+def _say_unidentified(console: Terminal, results: Summary) -> None:
+    """Says which estimates are not to be relied on, and why."""
+    from massprop_drake.results.identifiability import in_words  # noqa: PLC0415 (slow to load)
+
+    for what, why in in_words(results.identifiability, SYMBOLS):
+        console.say((f"{what}:", "bold yellow"), f" {why}")
 
 
 def _number(value: float | None) -> str:

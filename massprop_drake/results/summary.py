@@ -19,6 +19,7 @@ from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.maths import mass_properties
 from massprop_drake.maths.mass_properties import CENTER_OF_MASS, MASS_RECIPROCAL, Derived, six_elements
 from massprop_drake.results.detections import DetectionRecord
+from massprop_drake.results.identifiability import Identifiability, identified
 from massprop_drake.results.injected import InjectedRecord, what_became
 from massprop_drake.results.spool import Spool, blocks
 
@@ -146,6 +147,7 @@ class Summary:
         data_quality: what `telemetry.quality` found about a record; None for a simulated run.
         injected: failures and jumps of a simulated run, and what was made of them, in the scenario's order; None for a
             record, of which nobody knows.
+        identifiability: what the run has told of each parameter; empty in what an earlier version wrote.
     """
 
     version: str
@@ -167,6 +169,7 @@ class Summary:
     timing: Timing
     data_quality: Mapping[str, Any] | None = None
     injected: tuple[InjectedRecord, ...] | None = None
+    identifiability: tuple[Identifiability, ...] = ()
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -197,6 +200,7 @@ class Summary:
             "percent_error": by_name(self.percent_error),
             "detections": [_without(record, "jet_index") for record in self.detections],
             "consistency": self.consistency._asdict(),
+            "identifiability": [entry._asdict() for entry in self.identifiability],
             "injected": None if self.injected is None else [record._asdict() for record in self.injected],
             "autopilot": self.autopilot._asdict(),
             "provenance": {key: value for key, value in self.provenance._asdict().items() if value is not None},
@@ -245,6 +249,7 @@ class Summary:
             timing=read.timing,
             data_quality=read.data_quality,
             injected=read.injected,
+            identifiability=read.identifiability,
         )
 
 
@@ -313,6 +318,7 @@ class SummaryFile(_Stored):
     timing: Annotated[Timing, _known_to(Timing)]
     data_quality: dict[str, Any] | None = None
     injected: tuple[Annotated[InjectedRecord, _known_to(InjectedRecord)], ...] | None = None
+    identifiability: tuple[Annotated[Identifiability, _known_to(Identifiability)], ...] = ()
 
     @field_validator("data_quality")
     @classmethod
@@ -424,6 +430,7 @@ def composed(
         timing=timing,
         data_quality=data_quality,
         injected=injected,
+        identifiability=identified(scenario, estimate, covariance),
     )
 
 

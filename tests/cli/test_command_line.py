@@ -99,6 +99,14 @@ def test_run_writes_a_folder_and_prints_the_estimates(massprop: Massprop) -> Non
     assert "files:       runs/sample_maneuver/" in done.out
 
 
+def test_what_a_flight_has_hardly_touched_is_not_called_right(massprop: Massprop) -> None:
+    done = massprop("run", "sample_maneuver", "--set", "duration_s=3", "--no-report", "--no-figures")
+    rows = {line.split()[1]: line for line in done.out.splitlines() if line.startswith("│")}
+    assert rows["Ixx⁻¹"].split()[-2] == "yes"
+    assert rows["x_cm"].split()[-3:-1] == ["not", "excited"]
+    assert "x_cm not excited: 1-sigma is still" in done.out
+
+
 def test_run_prints_json_alone(massprop: Massprop) -> None:
     done = massprop("run", "sample_maneuver", "--set", "duration_s=1", "--json", "--out", "there")
     assert (done.status, done.err) == (0, "")
