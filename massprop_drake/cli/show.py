@@ -24,8 +24,9 @@ from massprop_drake.signals import SYMBOLS, mass_property_units, with_deviation
 
 if TYPE_CHECKING:
     from massprop_drake.maths.mass_properties import Derived
+    from massprop_drake.results.consistency import Consistency
     from massprop_drake.results.detections import DetectionRecord
-    from massprop_drake.results.summary import AutopilotSummary, Consistency, Parameter, Summary
+    from massprop_drake.results.summary import AutopilotSummary, Parameter, Summary
     from massprop_drake.studies.reproduction.report import Reproduced
 
 _VERDICT_STYLES = {"holds": "green", "holds within spread": "cyan", "differs": "yellow"}
@@ -120,7 +121,7 @@ def simulated(results: Summary, vehicle: Vehicle, folder: Path) -> None:
         )
     console.print(table)
     console.say(_consistency(results.consistency))
-    _say_unidentified(console, results)
+    _say_doubts(console, results)
     autopilot = results.autopilot
     console.say(
         f"autopilot:   {autopilot.firings} firings, {autopilot.propellant_mass:.3g} {vehicle.unit_names['mass']} "
@@ -155,7 +156,7 @@ def estimated(results: Summary, vehicle: Vehicle, folder: Path) -> None:
     for warning in quality["warnings"]:
         console.say(("warning:", "bold yellow"), f"     {warning}")
     console.say(_consistency(results.consistency))
-    _say_unidentified(console, results)
+    _say_doubts(console, results)
     counts = quality["samples"]["rotation"]
     skipped = ", ".join(
         f"{count} {reason.replace('_', ' ')}" for reason, count in counts.items() if count and reason != "used"
@@ -206,15 +207,17 @@ def _add_derived(table: Table, derived: Derived, vehicle: Vehicle) -> None:
 
 def _consistency(found: Consistency) -> str:
     return (
-        f"consistency: mean NIS {_number(found.rotation_nis_mean)} rotation, "
+        f"consistency: {found.verdict}; mean NIS {_number(found.rotation_nis_mean)} rotation, "
         f"{_number(found.translation_nis_mean)} translation, over {found.samples} samples used"
     )
 
 
-def _say_unidentified(console: Terminal, results: Summary) -> None:
-    """Says which estimates are not to be relied on, and why."""
+def _say_doubts(console: Terminal, results: Summary) -> None:
+    """Says why estimates are not to be relied on, and which."""
     from massprop_drake.results.identifiability import in_words  # noqa: PLC0415 (slow to load)
 
+    for reason in results.consistency.reasons:
+        console.say(("inconsistent:", "bold red"), f" {reason}")
     for what, why in in_words(results.identifiability, SYMBOLS):
         console.say((f"{what}:", "bold yellow"), f" {why}")
 
