@@ -286,8 +286,8 @@ def size_curve(sizes: Sequence[float], found: Sequence[bool], wanted: float = 0.
         wanted: probability of `size_90`.
 
     Returns:
-        The curve; None for less than eight failures, for sizes within 1 % of each other, and where all or none were found, or smaller ones
-        more often.
+        The curve; None for less than eight failures, for sizes within 1 % of each other, and where all or none were
+        found, or smaller ones more often.
     """
     from scipy.optimize import minimize  # noqa: PLC0415 (slow to load)
 
