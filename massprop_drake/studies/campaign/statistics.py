@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy import special, stats
 
 Array = NDArray[np.float64]
 
@@ -269,7 +269,7 @@ class SizeCurve(NamedTuple):
         terms = np.stack([np.ones(sizes.size), np.log(sizes)])
         eta = np.array([self.intercept, self.slope]) @ terms
         half = stats.norm.ppf(1.0 - _TAIL) * np.sqrt(np.einsum("ik,ij,jk->k", terms, self.covariance, terms))
-        low, middle, high = (1.0 / (1.0 + np.exp(-x)) for x in (eta - half, eta, eta + half))
+        low, middle, high = (special.expit(x) for x in (eta - half, eta, eta + half))
         return middle, low, high
 
 
@@ -316,7 +316,7 @@ def size_curve(sizes: Sequence[float], found: Sequence[bool], wanted: float = 0.
 
 def _information(intercept: float, slope: float, z: Array) -> Array:
     """Fisher information of both coefficients, shape (2, 2)."""
-    p = 1.0 / (1.0 + np.exp(-np.clip(intercept + slope * z, -500.0, 500.0)))
+    p = special.expit(intercept + slope * z)
     weight = p * (1.0 - p)
     return np.array([[weight.sum(), weight @ z], [weight @ z, weight @ z**2]])
 

@@ -242,6 +242,8 @@ def test_one_size_up_to_rounding_has_no_curve_and_a_narrow_range_has_one() -> No
             if curve is not None:
                 assert not math.isnan(curve.size_90.low)
                 assert curve.size_90.low <= curve.size_90.high
+                middle, low, high = curve.at(np.geomspace(1.0, 1000.0, 20))  # also where it is all or nothing
+                assert ((low <= middle) & (middle <= high)).all()
 
 
 def test_few_sizes_have_a_bin_each_and_many_share_them() -> None:
