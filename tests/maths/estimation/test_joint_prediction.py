@@ -195,7 +195,7 @@ def test_products_with_thrust_errors_have_the_mean_of_their_correlation() -> Non
 
 
 def test_covariance_goes_over_by_the_jacobian_and_noise() -> None:
-    params = small_params(rate_walk=1e-6, velocity_walk=1e-4, repeatability=1e-3, tank_fraction=0.1)
+    params = small_params(rate_walk=1e-6, velocity_walk=1e-4, repeatability=np.full(6, 1e-3), tank_fraction=0.1)
     state = some_state(params)
     acting = drive(state, SAMPLE.durations_s, SAMPLE.commands, SAMPLE.outside, params)
     prediction = predict(state, acting, UNREAD, params)
