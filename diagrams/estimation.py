@@ -74,12 +74,7 @@ def build(scenario: Scenario) -> Diagram:
     builder.ExportInput(impulses.GetInputPort("outside_wrench"), "outside_wrench")
     builder.ExportOutput(impulses.GetOutputPort("impulses"), "impulses")
 
-    if scenario.estimation.filter == "joint":
-        filters = _add_joint(builder, scenario)
-    elif scenario.estimation.filter == "thesis":
-        filters = _add_thesis(builder, scenario, impulses)
-    else:
-        filters = _add_filter(builder, scenario, impulses)
+    filters = _ADDED.get(scenario.estimation.filter, _add_filter)(builder, scenario, impulses)
     method = params.detector(scenario)
     if method is not None:
         _add_detector(builder, scenario, method, (impulses, *filters), commands)
@@ -136,7 +131,7 @@ def _add_thesis(builder: DiagramBuilder, scenario: Scenario, impulses: ImpulseMo
     return rotation, mass
 
 
-def _add_joint(builder: DiagramBuilder, scenario: Scenario) -> tuple[LeafSystem, ...]:
+def _add_joint(builder: DiagramBuilder, scenario: Scenario, _impulses: ImpulseModel) -> tuple[LeafSystem, ...]:
     """The joint filter; commands and outside forces are exported already."""
     estimator = builder.AddNamedSystem(
         "joint_estimator",
@@ -181,6 +176,9 @@ def _add_filter(builder: DiagramBuilder, scenario: Scenario, impulses: ImpulseMo
     for port in [*outputs, *(["mass_report"] if vehicle.accelerometers else [])]:
         builder.ExportOutput(estimator.GetOutputPort(port), port)
     return (estimator,)
+
+
+_ADDED = {"joint": _add_joint, "thesis": _add_thesis}  # filters with wiring of their own
 
 
 def _connect_impulses(builder: DiagramBuilder, impulses: ImpulseModel, system: LeafSystem) -> None:

@@ -193,7 +193,7 @@ def side_by_side(found: Iterable[tuple[str, Summary]], vehicle: Vehicle) -> None
     table = _table("estimates side by side", "parameter", "unit")
     for name, results in runs:
         what = "error %" if any(not math.isnan(one.percent_error) for one in results.parameters) else "estimate"
-        table.add_column(console.words(f"{name}\n{what}"), justify="right")
+        table.add_column(f"{Path(name).name}: {what}", justify="right")
         table.add_column("1-sigma %", justify="right")
     for index, (symbol, unit) in enumerate(zip(SYMBOLS, mass_property_units(vehicle.unit_names), strict=True)):
         cells = [cell for _, results in runs for cell in _compared(results.parameters[index], results)]

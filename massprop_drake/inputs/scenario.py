@@ -540,6 +540,14 @@ class JointBlock(Model):
         ge=0.0,
         le=1.0,
     )
+    tank_fraction: Real | None = described(
+        None,
+        "by how much used propellant may shift center of mass and inertia, as the vehicle's key; 0 only where it "
+        "shifts nothing, as in a simulated vehicle; null: the vehicle's",
+        "-",
+        ge=0.0,
+        le=1.0,
+    )
     rate_walk: Real = described(
         0.0,
         "what unmodeled torques add to the rate, 1-sigma after one second, growing with the root of time",

@@ -17,7 +17,10 @@ from massprop_drake.maths.estimation.filters.joint import chi_square_limit
 from massprop_drake.maths.estimation.joint.layout import JointParams
 from massprop_drake.runners.recorded import settings_alone
 
-_KEYS = ("thrust_uncertainty", "lag_uncertainty", "rate_walk", "velocity_walk", "increment_rate", "settled_after")
+_KEYS = (
+    *("thrust_uncertainty", "lag_uncertainty", "tank_fraction", "rate_walk", "velocity_walk"),
+    *("increment_rate", "settled_after"),
+)
 
 
 def joint(*overrides: str) -> Scenario:
@@ -118,6 +121,7 @@ def test_scenario_keys_replace_those_of_the_vehicle() -> None:
         ("thrust_transient", "none", "time_constants_s"),
         ("thrust_uncertainty", 0.02, "thrust_sigma"),
         ("lag_uncertainty", 0.1, "lag_sigma"),
+        ("tank_fraction", 0.05, "tank_fraction"),
         ("rate_walk", 1e-7, "rate_walk"),
         ("velocity_walk", 1e-3, "velocity_walk"),
         ("increment_rate", 1e-4, "thresholds"),

@@ -151,7 +151,7 @@ def make_params(setup: Setup, options: Any) -> JointFilterParams:
         rate_walk=block.rate_walk,
         velocity_walk=block.velocity_walk,
         repeatability=thrust.repeatability,
-        tank_fraction=thrust.tank_fraction,
+        tank_fraction=thrust.tank_fraction if block.tank_fraction is None else block.tank_fraction,
         arm=thrust.arm,
         accelerometer_positions=setup.accelerometer_positions,
         variances=np.repeat(variances, 3),
@@ -235,10 +235,16 @@ def initial(params: JointFilterParams) -> JointFilterState:
 def _reporting(joint: JointState, clock: Clock, params: JointFilterParams) -> JointFilterState:
     """A state with what is reported of it."""
     estimate, rows = reported(joint, params.joint)
-    covariance = rows @ rows.T
+    return _with_report(joint, clock, estimate, rows @ rows.T, params)
+
+
+def _with_report(
+    joint: JointState, clock: Clock, estimate: Array, covariance: Array, params: JointFilterParams
+) -> JointFilterState:
     if params.joint.places.accelerometers == 0:
         estimate[MASS_RECIPROCAL] = np.nan
-        covariance[MASS_RECIPROCAL], covariance[:, MASS_RECIPROCAL] = np.nan, np.nan
+        covariance[MASS_RECIPROCAL] = np.nan
+        covariance[:, MASS_RECIPROCAL] = np.nan
     return JointFilterState(joint, clock, estimate, covariance)
 
 
@@ -275,7 +281,8 @@ def step(
     made = cycle.restart if interval.anew else cycle.step
     after, report = made(before, sample, params.joint)
     evidence = JointEvidence(before, after, report, sample, interval.anew)
-    return Measurement(_reporting(after, clock, params), evidence)
+    known = _with_report(after, clock, report.estimate.copy(), report.covariance.copy(), params)
+    return Measurement(known, evidence)
 
 
 def evidence(_state: JointFilterState, measurement: Measurement, _interval: Interval) -> JointEvidence:

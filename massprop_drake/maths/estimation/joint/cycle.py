@@ -220,7 +220,8 @@ def _nis(expected: Expected, counts: np.ndarray, params: JointParams) -> float:
     if counts.shape[0] == 0:
         return np.nan
     stacked = np.vstack((expected.projected[counts].T, np.diag(np.sqrt(params.variances[counts]))))
-    whitened = np.linalg.solve(np.linalg.qr(stacked, mode="r").T, expected.innovation[counts])
+    upper = np.asarray(np.linalg.qr(stacked, mode="r"))
+    whitened = np.linalg.solve(upper.T, expected.innovation[counts])
     return float(whitened @ whitened)
 
 
