@@ -34,7 +34,7 @@ class JointEstimator(LeafSystem):
         replacement (in, abstract): a state of the filter, `maths.estimation.joint.layout.JointState`, from which it
             is to go on in place of its own, or None. Unconnected: None.
         predicted (out, 10): the ten parameters before this sample's measurement. No feedthrough.
-        evidence (out, abstract): `maths.estimation.filters.joint.JointEvidence`, for a detector. Does not depend on
+        evidence (out, abstract): `maths.estimation.joint.cycle.JointEvidence`, for a detector. Does not depend on
             the replacement.
         estimate (out, 10), standard_deviation (out, 10), covariance (out, 100), converged (out, 1): of the ten
             parameters, after this sample's measurement; see `ConvergenceMonitor`.

@@ -12,7 +12,7 @@ from systems_probe import feedthrough, inputs, outputs
 
 from massprop_drake import Run, Scenario, load_scenario, simulate
 from massprop_drake.diagrams import closed_loop, estimation
-from massprop_drake.maths.estimation.filters.joint import JointEvidence
+from massprop_drake.maths.estimation.joint.cycle import JointEvidence
 from massprop_drake.systems.estimation.joint_estimator import JointEstimator
 
 

@@ -29,7 +29,7 @@ from massprop_drake.maths.estimation.filter import (
     Told,
 )
 from massprop_drake.maths.estimation.joint import cycle, ticks
-from massprop_drake.maths.estimation.joint.cycle import Report, Sample
+from massprop_drake.maths.estimation.joint.cycle import JointEvidence, Sample
 from massprop_drake.maths.estimation.joint.layout import (
     JointParams,
     JointState,
@@ -84,23 +84,6 @@ class JointFilterState(NamedTuple):
     clock: Clock
     estimate: Array
     covariance: Array
-
-
-class JointEvidence(NamedTuple):
-    """What a detector of the joint filter sees of a cycle.
-
-    Attributes:
-        before, after: states before and after it.
-        report: see `cycle.Report`.
-        sample: what the cycle got.
-        anew: whether rate and velocity began anew, so that nothing was tested.
-    """
-
-    before: JointState
-    after: JointState
-    report: Report
-    sample: Sample
-    anew: bool
 
 
 class Measurement(NamedTuple):

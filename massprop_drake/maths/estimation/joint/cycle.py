@@ -111,6 +111,23 @@ class Report(NamedTuple):
     coupled: bool
 
 
+class JointEvidence(NamedTuple):
+    """What a detector of the joint filter sees of a cycle.
+
+    Attributes:
+        before, after: states before and after it.
+        report: see `Report`.
+        sample: what the cycle got.
+        anew: whether rate and velocity began anew, so that nothing was tested.
+    """
+
+    before: JointState
+    after: JointState
+    report: Report
+    sample: Sample
+    anew: bool
+
+
 def initial(params: JointParams) -> JointState:
     """The state before the first sample."""
     places = params.places
