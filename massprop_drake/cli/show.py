@@ -170,6 +170,57 @@ def estimated(results: Summary, vehicle: Vehicle, folder: Path) -> None:
     _files(console, folder)
 
 
+def as_compared(results: Summary) -> dict[str, dict[str, float | None]]:
+    """The ten parameters of a run as `massprop compare --json` gives them; None for what is not known."""
+
+    def known(value: float) -> float | None:
+        return None if math.isnan(value) else value
+
+    return {
+        one.name: {
+            "estimate": known(one.estimate),
+            "standard_deviation": known(one.standard_deviation),
+            "percent_error": known(one.percent_error),
+        }
+        for one in results.parameters
+    }
+
+
+def side_by_side(found: Iterable[tuple[str, Summary]], vehicle: Vehicle) -> None:
+    """Prints the ten parameters of several runs beside each other.
+
+    Args:
+        found: name and summary of each run.
+        vehicle: whose runs they are.
+    """
+    runs = list(found)
+    console = Terminal(160)
+    table = _table("estimates side by side", "parameter", "unit")
+    for name, results in runs:
+        what = "error %" if any(not math.isnan(one.percent_error) for one in results.parameters) else "estimate"
+        table.add_column(f"{Path(name).name}: {what}", justify="right")
+        table.add_column("1-sigma %", justify="right")
+    for index, (symbol, unit) in enumerate(zip(SYMBOLS, mass_property_units(vehicle.unit_names), strict=True)):
+        cells = [cell for _, results in runs for cell in _compared(results.parameters[index], results)]
+        table.add_row(symbol, unit, *cells)
+    console.print(table)
+
+
+def _compared(one: Parameter, results: Summary) -> tuple[str, str]:
+    """Error, or the estimate where the truth is not known, and 1-sigma in percent of either."""
+    if math.isnan(one.estimate):
+        return "not observable", "-"
+    simulated = any(not math.isnan(other.truth) for other in results.parameters)
+    if not simulated:
+        return (
+            f"{one.estimate:.6g}",
+            f"{100.0 * one.standard_deviation / abs(one.estimate):.4f}" if one.estimate else "-",
+        )
+    if math.isnan(one.percent_error):
+        return "-", "-"
+    return f"{one.percent_error:+.5f}", f"{100.0 * one.standard_deviation / abs(one.truth):.5f}"
+
+
 def declared(entry: DetectionRecord, vehicle: Vehicle) -> None:
     """Prints a detection at once, while rows come in."""
     say(_detected(entry, vehicle))

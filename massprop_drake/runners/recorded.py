@@ -160,11 +160,16 @@ class _Estimation:
         }
         if self._accelerometers:
             logs["mass_report"] = np.empty((count, MASS_REPORT.size))
+        own = self._params.filter.report
+        if own is not None:
+            logs[own.name] = np.empty((count, own.size))
         if self._params.detector is not None:
             logs["detector_report"] = np.empty((count, DETECTOR_REPORT.sized(jets=len(self._vehicle.jets)).size))
         for index in range(count):
             time_s = self._next_row * self._period_s
-            sample = cycle.Sample(time_s, rates[index], velocities[index], self._command, self._outside)
+            readings = rates[index], velocities[index]
+            coming, stamp_s = rows.commands[index], float(rows.time_s[index])
+            sample = cycle.Sample(time_s, *readings, self._command, self._outside, stamp_s, coming)
             before = self._state.detector
             try:
                 done = self._cycle(sample)
@@ -175,10 +180,12 @@ class _Estimation:
             logs["rotation_report"][index] = ROTATION_REPORT.pack(filtered.rotation)
             if filtered.mass is not None:
                 logs["mass_report"][index] = MASS_REPORT.pack(filtered.mass)
+            if own is not None:
+                logs[own.name][index] = own.pack(filtered.own)
             if judgment is not None:
                 logs["detector_report"][index] = detector_row(judgment, before)
             self._state = done.state
-            self._command = rows.commands[index]
+            self._command = coming
             if rows.outside_wrench is not None:
                 self._outside = rows.outside_wrench[index]
             self._next_row += 1

@@ -1,0 +1,87 @@
+r"""A covariance kept as a root S, P = S S^T: linear maps of rows, noise as more columns, and the update.
+
+Every change of P is one of three: rows of S are combined linearly, columns are appended (what they square to is
+added), and `compressed` makes S square again by Householder reflections. None of them subtracts, so P stays positive
+semidefinite whatever happens, and half the digits carry it: what counts is the ratio of sigmas, not of variances.
+
+The update is Joseph's form in terms of the root. With Y = H P H^T + R and the reflections
+
+    [ (H S)^T ; R^1/2 ] = [ Q1 ; Q2 ] U,    U^T U = Y,    K = S Q1 U^-T,
+
+the optimal root is [ S - (S Q1) Q1^T, (S Q1) Q2^T ]; rows of K that are set to zero (Schmidt: considered, not
+estimated) are rows of S Q1 that are set to zero.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_drake.maths.linear_algebra import Array
+
+
+class Update(NamedTuple):
+    """A root and a mean's correction after a measurement.
+
+    Attributes:
+        correction: K e, to be added to the mean, shape (n,).
+        root: of the covariance after the measurement, shape (n, n).
+        nis: e^T Y^-1 e.
+        log_determinant: ln |Y|.
+    """
+
+    correction: Array
+    root: Array
+    nis: float
+    log_determinant: float
+
+
+def compressed(columns: Array) -> Array:
+    """The lower triangular root of the same covariance, shape (n, n), of one with any number of columns."""
+    return np.ascontiguousarray(np.asarray(np.linalg.qr(columns.T, mode="r")).T)
+
+
+def semidefinite_root(matrix: Array) -> Array:
+    """A lower triangular root of a positive semidefinite matrix; directions lost in rounding count as zero."""
+    n = matrix.shape[0]
+    root = np.zeros((n, n))
+    for j in range(n):
+        pivot = matrix[j, j] - root[j, :j] @ root[j, :j]
+        if pivot > 1e-14 * matrix[j, j]:
+            root[j, j] = np.sqrt(pivot)
+            root[j + 1 :, j] = (matrix[j + 1 :, j] - root[j + 1 :, :j] @ root[j, :j]) / root[j, j]
+    return root
+
+
+def innovation_root(outputs: Array, variances: Array) -> tuple[Array, Array, Array]:
+    """Q1, Q2 and U of the innovation's covariance Y = U^T U.
+
+    Args:
+        outputs: H S, shape (m, k).
+        variances: of the measurement noise, positive, shape (m,).
+    """
+    m, k = outputs.shape
+    stacked = np.zeros((k + m, m))
+    stacked[:k] = outputs.T
+    stacked[k:] = np.diag(np.sqrt(variances))
+    q, u = np.linalg.qr(stacked)
+    return np.ascontiguousarray(q[:k]), np.ascontiguousarray(q[k:]), u
+
+
+def updated(root: Array, outputs: Array, variances: Array, innovation: Array, gained: Array) -> Update:
+    """The update by one measurement of several components, in Joseph's form.
+
+    Args:
+        root: before, shape (n, k), k >= n or not.
+        outputs: H times the root, shape (m, k).
+        variances: of the measurement noise, positive, shape (m,).
+        innovation: e, shape (m,).
+        gained: 1 where a state is estimated, 0 where its error is only considered, shape (n,).
+    """
+    q1, q2, u = innovation_root(outputs, variances)
+    whitened = np.linalg.solve(u.T, innovation)
+    gain = (root @ q1) * gained.reshape(-1, 1)
+    after = compressed(np.hstack((root - gain @ q1.T, gain @ q2.T)))
+    log_determinant = 2.0 * float(np.sum(np.log(np.abs(np.diag(u)))))
+    return Update(gain @ whitened, after, float(whitened @ whitened), log_determinant)

@@ -1,0 +1,390 @@
+"""One cycle of the joint estimator: a state and a sample give the next state, and nothing else is remembered.
+
+Order: what the jets did, with the lag estimated before (`prediction.drive`); prediction; which components count; while
+the start lasts, the covariance is incremented if the gyros contradict the prediction, and the prediction made again;
+update, twice while thrust errors are only considered; the guard. A hypothesis is the same with another state: one
+with a force in a slot, or rebased and with a larger covariance.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_drake.maths.estimation.joint.covariance import Update, compressed, updated
+from massprop_drake.maths.estimation.joint.guard import guarded
+from massprop_drake.maths.estimation.joint.layout import (
+    N_PROPERTIES,
+    RATE,
+    VELOCITY,
+    JointParams,
+    JointState,
+    settled,
+)
+from massprop_drake.maths.estimation.joint.measurement import outputs, rate_read, readings, used
+from massprop_drake.maths.estimation.joint.prediction import (
+    Drive,
+    Prediction,
+    drive,
+    error_rows,
+    lag_of,
+    predict,
+    propagated,
+)
+from massprop_drake.maths.estimation.joint.thrust_scale import reported
+from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError
+
+_WHAT = "the joint estimator's covariance"
+_UNREAD = 1e6  # sigmas of a reading that what was not read at the start may be off
+
+
+class Sample(NamedTuple):
+    """What one cycle gets.
+
+    Attributes:
+        time_s: of the readings.
+        durations_s: of the pieces of the interval that ends then, each with a constant command, shape (n_pieces,).
+        commands: fraction commanded in each piece, NaN where not known, shape (n_pieces, n_jets).
+        outside: impulse of known outside forces over the interval, angular about the vehicle origin and linear,
+            shape (6,).
+        rates: readings of the gyro packages, NaN where missing, rad/s, shape (n_gyros, 3).
+        velocities: readings of the accelerometer packages, NaN where missing, ft/s or m/s, shape
+            (n_accelerometers, 3).
+    """
+
+    time_s: float
+    durations_s: Array
+    commands: Array
+    outside: Array
+    rates: Array
+    velocities: Array
+
+
+class Expected(NamedTuple):
+    """What a cycle expects of its readings, before it updates.
+
+    Attributes:
+        prediction: see `Prediction`.
+        root: predicted, with noise, not square, shape (size, k).
+        spin: integral of w w^T dt, with the interval's, shape (6,).
+        jacobian: H, shape (m, size).
+        projected: H times root, shape (m, k).
+        innovation: e of all components, NaN where missing, shape (m,).
+        used: which components count, shape (m,).
+    """
+
+    prediction: Prediction
+    root: Array
+    spin: Array
+    jacobian: Array
+    projected: Array
+    innovation: Array
+    used: np.ndarray
+
+
+class Report(NamedTuple):
+    """What a cycle says.
+
+    Attributes:
+        estimate: of the ten parameters, shape (10,).
+        covariance: of their errors, shape (10, 10).
+        innovation: of all components, before any increment, NaN where missing, shape (m,).
+        used: which components counted, shape (m,).
+        nis: of those that counted; chi-square with as many degrees of freedom.
+        log_determinant: of the covariance of these innovations.
+        gyro_nis, accelerometer_nis: of the components of either kind that counted, by themselves, before any
+            increment; NaN where none did.
+        incremented: whether the covariance was incremented.
+        coupled: whether dynamic coupling counted.
+    """
+
+    estimate: Array
+    covariance: Array
+    innovation: Array
+    used: np.ndarray
+    nis: float
+    log_determinant: float
+    gyro_nis: float
+    accelerometer_nis: float
+    incremented: bool
+    coupled: bool
+
+
+class JointEvidence(NamedTuple):
+    """What a detector of the joint filter sees of a cycle.
+
+    Attributes:
+        before, after: states before and after it.
+        report: see `Report`.
+        sample: what the cycle got.
+        anew: whether rate and velocity began anew, so that nothing was tested.
+    """
+
+    before: JointState
+    after: JointState
+    report: Report
+    sample: Sample
+    anew: bool
+
+
+def initial(params: JointParams) -> JointState:
+    """The state before the first sample."""
+    places = params.places
+    n_outputs = 3 * (places.gyros + places.accelerometers)
+    mean, root = np.zeros(places.size), np.zeros((places.size, places.size))
+    mean[:N_PROPERTIES] = params.start
+    root[:N_PROPERTIES, :N_PROPERTIES] = params.start_root
+    for element in range(places.thrust, places.size):
+        root[element, element] = params.prior_sigma[element - places.thrust]
+    jets = places.jets
+    return JointState(
+        mean=mean,
+        root=root,
+        level=np.zeros(jets),
+        slope=np.zeros(jets),
+        spin=np.zeros(6),
+        reference=np.zeros(3),
+        last=np.zeros(n_outputs),
+        fired=np.zeros(jets),
+        slot_jet=np.full(places.n_force, -1.0),
+        slot_sign=np.ones(places.n_force),
+        time_s=0.0,
+        started=False,
+        guarded=False,
+        freed=False,
+        rescaled=False,
+        firing_count=0.0,
+    )
+
+
+def begun(state: JointState, sample: Sample, params: JointParams) -> JointState:
+    """The state after the first sample, or after a gap: rate and gathered velocity are what is read, and no more.
+
+    They are uncorrelated with the rest, but that with a gyro bias the rate's error is that of the reading less the
+    bias. What is not read starts at zero and as good as unknown.
+    """
+    places = params.places
+    mean = state.mean.copy()
+    first, last = RATE.start, VELOCITY + 3 * places.accelerometers
+    root = np.zeros((places.size, places.size + last - first))
+    root[:first, : places.size], root[last:, : places.size] = state.root[:first], state.root[last:]
+    own = places.size - first  # a column for the reading of each of these rows
+    for axis in range(3):
+        row = RATE.start + axis
+        weights = np.zeros(places.gyros)
+        for package in range(places.gyros):
+            if not np.isnan(sample.rates[package, axis]):
+                weights[package] = 1.0 / params.variances[3 * package + axis]
+        total = float(weights.sum())
+        if total == 0.0:
+            root[row, own + row] = _UNREAD * np.sqrt(params.variances[axis])
+            continue
+        root[row, own + row] = np.sqrt(1.0 / total)
+        mean[row] = 0.0
+        for package in range(places.gyros):
+            if weights[package] > 0.0:
+                share = weights[package] / total
+                mean[row] += share * sample.rates[package, axis]
+                if places.n_gyro_bias > 0:
+                    bias, shift = places.gyro_bias + 3 * package + axis, share * params.gyro_bias_sigma
+                    mean[row] -= shift * mean[bias]
+                    root[row] -= shift * root[bias]
+    for package in range(places.accelerometers):
+        for axis in range(3):
+            row, value = VELOCITY + 3 * package + axis, sample.velocities[package, axis]
+            deviation = np.sqrt(params.variances[3 * (places.gyros + package) + axis])
+            missing = np.isnan(value)
+            mean[row] = 0.0 if missing else value
+            root[row, own + row] = _UNREAD * deviation if missing else deviation
+    read = readings(sample.rates, sample.velocities)
+    return state._replace(
+        mean=mean,
+        root=compressed(root),
+        spin=np.zeros(6),
+        reference=mean[RATE].copy(),
+        last=np.where(np.isnan(read), 0.0, read),
+        time_s=sample.time_s,
+        started=True,
+    )
+
+
+def expect(state: JointState, acting: Drive, sample: Sample, params: JointParams) -> Expected:
+    """Predicts the state and its outputs, and says which components count."""
+    prediction = predict(state, acting, rate_read(sample.rates, state.mean, params), params)
+    root = propagated(state.root, prediction, params)
+    return _expected(state, prediction, root, sample, params)
+
+
+def _expected(state: JointState, prediction: Prediction, root: Array, sample: Sample, params: JointParams) -> Expected:
+    spin = state.spin + prediction.spin
+    predicted, jacobian = outputs(prediction.mean, state.reference, spin, params)
+    projected = jacobian @ root
+    deviation = np.sqrt(np.sum(projected * projected, axis=1))
+    read = readings(sample.rates, sample.velocities)
+    counts = used(read, predicted, state.last, deviation, params.quanta)
+    return Expected(prediction, root, spin, jacobian, projected, read - predicted, counts)
+
+
+def _nis_by_kind(expected: Expected, params: JointParams) -> tuple[float, float]:
+    """NIS of the gyros' components that count, and of the accelerometers', by themselves; NaN where none does."""
+    first = 3 * params.places.gyros
+    counts = np.flatnonzero(expected.used)
+    return _nis(expected, counts[counts < first], params), _nis(expected, counts[counts >= first], params)
+
+
+def _nis(expected: Expected, counts: np.ndarray, params: JointParams) -> float:
+    if counts.shape[0] == 0:
+        return np.nan
+    stacked = np.vstack((expected.projected[counts].T, np.diag(np.sqrt(params.variances[counts]))))
+    upper = np.asarray(np.linalg.qr(stacked, mode="r"))
+    whitened = np.linalg.solve(upper.T, expected.innovation[counts])
+    return float(whitened @ whitened)
+
+
+def gained(state: JointState, params: JointParams) -> Array:
+    """1 for what is estimated, 0 for what is only considered: thrust errors and their scale before they are freed."""
+    places = params.places
+    mask = np.ones(places.size)
+    if not state.freed:
+        mask[places.thrust : places.thrust + places.n_thrust] = 0.0
+        mask[places.scale : places.scale + places.n_scale] = 0.0
+    return mask
+
+
+def _update(expected: Expected, root: Array, mask: Array, params: JointParams) -> Update:
+    counts = np.flatnonzero(expected.used)
+    projected = expected.jacobian[counts] @ root
+    return updated(root, projected, params.variances[counts], expected.innovation[counts], mask)
+
+
+def step(state: JointState, sample: Sample, params: JointParams) -> tuple[JointState, Report]:
+    """A whole cycle.
+
+    Args:
+        state: after the last sample.
+        sample: see `Sample`.
+        params: see `JointParams`.
+
+    Raises:
+        NotPositiveDefiniteError: when the covariance or the estimate overflow, or the readings are too precise for
+            what is known of them to be told from them, with the time.
+    """
+    with np.errstate(over="ignore", invalid="ignore"):
+        try:
+            after, report = _step(state, sample, params) if state.started else _first(state, sample, params)
+        except NotPositiveDefiniteError as error:
+            raise error.at(sample.time_s, "the joint estimator") from None
+        except np.linalg.LinAlgError:
+            raise NotPositiveDefiniteError(state.root @ state.root.T, _WHAT, sample.time_s) from None
+        if not (np.all(np.isfinite(after.mean)) and np.all(np.isfinite(after.root))):
+            raise NotPositiveDefiniteError(after.root @ after.root.T, _WHAT, sample.time_s)
+    return after, report
+
+
+def _first(state: JointState, sample: Sample, params: JointParams) -> tuple[JointState, Report]:
+    after = begun(state, sample, params)
+    n_outputs = after.last.shape[0]
+    estimate, rows = reported(after, params)
+    nothing, unused = np.full(n_outputs, np.nan), np.zeros(n_outputs, dtype=np.bool_)
+    return after, Report(estimate, rows @ rows.T, nothing, unused, 0.0, 0.0, np.nan, np.nan, False, False)
+
+
+def restart(state: JointState, sample: Sample, params: JointParams) -> tuple[JointState, Report]:
+    """A cycle over an interval of which nothing is known: rate and gathered velocity begin anew, see `begun`.
+
+    What else is known stays; thrust follows the commands as far as they are known.
+
+    Args:
+        state: after the last sample, `started`.
+        sample: see `Sample`.
+        params: see `JointParams`.
+    """
+    firing = drive(state, sample.durations_s, sample.commands, sample.outside, params).firing
+    return _first(state._replace(level=firing.level, slope=firing.slope), sample, params)
+
+
+def _step(state: JointState, sample: Sample, params: JointParams) -> tuple[JointState, Report]:
+    acting = drive(state, sample.durations_s, sample.commands, sample.outside, params)
+    firing = acting.firing
+    commanded = firing.commanded or bool(np.any(sample.outside != 0.0))
+    expected = expect(state, acting, sample, params)
+    innovation, incremented = expected.innovation, False
+    gyro_nis, accelerometer_nis = _nis_by_kind(expected, params)
+    if commanded and not settled(state, params):
+        count = int(expected.used[: 3 * params.places.gyros].sum())
+        if count > 0 and gyro_nis > params.thresholds[count - 1]:
+            incremented = True
+            state = state._replace(root=incremented_root(state.root, params))
+            counts = expected.used
+            expected = expect(state, acting, sample, params)._replace(used=counts)
+
+    prediction = expected.prediction
+    mean, root = prediction.mean, expected.root
+    evidence = (0.0, 0.0)
+    last = state.last
+    mask = gained(state, params)
+    if expected.used.any():
+        change = _update(expected, root, mask, params)
+        if params.places.n_thrust > 0 and not state.freed and params.second_order:
+            change = _update_again(state, acting, expected, change, params)
+        mean, root = mean + change.correction, change.root
+        evidence = (change.nis, change.log_determinant)
+        filtered, _ = outputs(mean, state.reference, expected.spin, params)
+        last = np.where(expected.used, filtered, last)
+    elif root.shape[1] > root.shape[0]:
+        root = compressed(root)
+    after = state._replace(
+        mean=mean,
+        root=root,
+        level=_relinearized(firing.level, firing.slope, state.mean, mean, params),
+        slope=firing.slope,
+        spin=expected.spin,
+        last=last,
+        fired=state.fired + firing.amount,
+        time_s=sample.time_s,
+    )
+    after = guarded(after, commanded, params)
+    estimate, rows = reported(after, params)
+    return after, Report(
+        estimate=estimate,
+        covariance=rows @ rows.T,
+        innovation=innovation,
+        used=expected.used,
+        nis=evidence[0],
+        log_determinant=evidence[1],
+        gyro_nis=gyro_nis,
+        accelerometer_nis=accelerometer_nis,
+        incremented=incremented,
+        coupled=prediction.coupled,
+    )
+
+
+def incremented_root(root: Array, params: JointParams) -> Array:
+    """The root with the uncertainty of the start added to the ten parameters, not square."""
+    columns = np.zeros((root.shape[0], N_PROPERTIES))
+    for element in range(N_PROPERTIES):
+        columns[element, element] = params.increment_sigma[element]
+    return np.hstack((root, columns))
+
+
+def _update_again(state: JointState, acting: Drive, expected: Expected, first: Update, params: JointParams) -> Update:
+    """The update with the effects of parameters taken at the estimate that the first one gave."""
+    mean = state.mean.copy()
+    mean[:N_PROPERTIES] = expected.prediction.mean[:N_PROPERTIES] + first.correction[:N_PROPERTIES]
+    rate_rows, velocity_rows = error_rows(state._replace(mean=mean), acting, params)
+    begin = params.places.thrust
+    before = expected.prediction
+    rate_rows[:, :begin], velocity_rows[:, :begin] = before.rate_rows[:, :begin], before.velocity_rows[:, :begin]
+    again = propagated(state.root, before._replace(rate_rows=rate_rows, velocity_rows=velocity_rows), params)
+    return _update(expected, again, gained(state, params), params)
+
+
+def _relinearized(level: Array, slope: Array, before: Array, after: Array, params: JointParams) -> Array:
+    """The levels at the new estimate of the lag, to first order."""
+    if params.places.n_lag == 0:
+        return level
+    old, _ = lag_of(before, params)
+    new, _ = lag_of(after, params)
+    ratio = np.where(old > 0.0, new / np.where(old > 0.0, old, 1.0), 1.0)
+    return np.clip(level + slope * np.log(ratio), 0.0, 1.0)

@@ -1,0 +1,42 @@
+"""When the estimates are good enough to act on, and when the start is over."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from massprop_drake.maths.estimation.joint.layout import CENTER, JointParams, JointState
+from massprop_drake.maths.estimation.joint.thrust_scale import partitioned, reported
+
+_SCALED = (0, 1, 2, 9)  # judged relative to their own size
+
+
+def converged(state: JointState, params: JointParams) -> bool:
+    """Whether each judged parameter is known well enough, as `JointParams.guard_relative` and `guard_center` say."""
+    properties, rows = reported(state, params)
+    deviation = np.sqrt(np.sum(rows * rows, axis=1))
+    for limit, element in zip(params.guard_relative, _SCALED, strict=True):
+        if np.isfinite(limit) and not deviation[element] < limit * properties[element]:
+            return False
+    return bool(np.all(deviation[CENTER] < params.guard_center))
+
+
+def guarded(state: JointState, commanded: bool, params: JointParams) -> JointState:
+    """The state after the guard: it latches; when it first holds, thrust errors are freed, their scale taken off.
+
+    Args:
+        state: after the update.
+        commanded: whether a jet was commanded in the interval.
+        params: see `JointParams`.
+    """
+    if state.guarded:
+        return state._replace(firing_count=state.firing_count + 1.0) if commanded else state
+    if not converged(state, params):
+        return state
+    if params.places.n_thrust > 0 and not state.rescaled:
+        state = partitioned(state, params)
+    return state._replace(guarded=True, freed=True, firing_count=1.0 if commanded else 0.0)
+
+
+def unguarded(state: JointState) -> JointState:
+    """The state after a jump of the mass properties: guard, count and the freeing of thrust errors begin anew."""
+    return state._replace(guarded=False, freed=False, firing_count=0.0)

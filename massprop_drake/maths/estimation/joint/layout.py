@@ -1,0 +1,248 @@
+r"""The joint estimator's state and parameters: what stands where, and how a state becomes one flat vector.
+
+The mean and the rows of the covariance's root are in this order,
+
+    J (6: xx, yy, zz, yz, xz, xy) | r (3) | mu | w (3) | c_s (3 per accelerometer)
+    b (thrust error per jet) | lag error per kind | gyro bias (3 per package)
+    | accelerometer bias (3 per package) | s | f (force of each slot of failed jets)
+
+with J the inverse inertia about the center of mass, r the center of mass in the vehicle frame, mu = 1/m, w the rate,
+and c_s the integral of F/m as accelerometer s has gathered it. What stands in the second and third line are
+parameters in units of their sigmas, of about unit prior variance, but for f, which is in lbf or N. A kind of parameter
+whose sigma is zero has no place.
+
+Nothing is scaled: the covariance is kept as a root that is made triangular by Householder reflections, and these treat
+every row of the root by its own size, so that a change of units changes no digit.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_drake.maths.arrays import FLAG, NUMBER, Layout
+from massprop_drake.maths.linear_algebra import Array
+
+N_PROPERTIES = 10
+INERTIA, CENTER, MASS, RATE, VELOCITY = slice(0, 6), slice(6, 9), 9, slice(10, 13), 13
+
+
+class Places(NamedTuple):
+    """Where the parts of the state begin, and how many elements they have.
+
+    Attributes:
+        jets, gyros, accelerometers: how many there are.
+        thrust, n_thrust: of b; none or one per jet.
+        lag, n_lag: of the lag's errors; none or one per kind of jet.
+        gyro_bias, n_gyro_bias: none or three per package.
+        acceleration_bias, n_acceleration_bias: none or three per package.
+        scale, n_scale: of s; one if b has places, else none.
+        force, n_force: of the slots of failed jets.
+        size: of all of it.
+    """
+
+    jets: int
+    gyros: int
+    accelerometers: int
+    thrust: int
+    n_thrust: int
+    lag: int
+    n_lag: int
+    gyro_bias: int
+    n_gyro_bias: int
+    acceleration_bias: int
+    n_acceleration_bias: int
+    scale: int
+    n_scale: int
+    force: int
+    n_force: int
+    size: int
+
+
+def make_places(
+    counts: tuple[int, int, int], n_lag: int, biases: tuple[bool, bool], thrust: bool, forces: int
+) -> Places:
+    """The places of a vehicle's state.
+
+    Args:
+        counts: numbers of jets, gyro packages and accelerometer packages.
+        n_lag: number of kinds of jets whose lag is estimated; 0: none.
+        biases: whether the gyros and whether the accelerometers have biases to estimate.
+        thrust: whether thrusts are uncertain.
+        forces: number of slots for the forces of failed jets.
+    """
+    jets, gyros, accelerometers = counts
+    sizes = [
+        jets if thrust else 0,
+        n_lag,
+        3 * gyros if biases[0] else 0,
+        3 * accelerometers if biases[1] else 0,
+        1 if thrust else 0,
+        forces,
+    ]
+    begins = np.cumsum([VELOCITY + 3 * accelerometers, *sizes]).tolist()
+    return Places(
+        jets=jets,
+        gyros=gyros,
+        accelerometers=accelerometers,
+        thrust=begins[0],
+        n_thrust=sizes[0],
+        lag=begins[1],
+        n_lag=sizes[1],
+        gyro_bias=begins[2],
+        n_gyro_bias=sizes[2],
+        acceleration_bias=begins[3],
+        n_acceleration_bias=sizes[3],
+        scale=begins[4],
+        n_scale=sizes[4],
+        force=begins[5],
+        n_force=sizes[5],
+        size=begins[6],
+    )
+
+
+class JointParams(NamedTuple):
+    """What shapes the joint estimator.
+
+    Attributes:
+        places: see `Places`.
+        wrenches: torque about the vehicle origin and force of each jet at full thrust, shape (n_jets, 6).
+        thrusts: magnitudes of these forces, lbf or N, shape (n_jets,).
+        flows: propellant flow of each jet at full thrust, slug/s or kg/s, shape (n_jets,).
+        time_constants_s: nominal time constant of each jet's lag, zero: none, shape (n_jets,).
+        kinds: index of each jet's kind among the lags' errors, integers, shape (n_jets,).
+        thrust_sigma: what one unit of a thrust error is, relative.
+        lag_sigma: of the error of a kind's time constant, relative.
+        gyro_bias_sigma, acceleration_bias_sigma: of the biases, rad/s and ft/s^2 or m/s^2.
+        prior_sigma: 1-sigma of what stands from `Places.thrust` on, in these units: 1 but where jets, kinds or
+            packages differ; zero for s and f, shape (size - thrust,).
+        rate_walk, velocity_walk: 1-sigma of what is added to w and to c in one second, rad/s and ft/s or m/s,
+            growing with the root of time.
+        repeatability: 1-sigma of each jet's impulse over a sample, relative, white, shape (n_jets,).
+        tank_fraction: share of the vehicle's size by which propellant that is used shifts inertia and center of mass.
+        arm: size of the vehicle, ft or m: the jets' RMS distance from the center of mass.
+        accelerometer_positions: vehicle frame, ft or m, shape (n_accelerometers, 3).
+        variances: of one reading of each component, gyros first, shape (n_outputs,).
+        quanta: step of each component's reading, zero where it dithers itself (see `measurement`), shape (n_outputs,).
+        start: the ten parameters at the start, shape (10,).
+        start_root: lower triangular root of their covariance at the start, shape (10, 10).
+        increment_sigma: what an increment adds to their 1-sigma, in quadrature, shape (10,).
+        nominal_mass_reciprocal: mu of the nominal vehicle.
+        thresholds: NIS above which the covariance is incremented, by the number of components used less one.
+        guard_relative: largest sigma over estimate of J_xx, J_yy, J_zz and mu; infinity: not judged, shape (4,).
+        guard_center: largest sigma of the center of mass, infinity: not judged, ft or m, shape (3,).
+        settled_after: samples with a jet commanded, from the guard on, until settled.
+        second_order: whether b2 (2-118), D (2-121) and the products with thrust errors are taken into account.
+    """
+
+    places: Places
+    wrenches: Array
+    thrusts: Array
+    flows: Array
+    time_constants_s: Array
+    kinds: np.ndarray
+    thrust_sigma: float
+    lag_sigma: float
+    gyro_bias_sigma: float
+    acceleration_bias_sigma: float
+    prior_sigma: Array
+    rate_walk: float
+    velocity_walk: float
+    repeatability: Array
+    tank_fraction: float
+    arm: float
+    accelerometer_positions: Array
+    variances: Array
+    quanta: Array
+    start: Array
+    start_root: Array
+    increment_sigma: Array
+    nominal_mass_reciprocal: float
+    thresholds: Array
+    guard_relative: Array
+    guard_center: Array
+    settled_after: float
+    second_order: bool
+
+
+class JointState(NamedTuple):
+    """All that the joint estimator knows after a sample. Never changed; a cycle makes a new one.
+
+    Attributes:
+        mean: the state's estimate, shape (size,).
+        root: lower triangular, with root root^T the covariance of the estimate's error, shape (size, size).
+        level: thrust level of each jet at the end of the interval, shape (n_jets,).
+        slope: its derivative by the logarithm of its time constant, shape (n_jets,).
+        spin: integral of w w^T dt since the last rebase as xx, yy, zz, yz, xz, xy, rad^2/s, shape (6,).
+        reference: rate at the last rebase, rad/s, shape (3,).
+        last: filtered output of each component when it was used last, shape (n_outputs,).
+        fired: seconds that each jet has given its full thrust, shape (n_jets,).
+        slot_jet: index of the jet in each slot of a failure force, -1: empty, shape (n_force,).
+        slot_sign: 1: the jet gives more than it is told to, -1: less, shape (n_force,).
+        time_s: of the last sample.
+        started: whether a sample has been taken.
+        guarded: whether the convergence guard holds.
+        freed: whether thrust errors are estimated, and no longer considered.
+        rescaled: whether the common thrust scale has been partitioned off, once for all.
+        firing_count: samples with a jet commanded since the guard holds.
+    """
+
+    mean: Array
+    root: Array
+    level: Array
+    slope: Array
+    spin: Array
+    reference: Array
+    last: Array
+    fired: Array
+    slot_jet: Array
+    slot_sign: Array
+    time_s: float
+    started: bool
+    guarded: bool
+    freed: bool
+    rescaled: bool
+    firing_count: float
+
+
+_STATE = Layout(
+    "joint_state",
+    mean="size",
+    root=("size", "size"),
+    level="jets",
+    slope="jets",
+    spin=6,
+    reference=3,
+    last="outputs",
+    fired="jets",
+    slot_jet="forces",
+    slot_sign="forces",
+    time_s=NUMBER,
+    started=FLAG,
+    guarded=FLAG,
+    freed=FLAG,
+    rescaled=FLAG,
+    firing_count=NUMBER,
+)
+
+
+def state_layout(places: Places) -> Layout:
+    """The layout of a state packed into one vector."""
+    outputs = 3 * (places.gyros + places.accelerometers)
+    return _STATE.sized(size=places.size, jets=places.jets, outputs=outputs, forces=places.n_force)
+
+
+def pack(state: JointState, places: Places) -> Array:
+    """A state as one vector, as a diagram holds it."""
+    return state_layout(places).pack(state)
+
+
+def unpack(vector: Array, places: Places) -> JointState:
+    """The inverse of `pack`; views of the vector."""
+    return JointState(*state_layout(places).read(vector))
+
+
+def settled(state: JointState, params: JointParams) -> bool:
+    """Whether the start is over: from then on nothing is incremented without a comparison of hypotheses."""
+    return state.guarded and state.firing_count >= params.settled_after

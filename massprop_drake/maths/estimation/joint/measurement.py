@@ -1,0 +1,138 @@
+r"""Readings of gyros and integrating accelerometers, and which of them count.
+
+    gyro g            y = w + sigma_g b_g
+    accelerometer s   y = c_s + O rho_s,    rho_s = p_s - r,    O = [(w - w_ref) x] + C
+
+with C the integral of [w x]^2 dt since the last rebase, w_ref the rate then. Derivatives: 1 by c_s, -[rho_s x] by w,
+-O by r; C is taken as known.
+
+*Quantizer.* A rate that stays within one step gives the same reading again and again, which says nothing new. A
+component is used when, with Y the variance of its prediction (without the reading's own),
+
+    |y^ - y^_last| >= q    or    |y - y^| > q/2 + 3 sqrt(Y)    or    sqrt(Y) > q/2,
+
+y^_last its filtered output when it was used last; always where the sensor's noise dithers it, sigma_n >= q/4, which
+params say by a step of zero. A reading that is missing (NaN) is not used.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from massprop_drake.maths.estimation.joint.covariance import compressed
+from massprop_drake.maths.estimation.joint.layout import CENTER, RATE, VELOCITY, JointParams, JointState
+from massprop_drake.maths.estimation.joint.prediction import RateRead
+from massprop_drake.maths.linear_algebra import Array, skew
+
+_IDENTITY = np.eye(3)
+
+
+def readings(rates: Array, velocities: Array) -> Array:
+    """All components that are read, gyros first, shape (n_outputs,).
+
+    Args:
+        rates: of each gyro package, NaN where missing, rad/s, shape (n_gyros, 3).
+        velocities: of each accelerometer package, shape (n_accelerometers, 3).
+    """
+    return np.concatenate((rates.ravel(), velocities.ravel()))
+
+
+def rate_read(rates: Array, mean: Array, params: JointParams) -> RateRead:
+    """The rate that gyros show, weighted by their variances.
+
+    Args:
+        rates: of each package, NaN where missing, rad/s, shape (n_gyros, 3).
+        mean: with the biases, shape (size,).
+        params: see `JointParams`.
+    """
+    places = params.places
+    rate, rows = np.full(3, np.nan), np.zeros((3, places.size))
+    for axis in range(3):
+        total = weighted = 0.0
+        for package in range(places.gyros):
+            if not np.isnan(rates[package, axis]):
+                weight = 1.0 / params.variances[3 * package + axis]
+                total += weight
+                weighted += weight * rates[package, axis]
+        if total == 0.0:
+            continue
+        rate[axis] = weighted / total
+        if places.n_gyro_bias > 0:
+            for package in range(places.gyros):
+                if not np.isnan(rates[package, axis]):
+                    column = places.gyro_bias + 3 * package + axis
+                    share = 1.0 / (params.variances[3 * package + axis] * total)
+                    rows[axis, column] = -share * params.gyro_bias_sigma
+                    rate[axis] += rows[axis, column] * mean[column]
+    return RateRead(rate, rows)
+
+
+def turning(rate: Array, reference: Array, spin: Array) -> Array:
+    """O = [(w - w_ref) x] + C, shape (3, 3).
+
+    Args:
+        rate, reference: w and w_ref, rad/s, shape (3,).
+        spin: integral of w w^T dt since the last rebase, six elements, shape (6,).
+    """
+    xx, yy, zz, yz, xz, xy = spin
+    centripetal = np.array([[-(yy + zz), xy, xz], [xy, -(xx + zz), yz], [xz, yz, -(xx + yy)]])
+    return skew(rate - reference) + centripetal
+
+
+def outputs(mean: Array, reference: Array, spin: Array, params: JointParams) -> tuple[Array, Array]:
+    """Predicted outputs of all components, shape (m,), and their derivative by the state, shape (m, size)."""
+    places = params.places
+    n_outputs = 3 * (places.gyros + places.accelerometers)
+    values, jacobian = np.empty(n_outputs), np.zeros((n_outputs, places.size))
+    for package in range(places.gyros):
+        rows = slice(3 * package, 3 * package + 3)
+        values[rows] = mean[RATE]
+        jacobian[rows, RATE] = _IDENTITY
+        if places.n_gyro_bias > 0:
+            columns = slice(places.gyro_bias + 3 * package, places.gyro_bias + 3 * package + 3)
+            values[rows] += params.gyro_bias_sigma * mean[columns]
+            jacobian[rows, columns] = params.gyro_bias_sigma * _IDENTITY
+    if places.accelerometers > 0:
+        turn = turning(mean[RATE], reference, spin)
+        for package in range(places.accelerometers):
+            begin = 3 * (places.gyros + package)
+            rows = slice(begin, begin + 3)
+            columns = slice(VELOCITY + 3 * package, VELOCITY + 3 * package + 3)
+            arm = params.accelerometer_positions[package] - mean[CENTER]
+            values[rows] = mean[columns] + turn @ arm
+            jacobian[rows, columns] = _IDENTITY
+            jacobian[rows, RATE] = -skew(arm)
+            jacobian[rows, CENTER] = -turn
+    return values, jacobian
+
+
+def used(read: Array, predicted: Array, last: Array, deviation: Array, quanta: Array) -> np.ndarray:
+    """Which components count, shape (m,).
+
+    Args:
+        read, predicted: readings, NaN where missing, and outputs, shape (m,).
+        last: filtered output when each was used last, shape (m,).
+        deviation: 1-sigma of the prediction, shape (m,).
+        quanta: see `JointParams`, shape (m,).
+    """
+    moved = np.abs(predicted - last) >= quanta
+    off = np.abs(read - predicted) > 0.5 * quanta + 3.0 * deviation
+    poor = deviation > 0.5 * quanta
+    return ~np.isnan(read) & (moved | off | poor)
+
+
+def rebased(state: JointState, params: JointParams) -> JointState:
+    """The state with what accelerometers have gathered so far taken as it is, whatever the center of mass now becomes.
+
+    c_s <- c_s + O rho_s, w_ref <- w, C <- 0: for a jump of the mass properties, and never for an increment, after which
+    the old center of mass was wrong all along.
+    """
+    places = params.places
+    turn = turning(state.mean[RATE], state.reference, state.spin)
+    mean, root = state.mean.copy(), state.root.copy()
+    shift = turn @ state.root[CENTER]
+    for package in range(places.accelerometers):
+        part = slice(VELOCITY + 3 * package, VELOCITY + 3 * package + 3)
+        mean[part] += turn @ (params.accelerometer_positions[package] - mean[CENTER])
+        root[part] -= shift
+    return state._replace(mean=mean, root=compressed(root), reference=state.mean[RATE].copy(), spin=np.zeros(6))

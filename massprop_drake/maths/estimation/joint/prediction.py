@@ -1,0 +1,438 @@
+r"""Prediction of the joint state over one interval, exact in its length, and its linearization.
+
+    w   <- w + h + b2 + g          h = J (a + lambda x r)
+    c_s <- c_s + lambda mu + beta_s T
+    mu  <- mu + mu^2 sum_j m'_j L_j
+
+with a and lambda the impulses about the vehicle origin of all jets, the sum of W_j L_j (1 + sigma_T b_j) with L_j the
+seconds of full thrust of `impulses`, of the forces of failed jets, and of known outside forces. While mu falls, c
+gathers lambda at its mean over the interval.
+
+*Forces of failed jets.* A slot's force f acts on top for the time that its jet's level leaves, T - L (it gives more
+than it is told), or is missing for the time L (it gives less). Either way the lag of that jet counts for 1 - f/F.
+
+*Second order.* The product of the errors of J and r has the mean b2 (2-118) and the covariance D (2-121). While thrust
+errors are only considered, so do the products with them: with N_j the effect of an error of the ten parameters under
+full thrust of jet j, on w and c, and g_j = sigma_T L_j, their mean is sum g_j N_j P_xb_j, their covariance
+sum g_j^2 P_bb N_j P_xx N_j^T.
+
+*Dynamic coupling*, exact for a rate that is linear in time from w0 to w1: with l = J^-1 w,
+
+    g = -T J t,    t = w0 x u0 + w1 x u1,    u0 = (2 l0 + l1)/6,    u1 = (l0 + 2 l1)/6.
+
+Thrust that builds up or tails off bows the rate: on average it lies J dL off that line, dL the angular impulse of the
+bows, so t += w_mean x dL + J dL x l_mean. It counts from when the diagonal of J is known to half its size. w1 is the
+reading less its bias, and its rounding counts as none; where it is missing, the rate that is predicted with the
+coupling. The derivatives follow.
+
+*The common thrust scale* s (`thrust_scale`) is not seen by what jets do, but known outside forces are not scaled with
+them: they enter by 1 - sigma_T s.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_drake.maths.estimation.filters.rotation_filter import angular_block, second_order_terms
+from massprop_drake.maths.estimation.joint.covariance import semidefinite_root
+from massprop_drake.maths.estimation.joint.impulses import Firing, fire, time_constants
+from massprop_drake.maths.estimation.joint.layout import (
+    CENTER,
+    INERTIA,
+    MASS,
+    N_PROPERTIES,
+    RATE,
+    VELOCITY,
+    JointParams,
+    JointState,
+)
+from massprop_drake.maths.linear_algebra import Array, cross, inverse_positive_definite, is_positive_definite, skew
+from massprop_drake.maths.mass_properties import ELEMENT
+
+_IDENTITY = np.eye(3)
+_PAIRS = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
+_MOST_LIGHT = 3.0  # times the nominal 1/m: beyond, an estimate is none, and nothing flows
+
+
+class Drive(NamedTuple):
+    """What acts on the vehicle over an interval.
+
+    Attributes:
+        firing: see `impulses.Firing`.
+        lag_slope: derivative of the logarithm of each jet's time constant by the error of its kind, shape (n_jets,).
+        outside: impulse of known outside forces, angular about the vehicle origin and linear, shape (6,).
+    """
+
+    firing: Firing
+    lag_slope: Array
+    outside: Array
+
+
+class RateRead(NamedTuple):
+    """The rate that gyros show at the end of an interval.
+
+    Attributes:
+        rate: weighted mean of the packages, biases taken off, NaN where none reads, rad/s, shape (3,).
+        rows: its derivative by the state: by the biases, shape (3, size).
+    """
+
+    rate: Array
+    rows: Array
+
+
+class Prediction(NamedTuple):
+    """The state predicted over an interval, and how errors go over.
+
+    Attributes:
+        mean: predicted, shape (size,).
+        rate_rows: derivative of the change of w by the state, shape (3, size).
+        velocity_rows: of the change of each c_s, shape (3, size); biases of accelerometers are not in it.
+        mass_factor: derivative of mu after by mu before.
+        noise: covariance added to w and to every c_s alike, shape (6, 6).
+        drift: variances added to the ten parameters, shape (10,).
+        spin: integral of w w^T dt over the interval, six elements, rad^2/s, shape (6,).
+        duration_s: T.
+        coupled: whether dynamic coupling counts.
+    """
+
+    mean: Array
+    rate_rows: Array
+    velocity_rows: Array
+    mass_factor: float
+    noise: Array
+    drift: Array
+    spin: Array
+    duration_s: float
+    coupled: bool
+
+
+class Coupling(NamedTuple):
+    """Dynamic coupling over an interval.
+
+    Attributes:
+        change: g, rad/s, shape (3,).
+        by_inertia: its derivative by J, shape (3, 6).
+        by_start, by_end: by w0 and w1, shape (3, 3).
+    """
+
+    change: Array
+    by_inertia: Array
+    by_start: Array
+    by_end: Array
+
+
+def drive(state: JointState, durations_s: Array, commands: Array, outside: Array, params: JointParams) -> Drive:
+    """What acts over an interval, with the lag at its present estimate.
+
+    Args:
+        state: before.
+        durations_s, commands: the interval's pieces, see `impulses.fire`.
+        outside: impulse of known outside forces, shape (6,).
+        params: see `JointParams`.
+    """
+    constants, lag_slope = lag_of(state.mean, params)
+    return Drive(fire(state.level, state.slope, constants, durations_s, commands), lag_slope, outside)
+
+
+def lag_of(mean: Array, params: JointParams) -> tuple[Array, Array]:
+    """Time constant of each jet at the present estimate, and its logarithm's derivative by the error of its kind."""
+    places = params.places
+    errors = mean[places.lag : places.lag + places.n_lag]
+    return time_constants(params.time_constants_s, params.kinds, params.lag_sigma, errors)
+
+
+def _thrust_factors(state: JointState, params: JointParams) -> tuple[Array, Array]:
+    """1 + sigma_T b of each jet, and what counts of its lag, shape (n_jets,) each."""
+    places = params.places
+    factor = np.ones(places.jets)
+    if places.n_thrust > 0:
+        factor = factor + params.thrust_sigma * state.mean[places.thrust : places.thrust + places.n_thrust]
+    lagged = factor.copy()
+    for slot in range(places.n_force):
+        jet = int(state.slot_jet[slot])
+        if jet >= 0:
+            lagged[jet] -= state.mean[places.force + slot] / params.thrusts[jet]
+    return factor, lagged
+
+
+def _moments(mean: Array, wrenches: Array) -> Array:
+    """Torque about the estimated center of mass of each wrench about the vehicle origin, shape (n, 3)."""
+    return wrenches[:, :3] + wrenches[:, 3:] @ skew(mean[CENTER])
+
+
+def error_rows(state: JointState, acting: Drive, params: JointParams) -> tuple[Array, Array]:
+    """Derivatives of the changes of w and of c by the parameters: thrust and lag errors, s, and forces.
+
+    Args:
+        state: where they are taken; shape of both results (3, size), zero for the rest of the state.
+        acting: see `Drive`.
+        params: see `JointParams`.
+    """
+    mean, places, firing = state.mean, params.places, acting.firing
+    inverse, reciprocal = mean[INERTIA][ELEMENT], mean[MASS]
+    rate_rows, velocity_rows = np.zeros((3, places.size)), np.zeros((3, places.size))
+    rate_effect = _moments(mean, params.wrenches) @ inverse
+    velocity_effect = reciprocal * params.wrenches[:, 3:]
+    _, lagged = _thrust_factors(state, params)
+    if places.n_thrust > 0:
+        columns = slice(places.thrust, places.thrust + places.n_thrust)
+        sigma = (params.thrust_sigma * firing.amount).reshape(-1, 1)
+        rate_rows[:, columns] = (rate_effect * sigma).T
+        velocity_rows[:, columns] = (velocity_effect * sigma).T
+        outside = acting.outside.reshape(1, 6)
+        rate_rows[:, places.scale] = -params.thrust_sigma * (_moments(mean, outside) @ inverse)[0]
+        velocity_rows[:, places.scale] = -params.thrust_sigma * reciprocal * acting.outside[3:]
+    if places.n_lag > 0:
+        weight = firing.amount_slope * acting.lag_slope * lagged
+        of_kinds = weight * (np.arange(places.n_lag).reshape(-1, 1) == params.kinds)
+        columns = slice(places.lag, places.lag + places.n_lag)
+        rate_rows[:, columns] = (of_kinds @ rate_effect).T
+        velocity_rows[:, columns] = (of_kinds @ velocity_effect).T
+    for slot in range(places.n_force):
+        jet = int(state.slot_jet[slot])
+        if jet >= 0:
+            seconds = _slot_weight(state, slot, firing) / params.thrusts[jet]
+            rate_rows[:, places.force + slot] = rate_effect[jet] * seconds
+            velocity_rows[:, places.force + slot] = velocity_effect[jet] * seconds
+    return rate_rows, velocity_rows
+
+
+def _slot_weight(state: JointState, slot: int, firing: Firing) -> float:
+    """Seconds for which a slot's force acts: T - L where the jet gives more than it is told, else -L."""
+    amount = float(firing.amount[int(state.slot_jet[slot])])
+    return firing.duration_s - amount if state.slot_sign[slot] > 0.0 else -amount
+
+
+def effective_seconds(state: JointState, firing: Firing, params: JointParams) -> Array:
+    """Seconds of full thrust of each jet with its thrust error and the forces of failures, shape (n_jets,)."""
+    factor, _ = _thrust_factors(state, params)
+    seconds = firing.amount * factor
+    for slot in range(params.places.n_force):
+        jet = int(state.slot_jet[slot])
+        if jet >= 0:
+            force = state.mean[params.places.force + slot]
+            seconds[jet] += _slot_weight(state, slot, firing) * force / params.thrusts[jet]
+    return seconds
+
+
+def predict(state: JointState, acting: Drive, rate_read: RateRead, params: JointParams) -> Prediction:
+    """The state over an interval, before its readings but for the rate in the dynamic coupling.
+
+    Args:
+        state: before.
+        acting: see `Drive`.
+        rate_read: rate at the end of the interval as gyros show it.
+        params: see `JointParams`.
+    """
+    mean, places, duration = state.mean, params.places, acting.firing.duration_s
+    covariance = state.root[:N_PROPERTIES] @ state.root[:N_PROPERTIES].T
+    inverse, reciprocal = mean[INERTIA][ELEMENT], mean[MASS]
+    seconds = effective_seconds(state, acting.firing, params)
+    scale = 1.0 - params.thrust_sigma * mean[places.scale] if places.n_scale > 0 else 1.0
+    impulse = seconds @ params.wrenches + scale * acting.outside
+    linear = impulse[3:]
+    moment = impulse[:3] + cross(linear, mean[CENTER])
+    flow = float(seconds @ params.flows) if 0.0 < reciprocal < _MOST_LIGHT * params.nominal_mass_reciprocal else 0.0
+
+    rate_rows, velocity_rows = error_rows(state, acting, params)
+    rate_rows[:, INERTIA] = angular_block(moment)
+    rate_rows[:, CENTER] = inverse @ skew(linear)
+    velocity_rows[:, MASS] = linear * (1.0 + reciprocal * flow)
+    bias, noise = _second_order(state, acting, linear, covariance, params)
+    noise += _white_noise(mean, acting.firing, params)
+    change = inverse @ moment + bias[:3]
+    velocity_change = linear * reciprocal * (1.0 + 0.5 * reciprocal * flow) + bias[3:]
+
+    end, bowed = mean[RATE] + change, np.zeros(3)
+    coupled = _knows_inertia(mean, covariance)
+    if coupled:
+        through, end, bowed = _coupled(state, acting, change, rate_read, params)
+        end_rows = rate_rows.copy()
+        end_rows[:, RATE] += _IDENTITY
+        taken = ~np.isnan(rate_read.rate)
+        end_rows[taken] = rate_read.rows[taken]
+        rate_rows += through.by_end @ end_rows
+        rate_rows[:, RATE] += through.by_start
+        rate_rows[:, INERTIA] += through.by_inertia
+        change = change + through.change
+    else:
+        end = np.where(np.isnan(rate_read.rate), end, rate_read.rate)
+
+    after = mean.copy()
+    after[RATE] += change
+    for package in range(places.accelerometers):
+        part = slice(VELOCITY + 3 * package, VELOCITY + 3 * package + 3)
+        after[part] += velocity_change
+        if places.n_acceleration_bias > 0:
+            begin = places.acceleration_bias + 3 * package
+            after[part] += duration * params.acceleration_bias_sigma * mean[begin : begin + 3]
+    after[MASS] += reciprocal * reciprocal * flow
+    return Prediction(
+        mean=after,
+        rate_rows=rate_rows,
+        velocity_rows=velocity_rows,
+        mass_factor=1.0 + 2.0 * reciprocal * flow,
+        noise=noise,
+        drift=_drift(mean, flow, params),
+        spin=spin_integral(mean[RATE], end, bowed, duration),
+        duration_s=duration,
+        coupled=coupled,
+    )
+
+
+def _second_order(
+    state: JointState, acting: Drive, linear: Array, covariance: Array, params: JointParams
+) -> tuple[Array, Array]:
+    """Mean, shape (6,), and covariance, shape (6, 6), on w and c, of the products of errors."""
+    bias, noise = np.zeros(6), np.zeros((6, 6))
+    if params.second_order:
+        bias[:3], noise[:3, :3] = second_order_terms(covariance[:9, :9], linear)
+        if params.places.n_thrust > 0 and not state.freed:
+            product_mean, product_noise = _thrust_products(state, acting, covariance, params)
+            bias += product_mean
+            noise += product_noise
+    return bias, noise
+
+
+def _coupled(
+    state: JointState, acting: Drive, change: Array, rate_read: RateRead, params: JointParams
+) -> tuple[Coupling, Array, Array]:
+    """Dynamic coupling with the rate that is read, or predicted where none is; that rate; and the bow of the rate."""
+    mean, firing = state.mean, acting.firing
+    inverse = mean[INERTIA][ELEMENT]
+    inertias = inverse, inverse_positive_definite(inverse, "inverse inertia")
+    _, lagged = _thrust_factors(state, params)
+    bow = (firing.bow * lagged) @ params.wrenches
+    bow_moment = bow[:3] + cross(bow[3:], mean[CENTER])
+    missing = np.isnan(rate_read.rate)
+    line = mean[RATE] + change
+    end = np.where(missing, line, rate_read.rate)
+    found = coupling(inertias, mean[RATE], end, bow_moment, firing.duration_s)
+    if missing.any():  # once more with the coupling in the rate at the end
+        end = np.where(missing, line + found.change, rate_read.rate)
+        found = coupling(inertias, mean[RATE], end, bow_moment, firing.duration_s)
+    return found, end, inverse @ bow_moment
+
+
+def coupling(inertias: tuple[Array, Array], start: Array, end: Array, bow_moment: Array, duration_s: float) -> Coupling:
+    """The change g of the rate by dynamic coupling, and its derivatives; those of the bow are left out.
+
+    Args:
+        inertias: J and its inverse, shape (3, 3) each.
+        start, end: w0 and w1, rad/s, shape (3,).
+        bow_moment: dL, angular impulse about the center of mass of the bows, shape (3,).
+        duration_s: T.
+    """
+    inverse, inertia = inertias
+    at_start, at_end = inertia @ start, inertia @ end
+    first, second = (2.0 * at_start + at_end) / 6.0, (at_start + 2.0 * at_end) / 6.0
+    turn = cross(start, first) + cross(end, second)
+    over_start, over_end = skew(start) @ inertia, skew(end) @ inertia
+    by_inertia = angular_block(turn) - inverse @ (over_start @ angular_block(first) + over_end @ angular_block(second))
+    by_start = inverse @ (over_start / 3.0 + over_end / 6.0 - skew(first))
+    by_end = inverse @ (over_start / 6.0 + over_end / 3.0 - skew(second))
+    bent = cross(0.5 * (start + end), bow_moment) + cross(inverse @ bow_moment, 0.5 * (at_start + at_end))
+    through = inverse @ (turn + bent) * -duration_s
+    return Coupling(through, -duration_s * by_inertia, -duration_s * by_start, -duration_s * by_end)
+
+
+def spin_integral(start: Array, end: Array, bowed: Array, duration_s: float) -> Array:
+    """The integral of w w^T dt of a rate that is linear but for a bow, six elements, rad^2/s, shape (6,).
+
+    Args:
+        start, end: rates, rad/s, shape (3,).
+        bowed: what the rate lies off the line on average, rad/s, shape (3,).
+        duration_s: of the interval.
+    """
+    result = np.empty(6)
+    for k, (i, j) in enumerate(_PAIRS):
+        straight = (start[i] * start[j] + end[i] * end[j]) / 3.0 + (start[i] * end[j] + end[i] * start[j]) / 6.0
+        bent = 0.5 * ((start[i] + end[i]) * bowed[j] + (start[j] + end[j]) * bowed[i])
+        result[k] = duration_s * (straight + bent)
+    return result
+
+
+def propagated(root: Array, prediction: Prediction, params: JointParams) -> Array:
+    """The covariance's root over the interval, with its noise as more columns, not compressed."""
+    places = params.places
+    after = root.copy()
+    after[RATE] += prediction.rate_rows @ root
+    common = prediction.velocity_rows @ root
+    noise = semidefinite_root(prediction.noise)
+    drifting = np.flatnonzero(prediction.drift > 0.0)
+    columns = np.zeros((places.size, 6 + drifting.shape[0]))
+    columns[RATE, :6] = noise[:3]
+    for package in range(places.accelerometers):
+        part = slice(VELOCITY + 3 * package, VELOCITY + 3 * package + 3)
+        after[part] += common
+        columns[part, :6] = noise[3:]
+        if places.n_acceleration_bias > 0:
+            begin = places.acceleration_bias + 3 * package
+            after[part] += prediction.duration_s * params.acceleration_bias_sigma * root[begin : begin + 3]
+    after[MASS] *= prediction.mass_factor
+    for column in range(drifting.shape[0]):
+        columns[drifting[column], 6 + column] = np.sqrt(prediction.drift[drifting[column]])
+    if not columns.any():
+        return after
+    return np.hstack((after, columns))
+
+
+def _knows_inertia(mean: Array, covariance: Array) -> bool:
+    """Whether J is positive definite and its diagonal known to half its size."""
+    for i in range(3):
+        if not np.sqrt(covariance[i, i]) < 0.5 * mean[i]:
+            return False
+    return is_positive_definite(mean[INERTIA][ELEMENT])
+
+
+def _thrust_products(state: JointState, acting: Drive, covariance: Array, params: JointParams) -> tuple[Array, Array]:
+    """Mean, shape (6,), and covariance, shape (6, 6), of thrust errors times errors of the ten parameters."""
+    mean, places = state.mean, params.places
+    shares = params.thrust_sigma * acting.firing.amount
+    effects = _effects(mean, params.wrenches) * shares.reshape(-1, 1)
+    thrusts = state.root[places.thrust : places.thrust + places.n_thrust]
+    crossed = state.root[:N_PROPERTIES] @ thrusts.T
+    flat = effects.reshape(6, -1)
+    product_mean = flat @ np.ascontiguousarray(crossed.T).ravel()
+    variances = np.sum(thrusts * thrusts, axis=1).reshape(-1, 1)
+    product_noise = (variances * (effects @ covariance)).reshape(6, -1) @ flat.T
+    return product_mean, product_noise
+
+
+def _effects(mean: Array, wrenches: Array) -> Array:
+    """N_j, the effect of errors of the ten parameters on w and c under wrenches for a second, shape (6, n, 10)."""
+    inverse = mean[INERTIA][ELEMENT]
+    moments, forces = _moments(mean, wrenches), wrenches[:, 3:]
+    effects = np.zeros((6, wrenches.shape[0], N_PROPERTIES))
+    for row in range(3):
+        effects[row][:, ELEMENT[row]] = moments  # of J m
+        effects[row, :, CENTER] = forces @ skew(inverse[row]).T  # of J [F x]
+        effects[3 + row, :, MASS] = forces[:, row]
+    return effects
+
+
+def _white_noise(mean: Array, firing: Firing, params: JointParams) -> Array:
+    """Covariance on w and c of walks, of impulses that scatter, and of commands that are not known, shape (6, 6)."""
+    noise = np.zeros((6, 6))
+    variance = firing.variance + (params.repeatability * firing.amount) ** 2
+    if variance.any():
+        rate_effect = _moments(mean, params.wrenches) @ mean[INERTIA][ELEMENT]
+        effects = np.hstack((rate_effect, mean[MASS] * params.wrenches[:, 3:]))
+        noise = (effects * variance.reshape(-1, 1)).T @ effects
+    noise[:3, :3] += params.rate_walk**2 * firing.duration_s * _IDENTITY
+    noise[3:, 3:] += params.velocity_walk**2 * firing.duration_s * _IDENTITY
+    return noise
+
+
+def _drift(mean: Array, flow: float, params: JointParams) -> Array:
+    """Variances that propellant which is used adds to inertia and center of mass, shape (10,)."""
+    drift = np.zeros(N_PROPERTIES)
+    used = mean[MASS] * flow
+    if used > 0.0 and params.tank_fraction > 0.0:
+        each = 0.01 * params.tank_fraction**2 * used
+        for k, (i, j) in enumerate(_PAIRS):
+            drift[k] = each * abs(mean[i] * mean[j])
+        drift[CENTER] = each * params.arm**2
+    return drift

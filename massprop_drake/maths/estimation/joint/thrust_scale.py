@@ -1,0 +1,52 @@
+r"""The common scale of all thrusts, partitioned off when thrust errors are freed.
+
+More thrust of every jet by the same share and as much more inertia and mass change no reading: b_j -> b_j + e,
+J -> J (1 - sigma_T e), mu -> mu (1 - sigma_T e). Linearized at successive estimates, a filter that estimates all b
+breaks that symmetry and believes it sees the scale. In other variables it cannot: with s the mean of b over the jets
+that have fired so far,
+
+    b' = b - s,    J' = J (1 + sigma_T s),    mu' = mu (1 + sigma_T s),    f' = f (1 - sigma_T s),
+
+all readings follow from J', mu', b' and f' (forces of failures) to first order, and s is inert: a state with its
+covariances, which nothing but known outside forces shows. At the change no thrust error has been estimated, b^ = 0,
+so only errors are mapped. What is reported is J = J' (1 - sigma_T s) and mu likewise.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from massprop_drake.maths.estimation.joint.covariance import compressed
+from massprop_drake.maths.estimation.joint.layout import INERTIA, MASS, N_PROPERTIES, JointParams, JointState
+from massprop_drake.maths.linear_algebra import Array
+
+
+def partitioned(state: JointState, params: JointParams) -> JointState:
+    """The state in the variables b', J', mu', f' and s."""
+    places = params.places
+    fired = state.fired > 0.0
+    if not fired.any():
+        return state
+    root = state.root.copy()
+    thrusts = slice(places.thrust, places.thrust + places.n_thrust)
+    common = fired.astype(np.float64) @ root[thrusts] / float(fired.sum())
+    root[places.scale] = common
+    root[thrusts] -= common
+    root[INERTIA] += np.outer(params.thrust_sigma * state.mean[INERTIA], common)
+    root[MASS] += params.thrust_sigma * state.mean[MASS] * common
+    for slot in range(places.n_force):
+        root[places.force + slot] -= params.thrust_sigma * state.mean[places.force + slot] * common
+    return state._replace(root=compressed(root), rescaled=True)
+
+
+def reported(state: JointState, params: JointParams) -> tuple[Array, Array]:
+    """The ten parameters with the scale in them, shape (10,), and the rows of their errors, shape (10, size)."""
+    properties, rows = state.mean[:N_PROPERTIES].copy(), state.root[:N_PROPERTIES].copy()
+    if params.places.n_scale > 0 and state.rescaled:
+        factor = 1.0 - params.thrust_sigma * state.mean[params.places.scale]
+        of_scale = params.thrust_sigma * state.root[params.places.scale]
+        for element in range(N_PROPERTIES):
+            if element < INERTIA.stop or element == MASS:
+                rows[element] = factor * rows[element] - properties[element] * of_scale
+                properties[element] *= factor
+    return properties, rows

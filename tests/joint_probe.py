@@ -1,0 +1,145 @@
+"""Parameters of the joint estimator for tests: of a small invented vehicle, and of vehicle files."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from scipy.stats import chi2
+
+from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.maths.estimation.joint.cycle import Sample, initial
+from massprop_drake.maths.estimation.joint.layout import JointParams, JointState, make_places
+from massprop_drake.maths.estimation.joint.prediction import RateRead
+from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.maths.mass_properties import initial_standard_deviation, six_elements
+
+PERIOD = 0.1  # s
+INVERSE = np.linalg.inv(np.array([[2.0, 0.1, -0.2], [0.1, 3.0, 0.3], [-0.2, 0.3, 4.0]]))
+TRUTH = np.concatenate([six_elements(INVERSE), [0.05, -0.03, 0.02, 0.1]])
+_POSITIONS = np.array([[1.0, 0.2, 0], [-1, 0, 0.3], [0, 1, -0.1], [0.2, -1, 0], [0, 0.1, 1], [0.3, 0, -1]])
+_FORCES = np.array([[0, 1.0, 0.2], [0.1, 0, 1], [1, 0, 0.1], [0.2, 0.3, -1], [-1, 0.2, 0], [0.4, -1, 0]])
+
+
+def small_params(**changed: Any) -> JointParams:
+    """Six jets of two kinds, two gyros and two accelerometers, every kind of parameter, two slots."""
+    settings: dict[str, Any] = {
+        "places": make_places((6, 2, 2), 2, (True, True), True, 2),
+        "wrenches": np.hstack([np.cross(_POSITIONS, _FORCES), _FORCES]),
+        "thrusts": np.linalg.norm(_FORCES, axis=1),
+        "flows": np.full(6, 0.01),
+        "time_constants_s": np.array([0.015, 0.015, 0.015, 0.03, 0.03, 0.03]),
+        "kinds": np.array([0, 0, 0, 1, 1, 1]),
+        "thrust_sigma": 0.01,
+        "lag_sigma": 0.2,
+        "gyro_bias_sigma": 1e-5,
+        "acceleration_bias_sigma": 1e-3,
+        "prior_sigma": np.append(np.ones(6 + 2 + 6 + 6), np.zeros(1 + 2)),
+        "rate_walk": 0.0,
+        "velocity_walk": 0.0,
+        "repeatability": np.zeros(6),
+        "tank_fraction": 0.0,
+        "arm": 1.0,
+        "accelerometer_positions": np.array([[0.3, 0.1, -0.2], [-0.4, 0.2, 0.1]]),
+        "variances": np.array([1e-10] * 3 + [2e-10] * 3 + [1e-8] * 6),
+        "quanta": np.zeros(12),
+        "start": TRUTH,
+        "start_root": np.diag(np.abs(TRUTH) * 0.1),
+        "increment_sigma": np.abs(TRUTH),
+        "nominal_mass_reciprocal": 0.1,
+        "thresholds": chi2.isf(1.5e-5, np.arange(1, 7)),
+        "guard_relative": np.array([0.02, 0.02, 0.02, 0.2]),
+        "guard_center": np.full(3, 0.03),
+        "settled_after": 60.0,
+        "second_order": True,
+    }
+    return JointParams(**(settings | changed))
+
+
+def some_state(params: JointParams, seed: int = 0) -> JointState:
+    """A state in flight: errors of all kinds, correlated, jets half built up, two slots taken."""
+    rng = np.random.default_rng(seed)
+    state, places = initial(params), params.places
+    mean = 0.3 * rng.standard_normal(places.size)
+    mean[:10] = params.start
+    mean[10:13] = [0.02, -0.03, 0.01]
+    if places.n_force:
+        mean[places.force :] = [0.1, 0.3]
+    scale = np.maximum(np.abs(mean), 1e-6) * 1e-3
+    return state._replace(
+        mean=mean,
+        root=scale[:, None] * rng.standard_normal((places.size, places.size)) / np.sqrt(places.size),
+        level=rng.uniform(size=6),
+        reference=np.array([0.001, 0.002, -0.003]),
+        spin=1e-4 * np.abs(rng.standard_normal(6)),
+        slot_jet=np.array([1.0, 4.0])[: places.n_force],
+        slot_sign=np.array([1.0, -1.0])[: places.n_force],
+        started=True,
+    )
+
+
+def some_sample(params: JointParams, **changed: Any) -> Sample:
+    """A sample of one piece, three jets on, nothing read."""
+    places = params.places
+    sample = Sample(
+        time_s=PERIOD,
+        durations_s=np.array([PERIOD]),
+        commands=np.array([[1.0, 0, 1, 0, 0, 1]]),
+        outside=np.zeros(6),
+        rates=np.full((places.gyros, 3), np.nan),
+        velocities=np.full((places.accelerometers, 3), np.nan),
+    )
+    return sample._replace(**changed)
+
+
+def read_as(rate: Array, params: JointParams) -> RateRead:
+    """A rate read without biases."""
+    return RateRead(rate, np.zeros((3, params.places.size)))
+
+
+def unread(params: JointParams) -> RateRead:
+    """No rate read."""
+    return read_as(np.full(3, np.nan), params)
+
+
+def vehicle_params(vehicle: Vehicle, *, lag: bool, start: str = "zero", **changed: Any) -> JointParams:
+    """Of a vehicle file, exact thrusts, one lag error per kind, no biases."""
+    kinds = sorted({jet.kind for jet in vehicle.jets})
+    sensors = [*vehicle.gyros, *vehicle.accelerometers]
+    dithered = [0.0 if sensor.noise_std >= sensor.quantum / 4 else sensor.quantum for sensor in sensors]
+    nominal = vehicle.nominal.vector()
+    wide = initial_standard_deviation(nominal, 1.0, vehicle.center_of_mass_floor)
+    counts = (len(vehicle.jets), len(vehicle.gyros), len(vehicle.accelerometers))
+    given = start == "nominal"
+    sigma = initial_standard_deviation(nominal, vehicle.uncertainty, vehicle.center_of_mass_floor) if given else wide
+    return small_params(
+        **{
+            "places": make_places(counts, len(kinds) if lag else 0, (False, False), False, 0),
+            "prior_sigma": np.ones(len(kinds) if lag else 0),
+            "repeatability": np.zeros(len(vehicle.jets)),
+            "wrenches": vehicle.wrenches,
+            "thrusts": np.linalg.norm(vehicle.thrusts, axis=1),
+            "flows": vehicle.mass_flows,
+            "time_constants_s": vehicle.time_constants_s * (1.0 if lag else 0.0),
+            "kinds": np.array([kinds.index(jet.kind) for jet in vehicle.jets]),
+            "accelerometer_positions": np.array([sensor.position for sensor in vehicle.accelerometers]),
+            "variances": np.repeat([sensor.variance for sensor in sensors], 3),
+            "quanta": np.repeat(dithered, 3),
+            "start": nominal if given else np.zeros(10),
+            "start_root": np.diag(sigma),
+            "increment_sigma": wide,
+            "nominal_mass_reciprocal": nominal[9],
+            "guard_center": np.full(3, 0.03 * vehicle.rms_arm),
+            **changed,
+        }
+    )
+
+
+def central_differences(function: Any, at: Array, steps: Array) -> Array:
+    """The Jacobian of a vector function, one column per element of its argument."""
+    columns = []
+    for index, step in enumerate(steps):
+        shift = np.zeros(at.size)
+        shift[index] = step
+        columns.append((function(at + shift) - function(at - shift)) / (2.0 * step))
+    return np.array(columns).T

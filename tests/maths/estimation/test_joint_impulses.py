@@ -1,0 +1,102 @@
+"""Levels with lag: against fine integration, differences, and the pieces of an interval."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from massprop_drake.maths.estimation.joint.impulses import fire, pieces, time_constants
+
+LEVEL = np.array([0.0, 1.0, 0.3, 0.8])
+CONSTANTS = np.array([0.015, 0.05, 0.4, 0.0])
+DURATIONS = np.array([0.03, 0.05])
+COMMANDS = np.array([[1.0, 1, 0, 1], [1, 0, 0.5, 0]])
+
+
+def finely(level: float, constant: float) -> tuple[float, float, float]:
+    """Amount, moment (the integral of what was given so far) and last level, by the midpoint rule."""
+    amount = moment = 0.0
+    for duration, command in zip(DURATIONS, COMMANDS.T[list(CONSTANTS).index(constant)], strict=True):
+        n = 20_000
+        time = (np.arange(n) + 0.5) * duration / n
+        levels = command + (level - command) * np.exp(-time / constant)
+        so_far = amount + np.cumsum(levels) * duration / n
+        moment += float(np.sum(so_far - 0.5 * levels * duration / n)) * duration / n
+        amount = float(so_far[-1])
+        level = command + (level - command) * float(np.exp(-duration / constant))
+    return amount, moment, level
+
+
+def test_amount_bow_and_level_agree_with_fine_integration() -> None:
+    firing = fire(LEVEL, np.zeros(4), CONSTANTS, DURATIONS, COMMANDS)
+    for jet in range(3):
+        amount, moment, level = finely(LEVEL[jet], CONSTANTS[jet])
+        assert firing.amount[jet] == pytest.approx(amount, rel=1e-7)
+        assert firing.bow[jet] == pytest.approx(moment / DURATIONS.sum() - 0.5 * amount, rel=1e-6)
+        assert firing.level[jet] == pytest.approx(level, rel=1e-12)
+    # no lag: on for 0.03 s, then off
+    assert firing.amount[3] == pytest.approx(0.03)
+    assert firing.bow[3] == pytest.approx((0.03**2 / 2 + 0.03 * 0.05) / 0.08 - 0.015)
+    assert firing.level[3] == 0.0
+
+
+def test_derivatives_by_the_logarithm_of_the_time_constant() -> None:
+    """Over two intervals, so that what the level at the start depends on counts, too."""
+
+    def amounts(scale: float) -> tuple[np.ndarray, np.ndarray]:
+        first = fire(LEVEL, np.zeros(4), CONSTANTS * scale, DURATIONS, COMMANDS)
+        second = fire(first.level, first.slope, CONSTANTS * scale, DURATIONS, 1.0 - COMMANDS)
+        return second.amount, second.level
+
+    first = fire(LEVEL, np.zeros(4), CONSTANTS, DURATIONS, COMMANDS)
+    second = fire(first.level, first.slope, CONSTANTS, DURATIONS, 1.0 - COMMANDS)
+    step = 1e-5
+    above, below = amounts(np.exp(step)), amounts(np.exp(-step))
+    np.testing.assert_allclose(second.amount_slope, (above[0] - below[0]) / (2 * step), rtol=1e-7, atol=1e-12)
+    np.testing.assert_allclose(second.slope, (above[1] - below[1]) / (2 * step), rtol=1e-7, atol=1e-12)
+
+
+def test_what_a_late_build_up_takes_is_given_back_at_tail_off() -> None:
+    on = fire(np.zeros(1), np.zeros(1), np.array([0.015]), np.array([0.5]), np.ones((1, 1)))
+    off = fire(on.level, on.slope, np.array([0.015]), np.array([0.5]), np.zeros((1, 1)))
+    assert on.amount[0] == pytest.approx(0.5 - 0.015)
+    assert (on.amount + off.amount)[0] == pytest.approx(0.5)
+    assert (on.amount_slope + off.amount_slope)[0] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_a_command_that_is_not_known_is_half_with_the_variance_of_a_coin() -> None:
+    firing = fire(np.zeros(2), np.zeros(2), np.zeros(2), np.array([0.1]), np.array([[np.nan, 1.0]]))
+    np.testing.assert_allclose(firing.amount, [0.05, 0.1])
+    np.testing.assert_allclose(firing.variance, [0.25 * 0.01, 0.0])
+    assert firing.commanded
+
+
+@pytest.mark.parametrize(
+    ("start", "end", "durations", "rows"),
+    [
+        (1.0, 2.0, [1.0], [1]),  # on its ticks: one piece, the command of the tick where it begins
+        (0.99, 2.01, [0.01, 1.0, 0.01], [0, 1, 2]),  # early and late stamps share in three commands
+        (1.25, 1.5, [0.25], [1]),
+        (2.5, 4.5, [0.5, 1.5], [2, 3]),  # the last command goes on
+    ],
+)
+def test_an_interval_falls_into_pieces_at_the_ticks(
+    start: float, end: float, durations: list[float], rows: list[int]
+) -> None:
+    commands = np.arange(4.0)[:, None]
+    found, told = pieces(start, end, np.array([0.0, 1.0, 2.0, 3.0]), commands)
+    np.testing.assert_allclose(found, durations)
+    np.testing.assert_array_equal(told, commands[rows])
+
+
+def test_pieces_of_one_command_are_the_whole() -> None:
+    whole = fire(LEVEL, np.ones(4), CONSTANTS, np.array([0.08]), COMMANDS[:1])
+    cut = fire(LEVEL, np.ones(4), CONSTANTS, np.array([0.01, 0.05, 0.02]), COMMANDS[[0, 0, 0]])
+    for one, other in zip(whole, cut, strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-15)
+
+
+def test_time_constants_follow_their_kind_linearly_and_never_vanish() -> None:
+    constants, slope = time_constants(np.array([0.01, 0.02]), np.array([1, 0]), 0.2, np.array([1.0, -10.0]))
+    np.testing.assert_allclose(constants, [0.01 * 0.05, 0.02 * 1.2])
+    np.testing.assert_allclose(slope[1], 0.2 / 1.2)

@@ -1,0 +1,255 @@
+"""The joint prediction: against differences, the body's equations of motion, and sampling."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from joint_probe import (
+    INVERSE,
+    PERIOD,
+    TRUTH,
+    central_differences,
+    read_as,
+    small_params,
+    some_sample,
+    some_state,
+    unread,
+)
+
+from massprop_drake.maths.estimation.joint.impulses import Firing
+from massprop_drake.maths.estimation.joint.layout import JointState
+from massprop_drake.maths.estimation.joint.prediction import RateRead, coupling, drive, error_rows, predict, propagated
+from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.maths.mass_properties import ELEMENT, MassProperties, six_elements, symmetric
+from massprop_drake.maths.vehicle import rigid_body
+
+PARAMS = small_params(second_order=False)
+PLACES = PARAMS.places
+SAMPLE = some_sample(PARAMS, outside=np.array([0.01, -0.02, 0.03, 0.02, 0.01, -0.03]))
+UNREAD = unread(PARAMS)
+
+
+def predicted_mean(mean: Array, state: JointState, rate_read: RateRead) -> Array:
+    """Rate, first accelerometer's c, and mu after the interval; bows left out, as their derivatives are."""
+    state = state._replace(mean=mean)
+    acting = drive(state, SAMPLE.durations_s, SAMPLE.commands, SAMPLE.outside, PARAMS)
+    acting = acting._replace(firing=acting.firing._replace(bow=np.zeros(6)))
+    after = predict(state, acting, rate_read, PARAMS).mean
+    return np.concatenate([after[10:16], after[9:10]])
+
+
+@pytest.mark.parametrize("read", [True, False])
+def test_jacobian_agrees_with_central_differences(read: bool) -> None:
+    state = some_state(PARAMS)
+    end = state.mean[10:13] + np.array([0.003, -0.001, 0.002])
+    rate_read = read_as(end, PARAMS) if read else UNREAD
+    acting = drive(state, SAMPLE.durations_s, SAMPLE.commands, SAMPLE.outside, PARAMS)
+    acting = acting._replace(firing=acting.firing._replace(bow=np.zeros(6)))
+    prediction = predict(state, acting, rate_read, PARAMS)
+    size = PLACES.size
+    expected = np.zeros((7, size))
+    expected[:3], expected[:3, 10:13] = prediction.rate_rows, np.eye(3) + prediction.rate_rows[:, 10:13]
+    expected[3:6], expected[3:6, 13:16] = prediction.velocity_rows, np.eye(3)
+    bias = PLACES.acceleration_bias
+    expected[3:6, bias : bias + 3] = PERIOD * PARAMS.acceleration_bias_sigma * np.eye(3)
+    expected[6, 9] = prediction.mass_factor
+    steps = 1e-5 * np.maximum(np.abs(state.mean), 1e-2)
+    found = central_differences(lambda mean: predicted_mean(mean, state, rate_read), state.mean, steps)
+    # what flows by thrust errors and forces is left out of mu's own row and, of second order, out of c's
+    found[6, PLACES.thrust :] = 0.0
+    scale = np.maximum(np.abs(expected).max(axis=0), 1e-9)
+    # the flow by thrust errors is left out of c, too: a share of 1e-4; without a reading, the coupling's own part of
+    # the rate at the end is not differentiated: a share of (w T)^2
+    np.testing.assert_allclose(found / scale, expected / scale, rtol=1e-4, atol=1e-4)
+    assert np.abs(expected[:3, :6] @ TRUTH[:6]).min() > 0.0
+
+
+def test_coupling_and_its_derivatives() -> None:
+    start, end = np.array([0.3, -0.4, 0.5]), np.array([0.35, -0.3, 0.45])
+    inertia = np.linalg.inv(INVERSE)
+    bow = np.zeros(3)
+    found = coupling((INVERSE, inertia), start, end, bow, PERIOD)
+    # by Gauss-Legendre, exact for a product of two straight lines
+    nodes = 0.5 + 0.5 * np.polynomial.legendre.leggauss(3)[0]
+    weights = 0.5 * np.polynomial.legendre.leggauss(3)[1]
+    exact = np.zeros(3)
+    for node, weight in zip(nodes, weights, strict=True):
+        rate = start + node * (end - start)
+        exact -= weight * PERIOD * INVERSE @ np.cross(rate, inertia @ rate)
+    np.testing.assert_allclose(found[0], exact, rtol=1e-13)
+
+    def by_inertia(elements: Array) -> Array:
+        inverse = symmetric(elements)
+        return coupling((inverse, np.linalg.inv(inverse)), start, end, bow, PERIOD).change
+
+    six, steps = six_elements(INVERSE), np.full(6, 1e-6)
+    np.testing.assert_allclose(found[1], central_differences(by_inertia, six, steps), atol=1e-9)
+    for index, at in ((2, start), (3, end)):
+
+        def by_rate(rate: Array, index: int = index) -> Array:
+            ends = (rate, end) if index == 2 else (start, rate)
+            return coupling((INVERSE, inertia), *ends, bow, PERIOD).change
+
+        np.testing.assert_allclose(found[index], central_differences(by_rate, at, np.full(3, 1e-6)), atol=1e-9)
+
+
+def flown(state: JointState, factor: float) -> tuple[Array, Array, Array]:
+    """Truth of the interval by the equations of motion: rate after, spin integral, and what c gathers."""
+    inertia = np.linalg.inv(INVERSE)
+    properties = MassProperties(10.0, TRUTH[6:9], inertia)
+    body = rigid_body.initial_state(10.0)
+    body[rigid_body.RATE] = state.mean[10:13]
+    seven = np.column_stack([factor * PARAMS.wrenches, np.zeros(6)])
+    steady = SAMPLE.commands[0] @ seven
+    transient = np.array([(state.level - SAMPLE.commands[0])[part] @ seven[part] for part in (slice(3), slice(3, 6))])
+    after = rigid_body.step(body, steady, transient, (0.015, 0.03), PERIOD, rigid_body.body_of(properties))
+    center = np.cross(after[rigid_body.RATE] - state.mean[10:13], TRUTH[6:9])
+    spin = after[rigid_body.SPIN_INTEGRAL]
+    xx, yy, zz, yz, xz, xy = spin
+    turn = np.array([[-(yy + zz), xy, xz], [xy, -(xx + zz), yz], [xz, yz, -(xx + yy)]])
+    return after[rigid_body.RATE], spin, after[rigid_body.ORIGIN_VELOCITY] + center + turn @ TRUTH[6:9]
+
+
+def exact_state(levels: float) -> JointState:
+    """A state at the truth: no thrust error, no failure, jets half built up."""
+    state = some_state(PARAMS)
+    mean = state.mean.copy()
+    mean[13:] = 0.0
+    mean[10:13] = [0.5, -0.4, 0.3]
+    return state._replace(mean=mean, level=levels * state.level)
+
+
+def test_prediction_at_the_truth_is_the_motion() -> None:
+    """The bow takes most of what a straight line leaves."""
+    state = exact_state(1.0)
+    factor = 3.0
+    params = PARAMS._replace(wrenches=factor * PARAMS.wrenches, flows=np.zeros(6))
+    acting = drive(state, SAMPLE.durations_s, SAMPLE.commands, np.zeros(6), params)
+    rate, spin, gathered = flown(state, factor)
+    straight = acting._replace(firing=acting.firing._replace(bow=np.zeros(6)))
+    errors, spins = [], []
+    for each in (straight, acting):
+        prediction = predict(state, each, read_as(rate, params), params)
+        errors.append(np.abs(prediction.mean[10:13] - rate).max())
+        np.testing.assert_allclose(prediction.mean[13:16], gathered, rtol=2e-2)
+        spins.append(np.abs(prediction.spin - spin).max())
+    through = np.abs(rate - state.mean[10:13]).max()
+    assert errors[0] > 1e-4 * through
+    assert errors[1] < 0.2 * errors[0]
+    assert spins[1] < 0.2 * spins[0]
+
+
+def sampled(state: JointState, firing: Firing, draws: int) -> Array:
+    """Products of errors of the ten parameters with one another and with thrust errors, sampled."""
+    rng = np.random.default_rng(5)
+    errors = state.root @ rng.standard_normal((state.root.shape[1], draws))
+    share = PARAMS.thrust_sigma * firing.amount[:, None] * errors[PLACES.thrust : PLACES.thrust + 6]
+    impulse, extra = firing.amount @ PARAMS.wrenches, share.T @ PARAMS.wrenches
+    moment = extra[:, :3] + np.cross(extra[:, 3:], state.mean[6:9])
+    inverse = errors[:6].T[:, ELEMENT]  # of each draw, shape (draws, 3, 3)
+    both = np.einsum("nij,nj->ni", inverse, np.cross(impulse[3:], errors[6:9].T))
+    thrust = np.einsum("nij,nj->ni", inverse, moment)
+    thrust += np.cross(extra[:, 3:], errors[6:9].T) @ symmetric(state.mean[:6])
+    return np.hstack([both + thrust, extra[:, 3:] * errors[9][:, None]])
+
+
+def test_second_order_terms_are_the_moments_of_the_products() -> None:
+    """Without the correlation of ten parameters and thrust errors, which the covariance leaves out, exactly."""
+    params = small_params(second_order=True)
+    state = some_state(params)
+    root = np.zeros_like(state.root)
+    size = root.shape[0]
+    root[:10, :10] = np.tril(np.random.default_rng(1).standard_normal((10, 10))) * np.abs(TRUTH)[:, None] * 0.3
+    root[PLACES.thrust : PLACES.thrust + 6] = np.eye(size)[PLACES.thrust : PLACES.thrust + 6]
+    state = state._replace(root=root)
+    mean = state.mean.copy()
+    mean[10:] = 0.0
+    state = state._replace(mean=mean)
+    acting = drive(state, SAMPLE.durations_s, SAMPLE.commands, np.zeros(6), params)
+    first = predict(state, acting, UNREAD, params._replace(second_order=False))
+    second = predict(state, acting, UNREAD, params)
+    draws = sampled(state, acting.firing, 40_000)
+    bias = (second.mean - first.mean)[10:16]
+    spread = np.sqrt(np.diag(second.noise))
+    np.testing.assert_allclose(draws.mean(axis=0) / spread, bias / spread, atol=0.02)
+    np.testing.assert_allclose(
+        np.cov(draws.T) / np.outer(spread, spread), second.noise / np.outer(spread, spread), atol=0.05
+    )
+
+
+def test_products_with_thrust_errors_have_the_mean_of_their_correlation() -> None:
+    params = small_params()
+    state = some_state(params)
+    mean = state.mean.copy()
+    mean[10:] = 0.0
+    root = state.root.copy()
+    root[PLACES.thrust : PLACES.thrust + 6] *= 1e3
+    root[:10] *= 1e2
+    state = state._replace(mean=mean, root=root)
+    acting = drive(state, SAMPLE.durations_s, SAMPLE.commands, np.zeros(6), params)
+    bias = (predict(state, acting, UNREAD, params).mean - predict(state, acting, UNREAD, PARAMS).mean)[10:16]
+    draws = sampled(state, acting.firing, 20_000)
+    np.testing.assert_allclose(bias, draws.mean(axis=0), atol=4 * draws.std(axis=0).max() / np.sqrt(20_000))
+
+
+def test_covariance_goes_over_by_the_jacobian_and_noise() -> None:
+    params = small_params(rate_walk=1e-6, velocity_walk=1e-4, repeatability=np.full(6, 1e-3), tank_fraction=0.1)
+    state = some_state(params)
+    acting = drive(state, SAMPLE.durations_s, SAMPLE.commands, SAMPLE.outside, params)
+    prediction = predict(state, acting, UNREAD, params)
+    transition = np.eye(PLACES.size)
+    transition[10:13] += prediction.rate_rows
+    for package in range(2):
+        rows = slice(13 + 3 * package, 16 + 3 * package)
+        transition[rows] += prediction.velocity_rows
+        begin = PLACES.acceleration_bias + 3 * package
+        transition[rows, begin : begin + 3] += PERIOD * params.acceleration_bias_sigma * np.eye(3)
+    transition[9, 9] = prediction.mass_factor
+    noise = np.zeros((PLACES.size, PLACES.size))
+    spread = np.zeros((PLACES.size, 6))
+    spread[10:13, :3], spread[13:16, 3:], spread[16:19, 3:] = np.eye(3), np.eye(3), np.eye(3)
+    noise = spread @ prediction.noise @ spread.T
+    noise[:10, :10] += np.diag(prediction.drift)
+    expected = transition @ state.root @ state.root.T @ transition.T + noise
+    root = propagated(state.root, prediction, params)
+    scale = np.sqrt(np.diag(expected))
+    np.testing.assert_allclose(root @ root.T / np.outer(scale, scale), expected / np.outer(scale, scale), atol=1e-12)
+    assert prediction.drift[6] == pytest.approx(
+        0.1**2 * 0.01 * TRUTH[9] * float(acting.firing.amount @ params.flows), rel=0.1
+    )
+    assert prediction.noise[0, 0] > (1e-6) ** 2 * PERIOD
+
+
+def test_a_force_in_a_slot_is_that_much_thrust() -> None:
+    """A jet that leaks a tenth of its thrust gives what it would if commanded a tenth, while it is off."""
+    params = small_params(time_constants_s=np.zeros(6), second_order=False)
+    state = some_state(params)
+    mean = state.mean.copy()
+    mean[PLACES.thrust :] = 0.0
+    mean[PLACES.force] = 0.1 * params.thrusts[1]
+    off = state._replace(mean=mean, level=np.zeros(6))
+
+    def after(state: JointState, command: float) -> Array:
+        commands: Any = np.zeros((1, 6))
+        commands[0, 1] = command
+        return predict(state, drive(state, SAMPLE.durations_s, commands, np.zeros(6), params), UNREAD, params).mean
+
+    mean = mean.copy()
+    mean[PLACES.force] = 0.0
+    np.testing.assert_allclose(after(off, 0.0)[9:19], after(off._replace(mean=mean), 0.1)[9:19], rtol=1e-12)
+    # and one that gives a third less, when it is on
+    less = off.mean.copy()
+    less[PLACES.force] = params.thrusts[1] / 3.0
+    less = off._replace(mean=less, slot_sign=np.array([-1.0, -1.0]))
+    np.testing.assert_allclose(after(less, 1.0)[9:19], after(off._replace(mean=mean), 2.0 / 3.0)[9:19], rtol=1e-12)
+
+
+def test_rows_of_parameters_do_not_depend_on_the_rest() -> None:
+    state = some_state(PARAMS)
+    acting = drive(state, SAMPLE.durations_s, SAMPLE.commands, SAMPLE.outside, PARAMS)
+    rate_rows, velocity_rows = error_rows(state, acting, PARAMS)
+    assert not rate_rows[:, : PLACES.thrust].any()
+    assert not velocity_rows[:, : PLACES.thrust].any()
+    assert rate_rows[:, PLACES.scale].any()  # known outside forces show the scale

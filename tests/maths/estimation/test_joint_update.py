@@ -1,0 +1,177 @@
+"""The joint update in root form, the quantizer's rule, rebase, and the common thrust scale."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from joint_probe import central_differences, small_params, some_sample, some_state, unread
+
+from massprop_drake.maths.estimation.joint.covariance import compressed, semidefinite_root, updated
+from massprop_drake.maths.estimation.joint.guard import converged, guarded, unguarded
+from massprop_drake.maths.estimation.joint.measurement import outputs, rate_read, rebased, used
+from massprop_drake.maths.estimation.joint.prediction import drive, predict, propagated
+from massprop_drake.maths.estimation.joint.thrust_scale import partitioned, reported
+from massprop_drake.maths.linear_algebra import Array
+
+PARAMS = small_params()
+PLACES = PARAMS.places
+RNG = np.random.default_rng(3)
+
+
+def close(found: Array, expected: Array, atol: float = 1e-11) -> None:
+    """Covariances agree after scaling to a unit diagonal."""
+    scale = np.sqrt(np.maximum(np.diag(expected), 1e-300))
+    np.testing.assert_allclose(found / np.outer(scale, scale), expected / np.outer(scale, scale), atol=atol)
+
+
+def test_update_is_josephs_and_considered_states_get_no_gain() -> None:
+    n, m = 7, 3
+    root = np.tril(RNG.standard_normal((n, n)))
+    jacobian, variances, innovation = RNG.standard_normal((m, n)), np.array([0.1, 0.2, 0.3]), RNG.standard_normal(m)
+    mask = np.array([1.0, 1, 0, 1, 1, 0, 1])
+    before = root @ root.T
+    total = jacobian @ before @ jacobian.T + np.diag(variances)
+    for gained in (np.ones(n), mask):
+        gain = before @ jacobian.T @ np.linalg.inv(total) * gained[:, None]
+        rest = np.eye(n) - gain @ jacobian
+        expected = rest @ before @ rest.T + gain @ np.diag(variances) @ gain.T
+        found = updated(root, jacobian @ root, variances, innovation, gained)
+        close(found.root @ found.root.T, expected)
+        np.testing.assert_allclose(found.correction, gain @ innovation, rtol=1e-10, atol=1e-13)
+        assert found.nis == pytest.approx(innovation @ np.linalg.solve(total, innovation))
+        assert found.log_determinant == pytest.approx(np.linalg.slogdet(total)[1])
+        assert not np.triu(found.root, 1).any()
+    assert not found.correction[mask == 0.0].any()
+    close((found.root @ found.root.T)[2:3, 2:3], before[2:3, 2:3])
+
+
+def test_update_by_what_is_known_a_million_million_times_better() -> None:
+    """A covariance would have no digit left: the ratio of variances is 1e24."""
+    jacobian = np.array([[1.0, 1.0], [1.0, 1.0]])
+    found = updated(np.eye(2), jacobian, np.full(2, 1e-24), np.zeros(2), np.ones(2))
+    covariance = found.root @ found.root.T
+    total = np.array([1.0, 1.0]) @ found.root
+    assert total @ total == pytest.approx(0.5e-24, rel=1e-2)
+    np.testing.assert_allclose(covariance, [[0.5, -0.5], [-0.5, 0.5]], atol=1e-12)
+
+
+def test_units_change_no_digit() -> None:
+    columns = RNG.standard_normal((5, 9))
+    scale = 2.0 ** np.array([-40.0, 3, 0, 20, -7])
+    np.testing.assert_array_equal(
+        np.abs(compressed(scale[:, None] * columns)), np.abs(scale[:, None] * compressed(columns))
+    )
+
+
+def test_root_of_a_singular_matrix() -> None:
+    half = RNG.standard_normal((6, 2))
+    root = semidefinite_root(half @ half.T)
+    np.testing.assert_allclose(root @ root.T, half @ half.T, atol=1e-12)
+    assert not semidefinite_root(np.zeros((6, 6))).any()
+
+
+def test_outputs_and_their_jacobian() -> None:
+    state = some_state(PARAMS)
+    # C is known, and w's part of it is not differentiated
+    _, jacobian = outputs(state.mean, state.reference, state.spin, PARAMS)
+    steps = np.full(PLACES.size, 1e-4)
+    found = central_differences(lambda mean: outputs(mean, state.reference, state.spin, PARAMS)[0], state.mean, steps)
+    np.testing.assert_allclose(found, jacobian, atol=1e-9)
+
+
+def test_which_components_count() -> None:
+    quantum = 1.0
+    cases = [
+        # read, predicted, last, deviation
+        (0.0, 0.4, 0.0, 0.1, False),  # within the step: nothing new
+        (0.0, 1.0, 0.0, 0.1, True),  # has moved by a step
+        (1.0, 0.1, 0.0, 0.1, True),  # 0.9 off, more than 1/2 + 0.3
+        (0.5, -0.2, 0.0, 0.1, False),  # 0.7 off, less than that
+        (0.0, 0.0, 0.0, 0.6, True),  # not even known to a step
+        (np.nan, 5.0, 0.0, 0.6, False),  # missing
+    ]
+    columns = [np.array(column) for column in zip(*cases, strict=True)]
+    found = used(*columns[:4], np.full(len(cases), quantum))
+    np.testing.assert_array_equal(found, columns[4])
+    dithered = used(*columns[:4], np.zeros(len(cases)))
+    np.testing.assert_array_equal(dithered, ~np.isnan(columns[0]))
+
+
+def test_rate_read_is_weighted_and_free_of_bias() -> None:
+    mean = np.zeros(PLACES.size)
+    mean[PLACES.gyro_bias : PLACES.gyro_bias + 6] = [100.0, 0, 0, -50, 0, 0]
+    rates = np.array([[0.001, 0.02, np.nan], [-0.0005, 0.05, np.nan]])
+    found = rate_read(rates, mean, PARAMS)
+    np.testing.assert_allclose(found.rate[:2], [0.0, (2 * 0.02 + 0.05) / 3], atol=1e-15)  # variances 1 and 2
+    assert np.isnan(found.rate[2])
+    steps = np.full(PLACES.size, 1e-3)
+    rows = central_differences(lambda mean: rate_read(rates, mean, PARAMS).rate[:2], mean, steps)
+    np.testing.assert_allclose(found.rows[:2], rows, atol=1e-12)
+    assert not found.rows[2].any()
+
+
+def test_rebase_keeps_outputs_and_their_covariance() -> None:
+    state = some_state(PARAMS)
+    after = rebased(state, PARAMS)
+    assert not after.spin.any()
+    before_outputs, before_jacobian = outputs(state.mean, state.reference, state.spin, PARAMS)
+    after_outputs, after_jacobian = outputs(after.mean, after.reference, after.spin, PARAMS)
+    np.testing.assert_allclose(after_outputs, before_outputs, rtol=1e-12, atol=1e-15)
+    left, right = before_jacobian @ state.root, after_jacobian @ after.root
+    close(right @ right.T, left @ left.T, 1e-8)
+    # and a center of mass that changes now is not carried back into what was gathered
+    assert not after_jacobian[6:, 6:9].any()
+
+
+def test_partition_keeps_the_distribution_of_what_is_observed() -> None:
+    """The same covariance of predicted outputs before and after, over an interval of all jets that fired."""
+    params = small_params(flows=np.zeros(6), second_order=False)
+    state = some_state(params)
+    mean, root = state.mean.copy(), state.root.copy()
+    mean[PLACES.thrust : PLACES.thrust + 6] = mean[PLACES.scale] = 0.0
+    root[PLACES.scale] = 0.0
+    root[PLACES.thrust : PLACES.thrust + 6] *= 1e3
+    state = state._replace(mean=mean, root=compressed(root), fired=np.array([1.0, 0, 2, 3, 0, 1]))
+    after = partitioned(state, params)
+    assert after.rescaled
+    results = []
+    for each in (state, after):
+        sample = some_sample(params)
+        prediction = predict(
+            each, drive(each, sample.durations_s, sample.commands, np.zeros(6), params), unread(params), params
+        )
+        _, jacobian = outputs(prediction.mean, each.reference, each.spin + prediction.spin, params)
+        rows = jacobian @ propagated(each.root, prediction, params)
+        results.append((prediction.mean[10:], rows @ rows.T))
+    np.testing.assert_allclose(results[1][0], results[0][0], rtol=1e-12)
+    close(results[1][1], results[0][1], 1e-8)
+    # what is reported is what it was, too
+    one, other = reported(state, params), reported(after, params)
+    np.testing.assert_allclose(other[0], one[0])
+    close(other[1] @ other[1].T, one[1] @ one[1].T, 1e-8)
+    # the scale itself is seen by nothing but outside forces
+    sample = some_sample(params)
+    prediction = predict(
+        after, drive(after, sample.durations_s, sample.commands, np.zeros(6), params), unread(params), params
+    )
+    assert not prediction.rate_rows[:, PLACES.scale].any()
+
+
+def test_guard_latches_frees_thrusts_once_and_lets_go_at_a_jump() -> None:
+    state = some_state(PARAMS)._replace(fired=np.ones(6))
+    poor = state._replace(root=1e3 * state.root)
+    assert not converged(poor, PARAMS)
+    assert not guarded(poor, True, PARAMS).guarded
+    assert not guarded(poor, True, PARAMS).freed
+    first = guarded(state, True, PARAMS)
+    assert (first.guarded, first.freed, first.rescaled, first.firing_count) == (True, True, True, 1.0)
+    assert guarded(first, False, PARAMS).firing_count == 1.0
+    worse = guarded(first._replace(root=1e3 * first.root), True, PARAMS)
+    assert worse.guarded
+    assert worse.firing_count == 2.0
+    again = guarded(unguarded(worse)._replace(root=first.root), True, PARAMS)
+    assert again.freed
+    np.testing.assert_array_equal(again.root, first.root)  # the scale is partitioned off once for all
+    # what a vehicle cannot show is not judged
+    unjudged = PARAMS._replace(guard_relative=np.full(4, np.inf), guard_center=np.full(3, np.inf))
+    assert converged(poor, unjudged)
