@@ -11,8 +11,8 @@ are considered. Smaller innovations than claimed, as those of a sensor whose qua
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,9 @@ from massprop_drake.inputs.model import Count, Real, Text
 Array = NDArray[np.float64]
 
 CONSISTENT, INCONSISTENT, TOO_LITTLE = "consistent", "inconsistent", "not enough data"
+
+# signals that say how many components a NIS is made of, where that varies
+COMPONENTS = {"rotation": "gyro_components", "mass": "accelerometer_components"}
 
 _TAIL, _QUARTER = 0.01, 0.25  # probabilities of the two points
 _TAIL_ALLOWED, _QUARTER_ALLOWED = 0.025, 0.5  # shares of a flight
@@ -53,24 +56,26 @@ class Consistency(NamedTuple):
 
 
 class Tally:
-    """Counts the NIS of one filter, in whatever blocks they come.
+    """Counts the NIS of one filter, in whatever blocks they come."""
 
-    Args:
-        degrees: of freedom of each NIS.
-    """
-
-    def __init__(self, degrees: int = 3):
-        self._points = stats.chi2.isf([_TAIL, _QUARTER], degrees).tolist()
+    def __init__(self) -> None:
         self.n = 0
         self._sum = 0.0
         self._beyond = [0, 0]
 
-    def add(self, nis: Array) -> None:
-        """Takes in the NIS of samples that were used, shape (n,)."""
+    def add(self, nis: Array, components: Array | None = None) -> None:
+        """Takes in the NIS of samples that were used.
+
+        Args:
+            nis: scaled to three components, shape (n,).
+            components: that each is made of, above zero, shape (n,); None: three.
+        """
         self.n += nis.size
         self._sum += float(nis.sum())
+        degrees: Any = 3.0 if components is None else components
+        chance = stats.chi2.sf(nis * degrees / 3.0, degrees)
         self._beyond = [
-            count + int((nis > point).sum()) for count, point in zip(self._beyond, self._points, strict=True)
+            count + int((chance < least).sum()) for count, least in zip(self._beyond, (_TAIL, _QUARTER), strict=True)
         ]
 
     @property
@@ -92,6 +97,19 @@ class Tally:
         if _certainly_more(quarter, self.n, _QUARTER_ALLOWED):
             found.append(f"{100.0 * quarter / self.n:.3g} % of the {name} innovations are in their upper quarter")
         return found
+
+
+def add_used(tally: Tally, name: str, signals: Mapping[str, Array]) -> None:
+    """Takes in the NIS of the samples that a filter used.
+
+    Args:
+        tally: of the filter.
+        name: "rotation" or "mass".
+        signals: by name, as in a run, shape (n, components).
+    """
+    used = signals[f"{name}_used"][:, 0] != 0.0
+    components = signals[COMPONENTS[name]][used, 0] if COMPONENTS[name] in signals else None
+    tally.add(signals[f"{name}_nis"][used, 0], components)
 
 
 def _certainly_more(count: int, n: int, allowed: float) -> bool:

@@ -55,6 +55,19 @@ def test_too_large_ones_are_found_whether_all_or_some(values: np.ndarray, words:
     assert any(f"% of the translation {words}" in reason for reason in _verdict(_drawn(140, 4), values).reasons)
 
 
+def test_the_number_of_components_counts() -> None:
+    random = np.random.default_rng(8)
+    components = random.integers(1, 4, 600)
+    nis = 3.0 * random.chisquare(components) / components  # as logs have it
+    known, unknown = Tally(), Tally()
+    known.add(nis, components)
+    unknown.add(nis)
+    assert judged(known, Tally(), UNKNOWN, NAMES).verdict == "consistent"
+    assert known.beyond is not None
+    assert unknown.beyond is not None
+    assert known.beyond < 0.025 < unknown.beyond
+
+
 def test_one_bad_sample_does_not_rule() -> None:
     values = _drawn(140, 5)
     values[17] = 1e6
