@@ -163,3 +163,12 @@ def test_the_maneuver_is_estimated_consistently() -> None:
     found = run.summary["consistency"]
     assert 2.0 < found["rotation_nis_mean"] < 4.0
     assert 2.0 < found["translation_nis_mean"] < 4.0
+
+
+def test_pulses_without_attitude_control_are_estimated_consistently() -> None:
+    """The vehicle drifts at rates that nobody holds while inertia is not known: increments must not be misled."""
+    choice = ["estimation={filter: joint}", "joint={thrust_uncertainty: 0, tank_fraction: 0}"]
+    run = simulate(load_scenario("jet_pulses", choice))
+    error = run["estimate"][-1] - run["truth"][-1]
+    assert (np.abs(error) < 4.0 * run["standard_deviation"][-1]).all()
+    assert (np.abs(error[:3] / run["truth"][-1, :3]) < 5e-3).all()

@@ -21,9 +21,10 @@ sum g_j^2 P_bb N_j P_xx N_j^T.
     g = -T J t,    t = w0 x u0 + w1 x u1,    u0 = (2 l0 + l1)/6,    u1 = (l0 + 2 l1)/6.
 
 Thrust that builds up or tails off bows the rate: on average it lies J dL off that line, dL the angular impulse of the
-bows, so t += w_mean x dL + J dL x l_mean. It counts from when the diagonal of J is known to half its size. w1 is the
-reading less its bias, and its rounding counts as none; where it is missing, the rate that is predicted with the
-coupling. The derivatives follow.
+bows, so t += w_mean x dL + J dL x l_mean. It counts from when the diagonal of J is known to half its size; before, the
+most that it can be for any body, |w|^2 T, is noise on w: else what an open-loop drift does would be taken for what J
+and r are to explain. w1 is the reading less its bias, and its rounding counts as none; where it is missing, the rate
+that is predicted with the coupling. The derivatives follow.
 
 *The common thrust scale* s (`thrust_scale`) is not seen by what jets do, but known outside forces are not scaled with
 them: they enter by 1 - sigma_T s.
@@ -259,6 +260,7 @@ def predict(state: JointState, acting: Drive, rate_read: RateRead, params: Joint
         change = change + through.change
     else:
         end = np.where(np.isnan(rate_read.rate), end, rate_read.rate)
+        noise[:3, :3] += largest_coupling(mean[RATE], end, duration) ** 2 * _IDENTITY
 
     after = mean.copy()
     after[RATE] += change
@@ -336,6 +338,18 @@ def coupling(inertias: tuple[Array, Array], start: Array, end: Array, bow_moment
     bent = cross(0.5 * (start + end), bow_moment) + cross(inverse @ bow_moment, 0.5 * (at_start + at_end))
     through = inverse @ (turn + bent) * -duration_s
     return Coupling(through, -duration_s * by_inertia, -duration_s * by_start, -duration_s * by_end)
+
+
+def largest_coupling(start: Array, end: Array, duration_s: float) -> float:
+    """What dynamic coupling changes the rate by at the most, whatever the inertia: |w|^2 T.
+
+    No principal moment of a body exceeds the sum of the other two, so |J (w x J^-1 w)| <= |w|^2.
+
+    Args:
+        start, end: rates, rad/s, shape (3,).
+        duration_s: of the interval.
+    """
+    return max(float(start @ start), float(end @ end)) * duration_s
 
 
 def spin_integral(start: Array, end: Array, bowed: Array, duration_s: float) -> Array:
