@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,17 +63,11 @@ class Tally:
         self._sum = 0.0
         self._beyond = [0, 0]
 
-    def add(self, nis: Array, components: Array | None = None) -> None:
-        """Takes in the NIS of samples that were used.
-
-        Args:
-            nis: scaled to three components, shape (n,).
-            components: that each is made of, above zero, shape (n,); None: three.
-        """
+    def add(self, nis: Array, components: Array) -> None:
+        """Takes in the NIS of samples that were used, as `used_nis` gives them, shape (n,) each."""
         self.n += nis.size
         self._sum += float(nis.sum())
-        degrees: Any = 3.0 if components is None else components
-        chance = stats.chi2.sf(nis * degrees / 3.0, degrees)
+        chance = stats.chi2.sf(nis * components / 3.0, components)
         self._beyond = [
             count + int((chance < least).sum()) for count, least in zip(self._beyond, (_TAIL, _QUARTER), strict=True)
         ]
@@ -99,17 +93,17 @@ class Tally:
         return found
 
 
-def add_used(tally: Tally, name: str, signals: Mapping[str, Array]) -> None:
-    """Takes in the NIS of the samples that a filter used.
+def used_nis(name: str, signals: Mapping[str, Array]) -> tuple[Array, Array]:
+    """The NIS of the samples that a filter used, scaled to three components, and of how many each is made.
 
     Args:
-        tally: of the filter.
         name: "rotation" or "mass".
         signals: by name, as in a run, shape (n, components).
     """
     used = signals[f"{name}_used"][:, 0] != 0.0
-    components = signals[COMPONENTS[name]][used, 0] if COMPONENTS[name] in signals else None
-    tally.add(signals[f"{name}_nis"][used, 0], components)
+    nis = signals[f"{name}_nis"][used, 0]
+    components = signals[COMPONENTS[name]][used, 0] if COMPONENTS[name] in signals else np.full(nis.size, 3.0)
+    return nis, components
 
 
 def _certainly_more(count: int, n: int, allowed: float) -> bool:

@@ -18,7 +18,7 @@ from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.maths import mass_properties
 from massprop_drake.maths.mass_properties import CENTER_OF_MASS, MASS_RECIPROCAL, Derived, six_elements
-from massprop_drake.results.consistency import COMPONENTS, Consistency, Tally, add_used, judged
+from massprop_drake.results.consistency import COMPONENTS, Consistency, Tally, judged, used_nis
 from massprop_drake.results.detections import DetectionRecord
 from massprop_drake.results.identifiability import Identifiability, identified
 from massprop_drake.results.injected import InjectedRecord, what_became
@@ -456,12 +456,12 @@ def _propellant(scenario: Scenario, signals: Spool) -> float:
 
 
 def _tallied(signals: Spool, name: str) -> Tally:
-    """The NIS of a filter at the samples it used."""
+    """The NIS of a filter at the samples it used; all at once, so that no sum depends on how signals are kept."""
     tally = Tally()
     if f"{name}_nis" in signals:
         names = [one for one in (f"{name}_nis", f"{name}_used", COMPONENTS[name]) if one in signals]
-        for block in blocks(signals, *names):
-            add_used(tally, name, block)
+        parts = [used_nis(name, block) for block in blocks(signals, *names)]
+        tally.add(*(np.concatenate(column) for column in zip(*parts, strict=True)))
     return tally
 
 

@@ -18,7 +18,7 @@ from massprop_drake.inputs.scenario import PlantBlock, Scenario
 from massprop_drake.inputs.vehicle import SensorPackage
 from massprop_drake.maths.estimation import cycle
 from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
-from massprop_drake.results.consistency import Tally, add_used, judged
+from massprop_drake.results.consistency import Tally, judged, used_nis
 from massprop_drake.results.detections import DetectionRecord
 from massprop_drake.results.exchange import recover
 from massprop_drake.results.run import Run
@@ -228,7 +228,7 @@ class _Estimation:
     def _count(self, rows: Rows, signals: Mapping[str, Array]) -> None:
         for name, tally in self._nis.items():
             if f"{name}_nis" in signals:
-                add_used(tally, name, signals)
+                tally.add(*used_nis(name, signals))
         on = rows.commands > 0.0
         self._firings += firings(on, self._on_before)
         self._on_before = on[-1]

@@ -16,7 +16,7 @@ UNKNOWN = np.full(10, np.nan)
 def _tally(values: np.ndarray) -> Tally:
     tally = Tally()
     for block in np.array_split(values, 7):
-        tally.add(block)
+        tally.add(block, np.full(block.size, 3.0))
     return tally
 
 
@@ -61,7 +61,7 @@ def test_the_number_of_components_counts() -> None:
     nis = 3.0 * random.chisquare(components) / components  # as logs have it
     known, unknown = Tally(), Tally()
     known.add(nis, components)
-    unknown.add(nis)
+    unknown.add(nis, np.full(nis.size, 3.0))
     assert judged(known, Tally(), UNKNOWN, NAMES).verdict == "consistent"
     assert known.beyond is not None
     assert unknown.beyond is not None
