@@ -29,8 +29,14 @@ unexport PYTHONPATH PYTHONHOME
 help: ## shows this list
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/  make \1:\2/p' $(MAKEFILE_LIST) | awk -F: '{ printf "%-15s %s\n", $$1, $$2 }'
 
-demo: $(VENV)/.installed ## estimates the orbiter's mass properties from the sample maneuver
+# the thesis's filters, then the joint one in the same flight
+JOINT := --set 'estimation={filter: joint, start: zero}' --set 'joint={thrust_uncertainty: 0, tank_fraction: 0}' --set mass={} \
+    --set detector.kind=off --no-report --no-figures --quiet
+
+demo: $(VENV)/.installed ## estimates the orbiter's mass properties from the sample maneuver, by both filters
 	$(BIN)/massprop run sample_maneuver
+	$(BIN)/massprop run sample_maneuver $(JOINT) --out runs/sample_maneuver_joint
+	$(BIN)/massprop compare runs/sample_maneuver runs/sample_maneuver_joint
 
 test: $(VENV)/.installed-test ## runs all tests
 	$(BIN)/python -m pytest $(PYTEST_FLAGS)

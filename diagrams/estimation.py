@@ -8,7 +8,12 @@
     evidence of both filters --> failure_detector --> adaptation (to both), known_force (to all three),
                                                       reconfiguration (to the autopilot)
 
-These are the thesis's filters; another filter of the registry takes the place of both estimators and the monitor.
+These are the thesis's filters. The joint filter takes the place of both estimators and the monitor, and makes its own
+impulses,
+
+    jet_commands, gyros, accelerometers --> joint_estimator --> estimate
+
+where the impulse model, whose output logs keep, leads nowhere. Any other filter of the registry takes their place, too.
 The same diagram serves the closed loop, the open loop and recorded telemetry.
 """
 
@@ -28,6 +33,7 @@ from massprop_drake.systems.estimation.convergence_monitor import ConvergenceMon
 from massprop_drake.systems.estimation.failure_detector import FailureDetector
 from massprop_drake.systems.estimation.filter_estimator import FilterEstimator
 from massprop_drake.systems.estimation.impulse_model import ImpulseModel
+from massprop_drake.systems.estimation.joint_estimator import JointEstimator
 from massprop_drake.systems.estimation.mass_estimator import MassEstimator
 from massprop_drake.systems.estimation.rotation_estimator import RotationEstimator
 
@@ -48,6 +54,9 @@ def build(scenario: Scenario) -> Diagram:
             `RotationEstimator`.
         mass_innovation (out, 3), mass_innovation_covariance (out, 9), mass_report (out, 8), with an
             accelerometer: see `MassEstimator`.
+        record_time (in, 1), command (in, n_jets), replacement (in, abstract), evidence (out, abstract), joint_report
+            (out, 3), with the joint filter, which has neither innovations nor their covariances as outputs: see
+            `JointEstimator`; the inputs may stay unconnected.
         reconfiguration (out, 7 + n_jets), closed (out, n_jets), held_closed (out, n_jets),
             detector_report (out, 14 + 4 n_jets), with a detector: see `FailureDetector`.
     """
@@ -65,8 +74,7 @@ def build(scenario: Scenario) -> Diagram:
     builder.ExportInput(impulses.GetInputPort("outside_wrench"), "outside_wrench")
     builder.ExportOutput(impulses.GetOutputPort("impulses"), "impulses")
 
-    add_filter = _add_thesis if scenario.estimation.filter == "thesis" else _add_filter
-    filters = add_filter(builder, scenario, impulses)
+    filters = _ADDED.get(scenario.estimation.filter, _add_filter)(builder, scenario, impulses)
     method = params.detector(scenario)
     if method is not None:
         _add_detector(builder, scenario, method, (impulses, *filters), commands)
@@ -123,6 +131,27 @@ def _add_thesis(builder: DiagramBuilder, scenario: Scenario, impulses: ImpulseMo
     return rotation, mass
 
 
+def _add_joint(builder: DiagramBuilder, scenario: Scenario, _impulses: ImpulseModel) -> tuple[LeafSystem, ...]:
+    """The joint filter; commands and outside forces are exported already."""
+    estimator = builder.AddNamedSystem(
+        "joint_estimator",
+        JointEstimator(
+            params.joint_params(scenario),
+            gyros=_packages(params.gyros(scenario)),
+            accelerometers=_packages(params.accelerometers(scenario)),
+            limits=params.convergence_limits(scenario),
+        ),
+    )
+    for name in ("jet_commands", "outside_wrench"):
+        builder.ConnectInput(name, estimator.GetInputPort(name))
+    for name in (*scenario.vehicle_data.sensor_names(), "record_time", "command", "replacement"):
+        builder.ExportInput(estimator.GetInputPort(name), name)
+    outputs = ["estimate", "standard_deviation", "covariance", "converged", "rotation_report", "joint_report"]
+    for port in [*outputs, *(["mass_report"] if scenario.vehicle_data.accelerometers else []), "evidence"]:
+        builder.ExportOutput(estimator.GetOutputPort(port), port)
+    return (estimator,)
+
+
 def _add_filter(builder: DiagramBuilder, scenario: Scenario, impulses: ImpulseModel) -> tuple[LeafSystem, ...]:
     """Any other filter of the registry, as one system."""
     vehicle, name = scenario.vehicle_data, scenario.estimation.filter
@@ -147,6 +176,9 @@ def _add_filter(builder: DiagramBuilder, scenario: Scenario, impulses: ImpulseMo
     for port in [*outputs, *(["mass_report"] if vehicle.accelerometers else [])]:
         builder.ExportOutput(estimator.GetOutputPort(port), port)
     return (estimator,)
+
+
+_ADDED = {"joint": _add_joint, "thesis": _add_thesis}  # filters with wiring of their own
 
 
 def _connect_impulses(builder: DiagramBuilder, impulses: ImpulseModel, system: LeafSystem) -> None:

@@ -37,7 +37,7 @@ def build(scenario: Scenario, *, first_row: int = 0) -> Diagram:
         ),
     )
 
-    for name in (*vehicle.sensor_names(), "jet_commands", "outside_wrench"):
+    for name in (*vehicle.sensor_names(), "jet_commands", "outside_wrench", "record_time", "command"):
         if estimators.HasInputPort(name):
             builder.Connect(source.GetOutputPort(name), estimators.GetInputPort(name))
 

@@ -25,6 +25,7 @@ from massprop_drake.results.injected import InjectedRecord
 from massprop_drake.studies.campaign import merit, statistics, store
 from massprop_drake.studies.campaign.campaign import Campaign
 from massprop_drake.studies.campaign.plan import PlannedCase, design
+from massprop_drake.studies.campaign.reading import told_apart
 from massprop_drake.studies.campaign.statistics import Figure
 
 PAGES = Path(__file__).parent / "campaigns"
@@ -167,43 +168,6 @@ def outcomes_table(headings: Sequence[str], groups: Sequence[Group]) -> str:
     return table((*headings, "n", *heads, "isolated, of those that acted", "within 1 s", "within 5 s"), lines)
 
 
-def leaves(value: Any, path: str = "") -> dict[str, Any]:
-    """All plain values in nested data, by dotted path; vectors count as plain."""
-    if isinstance(value, Mapping):
-        parts = {f"{path}.{name}" if path else name: part for name, part in value.items()}
-    elif isinstance(value, (list, tuple)) and any(isinstance(part, (Mapping, list, tuple)) for part in value):
-        parts = {f"{path}[{number}]": part for number, part in enumerate(value)}
-    else:
-        return {path: value}
-    return {inner: leaf for key, part in parts.items() for inner, leaf in leaves(part, key).items()}
-
-
-def cells_of(cases: Sequence[PlannedCase]) -> tuple[list[str], dict[int, tuple[str, ...]]]:
-    """What tells the cells of a sweep apart: headings, and labels by cell.
-
-    A key that only follows from those before it is left out.
-    """
-    swept = {case.cell: leaves(dict(case.swept)) for case in cases}
-    columns: dict[str, list[str]] = {}
-    for key in dict.fromkeys(key for values in swept.values() for key in values):
-        column = [_plain(values.get(key, "-")) for values in swept.values()]
-        before = list(zip(*columns.values(), strict=True)) or [()] * len(column)
-        if len(set(zip(before, column, strict=True))) > len(set(before)):
-            columns[key] = column
-    labels = list(zip(*columns.values(), strict=True)) or [()] * len(swept)
-    return [f"`{key}`" for key in columns], dict(zip(swept, labels, strict=True))
-
-
-def _plain(value: Any) -> str:
-    if isinstance(value, bool) or value is None:
-        return {True: "true", False: "false", None: "null"}[value]
-    if isinstance(value, (int, float)):
-        return f"{value:g}"
-    if isinstance(value, (list, tuple)):
-        return "[" + ", ".join(map(_plain, value)) + "]"
-    return str(value)
-
-
 def sized(rows: Sequence[Row], campaign: Campaign, cases: Sequence[PlannedCase]) -> list[dict[str, Any]]:
     """Cases with the planned size of each failure: the force of a leak, what a degraded jet lacks, lbf or N."""
     base = campaign.spec.base
@@ -309,7 +273,9 @@ def results(folder: Path) -> tuple[Campaign, str]:
     rows = [] if found is None else found.to_pylist()
     good, spec = sized(rows, campaign, cases), campaign.spec
     units = spec.base.vehicle_data.unit_names
-    headings, labels = cells_of(cases)
+    swept = {case.cell: case.swept for case in cases}
+    keys, values = told_apart(list(swept.values()))
+    headings, labels = [f"`{key}`" for key in keys], dict(zip(swept, values, strict=True))
     cell = {case.case_id: case.cell for case in cases}
     groups = [Group(label, [row for row in good if cell[row["case_id"]] == number]) for number, label in labels.items()]
     groups = [group for group in groups if group.rows]

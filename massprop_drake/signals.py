@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from massprop_drake.maths.estimation.detector import STATUS
+from massprop_drake.maths.estimation.filters.joint import JOINT_REPORT
 from massprop_drake.maths.mass_properties import NAMES
 
 Array = NDArray[np.float64]
@@ -81,7 +82,11 @@ SIGNALS = {
         Signal("mass_used", "sample used by the mass filter", "-", ("used",)),
         Signal("mass_jump", "jump of 1/m found", "-", ("jump",)),
         Signal("out_of_use", "jets out of use (1), left in though in question (-1)", "-", ()),
-        *(Signal(name, row.label, row.unit, (row.component or name,)) for name, row in STATUS.logged.items()),
+        *(
+            Signal(name, row.label, row.unit, (row.component or name,))
+            for layout in (JOINT_REPORT, STATUS)
+            for name, row in layout.logged.items()
+        ),
         Signal("likelihood", "likelihood argument", "-", ()),
         Signal("failure_magnitude", "estimated magnitude of a failure", "{force}", ()),
         Signal("known_force", "known force of a failed jet", "{force}", ()),

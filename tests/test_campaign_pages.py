@@ -111,14 +111,6 @@ def test_a_figure_is_shown_with_interval_and_n(pages: ModuleType) -> None:
     assert pages.shown(pages.Figure(math.nan, math.nan, math.nan, 0), "share") == "-"
 
 
-def test_a_key_that_follows_from_others_is_no_column(pages: ModuleType) -> None:
-    spec = campaign_from(
-        Document("base: sample_maneuver\ncases: 1\nsweep: {estimation: [{start: zero, floors: true}, {}]}", "c.yaml"),
-        Path(),
-    )
-    assert pages.cells_of(planned(spec)) == (["`estimation.start`"], {0: ("zero",), 1: ("-",)})
-
-
 def test_the_index_names_each_campaign_and_how_many_flights_it_has(
     pages: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -236,6 +236,37 @@ def _recovered(scenario: str | Path, overrides: list[str]) -> Scenario:
     return load_scenario(scenario, overrides)
 
 
+@app.command(epilog="Example: `massprop compare runs/sample_maneuver runs/sample_maneuver_joint`")
+def compare(
+    runs: Annotated[list[Path], typer.Argument(help="Folders of runs of one vehicle.")],
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Prints the estimates of runs side by side: errors where the truth is known, and 1-sigma."""
+    from massprop_drake.results.stored import read_json  # noqa: PLC0415 (slow to load)
+    from massprop_drake.results.summary import Summary  # noqa: PLC0415
+
+    if len(runs) < 2:
+        raise InputError(f"{runs[0]}: give two folders of runs or more to compare")
+    found = []
+    for folder in runs:
+        recover(folder)
+        if not exists(folder / "summary.json"):
+            raise InputError(f"{folder}: holds no run that can be read: it has no summary.json")
+        found.append((str(folder), Summary.from_json(read_json(folder / "summary.json"), str(folder / "summary.json"))))
+    vehicle = load_scenario(runs[0]).vehicle_data
+    for name, results in found:
+        if (results.vehicle, results.units) != (vehicle.name, vehicle.units):
+            raise InputError(
+                f"{name}: is of vehicle '{results.vehicle}' in units {results.units}, and {runs[0]} of "
+                f"'{vehicle.name}' in {vehicle.units}; compare runs of one vehicle"
+            )
+    if as_json:
+        show.as_json({name: show.as_compared(results) for name, results in found})
+    elif not quiet:
+        show.side_by_side(found, vehicle)
+
+
 @app.command("view", epilog="Example: `massprop view runs/stuck_on_29 --out stuck.html`")
 def view_run(
     context: typer.Context,

@@ -18,9 +18,11 @@ from massprop_drake.cli.streams import note, say
 from massprop_drake.errors import InputError
 from massprop_drake.results.folder import require_files, write_files, write_page
 from massprop_drake.results.manifest import sealed
+from massprop_drake.studies.processes import apart
 
 if TYPE_CHECKING:
     from massprop_drake.studies.campaign.campaign import Campaign
+    from massprop_drake.studies.campaign.conclusion import Concluded
 
 app = typer.Typer(
     help="Flies many cases of a scenario, and reports what becomes of them.",
@@ -107,7 +109,10 @@ def run(
     if only:
         _say_kept(flown, only, as_json=as_json, quiet=quiet)
     else:
-        _concluded(target, written=report, force=force, as_json=as_json, quiet=quiet)
+        from massprop_drake.studies.campaign.conclusion import concluded  # noqa: PLC0415 (needs the extra)
+
+        said = apart(concluded, target, with_page=report)  # thousands of rows leave this process's memory as it is
+        _conclude(said, target, force=force, as_json=as_json, quiet=quiet)
 
 
 @app.command(epilog="Example: `massprop campaign status runs/healthy`")
@@ -128,7 +133,9 @@ def status(folder: Folder, as_json: Json = False) -> None:
 @app.command(epilog="Example: `massprop campaign report runs/healthy`")
 def report(folder: Folder, force: Force = False, as_json: Json = False, quiet: Quiet = False) -> None:
     """Writes the report of a campaign anew from what has been flown, and judges its gates."""
-    _concluded(folder, written=True, force=force, as_json=as_json, quiet=quiet)
+    from massprop_drake.studies.campaign.conclusion import concluded  # noqa: PLC0415 (needs the extra)
+
+    _conclude(concluded(folder, with_page=True), folder, force=force, as_json=as_json, quiet=quiet)
 
 
 @app.command(epilog="Example: `massprop campaign compare runs/cglr runs/cusum --out cglr_cusum.html`")
@@ -182,21 +189,17 @@ def _say_kept(flown: Campaign, only: list[int], *, as_json: bool, quiet: bool) -
         raise typer.Exit(NOT_ALL_RAN)
 
 
-def _concluded(folder: Path, *, written: bool, force: bool, as_json: bool, quiet: bool) -> None:
+def _conclude(said: Concluded, folder: Path, *, force: bool, as_json: bool, quiet: bool) -> None:
     """Writes the report, prints what it says, and ends with the status that the gates and the cases ask for."""
-    from massprop_drake.studies.campaign import reading  # noqa: PLC0415 (loads templates)
-    from massprop_drake.studies.campaign import report as reporting  # noqa: PLC0415
-
-    study = reading.read(folder)
-    found = reporting.summarized(study)
-    if written:
-        files = {_SUMMARY: show.json_text(found).encode(), _PAGE: sealed(reporting.page_of(study))}
+    found = said.summary
+    if said.page is not None:
+        files = {_SUMMARY: show.json_text(found).encode(), _PAGE: sealed(said.page)}
         write_files(folder, files, force=force)
     if as_json:
         show.as_json(found)
     elif not quiet:
-        show.verdict(reporting.verdict(study))
-        if written:
+        show.verdict(said.verdict)
+        if said.page is not None:
             say(f"report: {folder / _PAGE}")
     if found["failed_to_run"]:
         raise typer.Exit(NOT_ALL_RAN)

@@ -24,8 +24,9 @@ from massprop_drake.signals import SYMBOLS, mass_property_units, with_deviation
 
 if TYPE_CHECKING:
     from massprop_drake.maths.mass_properties import Derived
+    from massprop_drake.results.consistency import Consistency
     from massprop_drake.results.detections import DetectionRecord
-    from massprop_drake.results.summary import AutopilotSummary, Consistency, Parameter, Summary
+    from massprop_drake.results.summary import AutopilotSummary, Parameter, Summary
     from massprop_drake.studies.reproduction.report import Reproduced
 
 _VERDICT_STYLES = {"holds": "green", "holds within spread": "cyan", "differs": "yellow"}
@@ -101,10 +102,12 @@ def simulated(results: Summary, vehicle: Vehicle, folder: Path) -> None:
     console = Terminal(120)
     title = f"{results.scenario}: {results.vehicle}, {results.duration_s:g} s, seed {results.seed}"
     table = _table(title, "parameter", "unit", "estimate", "truth", "error %", "1-sigma", "1-sigma %", "within 3 sigma")
+    not_excited = {entry.parameter for entry in results.identifiability if entry.flag == "not_excited"}
     for symbol, unit, one in _parameters(results, vehicle):
         if math.isnan(one.estimate):
             table.add_row(symbol, unit, "not observable", f"{one.truth:.6g}", *["-"] * 4)
             continue
+        inside: Any = "yes" if one.within_three_sigma else console.words(("no", "bold red"))
         comparable = not math.isnan(one.percent_error)
         table.add_row(
             symbol,
@@ -114,10 +117,11 @@ def simulated(results: Summary, vehicle: Vehicle, folder: Path) -> None:
             f"{one.percent_error:+.4f}" if comparable else "-",
             f"{one.standard_deviation:.3g}",
             f"{100.0 * one.standard_deviation / abs(one.truth):.4f}" if comparable else "-",
-            "yes" if one.within_three_sigma else console.words(("no", "bold red")),
+            "not excited" if one.name in not_excited and one.within_three_sigma else inside,
         )
     console.print(table)
     console.say(_consistency(results.consistency))
+    _say_doubts(console, results)
     autopilot = results.autopilot
     console.say(
         f"autopilot:   {autopilot.firings} firings, {autopilot.propellant_mass:.3g} {vehicle.unit_names['mass']} "
@@ -152,6 +156,7 @@ def estimated(results: Summary, vehicle: Vehicle, folder: Path) -> None:
     for warning in quality["warnings"]:
         console.say(("warning:", "bold yellow"), f"     {warning}")
     console.say(_consistency(results.consistency))
+    _say_doubts(console, results)
     counts = quality["samples"]["rotation"]
     skipped = ", ".join(
         f"{count} {reason.replace('_', ' ')}" for reason, count in counts.items() if count and reason != "used"
@@ -163,6 +168,57 @@ def estimated(results: Summary, vehicle: Vehicle, folder: Path) -> None:
         console.say("detected:    no failure")
     console.say(f"speed:       {quality['rows'] / results.timing.wall_s:.0f} rows a second")
     _files(console, folder)
+
+
+def as_compared(results: Summary) -> dict[str, dict[str, float | None]]:
+    """The ten parameters of a run as `massprop compare --json` gives them; None for what is not known."""
+
+    def known(value: float) -> float | None:
+        return None if math.isnan(value) else value
+
+    return {
+        one.name: {
+            "estimate": known(one.estimate),
+            "standard_deviation": known(one.standard_deviation),
+            "percent_error": known(one.percent_error),
+        }
+        for one in results.parameters
+    }
+
+
+def side_by_side(found: Iterable[tuple[str, Summary]], vehicle: Vehicle) -> None:
+    """Prints the ten parameters of several runs beside each other.
+
+    Args:
+        found: name and summary of each run.
+        vehicle: whose runs they are.
+    """
+    runs = list(found)
+    console = Terminal(160)
+    table = _table("estimates side by side", "parameter", "unit")
+    for name, results in runs:
+        what = "error %" if any(not math.isnan(one.percent_error) for one in results.parameters) else "estimate"
+        table.add_column(f"{Path(name).name}: {what}", justify="right")
+        table.add_column("1-sigma %", justify="right")
+    for index, (symbol, unit) in enumerate(zip(SYMBOLS, mass_property_units(vehicle.unit_names), strict=True)):
+        cells = [cell for _, results in runs for cell in _compared(results.parameters[index], results)]
+        table.add_row(symbol, unit, *cells)
+    console.print(table)
+
+
+def _compared(one: Parameter, results: Summary) -> tuple[str, str]:
+    """Error, or the estimate where the truth is not known, and 1-sigma in percent of either."""
+    if math.isnan(one.estimate):
+        return "not observable", "-"
+    simulated = any(not math.isnan(other.truth) for other in results.parameters)
+    if not simulated:
+        return (
+            f"{one.estimate:.6g}",
+            f"{100.0 * one.standard_deviation / abs(one.estimate):.4f}" if one.estimate else "-",
+        )
+    if math.isnan(one.percent_error):
+        return "-", "-"
+    return f"{one.percent_error:+.5f}", f"{100.0 * one.standard_deviation / abs(one.truth):.5f}"
 
 
 def declared(entry: DetectionRecord, vehicle: Vehicle) -> None:
@@ -202,9 +258,19 @@ def _add_derived(table: Table, derived: Derived, vehicle: Vehicle) -> None:
 
 def _consistency(found: Consistency) -> str:
     return (
-        f"consistency: mean NIS {_number(found.rotation_nis_mean)} rotation, "
+        f"consistency: {found.verdict}; mean NIS {_number(found.rotation_nis_mean)} rotation, "
         f"{_number(found.translation_nis_mean)} translation, over {found.samples} samples used"
     )
+
+
+def _say_doubts(console: Terminal, results: Summary) -> None:
+    """Says why estimates are not to be relied on, and which."""
+    from massprop_drake.results.identifiability import in_words  # noqa: PLC0415 (slow to load)
+
+    for reason in results.consistency.reasons:
+        console.say(("inconsistent:", "bold red"), f" {reason}")
+    for what, why in in_words(results.identifiability, SYMBOLS):
+        console.say((f"{what}:", "bold yellow"), f" {why}")
 
 
 def _number(value: float | None) -> str:

@@ -10,9 +10,11 @@ from typing import TYPE_CHECKING, Any
 
 from massprop_drake.display import events, interactive, plots, templates
 from massprop_drake.inputs.model import yaml_text
+from massprop_drake.maths.estimation.identifiability import Flag
 from massprop_drake.maths.mass_properties import MASS_RECIPROCAL
 from massprop_drake.results.detections import DetectionRecord
 from massprop_drake.results.folder import write_page
+from massprop_drake.results.identifiability import in_words
 from massprop_drake.results.summary import Summary
 from massprop_drake.signals import SYMBOLS, mass_property_units, with_deviation
 
@@ -67,6 +69,7 @@ def report_html(run: Run, *, replay: str | None = None) -> str:
         "units": units,
         "verdict": _verdict(results),
         "parameters": _parameters(run),
+        "unidentified": in_words(results.identifiability, SYMBOLS),
         "mass": _mass(run),
         "detections": [_detection(entry, units["force"]) for entry in results.detections],
         "autopilot": _autopilot(run),
@@ -98,6 +101,13 @@ def _verdict(results: Summary) -> list[dict[str, Any]]:
         say(inside == len(known), f"{inside} of {len(known)} parameters lie within 3 sigma of the truth.")
     else:
         say(None, "The truth is unknown: the table gives what was learned, and how surely.")
+    for flag, words in (
+        ("not_excited", "the start still tells more than the flight"),
+        ("weak", "less is known than is asked"),
+    ):
+        of_it = [symbol for symbol, one in zip(SYMBOLS, results.identifiability, strict=False) if one.flag == flag]
+        if of_it:
+            say(False, f"{', '.join(of_it)}: {words}; the reasons stand below the table.")
     if not math.isfinite(results.estimates[MASS_RECIPROCAL]):
         say(None, "The mass is not observable: no accelerometer was read.")
     declared = [entry for entry in results.detections if entry.withdrawn_s is None]
@@ -116,7 +126,8 @@ def _parameters(run: Run) -> list[dict[str, Any]]:
     """Formats the table of ten parameters."""
     rows = []
     units = mass_property_units(run.scenario.vehicle_data.unit_names)
-    for symbol, unit, one in zip(SYMBOLS, units, run.results.parameters, strict=True):
+    flags = [entry.flag for entry in run.results.identifiability] or [""] * len(SYMBOLS)
+    for symbol, unit, one, flag in zip(SYMBOLS, units, run.results.parameters, flags, strict=True):
         there, known = math.isfinite(one.estimate), math.isfinite(one.truth)
         relative = there and one.estimate != 0.0
         rows.append(
@@ -128,7 +139,8 @@ def _parameters(run: Run) -> list[dict[str, Any]]:
                 "error": f"{one.percent_error:+.4f} %" if math.isfinite(one.percent_error) else "",
                 "sigma": f"{one.standard_deviation:.3g}" if there else "",
                 "relative": f"{100.0 * one.standard_deviation / abs(one.estimate):.3g} %" if relative else "",
-                "inside": one.within_three_sigma if there and known else None,
+                "inside": one.within_three_sigma if there and known and flag != Flag.NOT_EXCITED else None,
+                "flag": flag.replace("_", " "),
             }
         )
     return rows

@@ -6,6 +6,7 @@ The diagrams and the real-time `Estimator` both build their parts from these, so
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -17,12 +18,13 @@ from massprop_drake.maths.autopilot.phase_space import PhaseSpaceParams
 from massprop_drake.maths.estimation.cycle import EstimationParams
 from massprop_drake.maths.estimation.detector import Detector, Jets
 from massprop_drake.maths.estimation.detectors import DETECTORS
-from massprop_drake.maths.estimation.filter import Setup
-from massprop_drake.maths.estimation.filters import FILTERS, thesis
+from massprop_drake.maths.estimation.filter import Instruments, Setup, ThrustModel
+from massprop_drake.maths.estimation.filters import FILTERS, joint, thesis
+from massprop_drake.maths.estimation.filters.joint import JointFilterParams
 from massprop_drake.maths.estimation.filters.mass_filter import MassParams
 from massprop_drake.maths.estimation.filters.rotation_filter import RotationParams
 from massprop_drake.maths.estimation.filters.thesis import ThesisParams
-from massprop_drake.maths.mass_properties import MassProperties
+from massprop_drake.maths.mass_properties import MassProperties, initial_standard_deviation
 from massprop_drake.maths.noise import normal_sample, uniform_phase
 from massprop_drake.maths.vehicle import true_failures as failures
 from massprop_drake.maths.vehicle.disturbance import DisturbanceModel, kept_share
@@ -48,17 +50,49 @@ def initial_covariance(scenario: Scenario) -> Array:
 
 def setup(scenario: Scenario) -> Setup:
     """What a filter is made for."""
-    packages = accelerometers(scenario)
+    packages, vehicle = accelerometers(scenario), scenario.vehicle_data
     return Setup(
-        period_s=scenario.vehicle_data.sample_period_s,
+        period_s=vehicle.sample_period_s,
         gyro_variances=np.array([package.variance for package in gyros(scenario)]),
         accelerometer_positions=np.array([package.position for package in packages]).reshape(-1, 3),
         accelerometer_variances=np.array([package.variance for package in packages]),
         estimate=initial_estimate(scenario),
         covariance=initial_covariance(scenario),
-        nominal=scenario.vehicle_data.nominal.vector(),
+        nominal=vehicle.nominal.vector(),
         thrust_errors=thrust_errors(scenario),
+        gyros=_instruments(gyros(scenario)),
+        accelerometers=_instruments(packages),
+        thrust=thrust_model(scenario),
+        widest=initial_standard_deviation(vehicle.nominal.vector(), 1.0, vehicle.center_of_mass_floor),
+        limits=convergence_limits(scenario),
     )
+
+
+def _instruments(packages: Sequence[SensorPackage]) -> Instruments:
+    quanta, noise, biases = ([getattr(p, key) for p in packages] for key in ("quantum", "noise_std", "bias_std"))
+    return Instruments(np.array(quanta), np.array(noise), np.array(biases))
+
+
+def thrust_model(scenario: Scenario) -> ThrustModel:
+    """What a filter may know of the jets' thrust."""
+    vehicle = scenario.vehicle_data
+    kinds, of_jets = list(vehicle.jet_kinds.values()), vehicle.kind_indices
+    return ThrustModel(
+        wrenches=vehicle.wrenches,
+        flows=vehicle.mass_flows,
+        time_constants_s=estimator_time_constants(scenario),
+        kinds=of_jets,
+        uncertainty=np.array([kind.thrust_uncertainty for kind in kinds])[of_jets],
+        lag_uncertainty=np.array([kind.lag_uncertainty for kind in kinds]),
+        repeatability=np.array([kind.repeatability for kind in kinds])[of_jets],
+        arm=vehicle.rms_arm,
+        tank_fraction=vehicle.tank_fraction,
+    )
+
+
+def joint_params(scenario: Scenario) -> JointFilterParams:
+    """Parameters of the joint filter."""
+    return joint.make_params(setup(scenario), scenario)
 
 
 def thesis_params(scenario: Scenario) -> ThesisParams:
@@ -125,9 +159,12 @@ def plant_time_constants(scenario: Scenario) -> Array:
 
 
 def estimator_time_constants(scenario: Scenario) -> Array:
-    """Time constants that the impulse model uses, s, shape (n_jets,); zero: instantaneous."""
-    constants = scenario.vehicle_data.time_constants_s
-    return constants if scenario.estimation.thrust_transient == "gate_lag" else np.zeros_like(constants)
+    """Time constants that the estimators begin with, s, shape (n_jets,); zero: instantaneous."""
+    constants, estimation = scenario.vehicle_data.time_constants_s, scenario.estimation
+    lagged = estimation.thrust_transient == "gate_lag"
+    if estimation.filter == "joint":
+        lagged = scenario.joint.thrust_transient != "none"
+    return constants if lagged else np.zeros_like(constants)
 
 
 def gyros(scenario: Scenario) -> tuple[Gyro, ...]:

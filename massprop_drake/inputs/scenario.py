@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import os
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from importlib import resources
 from itertools import pairwise
 from pathlib import Path
@@ -29,6 +29,7 @@ from massprop_drake.inputs.model import (
     Vector3,
     Whole,
     described,
+    refusal,
     validated,
 )
 from massprop_drake.inputs.vehicle import MassPropertiesModel, Vehicle, load_vehicle, symmetric_inertia
@@ -39,7 +40,21 @@ from massprop_drake.maths.mass_properties import could_be_inertia, initial_stand
 Array = NDArray[np.float64]
 
 _DEGREE = np.pi / 180.0
-_ESTIMATION = ("vehicle", "estimation", "rotation", "mass", "detector")
+_ESTIMATION = ("vehicle", "estimation", "rotation", "mass", "joint", "detector")
+USUAL_FILTER: Literal["thesis", "joint"] = "thesis"
+# detectors that a filter goes with
+DETECTORS_OF = {"thesis": ("cglr", "cusum", "off"), "joint": ("off",)}
+# keys that speak to one filter alone
+_KEYS_OF: dict[str, tuple[tuple[str, ...], ...]] = {
+    "thesis": (
+        ("rotation",),
+        ("mass",),
+        ("sensors", "combine"),
+        ("estimation", "thrust_transient"),
+        ("estimation", "thrust_uncertainty"),
+    ),
+    "joint": (("joint",),),
+}
 _INDEX = re.compile(r"[0-9]{1,6}")
 _LONGEST_NAME = 200  # characters; those of a folder's name are limited
 
@@ -384,8 +399,10 @@ class GivenStart(Model):
 class EstimationBlock(Model):
     """The estimators' starting point, and how they turn commands into thrust."""
 
-    filter: Literal["thesis"] = described(
-        "thesis", "method: the thesis's two filters, with the blocks `rotation` and `mass`"
+    filter: Literal["thesis", "joint"] = described(
+        USUAL_FILTER,
+        "method: thesis: two filters, with the blocks `rotation` and `mass`; joint: one for mass properties, rate, "
+        "velocity and thrust, with the block `joint`",
     )
     start: Literal["nominal", "zero", "given"] = described(
         "nominal", "estimates begin at the nominal values, at zero, or at what `given` says"
@@ -403,12 +420,13 @@ class EstimationBlock(Model):
     )
     thrust_transient: Literal["gate", "gate_lag"] = described(
         "gate_lag",
-        "gate: samples whose jets have just changed are skipped, thrust taken as instantaneous; gate_lag: the same "
-        "gate, impulses from the lagged thrust level",
+        "with filter: thesis; gate: samples whose jets have just changed are skipped, thrust taken as instantaneous; "
+        "gate_lag: the same gate, impulses from the lagged thrust level",
     )
     thrust_uncertainty: Real = described(
         0.0,
-        "1-sigma of each jet's constant, unknown thrust error, relative; filters and detector consider it",
+        "with filter: thesis; 1-sigma of each jet's constant, unknown thrust error, relative; filters and detector "
+        "consider it",
         "-",
         ge=0.0,
         le=0.3,
@@ -499,6 +517,63 @@ class MassBlock(Model):
     )
 
 
+class JointBlock(Model):
+    """The joint filter of mass properties, rate, velocity and thrust."""
+
+    thrust_transient: Literal["none", "vehicle"] | None = described(
+        None,
+        "none: thrust is instantaneous; vehicle: first-order lag with the vehicle file's time constants, corrected in "
+        "flight; null: what plant.thrust_transient says",
+    )
+    thrust_uncertainty: Real | None = described(
+        None,
+        "1-sigma of each jet's constant, unknown thrust error, relative; 0 only where thrusts are exact; null: the "
+        "vehicle's, by kind of jet",
+        "-",
+        ge=0.0,
+        le=0.3,
+    )
+    lag_uncertainty: Real | None = described(
+        None,
+        "1-sigma of the time constants, relative, one error for each kind of jet; null: the vehicle's",
+        "-",
+        ge=0.0,
+        le=1.0,
+    )
+    tank_fraction: Real | None = described(
+        None,
+        "by how much used propellant may shift center of mass and inertia, as the vehicle's key; 0 only where it "
+        "shifts nothing, as in a simulated vehicle; null: the vehicle's",
+        "-",
+        ge=0.0,
+        le=1.0,
+    )
+    rate_walk: Real = described(
+        0.0,
+        "what unmodeled torques add to the rate, 1-sigma after one second, growing with the root of time",
+        "rad/s/sqrt(s)",
+        ge=0.0,
+        span=plausible.RATE_STEP,
+    )
+    velocity_walk: Real = described(
+        0.0,
+        "what unmodeled forces add to the velocity, likewise",
+        "ft/s/sqrt(s) | m/s/sqrt(s)",
+        ge=0.0,
+        span=plausible.VELOCITY_STEP,
+    )
+    increment_rate: Real = described(
+        1.5e-5,
+        "probability of rates as far off while all is well, below which the covariance is incremented during the start",
+        "-",
+        ge=1e-100,
+        lt=1.0,
+    )
+    settled_after: Whole = described(
+        60, "samples with a jet commanded, from convergence on, after which the start is over", "-", ge=0, le=1_000_000
+    )
+
+
 class CglrBlock(Model):
     """Detection and isolation of failed jets by the generalized likelihood ratio, and of jumps of mass properties."""
 
@@ -575,14 +650,43 @@ class Scenario(Model):
     estimation: EstimationBlock = described(EstimationBlock(), "start of the estimators")
     rotation: RotationBlock = described(RotationBlock(), "filter for inverse inertia and center of mass")
     mass: MassBlock = described(MassBlock(), "filter for the mass reciprocal")
-    detector: DetectorBlock = described(CglrBlock(), "detection of failed jets; each kind has keys of its own")
+    joint: JointBlock = described(JointBlock(), "with estimation.filter: joint")
+    detector: DetectorBlock = described(
+        CglrBlock(), "detection of failed jets; each kind has keys of its own; with estimation.filter: joint, off"
+    )
     failures: tuple[Failure, ...] = described((), "failures of jets")
     jumps: tuple[MassJump, ...] = described((), "payloads that leave or come")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _as_the_filter_has_it(cls, data: Any) -> Any:
+        """Fills in what is left out and depends on the filter."""
+        if not isinstance(data, dict) or _part(data.get("estimation"), "filter", USUAL_FILTER) != "joint":
+            return data
+        given = {"detector": CglrBlock(kind="off"), **data}
+        transient = _part(data.get("plant"), "thrust_transient", "vehicle")
+        joint = data.get("joint", {})
+        if isinstance(joint, dict) and joint.get("thrust_transient") is None and transient in ("none", "vehicle"):
+            given["joint"] = {**joint, "thrust_transient": transient}
+        return given
 
     @field_validator("detector", mode="before")
     @classmethod
     def _usual_detector(cls, value: Any) -> Any:
         return {"kind": "cglr", **value} if isinstance(value, dict) else value
+
+    @model_validator(mode="after")
+    def _of_one_filter(self) -> Scenario:
+        named, problems = self.estimation.filter, []
+        for path, other in _foreign_keys(self):
+            problems.append((path, f"is a key of estimation.filter: {other}, and the filter is {named}; leave it out"))
+        if self.detector.kind not in DETECTORS_OF[named]:
+            fitting = " or ".join(DETECTORS_OF[named])
+            problem = f"{self.detector.kind} does not go with estimation.filter: {named}; use {fitting}"
+            problems.append((("detector", "kind"), problem))
+        if problems:
+            raise refusal(problems)
+        return self
 
     @model_validator(mode="after")
     def _windows(self) -> Scenario:
@@ -621,6 +725,28 @@ class Scenario(Model):
     def estimation_doubts(self) -> list[plausible.Finding]:
         """Those of them that bear on estimation from a record, too."""
         return [found for found in self.doubts if found.path[0] in _ESTIMATION]
+
+
+def _part(block: Any, key: str, otherwise: str) -> Any:
+    """A key of a block that is not validated yet, or of one that is."""
+    return block.get(key, otherwise) if isinstance(block, dict) else getattr(block, key, otherwise)
+
+
+def _foreign_keys(scenario: Scenario) -> Iterator[tuple[FieldPath, str]]:
+    """Yields the keys that say something to another filter than the scenario's, and that filter."""
+    for other, paths in _KEYS_OF.items():
+        if other == scenario.estimation.filter:
+            continue
+        for path in paths:
+            here: Any = scenario
+            for part in path[:-1]:
+                here = getattr(here, part)
+            value, default = getattr(here, path[-1]), type(here).model_fields[path[-1]].default
+            if isinstance(value, Model):
+                keys = [key for key in type(value).model_fields if getattr(value, key) != getattr(default, key)]
+                yield from (((*path, key), other) for key in keys)
+            elif value != default:
+                yield path, other
 
 
 def _require_apart(field: str, windows: list[tuple[str, float, float]]) -> None:

@@ -46,10 +46,10 @@ _RESERVED = {
     *("reaction_jets", "rigid_body", "disturbance", "noise_source", "body_state", "structure", "mass_properties"),
     *("telemetry_source", "record_time"),
     *("closed", "held_closed", "command", "held_command", "jet_commands", "impulses", "turning", "evidence"),
-    *("outside_wrench", "mean_level", "predicted"),
+    *("outside_wrench", "mean_level", "predicted", "replacement"),
     *("estimate", "covariance", "innovation", "innovation_covariance", "status", "adaptation", "reconfiguration"),
 }
-_RESERVED_BEGINNINGS = ("rotation_", "mass_", "predicted_", "detector_")
+_RESERVED_BEGINNINGS = ("rotation_", "mass_", "joint_", "predicted_", "detector_")
 _SENSOR_NAME = r"^[A-Za-z][A-Za-z0-9_]*$"
 _RANGE = "largest reading either way, where the sensor saturates; the filters skip such a reading; null: unlimited"
 _UNIT_LENGTH_TOLERANCE = 0.002  # of a direction, as printed tables have it
@@ -115,6 +115,24 @@ class JetKind(Model):
         0.0, "first-order time constant of build-up and tail-off", "s", ge=0.0, span=plausible.VALVE
     )
     minimum_on_time_s: Real = described(0.0, "shortest firing", "s", ge=0.0, span=plausible.VALVE)
+    thrust_uncertainty: Real = described(
+        0.01,
+        "1-sigma of each jet's constant, unknown thrust error, relative; used by `estimation.filter: joint`",
+        "-",
+        ge=0.0,
+        le=0.3,
+    )
+    lag_uncertainty: Real = described(
+        0.2, "1-sigma of the time constant, relative; one error for the kind; likewise", "-", ge=0.0, le=1.0
+    )
+    repeatability: Real = described(
+        0.0,
+        "1-sigma of a jet's impulse over a sample, relative, white; from the data sheet, since it costs accuracy; "
+        "likewise",
+        "-",
+        ge=0.0,
+        le=0.3,
+    )
 
 
 class Jet(Model):
@@ -163,6 +181,7 @@ class SensorPackage(Model):
     )
     quantum: Real = described(0.0, "step of a reading", "rad/s | ft/s | m/s", ge=0.0)
     noise_std: Real = described(0.0, "white noise of a reading, 1-sigma", "rad/s | ft/s | m/s", ge=0.0)
+    bias_std: Real = described(0.0, "1-sigma of a constant bias", "rad/s | ft/s^2 | m/s^2", ge=0.0)
     range: Real | None = described(None, _RANGE, "rad/s | ft/s | m/s", gt=0.0)
 
     @model_validator(mode="after")
@@ -187,6 +206,14 @@ class SensorPackage(Model):
 class Gyro(SensorPackage):
     """A package of three rate gyros."""
 
+    bias_std: Real = described(
+        0.0,
+        "1-sigma of a constant bias per axis, which `estimation.filter: joint` then estimates",
+        "rad/s",
+        ge=0.0,
+        span=plausible.RATE_STEP,
+    )
+
     quantum: Real = described(0.0, "step of a reading", "rad/s", ge=0.0, span=plausible.RATE_STEP)
     noise_std: Real = described(0.0, "white noise of a reading, 1-sigma", "rad/s", ge=0.0, span=plausible.RATE_STEP)
     range: Real | None = described(None, _RANGE, "rad/s", gt=0.0, span=plausible.RATE)
@@ -196,6 +223,13 @@ class Accelerometer(SensorPackage):
     """A package of three integrating accelerometers."""
 
     position: Vector3 = described(..., "in the vehicle frame", "ft | m", span=plausible.POSITION)
+    bias_std: Real = described(
+        0.0,
+        "1-sigma of a constant bias of the acceleration per axis, which `estimation.filter: joint` then estimates",
+        "ft/s^2 | m/s^2",
+        ge=0.0,
+        span=plausible.ACCELERATION,
+    )
     quantum: Real = described(0.0, "step of a reading", "ft/s | m/s", ge=0.0, span=plausible.VELOCITY_STEP)
     noise_std: Real = described(
         0.0, "white noise of a reading, 1-sigma", "ft/s | m/s", ge=0.0, span=plausible.VELOCITY_STEP
@@ -281,6 +315,14 @@ class Vehicle(Model):
         "ft | m",
         gt=0.0,
         span=plausible.POSITION,
+    )
+    tank_fraction: Real = described(
+        0.01,
+        "share of the jets' RMS arm by which propellant that is used shifts center of mass and inertia: 0.1 where "
+        "tanks lie far out; used by `estimation.filter: joint`",
+        "-",
+        ge=0.0,
+        le=1.0,
     )
     gyros: tuple[Gyro, ...] = described(
         ...,
@@ -371,6 +413,12 @@ class Vehicle(Model):
     def time_constants_s(self) -> Array:
         """Time constant of each jet's thrust build-up and tail-off, s, shape (n_jets,)."""
         return self._per_jet(lambda jet: self.jet_kinds[jet.kind].time_constant_s)
+
+    @cached_property
+    def kind_indices(self) -> NDArray[np.int_]:
+        """Index of each jet's kind in `jet_kinds`, shape (n_jets,)."""
+        kinds = list(self.jet_kinds)
+        return np.array([kinds.index(jet.kind) for jet in self.jets])
 
     @cached_property
     def minimum_on_times_s(self) -> Array:

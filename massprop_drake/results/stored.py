@@ -30,6 +30,7 @@ from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.inputs.yaml import read_text
 from massprop_drake.maths.estimation.detector import STATUS
 from massprop_drake.maths.estimation.filter import MASS_REPORT, ROTATION_REPORT
+from massprop_drake.maths.estimation.filters.joint import JOINT_REPORT
 from massprop_drake.results.detections import DetectionRecord
 from massprop_drake.signals import AXES, SIGNALS
 
@@ -200,6 +201,7 @@ _ALWAYS = {
 }
 _TRUTH = {"rate", "attitude", "position", "velocity", "truth", "thrust", "torque", "force"}
 _AUTOPILOT = {"hand_controllers", "attitude_error", "request", "selection_counts", "out_of_use"}
+_JOINT = set(JOINT_REPORT.logged)
 _MASS = {name for name in MASS_REPORT if name in SIGNALS}
 _DETECTOR = {*STATUS.logged, "likelihood", "failure_magnitude", "known_force", "known_force_variance"}
 _HEADER = re.compile(rb"\{'descr': '<f8', 'fortran_order': False, 'shape': \(([0-9]{1,15}), ?([0-9]{0,15})\), \} *\n")
@@ -240,7 +242,7 @@ def read_history(path: Path, vehicle: Vehicle) -> tuple[Array, dict[str, Array]]
 
 def _require_groups(names: set[str], vehicle: Vehicle) -> None:
     """Raises ValueError when a signal is missing."""
-    for group in ({"time_s"} | _ALWAYS | set(vehicle.sensor_names()), _TRUTH, _AUTOPILOT, _MASS, _DETECTOR):
+    for group in ({"time_s"} | _ALWAYS | set(vehicle.sensor_names()), _TRUTH, _AUTOPILOT, _MASS, _JOINT, _DETECTOR):
         missing = sorted(group - names)
         if missing and ("time_s" in group or group & names):
             raise ValueError(f"'{missing[0]}' is missing")

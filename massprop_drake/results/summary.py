@@ -18,9 +18,12 @@ from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.maths import mass_properties
 from massprop_drake.maths.mass_properties import CENTER_OF_MASS, MASS_RECIPROCAL, Derived, six_elements
+from massprop_drake.results.consistency import COMPONENTS, Consistency, Tally, judged, used_nis
 from massprop_drake.results.detections import DetectionRecord
+from massprop_drake.results.identifiability import Identifiability, identified
 from massprop_drake.results.injected import InjectedRecord, what_became
 from massprop_drake.results.spool import Spool, blocks
+from massprop_drake.signals import SYMBOLS
 
 Array = NDArray[np.float64]
 
@@ -50,20 +53,6 @@ class Parameter(NamedTuple):
     def within_three_sigma(self) -> bool:
         """Whether the estimate lies within 3 sigma of the truth; False where either is NaN."""
         return abs(self.estimate - self.truth) <= 3.0 * self.standard_deviation
-
-
-class Consistency(NamedTuple):
-    """How the filters' innovations compare with the covariance they claim.
-
-    Attributes:
-        rotation_nis_mean: mean NIS of the rotation filter over the samples it used; None without any.
-        translation_nis_mean: the same of the mass filter; None without any, or without accelerometer.
-        samples: number of samples that the rotation filter used.
-    """
-
-    rotation_nis_mean: Real | None
-    translation_nis_mean: Real | None
-    samples: Count
 
 
 class AutopilotSummary(NamedTuple):
@@ -146,6 +135,7 @@ class Summary:
         data_quality: what `telemetry.quality` found about a record; None for a simulated run.
         injected: failures and jumps of a simulated run, and what was made of them, in the scenario's order; None for a
             record, of which nobody knows.
+        identifiability: what the run has told of each parameter; empty in what an earlier version wrote.
     """
 
     version: str
@@ -167,6 +157,7 @@ class Summary:
     timing: Timing
     data_quality: Mapping[str, Any] | None = None
     injected: tuple[InjectedRecord, ...] | None = None
+    identifiability: tuple[Identifiability, ...] = ()
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -197,6 +188,7 @@ class Summary:
             "percent_error": by_name(self.percent_error),
             "detections": [_without(record, "jet_index") for record in self.detections],
             "consistency": self.consistency._asdict(),
+            "identifiability": [entry._asdict() for entry in self.identifiability],
             "injected": None if self.injected is None else [record._asdict() for record in self.injected],
             "autopilot": self.autopilot._asdict(),
             "provenance": {key: value for key, value in self.provenance._asdict().items() if value is not None},
@@ -245,6 +237,7 @@ class Summary:
             timing=read.timing,
             data_quality=read.data_quality,
             injected=read.injected,
+            identifiability=read.identifiability,
         )
 
 
@@ -313,6 +306,7 @@ class SummaryFile(_Stored):
     timing: Annotated[Timing, _known_to(Timing)]
     data_quality: dict[str, Any] | None = None
     injected: tuple[Annotated[InjectedRecord, _known_to(InjectedRecord)], ...] | None = None
+    identifiability: tuple[Annotated[Identifiability, _known_to(Identifiability)], ...] = ()
 
     @field_validator("data_quality")
     @classmethod
@@ -345,20 +339,18 @@ def summarize(
         control_authority: what the autopilot could do before and after failures; None without one.
     """
     vehicle = scenario.vehicle_data
-    rotation_nis = _used_nis(signals, "rotation")
+    estimate, deviation, truth = (signals.last(name) for name in ("estimate", "standard_deviation", "truth"))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratios = (estimate - truth) / deviation
     return composed(
         scenario,
         duration_s=float(signals.last("time_s")),
-        estimate=signals.last("estimate"),
-        deviation=signals.last("standard_deviation"),
+        estimate=estimate,
+        deviation=deviation,
         covariance=covariance,
-        truth=signals.last("truth"),
+        truth=truth,
         found=found,
-        consistency=Consistency(
-            rotation_nis_mean=_mean(rotation_nis),
-            translation_nis_mean=_mean(_used_nis(signals, "mass")) if "mass_nis" in signals else None,
-            samples=rotation_nis.size,
-        ),
+        consistency=judged(_tallied(signals, "rotation"), _tallied(signals, "mass"), ratios, SYMBOLS),
         autopilot=AutopilotSummary(
             firings=_firings(signals),
             propellant_mass=_propellant(scenario, signals),
@@ -424,6 +416,7 @@ def composed(
         timing=timing,
         data_quality=data_quality,
         injected=injected,
+        identifiability=identified(scenario, estimate, covariance),
     )
 
 
@@ -462,10 +455,14 @@ def _propellant(scenario: Scenario, signals: Spool) -> float:
     return float(flow.sum() * vehicle.sample_period_s)
 
 
-def _used_nis(signals: Spool, name: str) -> Array:
-    """NIS of a filter at the samples it used, shape (n_used,)."""
-    nis, used = f"{name}_nis", f"{name}_used"
-    return np.concatenate([block[nis][block[used][:, 0] != 0.0, 0] for block in blocks(signals, nis, used)])
+def _tallied(signals: Spool, name: str) -> Tally:
+    """The NIS of a filter at the samples it used; all at once, so that no sum depends on how signals are kept."""
+    tally = Tally()
+    if f"{name}_nis" in signals:
+        names = [one for one in (f"{name}_nis", f"{name}_used", COMPONENTS[name]) if one in signals]
+        parts = [used_nis(name, block) for block in blocks(signals, *names)]
+        tally.add(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+    return tally
 
 
 def _jets_in_question(vehicle: Vehicle, signals: Spool) -> dict[str, Any]:
@@ -485,10 +482,6 @@ def _selection(signals: Spool) -> dict[str, Any]:
         return {}
     solved, reduced, closest, _ = signals.last("selection_counts").tolist()
     return {"lp_solves": int(solved), "lp_infeasible": int(reduced + closest)}
-
-
-def _mean(values: Array) -> float | None:
-    return float(values.mean()) if values.size else None
 
 
 # ---------------------------------------------------------------------------------- arrays as JSON

@@ -91,7 +91,7 @@ class Estimator:
 
     Args:
         vehicle: jets, sensors and nominal mass properties.
-        scenario: whose `sensors`, `estimation`, `rotation`, `mass` and `detector` fields are used; default:
+        scenario: whose `sensors`, `estimation`, `rotation`, `mass`, `joint` and `detector` fields are used; default:
             all at their defaults.
 
     Raises:
@@ -191,7 +191,7 @@ class Estimator:
         if not np.isfinite(outside).all():
             raise ValueError("outside_wrench must be finite")
 
-        sample = cycle.Sample(time_s, rates, velocities, self._command, self._outside)
+        sample = cycle.Sample(time_s, rates, velocities, self._command, self._outside, time_s, coming)
         try:
             done = cycle.step(self._state, sample, self._params)
         except NotPositiveDefiniteError as error:

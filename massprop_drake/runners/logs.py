@@ -23,13 +23,13 @@ from massprop_drake.results.detections import DetectionRecord, detection_entries
 from massprop_drake.results.spool import Spool
 from massprop_drake.results.stored import FORMAT, made_with
 from massprop_drake.results.summary import null_for_nan
-from massprop_drake.systems.layouts import DETECTOR_REPORT, IMPULSES, MASS_REPORT, ROTATION_REPORT
+from massprop_drake.systems.layouts import DETECTOR_REPORT, IMPULSES, JOINT_REPORT, MASS_REPORT, ROTATION_REPORT
 
 Array = NDArray[np.float64]
 SavedState = Mapping[str, Sequence[Sequence[float | None]]]  # vectors by the part of the diagram, NaN as None
 
 # ports of the estimation diagram that are logged, where it has them
-ESTIMATION = ("impulses", "rotation_report", "mass_report", "detector_report")
+ESTIMATION = ("impulses", "rotation_report", "mass_report", "joint_report", "detector_report")
 RECENT = 256  # rows whose times a run keeps for the part that goes on from it
 
 
@@ -53,6 +53,8 @@ def estimation_signals(scenario: Scenario, logs: Mapping[str, Array]) -> dict[st
     signals |= rotation
     if there:
         signals |= mass
+    if "joint_report" in logs:
+        signals |= JOINT_REPORT.columns(logs["joint_report"])
     if "detector_report" in logs:
         jets = len(scenario.vehicle_data.jets)
         signals |= DETECTOR_REPORT.sized(jets=jets).columns(logs["detector_report"])

@@ -18,19 +18,20 @@ from massprop_drake.inputs.scenario import PlantBlock, Scenario
 from massprop_drake.inputs.vehicle import SensorPackage
 from massprop_drake.maths.estimation import cycle
 from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
+from massprop_drake.results.consistency import Tally, judged, used_nis
 from massprop_drake.results.detections import DetectionRecord
 from massprop_drake.results.exchange import recover
 from massprop_drake.results.run import Run
 from massprop_drake.results.stored import STATE_FILE, FilterState, read_json, require_made_with
 from massprop_drake.results.summary import (
     AutopilotSummary,
-    Consistency,
     Timing,
     composed,
     firings,
     null_for_nan,
 )
 from massprop_drake.runners.logs import Intake, estimation_signals, kept, restored
+from massprop_drake.signals import SYMBOLS
 from massprop_drake.systems.layouts import (
     DETECTOR_REPORT,
     IMPULSES,
@@ -132,7 +133,7 @@ class _Estimation:
         self._spent_s = {"estimators": 0.0, "detector": 0.0}
         detections, recent_s = ((), ()) if earlier is None else (earlier.detections, earlier.recent_s)
         self._intake = Intake(scenario, folder, detections, recent_s)
-        self._nis: dict[str, tuple[float, int]] = {"rotation": (0.0, 0), "mass": (0.0, 0)}
+        self._nis = {"rotation": Tally(), "mass": Tally()}
         self._on_before = np.zeros(n_jets, dtype=bool)
         self._firings = 0
         self._fired = np.zeros(n_jets)
@@ -159,11 +160,16 @@ class _Estimation:
         }
         if self._accelerometers:
             logs["mass_report"] = np.empty((count, MASS_REPORT.size))
+        own = self._params.filter.report
+        if own is not None:
+            logs[own.name] = np.empty((count, own.size))
         if self._params.detector is not None:
             logs["detector_report"] = np.empty((count, DETECTOR_REPORT.sized(jets=len(self._vehicle.jets)).size))
         for index in range(count):
             time_s = self._next_row * self._period_s
-            sample = cycle.Sample(time_s, rates[index], velocities[index], self._command, self._outside)
+            readings = rates[index], velocities[index]
+            coming, stamp_s = rows.commands[index], float(rows.time_s[index])
+            sample = cycle.Sample(time_s, *readings, self._command, self._outside, stamp_s, coming)
             before = self._state.detector
             try:
                 done = self._cycle(sample)
@@ -174,10 +180,12 @@ class _Estimation:
             logs["rotation_report"][index] = ROTATION_REPORT.pack(filtered.rotation)
             if filtered.mass is not None:
                 logs["mass_report"][index] = MASS_REPORT.pack(filtered.mass)
+            if own is not None:
+                logs[own.name][index] = own.pack(filtered.own)
             if judgment is not None:
                 logs["detector_report"][index] = detector_row(judgment, before)
             self._state = done.state
-            self._command = rows.commands[index]
+            self._command = coming
             if rows.outside_wrench is not None:
                 self._outside = rows.outside_wrench[index]
             self._next_row += 1
@@ -218,11 +226,9 @@ class _Estimation:
         return found + (diagram_s - rows * self._period_s)  # exactly what it was where both times agree
 
     def _count(self, rows: Rows, signals: Mapping[str, Array]) -> None:
-        for name in self._nis:
+        for name, tally in self._nis.items():
             if f"{name}_nis" in signals:
-                used = signals[f"{name}_nis"][signals[f"{name}_used"][:, 0] != 0.0, 0]
-                total, count = self._nis[name]
-                self._nis[name] = (total + float(used.sum()), count + used.size)
+                tally.add(*used_nis(name, signals))
         on = rows.commands > 0.0
         self._firings += firings(on, self._on_before)
         self._on_before = on[-1]
@@ -235,17 +241,16 @@ class _Estimation:
         if self._period_s <= duration_s <= _LONGEST_S:
             self._scenario = self._scenario.model_copy(update={"duration_s": duration_s})
         quality = self._quality.finished(record, reader.ragged)
-        _, samples = self._nis["rotation"]
-        means = {name: total / count if count else None for name, (total, count) in self._nis.items()}
+        unknown = np.full(10, np.nan)
         results = composed(
             self._scenario,
             duration_s=duration_s,
             estimate=last("estimate"),
             deviation=last("standard_deviation"),
             covariance=self._params.filter.covariance(self._state.filter),
-            truth=np.full(10, np.nan),
+            truth=unknown,
             found=self._intake.found(),
-            consistency=Consistency(means["rotation"], means["mass"], samples),
+            consistency=judged(self._nis["rotation"], self._nis["mass"], unknown, SYMBOLS),
             autopilot=AutopilotSummary(self._firings, float(self._fired @ self._vehicle.mass_flows) * self._period_s),
             timing=Timing(wall_s, duration_s / wall_s, self._cycle_times()),
             telemetry="standard input" if str(telemetry) == "-" else Path(telemetry).name,

@@ -3,9 +3,15 @@
 from __future__ import annotations
 
 import contextlib
+import multiprocessing
 import signal
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import resource_tracker
+from typing import ParamSpec, TypeVar
+
+_P = ParamSpec("_P")
+_R = TypeVar("_R")
 
 
 @contextlib.contextmanager
@@ -17,3 +23,20 @@ def ctrl_c_held() -> Iterator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+
+
+def apart(function: Callable[_P, _R], *arguments: _P.args, **options: _P.kwargs) -> _R:
+    """Calls a function in a process of its own, with which all the memory goes that it takes.
+
+    Args:
+        function: of a module; what it takes, returns and raises must be picklable.
+        arguments: of it.
+        options: of it, by name.
+    """
+    pool = ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn"))
+    try:
+        with ctrl_c_held():
+            future = pool.submit(function, *arguments, **options)
+        return future.result()
+    finally:
+        pool.shutdown(cancel_futures=True)

@@ -16,14 +16,14 @@ from massprop_drake.maths.autopilot.jet_selection import activity_vectors
 from massprop_drake.maths.estimation import observability
 from massprop_drake.maths.estimation.detectors.jet_tests import signatures
 from massprop_drake.maths.estimation.filters.mass_filter import Rotation, compensated
-from massprop_drake.maths.mass_properties import NAMES, initial_standard_deviation
+from massprop_drake.maths.mass_properties import NAMES
 from massprop_drake.maths.vehicle.sensing import increment_noise
+from massprop_drake.results.identifiability import unobservable
 from massprop_drake.systems.autopilot.jet_selection_program import JetSelectionProgram
 
 Array = NDArray[np.float64]
 
 DIRECTIONS = tuple(f"{motion} {sign}{axis}" for motion, axis, sign in product(("turn", "translate"), "xyz", ("+", "-")))
-_OFFSET = np.array([0.62, -0.48, 0.62])  # a unit vector along no axis and in no plane of them
 _NOTHING = 1e-6  # of what all jets could do together: less is the solver's rounding
 _THROUGH = 1e-3  # of the RMS arm: a line this close to the center of mass passes through it
 
@@ -88,16 +88,10 @@ def reaches(activity: Array) -> list[float]:
 
 
 def _unobservable(vehicle: Vehicle) -> list[dict[str, float]]:
-    """Finds the combinations that stay hidden wherever the center of mass lies, and not by chance where it is now."""
-    parameters = vehicle.nominal.vector()
-    scale = initial_standard_deviation(parameters, vehicle.uncertainty, vehicle.center_of_mass_floor or 1.0)
-    parameters[6:9] += _OFFSET * (vehicle.center_of_mass_floor or 1.0)
-    jacobian = observability.impulse_jacobian(
-        vehicle.wrenches, parameters, accelerometer=_accelerometer(vehicle) is not None
-    )
+    """The combinations that stay hidden, as weights by name."""
     return [
         {name: float(weight) for name, weight in zip(NAMES, row, strict=True) if weight != 0.0}
-        for row in observability.unobservable(jacobian, scale)
+        for row in unobservable(vehicle, accelerometer=_accelerometer(vehicle) is not None)
     ]
 
 

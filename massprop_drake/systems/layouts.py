@@ -14,6 +14,7 @@ from massprop_drake.maths.estimation.cycle import MEMORY as IMPULSE_MEMORY
 from massprop_drake.maths.estimation.detector import KNOWN_FORCE, STATUS, Judgment
 from massprop_drake.maths.estimation.filter import JOINT as EVIDENCE
 from massprop_drake.maths.estimation.filter import MASS_REPORT, ROTATION_REPORT
+from massprop_drake.maths.estimation.filters.joint import JOINT_REPORT
 from massprop_drake.maths.estimation.filters.thesis import TURNING
 from massprop_drake.maths.estimation.impulses import Impulses
 
@@ -25,6 +26,7 @@ __all__ = [
     "HAND_CONTROLLERS",
     "IMPULSES",
     "IMPULSE_MEMORY",
+    "JOINT_REPORT",
     "KNOWN_FORCE",
     "MASS_ESTIMATE",
     "MASS_REPORT",

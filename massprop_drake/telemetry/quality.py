@@ -34,6 +34,7 @@ _VELOCITY_UNITS = {
     "si": ((1.0 / 9.80665, "g in place of m/s^2"), (3.28084, "feet in place of meters")),
 }
 _POWERS = tuple((10.0**n, f"a factor of {10.0**n:g}") for n in (1, -1, 2, -2, 3, -3, 6, -6))
+# why a sample was not used, by the filter: the joint one takes what the jets do as it comes
 _REASONS = (
     "first_after_start_or_gap",
     "gyro_missing",
@@ -46,6 +47,7 @@ _REASONS = (
     "rejected_by_detector",
     "other",
 )
+_JOINT_REASONS = ("first_after_start_or_gap", "gyro_missing", "accelerometer_missing", "saturated", "within_a_quantum")
 
 
 class _Package(NamedTuple):
@@ -112,7 +114,9 @@ class QualityReport:
         self._jumps: dict[str, dict[str, Any]] = {}
         self._ratios: dict[str, list[float]] = {name: [] for name in names}
         filters = ["rotation", *(["mass"] if self._accelerometers else [])]
-        self._samples = {name: {"used": 0, **dict.fromkeys(_REASONS, 0)} for name in filters}
+        self._joint = scenario.estimation.filter == "joint"
+        reasons = _JOINT_REASONS if self._joint else _REASONS
+        self._samples = {name: {"used": 0, **dict.fromkeys(reasons, 0)} for name in filters}
 
         self._limits = params.convergence_limits(scenario)
         self._detects = params.detector(scenario) is not None
@@ -269,12 +273,13 @@ class QualityReport:
                 "jets_changed": signals["usable"][:, 0] == 0.0,
                 "coasting": signals["firing"][:, 0] == 0.0,
                 "rejected_by_detector": signals["alarm"][:, 0] != 0.0 if "alarm" in signals else nothing,
+                "within_a_quantum": ~nothing,
                 "other": ~nothing,
             }
             left = ~gap
-            for reason, rows in reasons.items():
-                counts[reason] += int((left & rows).sum())
-                left = left & ~rows
+            for reason in counts:
+                counts[reason] += int((left & reasons[reason]).sum())
+                left = left & ~reasons[reason]
 
     # --------------------------------------------------------------------------------- finishing
 
@@ -386,7 +391,12 @@ class QualityReport:
                 f"{first['time_s']:.6g} s; estimates are kept over it"
             )
         period, nominal = quality["sample_period_s"], self._vehicle.sample_period_s
-        if period is not None and abs(period - nominal) > _PERIOD_DIFFERS * nominal:
+        if self._joint and quality["jitter"]["count"]:
+            found.append(
+                f"{_times(quality['jitter']['count'], 'interval')} between rows off the sample period, by "
+                f"{quality['jitter']['largest_s']:.2g} s at the most: when commands switched is taken from the stamps"
+            )
+        if not self._joint and period is not None and abs(period - nominal) > _PERIOD_DIFFERS * nominal:
             found.append(f"rows are {period:.6g} s apart on average, not {nominal:g} s: forces seem off by as much")
         late = quality["duplicates"] + quality["backward"]
         if late:
@@ -431,13 +441,13 @@ class QualityReport:
     def _about_samples(self, quality: dict[str, Any]) -> list[str]:
         names = {"rotation": "inverse inertia and center of mass", "mass": "mass"}
         found = []
-        unknown = quality["samples"]["rotation"]["command_missing"]
+        unknown = quality["samples"]["rotation"].get("command_missing")
         if unknown:
             found.append(f"the jets' commands are missing over {_times(unknown, 'sample')}, which are not used")
         for name, counts in quality["samples"].items():
             if counts["used"]:
                 continue
-            worst = max(_REASONS, key=lambda reason: counts[reason])
+            worst = max(list(counts)[1:], key=lambda reason: counts[reason])
             found.append(
                 f"no sample could be used for {names[name]}: they are as they were at the start; most often "
                 f"({counts[worst]} times) the reason was: {worst.replace('_', ' ')}"

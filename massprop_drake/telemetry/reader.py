@@ -11,6 +11,7 @@ import math
 import re
 import sys
 from collections.abc import Iterable, Iterator, Mapping
+from copy import deepcopy
 from pathlib import Path
 from typing import IO, Any, NamedTuple
 
@@ -18,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from massprop_drake.errors import InputError
-from massprop_drake.inputs.scenario import Scenario, resolved, set_field
+from massprop_drake.inputs.scenario import USUAL_FILTER, Scenario, resolved, set_field
 from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.signals import AXES
 from massprop_drake.telemetry.tables import Block, CsvTable, Table, open_table
@@ -34,6 +35,7 @@ _CLEARLY_PERCENT = 5.0  # a commanded fraction above this and up to 100
 _FIRST_INTERVALS = 20  # in which the sample period must show
 _STUCK_CLOCK = 25  # rows in a row whose time does not go on
 _LISTED_GAPS = 5
+_TURNING_FAST = {"rotation": {"coupling": "model"}, "mass": {"compensation": "transverse_centripetal"}}
 WRENCH = tuple(f"known_{what}_{axis}" for what in ("torque", "force") for axis in AXES)
 
 
@@ -62,14 +64,13 @@ def vehicle_scenario(name: str, vehicle: str, overrides: list[str] | None = None
     Raises:
         InputError: when there is no such vehicle, or a setting is wrong.
     """
-    data: dict[str, Any] = {
-        "name": name,
-        "vehicle": vehicle,
-        "rotation": {"coupling": "model"},
-        "mass": {"compensation": "transverse_centripetal"},
-    }
+    data: dict[str, Any] = {"name": name, "vehicle": vehicle, **deepcopy(_TURNING_FAST)}
     for override in overrides or []:
         set_field(data, override)
+    estimation = data.get("estimation", {})
+    chosen = estimation.get("filter", USUAL_FILTER) if isinstance(estimation, dict) else USUAL_FILTER
+    if chosen != "thesis":  # others have no such choice
+        data = {key: value for key, value in data.items() if value != _TURNING_FAST.get(key)}
     return resolved(data)
 
 

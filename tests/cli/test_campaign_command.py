@@ -144,7 +144,7 @@ def test_a_report_of_ours_is_replaced_and_no_other(massprop: Massprop, swept: Pa
 def test_cells_and_campaigns_are_compared(massprop: Massprop, swept: Path) -> None:
     done = massprop("campaign", "compare", swept)
     assert (done.status, done.err) == (0, "")
-    assert "margin 4.0, compared with margin 6.0" in done.out
+    assert "margin 4, compared with margin 6" in done.out
     assert done.out.endswith("comparison: compare.html\n")
     other = folder(Path("L"), SWEPT.format(cases=6).replace("seed: 3", "seed: 4"), many(2, 6))
     refused(massprop("campaign", "compare", swept, other), "is drawn by random with seed 4, K by random with seed 3")

@@ -19,7 +19,7 @@ from massprop_drake import Run
 from massprop_drake.display import graphs
 from massprop_drake.inputs.yaml import to_yaml
 
-COMMANDS = ("list", "run", "estimate", "reproduce", "graph", "view", "check")
+COMMANDS = ("list", "run", "estimate", "compare", "reproduce", "graph", "view", "check")
 MANEUVER = "maneuver:\n  - {controller: rhc, axis: +x, start_s: 0.2, end_s: 1}\n"
 
 
@@ -97,6 +97,14 @@ def test_run_writes_a_folder_and_prints_the_estimates(massprop: Massprop) -> Non
     for heading in ("estimate", "truth", "error %", "1-sigma", "within 3 sigma"):
         assert heading in done.out
     assert "files:       runs/sample_maneuver/" in done.out
+
+
+def test_what_a_flight_has_hardly_touched_is_not_called_right(massprop: Massprop) -> None:
+    done = massprop("run", "sample_maneuver", "--set", "duration_s=3", "--no-report", "--no-figures")
+    rows = {line.split()[1]: line for line in done.out.splitlines() if line.startswith("│")}
+    assert rows["Ixx⁻¹"].split()[-2] == "yes"
+    assert rows["x_cm"].split()[-3:-1] == ["not", "excited"]
+    assert "x_cm not excited: 1-sigma is still" in done.out
 
 
 def test_run_prints_json_alone(massprop: Massprop) -> None:
@@ -577,6 +585,53 @@ def test_a_run_is_shown_live_on_this_machine(massprop: Massprop) -> None:
 @pytest.mark.parametrize("speed", ["0", "-1", "nan", "inf"])
 def test_a_speed_that_is_none_is_refused(massprop: Massprop, speed: str) -> None:
     _assert_refused(massprop("run", "sample_maneuver", "--live", "--speed", speed), "must be a number above zero")
+
+
+# ------------------------------------------------------------------------------------------ compare
+
+
+def test_compare_prints_two_runs_side_by_side(massprop: Massprop) -> None:
+    short = ("--set", "duration_s=2", "--no-report", "-q")
+    joint = ("--set", "estimation={filter: joint}", "--set", "mass={}", "--set", "detector.kind=off")
+    assert massprop("run", "sample_maneuver", *short, "--out", "one").status == 0
+    assert massprop("run", "sample_maneuver", *short, *joint, "--out", "other").status == 0
+    done = massprop("compare", "one", "other", "--json")
+    assert (done.status, done.err) == (0, "")
+    found = json.loads(done.out)
+    assert list(found) == ["one", "other"]
+    for name, parameters in found.items():
+        results = Run.load(name).results
+        assert [entry["percent_error"] for entry in parameters.values()] == pytest.approx(results.percent_error)
+    done = massprop("compare", "one", "other")
+    rows = [line for line in done.out.splitlines() if line.startswith("│")]
+    assert len(rows) == 10
+    assert f"{found['other']['Iyy_inv']['percent_error']:+.5f}" in rows[1]
+
+
+def test_compare_of_a_record_shows_estimates(massprop: Massprop) -> None:
+    assert massprop("run", "sample_maneuver", "--set", "duration_s=2", "--no-report", "-q", "--out", "one").status == 0
+    record = ("estimate", "one/telemetry.csv", "--like", "one", "--no-report", "-q", "--out", "two")
+    assert massprop(*record).status == 0
+    done = massprop("compare", "one", "two")
+    assert done.status == 0
+    assert "error %" in done.out
+    assert f"{Run.load('two').results.estimates[0]:.6g}" in done.out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("one",), "give two folders of runs or more"),
+        (("one", "nowhere"), "nowhere: holds no run that can be read"),
+        (("one", "flyer"), "flyer: is of vehicle 'free_flyer' in units si, and one of 'orbiter' in us"),
+    ],
+)
+def test_what_cannot_be_compared_is_refused(massprop: Massprop, arguments: tuple[str, ...], words: str) -> None:
+    for name, scenario in (("one", "sample_maneuver"), ("flyer", "free_flyer_maneuver")):
+        assert massprop("run", scenario, "--set", "duration_s=1", "--no-report", "-q", "--out", name).status == 0
+    done = massprop("compare", *arguments)
+    assert (done.status, done.out) == (2, "")
+    assert words in done.err
 
 
 # --------------------------------------------------------------------------------------------- help

@@ -14,7 +14,7 @@ from conftest import REPOSITORY
 from massprop_drake import InputError, Scenario, load_scenario, simulate
 from massprop_drake.inputs.model import Model, digest, yaml_text
 from massprop_drake.inputs.params import thrust_factors
-from massprop_drake.inputs.scenario import bundled_scenarios, resolved
+from massprop_drake.inputs.scenario import JointBlock, bundled_scenarios, resolved
 from massprop_drake.inputs.yaml import to_yaml
 
 DATA = REPOSITORY / "tests" / "data"
@@ -95,7 +95,8 @@ def test_one_of_everything_runs(tmp_path: Path, toy_data: dict[str, Any]) -> Non
     path = tmp_path / "one_of_everything.yaml"
     shutil.copy(DATA / "one_of_everything.yaml", path)
     scenario = load_scenario(path)
-    left_out = ["jet_schedule", "estimation.filter", "estimation.given.covariance", "detector.kind"]
+    joint = ["joint", *(f"joint.{key}" for key in JointBlock.model_fields)]  # of the other filter
+    left_out = ["jet_schedule", "estimation.filter", "estimation.given.covariance", *joint, "detector.kind"]
     assert _unset(scenario) == left_out  # a new field belongs into the file
     run = simulate(scenario)
     assert run.time_s.size == 21
@@ -112,7 +113,9 @@ def test_one_of_everything_runs(tmp_path: Path, toy_data: dict[str, Any]) -> Non
 
 @pytest.mark.parametrize("name", bundled_scenarios())
 def test_a_resolved_scenario_written_out_reads_back_equal(tmp_path: Path, name: str) -> None:
-    scenario = load_scenario(name, ["seed=5", "rotation.process_noise_std=[1e-9,0,0,0,0,0,0.1,0,1e-7]"])
+    joint = load_scenario(name).estimation.filter == "joint"
+    choice = "joint.rate_walk=1e-7" if joint else "rotation.process_noise_std=[1e-9,0,0,0,0,0,0.1,0,1e-7]"
+    scenario = load_scenario(name, ["seed=5", choice])
     again = load_scenario(_written(tmp_path, yaml_text(scenario)))
     assert again == scenario
     assert digest(again) == digest(scenario)

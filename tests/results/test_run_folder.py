@@ -85,7 +85,26 @@ SUMMARY: dict[str, Any] = {
     "truth": PROPERTIES,
     "percent_error": PERCENT,
     "detections": list,
-    "consistency": {"rotation_nis_mean": MAYBE, "translation_nis_mean": MAYBE, "samples": int},
+    "consistency": {
+        "rotation_nis_mean": MAYBE,
+        "translation_nis_mean": MAYBE,
+        "samples": int,
+        "verdict": str,
+        "reasons": list,
+        "rotation_nis_beyond": MAYBE,
+        "translation_nis_beyond": MAYBE,
+    },
+    "identifiability": (
+        10,
+        {
+            "parameter": str,
+            "flag": str,
+            "reason": str,
+            "share": MAYBE,
+            "jet": (str, type(None)),
+            "left": MAYBE,
+        },
+    ),
     "injected": list,
     "autopilot": {
         "firings": int,

@@ -23,7 +23,7 @@ from massprop_drake.maths.estimation.detector import (
     Judgment,
     KnownForce,
 )
-from massprop_drake.maths.estimation.filter import Filter, FilterStep, Groups, Interval, Joint
+from massprop_drake.maths.estimation.filter import Filter, FilterStep, Groups, Interval, Joint, Told
 from massprop_drake.maths.estimation.impulses import Impulses, interval_impulses, with_wrench
 from massprop_drake.maths.linear_algebra import Array, is_covariance, nonzero
 from massprop_drake.maths.vehicle.thrust import LagFactors
@@ -77,6 +77,8 @@ class Sample(NamedTuple):
         command: fraction commanded over the interval that ends now, NaN where not known, shape (n_jets,).
         outside_wrench: torque about the vehicle origin and force of known outside forces, mean over that
             interval, shape (6,); None: none.
+        stamp_s: when the readings were taken, by the record's clock; None: at `time_s`.
+        coming: fraction commanded from now on; None: not known yet.
     """
 
     time_s: float
@@ -84,6 +86,8 @@ class Sample(NamedTuple):
     velocities: Array
     command: Array
     outside_wrench: Array | None = None
+    stamp_s: float | None = None
+    coming: Array | None = None
 
 
 class Measured(NamedTuple):
@@ -115,6 +119,7 @@ class EstimationStep(NamedTuple):
 
 
 _ROUNDING = 1e-12  # of a level
+_NOTHING_OUTSIDE = np.zeros(6)
 MEMORY = Layout("memory", command="jets", level="jets")  # of the impulse model
 
 
@@ -134,9 +139,15 @@ def measure(state: EstimationState, sample: Sample, params: EstimationParams) ->
     known = known_force(state, sample, params)
     if known.acts:
         impulses = with_wrench(impulses, known.wrench, params.period_s)
-    interval = Interval(impulses, known)
+    interval = Interval(impulses, known, _told(sample))
     measurement = params.filter.measure(state.filter, sample.rates, sample.velocities, interval, params.filter_params)
     return Measured(interval, measurement)
+
+
+def _told(sample: Sample) -> Told:
+    stamp_s = sample.time_s if sample.stamp_s is None else sample.stamp_s
+    outside = _NOTHING_OUTSIDE if sample.outside_wrench is None else sample.outside_wrench
+    return Told(sample.time_s, stamp_s, sample.command, sample.coming, outside)
 
 
 def known_force(state: EstimationState, sample: Sample, params: EstimationParams) -> KnownForce:
@@ -152,12 +163,14 @@ def judge(state: EstimationState, sample: Sample, measured: Measured, params: Es
     if params.detector is None:
         return None
     seen = params.filter.evidence(state.filter, measured.measurement, measured.interval)
-    evidence = evidence_of(sample.time_s, sample.command, measured.interval.impulses, seen)
+    evidence = seen
+    if isinstance(seen, Joint):
+        evidence = evidence_of(sample.time_s, sample.command, measured.interval.impulses, seen)
     return params.detector.judge(state.detector, evidence, params.detector_params)
 
 
 def evidence_of(time_s: float, command: Array, impulses: Impulses, seen: Joint) -> Evidence:
-    """What the filter saw, with the circumstances."""
+    """What a filter of innovations saw, with the circumstances."""
     return Evidence(time_s, command, impulses.usable, impulses.firing, *seen)
 
 
@@ -169,7 +182,7 @@ def finish(
     adaptation = NO_ADAPTATION if judgment is None else judgment.adaptation
     filtered = params.filter.finish(state.filter, measurement, interval, adaptation, params.filter_params)
     if judgment is not None and judgment.replacement is not None:
-        filtered = filtered._replace(state=judgment.replacement)
+        filtered = params.filter.replaced(filtered, judgment.replacement, params.filter_params)
     after = EstimationState(
         sample.command, interval.impulses.level, filtered.state, None if judgment is None else judgment.state
     )

@@ -20,6 +20,46 @@ from massprop_drake.maths.linear_algebra import Array
 Groups = Mapping[str, Array]  # a state as vectors, by the part of the diagram that holds each
 
 
+class Instruments(NamedTuple):
+    """What is known of the packages of one kind, the preferred one first; rad/s, or ft/s and m/s.
+
+    Attributes:
+        quanta: step of a reading, shape (s,).
+        noise_std: white noise of a reading, 1-sigma, shape (s,).
+        bias_std: 1-sigma of a constant bias, of the acceleration where velocity is read, shape (s,).
+    """
+
+    quanta: Array
+    noise_std: Array
+    bias_std: Array
+
+
+class ThrustModel(NamedTuple):
+    """What is known of the jets' thrust, and how well.
+
+    Attributes:
+        wrenches: torque about the vehicle origin and force of each jet, shape (n_jets, 6).
+        flows: propellant flow of each jet, slug/s or kg/s, shape (n_jets,).
+        time_constants_s: of each jet's lag, zero: instantaneous, shape (n_jets,).
+        kinds: index of each jet's kind, integers, shape (n_jets,).
+        uncertainty: relative 1-sigma of each jet's constant thrust error, shape (n_jets,).
+        lag_uncertainty: relative 1-sigma of each kind's time constant, shape (n_kinds,).
+        repeatability: relative 1-sigma of each jet's impulse over a sample, white, shape (n_jets,).
+        arm: root mean square distance of the jets from the nominal center of mass, ft or m.
+        tank_fraction: share of it by which propellant that is used shifts inertia and center of mass.
+    """
+
+    wrenches: Array
+    flows: Array
+    time_constants_s: Array
+    kinds: np.ndarray
+    uncertainty: Array
+    lag_uncertainty: Array
+    repeatability: Array
+    arm: float
+    tank_fraction: float
+
+
 class Setup(NamedTuple):
     """What a filter is made for.
 
@@ -33,6 +73,10 @@ class Setup(NamedTuple):
         nominal: the ten nominal parameters, shape (10,).
         thrust_errors: impulses of one sigma of each jet's thrust error at full level over a sample, about the
             vehicle origin, shape (n_jets, 6); None: thrust is taken as known.
+        gyros, accelerometers: see `Instruments`.
+        thrust: see `ThrustModel`.
+        widest: 1-sigma of the ten parameters if nothing is known of them, shape (10,).
+        limits: of convergence, see `mass_properties.converged`, shape (3,).
     """
 
     period_s: float
@@ -43,6 +87,30 @@ class Setup(NamedTuple):
     covariance: Array
     nominal: Array
     thrust_errors: Array | None
+    gyros: Instruments
+    accelerometers: Instruments
+    thrust: ThrustModel
+    widest: Array
+    limits: Array
+
+
+class Told(NamedTuple):
+    """What the jets were told, and when the readings were taken, for a filter with a thrust model of its own.
+
+    Attributes:
+        time_s: of the sample, in sample periods from the first.
+        stamp_s: when the readings were taken, by the record's clock.
+        command: fraction commanded over the interval that ends, NaN where not known, shape (n_jets,).
+        coming: fraction commanded from the sample's tick on; None: not known yet.
+        outside_wrench: torque about the vehicle origin and force of known outside forces, mean over the interval,
+            shape (6,).
+    """
+
+    time_s: float
+    stamp_s: float
+    command: Array
+    coming: Array | None
+    outside_wrench: Array
 
 
 class Interval(NamedTuple):
@@ -51,10 +119,12 @@ class Interval(NamedTuple):
     Attributes:
         impulses: of the jets as commanded, of known outside forces, and of known forces of failed jets.
         known: the latter alone.
+        told: see `Told`; None where a diagram gives a filter the impulses alone.
     """
 
     impulses: Impulses
     known: KnownForce
+    told: Told | None = None
 
 
 class Joint(NamedTuple):
@@ -152,11 +222,18 @@ class FilterStep(NamedTuple):
     Attributes:
         state: to go on from.
         rotation, mass: for logs; mass is None without accelerometer.
+        own: what the method logs besides, the fields of `Filter.report`; None: nothing.
     """
 
     state: Any
     rotation: RotationReport
     mass: MassReport | None
+    own: Any = None
+
+
+def going_on_from(step: FilterStep, state: Any, _params: Any) -> FilterStep:
+    """A cycle after which a filter goes on from another state than its own."""
+    return step._replace(state=state)
 
 
 class Filter(NamedTuple):
@@ -170,19 +247,24 @@ class Filter(NamedTuple):
         predicted: state -> the ten parameters before the sample's measurement, shape (10,).
         measure: (state, rates, velocities, interval, params) -> what the method makes of a sample before it is
             judged; readings of all packages, the preferred one first, NaN where missing, shape (s, 3) each.
-        evidence: (state, measurement, interval) -> `Joint`, for the detector.
+        evidence: (state, measurement, interval) -> what the detector sees: `Joint`, or what one that is made for
+            this filter takes.
         finish: (state, measurement, interval, adaptation, params) -> `FilterStep`.
         covariance: state -> of the ten parameters, NaN for what is not observed, shape (10, 10).
         saved: (state, params) -> vectors to keep it by.
         restored: (vectors, params) -> state.
+        replaced: (`FilterStep`, state, params) -> `FilterStep` that goes on from what the detector gives.
+        report: fields of `FilterStep.own`, of which each is a signal; None: it logs no more than every filter.
     """
 
     params: Callable[[Setup, Any], Any]
     initial: Callable[[Any], Any]
     predicted: Callable[[Any], Array]
     measure: Callable[[Any, Array, Array, Interval, Any], Any]
-    evidence: Callable[[Any, Any, Interval], Joint]
+    evidence: Callable[[Any, Any, Interval], Any]
     finish: Callable[[Any, Any, Interval, Adaptation, Any], FilterStep]
     covariance: Callable[[Any], Array]
     saved: Callable[[Any, Any], Groups]
     restored: Callable[[Groups, Any], Any]
+    replaced: Callable[[FilterStep, Any, Any], FilterStep] = going_on_from
+    report: Layout | None = None

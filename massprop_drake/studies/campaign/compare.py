@@ -144,14 +144,15 @@ def measures(paired: Sequence[tuple[Row, Row]]) -> list[Measure]:
     known = [pair for pair in paired if None not in (pair[0]["largest_sigmas"], pair[1]["largest_sigmas"])]
     nees = [pair for pair in paired if None not in (pair[0]["nees.rotation"], pair[1]["nees.rotation"])]
     both = [pair for pair in events if pair[0].right and pair[1].right]
+    judged = [pair for pair in paired if len(merit.judgeable(pair)) == len(pair)]
     found = [
-        _false_rate(paired),
-        _share("Cases with a false declaration", paired, lambda row: row["n_false"] > 0, "cases"),
+        _false_rate(judged),
+        _share("Cases with a false declaration", judged, lambda row: row["n_false"] > 0, "cases"),
         _share(
-            "Cases that end with a healthy jet out of use", paired, lambda row: bool(row["healthy_jets_out"]), "cases"
+            "Cases that end with a healthy jet out of use", judged, lambda row: bool(row["healthy_jets_out"]), "cases"
         ),
         _share(MEANINGS["ended_wrong"].words, known, lambda row: row["largest_sigmas"] > WRONG_SIGMAS, "cases"),
-        _share(MEANINGS["failing"].words, paired, lambda row: bool(row["failing"]), "cases"),
+        _share(MEANINGS["failing"].words, judged, lambda row: bool(row["failing"]), "cases"),
         _share(MEANINGS["isolated"].words, events, lambda event: event.right, "failures"),
         _share(MEANINGS["named"].words, events, _is("named"), "failures"),
         _share(MEANINGS["wrong"].words, events, _is("wrong"), "failures"),

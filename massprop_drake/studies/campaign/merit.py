@@ -61,6 +61,11 @@ def flown(rows: Iterable[Row]) -> list[Row]:
     return [row for row in rows if row["status"] == "flown"]
 
 
+def judgeable(rows: Iterable[Row]) -> list[Row]:
+    """Cases of which it is known what failed: those flown here; of a telemetry record nobody says."""
+    return [row for row in flown(rows) if row["n_false"] is not None]
+
+
 def events(rows: Iterable[Row], *, payloads: bool = False) -> list[Event]:
     """Injected failures of jets that acted, or payloads that came or left."""
     found = []
@@ -135,7 +140,7 @@ def false_declarations(rows: Iterable[Row], cause: str | None = None) -> list[Ma
 
 def false_rate(rows: Sequence[Row], cause: str | None = None) -> Figure:
     """False declarations per hour; of all time, or of one cause in the hours in which it could be the cause."""
-    return statistics.rate(len(false_declarations(rows, cause)), hours(rows, cause))
+    return statistics.rate(len(false_declarations(rows, cause)), hours(judgeable(rows), cause))
 
 
 # --------------------------------------------------------------------------------------- estimates
@@ -226,10 +231,11 @@ MEANINGS: dict[str, Meaning] = {
 def figures(rows: Sequence[Row]) -> dict[str, Figure]:
     """Everything that a gate can ask for, by name, in the order of `MEANINGS`."""
     good, acted, jumps = flown(rows), events(rows), events(rows, payloads=True)
+    judged = judgeable(rows)
     curve = detection_curve(acted)
 
     def cases(column: str) -> Figure:
-        return statistics.share(sum(bool(row[column]) for row in good), len(good))
+        return statistics.share(sum(bool(row[column]) for row in judged), len(judged))
 
     found = {
         "false_declarations_per_hour": false_rate(rows),
@@ -405,7 +411,7 @@ def operating_point(rows: Sequence[Row], setting: Any, threshold: float = -math.
     curve = detection_curve(kept)
     return OperatingPoint(
         setting,
-        statistics.rate(len(false), hours(rows)),
+        statistics.rate(len(false), hours(judgeable(rows))),
         found_share(kept, lambda event: event.right),
         curve.quantile(0.5),
     )

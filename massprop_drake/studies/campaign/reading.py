@@ -27,17 +27,13 @@ class Cell(NamedTuple):
         settings: what the cell has, by dotted key; empty without a sweep.
         planned: number of its cases.
         rows: of those that have been tried, by sample; with `sample` and the draws in columns `draw.<label>`.
+        label: in short what tells it from the other cells.
     """
 
     settings: Mapping[str, Any]
     planned: int
     rows: Sequence[Row]
-
-    @property
-    def label(self) -> str:
-        """Its settings in short."""
-        names = (f"{key.rpartition('.')[2]} {value}" for key, value in self.settings.items())
-        return ", ".join(names) or "all cases"
+    label: str
 
 
 class _InColumns(Mapping[str, Any]):
@@ -110,10 +106,57 @@ def read(folder: str | Path) -> Study:
         rows.setdefault(values["cell"][index], []).append(_InColumns(values, index))
     sweep = spec.file.sweep
     settings = [dict(zip(sweep, values, strict=True)) for values in itertools.product(*sweep.values())]
-    cells = [Cell(one, columns["cell"].count(number), rows.get(number, [])) for number, one in enumerate(settings)]
+    keys, told = told_apart(settings)
+    labels_of = [
+        ", ".join(f"{key.rpartition('.')[2]} {value}" for key, value in zip(keys, one, strict=True)) for one in told
+    ]
+    cells = [
+        Cell(one, columns["cell"].count(number), rows.get(number, []), labels_of[number] or "all cases")
+        for number, one in enumerate(settings)
+    ]
     return Study(
         path, spec, cells, _reference(spec, settings), labels, json.loads(facts.get("execution", "{}")), _kept(path)
     )
+
+
+def told_apart(settings: Sequence[Mapping[str, Any]]) -> tuple[list[str], list[tuple[str, ...]]]:
+    """What tells the cells of a sweep apart: dotted keys of plain values, and these in words, a row for each cell.
+
+    A key that only follows from those before it is left out, and so is what all cells share.
+
+    Args:
+        settings: of each cell, what the sweep sets, by dotted key.
+    """
+    cells = [_leaves(dict(one)) for one in settings]
+    columns: dict[str, list[str]] = {}
+    rows: list[tuple[str, ...]] = [()] * len(cells)
+    for key in dict.fromkeys(key for one in cells for key in one):
+        column = [_in_words(one.get(key, "-")) for one in cells]
+        wider = [(*row, value) for row, value in zip(rows, column, strict=True)]
+        if len(set(wider)) > len(set(rows)):
+            columns[key], rows = column, wider
+    return list(columns), rows
+
+
+def _leaves(value: Any, path: str = "") -> dict[str, Any]:
+    """All plain values in nested data, by dotted path; vectors count as plain."""
+    if isinstance(value, Mapping):
+        parts = {f"{path}.{name}" if path else name: part for name, part in value.items()}
+    elif isinstance(value, (list, tuple)) and any(isinstance(part, (Mapping, list, tuple)) for part in value):
+        parts = {f"{path}[{number}]": part for number, part in enumerate(value)}
+    else:
+        return {path: value}
+    return {inner: leaf for key, part in parts.items() for inner, leaf in _leaves(part, key).items()}
+
+
+def _in_words(value: Any) -> str:
+    if isinstance(value, bool) or value is None:
+        return {True: "true", False: "false", None: "null"}[value]
+    if isinstance(value, (int, float)):
+        return f"{value:g}"
+    if isinstance(value, (list, tuple)):
+        return "[" + ", ".join(map(_in_words, value)) + "]"
+    return str(value)
 
 
 def _drawn(labels: Sequence[str]) -> list[str]:

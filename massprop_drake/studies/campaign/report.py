@@ -171,19 +171,24 @@ def verdict(study: Study) -> list[dict[str, Any]]:
         say(all(passed.passes for passed in of_gate), _gate_words(of_gate, study.cells))
     if len(study.cells) > 1:
         say(None, f"Figures below, unless they say otherwise, are with {cell.label}{_why_reference(study)}.")
-    rate, hours = found["false_declarations_per_hour"], merit.hours(cell.rows)
-    count = len(merit.false_declarations(cell.rows))
-    say(
-        None,
-        f"{count} false declarations in {hours:.3g} hours flown: {shown(rate, 'per hour')}; "
-        f"{shown(found['false_declarations_in_case'], '%')} of the cases have one.",
-    )
-    wrong, out = found["ended_wrong"], found["healthy_jets_out"]
-    say(
-        None,
-        f"{shown(wrong, '%')} of {wrong.n:g} cases end wrong, with a parameter more than {WRONG_SIGMAS:g} sigma off; "
-        f"{shown(out, '%')} end with a healthy jet out of use.",
-    )
+    judged_rows = merit.judgeable(cell.rows)
+    if judged_rows:
+        rate, hours = found["false_declarations_per_hour"], merit.hours(judged_rows)
+        count = len(merit.false_declarations(judged_rows))
+        say(
+            None,
+            f"{count} false declarations in {hours:.3g} hours flown: {shown(rate, 'per hour')}; "
+            f"{shown(found['false_declarations_in_case'], '%')} of the cases have one.",
+        )
+        wrong, out = found["ended_wrong"], found["healthy_jets_out"]
+        say(
+            None,
+            f"{shown(wrong, '%')} of {wrong.n:g} cases end wrong, with a parameter more than {WRONG_SIGMAS:g} sigma "
+            f"off; {shown(out, '%')} end with a healthy jet out of use.",
+        )
+    else:
+        count, hours = sum(len(row["declared"]) for row in merit.flown(cell.rows)), merit.hours(cell.rows)
+        say(None, f"{count} declarations in {hours:.3g} hours of telemetry; which of them are right nobody says.")
     acted = merit.events(cell.rows)
     if acted:
         within = ", ".join(f"{shown(found[f'found_within_{d:g}_s'], '%')} within {d:g} s" for d in DELAYS_S)
@@ -470,7 +475,7 @@ def _false(rows: Sequence[Row]) -> list[dict[str, str]]:
     table = []
     for cause in (*CAUSES, None):
         found = merit.false_declarations(rows, cause)
-        hours = merit.hours(rows, cause)
+        hours = merit.hours(merit.judgeable(rows), cause)
         if not hours:
             continue
         figure = merit.false_rate(rows, cause)
@@ -506,7 +511,7 @@ def _healthy_out(rows: Sequence[Row], clusters: Mapping[str, int]) -> dict[str, 
     beside: Counter[str] = Counter()
     elsewhere: Counter[str] = Counter()
     cases = 0
-    good = merit.flown(rows)
+    good = merit.judgeable(rows)
     for row in good:
         failed = {clusters.get(one["jet"]) for one in row["injected"] if one["first_acted_s"] is not None}
         alone = [jet for jet in row["healthy_jets_out"] if clusters.get(jet) not in failed]

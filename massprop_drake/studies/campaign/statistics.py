@@ -14,13 +14,15 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy import special, stats
 
 Array = NDArray[np.float64]
 
 CONFIDENCE = 0.95
 _TAIL = 0.5 * (1.0 - CONFIDENCE)
 _FEWEST_SIZES = 8  # failures that a curve over their size is fitted to
+_ONE_SIZE = math.log(1.01)  # sizes that differ by less are one
+_HOPELESS = 1e6  # loss of a curve that has nothing to do with what was found
 _RESAMPLES = 200  # of a bootstrap
 _FAR = 10.0  # times the largest size, and part of the smallest one, beyond which a bound is none
 
@@ -267,7 +269,7 @@ class SizeCurve(NamedTuple):
         terms = np.stack([np.ones(sizes.size), np.log(sizes)])
         eta = np.array([self.intercept, self.slope]) @ terms
         half = stats.norm.ppf(1.0 - _TAIL) * np.sqrt(np.einsum("ik,ij,jk->k", terms, self.covariance, terms))
-        low, middle, high = (1.0 / (1.0 + np.exp(-x)) for x in (eta - half, eta, eta + half))
+        low, middle, high = (special.expit(x) for x in (eta - half, eta, eta + half))
         return middle, low, high
 
 
@@ -284,13 +286,13 @@ def size_curve(sizes: Sequence[float], found: Sequence[bool], wanted: float = 0.
         wanted: probability of `size_90`.
 
     Returns:
-        The curve; None for less than eight failures, for one size, and where all or none were found, or smaller ones
-        more often.
+        The curve; None for less than eight failures, for sizes within 1 % of each other, and where all or none were
+        found, or smaller ones more often.
     """
     from scipy.optimize import minimize  # noqa: PLC0415 (slow to load)
 
     x, y = np.log(np.asarray(sizes, dtype=float)), np.asarray(found, dtype=float)
-    if x.size < _FEWEST_SIZES or np.ptp(x) == 0.0 or y.all() or not y.any():
+    if x.size < _FEWEST_SIZES or np.ptp(x) < _ONE_SIZE or y.all() or not y.any():
         return None
     center, scale = float(x.mean()), float(x.std())
     z = (x - center) / scale
@@ -314,7 +316,7 @@ def size_curve(sizes: Sequence[float], found: Sequence[bool], wanted: float = 0.
 
 def _information(intercept: float, slope: float, z: Array) -> Array:
     """Fisher information of both coefficients, shape (2, 2)."""
-    p = 1.0 / (1.0 + np.exp(-np.clip(intercept + slope * z, -500.0, 500.0)))
+    p = special.expit(intercept + slope * z)
     weight = p * (1.0 - p)
     return np.array([[weight.sum(), weight @ z], [weight @ z, weight @ z**2]])
 
@@ -347,7 +349,7 @@ def _size_found(z: Array, y: Array, fitted: tuple[float, float], wanted: float, 
 
         def loss(logarithm: float) -> float:
             steep = math.exp(logarithm)
-            return _penalized_loss(level - steep * size, steep, z, y)
+            return min(_penalized_loss(level - steep * size, steep, z, y), _HOPELESS)  # a search needs numbers
 
         best = minimize_scalar(loss, bounds=steep_bounds, method="bounded", options={"xatol": 1e-4})
         return float(best.fun) - allowed

@@ -119,7 +119,7 @@ def test_the_bound_is_the_covariance_of_a_filter_that_stays_at_the_truth() -> No
         )
     expected = np.sqrt(np.diag(state.root @ state.root.T))
     np.testing.assert_allclose(bound.deviation(least), expected[:10], rtol=1e-6)
-    assert (bound.deviation(least)[[0, 1, 2, 9]] < 0.1 * params.start_sigma[[0, 1, 2, 9]]).all()
+    assert (bound.deviation(least)[[0, 1, 2, 9]] < 0.1 * np.diag(params.start_root)[[0, 1, 2, 9]]).all()
 
 
 def test_an_overflow_is_an_error_with_its_time_and_never_a_number_that_is_none() -> None:

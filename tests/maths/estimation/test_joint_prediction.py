@@ -20,7 +20,15 @@ from joint_probe import (
 
 from massprop_drake.maths.estimation.joint.impulses import Firing
 from massprop_drake.maths.estimation.joint.layout import JointState
-from massprop_drake.maths.estimation.joint.prediction import RateRead, coupling, drive, error_rows, predict, propagated
+from massprop_drake.maths.estimation.joint.prediction import (
+    RateRead,
+    coupling,
+    drive,
+    error_rows,
+    largest_coupling,
+    predict,
+    propagated,
+)
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import ELEMENT, MassProperties, six_elements, symmetric
 from massprop_drake.maths.vehicle import rigid_body
@@ -195,7 +203,7 @@ def test_products_with_thrust_errors_have_the_mean_of_their_correlation() -> Non
 
 
 def test_covariance_goes_over_by_the_jacobian_and_noise() -> None:
-    params = small_params(rate_walk=1e-6, velocity_walk=1e-4, repeatability=1e-3, tank_fraction=0.1)
+    params = small_params(rate_walk=1e-6, velocity_walk=1e-4, repeatability=np.full(6, 1e-3), tank_fraction=0.1)
     state = some_state(params)
     acting = drive(state, SAMPLE.durations_s, SAMPLE.commands, SAMPLE.outside, params)
     prediction = predict(state, acting, UNREAD, params)
@@ -253,3 +261,27 @@ def test_rows_of_parameters_do_not_depend_on_the_rest() -> None:
     assert not rate_rows[:, : PLACES.thrust].any()
     assert not velocity_rows[:, : PLACES.thrust].any()
     assert rate_rows[:, PLACES.scale].any()  # known outside forces show the scale
+
+
+def test_coupling_that_is_not_known_yet_is_noise_that_bounds_it_for_every_body() -> None:
+    rng = np.random.default_rng(4)
+    for _ in range(200):
+        spread = rng.standard_normal((3, 3)) * np.exp(2.0 * rng.standard_normal(3))
+        second = spread @ spread.T
+        inertia = np.trace(second) * np.eye(3) - second
+        rate = 0.1 * rng.standard_normal(3)
+        change = np.linalg.solve(inertia, np.cross(rate, inertia @ rate)) * PERIOD
+        assert np.linalg.norm(change) <= largest_coupling(rate, np.zeros(3), PERIOD)
+    state = some_state(PARAMS)
+    unknown = state.root.copy()
+    unknown[0, 0] = 10.0 * state.mean[0]
+    noises = []
+    for root in (state.root, unknown):
+        at = state._replace(root=root)
+        acting = drive(at, np.array([PERIOD]), np.zeros((1, 6)), np.zeros(6), PARAMS)
+        prediction = predict(at, acting, UNREAD, PARAMS)
+        noises.append((prediction.coupled, prediction.noise))
+    (known, without), (blind, covered) = noises
+    assert (known, blind) == (True, False)
+    assert without[0, 0] < covered[0, 0]
+    assert np.sqrt(covered[0, 0]) >= float(state.mean[10:13] @ state.mean[10:13]) * PERIOD * (1.0 - 1e-12)

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from campaign_rows import SWEPT, declaration, failure, folder, many, row
+from campaign_rows import SWEPT, declaration, failure, folder, many, recorded, row
 
 from massprop_drake.errors import InputError
 from massprop_drake.studies.campaign import compare
@@ -40,6 +40,12 @@ def two(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
         folder(path / "glr", ONE, rows_of({0, 1, 2})),
         folder(path / "cusum", other, rows_of(set(range(1, 11)), delay_s=3.0)),
     ]
+
+
+def test_records_are_compared_by_what_is_known_of_them(tmp_path: Path) -> None:
+    paths = [folder(tmp_path / name, ONE, [recorded(case) for case in range(12)]) for name in ("one", "other")]
+    _, second = compare.summary(paths)["columns"]
+    assert second["differences"] == []
 
 
 def test_pairs_tell_what_changed_and_how_surely(two: list[Path]) -> None:
@@ -75,7 +81,7 @@ def test_the_page_says_it_first(two: list[Path]) -> None:
 
 def test_cells_of_a_sweep_are_compared_with_the_scenarios_own_setting(tmp_path: Path) -> None:
     found = compare.columns([read(folder(tmp_path / "swept", SWEPT.format(cases=12), many(2, 12)))])
-    assert [(column.label, column.baseline) for column in found] == [("margin 4.0", 1), ("margin 6.0", 1)]
+    assert [(column.label, column.baseline) for column in found] == [("margin 4", 1), ("margin 6", 1)]
     pairs = compare.pairs(found[1], found[0])
     assert [(first["case_id"], second["case_id"]) for first, second in pairs] == [(2 * n + 1, 2 * n) for n in range(12)]
     assert compare.contents(found)["pairs"][0]["n"] == 12
@@ -86,7 +92,7 @@ def test_cells_of_two_campaigns_are_compared_setting_by_setting(tmp_path: Path) 
     studies = [read(folder(tmp_path / name, SWEPT.format(cases=6), rows)) for name in "ab"]
     found = compare.columns(studies)
     assert [column.baseline for column in found] == [1, 1, 0, 1]
-    assert found[2].label == "b: margin 4.0"
+    assert found[2].label == "b: margin 4"
     assert all(
         measure.paired.difference.value == 0.0 for measure in compare.measures(compare.pairs(found[0], found[2]))
     )

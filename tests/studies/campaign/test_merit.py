@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 import pytest
-from campaign_rows import declaration, failure, jump, lost, many, row
+from campaign_rows import declaration, failure, jump, lost, many, recorded, row
 
 from massprop_drake.errors import InputError
 from massprop_drake.inputs.campaign import Gate
@@ -36,6 +36,15 @@ def test_without_a_false_declaration_the_bound_is_three_over_the_hours() -> None
     found = merit.figures([row(case) for case in range(30)])["false_declarations_per_hour"]
     assert found.value == 0.0
     assert found.high == pytest.approx(3.0 / 0.5, rel=2e-3)
+
+
+def test_of_a_record_nobody_says_what_is_false() -> None:
+    found = merit.figures([recorded(case, [declaration()]) for case in range(9)])
+    for name in ("false_declarations_per_hour", "false_declarations_in_case", "healthy_jets_out", "failing"):
+        assert found[name].n == 0
+        assert math.isnan(found[name].value)
+    mixed = merit.figures([recorded(0), row(1, declared=[declaration(cause="healthy")])])
+    assert mixed["false_declarations_per_hour"].value == pytest.approx(1.0 / MINUTE_H)
 
 
 def test_what_never_acted_is_in_no_figure_and_what_was_not_tested_is() -> None:

@@ -232,6 +232,20 @@ def test_where_data_say_nothing_there_is_no_curve(sizes: list[float], found: lis
     assert statistics.size_curve(sizes, found) is None
 
 
+def test_one_size_up_to_rounding_has_no_curve_and_a_narrow_range_has_one() -> None:
+    found = [True] * 9 + [False]
+    assert statistics.size_curve([20.0 + 1e-13 * number for number in range(10)], found) is None
+    for spread in (0.02, 0.1, 1.0):
+        sizes = [20.0 * (1.0 + spread * (number * 7 % 10) / 10.0) for number in range(10)]
+        for k in range(10):
+            curve = statistics.size_curve(sizes, [number != k for number in range(10)])
+            if curve is not None:
+                assert not math.isnan(curve.size_90.low)
+                assert curve.size_90.low <= curve.size_90.high
+                middle, low, high = curve.at(np.geomspace(1.0, 1000.0, 20))  # also where it is all or nothing
+                assert ((low <= middle) & (middle <= high)).all()
+
+
 def test_few_sizes_have_a_bin_each_and_many_share_them() -> None:
     few = statistics.binned([10, 30, 10, 30, 30], [False, True, True, True, False])
     assert [(low, high, share.value, share.n) for low, high, share in few] == [(10, 10, 0.5, 2), (30, 30, 2 / 3, 3)]

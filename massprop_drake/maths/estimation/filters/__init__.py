@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from massprop_drake.maths.estimation.filter import Filter
-from massprop_drake.maths.estimation.filters import thesis
+from massprop_drake.maths.estimation.filters import joint, thesis
 
 FILTERS: dict[str, Filter] = {
+    "joint": joint.FILTER,
     "thesis": thesis.FILTER,
 }

@@ -168,7 +168,7 @@ class Measurement(NamedTuple):
 
 def rotation_interval(interval: Interval, thrust_errors: Array | None) -> RotationInterval:
     """An interval as the rotation filter takes it; thrust errors in proportion to the jets' mean level."""
-    impulses, known = interval
+    impulses, known, _ = interval
     return RotationInterval(
         impulses.angular_impulse,
         impulses.linear_impulse,
@@ -180,7 +180,7 @@ def rotation_interval(interval: Interval, thrust_errors: Array | None) -> Rotati
 
 def mass_interval(interval: Interval, linear_errors: Array | None) -> MassInterval:
     """An interval as the mass filter takes it; `linear_errors` are those of the force alone, shape (3, n_jets)."""
-    impulses, known = interval
+    impulses, known, _ = interval
     return MassInterval(
         impulses.linear_impulse,
         known.translation_spread if known.acts else None,

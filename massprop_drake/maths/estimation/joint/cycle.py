@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_drake.maths.estimation.joint.covariance import Update, compressed, innovation_root, updated
+from massprop_drake.maths.estimation.joint.covariance import Update, compressed, updated
 from massprop_drake.maths.estimation.joint.guard import guarded
 from massprop_drake.maths.estimation.joint.layout import (
     N_PROPERTIES,
@@ -107,7 +107,10 @@ class Report(NamedTuple):
         used: which components counted, shape (m,).
         nis: of those that counted; chi-square with as many degrees of freedom.
         log_determinant: of the covariance of these innovations.
+        gyro_nis, accelerometer_nis: of the components of either kind that counted, by themselves, before any
+            increment; NaN where none did.
         incremented: whether the covariance was incremented.
+        coupled: whether dynamic coupling counted.
         course: see `Course`; None at the first sample.
     """
 
@@ -117,8 +120,28 @@ class Report(NamedTuple):
     used: np.ndarray
     nis: float
     log_determinant: float
+    gyro_nis: float
+    accelerometer_nis: float
     incremented: bool
+    coupled: bool
     course: Course | None
+
+
+class JointEvidence(NamedTuple):
+    """What a detector of the joint filter sees of a cycle.
+
+    Attributes:
+        before, after: states before and after it.
+        report: see `Report`.
+        sample: what the cycle got.
+        anew: whether rate and velocity began anew, so that nothing was tested.
+    """
+
+    before: JointState
+    after: JointState
+    report: Report
+    sample: Sample
+    anew: bool
 
 
 def initial(params: JointParams) -> JointState:
@@ -127,16 +150,9 @@ def initial(params: JointParams) -> JointState:
     n_outputs = 3 * (places.gyros + places.accelerometers)
     mean, root = np.zeros(places.size), np.zeros((places.size, places.size))
     mean[:N_PROPERTIES] = params.start
-    for element in range(N_PROPERTIES):
-        root[element, element] = params.start_sigma[element]
-    for first, count in (
-        (places.thrust, places.n_thrust),
-        (places.lag, places.n_lag),
-        (places.gyro_bias, places.n_gyro_bias),
-        (places.acceleration_bias, places.n_acceleration_bias),
-    ):
-        for element in range(first, first + count):
-            root[element, element] = 1.0
+    root[:N_PROPERTIES, :N_PROPERTIES] = params.start_root
+    for element in range(places.thrust, places.size):
+        root[element, element] = params.prior_sigma[element - places.thrust]
     jets = places.jets
     return JointState(
         mean=mean,
@@ -159,13 +175,17 @@ def initial(params: JointParams) -> JointState:
 
 
 def begun(state: JointState, sample: Sample, params: JointParams) -> JointState:
-    """The state after the first sample: rate and gathered velocity are what is read, uncorrelated with the rest.
+    """The state after the first sample, or after a gap: rate and gathered velocity are what is read, and no more.
 
-    With a gyro bias the rate's error is that of the reading less the bias. What is not read starts at zero and as
-    good as unknown.
+    They are uncorrelated with the rest, but that with a gyro bias the rate's error is that of the reading less the
+    bias. What is not read starts at zero and as good as unknown.
     """
     places = params.places
-    mean, root = state.mean.copy(), state.root.copy()
+    mean = state.mean.copy()
+    first, last = RATE.start, VELOCITY + 3 * places.accelerometers
+    root = np.zeros((places.size, places.size + last - first))
+    root[:first, : places.size], root[last:, : places.size] = state.root[:first], state.root[last:]
+    own = places.size - first  # a column for the reading of each of these rows
     for axis in range(3):
         row = RATE.start + axis
         weights = np.zeros(places.gyros)
@@ -174,28 +194,30 @@ def begun(state: JointState, sample: Sample, params: JointParams) -> JointState:
                 weights[package] = 1.0 / params.variances[3 * package + axis]
         total = float(weights.sum())
         if total == 0.0:
-            root[row, row] = _UNREAD * np.sqrt(params.variances[axis])
+            root[row, own + row] = _UNREAD * np.sqrt(params.variances[axis])
             continue
-        root[row, row] = np.sqrt(1.0 / total)
+        root[row, own + row] = np.sqrt(1.0 / total)
         mean[row] = 0.0
         for package in range(places.gyros):
             if weights[package] > 0.0:
                 share = weights[package] / total
                 mean[row] += share * sample.rates[package, axis]
                 if places.n_gyro_bias > 0:
-                    column = places.gyro_bias + 3 * package + axis
-                    root[row, column] = -share * params.gyro_bias_sigma
+                    bias, shift = places.gyro_bias + 3 * package + axis, share * params.gyro_bias_sigma
+                    mean[row] -= shift * mean[bias]
+                    root[row] -= shift * root[bias]
     for package in range(places.accelerometers):
         for axis in range(3):
             row, value = VELOCITY + 3 * package + axis, sample.velocities[package, axis]
             deviation = np.sqrt(params.variances[3 * (places.gyros + package) + axis])
             missing = np.isnan(value)
             mean[row] = 0.0 if missing else value
-            root[row, row] = _UNREAD * deviation if missing else deviation
+            root[row, own + row] = _UNREAD * deviation if missing else deviation
     read = readings(sample.rates, sample.velocities)
     return state._replace(
         mean=mean,
-        root=root,
+        root=compressed(root),
+        spin=np.zeros(6),
         reference=mean[RATE].copy(),
         last=np.where(np.isnan(read), 0.0, read),
         time_s=sample.time_s,
@@ -220,14 +242,20 @@ def _expected(state: JointState, prediction: Prediction, root: Array, sample: Sa
     return Expected(prediction, root, spin, jacobian, projected, read - predicted, counts)
 
 
-def _gyro_nis(expected: Expected, params: JointParams) -> tuple[float, int]:
-    """NIS of the gyros' components that count, by themselves, and their number."""
-    counts = np.flatnonzero(expected.used[: 3 * params.places.gyros])
+def _nis_by_kind(expected: Expected, params: JointParams) -> tuple[float, float]:
+    """NIS of the gyros' components that count, and of the accelerometers', by themselves; NaN where none does."""
+    first = 3 * params.places.gyros
+    counts = np.flatnonzero(expected.used)
+    return _nis(expected, counts[counts < first], params), _nis(expected, counts[counts >= first], params)
+
+
+def _nis(expected: Expected, counts: np.ndarray, params: JointParams) -> float:
     if counts.shape[0] == 0:
-        return 0.0, 0
-    _, _, upper = innovation_root(expected.projected[counts], params.variances[counts])
+        return np.nan
+    stacked = np.vstack((expected.projected[counts].T, np.diag(np.sqrt(params.variances[counts]))))
+    upper = np.asarray(np.linalg.qr(stacked, mode="r"))
     whitened = np.linalg.solve(upper.T, expected.innovation[counts])
-    return float(whitened @ whitened), counts.shape[0]
+    return float(whitened @ whitened)
 
 
 def gained(state: JointState, params: JointParams) -> Array:
@@ -273,8 +301,23 @@ def step(state: JointState, sample: Sample, params: JointParams) -> tuple[JointS
 def _first(state: JointState, sample: Sample, params: JointParams) -> tuple[JointState, Report]:
     after = begun(state, sample, params)
     n_outputs = after.last.shape[0]
-    nothing = np.full(n_outputs, np.nan)
-    return after, _report(after, nothing, np.zeros(n_outputs, dtype=np.bool_), None, False, params)
+    estimate, rows = reported(after, params)
+    nothing, unused = np.full(n_outputs, np.nan), np.zeros(n_outputs, dtype=np.bool_)
+    return after, Report(estimate, rows @ rows.T, nothing, unused, 0.0, 0.0, np.nan, np.nan, False, False, None)
+
+
+def restart(state: JointState, sample: Sample, params: JointParams) -> tuple[JointState, Report]:
+    """A cycle over an interval of which nothing is known: rate and gathered velocity begin anew, see `begun`.
+
+    What else is known stays; thrust follows the commands as far as they are known.
+
+    Args:
+        state: after the last sample, `started`.
+        sample: see `Sample`.
+        params: see `JointParams`.
+    """
+    firing = drive(state, sample.durations_s, sample.commands, sample.outside, params).firing
+    return _first(state._replace(level=firing.level, slope=firing.slope), sample, params)
 
 
 def _step(state: JointState, sample: Sample, params: JointParams) -> tuple[JointState, Report]:
@@ -283,9 +326,10 @@ def _step(state: JointState, sample: Sample, params: JointParams) -> tuple[Joint
     commanded = firing.commanded or bool(np.any(sample.outside != 0.0))
     expected = expect(state, acting, sample, params)
     innovation, incremented = expected.innovation, False
+    gyro_nis, accelerometer_nis = _nis_by_kind(expected, params)
     if commanded and not settled(state, params):
-        nis, count = _gyro_nis(expected, params)
-        if count > 0 and nis > params.thresholds[count - 1]:
+        count = int(expected.used[: 3 * params.places.gyros].sum())
+        if count > 0 and gyro_nis > params.thresholds[count - 1]:
             incremented = True
             state = state._replace(root=incremented_root(state.root, params))
             counts = expected.used
@@ -316,8 +360,20 @@ def _step(state: JointState, sample: Sample, params: JointParams) -> tuple[Joint
         time_s=sample.time_s,
     )
     after = guarded(after, commanded, params)
-    course = Course(acting, expected, change)
-    return after, _report(after, innovation, expected.used, course, incremented, params)
+    estimate, rows = reported(after, params)
+    return after, Report(
+        estimate=estimate,
+        covariance=rows @ rows.T,
+        innovation=innovation,
+        used=expected.used,
+        nis=0.0 if change is None else change.nis,
+        log_determinant=0.0 if change is None else change.log_determinant,
+        gyro_nis=gyro_nis,
+        accelerometer_nis=accelerometer_nis,
+        incremented=incremented,
+        coupled=prediction.coupled,
+        course=Course(acting, expected, change),
+    )
 
 
 def incremented_root(root: Array, params: JointParams) -> Array:
@@ -348,17 +404,3 @@ def _relinearized(level: Array, slope: Array, before: Array, after: Array, param
     new, _ = lag_of(after, params)
     ratio = np.where(old > 0.0, new / np.where(old > 0.0, old, 1.0), 1.0)
     return np.clip(level + slope * np.log(ratio), 0.0, 1.0)
-
-
-def _report(
-    state: JointState,
-    innovation: Array,
-    counts: np.ndarray,
-    course: Course | None,
-    incremented: bool,
-    params: JointParams,
-) -> Report:
-    estimate, rows = reported(state, params)
-    change = course.update if course is not None else None
-    evidence = (0.0, 0.0) if change is None else (change.nis, change.log_determinant)
-    return Report(estimate, rows @ rows.T, innovation, counts, *evidence, incremented, course)

@@ -8,7 +8,8 @@ The mean and the rows of the covariance's root are in this order,
 
 with J the inverse inertia about the center of mass, r the center of mass in the vehicle frame, mu = 1/m, w the rate,
 and c_s the integral of F/m as accelerometer s has gathered it. What stands in the second and third line are
-parameters of unit prior variance, but for f, which is in lbf or N. A parameter whose sigma is zero has no place.
+parameters in units of their sigmas, of about unit prior variance, but for f, which is in lbf or N. A kind of parameter
+whose sigma is zero has no place.
 
 Nothing is scaled: the covariance is kept as a root that is made triangular by Householder reflections, and these treat
 every row of the root by its own size, so that a change of units changes no digit.
@@ -111,19 +112,21 @@ class JointParams(NamedTuple):
         flows: propellant flow of each jet at full thrust, slug/s or kg/s, shape (n_jets,).
         time_constants_s: nominal time constant of each jet's lag, zero: none, shape (n_jets,).
         kinds: index of each jet's kind among the lags' errors, integers, shape (n_jets,).
-        thrust_sigma: 1-sigma of each jet's thrust error, relative.
-        lag_sigma: 1-sigma of each kind's time constant, relative.
-        gyro_bias_sigma, acceleration_bias_sigma: 1-sigma of the biases, rad/s and ft/s^2 or m/s^2.
+        thrust_sigma: what one unit of a thrust error is, relative.
+        lag_sigma: of the error of a kind's time constant, relative.
+        gyro_bias_sigma, acceleration_bias_sigma: of the biases, rad/s and ft/s^2 or m/s^2.
+        prior_sigma: 1-sigma of what stands from `Places.thrust` on, in these units: 1 but where jets, kinds or
+            packages differ; zero for s and f, shape (size - thrust,).
         rate_walk, velocity_walk: 1-sigma of what is added to w and to c in one second, rad/s and ft/s or m/s,
             growing with the root of time.
-        repeatability: 1-sigma of each jet's impulse over a sample, relative, white.
+        repeatability: 1-sigma of each jet's impulse over a sample, relative, white, shape (n_jets,).
         tank_fraction: share of the vehicle's size by which propellant that is used shifts inertia and center of mass.
         arm: size of the vehicle, ft or m: the jets' RMS distance from the center of mass.
         accelerometer_positions: vehicle frame, ft or m, shape (n_accelerometers, 3).
         variances: of one reading of each component, gyros first, shape (n_outputs,).
         quanta: step of each component's reading, zero where it dithers itself (see `measurement`), shape (n_outputs,).
         start: the ten parameters at the start, shape (10,).
-        start_sigma: their 1-sigma at the start, shape (10,).
+        start_root: lower triangular root of their covariance at the start, shape (10, 10).
         increment_sigma: what an increment adds to their 1-sigma, in quadrature, shape (10,).
         nominal_mass_reciprocal: mu of the nominal vehicle.
         thresholds: NIS above which the covariance is incremented, by the number of components used less one.
@@ -143,16 +146,17 @@ class JointParams(NamedTuple):
     lag_sigma: float
     gyro_bias_sigma: float
     acceleration_bias_sigma: float
+    prior_sigma: Array
     rate_walk: float
     velocity_walk: float
-    repeatability: float
+    repeatability: Array
     tank_fraction: float
     arm: float
     accelerometer_positions: Array
     variances: Array
     quanta: Array
     start: Array
-    start_sigma: Array
+    start_root: Array
     increment_sigma: Array
     nominal_mass_reciprocal: float
     thresholds: Array

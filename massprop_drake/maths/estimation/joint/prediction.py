@@ -21,9 +21,10 @@ sum g_j^2 P_bb N_j P_xx N_j^T.
     g = -T J t,    t = w0 x u0 + w1 x u1,    u0 = (2 l0 + l1)/6,    u1 = (l0 + 2 l1)/6.
 
 Thrust that builds up or tails off bows the rate: on average it lies J dL off that line, dL the angular impulse of the
-bows, so t += w_mean x dL + J dL x l_mean. It counts from when the diagonal of J is known to half its size. w1 is the
-reading less its bias, and its rounding counts as none; where it is missing, the rate that is predicted with the
-coupling. The derivatives follow.
+bows, so t += w_mean x dL + J dL x l_mean. It counts from when the diagonal of J is known to half its size; before, the
+most that it can be for any body, |w|^2 T, is noise on w: else what an open-loop drift does would be taken for what J
+and r are to explain. w1 is the reading less its bias, and its rounding counts as none; where it is missing, the rate
+that is predicted with the coupling. The derivatives follow.
 
 *The common thrust scale* s (`thrust_scale`) is not seen by what jets do, but known outside forces are not scaled with
 them: they enter by 1 - sigma_T s.
@@ -94,6 +95,7 @@ class Prediction(NamedTuple):
         drift: variances added to the ten parameters, shape (10,).
         spin: integral of w w^T dt over the interval, six elements, rad^2/s, shape (6,).
         duration_s: T.
+        coupled: whether dynamic coupling counts.
     """
 
     mean: Array
@@ -104,6 +106,7 @@ class Prediction(NamedTuple):
     drift: Array
     spin: Array
     duration_s: float
+    coupled: bool
 
 
 class Coupling(NamedTuple):
@@ -184,11 +187,10 @@ def error_rows(state: JointState, acting: Drive, params: JointParams) -> tuple[A
         velocity_rows[:, places.scale] = -params.thrust_sigma * reciprocal * acting.outside[3:]
     if places.n_lag > 0:
         weight = firing.amount_slope * acting.lag_slope * lagged
-        for jet in range(places.jets):
-            if weight[jet] != 0.0:
-                column = places.lag + params.kinds[jet]
-                rate_rows[:, column] += rate_effect[jet] * weight[jet]
-                velocity_rows[:, column] += velocity_effect[jet] * weight[jet]
+        of_kinds = weight * (np.arange(places.n_lag).reshape(-1, 1) == params.kinds)
+        columns = slice(places.lag, places.lag + places.n_lag)
+        rate_rows[:, columns] = (of_kinds @ rate_effect).T
+        velocity_rows[:, columns] = (of_kinds @ velocity_effect).T
     for slot in range(places.n_force):
         jet = int(state.slot_jet[slot])
         if jet >= 0:
@@ -245,7 +247,8 @@ def predict(state: JointState, acting: Drive, rate_read: RateRead, params: Joint
     velocity_change = linear * reciprocal * (1.0 + 0.5 * reciprocal * flow) + bias[3:]
 
     end, bowed = mean[RATE] + change, np.zeros(3)
-    if _knows_inertia(mean, covariance):
+    coupled = _knows_inertia(mean, covariance)
+    if coupled:
         through, end, bowed = _coupled(state, acting, change, rate_read, params)
         end_rows = rate_rows.copy()
         end_rows[:, RATE] += _IDENTITY
@@ -257,6 +260,7 @@ def predict(state: JointState, acting: Drive, rate_read: RateRead, params: Joint
         change = change + through.change
     else:
         end = np.where(np.isnan(rate_read.rate), end, rate_read.rate)
+        noise[:3, :3] += largest_coupling(mean[RATE], end, duration) ** 2 * _IDENTITY
 
     after = mean.copy()
     after[RATE] += change
@@ -276,6 +280,7 @@ def predict(state: JointState, acting: Drive, rate_read: RateRead, params: Joint
         drift=_drift(mean, flow, params),
         spin=spin_integral(mean[RATE], end, bowed, duration),
         duration_s=duration,
+        coupled=coupled,
     )
 
 
@@ -335,6 +340,18 @@ def coupling(inertias: tuple[Array, Array], start: Array, end: Array, bow_moment
     return Coupling(through, -duration_s * by_inertia, -duration_s * by_start, -duration_s * by_end)
 
 
+def largest_coupling(start: Array, end: Array, duration_s: float) -> float:
+    """What dynamic coupling changes the rate by at the most, whatever the inertia: |w|^2 T.
+
+    No principal moment of a body exceeds the sum of the other two, so |J (w x J^-1 w)| <= |w|^2.
+
+    Args:
+        start, end: rates, rad/s, shape (3,).
+        duration_s: of the interval.
+    """
+    return max(float(start @ start), float(end @ end)) * duration_s
+
+
 def spin_integral(start: Array, end: Array, bowed: Array, duration_s: float) -> Array:
     """The integral of w w^T dt of a rate that is linear but for a bow, six elements, rad^2/s, shape (6,).
 
@@ -386,22 +403,28 @@ def _knows_inertia(mean: Array, covariance: Array) -> bool:
 
 def _thrust_products(state: JointState, acting: Drive, covariance: Array, params: JointParams) -> tuple[Array, Array]:
     """Mean, shape (6,), and covariance, shape (6, 6), of thrust errors times errors of the ten parameters."""
-    mean, places, amount = state.mean, params.places, acting.firing.amount
-    inverse = mean[INERTIA][ELEMENT]
-    product_mean, product_noise = np.zeros(6), np.zeros((6, 6))
-    moments = _moments(mean, params.wrenches)
-    for jet in range(places.jets):
-        if amount[jet] <= 0.0:
-            continue
-        effect = np.zeros((6, N_PROPERTIES))
-        effect[:3, INERTIA] = angular_block(moments[jet])
-        effect[:3, CENTER] = inverse @ skew(params.wrenches[jet, 3:])
-        effect[3:, MASS] = params.wrenches[jet, 3:]
-        effect *= params.thrust_sigma * amount[jet]
-        row = state.root[places.thrust + jet]
-        product_mean += effect @ (state.root[:N_PROPERTIES] @ row)
-        product_noise += float(row @ row) * (effect @ covariance @ effect.T)
+    mean, places = state.mean, params.places
+    shares = params.thrust_sigma * acting.firing.amount
+    effects = _effects(mean, params.wrenches) * shares.reshape(-1, 1)
+    thrusts = state.root[places.thrust : places.thrust + places.n_thrust]
+    crossed = state.root[:N_PROPERTIES] @ thrusts.T
+    flat = effects.reshape(6, -1)
+    product_mean = flat @ np.ascontiguousarray(crossed.T).ravel()
+    variances = np.sum(thrusts * thrusts, axis=1).reshape(-1, 1)
+    product_noise = (variances * (effects @ covariance)).reshape(6, -1) @ flat.T
     return product_mean, product_noise
+
+
+def _effects(mean: Array, wrenches: Array) -> Array:
+    """N_j, the effect of errors of the ten parameters on w and c under wrenches for a second, shape (6, n, 10)."""
+    inverse = mean[INERTIA][ELEMENT]
+    moments, forces = _moments(mean, wrenches), wrenches[:, 3:]
+    effects = np.zeros((6, wrenches.shape[0], N_PROPERTIES))
+    for row in range(3):
+        effects[row][:, ELEMENT[row]] = moments  # of J m
+        effects[row, :, CENTER] = forces @ skew(inverse[row]).T  # of J [F x]
+        effects[3 + row, :, MASS] = forces[:, row]
+    return effects
 
 
 def _white_noise(mean: Array, firing: Firing, params: JointParams) -> Array:

@@ -1,0 +1,409 @@
+r"""The joint estimator as a filter of the registry: one state for mass properties, rate, velocity and thrust.
+
+The mathematics is in `massprop_drake.maths.estimation.joint`; here are its parameters from what is known of a vehicle,
+the interval between two readings, what logs keep of a cycle, and the state as a vector. It makes its own impulses from
+the commands, with the lag at its present estimate, so that `Interval.impulses` and the gate in it play no part.
+
+`measure` is the whole cycle. What its detector sees is a `JointEvidence`; the detector may give another state to go
+on from, whose estimates are then reported.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from massprop_drake.maths.arrays import Field, Layout
+from massprop_drake.maths.estimation.adaptation import Adaptation
+from massprop_drake.maths.estimation.filter import (
+    Filter,
+    FilterStep,
+    Groups,
+    Instruments,
+    Interval,
+    MassReport,
+    RotationReport,
+    Setup,
+    Told,
+)
+from massprop_drake.maths.estimation.joint import cycle, ticks
+from massprop_drake.maths.estimation.joint.cycle import JointEvidence, Sample
+from massprop_drake.maths.estimation.joint.layout import (
+    JointParams,
+    JointState,
+    make_places,
+    pack,
+    settled,
+    state_layout,
+    unpack,
+)
+from massprop_drake.maths.estimation.joint.thrust_scale import reported
+from massprop_drake.maths.estimation.joint.ticks import CLOCK, Clock
+from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.maths.mass_properties import MASS_RECIPROCAL, N_ROTATION
+
+GROUP = "joint_estimator"  # the system that holds the state in a diagram
+_DITHERED = 0.25  # of a quantum: noise from which on a reading dithers itself
+_ROUNDING = 1e-9  # of a level
+
+# what is logged of every cycle besides the reports that all filters give
+# the NIS in the reports of all filters is that of three components; here it is scaled to as many
+JOINT_REPORT = Layout(
+    "joint_report",
+    gyro_components=Field("gyro components used", component="components"),
+    accelerometer_components=Field("accelerometer components used", component="components"),
+    settled=Field("the start is over"),
+)
+
+
+class JointFilterParams(NamedTuple):
+    """What shapes the filter.
+
+    Attributes:
+        joint: see `JointParams`.
+        period_s: sample period, s.
+    """
+
+    joint: JointParams
+    period_s: float
+
+
+class JointFilterState(NamedTuple):
+    """What the filter knows after a sample.
+
+    Attributes:
+        joint: see `JointState`.
+        clock: see `Clock`.
+        estimate, covariance: what is reported of it: the ten parameters and the covariance of their errors, NaN for
+            the mass reciprocal where it is not observed, shapes (10,) and (10, 10).
+    """
+
+    joint: JointState
+    clock: Clock
+    estimate: Array
+    covariance: Array
+
+
+class Measurement(NamedTuple):
+    """A cycle, before the detector has judged it.
+
+    Attributes:
+        state: after it.
+        evidence: see `JointEvidence`.
+    """
+
+    state: JointFilterState
+    evidence: JointEvidence
+
+
+# ---------------------------------------------------------------------------------------- parameters
+
+
+def make_params(setup: Setup, options: Any) -> JointFilterParams:
+    """Parameters from what is known of the vehicle and the scenario's block `joint`."""
+    block, thrust = options.joint, setup.thrust
+    gyros, accelerometers = setup.gyros, setup.accelerometers
+    n_jets, n_kinds = thrust.flows.shape[0], thrust.lag_uncertainty.shape[0]
+    counts = (n_jets, gyros.quanta.shape[0], accelerometers.quanta.shape[0])
+    thrust_sigmas = _chosen(block.thrust_uncertainty, thrust.uncertainty)
+    lagging = np.array([bool((thrust.time_constants_s[thrust.kinds == kind] > 0.0).any()) for kind in range(n_kinds)])
+    lag_sigmas = np.where(lagging, _chosen(block.lag_uncertainty, thrust.lag_uncertainty), 0.0)
+    of_thrust, thrust_prior = _scaled(thrust_sigmas)
+    of_lag, lag_prior = _scaled(lag_sigmas)
+    of_gyros, gyro_prior = _scaled(np.repeat(gyros.bias_std, 3))
+    of_accelerometers, acceleration_prior = _scaled(np.repeat(accelerometers.bias_std, 3))
+    biases = (gyro_prior.shape[0] > 0, acceleration_prior.shape[0] > 0)
+    places = make_places(counts, lag_prior.shape[0], biases, thrust_prior.shape[0] > 0, 0)
+    rest = np.zeros(places.n_scale + places.n_force)
+    variances = np.concatenate((setup.gyro_variances, setup.accelerometer_variances))
+    diagonal, center, reciprocal = setup.limits.tolist()
+    joint = JointParams(
+        places=places,
+        wrenches=thrust.wrenches,
+        thrusts=np.sqrt(np.sum(thrust.wrenches[:, 3:] ** 2, axis=1)),
+        flows=thrust.flows,
+        time_constants_s=thrust.time_constants_s,
+        kinds=thrust.kinds,
+        thrust_sigma=of_thrust,
+        lag_sigma=of_lag,
+        gyro_bias_sigma=of_gyros,
+        acceleration_bias_sigma=of_accelerometers,
+        prior_sigma=np.concatenate((thrust_prior, lag_prior, gyro_prior, acceleration_prior, rest)),
+        rate_walk=block.rate_walk,
+        velocity_walk=block.velocity_walk,
+        repeatability=thrust.repeatability,
+        tank_fraction=thrust.tank_fraction if block.tank_fraction is None else block.tank_fraction,
+        arm=thrust.arm,
+        accelerometer_positions=setup.accelerometer_positions,
+        variances=np.repeat(variances, 3),
+        quanta=np.repeat(np.concatenate((_steps(gyros), _steps(accelerometers))), 3),
+        start=setup.estimate,
+        start_root=_root(setup.covariance),
+        increment_sigma=setup.widest,
+        nominal_mass_reciprocal=float(setup.nominal[MASS_RECIPROCAL]),
+        thresholds=np.array([chi_square_limit(block.increment_rate, 1 + n) for n in range(3 * counts[1])]),
+        guard_relative=np.array([diagonal, diagonal, diagonal, reciprocal if counts[2] > 0 else math.inf]),
+        guard_center=np.full(3, center),
+        settled_after=float(block.settled_after),
+        second_order=True,
+    )
+    return JointFilterParams(joint, setup.period_s)
+
+
+def _chosen(one: float | None, each: Array) -> Array:
+    """One value in place of each, where it is given."""
+    return each if one is None else np.full_like(each, one)
+
+
+def _scaled(sigmas: Array) -> tuple[float, Array]:
+    """The largest of some sigmas, and each in terms of it; none where all are zero."""
+    largest = float(sigmas.max(initial=0.0))
+    return (largest, sigmas / largest) if largest > 0.0 else (0.0, np.empty(0))
+
+
+def _steps(packages: Instruments) -> Array:
+    """Quanta, zero where a reading dithers itself."""
+    return np.where(packages.noise_std >= _DITHERED * packages.quanta, 0.0, packages.quanta)
+
+
+def _root(covariance: Array) -> Array:
+    """Lower triangular root of a covariance that may have zeros on its diagonal."""
+    sigmas = np.sqrt(np.diag(covariance))
+    scale = np.where(sigmas > 0.0, sigmas, 1.0)
+    values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
+    root = scale.reshape(-1, 1) * vectors * np.sqrt(np.maximum(values, 0.0))
+    return np.ascontiguousarray(np.asarray(np.linalg.qr(root.T, mode="r")).T)
+
+
+def chi_square_limit(rate: float, degrees: int) -> float:
+    """The value that chi-square exceeds at a given rate.
+
+    The tail is elementary for whole degrees of freedom; the value is found by bisection.
+
+    Args:
+        rate: probability, 1e-300 < rate < 1.
+        degrees: of freedom, at least 1.
+    """
+    low, high = 0.0, 2.0 * degrees - 4.0 * math.log(rate)
+    while True:
+        middle = 0.5 * (low + high)
+        if not low < middle < high:
+            return middle
+        low, high = (middle, high) if _chi_square_tail(middle, degrees) > rate else (low, middle)
+
+
+def _chi_square_tail(value: float, degrees: int) -> float:
+    """Probability that chi-square is larger."""
+    half = 0.5 * value
+    odd = degrees % 2
+    tail = math.erfc(math.sqrt(half)) if odd else 0.0
+    term = math.exp(-half) * (math.sqrt(half) * 2.0 / math.sqrt(math.pi) if odd else 1.0)
+    for k in range(degrees // 2):
+        tail += term
+        term *= half / (k + 1.5 if odd else k + 1.0)
+    return tail
+
+
+# --------------------------------------------------------------------------------------------- cycle
+
+
+def initial(params: JointFilterParams) -> JointFilterState:
+    """Before the first sample."""
+    clock = ticks.started(0.0, np.zeros(params.joint.places.jets), params.period_s)
+    return _reporting(cycle.initial(params.joint), clock, params)
+
+
+def _reporting(joint: JointState, clock: Clock, params: JointFilterParams) -> JointFilterState:
+    """A state with what is reported of it."""
+    estimate, rows = reported(joint, params.joint)
+    return _with_report(joint, clock, estimate, rows @ rows.T, params)
+
+
+def _with_report(
+    joint: JointState, clock: Clock, estimate: Array, covariance: Array, params: JointFilterParams
+) -> JointFilterState:
+    if params.joint.places.accelerometers == 0:
+        estimate[MASS_RECIPROCAL] = np.nan
+        covariance[MASS_RECIPROCAL] = np.nan
+        covariance[:, MASS_RECIPROCAL] = np.nan
+    return JointFilterState(joint, clock, estimate, covariance)
+
+
+def measure(
+    state: JointFilterState, rates: Array, velocities: Array, interval: Interval, params: JointFilterParams
+) -> Measurement:
+    """The whole cycle."""
+    assert interval.told is not None  # what is told is all that this filter takes of an interval
+    return step(state, rates, velocities, interval.told, params)
+
+
+def step(
+    state: JointFilterState, rates: Array, velocities: Array, told: Told, params: JointFilterParams
+) -> Measurement:
+    """The whole cycle.
+
+    Args:
+        state: of the cycle before.
+        rates, velocities: readings of the packages, NaN where missing, shape (s, 3) each.
+        told: see `Told`.
+        params: see `JointFilterParams`.
+
+    Raises:
+        NotPositiveDefiniteError: see `cycle.step`.
+    """
+    period_s, before = params.period_s, state.joint
+    if before.started:
+        clock, interval = ticks.elapsed(state.clock, told.stamp_s, told.command, told.coming, period_s)
+    else:
+        clock = ticks.started(told.stamp_s, told.command, period_s)
+        interval = ticks.Elapsed(np.array([period_s]), told.command.reshape(1, -1), False)
+    outside = told.outside_wrench * float(interval.durations_s.sum())
+    sample = Sample(told.time_s, interval.durations_s, interval.commands, outside, rates, velocities)
+    made = cycle.restart if interval.anew else cycle.step
+    after, report = made(before, sample, params.joint)
+    evidence = JointEvidence(before, after, report, sample, interval.anew)
+    known = _with_report(after, clock, report.estimate.copy(), report.covariance.copy(), params)
+    return Measurement(known, evidence)
+
+
+def evidence(_state: JointFilterState, measurement: Measurement, _interval: Interval) -> JointEvidence:
+    """What the detector sees."""
+    return measurement.evidence
+
+
+def finish(
+    _state: JointFilterState,
+    measurement: Measurement,
+    _interval: Interval,
+    _adaptation: Adaptation,
+    params: JointFilterParams,
+) -> FilterStep:
+    """The cycle as it is; what a detector knows better comes as a state, by `replaced`."""
+    return done(measurement, params)
+
+
+def done(measurement: Measurement, params: JointFilterParams) -> FilterStep:
+    """The cycle's state, and what logs keep of it."""
+    after, report = measurement.state, measurement.evidence.report
+    n_gyros = 3 * params.joint.places.gyros
+    counts = (float(report.used[:n_gyros].sum()), float(report.used[n_gyros:].sum()))
+    rotation = RotationReport(
+        estimate=after.estimate[:N_ROTATION],
+        standard_deviation=_deviation(after)[:N_ROTATION],
+        rotation_innovation=report.innovation[:3],
+        rotation_nis=_per_three(report.gyro_nis, counts[0]),
+        rotation_used=bool(report.used[:n_gyros].any()),
+        rotation_jump=report.incremented,
+        coupling_subtracted=report.coupled,
+    )
+    own = JOINT_REPORT.make(
+        gyro_components=counts[0], accelerometer_components=counts[1], settled=_settled(after, params)
+    )
+    if params.joint.places.accelerometers == 0:
+        return FilterStep(after, rotation, None, own)
+    mass = MassReport(
+        mass_reciprocal=float(after.estimate[MASS_RECIPROCAL]),
+        variance=float(after.covariance[MASS_RECIPROCAL, MASS_RECIPROCAL]),
+        mass_innovation=report.innovation[n_gyros : n_gyros + 3],
+        mass_nis=_per_three(report.accelerometer_nis, counts[1]),
+        mass_used=bool(report.used[n_gyros:].any()),
+        mass_jump=False,
+    )
+    return FilterStep(after, rotation, mass, own)
+
+
+def replaced(step: FilterStep, joint: JointState, params: JointFilterParams) -> FilterStep:
+    """A cycle that goes on from another state: its estimates are reported; the innovations are what they were."""
+    after = _reporting(joint, step.state.clock, params)
+    rotation = step.rotation._replace(
+        estimate=after.estimate[:N_ROTATION], standard_deviation=_deviation(after)[:N_ROTATION]
+    )
+    mass = step.mass
+    if mass is not None:
+        mass = mass._replace(
+            mass_reciprocal=float(after.estimate[MASS_RECIPROCAL]),
+            variance=float(after.covariance[MASS_RECIPROCAL, MASS_RECIPROCAL]),
+        )
+    return FilterStep(after, rotation, mass, step.own._replace(settled=_settled(after, params)))
+
+
+def _per_three(nis: float, components: float) -> float:
+    """NIS of some components on the scale of three, as other filters have it: of mean three."""
+    return 3.0 * nis / components if components > 0.0 else math.nan
+
+
+def _settled(state: JointFilterState, params: JointFilterParams) -> float:
+    return float(settled(state.joint, params.joint))
+
+
+def _deviation(state: JointFilterState) -> Array:
+    return np.sqrt(state.covariance.diagonal())
+
+
+# --------------------------------------------------------------------------------------- kept states
+
+
+def packed(state: JointFilterState, params: JointFilterParams) -> Array:
+    """A state as one vector."""
+    places = params.joint.places
+    return np.concatenate((pack(state.joint, places), CLOCK.sized(jets=places.jets).pack(state.clock)))
+
+
+def unpacked(vector: Array, params: JointFilterParams) -> JointFilterState:
+    """The inverse of `packed`."""
+    places = params.joint.places
+    size = state_layout(places).size
+    clock = Clock(*CLOCK.sized(jets=places.jets).read(vector[size:]))
+    return _reporting(unpack(vector[:size], places), clock, params)
+
+
+def saved(state: JointFilterState, params: JointFilterParams) -> Groups:
+    """A state as a vector, by the system that holds it in a diagram."""
+    return {GROUP: packed(state, params)}
+
+
+def restored(groups: Groups, params: JointFilterParams) -> JointFilterState:
+    """The inverse of `saved`.
+
+    Raises:
+        ValueError: when the state holds what the filter cannot leave.
+    """
+    state = unpacked(groups[GROUP], params)
+    joint, clock = state.joint, state.clock
+    if not all(np.isfinite(part).all() for part in (*joint, *clock[:-1])):
+        raise ValueError(f"{GROUP}: only commands may be missing")
+    if np.triu(joint.root, 1).any():
+        raise ValueError(f"{GROUP}: the covariance's root must be lower triangular")
+    if not _within(joint.level, 0.0, 1.0) or not _within(clock.earlier[~np.isnan(clock.earlier)], 0.0, 1.0):
+        raise ValueError(f"{GROUP}: commands and levels must be fractions of 0 to 1")
+    if (joint.fired < -_ROUNDING).any() or joint.firing_count < 0.0:
+        raise ValueError(f"{GROUP}: times and counts must be zero or positive")
+    jets = joint.slot_jet
+    if not (np.isin(joint.slot_sign, (-1.0, 1.0)).all() and (jets == np.round(jets)).all()):
+        raise ValueError(f"{GROUP}: a slot of a failed jet must have a jet's index and a sign")
+    if not _within(jets, -1.0, params.joint.places.jets - 1.0):
+        raise ValueError(f"{GROUP}: a slot of a failed jet must have a jet's index and a sign")
+    if not clock.period_s > 0.0 or (clock.variances[:2] < 0.0).any():
+        raise ValueError(f"{GROUP}: the period and variances of the clock must be positive")
+    return state
+
+
+def _within(values: Array, low: float, high: float) -> bool:
+    return bool(((values >= low - _ROUNDING) & (values <= high + _ROUNDING)).all())
+
+
+FILTER = Filter(
+    params=make_params,
+    initial=initial,
+    predicted=lambda state: state.estimate,
+    measure=measure,
+    evidence=evidence,
+    finish=finish,
+    covariance=lambda state: state.covariance,
+    saved=saved,
+    restored=restored,
+    replaced=replaced,
+    report=JOINT_REPORT,
+)

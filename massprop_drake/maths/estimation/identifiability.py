@@ -1,0 +1,102 @@
+r"""What a flight has told of each parameter, and which jet would tell the most next.
+
+The rows H that a second of a jet's full thrust gives (`observability.impulse_jacobian`) would reduce the covariance P
+of the ten parameters to
+
+    P - P H^T (H P H^T + R)^-1 H P,    R: of the increments of rate and velocity,
+
+so that the share of each parameter's 1-sigma that would be left can be told before anything is fired.
+"""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.maths.mass_properties import CENTER_OF_MASS
+
+FIRING_S = 1.0  # of a jet whose effect is foretold
+_TOLD = float(np.sqrt(0.5))  # share of the start's 1-sigma, above which the start tells more than the flight
+_PRODUCTS = ((3, 1, 2), (4, 0, 2), (5, 0, 1))  # element, and the diagonal elements that scale it
+
+
+class Flag(StrEnum):
+    """What is known of a parameter."""
+
+    IDENTIFIED = "identified"  # the flight has shown it, as well as is asked
+    WEAK = "weak"  # the flight has shown it, less well than is asked
+    NOT_EXCITED = "not_excited"  # the start tells more of it than the flight
+    NOT_OBSERVABLE = "not_observable"  # these jets and sensors cannot show it
+
+
+class Foretold(NamedTuple):
+    """What a second of the best jet would tell of each parameter.
+
+    Attributes:
+        jet: index of the jet, shape (10,).
+        left: share of the 1-sigma that would be left; NaN where there is none to reduce, shape (10,).
+    """
+
+    jet: NDArray[np.int_]
+    left: Array
+
+
+def foretold(covariance: Array, rows: Array, noise: Array) -> Foretold:
+    """What a second of the jet that tells most of a parameter would tell of it.
+
+    Args:
+        covariance: P of the ten parameters; rows and columns of what is not observed are NaN, shape (10, 10).
+        rows: H of each jet, shape (n_jets, k, 10).
+        noise: R, shape (k, k).
+    """
+    known = np.flatnonzero(covariance.diagonal() > 0.0)  # NaN is not
+    p, h = covariance[np.ix_(known, known)], rows[:, :, known]
+    gained = h @ p
+    reduction = np.einsum("jki,jki->ji", gained, np.linalg.solve(gained @ h.transpose(0, 2, 1) + noise, gained))
+    share = np.clip(1.0 - reduction / p.diagonal(), 0.0, 1.0)
+    jet, left = np.zeros(10, dtype=int), np.full(10, np.nan)
+    jet[known] = share.argmin(axis=0)
+    left[known] = np.sqrt(share.min(axis=0))
+    return Foretold(jet, left)
+
+
+def asked(estimate: Array, limits: Array) -> Array:
+    """The 1-sigma that is asked of each parameter, shape (10,).
+
+    A product element may be off by as much as the root of the product of its two diagonal elements.
+
+    Args:
+        estimate: the ten parameters, or others that scale them, shape (10,).
+        limits: see `mass_properties.converged`, shape (3,).
+    """
+    diagonal, center, reciprocal = limits.tolist()
+    result = diagonal * np.abs(estimate)
+    for element, first, second in _PRODUCTS:
+        result[element] = diagonal * np.sqrt(np.abs(estimate[first] * estimate[second]))
+    result[CENTER_OF_MASS] = center
+    result[9] = reciprocal * abs(estimate[9])
+    return result
+
+
+def flags(start: Array, deviation: Array, limit: Array, hidden: NDArray[np.bool_]) -> list[Flag]:
+    """What is known of each parameter.
+
+    Args:
+        start: 1-sigma before any measurement, shape (10,).
+        deviation: 1-sigma now, NaN where not observed, shape (10,).
+        limit: 1-sigma that is asked, see `asked`, shape (10,).
+        hidden: which parameters jets and sensors cannot show, shape (10,).
+    """
+    found = []
+    for before, now, enough, unseen in zip(start, deviation, limit, hidden, strict=True):
+        if unseen or np.isnan(now):
+            found.append(Flag.NOT_OBSERVABLE)
+        elif now > _TOLD * before:
+            found.append(Flag.NOT_EXCITED)
+        else:
+            found.append(Flag.IDENTIFIED if now < enough else Flag.WEAK)
+    return found

@@ -1,0 +1,131 @@
+r"""Whether what the filters saw is what they claim: a verdict from their innovations, and from the errors if known.
+
+NIS, the square of an innovation in units of its own covariance, is chi-square distributed if the claims are true. Its
+mean is ruled by a single bad sample, and says nothing of many that are a little bad. So two shares are counted: of
+samples beyond the 99 % point of the distribution, and of those in its upper quarter. A flight is called inconsistent
+when either share is beyond doubt (binomial, 99.9 %) larger than what consistent flights have shown at the most: 2.5 %
+in place of 1, and half in place of a quarter, since innovations of one flight are not independent where thrust errors
+are considered. Smaller innovations than claimed, as those of a sensor whose quantum exceeds the signal, are no fault.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from massprop_drake.inputs.model import Count, Real, Text
+
+Array = NDArray[np.float64]
+
+CONSISTENT, INCONSISTENT, TOO_LITTLE = "consistent", "inconsistent", "not enough data"
+
+# signals that say how many components a NIS is made of, where that varies
+COMPONENTS = {"rotation": "gyro_components", "mass": "accelerometer_components"}
+
+_TAIL, _QUARTER = 0.01, 0.25  # probabilities of the two points
+_TAIL_ALLOWED, _QUARTER_ALLOWED = 0.025, 0.5  # shares of a flight
+_DOUBT = 0.001  # probability of calling a flight inconsistent that is at the limit
+_FEWEST = 20  # samples of the rotation filter, below which nothing is said
+_FAR = 5.0  # sigma: of ten parameters one in 170,000 consistent flights has an error like this
+
+
+class Consistency(NamedTuple):
+    """How the filters' innovations compare with the covariance they claim.
+
+    Attributes:
+        rotation_nis_mean: mean NIS of the rotation filter over the samples it used; None without any.
+        translation_nis_mean: the same of the mass filter; None without any, or without accelerometer.
+        samples: number of samples that the rotation filter used.
+        verdict: "consistent", "inconsistent" or "not enough data"; empty in what an earlier version wrote.
+        reasons: for "inconsistent".
+        rotation_nis_beyond, translation_nis_beyond: share of the samples beyond the 99 % point; None like the means.
+    """
+
+    rotation_nis_mean: Real | None
+    translation_nis_mean: Real | None
+    samples: Count
+    verdict: Text = ""
+    reasons: Sequence[Text] = ()
+    rotation_nis_beyond: Real | None = None
+    translation_nis_beyond: Real | None = None
+
+
+class Tally:
+    """Counts the NIS of one filter, in whatever blocks they come."""
+
+    def __init__(self) -> None:
+        self.n = 0
+        self._sum = 0.0
+        self._beyond = [0, 0]
+
+    def add(self, nis: Array, components: Array) -> None:
+        """Takes in the NIS of samples that were used, as `used_nis` gives them, shape (n,) each."""
+        self.n += nis.size
+        self._sum += float(nis.sum())
+        chance = stats.chi2.sf(nis * components / 3.0, components)
+        self._beyond = [
+            count + int((chance < least).sum()) for count, least in zip(self._beyond, (_TAIL, _QUARTER), strict=True)
+        ]
+
+    @property
+    def mean(self) -> float | None:
+        """None without a sample."""
+        return self._sum / self.n if self.n else None
+
+    @property
+    def beyond(self) -> float | None:
+        """Share beyond the 99 % point; None without a sample."""
+        return self._beyond[0] / self.n if self.n else None
+
+    def faults(self, name: str) -> list[str]:
+        """What cannot be chance, in words."""
+        found = []
+        tail, quarter = self._beyond
+        if _certainly_more(tail, self.n, _TAIL_ALLOWED):
+            found.append(f"{100.0 * tail / self.n:.3g} % of the {name} innovations are beyond their 99 % point")
+        if _certainly_more(quarter, self.n, _QUARTER_ALLOWED):
+            found.append(f"{100.0 * quarter / self.n:.3g} % of the {name} innovations are in their upper quarter")
+        return found
+
+
+def used_nis(name: str, signals: Mapping[str, Array]) -> tuple[Array, Array]:
+    """The NIS of the samples that a filter used, scaled to three components, and of how many each is made.
+
+    Args:
+        name: "rotation" or "mass".
+        signals: by name, as in a run, shape (n, components).
+    """
+    used = signals[f"{name}_used"][:, 0] != 0.0
+    nis = signals[f"{name}_nis"][used, 0]
+    components = signals[COMPONENTS[name]][used, 0] if COMPONENTS[name] in signals else np.full(nis.size, 3.0)
+    return nis, components
+
+
+def _certainly_more(count: int, n: int, allowed: float) -> bool:
+    """Whether so many of n would be chance with less than a thousandth if the share were what is allowed."""
+    return n > 0 and float(stats.binom.sf(count - 1, n, allowed)) < _DOUBT
+
+
+def judged(rotation: Tally, translation: Tally, ratios: Array, symbols: Sequence[str]) -> Consistency:
+    """The verdict on a run.
+
+    Args:
+        rotation, translation: of the two filters, or parts of one; without samples where there is none.
+        ratios: errors of the ten parameters over their 1-sigma, NaN where the truth is not known, shape (10,).
+        symbols: of the ten parameters.
+    """
+    reasons = [*rotation.faults("rotation"), *translation.faults("translation")]
+    reasons += [
+        f"{symbol} is {abs(ratio):.3g} of its sigmas off"
+        for symbol, ratio in zip(symbols, ratios.tolist(), strict=True)
+        if math.isfinite(ratio) and abs(ratio) > _FAR
+    ]
+    verdict = INCONSISTENT if reasons else CONSISTENT if rotation.n >= _FEWEST else TOO_LITTLE
+    return Consistency(
+        rotation.mean, translation.mean, rotation.n, verdict, reasons, rotation.beyond, translation.beyond
+    )

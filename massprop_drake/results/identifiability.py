@@ -1,0 +1,129 @@
+"""What a run has told of each of the ten mass properties, and which jet would tell the most next."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from massprop_drake.inputs import params
+from massprop_drake.inputs.model import Real, Text
+from massprop_drake.inputs.scenario import Scenario
+from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.maths import mass_properties
+from massprop_drake.maths.estimation import identifiability, observability
+from massprop_drake.maths.estimation.identifiability import FIRING_S, Flag
+from massprop_drake.maths.vehicle.sensing import increment_noise
+
+Array = NDArray[np.float64]
+
+_OFFSET = np.array([0.62, -0.48, 0.62])  # a unit vector along no axis and in no plane of them
+_WORTH = 0.9  # share of the 1-sigma: a jet that leaves more of it is not worth naming
+
+
+class Identifiability(NamedTuple):
+    """What is known of a parameter.
+
+    Attributes:
+        parameter: as in `maths.mass_properties.NAMES`.
+        flag: see `maths.estimation.identifiability.Flag`.
+        reason: why it is not identified, and what would show it; empty where it is.
+        share: 1-sigma at the end over that at the start; None where one of them is not known.
+        jet: designation of the jet of which a second would tell the most; None where none tells anything.
+        left: share of the 1-sigma at the end that it would leave.
+    """
+
+    parameter: Text
+    flag: Text
+    reason: Text
+    share: Real | None = None
+    jet: Text | None = None
+    left: Real | None = None
+
+
+def unobservable(vehicle: Vehicle, *, accelerometer: bool) -> Array:
+    """The combinations of parameters that stay hidden wherever the center of mass lies, shape (k, 10).
+
+    A row each, as `observability.unobservable` gives them, in units of the 1-sigma at the start; not what is hidden by
+    chance with the center of mass where it is now.
+
+    Args:
+        vehicle: its jets.
+        accelerometer: whether velocity is measured.
+    """
+    parameters = vehicle.nominal.vector()
+    floor = vehicle.center_of_mass_floor or 1.0
+    scale = mass_properties.initial_standard_deviation(parameters, vehicle.uncertainty, floor)
+    parameters[mass_properties.CENTER_OF_MASS] += _OFFSET * floor
+    jacobian = observability.impulse_jacobian(vehicle.wrenches, parameters, accelerometer=accelerometer)
+    return observability.unobservable(jacobian, scale)
+
+
+def identified(scenario: Scenario, estimate: Array, covariance: Array) -> tuple[Identifiability, ...]:
+    """What is known of each parameter at the end of a run.
+
+    Args:
+        scenario: as run.
+        estimate: of the ten parameters, NaN where not observed, shape (10,).
+        covariance: of their errors, shape (10, 10).
+    """
+    vehicle = scenario.vehicle_data
+    limits, accelerometers = params.convergence_limits(scenario), params.accelerometers(scenario)
+    deviation = np.sqrt(covariance.diagonal())
+    good = mass_properties.converged(deviation, estimate, limits)
+    scaling = estimate if good else vehicle.nominal.vector()  # what is not known yet scales nothing
+    limit = identifiability.asked(scaling, limits)
+    start = np.sqrt(params.initial_covariance(scenario).diagonal())
+    hidden = unobservable(vehicle, accelerometer=bool(accelerometers))
+    found = identifiability.flags(start, deviation, limit, (hidden != 0.0).any(axis=0))
+
+    jacobian = observability.impulse_jacobian(
+        vehicle.wrenches * FIRING_S, scaling, accelerometer=bool(accelerometers)
+    ).reshape(len(vehicle.jets), -1, 10)
+    noise = increment_noise(params.gyro(scenario).variance)
+    if accelerometers:
+        nothing = np.zeros((3, 3))
+        noise = np.block([[noise, nothing], [nothing, increment_noise(accelerometers[0].variance)]])
+    best = identifiability.foretold(covariance, jacobian, noise)
+
+    entries = []
+    for element, (name, flag) in enumerate(zip(mass_properties.NAMES, found, strict=True)):
+        useful = flag != Flag.NOT_OBSERVABLE and best.left[element] < _WORTH
+        jet = vehicle.jets[int(best.jet[element])].designation if useful else None
+        share = float(deviation[element] / start[element]) if start[element] > 0.0 else math.nan
+        left = float(best.left[element]) if useful else None
+        reason = _reason(flag, share, float(deviation[element] / limit[element]), jet, left)
+        entries.append(Identifiability(name, str(flag), reason, share if math.isfinite(share) else None, jet, left))
+    return tuple(entries)
+
+
+def _reason(flag: Flag, share: float, excess: float, jet: str | None, left: float | None) -> str:
+    if flag == Flag.IDENTIFIED:
+        return ""
+    if flag == Flag.NOT_OBSERVABLE:
+        return "no jet and no sensor in use shows it alone"
+    told = (
+        f"1-sigma is {excess:.3g} times what is asked"
+        if flag == Flag.WEAK
+        else f"1-sigma is still {100.0 * share:.3g} % of the start's"
+    )
+    if jet is None or left is None:
+        return f"{told}; no jet would tell much of it"
+    return f"{told}; a second of {jet} would leave {100.0 * left:.2g} % of it"
+
+
+def in_words(found: Sequence[Identifiability], symbols: Sequence[str]) -> list[tuple[str, str]]:
+    """What is not identified, as parameter with its flag, and reason.
+
+    Args:
+        found: of the ten parameters.
+        symbols: of each.
+    """
+    return [
+        (f"{symbol} {one.flag.replace('_', ' ')}", one.reason)
+        for one, symbol in zip(found, symbols, strict=False)
+        if one.flag != Flag.IDENTIFIED
+    ]

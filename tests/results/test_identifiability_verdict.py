@@ -1,0 +1,61 @@
+"""What a run says of each parameter: as well as it is known, and what would show it."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+
+from massprop_drake import Run, load_scenario, load_vehicle
+from massprop_drake.display.page import report_html
+from massprop_drake.inputs import params
+from massprop_drake.maths.mass_properties import NAMES
+from massprop_drake.results.identifiability import identified, unobservable
+from massprop_drake.results.summary import Summary
+
+
+def test_a_long_maneuver_identifies_all_ten(sample_run: Run) -> None:
+    found = sample_run.results.identifiability
+    assert [entry.parameter for entry in found] == list(NAMES)
+    assert {entry.flag for entry in found} == {"identified"}
+    assert {entry.reason for entry in found} == {""}
+    assert all(entry.share is not None and entry.share < 0.5 for entry in found)
+
+
+def test_a_short_one_says_what_it_has_not_shown(short_run: Run) -> None:
+    found = {entry.parameter: entry for entry in short_run.results.identifiability}
+    assert found["Iyy_inv"].flag == "identified"
+    assert found["m_inv"].flag == "weak"
+    assert re.fullmatch(r"1-sigma is \d.* times what is asked; a second of \w+ would leave .* % of it",
+                        found["m_inv"].reason)  # fmt: skip
+    html = report_html(short_run)
+    assert "1/m: less is known than is asked" in html
+    assert "1/m weak: 1-sigma is" in html
+
+
+def test_before_anything_has_fired_nothing_is_known() -> None:
+    scenario = load_scenario("sample_maneuver")
+    found = identified(scenario, params.initial_estimate(scenario), params.initial_covariance(scenario))
+    assert {entry.flag for entry in found} == {"not_excited"}
+    assert found[6].share == pytest.approx(1.0)
+    assert found[6].reason.startswith("1-sigma is still 100 % of the start's; a second of ")
+    pitch = found[1]  # the jet named for it must turn the body about y
+    assert pitch.jet is not None
+    vehicle = scenario.vehicle_data
+    wrench = vehicle.wrenches[vehicle.designations.index(pitch.jet)]
+    torque = wrench[:3] - np.cross(vehicle.nominal.center_of_mass, wrench[3:])
+    assert abs(torque[1]) > 0.5 * np.linalg.norm(torque)
+
+
+def test_without_an_accelerometer_the_mass_cannot_be_observed() -> None:
+    vehicle = load_vehicle("orbiter")
+    np.testing.assert_array_equal(unobservable(vehicle, accelerometer=False), np.eye(10)[9:])
+    assert unobservable(vehicle, accelerometer=True).size == 0
+
+
+def test_an_earlier_summary_has_none(short_run: Run) -> None:
+    content = {key: value for key, value in short_run.summary.items() if key != "identifiability"}
+    assert Summary.from_json(content).identifiability == ()
+    again = Summary.from_json(short_run.results.as_json())
+    assert again.identifiability == short_run.results.identifiability
