@@ -190,6 +190,7 @@ def detector_params(vehicle: Vehicle, dispersed: bool, **changed: Any) -> Hypoth
     places = make_places(counts, plain.places.n_lag, (False, False), dispersed, 4)
     joint = plain._replace(
         places=places,
+        prior_sigma=np.append(np.ones(places.scale - places.thrust), np.zeros(places.n_scale + places.n_force)),
         thrust_sigma=0.01 if dispersed else 0.0,
         time_constants_s=plain.time_constants_s * TOLD_WRONG,
         **changed,

@@ -22,6 +22,7 @@ from massprop_drake.maths.estimation.joint.layout import JointParams, JointState
 from massprop_drake.maths.estimation.joint.measurement import outputs, rebased
 from massprop_drake.maths.estimation.joint.prediction import drive, predict
 from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.maths.mass_properties import initial_standard_deviation
 
 JOINT = small_params(
     places=make_places((6, 2, 2), 2, (False, False), False, 2), second_order=False, flows=np.zeros(6), thrust_sigma=0.0
@@ -171,7 +172,8 @@ def test_a_reading_that_lies_once_is_named_and_does_no_harm(component: int, off:
 
 
 def test_a_jump_is_announced_once_with_its_size() -> None:
-    flown = Flight(HypothesisParams(JOINT._replace(increment_sigma=np.append(np.ones(9), 0.1)))).fly(40)
+    widest = initial_standard_deviation(JOINT.start, 1.0, 0.1)  # as filters are told it: a jump is 0.3 of that
+    flown = Flight(HypothesisParams(JOINT._replace(increment_sigma=widest))).fly(40)
     mean = rebased(flown.truth, JOINT).mean.copy()
     mass, gained, where = 1.0 / mean[9], 1.5, np.array([0.4, -0.2, 0.3])
     center = (mass * mean[6:9] + gained * where) / (mass + gained)
