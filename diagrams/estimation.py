@@ -13,6 +13,8 @@ impulses,
 
     jet_commands, gyros, accelerometers --> joint_estimator --> estimate
 
+    evidence --> hypothesis_detector --> replacement (to it), reconfiguration (to the autopilot)
+
 where the impulse model, whose output logs keep, leads nowhere. Any other filter of the registry takes their place, too.
 The same diagram serves the closed loop, the open loop and recorded telemetry.
 """
@@ -32,6 +34,7 @@ from massprop_drake.systems.estimation._readings import Package
 from massprop_drake.systems.estimation.convergence_monitor import ConvergenceMonitor
 from massprop_drake.systems.estimation.failure_detector import FailureDetector
 from massprop_drake.systems.estimation.filter_estimator import FilterEstimator
+from massprop_drake.systems.estimation.hypothesis_detector import HypothesisDetector
 from massprop_drake.systems.estimation.impulse_model import ImpulseModel
 from massprop_drake.systems.estimation.joint_estimator import JointEstimator
 from massprop_drake.systems.estimation.mass_estimator import MassEstimator
@@ -56,9 +59,10 @@ def build(scenario: Scenario) -> Diagram:
             accelerometer: see `MassEstimator`.
         record_time (in, 1), command (in, n_jets), replacement (in, abstract), evidence (out, abstract), joint_report
             (out, 3), with the joint filter, which has neither innovations nor their covariances as outputs: see
-            `JointEstimator`; the inputs may stay unconnected.
+            `JointEstimator`; the inputs may stay unconnected, and replacement is none with a detector.
         reconfiguration (out, 7 + n_jets), closed (out, n_jets), held_closed (out, n_jets),
             detector_report (out, 14 + 4 n_jets), with a detector: see `FailureDetector`.
+        hypothesis_report (out, 8 + 4 n_jets), with that of the joint filter: see `HypothesisDetector`.
     """
     vehicle = scenario.vehicle_data
     builder = DiagramBuilder()
@@ -76,7 +80,9 @@ def build(scenario: Scenario) -> Diagram:
 
     filters = _ADDED.get(scenario.estimation.filter, _add_filter)(builder, scenario, impulses)
     method = params.detector(scenario)
-    if method is not None:
+    if method is not None and method.made_for:
+        _add_hypotheses(builder, scenario, filters[-1])
+    elif method is not None:
         _add_detector(builder, scenario, method, (impulses, *filters), commands)
     diagram = builder.Build()
     diagram.set_name("estimation")
@@ -144,7 +150,8 @@ def _add_joint(builder: DiagramBuilder, scenario: Scenario, _impulses: ImpulseMo
     )
     for name in ("jet_commands", "outside_wrench"):
         builder.ConnectInput(name, estimator.GetInputPort(name))
-    for name in (*scenario.vehicle_data.sensor_names(), "record_time", "command", "replacement"):
+    replaced = () if params.detector(scenario) is not None else ("replacement",)
+    for name in (*scenario.vehicle_data.sensor_names(), "record_time", "command", *replaced):
         builder.ExportInput(estimator.GetInputPort(name), name)
     outputs = ["estimate", "standard_deviation", "covariance", "converged", "rotation_report", "joint_report"]
     for port in [*outputs, *(["mass_report"] if scenario.vehicle_data.accelerometers else []), "evidence"]:
@@ -218,6 +225,18 @@ def _add_detector(
     for system in filters:
         builder.Connect(detector.GetOutputPort("adaptation"), system.GetInputPort("adaptation"))
     for name in ("reconfiguration", "closed", "held_closed"):
+        builder.ExportOutput(detector.GetOutputPort(name), name)
+    builder.ExportOutput(detector.GetOutputPort("report"), "detector_report")
+
+
+def _add_hypotheses(builder: DiagramBuilder, scenario: Scenario, estimator: LeafSystem) -> None:
+    """Puts the detector of the joint filter behind its evidence, before what it goes on from."""
+    detector = builder.AddNamedSystem(
+        "hypothesis_detector", HypothesisDetector(params.detector_params(scenario), jets=params.jets(scenario))
+    )
+    builder.Connect(estimator.GetOutputPort("evidence"), detector.GetInputPort("evidence"))
+    builder.Connect(detector.GetOutputPort("replacement"), estimator.GetInputPort("replacement"))
+    for name in ("reconfiguration", "closed", "held_closed", "hypothesis_report"):
         builder.ExportOutput(detector.GetOutputPort(name), name)
     builder.ExportOutput(detector.GetOutputPort("report"), "detector_report")
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from massprop_drake.maths.estimation.detector import STATUS
+from massprop_drake.maths.estimation.detectors.hypotheses import HYPOTHESIS_REPORT
 from massprop_drake.maths.estimation.filters.joint import JOINT_REPORT
 from massprop_drake.maths.mass_properties import NAMES
 
@@ -84,13 +85,19 @@ SIGNALS = {
         Signal("out_of_use", "jets out of use (1), left in though in question (-1)", "-", ()),
         *(
             Signal(name, row.label, row.unit, (row.component or name,))
-            for layout in (JOINT_REPORT, STATUS)
+            for layout in (JOINT_REPORT, STATUS, HYPOTHESIS_REPORT)
             for name, row in layout.logged.items()
         ),
         Signal("likelihood", "likelihood argument", "-", ()),
         Signal("failure_magnitude", "estimated magnitude of a failure", "{force}", ()),
         Signal("known_force", "known force of a failed jet", "{force}", ()),
         Signal("known_force_variance", "variance of it", "{force}^2", ()),
+        Signal(
+            "verdict", "what is said of a jet: 1 failed, 2 one of a group, 3 changed, 4 withdrawn, 5 erratic", "-", ()
+        ),
+        Signal("verdict_magnitude", "force of that jet's failure", "{force}", ()),
+        Signal("verdict_std", "1-sigma of it", "{force}", ()),
+        Signal("verdict_onset", "when it began", "s", ()),
     )
 }
 

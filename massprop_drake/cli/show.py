@@ -286,8 +286,10 @@ def _detected(entry: DetectionRecord, vehicle: Vehicle) -> str:
     when = f"declared at {entry.time_s:.2f} s, since {entry.onset_s:.2f} s"
     kind = entry.kind.replace("_", " ")
     if entry.magnitude is None or entry.magnitude_std is None:
-        return f"detected:    {kind}, {when}"
-    where = f"jet {entry.jet} (cluster {entry.cluster})" if entry.jet else f"a jet of cluster {entry.cluster}"
+        if entry.mass is None or entry.mass_std is None:
+            return f"detected:    {kind}, {when}"
+        return f"detected:    {kind}: {with_deviation(entry.mass, entry.mass_std)} {vehicle.unit_names['mass']}, {when}"
+    where = f"jet {entry.jet} (cluster {entry.cluster})" if entry.jet else entry.suspects
     force = f"{with_deviation(entry.magnitude, entry.magnitude_std)} {vehicle.unit_names['force']}"
     withdrawn = "" if entry.withdrawn_s is None else f", withdrawn at {entry.withdrawn_s:.2f} s"
     return f"detected:    {kind}: {where}, {force}, {when}{withdrawn}"

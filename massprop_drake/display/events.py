@@ -48,10 +48,11 @@ def found(run: Run) -> list[Mark]:
     for entry in run.results.detections:
         if entry.cluster is None:
             continue
+        named = (entry.jet,) if entry.jet else entry.jets
         jets = tuple(
             index
             for index, jet in enumerate(vehicle.jets)
-            if (jet.designation == entry.jet if entry.jet else jet.cluster == entry.cluster)
+            if (jet.designation in named if named else jet.cluster == entry.cluster)
         )
         until = end_s if entry.withdrawn_s is None else entry.withdrawn_s
         marks.append(Mark(jets, entry.time_s, until, headline(entry)))
@@ -63,8 +64,7 @@ def headline(entry: DetectionRecord) -> str:
     kind = entry.kind.replace("_", " ")
     if entry.cluster is None:
         return kind
-    where = f"jet {entry.jet}" if entry.jet else f"a jet of cluster {entry.cluster}"
-    return f"{where}: {kind.removeprefix('jet ')}"
+    return f"{entry.suspects}: {kind.removeprefix('jet ')}"
 
 
 def commanded(scenario: Scenario, time_s: float) -> str:

@@ -71,7 +71,7 @@ def report_html(run: Run, *, replay: str | None = None) -> str:
         "parameters": _parameters(run),
         "unidentified": in_words(results.identifiability, SYMBOLS),
         "mass": _mass(run),
-        "detections": [_detection(entry, units["force"]) for entry in results.detections],
+        "detections": [_detection(entry, units) for entry in results.detections],
         "autopilot": _autopilot(run),
         "quality": _quality(results.data_quality or {}),
         "scenario": yaml_text(scenario),
@@ -161,11 +161,13 @@ def _mass(run: Run) -> list[str]:
     return lines
 
 
-def _detection(entry: DetectionRecord, force: str) -> dict[str, str]:
+def _detection(entry: DetectionRecord, units: Mapping[str, str]) -> dict[str, str]:
     """Formats a detection: what failed, when, by how much, and how sure that is."""
     magnitude = ""
     if entry.magnitude is not None and entry.magnitude_std is not None:
-        magnitude = f"{with_deviation(entry.magnitude, entry.magnitude_std)} {force}"
+        magnitude = f"{with_deviation(entry.magnitude, entry.magnitude_std)} {units['force']}"
+    elif entry.mass is not None and entry.mass_std is not None:
+        magnitude = f"{with_deviation(entry.mass, entry.mass_std)} {units['mass']}"
     return {
         "what": events.headline(entry),
         "since": f"{entry.onset_s:.2f} s",

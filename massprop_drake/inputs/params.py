@@ -378,4 +378,7 @@ def closes_manifolds(scenario: Scenario) -> bool:
 def detector_params(scenario: Scenario) -> Any:
     """Parameters of the detector that the scenario names; None: there is none."""
     method = detector(scenario)
-    return None if method is None else method.params(jets(scenario), scenario.detector)
+    if method is None:
+        return None
+    of_filter = (FILTERS[method.made_for].params(setup(scenario), scenario),) if method.made_for else ()
+    return method.params(jets(scenario), scenario.detector, *of_filter)

@@ -43,7 +43,7 @@ _DEGREE = np.pi / 180.0
 _ESTIMATION = ("vehicle", "estimation", "rotation", "mass", "joint", "detector")
 USUAL_FILTER: Literal["thesis", "joint"] = "thesis"
 # detectors that a filter goes with
-DETECTORS_OF = {"thesis": ("cglr", "cusum", "off"), "joint": ("off",)}
+DETECTORS_OF = {"thesis": ("cglr", "cusum", "off"), "joint": ("multi_hypothesis", "off")}
 # keys that speak to one filter alone
 _KEYS_OF: dict[str, tuple[tuple[str, ...], ...]] = {
     "thesis": (
@@ -624,7 +624,25 @@ class CusumBlock(Model):
     threshold: Real = described(20.0, "of a sum, above which its jet is declared", "-", gt=0.0)
 
 
-DetectorBlock = Annotated[CglrBlock | CusumBlock, Field(discriminator="kind")]
+class MultiHypothesisBlock(Model):
+    """Detection of failed jets, jumps and false readings with the joint filter, by a race of hypotheses."""
+
+    kind: Literal["multi_hypothesis"] = described(
+        ..., "with estimation.filter: joint; hypotheses about what has failed and when, compared"
+    )
+    trigger_jet: Real = described(
+        28.0, "likelihood argument of a jet's force since any onset, above which hypotheses are compared", "-", gt=0.0
+    )
+    trigger: Real = described(45.0, "the same of anything at all, chi-square of six degrees", "-", gt=0.0)
+    lead: Real = described(6.0, "of the likeliest hypothesis over every other that decides, nats", "-", gt=0.0)
+    lead_nothing: Real = described(12.0, "over the one that nothing has happened, nats", "-", gt=0.0)
+    jump: Real = described(
+        100.0, "over that one, of a jump of the mass properties that is announced, nats", "-", gt=0.0
+    )
+    slots: Whole = described(4, "failed jets whose forces are estimated at a time", "-", ge=1, le=16)
+
+
+DetectorBlock = Annotated[CglrBlock | CusumBlock | MultiHypothesisBlock, Field(discriminator="kind")]
 
 
 class Scenario(Model):
@@ -652,7 +670,9 @@ class Scenario(Model):
     mass: MassBlock = described(MassBlock(), "filter for the mass reciprocal")
     joint: JointBlock = described(JointBlock(), "with estimation.filter: joint")
     detector: DetectorBlock = described(
-        CglrBlock(), "detection of failed jets; each kind has keys of its own; with estimation.filter: joint, off"
+        CglrBlock(),
+        "detection of failed jets; each kind has keys of its own; with estimation.filter: joint, "
+        "multi_hypothesis or off, which is its default",
     )
     failures: tuple[Failure, ...] = described((), "failures of jets")
     jumps: tuple[MassJump, ...] = described((), "payloads that leave or come")

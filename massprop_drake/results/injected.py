@@ -149,6 +149,8 @@ def _is(vehicle: Vehicle, one: InjectedRecord, entry: DetectionRecord) -> bool:
         return one.jet is None and entry.kind == JUMP
     if entry.jet is not None:
         return entry.jet == one.jet
+    if entry.jets:
+        return one.jet in entry.jets
     return entry.cluster == vehicle.jets[vehicle.designations.index(one.jet)].cluster
 
 

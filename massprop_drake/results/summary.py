@@ -186,7 +186,7 @@ class Summary:
             },
             "truth": by_name(self.truth),
             "percent_error": by_name(self.percent_error),
-            "detections": [_without(record, "jet_index") for record in self.detections],
+            "detections": [{**_without(record, "jet_index"), "jets": list(record.jets)} for record in self.detections],
             "consistency": self.consistency._asdict(),
             "identifiability": [entry._asdict() for entry in self.identifiability],
             "injected": None if self.injected is None else [record._asdict() for record in self.injected],

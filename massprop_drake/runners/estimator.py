@@ -16,7 +16,8 @@ from massprop_drake.inputs.model import validated
 from massprop_drake.inputs.scenario import Scenario, check_against_vehicle
 from massprop_drake.inputs.vehicle import SensorPackage, Vehicle
 from massprop_drake.maths.estimation import cycle
-from massprop_drake.maths.estimation.detector import Event
+from massprop_drake.maths.estimation.detector import Event, Judgment
+from massprop_drake.maths.estimation.detectors.multi_hypothesis import Word
 from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
 from massprop_drake.maths.mass_properties import converged
 from massprop_drake.maths.vehicle.sensing import unsaturated
@@ -32,13 +33,17 @@ class Detection(NamedTuple):
     """A failure or a jump declared at a cycle.
 
     Attributes:
-        kind: "jet", "mass_property_jump" or "withdrawn".
+        kind: "jet", "mass_property_jump" or "withdrawn"; with the detector by hypotheses besides "changed" (of the
+            force of a failed jet, erratic or not), "jump_measured" (the size of an earlier jump), "false_reading"
+            and "unexplained". Of several at a cycle the first.
         onset_s: end of the last sample that showed nothing, s.
         cluster: number of the suspected jet's cluster; None for a jump.
         jet: designation of the suspected jet, the likeliest of its cluster; None for a jump.
         isolated: whether the data name the jet, not only its cluster.
         magnitude: force too much (positive) or missing (negative), lbf or N.
         magnitude_std: its 1-sigma.
+        jets: designations of the jets that it may be, the likeliest first; none where only a cluster is known.
+        mass, mass_std: gained in a jump, slug or kg, and its 1-sigma; NaN where the method measures none.
     """
 
     kind: str
@@ -48,6 +53,9 @@ class Detection(NamedTuple):
     isolated: bool
     magnitude: float
     magnitude_std: float
+    jets: tuple[str, ...] = ()
+    mass: float = math.nan
+    mass_std: float = math.nan
 
 
 class EstimatorStep(NamedTuple):
@@ -218,27 +226,41 @@ class Estimator:
             rotation.rotation_nis,
             mass.mass_nis,
             judgment is not None and bool(judgment.status.alarm),
-            None if judgment is None else self._detection(judgment.status),
+            None if judgment is None else self._detection(judgment),
             np.zeros(6) if detector is None else detector.force @ self._unit_wrenches,
             np.zeros(n_jets, dtype=bool) if detector is None else detector.removed != 0.0,
         )
 
-    def _detection(self, status: Any) -> Detection | None:
+    def _detection(self, judgment: Judgment) -> Detection | None:
+        status, own = judgment.status, judgment.own
         event = Event(int(status.detector_event))
         if event == Event.NOTHING:
             return None
-        if event == Event.JUMP:
-            return Detection("mass_property_jump", status.onset, None, None, False, 0.0, 0.0)
+        if event == Event.JUMP or math.isnan(status.suspected_jet):
+            kind = "mass_property_jump" if event == Event.JUMP else _kind(own)
+            found = Detection(kind, status.onset, None, None, False, 0.0, 0.0)
+            return found if own is None else found._replace(mass=own.jump_mass, mass_std=own.jump_mass_std)
         jet = self._vehicle.jets[int(status.suspected_jet)]
+        named = [int(status.suspected_jet)] if status.jet_isolated else []
+        if own is not None and not status.jet_isolated:
+            named = sorted(np.flatnonzero(own.verdict == Word.GROUP).tolist(), key=lambda j: j != status.suspected_jet)
         return Detection(
-            "jet" if event == Event.DECLARED else "withdrawn",
+            {Event.DECLARED: "jet", Event.WITHDRAWN: "withdrawn"}.get(event, "changed"),
             status.onset,
             jet.cluster,
             jet.designation,
             bool(status.jet_isolated),
             status.suspected_magnitude,
             status.suspected_magnitude_std,
+            tuple(self._vehicle.jets[j].designation for j in named),
         )
+
+
+def _kind(own: Any) -> str:
+    """What the detector by hypotheses says that is not of jets and no new jump."""
+    if not math.isnan(own.jump_mass):
+        return "jump_measured"
+    return "unexplained" if math.isnan(own.lying_component) else "false_reading"
 
 
 def _readings(readings: ArrayLike | Mapping[str, ArrayLike], packages: Sequence[SensorPackage], what: str) -> Array:

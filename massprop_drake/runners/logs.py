@@ -23,13 +23,20 @@ from massprop_drake.results.detections import DetectionRecord, detection_entries
 from massprop_drake.results.spool import Spool
 from massprop_drake.results.stored import FORMAT, made_with
 from massprop_drake.results.summary import null_for_nan
-from massprop_drake.systems.layouts import DETECTOR_REPORT, IMPULSES, JOINT_REPORT, MASS_REPORT, ROTATION_REPORT
+from massprop_drake.systems.layouts import (
+    DETECTOR_REPORT,
+    HYPOTHESIS_REPORT,
+    IMPULSES,
+    JOINT_REPORT,
+    MASS_REPORT,
+    ROTATION_REPORT,
+)
 
 Array = NDArray[np.float64]
 SavedState = Mapping[str, Sequence[Sequence[float | None]]]  # vectors by the part of the diagram, NaN as None
 
 # ports of the estimation diagram that are logged, where it has them
-ESTIMATION = ("impulses", "rotation_report", "mass_report", "joint_report", "detector_report")
+ESTIMATION = ("impulses", "rotation_report", "mass_report", "joint_report", "detector_report", "hypothesis_report")
 RECENT = 256  # rows whose times a run keeps for the part that goes on from it
 
 
@@ -58,6 +65,8 @@ def estimation_signals(scenario: Scenario, logs: Mapping[str, Array]) -> dict[st
     if "detector_report" in logs:
         jets = len(scenario.vehicle_data.jets)
         signals |= DETECTOR_REPORT.sized(jets=jets).columns(logs["detector_report"])
+        if "hypothesis_report" in logs:
+            signals |= HYPOTHESIS_REPORT.sized(jets=jets).columns(logs["hypothesis_report"])
     return signals
 
 
@@ -132,11 +141,14 @@ class Intake:
 
 
 def state_groups(diagram: Any, context: Any) -> Groups:
-    """The discrete state of every part of the estimation diagram in a diagram, by name, from the root context."""
+    """The state of every part of the estimation diagram in a diagram, by name, from the root context."""
     groups = {}
     for system in diagram.GetSubsystemByName("estimation").GetSystems():
-        state = system.GetMyContextFromRoot(context).get_discrete_state()
-        if state.num_groups():  # a system of the estimators keeps one vector
+        own = system.GetMyContextFromRoot(context)
+        state = own.get_discrete_state()
+        if own.num_abstract_states():  # a detector whose state is no vector
+            groups[system.get_name()] = system.kept(own)
+        elif state.num_groups():  # a system of the estimators keeps one vector
             groups[system.get_name()] = state.get_vector(0).CopyToVector()
     return groups
 

@@ -165,6 +165,9 @@ class _Estimation:
             logs[own.name] = np.empty((count, own.size))
         if self._params.detector is not None:
             logs["detector_report"] = np.empty((count, DETECTOR_REPORT.sized(jets=len(self._vehicle.jets)).size))
+            said = self._params.detector.report and self._params.detector.report.sized(jets=len(self._vehicle.jets))
+            if said is not None:
+                logs[said.name] = np.empty((count, said.size))
         for index in range(count):
             time_s = self._next_row * self._period_s
             readings = rates[index], velocities[index]
@@ -184,6 +187,8 @@ class _Estimation:
                 logs[own.name][index] = own.pack(filtered.own)
             if judgment is not None:
                 logs["detector_report"][index] = detector_row(judgment, before)
+                if said is not None:
+                    logs[said.name][index] = said.pack(judgment.own)
             self._state = done.state
             self._command = coming
             if rows.outside_wrench is not None:
@@ -211,8 +216,8 @@ class _Estimation:
             signals["outside_wrench"] = rows.outside_wrench
         signals |= estimation_signals(self._scenario, logs)
         signals |= rows.readings
-        if "onset" in signals:
-            signals["onset"] = self._record_time(signals["onset"], rows.time_s)
+        for name in {"onset", "verdict_onset", "unexplained_since"} & set(signals):
+            signals[name] = self._record_time(signals[name], rows.time_s)
         return signals
 
     def _record_time(self, diagram_s: Array, time_s: Array) -> Array:

@@ -258,7 +258,7 @@ def _cycle_times(diagram: Any, cycles: int) -> dict[str, float | None]:
         for system in estimation.GetSystems()
         if hasattr(system, "stopwatch")
     }
-    detector = spent.pop("failure_detector", None)
+    detector = next((spent.pop(name) for name in ("failure_detector", "hypothesis_detector") if name in spent), None)
     selection = None
     if diagram.HasSubsystemNamed("autopilot"):
         autopilot = diagram.GetSubsystemByName("autopilot")

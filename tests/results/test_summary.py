@@ -213,6 +213,7 @@ def test_the_kind_follows_from_the_force(orbiter: Vehicle, magnitude: float, std
         magnitude_std=std,
         statistic=77.0,
         alarms=2,
+        jets=("R4R",),
         jet_index=jet,
     )
 

@@ -209,7 +209,7 @@ def saved(state: EstimationState, params: EstimationParams) -> Groups:
     memory = MEMORY.sized(jets=state.level.size).pack((state.command, state.level))
     groups = {"impulse_model": memory, **params.filter.saved(state.filter, params.filter_params)}
     if params.detector is not None:
-        groups["failure_detector"] = params.detector.layout(params.detector_params).pack(state.detector)
+        groups[params.detector.group] = params.detector.kept(state.detector, params.detector_params)
     return groups
 
 
@@ -224,16 +224,7 @@ def restored(groups: Groups, params: EstimationParams) -> EstimationState:
         raise ValueError("impulse_model: commands and levels must be fractions of 0 to 1")
     detector = None
     if params.detector is not None:
-        initial = params.detector.initial(params.detector_params)
-        vector = groups["failure_detector"]
-        read = params.detector.layout(params.detector_params).read(vector)
-        detector = type(initial)(*read)
-        if not np.isfinite(vector).all():
-            raise ValueError("failure_detector: must be finite")
-        if (detector.variance < 0.0).any():
-            raise ValueError("failure_detector: variances of known forces must be zero or positive")
-        if not all(np.isin(flags, (0.0, 1.0)).all() for flags in (detector.removed, detector.closed)):
-            raise ValueError("failure_detector: removed and closed must be 0 or 1 for each jet")
+        detector = params.detector.taken_up(groups[params.detector.group], params.detector_params)
     state = params.filter.restored(groups, params.filter_params)
     covariance = params.filter.covariance(state)
     observed = ~np.isnan(params.filter.covariance(params.filter.initial(params.filter_params)).diagonal())

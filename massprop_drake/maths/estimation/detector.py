@@ -27,6 +27,7 @@ class Event(IntEnum):
     DECLARED = 1  # a failed jet
     JUMP = 2  # of the mass properties
     WITHDRAWN = 3  # of an earlier declaration nothing is left
+    OTHER = 4  # something else, which the method's own report says
 
 
 class Jets(NamedTuple):
@@ -114,7 +115,7 @@ STATUS = Layout(
     "status",
     tested=Field("sample tested for failed jets"),
     alarm=Field("alarm of a failed jet"),
-    detector_event=Field("0 none, 1 failure declared, 2 jump, 3 withdrawn", component="event"),
+    detector_event=Field("0 none, 1 failure declared, 2 jump, 3 withdrawn, 4 other", component="event"),
     suspected_cluster=Field("likeliest cluster", component="cluster"),
     suspected_jet=Field("index of the likeliest jet", component="jet"),
     jet_isolated=Field("alarm names the jet", component="isolated"),
@@ -139,6 +140,7 @@ class Judgment(NamedTuple):
         likelihood: statistic of every jet, NaN where the sample was not tested, shape (n_jets,).
         magnitude: estimated force of every jet's failure, lbf or N, likewise.
         replacement: a state that the filter is to go on from in place of its own; None: it keeps its own.
+        own: what the method logs besides, the fields of `Detector.report`; None: nothing.
     """
 
     state: Any
@@ -147,26 +149,65 @@ class Judgment(NamedTuple):
     likelihood: Array
     magnitude: Array
     replacement: Any = None
+    own: Any = None
 
 
 class Detector(NamedTuple):
     """A method of finding failed jets.
 
-    Its state is a named tuple of floats and arrays. Among its fields are `force` and `variance`, the known force of
-    each failed jet, lbf or N, and its variance, zero where none is known; `removed`, 1 for each jet to be taken out
-    of use; and `closed`, 1 for each jet whose manifold has been closed; shape (n_jets,) each.
+    Its state is a named tuple, of floats and arrays alone where it has a layout. Among its fields are `force` and
+    `variance`, the known force of each failed jet, lbf or N, and its variance, zero where none is known; `removed`, 1
+    for each jet to be taken out of use; and `closed`, 1 for each jet whose manifold has been closed; shape (n_jets,)
+    each.
 
     Attributes:
-        params: (jets, options) -> parameters; options are the scenario's block, word for word.
+        params: (jets, options) -> parameters; options are the scenario's block, word for word. With `made_for` it
+            takes the filter's parameters besides.
         initial: params -> state at the start.
-        layout: params -> fields of the state, packed.
         known_force: (state, ten predicted parameters, command, params) -> `KnownForce`; `NO_KNOWN_FORCE` itself
             where none acts.
-        judge: (state, evidence, params) -> `Judgment`.
+        judge: (state, evidence, params) -> `Judgment`; the evidence is an `Evidence`, or what the filter that it is
+            made for gives.
+        layout: params -> fields of the state, packed; None: it is kept by `saved` and `restored`.
+        saved: (state, params) -> a vector to keep it by.
+        restored: (vector, params) -> state; raises ValueError when the detector cannot have left it.
+        made_for: name of the one filter that it goes with; empty: any whose evidence is a `Joint`.
+        group: the system that holds the state in a diagram.
+        report: fields of `Judgment.own`, a signal each; a size "jets" is the number of jets; None: none.
     """
 
-    params: Callable[[Jets, Any], Any]
+    params: Callable[..., Any]
     initial: Callable[[Any], Any]
-    layout: Callable[[Any], Layout]
     known_force: Callable[[Any, Array, Array, Any], KnownForce]
-    judge: Callable[[Any, Evidence, Any], Judgment]
+    judge: Callable[[Any, Any, Any], Judgment]
+    layout: Callable[[Any], Layout] | None = None
+    saved: Callable[[Any, Any], Array] | None = None
+    restored: Callable[[Array, Any], Any] | None = None
+    made_for: str = ""
+    group: str = "failure_detector"
+    report: Layout | None = None
+
+    def kept(self, state: Any, params: Any) -> Array:
+        """The state as a vector."""
+        if self.layout is not None:
+            return self.layout(params).pack(state)
+        assert self.saved is not None, "a detector has a layout, or keeps its state itself"
+        return self.saved(state, params)
+
+    def taken_up(self, vector: Array, params: Any) -> Any:
+        """The inverse of `kept`.
+
+        Raises:
+            ValueError: when the detector cannot have left such a state.
+        """
+        if self.layout is None:
+            assert self.restored is not None, "a detector has a layout, or keeps its state itself"
+            return self.restored(vector, params)
+        state = type(self.initial(params))(*self.layout(params).read(vector))
+        if not np.isfinite(vector).all():
+            raise ValueError(f"{self.group}: must be finite")
+        if (state.variance < 0.0).any():
+            raise ValueError(f"{self.group}: variances of known forces must be zero or positive")
+        if not all(np.isin(flags, (0.0, 1.0)).all() for flags in (state.removed, state.closed)):
+            raise ValueError(f"{self.group}: removed and closed must be 0 or 1 for each jet")
+        return state

@@ -78,6 +78,7 @@ class FailureDetector(LeafSystem):
         self._predicted = self.DeclareVectorInputPort("predicted", 10)
         initial = detector.initial(params)
         self._state_of = type(initial)
+        assert detector.layout is not None, "a state that is no vector needs a system of its own"
         self._layout = detector.layout(params)
         self._variance = self._layout.slice("variance")
         self._memory = self.DeclareDiscreteState(self._layout.pack(initial))

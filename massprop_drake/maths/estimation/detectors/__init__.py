@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from massprop_drake.maths.estimation.detector import Detector
-from massprop_drake.maths.estimation.detectors import cglr, cusum
+from massprop_drake.maths.estimation.detectors import cglr, cusum, hypotheses
 
 DETECTORS: dict[str, Detector] = {
     "cglr": cglr.DETECTOR,
     "cusum": cusum.DETECTOR,
+    "multi_hypothesis": hypotheses.DETECTOR,
 }

@@ -51,6 +51,7 @@ _LEAK_FLOOR, _LOSS_FLOOR = 0.002, 0.05  # of full thrust: below, thrust errors a
 _LEAST_FLOOR = 0.00115  # of the largest jet's thrust: 1 lbf of 870
 _CHANGE = 0.1  # of full thrust, by which a known force must differ to be said to have changed
 _ERRATIC_AFTER = 3  # changes
+_MEASURED = 0.1  # of a payload's mass, to which it is known when its size is told
 _ONSET_SHARE = 0.7  # of the largest statistic: older onsets explain the end point as well
 
 
@@ -86,7 +87,8 @@ class JetsDeclared(NamedTuple):
 
 
 class JumpDeclared(NamedTuple):
-    """A jump of the mass properties; first when it is found, and again when the filter has settled after it.
+    """A jump of the mass properties; first when it is found, and again when the filter has settled after it and knows
+    the mass to a tenth.
 
     Attributes:
         measured: whether this is the second time.
@@ -248,8 +250,9 @@ def judge(
     joint = params.joint
     told = np.nan_to_num(sample.commands, nan=0.0).max(axis=0) > 0.0
     state = state._replace(cycle=state.cycle + 1, commanded=state.commanded + told)
-    if not before.started:
-        return Judgment(state, None, after, (), Status())
+    if report.course is None:  # the first sample, or the first after a gap: nothing before it can be compared
+        quiet = state._replace(bank=banks.empty(joint.places), history=History(state.cycle, ()), race=None)
+        return Judgment(quiet, _restless(quiet, after, after, joint), after, (), Status())
     state, again, report, sample = _probation(state, before, (after, report), sample, joint)
     if not again.guarded or report.incremented:  # an increment forgets what a race would compare
         quiet = state._replace(bank=banks.empty(joint.places), history=History(state.cycle, ()), race=None)
@@ -447,8 +450,10 @@ def _known_now(state: State, now: JointState, params: JointParams) -> tuple[Stat
     """What is known only now: failures too small before, forces that have changed, and the size of a jump."""
     said: list[Declaration] = []
     if state.earlier is not None and settled(now, params):
-        said.append(_jump(state.earlier, now, True, params))
-        state = state._replace(earlier=None)
+        size = _jump(state.earlier, now, True, params)
+        if size.mass_sigma < _MEASURED * abs(size.mass):
+            said.append(size)
+            state = state._replace(earlier=None)
     for slot in np.flatnonzero((now.slot_jet >= 0) & (state.erratic == 0.0)).tolist():
         jet, sign = int(now.slot_jet[slot]), int(now.slot_sign[slot])
         force, sigma = _force(now, slot, params)

@@ -115,7 +115,8 @@ def make_params(setup: Setup, options: Any) -> JointFilterParams:
     of_gyros, gyro_prior = _scaled(np.repeat(gyros.bias_std, 3))
     of_accelerometers, acceleration_prior = _scaled(np.repeat(accelerometers.bias_std, 3))
     biases = (gyro_prior.shape[0] > 0, acceleration_prior.shape[0] > 0)
-    places = make_places(counts, lag_prior.shape[0], biases, thrust_prior.shape[0] > 0, 0)
+    slots = int(getattr(options.detector, "slots", 0)) if counts[2] > 0 else 0  # forces of failed jets, as states
+    places = make_places(counts, lag_prior.shape[0], biases, thrust_prior.shape[0] > 0, slots)
     rest = np.zeros(places.n_scale + places.n_force)
     variances = np.concatenate((setup.gyro_variances, setup.accelerometer_variances))
     diagonal, center, reciprocal = setup.limits.tolist()

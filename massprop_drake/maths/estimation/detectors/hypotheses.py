@@ -1,0 +1,278 @@
+"""The detector by hypotheses as one of the registry: what it remembers, what logs keep, which jets are put out of use.
+
+The mathematics is in `multi_hypothesis`. Its evidence is a `JointEvidence`. Forces of failed jets are states of the
+filter, so that none acts through the impulse model; those that have been declared stand in `force` and `variance` for
+the autopilot and the logs. A jet that is named alone is put out of use until its declaration is withdrawn; of a group
+none is.
+
+Bank and race are snapshots of the filter by the dozen. A saved state has what has been said, and not these: after a
+restart the bank begins anew, so that a race that was under way begins anew with the next alarm.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from massprop_drake.maths.arrays import FLAG, NUMBER, Field, Layout
+from massprop_drake.maths.estimation.adaptation import NO_ADAPTATION
+from massprop_drake.maths.estimation.detector import NO_KNOWN_FORCE, STATUS, Detector, Event, Jets, Judgment
+from massprop_drake.maths.estimation.detectors import multi_hypothesis
+from massprop_drake.maths.estimation.detectors.multi_hypothesis import (
+    Declaration,
+    HypothesisParams,
+    JetsDeclared,
+    JumpDeclared,
+    ReadingDeclared,
+    Status,
+    Unexplained,
+    Word,
+)
+from massprop_drake.maths.estimation.filters.joint import JointFilterParams
+from massprop_drake.maths.estimation.joint.cycle import JointEvidence
+from massprop_drake.maths.estimation.joint.decision import Levels
+from massprop_drake.maths.estimation.joint.hypotheses import Kind
+from massprop_drake.maths.estimation.joint.layout import JointState, pack, state_layout, unpack
+from massprop_drake.maths.estimation.joint.race import History
+from massprop_drake.maths.linear_algebra import Array
+
+GROUP = "hypothesis_detector"  # the system that holds the state in a diagram
+
+# what is logged of every cycle besides what all detectors log; NaN where nothing is said
+HYPOTHESIS_REPORT = Layout(
+    "hypothesis_report",
+    racing=Field("hypotheses are compared"),
+    lead=Field("lead of the likeliest hypothesis, nats"),
+    told_apart_by=Field("index of the jet that, fired alone, would tell a group apart", component="jet"),
+    jump_mass=Field("mass gained in a jump", "{mass}", "mass"),
+    jump_mass_std=Field("1-sigma of it", "{mass}", "std"),
+    jump_measured=Field("it is that of an earlier jump, measured since", component="measured"),
+    lying_component=Field("index of a component that reads falsely", component="component"),
+    unexplained_since=Field("onset of what nothing explains", "s", "onset"),
+    verdict="jets",
+    verdict_magnitude="jets",
+    verdict_std="jets",
+    verdict_onset="jets",
+)
+
+
+class State(NamedTuple):
+    """All that is remembered. Never changed; a cycle makes a new one.
+
+    Attributes:
+        method: see `multi_hypothesis.State`.
+        force, variance: of the jets that are declared, as the filter has them, lbf or N, shape (n_jets,).
+        removed: 1 for each jet that is named alone, shape (n_jets,).
+        closed: 1 for each jet whose manifold is closed: none, shape (n_jets,).
+    """
+
+    method: multi_hypothesis.State
+    force: Array
+    variance: Array
+    removed: Array
+    closed: Array
+
+
+def make_params(_jets: Jets, options: Any, filter_params: JointFilterParams) -> HypothesisParams:
+    """Parameters from those of the filter and the scenario's block."""
+    levels = Levels(options.lead, options.lead_nothing, options.jump)
+    return HypothesisParams(filter_params.joint, options.trigger_jet, options.trigger, levels)
+
+
+def initial(params: HypothesisParams) -> State:
+    """Before the first sample."""
+    none = np.zeros(params.joint.places.jets)
+    return State(multi_hypothesis.initial(params.joint), none, none, none, none)
+
+
+def judge(state: State, evidence: JointEvidence, params: HypothesisParams) -> Judgment:
+    """What is made of a cycle of the filter.
+
+    Args:
+        state: of the cycle before.
+        evidence: see `JointEvidence`.
+        params: see `HypothesisParams`.
+
+    Raises:
+        NotPositiveDefiniteError: see `joint.cycle.step`.
+    """
+    tested = bool(state.method.bank.states) and evidence.report.course is not None
+    before, after = evidence.before, evidence.after
+    found = multi_hypothesis.judge(state.method, before, after, evidence.report, evidence.sample, params)
+    now = after if found.replacement is None else found.replacement
+    said = found.declarations
+    force, variance = _declared(found.state, now, params)
+    kept = State(found.state, force, variance, _removed(state.removed, said), state.closed)
+    race = found.state.race or state.method.race
+    alarms = 0 if race is None else found.state.cycle - race.triggered + 1
+    likelihood = np.full(params.joint.places.jets, np.nan)
+    own = _own(said, found.status, likelihood.size)
+    return Judgment(
+        state=kept,
+        adaptation=NO_ADAPTATION,
+        status=_status(said, found.status, tested, alarms),
+        likelihood=likelihood,
+        magnitude=own.verdict_magnitude,
+        replacement=found.replacement,
+        own=own,
+    )
+
+
+def _declared(method: multi_hypothesis.State, now: JointState, params: HypothesisParams) -> tuple[Array, Array]:
+    """Force and variance of each jet that has been declared, shape (n_jets,) each."""
+    places = params.joint.places
+    force, variance = np.zeros(places.jets), np.zeros(places.jets)
+    for slot in np.flatnonzero((now.slot_jet >= 0) & (method.announced > 0.0)).tolist():
+        jet, row = int(now.slot_jet[slot]), now.root[places.force + slot]
+        force[jet] += now.slot_sign[slot] * now.mean[places.force + slot]
+        variance[jet] += row @ row
+    return force, variance
+
+
+def _removed(removed: Array, said: tuple[Declaration, ...]) -> Array:
+    """1 for each jet that is to be out of use."""
+    for one in said:
+        if isinstance(one, JetsDeclared) and one.word != Word.GROUP:
+            removed = removed.copy()
+            removed[list(one.jets)] = float(one.word != Word.WITHDRAWN)
+    return removed
+
+
+def _status(said: tuple[Declaration, ...], status: Status, tested: bool, alarms: int) -> Any:
+    """What all detectors log: of several declarations the first."""
+    likeliest = status.likeliest
+    row: dict[str, float] = {"suspected_likelihood": status.likelihood}
+    if likeliest is not None and likeliest.cause.kind == Kind.JETS:
+        row["suspected_jet"] = float(likeliest.cause.jets[0])
+        if likeliest.force:
+            row["suspected_magnitude"] = likeliest.cause.signs[0] * likeliest.force[0]
+            row["suspected_magnitude_std"] = likeliest.sigma[0]
+    alarm = "suspected_jet" in row
+    event = Event.NOTHING
+    if said:
+        first = said[0]
+        event = _event(first)
+        row = {key: value for key, value in row.items() if key == "suspected_likelihood"}
+        row |= {"onset": first.onset_s, "alarms": float(alarms)}
+        if isinstance(first, JetsDeclared):
+            row["suspected_jet"] = float(first.jets[0])
+            row["suspected_magnitude"] = first.signs[0] * first.forces[0]
+            row["suspected_magnitude_std"] = first.sigmas[0]
+            row["jet_isolated"] = float(first.word != Word.GROUP)
+    return STATUS.make(tested=float(tested), alarm=float(alarm), detector_event=float(event), **row)
+
+
+def _event(one: Declaration) -> Event:
+    if isinstance(one, JetsDeclared):
+        return _EVENTS.get(one.word, Event.OTHER)
+    return Event.JUMP if isinstance(one, JumpDeclared) and not one.measured else Event.OTHER
+
+
+_EVENTS = {Word.FAILED: Event.DECLARED, Word.GROUP: Event.DECLARED, Word.WITHDRAWN: Event.WITHDRAWN}
+
+
+def _own(said: tuple[Declaration, ...], status: Status, n_jets: int) -> Any:
+    """What this detector logs, as `HYPOTHESIS_REPORT`."""
+    verdict = np.zeros(n_jets)
+    magnitude, std, onset = (np.full(n_jets, np.nan) for _ in range(3))
+    row: dict[str, float] = {}
+    for one in said:
+        match one:
+            case JetsDeclared():
+                jets = list(one.jets)
+                verdict[jets] = float(one.word)
+                magnitude[jets] = np.array(one.signs) * np.array(one.forces)
+                std[jets], onset[jets] = one.sigmas, one.onset_s
+                if one.told_apart_by >= 0:
+                    row["told_apart_by"] = float(one.told_apart_by)
+            case JumpDeclared():
+                row |= {"jump_mass": one.mass, "jump_mass_std": one.mass_sigma, "jump_measured": float(one.measured)}
+            case ReadingDeclared():
+                row["lying_component"] = float(one.component)
+            case Unexplained():
+                row["unexplained_since"] = one.onset_s
+    lead = status.lead if status.racing else math.nan
+    of_jets = {"verdict": verdict, "verdict_magnitude": magnitude, "verdict_std": std, "verdict_onset": onset}
+    return HYPOTHESIS_REPORT.make(racing=float(status.racing), lead=lead, **row, **of_jets)
+
+
+# --------------------------------------------------------------------------------------- kept states
+
+_SAVED = Layout(
+    "hypotheses",
+    cycle=NUMBER,
+    commanded="jets",
+    announced="forces",
+    changes="forces",
+    erratic="forces",
+    lying="outputs",
+    force="jets",
+    variance="jets",
+    removed="jets",
+    jumped=FLAG,
+    earlier="state",
+)
+
+
+def _layout(params: HypothesisParams) -> Layout:
+    places = params.joint.places
+    return _SAVED.sized(
+        jets=places.jets,
+        forces=places.n_force,
+        outputs=3 * (places.gyros + places.accelerometers),
+        state=state_layout(places).size,
+    )
+
+
+def saved(state: State, params: HypothesisParams) -> Array:
+    """What has been said and what it rests on, without bank and race."""
+    method, places = state.method, params.joint.places
+    jumped = method.earlier is not None
+    earlier = np.zeros(state_layout(places).size) if method.earlier is None else pack(method.earlier, places)
+    known = (method.cycle, method.commanded, method.announced, method.changes, method.erratic, method.lying)
+    return _layout(params).pack((*known, state.force, state.variance, state.removed, jumped, earlier))
+
+
+def restored(vector: Array, params: HypothesisParams) -> State:
+    """The inverse of `saved`; the bank begins anew.
+
+    Raises:
+        ValueError: when the state holds what the detector cannot leave.
+    """
+    read = _layout(params).read(vector)
+    if not np.isfinite(vector).all():
+        raise ValueError(f"{GROUP}: must be finite")
+    if (read.variance < 0.0).any():
+        raise ValueError(f"{GROUP}: variances of known forces must be zero or positive")
+    if not all(np.isin(flags, (0.0, 1.0)).all() for flags in (read.removed, read.erratic, read.lying)):
+        raise ValueError(f"{GROUP}: removed, erratic and lying must be 0 or 1")
+    counts = (np.array([read.cycle]), read.commanded, read.changes)
+    if not all(((one >= 0.0) & (one == np.round(one))).all() for one in counts):
+        raise ValueError(f"{GROUP}: counts must be whole numbers, zero or positive")
+    fresh = initial(params)
+    method = fresh.method._replace(
+        cycle=int(read.cycle),
+        history=History(int(read.cycle), ()),
+        commanded=read.commanded,
+        announced=read.announced,
+        changes=read.changes,
+        erratic=read.erratic,
+        lying=read.lying,
+        earlier=unpack(read.earlier, params.joint.places) if read.jumped else None,
+    )
+    return fresh._replace(method=method, force=read.force, variance=read.variance, removed=read.removed)
+
+
+DETECTOR = Detector(
+    made_for="joint",
+    params=make_params,
+    initial=initial,
+    known_force=lambda *_: NO_KNOWN_FORCE,
+    judge=judge,
+    saved=saved,
+    restored=restored,
+    group=GROUP,
+    report=HYPOTHESIS_REPORT,
+)

@@ -1,0 +1,142 @@
+"""Finds failed jets, jumps and false readings by a race of hypotheses about what the joint filter sees."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from pydrake.common.value import Value
+from pydrake.systems.framework import LeafSystem
+
+from massprop_drake.maths.estimation.detector import Event, Jets, Judgment
+from massprop_drake.maths.estimation.detectors import hypotheses
+from massprop_drake.maths.estimation.detectors.multi_hypothesis import HypothesisParams
+from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.systems.caching import Cached, Stopwatch
+from massprop_drake.systems.layouts import DETECTOR_REPORT, HYPOTHESIS_REPORT, RECONFIGURATION, detector_row
+
+
+class Memory(NamedTuple):
+    """What the system remembers. Never changed; a cycle makes a new one.
+
+    Attributes:
+        before: state before the newest sample that has been judged.
+        judgment: of it, with the state after it; None: none has been judged.
+        time_s: of that sample.
+    """
+
+    before: hypotheses.State
+    judgment: Judgment | None
+    time_s: float
+
+    @property
+    def state(self) -> hypotheses.State:
+        """After it."""
+        after: hypotheses.State = self.before if self.judgment is None else self.judgment.state
+        return after
+
+    def __deepcopy__(self, _memo: Any) -> Memory:
+        """Itself: a clone of a context shares what is never changed."""
+        return self
+
+
+class HypothesisDetector(LeafSystem):
+    r"""The detector by hypotheses, see `massprop_drake.maths.estimation.detectors.multi_hypothesis`.
+
+    Ports:
+        evidence (in, abstract): `maths.estimation.joint.cycle.JointEvidence`, see `JointEstimator`. Required.
+        replacement (out, abstract): the state from which the filter is to go on, or None; see `JointEstimator`.
+        reconfiguration (out, 7 + n_jets), closed (out, n_jets), held_closed (out, n_jets), report (out, 14 +
+            4 n_jets): see `FailureDetector`. The forces are those that the filter has as states; no manifold is
+            closed; magnitudes are those of the jets that are declared at this sample.
+        hypothesis_report (out, 8 + 4 n_jets): packed as `layouts.HYPOTHESIS_REPORT`, for logs: what is said of jumps
+            and readings; and of every jet, as `detectors.multi_hypothesis.Word`, with force, its 1-sigma and onset.
+
+    State: abstract, `Memory`: bank and race are tuples of snapshots that are never changed, so that a cycle shares
+    all but the newest with the one before, and so does a clone.
+
+    Timing: outputs at t_k judge the interval [t_k-1, t_k). Drake updates abstract state before the discrete state of
+    other systems at the same instant: the state therefore holds the newest judgment with its time, and outputs at that
+    time are taken from it.
+
+    Args:
+        params: see `HypothesisParams`.
+        jets: see `maths.estimation.detector.Jets`.
+    """
+
+    def __init__(self, params: HypothesisParams, *, jets: Jets):
+        super().__init__()
+        self.set_name(hypotheses.GROUP)
+        self._params, self._jets = params, jets
+        n_jets = jets.thrusts.size
+        self._reconfiguration = RECONFIGURATION.sized(jets=n_jets)
+        self._report = HYPOTHESIS_REPORT.sized(jets=n_jets)
+        self.stopwatch = Stopwatch()
+        self._evidence = self.DeclareAbstractInputPort("evidence", Value[object](None))
+        start = Memory(hypotheses.initial(params), None, -np.inf)
+        self._memory = self.DeclareAbstractState(Value[object](start))
+        read = {self.xa_ticket(), self.time_ticket(), self.all_input_ports_ticket()}
+        self._judgment = Cached(self, "judgment", self._judge, read)
+        judged = {self._judgment.ticket}
+        self.DeclareAbstractOutputPort(
+            "replacement",
+            alloc=lambda: Value[object](None),
+            calc=self._calc_replacement,
+            prerequisites_of_calc=judged,
+        )
+        for name, size, calc in (
+            ("reconfiguration", self._reconfiguration.size, self._calc_reconfiguration),
+            ("closed", n_jets, self._calc_closed),
+            ("report", DETECTOR_REPORT.sized(jets=n_jets).size, self._calc_report),
+            ("hypothesis_report", self._report.size, self._calc_hypotheses),
+        ):
+            self.DeclareVectorOutputPort(name, size, calc, prerequisites_of_calc=judged)
+        self.DeclareVectorOutputPort(
+            "held_closed", n_jets, self._calc_held_closed, prerequisites_of_calc={self.xa_ticket()}
+        )
+        self.DeclarePeriodicUnrestrictedUpdateEvent(period_sec=jets.period_s, offset_sec=0.0, update=self._update)
+
+    def kept(self, context: Any) -> Array:
+        """The state as a vector, see `detectors.hypotheses.saved`."""
+        return hypotheses.saved(self._remembered(context).state, self._params)
+
+    def _remembered(self, context: Any) -> Memory:
+        memory: Memory = context.get_abstract_state(self._memory).get_value()
+        return memory
+
+    def _judge(self, context: Any) -> Memory:
+        memory, time_s = self._remembered(context), context.get_time()
+        if memory.judgment is not None and memory.time_s == time_s:
+            return memory
+        evidence = self._evidence.Eval(context)
+        judgment = self.stopwatch.measure(hypotheses.judge, memory.state, evidence, self._params)
+        return Memory(memory.state, judgment, time_s)
+
+    def _judged(self, context: Any) -> Judgment:
+        judgment: Judgment = self._judgment.get(self, context).judgment
+        return judgment
+
+    def _calc_replacement(self, context: Any, output: Any) -> None:
+        output.set_value(self._judged(context).replacement)
+
+    def _calc_reconfiguration(self, context: Any, output: Any) -> None:
+        judgment = self._judged(context)
+        declared = judgment.status.detector_event == Event.DECLARED
+        wrench = judgment.state.force @ self._jets.unit_wrenches
+        output.SetFromVector(self._reconfiguration.pack((declared, wrench, judgment.state.removed)))
+
+    def _calc_closed(self, context: Any, output: Any) -> None:
+        output.SetFromVector(self._judged(context).state.closed)
+
+    def _calc_held_closed(self, context: Any, output: Any) -> None:
+        output.SetFromVector(self._remembered(context).state.closed)
+
+    def _calc_report(self, context: Any, output: Any) -> None:
+        before, judgment, _ = self._judgment.get(self, context)
+        output.SetFromVector(detector_row(judgment, before))
+
+    def _calc_hypotheses(self, context: Any, output: Any) -> None:
+        output.SetFromVector(self._report.pack(self._judged(context).own))
+
+    def _update(self, context: Any, state: Any) -> None:
+        state.get_mutable_abstract_state(self._memory).set_value(self._judgment.get(self, context))
