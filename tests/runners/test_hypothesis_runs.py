@@ -1,0 +1,139 @@
+"""The detector by hypotheses through every runner: the same bits, restarts, what is said and what is refused."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from replay_probe import replayed
+
+from massprop_drake import Estimator, InputError, Run, Scenario, estimate, load_scenario, simulate
+from massprop_drake.runners.recorded import settings_alone
+
+ACCELEROMETERS = ("acc1", "acc2", "acc3")
+NEAR = [
+    "estimation={filter: joint, start: nominal, std_fraction: 0.001}",
+    "joint={settled_after: 10, tank_fraction: 0, thrust_uncertainty: 0}",
+]
+
+
+@pytest.fixture(scope="module")
+def scenario() -> Scenario:
+    """A leak in a flight whose filter starts near the truth and soon settles."""
+    return load_scenario(
+        "leak_named", ["duration_s=9", *NEAR, "failures=[{kind: leak, jet: L4D, start_s: 7, force: 10}]"]
+    )
+
+
+@pytest.fixture(scope="module")
+def flown(scenario: Scenario) -> Run:
+    return simulate(scenario)
+
+
+@pytest.fixture(scope="module")
+def folder(flown: Run, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return flown.save(tmp_path_factory.mktemp("hypotheses") / "run", pictures=False, report=False)
+
+
+def test_record_and_replay_diagram_give_the_bits_of_the_flight(flown: Run, folder: Path) -> None:
+    found = estimate(folder / "telemetry.csv", load_scenario(folder))
+    second = replayed(folder / "telemetry.csv", settings_alone(flown.scenario))
+    for name, expected in second.signals.items():
+        np.testing.assert_array_equal(found[name], expected, err_msg=name)
+        np.testing.assert_array_equal(flown[name], expected, err_msg=name)
+    assert {"verdict", "verdict_onset", "racing", "jump_mass", "likelihood", "known_force"} <= set(second.signals)
+    assert flown["racing"].any()
+    assert found.state["states"] == flown.state["states"] == second.states
+    assert found.summary["detections"] == flown.summary["detections"] != []
+
+
+def _steps(dut: Estimator, run: Run, rows: range) -> list[tuple[float, str, str | None]]:
+    """Steps over rows of a run, which must give its estimates; what is declared when."""
+    said = []
+    for row in rows:
+        readings = {name: run[name][row] for name in ACCELEROMETERS}
+        step = dut.step(run.time_s[row], run["gyro"][row], readings, run["command"][row])
+        np.testing.assert_array_equal(step.estimate, run["estimate"][row])
+        if row + 1 < len(run.time_s):  # the autopilot does without them from the next sample on
+            np.testing.assert_array_equal(step.removed, run["out_of_use"][row + 1] == 1.0)
+        if step.detection is not None:
+            said.append((step.time_s, step.detection.kind, step.detection.jet))
+    return said
+
+
+def test_the_estimator_gives_them_too(scenario: Scenario, flown: Run) -> None:
+    dut = Estimator(scenario.vehicle_data, scenario)
+    (record,) = flown.results.detections
+    assert _steps(dut, flown, range(len(flown.time_s))) == [(record.time_s, "jet", "L4D")]
+
+
+def test_after_a_restart_what_was_said_is_not_said_again(scenario: Scenario, flown: Run) -> None:
+    """The bank begins anew; slot, force and the jets out of use are those of before."""
+    dut = Estimator(scenario.vehicle_data, scenario)
+    (record,) = flown.results.detections
+    row = int(np.searchsorted(flown.time_s, record.time_s)) + 1
+    _steps(dut, flown, range(row))
+    kept = json.loads(json.dumps(dut.state))
+    again = Estimator(scenario.vehicle_data, scenario)
+    again.restore(kept)
+    assert again.state == kept
+    assert _steps(again, flown, range(row, len(flown.time_s))) == []
+
+
+@pytest.mark.parametrize(
+    ("place", "value", "message"),
+    [(0, 0.5, "counts must be whole numbers"), (1, None, "must be finite"), (0, -1.0, "zero or positive")],
+)
+def test_an_edited_state_is_refused(scenario: Scenario, place: int, value: float | None, message: str) -> None:
+    dut = Estimator(scenario.vehicle_data, scenario)
+    kept = dut.state
+    kept["states"]["hypothesis_detector"][0][place] = value
+    with pytest.raises(InputError, match=f"hypothesis_detector: .*{message}"):
+        dut.restore(kept)
+
+
+@pytest.mark.parametrize(
+    ("overrides", "message"),
+    [
+        (["detector={kind: cglr}"], "cglr does not go with estimation.filter: joint; use multi_hypothesis or off"),
+        (
+            ["estimation={filter: thesis}", "joint={}"],
+            "multi_hypothesis does not go with estimation.filter: thesis; use cglr or cusum or off",
+        ),
+        (["detector={kind: multi_hypothesis, margin: 6}"], "margin"),
+        (["detector={kind: cusum, slots: 2}"], "slots"),
+        (["detector={kind: multi_hypothesis, slots: 0}"], "slots"),
+    ],
+)
+def test_what_does_not_go_together_is_refused(overrides: list[str], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        load_scenario("leak_named", overrides)
+
+
+def test_a_gap_in_the_record_begins_the_bank_anew(scenario: Scenario, folder: Path, tmp_path: Path) -> None:
+    lines = (folder / "telemetry.csv").read_text(encoding="utf-8").splitlines(keepends=True)
+    holes = tmp_path / "holes.csv"
+    holes.write_text("".join(lines[:40] + lines[52:]), encoding="utf-8")
+    found = estimate(holes, load_scenario(folder))
+    (said,) = found.results.detections
+    assert said.jet == "L4D"
+
+
+def test_a_payload_that_docks_is_weighed() -> None:
+    """In a flight of the joint filter that has settled."""
+    run = simulate(
+        load_scenario(
+            "payload_docking",
+            ["duration_s=38", *NEAR, "jumps=[{kind: dock, time_s: 12, mass: 500, position: [60, 0, -3]}]"],
+        )
+    )
+    (said,) = run.results.detections
+    assert (said.kind, said.jet, said.jets, said.isolated_to) == ("mass_property_jump", None, (), None)
+    assert said.mass is not None
+    assert said.mass_std is not None
+    assert said.mass_std < 0.1 * said.mass
+    assert abs(said.mass - 500.0) < 4.0 * said.mass_std
+    error = (run["estimate"][-1] - run["truth"][-1]) / run["standard_deviation"][-1]
+    assert np.abs(error).max() < 4.5
