@@ -64,30 +64,35 @@ PORTS: dict[ModuleType, tuple[dict[str, int], dict[str, int]]] = {
     ),
 }
 
-# with the joint filter, which as yet has no detector
+# with the joint filter, and with its detector
 JOINT_IN = {"record_time": 1, "command": 44, "replacement": 0}
 JOINT_OUT = {"joint_report": 3, "evidence": 0}
-THESIS_OUT = {
-    *(f"{name}_innovation{part}" for name in ("rotation", "mass") for part in ("", "_covariance")),
-    *("reconfiguration", "closed", "held_closed", "detector_report"),
-}
+THESIS_OUT = {f"{name}_innovation{part}" for name in ("rotation", "mass") for part in ("", "_covariance")}
+DETECTOR_OUT = {"reconfiguration", "closed", "held_closed", "detector_report"}
+HYPOTHESES_OUT = {"hypothesis_report": 8 + 4 * 44}
 
 
 def _with_filter(
-    module: ModuleType, ports: tuple[dict[str, int], dict[str, int]], name: str
+    module: ModuleType, ports: tuple[dict[str, int], dict[str, int]], scenario: Scenario
 ) -> tuple[dict[str, int], dict[str, int]]:
-    """Ports of a diagram with the thesis's filters as they are with another one."""
+    """Ports of a diagram with the thesis's filters as they are with a scenario's own filter and detector."""
     inputs, outputs = ports
-    if name == "thesis" or "estimate" not in outputs:
+    if scenario.estimation.filter == "thesis" or "estimate" not in outputs:
         return ports
-    kept = {port: size for port, size in outputs.items() if port not in THESIS_OUT}
-    return ({**inputs, **JOINT_IN} if module is estimation else inputs), {**kept, **JOINT_OUT}
+    detects = scenario.detector.kind != "off"
+    gone = THESIS_OUT if detects else THESIS_OUT | DETECTOR_OUT
+    kept = {port: size for port, size in outputs.items() if port not in gone}
+    told = {port: size for port, size in JOINT_IN.items() if not (detects and port == "replacement")}
+    return (
+        {**inputs, **told} if module is estimation else inputs,
+        {**kept, **JOINT_OUT, **(HYPOTHESES_OUT if detects else {})},
+    )
 
 
 def _ports_of(ports: dict[str, int], vehicle: Vehicle) -> dict[str, int]:
     """The orbiter's ports as another vehicle has them: its own sensors, and sizes by its number of jets."""
     n = len(vehicle.jets)
-    sizes = {44: n, 7 + 44: 7 + n, 14 + 4 * 44: 14 + 4 * n}
+    sizes = {44: n, 7 + 44: 7 + n, 14 + 4 * 44: 14 + 4 * n, 8 + 4 * 44: 8 + 4 * n}
     # the autopilot has one gyro port, whatever the package is called
     sensors = dict.fromkeys(vehicle.sensor_names(), 3) if "acc1" in ports else {"gyro": 3} if "gyro" in ports else {}
     return sensors | {name: sizes.get(size, size) for name, size in ports.items() if name not in SENSORS}
@@ -121,7 +126,7 @@ def test_every_diagram_is_built_for_every_scenario_with_the_documented_ports(
     scenario = load_scenario(name, [f"plant.time_step={time_step}"])
     before = scenario.model_copy(deep=True)
     dut = module.build(scenario)
-    inputs, outputs = _with_filter(module, PORTS[module], scenario.estimation.filter)
+    inputs, outputs = _with_filter(module, PORTS[module], scenario)
     assert _inputs(dut) == _ports_of(inputs, scenario.vehicle_data)
     assert _outputs(dut) == _ports_of(outputs, scenario.vehicle_data)
     assert dut.get_name() == module.__name__.rpartition(".")[2]
@@ -136,7 +141,7 @@ def test_every_exported_port_is_documented(module: ModuleType) -> None:
         assert "every output of the" in text  # of the diagrams that are documented themselves
         return
     if module is estimation:
-        inputs, outputs = {**inputs, **JOINT_IN}, {**outputs, **JOINT_OUT}
+        inputs, outputs = {**inputs, **JOINT_IN}, {**outputs, **JOINT_OUT, **HYPOTHESES_OUT}
     for name in {*inputs, *outputs} - set(SENSORS):
         assert name in text, name
     if module is not autopilot:
