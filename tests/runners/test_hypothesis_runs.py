@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from command_probe import Massprop
 from replay_probe import replayed
 
 from massprop_drake import Estimator, InputError, Run, Scenario, estimate, load_scenario, simulate
@@ -137,3 +138,19 @@ def test_a_payload_that_docks_is_weighed() -> None:
     assert abs(said.mass - 500.0) < 4.0 * said.mass_std
     error = (run["estimate"][-1] - run["truth"][-1]) / run["standard_deviation"][-1]
     assert np.abs(error).max() < 4.5
+
+
+def test_a_stuck_jet_is_named_by_the_command(massprop: Massprop) -> None:
+    """From zero, thrusts of the file with their stated uncertainty; declared within two samples."""
+    stuck = ["duration_s=41", "failures=[{kind: stuck_on, jet: R4R, start_s: 40}]"]
+    out = massprop(
+        "run", "leak_named", "--out", "K", "--no-figures", *(word for one in stuck for word in ("--set", one))
+    )
+    assert out.status == 0
+    assert "detected:    jet on: jet R4R (cluster 12), +868." in out.out
+    summary = json.loads(Path("K/summary.json").read_text(encoding="utf-8"))
+    (said,) = summary["detections"]
+    assert (said["jet"], said["jets"], said["isolated_to"]) == ("R4R", ["R4R"], "jet")
+    assert said["time_s"] - said["onset_s"] < 0.3
+    assert summary["injected"][0]["outcome"] == "named"
+    assert "jet R4R: on" in Path("K/report.html").read_text(encoding="utf-8")
