@@ -15,7 +15,7 @@ from massprop_drake.maths.estimation.joint.hypotheses import (
     Cause,
     Counting,
     Kind,
-    Run,
+    Runner,
     cost_of_a_lie,
     counted,
     kicked,
@@ -59,7 +59,7 @@ def screen_of(flown: Flight, onsets: tuple[int, ...], params: JointParams = PARA
     return screen
 
 
-def run_of(flown: Flight, run: Run, params: JointParams = QUIET) -> Run:
+def run_of(flown: Flight, run: Runner, params: JointParams = QUIET) -> Runner:
     """A filter of its own over the rest of the flight."""
     for cycle in range(run.cycle, len(flown.links)):
         counts = np.ones(12, dtype=np.bool_)
@@ -122,7 +122,7 @@ def test_a_column_agrees_with_a_filter_that_has_the_force_in_a_slot(flown: Fligh
         screen.projection[0][index],
         np.array([PARAMS.thrusts[jet], kick, SHARES[1] * kick]) ** 2,
     )
-    none = Run(Cause(Kind.NOTHING), 0, (), onset, flown.states[onset], NO_SCORE, False)
+    none = Runner(Cause(Kind.NOTHING), 0, (), onset, flown.states[onset], NO_SCORE, False)
     cause = Cause(Kind.JETS, (jet,), (sign,))
     run = run_of(flown, none._replace(cause=cause, onset=onset, kicks=((kick,), (SHARES[1] * kick,))))
     none = run_of(flown, none)
@@ -136,7 +136,7 @@ def test_a_jump_agrees_with_a_filter_that_expects_one(flown: Flight) -> None:
     params = PARAMS._replace(increment_sigma=1e-3 * PARAMS.increment_sigma)
     screen = screen_of(flown, (3,), params)
     lead, _, _ = screens.explained(screen.jump_information, screen.jump_projection, np.ones(10))
-    none = Run(Cause(Kind.NOTHING), 0, (), 0, flown.states[0], NO_SCORE, False)
+    none = Runner(Cause(Kind.NOTHING), 0, (), 0, flown.states[0], NO_SCORE, False)
     jump = run_of(flown, none._replace(cause=Cause(Kind.JUMP)), without_increments(params))
     none = run_of(flown, none)
     assert jump.score.likelihood - none.score.likelihood == pytest.approx(lead, abs=0.2)
@@ -155,13 +155,13 @@ def test_a_reading_that_lies_once(flown: Flight) -> None:
         links[cycle] = link(states[cycle], report, samples[cycle], QUIET)
     lied = Flight(states, samples, links)
     cause = Cause(Kind.LIES, component=component)
-    run = run_of(lied, Run(cause, onset, (), onset, states[onset], NO_SCORE, True))
+    run = run_of(lied, Runner(cause, onset, (), onset, states[onset], NO_SCORE, True))
     assert not run.lying
-    honest = run_of(flown, Run(Cause(Kind.NOTHING), 0, (), onset, flown.states[onset], NO_SCORE, False))
+    honest = run_of(flown, Runner(Cause(Kind.NOTHING), 0, (), onset, flown.states[onset], NO_SCORE, False))
     assert run.score.likelihood == pytest.approx(
         honest.score.likelihood - cost_of_a_lie(component, PARAMS), abs=10.0
     )  # but for what that reading would have said
-    none = run_of(lied, Run(Cause(Kind.NOTHING), 0, (), onset, states[onset], NO_SCORE, False))
+    none = run_of(lied, Runner(Cause(Kind.NOTHING), 0, (), onset, states[onset], NO_SCORE, False))
     found = screens.contenders(screen_of(lied, (onset,)), np.ones(12, dtype=np.bool_), np.zeros(12), PARAMS)
     first = next(each for each in found if each.cause.kind == Kind.LIES)
     assert first.cause == cause

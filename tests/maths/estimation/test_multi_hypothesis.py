@@ -70,7 +70,7 @@ class Flight:
         self.truth = self.truth._replace(mean=self.truth.mean + np.pad(draw, (0, PLACES.size - 10)))
         self.state = detector.initial(params.joint)
         self.said: list[tuple[int, Declaration]] = []
-        self.judgments: list[detector.Judgment] = []
+        self.judgments: list[detector.Judged] = []
         self.cycle = 0
 
     def command(self) -> Array:

@@ -191,7 +191,7 @@ class Status(NamedTuple):
     lead: float = 0.0
 
 
-class Judgment(NamedTuple):
+class Judged(NamedTuple):
     """What the detector makes of a cycle.
 
     Attributes:
@@ -234,7 +234,7 @@ def untested(state: State) -> tuple[int, ...]:
 
 def judge(
     state: State, before: JointState, after: JointState, report: Report, sample: Sample, params: HypothesisParams
-) -> Judgment:
+) -> Judged:
     """What becomes of one cycle of the filter.
 
     Args:
@@ -252,21 +252,21 @@ def judge(
     state = state._replace(cycle=state.cycle + 1, commanded=state.commanded + told)
     if report.course is None:  # the first sample, or the first after a gap: nothing before it can be compared
         quiet = state._replace(bank=banks.empty(joint.places), history=History(state.cycle, ()), race=None)
-        return Judgment(quiet, _restless(quiet, after, after, joint), after, (), Status())
+        return Judged(quiet, _restless(quiet, after, after, joint), after, (), Status())
     state, again, report, sample = _probation(state, before, (after, report), sample, joint)
     if not again.guarded or report.incremented:  # an increment forgets what a race would compare
         quiet = state._replace(bank=banks.empty(joint.places), history=History(state.cycle, ()), race=None)
-        return Judgment(quiet, _restless(quiet, again, after, joint), again, (), Status())
+        return Judged(quiet, _restless(quiet, again, after, joint), again, (), Status())
     state, decision, standing, status = _raced(state, before, again, report, sample, params)
     if decision.outcome == Outcome.OPEN:
         published = again
         if standing and standing[0].run is not None and standing[0].contender.lead > params.levels.lead_nothing:
             published = standing[0].run.state
         state, declared = _known_now(state, again, joint)
-        return Judgment(state, _restless(state, again, after, joint), published, declared, status)
+        return Judged(state, _restless(state, again, after, joint), published, declared, status)
     state, now, said = _concluded(state, again, decision, joint)
     state, declared = _known_now(state, now, joint)
-    return Judgment(state, _restless(state, now, after, joint), now, (*said, *declared), status)
+    return Judged(state, _restless(state, now, after, joint), now, (*said, *declared), status)
 
 
 def _probation(

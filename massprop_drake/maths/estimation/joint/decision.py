@@ -22,7 +22,7 @@ from enum import IntEnum
 from typing import NamedTuple
 
 from massprop_drake.maths.estimation.joint import screen as screens
-from massprop_drake.maths.estimation.joint.hypotheses import Kind, Run
+from massprop_drake.maths.estimation.joint.hypotheses import Kind, Runner
 from massprop_drake.maths.estimation.joint.layout import JointParams
 from massprop_drake.maths.estimation.joint.race import OUT, Race, Standing
 from massprop_drake.maths.estimation.joint.screen import Contender
@@ -131,7 +131,7 @@ def _margin(best: Standing, other: Standing) -> float:
     return min(measured, best.first_order.lead - other.first_order.lead)
 
 
-def _jump_after(run: Run) -> int:
+def _jump_after(run: Runner) -> int:
     """Cycles after which a jump may win: large ones fit only when the filter has learned them."""
     return _JUMP_AFTER if run.score.misfit < FIT else _JUMP_THAT_MISFITS_AFTER
 

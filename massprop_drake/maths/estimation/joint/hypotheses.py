@@ -95,7 +95,7 @@ class Counting(NamedTuple):
     quiet: Array
 
 
-class Run(NamedTuple):
+class Runner(NamedTuple):
     """A hypothesis on its way.
 
     Attributes:
@@ -245,7 +245,9 @@ def misfits(report: Report, component: int, params: JointParams) -> bool:
     return bool(abs(course.expected.innovation[component]) > _LIES * deviation)
 
 
-def stepped(run: Run, sample: Sample, over: Link, counts: np.ndarray, erratic: np.ndarray, params: JointParams) -> Run:
+def stepped(
+    run: Runner, sample: Sample, over: Link, counts: np.ndarray, erratic: np.ndarray, params: JointParams
+) -> Runner:
     """A hypothesis after one more cycle.
 
     Args:

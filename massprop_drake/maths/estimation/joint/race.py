@@ -14,7 +14,7 @@ import numpy as np
 from massprop_drake.maths.estimation.joint import screen as screens
 from massprop_drake.maths.estimation.joint.bank import Bank
 from massprop_drake.maths.estimation.joint.cycle import Sample
-from massprop_drake.maths.estimation.joint.hypotheses import Cause, Kind, Run, slot_of, stepped
+from massprop_drake.maths.estimation.joint.hypotheses import Cause, Kind, Runner, slot_of, stepped
 from massprop_drake.maths.estimation.joint.layout import JointParams, JointState
 from massprop_drake.maths.estimation.joint.screen import Contender, Screen
 from massprop_drake.maths.estimation.joint.sensitivity import Link
@@ -66,14 +66,14 @@ class Race(NamedTuple):
         triggered: cycle of the alarm.
         states: after the beginning and after each onset of the screen.
         screen: see `Screen`.
-        runs: see `Run`.
+        runs: see `Runner`.
         out: causes whose own filters have fallen too far behind, whatever the first order says of them.
     """
 
     triggered: int
     states: tuple[JointState, ...]
     screen: Screen
-    runs: tuple[Run, ...]
+    runs: tuple[Runner, ...]
     out: frozenset[Cause] = frozenset()
 
 
@@ -87,7 +87,7 @@ class Standing(NamedTuple):
     """
 
     contender: Contender
-    run: Run | None
+    run: Runner | None
     first_order: Contender
 
 
@@ -166,7 +166,7 @@ def standings(race: Race, contenders: list[Contender], params: JointParams) -> l
     return sorted(result, key=lambda standing: -standing.contender.lead)
 
 
-def _measured(contender: Contender, run: Run, nothing: float, params: JointParams) -> Contender:
+def _measured(contender: Contender, run: Runner, nothing: float, params: JointParams) -> Contender:
     lead = run.score.likelihood - nothing + screens.prior(run.cause, params)
     force, sigma = [], []
     for jet, sign in zip(run.cause.jets, run.cause.signs, strict=True):
@@ -186,7 +186,7 @@ def running(race: Race, standing: list[Standing], free_slots: int) -> Race:
     """
     best = standing[0].contender.lead
     present = {run.cause: run for run in race.runs}
-    wanted: list[Run] = []
+    wanted: list[Runner] = []
     liar = next((each.contender.cause for each in standing if each.contender.cause.kind == Kind.LIES), None)
     young = race.screen.cycle - race.triggered < _LIE_RUNS
     lost = {each.contender.cause for each in standing if each.run is not None and each.contender.lead < best - OUT}
@@ -209,7 +209,7 @@ def _fits(race: Race, cause: Cause, free_slots: int) -> bool:
     return needed <= free_slots
 
 
-def _too_wide(run: Run, contender: Contender) -> bool:
+def _too_wide(run: Runner, contender: Contender) -> bool:
     """Whether a filter began with far more uncertainty of its onset than there now is."""
     return any(
         had > _TOO_WIDE * has
@@ -224,12 +224,12 @@ def _elsewhere(standing: Standing) -> bool:
     return run is not None and first.onset != run.onset and first.lead > contender.lead + _BETTER
 
 
-def _opened(race: Race, contender: Contender) -> Run:
+def _opened(race: Race, contender: Contender) -> Runner:
     screen, cause = race.screen, contender.cause
     place = 0 if cause.kind == Kind.JUMP else 1 + screen.onsets.index(contender.onset)
     onset = screen.began if cause.kind == Kind.JUMP else contender.onset
     score = screen.scores[onset - screen.began]
-    return Run(cause, onset, contender.kicks, onset, race.states[place], score, cause.kind == Kind.LIES)
+    return Runner(cause, onset, contender.kicks, onset, race.states[place], score, cause.kind == Kind.LIES)
 
 
 def stepped_on(race: Race, left: int, history: History, erratic: np.ndarray, params: JointParams) -> tuple[Race, int]:
