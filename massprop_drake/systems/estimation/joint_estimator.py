@@ -13,7 +13,7 @@ from massprop_drake.maths.estimation.filters import joint
 from massprop_drake.maths.estimation.filters.joint import JointFilterParams, JointFilterState, Measurement
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import converged
-from massprop_drake.systems.caching import Cached, Stopwatch
+from massprop_drake.systems.caching import NOTHING, Cached, Stopwatch
 from massprop_drake.systems.estimation._readings import Package, Readings
 from massprop_drake.systems.layouts import JOINT_REPORT, MASS_REPORT, ROTATION_REPORT
 
@@ -32,7 +32,7 @@ class JointEstimator(LeafSystem):
         command (in, n_jets): fraction commanded from now on, which matters where readings are taken after their tick.
             Unconnected: not known.
         replacement (in, abstract): a state of the filter, `maths.estimation.joint.layout.JointState`, from which it
-            is to go on in place of its own, or None. Unconnected: None.
+            is to go on in place of its own, or an empty tuple for none. Unconnected: none.
         predicted (out, 10): the ten parameters before this sample's measurement. No feedthrough.
         evidence (out, abstract): `maths.estimation.joint.cycle.JointEvidence`, for a detector. Does not depend on
             the replacement.
@@ -71,7 +71,7 @@ class JointEstimator(LeafSystem):
         self._outside = self.DeclareVectorInputPort("outside_wrench", 6)
         self._stamp = self.DeclareVectorInputPort("record_time", 1)
         self._coming = self.DeclareVectorInputPort("command", n_jets)
-        self._replacement = self.DeclareAbstractInputPort("replacement", Value[object](None))
+        self._replacement = self.DeclareAbstractInputPort("replacement", Value[object](NOTHING))
         self._state = self.DeclareDiscreteState(joint.packed(joint.initial(params), params))
 
         read = (*self._gyros.ports, *self._accelerometers.ports)
@@ -83,7 +83,7 @@ class JointEstimator(LeafSystem):
         self.DeclareVectorOutputPort("predicted", 10, self._calc_predicted, prerequisites_of_calc={self.xd_ticket()})
         self.DeclareAbstractOutputPort(
             "evidence",
-            alloc=lambda: Value[object](None),
+            alloc=lambda: Value[object](NOTHING),
             calc=self._calc_evidence,
             prerequisites_of_calc={self._measurement.ticket},
         )
@@ -114,8 +114,8 @@ class JointEstimator(LeafSystem):
     def _finish(self, context: Any) -> FilterStep:
         measurement: Measurement = self._measurement.get(self, context)
         step = joint.done(measurement, self._params)
-        replacement = self._replacement.Eval(context) if self._replacement.HasValue(context) else None
-        return step if replacement is None else joint.replaced(step, replacement, self._params)
+        replacement = self._replacement.Eval(context) if self._replacement.HasValue(context) else NOTHING
+        return joint.replaced(step, replacement, self._params) if replacement else step
 
     def _step(self, context: Any) -> FilterStep:
         step: FilterStep = self._cycle.get(self, context)
