@@ -243,17 +243,11 @@ def compare(
     quiet: Quiet = False,
 ) -> None:
     """Prints the estimates of runs side by side: errors where the truth is known, and 1-sigma."""
-    from massprop_drake.results.stored import read_json  # noqa: PLC0415 (slow to load)
-    from massprop_drake.results.summary import Summary  # noqa: PLC0415
+    from massprop_drake.results.run import read_summary  # noqa: PLC0415 (slow to load)
 
     if len(runs) < 2:
         raise InputError(f"{runs[0]}: give two folders of runs or more to compare")
-    found = []
-    for folder in runs:
-        recover(folder)
-        if not exists(folder / "summary.json"):
-            raise InputError(f"{folder}: holds no run that can be read: it has no summary.json")
-        found.append((str(folder), Summary.from_json(read_json(folder / "summary.json"), str(folder / "summary.json"))))
+    found = [(str(folder), read_summary(folder)) for folder in runs]
     vehicle = load_scenario(runs[0]).vehicle_data
     for name, results in found:
         if (results.vehicle, results.units) != (vehicle.name, vehicle.units):

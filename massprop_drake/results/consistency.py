@@ -16,7 +16,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 
 from massprop_drake.inputs.model import Count, Real, Text
 
@@ -65,9 +64,11 @@ class Tally:
 
     def add(self, nis: Array, components: Array) -> None:
         """Takes in the NIS of samples that were used, as `used_nis` gives them, shape (n,) each."""
+        from scipy.special import chdtrc  # noqa: PLC0415 (slow to load, and what runs in real time needs none)
+
         self.n += nis.size
         self._sum += float(nis.sum())
-        chance = stats.chi2.sf(nis * components / 3.0, components)
+        chance = chdtrc(components, nis * components / 3.0)
         self._beyond = [
             count + int((chance < least).sum()) for count, least in zip(self._beyond, (_TAIL, _QUARTER), strict=True)
         ]
@@ -108,7 +109,9 @@ def used_nis(name: str, signals: Mapping[str, Array]) -> tuple[Array, Array]:
 
 def _certainly_more(count: int, n: int, allowed: float) -> bool:
     """Whether so many of n would be chance with less than a thousandth if the share were what is allowed."""
-    return n > 0 and float(stats.binom.sf(count - 1, n, allowed)) < _DOUBT
+    from scipy.special import bdtrc  # noqa: PLC0415 (slow to load, and what runs in real time needs none)
+
+    return count > 0 and float(bdtrc(count - 1, n, allowed)) < _DOUBT
 
 
 def judged(rotation: Tally, translation: Tally, ratios: Array, symbols: Sequence[str]) -> Consistency:

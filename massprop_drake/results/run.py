@@ -38,6 +38,19 @@ _PEAKS = ("rotation_nis", "mass_nis")  # signals whose maxima a plot must not lo
 _EVENTS = ("alarm", "detector_event", "gap")  # signals whose rows a plot must not lose
 
 
+def read_summary(folder: Path) -> Summary:
+    """Reads what a run found from its folder, also where a killed process has left it unfinished beside.
+
+    Raises:
+        InputError: when the folder holds no run that can be read.
+    """
+    recover(folder)
+    path = folder / "summary.json"
+    if not exists(path):
+        raise InputError(f"{folder}: holds no run that can be read: it has no summary.json")
+    return Summary.from_json(read_json(path), str(path))
+
+
 class Run:
     """A scenario that has been run.
 
@@ -230,10 +243,7 @@ class Run:
             InputError: when the folder holds no run that can be read.
         """
         path = Path(folder)
-        recover(path)
-        if not exists(path / "summary.json"):
-            raise InputError(f"{path}: holds no run that can be read: it has no summary.json")
-        results = Summary.from_json(read_json(path / "summary.json"), str(path / "summary.json"))
+        results = read_summary(path)
         scenario = load_scenario(path / "scenario.yaml")
         if not read_text(path / "scenario.yaml").endswith(_END):
             raise InputError(f"{path / 'scenario.yaml'}: is cut short: it must end with '...'; run the scenario anew")

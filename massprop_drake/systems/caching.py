@@ -14,6 +14,8 @@ from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
 
 T = TypeVar("T")
 
+NOTHING = ()  # in an abstract value, which cannot hold None in every version of Drake
+
 
 class Stopwatch:
     """Adds up the time that a system's mathematics takes, without its inputs' evaluation.
@@ -63,7 +65,7 @@ class Cached:
                 raise error.at(context.get_time(), where) from None
 
         entry = system.DeclareCacheEntry(
-            description, ValueProducer(allocate=lambda: Value[object](()), calc=calc), set(prerequisites)
+            description, ValueProducer(allocate=lambda: Value[object](NOTHING), calc=calc), set(prerequisites)
         )
         self._index = entry.cache_index()
         self.ticket = entry.ticket()

@@ -247,7 +247,7 @@ def page_of(study: Study) -> str:
 def notebook(study: Study) -> str:
     """What a notebook shows of a campaign, as HTML."""
     title = f"{study.spec.file.name}: {study.spec.base.name}"
-    return templates.fragment(_HERE / "notebook.html", {"title": title, "verdict": verdict(study)})
+    return templates.fragment(_DISPLAY / "summary.html", {"title": title, "verdict": verdict(study)})
 
 
 def rendered(template: Path, content: Mapping[str, Any]) -> str:

@@ -9,11 +9,13 @@ from pydrake.systems.framework import LeafSystem
 
 from massprop_drake.maths.estimation.adaptation import NO_ADAPTATION, Adaptation, unpacked
 from massprop_drake.maths.estimation.detector import NO_KNOWN_FORCE, known_force_of
-from massprop_drake.maths.estimation.filter import Interval
+from massprop_drake.maths.estimation.filter import FilterStep, Interval
 from massprop_drake.maths.estimation.impulses import Impulses
+from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.maths.mass_properties import converged
 from massprop_drake.systems.caching import Cached, Stopwatch
 from massprop_drake.systems.estimation._readings import Package, Readings
-from massprop_drake.systems.layouts import ADAPTATION, IMPULSES, KNOWN_FORCE
+from massprop_drake.systems.layouts import ADAPTATION, IMPULSES, KNOWN_FORCE, MASS_REPORT, ROTATION_REPORT
 
 Ports = tuple[tuple[str, int, Any], ...]  # name, size and callback of output ports
 
@@ -116,3 +118,57 @@ class FilterSystem(LeafSystem):
 
     def _finish(self, measured: Measured, adaptation: Adaptation) -> Any:
         raise NotImplementedError
+
+
+class WholeFilterSystem(FilterSystem):
+    """A filter of all ten mass properties in one system, and the ports that say what its cycle gave.
+
+    A system that derives from it gives `_step(context) -> FilterStep` and `_known_of(state) -> (estimate, covariance)`
+    of the ten parameters, and has its convergence limits, `mass_properties.converged`, in `_limits`.
+    """
+
+    _limits: Array
+
+    def _reports(self) -> Ports:
+        """Output ports of the cycle."""
+        return (
+            ("estimate", 10, self._calc_estimate),
+            ("standard_deviation", 10, self._calc_deviation),
+            ("covariance", 100, self._calc_covariance),
+            ("converged", 1, self._calc_converged),
+            ("rotation_report", ROTATION_REPORT.size, self._calc_rotation),
+            ("mass_report", MASS_REPORT.size, self._calc_mass),
+        )
+
+    def _step(self, context: Any) -> FilterStep:
+        raise NotImplementedError
+
+    def _known_of(self, state: Any) -> tuple[Array, Array]:
+        raise NotImplementedError
+
+    def _known_now(self, context: Any) -> tuple[Array, Array]:
+        """Estimate and covariance of the ten parameters after the cycle."""
+        return self._known_of(self._step(context).state)
+
+    def _calc_estimate(self, context: Any, output: Any) -> None:
+        estimate, _ = self._known_now(context)
+        output.SetFromVector(estimate)
+
+    def _calc_deviation(self, context: Any, output: Any) -> None:
+        _, covariance = self._known_now(context)
+        output.SetFromVector(np.sqrt(covariance.diagonal()))
+
+    def _calc_covariance(self, context: Any, output: Any) -> None:
+        _, covariance = self._known_now(context)
+        output.SetFromVector(covariance.ravel())
+
+    def _calc_converged(self, context: Any, output: Any) -> None:
+        estimate, covariance = self._known_now(context)
+        output.SetFromVector([float(converged(np.sqrt(covariance.diagonal()), estimate, self._limits))])
+
+    def _calc_rotation(self, context: Any, output: Any) -> None:
+        output.SetFromVector(ROTATION_REPORT.pack(self._step(context).rotation))
+
+    def _calc_mass(self, context: Any, output: Any) -> None:
+        report = self._step(context).mass
+        output.SetFromVector(np.full(MASS_REPORT.size, np.nan) if report is None else MASS_REPORT.pack(report))

@@ -4,19 +4,16 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
 from massprop_drake.maths.arrays import Layout
 from massprop_drake.maths.estimation.adaptation import Adaptation
 from massprop_drake.maths.estimation.filter import Filter, FilterStep
 from massprop_drake.maths.linear_algebra import Array
-from massprop_drake.maths.mass_properties import converged
-from massprop_drake.systems.estimation._filter import FilterSystem, Measured
+from massprop_drake.systems.estimation._filter import Measured, WholeFilterSystem
 from massprop_drake.systems.estimation._readings import Package
-from massprop_drake.systems.layouts import EVIDENCE, MASS_REPORT, ROTATION_REPORT
+from massprop_drake.systems.layouts import EVIDENCE
 
 
-class FilterEstimator(FilterSystem):
+class FilterEstimator(WholeFilterSystem):
     """Runs a filter of the registry `massprop_drake.maths.estimation.filters` that is not split into systems.
 
     The same outputs as `RotationEstimator`, `MassEstimator` and `ConvergenceMonitor` give together, whatever the
@@ -67,14 +64,7 @@ class FilterEstimator(FilterSystem):
         self.DeclareVectorOutputPort("predicted", 10, self._calc_predicted, prerequisites_of_calc={self.xd_ticket()})
         self._declare_cycle(
             (("evidence", EVIDENCE.size, self._calc_evidence),),
-            (
-                ("estimate", 10, self._calc_estimate),
-                ("standard_deviation", 10, self._calc_deviation),
-                ("covariance", 100, self._calc_covariance),
-                ("converged", 1, self._calc_converged),
-                ("rotation_report", ROTATION_REPORT.size, self._calc_rotation),
-                ("mass_report", MASS_REPORT.size, self._calc_mass),
-            ),
+            self._reports(),
         )
         self.DeclarePeriodicDiscreteUpdateEvent(period_sec=period_s, offset_sec=0.0, update=self._update)
 
@@ -99,36 +89,15 @@ class FilterEstimator(FilterSystem):
         _, step = self._cycled(context)
         return step
 
+    def _known_of(self, state: Any) -> tuple[Array, Array]:
+        return self._method.predicted(state), self._method.covariance(state)
+
     def _calc_predicted(self, context: Any, output: Any) -> None:
         output.SetFromVector(self._method.predicted(self._restored(context)))
 
     def _calc_evidence(self, context: Any, output: Any) -> None:
         state, interval, measurement, _ = self._measured(context)
         output.SetFromVector(EVIDENCE.pack(self._method.evidence(state, measurement, interval)))
-
-    def _calc_estimate(self, context: Any, output: Any) -> None:
-        output.SetFromVector(self._method.predicted(self._step(context).state))
-
-    def _calc_deviation(self, context: Any, output: Any) -> None:
-        output.SetFromVector(self._deviation(context))
-
-    def _calc_converged(self, context: Any, output: Any) -> None:
-        estimate = self._method.predicted(self._step(context).state)
-        output.SetFromVector([float(converged(self._deviation(context), estimate, self._limits))])
-
-    def _deviation(self, context: Any) -> Array:
-        deviation: Array = np.sqrt(self._method.covariance(self._step(context).state).diagonal())
-        return deviation
-
-    def _calc_covariance(self, context: Any, output: Any) -> None:
-        output.SetFromVector(self._method.covariance(self._step(context).state).ravel())
-
-    def _calc_rotation(self, context: Any, output: Any) -> None:
-        output.SetFromVector(ROTATION_REPORT.pack(self._step(context).rotation))
-
-    def _calc_mass(self, context: Any, output: Any) -> None:
-        report = self._step(context).mass
-        output.SetFromVector(np.full(MASS_REPORT.size, np.nan) if report is None else MASS_REPORT.pack(report))
 
     def _update(self, context: Any, state: Any) -> None:
         groups = self._method.saved(self._step(context).state, self._params)

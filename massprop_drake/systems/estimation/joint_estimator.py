@@ -6,19 +6,18 @@ from typing import Any
 
 import numpy as np
 from pydrake.common.value import Value
-from pydrake.systems.framework import LeafSystem
 
 from massprop_drake.maths.estimation.filter import FilterStep, Told
 from massprop_drake.maths.estimation.filters import joint
 from massprop_drake.maths.estimation.filters.joint import JointFilterParams, JointFilterState, Measurement
 from massprop_drake.maths.linear_algebra import Array
-from massprop_drake.maths.mass_properties import converged
-from massprop_drake.systems.caching import Cached, Stopwatch
-from massprop_drake.systems.estimation._readings import Package, Readings
-from massprop_drake.systems.layouts import JOINT_REPORT, MASS_REPORT, ROTATION_REPORT
+from massprop_drake.systems.caching import NOTHING, Cached
+from massprop_drake.systems.estimation._filter import WholeFilterSystem
+from massprop_drake.systems.estimation._readings import Package
+from massprop_drake.systems.layouts import JOINT_REPORT
 
 
-class JointEstimator(LeafSystem):
+class JointEstimator(WholeFilterSystem):
     r"""The joint filter, see `massprop_drake.maths.estimation.filters.joint`.
 
     The same outputs as `RotationEstimator`, `MassEstimator` and `ConvergenceMonitor` give together. Impulses it makes
@@ -32,7 +31,7 @@ class JointEstimator(LeafSystem):
         command (in, n_jets): fraction commanded from now on, which matters where readings are taken after their tick.
             Unconnected: not known.
         replacement (in, abstract): a state of the filter, `maths.estimation.joint.layout.JointState`, from which it
-            is to go on in place of its own, or None. Unconnected: None.
+            is to go on in place of its own, or an empty tuple for none. Unconnected: none.
         predicted (out, 10): the ten parameters before this sample's measurement. No feedthrough.
         evidence (out, abstract): `maths.estimation.joint.cycle.JointEvidence`, for a detector. Does not depend on
             the replacement.
@@ -61,48 +60,37 @@ class JointEstimator(LeafSystem):
         accelerometers: tuple[Package, ...],
         limits: Array,
     ):
-        super().__init__()
-        self.set_name(joint.GROUP)
-        self.stopwatch = Stopwatch()
+        super().__init__(joint.GROUP, 0)
         self._params, self._limits = params, limits
         n_jets = params.joint.places.jets
-        self._gyros, self._accelerometers = Readings(self, gyros), Readings(self, accelerometers)
-        self._command = self.DeclareVectorInputPort("jet_commands", n_jets)
-        self._outside = self.DeclareVectorInputPort("outside_wrench", 6)
-        self._stamp = self.DeclareVectorInputPort("record_time", 1)
-        self._coming = self.DeclareVectorInputPort("command", n_jets)
-        self._replacement = self.DeclareAbstractInputPort("replacement", Value[object](None))
+        self._gyros, self._accelerometers = self._declare_packages(gyros), self._declare_packages(accelerometers)
+        self._command = self._declare_input("jet_commands", n_jets)
+        self._outside = self._declare_input("outside_wrench", 6)
+        self._stamp = self._declare_input("record_time", 1)
+        self._coming = self._declare_input("command", n_jets)
+        self._replacement = self.DeclareAbstractInputPort("replacement", Value[object](NOTHING))
         self._state = self.DeclareDiscreteState(joint.packed(joint.initial(params), params))
 
-        read = (*self._gyros.ports, *self._accelerometers.ports)
-        told = (self._command, self._outside, self._stamp, self._coming)
-        inputs = {self.input_port_ticket(port.get_index()) for port in (*read, *told)}
-        self._measurement = Cached(self, "measurement", self._measure, {self.xd_ticket(), self.time_ticket(), *inputs})
+        inputs = {self.input_port_ticket(port.get_index()) for port in self._inputs}
+        measured = {self.xd_ticket(), self.time_ticket(), *inputs}
+        self._measurement = Cached(self, "measurement", self._measure_cycle, measured)
         judged = {self._measurement.ticket, self.input_port_ticket(self._replacement.get_index())}
-        self._cycle = Cached(self, "cycle", self._finish, judged)
+        self._cycle = Cached(self, "cycle", self._finish_cycle, judged)
         self.DeclareVectorOutputPort("predicted", 10, self._calc_predicted, prerequisites_of_calc={self.xd_ticket()})
         self.DeclareAbstractOutputPort(
             "evidence",
-            alloc=lambda: Value[object](None),
+            alloc=lambda: Value[object](NOTHING),
             calc=self._calc_evidence,
             prerequisites_of_calc={self._measurement.ticket},
         )
-        for name, size, calc in (
-            ("estimate", 10, self._calc_estimate),
-            ("standard_deviation", 10, self._calc_deviation),
-            ("covariance", 100, self._calc_covariance),
-            ("converged", 1, self._calc_converged),
-            ("rotation_report", ROTATION_REPORT.size, self._calc_rotation),
-            ("mass_report", MASS_REPORT.size, self._calc_mass),
-            ("joint_report", JOINT_REPORT.size, self._calc_joint),
-        ):
+        for name, size, calc in (*self._reports(), ("joint_report", JOINT_REPORT.size, self._calc_joint)):
             self.DeclareVectorOutputPort(name, size, calc, prerequisites_of_calc={self._cycle.ticket})
         self.DeclarePeriodicDiscreteUpdateEvent(period_sec=params.period_s, offset_sec=0.0, update=self._update)
 
     def _known(self, context: Any) -> JointFilterState:
         return joint.unpacked(context.get_discrete_state(self._state).CopyToVector(), self._params)
 
-    def _measure(self, context: Any) -> Measurement:
+    def _measure_cycle(self, context: Any) -> Measurement:
         time_s = context.get_time()
         stamp_s = float(self._stamp.Eval(context)[0]) if self._stamp.HasValue(context) else time_s
         coming = self._coming.Eval(context) if self._coming.HasValue(context) else None
@@ -111,45 +99,24 @@ class JointEstimator(LeafSystem):
         state, rates, velocities = self._known(context), self._gyros.eval(context), self._accelerometers.eval(context)
         return self.stopwatch.measure(joint.step, state, rates, velocities, told, self._params)
 
-    def _finish(self, context: Any) -> FilterStep:
+    def _finish_cycle(self, context: Any) -> FilterStep:
         measurement: Measurement = self._measurement.get(self, context)
         step = joint.done(measurement, self._params)
-        replacement = self._replacement.Eval(context) if self._replacement.HasValue(context) else None
-        return step if replacement is None else joint.replaced(step, replacement, self._params)
+        replacement = self._replacement.Eval(context) if self._replacement.HasValue(context) else NOTHING
+        return joint.replaced(step, replacement, self._params) if replacement else step
 
     def _step(self, context: Any) -> FilterStep:
         step: FilterStep = self._cycle.get(self, context)
         return step
+
+    def _known_of(self, state: JointFilterState) -> tuple[Array, Array]:
+        return state.estimate, state.covariance
 
     def _calc_predicted(self, context: Any, output: Any) -> None:
         output.SetFromVector(self._known(context).estimate)
 
     def _calc_evidence(self, context: Any, output: Any) -> None:
         output.set_value(self._measurement.get(self, context).evidence)
-
-    def _calc_estimate(self, context: Any, output: Any) -> None:
-        output.SetFromVector(self._step(context).state.estimate)
-
-    def _deviation(self, context: Any) -> Array:
-        deviation: Array = np.sqrt(self._step(context).state.covariance.diagonal())
-        return deviation
-
-    def _calc_deviation(self, context: Any, output: Any) -> None:
-        output.SetFromVector(self._deviation(context))
-
-    def _calc_covariance(self, context: Any, output: Any) -> None:
-        output.SetFromVector(self._step(context).state.covariance.ravel())
-
-    def _calc_converged(self, context: Any, output: Any) -> None:
-        estimate = self._step(context).state.estimate
-        output.SetFromVector([float(converged(self._deviation(context), estimate, self._limits))])
-
-    def _calc_rotation(self, context: Any, output: Any) -> None:
-        output.SetFromVector(ROTATION_REPORT.pack(self._step(context).rotation))
-
-    def _calc_mass(self, context: Any, output: Any) -> None:
-        report = self._step(context).mass
-        output.SetFromVector(np.full(MASS_REPORT.size, np.nan) if report is None else MASS_REPORT.pack(report))
 
     def _calc_joint(self, context: Any, output: Any) -> None:
         output.SetFromVector(JOINT_REPORT.pack(self._step(context).own))

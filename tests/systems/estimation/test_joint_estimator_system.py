@@ -83,11 +83,11 @@ def test_a_replacement_is_what_is_reported_and_what_the_next_cycle_begins_with(s
     np.testing.assert_allclose(_output(dut, context, "predicted"), own + 1e-9, rtol=1e-15)
 
 
-def test_none_as_a_replacement_is_none(scenario: Scenario, flown: Run) -> None:
+def test_nothing_as_a_replacement_is_none(scenario: Scenario, flown: Run) -> None:
     dut = system(scenario)
     context = _connected(dut, flown, 0)
     own = _output(dut, context, "covariance")
-    dut.GetInputPort("replacement").FixValue(context, Value[object](None))
+    dut.GetInputPort("replacement").FixValue(context, Value[object](()))
     np.testing.assert_array_equal(_output(dut, context, "covariance"), own)
 
 
