@@ -12,7 +12,7 @@ from massprop_drake.maths.estimation.detector import Event, Jets, Judgment
 from massprop_drake.maths.estimation.detectors import hypotheses
 from massprop_drake.maths.estimation.detectors.multi_hypothesis import HypothesisParams
 from massprop_drake.maths.linear_algebra import Array
-from massprop_drake.systems.caching import Cached, Stopwatch
+from massprop_drake.systems.caching import NOTHING, Cached, Stopwatch
 from massprop_drake.systems.layouts import DETECTOR_REPORT, HYPOTHESIS_REPORT, RECONFIGURATION, detector_row
 
 
@@ -45,7 +45,7 @@ class HypothesisDetector(LeafSystem):
 
     Ports:
         evidence (in, abstract): `maths.estimation.joint.cycle.JointEvidence`, see `JointEstimator`. Required.
-        replacement (out, abstract): the state from which the filter is to go on, or None; see `JointEstimator`.
+        replacement (out, abstract): the state from which the filter is to go on, or `NOTHING`; see `JointEstimator`.
         reconfiguration (out, 7 + n_jets), closed (out, n_jets), held_closed (out, n_jets), report (out, 14 +
             4 n_jets): see `FailureDetector`. The forces are those that the filter has as states; no manifold is
             closed; magnitudes are those of the jets that are declared at this sample.
@@ -72,7 +72,7 @@ class HypothesisDetector(LeafSystem):
         self._reconfiguration = RECONFIGURATION.sized(jets=n_jets)
         self._report = HYPOTHESIS_REPORT.sized(jets=n_jets)
         self.stopwatch = Stopwatch()
-        self._evidence = self.DeclareAbstractInputPort("evidence", Value[object](None))
+        self._evidence = self.DeclareAbstractInputPort("evidence", Value[object](NOTHING))
         start = Memory(hypotheses.initial(params), None, -np.inf)
         self._memory = self.DeclareAbstractState(Value[object](start))
         read = {self.xa_ticket(), self.time_ticket(), self.all_input_ports_ticket()}
@@ -80,7 +80,7 @@ class HypothesisDetector(LeafSystem):
         judged = {self._judgment.ticket}
         self.DeclareAbstractOutputPort(
             "replacement",
-            alloc=lambda: Value[object](None),
+            alloc=lambda: Value[object](NOTHING),
             calc=self._calc_replacement,
             prerequisites_of_calc=judged,
         )
@@ -117,7 +117,8 @@ class HypothesisDetector(LeafSystem):
         return judgment
 
     def _calc_replacement(self, context: Any, output: Any) -> None:
-        output.set_value(self._judged(context).replacement)
+        replacement = self._judged(context).replacement
+        output.set_value(NOTHING if replacement is None else replacement)
 
     def _calc_reconfiguration(self, context: Any, output: Any) -> None:
         judgment = self._judged(context)
