@@ -205,6 +205,7 @@ _SAVED = Layout(
     cycle=NUMBER,
     commanded="jets",
     announced="forces",
+    sigmas="forces",
     changes="forces",
     erratic="forces",
     lying="outputs",
@@ -231,8 +232,9 @@ def saved(state: State, params: HypothesisParams) -> Array:
     method, places = state.method, params.joint.places
     jumped = method.earlier is not None
     earlier = np.zeros(state_layout(places).size) if method.earlier is None else pack(method.earlier, places)
-    known = (method.cycle, method.commanded, method.announced, method.changes, method.erratic, method.lying)
-    return _layout(params).pack((*known, state.force, state.variance, state.removed, jumped, earlier))
+    said = (method.announced, method.sigmas, method.changes, method.erratic, method.lying)
+    of_jets = (state.force, state.variance, state.removed)
+    return _layout(params).pack((method.cycle, method.commanded, *said, *of_jets, jumped, earlier))
 
 
 def restored(vector: Array, params: HypothesisParams) -> State:
@@ -257,6 +259,7 @@ def restored(vector: Array, params: HypothesisParams) -> State:
         history=History(int(read.cycle), ()),
         commanded=read.commanded,
         announced=read.announced,
+        sigmas=read.sigmas,
         changes=read.changes,
         erratic=read.erratic,
         lying=read.lying,

@@ -50,6 +50,7 @@ _REDRAWN = (6, 12, 24, 48, 96)  # cycles of a race after which it moves to its l
 _LEAK_FLOOR, _LOSS_FLOOR = 0.002, 0.05  # of full thrust: below, thrust errors and lags explain as much
 _LEAST_FLOOR = 0.00115  # of the largest jet's thrust: 1 lbf of 870
 _CHANGE = 0.1  # of full thrust, by which a known force must differ to be said to have changed
+_BETTER = 0.5  # of the 1-sigma of a force as announced
 _ERRATIC_AFTER = 3  # changes
 _MEASURED = 0.1  # of a payload's mass, to which it is known when its size is told
 _ONSET_SHARE = 0.7  # of the largest statistic: older onsets explain the end point as well
@@ -155,7 +156,8 @@ class State(NamedTuple):
         history: see `History`.
         race: the one under way.
         commanded: samples in which each jet was commanded; zero: untested, shape (n_jets,).
-        announced: force of each slot as announced, zero: not yet, lbf or N, shape (n_force,).
+        announced, sigmas: force of each slot as announced, or as known better since, and its 1-sigma; zero: not yet,
+            lbf or N, shape (n_force,).
         changes: times that each slot's force was announced as changed, shape (n_force,).
         erratic: 1 for each slot whose jet is erratic, shape (n_force,).
         lying: 1 for each component that is left out until it fits, shape (m,).
@@ -168,6 +170,7 @@ class State(NamedTuple):
     race: Race | None
     commanded: Array
     announced: Array
+    sigmas: Array
     changes: Array
     erratic: Array
     lying: Array
@@ -220,6 +223,7 @@ def initial(params: JointParams) -> State:
         race=None,
         commanded=np.zeros(places.jets),
         announced=slots,
+        sigmas=slots,
         changes=slots,
         erratic=slots,
         lying=np.zeros(3 * (places.gyros + places.accelerometers)),
@@ -262,7 +266,9 @@ def judge(
         published = again
         if standing and standing[0].run is not None and standing[0].contender.lead > params.levels.lead_nothing:
             published = standing[0].run.state
-        state, declared = _known_now(state, again, joint)
+        declared: tuple[Declaration, ...] = ()
+        if state.race is None:  # while one is under way, nothing is known of forces that it may change
+            state, declared = _known_now(state, again, joint)
         return Judged(state, _restless(state, again, after, joint), published, declared, status)
     state, now, said = _concluded(state, again, decision, joint)
     state, declared = _known_now(state, now, joint)
@@ -311,6 +317,8 @@ def _raced(
         if standing:
             was_settled = settled(race.states[0], joint)
             decision = decided(race, standing, was_settled, params.levels, joint)
+            leading = () if decision.winner is None else (decision.winner.contender, *decision.group)
+            race = race._replace(leading=leading if decision.group else ())
             second = max(standing[1].contender.lead, 0.0) if len(standing) > 1 else 0.0
             best = standing[0].contender
             status = status._replace(
@@ -390,10 +398,24 @@ def _concluded(
         np.fill_diagonal(columns, JUMP_SHARE * joint.increment_sigma)
         now = unguarded(now._replace(root=compressed(np.hstack((now.root, columns)))))
         declared.append(Unexplained(began))
-    bank = banks.empty(joint.places)
-    history = History(state.cycle, state.history.records[-1:])
-    bank = banks.taken(bank, history.records[-1].link, now, state.cycle)
+    bank, history = _anew(state, now, decision, joint)
     return state._replace(bank=bank, history=history, race=None), now, declared
+
+
+def _anew(state: State, now: JointState, decision: Decision, joint: JointParams) -> tuple[Bank, History]:
+    """Bank and history after a decision: what was learned before is of another filter.
+
+    Where something new began in the newest interval, the bank begins before that.
+    """
+    bank, newest = banks.empty(joint.places), state.history.records[-1]
+    run = decision.winner.run if decision.winner is not None else None
+    if not decision.shaken or run is None or run.before is None:
+        return banks.taken(bank, newest.link, now, state.cycle), History(state.cycle, (newest,))
+    _, report = step(run.before, newest.sample, without_increments(joint))
+    over = link(run.before, report, newest.sample, joint)
+    bank = banks.taken(bank, newest.link, run.before, state.cycle - 1)
+    bank = banks.taken(banks.advanced(bank, over, joint.places), over, now, state.cycle)
+    return bank, History(state.cycle, (state.history.records[-2], Record(newest.sample, over)))
 
 
 def _onset_s(race: Race, contender: Contender) -> float:
@@ -423,14 +445,14 @@ def _jets(
     winner = decision.winner
     assert winner is not None, "somebody has won"
     contender = winner.contender
-    announced = state.announced.copy()
+    announced, known = state.announced.copy(), state.sigmas.copy()
     was_settled = settled(race.states[0], params)
     new: list[tuple[int, int, float, float]] = []
     for jet, sign in zip(contender.cause.jets, contender.cause.signs, strict=True):
         slot = slot_of(now, jet, sign)
         force, sigma = _force(now, slot, params)
         if announced[slot] == 0.0 and force > max(_floor(jet, sign, was_settled, params), SIGNIFICANT * sigma):
-            announced[slot] = force
+            announced[slot], known[slot] = force, sigma
             new.append((jet, sign, force, sigma))
     if not new:
         return state, []
@@ -443,7 +465,7 @@ def _jets(
     jets, signs, forces, sigmas = zip(*new, strict=True)
     word, apart = (Word.GROUP, jets[0]) if decision.group else (Word.FAILED, -1)
     said = JetsDeclared(word, jets, signs, forces, sigmas, _onset_s(race, contender), apart)
-    return state._replace(announced=announced), [said]
+    return state._replace(announced=announced, sigmas=known), [said]
 
 
 def _known_now(state: State, now: JointState, params: JointParams) -> tuple[State, tuple[Declaration, ...]]:
@@ -458,22 +480,26 @@ def _known_now(state: State, now: JointState, params: JointParams) -> tuple[Stat
         jet, sign = int(now.slot_jet[slot]), int(now.slot_sign[slot])
         force, sigma = _force(now, slot, params)
         floor = max(_floor(jet, sign, settled(now, params), params), SIGNIFICANT * sigma)
-        had = state.announced[slot]
+        had, had_sigma = state.announced[slot], state.sigmas[slot]
         changes = state.changes[slot]
         if had == 0.0:
             if force < floor:
                 continue
             word = Word.FAILED
-        elif abs(force - had) > max(SIGNIFICANT * sigma, _CHANGE * params.thrusts[jet]):
+        elif abs(force - had) > max(SIGNIFICANT * np.hypot(sigma, had_sigma), _CHANGE * params.thrusts[jet]):
             changes += 1.0
             word = Word.WITHDRAWN if force < floor else Word.CHANGED
         else:
+            if sigma < _BETTER * had_sigma:  # the same force, known better: it is what a change is told from
+                announced, known = _with(state.announced, slot, force), _with(state.sigmas, slot, sigma)
+                state = state._replace(announced=announced, sigmas=known)
             continue
         if changes >= _ERRATIC_AFTER:
             word = Word.ERRATIC
         said.append(JetsDeclared(word, (jet,), (sign,), (force,), (sigma,), now.time_s))
         state = state._replace(
             announced=_with(state.announced, slot, max(force, np.finfo(np.float64).tiny)),
+            sigmas=_with(state.sigmas, slot, sigma),
             changes=_with(state.changes, slot, changes),
             erratic=_with(state.erratic, slot, float(word == Word.ERRATIC)),
         )

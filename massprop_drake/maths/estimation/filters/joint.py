@@ -382,6 +382,8 @@ def restored(groups: Groups, params: JointFilterParams) -> JointFilterState:
     if (joint.fired < -_ROUNDING).any() or joint.firing_count < 0.0:
         raise ValueError(f"{GROUP}: times and counts must be zero or positive")
     jets = joint.slot_jet
+    if not np.isin(joint.slot_on_top, (0.0, 1.0)).all():
+        raise ValueError(f"{GROUP}: slot_on_top must be 0 or 1")
     if not (np.isin(joint.slot_sign, (-1.0, 1.0)).all() and (jets == np.round(jets)).all()):
         raise ValueError(f"{GROUP}: a slot of a failed jet must have a jet's index and a sign")
     if not _within(jets, -1.0, params.joint.places.jets - 1.0):

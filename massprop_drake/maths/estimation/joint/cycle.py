@@ -165,6 +165,7 @@ def initial(params: JointParams) -> JointState:
         fired=np.zeros(jets),
         slot_jet=np.full(places.n_force, -1.0),
         slot_sign=np.ones(places.n_force),
+        slot_on_top=np.zeros(places.n_force),
         time_s=0.0,
         started=False,
         guarded=False,

@@ -5,10 +5,11 @@ set of jets, in nats, and cycles counted from the alarm:
 
     jets     L_1 - L_2 > 6, L_1 - L_J > 6, L_1 - L_S > 6, L_1 - L_0 > 12, f > 3 sigma of each, and they fit; a pair
              after three samples; before settled only forces of a tenth of full thrust
-    group    the same against all but at most two single jets that what has fired cannot tell apart
+    group    the same against all but at most two single jets that what has fired cannot tell apart; and at once where
+             something new begins that none of them explains
     lie      L_S leads all by 6 and nothing by 12, after 6 cycles
-    jump     L_J leads all by 6, two samples at least and twelve where it does not fit; announced if settled and
-             L_J - L_0 > 100, else taken as an increment
+    jump     L_J leads all by 6, two samples at least; where it does not fit twelve, and it must leave no more than a
+             hundredth of the misfit; announced if settled and L_J - L_0 > 100, else taken as an increment
     nothing  L_0 leads after 12 cycles, or is within 8 after 75; and fits
 
 and what is still open after 250 cycles is a group of however many, or unexplained.
@@ -24,15 +25,15 @@ from typing import NamedTuple
 from massprop_drake.maths.estimation.joint import screen as screens
 from massprop_drake.maths.estimation.joint.hypotheses import Kind, Runner
 from massprop_drake.maths.estimation.joint.layout import JointParams
-from massprop_drake.maths.estimation.joint.race import OUT, Race, Standing
+from massprop_drake.maths.estimation.joint.race import FIT, OUT, Race, Standing, margin
 from massprop_drake.maths.estimation.joint.screen import Contender
 
-FIT = 6.0  # standard deviations of chi-square: rounding is not white, and six are never chance
 SIGNIFICANT = 3.0  # sigmas of a force
 UNSETTLED_FLOOR = 0.1  # of full thrust: before settled a start that still learns explains less than that by jets
 _LIE_AFTER = 6  # cycles: a lie that ends is told from a rate that has changed by what follows it
 _JUMP_AFTER = 2  # samples: in one of them a pair of jets explains as much
 _JUMP_THAT_MISFITS_AFTER = 12  # samples
+_LITTLE = 0.01  # of the misfit of nothing, left by a jump that does not fit
 _PAIR_AFTER = 3  # samples: two jets and their onsets explain nearly all of the six increments of one or two
 _JUMP_AT_LEAST = 1000.0  # nats before settled: less is a start that still learns
 _INCREMENT_AFTER = 25  # cycles: a filter that was a little off, no payload
@@ -77,12 +78,14 @@ class Decision(NamedTuple):
     Attributes:
         outcome: see `Outcome`.
         winner: see `Standing`; None where nothing has happened.
-        group: further jets that what has fired cannot tell from the winner's.
+        group: further jets that what has fired cannot tell from the winner's; of an open race those so far.
+        shaken: whether it was decided because none of them explains the newest sample: something new has begun.
     """
 
     outcome: Outcome
     winner: Standing | None = None
     group: tuple[Contender, ...] = ()
+    shaken: bool = False
 
 
 def decided(race: Race, standing: list[Standing], settled: bool, levels: Levels, params: JointParams) -> Decision:
@@ -95,18 +98,21 @@ def decided(race: Race, standing: list[Standing], settled: bool, levels: Levels,
         levels: see `Levels`.
         params: see `JointParams`.
     """
+    interrupted = _interrupted(race, standing)
+    if interrupted is not None:
+        return interrupted
     cycles = race.screen.cycle - race.triggered + 1
     jump = next(each for each in standing if each.contender.cause.kind == Kind.JUMP)
     best = standing[0]
     lead = best.contender.lead
     kind = best.contender.cause.kind
-    clear = lead > levels.lead_nothing and all(_margin(best, other) > levels.lead for other in standing[1:])
+    clear = lead > levels.lead_nothing and all(margin(best, other) > levels.lead for other in standing[1:])
     if kind == Kind.JETS and best.run is not None and (jump.run is not None or jump.contender.lead < lead - OUT):
         large = settled or _large(best.contender, params)
-        found = _of_jets(race, standing, cycles, clear, levels, params) if large else None
-        if found is not None:
+        found = _of_jets(race, standing, cycles, clear, levels, params) if large else Decision(Outcome.OPEN)
+        if found.outcome != Outcome.OPEN or found.group:
             return found
-    if kind == Kind.JUMP and jump.run is not None and clear and cycles >= _jump_after(jump.run):
+    if kind == Kind.JUMP and jump.run is not None and clear and _jump_explains(race, jump.run, cycles):
         if settled and lead > levels.jump:
             return Decision(Outcome.JUMP, jump)
         if cycles >= _INCREMENT_AFTER or (not settled and lead > _JUMP_AT_LEAST):
@@ -123,41 +129,48 @@ def decided(race: Race, standing: list[Standing], settled: bool, levels: Levels,
     return Decision(Outcome.OPEN)
 
 
-def _margin(best: Standing, other: Standing) -> float:
-    """Lead over another hypothesis, like compared with like: filters, or where one has not arrived the first order."""
-    measured = best.contender.lead - other.contender.lead
-    if other.run is not None or best.run is None:
-        return measured
-    return min(measured, best.first_order.lead - other.first_order.lead)
-
-
-def _jump_after(run: Runner) -> int:
-    """Cycles after which a jump may win: large ones fit only when the filter has learned them."""
-    return _JUMP_AFTER if run.score.misfit < FIT else _JUMP_THAT_MISFITS_AFTER
+def _jump_explains(race: Race, run: Runner, cycles: int) -> bool:
+    """Whether a jump may win: a large one fits only once the filter has learned it, but leaves little at once."""
+    if run.score.misfit < FIT:
+        return cycles >= _JUMP_AFTER
+    little = run.score.misfit < _LITTLE * race.screen.scores[-1].misfit
+    return little and cycles >= _JUMP_THAT_MISFITS_AFTER
 
 
 def _of_jets(
     race: Race, standing: list[Standing], cycles: int, clear: bool, levels: Levels, params: JointParams
-) -> Decision | None:
+) -> Decision:
     best, run = standing[0].contender, standing[0].run
     assert run is not None, "only a filter of its own decides"
     significant = all(abs(force) > SIGNIFICANT * sigma for force, sigma in zip(best.force, best.sigma, strict=True))
     known = any(jet in race.states[0].slot_jet for jet in best.cause.jets)
+    undecided = Decision(Outcome.OPEN)
     if run.cycle - run.onset < len(run.kicks):  # what is not known of its first intervals is not all in its state
-        return None
+        return undecided
     if run.score.misfit >= FIT or best.lead <= levels.lead_nothing or not (significant or known):
-        return None
+        return undecided
     if len(best.cause.jets) > 1 and cycles < _PAIR_AFTER:
-        return None
+        return undecided
     if clear:
         return Decision(Outcome.JETS, standing[0])
     near = _near(standing, levels)
     single = all(c.cause.kind == Kind.JETS and len(c.cause.jets) == 1 for c in (best, *near))
     patience = _GROUP_OF_LOSSES_AFTER if best.cause.signs[0] < 0 else _GROUP_AFTER
-    small = single and len(near) < _GROUP and cycles >= patience
-    if small and all(screens.alike(race.screen, best, other, ALIKE, params) for other in near):
-        return Decision(Outcome.GROUP, standing[0], near)
-    return None
+    if single and len(near) < _GROUP and all(screens.alike(race.screen, best, other, ALIKE, params) for other in near):
+        return Decision(Outcome.GROUP if cycles >= patience else Outcome.OPEN, standing[0], near)
+    return undecided
+
+
+def _interrupted(race: Race, standing: list[Standing]) -> Decision | None:
+    """The group that led, where none of it explains the newest sample."""
+    if not race.leading:
+        return None
+    now = {each.contender.cause: each for each in standing}
+    of_group = [now.get(each.cause) for each in race.leading]
+    runs = [each.run for each in of_group if each is not None and each.run is not None]
+    if of_group[0] is None or len(runs) < len(race.leading) or not all(run.newest.misfit >= FIT for run in runs):
+        return None
+    return Decision(Outcome.GROUP, of_group[0], race.leading[1:], shaken=True)
 
 
 def _large(contender: Contender, params: JointParams) -> bool:
@@ -168,8 +181,7 @@ def _large(contender: Contender, params: JointParams) -> bool:
 
 def _near(standing: list[Standing], levels: Levels) -> tuple[Contender, ...]:
     """Those that the best does not lead by enough."""
-    best = standing[0].contender.lead
-    return tuple(each.contender for each in standing[1:] if each.contender.lead > best - levels.lead)
+    return tuple(each.contender for each in standing[1:] if each.odds > standing[0].odds - levels.lead)
 
 
 def _at_last(standing: list[Standing], levels: Levels, nothing_fits: bool) -> Decision:

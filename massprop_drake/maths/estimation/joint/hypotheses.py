@@ -52,13 +52,20 @@ class Cause(NamedTuple):
         kind: see `Kind`.
         jets: indices of the jets that have failed.
         signs: 1: that jet gives more than it is told to, -1: less.
+        on_top: 1: it gives that on top of what it is told to, as a leak; 0: as a jet that is stuck.
         component: index of the reading that lies, else -1.
     """
 
     kind: Kind
     jets: tuple[int, ...] = ()
     signs: tuple[int, ...] = ()
+    on_top: tuple[int, ...] = ()
     component: int = -1
+
+    @property
+    def failures(self) -> frozenset[tuple[int, int]]:
+        """Jets with their signs: what is named of it."""
+        return frozenset(zip(self.jets, self.signs, strict=True))
 
 
 class Score(NamedTuple):
@@ -107,6 +114,8 @@ class Runner(NamedTuple):
         state: after it.
         score: since the race's beginning.
         lying: whether its reading does not fit yet.
+        before: state before that cycle; None: it has done none.
+        newest: what that cycle added to the score.
     """
 
     cause: Cause
@@ -116,6 +125,8 @@ class Runner(NamedTuple):
     state: JointState
     score: Score
     lying: bool
+    before: JointState | None = None
+    newest: Score = NO_SCORE
 
 
 def counted(counting: Counting, read: Array, quanta: Array) -> tuple[np.ndarray, Counting]:
@@ -179,14 +190,14 @@ def opened(state: JointState, cause: Cause, params: JointParams) -> JointState:
         return unguarded(fresh._replace(root=compressed(np.hstack((fresh.root, columns)))))
     if cause.kind != Kind.JETS:
         return state
-    slot_jet, slot_sign = state.slot_jet.copy(), state.slot_sign.copy()
+    slot_jet, slot_sign, slot_on_top = state.slot_jet.copy(), state.slot_sign.copy(), state.slot_on_top.copy()
     columns = np.zeros((state.root.shape[0], len(cause.jets)))
-    for index, (jet, sign) in enumerate(zip(cause.jets, cause.signs, strict=True)):
+    for index, (jet, sign, on_top) in enumerate(zip(cause.jets, cause.signs, cause.on_top, strict=True)):
         slot = slot_of(state._replace(slot_jet=slot_jet, slot_sign=slot_sign), jet, sign)
-        slot_jet[slot], slot_sign[slot] = jet, sign
+        slot_jet[slot], slot_sign[slot], slot_on_top[slot] = jet, sign, on_top
         columns[params.places.force + slot, index] = params.thrusts[jet]
     root = compressed(np.hstack((state.root, columns)))
-    return state._replace(root=root, slot_jet=slot_jet, slot_sign=slot_sign)
+    return state._replace(root=root, slot_jet=slot_jet, slot_sign=slot_sign, slot_on_top=slot_on_top)
 
 
 def kicked(state: JointState, cause: Cause, kicks: Array, over: Link, params: JointParams) -> JointState:
@@ -279,4 +290,5 @@ def stepped(
     assert course is not None, "a race begins after the first sample"
     projected = course.expected.projected
     score = scored(score, report.innovation, projected @ projected.T + np.diag(params.variances), counts)
-    return run._replace(cycle=run.cycle + 1, state=after, score=score, lying=lying)
+    newest = Score(*(now - had for now, had in zip(score, run.score, strict=True)))
+    return run._replace(cycle=run.cycle + 1, state=after, score=score, lying=lying, before=run.state, newest=newest)

@@ -180,6 +180,8 @@ class JointState(NamedTuple):
         fired: seconds that each jet has given its full thrust, shape (n_jets,).
         slot_jet: index of the jet in each slot of a failure force, -1: empty, shape (n_force,).
         slot_sign: 1: the jet gives more than it is told to, -1: less, shape (n_force,).
+        slot_on_top: of a jet that gives more, 1: on top of what it is told to, as a leak; 0: only where it is not told
+            to, as a jet that is stuck on, shape (n_force,).
         time_s: of the last sample.
         started: whether a sample has been taken.
         guarded: whether the convergence guard holds.
@@ -198,6 +200,7 @@ class JointState(NamedTuple):
     fired: Array
     slot_jet: Array
     slot_sign: Array
+    slot_on_top: Array
     time_s: float
     started: bool
     guarded: bool
@@ -218,6 +221,7 @@ _STATE = Layout(
     fired="jets",
     slot_jet="forces",
     slot_sign="forces",
+    slot_on_top="forces",
     time_s=NUMBER,
     started=FLAG,
     guarded=FLAG,

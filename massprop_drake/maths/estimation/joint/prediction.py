@@ -153,7 +153,7 @@ def _thrust_factors(state: JointState, params: JointParams) -> tuple[Array, Arra
     lagged = factor.copy()
     for slot in range(places.n_force):
         jet = int(state.slot_jet[slot])
-        if jet >= 0:
+        if jet >= 0 and state.slot_on_top[slot] == 0.0:
             lagged[jet] -= state.mean[places.force + slot] / params.thrusts[jet]
     return factor, lagged
 
@@ -201,8 +201,10 @@ def error_rows(state: JointState, acting: Drive, params: JointParams) -> tuple[A
 
 
 def _slot_weight(state: JointState, slot: int, firing: Firing) -> float:
-    """Seconds for which a slot's force acts: T - L where the jet gives more than it is told, else -L."""
+    """Seconds for which a slot's force acts: T or T - L where the jet gives more than it is told, else -L."""
     amount = float(firing.amount[int(state.slot_jet[slot])])
+    if state.slot_on_top[slot] > 0.0:
+        return firing.duration_s
     return firing.duration_s - amount if state.slot_sign[slot] > 0.0 else -amount
 
 

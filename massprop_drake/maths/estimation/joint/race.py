@@ -29,6 +29,7 @@ _LIE_RUNS = 12  # cycles in which the likeliest liar runs, however the first ord
 _BETTER = 1.0  # nats at another onset, that a filter begins anew there
 _TOO_WIDE = 2.0  # times the uncertainty of the onset: then a filter begins anew
 OUT = 60.0  # nats behind the best: out of the race
+FIT = 6.0  # standard deviations of chi-square: rounding is not white, and six are never chance
 
 
 class Record(NamedTuple):
@@ -67,6 +68,8 @@ class Race(NamedTuple):
         states: after the beginning and after each onset of the screen.
         screen: see `Screen`.
         runs: see `Runner`.
+        leading: jets that explain everything so far and cannot be told apart, the likeliest first; empty: one leads, or
+            none is clear of all others.
         out: causes whose own filters have fallen too far behind, whatever the first order says of them.
     """
 
@@ -74,6 +77,7 @@ class Race(NamedTuple):
     states: tuple[JointState, ...]
     screen: Screen
     runs: tuple[Runner, ...]
+    leading: tuple[Contender, ...] = ()
     out: frozenset[Cause] = frozenset()
 
 
@@ -84,11 +88,19 @@ class Standing(NamedTuple):
         contender: see `Contender`; lead and forces are those of its filter where that has arrived.
         run: its filter where it has arrived at the present, else None.
         first_order: what the screen says of it, maybe at another onset.
+        beforehand: nats by which it is likelier than new failures before any reading: that a force changes which is
+            known to be wrong takes no further failure.
     """
 
     contender: Contender
     run: Runner | None
     first_order: Contender
+    beforehand: float
+
+    @property
+    def odds(self) -> float:
+        """By which hypotheses are compared with each other, nats."""
+        return self.contender.lead + self.beforehand
 
 
 def begin(bank: Bank, index: int, triggered: int, history: History, params: JointParams) -> Race:
@@ -115,6 +127,8 @@ def begin(bank: Bank, index: int, triggered: int, history: History, params: Join
 def moved(race: Race, standing: list[Standing], bank: Bank, history: History, params: JointParams) -> Race:
     """The race anew about its likeliest onset, where that is the first or the last that it looks at and not the only.
 
+    A race whose leader fits stays: its onset is known well enough.
+
     Args:
         race: see `Race`.
         standing: see `standings`.
@@ -122,7 +136,9 @@ def moved(race: Race, standing: list[Standing], bank: Bank, history: History, pa
         history: see `History`.
         params: see `JointParams`.
     """
-    onsets = race.screen.onsets
+    onsets, run = race.screen.onsets, standing[0].run if standing else None
+    if run is not None and run.score.misfit < FIT:
+        return race
     best = next((each.contender.onset for each in standing if each.contender.cause.kind == Kind.JETS), None)
     if best not in (onsets[0], onsets[-1]) or best not in bank.cycles:
         return race
@@ -159,11 +175,44 @@ def standings(race: Race, contenders: list[Contender], params: JointParams) -> l
             continue
         run = by_cause.pop(contender.cause, None)
         measured = _measured(contender, run, nothing, params) if run else contender
-        result.append(Standing(measured, run, contender))
+        result.append(Standing(measured, run, contender, _beforehand(race, contender.cause)))
+    listed = {each.cause.failures for each in contenders if each.cause.jets}
     for cause, run in by_cause.items():  # what is not possible to first order may be so by its filter
+        if cause.failures in listed:  # the same jets in another way
+            continue
         contender = Contender(cause, run.onset, 0.0, kicks=run.kicks)
-        result.append(Standing(_measured(contender, run, nothing, params), run, contender))
-    return sorted(result, key=lambda standing: -standing.contender.lead)
+        measured = _measured(contender, run, nothing, params)
+        result.append(Standing(measured, run, contender, _beforehand(race, cause)))
+    result.sort(key=lambda standing: -standing.odds)
+    return [each for each in result if not _no_rival(result[0], each)]
+
+
+def _no_rival(best: Standing, other: Standing) -> bool:
+    """Whether a hypothesis names what the best names, or that and more while the best explains the readings.
+
+    What little a further failure then explains is told from chance by a race of its own.
+    """
+    named, also = best.contender.cause.failures, other.contender.cause.failures
+    if other is best or not named:
+        return False
+    return named == also or (named < also and best.run is not None and best.run.score.misfit < FIT)
+
+
+def _beforehand(race: Race, cause: Cause) -> float:
+    return screens.PAIR_PRIOR * len(_known(race) & cause.failures)
+
+
+def margin(best: Standing, other: Standing) -> float:
+    """Lead over another hypothesis, nats: of filters, or of the first order where one has no filter that has arrived.
+
+    Of an effect that is not small the first order is off by far more than hypotheses differ: what it puts near the best
+    or before it must run as a filter before it is believed to be behind.
+    """
+    measured = best.odds - other.odds
+    if other.run is not None or best.run is None:
+        return measured
+    first_order = best.first_order.lead - other.first_order.lead
+    return min(measured, first_order + best.beforehand - other.beforehand)
 
 
 def _measured(contender: Contender, run: Runner, nothing: float, params: JointParams) -> Contender:
@@ -184,7 +233,8 @@ def running(race: Race, standing: list[Standing], free_slots: int) -> Race:
         standing: see `standings`.
         free_slots: for forces of further failures.
     """
-    best = standing[0].contender.lead
+    leader = standing[0]
+    best = leader.contender.lead
     present = {run.cause: run for run in race.runs}
     wanted: list[Runner] = []
     liar = next((each.contender.cause for each in standing if each.contender.cause.kind == Kind.LIES), None)
@@ -192,36 +242,43 @@ def running(race: Race, standing: list[Standing], free_slots: int) -> Race:
     lost = {each.contender.cause for each in standing if each.run is not None and each.contender.lead < best - OUT}
     for each in standing:
         contender, cause = each.contender, each.contender.cause
-        near = contender.lead > best - (OUT if cause.kind == Kind.JUMP or cause in present else _NEAR)
+        near = (
+            contender.lead > best - OUT if cause.kind == Kind.JUMP or cause in present else margin(leader, each) < _NEAR
+        )
         near = near or (young and cause == liar)
         if near and contender.lead > 0.0 and len(wanted) < _RUNS and _fits(race, cause, free_slots):
             run = present.get(cause)
-            anew = run is None or _too_wide(run, contender) or _elsewhere(each)
-            wanted.append(_opened(race, each.first_order) if run is None or anew else run)
+            wanted.append(_opened(race, each.first_order) if run is None or _begins_anew(run, each) else run)
     return race._replace(runs=tuple(wanted), out=race.out | (lost - {Cause(Kind.JUMP)}))
 
 
 def _fits(race: Race, cause: Cause, free_slots: int) -> bool:
     """Whether the state has a slot for each of its jets."""
+    taken = _known(race)
+    return len(cause.failures - taken) <= free_slots
+
+
+def _known(race: Race) -> set[tuple[int, int]]:
+    """Jets and signs of the failures that are known."""
     base = race.states[0]
-    taken = set(zip(base.slot_jet.astype(np.intp).tolist(), base.slot_sign.tolist(), strict=True))
-    needed = sum((jet, float(sign)) not in taken for jet, sign in zip(cause.jets, cause.signs, strict=True))
-    return needed <= free_slots
+    return set(zip(base.slot_jet.astype(np.intp).tolist(), base.slot_sign.astype(np.intp).tolist(), strict=True))
 
 
-def _too_wide(run: Runner, contender: Contender) -> bool:
-    """Whether a filter began with far more uncertainty of its onset than there now is."""
-    return any(
+def _begins_anew(run: Runner, standing: Standing) -> bool:
+    """Whether a filter began with far more uncertainty of its onset than there now is, or another explains more.
+
+    Where a filter fits, and the first order is far from what it has measured, the first order is wrong.
+    """
+    contender, arrived_run, first = standing.contender, standing.run, standing.first_order
+    off = abs(first.lead - contender.lead) > _NEAR
+    if arrived_run is not None and arrived_run.score.misfit < FIT and off:
+        return False
+    elsewhere = arrived_run is not None and first.onset != run.onset and first.lead > contender.lead + _BETTER
+    return elsewhere or any(
         had > _TOO_WIDE * has
         for of_run, now in zip(run.kicks, contender.kicks, strict=True)
         for had, has in zip(of_run, now, strict=True)
     )
-
-
-def _elsewhere(standing: Standing) -> bool:
-    """Whether another onset than its filter's explains clearly more."""
-    contender, run, first = standing
-    return run is not None and first.onset != run.onset and first.lead > contender.lead + _BETTER
 
 
 def _opened(race: Race, contender: Contender) -> Runner:

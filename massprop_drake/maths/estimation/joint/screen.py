@@ -1,9 +1,9 @@
 r"""Every hypothesis of a race at once, to first order: columns beside the filter that knows of nothing.
 
-Per onset there is a column for each jet that gives more than it is told, for each that gives less, for the impulse of
-each jet in the first interval (nobody knows when in it a failure began) and in the second (it builds up with a lag),
-and for each reading that lies in the first sample; besides, the ten parameters jump at the race's beginning. With s the
-innovation that a column's unit adds,
+Per onset there is a column for each jet that gives something on top of what it is told to, for each that gives less,
+for the impulse of each jet in the first interval (nobody knows when in it a failure began) and in the second (it builds
+up with a lag), for each that gives more only while it is not told to, and for each reading that lies in the first
+sample; besides, the ten parameters jump at the race's beginning. With s the innovation that a column's unit adds,
 
     A = sum S^T Y^-1 S,    b = sum S^T Y^-1 e,
 
@@ -41,6 +41,7 @@ from massprop_drake.maths.linear_algebra import Array
 
 MOST_FORCE = 1.05  # of full thrust: a jet gives no more
 PAIR_PRIOR = 12.0  # nats against two failures at once: 1e-5 of one
+_LEAK = 0.5  # of full thrust: below, a jet leaks; above, it is stuck on and gives no more when it is told to fire
 _LEAST_KICK = 1e-6  # of the largest, so that a variance has an inverse
 BOUND = 3.0  # sigmas within which a force lies
 _PAIRS = 10  # likeliest that are looked at with their onsets uncertain
@@ -54,9 +55,9 @@ class Screen(NamedTuple):
         onsets: cycles after which failures may have begun, ascending.
         gaps: intervals between neighboring onsets, of each.
         cycle: the last one done.
-        columns: errors of the filter per unit, shape (size, n_onsets * h + 10), h = 4 n_jets + m.
-        acting: share of the first intervals after each onset in which each failure can have acted, more and then
-            less, shape (n_onsets, len(SHARES), 2 n_jets).
+        columns: errors of the filter per unit, shape (size, n_onsets * h + 10), h = 5 n_jets + m.
+        acting: share of the first intervals after each onset in which each failure can have acted, on top, less, and
+            where not told to, shape (n_onsets, len(SHARES), 3 n_jets).
         information: A of each onset, shape (n_onsets, h, h).
         projection: b of each onset, shape (n_onsets, h).
         jump_information, jump_projection: of the jump, shape (10, 10) and (10,).
@@ -116,7 +117,7 @@ def begin(
     """
     places = params.places
     state, cycle = start
-    h = 4 * places.jets + read.shape[0]
+    h = 5 * places.jets + read.shape[0]
     columns = np.zeros((places.size, len(onsets) * h + N_PROPERTIES))
     jump = np.zeros((places.size, N_PROPERTIES))
     jump[:N_PROPERTIES] = np.diag(JUMP_SHARE * params.increment_sigma)
@@ -130,7 +131,7 @@ def begin(
         gaps=gaps,
         cycle=cycle,
         columns=columns,
-        acting=np.ones((len(onsets), len(SHARES), 2 * places.jets)),
+        acting=np.ones((len(onsets), len(SHARES), 3 * places.jets)),
         information=np.zeros((len(onsets), h, h)),
         projection=np.zeros((len(onsets), h)),
         jump_information=np.zeros((N_PROPERTIES, N_PROPERTIES)),
@@ -145,16 +146,17 @@ def screened(screen: Screen, over: Link, params: JointParams) -> Screen:
     """The screen after one more cycle."""
     places = params.places
     jets, m = places.jets, over.read.shape[0]
-    h, n_onsets = 4 * jets + m, len(screen.onsets)
+    h, n_onsets = 5 * jets + m, len(screen.onsets)
     forcing = np.zeros((6, n_onsets * h + N_PROPERTIES))
-    more = over.effects.T * (over.duration_s - over.amount)
+    untold = over.effects.T * (over.duration_s - over.amount)
     less = over.effects.T * -over.amount
     impulse = over.effects.T * over.duration_s
     first = [index for index, onset in enumerate(screen.onsets) if onset == screen.cycle]
     for index, onset in enumerate(screen.onsets):
         if onset <= screen.cycle:
-            forcing[:, index * h : index * h + jets] = more
+            forcing[:, index * h : index * h + jets] = impulse
             forcing[:, index * h + jets : index * h + 2 * jets] = less
+            forcing[:, index * h + 4 * jets : index * h + 5 * jets] = untold
         if 0 <= screen.cycle - onset < len(SHARES):
             begin = index * h + (2 + screen.cycle - onset) * jets
             forcing[:, begin : begin + jets] = impulse
@@ -162,7 +164,7 @@ def screened(screen: Screen, over: Link, params: JointParams) -> Screen:
     acting = _acting(screen, over)
     shown = over.jacobian @ columns
     for index in first:
-        shown[:, index * h + 4 * jets : (index + 1) * h] += np.eye(m)
+        shown[:, index * h + 5 * jets : (index + 1) * h] += np.eye(m)
     columns = corrected(columns, shown, over)
     mask, counting = counted(screen.counting, over.read, params.quanta)
     score = scored(screen.scores[-1], over.innovation, over.covariance, mask)
@@ -196,15 +198,16 @@ def screened(screen: Screen, over: Link, params: JointParams) -> Screen:
 def _acting(screen: Screen, over: Link) -> Array:
     """`Screen.acting` with one more cycle.
 
-    A loss shows only while its jet is told to fire, a leak only while it is not; but where an onset stands for several
-    intervals, what may have acted in those before it is not known.
+    A loss shows only while its jet is told to fire, a jet that is stuck on only while it is not, a leak always; but
+    where an onset stands for several intervals, what may have acted in those before it is not known.
     """
     idle = 1.0 - over.amount / over.duration_s
     acting = screen.acting.copy()
     for index, (onset, gap) in enumerate(zip(screen.onsets, screen.gaps, strict=True)):
         place = screen.cycle - onset
         if 0 <= place < len(SHARES):
-            acting[index, place] = 1.0 if place == 0 and gap > 1 else np.concatenate((idle, 1.0 - idle))
+            shares = np.concatenate((np.ones_like(idle), 1.0 - idle, idle))
+            acting[index, place] = 1.0 if place == 0 and gap > 1 else shares
     return acting
 
 
@@ -259,9 +262,24 @@ def contenders(screen: Screen, allowed: np.ndarray, known: Array, params: JointP
     return sorted([*found.values(), jump], key=lambda contender: -contender.lead)
 
 
-def _of_column(column: int, jets: int) -> tuple[int, int]:
-    """Jet and sign of a column."""
-    return (column, 1) if column < jets else (column - jets, -1)
+def _of_columns(columns: list[int], jets: int) -> Cause:
+    """The failures of some columns."""
+    signs = tuple(-1 if jets <= column < 2 * jets else 1 for column in columns)
+    return Cause(Kind.JETS, tuple(column % jets for column in columns), signs, tuple(int(c < jets) for c in columns))
+
+
+def _directions(columns: np.ndarray, jets: int) -> np.ndarray:
+    """Index of each column's failure among those that give more and then those that give less."""
+    return np.where(columns < 2 * jets, columns, columns % jets)
+
+
+def _as_large(columns: np.ndarray, force: Array, params: JointParams) -> np.ndarray:
+    """Whether a force is as large as its column means: what comes on top is a leak, less than half of full thrust."""
+    jets = params.places.jets
+    leaks = force < _LEAK * params.thrusts[columns % jets]
+    loss = (columns >= jets) & (columns < 2 * jets)
+    result: np.ndarray = loss | (leaks == (columns < jets))
+    return result
 
 
 def _rows(values: Array) -> tuple[tuple[float, ...], ...]:
@@ -291,7 +309,8 @@ def _fitted(screen: Screen, index: int, steps: np.ndarray, params: JointParams) 
     sets = np.hstack([steps, *((2 + place) * jets + steps % jets for place in range(len(SHARES)))])
     information = screen.information[index][sets[:, :, None], sets[:, None, :]]
     projection = screen.projection[index][sets]
-    places = np.maximum(screen.acting[index][:, steps], _LEAST_KICK) * np.reshape(SHARES, (-1, 1, 1))
+    acting = screen.acting[index][:, np.where(steps < 2 * jets, steps, steps - 2 * jets)]
+    places = np.maximum(acting, _LEAST_KICK) * np.reshape(SHARES, (-1, 1, 1))
     most = thrusts
     for _ in range(2):
         kicks = KICK * screen.gaps[index] * most * places
@@ -305,73 +324,83 @@ def _fitted(screen: Screen, index: int, steps: np.ndarray, params: JointParams) 
 
 def _singles(screen: Screen, index: int, allowed: np.ndarray, known: Array, params: JointParams) -> list[Contender]:
     jets = params.places.jets
-    steps = np.arange(2 * jets)
-    thrusts = np.tile(params.thrusts, 2)
-    energy = np.diagonal(screen.information[index])[: 2 * jets]
+    steps = np.concatenate((np.arange(2 * jets), np.arange(4 * jets, 5 * jets)))
+    thrusts, ways = params.thrusts[steps % jets], _directions(steps, jets)
     fitted = _fitted(screen, index, steps.reshape(-1, 1), params)
-    lead = fitted.lead + np.tile(rarity(params), 2)
-    change, sigma = fitted.force[:, 0], fitted.sigma[:, 0]
-    total = known + change
-    possible = allowed & (energy > 0.0) & (total + BOUND * sigma > 0.0) & (total - BOUND * sigma < MOST_FORCE * thrusts)
-    possible &= (change > 0.0) | (known > 0.0)
+    lead = fitted.lead + rarity(params)[steps % jets]
+    change, sigma, had = fitted.force[:, 0], fitted.sigma[:, 0], known[ways]
+    total = had + change
+    possible = allowed[ways] & (np.diagonal(screen.information[index])[steps] > 0.0)
+    possible &= (total + BOUND * sigma > 0.0) & (total - BOUND * sigma < MOST_FORCE * thrusts)
+    possible &= ((change > 0.0) | (had > 0.0)) & _as_large(steps, total, params)
     result = []
-    for column in np.flatnonzero(possible & (lead > 0.0)):
-        jet, sign = _of_column(int(column), jets)
-        cause = Cause(Kind.JETS, (jet,), (sign,))
-        forces = ((float(total[column]),), (float(sigma[column]),), _rows(fitted.kicks[:, column]))
-        result.append(Contender(cause, screen.onsets[index], float(lead[column]), *forces))
+    for row in np.flatnonzero(possible & (lead > 0.0)):
+        forces = ((float(total[row]),), (float(sigma[row]),), _rows(fitted.kicks[:, row]))
+        cause = _of_columns([int(steps[row])], jets)
+        result.append(Contender(cause, screen.onsets[index], float(lead[row]), *forces))
     return result
 
 
 def _pairs(screen: Screen, index: int, allowed: np.ndarray, known: Array, params: JointParams) -> list[Contender]:
     jets = params.places.jets
-    information, projection = screen.information[index], screen.projection[index]
-    thrusts = np.tile(params.thrusts, 2)
-    steps = np.flatnonzero(allowed & (np.diag(information)[: 2 * jets] > 0.0))
-    first, second = np.triu_indices(steps.shape[0], 1)
-    one, other = steps[first], steps[second]
-    different = one % jets != other % jets
-    one, other = one[different], other[different]
-    if one.shape[0] == 0:
+    chosen = [
+        _likely_pairs(screen, index, np.concatenate((more, np.arange(jets, 2 * jets))), (allowed, known), params)
+        for more in (np.arange(jets), np.arange(4 * jets, 5 * jets))
+    ]
+    steps = np.unique(np.concatenate(chosen), axis=0)
+    if steps.shape[0] == 0:
         return []
-    a, b = information[one, one] + thrusts[one] ** -2.0, information[other, other] + thrusts[other] ** -2.0
-    c = information[one, other]
-    determinant = a * b - c * c
-    x = (b * projection[one] - c * projection[other]) / determinant
-    y = (a * projection[other] - c * projection[one]) / determinant
-    gain = 0.5 * (x * projection[one] + y * projection[other])
-    gain -= 0.5 * np.log(determinant * thrusts[one] ** 2 * thrusts[other] ** 2)
-    scarce = np.tile(rarity(params), 2)
-    gain += scarce[one] + scarce[other] - PAIR_PRIOR
-    had, other_had = known[one] > 0.0, known[other] > 0.0
-    possible = ((x > 0.0) | had) & ((y > 0.0) | other_had) & ~(had & other_had)
-    possible &= (x < 1.5 * thrusts[one]) & (y < 1.5 * thrusts[other])
-    order = np.flatnonzero(possible & (gain > 0.0))
-    order = order[np.argsort(-gain[order])][:_PAIRS]
-    if order.shape[0] == 0:
-        return []
-    steps = np.stack((one[order], other[order]), axis=1)
     fitted = _fitted(screen, index, steps, params)
-    lead = fitted.lead + scarce[steps].sum(axis=1) - PAIR_PRIOR
-    total = fitted.force + known[steps]
-    shows = (np.abs(fitted.force) > BOUND * fitted.sigma) & ((fitted.force > 0.0) | (known[steps] > 0.0))
-    within = (total + BOUND * fitted.sigma > 0.0) & (total - BOUND * fitted.sigma < MOST_FORCE * thrusts[steps])
-    possible = (shows & within).all(axis=1)
+    lead = fitted.lead + rarity(params)[steps % jets].sum(axis=1) - PAIR_PRIOR
+    had = known[_directions(steps, jets)]
+    total = fitted.force + had
+    shows = (np.abs(fitted.force) > BOUND * fitted.sigma) & ((fitted.force > 0.0) | (had > 0.0))
+    most = MOST_FORCE * params.thrusts[steps % jets]
+    within = (total + BOUND * fitted.sigma > 0.0) & (total - BOUND * fitted.sigma < most)
+    possible = (shows & within & _as_large(steps, total, params)).all(axis=1)
     result = []
     for row in np.flatnonzero(possible):
-        columns = [_of_column(int(column), jets) for column in steps[row]]
-        cause = Cause(Kind.JETS, tuple(jet for jet, _ in columns), tuple(sign for _, sign in columns))
+        cause = _of_columns(steps[row].tolist(), jets)
         forces = (tuple(total[row].tolist()), tuple(fitted.sigma[row].tolist()), _rows(fitted.kicks[:, row]))
         result.append(Contender(cause, screen.onsets[index], float(lead[row]), *forces))
     return result
 
 
+def _likely_pairs(
+    screen: Screen, index: int, columns: np.ndarray, given: tuple[np.ndarray, Array], params: JointParams
+) -> np.ndarray:
+    """The likeliest pairs of columns with their onsets taken as known, shape (number, 2)."""
+    jets, (allowed, known) = params.places.jets, given
+    information, projection = screen.information[index], screen.projection[index]
+    steps = columns[allowed[_directions(columns, jets)] & (np.diag(information)[columns] > 0.0)]
+    first, second = np.triu_indices(steps.shape[0], 1)
+    one, other = steps[first], steps[second]
+    different = one % jets != other % jets
+    one, other = one[different], other[different]
+    of_one, of_other = params.thrusts[one % jets], params.thrusts[other % jets]
+    a, b = information[one, one] + of_one**-2.0, information[other, other] + of_other**-2.0
+    c = information[one, other]
+    determinant = a * b - c * c
+    x = (b * projection[one] - c * projection[other]) / determinant
+    y = (a * projection[other] - c * projection[one]) / determinant
+    gain = 0.5 * (x * projection[one] + y * projection[other])
+    gain -= 0.5 * np.log(determinant * of_one**2 * of_other**2)
+    scarce = rarity(params)
+    gain += scarce[one % jets] + scarce[other % jets] - PAIR_PRIOR
+    had, other_had = known[_directions(one, jets)] > 0.0, known[_directions(other, jets)] > 0.0
+    possible = ((x > 0.0) | had) & ((y > 0.0) | other_had) & ~(had & other_had)
+    possible &= (x < 1.5 * of_one) & (y < 1.5 * of_other)
+    order = np.flatnonzero(possible & (gain > 0.0))
+    order = order[np.argsort(-gain[order])][:_PAIRS]
+    return np.stack((one[order], other[order]), axis=1)
+
+
 def _lies(screen: Screen, index: int, params: JointParams) -> list[Contender]:
     jets = params.places.jets
-    m = screen.projection.shape[1] - 4 * jets
+    m = screen.projection.shape[1] - 5 * jets
     result = []
     for component in range(m):
-        column = 4 * jets + component
+        column = 5 * jets + component
         energy, projection = screen.information[index, column, column], screen.projection[index, column]
         if energy > 0.0:
             lead = 0.5 * projection**2 / energy - 0.5 * np.log(energy) - cost_of_a_lie(component, params)
@@ -379,6 +408,13 @@ def _lies(screen: Screen, index: int, params: JointParams) -> list[Contender]:
                 cause = Cause(Kind.LIES, component=component)
                 result.append(Contender(cause, screen.onsets[index], float(lead)))
     return result
+
+
+def _column(cause: Cause, jets: int) -> int:
+    """The column of a single failure."""
+    if cause.signs[0] < 0:
+        return cause.jets[0] + jets
+    return cause.jets[0] + (0 if cause.on_top[0] else 4 * jets)
 
 
 def alike(screen: Screen, one: Contender, other: Contender, least: float, params: JointParams) -> bool:
@@ -392,7 +428,7 @@ def alike(screen: Screen, one: Contender, other: Contender, least: float, params
     """
     jets = params.places.jets
     information = screen.information[screen.onsets.index(one.onset)]
-    j, i = (c.cause.jets[0] + (jets if c.cause.signs[0] < 0 else 0) for c in (one, other))
+    j, i = (_column(each.cause, jets) for each in (one, other))
     if information[i, i] <= 0.0:
         return False
     separation = information[j, j] - information[j, i] ** 2 / information[i, i]
