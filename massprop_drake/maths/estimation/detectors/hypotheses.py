@@ -32,7 +32,7 @@ from massprop_drake.maths.estimation.detectors.multi_hypothesis import (
 )
 from massprop_drake.maths.estimation.filters.joint import JointFilterParams
 from massprop_drake.maths.estimation.joint.cycle import JointEvidence
-from massprop_drake.maths.estimation.joint.decision import Levels
+from massprop_drake.maths.estimation.joint.decision import Rules
 from massprop_drake.maths.estimation.joint.hypotheses import Kind
 from massprop_drake.maths.estimation.joint.layout import JointState, pack, state_layout, unpack
 from massprop_drake.maths.estimation.joint.race import History
@@ -75,10 +75,10 @@ class State(NamedTuple):
     closed: Array
 
 
-def make_params(_jets: Jets, options: Any, filter_params: JointFilterParams) -> HypothesisParams:
+def make_params(jets: Jets, options: Any, filter_params: JointFilterParams) -> HypothesisParams:
     """Parameters from those of the filter and the scenario's block."""
-    levels = Levels(options.lead, options.lead_nothing, options.jump)
-    return HypothesisParams(filter_params.joint, options.trigger_jet, options.trigger, levels)
+    rules = Rules(options.lead, options.lead_nothing, options.jump, jets.clusters)
+    return HypothesisParams(filter_params.joint, options.trigger_jet, options.trigger, rules)
 
 
 def initial(params: HypothesisParams) -> State:

@@ -25,8 +25,8 @@ from massprop_drake.maths.estimation.joint.decision import (
     SIGNIFICANT,
     UNSETTLED_FLOOR,
     Decision,
-    Levels,
     Outcome,
+    Rules,
     decided,
 )
 from massprop_drake.maths.estimation.joint.guard import unguarded
@@ -138,13 +138,13 @@ class HypothesisParams(NamedTuple):
         joint: of the filter.
         trigger_jet: l above which a race begins.
         trigger: T above which a race begins.
-        levels: see `Levels`.
+        rules: see `Rules`.
     """
 
     joint: JointParams
     trigger_jet: float = 28.0
     trigger: float = 45.0
-    levels: Levels = Levels()
+    rules: Rules = Rules()
 
 
 class State(NamedTuple):
@@ -264,7 +264,7 @@ def judge(
     state, decision, standing, status = _raced(state, before, again, report, sample, params)
     if decision.outcome == Outcome.OPEN:
         published = again
-        if standing and standing[0].run is not None and standing[0].contender.lead > params.levels.lead_nothing:
+        if standing and standing[0].run is not None and standing[0].contender.lead > params.rules.lead_nothing:
             published = standing[0].run.state
         declared: tuple[Declaration, ...] = ()
         if state.race is None:  # while one is under way, nothing is known of forces that it may change
@@ -316,7 +316,7 @@ def _raced(
         race, standing = _run(race, history, state, before, joint)
         if standing:
             was_settled = settled(race.states[0], joint)
-            decision = decided(race, standing, was_settled, params.levels, joint)
+            decision = decided(race, standing, was_settled, params.rules, joint)
             leading = () if decision.winner is None else (decision.winner.contender, *decision.group)
             race = race._replace(leading=leading if decision.group else ())
             second = max(standing[1].contender.lead, 0.0) if len(standing) > 1 else 0.0
@@ -447,25 +447,26 @@ def _jets(
     contender = winner.contender
     announced, known = state.announced.copy(), state.sigmas.copy()
     was_settled = settled(race.states[0], params)
-    new: list[tuple[int, int, float, float]] = []
+    common = frozenset.intersection(contender.cause.failures, *(each.cause.failures for each in decision.group))
+    named: list[tuple[int, int, float, float]] = []
+    of_group: list[tuple[int, int, float, float]] = []
     for jet, sign in zip(contender.cause.jets, contender.cause.signs, strict=True):
         slot = slot_of(now, jet, sign)
         force, sigma = _force(now, slot, params)
         if announced[slot] == 0.0 and force > max(_floor(jet, sign, was_settled, params), SIGNIFICANT * sigma):
             announced[slot], known[slot] = force, sigma
-            new.append((jet, sign, force, sigma))
-    if not new:
-        return state, []
-    named = {(jet, sign) for jet, sign, _, _ in new}
-    for other in decision.group:
-        for member in zip(other.cause.jets, other.cause.signs, other.force, other.sigma, strict=True):
-            if member[:2] not in named:
-                named.add(member[:2])
-                new.append(member)
-    jets, signs, forces, sigmas = zip(*new, strict=True)
-    word, apart = (Word.GROUP, jets[0]) if decision.group else (Word.FAILED, -1)
-    said = JetsDeclared(word, jets, signs, forces, sigmas, _onset_s(race, contender), apart)
-    return state._replace(announced=announced, sigmas=known), [said]
+            (named if (jet, sign) in common else of_group).append((jet, sign, force, sigma))
+    if of_group:
+        others = (failure for each in decision.group for failure in each.failures)
+        of_group += [(f.jet, f.sign, f.force, f.sigma) for f in others if (f.jet, f.sign) not in common]
+    onset_s = _onset_s(race, contender)
+    said: list[Declaration] = []
+    for word, members in ((Word.FAILED, named), (Word.GROUP, of_group)):
+        if members:
+            jets, signs, forces, sigmas = zip(*members, strict=True)
+            apart = jets[0] if word == Word.GROUP else -1
+            said.append(JetsDeclared(word, jets, signs, forces, sigmas, onset_s, apart))
+    return state._replace(announced=announced, sigmas=known), said
 
 
 def _known_now(state: State, now: JointState, params: JointParams) -> tuple[State, tuple[Declaration, ...]]:

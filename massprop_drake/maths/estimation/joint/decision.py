@@ -5,8 +5,8 @@ set of jets, in nats, and cycles counted from the alarm:
 
     jets     L_1 - L_2 > 6, L_1 - L_J > 6, L_1 - L_S > 6, L_1 - L_0 > 12, f > 3 sigma of each, and they fit; a pair
              after three samples; before settled only forces of a tenth of full thrust
-    group    the same against all but at most two single jets that what has fired cannot tell apart; and at once where
-             something new begins that none of them explains
+    group    the same against all but those that differ in one jet, which what has fired cannot tell apart, and are two
+             at most or of one cluster; and at once where something new begins that none of them explains
     lie      L_S leads all by 6 and nothing by 12, after 6 cycles
     jump     L_J leads all by 6, two samples at least; where it does not fit twelve, and it must leave no more than a
              hundredth of the misfit; announced if settled and L_J - L_0 > 100, else taken as an increment
@@ -21,6 +21,8 @@ from __future__ import annotations
 
 from enum import IntEnum
 from typing import NamedTuple
+
+import numpy as np
 
 from massprop_drake.maths.estimation.joint import screen as screens
 from massprop_drake.maths.estimation.joint.hypotheses import Kind, Runner
@@ -58,18 +60,20 @@ class Outcome(IntEnum):
     UNEXPLAINED = 7
 
 
-class Levels(NamedTuple):
-    """Leads that decide, nats; see the module.
+class Rules(NamedTuple):
+    """What decides; see the module.
 
     Attributes:
-        lead: over every other hypothesis.
-        lead_nothing: over no failure.
-        jump: over no failure, of a jump that is announced.
+        lead: over every other hypothesis, nats.
+        lead_nothing: over no failure, nats.
+        jump: over no failure, of a jump that is announced, nats.
+        clusters: index of each jet's cluster, shape (n_jets,); None: they are in none.
     """
 
     lead: float = 6.0
     lead_nothing: float = 12.0
     jump: float = 100.0
+    clusters: np.ndarray | None = None
 
 
 class Decision(NamedTuple):
@@ -88,14 +92,14 @@ class Decision(NamedTuple):
     shaken: bool = False
 
 
-def decided(race: Race, standing: list[Standing], settled: bool, levels: Levels, params: JointParams) -> Decision:
+def decided(race: Race, standing: list[Standing], settled: bool, rules: Rules, params: JointParams) -> Decision:
     """The decision after a cycle.
 
     Args:
         race: its screen has arrived at the present.
         standing: see `race.standings`.
         settled: whether the filter's start is over.
-        levels: see `Levels`.
+        rules: see `Rules`.
         params: see `JointParams`.
     """
     interrupted = _interrupted(race, standing)
@@ -106,14 +110,14 @@ def decided(race: Race, standing: list[Standing], settled: bool, levels: Levels,
     best = standing[0]
     lead = best.contender.lead
     kind = best.contender.cause.kind
-    clear = lead > levels.lead_nothing and all(margin(best, other) > levels.lead for other in standing[1:])
+    clear = lead > rules.lead_nothing and all(margin(best, other) > rules.lead for other in standing[1:])
     if kind == Kind.JETS and best.run is not None and (jump.run is not None or jump.contender.lead < lead - OUT):
         large = settled or _large(best.contender, params)
-        found = _of_jets(race, standing, cycles, clear, levels, params) if large else Decision(Outcome.OPEN)
+        found = _of_jets(race, standing, cycles, clear, rules, params) if large else Decision(Outcome.OPEN)
         if found.outcome != Outcome.OPEN or found.group:
             return found
     if kind == Kind.JUMP and jump.run is not None and clear and _jump_explains(race, jump.run, cycles):
-        if settled and lead > levels.jump:
+        if settled and lead > rules.jump:
             return Decision(Outcome.JUMP, jump)
         if cycles >= _INCREMENT_AFTER or (not settled and lead > _JUMP_AT_LEAST):
             return Decision(Outcome.INCREMENT, jump)
@@ -125,7 +129,7 @@ def decided(race: Race, standing: list[Standing], settled: bool, levels: Levels,
     if nothing_fits and cycles >= _NOTHING_LATE and lead <= _NOTHING_NEAR:
         return Decision(Outcome.NOTHING)
     if cycles >= LAST:
-        return _at_last(standing, levels, nothing_fits)
+        return _at_last(standing, rules, nothing_fits)
     return Decision(Outcome.OPEN)
 
 
@@ -138,7 +142,7 @@ def _jump_explains(race: Race, run: Runner, cycles: int) -> bool:
 
 
 def _of_jets(
-    race: Race, standing: list[Standing], cycles: int, clear: bool, levels: Levels, params: JointParams
+    race: Race, standing: list[Standing], cycles: int, clear: bool, rules: Rules, params: JointParams
 ) -> Decision:
     best, run = standing[0].contender, standing[0].run
     assert run is not None, "only a filter of its own decides"
@@ -147,18 +151,41 @@ def _of_jets(
     undecided = Decision(Outcome.OPEN)
     if run.cycle - run.onset < len(run.kicks):  # what is not known of its first intervals is not all in its state
         return undecided
-    if run.score.misfit >= FIT or best.lead <= levels.lead_nothing or not (significant or known):
+    if run.score.misfit >= FIT or best.lead <= rules.lead_nothing or not (significant or known):
         return undecided
     if len(best.cause.jets) > 1 and cycles < _PAIR_AFTER:
         return undecided
     if clear:
         return Decision(Outcome.JETS, standing[0])
-    near = _near(standing, levels)
-    single = all(c.cause.kind == Kind.JETS and len(c.cause.jets) == 1 for c in (best, *near))
-    patience = _GROUP_OF_LOSSES_AFTER if best.cause.signs[0] < 0 else _GROUP_AFTER
-    if single and len(near) < _GROUP and all(screens.alike(race.screen, best, other, ALIKE, params) for other in near):
-        return Decision(Outcome.GROUP if cycles >= patience else Outcome.OPEN, standing[0], near)
+    group = _group(race, best, _near(standing, rules), rules, params)
+    if group:
+        patience = _GROUP_OF_LOSSES_AFTER if best.cause.signs[0] < 0 else _GROUP_AFTER
+        return Decision(Outcome.GROUP if cycles >= patience else Outcome.OPEN, standing[0], group)
     return undecided
+
+
+def _group(
+    race: Race, best: Contender, near: tuple[Contender, ...], rules: Rules, params: JointParams
+) -> tuple[Contender, ...]:
+    """Those that differ from the best in one jet, which what has fired cannot tell from the best's; none: others are.
+
+    They are few, or of one cluster.
+    """
+    if not all(each.cause.kind == Kind.JETS for each in near):
+        return ()
+    common = frozenset.intersection(best.cause.failures, *(each.cause.failures for each in near))
+    differing = [[f for f in each.failures if (f.jet, f.sign) not in common] for each in (best, *near)]
+    if any(len(each) != 1 for each in differing):
+        return ()
+    first, others = differing[0][0], [each[0] for each in differing[1:]]
+    few = len(others) < _GROUP
+    clusters = rules.clusters
+    cluster = clusters is not None and len({int(clusters[each.jet]) for each in (first, *others)}) == 1
+    if not (cluster or few):
+        return ()
+    shared = tuple(f for f in best.failures if (f.jet, f.sign) in common)
+    apart = (screens.separation(race.screen, best.onset, (first, other), shared, params) for other in others)
+    return near if all(each < ALIKE for each in apart) else ()
 
 
 def _interrupted(race: Race, standing: list[Standing]) -> Decision | None:
@@ -179,20 +206,20 @@ def _large(contender: Contender, params: JointParams) -> bool:
     return all(f > UNSETTLED_FLOOR * params.thrusts[jet] for f, jet in zip(contender.force, jets, strict=True))
 
 
-def _near(standing: list[Standing], levels: Levels) -> tuple[Contender, ...]:
+def _near(standing: list[Standing], rules: Rules) -> tuple[Contender, ...]:
     """Those that the best does not lead by enough."""
-    return tuple(each.contender for each in standing[1:] if each.odds > standing[0].odds - levels.lead)
+    return tuple(each.contender for each in standing[1:] if each.odds > standing[0].odds - rules.lead)
 
 
-def _at_last(standing: list[Standing], levels: Levels, nothing_fits: bool) -> Decision:
+def _at_last(standing: list[Standing], rules: Rules, nothing_fits: bool) -> Decision:
     best = next((each for each in standing if each.run is not None), None)
-    if best is None or best.contender.lead <= levels.lead_nothing:
+    if best is None or best.contender.lead <= rules.lead_nothing:
         return Decision(Outcome.NOTHING if nothing_fits else Outcome.UNEXPLAINED)
     if best.run is not None and best.run.score.misfit >= FIT:
         return Decision(Outcome.UNEXPLAINED, best)
     if best.contender.cause.kind == Kind.JUMP:
         return Decision(Outcome.INCREMENT, best)
-    near = _near(standing, levels)
+    near = _near(standing, rules)
     if best is standing[0] and all(c.cause.kind == Kind.JETS for c in (best.contender, *near)):
         return Decision(Outcome.GROUP, best, near)
     return Decision(Outcome.UNEXPLAINED, best)

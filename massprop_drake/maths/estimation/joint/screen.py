@@ -85,6 +85,16 @@ class Screen(NamedTuple):
         return self.cycle - len(self.masks)
 
 
+class Failure(NamedTuple):
+    """A jet's failure as a hypothesis has it: see `Cause`; force and sigma in lbf or N."""
+
+    jet: int
+    sign: int
+    on_top: int
+    force: float
+    sigma: float
+
+
 class Contender(NamedTuple):
     """A hypothesis and how likely it is.
 
@@ -102,6 +112,12 @@ class Contender(NamedTuple):
     force: tuple[float, ...] = ()
     sigma: tuple[float, ...] = ()
     kicks: tuple[tuple[float, ...], ...] = ()
+
+    @property
+    def failures(self) -> tuple[Failure, ...]:
+        """One by one."""
+        cause = self.cause
+        return tuple(map(Failure, cause.jets, cause.signs, cause.on_top, self.force, self.sigma))
 
 
 def begin(
@@ -410,26 +426,31 @@ def _lies(screen: Screen, index: int, params: JointParams) -> list[Contender]:
     return result
 
 
-def _column(cause: Cause, jets: int) -> int:
-    """The column of a single failure."""
-    if cause.signs[0] < 0:
-        return cause.jets[0] + jets
-    return cause.jets[0] + (0 if cause.on_top[0] else 4 * jets)
+def _column(failure: Failure, jets: int) -> int:
+    if failure.sign < 0:
+        return failure.jet + jets
+    return failure.jet + (0 if failure.on_top else 4 * jets)
 
 
-def alike(screen: Screen, one: Contender, other: Contender, least: float, params: JointParams) -> bool:
-    """Whether what has fired could not have told two single jets apart: d_j - (c_j^T Y^-1 c_i)^2 / d_i < least.
+def separation(
+    screen: Screen, onset: int, two: tuple[Failure, Failure], common: tuple[Failure, ...], params: JointParams
+) -> float:
+    """How far what has fired tells two failures apart: d_j - (c_j^T Y^-1 c_i)^2 / d_i times the force's square.
 
     Args:
         screen: see `Screen`.
-        one, other: of one jet each; the first is likelier.
-        least: of the separation, methods of section 4.
+        onset: of the likelier one.
+        two: of them; the first is likelier.
+        common: failures that there are in either case, their forces not known.
         params: see `JointParams`.
     """
     jets = params.places.jets
-    information = screen.information[screen.onsets.index(one.onset)]
-    j, i = (_column(each.cause, jets) for each in (one, other))
-    if information[i, i] <= 0.0:
-        return False
-    separation = information[j, j] - information[j, i] ** 2 / information[i, i]
-    return bool(one.force[0] ** 2 * separation < least)
+    information = screen.information[screen.onsets.index(onset)]
+    chosen = [_column(each, jets) for each in (*two, *common)]
+    rows = information[np.ix_(chosen, chosen)]
+    if common:
+        known = rows[2:, 2:] + np.diag([params.thrusts[each.jet] ** -2.0 for each in common])
+        rows = rows[:2, :2] - rows[:2, 2:] @ np.linalg.solve(known, rows[2:, :2])
+    if rows[1, 1] <= 0.0:
+        return np.inf
+    return float(two[0].force ** 2 * (rows[0, 0] - rows[0, 1] ** 2 / rows[1, 1]))
