@@ -20,13 +20,14 @@ from massprop_drake.maths.estimation.detectors.multi_hypothesis import (
     Unexplained,
     Word,
 )
+from massprop_drake.maths.estimation.joint.apart import Apart
 from massprop_drake.maths.estimation.joint.cycle import initial as initial_filter
 from massprop_drake.results.detections import DetectionRecord, detection_entries
 
 N = 44
 NOWHERE = np.full(3, np.nan)
 PAIR = JetsDeclared(Word.FAILED, (3, 28), (1, -1), (10.0, 870.0), (0.1, 2.0), 4.0)
-ALIKE = JetsDeclared(Word.GROUP, (30, 29), (-1, -1), (870.0, 868.0), (1.0, 1.0), 4.0, 30)
+ALIKE = JetsDeclared(Word.GROUP, (30, 29), (-1, -1), (870.0, 868.0), (1.0, 1.0), 4.0, Apart(30))
 
 
 def signals_of(*samples: tuple[Declaration, ...]) -> dict[str, Any]:
