@@ -119,9 +119,9 @@ def followed(
             case "withdrawn":
                 records = _changed(records, event, withdrawn_s=event.time_s)
             case "changed":
-                records = _changed(records, event, again=True, withdrawn_s=None)
+                records = _changed(records, event, again=True, withdrawn_s=None, **_force(event))
             case "erratic":
-                erratic = {"erratic_s": event.time_s, "pattern": event.pattern}
+                erratic = {"erratic_s": event.time_s, "pattern": event.pattern} | _force(event)
                 records = _changed(records, event, again=True, withdrawn_s=None, **erratic)
             case "jump_measured":
                 jumps = [index for index, record in enumerate(records) if record.kind == JUMP]
@@ -177,7 +177,8 @@ def settled(
 
     def at_the_end(record: DetectionRecord) -> DetectionRecord:
         jet = record.jet_index
-        if record.kind == "jet_on" and jet is not None and variance[jet] > 0.0:
+        followed_since = record.kind == "jet_on" and record.erratic_s is None
+        if followed_since and jet is not None and variance[jet] > 0.0:
             record = record._replace(magnitude=float(force[jet]), magnitude_std=float(np.sqrt(variance[jet])))
         return record._replace(jet_index=None, before=None)
 
@@ -238,6 +239,10 @@ def _jump(event: EventRecord) -> DetectionRecord:
     if event.mass is None or event.mass_std is None or abs(event.mass) <= _SIGNIFICANT * event.mass_std:
         return record
     return record._replace(**_size(event))
+
+
+def _force(event: EventRecord) -> dict[str, Any]:
+    return {"magnitude": event.magnitude, "magnitude_std": event.magnitude_std}
 
 
 def _size(event: EventRecord) -> dict[str, Any]:

@@ -19,7 +19,7 @@ from massprop_drake.inputs.vehicle import SensorPackage
 from massprop_drake.maths.estimation import cycle
 from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
 from massprop_drake.results.consistency import Tally, judged, used_nis
-from massprop_drake.results.detections import DetectionRecord
+from massprop_drake.results.detections import JUMP, DetectionRecord
 from massprop_drake.results.events import EventRecord
 from massprop_drake.results.exchange import recover
 from massprop_drake.results.run import Run
@@ -250,7 +250,9 @@ class _Estimation:
         duration_s = record.last_s - record.first_s
         if self._period_s <= duration_s <= _LONGEST_S:
             self._scenario = self._scenario.model_copy(update={"duration_s": duration_s})
-        quality = self._quality.finished(record, reader.ragged)
+        found = self._intake.found()
+        failed_s = [entry.onset_s for entry in found.detections if entry.kind != JUMP and entry.withdrawn_s is None]
+        quality = self._quality.finished(record, reader.ragged, min(failed_s, default=math.inf))
         unknown = np.full(10, np.nan)
         results = composed(
             self._scenario,
@@ -259,7 +261,7 @@ class _Estimation:
             deviation=last("standard_deviation"),
             covariance=self._params.filter.covariance(self._state.filter),
             truth=unknown,
-            found=self._intake.found(),
+            found=found,
             consistency=judged(self._nis["rotation"], self._nis["mass"], unknown, SYMBOLS),
             autopilot=AutopilotSummary(self._firings, float(self._fired @ self._vehicle.mass_flows) * self._period_s),
             timing=Timing(wall_s, duration_s / wall_s, self._cycle_times()),
