@@ -36,8 +36,8 @@ class DetectionRecord(NamedTuple):
         withdrawn_s: when the declaration was withdrawn, s; None while it stands.
         jets: designations of the jets that it may be, the likeliest first; none where only a cluster is named.
         mass, mass_std: gained in a jump (released: negative), slug or kg, and its 1-sigma; of the detector by
-            hypotheses as measured once the filter has settled after it, of others the difference of the estimates
-            before it and at the end, or before the next. None where it is not known to 3 sigma.
+            hypotheses as measured once the filter has settled after it, None while it is not known to 3 sigma; of
+            others the difference of the estimates before it and at the end, or before the next.
         position, position_std: where, vehicle frame, ft or m; None where it is not known.
         measured_s: when the size of a jump was measured, s.
         told_apart_by: designation of the jet of a group that, fired alone, would tell it apart.
@@ -192,8 +192,7 @@ def _weighed(records: Sequence[DetectionRecord], at_the_end: tuple[float, float]
         if record.before is not None:
             (first, first_std), (last, last_std) = record.before, after
             mass, std = 1.0 / last - 1.0 / first, float(np.hypot(first_std / first**2, last_std / last**2))
-            known = abs(mass) > _SIGNIFICANT * std
-            result.append(record._replace(mass=mass, mass_std=std) if known else record)
+            result.append(record._replace(mass=mass, mass_std=std))
             after = record.before
         else:
             result.append(record)

@@ -255,8 +255,8 @@ class Suspicions:
             (commanded == 0, "never commanded: nothing could have shown that they do not fire"),
             (
                 (commanded > 0) & (tested < needed),
-                f"commanded, but in fewer than {needed} samples that could be tested: that they do not fire could not "
-                "have been declared",
+                f"commanded, but in {'none' if needed == 1 else f'fewer than {needed}'} of the samples that could be "
+                "tested: that they do not fire could not have been declared",
             ),
         ):
             jets = tuple(self._vehicle.designations[jet] for jet in np.flatnonzero(chosen))

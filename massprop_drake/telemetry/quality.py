@@ -25,6 +25,7 @@ _FEWEST = 10  # samples that tell the unit
 _MOST = 4000  # samples whose slopes are kept, from the beginning: enough for their median
 _UNIT_LIMIT = 2.5  # factor between measured and predicted that is called wrong; feet to meters is 3.28
 _LISTED, _MOST_STUCK = 5, 100  # in warnings, and at all
+_NET = 0.25  # of the sum of what each jet alone should change it by: less cancels where thrusts are a quarter off
 _ANSWERED = 0.5  # share of what is predicted that the other readings must show, or the jets have not fired
 _HEARD = 25.0  # sum of squares of what is predicted of them, in 1-sigma of an increment, that says whether they do
 _MOST_JETS = 2  # that are blamed for readings that do not follow; more, and the readings are wrong
@@ -60,13 +61,13 @@ class _Package(NamedTuple):
         package: as the vehicle file has it.
         scale: quantum or 1-sigma of a reading, whichever is larger.
         increment_std: 1-sigma of an increment.
-        largest: increments that all jets together could cause in one sample, shape (3,).
+        each: size of the increments that each jet could cause in one sample, shape (n_jets, 3).
     """
 
     package: SensorPackage
     scale: float
     increment_std: float
-    largest: Array
+    each: Array
 
 
 class _Standing:
@@ -79,6 +80,9 @@ class _Standing:
         self.sum = np.zeros(3)
         self.least = np.zeros(3)
         self.most = np.zeros(3)
+        self.sure = [False] * 3  # whether that change could not be what jets against each other leave
+        self.gross = np.zeros(3)  # of what each jet alone should change it by, gathered since the beginning
+        self.gross_since = np.zeros(3)  # at its first sample
         self.answer = np.zeros((3, 2))  # of the other readings, gathered since the beginning, see `_Answer`
         self.answer_since = np.zeros((3, 2))  # at its first sample
         self.fired_since = np.zeros((3, 1))  # samples in which each jet was told to fire, likewise
@@ -118,16 +122,15 @@ class QualityReport:
         self._gyros = [package.name for package in params.gyros(scenario)]
         self._accelerometers = [package.name for package in params.accelerometers(scenario)]
         wrenches = vehicle.wrenches * vehicle.sample_period_s
-        turning = np.abs(self._turned(wrenches[:, :3], wrenches[:, 3:])).sum(axis=0)
+        turning = np.abs(self._turned(wrenches[:, :3], wrenches[:, 3:]))
         self._packages = []
         for package in vehicle.sensors:
-            largest = turning
+            each = turning
             if isinstance(package, Accelerometer):
                 arm = np.array(package.position) - self._center
-                each = self._moved(wrenches[:, :3], wrenches[:, 3:], arm)
-                largest = np.abs(each).sum(axis=0)
+                each = np.abs(self._moved(wrenches[:, :3], wrenches[:, 3:], arm))
             std = math.sqrt(package.variance)
-            self._packages.append(_Package(package, max(package.quantum, std), math.sqrt(2.0) * std, largest))
+            self._packages.append(_Package(package, max(package.quantum, std), math.sqrt(2.0) * std, each))
         names = vehicle.sensor_names()
         self._last = {name: np.full((1, 3), np.nan) for name in names}
         self._last_gap = True  # nothing before the first row
@@ -227,6 +230,7 @@ class QualityReport:
         fired = self._fired + np.cumsum(answer.fired, axis=0)
         if standing.fired_since.shape[1] != fired.shape[1]:
             standing.fired_since = np.zeros((3, fired.shape[1]))
+        gross = standing.gross + np.cumsum(answer.fired @ entry.each, axis=0)
         for axis in range(3):
             values, total = readings[:, axis], standing.sum[axis] + np.cumsum(predicted[:, axis])
             others = standing.answer[axis] + np.cumsum(answer.beside(entry.package.name, axis), axis=0)
@@ -236,14 +240,28 @@ class QualityReport:
             most, least = np.maximum.reduceat(total, edges), np.minimum.reduceat(total, edges)
             lasts = np.append(edges[1:], values.size) - 1
             since, heard, firing = time_s[edges].copy(), others[edges].copy(), fired[edges].copy()
-            if not changed[0]:  # the stretch that was under way goes on
+            weight = gross[edges, axis].copy()
+            goes_on = not changed[0]
+            if goes_on:  # the stretch that was under way goes on
                 most[0] = max(most[0], standing.most[axis])
                 least[0] = min(least[0], standing.least[axis])
                 since[0] = standing.since_s[axis]
                 heard[0], firing[0] = standing.answer_since[axis], standing.fired_since[axis]
+                weight[0] = standing.gross_since[axis]
             else:
                 self._note_standing(entry, axis, standing, self._fired)
-            for index in np.flatnonzero((most - least)[:-1] >= _STUCK * entry.scale):
+            was_sure, sure = standing.sure[axis] and goes_on, np.zeros(edges.size, dtype=bool)
+            before = (standing.most[axis], standing.least[axis]) if goes_on else (-math.inf, math.inf)
+            for index in np.flatnonzero(most - least >= _STUCK * entry.scale):
+                rows = slice(edges[index], lasts[index] + 1)
+                highest, lowest = np.maximum.accumulate(total[rows]), np.minimum.accumulate(total[rows])
+                if index == 0:
+                    highest, lowest = np.maximum(highest, before[0]), np.minimum(lowest, before[1])
+                change, all_alone = highest - lowest, gross[rows, axis] - weight[index]
+                clear = (change >= _STUCK * entry.scale) & (change >= _NET * all_alone)
+                sure[index] = clear.any() or (index == 0 and was_sure)
+            for index in np.flatnonzero(sure[:-1]):
+                standing.sure[axis] = True
                 standing.since_s[axis], standing.until_s[axis] = since[index], time_s[lasts[index]]
                 standing.value[axis] = values[edges[index]]
                 standing.most[axis], standing.least[axis] = most[index], least[index]
@@ -255,6 +273,8 @@ class QualityReport:
             standing.most[axis], standing.least[axis] = most[-1], least[-1]
             standing.answer_since[axis], standing.answer[axis] = heard[-1], others[-1]
             standing.fired_since[axis] = firing[-1]
+            standing.gross_since[axis], standing.sure[axis] = weight[-1], bool(sure[-1])
+        standing.gross = gross[-1]
 
     def _note_standing(self, entry: _Package, axis: int, standing: _Standing, fired: Array) -> None:
         """Notes a reading that stood still though it should have changed: its own fault if the others did change.
@@ -268,7 +288,7 @@ class QualityReport:
         change = float(standing.most[axis] - standing.least[axis])
         lasted_s = float(standing.until_s[axis] - standing.since_s[axis])
         brief = lasted_s < (_STUCK_SAMPLES - 0.5) * self._vehicle.sample_period_s  # a jet that does not fire at once
-        if brief or change < _STUCK * entry.scale or math.isnan(standing.value[axis]):
+        if brief or not standing.sure[axis] or math.isnan(standing.value[axis]):
             return
         stretch = {"from_s": float(standing.since_s[axis]), "to_s": float(standing.until_s[axis])}
         shown, meant = (standing.answer[axis] - standing.answer_since[axis]).tolist()
@@ -288,7 +308,7 @@ class QualityReport:
         self._stuck.append({**sensor, **stretch, "predicted_change": change})
 
     def _watch_jumps(self, entry: _Package, time_s: Array, increments: Array) -> None:
-        limit = _JUMP_FACTOR * entry.largest + _JUMP_SIGMAS * entry.increment_std
+        limit = _JUMP_FACTOR * entry.each.sum(axis=0) + _JUMP_SIGMAS * entry.increment_std
         beyond = np.abs(increments) > limit  # NaN is not
         rows = np.flatnonzero(beyond.any(axis=1))
         if not rows.size:

@@ -34,9 +34,9 @@ ALIKE = JetsDeclared(Word.GROUP, (30, 29), (-1, -1), (870.0, 868.0), (1.0, 1.0),
 def signals_of(*samples: tuple[Declaration, ...]) -> dict[str, Any]:
     """A log with a row for what is said at each sample."""
     rows: dict[str, list[Any]] = {}
-    for said in samples:
-        status = hypotheses._status(said, Status(), True, 3)
-        own = hypotheses._own(said, Status(), N)
+    for declared in samples:
+        status = hypotheses._status(declared, Status(), True, 3)
+        own = hypotheses._own(declared, Status(), N)
         for name, value in {**status._asdict(), **own._asdict()}.items():
             rows.setdefault(name, []).append(np.atleast_1d(value))
     assert set(STATUS) < set(rows)
@@ -131,7 +131,9 @@ def test_a_false_reading_is_named_by_package_and_axis(orbiter: Vehicle) -> None:
     first, second = heard(orbiter, (ReadingDeclared(1, 4.9),), (ReadingDeclared(8, 5.9),))
     assert (first.kind, first.sensor, first.axis, first.onset_s, first.time_s) == ("false_reading", "gyro", "y", 4.9, 5)
     assert (second.sensor, second.axis) == ("acc2", "z")
-    assert in_words(second, orbiter.unit_names) == "acc2_z reads falsely since 5.90 s; it is left out until it fits again"
+    assert (
+        in_words(second, orbiter.unit_names) == "acc2_z reads falsely since 5.90 s; it is left out until it fits again"
+    )
 
 
 @pytest.mark.parametrize(
