@@ -85,7 +85,9 @@ class _Standing:
         self.gross_since = np.zeros(3)  # at its first sample
         self.answer = np.zeros((3, 2))  # of the other readings, gathered since the beginning, see `_Answer`
         self.answer_since = np.zeros((3, 2))  # at its first sample
-        self.fired_since = np.zeros((3, 1))  # samples in which each jet was told to fire, likewise
+        self.fired_since = np.zeros(
+            (3, 1)
+        )  # samples with each jet told to fire and nothing shown, likewise
 
 
 class _Answer(NamedTuple):
@@ -100,10 +102,24 @@ class _Answer(NamedTuple):
     own: Mapping[str, Array]
     fired: Array
 
+    @property
+    def total(self) -> Array:
+        """The sums over all components, shape (n, 2)."""
+        result: Array = np.sum([part.sum(axis=1) for part in self.own.values()], axis=0)
+        return result
+
+    @property
+    def silent(self) -> Array:
+        """Those of the jets told to fire of which no reading shows much, shape (n, n_jets)."""
+        shown, meant = self.total.T
+        result: Array = self.fired * (shown < _ANSWERED * meant)[:, None]
+        return result
+
     def beside(self, name: str, axis: int) -> Array:
-        """The sums over all components but one, shape (n, 2)."""
-        total = np.sum([part.sum(axis=1) for part in self.own.values()], axis=0)
-        result: Array = total - self.own[name][:, axis]
+        """The sums over all components but one, each sample weighed by its share in what is predicted of that one."""
+        total, own = self.total, self.own[name][:, axis]
+        share = np.divide(own[:, 1], total[:, 1], out=np.zeros(len(own)), where=total[:, 1] > 0.0)
+        result: Array = share[:, None] * (total - own)
         return result
 
 
@@ -139,7 +155,7 @@ class QualityReport:
         self._stuck: list[dict[str, Any]] = []
         self._n_stuck = 0
         self._unanswered: list[dict[str, Any]] = []
-        self._fired = np.zeros(len(vehicle.jets))  # samples in which each jet was told to fire, that count
+        self._fired = np.zeros(len(vehicle.jets))  # samples in which each jet was told to fire and nothing showed it
         self._saturated = dict.fromkeys(names, 0)
         self._jumps: dict[str, dict[str, Any]] = {}
         self._ratios: dict[str, list[tuple[float, float, Array]]] = {name: [] for name in names}
@@ -215,7 +231,7 @@ class QualityReport:
             self._watch_jumps(entry, rows.time_s, increments[name])
             good = steady & ~missing[name] & ~saturated[name]
             self._watch_units(entry, (rows.time_s, told), increments[name], predicted[name], good)
-        self._fired = self._fired + told.sum(axis=0)
+        self._fired = self._fired + answer.silent.sum(axis=0)
         self._sort_samples(signals, commands, gap, fresh, missing, saturated)
         if "tested" in signals:
             self._tested += int(signals["tested"].sum())
@@ -227,7 +243,7 @@ class QualityReport:
         self, entry: _Package, time_s: Array, readings: Array, predicted: Array, answer: _Answer
     ) -> None:
         standing = self._standing[entry.package.name]
-        fired = self._fired + np.cumsum(answer.fired, axis=0)
+        fired = self._fired + np.cumsum(answer.silent, axis=0)
         if standing.fired_since.shape[1] != fired.shape[1]:
             standing.fired_since = np.zeros((3, fired.shape[1]))
         gross = standing.gross + np.cumsum(answer.fired @ entry.each, axis=0)
@@ -283,7 +299,7 @@ class QualityReport:
             entry: its package.
             axis: of it.
             standing: of the stretch at its end.
-            fired: samples in which each jet was told to fire until then, shape (n_jets,).
+            fired: samples in which each jet was told to fire and nothing showed it until then, shape (n_jets,).
         """
         change = float(standing.most[axis] - standing.least[axis])
         lasted_s = float(standing.until_s[axis] - standing.since_s[axis])
