@@ -286,7 +286,7 @@ def _shortfalls(autopilot: AutopilotSummary) -> list[str | tuple[str, str]]:
 
 
 _DETECTIONS = ("failed", "group", "jump")  # events that are the beginning of a detection
-_BESIDE = ("changed", "erratic", "false_reading", "unexplained")  # events that no detection's line tells
+_BESIDE = ("changed", "withdrawn", "erratic", "false_reading", "unexplained")  # events that are no new detection
 _MOST_SUSPECTED = 5  # suspicions that are printed
 
 

@@ -181,7 +181,8 @@ class Suspicions:
                 self._race = _Suspicion(began_s, time_s, leads, jets, samples, 0)
             else:
                 self._race = race._replace(until_s=time_s, samples=race.samples + 1)
-            ends = [event for event in said if event.kind in _OF_RACES]
+            names = {self._vehicle.designations[jet] for jet in self._race.jets}
+            ends = [event for event in said if event.kind in _OF_RACES or names & set(event.jets)]
             if not ends:
                 return
             event, race = ends[0], self._race

@@ -119,6 +119,7 @@ def test_a_comparison_that_ends_in_a_word(lead: float) -> None:
     now_s = float(11 * PERIOD_S)
     named = EventRecord(now_s, "failed", 0.5, ("L4D",), 10, jet_index=number("L4D"))
     assert taken(races(), signals, named).found() == ()
+    assert taken(races(), signals, named._replace(kind="withdrawn")).found() == ()
     (found,) = taken(races(), signals, EventRecord(now_s, "unexplained", 0.5)).found()
     assert found.jets == (("L4D",) if lead > 12.0 else ())
     assert "explains the readings" in found.reason
