@@ -192,14 +192,10 @@ class Suspicions:
             elif event.kind == "group" and len(event.jets) > _SMALL_GROUP:
                 jets = np.array([self._vehicle.designations.index(jet) for jet in event.jets])
                 self._gathered.append(race._replace(jets=jets, reason=f"{jets.size} jets look alike"))
-        elif self._race is not None and self._open(self._race):
+        elif self._race is not None and self._race.jets.size:
             why = "hypotheses were compared, and none that is large enough to be declared stood out"
             self._gathered.append(self._race._replace(reason=why))
         self._race = None
-
-    def _open(self, race: _Suspicion) -> bool:
-        """Whether it suspects a jet of which nothing is known yet."""
-        return race.jets.size > 0 and int(race.sums.argmax()) not in self._declared
 
     # --------------------------------------------------------------------------------- the outcome
 
@@ -221,7 +217,7 @@ class Suspicions:
     def found(self) -> tuple[UnconfirmedRecord, ...]:
         """What was suspected and never declared, by time; of very many the largest."""
         gathered = list(self._gathered)
-        if self._race is not None and self._open(self._race):
+        if self._race is not None and self._race.jets.size:
             gathered.append(self._race._replace(reason="hypotheses were still compared at the end"))
         records = [*self._earlier, *map(self._told, gathered)]
         largest = sorted(records, key=lambda record: -record.statistic)[:_MOST]

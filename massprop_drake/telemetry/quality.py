@@ -85,9 +85,7 @@ class _Standing:
         self.gross_since = np.zeros(3)  # at its first sample
         self.answer = np.zeros((3, 2))  # of the other readings, gathered since the beginning, see `_Answer`
         self.answer_since = np.zeros((3, 2))  # at its first sample
-        self.fired_since = np.zeros(
-            (3, 1)
-        )  # samples with each jet told to fire and nothing shown, likewise
+        self.fired_since = np.zeros((3, 1))  # samples with each jet told to fire and nothing shown, likewise
 
 
 class _Answer(NamedTuple):
