@@ -165,14 +165,15 @@ def settled(
     records: Sequence[DetectionRecord],
     force: Array,
     variance: Array,
-    mass_reciprocal: tuple[float, float] = (np.nan, np.nan),
+    mass_reciprocal: float = np.nan,
+    deviation: float = np.nan,
 ) -> tuple[DetectionRecord, ...]:
     """Brings detections to the end of a run: what has been followed since is given as it is known now.
 
     Args:
         records: as `detection_entries` gives them.
         force, variance: known force of each jet at the end, lbf or N, and its variance, shape (n_jets,).
-        mass_reciprocal: estimate of 1/m at the end, and its 1-sigma.
+        mass_reciprocal, deviation: estimate of 1/m at the end, and its 1-sigma.
     """
 
     def at_the_end(record: DetectionRecord) -> DetectionRecord:
@@ -182,7 +183,7 @@ def settled(
             record = record._replace(magnitude=float(force[jet]), magnitude_std=float(np.sqrt(variance[jet])))
         return record._replace(jet_index=None, before=None)
 
-    return tuple(map(at_the_end, _weighed(records, mass_reciprocal)))
+    return tuple(map(at_the_end, _weighed(records, (mass_reciprocal, deviation))))
 
 
 def _weighed(records: Sequence[DetectionRecord], at_the_end: tuple[float, float]) -> list[DetectionRecord]:

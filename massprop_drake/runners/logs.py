@@ -19,6 +19,7 @@ from massprop_drake.maths import mass_properties
 from massprop_drake.maths.estimation import cycle
 from massprop_drake.maths.estimation.cycle import EstimationParams, EstimationState
 from massprop_drake.maths.estimation.filter import Groups
+from massprop_drake.maths.mass_properties import MASS_RECIPROCAL
 from massprop_drake.results.detections import DetectionRecord, followed, settled, weighed_before
 from massprop_drake.results.events import EventRecord, said
 from massprop_drake.results.spool import Spool
@@ -114,7 +115,8 @@ class Intake:
         known = len(self._entries)
         self._entries = followed(self._vehicle, events, self._entries)
         if "verdict" not in signals:
-            mass = np.column_stack((time_s, signals["estimate"][:, 9], signals["standard_deviation"][:, 9]))
+            names = ("estimate", "standard_deviation")
+            mass = np.column_stack((time_s, *(signals[name][:, MASS_RECIPROCAL] for name in names)))
             mass = np.vstack([self._last_mass, mass])
             self._entries, self._last_mass = weighed_before(self._entries, *mass.T), mass[-1:]
         self._events += events
@@ -129,9 +131,9 @@ class Intake:
         """What was found, as it stands at the end."""
         none = np.zeros(len(self._vehicle.jets))
         forces = self.last("known_force", none), self.last("known_force_variance", none)
-        mass = float(self.spool.last("estimate")[9]), float(self.spool.last("standard_deviation")[9])
+        mass = tuple(float(self.spool.last(name)[MASS_RECIPROCAL]) for name in ("estimate", "standard_deviation"))
         return Findings(
-            settled(self._entries, *forces, mass),
+            settled(self._entries, *forces, *mass),
             tuple(event._replace(jet_index=None) for event in self._events),
             self._suspicions.found(),
             self._suspicions.untested(),
