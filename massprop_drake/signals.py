@@ -88,6 +88,8 @@ SIGNALS = {
             for layout in (JOINT_REPORT, STATUS, HYPOTHESIS_REPORT)
             for name, row in layout.logged.items()
         ),
+        Signal("jump_position", "where the mass of a jump was gained", "{length}", AXES),
+        Signal("jump_position_std", "1-sigma of it", "{length}", AXES),
         Signal("likelihood", "likelihood argument", "-", ()),
         Signal("failure_magnitude", "estimated magnitude of a failure", "{force}", ()),
         Signal("known_force", "known force of a failed jet", "{force}", ()),

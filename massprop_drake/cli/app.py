@@ -200,6 +200,7 @@ def estimate(
             resume_from=resume_from,
             progress=progress,
             declared=(lambda entry: show.declared(entry, case.vehicle_data)) if live else None,
+            said=(lambda event: show.told(event, case.vehicle_data)) if live else None,
             folder=place.path.parent,
         )
         folder = result.save(place, pictures=figures, report=report, replay=view)

@@ -20,12 +20,13 @@ from massprop_drake.inputs.campaign import CampaignSpec
 from massprop_drake.inputs.model import Key
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.vehicle import Vehicle
-from massprop_drake.signals import SYMBOLS, mass_property_units, with_deviation
+from massprop_drake.signals import SYMBOLS, mass_property_units
 
 if TYPE_CHECKING:
     from massprop_drake.maths.mass_properties import Derived
     from massprop_drake.results.consistency import Consistency
     from massprop_drake.results.detections import DetectionRecord
+    from massprop_drake.results.events import EventRecord
     from massprop_drake.results.summary import AutopilotSummary, Parameter, Summary
     from massprop_drake.studies.reproduction.report import Reproduced
 
@@ -134,8 +135,7 @@ def simulated(results: Summary, vehicle: Vehicle, folder: Path) -> None:
     ):
         if jets:
             console.say(f"             {words}: {', '.join(jets)}")
-    for entry in results.detections:
-        console.say(_detected(entry, vehicle))
+    _say_found(console, results, vehicle)
     console.say(f"speed:       {results.timing.real_time_factor:.0f} times real time")
     _files(console, folder)
 
@@ -162,10 +162,7 @@ def estimated(results: Summary, vehicle: Vehicle, folder: Path) -> None:
         f"{count} {reason.replace('_', ' ')}" for reason, count in counts.items() if count and reason != "used"
     )
     console.say(f"samples:     {quality['rows']} rows; {counts['used']} used; skipped: {skipped or 'none'}")
-    for entry in results.detections:
-        console.say(_detected(entry, vehicle))
-    if not results.detections:
-        console.say("detected:    no failure")
+    _say_found(console, results, vehicle)
     console.say(f"speed:       {quality['rows'] / results.timing.wall_s:.0f} rows a second")
     _files(console, folder)
 
@@ -226,6 +223,12 @@ def declared(entry: DetectionRecord, vehicle: Vehicle) -> None:
     say(_detected(entry, vehicle))
 
 
+def told(event: EventRecord, vehicle: Vehicle) -> None:
+    """Prints at once what a detector says that is no new detection."""
+    if event.kind not in _DETECTIONS:
+        say(_told(event, vehicle))
+
+
 def _table(title: str, *headings: str) -> Table:
     table = Table(title=title, title_justify="left", header_style="bold")
     for heading in headings:
@@ -282,17 +285,48 @@ def _shortfalls(autopilot: AutopilotSummary) -> list[str | tuple[str, str]]:
     return ["; ", (f"{missed} requests beyond the jets' reach, met as far as they go", "bold yellow")] if missed else []
 
 
+_DETECTIONS = ("failed", "group", "jump")  # events that are the beginning of a detection
+_BESIDE = ("changed", "withdrawn", "erratic", "false_reading", "unexplained")  # events that are no new detection
+_MOST_SUSPECTED = 5  # suspicions that are printed
+
+
+def _say_found(console: Terminal, results: Summary, vehicle: Vehicle) -> None:
+    """Says what the detector found, what it suspected, and what it could not have found."""
+    from massprop_drake.results.unconfirmed import in_words  # noqa: PLC0415 (slow to load)
+
+    for entry in results.detections:
+        console.say(_detected(entry, vehicle))
+    if not results.detections:
+        console.say("detected:    no failure")
+    for event in results.events:
+        if event.kind in _BESIDE:
+            console.say(_told(event, vehicle))
+    largest = sorted(results.unconfirmed, key=lambda one: -one.statistic)[:_MOST_SUSPECTED]
+    for one in results.unconfirmed:
+        if one in largest:
+            console.say(("unconfirmed:", "bold yellow"), f" {in_words(one)}")
+    if len(results.unconfirmed) > len(largest):
+        console.say(f"             and {len(results.unconfirmed) - len(largest)} less likely ones in summary.json")
+    for group in results.untested:
+        console.say(f"untested:    {', '.join(group.jets)}: {group.reason}")
+
+
+def _told(event: EventRecord, vehicle: Vehicle) -> str:
+    from massprop_drake.results.events import in_words  # noqa: PLC0415 (slow to load)
+
+    return f"event:       {event.time_s:.2f} s: {in_words(event, vehicle.unit_names)}"
+
+
 def _detected(entry: DetectionRecord, vehicle: Vehicle) -> str:
+    from massprop_drake.results.detections import remarks, size  # noqa: PLC0415 (slow to load)
+
     when = f"declared at {entry.time_s:.2f} s, since {entry.onset_s:.2f} s"
-    kind = entry.kind.replace("_", " ")
-    if entry.magnitude is None or entry.magnitude_std is None:
-        if entry.mass is None or entry.mass_std is None:
-            return f"detected:    {kind}, {when}"
-        return f"detected:    {kind}: {with_deviation(entry.mass, entry.mass_std)} {vehicle.unit_names['mass']}, {when}"
-    where = f"jet {entry.jet} (cluster {entry.cluster})" if entry.jet else entry.suspects
-    force = f"{with_deviation(entry.magnitude, entry.magnitude_std)} {vehicle.unit_names['force']}"
-    withdrawn = "" if entry.withdrawn_s is None else f", withdrawn at {entry.withdrawn_s:.2f} s"
-    return f"detected:    {kind}: {where}, {force}, {when}{withdrawn}"
+    kind, how_large = entry.kind.replace("_", " "), size(entry, vehicle.unit_names)
+    if entry.magnitude is None:
+        what = f"{kind}: {how_large}" if how_large else kind
+    else:
+        what = f"{kind}: {f'jet {entry.jet} (cluster {entry.cluster})' if entry.jet else entry.suspects}, {how_large}"
+    return f"detected:    {', '.join([what, when, *remarks(entry)])}"
 
 
 def _files(console: Terminal, folder: Path) -> None:

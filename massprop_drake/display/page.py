@@ -12,11 +12,13 @@ from massprop_drake.display import events, interactive, plots, templates
 from massprop_drake.inputs.model import yaml_text
 from massprop_drake.maths.estimation.identifiability import Flag
 from massprop_drake.maths.mass_properties import MASS_RECIPROCAL
-from massprop_drake.results.detections import DetectionRecord
+from massprop_drake.results import events as said
+from massprop_drake.results import unconfirmed
+from massprop_drake.results.detections import DetectionRecord, remarks, size
 from massprop_drake.results.folder import write_page
 from massprop_drake.results.identifiability import in_words
 from massprop_drake.results.summary import Summary
-from massprop_drake.signals import SYMBOLS, mass_property_units, with_deviation
+from massprop_drake.signals import SYMBOLS, mass_property_units
 
 if TYPE_CHECKING:
     from massprop_drake.results.run import Run
@@ -72,6 +74,9 @@ def report_html(run: Run, *, replay: str | None = None) -> str:
         "unidentified": in_words(results.identifiability, SYMBOLS),
         "mass": _mass(run),
         "detections": [_detection(entry, units) for entry in results.detections],
+        "events": [(f"{event.time_s:.2f} s", said.in_words(event, units)) for event in results.events],
+        "unconfirmed": [unconfirmed.in_words(one) for one in results.unconfirmed],
+        "untested": [f"{', '.join(one.jets)}: {one.reason}" for one in results.untested],
         "autopilot": _autopilot(run),
         "quality": _quality(results.data_quality or {}),
         "scenario": yaml_text(scenario),
@@ -115,6 +120,15 @@ def _verdict(results: Summary) -> list[dict[str, Any]]:
         say(False, "Found: " + "; ".join(events.headline(entry) for entry in declared) + ".")
     else:
         say(True, "No failed jet and no jump of the mass properties was found.")
+    lying = list(dict.fromkeys(f"{one.sensor}_{one.axis}" for one in results.events if one.kind == "false_reading"))
+    if lying:
+        say(False, f"Read falsely: {', '.join(lying)}.")
+    if any(one.kind == "unexplained" for one in results.events):
+        say(False, "Something happened that no failed jet, no jump and no false reading explains.")
+    if results.unconfirmed:
+        least = max(results.unconfirmed, key=lambda one: one.statistic)
+        jets = f", above all {' or '.join(least.jets)}" if least.jets else ""
+        say(None, f"Suspected and not confirmed: {len(results.unconfirmed)}{jets}; see below.")
     if not results.derived.physically_possible:
         say(False, "No rigid body can have the inertia that was estimated.")
     for warning in (results.data_quality or {}).get("warnings", []):
@@ -163,19 +177,14 @@ def _mass(run: Run) -> list[str]:
 
 def _detection(entry: DetectionRecord, units: Mapping[str, str]) -> dict[str, str]:
     """Formats a detection: what failed, when, by how much, and how sure that is."""
-    magnitude = ""
-    if entry.magnitude is not None and entry.magnitude_std is not None:
-        magnitude = f"{with_deviation(entry.magnitude, entry.magnitude_std)} {units['force']}"
-    elif entry.mass is not None and entry.mass_std is not None:
-        magnitude = f"{with_deviation(entry.mass, entry.mass_std)} {units['mass']}"
     return {
         "what": events.headline(entry),
         "since": f"{entry.onset_s:.2f} s",
         "declared": f"{entry.time_s:.2f} s",
         "cluster": "" if entry.cluster is None else str(entry.cluster),
-        "magnitude": magnitude,
+        "magnitude": size(entry, units),
         "sure": f"{entry.statistic:.4g} after {entry.alarms} alarm{'s' if entry.alarms != 1 else ''}",
-        "withdrawn": "" if entry.withdrawn_s is None else f"withdrawn at {entry.withdrawn_s:.2f} s",
+        "remarks": "; ".join(remarks(entry)),
     }
 
 

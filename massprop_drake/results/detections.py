@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from massprop_drake.inputs.model import Count, NotNegative, Real, Text, Whole
 from massprop_drake.inputs.vehicle import Vehicle
-from massprop_drake.maths.estimation.detector import STATUS, Event
-from massprop_drake.maths.estimation.detectors.hypotheses import HYPOTHESIS_REPORT
-from massprop_drake.maths.estimation.detectors.multi_hypothesis import Word
+from massprop_drake.results.events import EventRecord, gained, place, said, telling_apart
+from massprop_drake.signals import with_deviation
 
 Array = NDArray[np.float64]
 
@@ -36,10 +35,18 @@ class DetectionRecord(NamedTuple):
         alarms: how many alarms led to the declaration.
         withdrawn_s: when the declaration was withdrawn, s; None while it stands.
         jets: designations of the jets that it may be, the likeliest first; none where only a cluster is named.
-        mass, mass_std: gained in a jump (released: negative), slug or kg, and its 1-sigma, as measured once the filter
-            has settled after it; None where the method measures none.
+        mass, mass_std: gained in a jump (released: negative), slug or kg, and its 1-sigma; of the detector by
+            hypotheses as measured once the filter has settled after it, None while it is not known to 3 sigma; of
+            others the difference of the estimates before it and at the end, or before the next.
+        position, position_std: where, vehicle frame, ft or m; None where it is not known.
+        measured_s: when the size of a jump was measured, s.
+        told_apart_by: designation of the jet of a group that, fired alone, would tell it apart.
+        told_apart_s: seconds without any jet after which it would be told apart; with neither nothing would.
+        erratic_s: since when the jet is said to be erratic, s.
+        pattern: of an erratic jet, "intermittent" or "drifting".
         jet_index: index of the likeliest jet of the vehicle, while the run goes on; None for a jump, and in a
             summary.
+        before: reciprocal mass before a jump, and its 1-sigma, while the run goes on.
     """
 
     onset_s: Real
@@ -56,7 +63,15 @@ class DetectionRecord(NamedTuple):
     jets: tuple[Text, ...] = ()
     mass: Real | None = None
     mass_std: NotNegative | None = None
+    position: tuple[Real, Real, Real] | None = None
+    position_std: tuple[Real, Real, Real] | None = None
+    measured_s: Real | None = None
+    told_apart_by: Text | None = None
+    told_apart_s: NotNegative | None = None
+    erratic_s: Real | None = None
+    pattern: Literal["intermittent", "drifting"] | None = None
     jet_index: Count | None = None
+    before: tuple[Real, NotNegative] | None = None
 
     @property
     def suspects(self) -> str:
@@ -64,6 +79,9 @@ class DetectionRecord(NamedTuple):
         if self.isolated_to == "group":
             return f"one of {', '.join(self.jets)}"
         return f"jet {self.jet}" if self.jet else f"a jet of cluster {self.cluster}"
+
+
+_SIGNIFICANT = 3.0  # sigmas of a mass that is told
 
 
 def detection_entries(
@@ -77,138 +95,163 @@ def detection_entries(
         signals: by name, shape (n, components).
         earlier: records from before these samples, some of which may be withdrawn now.
     """
+    sensors = vehicle.sensor_names()
+    return followed(vehicle, said(vehicle, sensors, time_s, signals), earlier)
+
+
+def followed(
+    vehicle: Vehicle, events: Sequence[EventRecord], earlier: Sequence[DetectionRecord] = ()
+) -> list[DetectionRecord]:
+    """The records of failures and jumps after some events.
+
+    Args:
+        vehicle: for its jets.
+        events: in the order in which they were said.
+        earlier: records before them.
+    """
     records = list(earlier)
-    if "detector_event" not in signals:
-        return records
-    for k in np.flatnonzero(signals["detector_event"][:, 0]):
-        at = {name: float(signals[name][k, 0]) for name in STATUS}
-        now_s, event = float(time_s[k]), int(at["detector_event"])
-        if "verdict" in signals:
-            row = {name: signals[name][k] for name in _OF_HYPOTHESES}
-            records = _told(vehicle, now_s, (at, row), records)
-            continue
-        jet = int(at["suspected_jet"])
-        if event == Event.WITHDRAWN:
-            records = [
-                record._replace(withdrawn_s=now_s) if record.jet_index == jet and record.withdrawn_s is None else record
-                for record in records
-            ]
-        elif event == Event.DECLARED:
-            records.append(_declared(vehicle, now_s, jet, at))
-        else:
-            records.append(_jump(now_s, at, float(signals["rotation_nis"][k, 0])))
+    for event in events:
+        match event.kind:
+            case "failed" | "group":
+                records.append(_failure(vehicle, event))
+            case "jump":
+                records.append(_jump(event))
+            case "withdrawn":
+                records = _changed(records, event, withdrawn_s=event.time_s)
+            case "changed":
+                records = _changed(records, event, again=True, withdrawn_s=None, **_force(event))
+            case "erratic":
+                erratic = {"erratic_s": event.time_s, "pattern": event.pattern} | _force(event)
+                records = _changed(records, event, again=True, withdrawn_s=None, **erratic)
+            case "jump_measured":
+                jumps = [index for index, record in enumerate(records) if record.kind == JUMP]
+                if jumps:
+                    size = _size(event) | {"measured_s": event.time_s}
+                    records[jumps[-1]] = records[jumps[-1]]._replace(**size)
     return records
 
 
-def settled(records: Sequence[DetectionRecord], force: Array, variance: Array) -> tuple[DetectionRecord, ...]:
-    """Brings detections to the end of a run: a force that has been followed since is given as it is known now.
+def _changed(
+    records: list[DetectionRecord], event: EventRecord, *, again: bool = False, **change: Any
+) -> list[DetectionRecord]:
+    """The records with a change of those of the event's jet that stand, or if it has failed again of its newest."""
+    own = [index for index, record in enumerate(records) if record.jet_index == event.jet_index]
+    chosen = own[-1:] if again else [index for index in own if records[index].withdrawn_s is None]
+    return [record._replace(**change) if index in chosen else record for index, record in enumerate(records)]
+
+
+def weighed_before(
+    records: Sequence[DetectionRecord], time_s: Array, reciprocal: Array, deviation: Array
+) -> list[DetectionRecord]:
+    """Notes the mass before each jump whose method measures none.
+
+    Args:
+        records: as `followed` gives them.
+        time_s: of some samples and the one before them, s, shape (n,).
+        reciprocal, deviation: estimate of 1/m in these, and its 1-sigma, shape (n,) each.
+    """
+
+    def weighed(record: DetectionRecord) -> DetectionRecord:
+        at = int(np.searchsorted(time_s, record.time_s))
+        known = record.kind != JUMP or record.before is not None or record.measured_s is not None
+        if known or not 0 < at < time_s.size or not np.isfinite(reciprocal[at - 1]):
+            return record
+        return record._replace(before=(float(reciprocal[at - 1]), float(deviation[at - 1])))
+
+    return [weighed(record) for record in records]
+
+
+def settled(
+    records: Sequence[DetectionRecord],
+    force: Array,
+    variance: Array,
+    mass_reciprocal: float = np.nan,
+    deviation: float = np.nan,
+) -> tuple[DetectionRecord, ...]:
+    """Brings detections to the end of a run: what has been followed since is given as it is known now.
 
     Args:
         records: as `detection_entries` gives them.
         force, variance: known force of each jet at the end, lbf or N, and its variance, shape (n_jets,).
+        mass_reciprocal, deviation: estimate of 1/m at the end, and its 1-sigma.
     """
 
     def at_the_end(record: DetectionRecord) -> DetectionRecord:
         jet = record.jet_index
-        if record.kind == "jet_on" and jet is not None and variance[jet] > 0.0:
+        followed_since = record.kind == "jet_on" and record.erratic_s is None
+        if followed_since and jet is not None and variance[jet] > 0.0:
             record = record._replace(magnitude=float(force[jet]), magnitude_std=float(np.sqrt(variance[jet])))
-        return record._replace(jet_index=None)
+        return record._replace(jet_index=None, before=None)
 
-    return tuple(map(at_the_end, records))
+    return tuple(map(at_the_end, _weighed(records, (mass_reciprocal, deviation))))
 
 
-def _declared(vehicle: Vehicle, time_s: float, jet: int, at: Mapping[str, float]) -> DetectionRecord:
-    magnitude, std = at["suspected_magnitude"], at["suspected_magnitude_std"]
-    isolated = bool(at["jet_isolated"])
+def _weighed(records: Sequence[DetectionRecord], at_the_end: tuple[float, float]) -> list[DetectionRecord]:
+    """The records with the size of jumps from the estimates before and after, taken as independent."""
+    result, after = [], at_the_end
+    for record in reversed(records):
+        if record.before is not None:
+            (first, first_std), (last, last_std) = record.before, after
+            mass, std = 1.0 / last - 1.0 / first, float(np.hypot(first_std / first**2, last_std / last**2))
+            result.append(record._replace(mass=mass, mass_std=std))
+            after = record.before
+        else:
+            result.append(record)
+    return result[::-1]
+
+
+def _failure(vehicle: Vehicle, event: EventRecord) -> DetectionRecord:
+    assert event.magnitude is not None
+    assert event.magnitude_std is not None
+    assert event.jet_index is not None
+    alone = event.kind == "failed" and bool(event.jets)
     return DetectionRecord(
-        onset_s=at["onset"],
-        time_s=time_s,
-        kind=_kind(magnitude, std, vehicle.jets[jet].thrust),
-        cluster=vehicle.jets[jet].cluster,
-        jet=vehicle.designations[jet] if isolated else None,
-        isolated_to="jet" if isolated else "cluster",
-        magnitude=magnitude,
-        magnitude_std=std,
-        statistic=at["suspected_likelihood"],
-        alarms=int(at["alarms"]),
-        jets=(vehicle.designations[jet],) if isolated else (),
-        jet_index=jet,
+        onset_s=event.onset_s,
+        time_s=event.time_s,
+        kind=_kind(event.magnitude, event.magnitude_std, vehicle.jets[event.jet_index].thrust),
+        cluster=event.cluster,
+        jet=event.jets[0] if alone else None,
+        isolated_to="jet" if alone else "group" if event.jets else "cluster",
+        magnitude=event.magnitude,
+        magnitude_std=event.magnitude_std,
+        statistic=_known(event.statistic),
+        alarms=event.alarms,
+        jets=event.jets,
+        told_apart_by=event.told_apart_by,
+        told_apart_s=event.told_apart_s,
+        jet_index=event.jet_index,
     )
 
 
-_OF_HYPOTHESES = tuple(HYPOTHESIS_REPORT)
-_SIGNIFICANT = 3.0  # sigmas of a mass that is told before it has been measured
-
-
-def _told(
-    vehicle: Vehicle,
-    time_s: float,
-    told: tuple[Mapping[str, float], Mapping[str, Array]],
-    earlier: list[DetectionRecord],
-) -> list[DetectionRecord]:
-    """The records after what the detector by hypotheses says at a sample.
-
-    Args:
-        vehicle: for its jets.
-        time_s: of the sample.
-        told: what all detectors log of it, and what this one logs besides.
-        earlier: records before it.
-    """
-    at, row = told
-    records = list(earlier)
-    verdict = row["verdict"]
-    group = sorted(np.flatnonzero(verdict == Word.GROUP).tolist(), key=lambda jet: jet != at["suspected_jet"])
-    alone = [[jet] for jet in np.flatnonzero(verdict == Word.FAILED).tolist()]
-    for jets in ([group] if group else []) + alone:
-        jet = jets[0]
-        magnitude, std = float(row["verdict_magnitude"][jet]), float(row["verdict_std"][jet])
-        names = tuple(vehicle.designations[each] for each in jets)
-        records.append(
-            DetectionRecord(
-                onset_s=float(row["verdict_onset"][jet]),
-                time_s=time_s,
-                kind=_kind(magnitude, std, vehicle.jets[jet].thrust),
-                cluster=vehicle.jets[jet].cluster,
-                jet=None if group and jets is group else names[0],
-                isolated_to="group" if group and jets is group else "jet",
-                magnitude=magnitude,
-                magnitude_std=std,
-                statistic=at["suspected_likelihood"],
-                alarms=int(at["alarms"]),
-                jets=names,
-                jet_index=jet,
-            )
-        )
-    for jet in np.flatnonzero(verdict == Word.WITHDRAWN).tolist():
-        records = [
-            record._replace(withdrawn_s=time_s) if record.jet_index == jet and record.withdrawn_s is None else record
-            for record in records
-        ]
-    if not np.isnan(row["jump_mass"][0]):
-        mass, std = float(row["jump_mass"][0]), float(row["jump_mass_std"][0])
-        jumps = [index for index, record in enumerate(records) if record.kind == JUMP]
-        if not row["jump_measured"][0]:
-            found = _jump(time_s, at, at["suspected_likelihood"])
-            known = abs(mass) > _SIGNIFICANT * std
-            records.append(found._replace(mass=mass, mass_std=std) if known else found)
-        elif jumps:
-            records[jumps[-1]] = records[jumps[-1]]._replace(mass=mass, mass_std=std)
-    return records
-
-
-def _jump(time_s: float, at: Mapping[str, float], nis: float) -> DetectionRecord:
-    return DetectionRecord(
-        onset_s=at["onset"],
-        time_s=time_s,
-        kind="mass_property_jump",
+def _jump(event: EventRecord) -> DetectionRecord:
+    record = DetectionRecord(
+        onset_s=event.onset_s,
+        time_s=event.time_s,
+        kind=JUMP,
         cluster=None,
         jet=None,
         isolated_to=None,
         magnitude=None,
         magnitude_std=None,
-        statistic=nis,
-        alarms=int(at["alarms"]),
+        statistic=_known(event.statistic),
+        alarms=event.alarms,
     )
+    if event.mass is None or event.mass_std is None or abs(event.mass) <= _SIGNIFICANT * event.mass_std:
+        return record
+    return record._replace(**_size(event))
+
+
+def _force(event: EventRecord) -> dict[str, Any]:
+    return {"magnitude": event.magnitude, "magnitude_std": event.magnitude_std}
+
+
+def _size(event: EventRecord) -> dict[str, Any]:
+    return {name: getattr(event, name) for name in ("mass", "mass_std", "position", "position_std")}
+
+
+def _known(value: float | None) -> float:
+    assert value is not None, "every event of a run has its statistic"
+    return value
 
 
 def _kind(magnitude: float, std: float, thrust: float) -> Kind:
@@ -216,3 +259,34 @@ def _kind(magnitude: float, std: float, thrust: float) -> Kind:
         return "jet_on"
     lost_all = -magnitude > 0.9 * thrust or abs(magnitude + thrust) < 3.0 * std
     return "jet_off" if lost_all else "jet_degraded"
+
+
+# -------------------------------------------------------------------------------------------- in words
+
+
+def size(entry: DetectionRecord, units: Mapping[str, str]) -> str:
+    """How large a failure or a jump is, with 1-sigma; empty where it is not known.
+
+    Args:
+        entry: see `DetectionRecord`.
+        units: names of the vehicle's units, see `Vehicle.unit_names`.
+    """
+    if entry.magnitude is not None and entry.magnitude_std is not None:
+        return f"{with_deviation(entry.magnitude, entry.magnitude_std)} {units['force']}"
+    mass, where = gained(entry.mass, entry.mass_std, units), place(entry.position, entry.position_std, units)
+    return f"{mass} at {where}" if mass and where else mass
+
+
+def remarks(entry: DetectionRecord) -> list[str]:
+    """What else is to be said of a detection."""
+    found = []
+    if entry.isolated_to == "group":
+        found.append(telling_apart(entry))
+    if entry.measured_s is not None:
+        found.append(f"measured at {entry.measured_s:.2f} s")
+    if entry.erratic_s is not None:
+        how = "drifting" if entry.pattern == "drifting" else "on and off"
+        found.append(f"erratic ({how}) from {entry.erratic_s:.2f} s on")
+    if entry.withdrawn_s is not None:
+        found.append(f"withdrawn at {entry.withdrawn_s:.2f} s")
+    return found

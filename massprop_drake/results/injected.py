@@ -95,6 +95,8 @@ def what_became(
             entry = found[right[number]]
             named = record.is_jump or entry.isolated_to == "jet"
             record = _declared(record._replace(outcome="named" if named else "group"), entry)
+            if acted is not None and entry.time_s < acted - _ACTS:  # it was known when it acted again
+                record = record._replace(declared_s=acted)
         elif acted is not None:
             wrong = next((index for index in free if found[index].time_s >= acted - _ACTS), None)
             if wrong is not None:
@@ -131,16 +133,30 @@ def _cause(injected: Sequence[InjectedRecord], time_s: float) -> Cause:
 
 
 def _right(vehicle: Vehicle, injected: Sequence[InjectedRecord], found: Sequence[DetectionRecord]) -> dict[int, int]:
-    """The declaration that is right for each failure, number by number; each declaration is right for one."""
+    """The declaration that is right for each failure, number by number.
+
+    Each declaration is right for one; one that stands is so for whatever else its jet does.
+    """
     right: dict[int, int] = {}
     for number, one in sorted(enumerate(injected), key=lambda item: item[1].start_s):
         if one.first_acted_s is None:
             continue
+        standing = next((index for index in right.values() if _stands(one, found[index])), None)
         for index, entry in enumerate(found):
             if index not in right.values() and entry.time_s >= one.first_acted_s - _ACTS and _is(vehicle, one, entry):
                 right[number] = index
                 break
+        else:
+            if standing is not None:
+                right[number] = standing
     return right
+
+
+def _stands(one: InjectedRecord, entry: DetectionRecord) -> bool:
+    """Whether the jet of a failure is known to have failed when it acts, or is by the same declaration soon after."""
+    acted = one.first_acted_s
+    over = entry.withdrawn_s is not None and acted is not None and entry.withdrawn_s < acted
+    return one.jet is not None and entry.jet == one.jet and not over
 
 
 def _is(vehicle: Vehicle, one: InjectedRecord, entry: DetectionRecord) -> bool:

@@ -32,6 +32,8 @@ from massprop_drake.maths.estimation.detector import STATUS
 from massprop_drake.maths.estimation.filter import MASS_REPORT, ROTATION_REPORT
 from massprop_drake.maths.estimation.filters.joint import JOINT_REPORT
 from massprop_drake.results.detections import DetectionRecord
+from massprop_drake.results.events import EventRecord
+from massprop_drake.results.unconfirmed import UnconfirmedRecord
 from massprop_drake.signals import AXES, SIGNALS
 
 Array = NDArray[np.float64]
@@ -102,6 +104,9 @@ class FilterState(EstimatorState):
     row: Count
     recent_s: Annotated[tuple[Real, ...], Field(min_length=1)]
     detections: tuple[DetectionRecord, ...]
+    events: tuple[EventRecord, ...] = ()
+    unconfirmed: tuple[UnconfirmedRecord, ...] = ()
+    commanded: tuple[tuple[Count, ...], ...] = ()  # by jet: samples commanded, and those of them that were tested
     velocity: dict[str, Vector3] = Field(default_factory=dict)
     estimate: Any = None  # for readers; the states have them as well
     covariance: Any = None
@@ -115,6 +120,9 @@ class FilterState(EstimatorState):
 
     @model_validator(mode="after")
     def _ends(self) -> FilterState:
+        jets = len(self.command)
+        if self.commanded and [len(row) for row in self.commanded] != [jets, jets]:
+            raise ValueError(f"commanded: must be two counts for each of {jets} jets")
         if self.recent_s[-1] != self.time_s:
             raise ValueError(f"recent_s: must end at time_s, {self.time_s:g} s, got {self.recent_s[-1]:g} s")
         return self

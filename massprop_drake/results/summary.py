@@ -20,9 +20,11 @@ from massprop_drake.maths import mass_properties
 from massprop_drake.maths.mass_properties import CENTER_OF_MASS, MASS_RECIPROCAL, Derived, six_elements
 from massprop_drake.results.consistency import COMPONENTS, Consistency, Tally, judged, used_nis
 from massprop_drake.results.detections import DetectionRecord
+from massprop_drake.results.events import EventRecord
 from massprop_drake.results.identifiability import Identifiability, identified
 from massprop_drake.results.injected import InjectedRecord, what_became
 from massprop_drake.results.spool import Spool, blocks
+from massprop_drake.results.unconfirmed import UnconfirmedRecord, UntestedRecord
 from massprop_drake.signals import SYMBOLS
 
 Array = NDArray[np.float64]
@@ -53,6 +55,22 @@ class Parameter(NamedTuple):
     def within_three_sigma(self) -> bool:
         """Whether the estimate lies within 3 sigma of the truth; False where either is NaN."""
         return abs(self.estimate - self.truth) <= 3.0 * self.standard_deviation
+
+
+class Findings(NamedTuple):
+    """What a detector made of a run.
+
+    Attributes:
+        detections: failures and jumps in the order they were declared.
+        events: all that it said, in the order it was said.
+        unconfirmed: what it suspected and never declared.
+        untested: jets of which nothing could have shown that they do not fire.
+    """
+
+    detections: tuple[DetectionRecord, ...] = ()
+    events: tuple[EventRecord, ...] = ()
+    unconfirmed: tuple[UnconfirmedRecord, ...] = ()
+    untested: tuple[UntestedRecord, ...] = ()
 
 
 class AutopilotSummary(NamedTuple):
@@ -136,6 +154,7 @@ class Summary:
         injected: failures and jumps of a simulated run, and what was made of them, in the scenario's order; None for a
             record, of which nobody knows.
         identifiability: what the run has told of each parameter; empty in what an earlier version wrote.
+        events, unconfirmed, untested: see `Findings`; likewise.
     """
 
     version: str
@@ -158,6 +177,9 @@ class Summary:
     data_quality: Mapping[str, Any] | None = None
     injected: tuple[InjectedRecord, ...] | None = None
     identifiability: tuple[Identifiability, ...] = ()
+    events: tuple[EventRecord, ...] = ()
+    unconfirmed: tuple[UnconfirmedRecord, ...] = ()
+    untested: tuple[UntestedRecord, ...] = ()
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -186,7 +208,10 @@ class Summary:
             },
             "truth": by_name(self.truth),
             "percent_error": by_name(self.percent_error),
-            "detections": [{**_without(record, "jet_index"), "jets": list(record.jets)} for record in self.detections],
+            "detections": [_without(record, "jet_index", "before") for record in self.detections],
+            "events": [_without(record, "jet_index") for record in self.events],
+            "unconfirmed": [_without(record) for record in self.unconfirmed],
+            "untested": [_without(record) for record in self.untested],
             "consistency": self.consistency._asdict(),
             "identifiability": [entry._asdict() for entry in self.identifiability],
             "injected": None if self.injected is None else [record._asdict() for record in self.injected],
@@ -238,6 +263,9 @@ class Summary:
             data_quality=read.data_quality,
             injected=read.injected,
             identifiability=read.identifiability,
+            events=read.events,
+            unconfirmed=read.unconfirmed,
+            untested=read.untested,
         )
 
 
@@ -307,6 +335,9 @@ class SummaryFile(_Stored):
     data_quality: dict[str, Any] | None = None
     injected: tuple[Annotated[InjectedRecord, _known_to(InjectedRecord)], ...] | None = None
     identifiability: tuple[Annotated[Identifiability, _known_to(Identifiability)], ...] = ()
+    events: tuple[Annotated[EventRecord, _known_to(EventRecord)], ...] = ()
+    unconfirmed: tuple[Annotated[UnconfirmedRecord, _known_to(UnconfirmedRecord)], ...] = ()
+    untested: tuple[Annotated[UntestedRecord, _known_to(UntestedRecord)], ...] = ()
 
     @field_validator("data_quality")
     @classmethod
@@ -323,7 +354,7 @@ class SummaryFile(_Stored):
 def summarize(
     scenario: Scenario,
     signals: Spool,
-    found: Sequence[DetectionRecord],
+    found: Findings,
     covariance: Array,
     timing: Timing,
     control_authority: Mapping[str, Mapping[str, float]] | None,
@@ -333,7 +364,7 @@ def summarize(
     Args:
         scenario: as run.
         signals: all of them, by name, with `time_s`.
-        found: detections, as `settled` gives them.
+        found: what the detector made of it.
         covariance: of the ten estimates at the end, shape (10, 10).
         timing: how long it took.
         control_authority: what the autopilot could do before and after failures; None without one.
@@ -359,7 +390,7 @@ def summarize(
             control_authority=control_authority,
         ),
         timing=timing,
-        injected=what_became(scenario, signals, found),
+        injected=what_became(scenario, signals, found.detections),
     )
 
 
@@ -371,7 +402,7 @@ def composed(
     deviation: Array,
     covariance: Array,
     truth: Array,
-    found: Sequence[DetectionRecord],
+    found: Findings,
     consistency: Consistency,
     autopilot: AutopilotSummary,
     timing: Timing,
@@ -388,7 +419,7 @@ def composed(
         estimate, deviation: of the ten parameters at the end, shape (10,).
         covariance: at the end, shape (10, 10).
         truth: at the end, NaN where unknown, shape (10,).
-        found: detections, as `settled` gives them.
+        found: what the detector made of it.
         consistency, autopilot, timing: taken as they are.
         telemetry, telemetry_sha256, data_quality: of a record, its name, its digest and what it is worth.
         injected: of a simulated run, what became of its failures and jumps.
@@ -407,7 +438,7 @@ def composed(
         derived=mass_properties.derived(estimate, covariance),
         truth=truth,
         percent_error=mass_properties.percent_error(estimate, truth),
-        detections=tuple(found),
+        detections=found.detections,
         consistency=consistency,
         autopilot=autopilot,
         provenance=Provenance(
@@ -417,6 +448,9 @@ def composed(
         data_quality=data_quality,
         injected=injected,
         identifiability=identified(scenario, estimate, covariance),
+        events=found.events,
+        unconfirmed=found.unconfirmed,
+        untested=found.untested,
     )
 
 
@@ -517,5 +551,7 @@ def _array(values: Any) -> Array | None:
     return None if values is None else np.array(values, dtype=float)
 
 
-def _without(record: DetectionRecord, name: str) -> dict[str, Any]:
-    return {key: value for key, value in record._asdict().items() if key != name}
+def _without(record: Any, *names: str) -> dict[str, Any]:
+    """A record as JSON has it, without some of its fields."""
+    kept = {key: value for key, value in record._asdict().items() if key not in names}
+    return {key: list(value) if isinstance(value, tuple) else value for key, value in kept.items()}

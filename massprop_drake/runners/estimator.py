@@ -24,6 +24,7 @@ from massprop_drake.maths.vehicle.sensing import unsaturated
 from massprop_drake.results.stored import FORMAT, EstimatorState, FilterState, made_with, require_made_with
 from massprop_drake.results.summary import null_for_nan
 from massprop_drake.runners.logs import kept, restored
+from massprop_drake.signals import AXES
 from massprop_drake.telemetry.tables import LARGEST
 
 Array = NDArray[np.float64]
@@ -34,8 +35,8 @@ class Detection(NamedTuple):
 
     Attributes:
         kind: "jet", "mass_property_jump" or "withdrawn"; with the detector by hypotheses besides "changed" (of the
-            force of a failed jet, erratic or not), "jump_measured" (the size of an earlier jump), "false_reading"
-            and "unexplained". Of several at a cycle the first.
+            force of a failed jet), "erratic" (it has changed again and again), "jump_measured" (the size of an earlier
+            jump), "false_reading" and "unexplained". Of several at a cycle the first.
         onset_s: end of the last sample that showed nothing, s.
         cluster: number of the suspected jet's cluster; None for a jump.
         jet: designation of the suspected jet, the likeliest of its cluster; None for a jump.
@@ -44,6 +45,10 @@ class Detection(NamedTuple):
         magnitude_std: its 1-sigma.
         jets: designations of the jets that it may be, the likeliest first; none where only a cluster is known.
         mass, mass_std: gained in a jump, slug or kg, and its 1-sigma; NaN where the method measures none.
+        position, position_std: where, vehicle frame, ft or m; None where it is not known.
+        told_apart_by: designation of the jet of a group that, fired alone, would tell it apart.
+        told_apart_s: time without any jet after which it would be, s; NaN: with no jet either, nothing would.
+        sensor, axis: package and axis of a false reading.
     """
 
     kind: str
@@ -56,6 +61,12 @@ class Detection(NamedTuple):
     jets: tuple[str, ...] = ()
     mass: float = math.nan
     mass_std: float = math.nan
+    position: tuple[float, float, float] | None = None
+    position_std: tuple[float, float, float] | None = None
+    told_apart_by: str | None = None
+    told_apart_s: float = math.nan
+    sensor: str | None = None
+    axis: str | None = None
 
 
 class EstimatorStep(NamedTuple):
@@ -239,13 +250,20 @@ class Estimator:
         if event == Event.JUMP or math.isnan(status.suspected_jet):
             kind = "mass_property_jump" if event == Event.JUMP else _kind(own)
             found = Detection(kind, status.onset, None, None, False, 0.0, 0.0)
-            return found if own is None else found._replace(mass=own.jump_mass, mass_std=own.jump_mass_std)
+            return found if own is None else found._replace(**self._of_no_jet(own))
         jet = self._vehicle.jets[int(status.suspected_jet)]
         named = [int(status.suspected_jet)] if status.jet_isolated else []
         if own is not None and not status.jet_isolated:
             named = sorted(np.flatnonzero(own.verdict == Word.GROUP).tolist(), key=lambda j: j != status.suspected_jet)
+        kinds = {Event.DECLARED: "jet", Event.WITHDRAWN: "withdrawn"}
+        erratic = own is not None and own.verdict[int(status.suspected_jet)] == Word.ERRATIC
+        apart = {}
+        if own is not None and not status.jet_isolated:
+            by = own.told_apart_by
+            name = None if math.isnan(by) else self._vehicle.designations[int(by)]
+            apart = {"told_apart_by": name, "told_apart_s": own.told_apart_after}
         return Detection(
-            {Event.DECLARED: "jet", Event.WITHDRAWN: "withdrawn"}.get(event, "changed"),
+            kinds.get(event, "erratic" if erratic else "changed"),
             status.onset,
             jet.cluster,
             jet.designation,
@@ -253,7 +271,22 @@ class Estimator:
             status.suspected_magnitude,
             status.suspected_magnitude_std,
             tuple(self._vehicle.jets[j].designation for j in named),
+            **apart,
         )
+
+    def _of_no_jet(self, own: Any) -> dict[str, Any]:
+        """Size and place of a jump, and which reading is false."""
+        if math.isfinite(own.lying_component):
+            component = int(own.lying_component)
+            packages = (*self._gyros, *self._accelerometers)
+            return {"sensor": packages[component // 3].name, "axis": AXES[component % 3]}
+        there = bool(np.isfinite(own.jump_position).all())
+        return {
+            "mass": own.jump_mass,
+            "mass_std": own.jump_mass_std,
+            "position": tuple(own.jump_position.tolist()) if there else None,
+            "position_std": tuple(own.jump_position_std.tolist()) if there else None,
+        }
 
 
 def _kind(own: Any) -> str:

@@ -19,10 +19,13 @@ from massprop_drake.maths import mass_properties
 from massprop_drake.maths.estimation import cycle
 from massprop_drake.maths.estimation.cycle import EstimationParams, EstimationState
 from massprop_drake.maths.estimation.filter import Groups
-from massprop_drake.results.detections import DetectionRecord, detection_entries, settled
+from massprop_drake.maths.mass_properties import MASS_RECIPROCAL
+from massprop_drake.results.detections import DetectionRecord, followed, settled, weighed_before
+from massprop_drake.results.events import EventRecord, said
 from massprop_drake.results.spool import Spool
-from massprop_drake.results.stored import FORMAT, made_with
-from massprop_drake.results.summary import null_for_nan
+from massprop_drake.results.stored import FORMAT, FilterState, made_with
+from massprop_drake.results.summary import Findings, null_for_nan
+from massprop_drake.results.unconfirmed import Suspicions
 from massprop_drake.systems.layouts import (
     DETECTOR_REPORT,
     HYPOTHESIS_REPORT,
@@ -76,8 +79,7 @@ class Intake:
     Args:
         scenario: as run.
         folder: for the spool; default the system's place for such.
-        detections: of the run that this one goes on from.
-        recent_s: times of the last rows of that run, s.
+        earlier: state at the end of the run that this one goes on from.
 
     Attributes:
         spool: all signals so far, with `time_s`.
@@ -88,34 +90,54 @@ class Intake:
         self,
         scenario: Scenario,
         folder: Path | None = None,
-        detections: Sequence[DetectionRecord] = (),
-        recent_s: Sequence[float] = (),
+        earlier: FilterState | None = None,
     ):
         self.spool = Spool(folder, index="time_s")
-        self.recent_s = np.array(recent_s, dtype=float)
+        self.recent_s = np.array(() if earlier is None else earlier.recent_s, dtype=float)
         self._scenario, self._vehicle = scenario, scenario.vehicle_data
-        self._entries = list(detections)
+        self._sensors = [package.name for package in (*params.gyros(scenario), *params.accelerometers(scenario))]
+        self._entries: list[DetectionRecord] = [] if earlier is None else list(earlier.detections)
+        self._events: list[EventRecord] = [] if earlier is None else list(earlier.events)
+        suspected = ((), ()) if earlier is None else (earlier.unconfirmed, earlier.commanded)
+        self._suspicions = Suspicions(scenario, *suspected)
+        self._last_mass = np.full((1, 3), np.nan)  # time, 1/m and its 1-sigma of the row before the block
 
-    def take(self, signals: Mapping[str, Array]) -> list[DetectionRecord]:
-        """Takes in a block; the detections that it brings.
+    def take(self, signals: Mapping[str, Array]) -> tuple[list[EventRecord], list[DetectionRecord]]:
+        """Takes in a block; what was said in it, and the detections that it brings.
 
         Args:
             signals: by name, shape (n, components), and `time_s`, shape (n,).
         """
         self.spool.append(signals)
-        self.recent_s = np.concatenate([self.recent_s, signals["time_s"]])[-RECENT:]
+        time_s = signals["time_s"]
+        self.recent_s = np.concatenate([self.recent_s, time_s])[-RECENT:]
+        events = said(self._vehicle, self._sensors, time_s, signals, self._events)
         known = len(self._entries)
-        self._entries = detection_entries(self._vehicle, signals["time_s"], signals, self._entries)
-        return self._entries[known:]
+        self._entries = followed(self._vehicle, events, self._entries)
+        if "verdict" not in signals:
+            names = ("estimate", "standard_deviation")
+            mass = np.column_stack((time_s, *(signals[name][:, MASS_RECIPROCAL] for name in names)))
+            mass = np.vstack([self._last_mass, mass])
+            self._entries, self._last_mass = weighed_before(self._entries, *mass.T), mass[-1:]
+        self._events += events
+        self._suspicions.add(time_s, signals, events)
+        return events, self._entries[known:]
 
     def last(self, name: str, otherwise: Array) -> Array:
         """The last row of a signal, or what stands for it where there is no such signal."""
         return self.spool.last(name) if name in self.spool else otherwise
 
-    def found(self) -> tuple[DetectionRecord, ...]:
-        """The detections, as they stand at the end."""
+    def found(self) -> Findings:
+        """What was found, as it stands at the end."""
         none = np.zeros(len(self._vehicle.jets))
-        return settled(self._entries, self.last("known_force", none), self.last("known_force_variance", none))
+        forces = self.last("known_force", none), self.last("known_force_variance", none)
+        mass = tuple(float(self.spool.last(name)[MASS_RECIPROCAL]) for name in ("estimate", "standard_deviation"))
+        return Findings(
+            settled(self._entries, *forces, *mass),
+            tuple(event._replace(jet_index=None) for event in self._events),
+            self._suspicions.found(),
+            self._suspicions.untested(),
+        )
 
     def state(self, row: int, states: SavedState, command: Array) -> dict[str, Any]:
         """What it takes to go on from the end, as `filter_state.json` has it.
@@ -134,6 +156,9 @@ class Intake:
             "command": null_for_nan(command),
             "recent_s": null_for_nan(self.recent_s),
             "detections": [entry._asdict() for entry in self._entries],
+            "events": [event._asdict() for event in self._events],
+            "unconfirmed": [one._asdict() for one in self._suspicions.found()],
+            "commanded": self._suspicions.counts,
         }
 
 

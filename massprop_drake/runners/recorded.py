@@ -19,7 +19,8 @@ from massprop_drake.inputs.vehicle import SensorPackage
 from massprop_drake.maths.estimation import cycle
 from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
 from massprop_drake.results.consistency import Tally, judged, used_nis
-from massprop_drake.results.detections import DetectionRecord
+from massprop_drake.results.detections import JUMP, DetectionRecord
+from massprop_drake.results.events import EventRecord
 from massprop_drake.results.exchange import recover
 from massprop_drake.results.run import Run
 from massprop_drake.results.stored import STATE_FILE, FilterState, read_json, require_made_with
@@ -55,6 +56,7 @@ def estimate(
     resume_from: str | Path | None = None,
     progress: Callable[[float], None] | None = None,
     declared: Callable[[DetectionRecord], None] | None = None,
+    said: Callable[[EventRecord], None] | None = None,
     stream: IO[bytes] | None = None,
     folder: Path | None = None,
 ) -> Run:
@@ -71,6 +73,7 @@ def estimate(
             skipped.
         progress: called now and then with the share of the file that has been read, 0 to 1.
         declared: called with each detection as soon as it is made.
+        said: called with all that the detector says as soon as it says it, detections included.
         stream: read instead of the file.
         folder: where a temporary file with the signals may lie; default the system's place for such.
 
@@ -89,10 +92,13 @@ def estimate(
         replayed = _Estimation(scenario, earlier, str(resume_from), folder)
         began = time.perf_counter()
         for rows in reader:
-            entries = replayed.take(rows, reader.before)
+            events, entries = replayed.take(rows, reader.before)
             if declared is not None:
                 for entry in entries:
                     declared(entry)
+            if said is not None:
+                for event in events:
+                    said(event)
             if progress is not None:
                 progress(reader.done)
         wall_s = time.perf_counter() - began
@@ -131,16 +137,15 @@ class _Estimation:
         self._command, self._outside = np.zeros(n_jets), np.zeros(6)  # of the interval before the next row
         self._gyros, self._accelerometers = params.gyros(scenario), params.accelerometers(scenario)
         self._spent_s = {"estimators": 0.0, "detector": 0.0}
-        detections, recent_s = ((), ()) if earlier is None else (earlier.detections, earlier.recent_s)
-        self._intake = Intake(scenario, folder, detections, recent_s)
+        self._intake = Intake(scenario, folder, earlier)
         self._nis = {"rotation": Tally(), "mass": Tally()}
         self._on_before = np.zeros(n_jets, dtype=bool)
         self._firings = 0
         self._fired = np.zeros(n_jets)
         self._quality = QualityReport(scenario)
 
-    def take(self, rows: Rows, before: tuple[Array, Array]) -> list[DetectionRecord]:
-        """Takes in rows; the detections that they bring."""
+    def take(self, rows: Rows, before: tuple[Array, Array]) -> tuple[list[EventRecord], list[DetectionRecord]]:
+        """Takes in rows; what was said in them, and the detections that they bring."""
         if not self._intake.spool.n_rows:
             self._command, self._outside = before
             self._on_before = before[0] > 0.0
@@ -245,7 +250,9 @@ class _Estimation:
         duration_s = record.last_s - record.first_s
         if self._period_s <= duration_s <= _LONGEST_S:
             self._scenario = self._scenario.model_copy(update={"duration_s": duration_s})
-        quality = self._quality.finished(record, reader.ragged)
+        found = self._intake.found()
+        failed_s = [entry.onset_s for entry in found.detections if entry.kind != JUMP and entry.withdrawn_s is None]
+        quality = self._quality.finished(record, reader.ragged, min(failed_s, default=math.inf))
         unknown = np.full(10, np.nan)
         results = composed(
             self._scenario,
@@ -254,7 +261,7 @@ class _Estimation:
             deviation=last("standard_deviation"),
             covariance=self._params.filter.covariance(self._state.filter),
             truth=unknown,
-            found=self._intake.found(),
+            found=found,
             consistency=judged(self._nis["rotation"], self._nis["mass"], unknown, SYMBOLS),
             autopilot=AutopilotSummary(self._firings, float(self._fired @ self._vehicle.mass_flows) * self._period_s),
             timing=Timing(wall_s, duration_s / wall_s, self._cycle_times()),

@@ -25,6 +25,10 @@ _FEWEST = 10  # samples that tell the unit
 _MOST = 4000  # samples whose slopes are kept, from the beginning: enough for their median
 _UNIT_LIMIT = 2.5  # factor between measured and predicted that is called wrong; feet to meters is 3.28
 _LISTED, _MOST_STUCK = 5, 100  # in warnings, and at all
+_NET = 0.25  # of the sum of what each jet alone should change it by: less cancels where thrusts are a quarter off
+_ANSWERED = 0.5  # share of what is predicted that the other readings must show, or the jets have not fired
+_HEARD = 25.0  # sum of squares of what is predicted of them, in 1-sigma of an increment, that says whether they do
+_MOST_JETS = 2  # that are blamed for readings that do not follow; more, and the readings are wrong
 _PERIOD_DIFFERS = 0.005  # of the sample period
 
 # what a factor between measured and predicted looks like, for rates and for velocities
@@ -57,13 +61,13 @@ class _Package(NamedTuple):
         package: as the vehicle file has it.
         scale: quantum or 1-sigma of a reading, whichever is larger.
         increment_std: 1-sigma of an increment.
-        largest: increments that all jets together could cause in one sample, shape (3,).
+        each: size of the increments that each jet could cause in one sample, shape (n_jets, 3).
     """
 
     package: SensorPackage
     scale: float
     increment_std: float
-    largest: Array
+    each: Array
 
 
 class _Standing:
@@ -76,6 +80,45 @@ class _Standing:
         self.sum = np.zeros(3)
         self.least = np.zeros(3)
         self.most = np.zeros(3)
+        self.sure = [False] * 3  # whether that change could not be what jets against each other leave
+        self.gross = np.zeros(3)  # of what each jet alone should change it by, gathered since the beginning
+        self.gross_since = np.zeros(3)  # at its first sample
+        self.answer = np.zeros((3, 2))  # of the other readings, gathered since the beginning, see `_Answer`
+        self.answer_since = np.zeros((3, 2))  # at its first sample
+        self.fired_since = np.zeros((3, 1))  # samples with each jet told to fire and nothing shown, likewise
+
+
+class _Answer(NamedTuple):
+    """How all readings follow what is predicted of them, sample by sample, in 1-sigma of an increment.
+
+    Attributes:
+        own: increment times predicted, and the square of the latter, of each component of each package, by its name,
+            shape (n, 3, 2).
+        fired: jets told to fire, where they count, shape (n, n_jets).
+    """
+
+    own: Mapping[str, Array]
+    fired: Array
+
+    @property
+    def total(self) -> Array:
+        """The sums over all components, shape (n, 2)."""
+        result: Array = np.sum([part.sum(axis=1) for part in self.own.values()], axis=0)
+        return result
+
+    @property
+    def silent(self) -> Array:
+        """Those of the jets told to fire of which no reading shows much, shape (n, n_jets)."""
+        shown, meant = self.total.T
+        result: Array = self.fired * (shown < _ANSWERED * meant)[:, None]
+        return result
+
+    def beside(self, name: str, axis: int) -> Array:
+        """The sums over all components but one, each sample weighed by its share in what is predicted of that one."""
+        total, own = self.total, self.own[name][:, axis]
+        share = np.divide(own[:, 1], total[:, 1], out=np.zeros(len(own)), where=total[:, 1] > 0.0)
+        result: Array = share[:, None] * (total - own)
+        return result
 
 
 class QualityReport:
@@ -93,16 +136,15 @@ class QualityReport:
         self._gyros = [package.name for package in params.gyros(scenario)]
         self._accelerometers = [package.name for package in params.accelerometers(scenario)]
         wrenches = vehicle.wrenches * vehicle.sample_period_s
-        turning = np.abs(self._turned(wrenches[:, :3], wrenches[:, 3:])).sum(axis=0)
+        turning = np.abs(self._turned(wrenches[:, :3], wrenches[:, 3:]))
         self._packages = []
         for package in vehicle.sensors:
-            largest = turning
+            each = turning
             if isinstance(package, Accelerometer):
                 arm = np.array(package.position) - self._center
-                each = self._moved(wrenches[:, :3], wrenches[:, 3:], arm)
-                largest = np.abs(each).sum(axis=0)
+                each = np.abs(self._moved(wrenches[:, :3], wrenches[:, 3:], arm))
             std = math.sqrt(package.variance)
-            self._packages.append(_Package(package, max(package.quantum, std), math.sqrt(2.0) * std, largest))
+            self._packages.append(_Package(package, max(package.quantum, std), math.sqrt(2.0) * std, each))
         names = vehicle.sensor_names()
         self._last = {name: np.full((1, 3), np.nan) for name in names}
         self._last_gap = True  # nothing before the first row
@@ -110,9 +152,11 @@ class QualityReport:
         self._standing = {name: _Standing() for name in names}
         self._stuck: list[dict[str, Any]] = []
         self._n_stuck = 0
+        self._unanswered: list[dict[str, Any]] = []
+        self._fired = np.zeros(len(vehicle.jets))  # samples in which each jet was told to fire and nothing showed it
         self._saturated = dict.fromkeys(names, 0)
         self._jumps: dict[str, dict[str, Any]] = {}
-        self._ratios: dict[str, list[float]] = {name: [] for name in names}
+        self._ratios: dict[str, list[tuple[float, float, Array]]] = {name: [] for name in names}
         filters = ["rotation", *(["mass"] if self._accelerometers else [])]
         self._joint = scenario.estimation.filter == "joint"
         reasons = _JOINT_REASONS if self._joint else _REASONS
@@ -153,26 +197,39 @@ class QualityReport:
         steady = predictable & (signals["usable"][:, 0] != 0.0) & (signals["firing"][:, 0] != 0.0)
         saturated: dict[str, NDArray[np.bool_]] = {}
         missing: dict[str, NDArray[np.bool_]] = {}
+        told = np.where(steady[:, None], commands > 0.0, False)
+        increments, predicted, own = {}, {}, {}
         for entry in self._packages:
             package, name = entry.package, entry.package.name
             readings = np.vstack([self._last[name], rows.readings[name]])
-            increments = np.diff(readings, axis=0)
+            increments[name] = np.diff(readings, axis=0)
             if isinstance(package, Accelerometer):
-                predicted = self._moved(clean_angular, clean_linear, np.array(package.position) - self._center)
+                arm = np.array(package.position) - self._center
+                predicted[name] = self._moved(clean_angular, clean_linear, arm)
             else:
-                predicted = self._turned(clean_angular, clean_linear)
-            # where the jets have just changed, how fast thrust builds up decides: not counted
-            counted = np.where(steady[:, None], predicted, 0.0)
-            self._watch_standing(entry, rows.time_s, rows.readings[name], counted)
+                predicted[name] = self._turned(clean_angular, clean_linear)
             at_limit = np.zeros(len(readings), dtype=bool)
             if package.range is not None:
                 at_limit = np.asarray((np.abs(readings) >= package.range * (1.0 - 1e-9)).any(axis=1))
             self._saturated[name] += int(at_limit[1:].sum())
             saturated[name] = at_limit[1:] | at_limit[:-1]
-            missing[name] = np.asarray(np.isnan(increments).any(axis=1))
-            self._watch_jumps(entry, rows.time_s, increments)
-            self._watch_units(entry, increments, predicted, steady & ~missing[name] & ~saturated[name])
+            missing[name] = np.asarray(np.isnan(increments[name]).any(axis=1))
+            good = steady & ~missing[name] & ~saturated[name]
+            seen, meant = (
+                np.where(good[:, None], part, 0.0) / entry.increment_std for part in (increments[name], predicted[name])
+            )
+            own[name] = np.stack([seen * meant, meant**2], axis=-1)
             self._last[name] = readings[-1:]
+        answer = _Answer(own, told)
+        for entry in self._packages:
+            name = entry.package.name
+            # where the jets have just changed, how fast thrust builds up decides: not counted
+            counted = np.where(steady[:, None], predicted[name], 0.0)
+            self._watch_standing(entry, rows.time_s, rows.readings[name], counted, answer)
+            self._watch_jumps(entry, rows.time_s, increments[name])
+            good = steady & ~missing[name] & ~saturated[name]
+            self._watch_units(entry, (rows.time_s, told), increments[name], predicted[name], good)
+        self._fired = self._fired + answer.silent.sum(axis=0)
         self._sort_samples(signals, commands, gap, fresh, missing, saturated)
         if "tested" in signals:
             self._tested += int(signals["tested"].sum())
@@ -180,51 +237,92 @@ class QualityReport:
         self._commands = rows.commands[-1:]
         self._last_gap = bool(gap[-1])
 
-    def _watch_standing(self, entry: _Package, time_s: Array, readings: Array, predicted: Array) -> None:
+    def _watch_standing(
+        self, entry: _Package, time_s: Array, readings: Array, predicted: Array, answer: _Answer
+    ) -> None:
         standing = self._standing[entry.package.name]
+        fired = self._fired + np.cumsum(answer.silent, axis=0)
+        if standing.fired_since.shape[1] != fired.shape[1]:
+            standing.fired_since = np.zeros((3, fired.shape[1]))
+        gross = standing.gross + np.cumsum(answer.fired @ entry.each, axis=0)
         for axis in range(3):
             values, total = readings[:, axis], standing.sum[axis] + np.cumsum(predicted[:, axis])
+            others = standing.answer[axis] + np.cumsum(answer.beside(entry.package.name, axis), axis=0)
             changed = values != np.concatenate([[standing.value[axis]], values[:-1]])
             starts = np.flatnonzero(changed)
             edges = np.unique(np.concatenate([[0], starts]))
             most, least = np.maximum.reduceat(total, edges), np.minimum.reduceat(total, edges)
             lasts = np.append(edges[1:], values.size) - 1
-            if not changed[0]:  # the stretch that was under way goes on
+            since, heard, firing = time_s[edges].copy(), others[edges].copy(), fired[edges].copy()
+            weight = gross[edges, axis].copy()
+            goes_on = not changed[0]
+            if goes_on:  # the stretch that was under way goes on
                 most[0] = max(most[0], standing.most[axis])
                 least[0] = min(least[0], standing.least[axis])
-            since = time_s[edges].copy()
-            if not changed[0]:
                 since[0] = standing.since_s[axis]
+                heard[0], firing[0] = standing.answer_since[axis], standing.fired_since[axis]
+                weight[0] = standing.gross_since[axis]
             else:
-                self._note_standing(entry, axis, standing, standing.most[axis], standing.least[axis])
-            for index in np.flatnonzero((most - least)[:-1] >= _STUCK * entry.scale):
+                self._note_standing(entry, axis, standing, self._fired)
+            was_sure, sure = standing.sure[axis] and goes_on, np.zeros(edges.size, dtype=bool)
+            before = (standing.most[axis], standing.least[axis]) if goes_on else (-math.inf, math.inf)
+            for index in np.flatnonzero(most - least >= _STUCK * entry.scale):
+                rows = slice(edges[index], lasts[index] + 1)
+                highest, lowest = np.maximum.accumulate(total[rows]), np.minimum.accumulate(total[rows])
+                if index == 0:
+                    highest, lowest = np.maximum(highest, before[0]), np.minimum(lowest, before[1])
+                change, all_alone = highest - lowest, gross[rows, axis] - weight[index]
+                clear = (change >= _STUCK * entry.scale) & (change >= _NET * all_alone)
+                sure[index] = clear.any() or (index == 0 and was_sure)
+            for index in np.flatnonzero(sure[:-1]):
+                standing.sure[axis] = True
                 standing.since_s[axis], standing.until_s[axis] = since[index], time_s[lasts[index]]
                 standing.value[axis] = values[edges[index]]
-                self._note_standing(entry, axis, standing, most[index], least[index])
+                standing.most[axis], standing.least[axis] = most[index], least[index]
+                standing.answer_since[axis], standing.answer[axis] = heard[index], others[lasts[index]]
+                standing.fired_since[axis] = firing[index]
+                self._note_standing(entry, axis, standing, fired[lasts[index]])
             standing.value[axis], standing.since_s[axis] = values[-1], since[-1]
             standing.until_s[axis], standing.sum[axis] = time_s[-1], total[-1]
             standing.most[axis], standing.least[axis] = most[-1], least[-1]
+            standing.answer_since[axis], standing.answer[axis] = heard[-1], others[-1]
+            standing.fired_since[axis] = firing[-1]
+            standing.gross_since[axis], standing.sure[axis] = weight[-1], bool(sure[-1])
+        standing.gross = gross[-1]
 
-    def _note_standing(self, entry: _Package, axis: int, standing: _Standing, most: float, least: float) -> None:
+    def _note_standing(self, entry: _Package, axis: int, standing: _Standing, fired: Array) -> None:
+        """Notes a reading that stood still though it should have changed: its own fault if the others did change.
+
+        Args:
+            entry: its package.
+            axis: of it.
+            standing: of the stretch at its end.
+            fired: samples in which each jet was told to fire and nothing showed it until then, shape (n_jets,).
+        """
+        change = float(standing.most[axis] - standing.least[axis])
         lasted_s = float(standing.until_s[axis] - standing.since_s[axis])
         brief = lasted_s < (_STUCK_SAMPLES - 0.5) * self._vehicle.sample_period_s  # a jet that does not fire at once
-        if brief or most - least < _STUCK * entry.scale or math.isnan(standing.value[axis]):
+        if brief or not standing.sure[axis] or math.isnan(standing.value[axis]):
+            return
+        stretch = {"from_s": float(standing.since_s[axis]), "to_s": float(standing.until_s[axis])}
+        shown, meant = (standing.answer[axis] - standing.answer_since[axis]).tolist()
+        if meant > _HEARD and shown < _ANSWERED * meant:
+            told = np.flatnonzero(fired > standing.fired_since[axis])
+            jets = [self._vehicle.designations[jet] for jet in told]
+            same = [one for one in self._unanswered if one["jets"] == jets and one["to_s"] >= stretch["from_s"]]
+            for one in same[:1]:
+                one["from_s"], one["to_s"] = min(one["from_s"], stretch["from_s"]), max(one["to_s"], stretch["to_s"])
+            if not same and len(self._unanswered) < _MOST_STUCK:
+                self._unanswered.append({"jets": jets, **stretch, "share": shown / meant})
             return
         self._n_stuck += 1
         if self._n_stuck > _MOST_STUCK:
             return
-        self._stuck.append(
-            {
-                "sensor": entry.package.name,
-                "axis": AXES[axis],
-                "from_s": float(standing.since_s[axis]),
-                "to_s": float(standing.until_s[axis]),
-                "predicted_change": float(most - least),
-            }
-        )
+        sensor = {"sensor": entry.package.name, "axis": AXES[axis]}
+        self._stuck.append({**sensor, **stretch, "predicted_change": change})
 
     def _watch_jumps(self, entry: _Package, time_s: Array, increments: Array) -> None:
-        limit = _JUMP_FACTOR * entry.largest + _JUMP_SIGMAS * entry.increment_std
+        limit = _JUMP_FACTOR * entry.each.sum(axis=0) + _JUMP_SIGMAS * entry.increment_std
         beyond = np.abs(increments) > limit  # NaN is not
         rows = np.flatnonzero(beyond.any(axis=1))
         if not rows.size:
@@ -234,13 +332,21 @@ class QualityReport:
         found["count"] += rows.size
         found["largest"] = max(found["largest"], float(np.abs(increments[beyond]).max()))
 
-    def _watch_units(self, entry: _Package, increments: Array, predicted: Array, rows: NDArray[np.bool_]) -> None:
+    def _watch_units(
+        self,
+        entry: _Package,
+        when: tuple[Array, NDArray[np.bool_]],
+        increments: Array,
+        predicted: Array,
+        rows: NDArray[np.bool_],
+    ) -> None:
         size = (predicted**2).sum(axis=1)
         clear = rows & (size > (_CLEAR * entry.increment_std) ** 2)
         kept = self._ratios[entry.package.name]
         if clear.any() and len(kept) < _MOST:
             ratios = (increments[clear] * predicted[clear]).sum(axis=1) / size[clear]
-            kept.extend(ratios.tolist()[: _MOST - len(kept)])
+            found = zip(ratios.tolist(), when[0][clear].tolist(), when[1][clear], strict=True)
+            kept.extend(list(found)[: _MOST - len(kept)])
 
     def _sort_samples(
         self,
@@ -283,22 +389,31 @@ class QualityReport:
 
     # --------------------------------------------------------------------------------- finishing
 
-    def finished(self, record: Record, ragged: tuple[int, int, bool]) -> dict[str, Any]:
+    def finished(self, record: Record, ragged: tuple[int, int, bool], failed_s: float = math.inf) -> dict[str, Any]:
         """Composes the content of `data_quality`.
 
         Args:
             record: what the reader found.
             ragged: rows left out for their number of cells, line of the first, whether the last was cut.
+            failed_s: since when a jet is known to have failed, s.
         """
         for entry in self._packages:
             standing = self._standing[entry.package.name]
             for axis in range(3):
-                self._note_standing(entry, axis, standing, standing.most[axis], standing.least[axis])
-        units = {}
+                self._note_standing(entry, axis, standing, self._fired)
+        units: dict[str, dict[str, Any]] = {}
         for entry in self._packages:
-            ratios = self._ratios[entry.package.name]
-            if len(ratios) >= _FEWEST:
-                units[entry.package.name] = {"slope": float(np.median(ratios)), "samples": len(ratios)}
+            kept = self._ratios[entry.package.name]
+            if len(kept) < _FEWEST:
+                continue
+            ratios, times = np.array([ratio for ratio, _, _ in kept]), np.array([time for _, time, _ in kept])
+            slope = units[entry.package.name] = {"slope": float(np.median(ratios)), "samples": len(kept)}
+            before = ratios[times < failed_s]
+            if not _plausible(slope["slope"]) and before.size >= _FEWEST and _plausible(float(np.median(before))):
+                slope |= {"slope_before_failure": float(np.median(before))}
+            elif not _plausible(slope["slope"]):
+                jets = _to_blame(ratios, np.array([fired for _, _, fired in kept]))
+                slope |= {"jets": [self._vehicle.designations[jet] for jet in jets]} if jets else {}
         quality: dict[str, Any] = {
             "rows": record.rows,
             "first_s": record.first_s,
@@ -320,6 +435,7 @@ class QualityReport:
             "absent_sensors": record.absent,
             "unknown_columns": {name: meant or None for name, meant in record.unknown.items()},
             "stuck": self._stuck,
+            "unanswered": self._unanswered,
             "saturated": self._saturated,
             "jumps": self._jumps,
             "units": units,
@@ -363,12 +479,16 @@ class QualityReport:
 
     def _about_units(self, quality: dict[str, Any]) -> list[str]:
         found = []
+        blamed: dict[tuple[str, ...], list[str]] = {}
         for entry in self._packages:
             name = entry.package.name
             if name not in quality["units"]:
                 continue
-            slope = quality["units"][name]["slope"]
-            if 1.0 / _UNIT_LIMIT <= slope <= _UNIT_LIMIT:
+            slope, jets = quality["units"][name]["slope"], quality["units"][name].get("jets")
+            if _plausible(slope) or "slope_before_failure" in quality["units"][name]:
+                continue
+            if jets:
+                blamed.setdefault(tuple(jets), []).append(name)
                 continue
             unit = "rad/s"
             guesses: tuple[tuple[float, str], ...] = _RATE_UNITS
@@ -379,6 +499,11 @@ class QualityReport:
                 f"{name} changes by {slope:.3g} times what the nominal mass properties predict; it must be in {unit}, "
                 f"body axes{_looks_like(slope, (*guesses, *_POWERS))}"
             )
+        found += [
+            f"{', '.join(names)} {'follow' if len(names) > 1 else 'follows'} what is predicted but while "
+            f"{' or '.join(jets)} {'is' if len(jets) == 1 else 'are'} told to fire: look there for a failure"
+            for jets, names in blamed.items()
+        ]
         return found
 
     def _about_rows(self, quality: dict[str, Any]) -> list[str]:
@@ -421,6 +546,11 @@ class QualityReport:
             found.append("the vehicle has no accelerometer: its mass is not observable")
         elif set(self._accelerometers) <= set(quality["absent_sensors"]):
             found.append("the record has no accelerometer: the mass is not observable in it")
+        for entry in quality["unanswered"][:_LISTED]:
+            found.append(
+                f"{', '.join(entry['jets'])} told to fire from {entry['from_s']:.6g} to {entry['to_s']:.6g} s, but no "
+                f"sensor shows it: jets that did not fire, not sensors that stood still"
+            )
         for entry in quality["stuck"][:_LISTED]:
             found.append(
                 f"{entry['sensor']}_{entry['axis']} stands still from {entry['from_s']:.6g} to {entry['to_s']:.6g} s "
@@ -453,6 +583,31 @@ class QualityReport:
                 f"({counts[worst]} times) the reason was: {worst.replace('_', ' ')}"
             )
         return found
+
+
+def _plausible(slope: float) -> bool:
+    """Whether mass properties may be so far from nominal that readings change by so much more or less."""
+    return 1.0 / _UNIT_LIMIT <= slope <= _UNIT_LIMIT
+
+
+def _to_blame(ratios: Array, fired: NDArray[np.bool_]) -> list[int]:
+    """The jets, as few as may be, without which readings change as predicted; none: it is not for them.
+
+    Wrong units are wrong whichever jets fire; a jet that fails is so only while it is told to.
+
+    Args:
+        ratios: of measured and predicted, by sample, shape (n,).
+        fired: jets told to fire, shape (n, n_jets).
+    """
+    left, blamed = np.ones(ratios.size, dtype=bool), []
+    for _ in range(_MOST_JETS):
+        wrong = ~((ratios >= 1.0 / _UNIT_LIMIT) & (ratios <= _UNIT_LIMIT))
+        share = [int((left & wrong & jet).sum()) - int((left & ~wrong & jet).sum()) for jet in fired.T]
+        blamed.append(int(np.argmax(share)))
+        left &= ~fired[:, blamed[-1]]
+        if left.sum() >= _FEWEST and _plausible(float(np.median(ratios[left]))):
+            return blamed
+    return []
 
 
 def _looks_like(slope: float, guesses: tuple[tuple[float, str], ...]) -> str:

@@ -31,7 +31,10 @@ def made(*overrides: str) -> JointParams:
     return params.joint_params(joint("joint={}", *overrides)).joint
 
 
-NEW = {"orbiter_maneuver", "leak_named", "payload_docking"}
+NEW = {
+    *("orbiter_maneuver", "leak_named", "leak_small", "two_at_once", "intermittent_jet", "dispersed_thrust"),
+    "payload_docking",
+}
 
 
 @pytest.mark.parametrize("name", sorted(set(bundled_scenarios()) - NEW))

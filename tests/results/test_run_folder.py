@@ -85,6 +85,9 @@ SUMMARY: dict[str, Any] = {
     "truth": PROPERTIES,
     "percent_error": PERCENT,
     "detections": list,
+    "events": list,
+    "unconfirmed": list,
+    "untested": list,
     "consistency": {
         "rotation_nis_mean": MAYBE,
         "translation_nis_mean": MAYBE,

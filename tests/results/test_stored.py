@@ -177,5 +177,8 @@ def test_every_field_of_the_wrong_type_is_read_or_refused_by_its_name(folder: Pa
         "version",
     }
     assert set(content) - set(refused) <= harmless | (
-        {"time_s"} if nasty == -1e300 else {"states", "detections", "injected", "identifiability", "command"}
+        {"time_s"}
+        if nasty == -1e300
+        else {"states", "detections", "events", "unconfirmed", "untested", "commanded", "injected"}
+        | {"identifiability", "command"}
     )

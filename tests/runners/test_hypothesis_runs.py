@@ -154,3 +154,59 @@ def test_a_stuck_jet_is_named_by_the_command(massprop: Massprop) -> None:
     assert said["time_s"] - said["onset_s"] < 0.3
     assert summary["injected"][0]["outcome"] == "named"
     assert "jet R4R: on" in Path("K/report.html").read_text(encoding="utf-8")
+
+
+def _sooner(name: str, by_s: float, *overrides: str) -> Run:
+    """A bundled scenario from near the truth, its failures some seconds sooner."""
+    failures = [one.model_dump(exclude_none=True) for one in load_scenario(name).failures]
+    for one in failures:
+        one.update({key: one[key] - by_s for key in ("start_s", "end_s") if key in one})
+    return simulate(load_scenario(name, [*NEAR, f"failures={json.dumps(failures)}", *overrides]))
+
+
+def test_a_leak_of_half_a_percent_is_named() -> None:
+    run = _sooner("leak_small", 40.0, "duration_s=11")
+    (said,) = run.results.detections
+    assert (said.jet, said.kind) == ("L4D", "jet_on")
+    assert said.magnitude is not None
+    assert said.magnitude_std is not None
+    assert abs(said.magnitude - 5.0) < 4.0 * said.magnitude_std < 1.0
+    assert said.time_s - 8.0 < 3.0
+
+
+def test_two_leaks_at_once_are_both_named() -> None:
+    run = _sooner("two_at_once", 40.0, "duration_s=10")
+    assert run.results.injected is not None
+    assert {said.jet for said in run.results.detections} == {"R4R", "F2F"}
+    assert [(one.jet, one.outcome) for one in run.results.injected] == [("R4R", "named"), ("F2F", "named")]
+    assert all(abs(said.onset_s - 8.0) <= 0.16 for said in run.results.detections)
+
+
+def test_a_jet_that_comes_and_goes_is_said_to_be_erratic(tmp_path: Path) -> None:
+    run = simulate(load_scenario("intermittent_jet", ["duration_s=50"]))
+    (said,) = run.results.detections
+    assert (said.jet, said.pattern, said.withdrawn_s) == ("R4R", "intermittent", None)
+    assert said.erratic_s is not None
+    assert said.erratic_s - 48.0 < 3.0
+    assert {event.kind for event in run.results.events} >= {"failed", "erratic"}
+    assert run.results.unconfirmed == ()
+    assert run.results.injected is not None
+    acted = [one for one in run.results.injected if one.outcome != "never_acted"]
+    assert {one.outcome for one in acted} == {"named"}
+    assert len(acted) == 3
+    folder = run.save(tmp_path / "run", pictures=False, report=False)
+    again = estimate(folder / "telemetry.csv", run.scenario).results
+    assert (again.detections, again.events) == (run.results.detections, run.results.events)
+    assert (again.unconfirmed, again.untested) == (run.results.unconfirmed, run.results.untested)
+
+
+def test_stated_dispersions_of_thrust_are_no_failure() -> None:
+    near = "estimation={filter: joint, start: nominal, std_fraction: 0.05}"
+    run = simulate(load_scenario("dispersed_thrust", ["duration_s=16", near]))
+    results = run.results
+    assert (results.detections, results.events, results.unconfirmed) == ((), (), ())
+    (untested,) = results.untested
+    assert untested.reason.startswith("never commanded")
+    fired = run["command"].max(axis=0) > 0.0
+    names = run.scenario.vehicle_data.designations
+    assert set(untested.jets) == {jet for jet, once in zip(names, fired, strict=True) if not once}

@@ -20,21 +20,23 @@ from massprop_drake.maths.estimation.detectors.multi_hypothesis import (
     Unexplained,
     Word,
 )
+from massprop_drake.maths.estimation.joint.apart import Apart
 from massprop_drake.maths.estimation.joint.cycle import initial as initial_filter
-from massprop_drake.results.detections import DetectionRecord, detection_entries
+from massprop_drake.results.detections import DetectionRecord, detection_entries, remarks, size
+from massprop_drake.results.events import EventRecord, in_words, said
 
 N = 44
 NOWHERE = np.full(3, np.nan)
 PAIR = JetsDeclared(Word.FAILED, (3, 28), (1, -1), (10.0, 870.0), (0.1, 2.0), 4.0)
-ALIKE = JetsDeclared(Word.GROUP, (30, 29), (-1, -1), (870.0, 868.0), (1.0, 1.0), 4.0, 30)
+ALIKE = JetsDeclared(Word.GROUP, (30, 29), (-1, -1), (870.0, 868.0), (1.0, 1.0), 4.0, Apart(30))
 
 
 def signals_of(*samples: tuple[Declaration, ...]) -> dict[str, Any]:
     """A log with a row for what is said at each sample."""
     rows: dict[str, list[Any]] = {}
-    for said in samples:
-        status = hypotheses._status(said, Status(), True, 3)
-        own = hypotheses._own(said, Status(), N)
+    for declared in samples:
+        status = hypotheses._status(declared, Status(), True, 3)
+        own = hypotheses._own(declared, Status(), N)
         for name, value in {**status._asdict(), **own._asdict()}.items():
             rows.setdefault(name, []).append(np.atleast_1d(value))
     assert set(STATUS) < set(rows)
@@ -43,6 +45,14 @@ def signals_of(*samples: tuple[Declaration, ...]) -> dict[str, Any]:
 
 def recorded(vehicle: Vehicle, *samples: tuple[Declaration, ...]) -> list[DetectionRecord]:
     return detection_entries(vehicle, 5.0 + np.arange(len(samples)), signals_of(*samples))
+
+
+def heard(vehicle: Vehicle, *samples: tuple[Declaration, ...]) -> list[EventRecord]:
+    return said(vehicle, vehicle.sensor_names(), 5.0 + np.arange(len(samples)), signals_of(*samples))
+
+
+def of_jet(word: Word, force: float) -> JetsDeclared:
+    return JetsDeclared(word, (3,), (1,), (force,), (0.1,), 4.0)
 
 
 def test_two_jets_that_fail_at_once_are_two_records(orbiter: Vehicle) -> None:
@@ -96,6 +106,73 @@ def test_everything_that_is_said_is_an_event(said: Declaration, event: Event, or
     assert signals["onset"][0, 0] == 4.0
     known = len(detection_entries(orbiter, np.zeros(1), signals))
     assert known == (2 if said is PAIR else 1 if event in (Event.DECLARED, Event.JUMP) else 0)
+
+
+@pytest.mark.parametrize(
+    ("apart", "words"),
+    [
+        (Apart(30), "{1} fired alone would tell them apart"),
+        (Apart(coasting_s=3.21), "3.2 s without firing would tell them apart"),
+        (Apart(), "firing none of them alone, nor waiting, would tell them apart"),
+    ],
+)
+def test_a_group_says_what_would_tell_it_apart(orbiter: Vehicle, apart: Apart, words: str) -> None:
+    names = orbiter.designations
+    (event,) = heard(orbiter, (ALIKE._replace(apart=apart),))
+    expected = words.format(names[29], names[30])
+    assert in_words(event, orbiter.unit_names) == (
+        f"one of {names[30]}, {names[29]} has failed: -870.0 ± 1.0 lbf, since 4.00 s; {expected}"
+    )
+    (record,) = recorded(orbiter, (ALIKE._replace(apart=apart),))
+    assert remarks(record) == [expected]
+
+
+def test_a_false_reading_is_named_by_package_and_axis(orbiter: Vehicle) -> None:
+    first, second = heard(orbiter, (ReadingDeclared(1, 4.9),), (ReadingDeclared(8, 5.9),))
+    assert (first.kind, first.sensor, first.axis, first.onset_s, first.time_s) == ("false_reading", "gyro", "y", 4.9, 5)
+    assert (second.sensor, second.axis) == ("acc2", "z")
+    assert (
+        in_words(second, orbiter.unit_names) == "acc2_z reads falsely since 5.90 s; it is left out until it fits again"
+    )
+
+
+@pytest.mark.parametrize(
+    ("forces", "pattern", "words"),
+    [
+        ((10.0, 0.5, 11.0, 0.2), "intermittent", "erratic (on and off) from 8.00 s on"),
+        ((10.0, 20.0, 30.0, 40.0), "drifting", "erratic (drifting) from 8.00 s on"),
+    ],
+)
+def test_a_jet_that_changes_again_and_again(
+    orbiter: Vehicle, forces: tuple[float, ...], pattern: str, words: str
+) -> None:
+    kinds = (Word.FAILED, Word.CHANGED, Word.CHANGED, Word.ERRATIC)
+    samples = [(of_jet(word, force),) for word, force in zip(kinds, forces, strict=True)]
+    assert [event.kind for event in heard(orbiter, *samples)] == ["failed", "changed", "changed", "erratic"]
+    (record,) = recorded(orbiter, *samples)
+    assert (record.erratic_s, record.pattern, record.magnitude) == (8.0, pattern, forces[-1])
+    assert remarks(record) == [words]
+
+
+def test_what_comes_back_after_it_was_withdrawn_stands_again(orbiter: Vehicle) -> None:
+    well = (of_jet(Word.WITHDRAWN, 0.2),)
+    (record,) = recorded(orbiter, (of_jet(Word.FAILED, 10.0),), well, (of_jet(Word.CHANGED, 9.0),))
+    assert (record.withdrawn_s, record.magnitude) == (None, 9.0)
+
+
+def test_a_jump_has_a_place_and_is_measured_again(orbiter: Vehicle) -> None:
+    place, spread = np.array([60.0, 0.1, -3.0]), np.array([0.2, 0.1, 0.3])
+    found = JumpDeclared(False, 4.0, 480.0, 60.0, NOWHERE, NOWHERE)
+    measured = JumpDeclared(True, 4.0, 501.0, 3.0, place, spread)
+    first, second = heard(orbiter, (found,), (), (measured,))
+    assert (first.kind, second.kind, second.onset_s, second.time_s) == ("jump", "jump_measured", 4.0, 7.0)
+    (record,) = recorded(orbiter, (found,), (), (measured,))
+    assert (record.position, record.measured_s, record.time_s) == ((60.0, 0.1, -3.0), 7.0, 5.0)
+    where = "(+60.00 ± 0.20, +0.10 ± 0.10, -3.00 ± 0.30) ft"
+    assert size(record, orbiter.unit_names) == f"+501.0 ± 3.0 slug at {where}"
+    assert in_words(second, orbiter.unit_names) == (
+        f"the jump of the mass properties since 4.00 s: +501.0 ± 3.0 slug at {where}"
+    )
 
 
 def test_jets_that_are_named_alone_are_out_of_use_until_they_are_well() -> None:

@@ -157,7 +157,7 @@ def test_jets_that_fire_together_are_a_group_until_one_fires_alone() -> None:
     said = flown.only(JetsDeclared)
     assert said.word == Word.GROUP
     assert sorted(said.jets) == [0, 1]
-    assert said.told_apart_by in said.jets
+    assert said.apart.jet in said.jets
     assert detector.untested(flown.state) == (2, 3, 4, 5)
 
 

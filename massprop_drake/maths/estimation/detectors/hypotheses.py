@@ -46,11 +46,14 @@ HYPOTHESIS_REPORT = Layout(
     racing=Field("hypotheses are compared"),
     lead=Field("lead of the likeliest hypothesis, nats"),
     told_apart_by=Field("index of the jet that, fired alone, would tell a group apart", component="jet"),
+    told_apart_after=Field("time without any jet that would tell a group apart", "s", "duration"),
     jump_mass=Field("mass gained in a jump", "{mass}", "mass"),
     jump_mass_std=Field("1-sigma of it", "{mass}", "std"),
     jump_measured=Field("it is that of an earlier jump, measured since", component="measured"),
     lying_component=Field("index of a component that reads falsely", component="component"),
     unexplained_since=Field("onset of what nothing explains", "s", "onset"),
+    jump_position=3,
+    jump_position_std=3,
     verdict="jets",
     verdict_magnitude="jets",
     verdict_std="jets",
@@ -108,6 +111,8 @@ def judge(state: State, evidence: JointEvidence, params: HypothesisParams) -> Ju
     race = found.state.race or state.method.race
     alarms = 0 if race is None else found.state.cycle - race.triggered + 1
     likelihood = np.full(params.joint.places.jets, np.nan)
+    for jet, lead in found.status.leads:
+        likelihood[jet] = lead
     own = _own(said, found.status, likelihood.size)
     return Judgment(
         state=kept,
@@ -177,6 +182,7 @@ def _own(said: tuple[Declaration, ...], status: Status, n_jets: int) -> Any:
     """What this detector logs, as `HYPOTHESIS_REPORT`."""
     verdict = np.zeros(n_jets)
     magnitude, std, onset = (np.full(n_jets, np.nan) for _ in range(3))
+    position, position_std = np.full(3, np.nan), np.full(3, np.nan)
     row: dict[str, float] = {}
     for one in said:
         match one:
@@ -185,16 +191,19 @@ def _own(said: tuple[Declaration, ...], status: Status, n_jets: int) -> Any:
                 verdict[jets] = float(one.word)
                 magnitude[jets] = np.array(one.signs) * np.array(one.forces)
                 std[jets], onset[jets] = one.sigmas, one.onset_s
-                if one.told_apart_by >= 0:
-                    row["told_apart_by"] = float(one.told_apart_by)
+                if one.apart.jet >= 0:
+                    row["told_apart_by"] = float(one.apart.jet)
+                row["told_apart_after"] = one.apart.coasting_s
             case JumpDeclared():
                 row |= {"jump_mass": one.mass, "jump_mass_std": one.mass_sigma, "jump_measured": float(one.measured)}
+                position, position_std = one.position, one.position_sigma
             case ReadingDeclared():
                 row["lying_component"] = float(one.component)
             case Unexplained():
                 row["unexplained_since"] = one.onset_s
     lead = status.lead if status.racing else math.nan
     of_jets = {"verdict": verdict, "verdict_magnitude": magnitude, "verdict_std": std, "verdict_onset": onset}
+    of_jets |= {"jump_position": position, "jump_position_std": position_std}
     return HYPOTHESIS_REPORT.make(racing=float(status.racing), lead=lead, **row, **of_jets)
 
 

@@ -18,10 +18,12 @@ import numpy as np
 from massprop_drake.maths.estimation.joint import bank as banks
 from massprop_drake.maths.estimation.joint import race as races
 from massprop_drake.maths.estimation.joint import screen as screens
+from massprop_drake.maths.estimation.joint.apart import Apart, told_apart
 from massprop_drake.maths.estimation.joint.bank import Bank
 from massprop_drake.maths.estimation.joint.covariance import compressed
 from massprop_drake.maths.estimation.joint.cycle import Report, Sample, step
 from massprop_drake.maths.estimation.joint.decision import (
+    ALIKE,
     SIGNIFICANT,
     UNSETTLED_FLOOR,
     Decision,
@@ -75,7 +77,7 @@ class JetsDeclared(NamedTuple):
         signs: 1: it gives more than it is told to, -1: less.
         forces, sigmas: of each, lbf or N.
         onset_s: when it began.
-        told_apart_by: index of the jet of a group that, fired alone, would tell its members apart; -1: none needed.
+        apart: what would tell the members of a group apart.
     """
 
     word: Word
@@ -84,7 +86,7 @@ class JetsDeclared(NamedTuple):
     forces: tuple[float, ...]
     sigmas: tuple[float, ...]
     onset_s: float
-    told_apart_by: int = -1
+    apart: Apart = Apart()
 
 
 class JumpDeclared(NamedTuple):
@@ -185,6 +187,8 @@ class Status(NamedTuple):
         racing: whether a race is under way.
         likeliest: hypothesis in it; None: nothing has happened, or not known yet.
         lead: of the likeliest over the next, nats.
+        leads: of the likeliest hypothesis about each jet over the one that nothing has happened, in the order of
+            likelihood: jet and nats.
     """
 
     likelihood: float = 0.0
@@ -192,6 +196,7 @@ class Status(NamedTuple):
     racing: bool = False
     likeliest: Contender | None = None
     lead: float = 0.0
+    leads: tuple[tuple[int, float], ...] = ()
 
 
 class Judged(NamedTuple):
@@ -322,7 +327,9 @@ def _raced(
             second = max(standing[1].contender.lead, 0.0) if len(standing) > 1 else 0.0
             best = standing[0].contender
             status = status._replace(
-                likeliest=best if best.lead > 0.0 else None, lead=best.lead - second if best.lead > 0.0 else -best.lead
+                likeliest=best if best.lead > 0.0 else None,
+                lead=best.lead - second if best.lead > 0.0 else -best.lead,
+                leads=_leads(standing),
             )
     if race is not None and decision.outcome == Outcome.OPEN and state.cycle - race.triggered in _REDRAWN:
         race = races.moved(race, standing, bank, history, joint)
@@ -330,6 +337,15 @@ def _raced(
     oldest = int(bank.cycles[0]) if race is None else min(int(bank.cycles[0]), race.screen.began)
     history = History(state.cycle, history.records[-(state.cycle - oldest + 1) :])
     return state._replace(bank=bank, history=history, race=race), decision, standing, status
+
+
+def _leads(standing: list[races.Standing]) -> tuple[tuple[int, float], ...]:
+    """Lead of the likeliest hypothesis about each jet, see `Status`."""
+    best: dict[int, float] = {}
+    for each in standing:
+        for jet in each.contender.cause.jets:
+            best.setdefault(jet, each.contender.lead)
+    return tuple(best.items())
 
 
 def _uncertain(over: Link, before: JointState, erratic: Array, params: JointParams) -> Link:
@@ -464,7 +480,11 @@ def _jets(
     for word, members in ((Word.FAILED, named), (Word.GROUP, of_group)):
         if members:
             jets, signs, forces, sigmas = zip(*members, strict=True)
-            apart = jets[0] if word == Word.GROUP else -1
+            apart = Apart()
+            if word == Word.GROUP:
+                of_each = [(jet, sign, force) for jet, sign, force, _ in members]
+                over = state.history.records[-1].link
+                apart = told_apart(race.screen, over, contender.onset, of_each, ALIKE, params)
             said.append(JetsDeclared(word, jets, signs, forces, sigmas, onset_s, apart))
     return state._replace(announced=announced, sigmas=known), said
 

@@ -289,7 +289,7 @@ def _directions(columns: np.ndarray, jets: int) -> np.ndarray:
     return np.where(columns < 2 * jets, columns, columns % jets)
 
 
-def _as_found(columns: np.ndarray, force: Array, params: JointParams) -> np.ndarray:
+def as_found(columns: np.ndarray, force: Array, params: JointParams) -> np.ndarray:
     """The columns that go with the forces: what comes on top is a leak, less than half of full thrust."""
     jets = params.places.jets
     jet = columns % jets
@@ -347,7 +347,7 @@ def _singles(screen: Screen, index: int, allowed: np.ndarray, known: Array, para
     total = had + change
     possible = allowed[ways] & (np.diagonal(screen.information[index])[steps] > 0.0)
     possible &= (total + BOUND * sigma > 0.0) & (total - BOUND * sigma < MOST_FORCE * thrusts)
-    possible &= ((change > 0.0) | (had > 0.0)) & (_as_found(steps, total, params) == steps)
+    possible &= ((change > 0.0) | (had > 0.0)) & (as_found(steps, total, params) == steps)
     result = []
     for row in np.flatnonzero(possible & (lead > 0.0)):
         forces = ((float(total[row]),), (float(sigma[row]),), _rows(fitted.kicks[:, row]))
@@ -366,7 +366,7 @@ def _pairs(screen: Screen, index: int, allowed: np.ndarray, known: Array, params
     if steps.shape[0] == 0:
         return []
     at_first = _fitted(screen, index, steps, params).force + known[_directions(steps, jets)]
-    steps = np.unique(_as_found(steps, at_first, params), axis=0)
+    steps = np.unique(as_found(steps, at_first, params), axis=0)
     fitted = _fitted(screen, index, steps, params)
     lead = fitted.lead + rarity(params)[steps % jets].sum(axis=1) - PAIR_PRIOR
     had = known[_directions(steps, jets)]
@@ -374,7 +374,7 @@ def _pairs(screen: Screen, index: int, allowed: np.ndarray, known: Array, params
     shows = (np.abs(fitted.force) > BOUND * fitted.sigma) & ((fitted.force > 0.0) | (had > 0.0))
     most = MOST_FORCE * params.thrusts[steps % jets]
     within = (total + BOUND * fitted.sigma > 0.0) & (total - BOUND * fitted.sigma < most)
-    possible = (shows & within & (_as_found(steps, total, params) == steps)).all(axis=1)
+    possible = (shows & within & (as_found(steps, total, params) == steps)).all(axis=1)
     result = []
     for row in np.flatnonzero(possible):
         cause = _of_columns(steps[row].tolist(), jets)

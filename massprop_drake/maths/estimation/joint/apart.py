@@ -1,0 +1,114 @@
+r"""What would tell the members of a group of jets apart: one of them fired alone, or time.
+
+The columns of a race go on (`screen`), with what would be commanded in place of what was: with s the innovation that a
+unit force of a member would add in the cycles to come, and A of the past,
+
+    A' = A + sum S^T Y^-1 S,    separation of i from the likeliest j = f_j^2 (A'_jj - A'_ji^2 / A'_ii),
+
+every cycle with the Phi, H, K and Y of the newest. A jet outside the group adds to what all of its members predict
+alike, and so tells nothing; a member that is said to give less shows only while it fires, one that is stuck on only
+while it rests, a leak always.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_drake.maths.estimation.joint.layout import JointParams
+from massprop_drake.maths.estimation.joint.screen import Screen, as_found
+from massprop_drake.maths.estimation.joint.sensitivity import Link, carried, corrected
+from massprop_drake.maths.linear_algebra import Array
+
+_CYCLES = 25  # of firing or coasting that are looked at, 2 s of the orbiter: who fires a jet alone for longer turns
+_LONGEST_S = 600.0  # of coasting that is worth naming
+_NOBODY = -1
+
+
+class Apart(NamedTuple):
+    """What would tell a group apart; neither: nothing would.
+
+    Attributes:
+        jet: index of the member that, fired alone, would; -1: none.
+        coasting_s: without any jet after which they would be, s; NaN: never, or not before ten minutes.
+    """
+
+    jet: int = _NOBODY
+    coasting_s: float = np.nan
+
+
+def told_apart(
+    screen: Screen, over: Link, onset: int, members: list[tuple[int, int, float]], least: float, params: JointParams
+) -> Apart:
+    """What would tell the first member from all others soonest.
+
+    Args:
+        screen: of the race, at the present.
+        over: the newest cycle.
+        onset: of the first member, one of the screen's.
+        members: jet, sign and force of each, lbf or N; the likeliest first.
+        least: separation at which they are told apart.
+        params: see `JointParams`.
+    """
+    jets = params.places.jets
+    index = screen.onsets.index(onset)
+    h = 5 * jets + over.read.shape[0]
+    ways = np.array([jet + (jets if sign < 0 else 0) for jet, sign, _ in members])
+    steps = as_found(ways, np.array([force for _, _, force in members]), params)
+    columns = screen.columns[:, index * h + steps]
+    information = screen.information[index][np.ix_(steps, steps)]
+    force = members[0][2]
+
+    def separations(alone: int) -> Array:
+        """Of each other member from the first, after each cycle, the least of them, shape (cycles,)."""
+        return _least(information, _foreseen(columns, steps, over, alone, params), force)
+
+    by_jet = {jet: separations(jet) for jet in dict.fromkeys(jet for jet, _, _ in members)}
+    soonest = {jet: np.flatnonzero(found >= least) for jet, found in by_jet.items()}
+    firing = [(int(when[0]), -float(by_jet[jet][-1]), jet) for jet, when in soonest.items() if when.shape[0] > 0]
+    coasting_s = _coasting_s(separations(_NOBODY), least, over.duration_s)
+    if firing and not coasting_s <= (min(firing)[0] + 1) * over.duration_s:
+        return Apart(min(firing)[2])
+    return Apart(coasting_s=coasting_s)
+
+
+def _foreseen(columns: Array, steps: np.ndarray, over: Link, alone: int, params: JointParams) -> Array:
+    """Information that each of the cycles to come adds with one jet firing alone, or none, shape (cycles, k, k)."""
+    jets = params.places.jets
+    jet = steps % jets
+    less, stuck = (jets <= steps) & (steps < 2 * jets), steps >= 4 * jets
+    acts = np.where(less, np.where(jet == alone, -1.0, 0.0), np.where(stuck & (jet == alone), 0.0, 1.0))
+    forcing = over.duration_s * over.effects[jet].T * acts
+    present = np.flatnonzero(~np.isnan(over.read))
+    half = np.linalg.cholesky(over.covariance[np.ix_(present, present)])
+    gained = np.zeros((_CYCLES, steps.shape[0], steps.shape[0]))
+    for cycle in range(_CYCLES):
+        columns = carried(columns, forcing, over, params.places)
+        shown = over.jacobian @ columns
+        columns = corrected(columns, shown, over)
+        whitened = np.linalg.solve(half, shown[present])
+        gained[cycle] = whitened.T @ whitened
+    return gained
+
+
+def _least(information: Array, gained: Array, force: float) -> Array:
+    """The least separation of the first from any other after each cycle, shape (cycles,)."""
+    total = information + np.cumsum(gained, axis=0)
+    others = np.diagonal(total, axis1=1, axis2=2)[:, 1:]
+    shared = np.divide(total[:, 0, 1:] ** 2, others, out=np.zeros_like(others), where=others > 0.0)
+    result: Array = force**2 * (total[:, :1, 0] - shared).min(axis=1)
+    return result
+
+
+def _coasting_s(separation: Array, least: float, period_s: float) -> float:
+    """Seconds until the separation is large enough, going on as it grew in the later half."""
+    enough = np.flatnonzero(separation >= least)
+    if enough.shape[0] > 0:
+        return float(enough[0] + 1) * period_s
+    half = separation.shape[0] // 2
+    rate = float(separation[-1] - separation[half]) / (separation.shape[0] - 1 - half)
+    if rate <= 0.0:
+        return float(np.nan)
+    seconds = (separation.shape[0] + (least - float(separation[-1])) / rate) * period_s
+    return seconds if seconds <= _LONGEST_S else float(np.nan)

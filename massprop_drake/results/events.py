@@ -1,0 +1,270 @@
+"""What a detector said in a run, one record each, in the order in which it was said."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from massprop_drake.inputs.model import Count, NotNegative, Real, Text, Whole
+from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.maths.estimation.detector import STATUS
+from massprop_drake.maths.estimation.detector import Event as Code
+from massprop_drake.maths.estimation.detectors.hypotheses import HYPOTHESIS_REPORT
+from massprop_drake.maths.estimation.detectors.multi_hypothesis import Word
+from massprop_drake.signals import AXES, with_deviation
+
+Array = NDArray[np.float64]
+
+EventKind = Literal[
+    "failed", "group", "changed", "withdrawn", "erratic", "jump", "jump_measured", "false_reading", "unexplained"
+]
+_OF_HYPOTHESES = tuple(HYPOTHESIS_REPORT)
+_OF_JETS: tuple[tuple[Word, EventKind], ...] = (
+    (Word.FAILED, "failed"),
+    (Word.CHANGED, "changed"),
+    (Word.WITHDRAWN, "withdrawn"),
+    (Word.ERRATIC, "erratic"),
+)
+_Three = tuple[Real, Real, Real]
+
+
+class EventRecord(NamedTuple):
+    """Something that a detector said.
+
+    Attributes:
+        time_s: when, s.
+        kind: "failed" (a jet, or one of a cluster), "group" (one of `jets`, which look alike), "changed" (the force of
+            a failed jet), "withdrawn", "erratic" (its force has changed again and again), "jump" (of the mass
+            properties), "jump_measured" (the size of an earlier one), "false_reading" or "unexplained".
+        onset_s: since when, s.
+        jets: designations, the likeliest first; none where only a cluster is named, and where it is not of jets.
+        cluster: of the likeliest jet.
+        magnitude, magnitude_std: force too much (positive) or missing (negative) of the likeliest jet, lbf or N.
+        told_apart_by: designation of the jet of a group that, fired alone, would tell it apart.
+        told_apart_s: seconds without any jet after which it would be; with neither nothing would.
+        pattern: of an erratic jet, "intermittent" (its force comes and goes) or "drifting".
+        mass, mass_std: gained in a jump (released: negative), slug or kg.
+        position, position_std: where, vehicle frame, ft or m.
+        sensor, axis: package and axis of a false reading.
+        statistic, alarms: likelihood argument, and how many alarms led to it.
+        jet_index: index of the likeliest jet of the vehicle, while the run goes on; None in a summary.
+    """
+
+    time_s: Real
+    kind: EventKind
+    onset_s: Real
+    jets: tuple[Text, ...] = ()
+    cluster: Whole | None = None
+    magnitude: Real | None = None
+    magnitude_std: NotNegative | None = None
+    told_apart_by: Text | None = None
+    told_apart_s: NotNegative | None = None
+    pattern: Literal["intermittent", "drifting"] | None = None
+    mass: Real | None = None
+    mass_std: NotNegative | None = None
+    position: _Three | None = None
+    position_std: _Three | None = None
+    sensor: Text | None = None
+    axis: Text | None = None
+    statistic: Real | None = None
+    alarms: Count = 0
+    jet_index: Count | None = None
+
+
+def said(
+    vehicle: Vehicle,
+    sensors: Sequence[str],
+    time_s: Array,
+    signals: Mapping[str, Array],
+    earlier: Sequence[EventRecord] = (),
+) -> list[EventRecord]:
+    """What was said in some samples.
+
+    Args:
+        vehicle: for its jets.
+        sensors: packages in use, gyros first, the preferred of either first.
+        time_s: sample times, s, shape (n,).
+        signals: by name, shape (n, components).
+        earlier: what was said before.
+    """
+    found = list(earlier)
+    if "detector_event" in signals:
+        for k in np.flatnonzero(signals["detector_event"][:, 0]):
+            at = {name: float(signals[name][k, 0]) for name in STATUS}
+            if "verdict" in signals:
+                row = {name: signals[name][k] for name in _OF_HYPOTHESES}
+                found += _by_hypotheses(vehicle, sensors, float(time_s[k]), (at, row), found)
+            else:
+                nis = float(signals["rotation_nis"][k, 0])
+                found.append(_by_samples(vehicle, float(time_s[k]), at, nis))
+    return found[len(earlier) :]
+
+
+def _by_samples(vehicle: Vehicle, time_s: float, at: Mapping[str, float], nis: float) -> EventRecord:
+    """What a detector of single samples, or of sums of them, says."""
+    code, jet, alarms = int(at["detector_event"]), int(at["suspected_jet"]), int(at["alarms"])
+    if code not in (Code.DECLARED, Code.WITHDRAWN):
+        return EventRecord(time_s, "jump", at["onset"], statistic=nis, alarms=alarms)
+    return EventRecord(
+        time_s,
+        "failed" if code == Code.DECLARED else "withdrawn",
+        at["onset"],
+        jets=(vehicle.designations[jet],) if at["jet_isolated"] or code == Code.WITHDRAWN else (),
+        cluster=vehicle.jets[jet].cluster,
+        magnitude=at["suspected_magnitude"],
+        magnitude_std=at["suspected_magnitude_std"],
+        statistic=at["suspected_likelihood"],
+        alarms=alarms,
+        jet_index=jet,
+    )
+
+
+def _by_hypotheses(
+    vehicle: Vehicle,
+    sensors: Sequence[str],
+    time_s: float,
+    told: tuple[Mapping[str, float], Mapping[str, Array]],
+    earlier: Sequence[EventRecord],
+) -> Iterator[EventRecord]:
+    """What the detector by hypotheses says at a sample: of everything that it may say at most one, but of jets."""
+    at, row = told
+    verdict = row["verdict"]
+    how: dict[str, Any] = {"statistic": at["suspected_likelihood"], "alarms": int(at["alarms"])}
+    group = sorted(np.flatnonzero(verdict == Word.GROUP).tolist(), key=lambda jet: jet != at["suspected_jet"])
+    if group:
+        by, after_s = float(row["told_apart_by"][0]), float(row["told_apart_after"][0])
+        yield _of_jets(vehicle, time_s, "group", group, row)._replace(
+            told_apart_by=None if math.isnan(by) else vehicle.designations[int(by)],
+            told_apart_s=None if math.isnan(after_s) else after_s,
+            **how,
+        )
+    for word, kind in _OF_JETS:
+        for jet in np.flatnonzero(verdict == word).tolist():
+            event = _of_jets(vehicle, time_s, kind, [jet], row)._replace(**how)
+            yield event._replace(pattern=_pattern(earlier, event)) if kind == "erratic" else event
+    if not np.isnan(row["jump_mass"][0]):
+        there = np.isfinite(row["jump_position"]).all()
+        yield EventRecord(
+            time_s,
+            "jump_measured" if row["jump_measured"][0] else "jump",
+            at["onset"] if not row["jump_measured"][0] else _latest(earlier, "jump", at["onset"]),
+            mass=float(row["jump_mass"][0]),
+            mass_std=float(row["jump_mass_std"][0]),
+            position=_three(row["jump_position"]) if there else None,
+            position_std=_three(row["jump_position_std"]) if there else None,
+            **how,
+        )
+    if not np.isnan(row["lying_component"][0]):
+        component = int(row["lying_component"][0])
+        yield EventRecord(
+            time_s, "false_reading", at["onset"], sensor=sensors[component // 3], axis=AXES[component % 3], **how
+        )
+    if not np.isnan(row["unexplained_since"][0]):
+        yield EventRecord(time_s, "unexplained", float(row["unexplained_since"][0]), **how)
+
+
+def _of_jets(
+    vehicle: Vehicle, time_s: float, kind: EventKind, jets: list[int], row: Mapping[str, Array]
+) -> EventRecord:
+    jet = jets[0]
+    return EventRecord(
+        time_s,
+        kind,
+        float(row["verdict_onset"][jet]),
+        jets=tuple(vehicle.designations[each] for each in jets),
+        cluster=vehicle.jets[jet].cluster,
+        magnitude=float(row["verdict_magnitude"][jet]),
+        magnitude_std=float(row["verdict_std"][jet]),
+        jet_index=jet,
+    )
+
+
+def _pattern(earlier: Sequence[EventRecord], now: EventRecord) -> Literal["intermittent", "drifting"]:
+    """How the force of a jet has changed: one way all the time, or to and fro."""
+    of_it = [one for one in (*earlier, now) if one.jet_index == now.jet_index and one.magnitude is not None]
+    changes = np.diff([one.magnitude for one in of_it if one.magnitude is not None])
+    return "drifting" if (changes > 0.0).all() or (changes < 0.0).all() else "intermittent"
+
+
+def _latest(earlier: Sequence[EventRecord], kind: EventKind, otherwise: float) -> float:
+    """Onset of the latest event of a kind."""
+    return next((one.onset_s for one in reversed(earlier) if one.kind == kind), otherwise)
+
+
+def _three(values: Array) -> tuple[float, float, float]:
+    x, y, z = values.tolist()
+    return x, y, z
+
+
+# -------------------------------------------------------------------------------------------- in words
+
+
+def in_words(event: EventRecord, units: Mapping[str, str]) -> str:
+    """Says it in a sentence without its time.
+
+    Args:
+        event: see `EventRecord`.
+        units: names of the vehicle's units, see `Vehicle.unit_names`.
+    """
+    since = f"since {event.onset_s:.2f} s"
+    match event.kind:
+        case "failed" | "group":
+            which = f"jet {event.jets[0]}" if len(event.jets) == 1 else _one_of(event)
+            what = f"{which} has failed: {_force(event, units)}, {since}"
+            return what if event.kind == "failed" else f"{what}; {telling_apart(event)}"
+        case "changed":
+            return f"the failure of jet {event.jets[0]} is now {_force(event, units)}"
+        case "withdrawn":
+            return f"nothing is left of the failure of jet {event.jets[0]}"
+        case "erratic":
+            how = "drifts" if event.pattern == "drifting" else "comes and goes"
+            return f"jet {event.jets[0]} is erratic: its failure {how}, now {_force(event, units)}; it is not relied on"
+        case "jump" | "jump_measured":
+            of = "a jump of the mass properties" if event.kind == "jump" else "the jump of the mass properties"
+            size = gained(event.mass, event.mass_std, units)
+            where = place(event.position, event.position_std, units)
+            told = f": {size}{f' at {where}' if where else ''}" if size else ""
+            return f"{of} {since}{told}"
+        case "false_reading":
+            return f"{event.sensor}_{event.axis} reads falsely {since}; it is left out until it fits again"
+        case _:
+            return (
+                f"something {since} that no failed jet, no jump and no false reading explains; "
+                "the estimates are less sure from here on"
+            )
+
+
+def telling_apart(event: Any) -> str:
+    """What would tell a group apart; of an `EventRecord` or a detection."""
+    if event.told_apart_by is not None:
+        return f"{event.told_apart_by} fired alone would tell them apart"
+    if event.told_apart_s is not None:
+        return f"{event.told_apart_s:.1f} s without firing would tell them apart"
+    return "firing none of them alone, nor waiting, would tell them apart"
+
+
+def gained(mass: float | None, std: float | None, units: Mapping[str, str]) -> str:
+    """A mass gained, with its 1-sigma; empty where it is not known."""
+    return "" if mass is None or std is None else f"{with_deviation(mass, std)} {units['mass']}"
+
+
+def place(position: Sequence[float] | None, std: Sequence[float] | None, units: Mapping[str, str]) -> str:
+    """A place, with its 1-sigma; empty where it is not known."""
+    if position is None or std is None:
+        return ""
+    parts = ", ".join(with_deviation(value, deviation) for value, deviation in zip(position, std, strict=True))
+    return f"({parts}) {units['length']}"
+
+
+def _one_of(event: EventRecord) -> str:
+    return f"one of {', '.join(event.jets)}" if event.jets else f"a jet of cluster {event.cluster}"
+
+
+def _force(event: EventRecord, units: Mapping[str, str]) -> str:
+    assert event.magnitude is not None
+    assert event.magnitude_std is not None
+    return f"{with_deviation(event.magnitude, event.magnitude_std)} {units['force']}"

@@ -1,0 +1,277 @@
+"""What a detector suspected and never declared, and the jets of which nothing could have shown that they do not fire.
+
+    single samples (cglr)   a sample counts that raised an alarm, or in which a jet has failed beyond doubt but several
+                            look alike. A jet belongs to a suspicion while its sum of likelihood arguments is not
+                            behind the largest by the detector's margin in each of its samples; a sample belongs to the
+                            suspicion that has a jet in common with those that it does not tell apart
+    sums (cusum)            a sum above half the threshold: healthy it gets there once in e^20 samples
+    hypotheses              a comparison that ended, or had not ended, with a jet ahead of `nothing has happened` by
+                            the lead that decides, and nothing said of it
+
+A declaration takes with it the suspicions of its jets.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from massprop_drake.inputs import params
+from massprop_drake.inputs.model import Count, Real, Text
+from massprop_drake.inputs.scenario import CglrBlock, CusumBlock, MultiHypothesisBlock, Scenario
+from massprop_drake.results.events import EventRecord
+
+Array = NDArray[np.float64]
+
+_BEYOND_DOUBT = 25.0  # likelihood argument of a sample in which some jet has failed, whichever it is
+_MOST = 50  # suspicions that are told, the largest
+_SMALL_GROUP = 3  # jets that a group may have to be of use
+_OF_RACES = {"failed", "group", "jump", "false_reading", "unexplained"}  # events that end a comparison
+
+
+class UnconfirmedRecord(NamedTuple):
+    """A suspicion that never became a declaration.
+
+    Attributes:
+        time_s, until_s: its first and last sample, s.
+        jets: designations of the jets that the data do not tell apart, the likeliest first; none where it is of no jet.
+        statistic: likelihood argument of the likeliest, summed over the samples; the largest sum; or its lead over
+            the hypothesis that nothing has happened, nats.
+        samples: how many bear on it.
+        reason: why nothing was declared.
+    """
+
+    time_s: Real
+    until_s: Real
+    jets: tuple[Text, ...]
+    statistic: Real
+    samples: Count
+    reason: Text
+
+
+class UntestedRecord(NamedTuple):
+    """Jets of which nothing could have shown that they do not fire.
+
+    Attributes:
+        jets: designations.
+        reason: why.
+    """
+
+    jets: tuple[Text, ...]
+    reason: Text
+
+
+class _Suspicion(NamedTuple):
+    """What is gathered of one suspicion: sums by jet, shape (n_jets,), and how many samples raised an alarm."""
+
+    time_s: float
+    until_s: float
+    sums: Array
+    jets: NDArray[np.int_]
+    samples: int
+    alarms: int
+    reason: str = ""
+
+
+class Suspicions:
+    """Follows what is suspected through a run, block by block.
+
+    Args:
+        scenario: as run.
+        earlier: suspicions of the run that this one goes on from.
+        counts: of it, samples in which each jet was commanded, and those of them that were tested, shape (2, n_jets).
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        earlier: Sequence[UnconfirmedRecord] = (),
+        counts: Sequence[Sequence[int]] = (),
+    ):
+        vehicle = scenario.vehicle_data
+        self._vehicle, self._block, self._earlier = vehicle, scenario.detector, list(earlier)
+        self._detects = params.detector(scenario) is not None
+        self._gathered: list[_Suspicion] = []
+        self._race: _Suspicion | None = None
+        self._counts = np.array(counts, dtype=int) if len(counts) else np.zeros((2, len(vehicle.jets)), dtype=int)
+        self._command = np.zeros((1, len(vehicle.jets)))  # of the interval before the block
+        self._declared: set[int] = set()  # jets that are known to have failed
+
+    @property
+    def counts(self) -> list[list[int]]:
+        """What `counts` of the run that goes on from this one is to be."""
+        found: list[list[int]] = self._counts.tolist()
+        return found
+
+    def add(self, time_s: Array, signals: Mapping[str, Array], events: Sequence[EventRecord]) -> None:
+        """Takes in a block of samples.
+
+        Args:
+            time_s: sample times, s, shape (n,).
+            signals: by name, shape (n, components).
+            events: what was said in them.
+        """
+        if "tested" not in signals:
+            return
+        tested = signals["tested"][:, 0] > 0.0
+        told = np.vstack([self._command, signals["command"][:-1]]) > 0.0
+        self._counts += np.stack([told.sum(axis=0), told[tested].sum(axis=0)])
+        self._command = signals["command"][-1:]
+        said: dict[float, list[EventRecord]] = {}
+        for event in events:
+            said.setdefault(event.time_s, []).append(event)
+        for k in np.flatnonzero(self._suspicious(signals, tested) | (signals["detector_event"][:, 0] != 0.0)):
+            now_s = float(time_s[k])
+            if isinstance(self._block, MultiHypothesisBlock):
+                self._follow(now_s, signals, int(k), said.get(now_s, ()))
+            elif now_s not in said:
+                self._gather(now_s, signals, int(k))
+            self._settle(said.get(now_s, ()))
+
+    def _suspicious(self, signals: Mapping[str, Array], tested: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        block, likelihood = self._block, signals["suspected_likelihood"][:, 0]
+        if isinstance(block, CusumBlock):
+            return tested & (likelihood > 0.5 * block.threshold)
+        if isinstance(block, MultiHypothesisBlock):
+            racing = signals["racing"][:, 0] > 0.0
+            ended = np.concatenate([[self._race is not None], racing[:-1]]) & ~racing
+            return racing | ended
+        limit = np.inf if block.unexplained_limit is None else block.unexplained_limit
+        doubtless = (likelihood > _BEYOND_DOUBT) & (signals["unexplained"][:, 0] < limit)
+        return tested & (doubtless | (signals["alarm"][:, 0] > 0.0))
+
+    # ------------------------------------------------------------------------ detectors of samples
+
+    def _gather(self, time_s: float, signals: Mapping[str, Array], k: int) -> None:
+        """One more sample that a detector of single samples, or of sums, suspects a jet in."""
+        block, likelihood = self._block, signals["likelihood"][k]
+        if int(likelihood.argmax()) in self._declared:
+            return
+        if isinstance(block, CusumBlock):
+            jets = np.flatnonzero(likelihood > 0.5 * block.threshold)
+        else:
+            assert isinstance(block, CglrBlock)
+            jets = np.flatnonzero(likelihood > likelihood.max() - block.margin)
+        alarm = int(signals["alarm"][k, 0] > 0.0)
+        for index, one in enumerate(self._gathered):
+            if np.isin(jets, one.jets).any():
+                sums = np.maximum(one.sums, likelihood) if isinstance(block, CusumBlock) else one.sums + likelihood
+                samples = one.samples + 1
+                least = 0.5 * block.threshold if isinstance(block, CusumBlock) else sums.max() - block.margin * samples
+                alike = np.flatnonzero(sums > least)
+                self._gathered[index] = _Suspicion(one.time_s, time_s, sums, alike, samples, one.alarms + alarm)
+                return
+        self._gathered.append(_Suspicion(time_s, time_s, likelihood, jets, 1, alarm))
+
+    # -------------------------------------------------------------------- the detector by hypotheses
+
+    def _follow(self, time_s: float, signals: Mapping[str, Array], k: int, said: Sequence[EventRecord]) -> None:
+        """One more sample in which hypotheses are compared, or the first after."""
+        block = self._block
+        assert isinstance(block, MultiHypothesisBlock)
+        if signals["racing"][k, 0] > 0.0:
+            leads = np.nan_to_num(signals["likelihood"][k], nan=-np.inf)
+            race = self._race
+            if np.isfinite(leads).any() or race is None:
+                jets = np.flatnonzero((leads > leads.max() - block.lead) & (leads > block.lead_nothing))
+                began_s, samples = (time_s, 1) if race is None else (race.time_s, race.samples + 1)
+                self._race = _Suspicion(began_s, time_s, leads, jets, samples, 0)
+            else:
+                self._race = race._replace(until_s=time_s, samples=race.samples + 1)
+            names = {self._vehicle.designations[jet] for jet in self._race.jets}
+            ends = [event for event in said if event.kind in _OF_RACES or names & set(event.jets)]
+            if not ends:
+                return
+            event, race = ends[0], self._race
+            if event.kind == "unexplained":
+                why = "no failed jet, no jump and no false reading explains the readings"
+                self._gathered.append(race._replace(reason=why))
+            elif event.kind == "group" and len(event.jets) > _SMALL_GROUP:
+                jets = np.array([self._vehicle.designations.index(jet) for jet in event.jets])
+                self._gathered.append(race._replace(jets=jets, reason=f"{jets.size} jets look alike"))
+        elif self._race is not None and self._race.jets.size:
+            why = "hypotheses were compared, and none that is large enough to be declared stood out"
+            self._gathered.append(self._race._replace(reason=why))
+        self._race = None
+
+    # --------------------------------------------------------------------------------- the outcome
+
+    def _settle(self, said: Sequence[EventRecord]) -> None:
+        """Drops what has been declared."""
+        for event in said:
+            if event.kind not in ("failed", "group", "withdrawn"):
+                continue
+            if event.jets:
+                jets = {self._vehicle.designations.index(jet) for jet in event.jets}
+            else:
+                jets = {index for index, jet in enumerate(self._vehicle.jets) if jet.cluster == event.cluster}
+            self._declared = self._declared - jets if event.kind == "withdrawn" else self._declared | jets
+            if event.kind == "failed" or len(jets) <= _SMALL_GROUP:
+                self._gathered = [one for one in self._gathered if not np.isin(one.jets, list(jets)).any()]
+                names = {self._vehicle.designations[jet] for jet in jets}
+                self._earlier = [one for one in self._earlier if not names & set(one.jets)]
+
+    def found(self) -> tuple[UnconfirmedRecord, ...]:
+        """What was suspected and never declared, by time; of very many the largest."""
+        gathered = list(self._gathered)
+        if self._race is not None and self._race.jets.size:
+            gathered.append(self._race._replace(reason="hypotheses were still compared at the end"))
+        records = [*self._earlier, *map(self._told, gathered)]
+        largest = sorted(records, key=lambda record: -record.statistic)[:_MOST]
+        return tuple(sorted(largest, key=lambda record: record.time_s))
+
+    def _told(self, one: _Suspicion) -> UnconfirmedRecord:
+        jets = sorted(one.jets.tolist(), key=lambda jet: -one.sums[jet])
+        statistic = float(one.sums[jets[0]]) if jets else 0.0
+        names = tuple(self._vehicle.designations[jet] for jet in jets)
+        return UnconfirmedRecord(one.time_s, one.until_s, names, statistic, one.samples, one.reason or self._why(one))
+
+    def _why(self, one: _Suspicion) -> str:
+        block = self._block
+        if isinstance(block, CusumBlock):
+            return f"the sum stayed below the {block.threshold:g} that declare a failure"
+        assert isinstance(block, CglrBlock)
+        if one.alarms and block.reconfigure_after is None:
+            return f"{_count(one.alarms, 'alarm')}; this scenario declares none"
+        if one.alarms * 2 < one.samples:
+            return f"some jet has failed beyond doubt, but single samples do not tell which ({_alarms(one.alarms)})"
+        return f"{_count(one.alarms, 'alarm')}, never {block.reconfigure_after} of one cluster in a row"
+
+    def untested(self) -> tuple[UntestedRecord, ...]:
+        """Jets of which nothing could have shown that they do not fire."""
+        if not self._detects:
+            return ()
+        block = self._block
+        needed = (block.reconfigure_after or 1) if isinstance(block, CglrBlock) else 1
+        commanded, tested = self._counts
+        found = []
+        for chosen, why in (
+            (commanded == 0, "never commanded: nothing could have shown that they do not fire"),
+            (
+                (commanded > 0) & (tested < needed),
+                f"commanded, but in {'none' if needed == 1 else f'fewer than {needed}'} of the samples that could be "
+                "tested: that they do not fire could not have been declared",
+            ),
+        ):
+            jets = tuple(self._vehicle.designations[jet] for jet in np.flatnonzero(chosen))
+            if jets:
+                found.append(UntestedRecord(jets, why))
+        return tuple(found)
+
+
+def in_words(record: UnconfirmedRecord) -> str:
+    """Says it in a sentence."""
+    when = f"{record.time_s:.2f} s" if record.samples == 1 else f"{record.time_s:.2f} to {record.until_s:.2f} s"
+    who = " or ".join(record.jets) if record.jets else "no jet"
+    return f"{who}, {when}, {_count(record.samples, 'sample')}, statistic {record.statistic:.4g}: {record.reason}"
+
+
+def _count(number: int, noun: str) -> str:
+    return f"{number} {noun}{'' if number == 1 else 's'}"
+
+
+def _alarms(number: int) -> str:
+    return _count(number, "alarm") if number else "no alarm"

@@ -1,0 +1,166 @@
+"""Whom the checks of a record blame: jets where jets explain the readings, sensors and units where they do not."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from massprop_drake import load_scenario
+from massprop_drake.telemetry.quality import QualityReport
+from massprop_drake.telemetry.reader import Record, Rows
+
+Array = NDArray[np.float64]
+
+CASE = load_scenario("sample_maneuver", ["detector={kind: off}"])
+VEHICLE = CASE.vehicle_data
+PERIOD_S = VEHICLE.sample_period_s
+N_ROWS = 120
+INVERSE = np.linalg.inv(VEHICLE.nominal.inertia)
+
+
+def number(jet: str) -> int:
+    return VEHICLE.designations.index(jet)
+
+
+def fired(*bursts: tuple[tuple[str, ...], int, int]) -> Array:
+    """Commands by row: jets, first and last row of each burst."""
+    commands = np.zeros((N_ROWS, len(VEHICLE.jets)))
+    for jets, first, last in bursts:
+        commands[first:last, [number(jet) for jet in jets]] = 1.0
+    return commands
+
+
+def checked(
+    commands: Array,
+    given: dict[str, float] | None = None,
+    *,
+    scale: float = 1.0,
+    stuck: tuple[str, int] | None = None,
+    failed_s: float = math.inf,
+) -> dict[str, Any]:
+    """What is found in a record in which jets give a share of their thrust.
+
+    Args:
+        commands: by row, shape (n, n_jets).
+        given: share of its thrust that a jet gives; default all of it.
+        scale: of all readings of the gyro.
+        stuck: package and axis that stand still from the second row on.
+        failed_s: since when a jet is known to have failed, s.
+    """
+    share = np.ones(len(VEHICLE.jets))
+    for jet, part in (given or {}).items():
+        share[number(jet)] = part
+    before = np.vstack([np.zeros_like(commands[:1]), commands[:-1]])
+    changed = np.vstack([np.zeros_like(commands[:1]), before[:-1]]) != before
+
+    def increments(of: Array) -> tuple[Array, Array, Array]:
+        impulses = of @ VEHICLE.wrenches * PERIOD_S
+        angular, linear = impulses[:, :3], impulses[:, 3:]
+        return (angular - np.cross(VEHICLE.nominal.center_of_mass, linear)) @ INVERSE, angular, linear
+
+    turned, _, linear = increments(before * share)
+    readings = {}
+    for package in VEHICLE.sensors:
+        if package.name in {gyro.name for gyro in VEHICLE.gyros}:
+            change = turned * scale
+        else:
+            arm = np.array(package.position) - VEHICLE.nominal.center_of_mass  # type: ignore[attr-defined]
+            change = linear / VEHICLE.nominal.mass + np.cross(turned, arm)
+        read = np.cumsum(change, axis=0)
+        quantum = package.quantum or 1e-9
+        readings[package.name] = np.round(read / quantum) * quantum
+    if stuck is not None:
+        readings[stuck[0]][1:, stuck[1]] = readings[stuck[0]][1, stuck[1]]
+    _, angular, linear = increments(before)
+    nothing = np.zeros((N_ROWS, 1))
+    signals = {
+        "angular_impulse": angular,
+        "linear_impulse": linear,
+        "usable": 1.0 - changed.any(axis=1, keepdims=True),
+        "firing": (before > 0.0).any(axis=1, keepdims=True).astype(float),
+        "rotation_used": nothing + 1.0,
+        "mass_used": nothing + 1.0,
+        "estimate": np.ones((N_ROWS, 10)),
+        "standard_deviation": np.ones((N_ROWS, 10)),
+    }
+    time_s = PERIOD_S * np.arange(N_ROWS)
+    report = QualityReport(CASE)
+    report.begin(commands[0] * 0.0)
+    for first in range(0, N_ROWS, 50):
+        part = slice(first, first + 50)
+        rows = Rows(
+            time_s[part],
+            {name: values[part] for name, values in readings.items()},
+            commands[part],
+            None,
+            np.ones(len(time_s[part]), dtype=bool),
+        )
+        report.add(rows, {name: values[part] for name, values in signals.items()})
+    return report.finished(RECORD, (0, 0, False), failed_s)
+
+
+RECORD = Record()
+RECORD.rows, RECORD.first_s, RECORD.last_s = N_ROWS, 0.0, PERIOD_S * (N_ROWS - 1)
+BURSTS = fired((("F1U", "L1U"), 10, 30), (("R1U",), 40, 60), (("F2R",), 70, 110))
+
+
+def test_jets_that_all_fire_leave_no_warning() -> None:
+    found = checked(BURSTS)
+    assert found["warnings"] == []
+    assert found["units"]["gyro"]["slope"] > 0.9
+
+
+def test_a_jet_that_does_not_fire_is_blamed_and_no_sensor() -> None:
+    """F2R fires alone half the time: all readings stand still, and change by nothing of what they should."""
+    found = checked(BURSTS, {"F2R": 0.0})
+    assert found["stuck"] == []
+    (entry,) = found["unanswered"]
+    assert entry["jets"] == ["F2R"]
+    assert entry["from_s"] < 71 * PERIOD_S
+    assert abs(entry["share"]) < 0.01
+    assert any("F2R told to fire from" in text and "not sensors that stood still" in text for text in found["warnings"])
+    assert not any("must be in rad/s" in text for text in found["warnings"])
+
+
+def test_a_gyro_axis_that_stands_still_is_blamed_and_no_jet() -> None:
+    found = checked(BURSTS, stuck=("gyro", 1))
+    assert found["unanswered"] == []
+    assert {(entry["sensor"], entry["axis"]) for entry in found["stuck"]} == {("gyro", "y")}
+
+
+def test_wrong_units_are_wrong_whichever_jet_fires() -> None:
+    warnings = checked(BURSTS, scale=57.3)["warnings"]
+    assert any("gyro changes by 57.3 times" in text and "degrees in place of radians" in text for text in warnings)
+    assert checked(BURSTS, scale=57.3, failed_s=60 * PERIOD_S)["warnings"] == warnings
+
+
+def test_readings_that_follow_but_while_a_jet_fires_are_the_jets_fault() -> None:
+    """It still gives a tenth: nothing stands still, but what it does is no unit's fault."""
+    found = checked(BURSTS, {"F2R": 0.1})
+    assert found["units"]["gyro"]["jets"] == ["F2R"]
+    blaming = [text for text in found["warnings"] if "F2R is told to fire: look there for a failure" in text]
+    assert len(blaming) == len(found["warnings"]) == 1
+
+
+def test_a_failure_that_is_known_explains_what_follows_it() -> None:
+    found = checked(BURSTS, {"F2R": 0.1}, failed_s=69 * PERIOD_S)
+    assert found["warnings"] == []
+    assert found["units"]["gyro"]["slope_before_failure"] > 0.9
+
+
+def test_jets_against_each_other_prove_no_sensor_wrong() -> None:
+    """In roll, L and R jets leave a small difference that thrusts a few percent off cancel."""
+    turning = (VEHICLE.wrenches[:, :3] - np.cross(VEHICLE.nominal.center_of_mass, VEHICLE.wrenches[:, 3:])) @ INVERSE
+    one, other = number("L1U"), number("R1U")
+    balance = -turning[other, 0] / turning[one, 0]
+    assert 0.5 < balance < 2.0
+    share = {"L1U": balance * 0.95 / max(balance, 1.0), "R1U": 0.95 / max(balance, 1.0)}
+    quanta = abs(turning[one, 0] + turning[other, 0]) * 60 * PERIOD_S / VEHICLE.gyros[0].quantum
+    commands = fired((("L1U", "R1U"), 10, 70))
+    found = checked(commands, share, stuck=("gyro", 0))
+    assert found["stuck"] == [], quanta
+    alone = checked(fired((("L1U",), 10, 70)), stuck=("gyro", 0))
+    assert [(entry["sensor"], entry["axis"]) for entry in alone["stuck"]] == [("gyro", "x")]
