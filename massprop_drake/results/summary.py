@@ -20,6 +20,7 @@ from massprop_drake.maths import mass_properties
 from massprop_drake.maths.mass_properties import CENTER_OF_MASS, MASS_RECIPROCAL, Derived, six_elements
 from massprop_drake.results.consistency import COMPONENTS, Consistency, Tally, judged, used_nis
 from massprop_drake.results.detections import DetectionRecord
+from massprop_drake.results.hindsight import looked_back
 from massprop_drake.results.identifiability import Identifiability, identified
 from massprop_drake.results.injected import InjectedRecord, what_became
 from massprop_drake.results.spool import Spool, blocks
@@ -187,7 +188,10 @@ class Summary:
             "truth": by_name(self.truth),
             "percent_error": by_name(self.percent_error),
             "detections": [{**_without(record, "jet_index"), "jets": list(record.jets)} for record in self.detections],
-            "consistency": self.consistency._asdict(),
+            "consistency": {
+                **self.consistency._asdict(),
+                "diagnoses": [one._asdict() for one in self.consistency.diagnoses],
+            },
             "identifiability": [entry._asdict() for entry in self.identifiability],
             "injected": None if self.injected is None else [record._asdict() for record in self.injected],
             "autopilot": self.autopilot._asdict(),
@@ -342,6 +346,7 @@ def summarize(
     estimate, deviation, truth = (signals.last(name) for name in ("estimate", "standard_deviation", "truth"))
     with np.errstate(divide="ignore", invalid="ignore"):
         ratios = (estimate - truth) / deviation
+    back = looked_back(scenario, signals, estimate, found)
     return composed(
         scenario,
         duration_s=float(signals.last("time_s")),
@@ -350,7 +355,8 @@ def summarize(
         covariance=covariance,
         truth=truth,
         found=found,
-        consistency=judged(_tallied(signals, "rotation"), _tallied(signals, "mass"), ratios, SYMBOLS),
+        consistency=judged(_tallied(signals, "rotation"), _tallied(signals, "mass"), ratios, SYMBOLS, back.diagnoses),
+        bound=back.bound,
         autopilot=AutopilotSummary(
             firings=_firings(signals),
             propellant_mass=_propellant(scenario, signals),
@@ -373,6 +379,7 @@ def composed(
     truth: Array,
     found: Sequence[DetectionRecord],
     consistency: Consistency,
+    bound: Array,
     autopilot: AutopilotSummary,
     timing: Timing,
     telemetry: str | None = None,
@@ -389,6 +396,7 @@ def composed(
         covariance: at the end, shape (10, 10).
         truth: at the end, NaN where unknown, shape (10,).
         found: detections, as `settled` gives them.
+        bound: least 1-sigma that the run allows, NaN where not known, shape (10,).
         consistency, autopilot, timing: taken as they are.
         telemetry, telemetry_sha256, data_quality: of a record, its name, its digest and what it is worth.
         injected: of a simulated run, what became of its failures and jumps.
@@ -416,7 +424,7 @@ def composed(
         timing=timing,
         data_quality=data_quality,
         injected=injected,
-        identifiability=identified(scenario, estimate, covariance),
+        identifiability=identified(scenario, estimate, covariance, bound),
     )
 
 

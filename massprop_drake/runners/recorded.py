@@ -21,6 +21,7 @@ from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
 from massprop_drake.results.consistency import Tally, judged, used_nis
 from massprop_drake.results.detections import DetectionRecord
 from massprop_drake.results.exchange import recover
+from massprop_drake.results.hindsight import looked_back
 from massprop_drake.results.run import Run
 from massprop_drake.results.stored import STATE_FILE, FilterState, read_json, require_made_with
 from massprop_drake.results.summary import (
@@ -120,6 +121,7 @@ class _Estimation:
         self._scenario = scenario
         self._vehicle = scenario.vehicle_data
         self._period_s = self._vehicle.sample_period_s
+        self._resumed = earlier is not None
         self._next_row = 0 if earlier is None else earlier.row + 1
         self._params = params.estimation_params(scenario)
         self._state = (
@@ -247,6 +249,8 @@ class _Estimation:
             self._scenario = self._scenario.model_copy(update={"duration_s": duration_s})
         quality = self._quality.finished(record, reader.ragged)
         unknown = np.full(10, np.nan)
+        spool, detections = self._intake.spool, self._intake.found()
+        back = looked_back(self._scenario, spool, last("estimate"), detections, resumed=self._resumed)
         results = composed(
             self._scenario,
             duration_s=duration_s,
@@ -254,8 +258,9 @@ class _Estimation:
             deviation=last("standard_deviation"),
             covariance=self._params.filter.covariance(self._state.filter),
             truth=unknown,
-            found=self._intake.found(),
-            consistency=judged(self._nis["rotation"], self._nis["mass"], unknown, SYMBOLS),
+            found=detections,
+            consistency=judged(self._nis["rotation"], self._nis["mass"], unknown, SYMBOLS, back.diagnoses),
+            bound=back.bound,
             autopilot=AutopilotSummary(self._firings, float(self._fired @ self._vehicle.mass_flows) * self._period_s),
             timing=Timing(wall_s, duration_s / wall_s, self._cycle_times()),
             telemetry="standard input" if str(telemetry) == "-" else Path(telemetry).name,
@@ -267,7 +272,7 @@ class _Estimation:
             "outside_wrench": null_for_nan(self._intake.last("outside_wrench", np.zeros(6))),
             "velocity": {name: null_for_nan(value) for name, value in reader.velocity.items()},
         }
-        return Run(self._scenario, results, None, self._intake.spool, state)
+        return Run(self._scenario, results, None, spool, state)
 
     def _cycle_times(self) -> dict[str, float | None]:
         """Mean time per cycle spent in each part, microseconds."""

@@ -35,9 +35,12 @@ _CENTER, _MASS = slice(6, 9), 9
 _STEP = 1e-4  # of a prior 1-sigma, for derivatives
 _SMALL_RATE = 1e-6  # rad/s, likewise
 _PAIRS = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
-_QUICK = 0.01  # of a sample period: a stamp that is so much off moves a reading by its noise where the rate changes fast
+_QUICK = (
+    0.01  # of a sample period: a stamp that is so much off moves a reading by its noise where the rate changes fast
+)
 _MOVED = 2.0  # quanta that a reading moves before it counts although none was expected
-_PASSES = 6
+_PASSES = 8
+_SETTLED = 1e-2  # squared sigmas that a pass would still gain
 
 
 class Columns(NamedTuple):
@@ -112,7 +115,8 @@ class Normal(NamedTuple):
         score: h, shape (n,).
         misfit: sum of the squared residuals over R.
         count: of readings, less the initial values.
-        by_package: misfit and count of each package, shape (n_packages, 2).
+        by_package: misfit and count of each package, and the sum of its residuals times the next, shape
+            (n_packages, 3).
         quick, quiet: misfit and count of gyro readings where the rate changes fast, and where it does not, shape (2,).
     """
 
@@ -135,11 +139,13 @@ class Fit(NamedTuple):
     Attributes:
         at: estimate of all unknowns, shape (n,).
         normal: about it.
+        information: A of each stretch, in order.
         settled: whether the passes have come to an end.
     """
 
     at: Array
     normal: Normal
+    information: tuple[Array, ...]
     settled: bool
 
 
@@ -165,7 +171,7 @@ def columns(model: Model) -> Columns:
     sizes = (
         _N,
         model.flows.shape[0],
-        int(model.kinds.max(initial=0)) + 1,
+        0,
         3,
         3 * n_accelerometers,
         3,
@@ -173,6 +179,7 @@ def columns(model: Model) -> Columns:
         3 * model.gyros,
         3 * n_accelerometers,
     )
+    sizes = (*sizes[:2], model.prior.shape[0] - sum(sizes), *sizes[3:])
     ends = np.cumsum(sizes).tolist()
     return Columns(*(slice(end - size, end) for end, size in zip(ends, sizes, strict=True)))
 
@@ -207,11 +214,13 @@ def _course(stretch: Stretch, lag_error: Array, model: Model) -> _Course:
         level[k + 1] = commands[k] + off * remaining
         slope[k + 1] = slope[k] * remaining + off * by_logarithm
     firing = fire(
-        level[:-1].ravel(), slope[:-1].ravel(), np.tile(constants, intervals), np.array([period]), commands.reshape(1, -1)
+        level[:-1].ravel(),
+        slope[:-1].ravel(),
+        np.tile(constants, intervals),
+        np.array([period]),
+        commands.reshape(1, -1),
     )
-    amount, by_log, bow = (
-        part.reshape(intervals, n_jets) for part in (firing.amount, firing.amount_slope, firing.bow)
-    )
+    amount, by_log, bow = (part.reshape(intervals, n_jets) for part in (firing.amount, firing.amount_slope, firing.bow))
     off = level[:-1] - commands
     lagged = constants > 0.0
     by_lag = np.where(lagged, by_log / np.where(lagged, constants, 1.0), off)
@@ -340,13 +349,15 @@ def normal(stretch: Stretch, at: Array, model: Model) -> Normal:
 
     fired = (course.amount != 0.0) | (course.by_lag != 0.0)
     active = np.flatnonzero(fired.any(axis=0))
-    kept = np.setdiff1d(np.arange(n), np.setdiff1d(np.arange(places.thrust.start, places.thrust.stop), places.thrust.start + active))
+    kept = np.setdiff1d(
+        np.arange(n), np.setdiff1d(np.arange(places.thrust.start, places.thrust.stop), places.thrust.start + active)
+    )
     place = np.full(n, -1)
     place[kept] = np.arange(kept.shape[0])
     of_rate, of_velocity = np.zeros((kept.shape[0], m, 3)), np.zeros((kept.shape[0], m, 3))
     for element in (*range(_MASS), *range(places.gyro_bias.start, places.gyro_bias.stop)):
         moved = at.copy()
-        step = _STEP * model.sigma[element] if model.sigma[element] > 0.0 else _SMALL_RATE
+        step = _STEP * model.sigma[element] if element < _N else _SMALL_RATE
         moved[element] += step
         of_rate[place[element]] = (_gathered(moved[:_N], moved[places.gyro_bias], sums) - gathered) / step
     inverse = properties[ELEMENT]
@@ -373,7 +384,7 @@ def normal(stretch: Stretch, at: Array, model: Model) -> Normal:
     turn = _turning(gathered + np.mean(rate - gathered, axis=0), course.durations_s)
     ramp = stretch.time_s - stretch.time_s[0]
     information, vector = np.zeros((kept.shape[0], kept.shape[0])), np.zeros(kept.shape[0])
-    by_package = np.zeros((stretch.readings.shape[1], 2))
+    by_package = np.zeros((stretch.readings.shape[1], 3))
     quick, quiet = np.zeros(2), np.zeros(2)
     for package in range(stretch.readings.shape[1]):
         number = package - model.gyros
@@ -407,7 +418,7 @@ def normal(stretch: Stretch, at: Array, model: Model) -> Normal:
             left = (left - left.mean()) * scale
             information += x @ x.T
             vector += x @ left
-            by_package[package] += left @ left, rows.shape[0] - 1.0
+            by_package[package] += left @ left, rows.shape[0] - 1.0, left[1:] @ left[:-1]
             if gyro:
                 fast = steepness[rows] * (_QUICK * model.period_s) ** 2 > model.variances[package]
                 quick += left[fast] @ left[fast], fast.sum()
@@ -415,14 +426,14 @@ def normal(stretch: Stretch, at: Array, model: Model) -> Normal:
     whole = empty(model)
     whole.information[np.ix_(kept, kept)] = information
     whole.score[kept] = vector
-    return Normal(whole.information, whole.score, *by_package.sum(axis=0).tolist(), by_package, quick, quiet)
+    return Normal(whole.information, whole.score, *by_package[:, :2].sum(axis=0).tolist(), by_package, quick, quiet)
 
 
 def empty(model: Model) -> Normal:
     """The normal equations of nothing."""
     n = model.prior.shape[0]
     packages = model.variances.shape[0]
-    return Normal(np.zeros((n, n)), np.zeros(n), 0.0, 0.0, np.zeros((packages, 2)), np.zeros(2), np.zeros(2))
+    return Normal(np.zeros((n, n)), np.zeros(n), 0.0, 0.0, np.zeros((packages, 3)), np.zeros(2), np.zeros(2))
 
 
 # ---------------------------------------------------------------------------------------------- fit
@@ -440,20 +451,29 @@ def fitted(stretches: Sequence[Stretch], start: Array, model: Model) -> Fit:
     free = np.flatnonzero(model.sigma > 0.0)
     sigma = model.sigma[free]
     for _ in range(_PASSES):
+        parts = [normal(stretch, at, model) for stretch in stretches]
         total = empty(model)
-        for stretch in stretches:
-            total = total.plus(normal(stretch, at, model))
+        for part in parts:
+            total = total.plus(part)
+        information = tuple(part.information for part in parts)
         scaled = total.information[np.ix_(free, free)] * np.outer(sigma, sigma) + np.eye(free.shape[0])
         right = total.score[free] * sigma + (model.prior[free] - at[free]) / sigma
         step = np.linalg.solve(scaled, right)
+        if not np.isfinite(step).all():
+            return Fit(at, total, information, False)
         move = np.zeros_like(at)
         move[free] = step * sigma
-        if float(step @ right) < 1e-2:  # in squared sigmas
-            return Fit(at, total, True)
-        while not is_positive_definite((at + move)[:6][ELEMENT]) or not (at + move)[_MASS] > 0.0:
+        if float(step @ right) < _SETTLED:
+            return Fit(at, total, information, True)
+        while not possible(at + move):
             move *= 0.5
         at = at + move
-    return Fit(at, total, False)
+    return Fit(at, total, information, False)
+
+
+def possible(at: Array) -> bool:
+    """Whether the inverse inertia is positive definite and the mass positive."""
+    return is_positive_definite(at[:6][ELEMENT]) and bool(at[_MASS] > 0.0)
 
 
 def score(fit: Fit, group: Array, model: Model, stated: float = 0.0, clear: float = np.inf) -> Score:
@@ -478,6 +498,8 @@ def score(fit: Fit, group: Array, model: Model, stated: float = 0.0, clear: floa
     solved = np.linalg.solve(inner, np.column_stack((cross.T, vector[free] * sigma)))
     information = total.information[np.ix_(group, group)] - cross @ solved[:, :-1]
     of_group = vector[group] - cross @ solved[:, -1]
+    if not (np.isfinite(information).all() and np.isfinite(of_group).all()):
+        return Score(0.0, 0, np.zeros(group.shape[0]), total.misfit)
     values, vectors = np.linalg.eigh(0.5 * (information + information.T))
     known = values > max(1.0 / clear**2, 1e-9 * float(np.max(np.abs(np.diag(total.information))[group], initial=0.0)))
     if not known.any():
@@ -503,6 +525,8 @@ def least_deviation(information: Sequence[Array], start: Array, drifts: Sequence
     covariance = np.diag(np.concatenate((np.zeros(_N), model.sigma[free] ** 2)))
     covariance[:_N, :_N] = start
     for one, drift in zip(information, drifts, strict=True):
+        if not (np.isfinite(one).all() and np.isfinite(covariance).all()):
+            return np.full(_N, np.nan)
         scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
         root = _root(covariance / np.outer(scale, scale)) * scale[:, None]
         inner = root.T @ one[np.ix_(kept, kept)] @ root
