@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.maths.estimation import hindsight
+from massprop_drake.maths.estimation.filter import Instruments
 from massprop_drake.maths.estimation.filters.joint import chi_square_limit
 from massprop_drake.maths.estimation.hindsight import Fit, Model, Score, Stretch
 from massprop_drake.maths.mass_properties import CENTER_OF_MASS, MASS_RECIPROCAL
@@ -22,6 +23,8 @@ from massprop_drake.results.spool import Spool
 Array = NDArray[np.float64]
 
 _ROWS = 1024  # of a stretch
+_ADDED = 0.3  # of a reading's noise: what coupling may add to it over a stretch
+_SHORTEST = 16  # rows of a stretch
 _STRETCHES = 32  # at the most, evenly spread
 _PRIOR = 0.3  # of the widest start: nothing known of a vehicle is more wrong
 _OPEN_LAG_S = 0.05  # 1-sigma of a lag that the filters do not reckon with
@@ -94,7 +97,8 @@ def model(scenario: Scenario) -> Model:
     return made
 
 
-def _steps(packages) -> Array:
+def _steps(packages: Instruments) -> Array:
+    """Quanta, zero where noise dithers a reading."""
     return np.where(packages.noise_std >= 0.25 * packages.quanta, 0.0, packages.quanta)
 
 
@@ -130,8 +134,26 @@ def stretches(scenario: Scenario, signals: Spool) -> Iterator[Stretch]:
 
 
 def _until(part: Stretch, time_s: float) -> Stretch:
-    rows = slice(0, int(np.searchsorted(part.time_s, time_s)))
-    return part._replace(**{name: value[rows] for name, value in part._asdict().items() if name != "before"})
+    return _rows_of(part, slice(0, int(np.searchsorted(part.time_s, time_s))))
+
+
+def _rows_of(part: Stretch, rows: slice) -> Stretch:
+    before = part.commands[rows.start - 1] if rows.start else part.before
+    cut = {name: value[rows] for name, value in part._asdict().items() if name != "before"}
+    return part._replace(**cut, before=before)
+
+
+def _slow_enough(part: Stretch, made: Model) -> Iterator[Stretch]:
+    """Yields a stretch in pieces over which noise of the rates that enters by coupling does not add up."""
+    n = part.time_s.size
+    if n <= 2:
+        return
+    rates = part.readings[:, : made.gyros]
+    fastest = float(np.nanmax(np.abs(rates), initial=0.0)) * made.period_s
+    rows = n if fastest * math.sqrt(n) <= _ADDED else int((_ADDED / fastest) ** 2)
+    if rows >= _SHORTEST:
+        for first in range(0, n - 2, rows):
+            yield _rows_of(part, slice(first, min(first + rows + 1, n)))
 
 
 class Hindsight(NamedTuple):
@@ -168,14 +190,14 @@ def looked_back(
         parts = list(stretches(scenario, signals))
         used = max((-float(part.used_after[-1]) for part in parts), default=0.0)
         parts = [part._replace(used_after=part.used_after + used) for part in parts]
-        early = [part for part in (_until(one, until_s) for one in parts) if part.time_s.size > 2]
-        chosen = early[:: -(-len(early) // _STRETCHES) or 1]
+        pieces = [piece for part in parts for piece in _slow_enough(_until(part, until_s), made)]
+        chosen = pieces[:: -(-len(pieces) // _STRETCHES) or 1]
         begin = np.where(np.isnan(estimate), made.prior[:10], estimate)
         diagnoses, fit = diagnosed(chosen, begin, made, names_of(scenario))
         if resumed or any(one.kind == JUMP for one in standing) or not hindsight.possible(fit.at):
             return Hindsight(np.full(10, np.nan), tuple(diagnoses))
         information = fit.information
-        if len(chosen) < len(parts) or until_s < math.inf:
+        if len(chosen) != len(parts) or until_s < math.inf:
             information = tuple(hindsight.normal(part, fit.at, made).information for part in parts)
         drifts = [_drift(scenario, part, fit.at) for part in parts]
         bound = hindsight.least_deviation(information, params.initial_covariance(scenario), drifts, made)
@@ -207,6 +229,7 @@ _SMOOTH = 0.5  # serial correlation, from which on residuals drift rather than s
 _SHARE = 0.9  # of what a group explains: one of it that explains as much is named alone
 _REVERSED = (-2.6, -1.4)  # error of a gain that reverses a sign
 _DEAD = (-1.2, -0.8)
+_WIDE = 0.99  # 1-sigma from which on something is no longer tested: it has been found
 _FEWEST = 100  # readings, below which nothing is tested
 _SCATTER = 1.3  # times the stated variance: less may be rounding that is not white
 _CONFIDENT = 5.0  # sigma of a ratio of variances
@@ -234,7 +257,7 @@ def diagnosed(parts: Sequence[Stretch], begin: Array, made: Model, names: Names)
         start[:10] = begin
     found: list[Diagnosis] = []
     fit = first = hindsight.fitted(parts, start, made)
-    if fit.normal.count < _FEWEST:
+    if fit.normal.readings < _FEWEST:
         return found, first
     reckoned = made
     while len(found) < _MOST:
@@ -242,13 +265,13 @@ def diagnosed(parts: Sequence[Stretch], begin: Array, made: Model, names: Names)
         if not suspects:
             break
         worst = max(suspects, key=lambda one: one.statistic / one.threshold)
-        said, group, wide = _named(worst, fit, reckoned, names)
+        cause = _named(worst, fit, reckoned, names)
         wider = reckoned._replace(sigma=reckoned.sigma.copy())
-        wider.sigma[group] = wide
+        wider.sigma[cause.group] = cause.sigma
         after = hindsight.fitted(parts, fit.at, wider)
         if _excess(after) > (1.0 - _EXPLAINED) * _excess(fit):
             break
-        found.append(said)
+        found.append(Diagnosis(cause.kind, cause.reason, worst.statistic, worst.threshold))
         fit, reckoned = after, wider
     if not found and _ratio(fit) > _HOPELESS:
         fit, found = _turned_right(parts, fit, made, names)
@@ -258,12 +281,12 @@ def diagnosed(parts: Sequence[Stretch], begin: Array, made: Model, names: Names)
 
 
 def _ratio(fit: Fit) -> float:
-    return fit.normal.misfit / max(fit.normal.count, 1.0)
+    return fit.normal.misfit / max(fit.normal.readings, 1.0)
 
 
 def _excess(fit: Fit) -> float:
     """Misfit beyond what rounding may be."""
-    return max(fit.normal.misfit - _SCATTER * fit.normal.count, 0.0)
+    return max(fit.normal.misfit - _SCATTER * fit.normal.readings, 0.0)
 
 
 def _turned_right(parts: Sequence[Stretch], fit: Fit, made: Model, names: Names) -> tuple[Fit, list[Diagnosis]]:
@@ -297,7 +320,7 @@ def _groups(made: Model) -> dict[str, NDArray[np.int_]]:
 def _scaled(score: Score, fit: Fit, stated: float) -> float:
     """A statistic with the variance of the readings as it is, where that is larger than stated."""
     left = fit.normal.misfit if stated > 0.0 else score.least
-    return score.statistic / max(1.0, left / max(fit.normal.count, 1.0))
+    return score.statistic / max(1.0, left / max(fit.normal.readings, 1.0))
 
 
 def _tested(kind: str, group: NDArray[np.int_], fit: Fit, made: Model, clear: float = np.inf) -> _Suspect:
@@ -317,61 +340,65 @@ def _suspects(fit: Fit, made: Model) -> Iterator[_Suspect]:
             yield _tested("lag", np.array([place]), fit, made)
 
 
-_WIDE = 0.99  # 1-sigma from which on something is no longer tested: it has been found
+class _Cause(NamedTuple):
+    """A cause, and what of the model may be wrong by it."""
+
+    kind: str
+    reason: str
+    group: NDArray[np.int_]
+    sigma: float
 
 
-def _named(worst, fit, made, names):
-    places = hindsight.columns(made)
+def _named(worst: _Suspect, fit: Fit, made: Model, names: Names) -> _Cause:
+    """Puts a failed test into words."""
     kind, group, size = worst.kind, worst.group, worst.score.size
-
-    def said(what: str, reason: str) -> Diagnosis:
-        return Diagnosis(what, reason, worst.statistic, worst.threshold)
-
     if kind in ("thrust", "gyro_scale", "accelerometer_scale"):
-        each = [_tested(kind, np.array([place]), fit, made) for place in group.tolist()]
-        best = max(range(len(each)), key=lambda index: each[index].score.statistic)
-        one, gain = each[best], float(each[best].score.size[0])
-        alone = one.score.statistic >= _SHARE * worst.score.statistic
-        if kind == "thrust":
-            if not alone:
-                spread = float(np.sqrt(np.sum(size**2) / worst.score.degrees))
-                stated = 100.0 * float(made.sigma[group].max())
-                return (
-                    said(kind, f"thrust mismatch: jets are off by {100.0 * spread:.2g} %, {stated:.2g} % is stated"),
-                    group,
-                    1.0,
-                )
-            jet = names.jets[best]
-            if _REVERSED[0] < gain < _REVERSED[1]:
-                return said("jet", f"jet {jet} pushes the other way: its direction is reversed"), one.group, 3.0
-            more = "nothing" if _DEAD[0] < gain < _DEAD[1] else f"{100.0 * (1.0 + gain):.3g} % of its thrust"
-            return said("jet", f"jet {jet} gives {more} when it is told to fire"), one.group, 3.0
-        sensors = names.gyros if kind == "gyro_scale" else names.accelerometers
-        if alone and kind == "accelerometer_scale" and _REVERSED[0] < gain < _REVERSED[1]:
-            axis = f"{sensors[best // 3]} {'xyz'[best % 3]}"
-            return said("accelerometer_sign", f"axis {axis} has the wrong sign"), one.group, 3.0
-        axis = f"axis {sensors[best // 3]} {'xyz'[best % 3]}" if alone else sensors[best // 3]
-        return said(kind, f"{axis}: scale factor off by {100.0 * gain:.3g} %"), group, 3.0
+        return _of_many(worst, fit, made, names)
     if kind == "lag":
-        index = int(group[0]) - places.lag.start
+        index = int(group[0]) - hindsight.columns(made).lag.start
         told = float(made.time_constants_s[made.kinds == index].max())
         seen = told + float(size[0])
         words = f"lag wrong: {names.kinds[index]} jets build up with {1e3 * seen:.3g} ms, told {1e3 * told:.3g} ms"
-        return said(kind, words), group, 1.0
+        return _Cause(kind, words, group, 1.0)
     largest = float(np.abs(size).max())
     words = {
         "torque": f"a torque that nobody commands: {largest:.3g} {names.torque}",
         "drag": "a torque that opposes or follows the rate, such as drag",
         "gyro_bias": f"gyro bias of {largest:.3g} rad/s, beyond what is stated",
         "acceleration_bias": f"a steady force or an accelerometer bias of {largest:.3g} {names.acceleration}",
-    }
-    return said(kind, words[kind]), group, 1.0 if kind == "gyro_bias" else 1e6
+    }[kind]
+    return _Cause(kind, words, group, 1.0 if kind == "gyro_bias" else 1e6)
+
+
+def _of_many(worst: _Suspect, fit: Fit, made: Model, names: Names) -> _Cause:
+    """Of jets or axes: the one that explains all of it, else all of them."""
+    kind, group, size = worst.kind, worst.group, worst.score.size
+    each = [_tested(kind, np.array([place]), fit, made) for place in group.tolist()]
+    best = max(range(len(each)), key=lambda index: each[index].score.statistic)
+    gain, alone = float(each[best].score.size[0]), each[best].score.statistic >= _SHARE * worst.score.statistic
+    turned = alone and _REVERSED[0] < gain < _REVERSED[1]
+    if kind == "thrust":
+        if not alone:
+            spread = 100.0 * math.sqrt(float(np.sum(size**2)) / worst.score.degrees)
+            stated = 100.0 * float(made.sigma[group].max())
+            words = f"thrust mismatch: jets are off by {spread:.2g} %, {stated:.2g} % is stated"
+            return _Cause(kind, words, group, 1.0)
+        given = "nothing" if _DEAD[0] < gain < _DEAD[1] else f"{100.0 * (1.0 + gain):.3g} % of its thrust"
+        words = "pushes the other way: its direction is reversed" if turned else f"gives {given} when told to fire"
+        return _Cause("jet", f"jet {names.jets[best]} {words}", each[best].group, 3.0)
+    sensors = names.gyros if kind == "gyro_scale" else names.accelerometers
+    axis = f"axis {sensors[best // 3]} {'xyz'[best % 3]}"
+    if turned:
+        return _Cause(kind.replace("scale", "sign"), f"{axis} has the wrong sign", each[best].group, 3.0)
+    what = axis if alone else sensors[best // 3]
+    return _Cause(kind, f"{what}: scale factor off by {100.0 * gain:.3g} %", group, 3.0)
 
 
 def _scattered(fit: Fit, names: Names) -> list[Diagnosis]:
     """Readings that are farther off than stated: by drifting, while the rate changes fast, or all of a package."""
     quick, quiet = fit.normal.quick, fit.normal.quiet
-    sensors, found = (*names.gyros, *names.accelerometers), []
+    sensors = (*names.gyros, *names.accelerometers)
+    found: list[Diagnosis] = []
     for package, (misfit, count, serial) in enumerate(fit.normal.by_package.tolist()):
         gyro = package < len(names.gyros)
         if count < _FEWEST / 4 or (found and not gyro):  # accelerometers turn with what gyros show

@@ -101,25 +101,33 @@ def identified(
         jet = vehicle.jets[int(best.jet[element])].designation if useful else None
         share = float(deviation[element] / start[element]) if start[element] > 0.0 else math.nan
         left = float(best.left[element]) if useful else None
-        reason = _reason(flag, share, float(deviation[element] / limit[element]), jet, left)
         possible = None if flag == Flag.NOT_OBSERVABLE or not math.isfinite(least[element]) else float(least[element])
-        if flag == Flag.WEAK and possible is not None and possible < limit[element]:
-            reason += f"; the flight allows {possible / limit[element]:.2g} times what is asked"
+        told = _Told(share, float(deviation[element] / limit[element]), float(least[element] / limit[element]))
+        reason = _reason(flag, told, jet, left)
         entries.append(
             Identifiability(name, str(flag), reason, share if math.isfinite(share) else None, jet, left, possible)
         )
     return tuple(entries)
 
 
-def _reason(flag: Flag, share: float, excess: float, jet: str | None, left: float | None) -> str:
+class _Told(NamedTuple):
+    """1-sigma of a parameter over the start's and over what is asked, and the least that is possible over that."""
+
+    share: float
+    excess: float
+    least: float
+
+
+def _reason(flag: Flag, of_flight: _Told, jet: str | None, left: float | None) -> str:
     if flag == Flag.IDENTIFIED:
         return ""
     if flag == Flag.NOT_OBSERVABLE:
         return "no jet and no sensor in use shows it alone"
+    allowed = f" (the flight allows {of_flight.least:.2g})" if of_flight.least < 1.0 < of_flight.excess else ""
     told = (
-        f"1-sigma is {excess:.3g} times what is asked"
+        f"1-sigma is {of_flight.excess:.3g}{allowed} times what is asked"
         if flag == Flag.WEAK
-        else f"1-sigma is still {100.0 * share:.3g} % of the start's"
+        else f"1-sigma is still {100.0 * of_flight.share:.3g} % of the start's"
     )
     if jet is None or left is None:
         return f"{told}; no jet would tell much of it"

@@ -20,7 +20,7 @@ nothing new and is left out, as in the joint estimator. Coupling is taken with t
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -39,6 +39,7 @@ _QUICK = (
     0.01  # of a sample period: a stamp that is so much off moves a reading by its noise where the rate changes fast
 )
 _MOVED = 2.0  # quanta that a reading moves before it counts although none was expected
+_EXACT = 1e-6  # of the period: less is rounding of a stamp
 _PASSES = 8
 _SETTLED = 1e-2  # squared sigmas that a pass would still gain
 
@@ -114,7 +115,7 @@ class Normal(NamedTuple):
         information: A, shape (n, n).
         score: h, shape (n,).
         misfit: sum of the squared residuals over R.
-        count: of readings, less the initial values.
+        readings: how many, less the initial values.
         by_package: misfit and count of each package, and the sum of its residuals times the next, shape
             (n_packages, 3).
         quick, quiet: misfit and count of gyro readings where the rate changes fast, and where it does not, shape (2,).
@@ -123,14 +124,22 @@ class Normal(NamedTuple):
     information: Array
     score: Array
     misfit: float
-    count: float
+    readings: float
     by_package: Array
     quick: Array
     quiet: Array
 
     def plus(self, other: Normal) -> Normal:
         """Both together."""
-        return Normal(*(mine + others for mine, others in zip(self, other, strict=True)))
+        return Normal(
+            self.information + other.information,
+            self.score + other.score,
+            self.misfit + other.misfit,
+            self.readings + other.readings,
+            self.by_package + other.by_package,
+            self.quick + other.quick,
+            self.quiet + other.quiet,
+        )
 
 
 class Fit(NamedTuple):
@@ -202,7 +211,7 @@ def _course(stretch: Stretch, lag_error: Array, model: Model) -> _Course:
     m, n_jets = stretch.commands.shape
     intervals = m - 1
     commands = stretch.commands[:intervals]
-    period = model.period_s
+    period, late = _ticks(stretch.time_s, model.period_s)
     given = model.time_constants_s
     constants = np.where(given > 0.0, np.maximum(given + lag_error, 0.05 * given), 0.0)
     remaining = np.exp(-period / np.where(constants > 0.0, constants, np.inf)) * (constants > 0.0)
@@ -225,20 +234,27 @@ def _course(stretch: Stretch, lag_error: Array, model: Model) -> _Course:
     lagged = constants > 0.0
     by_lag = np.where(lagged, by_log / np.where(lagged, constants, 1.0), off)
     amount = amount + np.where(lagged, 0.0, off * lag_error)
-    ticks = np.arange(m) * period
-    late = stretch.time_s - stretch.time_s[0] - ticks
-    late = late - np.median(late)
-    late[np.abs(late) < 1e-6 * period] = 0.0
     sided = np.where((late > 0.0)[:, None] & (np.arange(m) < intervals)[:, None], stretch.commands, level)
     at_stamp = np.where(lagged, level, np.nan_to_num(sided))
     return _Course(np.full(intervals, period), amount, by_lag, bow, late, at_stamp)
+
+
+def _ticks(time_s: Array, period_s: float) -> tuple[float, Array]:
+    """The period at which commands switch, and how late each stamp is: both from a line through the stamps."""
+    counts = np.arange(time_s.shape[0]) - 0.5 * (time_s.shape[0] - 1.0)
+    since = time_s - time_s.mean()
+    period = float(counts @ since) / float(counts @ counts)
+    if abs(period - period_s) < _EXACT * period_s:
+        period = period_s
+    late = since - counts * period
+    return period, np.where(np.abs(late) < _EXACT * period, 0.0, late)
 
 
 def _interpolated(readings: Array) -> Array:
     """The mean of the gyros, with what is missing put in between, shape (m, 3)."""
     known = ~np.isnan(readings)
     rate = np.where(known, readings, 0.0).sum(axis=1) / np.maximum(known.sum(axis=1), 1)
-    there = known.any(axis=1)
+    there: NDArray[np.bool_] = known.any(axis=1)
     rows = np.arange(rate.shape[0])
     for axis in range(3):
         if there[:, axis].any() and not there[:, axis].all():
@@ -318,6 +334,115 @@ def used(expected: Array, read: Array, quantum: float) -> NDArray[np.int_]:
     return np.array(found)
 
 
+class _Expected(NamedTuple):
+    """What is expected of a stretch at a point."""
+
+    course: _Course
+    sums: _Sums
+    lightness: Array  # of each interval, (m - 1, 1)
+    rate: Array  # since the beginning, (m, 3)
+    velocity: Array
+
+
+def _expected(stretch: Stretch, at: Array, model: Model) -> _Expected:
+    places = columns(model)
+    course = _course(stretch, at[places.lag][model.kinds], model)
+    factor = 1.0 + at[places.thrust]
+    rate = _interpolated(stretch.readings[:, : model.gyros])
+    impulse = (course.amount * factor) @ model.wrenches + stretch.outside[:-1] * model.period_s
+    resisted = at[places.drag] * 0.5 * (rate[:-1] + rate[1:])
+    impulse[:, :3] += model.period_s * (at[places.torque] - resisted)  # pure torques act about any point
+    late = course.late_s[:, None] * ((course.level * factor) @ model.wrenches)
+    sums = _Sums(impulse, (course.bow * factor) @ model.wrenches, late, rate, course.durations_s)
+    mass = 1.0 / at[_MASS] + stretch.used_after
+    lightness = (2.0 / (mass[:-1] + mass[1:]))[:, None]
+    velocity = np.zeros_like(rate)
+    np.cumsum(impulse[:, 3:] * lightness, axis=0, out=velocity[1:])
+    velocity += late[:, 3:] / mass[:, None]
+    return _Expected(course, sums, lightness, _gathered(at[:_N], at[places.gyro_bias], sums), velocity)
+
+
+class _Design(NamedTuple):
+    """Derivatives of what is expected, by the unknowns that have any."""
+
+    kept: NDArray[np.int_]  # which unknowns
+    place: NDArray[np.int_]  # of each among them, -1: none
+    rate: Array  # (k, m, 3)
+    velocity: Array
+
+
+def _design(expected: _Expected, at: Array, model: Model) -> _Design:
+    places, course, sums = columns(model), expected.course, expected.sums
+    n, m = at.shape[0], expected.rate.shape[0]
+    jets = np.arange(places.thrust.start, places.thrust.stop)
+    active = np.flatnonzero(((course.amount != 0.0) | (course.by_lag != 0.0)).any(axis=0))
+    kept = np.setdiff1d(np.arange(n), np.setdiff1d(jets, jets[active]))
+    place = np.full(n, -1)
+    place[kept] = np.arange(kept.shape[0])
+    rate, velocity = np.zeros((2, kept.shape[0], m, 3))
+    for element in (*range(_MASS), *range(places.gyro_bias.start, places.gyro_bias.stop)):
+        moved = at.copy()
+        step = _STEP * model.sigma[element] if element < _N else _SMALL_RATE
+        moved[element] += step
+        rate[place[element]] = (_gathered(moved[:_N], moved[places.gyro_bias], sums) - expected.rate) / step
+    np.cumsum(sums.impulse[:, 3:] * (expected.lightness / at[_MASS]) ** 2, axis=0, out=velocity[_MASS, 1:])
+    inverse, forces = at[:6][ELEMENT], model.wrenches[:, 3:]
+    moments = (model.wrenches[:, :3] + _cross(forces, at[_CENTER])) @ inverse
+    for jet in active.tolist():
+        amount, column = course.amount[:, jet, None], place[jets[jet]]
+        np.cumsum(amount * moments[jet], axis=0, out=rate[column, 1:])
+        np.cumsum(amount * expected.lightness * forces[jet], axis=0, out=velocity[column, 1:])
+    for kind, unknown in enumerate(range(places.lag.start, places.lag.stop)):
+        weights = course.by_lag * ((1.0 + at[places.thrust]) * (model.kinds == kind))
+        np.cumsum(weights @ moments, axis=0, out=rate[place[unknown], 1:])
+        np.cumsum(weights @ forces * expected.lightness, axis=0, out=velocity[place[unknown], 1:])
+    middle = 0.5 * (sums.rate[:-1] + sums.rate[1:])
+    for axis in range(3):
+        turned = model.period_s * inverse[axis]
+        np.cumsum(np.broadcast_to(turned, (m - 1, 3)), axis=0, out=rate[place[places.torque.start + axis], 1:])
+        np.cumsum(-middle[:, axis, None] * turned, axis=0, out=rate[place[places.drag.start + axis], 1:])
+    return _Design(kept, place, rate, velocity)
+
+
+class _Component(NamedTuple):
+    """A component of a sensor."""
+
+    package: int
+    read: Array  # (m,)
+    expected: Array
+    design: Array  # (k, m)
+
+
+def _components(
+    stretch: Stretch, expected: _Expected, design: _Design, at: Array, model: Model
+) -> Iterator[_Component]:
+    """Yields every component, gyros first."""
+    places, sums = columns(model), expected.sums
+    turn = _turning(expected.rate + np.mean(sums.rate - expected.rate, axis=0), sums.durations_s)
+    ramp = stretch.time_s - stretch.time_s[0]
+    for package in range(stretch.readings.shape[1]):
+        number = package - model.gyros
+        arm = model.positions[number] - at[_CENTER] if number >= 0 else np.zeros(3)
+        shown = expected.rate if number < 0 else expected.velocity + turn @ arm
+        for axis in range(3):
+            if number < 0:
+                gain, x = places.gyro_gain.start + 3 * package + axis, design.rate[:, :, axis].copy()
+            else:
+                gain = places.accelerometer_gain.start + 3 * number + axis
+                first, second = (axis + 1) % 3, (axis + 2) % 3
+                x = design.velocity[:, :, axis] + design.rate[:, :, first] * arm[second]
+                x -= design.rate[:, :, second] * arm[first]
+                x[_CENTER] -= turn[:, axis].T
+            x *= 1.0 + at[gain]
+            x[design.place[gain]] = shown[:, axis]
+            wanted = shown[:, axis] * (1.0 + at[gain])
+            if number >= 0:
+                own = places.acceleration_bias.start + 3 * number + axis
+                x[design.place[own]] = ramp
+                wanted = wanted + at[own] * ramp
+            yield _Component(package, stretch.readings[:, package, axis], wanted, x)
+
+
 def normal(stretch: Stretch, at: Array, model: Model) -> Normal:
     """The normal equations of a stretch about a point.
 
@@ -326,107 +451,34 @@ def normal(stretch: Stretch, at: Array, model: Model) -> Normal:
         at: all unknowns, shape (n,); the inverse inertia positive definite.
         model: see `Model`.
     """
-    places = columns(model)
-    n, m = at.shape[0], stretch.time_s.shape[0]
-    course = _course(stretch, at[places.lag][model.kinds], model)
-    factor = 1.0 + at[places.thrust]
-    rate = _interpolated(stretch.readings[:, : model.gyros])
-    torque, drag = at[places.torque], at[places.drag]
-    impulse = (course.amount * factor) @ model.wrenches + stretch.outside[:-1] * model.period_s
-    middle = 0.5 * (rate[:-1] + rate[1:])
-    properties, bias = at[places.properties], at[places.gyro_bias]
-    center = properties[_CENTER]
-    besides = model.period_s * (torque - drag * middle)  # about the center of mass
-    impulse[:, :3] += besides
-    late = course.late_s[:, None] * ((course.level * factor) @ model.wrenches)
-    sums = _Sums(impulse, (course.bow * factor) @ model.wrenches, late, rate, course.durations_s)
-    gathered = _gathered(properties, bias, sums)
-    mass = 1.0 / properties[_MASS] + stretch.used_after
-    lightness = (2.0 / (mass[:-1] + mass[1:]))[:, None]
-    velocity = np.zeros((m, 3))
-    np.cumsum(impulse[:, 3:] * lightness, axis=0, out=velocity[1:])
-    velocity += late[:, 3:] / mass[:, None]
-
-    fired = (course.amount != 0.0) | (course.by_lag != 0.0)
-    active = np.flatnonzero(fired.any(axis=0))
-    kept = np.setdiff1d(
-        np.arange(n), np.setdiff1d(np.arange(places.thrust.start, places.thrust.stop), places.thrust.start + active)
-    )
-    place = np.full(n, -1)
-    place[kept] = np.arange(kept.shape[0])
-    of_rate, of_velocity = np.zeros((kept.shape[0], m, 3)), np.zeros((kept.shape[0], m, 3))
-    for element in (*range(_MASS), *range(places.gyro_bias.start, places.gyro_bias.stop)):
-        moved = at.copy()
-        step = _STEP * model.sigma[element] if element < _N else _SMALL_RATE
-        moved[element] += step
-        of_rate[place[element]] = (_gathered(moved[:_N], moved[places.gyro_bias], sums) - gathered) / step
-    inverse = properties[ELEMENT]
-    squared = (lightness / properties[_MASS]) ** 2
-    np.cumsum(impulse[:, 3:] * squared, axis=0, out=of_velocity[_MASS, 1:])
-    moments = (model.wrenches[:, :3] + _cross(model.wrenches[:, 3:], center)) @ inverse
-    for jet in active.tolist():
-        amount, column = course.amount[:, jet, None], place[places.thrust.start + jet]
-        np.cumsum(amount * moments[jet], axis=0, out=of_rate[column, 1:])
-        np.cumsum(amount * lightness * model.wrenches[jet, 3:], axis=0, out=of_velocity[column, 1:])
-    for kind in range(places.lag.stop - places.lag.start):
-        weights, column = course.by_lag * (factor * (model.kinds == kind)), place[places.lag.start + kind]
-        np.cumsum(weights @ moments, axis=0, out=of_rate[column, 1:])
-        np.cumsum(weights @ model.wrenches[:, 3:] * lightness, axis=0, out=of_velocity[column, 1:])
-    for axis in range(3):
-        turned = model.period_s * inverse[axis]
-        np.cumsum(np.broadcast_to(turned, (m - 1, 3)), axis=0, out=of_rate[place[places.torque.start + axis], 1:])
-        np.cumsum(-middle[:, axis, None] * turned, axis=0, out=of_rate[place[places.drag.start + axis], 1:])
-
-    changes = np.zeros((m + 1, 3))
-    changes[1:m] = np.diff(gathered, axis=0) / model.period_s
+    expected = _expected(stretch, at, model)
+    changes = np.zeros((expected.rate.shape[0] + 1, 3))
+    changes[1:-1] = np.diff(expected.rate, axis=0) / model.period_s
     squares = np.sum(changes**2, axis=1)
     steepness = 0.5 * (squares[:-1] + squares[1:])
-    turn = _turning(gathered + np.mean(rate - gathered, axis=0), course.durations_s)
-    ramp = stretch.time_s - stretch.time_s[0]
+    design = _design(expected, at, model)
+    kept = design.kept
     information, vector = np.zeros((kept.shape[0], kept.shape[0])), np.zeros(kept.shape[0])
-    by_package = np.zeros((stretch.readings.shape[1], 3))
-    quick, quiet = np.zeros(2), np.zeros(2)
-    for package in range(stretch.readings.shape[1]):
-        number = package - model.gyros
-        gyro = number < 0
-        arm = np.zeros(3) if gyro else model.positions[number] - center
-        shown = gathered if gyro else velocity + turn @ arm
-        for axis in range(3):
-            gain = places.gyro_gain.start + 3 * package if gyro else places.accelerometer_gain.start + 3 * number
-            gain += axis
-            own = places.acceleration_bias.start + 3 * number + axis
-            wanted = shown[:, axis] * (1.0 + at[gain])
-            if not gyro:
-                wanted = wanted + at[own] * ramp
-            read = stretch.readings[:, package, axis]
-            rows = used(wanted, read, float(model.quanta[package]))
-            if rows.shape[0] < 2:
-                continue
-            if gyro:
-                x = of_rate[:, rows, axis]
-            else:
-                first, second = (axis + 1) % 3, (axis + 2) % 3
-                x = of_velocity[:, rows, axis] + of_rate[:, rows, first] * arm[second]
-                x -= of_rate[:, rows, second] * arm[first]
-                x[_CENTER] -= turn[rows, axis].T
-                x[place[own]] = ramp[rows]
-            x = x * (1.0 + at[gain])
-            x[place[gain]] = shown[rows, axis]
-            scale = 1.0 / np.sqrt(model.variances[package])
-            x = (x - x.mean(axis=1, keepdims=True)) * scale
-            left = read[rows] - wanted[rows]
-            left = (left - left.mean()) * scale
-            information += x @ x.T
-            vector += x @ left
-            by_package[package] += left @ left, rows.shape[0] - 1.0, left[1:] @ left[:-1]
-            if gyro:
-                fast = steepness[rows] * (_QUICK * model.period_s) ** 2 > model.variances[package]
-                quick += left[fast] @ left[fast], fast.sum()
-                quiet += left[~fast] @ left[~fast], (~fast).sum()
-    whole = empty(model)
-    whole.information[np.ix_(kept, kept)] = information
-    whole.score[kept] = vector
-    return Normal(whole.information, whole.score, *by_package[:, :2].sum(axis=0).tolist(), by_package, quick, quiet)
+    total = empty(model)
+    for package, read, output, derivatives in _components(stretch, expected, design, at, model):
+        rows = used(output, read, float(model.quanta[package]))
+        if rows.shape[0] < 2:
+            continue
+        scale = 1.0 / np.sqrt(model.variances[package])
+        x, left = derivatives[:, rows], read[rows] - output[rows]
+        x = (x - x.mean(axis=1, keepdims=True)) * scale
+        left = (left - left.mean()) * scale
+        information += x @ x.T
+        vector += x @ left
+        total.by_package[package] += left @ left, rows.shape[0] - 1.0, left[1:] @ left[:-1]
+        if package < model.gyros:
+            fast = steepness[rows] * (_QUICK * model.period_s) ** 2 > model.variances[package]
+            total.quick[:] += left[fast] @ left[fast], fast.sum()
+            total.quiet[:] += left[~fast] @ left[~fast], (~fast).sum()
+    total.information[np.ix_(kept, kept)] = information
+    total.score[kept] = vector
+    misfit, count, _ = total.by_package.sum(axis=0).tolist()
+    return total._replace(misfit=misfit, readings=count)
 
 
 def empty(model: Model) -> Normal:
@@ -476,12 +528,12 @@ def possible(at: Array) -> bool:
     return is_positive_definite(at[:6][ELEMENT]) and bool(at[_MASS] > 0.0)
 
 
-def score(fit: Fit, group: Array, model: Model, stated: float = 0.0, clear: float = np.inf) -> Score:
+def score(fit: Fit, group: NDArray[np.int_], model: Model, stated: float = 0.0, clear: float = np.inf) -> Score:
     """Tests whether some unknowns are what is stated.
 
     Args:
         fit: see `Fit`.
-        group: their places, in units that are alike, shape (k,).
+        group: their places, in units that are alike, integers, shape (k,).
         model: see `Model`; where they are reckoned with, they are no longer.
         stated: their 1-sigma; zero: that they are zero.
         clear: largest 1-sigma of a combination of them that is tested.
