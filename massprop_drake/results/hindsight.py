@@ -327,7 +327,12 @@ def _tested(kind: str, group: NDArray[np.int_], fit: Fit, made: Model, clear: fl
     stated = float(made.sigma[group].max())
     score = hindsight.score(fit, group, made, stated, clear)
     threshold = chi_square_limit(RATE, score.degrees) if score.degrees else np.inf
-    return _Suspect(kind, group, score, _scaled(score, fit, stated), threshold)
+    alike = 1.0  # packages of a kind, side by side, may round alike: then they say no more than one
+    if kind.startswith("gyro"):
+        alike = float(made.gyros)
+    elif kind.startswith("accel"):
+        alike = float(made.positions.shape[0])
+    return _Suspect(kind, group, score, _scaled(score, fit, stated) / alike, threshold)
 
 
 def _suspects(fit: Fit, made: Model) -> Iterator[_Suspect]:

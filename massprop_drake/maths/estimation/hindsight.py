@@ -254,7 +254,7 @@ def _interpolated(readings: Array) -> Array:
     """The mean of the gyros, with what is missing put in between, shape (m, 3)."""
     known = ~np.isnan(readings)
     rate = np.where(known, readings, 0.0).sum(axis=1) / np.maximum(known.sum(axis=1), 1)
-    there: NDArray[np.bool_] = known.any(axis=1)
+    there = np.asarray(known.any(axis=1))
     rows = np.arange(rate.shape[0])
     for axis in range(3):
         if there[:, axis].any() and not there[:, axis].all():
