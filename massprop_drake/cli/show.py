@@ -120,6 +120,7 @@ def simulated(results: Summary, vehicle: Vehicle, folder: Path) -> None:
             f"{100.0 * one.standard_deviation / abs(one.truth):.4f}" if comparable else "-",
             "not excited" if one.name in not_excited and one.within_three_sigma else inside,
         )
+    _add_derived(table, results.derived, vehicle, before=("-",) * 2, after=("-",))
     console.print(table)
     console.say(_consistency(results.consistency))
     _say_doubts(console, results)
@@ -245,8 +246,22 @@ def _with_percent(value: float, std: float) -> tuple[str, str, str]:
     return f"{value:.6g}", f"{std:.3g}", f"{100.0 * std / abs(value):.4f}" if value else "-"
 
 
-def _add_derived(table: Table, derived: Derived, vehicle: Vehicle) -> None:
-    """Adds rows for the mass and the inertia that follow from the estimates."""
+def _add_derived(
+    table: Table,
+    derived: Derived,
+    vehicle: Vehicle,
+    *,
+    before: tuple[str, ...] = (),
+    after: tuple[str, ...] = (),
+) -> None:
+    """Adds rows for the mass and the inertia that follow from the estimates.
+
+    Args:
+        table: with columns for estimate, 1-sigma and that in percent.
+        derived: see `Derived`.
+        vehicle: for units.
+        before, after: cells between the estimate and its 1-sigma, and after them.
+    """
     units = vehicle.unit_names
     rows = [("m", units["mass"], derived.mass, derived.mass_std)]
     if derived.inertia is not None and derived.inertia_std is not None:
@@ -256,7 +271,7 @@ def _add_derived(table: Table, derived: Derived, vehicle: Vehicle) -> None:
     table.add_section()
     for name, unit, value, std in rows:
         cells = ("-", "-", "-") if value is None or std is None else _with_percent(value, std)
-        table.add_row(name, unit, *cells)
+        table.add_row(name, unit, cells[0], *before, *cells[1:], *after)
 
 
 def _consistency(found: Consistency) -> str:
@@ -274,6 +289,14 @@ def _say_doubts(console: Terminal, results: Summary) -> None:
         console.say(("inconsistent:", "bold red"), f" {reason}")
     for what, why in in_words(results.identifiability, SYMBOLS):
         console.say((f"{what}:", "bold yellow"), f" {why}")
+    bounded = [
+        (one.standard_deviation / entry.bound, symbol)
+        for symbol, one, entry in zip(SYMBOLS, results.parameters, results.identifiability, strict=False)
+        if entry.bound
+    ]
+    if bounded:
+        (least, _), (most, symbol) = min(bounded), max(bounded)
+        console.say(f"bound:       1-sigma is {least:.2g} to {most:.2g} ({symbol}) times the least this flight allows")
 
 
 def _number(value: float | None) -> str:

@@ -140,8 +140,8 @@ def _parameters(run: Run) -> list[dict[str, Any]]:
     """Formats the table of ten parameters."""
     rows = []
     units = mass_property_units(run.scenario.vehicle_data.unit_names)
-    flags = [entry.flag for entry in run.results.identifiability] or [""] * len(SYMBOLS)
-    for symbol, unit, one, flag in zip(SYMBOLS, units, run.results.parameters, flags, strict=True):
+    told = [(entry.flag, entry.bound) for entry in run.results.identifiability] or [("", None)] * len(SYMBOLS)
+    for symbol, unit, one, (flag, bound) in zip(SYMBOLS, units, run.results.parameters, told, strict=True):
         there, known = math.isfinite(one.estimate), math.isfinite(one.truth)
         relative = there and one.estimate != 0.0
         rows.append(
@@ -153,6 +153,7 @@ def _parameters(run: Run) -> list[dict[str, Any]]:
                 "error": f"{one.percent_error:+.4f} %" if math.isfinite(one.percent_error) else "",
                 "sigma": f"{one.standard_deviation:.3g}" if there else "",
                 "relative": f"{100.0 * one.standard_deviation / abs(one.estimate):.3g} %" if relative else "",
+                "bound": "" if bound is None else f"{bound:.3g}",
                 "inside": one.within_three_sigma if there and known and flag != Flag.NOT_EXCITED else None,
                 "flag": flag.replace("_", " "),
             }

@@ -155,7 +155,9 @@ def convergence_limits(scenario: Scenario) -> Array:
 def plant_time_constants(scenario: Scenario) -> Array:
     """Time constants of the true thrust, s, shape (n_jets,); zero: instantaneous."""
     constants = scenario.vehicle_data.time_constants_s
-    return constants if scenario.plant.thrust_transient == "vehicle" else np.zeros_like(constants)
+    if scenario.plant.thrust_transient == "none":
+        return np.zeros_like(constants)
+    return constants * scenario.plant.lag_factor
 
 
 def estimator_time_constants(scenario: Scenario) -> Array:

@@ -139,6 +139,13 @@ class PlantBlock(Model):
     thrust_transient: Literal["none", "vehicle"] = described(
         "vehicle", "none: thrust instantaneous; vehicle: first-order lag with the vehicle file's time constants"
     )
+    lag_factor: Real = described(
+        1.0,
+        "true time constants of build-up and tail-off over the vehicle file's, which the estimators are told",
+        "-",
+        gt=0.0,
+        le=10.0,
+    )
     thrust_dispersion: Real = described(
         0.0, "each jet's thrust is off for good by a fraction of this 1-sigma, drawn from the seed", "-", ge=0.0, le=0.3
     )

@@ -33,6 +33,23 @@ _FEWEST = 20  # samples of the rotation filter, below which nothing is said
 _FAR = 5.0  # sigma: of ten parameters one in 170,000 consistent flights has an error like this
 
 
+class Diagnosis(NamedTuple):
+    """What a run's readings contradict.
+
+    Attributes:
+        kind: "jet", "thrust", "lag", "torque", "drag", "gyro_bias", "acceleration_bias", "gyro_scale", "gyro_sign",
+            "accelerometer_scale", "accelerometer_sign", "drift", "jitter" or "noise".
+        reason: in words.
+        statistic: of its test.
+        threshold: that it exceeds.
+    """
+
+    kind: Text
+    reason: Text
+    statistic: Real
+    threshold: Real
+
+
 class Consistency(NamedTuple):
     """How the filters' innovations compare with the covariance they claim.
 
@@ -43,6 +60,7 @@ class Consistency(NamedTuple):
         verdict: "consistent", "inconsistent" or "not enough data"; empty in what an earlier version wrote.
         reasons: for "inconsistent".
         rotation_nis_beyond, translation_nis_beyond: share of the samples beyond the 99 % point; None like the means.
+        diagnoses: what the readings contradict, see `results.hindsight`; their words are among the reasons.
     """
 
     rotation_nis_mean: Real | None
@@ -52,6 +70,7 @@ class Consistency(NamedTuple):
     reasons: Sequence[Text] = ()
     rotation_nis_beyond: Real | None = None
     translation_nis_beyond: Real | None = None
+    diagnoses: tuple[Diagnosis, ...] = ()
 
 
 class Tally:
@@ -114,15 +133,18 @@ def _certainly_more(count: int, n: int, allowed: float) -> bool:
     return count > 0 and float(bdtrc(count - 1, n, allowed)) < _DOUBT
 
 
-def judged(rotation: Tally, translation: Tally, ratios: Array, symbols: Sequence[str]) -> Consistency:
+def judged(
+    rotation: Tally, translation: Tally, ratios: Array, symbols: Sequence[str], diagnoses: Sequence[Diagnosis] = ()
+) -> Consistency:
     """The verdict on a run.
 
     Args:
         rotation, translation: of the two filters, or parts of one; without samples where there is none.
         ratios: errors of the ten parameters over their 1-sigma, NaN where the truth is not known, shape (10,).
         symbols: of the ten parameters.
+        diagnoses: what the readings contradict.
     """
-    reasons = [*rotation.faults("rotation"), *translation.faults("translation")]
+    reasons = [*(one.reason for one in diagnoses), *rotation.faults("rotation"), *translation.faults("translation")]
     reasons += [
         f"{symbol} is {abs(ratio):.3g} of its sigmas off"
         for symbol, ratio in zip(symbols, ratios.tolist(), strict=True)
@@ -130,5 +152,12 @@ def judged(rotation: Tally, translation: Tally, ratios: Array, symbols: Sequence
     ]
     verdict = INCONSISTENT if reasons else CONSISTENT if rotation.n >= _FEWEST else TOO_LITTLE
     return Consistency(
-        rotation.mean, translation.mean, rotation.n, verdict, reasons, rotation.beyond, translation.beyond
+        rotation.mean,
+        translation.mean,
+        rotation.n,
+        verdict,
+        reasons,
+        rotation.beyond,
+        translation.beyond,
+        tuple(diagnoses),
     )

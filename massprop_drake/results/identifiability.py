@@ -34,6 +34,7 @@ class Identifiability(NamedTuple):
         share: 1-sigma at the end over that at the start; None where one of them is not known.
         jet: designation of the jet of which a second would tell the most; None where none tells anything.
         left: share of the 1-sigma at the end that it would leave.
+        bound: least 1-sigma that the flight allows (Cramér and Rao's), in the parameter's unit; None where not known.
     """
 
     parameter: Text
@@ -42,6 +43,7 @@ class Identifiability(NamedTuple):
     share: Real | None = None
     jet: Text | None = None
     left: Real | None = None
+    bound: Real | None = None
 
 
 def unobservable(vehicle: Vehicle, *, accelerometer: bool) -> Array:
@@ -62,15 +64,19 @@ def unobservable(vehicle: Vehicle, *, accelerometer: bool) -> Array:
     return observability.unobservable(jacobian, scale)
 
 
-def identified(scenario: Scenario, estimate: Array, covariance: Array) -> tuple[Identifiability, ...]:
+def identified(
+    scenario: Scenario, estimate: Array, covariance: Array, bound: Array | None = None
+) -> tuple[Identifiability, ...]:
     """What is known of each parameter at the end of a run.
 
     Args:
         scenario: as run.
         estimate: of the ten parameters, NaN where not observed, shape (10,).
         covariance: of their errors, shape (10, 10).
+        bound: least 1-sigma that the run allows, NaN where not known, shape (10,).
     """
     vehicle = scenario.vehicle_data
+    least = np.full(10, math.nan) if bound is None else bound
     limits, accelerometers = params.convergence_limits(scenario), params.accelerometers(scenario)
     deviation = np.sqrt(covariance.diagonal())
     good = mass_properties.converged(deviation, estimate, limits)
@@ -95,20 +101,33 @@ def identified(scenario: Scenario, estimate: Array, covariance: Array) -> tuple[
         jet = vehicle.jets[int(best.jet[element])].designation if useful else None
         share = float(deviation[element] / start[element]) if start[element] > 0.0 else math.nan
         left = float(best.left[element]) if useful else None
-        reason = _reason(flag, share, float(deviation[element] / limit[element]), jet, left)
-        entries.append(Identifiability(name, str(flag), reason, share if math.isfinite(share) else None, jet, left))
+        possible = None if flag == Flag.NOT_OBSERVABLE or not math.isfinite(least[element]) else float(least[element])
+        told = _Told(share, float(deviation[element] / limit[element]), float(least[element] / limit[element]))
+        reason = _reason(flag, told, jet, left)
+        entries.append(
+            Identifiability(name, str(flag), reason, share if math.isfinite(share) else None, jet, left, possible)
+        )
     return tuple(entries)
 
 
-def _reason(flag: Flag, share: float, excess: float, jet: str | None, left: float | None) -> str:
+class _Told(NamedTuple):
+    """1-sigma of a parameter over the start's and over what is asked, and the least that is possible over that."""
+
+    share: float
+    excess: float
+    least: float
+
+
+def _reason(flag: Flag, of_flight: _Told, jet: str | None, left: float | None) -> str:
     if flag == Flag.IDENTIFIED:
         return ""
     if flag == Flag.NOT_OBSERVABLE:
         return "no jet and no sensor in use shows it alone"
+    allowed = f" (the flight allows {of_flight.least:.2g})" if of_flight.least < 1.0 < of_flight.excess else ""
     told = (
-        f"1-sigma is {excess:.3g} times what is asked"
+        f"1-sigma is {of_flight.excess:.3g}{allowed} times what is asked"
         if flag == Flag.WEAK
-        else f"1-sigma is still {100.0 * share:.3g} % of the start's"
+        else f"1-sigma is still {100.0 * of_flight.share:.3g} % of the start's"
     )
     if jet is None or left is None:
         return f"{told}; no jet would tell much of it"

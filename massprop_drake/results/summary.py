@@ -21,6 +21,7 @@ from massprop_drake.maths.mass_properties import CENTER_OF_MASS, MASS_RECIPROCAL
 from massprop_drake.results.consistency import COMPONENTS, Consistency, Tally, judged, used_nis
 from massprop_drake.results.detections import DetectionRecord
 from massprop_drake.results.events import EventRecord
+from massprop_drake.results.hindsight import looked_back
 from massprop_drake.results.identifiability import Identifiability, identified
 from massprop_drake.results.injected import InjectedRecord, what_became
 from massprop_drake.results.spool import Spool, blocks
@@ -212,7 +213,10 @@ class Summary:
             "events": [_without(record, "jet_index") for record in self.events],
             "unconfirmed": [_without(record) for record in self.unconfirmed],
             "untested": [_without(record) for record in self.untested],
-            "consistency": self.consistency._asdict(),
+            "consistency": {
+                **self.consistency._asdict(),
+                "diagnoses": [one._asdict() for one in self.consistency.diagnoses],
+            },
             "identifiability": [entry._asdict() for entry in self.identifiability],
             "injected": None if self.injected is None else [record._asdict() for record in self.injected],
             "autopilot": self.autopilot._asdict(),
@@ -373,6 +377,7 @@ def summarize(
     estimate, deviation, truth = (signals.last(name) for name in ("estimate", "standard_deviation", "truth"))
     with np.errstate(divide="ignore", invalid="ignore"):
         ratios = (estimate - truth) / deviation
+    back = looked_back(scenario, signals, estimate, found.detections)
     return composed(
         scenario,
         duration_s=float(signals.last("time_s")),
@@ -381,7 +386,8 @@ def summarize(
         covariance=covariance,
         truth=truth,
         found=found,
-        consistency=judged(_tallied(signals, "rotation"), _tallied(signals, "mass"), ratios, SYMBOLS),
+        consistency=judged(_tallied(signals, "rotation"), _tallied(signals, "mass"), ratios, SYMBOLS, back.diagnoses),
+        bound=back.bound,
         autopilot=AutopilotSummary(
             firings=_firings(signals),
             propellant_mass=_propellant(scenario, signals),
@@ -404,6 +410,7 @@ def composed(
     truth: Array,
     found: Findings,
     consistency: Consistency,
+    bound: Array,
     autopilot: AutopilotSummary,
     timing: Timing,
     telemetry: str | None = None,
@@ -420,6 +427,7 @@ def composed(
         covariance: at the end, shape (10, 10).
         truth: at the end, NaN where unknown, shape (10,).
         found: what the detector made of it.
+        bound: least 1-sigma that the run allows, NaN where not known, shape (10,).
         consistency, autopilot, timing: taken as they are.
         telemetry, telemetry_sha256, data_quality: of a record, its name, its digest and what it is worth.
         injected: of a simulated run, what became of its failures and jumps.
@@ -447,7 +455,7 @@ def composed(
         timing=timing,
         data_quality=data_quality,
         injected=injected,
-        identifiability=identified(scenario, estimate, covariance),
+        identifiability=identified(scenario, estimate, covariance, bound),
         events=found.events,
         unconfirmed=found.unconfirmed,
         untested=found.untested,

@@ -22,6 +22,7 @@ from massprop_drake.results.consistency import Tally, judged, used_nis
 from massprop_drake.results.detections import JUMP, DetectionRecord
 from massprop_drake.results.events import EventRecord
 from massprop_drake.results.exchange import recover
+from massprop_drake.results.hindsight import looked_back
 from massprop_drake.results.run import Run
 from massprop_drake.results.stored import STATE_FILE, FilterState, read_json, require_made_with
 from massprop_drake.results.summary import (
@@ -126,6 +127,7 @@ class _Estimation:
         self._scenario = scenario
         self._vehicle = scenario.vehicle_data
         self._period_s = self._vehicle.sample_period_s
+        self._resumed = earlier is not None
         self._next_row = 0 if earlier is None else earlier.row + 1
         self._params = params.estimation_params(scenario)
         self._state = (
@@ -254,6 +256,8 @@ class _Estimation:
         failed_s = [entry.onset_s for entry in found.detections if entry.kind != JUMP and entry.withdrawn_s is None]
         quality = self._quality.finished(record, reader.ragged, min(failed_s, default=math.inf))
         unknown = np.full(10, np.nan)
+        estimate = last("estimate")
+        back = looked_back(self._scenario, self._intake.spool, estimate, found.detections, resumed=self._resumed)
         results = composed(
             self._scenario,
             duration_s=duration_s,
@@ -262,7 +266,8 @@ class _Estimation:
             covariance=self._params.filter.covariance(self._state.filter),
             truth=unknown,
             found=found,
-            consistency=judged(self._nis["rotation"], self._nis["mass"], unknown, SYMBOLS),
+            consistency=judged(self._nis["rotation"], self._nis["mass"], unknown, SYMBOLS, back.diagnoses),
+            bound=back.bound,
             autopilot=AutopilotSummary(self._firings, float(self._fired @ self._vehicle.mass_flows) * self._period_s),
             timing=Timing(wall_s, duration_s / wall_s, self._cycle_times()),
             telemetry="standard input" if str(telemetry) == "-" else Path(telemetry).name,
@@ -274,7 +279,7 @@ class _Estimation:
             "outside_wrench": null_for_nan(self._intake.last("outside_wrench", np.zeros(6))),
             "velocity": {name: null_for_nan(value) for name, value in reader.velocity.items()},
         }
-        return Run(self._scenario, results, None, self._intake.spool, state)
+        return Run(self._scenario, results, None, spool, state)
 
     def _cycle_times(self) -> dict[str, float | None]:
         """Mean time per cycle spent in each part, microseconds."""

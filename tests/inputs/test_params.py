@@ -292,3 +292,11 @@ def test_a_sensors_range_is_that_of_the_vehicle(toy_data: dict[str, Any]) -> Non
     scenario = resolved({"vehicle": toy_data})
     models = [params.sensor_model(scenario, package).limit for package in scenario.vehicle_data.sensors]
     assert models == [0.5, math.inf]
+
+
+def test_jets_may_be_slower_than_the_estimators_are_told() -> None:
+    scenario = load_scenario("orbiter_maneuver", ["plant.lag_factor=1.5"])
+    np.testing.assert_allclose(params.plant_time_constants(scenario), 0.0225)
+    np.testing.assert_allclose(params.estimator_time_constants(scenario), 0.015)
+    instantaneous = load_scenario("orbiter_maneuver", ["plant.lag_factor=1.5", "plant.thrust_transient=none"])
+    assert not params.plant_time_constants(instantaneous).any()

@@ -1,0 +1,596 @@
+r"""A flight in hindsight: all its readings explained at once, and what is left over put to the test.
+
+Over a stretch of a record the rate is its value at the beginning and the sum of what jets, coupling and known forces
+have added since, the velocity likewise, so that with theta all that may be unknown,
+
+    y_k = y_0 + sum_{i <= k} d_i(theta) + v_k,    v_k: white, noise and rounding, of variance R.
+
+That is a regression, whatever filter has flown. Its columns are the ten parameters, the thrust error of each jet, the
+error of the lag of each kind, biases, and what a flight should not have: torques, drag, gains of axes. With those that
+the filter reckons with (of prior variance Lambda^-1), the information A = X^T R^-1 X and the score h = X^T R^-1 e
+
+- bound each parameter: the 1-sigma that A and the start leave is the least that any estimator can have;
+- test all else (Lagrange's multiplier, or score, test). With the fitted columns marginalized, the score U of a group of
+  others has the covariance S if they are zero, so that U^T S^-1 U is chi-square distributed, and S^-1 U is how large
+  they are. Errors that are stated with a 1-sigma of s have estimates of variance s^2 + 1/S.
+
+Initial values are eliminated by taking means off. A reading that has not moved by a quantum since one was used says
+nothing new and is left out, as in the joint estimator. Coupling is taken with the rates as they are read.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from massprop_drake.maths.estimation.joint.impulses import fire
+from massprop_drake.maths.linear_algebra import Array, is_positive_definite
+from massprop_drake.maths.mass_properties import ELEMENT
+
+_N = 10  # mass properties
+_CENTER, _MASS = slice(6, 9), 9
+_STEP = 1e-4  # of a prior 1-sigma, for derivatives
+_SMALL_RATE = 1e-6  # rad/s, likewise
+_PAIRS = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
+_QUICK = (
+    0.01  # of a sample period: a stamp that is so much off moves a reading by its noise where the rate changes fast
+)
+_MOVED = 2.0  # quanta that a reading moves before it counts although none was expected
+_EXACT = 1e-6  # of the period: less is rounding of a stamp
+_PASSES = 8
+_SETTLED = 1e-2  # squared sigmas that a pass would still gain
+
+
+class Columns(NamedTuple):
+    """Where the unknowns stand, a slice each."""
+
+    properties: slice
+    thrust: slice
+    lag: slice
+    gyro_bias: slice
+    acceleration_bias: slice
+    torque: slice
+    drag: slice
+    gyro_gain: slice
+    accelerometer_gain: slice
+
+
+class Model(NamedTuple):
+    """What is known of the vehicle before a flight.
+
+    Attributes:
+        period_s: between two ticks.
+        wrenches: torque about the vehicle origin and force of each jet at full thrust, shape (n_jets, 6).
+        flows: of propellant, slug/s or kg/s, shape (n_jets,).
+        time_constants_s: of each jet's lag, zero: none, shape (n_jets,).
+        kinds: index of each jet's kind, shape (n_jets,).
+        positions: of the accelerometers, vehicle frame, shape (n_accelerometers, 3).
+        variances: of a reading, by package, gyros first, shape (n_packages,).
+        quanta: likewise, zero where noise dithers a reading.
+        gyros: how many of the packages are gyros.
+        prior: mean of all unknowns, shape (n,).
+        sigma: their 1-sigma; zero: not reckoned with, shape (n,).
+    """
+
+    period_s: float
+    wrenches: Array
+    flows: Array
+    time_constants_s: Array
+    kinds: NDArray[np.int_]
+    positions: Array
+    variances: Array
+    quanta: Array
+    gyros: int
+    prior: Array
+    sigma: Array
+
+
+class Stretch(NamedTuple):
+    """A part of a record without gaps, of m rows.
+
+    Attributes:
+        time_s: stamps, shape (m,).
+        readings: of all packages, gyros first, NaN where missing, shape (m, n_packages, 3).
+        commands: from each row on, shape (m, n_jets); the last row's is not used.
+        before: up to the first row, shape (n_jets,).
+        outside: known torque about the vehicle origin and force from each row on, shape (m, 6).
+        used_after: propellant that is used from each row to the end of the flight, slug or kg, shape (m,).
+    """
+
+    time_s: Array
+    readings: Array
+    commands: Array
+    before: Array
+    outside: Array
+    used_after: Array
+
+
+class Normal(NamedTuple):
+    """The normal equations of some readings about a point.
+
+    Attributes:
+        information: A, shape (n, n).
+        score: h, shape (n,).
+        misfit: sum of the squared residuals over R.
+        readings: how many, less the initial values.
+        by_package: misfit and count of each package, and the sum of its residuals times the next, shape
+            (n_packages, 3).
+        quick, quiet: misfit and count of gyro readings where the rate changes fast, and where it does not, shape (2,).
+    """
+
+    information: Array
+    score: Array
+    misfit: float
+    readings: float
+    by_package: Array
+    quick: Array
+    quiet: Array
+
+    def plus(self, other: Normal) -> Normal:
+        """Both together."""
+        return Normal(
+            self.information + other.information,
+            self.score + other.score,
+            self.misfit + other.misfit,
+            self.readings + other.readings,
+            self.by_package + other.by_package,
+            self.quick + other.quick,
+            self.quiet + other.quiet,
+        )
+
+
+class Fit(NamedTuple):
+    """The readings explained by what is reckoned with.
+
+    Attributes:
+        at: estimate of all unknowns, shape (n,).
+        normal: about it.
+        information: A of each stretch, in order.
+        settled: whether the passes have come to an end.
+    """
+
+    at: Array
+    normal: Normal
+    information: tuple[Array, ...]
+    settled: bool
+
+
+class Score(NamedTuple):
+    """A test of some unknowns.
+
+    Attributes:
+        statistic: chi-square distributed if they are what is stated.
+        degrees: of freedom.
+        size: estimate of each, shape (k,).
+        least: smallest sum of squares that is left once they are explained.
+    """
+
+    statistic: float
+    degrees: int
+    size: Array
+    least: float
+
+
+def columns(model: Model) -> Columns:
+    """Where the unknowns of a vehicle stand."""
+    n_accelerometers = model.positions.shape[0]
+    sizes = (
+        _N,
+        model.flows.shape[0],
+        0,
+        3,
+        3 * n_accelerometers,
+        3,
+        3,
+        3 * model.gyros,
+        3 * n_accelerometers,
+    )
+    sizes = (*sizes[:2], model.prior.shape[0] - sum(sizes), *sizes[3:])
+    ends = np.cumsum(sizes).tolist()
+    return Columns(*(slice(end - size, end) for end, size in zip(ends, sizes, strict=True)))
+
+
+# --------------------------------------------------------------------------------------------- rows
+
+
+class _Course(NamedTuple):
+    """What acted over the intervals of a stretch, by rows."""
+
+    durations_s: Array
+    amount: Array  # seconds of full thrust, (m - 1, n_jets)
+    by_lag: Array  # its derivative by the time constant
+    bow: Array
+    late_s: Array  # of each stamp after its tick, (m,)
+    level: Array  # at each stamp, (m, n_jets)
+
+
+def _course(stretch: Stretch, lag_error: Array, model: Model) -> _Course:
+    m, n_jets = stretch.commands.shape
+    intervals = m - 1
+    commands = stretch.commands[:intervals]
+    period, late = _ticks(stretch.time_s, model.period_s)
+    given = model.time_constants_s
+    constants = np.where(given > 0.0, np.maximum(given + lag_error, 0.05 * given), 0.0)
+    remaining = np.exp(-period / np.where(constants > 0.0, constants, np.inf)) * (constants > 0.0)
+    by_logarithm = remaining * period / np.where(constants > 0.0, constants, 1.0)
+    level, slope = np.empty((m, n_jets)), np.zeros((m, n_jets))
+    level[0] = stretch.before
+    for k in range(intervals):
+        off = level[k] - commands[k]
+        level[k + 1] = commands[k] + off * remaining
+        slope[k + 1] = slope[k] * remaining + off * by_logarithm
+    firing = fire(
+        level[:-1].ravel(),
+        slope[:-1].ravel(),
+        np.tile(constants, intervals),
+        np.array([period]),
+        commands.reshape(1, -1),
+    )
+    amount, by_log, bow = (part.reshape(intervals, n_jets) for part in (firing.amount, firing.amount_slope, firing.bow))
+    off = level[:-1] - commands
+    lagged = constants > 0.0
+    by_lag = np.where(lagged, by_log / np.where(lagged, constants, 1.0), off)
+    amount = amount + np.where(lagged, 0.0, off * lag_error)
+    sided = np.where((late > 0.0)[:, None] & (np.arange(m) < intervals)[:, None], stretch.commands, level)
+    at_stamp = np.where(lagged, level, np.nan_to_num(sided))
+    return _Course(np.full(intervals, period), amount, by_lag, bow, late, at_stamp)
+
+
+def _ticks(time_s: Array, period_s: float) -> tuple[float, Array]:
+    """The period at which commands switch, and how late each stamp is: both from a line through the stamps."""
+    counts = np.arange(time_s.shape[0]) - 0.5 * (time_s.shape[0] - 1.0)
+    since = time_s - time_s.mean()
+    period = float(counts @ since) / float(counts @ counts)
+    if abs(period - period_s) < _EXACT * period_s:
+        period = period_s
+    late = since - counts * period
+    return period, np.where(np.abs(late) < _EXACT * period, 0.0, late)
+
+
+def _interpolated(readings: Array) -> Array:
+    """The mean of the gyros, with what is missing put in between, shape (m, 3)."""
+    known = ~np.isnan(readings)
+    rate = np.where(known, readings, 0.0).sum(axis=1) / np.maximum(known.sum(axis=1), 1)
+    there = np.asarray(known.any(axis=1))
+    rows = np.arange(rate.shape[0])
+    for axis in range(3):
+        if there[:, axis].any() and not there[:, axis].all():
+            rate[:, axis] = np.interp(rows, rows[there[:, axis]], rate[there[:, axis], axis])
+    return rate
+
+
+def _coupling(inverse: Array, rate: Array, bow_moment: Array, durations_s: Array) -> Array:
+    """Dynamic coupling over each interval, see `joint.prediction`, shape (m - 1, 3)."""
+    momentum = rate @ np.linalg.inv(inverse)
+    start, end, at_start, at_end = rate[:-1], rate[1:], momentum[:-1], momentum[1:]
+    turn = (_cross(start, 2.0 * at_start + at_end) + _cross(end, at_start + 2.0 * at_end)) / 6.0
+    bent = _cross(0.5 * (start + end), bow_moment) + _cross(bow_moment @ inverse, 0.5 * (at_start + at_end))
+    return -durations_s[:, None] * ((turn + bent) @ inverse)
+
+
+class _Sums(NamedTuple):
+    """Impulses over the intervals of a stretch, about the vehicle origin, and how rates were."""
+
+    impulse: Array  # (m - 1, 6)
+    bow: Array
+    late: Array  # at each stamp besides, (m, 6)
+    rate: Array  # (m, 3)
+    durations_s: Array
+
+
+def _cross(left: Array, right: Array) -> Array:
+    """Cross products along the last axis, which numpy's own does slowly."""
+    x, y, z = left[..., 0], left[..., 1], left[..., 2]
+    u, v, w = right[..., 0], right[..., 1], right[..., 2]
+    return np.stack((y * w - z * v, z * u - x * w, x * v - y * u), axis=-1)
+
+
+def _gathered(properties: Array, bias: Array, sums: _Sums) -> Array:
+    """The rate that has been gained since the beginning, shape (m, 3)."""
+    inverse, center = properties[ELEMENT], properties[_CENTER]
+    change = (sums.impulse[:, :3] + _cross(sums.impulse[:, 3:], center)) @ inverse
+    bow_moment = sums.bow[:, :3] + _cross(sums.bow[:, 3:], center)
+    gained = np.zeros_like(sums.rate)
+    np.cumsum(change + _coupling(inverse, sums.rate - bias, bow_moment, sums.durations_s), axis=0, out=gained[1:])
+    if sums.late.any():
+        gained += (sums.late[:, :3] + _cross(sums.late[:, 3:], center)) @ inverse
+    return gained
+
+
+def _turning(whole: Array, durations_s: Array) -> Array:
+    """O = [(w - w_0) x] + the integral of [w x]^2, of rates at the rows, shape (m, 3, 3)."""
+    start, end = whole[:-1], whole[1:]
+    spin = np.zeros((whole.shape[0], 6))
+    for k, (i, j) in enumerate(_PAIRS):
+        straight = (start[:, i] * start[:, j] + end[:, i] * end[:, j]) / 3.0
+        straight = straight + (start[:, i] * end[:, j] + end[:, i] * start[:, j]) / 6.0
+        np.cumsum(straight * durations_s, out=spin[1:, k])
+    xx, yy, zz, yz, xz, xy = spin.T
+    x, y, z = (whole - whole[0]).T
+    rows = [[-(yy + zz), xy - z, xz + y], [xy + z, -(xx + zz), yz - x], [xz - y, yz + x, -(xx + yy)]]
+    return np.array(rows).transpose(2, 0, 1)
+
+
+def used(expected: Array, read: Array, quantum: float) -> NDArray[np.int_]:
+    """Which readings of a component say something new: that are to have moved by a quantum, or have by more.
+
+    Args:
+        expected: outputs, shape (m,).
+        read: readings, NaN where missing, shape (m,).
+        quantum: zero: all that are not missing.
+    """
+    there = np.flatnonzero(~np.isnan(read))
+    if quantum == 0.0 or there.size == 0:
+        return there
+    found = [int(there[0])]
+    forward, back = expected[there[0]], read[there[0]]
+    for row, one, other in zip(there.tolist(), expected[there].tolist(), read[there].tolist(), strict=True):
+        if abs(one - forward) >= quantum or abs(other - back) >= _MOVED * quantum:
+            found.append(row)
+            forward, back = one, other
+    return np.array(found)
+
+
+class _Expected(NamedTuple):
+    """What is expected of a stretch at a point."""
+
+    course: _Course
+    sums: _Sums
+    lightness: Array  # of each interval, (m - 1, 1)
+    rate: Array  # since the beginning, (m, 3)
+    velocity: Array
+
+
+def _expected(stretch: Stretch, at: Array, model: Model) -> _Expected:
+    places = columns(model)
+    course = _course(stretch, at[places.lag][model.kinds], model)
+    factor = 1.0 + at[places.thrust]
+    rate = _interpolated(stretch.readings[:, : model.gyros])
+    impulse = (course.amount * factor) @ model.wrenches + stretch.outside[:-1] * model.period_s
+    resisted = at[places.drag] * 0.5 * (rate[:-1] + rate[1:])
+    impulse[:, :3] += model.period_s * (at[places.torque] - resisted)  # pure torques act about any point
+    late = course.late_s[:, None] * ((course.level * factor) @ model.wrenches)
+    sums = _Sums(impulse, (course.bow * factor) @ model.wrenches, late, rate, course.durations_s)
+    mass = 1.0 / at[_MASS] + stretch.used_after
+    lightness = (2.0 / (mass[:-1] + mass[1:]))[:, None]
+    velocity = np.zeros_like(rate)
+    np.cumsum(impulse[:, 3:] * lightness, axis=0, out=velocity[1:])
+    velocity += late[:, 3:] / mass[:, None]
+    return _Expected(course, sums, lightness, _gathered(at[:_N], at[places.gyro_bias], sums), velocity)
+
+
+class _Design(NamedTuple):
+    """Derivatives of what is expected, by the unknowns that have any."""
+
+    kept: NDArray[np.int_]  # which unknowns
+    place: NDArray[np.int_]  # of each among them, -1: none
+    rate: Array  # (k, m, 3)
+    velocity: Array
+
+
+def _design(expected: _Expected, at: Array, model: Model) -> _Design:
+    places, course, sums = columns(model), expected.course, expected.sums
+    n, m = at.shape[0], expected.rate.shape[0]
+    jets = np.arange(places.thrust.start, places.thrust.stop)
+    active = np.flatnonzero(((course.amount != 0.0) | (course.by_lag != 0.0)).any(axis=0))
+    kept = np.setdiff1d(np.arange(n), np.setdiff1d(jets, jets[active]))
+    place = np.full(n, -1)
+    place[kept] = np.arange(kept.shape[0])
+    rate, velocity = np.zeros((2, kept.shape[0], m, 3))
+    for element in (*range(_MASS), *range(places.gyro_bias.start, places.gyro_bias.stop)):
+        moved = at.copy()
+        step = _STEP * model.sigma[element] if element < _N else _SMALL_RATE
+        moved[element] += step
+        rate[place[element]] = (_gathered(moved[:_N], moved[places.gyro_bias], sums) - expected.rate) / step
+    np.cumsum(sums.impulse[:, 3:] * (expected.lightness / at[_MASS]) ** 2, axis=0, out=velocity[_MASS, 1:])
+    inverse, forces = at[:6][ELEMENT], model.wrenches[:, 3:]
+    moments = (model.wrenches[:, :3] + _cross(forces, at[_CENTER])) @ inverse
+    for jet in active.tolist():
+        amount, column = course.amount[:, jet, None], place[jets[jet]]
+        np.cumsum(amount * moments[jet], axis=0, out=rate[column, 1:])
+        np.cumsum(amount * expected.lightness * forces[jet], axis=0, out=velocity[column, 1:])
+    for kind, unknown in enumerate(range(places.lag.start, places.lag.stop)):
+        weights = course.by_lag * ((1.0 + at[places.thrust]) * (model.kinds == kind))
+        np.cumsum(weights @ moments, axis=0, out=rate[place[unknown], 1:])
+        np.cumsum(weights @ forces * expected.lightness, axis=0, out=velocity[place[unknown], 1:])
+    middle = 0.5 * (sums.rate[:-1] + sums.rate[1:])
+    for axis in range(3):
+        turned = model.period_s * inverse[axis]
+        np.cumsum(np.broadcast_to(turned, (m - 1, 3)), axis=0, out=rate[place[places.torque.start + axis], 1:])
+        np.cumsum(-middle[:, axis, None] * turned, axis=0, out=rate[place[places.drag.start + axis], 1:])
+    return _Design(kept, place, rate, velocity)
+
+
+class _Component(NamedTuple):
+    """A component of a sensor."""
+
+    package: int
+    read: Array  # (m,)
+    expected: Array
+    design: Array  # (k, m)
+
+
+def _components(
+    stretch: Stretch, expected: _Expected, design: _Design, at: Array, model: Model
+) -> Iterator[_Component]:
+    """Yields every component, gyros first."""
+    places, sums = columns(model), expected.sums
+    turn = _turning(expected.rate + np.mean(sums.rate - expected.rate, axis=0), sums.durations_s)
+    ramp = stretch.time_s - stretch.time_s[0]
+    for package in range(stretch.readings.shape[1]):
+        number = package - model.gyros
+        arm = model.positions[number] - at[_CENTER] if number >= 0 else np.zeros(3)
+        shown = expected.rate if number < 0 else expected.velocity + turn @ arm
+        for axis in range(3):
+            if number < 0:
+                gain, x = places.gyro_gain.start + 3 * package + axis, design.rate[:, :, axis].copy()
+            else:
+                gain = places.accelerometer_gain.start + 3 * number + axis
+                first, second = (axis + 1) % 3, (axis + 2) % 3
+                x = design.velocity[:, :, axis] + design.rate[:, :, first] * arm[second]
+                x -= design.rate[:, :, second] * arm[first]
+                x[_CENTER] -= turn[:, axis].T
+            x *= 1.0 + at[gain]
+            x[design.place[gain]] = shown[:, axis]
+            wanted = shown[:, axis] * (1.0 + at[gain])
+            if number >= 0:
+                own = places.acceleration_bias.start + 3 * number + axis
+                x[design.place[own]] = ramp
+                wanted = wanted + at[own] * ramp
+            yield _Component(package, stretch.readings[:, package, axis], wanted, x)
+
+
+def normal(stretch: Stretch, at: Array, model: Model) -> Normal:
+    """The normal equations of a stretch about a point.
+
+    Args:
+        stretch: of at least two rows.
+        at: all unknowns, shape (n,); the inverse inertia positive definite.
+        model: see `Model`.
+    """
+    expected = _expected(stretch, at, model)
+    changes = np.zeros((expected.rate.shape[0] + 1, 3))
+    changes[1:-1] = np.diff(expected.rate, axis=0) / model.period_s
+    squares = np.sum(changes**2, axis=1)
+    steepness = 0.5 * (squares[:-1] + squares[1:])
+    design = _design(expected, at, model)
+    kept = design.kept
+    information, vector = np.zeros((kept.shape[0], kept.shape[0])), np.zeros(kept.shape[0])
+    total = empty(model)
+    for package, read, output, derivatives in _components(stretch, expected, design, at, model):
+        rows = used(output, read, float(model.quanta[package]))
+        if rows.shape[0] < 2:
+            continue
+        scale = 1.0 / np.sqrt(model.variances[package])
+        x, left = derivatives[:, rows], read[rows] - output[rows]
+        x = (x - x.mean(axis=1, keepdims=True)) * scale
+        left = (left - left.mean()) * scale
+        information += x @ x.T
+        vector += x @ left
+        total.by_package[package] += left @ left, rows.shape[0] - 1.0, left[1:] @ left[:-1]
+        if package < model.gyros:
+            fast = steepness[rows] * (_QUICK * model.period_s) ** 2 > model.variances[package]
+            total.quick[:] += left[fast] @ left[fast], fast.sum()
+            total.quiet[:] += left[~fast] @ left[~fast], (~fast).sum()
+    total.information[np.ix_(kept, kept)] = information
+    total.score[kept] = vector
+    misfit, count, _ = total.by_package.sum(axis=0).tolist()
+    return total._replace(misfit=misfit, readings=count)
+
+
+def empty(model: Model) -> Normal:
+    """The normal equations of nothing."""
+    n = model.prior.shape[0]
+    packages = model.variances.shape[0]
+    return Normal(np.zeros((n, n)), np.zeros(n), 0.0, 0.0, np.zeros((packages, 3)), np.zeros(2), np.zeros(2))
+
+
+# ---------------------------------------------------------------------------------------------- fit
+
+
+def fitted(stretches: Sequence[Stretch], start: Array, model: Model) -> Fit:
+    """Explains readings by what is reckoned with, by Gauss and Newton's passes.
+
+    Args:
+        stretches: of the flight.
+        start: where to begin, shape (n,).
+        model: see `Model`.
+    """
+    at = start.copy()
+    free = np.flatnonzero(model.sigma > 0.0)
+    sigma = model.sigma[free]
+    for _ in range(_PASSES):
+        parts = [normal(stretch, at, model) for stretch in stretches]
+        total = empty(model)
+        for part in parts:
+            total = total.plus(part)
+        information = tuple(part.information for part in parts)
+        scaled = total.information[np.ix_(free, free)] * np.outer(sigma, sigma) + np.eye(free.shape[0])
+        right = total.score[free] * sigma + (model.prior[free] - at[free]) / sigma
+        step = np.linalg.solve(scaled, right)
+        if not np.isfinite(step).all():
+            return Fit(at, total, information, False)
+        move = np.zeros_like(at)
+        move[free] = step * sigma
+        if float(step @ right) < _SETTLED:
+            return Fit(at, total, information, True)
+        while not possible(at + move):
+            move *= 0.5
+        at = at + move
+    return Fit(at, total, information, False)
+
+
+def possible(at: Array) -> bool:
+    """Whether the inverse inertia is positive definite and the mass positive."""
+    return is_positive_definite(at[:6][ELEMENT]) and bool(at[_MASS] > 0.0)
+
+
+def score(fit: Fit, group: NDArray[np.int_], model: Model, stated: float = 0.0, clear: float = np.inf) -> Score:
+    """Tests whether some unknowns are what is stated.
+
+    Args:
+        fit: see `Fit`.
+        group: their places, in units that are alike, integers, shape (k,).
+        model: see `Model`; where they are reckoned with, they are no longer.
+        stated: their 1-sigma; zero: that they are zero.
+        clear: largest 1-sigma of a combination of them that is tested.
+    """
+    total = fit.normal
+    free = np.setdiff1d(np.flatnonzero(model.sigma > 0.0), group)
+    sigma = model.sigma[free]
+    both = np.concatenate((free, group))
+    origin = np.zeros_like(fit.at)
+    origin[free] = model.prior[free]
+    vector = (total.score + total.information[:, both] @ (fit.at - origin)[both]) if both.size else total.score
+    inner = total.information[np.ix_(free, free)] * np.outer(sigma, sigma) + np.eye(free.shape[0])
+    cross = total.information[np.ix_(group, free)] * sigma
+    solved = np.linalg.solve(inner, np.column_stack((cross.T, vector[free] * sigma)))
+    information = total.information[np.ix_(group, group)] - cross @ solved[:, :-1]
+    of_group = vector[group] - cross @ solved[:, -1]
+    if not (np.isfinite(information).all() and np.isfinite(of_group).all()):
+        return Score(0.0, 0, np.zeros(group.shape[0]), total.misfit)
+    values, vectors = np.linalg.eigh(0.5 * (information + information.T))
+    known = values > max(1.0 / clear**2, 1e-9 * float(np.max(np.abs(np.diag(total.information))[group], initial=0.0)))
+    if not known.any():
+        return Score(0.0, 0, np.zeros(group.shape[0]), total.misfit)
+    along = (vectors.T @ of_group)[known] / values[known]
+    statistic = float(np.sum(along**2 / (1.0 / values[known] + stated**2)))
+    gained = float(np.sum(along**2 * values[known]))
+    return Score(statistic, int(known.sum()), vectors[:, known] @ along, max(total.misfit - gained, 0.0))
+
+
+def least_deviation(information: Sequence[Array], start: Array, drifts: Sequence[Array], model: Model) -> Array:
+    """The least 1-sigma of the ten parameters that a flight allows, shape (10,).
+
+    Args:
+        information: A of each stretch in order.
+        start: covariance of the ten at the start, shape (10, 10).
+        drifts: variances added to the ten after each stretch, shape (10,) each.
+        model: for what else is reckoned with.
+    """
+    free = np.flatnonzero(model.sigma > 0.0)
+    free = free[free >= _N]
+    kept = np.concatenate((np.arange(_N), free))
+    covariance = np.diag(np.concatenate((np.zeros(_N), model.sigma[free] ** 2)))
+    covariance[:_N, :_N] = start
+    for one, drift in zip(information, drifts, strict=True):
+        if not (np.isfinite(one).all() and np.isfinite(covariance).all()):
+            return np.full(_N, np.nan)
+        scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+        root = _root(covariance / np.outer(scale, scale)) * scale[:, None]
+        inner = root.T @ one[np.ix_(kept, kept)] @ root
+        half = np.linalg.cholesky(inner + np.eye(kept.shape[0]))
+        after = np.linalg.solve(half, root.T)
+        covariance = after.T @ after
+        covariance[range(_N), range(_N)] += drift
+    result: Array = np.sqrt(np.diag(covariance)[:_N])
+    return result
+
+
+def _root(matrix: Array) -> Array:
+    values, vectors = np.linalg.eigh(matrix)
+    root: Array = vectors * np.sqrt(np.maximum(values, 0.0))
+    return root

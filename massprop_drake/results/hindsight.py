@@ -1,0 +1,435 @@
+"""A run in hindsight: how well it could have shown each parameter, and what its readings contradict, in words."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from massprop_drake.inputs import params
+from massprop_drake.inputs.scenario import Scenario
+from massprop_drake.maths.estimation import hindsight
+from massprop_drake.maths.estimation.filter import Instruments
+from massprop_drake.maths.estimation.filters.joint import chi_square_limit
+from massprop_drake.maths.estimation.hindsight import Fit, Model, Score, Stretch
+from massprop_drake.maths.mass_properties import CENTER_OF_MASS, MASS_RECIPROCAL
+from massprop_drake.results.consistency import Diagnosis
+from massprop_drake.results.detections import JUMP, DetectionRecord
+from massprop_drake.results.spool import Spool
+
+Array = NDArray[np.float64]
+
+_ROWS = 1024  # of a stretch
+_ADDED = 0.3  # of a reading's noise: what coupling may add to it over a stretch
+_SHORTEST = 16  # rows of a stretch
+_STRETCHES = 32  # at the most, evenly spread
+_PRIOR = 0.3  # of the widest start: nothing known of a vehicle is more wrong
+_OPEN_LAG_S = 0.05  # 1-sigma of a lag that the filters do not reckon with
+
+
+class Names(NamedTuple):
+    """What to call things in words."""
+
+    jets: Sequence[str]
+    kinds: Sequence[str]
+    gyros: Sequence[str]
+    accelerometers: Sequence[str]
+    torque: str
+    acceleration: str
+
+
+def names_of(scenario: Scenario) -> Names:
+    """Of a scenario's vehicle."""
+    vehicle = scenario.vehicle_data
+    units = vehicle.unit_names
+    return Names(
+        vehicle.designations,
+        list(vehicle.jet_kinds),
+        [package.name for package in params.gyros(scenario)],
+        [package.name for package in params.accelerometers(scenario)],
+        f"{units['length']}-{units['force']}",
+        f"{units['length']}/s^2",
+    )
+
+
+def model(scenario: Scenario) -> Model:
+    """What a scenario's filter is told of its vehicle."""
+    setup, vehicle = params.setup(scenario), scenario.vehicle_data
+    thrust, gyros, accelerometers = setup.thrust, setup.gyros, setup.accelerometers
+    joint = scenario.estimation.filter == "joint"
+    n_jets, n_kinds, n_accelerometers = len(vehicle.jets), thrust.lag_uncertainty.shape[0], accelerometers.quanta.size
+    of_kinds = np.array([thrust.time_constants_s[thrust.kinds == kind].max(initial=0.0) for kind in range(n_kinds)])
+    if joint:
+        block = scenario.joint
+        of_thrust = thrust.uncertainty if block.thrust_uncertainty is None else block.thrust_uncertainty
+        of_lag = of_kinds * (thrust.lag_uncertainty if block.lag_uncertainty is None else block.lag_uncertainty)
+    else:
+        of_thrust = scenario.estimation.thrust_uncertainty
+        gated = scenario.estimation.thrust_transient == "gate"
+        of_lag = np.full(n_kinds, _OPEN_LAG_S) if gated else of_kinds * thrust.lag_uncertainty
+    prior = np.concatenate(
+        (setup.nominal, np.zeros(n_jets + n_kinds + 9 + 3 * gyros.quanta.size + 6 * n_accelerometers))
+    )
+    sigma = np.zeros_like(prior)
+    variances = np.concatenate((setup.gyro_variances, setup.accelerometer_variances))
+    made = Model(
+        period_s=setup.period_s,
+        wrenches=thrust.wrenches,
+        flows=thrust.flows,
+        time_constants_s=thrust.time_constants_s,
+        kinds=thrust.kinds,
+        positions=setup.accelerometer_positions,
+        variances=variances,
+        quanta=np.concatenate((_steps(gyros), _steps(accelerometers))),
+        gyros=gyros.quanta.size,
+        prior=prior,
+        sigma=sigma,
+    )
+    places = hindsight.columns(made)
+    sigma[places.properties] = _PRIOR * setup.widest
+    sigma[places.thrust] = of_thrust
+    sigma[places.lag] = of_lag
+    sigma[places.gyro_bias] = gyros.bias_std.max()
+    sigma[places.acceleration_bias] = np.repeat(accelerometers.bias_std, 3)
+    return made
+
+
+def _steps(packages: Instruments) -> Array:
+    """Quanta, zero where noise dithers a reading."""
+    return np.where(packages.noise_std >= 0.25 * packages.quanta, 0.0, packages.quanta)
+
+
+def stretches(scenario: Scenario, signals: Spool) -> Iterator[Stretch]:
+    """The parts of a run's record that regression takes, in order; propellant is counted from the beginning.
+
+    Args:
+        scenario: as run.
+        signals: with `time_s`, commands and readings.
+    """
+    packages = (*params.gyros(scenario), *params.accelerometers(scenario))
+    wanted = ["time_s", "command", *(name for name in ("gap", "outside_wrench") if name in signals)]
+    flows, period_s = scenario.vehicle_data.mass_flows, scenario.vehicle_data.sample_period_s
+    before, used = np.zeros(flows.size), 0.0
+    for block in signals.blocks(*wanted, *(package.name for package in packages)):
+        n = block["time_s"].shape[0]
+        for first in range(0, n, _ROWS):
+            rows = slice(first, min(first + _ROWS + 1, n))
+            time_s, commands = block["time_s"][rows], block["command"][rows]
+            known = np.nan_to_num(commands)
+            spent = used + np.concatenate(([0.0], np.cumsum(known[:-1] @ flows * period_s)))
+            used = float(spent[-1])
+            readings = np.stack([block[package.name][rows] for package in packages], axis=1)
+            for number, package in enumerate(packages):
+                saturated = ~(np.abs(readings[:, number]) < package.limit).all(axis=1)
+                readings[saturated, number] = np.nan
+            outside = block["outside_wrench"][rows] if "outside_wrench" in block else np.zeros((time_s.size, 6))
+            broken = np.isnan(commands[:-1]).any() or ("gap" in block and block["gap"][rows].any())
+            if not broken and time_s.size > 2:
+                yield Stretch(time_s, readings, known, before, outside, -spent)
+            before = known[-2] if time_s.size > 1 else before
+        before = np.nan_to_num(block["command"][-1])
+
+
+def _until(part: Stretch, time_s: float) -> Stretch:
+    return _rows_of(part, slice(0, int(np.searchsorted(part.time_s, time_s))))
+
+
+def _rows_of(part: Stretch, rows: slice) -> Stretch:
+    before = part.commands[rows.start - 1] if rows.start else part.before
+    cut = {name: value[rows] for name, value in part._asdict().items() if name != "before"}
+    return part._replace(**cut, before=before)
+
+
+def _slow_enough(part: Stretch, made: Model) -> Iterator[Stretch]:
+    """Yields a stretch in pieces over which noise of the rates that enters by coupling does not add up."""
+    n = part.time_s.size
+    if n <= 2:
+        return
+    rates = part.readings[:, : made.gyros]
+    fastest = float(np.nanmax(np.abs(rates), initial=0.0)) * made.period_s
+    rows = n if fastest * math.sqrt(n) <= _ADDED else int((_ADDED / fastest) ** 2)
+    if rows >= _SHORTEST:
+        for first in range(0, n - 2, rows):
+            yield _rows_of(part, slice(first, min(first + rows + 1, n)))
+
+
+class Hindsight(NamedTuple):
+    """A run in hindsight.
+
+    Attributes:
+        bound: least 1-sigma of the ten parameters that the run allows, NaN where not known, shape (10,).
+        diagnoses: what the readings contradict, the clearest first.
+    """
+
+    bound: Array
+    diagnoses: tuple[Diagnosis, ...]
+
+
+def looked_back(
+    scenario: Scenario, signals: Spool, estimate: Array, found: Sequence[DetectionRecord], *, resumed: bool = False
+) -> Hindsight:
+    """Looks back on a run.
+
+    What comes after the first failure or jump that was declared, and still stands, is not put to the test: what is
+    wrong then has been said.
+
+    Args:
+        scenario: as run.
+        signals: with `time_s`, commands and readings.
+        estimate: of the ten parameters at the end, NaN where not observed, shape (10,).
+        found: failures and jumps that were declared.
+        resumed: whether it goes on from another run, of which the signals tell nothing.
+    """
+    made = model(scenario)
+    standing = [one for one in found if one.withdrawn_s is None]
+    until_s = min((one.onset_s - made.period_s for one in standing), default=math.inf)
+    with np.errstate(all="ignore"):
+        parts = list(stretches(scenario, signals))
+        used = max((-float(part.used_after[-1]) for part in parts), default=0.0)
+        parts = [part._replace(used_after=part.used_after + used) for part in parts]
+        pieces = [piece for part in parts for piece in _slow_enough(_until(part, until_s), made)]
+        chosen = pieces[:: -(-len(pieces) // _STRETCHES) or 1]
+        begin = np.where(np.isnan(estimate), made.prior[:10], estimate)
+        diagnoses, fit = diagnosed(chosen, begin, made, names_of(scenario))
+        if resumed or any(one.kind == JUMP for one in standing) or not hindsight.possible(fit.at):
+            return Hindsight(np.full(10, np.nan), tuple(diagnoses))
+        information = fit.information
+        if len(chosen) != len(parts) or until_s < math.inf:
+            information = tuple(hindsight.normal(part, fit.at, made).information for part in parts)
+        drifts = [_drift(scenario, part, fit.at) for part in parts]
+        bound = hindsight.least_deviation(information, params.initial_covariance(scenario), drifts, made)
+    return Hindsight(bound, tuple(diagnoses))
+
+
+def _drift(scenario: Scenario, part: Stretch, at: Array) -> Array:
+    """Variances that the propellant used in a stretch adds, as the joint filter reckons them, shape (10,)."""
+    result = np.zeros(10)
+    if scenario.estimation.filter == "joint":
+        joint, vehicle = scenario.joint, scenario.vehicle_data
+        fraction = vehicle.tank_fraction if joint.tank_fraction is None else joint.tank_fraction
+        each = 0.01 * fraction**2 * at[MASS_RECIPROCAL] * float(part.used_after[0] - part.used_after[-1])
+        diagonal = at[:3]
+        result[:3] = each * diagonal**2
+        result[3:6] = each * diagonal[[1, 0, 0]] * diagonal[[2, 2, 1]]
+        result[CENTER_OF_MASS] = each * vehicle.rms_arm**2
+    return result
+
+
+# --------------------------------------------------------------------------------------- diagnoses
+
+RATE = 2e-4  # at which a test is failed by chance
+_MOST = 3  # causes that are looked for one after the other
+_CLEAR = 0.01  # 1-sigma of a combination of thrust errors that is tested
+_EXPLAINED = 0.9  # of the misfit beyond what is stated, that a cause must explain
+_HOPELESS = 1e4  # times the stated variance: a sign may be wrong
+_SMOOTH = 0.5  # serial correlation, from which on residuals drift rather than scatter
+_SHARE = 0.9  # of what a group explains: one of it that explains as much is named alone
+_REVERSED = (-2.6, -1.4)  # error of a gain that reverses a sign
+_DEAD = (-1.2, -0.8)
+_WIDE = 0.99  # 1-sigma from which on something is no longer tested: it has been found
+_FEWEST = 100  # readings, below which nothing is tested
+_SCATTER = 1.3  # times the stated variance: less may be rounding that is not white
+_CONFIDENT = 5.0  # sigma of a ratio of variances
+
+
+class _Suspect(NamedTuple):
+    kind: str
+    group: NDArray[np.int_]
+    score: Score
+    statistic: float
+    threshold: float
+
+
+def diagnosed(parts: Sequence[Stretch], begin: Array, made: Model, names: Names) -> tuple[list[Diagnosis], Fit]:
+    """What the readings contradict, the clearest first.
+
+    Args:
+        parts: of the record.
+        begin: the ten parameters to begin with, shape (10,).
+        made: see `model`.
+        names: of jets, kinds and sensors.
+    """
+    start = made.prior.copy()
+    if hindsight.possible(begin):  # NaN is not
+        start[:10] = begin
+    found: list[Diagnosis] = []
+    fit = first = hindsight.fitted(parts, start, made)
+    if fit.normal.readings < _FEWEST:
+        return found, first
+    reckoned = made
+    while len(found) < _MOST:
+        suspects = [one for one in _suspects(fit, reckoned) if one.statistic > one.threshold]
+        if not suspects:
+            break
+        worst = max(suspects, key=lambda one: one.statistic / one.threshold)
+        cause = _named(worst, fit, reckoned, names)
+        wider = reckoned._replace(sigma=reckoned.sigma.copy())
+        wider.sigma[cause.group] = cause.sigma
+        after = hindsight.fitted(parts, fit.at, wider)
+        if _excess(after) > (1.0 - _EXPLAINED) * _excess(fit):
+            break
+        found.append(Diagnosis(cause.kind, cause.reason, worst.statistic, worst.threshold))
+        fit, reckoned = after, wider
+    if not found and _ratio(fit) > _HOPELESS:
+        fit, found = _turned_right(parts, fit, made, names)
+    if not any(one.kind == "jet" for one in found):  # what a failed jet leaves is no fault of sensors
+        found += _scattered(fit, names)
+    return found, first
+
+
+def _ratio(fit: Fit) -> float:
+    return fit.normal.misfit / max(fit.normal.readings, 1.0)
+
+
+def _excess(fit: Fit) -> float:
+    """Misfit beyond what rounding may be."""
+    return max(fit.normal.misfit - _SCATTER * fit.normal.readings, 0.0)
+
+
+def _turned_right(parts: Sequence[Stretch], fit: Fit, made: Model, names: Names) -> tuple[Fit, list[Diagnosis]]:
+    """Tries each axis of the gyros with the other sign; what explains the readings so is taken."""
+    for package in range(made.gyros):
+        for axis in range(3):
+            signs = np.ones((made.variances.shape[0], 3))
+            signs[package, axis] = -1.0
+            turned = [part._replace(readings=part.readings * signs) for part in parts]
+            after = hindsight.fitted(turned, made.prior, made)
+            if _excess(after) < (1.0 - _EXPLAINED) * _excess(fit):
+                reason = f"axis {names.gyros[package]} {'xyz'[axis]} has the wrong sign"
+                return after, [Diagnosis("gyro_sign", reason, _ratio(fit), _HOPELESS)]
+    return fit, []
+
+
+def _groups(made: Model) -> dict[str, NDArray[np.int_]]:
+    places = hindsight.columns(made)
+    every = {
+        "thrust": places.thrust,
+        "torque": places.torque,
+        "drag": places.drag,
+        "gyro_bias": places.gyro_bias,
+        "acceleration_bias": places.acceleration_bias,
+        "gyro_scale": places.gyro_gain,
+        "accelerometer_scale": places.accelerometer_gain,
+    }
+    return {kind: np.arange(part.start, part.stop) for kind, part in every.items()}
+
+
+def _scaled(score: Score, fit: Fit, stated: float) -> float:
+    """A statistic with the variance of the readings as it is, where that is larger than stated."""
+    left = fit.normal.misfit if stated > 0.0 else score.least
+    return score.statistic / max(1.0, left / max(fit.normal.readings, 1.0))
+
+
+def _tested(kind: str, group: NDArray[np.int_], fit: Fit, made: Model, clear: float = np.inf) -> _Suspect:
+    stated = float(made.sigma[group].max())
+    score = hindsight.score(fit, group, made, stated, clear)
+    threshold = chi_square_limit(RATE, score.degrees) if score.degrees else np.inf
+    alike = 1.0  # packages of a kind, side by side, may round alike: then they say no more than one
+    if kind.startswith("gyro"):
+        alike = float(made.gyros)
+    elif kind.startswith("accel"):
+        alike = float(made.positions.shape[0])
+    return _Suspect(kind, group, score, _scaled(score, fit, stated) / alike, threshold)
+
+
+def _suspects(fit: Fit, made: Model) -> Iterator[_Suspect]:
+    places = hindsight.columns(made)
+    for kind, group in _groups(made).items():
+        if made.sigma[group].max() < _WIDE:
+            yield _tested(kind, group, fit, made, _CLEAR if kind == "thrust" else np.inf)
+    for place in range(places.lag.start, places.lag.stop):
+        if made.time_constants_s[made.kinds == place - places.lag.start].any() and made.sigma[place] < _WIDE:
+            yield _tested("lag", np.array([place]), fit, made)
+
+
+class _Cause(NamedTuple):
+    """A cause, and what of the model may be wrong by it."""
+
+    kind: str
+    reason: str
+    group: NDArray[np.int_]
+    sigma: float
+
+
+def _named(worst: _Suspect, fit: Fit, made: Model, names: Names) -> _Cause:
+    """Puts a failed test into words."""
+    kind, group, size = worst.kind, worst.group, worst.score.size
+    if kind in ("thrust", "gyro_scale", "accelerometer_scale"):
+        return _of_many(worst, fit, made, names)
+    if kind == "lag":
+        index = int(group[0]) - hindsight.columns(made).lag.start
+        told = float(made.time_constants_s[made.kinds == index].max())
+        seen = told + float(size[0])
+        words = f"lag wrong: {names.kinds[index]} jets build up with {1e3 * seen:.3g} ms, told {1e3 * told:.3g} ms"
+        return _Cause(kind, words, group, 1.0)
+    largest = float(np.abs(size).max())
+    words = {
+        "torque": f"a torque that nobody commands: {largest:.3g} {names.torque}",
+        "drag": "a torque that opposes or follows the rate, such as drag",
+        "gyro_bias": f"gyro bias of {largest:.3g} rad/s, beyond what is stated",
+        "acceleration_bias": f"a steady force or an accelerometer bias of {largest:.3g} {names.acceleration}",
+    }[kind]
+    return _Cause(kind, words, group, 1.0 if kind == "gyro_bias" else 1e6)
+
+
+def _of_many(worst: _Suspect, fit: Fit, made: Model, names: Names) -> _Cause:
+    """Of jets or axes: the one that explains all of it, else all of them."""
+    kind, group, size = worst.kind, worst.group, worst.score.size
+    each = [_tested(kind, np.array([place]), fit, made) for place in group.tolist()]
+    best = max(range(len(each)), key=lambda index: each[index].score.statistic)
+    gain, alone = float(each[best].score.size[0]), each[best].score.statistic >= _SHARE * worst.score.statistic
+    turned = alone and _REVERSED[0] < gain < _REVERSED[1]
+    if kind == "thrust":
+        if not alone:
+            spread = 100.0 * math.sqrt(float(np.sum(size**2)) / worst.score.degrees)
+            stated = 100.0 * float(made.sigma[group].max())
+            words = f"thrust mismatch: jets are off by {spread:.2g} %, {stated:.2g} % is stated"
+            return _Cause(kind, words, group, 1.0)
+        given = "nothing" if _DEAD[0] < gain < _DEAD[1] else f"{100.0 * (1.0 + gain):.3g} % of its thrust"
+        words = "pushes the other way: its direction is reversed" if turned else f"gives {given} when told to fire"
+        return _Cause("jet", f"jet {names.jets[best]} {words}", each[best].group, 3.0)
+    sensors = names.gyros if kind == "gyro_scale" else names.accelerometers
+    axis = f"axis {sensors[best // 3]} {'xyz'[best % 3]}"
+    if turned:
+        return _Cause(kind.replace("scale", "sign"), f"{axis} has the wrong sign", each[best].group, 3.0)
+    what = axis if alone else sensors[best // 3]
+    return _Cause(kind, f"{what}: scale factor off by {100.0 * gain:.3g} %", group, 3.0)
+
+
+def _scattered(fit: Fit, names: Names) -> list[Diagnosis]:
+    """Readings that are farther off than stated: by drifting, while the rate changes fast, or all of a package."""
+    quick, quiet = fit.normal.quick, fit.normal.quiet
+    sensors = (*names.gyros, *names.accelerometers)
+    found: list[Diagnosis] = []
+    for package, (misfit, count, serial) in enumerate(fit.normal.by_package.tolist()):
+        gyro = package < len(names.gyros)
+        if count < _FEWEST / 4 or (found and not gyro):  # accelerometers turn with what gyros show
+            continue
+        ratio, allowed = misfit / count, _allowed(count)
+        if ratio <= allowed:
+            continue
+        times = f"{math.sqrt(ratio):.3g} times what is stated"
+        if serial > _SMOOTH * misfit:
+            cause = "torques" if gyro else "forces"
+            found.append(
+                Diagnosis("drift", f"{sensors[package]}: readings drift {times}: unmodeled {cause}", ratio, allowed)
+            )
+        elif gyro and quick[1] >= _FEWEST / 4 and quick[0] / quick[1] > _SCATTER * _per_reading(quiet) * 2.0:
+            words = f"clock jitter: {sensors[package]} readings scatter {times} while the rate changes"
+            found.append(Diagnosis("jitter", words, ratio, allowed))
+        else:
+            found.append(Diagnosis("noise", f"{sensors[package]}: readings scatter {times}", ratio, allowed))
+    return found
+
+
+def _allowed(count: float) -> float:
+    """Largest ratio of variances that may be chance."""
+    return _SCATTER * (1.0 + _CONFIDENT * math.sqrt(2.0 / count))
+
+
+def _per_reading(part: Array) -> float:
+    """Misfit for each reading, at least what is stated."""
+    return max(float(part[0] / part[1]), 1.0) if part[1] >= _FEWEST / 4 else 1.0

@@ -1,0 +1,195 @@
+"""A flight in hindsight, against the recursions of the joint estimator: they share only the impulses with it."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+from joint_probe import PERIOD, TRUTH, read_as, small_params
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from massprop_drake.maths.estimation import hindsight
+from massprop_drake.maths.estimation.hindsight import Columns, Fit, Model, Stretch
+from massprop_drake.maths.estimation.joint import bound
+from massprop_drake.maths.estimation.joint.cycle import Sample
+from massprop_drake.maths.estimation.joint.layout import make_places
+from massprop_drake.maths.estimation.joint.measurement import outputs
+from massprop_drake.maths.estimation.joint.prediction import drive, predict
+
+Array = NDArray[np.float64]
+ROWS = 100
+PARAMS = small_params(
+    places=make_places((6, 1, 1), 2, (False, False), True, 0),
+    flows=np.zeros(6),
+    second_order=False,
+    accelerometer_positions=np.array([[0.3, 0.1, -0.2]]),
+    variances=np.array([1e-14] * 3 + [1e-12] * 3),
+    quanta=np.zeros(6),
+    prior_sigma=np.append(np.ones(6 + 2), 0.0),
+)
+PARAMS = PARAMS._replace(wrenches=0.01 * PARAMS.wrenches)  # it turns slowly
+
+
+class Flight(NamedTuple):
+    """Readings of a flight, and the least 1-sigma that the joint estimator's recursion allows."""
+
+    stretch: Stretch
+    least: Array
+
+
+def flight(seed: int, factors: Array | float = 1.0, torque: Array | None = None, lag: float = 0.0) -> Flight:
+    """A flight of the small vehicle: its jets at random, no mass used.
+
+    Args:
+        seed: of commands and noise.
+        factors: true thrusts over nominal.
+        torque: that nobody commands.
+        lag: error of the time constants, in units of their sigma.
+    """
+    rng = np.random.default_rng(seed)
+    pulled = np.asarray(factors) * np.ones(6)
+    actual = PARAMS._replace(wrenches=PARAMS.wrenches * pulled[:, None])
+    places = PARAMS.places
+    errors = np.zeros(places.size - places.thrust)
+    errors[places.lag - places.thrust : places.lag - places.thrust + 2] = lag
+    outside = np.zeros(6)
+    if torque is not None:
+        outside[:3] = torque * PERIOD
+    commands = np.repeat(rng.uniform(size=(ROWS // 4, 6)) < 0.3, 4, axis=0).astype(float)
+    noise = rng.standard_normal((ROWS + 1, 2, 3)) * np.sqrt(PARAMS.variances).reshape(2, 3)
+    sample = Sample(0.0, np.array([PERIOD]), commands[:1], np.zeros(6), np.zeros((1, 3)), np.zeros((1, 3)))
+    state = bound.start(sample, bound.true_mean(TRUTH, np.zeros(3), errors, PARAMS), PARAMS)
+    least, readings = state, np.zeros((ROWS + 1, 2, 3))
+    for k in range(ROWS):
+        acting = drive(state, sample.durations_s, commands[k : k + 1], outside, actual)
+        rate = state.mean[10:13]
+        for _ in range(6):  # the coupling takes the rate at the end
+            prediction = predict(state, acting, read_as(rate, actual), actual)
+            rate = prediction.mean[10:13]
+        spin = state.spin + prediction.spin
+        shown, _ = outputs(prediction.mean, state.reference, spin, actual)
+        state = state._replace(mean=prediction.mean, level=acting.firing.level, slope=acting.firing.slope, spin=spin)
+        readings[k + 1] = shown.reshape(2, 3)
+        told = sample._replace(commands=commands[k : k + 1], rates=rate.reshape(1, 3))
+        truth = bound.true_mean(TRUTH, rate, errors, PARAMS)
+        least = bound.step(least, told, truth, np.ones(6, dtype=np.bool_), PARAMS)
+    stretch = Stretch(
+        time_s=PERIOD * np.arange(ROWS + 1),
+        readings=readings + noise,
+        commands=np.vstack((commands, np.zeros(6))),
+        before=np.zeros(6),
+        outside=np.zeros((ROWS + 1, 6)),
+        used_after=np.zeros(ROWS + 1),
+    )
+    return Flight(stretch, bound.deviation(least))
+
+
+def known(thrust: float = 0.01, lag: float = 0.2) -> tuple[Model, Columns]:
+    """What is stated of the small vehicle."""
+    prior = np.concatenate((TRUTH, np.zeros(6 + 2 + 3 + 3 + 6 + 3 + 3)))
+    model = Model(
+        PERIOD,
+        PARAMS.wrenches,
+        PARAMS.flows,
+        PARAMS.time_constants_s,
+        PARAMS.kinds,
+        PARAMS.accelerometer_positions,
+        variances=PARAMS.variances[[0, 3]],
+        quanta=np.zeros(2),
+        gyros=1,
+        prior=prior,
+        sigma=np.zeros_like(prior),
+    )
+    places = hindsight.columns(model)
+    model.sigma[places.properties] = np.diag(PARAMS.start_root)
+    model.sigma[places.thrust] = thrust
+    model.sigma[places.lag] = lag * np.array([0.015, 0.03])
+    return model, places
+
+
+def fitted(found: Flight, model: Model) -> Fit:
+    """From the start that is stated."""
+    fit = hindsight.fitted([found.stretch], model.prior, model)
+    assert fit.settled
+    return fit
+
+
+def group(part: slice) -> NDArray[np.int_]:
+    return np.arange(part.start, part.stop)
+
+
+def test_the_bound_is_that_of_the_recursion() -> None:
+    found, (model, _) = flight(1), known()
+    fit = fitted(found, model)
+    least = hindsight.least_deviation(fit.information, np.diag(model.sigma[:10] ** 2), [np.zeros(10)], model)
+    np.testing.assert_allclose(least, found.least, rtol=0.03)  # what readings of the rate add to the coupling
+    assert (least[[0, 1, 2, 9]] < 0.1 * model.sigma[[0, 1, 2, 9]]).all()
+    drift = np.zeros(10)
+    drift[0] = 1e-6
+    later = hindsight.least_deviation(fit.information, np.diag(model.sigma[:10] ** 2), [drift], model)
+    np.testing.assert_allclose(later**2, least**2 + drift)
+
+
+def test_a_flight_that_is_as_stated_passes_every_test() -> None:
+    model, places = known()
+    ratios, statistics = [], []
+    for seed in range(8):
+        rng = np.random.default_rng(100 + seed)
+        fit = fitted(flight(seed, 1.0 + 0.01 * rng.standard_normal(6), lag=rng.standard_normal()), model)
+        ratios.append(fit.normal.misfit / fit.normal.readings)
+        for part, stated in ((places.torque, 0.0), (places.drag, 0.0), (places.thrust, 0.01)):
+            score = hindsight.score(fit, group(part), model, stated, 0.01)
+            statistics.append(chi2.sf(score.statistic, score.degrees) if score.degrees else 0.5)
+    assert np.mean(ratios) == pytest.approx(0.95, abs=0.04)  # of 600 readings some 20 go into the fit
+    assert min(statistics) > 1e-3
+    assert 0.3 < np.mean(statistics) < 0.7
+
+
+@pytest.mark.parametrize(
+    ("faulty", "part", "expected"),
+    [
+        ({"torque": np.array([0.0, 2e-5, 0.0])}, "torque", np.array([0.0, 2e-5, 0.0])),
+        ({"lag": 1.5}, "lag", np.array([0.3 * 0.015, 0.3 * 0.03])),
+    ],
+)
+def test_what_is_wrong_is_found_with_its_size(faulty: dict[str, Any], part: str, expected: Array) -> None:
+    model, places = known(thrust=0.0, lag=0.0)
+    fit = fitted(flight(3, **faulty), model)
+    unknown = group(getattr(places, part))
+    score = hindsight.score(fit, unknown, model)
+    assert score.statistic > 10.0 * chi2.isf(1e-4, score.degrees)
+    wider = model._replace(sigma=model.sigma.copy())
+    wider.sigma[unknown] = 1.0
+    after = hindsight.fitted([flight(3, **faulty).stretch], fit.at, wider)
+    np.testing.assert_allclose(after.at[unknown], expected, atol=0.05 * np.abs(expected).max())
+    assert after.normal.misfit < 1.1 * after.normal.readings
+
+
+def test_thrusts_that_are_stated_to_be_off_by_so_much_are_none_that_are_off_by_more() -> None:
+    factors = 1.0 + np.array([0.03, -0.03, 0.03, -0.03, 0.03, -0.03])
+    found = flight(4, factors)
+    for stated, wrong in ((0.03, False), (0.005, True)):
+        model, places = known(thrust=stated)
+        score = hindsight.score(fitted(found, model), group(places.thrust), model, stated, 0.01)
+        assert (score.statistic > chi2.isf(2e-4, score.degrees)) == wrong
+
+
+def test_a_reading_counts_once_it_has_moved() -> None:
+    expected = np.array([0.0, 0.3, 0.6, 1.0, 1.4, 2.1, 2.1])
+    read = np.array([0.0, 0.0, 1.0, 1.0, np.nan, 2.0, 5.0])
+    assert hindsight.used(expected, read, 1.0).tolist() == [0, 3, 5, 6]
+    assert hindsight.used(expected, read, 0.0).tolist() == [0, 1, 2, 3, 5, 6]
+    assert hindsight.used(expected, np.full(7, np.nan), 1.0).size == 0
+
+
+def test_numbers_that_overflow_end_in_none() -> None:
+    model, _ = known()
+    found = flight(5)
+    broken = found.stretch._replace(readings=found.stretch.readings * 1e308)
+    with np.errstate(all="ignore"):
+        fit = hindsight.fitted([broken], model.prior, model)
+        least = hindsight.least_deviation(fit.information, np.eye(10), [np.zeros(10)], model)
+    assert not fit.settled
+    assert np.isnan(least).all() or np.isfinite(least).all()

@@ -1,0 +1,91 @@
+"""What a run's readings contradict, in words, and the bound of each parameter."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from massprop_drake import Run, load_scenario
+from massprop_drake.results.consistency import Diagnosis, Tally, judged
+from massprop_drake.results.detections import DetectionRecord
+from massprop_drake.results.hindsight import Hindsight, looked_back
+from massprop_drake.results.spool import Spool
+from massprop_drake.results.summary import Summary
+
+Array = NDArray[np.float64]
+TOLD = ("estimation={filter: joint, start: zero}", "mass={}", "joint={thrust_uncertainty: 0, tank_fraction: 0}")
+
+
+def looked(
+    run: Run, *settings: str, found: tuple[DetectionRecord, ...] = (), **changed: Callable[[Array], Array]
+) -> Hindsight:
+    """Looks back on a run as the joint filter is told, with some signals changed."""
+    rows = {name: np.array(run[name]) for name in ("command", "gyro", "acc1", "acc2", "acc3")}
+    rows |= {name: change(rows[name]) for name, change in changed.items()}
+    spool = Spool(index="time_s")
+    spool.append({"time_s": np.array(run.time_s), **rows})
+    scenario = load_scenario("sample_maneuver", [*TOLD, *settings])
+    return looked_back(scenario, spool, run["estimate"][-1], found)
+
+
+def test_a_healthy_flight_has_none_and_the_bound_is_below_the_sigma(sample_run: Run) -> None:
+    assert sample_run.results.consistency.diagnoses == ()
+    for one, entry in zip(sample_run.results.parameters, sample_run.results.identifiability, strict=True):
+        assert entry.bound is not None
+        assert 0.01 < entry.bound / one.standard_deviation < 0.2  # the thesis's filters leave out most samples
+
+
+def test_a_wrong_sign_is_named(sample_run: Run) -> None:
+    back = looked(sample_run, gyro=lambda readings: readings * np.array([1.0, -1.0, 1.0]))
+    assert [one.reason for one in back.diagnoses] == ["axis gyro y has the wrong sign"]
+    back = looked(sample_run, acc2=lambda readings: readings * np.array([1.0, 1.0, -1.0]))
+    assert [one.reason for one in back.diagnoses] == ["axis acc2 z has the wrong sign"]
+    back = looked(sample_run, "vehicle.jets[14].direction=[-0.985, 0, -0.174]")
+    assert [one.reason for one in back.diagnoses] == ["jet L1A pushes the other way: its direction is reversed"]
+
+
+@pytest.mark.parametrize(
+    ("kind", "noise"),
+    [
+        ("noise", lambda rng, rows: 3e-6 * rng.standard_normal((rows, 3))),
+        ("drift", lambda rng, rows: 1e-6 * np.cumsum(rng.standard_normal((rows, 3)), axis=0)),
+    ],
+)
+def test_readings_that_are_worse_than_stated(sample_run: Run, kind: str, noise: Callable[..., Array]) -> None:
+    back = looked(sample_run, gyro=lambda readings: readings + noise(np.random.default_rng(1), readings.shape[0]))
+    assert [one.kind for one in back.diagnoses] == [kind]
+
+
+def test_jitter_is_told_from_noise(sample_run: Run) -> None:
+    rng = np.random.default_rng(2)
+    change = np.diff(sample_run["rate"], axis=0, append=sample_run["rate"][-1:]) / 0.08
+    late = np.abs(1e-3 * rng.standard_normal((change.shape[0], 1)))
+    back = looked(sample_run, gyro=lambda readings: readings + late * change)
+    assert [one.kind for one in back.diagnoses] == ["jitter"]
+
+
+def test_after_a_declared_failure_nothing_more_is_blamed(sample_run: Run) -> None:
+    def lies_later(readings: Array) -> Array:
+        return readings * np.where(np.arange(readings.shape[0]) < 400, 1.0, -1.0)[:, None]
+
+    assert looked(sample_run, gyro=lies_later).diagnoses
+    said = DetectionRecord(31.0, 31.2, "jet_on", 7, "L1A", "jet", 870.0, 1.0, 100.0, 2, jets=("L1A",))
+    assert looked(sample_run, gyro=lies_later, found=(said,)).diagnoses == ()
+    jump = said._replace(kind="mass_property_jump", cluster=None, jet=None, isolated_to=None)
+    assert np.isnan(looked(sample_run, found=(jump,)).bound).all()
+
+
+def test_a_diagnosis_makes_a_run_inconsistent_and_is_kept(sample_run: Run) -> None:
+    said = Diagnosis("lag", "lag wrong", 100.0, 13.8)
+    found = judged(Tally(), Tally(), np.full(10, np.nan), [""] * 10, [said])
+    assert (found.verdict, found.reasons) == ("inconsistent", ["lag wrong"])
+    content = sample_run.results.as_json()
+    content["consistency"]["diagnoses"] = [said._asdict()]
+    again = Summary.from_json(content)
+    assert again.consistency.diagnoses == (said,)
+    assert again.identifiability == sample_run.results.identifiability
+    del content["consistency"]["diagnoses"]
+    assert Summary.from_json(content).consistency.diagnoses == ()
