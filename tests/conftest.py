@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import io
 import os
 import shutil
@@ -23,6 +24,12 @@ from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.results.run import Run
 
 REPOSITORY = Path(__file__).parent.parent
+
+
+def pytest_collection_finish() -> None:
+    """Takes what the tests themselves are out of the collection of garbage, which else goes through it every time."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture(scope="session")

@@ -8,9 +8,11 @@ with file, line and dotted field. YAML is read by the 1.2 rules for scalars: 1e-
 from __future__ import annotations
 
 import hashlib
+import json
 import types
 import typing
 from collections.abc import Iterable
+from functools import lru_cache
 from typing import Annotated, Any, TypeVar
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
@@ -309,7 +311,12 @@ def _tags_of(model: type[Model]) -> tuple[str, ...]:
 
 def yaml_text(model: Model) -> str:
     """A model as YAML in full, with every default written out; reading it back gives an equal model."""
-    return to_yaml(model.model_dump(mode="json"))
+    return _yaml_of(json.dumps(model.model_dump(mode="json")))
+
+
+@lru_cache(maxsize=8)  # a run's folder and its report hold the same text, a tenth of a second each
+def _yaml_of(json_text: str) -> str:
+    return to_yaml(json.loads(json_text))
 
 
 def digest(model: Model) -> str:
