@@ -166,7 +166,7 @@ def stuck_run() -> Run:
                 "duration_s=6",
                 "maneuver=[{controller: rhc, axis: +x, start_s: 0.2, end_s: 0.8}]",
                 "failures=[{kind: stuck_on, jet: R4R, start_s: 1}]",
-                "estimation={start: nominal, std_fraction: 0.001}",
+                "estimation={filter: thesis, start: nominal, std_fraction: 0.001}",
             ],
         )
     )
