@@ -117,7 +117,7 @@ def test_what_names_nothing_is_the_joint_filter_with_its_detector() -> None:
             "multi_hypothesis does not go with estimation.filter: thesis; use cglr or cusum or off",
         ),
         ({"detector": {"threshold": 30}}, "threshold: is a key of kind: cglr, and the kind is multi_hypothesis"),
-        ({"detector": {"triger": 30}}, "unknown key; did you mean 'trigger'"),
+        ({"detector": {"slot": 3}}, "unknown key; did you mean .slots."),
         ({"estimation": {"filter": "thesis"}, "detector": {"trigger": 30}}, "is a key of kind: multi_hypothesis"),
         ({"estimation": {"filter": "neither"}}, "estimation.filter: 'neither' is not one of"),
         ({"estimation": {"filter": ["joint"]}}, "estimation.filter: .* is not one of"),
