@@ -21,6 +21,7 @@ from ruamel.yaml import YAML
 from telemetry_probe import Log, toy_vehicle
 
 from massprop_drake import InputError, Scenario, estimate, load_vehicle
+from massprop_drake.inputs.scenario import EstimationBlock
 from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.inputs.yaml import to_yaml
 from massprop_drake.telemetry.reader import Reader, check
@@ -77,6 +78,7 @@ def _toy_data() -> dict[str, Any]:
 
 
 VEHICLE = toy_vehicle(_toy_data())
+THESIS = Scenario(vehicle=VEHICLE, estimation=EstimationBlock(filter="thesis"))
 
 
 # -------------------------------------------------------------------------------------- telemetry
@@ -151,15 +153,15 @@ def test_spoilt_telemetry_is_read_or_refused(content: bytes, tmp_path: Path) -> 
 
 
 @settings(quick, max_examples=150 * TIMES)
-@given(content=spoilt_logs())
-def test_spoilt_telemetry_is_estimated_or_refused(content: bytes) -> None:
+@given(content=spoilt_logs(), scenario=st.sampled_from([THESIS] * 4 + [Scenario(vehicle=VEHICLE)]))
+def test_spoilt_telemetry_is_estimated_or_refused(content: bytes, scenario: Scenario) -> None:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         path = folder / "log.csv"
         path.write_bytes(content)
 
         def run() -> None:
-            result = estimate(path, Scenario(vehicle=VEHICLE), folder=folder)
+            result = estimate(path, scenario, folder=folder)
             result.save(folder / "run", pictures=False)
             _assert_whole(folder / "run")
 
@@ -252,7 +254,7 @@ def test_a_vehicle_that_is_read_can_be_estimated_with(text: str, tmp_path: Path)
 def test_the_log_that_is_spoilt_is_sound(tmp_path: Path) -> None:
     # the tests above would pass if everything was refused
     path = Log(VEHICLE).write(tmp_path / "log.csv")
-    assert estimate(path, Scenario(vehicle=VEHICLE)).summary["data_quality"]["rows"] == 60
+    assert estimate(path, THESIS).summary["data_quality"]["rows"] == 60
     with pytest.raises(InputError):
         check(tmp_path / "nowhere.csv")
 

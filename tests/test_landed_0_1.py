@@ -64,6 +64,14 @@ def test_its_run_is_loaded_with_the_same_numbers(stored: dict[str, np.ndarray], 
     assert set(run.units) == set(run.signals)
 
 
+def _assert_found_alike(run: Run, summary: dict[str, Any]) -> None:
+    """Estimates and detections, in what that version wrote of them."""
+    for key in ("estimates", "standard_deviations", "covariance"):
+        assert run.summary[key] == summary[key], key
+    for entry, before in zip(run.summary["detections"], summary["detections"], strict=True):
+        assert {key: entry[key] for key in before} == before
+
+
 def test_its_scenario_is_the_one_it_was_made_from(scenario: Scenario) -> None:
     assert scenario == load_scenario(LANDED / "turned_cube.yaml")
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from massprop_drake import load_scenario, simulate
+from massprop_drake.display import figures
 
 README = (Path(__file__).parent.parent / "README.md").read_text(encoding="utf-8")
 
@@ -21,6 +22,7 @@ def blocks(language: str) -> list[str]:
 )
 def test_python_runs(code: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(figures.Plots, "all", lambda _: {})  # a run's folder with figures: test_command_line
     exec(compile(code, "README.md", "exec"), {"__name__": "readme"})
 
 

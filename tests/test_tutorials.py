@@ -84,6 +84,16 @@ def test_add_a_failure(tutorial: Tutorial, tmp_path: Path) -> None:
     assert (tmp_path / "failure_magnitude.png").stat().st_size > 0
 
 
+def test_verdicts(tutorial: Tutorial, tmp_path: Path) -> None:
+    runs = tutorial("verdicts")["runs"]
+    verdicts = {name: run.summary["consistency"]["verdict"] for name, run in runs.items()}
+    assert (verdicts["healthy"], verdicts["wrong_thrusts"]) == ("consistent", "inconsistent")
+    (leak,) = runs["leak"].results.detections
+    assert leak.magnitude == pytest.approx(10.0, abs=4.0 * leak.magnitude_std)
+    assert not runs["healthy"].results.detections
+    assert (tmp_path / "failure_magnitude.png").stat().st_size > 0
+
+
 def test_your_own_vehicle(tutorial: Tutorial, tmp_path: Path) -> None:
     left = tutorial("your_own_vehicle")
     flight, last = left["flight"], left["last"]

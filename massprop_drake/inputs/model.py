@@ -8,9 +8,11 @@ with file, line and dotted field. YAML is read by the 1.2 rules for scalars: 1e-
 from __future__ import annotations
 
 import hashlib
+import json
 import types
 import typing
 from collections.abc import Iterable
+from functools import lru_cache
 from typing import Annotated, Any, TypeVar
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
@@ -192,7 +194,7 @@ def _sentence(model: type[Model], data: Any, item: Any, path: FieldPath) -> str:
         if kind == "missing" or reason:
             return f"{'missing' if kind == 'missing' else 'is empty'}; this field is required{reason}"
     if kind == "extra_forbidden":
-        return f"unknown key{suggestion(path[-1], list(_model_at(model, path[:-1], data).model_fields))}"
+        return _unknown(model, path, data, item["loc"])
     if kind == "too_few_values":
         return f"must have {item['ctx'][item['loc']]} values, got {len(_at(data, path))}"
     if kind in ("union_tag_not_found", "union_tag_invalid"):
@@ -210,6 +212,16 @@ def _sentence(model: type[Model], data: Any, item: Any, path: FieldPath) -> str:
     if isinstance(given, (list, tuple)) and "length" in kind:
         return f"{message}, got {len(given)}"
     return message
+
+
+def _unknown(model: type[Model], path: FieldPath, data: Any, tags: tuple[str | int, ...]) -> str:
+    """What is said of a key that its mapping does not have: of which other kind it is, or which may be meant."""
+    members = _models_at(model, path[:-1], data)
+    chosen = _chosen(members, _at(data, path[:-1]), tags)
+    for member in members:
+        if path[-1] in member.model_fields:
+            return f"is a key of kind: {_tags_of(member)[0]}, and the kind is {_tags_of(chosen)[0]}"
+    return f"unknown key{suggestion(path[-1], list(chosen.model_fields))}"
 
 
 def _reason(model: type[Model], path: FieldPath, data: Any) -> str:
@@ -230,14 +242,25 @@ def _at(data: Any, path: FieldPath) -> Any:
 
 def _model_at(model: type[Model], path: FieldPath, data: Any) -> type[Model]:
     """The model that describes the data at a path."""
+    return _chosen(_models_at(model, path, data), _at(data, path))
+
+
+def _models_at(model: type[Model], path: FieldPath, data: Any) -> list[type[Model]]:
+    """The models that may describe the data at a path: more than one where there is a union."""
     here: list[type[Model]] = [model]
     for part in path:
-        data = data[part]
-        if isinstance(part, str) and part in here[0].model_fields:
-            here = _models_in(here[0].model_fields[part].annotation) or here
-        if len(here) > 1 and isinstance(data, dict):  # a union: the member that the data name
-            here = [member for member in here if data.get("kind") in _tags_of(member)] or here
-    return here[0]
+        holder, data = _chosen(here, data), data[part]
+        if isinstance(part, str) and part in holder.model_fields:
+            here = _models_in(holder.model_fields[part].annotation) or here
+    return here
+
+
+def _chosen(members: list[type[Model]], data: Any, tags: tuple[str | int, ...] = ()) -> type[Model]:
+    """The member of a union that the data name, or where they do not the tags."""
+    if len(members) > 1 and isinstance(data, dict):
+        named = (data["kind"],) if "kind" in data else tags
+        return next((member for member in members if any(tag in _tags_of(member) for tag in named)), members[0])
+    return members[0]
 
 
 def _tags_at(model: type[Model], path: FieldPath, data: Any) -> str:
@@ -288,7 +311,12 @@ def _tags_of(model: type[Model]) -> tuple[str, ...]:
 
 def yaml_text(model: Model) -> str:
     """A model as YAML in full, with every default written out; reading it back gives an equal model."""
-    return to_yaml(model.model_dump(mode="json"))
+    return _yaml_of(json.dumps(model.model_dump(mode="json")))
+
+
+@lru_cache(maxsize=8)  # a run's folder and its report hold the same text, a tenth of a second each
+def _yaml_of(json_text: str) -> str:
+    return to_yaml(json.loads(json_text))
 
 
 def digest(model: Model) -> str:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import os
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from importlib import resources
 from itertools import pairwise
 from pathlib import Path
@@ -41,8 +41,8 @@ Array = NDArray[np.float64]
 
 _DEGREE = np.pi / 180.0
 _ESTIMATION = ("vehicle", "estimation", "rotation", "mass", "joint", "detector")
-USUAL_FILTER: Literal["thesis", "joint"] = "thesis"
-# detectors that a filter goes with
+_USUAL_FILTER: Literal["thesis", "joint"] = "joint"
+# detectors that a filter goes with, the usual one first
 DETECTORS_OF = {"thesis": ("cglr", "cusum", "off"), "joint": ("multi_hypothesis", "off")}
 # keys that speak to one filter alone
 _KEYS_OF: dict[str, tuple[tuple[str, ...], ...]] = {
@@ -407,9 +407,9 @@ class EstimationBlock(Model):
     """The estimators' starting point, and how they turn commands into thrust."""
 
     filter: Literal["thesis", "joint"] = described(
-        USUAL_FILTER,
-        "method: thesis: two filters, with the blocks `rotation` and `mass`; joint: one for mass properties, rate, "
-        "velocity and thrust, with the block `joint`",
+        _USUAL_FILTER,
+        "method: joint: one filter for mass properties, rate, velocity and thrust, with the block `joint`; thesis: the "
+        "source's two, with the blocks `rotation` and `mass`; where none is named, keys of one alone choose it",
     )
     start: Literal["nominal", "zero", "given"] = described(
         "nominal", "estimates begin at the nominal values, at zero, or at what `given` says"
@@ -585,7 +585,8 @@ class CglrBlock(Model):
     """Detection and isolation of failed jets by the generalized likelihood ratio, and of jumps of mass properties."""
 
     kind: Literal["cglr", "off"] = described(
-        "cglr", "off, or the constrained generalized likelihood ratio of one sample"
+        "cglr",
+        "off, or, usual with estimation.filter: thesis, the constrained generalized likelihood ratio of one sample",
     )
     margin: Real = described(6.0, "by which a cluster, and a jet in it, must lead in likelihood argument", "-", gt=0.0)
     threshold: Real = described(0.0, "least likelihood argument of an alarm", "-", ge=0.0)
@@ -635,7 +636,8 @@ class MultiHypothesisBlock(Model):
     """Detection of failed jets, jumps and false readings with the joint filter, by a race of hypotheses."""
 
     kind: Literal["multi_hypothesis"] = described(
-        ..., "with estimation.filter: joint; hypotheses about what has failed and when, compared"
+        "multi_hypothesis",
+        "usual with estimation.filter: joint; hypotheses about what has failed and when, compared",
     )
     trigger_jet: Real = described(
         28.0, "likelihood argument of a jet's force since any onset, above which hypotheses are compared", "-", gt=0.0
@@ -677,9 +679,9 @@ class Scenario(Model):
     mass: MassBlock = described(MassBlock(), "filter for the mass reciprocal")
     joint: JointBlock = described(JointBlock(), "with estimation.filter: joint")
     detector: DetectorBlock = described(
-        CglrBlock(),
-        "detection of failed jets; each kind has keys of its own; with estimation.filter: joint, "
-        "multi_hypothesis or off, which is its default",
+        MultiHypothesisBlock(),
+        "detection of failed jets; each kind has keys of its own: multi_hypothesis or off with estimation.filter: "
+        "joint, cglr, cusum or off with thesis; the first of them unless one is named",
     )
     failures: tuple[Failure, ...] = described((), "failures of jets")
     jumps: tuple[MassJump, ...] = described((), "payloads that leave or come")
@@ -687,26 +689,28 @@ class Scenario(Model):
     @model_validator(mode="before")
     @classmethod
     def _as_the_filter_has_it(cls, data: Any) -> Any:
-        """Fills in what is left out and depends on the filter."""
-        if not isinstance(data, dict) or _part(data.get("estimation"), "filter", USUAL_FILTER) != "joint":
+        """Fills in what is left out and depends on the filter, and the filter itself."""
+        if not isinstance(data, dict):
             return data
-        given = {"detector": CglrBlock(kind="off"), **data}
-        transient = _part(data.get("plant"), "thrust_transient", "vehicle")
-        joint = data.get("joint", {})
-        if isinstance(joint, dict) and joint.get("thrust_transient") is None and transient in ("none", "vehicle"):
+        chosen, given = filter_of(data), dict(data)
+        if isinstance(data.get("estimation", {}), dict):
+            given["estimation"] = {"filter": chosen, **data.get("estimation", {})}
+        if isinstance(data.get("detector", {}), dict) and chosen in DETECTORS_OF:
+            given["detector"] = {"kind": DETECTORS_OF[chosen][0], **data.get("detector", {})}
+        transient, joint = _part(data.get("plant"), "thrust_transient", "vehicle"), data.get("joint", {})
+        own = chosen == "joint" and isinstance(joint, dict) and joint.get("thrust_transient") is None
+        if own and transient in ("none", "vehicle"):
             given["joint"] = {**joint, "thrust_transient": transient}
         return given
-
-    @field_validator("detector", mode="before")
-    @classmethod
-    def _usual_detector(cls, value: Any) -> Any:
-        return {"kind": "cglr", **value} if isinstance(value, dict) else value
 
     @model_validator(mode="after")
     def _of_one_filter(self) -> Scenario:
         named, problems = self.estimation.filter, []
         for path, other in _foreign_keys(self):
-            problems.append((path, f"is a key of estimation.filter: {other}, and the filter is {named}; leave it out"))
+            problem = (
+                f"is a key of estimation.filter: {other}, and the filter is {named}; leave it out, or name the other"
+            )
+            problems.append((path, problem))
         if self.detector.kind not in DETECTORS_OF[named]:
             fitting = " or ".join(DETECTORS_OF[named])
             problem = f"{self.detector.kind} does not go with estimation.filter: {named}; use {fitting}"
@@ -754,7 +758,30 @@ class Scenario(Model):
         return [found for found in self.doubts if found.path[0] in _ESTIMATION]
 
 
-def _part(block: Any, key: str, otherwise: str) -> Any:
+def filter_of(data: Mapping[str, Any]) -> str:
+    """The filter that a scenario's data choose, before they are validated: the one named.
+
+    Where none is named it is the usual one, unless there are keys of another and none of the usual one's: so it is in
+    files of before there was a choice.
+    """
+    named = _part(data.get("estimation"), "filter", None)
+    if named is not None:
+        return str(named)
+    told = {name for name, paths in _KEYS_OF.items() if any(_present(data, path) for path in paths)}
+    kind = _part(data.get("detector"), "kind", "off")
+    told |= {name for name, kinds in DETECTORS_OF.items() if kind in kinds and kind != "off"}
+    return told.pop() if len(told) == 1 else _USUAL_FILTER
+
+
+def _present(data: Any, path: tuple[str, ...]) -> bool:
+    for part in path:
+        if not isinstance(data, Mapping) or part not in data:
+            return False
+        data = data[part]
+    return True
+
+
+def _part(block: Any, key: str, otherwise: str | None) -> Any:
     """A key of a block that is not validated yet, or of one that is."""
     return block.get(key, otherwise) if isinstance(block, dict) else getattr(block, key, otherwise)
 

@@ -9,6 +9,8 @@ from __future__ import annotations
 import io
 import re
 import sys
+from copy import deepcopy
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -98,54 +100,10 @@ class Document:
 
     def __init__(self, text: str, source: str, within: FieldPath = ()):
         self.source = source
-        self._within = within
-        self._lines: dict[FieldPath, int] = {}
-        self._renamed: dict[str, str] = {}
-        if len(text) > _LONGEST:
-            raise InputError(f"{source}: has {len(text)} characters; no vehicle or scenario needs more than {_LONGEST}")
-        reader = YAML(typ="safe", pure=True)
-        reader.Resolver, reader.Composer = _Resolver, _Composer
-        reader.max_depth = _DEEPEST
-        try:
-            node = reader.compose(text)
-        except MaxDepthExceededError:
-            raise InputError(f"{source}: nested too deeply; no file of ours needs more than a few levels") from None
-        except YAMLError as error:
-            raise InputError(f"{source}: not valid YAML: {_problem(error)}") from None
-        if not isinstance(node, MappingNode):
-            what = "is empty" if node is None else "is no mapping"
-            raise InputError(f"{source}: the document {what}; expected keys with values, such as 'name: ...'")
-        self._walk(node, ())
-        if self._renamed:
-            renamed.warn(f"{source}: {', '.join(f'{old} is now {new}' for old, new in self._renamed.items())}", 3)
-        try:
-            self.data: dict[str, Any] = reader.constructor.construct_document(node)
-        except (YAMLError, ValueError) as error:
-            raise InputError(f"{source}: not valid YAML: {_problem(error)}") from None
-
-    def _walk(self, node: Node, path: FieldPath) -> None:
-        """Notes the line of each part, and refuses a key that comes twice."""
-        self._lines.setdefault(path, node.start_mark.line + 1)
-        if isinstance(node, MappingNode):
-            for key, value in node.value:
-                line = key.start_mark.line + 1
-                if not isinstance(key, ScalarNode):
-                    raise InputError(f"{self.source}, line {line}: a key must be a plain word")
-                place = (*self._within, *path[1:]) if self._within else path
-                now = renamed.key_now((*place, key.value))
-                if now is not None:
-                    self._renamed[key.value], key.value = now, now
-                field = (*path, key.value)
-                if field in self._lines:
-                    raise InputError(
-                        f"{self.source}, line {line}: {dotted(field)}: the key appears twice, "
-                        f"first in line {self._lines[field]}; keep one of them"
-                    )
-                self._lines[field] = line
-                self._walk(value, field)
-        elif isinstance(node, SequenceNode):
-            for index, value in enumerate(node.value):
-                self._walk(value, (*path, index))
+        data, self._lines, old = _read(text, source, within)
+        if old:
+            renamed.warn(f"{source}: {', '.join(f'{key} is now {new}' for key, new in old.items())}", 3)
+        self.data: dict[str, Any] = deepcopy(data)
 
     def where(self, path: FieldPath) -> str:
         """File, line where it is known, and dotted field: the beginning of a message."""
@@ -153,6 +111,64 @@ class Document:
             if path[:length] in self._lines:
                 return f"{self.source}, line {self._lines[path[:length]]}: {dotted(path)}"
         return f"{self.source}: {dotted(path)}" if path else self.source
+
+
+@lru_cache(maxsize=32)  # composing takes ten times as long as all else, and a vehicle is read with every scenario
+def _read(text: str, source: str, within: FieldPath) -> tuple[dict[str, Any], dict[FieldPath, int], dict[str, str]]:
+    """The data, the line of each part, and the present name of each old key; change none of them."""
+    if len(text) > _LONGEST:
+        raise InputError(f"{source}: has {len(text)} characters; no vehicle or scenario needs more than {_LONGEST}")
+    reader = YAML(typ="safe", pure=True)
+    reader.Resolver, reader.Composer = _Resolver, _Composer
+    reader.max_depth = _DEEPEST
+    try:
+        node = reader.compose(text)
+    except MaxDepthExceededError:
+        raise InputError(f"{source}: nested too deeply; no file of ours needs more than a few levels") from None
+    except YAMLError as error:
+        raise InputError(f"{source}: not valid YAML: {_problem(error)}") from None
+    if not isinstance(node, MappingNode):
+        what = "is empty" if node is None else "is no mapping"
+        raise InputError(f"{source}: the document {what}; expected keys with values, such as 'name: ...'")
+    walk = _Walk(source, within)
+    walk.through(node, ())
+    try:
+        return reader.constructor.construct_document(node), walk.lines, walk.renamed
+    except (YAMLError, ValueError) as error:
+        raise InputError(f"{source}: not valid YAML: {_problem(error)}") from None
+
+
+class _Walk:
+    """Notes the line of each part of a document, gives keys their present names and refuses a key that comes twice."""
+
+    def __init__(self, source: str, within: FieldPath):
+        self._source, self._within = source, within
+        self.lines: dict[FieldPath, int] = {}
+        self.renamed: dict[str, str] = {}
+
+    def through(self, node: Node, path: FieldPath) -> None:
+        """A part and what is in it."""
+        self.lines.setdefault(path, node.start_mark.line + 1)
+        if isinstance(node, MappingNode):
+            for key, value in node.value:
+                line = key.start_mark.line + 1
+                if not isinstance(key, ScalarNode):
+                    raise InputError(f"{self._source}, line {line}: a key must be a plain word")
+                place = (*self._within, *path[1:]) if self._within else path
+                now = renamed.key_now((*place, key.value))
+                if now is not None:
+                    self.renamed[key.value], key.value = now, now
+                field = (*path, key.value)
+                if field in self.lines:
+                    raise InputError(
+                        f"{self._source}, line {line}: {dotted(field)}: the key appears twice, "
+                        f"first in line {self.lines[field]}; keep one of them"
+                    )
+                self.lines[field] = line
+                self.through(value, field)
+        elif isinstance(node, SequenceNode):
+            for index, value in enumerate(node.value):
+                self.through(value, (*path, index))
 
 
 def _problem(error: Exception) -> str:

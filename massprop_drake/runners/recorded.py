@@ -279,7 +279,7 @@ class _Estimation:
             "outside_wrench": null_for_nan(self._intake.last("outside_wrench", np.zeros(6))),
             "velocity": {name: null_for_nan(value) for name, value in reader.velocity.items()},
         }
-        return Run(self._scenario, results, None, spool, state)
+        return Run(self._scenario, results, None, self._intake.spool, state)
 
     def _cycle_times(self) -> dict[str, float | None]:
         """Mean time per cycle spent in each part, microseconds."""

@@ -11,7 +11,6 @@ import math
 import re
 import sys
 from collections.abc import Iterable, Iterator, Mapping
-from copy import deepcopy
 from pathlib import Path
 from typing import IO, Any, NamedTuple
 
@@ -19,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from massprop_drake.errors import InputError
-from massprop_drake.inputs.scenario import USUAL_FILTER, Scenario, resolved, set_field
+from massprop_drake.inputs.scenario import Scenario, filter_of, resolved, set_field
 from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.signals import AXES
 from massprop_drake.telemetry.tables import Block, CsvTable, Table, open_table
@@ -52,9 +51,10 @@ def scenario_name(telemetry: str | Path) -> str:
 
 
 def vehicle_scenario(name: str, vehicle: str, overrides: list[str] | None = None) -> Scenario:
-    """Makes a scenario of default settings for a vehicle, with dynamic coupling and centripetal acceleration modeled.
+    """Makes a scenario of default settings for a vehicle.
 
-    A recorded vehicle may turn faster than the orbiter in its maneuvers.
+    With the thesis's filters dynamic coupling and centripetal acceleration are modeled: a recorded vehicle may turn
+    faster than the orbiter in its maneuvers.
 
     Args:
         name: of the scenario.
@@ -64,13 +64,14 @@ def vehicle_scenario(name: str, vehicle: str, overrides: list[str] | None = None
     Raises:
         InputError: when there is no such vehicle, or a setting is wrong.
     """
-    data: dict[str, Any] = {"name": name, "vehicle": vehicle, **deepcopy(_TURNING_FAST)}
+    data: dict[str, Any] = {"name": name, "vehicle": vehicle}
     for override in overrides or []:
         set_field(data, override)
-    estimation = data.get("estimation", {})
-    chosen = estimation.get("filter", USUAL_FILTER) if isinstance(estimation, dict) else USUAL_FILTER
-    if chosen != "thesis":  # others have no such choice
-        data = {key: value for key, value in data.items() if value != _TURNING_FAST.get(key)}
+    if filter_of(data) == "thesis":  # others have no such choice
+        for block, keys in _TURNING_FAST.items():
+            given = data.setdefault(block, {})
+            if isinstance(given, dict):
+                data[block] = {**keys, **given}
     return resolved(data)
 
 

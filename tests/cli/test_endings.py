@@ -261,7 +261,7 @@ def test_a_failed_jet_of_any_name_is_printed(massprop: Massprop, monkeypatch: py
         "duration_s": 4,
         "maneuver": [{"controller": "rhc", "axis": "+x", "start_s": 0.2, "end_s": 0.8}],
         "failures": [{"kind": "stuck_on", "jet": name, "start_s": 1}],
-        "estimation": {"start": "nominal", "std_fraction": 0.001},
+        "estimation": {"filter": "thesis", "start": "nominal", "std_fraction": 0.001},
     }
     Path("case.yaml").write_text(to_yaml(case), encoding="utf-8")
     done = massprop("run", "case.yaml", "--out", "there", "--no-report")

@@ -82,7 +82,7 @@ BAD = {
     "force of what does not leak": (
         failures("kind: stuck_on, jet: R4R, start_s: 50, force: 3"),
         "line 3: failures[0].force:",
-        ["unknown key"],
+        ["is a key of kind: leak, and the kind is stuck_on"],
     ),
     "probability above one": (
         failures("kind: intermittent, jet: R4R, start_s: 50, probability: 2"),
@@ -150,12 +150,12 @@ BAD = {
         ["3 values", "got 2"],
     ),
     "unknown reaction": (
-        "detector: {on_detection: ignore}\n",
+        "detector: {kind: cglr, on_detection: ignore}\n",
         "line 1: detector.on_detection:",
         ["'ignore'", "'correct'"],
     ),
     "no alarms to declare": (
-        "detector: {reconfigure_after: 0}\n",
+        "detector: {kind: cglr, reconfigure_after: 0}\n",
         "line 1: detector.reconfigure_after:",
         ["greater than or equal to 1"],
     ),

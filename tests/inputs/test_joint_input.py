@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,10 +13,11 @@ from scipy.stats import chi2
 from massprop_drake import InputError, Scenario, load_scenario, load_vehicle
 from massprop_drake.inputs import params
 from massprop_drake.inputs.model import yaml_text
-from massprop_drake.inputs.scenario import JointBlock, bundled_scenarios, resolved
+from massprop_drake.inputs.scenario import JointBlock, MultiHypothesisBlock, bundled_scenarios, resolved
 from massprop_drake.maths.estimation.filters.joint import chi_square_limit
 from massprop_drake.maths.estimation.joint.layout import JointParams
 from massprop_drake.runners.recorded import settings_alone
+from massprop_drake.telemetry.reader import vehicle_scenario
 
 _KEYS = (
     *("thrust_uncertainty", "lag_uncertainty", "tank_fraction", "rate_walk", "velocity_walk"),
@@ -70,10 +72,66 @@ def test_keys_of_the_joint_filter_are_refused_with_the_thesis() -> None:
         load_scenario("sample_maneuver", ["joint.rate_walk=1e-7"])
 
 
-def test_the_joint_filter_has_no_detector_unless_one_is_named() -> None:
-    assert joint().detector.kind == "off"
-    assert Scenario().detector.kind == "cglr"
-    assert resolved({"estimation": {"filter": "joint"}}).detector.kind == "off"
+@pytest.mark.parametrize(
+    ("data", "chosen"),
+    [
+        ({}, ("joint", "multi_hypothesis")),
+        ({"estimation": {"start": "zero"}}, ("joint", "multi_hypothesis")),
+        ({"estimation": {"filter": "joint"}}, ("joint", "multi_hypothesis")),
+        ({"estimation": {"filter": "joint"}, "detector": {"lead": 8}}, ("joint", "multi_hypothesis")),
+        ({"detector": {"kind": "off"}}, ("joint", "off")),
+        ({"estimation": {"filter": "thesis"}}, ("thesis", "cglr")),
+        ({"estimation": {"filter": "thesis"}, "detector": {"margin": 8}}, ("thesis", "cglr")),
+        # files of before there was a choice name no filter, and have keys of the thesis's alone
+        ({"rotation": {"filter": "extended"}}, ("thesis", "cglr")),
+        ({"mass": {}}, ("thesis", "cglr")),
+        ({"estimation": {"thrust_transient": "gate"}}, ("thesis", "cglr")),
+        ({"sensors": {"combine": {"gyros": "average"}}}, ("thesis", "cglr")),
+        ({"detector": {"kind": "cusum"}}, ("thesis", "cusum")),
+        ({"rotation": {}, "detector": {"kind": "off"}}, ("thesis", "off")),
+    ],
+)
+def test_filter_and_detector_of_a_scenario(data: dict[str, Any], chosen: tuple[str, str]) -> None:
+    for scenario in (resolved(data), Scenario.model_validate(data)):
+        assert (scenario.estimation.filter, scenario.detector.kind) == chosen
+    assert resolved(YAML(typ="safe", pure=True).load(yaml_text(scenario))).detector.kind == chosen[1]
+
+
+def test_what_names_nothing_is_the_joint_filter_with_its_detector() -> None:
+    assert (Scenario().estimation.filter, Scenario().detector) == ("joint", MultiHypothesisBlock())
+    alone = vehicle_scenario("flight", "orbiter")
+    assert alone.model_copy(update={"name": "scenario", "vehicle": "orbiter"}) == Scenario()
+    old = vehicle_scenario("flight", "orbiter", ["estimation.filter=thesis", "rotation.jump=none"])
+    assert (old.rotation.coupling, old.rotation.jump) == ("model", "none")
+    assert (old.mass.compensation, old.detector.kind) == ("transverse_centripetal", "cglr")
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        ({"rotation": {"jump": "none"}, "joint": {"rate_walk": 1e-7}}, r"rotation\.jump: is a key of .* thesis"),
+        ({"detector": {"kind": "multi_hypothesis"}, "mass": {"jump": "none"}}, r"mass\.jump: is a key of"),
+        (
+            {"estimation": {"filter": "joint"}, "detector": {"kind": "cglr"}},
+            "cglr does not go with .* joint; use",
+        ),
+        (
+            {"estimation": {"filter": "thesis"}, "detector": {"kind": "multi_hypothesis"}},
+            "multi_hypothesis does not go with estimation.filter: thesis; use cglr or cusum or off",
+        ),
+        ({"detector": {"threshold": 30}}, "threshold: is a key of kind: cglr, and the kind is multi_hypothesis"),
+        ({"detector": {"slot": 3}}, "unknown key; did you mean .slots."),
+        ({"estimation": {"filter": "thesis"}, "detector": {"trigger": 30}}, "is a key of kind: multi_hypothesis"),
+        ({"estimation": {"filter": "neither"}}, "estimation.filter: 'neither' is not one of"),
+        ({"estimation": {"filter": ["joint"]}}, "estimation.filter: .* is not one of"),
+        ({"estimation": None}, "estimation: .*mapping"),
+        ({"detector": None}, "detector: .*mapping"),
+    ],
+)
+def test_what_does_not_go_together_is_refused(data: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError, match=message) as raised:
+        resolved(data)
+    assert len(raised.value.problems) == 1
 
 
 def test_instantaneous_thrust_in_the_plant_is_known_to_the_filter_and_stays_so_without_the_plant() -> None:

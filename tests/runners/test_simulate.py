@@ -22,7 +22,7 @@ FAILING = [
     "maneuver=[{controller: rhc, axis: +x, start_s: 0.2, end_s: 0.8}, "
     "{controller: thc, axis: +y, start_s: 8, end_s: 10}]",
     "failures=[{kind: stuck_on, jet: R4R, start_s: 3}]",
-    "estimation={start: nominal, std_fraction: 0.001}",
+    "estimation={filter: thesis, start: nominal, std_fraction: 0.001}",
 ]
 
 

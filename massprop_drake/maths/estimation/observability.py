@@ -106,7 +106,8 @@ def unobservable(jacobian: Array, scale: Array) -> Array:
     count = scale.size
     if scaled.shape[0] == 0:
         return np.eye(count)
-    _, values, rows = np.linalg.svd(scaled, full_matrices=True)
+    # of the triangular factor, which has the same values and rows, and ten rows instead of hundreds
+    _, values, rows = np.linalg.svd(np.linalg.qr(scaled, mode="r"), full_matrices=True)
     rank = int((values > _RANK_TOLERANCE * values[0]).sum())
     return _reduced(rows[rank:])
 

@@ -174,7 +174,7 @@ def _loads_nothing(page: str) -> bool:
 
 def test_pictures_of_a_failure_are_drawn(tmp_path: Path) -> None:
     # a leak at rest, with mass properties that are known well: no maneuver is needed to learn them
-    given = "estimation={start: nominal, std_fraction: 0.001, floors: false}"
+    given = "estimation={filter: thesis, start: nominal, std_fraction: 0.001, floors: false}"
     entry = ENTRIES["fig_5_26"]
     flight = entry.cases["flight"]
     assert isinstance(flight, Flight)
