@@ -52,7 +52,8 @@ def test_its_run_is_loaded_with_the_same_numbers(stored: dict[str, np.ndarray], 
     with pytest.warns(RenamedWarning) as caught:
         run = Run.load(RUN)
     assert len(caught) == 1
-    consistency = {"verdict": "", "reasons": (), "rotation_nis_beyond": None, "translation_nis_beyond": None}
+    consistency = {"verdict": "", "reasons": (), "diagnoses": []}
+    consistency |= {"rotation_nis_beyond": None, "translation_nis_beyond": None}
     later = {name: [] for name in ("identifiability", "events", "unconfirmed", "untested")} | {"injected": None}
     expected = {**summary, **later, "consistency": {**summary["consistency"], **consistency}}
     known = [_as_of_then(entry, summary) for entry in run.summary["detections"]]

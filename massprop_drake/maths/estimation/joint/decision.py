@@ -35,6 +35,7 @@ UNSETTLED_FLOOR = 0.1  # of full thrust: before settled a start that still learn
 _LIE_AFTER = 6  # cycles: a lie that ends is told from a rate that has changed by what follows it
 _JUMP_AFTER = 2  # samples: in one of them a pair of jets explains as much
 _JUMP_THAT_MISFITS_AFTER = 12  # samples
+_SURPRISED = 3.0  # standard deviations of a sample's chi-square: one in a hundred
 _LITTLE = 0.01  # of the misfit of nothing, left by a jump that does not fit
 _PAIR_AFTER = 3  # samples: two jets and their onsets explain nearly all of the six increments of one or two
 _JUMP_AT_LEAST = 1000.0  # nats before settled: less is a start that still learns
@@ -189,15 +190,17 @@ def _group(
 
 
 def _interrupted(race: Race, standing: list[Standing]) -> Decision | None:
-    """The group that led, where none of it explains the newest sample."""
-    if not race.leading:
-        return None
+    """The group that led, where none of it explains the newest sample; it waits for the next where that is in doubt.
+
+    What begins in the midst of a sample favors one of the group by chance.
+    """
     now = {each.contender.cause: each for each in standing}
-    of_group = [now.get(each.cause) for each in race.leading]
-    runs = [each.run for each in of_group if each is not None and each.run is not None]
-    if of_group[0] is None or len(runs) < len(race.leading) or not all(run.newest.misfit >= FIT for run in runs):
+    of_group = [now[each.cause] for each in race.leading if each.cause in now]
+    surprises = [each.run.newest.misfit for each in of_group if each.run is not None]
+    if not race.leading or len(surprises) < len(race.leading) or min(surprises) < _SURPRISED:
         return None
-    return Decision(Outcome.GROUP, of_group[0], race.leading[1:], shaken=True)
+    shaken = min(surprises) >= FIT
+    return Decision(Outcome.GROUP if shaken else Outcome.OPEN, of_group[0], race.leading[1:], shaken)
 
 
 def _large(contender: Contender, params: JointParams) -> bool:
