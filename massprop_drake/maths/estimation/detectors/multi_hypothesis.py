@@ -463,29 +463,24 @@ def _jets(
     contender = winner.contender
     announced, known = state.announced.copy(), state.sigmas.copy()
     was_settled = settled(race.states[0], params)
-    common = frozenset.intersection(contender.cause.failures, *(each.cause.failures for each in decision.group))
-    named: list[tuple[int, int, float, float]] = []
-    of_group: list[tuple[int, int, float, float]] = []
+    doubtful = {(each[0].jet, each[0].sign): each for each in decision.alternatives}
+    onset_s, over = _onset_s(race, contender), state.history.records[-1].link
+    said: list[Declaration] = []
     for jet, sign in zip(contender.cause.jets, contender.cause.signs, strict=True):
         slot = slot_of(now, jet, sign)
         force, sigma = _force(now, slot, params)
-        if announced[slot] == 0.0 and force > max(_floor(jet, sign, was_settled, params), SIGNIFICANT * sigma):
-            announced[slot], known[slot] = force, sigma
-            (named if (jet, sign) in common else of_group).append((jet, sign, force, sigma))
-    if of_group:
-        others = (failure for each in decision.group for failure in each.failures)
-        of_group += [(f.jet, f.sign, f.force, f.sigma) for f in others if (f.jet, f.sign) not in common]
-    onset_s = _onset_s(race, contender)
-    said: list[Declaration] = []
-    for word, members in ((Word.FAILED, named), (Word.GROUP, of_group)):
-        if members:
-            jets, signs, forces, sigmas = zip(*members, strict=True)
-            apart = Apart()
-            if word == Word.GROUP:
-                of_each = [(jet, sign, force) for jet, sign, force, _ in members]
-                over = state.history.records[-1].link
-                apart = told_apart(race.screen, over, contender.onset, of_each, ALIKE, params)
-            said.append(JetsDeclared(word, jets, signs, forces, sigmas, onset_s, apart))
+        if announced[slot] > 0.0 or force <= _floor(jet, sign, was_settled, params):
+            continue
+        announced[slot], known[slot] = force, sigma
+        _, *others = doubtful.get((jet, sign), (None,))
+        jets, signs = (jet, *(each.jet for each in others)), (sign, *(each.sign for each in others))
+        forces, sigmas = (force, *(each.force for each in others)), (sigma, *(each.sigma for each in others))
+        apart = Apart()
+        if others:
+            members = list(zip(jets, signs, forces, strict=True))
+            apart = told_apart(race.screen, over, contender.onset, members, ALIKE, params)
+        word = Word.GROUP if others else Word.FAILED
+        said.append(JetsDeclared(word, jets, signs, forces, sigmas, onset_s, apart))
     return state._replace(announced=announced, sigmas=known), said
 
 

@@ -3,10 +3,11 @@ r"""Who has won a race, and what is said of it.
 With L_0, L_J, L_S of nothing, jump and a reading that lies, L_1 of the likeliest jets, L_2 of the likeliest *other*
 set of jets, in nats, and cycles counted from the alarm:
 
-    jets     L_1 - L_2 > 6, L_1 - L_J > 6, L_1 - L_S > 6, L_1 - L_0 > 12, f > 3 sigma of each, and they fit; a pair
-             after three samples; before settled only forces of a tenth of full thrust
+    jets     L_1 - L_2 > 6, L_1 - L_J > 6, L_1 - L_S > 6, L_1 - L_0 > 12, f > 3 sigma of a single one, and they fit; a
+             pair after three samples; before settled only forces of a tenth of full thrust
     group    the same against all but those that differ in one jet, which what has fired cannot tell apart, and are two
-             at most or of one cluster; and at once where something new begins that none of them explains
+             at most or of one cluster; or differ in jets of the same clusters; and at once where something new begins
+             that none of them explains
     lie      L_S leads all by 6 and nothing by 12, after 6 cycles
     jump     L_J leads all by 6, two samples at least; where it does not fit twelve, and it must leave no more than a
              hundredth of the misfit; announced if settled and L_J - L_0 > 100, else taken as an increment
@@ -26,9 +27,10 @@ import numpy as np
 
 from massprop_drake.maths.estimation.joint import screen as screens
 from massprop_drake.maths.estimation.joint.hypotheses import Kind, Runner
-from massprop_drake.maths.estimation.joint.layout import JointParams
+from massprop_drake.maths.estimation.joint.layout import INERTIA, MASS, JointParams
 from massprop_drake.maths.estimation.joint.race import FIT, OUT, Race, Standing, margin
-from massprop_drake.maths.estimation.joint.screen import Contender
+from massprop_drake.maths.estimation.joint.screen import Contender, Failure
+from massprop_drake.maths.mass_properties import ELEMENT
 
 SIGNIFICANT = 3.0  # sigmas of a force
 UNSETTLED_FLOOR = 0.1  # of full thrust: before settled a start that still learns explains less than that by jets
@@ -42,7 +44,7 @@ _JUMP_AT_LEAST = 1000.0  # nats before settled: less is a start that still learn
 _INCREMENT_AFTER = 25  # cycles: a filter that was a little off, no payload
 _NOTHING_AFTER, _NOTHING_NEAR, _NOTHING_LATE = 12, 8.0, 75
 _GROUP_AFTER = 100  # cycles: a leak that is not told apart in 8 s will not be soon
-_GROUP_OF_LOSSES_AFTER = 4  # cycles: jets that fire together stay alike however long they do
+_GROUP_SOON_AFTER = 4  # cycles: of jets that are stuck, on or off; what is told of them is needed at once
 _GROUP = 3  # jets at most
 ALIKE = 12.0  # separation below which jets look alike: twice the lead
 LAST = 250  # cycles of a race
@@ -83,13 +85,16 @@ class Decision(NamedTuple):
     Attributes:
         outcome: see `Outcome`.
         winner: see `Standing`; None where nothing has happened.
-        group: further jets that what has fired cannot tell from the winner's; of an open race those so far.
+        group: hypotheses with other jets that what has fired cannot tell from the winner's; of an open race those so
+            far.
+        alternatives: the failures that they differ in, each of the winner's and then those it may be instead.
         shaken: whether it was decided because none of them explains the newest sample: something new has begun.
     """
 
     outcome: Outcome
     winner: Standing | None = None
     group: tuple[Contender, ...] = ()
+    alternatives: tuple[tuple[Failure, ...], ...] = ()
     shaken: bool = False
 
 
@@ -103,7 +108,7 @@ def decided(race: Race, standing: list[Standing], settled: bool, rules: Rules, p
         rules: see `Rules`.
         params: see `JointParams`.
     """
-    interrupted = _interrupted(race, standing)
+    interrupted = _interrupted(race, standing, rules)
     if interrupted is not None:
         return interrupted
     cycles = race.screen.cycle - race.triggered + 1
@@ -135,7 +140,12 @@ def decided(race: Race, standing: list[Standing], settled: bool, rules: Rules, p
 
 
 def _jump_explains(race: Race, run: Runner, cycles: int) -> bool:
-    """Whether a jump may win: a large one fits only once the filter has learned it, but leaves little at once."""
+    """Whether a jump may win: a large one fits only once the filter has learned it, but leaves little at once.
+
+    What is left must be a body.
+    """
+    if run.state.mean[MASS] <= 0.0 or np.linalg.eigvalsh(run.state.mean[INERTIA][ELEMENT])[0] <= 0.0:
+        return False
     if run.score.misfit < FIT:
         return cycles >= _JUMP_AFTER
     little = run.score.misfit < _LITTLE * race.screen.scores[-1].misfit
@@ -147,60 +157,86 @@ def _of_jets(
 ) -> Decision:
     best, run = standing[0].contender, standing[0].run
     assert run is not None, "only a filter of its own decides"
-    significant = all(abs(force) > SIGNIFICANT * sigma for force, sigma in zip(best.force, best.sigma, strict=True))
+    pair = len(best.cause.jets) > 1  # of jets that push alike the sum may be known alone: it leads over either of them
+    significant = pair or abs(best.force[0]) > SIGNIFICANT * best.sigma[0]
     known = any(jet in race.states[0].slot_jet for jet in best.cause.jets)
     undecided = Decision(Outcome.OPEN)
     if run.cycle - run.onset < len(run.kicks):  # what is not known of its first intervals is not all in its state
         return undecided
     if run.score.misfit >= FIT or best.lead <= rules.lead_nothing or not (significant or known):
         return undecided
-    if len(best.cause.jets) > 1 and cycles < _PAIR_AFTER:
+    if pair and cycles < _PAIR_AFTER:
         return undecided
     if clear:
         return Decision(Outcome.JETS, standing[0])
-    group = _group(race, best, _near(standing, rules), rules, params)
-    if group:
-        patience = _GROUP_OF_LOSSES_AFTER if best.cause.signs[0] < 0 else _GROUP_AFTER
-        return Decision(Outcome.GROUP if cycles >= patience else Outcome.OPEN, standing[0], group)
-    return undecided
+    near = _near(standing, rules)
+    alternatives = _alternatives((best, *near), rules)
+    patience = _GROUP_AFTER if all(best.cause.on_top) else _GROUP_SOON_AFTER
+    if alternatives and cycles >= patience and _alike(race, best, alternatives, params):
+        return Decision(Outcome.GROUP, standing[0], near, alternatives)
+    return Decision(Outcome.OPEN, standing[0], near) if alternatives else undecided
 
 
-def _group(
-    race: Race, best: Contender, near: tuple[Contender, ...], rules: Rules, params: JointParams
-) -> tuple[Contender, ...]:
-    """Those that differ from the best in one jet, which what has fired cannot tell from the best's; none: others are.
+def _alternatives(likely: tuple[Contender, ...], rules: Rules, most: int = _GROUP) -> tuple[tuple[Failure, ...], ...]:
+    """What hypotheses differ in, see `Decision`; none: in more than can be said in a few words.
 
-    They are few, or of one cluster.
+    Args:
+        likely: the likeliest first.
+        rules: see `Rules`.
+        most: jets of different clusters in a group.
     """
-    if not all(each.cause.kind == Kind.JETS for each in near):
+    if not all(each.cause.kind == Kind.JETS for each in likely):
         return ()
-    common = frozenset.intersection(best.cause.failures, *(each.cause.failures for each in near))
-    differing = [[f for f in each.failures if (f.jet, f.sign) not in common] for each in (best, *near)]
-    if any(len(each) != 1 for each in differing):
-        return ()
-    first, others = differing[0][0], [each[0] for each in differing[1:]]
-    few = len(others) < _GROUP
+    common = frozenset.intersection(*(each.cause.failures for each in likely))
+    differing = [[f for f in each.failures if (f.jet, f.sign) not in common] for each in likely]
+    single = all(len(each) == 1 for each in differing)
+    if rules.clusters is None:
+        return (tuple(each[0] for each in differing),) if single and len(likely) <= most else ()
     clusters = rules.clusters
-    cluster = clusters is not None and len({int(clusters[each.jet]) for each in (first, *others)}) == 1
-    if not (cluster or few):
+    patterns = {tuple(sorted((int(clusters[f.jet]), f.sign) for f in each)) for each in differing}
+    if single and (len(likely) <= most or len(patterns) == 1):
+        return (tuple(each[0] for each in differing),)
+    if len(patterns) > 1:
         return ()
-    shared = tuple(f for f in best.failures if (f.jet, f.sign) in common)
+    found: dict[tuple[int, int], dict[int, Failure]] = {}
+    for failure in (failure for each in differing[1:] for failure in each):
+        found.setdefault((int(clusters[failure.jet]), failure.sign), {}).setdefault(failure.jet, failure)
+    named = {failure.jet for failure in differing[0]}
+    instead = [found[int(clusters[failure.jet]), failure.sign] for failure in differing[0]]
+    return tuple(
+        (failure, *(other for other in others.values() if other.jet not in named))
+        for failure, others in zip(differing[0], instead, strict=True)
+    )
+
+
+def _alike(race: Race, best: Contender, alternatives: tuple[tuple[Failure, ...], ...], params: JointParams) -> bool:
+    """Whether what has fired could not have told one failure from those it may be instead."""
+    if len(alternatives) > 1:  # jets of the same clusters, each with the forces that go with the others
+        return True
+    first, *others = alternatives[0]
+    shared = tuple(failure for failure in best.failures if failure != first)
     apart = (screens.separation(race.screen, best.onset, (first, other), shared, params) for other in others)
-    return near if all(each < ALIKE for each in apart) else ()
+    return all(each < ALIKE for each in apart)
 
 
-def _interrupted(race: Race, standing: list[Standing]) -> Decision | None:
-    """The group that led, where none of it explains the newest sample; it waits for the next where that is in doubt.
+def _interrupted(race: Race, standing: list[Standing], rules: Rules) -> Decision | None:
+    """What becomes of a group that led: named where none of it explains the newest sample.
 
-    What begins in the midst of a sample favors one of the group by chance.
+    It waits for the next sample where that is in doubt, or where the newest alone has made another of it lead: what
+    begins in the midst of a sample favors one of them by chance.
     """
     now = {each.contender.cause: each for each in standing}
     of_group = [now[each.cause] for each in race.leading if each.cause in now]
     surprises = [each.run.newest.misfit for each in of_group if each.run is not None]
-    if not race.leading or len(surprises) < len(race.leading) or min(surprises) < _SURPRISED:
+    if not race.leading or len(surprises) < len(race.leading):
         return None
-    shaken = min(surprises) >= FIT
-    return Decision(Outcome.GROUP if shaken else Outcome.OPEN, of_group[0], race.leading[1:], shaken)
+    if min(surprises) >= FIT:
+        return Decision(Outcome.GROUP, of_group[0], race.leading[1:], _alternatives(race.leading, rules), shaken=True)
+    if min(surprises) >= _SURPRISED:
+        return Decision(Outcome.OPEN, of_group[0], race.leading[1:])
+    if standing[0] in of_group[1:]:
+        return Decision(Outcome.OPEN, standing[0], tuple(e.contender for e in of_group if e is not standing[0]))
+    return None
 
 
 def _large(contender: Contender, params: JointParams) -> bool:
@@ -223,6 +259,7 @@ def _at_last(standing: list[Standing], rules: Rules, nothing_fits: bool) -> Deci
     if best.contender.cause.kind == Kind.JUMP:
         return Decision(Outcome.INCREMENT, best)
     near = _near(standing, rules)
-    if best is standing[0] and all(c.cause.kind == Kind.JETS for c in (best.contender, *near)):
-        return Decision(Outcome.GROUP, best, near)
+    alternatives = _alternatives((best.contender, *near), rules, most=len(near) + 1)
+    if best is standing[0] and best.contender.cause.kind == Kind.JETS and (alternatives or not near):
+        return Decision(Outcome.GROUP, best, near, alternatives)
     return Decision(Outcome.UNEXPLAINED, best)

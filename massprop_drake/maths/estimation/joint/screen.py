@@ -45,7 +45,7 @@ _LEAK = 0.5  # of full thrust: below, a jet leaks; above, it is stuck on and giv
 _LEAST_KICK = 1e-6  # of the largest, so that a variance has an inverse
 BOUND = 3.0  # sigmas within which a force lies
 _PAIRS = 10  # likeliest that are looked at with their onsets uncertain
-_NO_CHANCE = -1e9  # nats of what is not possible
+_ALIKE = 4  # jets of which pairs are looked at since together they push as one: a cluster has as many
 
 
 class Screen(NamedTuple):
@@ -371,10 +371,9 @@ def _pairs(screen: Screen, index: int, allowed: np.ndarray, known: Array, params
     lead = fitted.lead + rarity(params)[steps % jets].sum(axis=1) - PAIR_PRIOR
     had = known[_directions(steps, jets)]
     total = fitted.force + had
-    shows = (np.abs(fitted.force) > BOUND * fitted.sigma) & ((fitted.force > 0.0) | (had > 0.0))
     most = MOST_FORCE * params.thrusts[steps % jets]
     within = (total + BOUND * fitted.sigma > 0.0) & (total - BOUND * fitted.sigma < most)
-    possible = (shows & within & (as_found(steps, total, params) == steps)).all(axis=1)
+    possible = (within & (as_found(steps, total, params) == steps)).all(axis=1)
     result = []
     for row in np.flatnonzero(possible):
         cause = _of_columns(steps[row].tolist(), jets)
@@ -405,11 +404,22 @@ def _likely_pairs(
     scarce = rarity(params)
     gain += scarce[one % jets] + scarce[other % jets] - PAIR_PRIOR
     had, other_had = known[_directions(one, jets)] > 0.0, known[_directions(other, jets)] > 0.0
-    possible = ((x > 0.0) | had) & ((y > 0.0) | other_had) & ~(had & other_had)
-    possible &= (x < 1.5 * of_one) & (y < 1.5 * of_other)
+    near, other_near = BOUND * np.sqrt(b / determinant), BOUND * np.sqrt(a / determinant)
+    possible = ((x + near > 0.0) | had) & ((y + other_near > 0.0) | other_had) & ~(had & other_had)
+    possible &= (x - near < 1.5 * of_one) & (y - other_near < 1.5 * of_other)
     order = np.flatnonzero(possible & (gain > 0.0))
     order = order[np.argsort(-gain[order])][:_PAIRS]
-    return np.stack((one[order], other[order]), axis=1)
+    return np.vstack((np.stack((one[order], other[order]), axis=1), _alike_pairs(information, projection, steps)))
+
+
+def _alike_pairs(information: Array, projection: Array, steps: np.ndarray) -> np.ndarray:
+    """Pairs of the likeliest single column and those most like it, which share what it explains, shape (number, 2)."""
+    energy = np.diagonal(information)[steps]
+    best = int(np.argmax(np.maximum(projection[steps], 0.0) ** 2 / energy))
+    likeness = information[steps[best], steps] / np.sqrt(energy)
+    group = np.sort(steps[np.argsort(-likeness)][:_ALIKE])
+    first, second = np.triu_indices(group.shape[0], 1)
+    return np.stack((group[first], group[second]), axis=1)
 
 
 def _lies(screen: Screen, index: int, params: JointParams) -> list[Contender]:
