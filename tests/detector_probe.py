@@ -41,7 +41,7 @@ class Body(NamedTuple):
 class Failure(NamedTuple):
     """What is wrong with a jet, and when."""
 
-    kind: str  # on, off, leak, degraded
+    kind: str  # on, off, degraded; leak: on top of what is told, seep: only while less is told
     jet: int
     start_s: float
     size: float = 0.0
@@ -137,7 +137,7 @@ def fly(
                     offset = offset + (rho_before - rho_after) @ turn.T
                     body, mass, inverse = after, after.mass, np.linalg.inv(after.inertia)
             told = commands[k].copy()
-            extra = np.zeros(told.shape[0])
+            on_top, least = np.zeros(told.shape[0]), np.zeros(told.shape[0])
             for failure in failures:
                 if failure.start_s - 1e-9 <= time < failure.end_s:
                     if failure.kind == "on":
@@ -147,11 +147,12 @@ def fly(
                     elif failure.kind == "degraded":
                         told[failure.jet] *= failure.size
                     elif failure.kind == "leak":
-                        extra[failure.jet] = failure.size / thrusts[failure.jet]
+                        on_top[failure.jet] = failure.size / thrusts[failure.jet]
+                    elif failure.kind == "seep":
+                        least[failure.jet] = failure.size / thrusts[failure.jet]
             mean = told + (level - told) * part
             level = told + (level - told) * remaining
-            given = mean * scale
-            given = np.where(extra > 0.0, np.maximum(given, extra), given)
+            given = np.maximum(mean * scale, least) + on_top
             wrench = given @ wrenches
             mass -= float(given @ vehicle.mass_flows) * h
             torque = wrench[:3] - _cross(body.center, wrench[3:])
