@@ -110,7 +110,7 @@ def filtered_alone(flown: Flight, onset: int, columns: Array, variances: Array) 
     return float(lead), np.diag(variances) @ whitened.T @ np.linalg.solve(total, residual)
 
 
-@pytest.mark.parametrize(("jet", "sign", "on_top"), [(0, 1, 0), (0, 1, 1), (3, 1, 0), (3, 1, 1), (2, -1, 0)])
+@pytest.mark.parametrize(("jet", "sign", "on_top"), [(0, 1, 0), (0, 1, 1), (3, 1, 0), (3, 1, 1), (0, -1, 0)])
 def test_a_column_agrees_with_a_filter_that_has_the_force_in_a_slot(
     flown: Flight, jet: int, sign: int, on_top: int
 ) -> None:
