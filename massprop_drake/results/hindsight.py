@@ -14,7 +14,7 @@ from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.maths.estimation import hindsight
 from massprop_drake.maths.estimation.filter import Instruments
 from massprop_drake.maths.estimation.filters.joint import chi_square_limit
-from massprop_drake.maths.estimation.hindsight import Fit, Model, Score, Stretch
+from massprop_drake.maths.estimation.hindsight import Fit, Model, ScoreTest, Stretch
 from massprop_drake.maths.mass_properties import CENTER_OF_MASS, MASS_RECIPROCAL
 from massprop_drake.results.consistency import Diagnosis
 from massprop_drake.results.detections import JUMP, DetectionRecord
@@ -92,7 +92,7 @@ def model(scenario: Scenario) -> Model:
     sigma[places.properties] = _PRIOR * setup.widest
     sigma[places.thrust] = of_thrust
     sigma[places.lag] = of_lag
-    sigma[places.gyro_bias] = gyros.bias_std.max()
+    sigma[places.gyro_bias] = gyros.bias_std.max(initial=0.0)
     sigma[places.acceleration_bias] = np.repeat(accelerometers.bias_std, 3)
     return made
 
@@ -113,24 +113,33 @@ def stretches(scenario: Scenario, signals: Spool) -> Iterator[Stretch]:
     wanted = ["time_s", "command", *(name for name in ("gap", "outside_wrench") if name in signals)]
     flows, period_s = scenario.vehicle_data.mass_flows, scenario.vehicle_data.sample_period_s
     before, used = np.zeros(flows.size), 0.0
-    for block in signals.blocks(*wanted, *(package.name for package in packages)):
-        n = block["time_s"].shape[0]
-        for first in range(0, n, _ROWS):
-            rows = slice(first, min(first + _ROWS + 1, n))
-            time_s, commands = block["time_s"][rows], block["command"][rows]
-            known = np.nan_to_num(commands)
-            spent = used + np.concatenate(([0.0], np.cumsum(known[:-1] @ flows * period_s)))
-            used = float(spent[-1])
-            readings = np.stack([block[package.name][rows] for package in packages], axis=1)
-            for number, package in enumerate(packages):
-                saturated = ~(np.abs(readings[:, number]) < package.limit).all(axis=1)
-                readings[saturated, number] = np.nan
-            outside = block["outside_wrench"][rows] if "outside_wrench" in block else np.zeros((time_s.size, 6))
-            broken = np.isnan(commands[:-1]).any() or ("gap" in block and block["gap"][rows].any())
-            if not broken and time_s.size > 2:
-                yield Stretch(time_s, readings, known, before, outside, -spent)
-            before = known[-2] if time_s.size > 1 else before
-        before = np.nan_to_num(block["command"][-1])
+    for block in _windows(signals, *wanted, *(package.name for package in packages)):
+        time_s, commands = block["time_s"], block["command"]
+        known = np.nan_to_num(commands)
+        spent = used + np.concatenate(([0.0], np.cumsum(known[:-1] @ flows * period_s)))
+        used = float(spent[-1])
+        readings = np.stack([block[package.name] for package in packages], axis=1)
+        for number, package in enumerate(packages):
+            saturated = ~(np.abs(readings[:, number]) < package.limit).all(axis=1)
+            readings[saturated, number] = np.nan
+        outside = block["outside_wrench"] if "outside_wrench" in block else np.zeros((time_s.size, 6))
+        broken = np.isnan(commands[:-1]).any() or ("gap" in block and block["gap"].any())
+        if not broken and time_s.size > 2:
+            yield Stretch(time_s, readings, known, before, outside, -spent)
+        before = known[-2] if time_s.size > 1 else before
+
+
+def _windows(signals: Spool, *names: str) -> Iterator[dict[str, Array]]:
+    """Yields the signals by so many intervals, wherever a piece of the spool ends: the last row is the next's first."""
+    waiting = {name: np.empty((0,)) for name in names}
+    for block in signals.blocks(*names):
+        for name, rows in block.items():
+            waiting[name] = np.concatenate((waiting[name], rows)) if waiting[name].size else rows
+        while waiting["time_s"].shape[0] > _ROWS:
+            yield {name: rows[: _ROWS + 1] for name, rows in waiting.items()}
+            waiting = {name: rows[_ROWS:] for name, rows in waiting.items()}
+    if waiting["time_s"].shape[0] > 1:
+        yield waiting
 
 
 def _until(part: Stretch, time_s: float) -> Stretch:
@@ -238,7 +247,7 @@ _CONFIDENT = 5.0  # sigma of a ratio of variances
 class _Suspect(NamedTuple):
     kind: str
     group: NDArray[np.int_]
-    score: Score
+    score: ScoreTest
     statistic: float
     threshold: float
 
@@ -317,7 +326,7 @@ def _groups(made: Model) -> dict[str, NDArray[np.int_]]:
     return {kind: np.arange(part.start, part.stop) for kind, part in every.items()}
 
 
-def _scaled(score: Score, fit: Fit, stated: float) -> float:
+def _scaled(score: ScoreTest, fit: Fit, stated: float) -> float:
     """A statistic with the variance of the readings as it is, where that is larger than stated."""
     left = fit.normal.misfit if stated > 0.0 else score.least
     return score.statistic / max(1.0, left / max(fit.normal.readings, 1.0))
@@ -338,7 +347,7 @@ def _tested(kind: str, group: NDArray[np.int_], fit: Fit, made: Model, clear: fl
 def _suspects(fit: Fit, made: Model) -> Iterator[_Suspect]:
     places = hindsight.columns(made)
     for kind, group in _groups(made).items():
-        if made.sigma[group].max() < _WIDE:
+        if group.size and made.sigma[group].max() < _WIDE:
             yield _tested(kind, group, fit, made, _CLEAR if kind == "thrust" else np.inf)
     for place in range(places.lag.start, places.lag.stop):
         if made.time_constants_s[made.kinds == place - places.lag.start].any() and made.sigma[place] < _WIDE:

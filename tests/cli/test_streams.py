@@ -104,7 +104,7 @@ def test_results_are_printed_in_any_encoding(
     assert lines[0].startswith(f"[/red]\\x1b: {visible('é[bold]π', encoding)}, 6.96 s")
     (row,) = [line for line in lines if re.match(rf". {re.escape(visible('Ixx⁻¹', encoding))} ", line)]
     table = lines[1 : next(i for i, line in enumerate(lines) if line.startswith("consistency: "))]
-    assert len(table) == 14
+    assert len(table) == 22
     assert len({len(line) for line in table}) == 1, "columns out of line"
     assert row in table
     assert f"             out of use: {visible(', '.join(HOSTILE), encoding)}" in lines

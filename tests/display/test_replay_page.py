@@ -33,7 +33,7 @@ def test_the_failed_jet_and_the_one_found_are_marked(stuck_run: Run) -> None:
 
 
 def test_a_cluster_found_marks_all_its_jets(stuck_run: Run) -> None:
-    entry = stuck_run.results.detections[0]._replace(jet=None, isolated_to="cluster")
+    entry = stuck_run.results.detections[0]._replace(jet=None, jets=(), isolated_to="cluster")
     results = replace(stuck_run.results, detections=(entry,))
     run = Run(stuck_run.scenario, results, stuck_run.time_s, stuck_run.signals)
     jets = run.scenario.vehicle_data.jets

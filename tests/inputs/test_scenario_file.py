@@ -50,7 +50,7 @@ def test_every_bundled_scenario_loads_and_runs_shortened(name: str) -> None:
     assert run.summary["autopilot"]["firings"] > 0
     assert run["rotation_used"].sum() > 0
     suspicion = {*STATUS.logged, *HYPOTHESIS_REPORT.logged, "failure_magnitude", "likelihood"}
-    suspicion |= {name for name in run.signals if name.startswith("verdict")}
+    suspicion |= {name for name in run.signals if name.startswith(("verdict", "jump_"))}
     for signal, values in run.signals.items():
         # these are NaN or infinite at times; hypotheses say nothing where there is none
         of_hypotheses = scenario.detector.kind == "multi_hypothesis" and signal in suspicion

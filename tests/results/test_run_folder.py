@@ -96,6 +96,7 @@ SUMMARY: dict[str, Any] = {
         "reasons": list,
         "rotation_nis_beyond": MAYBE,
         "translation_nis_beyond": MAYBE,
+        "diagnoses": list,
     },
     "identifiability": (
         10,
@@ -106,6 +107,7 @@ SUMMARY: dict[str, Any] = {
             "share": MAYBE,
             "jet": (str, type(None)),
             "left": MAYBE,
+            "bound": MAYBE,
         },
     ),
     "injected": list,

@@ -23,6 +23,7 @@ def _shortened(name: str) -> Scenario:
         return resolved(data | {"duration_s": 10.0})
     for failure in data["failures"]:
         failure["start_s"] -= EARLIER_S
+        failure["end_s"] = failure["end_s"] and failure["end_s"] - EARLIER_S
     for jump in data["jumps"]:
         jump["time_s"] -= EARLIER_S
     data["estimation"] |= {"start": "nominal", "std_fraction": 0.001}

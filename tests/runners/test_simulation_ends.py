@@ -72,7 +72,7 @@ def test_a_covariance_that_loses_definiteness_is_named(
 
     monkeypatch.setattr(rotation_filter, "innovate", failing)
     with pytest.raises(InputError) as caught:
-        simulate(_pushing(toy_data, 100.0))
+        simulate(_pushing(toy_data, 100.0, estimation={"filter": "thesis"}))
     message = str(caught.value)
     assert "scenario 'scenario': the filters cannot go on: rotation_estimator: " in message
     assert re.search(

@@ -158,7 +158,7 @@ class Fit(NamedTuple):
     settled: bool
 
 
-class Score(NamedTuple):
+class ScoreTest(NamedTuple):
     """A test of some unknowns.
 
     Attributes:
@@ -528,7 +528,7 @@ def possible(at: Array) -> bool:
     return is_positive_definite(at[:6][ELEMENT]) and bool(at[_MASS] > 0.0)
 
 
-def score(fit: Fit, group: NDArray[np.int_], model: Model, stated: float = 0.0, clear: float = np.inf) -> Score:
+def score(fit: Fit, group: NDArray[np.int_], model: Model, stated: float = 0.0, clear: float = np.inf) -> ScoreTest:
     """Tests whether some unknowns are what is stated.
 
     Args:
@@ -551,15 +551,15 @@ def score(fit: Fit, group: NDArray[np.int_], model: Model, stated: float = 0.0, 
     information = total.information[np.ix_(group, group)] - cross @ solved[:, :-1]
     of_group = vector[group] - cross @ solved[:, -1]
     if not (np.isfinite(information).all() and np.isfinite(of_group).all()):
-        return Score(0.0, 0, np.zeros(group.shape[0]), total.misfit)
+        return ScoreTest(0.0, 0, np.zeros(group.shape[0]), total.misfit)
     values, vectors = np.linalg.eigh(0.5 * (information + information.T))
     known = values > max(1.0 / clear**2, 1e-9 * float(np.max(np.abs(np.diag(total.information))[group], initial=0.0)))
     if not known.any():
-        return Score(0.0, 0, np.zeros(group.shape[0]), total.misfit)
+        return ScoreTest(0.0, 0, np.zeros(group.shape[0]), total.misfit)
     along = (vectors.T @ of_group)[known] / values[known]
     statistic = float(np.sum(along**2 / (1.0 / values[known] + stated**2)))
     gained = float(np.sum(along**2 * values[known]))
-    return Score(statistic, int(known.sum()), vectors[:, known] @ along, max(total.misfit - gained, 0.0))
+    return ScoreTest(statistic, int(known.sum()), vectors[:, known] @ along, max(total.misfit - gained, 0.0))
 
 
 def least_deviation(information: Sequence[Array], start: Array, drifts: Sequence[Array], model: Model) -> Array:

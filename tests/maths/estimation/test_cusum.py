@@ -172,7 +172,7 @@ def test_it_finds_the_failures_of_the_bundled_scenarios(name: str, jet: str, sig
 
 
 def test_keys_of_another_detector_are_refused() -> None:
-    with pytest.raises(ValueError, match=r"detector\.margin: unknown key"):
+    with pytest.raises(ValueError, match=r"detector\.margin: is a key of kind: cglr"):
         load_scenario("stuck_on_29", ["detector={kind: cusum, margin: 6.0}"])
     with pytest.raises(ValueError, match="kind 'cusun' is not one of cglr, off, cusum"):
         load_scenario("stuck_on_29", ["detector={kind: cusun}"])

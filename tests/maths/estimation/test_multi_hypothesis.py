@@ -54,10 +54,13 @@ def settled_filter(params: JointParams = JOINT) -> JointState:
 
 
 def failed(truth: JointState, jet: int, sign: int, force: float) -> JointState:
-    """The truth with a failure in the first slot."""
+    """The truth with a failure in the first slot; what is less than half of full thrust is a leak."""
     mean = truth.mean.copy()
     mean[PLACES.force] = force
-    return truth._replace(mean=mean, slot_jet=np.array([jet, -1.0]), slot_sign=np.array([float(sign), 1.0]))
+    on_top = np.array([float(sign > 0 and force < 0.5 * JOINT.thrusts[jet]), 0.0])
+    return truth._replace(
+        mean=mean, slot_jet=np.array([jet, -1.0]), slot_sign=np.array([float(sign), 1.0]), slot_on_top=on_top
+    )
 
 
 class Flight:

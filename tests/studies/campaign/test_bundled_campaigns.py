@@ -25,6 +25,7 @@ WISHES = {  # of the thesis, section 6.2, and those of this project
     *("gyro_quantum", "accelerometer_quantum", "sampling_period", "sensor_bandwidth", "thrust_dispersion", "jet_lag"),
     *("disturbance_torque", "vibration", "several_failures", "soft_failures"),
     *("healthy_maneuver", "healthy_dispersed", "every_jet"),
+    *("joint_maneuver", "joint_dispersed"),
 }
 
 

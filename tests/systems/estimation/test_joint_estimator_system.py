@@ -18,7 +18,7 @@ from massprop_drake.systems.estimation.joint_estimator import JointEstimator
 
 @pytest.fixture(scope="module")
 def scenario() -> Scenario:
-    return load_scenario("orbiter_maneuver", ["duration_s=4"])
+    return load_scenario("orbiter_maneuver", ["duration_s=4", "detector={kind: off}"])
 
 
 @pytest.fixture(scope="module")

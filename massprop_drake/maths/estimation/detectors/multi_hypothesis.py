@@ -53,6 +53,7 @@ _LEAK_FLOOR, _LOSS_FLOOR = 0.002, 0.05  # of full thrust: below, thrust errors a
 _LEAST_FLOOR = 0.00115  # of the largest jet's thrust: 1 lbf of 870
 _CHANGE = 0.1  # of full thrust, by which a known force must differ to be said to have changed
 _BETTER = 0.5  # of the 1-sigma of a force as announced
+_SAID = float(np.finfo(np.float64).tiny)  # of a force that has been announced, at the least: zero is not yet
 _ERRATIC_AFTER = 3  # changes
 _MEASURED = 0.1  # of a payload's mass, to which it is known when its size is told
 _ONSET_SHARE = 0.7  # of the largest statistic: older onsets explain the end point as well
@@ -507,14 +508,14 @@ def _known_now(state: State, now: JointState, params: JointParams) -> tuple[Stat
             word = Word.WITHDRAWN if force < floor else Word.CHANGED
         else:
             if sigma < _BETTER * had_sigma:  # the same force, known better: it is what a change is told from
-                announced, known = _with(state.announced, slot, force), _with(state.sigmas, slot, sigma)
-                state = state._replace(announced=announced, sigmas=known)
+                announced = _with(state.announced, slot, max(force, _SAID))
+                state = state._replace(announced=announced, sigmas=_with(state.sigmas, slot, sigma))
             continue
         if changes >= _ERRATIC_AFTER:
             word = Word.ERRATIC
         said.append(JetsDeclared(word, (jet,), (sign,), (force,), (sigma,), now.time_s))
         state = state._replace(
-            announced=_with(state.announced, slot, max(force, np.finfo(np.float64).tiny)),
+            announced=_with(state.announced, slot, max(force, _SAID)),
             sigmas=_with(state.sigmas, slot, sigma),
             changes=_with(state.changes, slot, changes),
             erratic=_with(state.erratic, slot, float(word == Word.ERRATIC)),

@@ -29,7 +29,7 @@ from massprop_drake.maths.estimation.joint import screen as screens
 from massprop_drake.maths.estimation.joint.hypotheses import Kind, Runner
 from massprop_drake.maths.estimation.joint.layout import INERTIA, MASS, JointParams
 from massprop_drake.maths.estimation.joint.race import FIT, OUT, Race, Standing, margin
-from massprop_drake.maths.estimation.joint.screen import Contender, Failure
+from massprop_drake.maths.estimation.joint.screen import Contender, FailedJet
 from massprop_drake.maths.mass_properties import ELEMENT
 
 SIGNIFICANT = 3.0  # sigmas of a force
@@ -94,7 +94,7 @@ class Decision(NamedTuple):
     outcome: Outcome
     winner: Standing | None = None
     group: tuple[Contender, ...] = ()
-    alternatives: tuple[tuple[Failure, ...], ...] = ()
+    alternatives: tuple[tuple[FailedJet, ...], ...] = ()
     shaken: bool = False
 
 
@@ -177,7 +177,7 @@ def _of_jets(
     return Decision(Outcome.OPEN, standing[0], near) if alternatives else undecided
 
 
-def _alternatives(likely: tuple[Contender, ...], rules: Rules, most: int = _GROUP) -> tuple[tuple[Failure, ...], ...]:
+def _alternatives(likely: tuple[Contender, ...], rules: Rules, most: int = _GROUP) -> tuple[tuple[FailedJet, ...], ...]:
     """What hypotheses differ in, see `Decision`; none: in more than can be said in a few words.
 
     Args:
@@ -198,7 +198,7 @@ def _alternatives(likely: tuple[Contender, ...], rules: Rules, most: int = _GROU
         return (tuple(each[0] for each in differing),)
     if len(patterns) > 1:
         return ()
-    found: dict[tuple[int, int], dict[int, Failure]] = {}
+    found: dict[tuple[int, int], dict[int, FailedJet]] = {}
     for failure in (failure for each in differing[1:] for failure in each):
         found.setdefault((int(clusters[failure.jet]), failure.sign), {}).setdefault(failure.jet, failure)
     named = {failure.jet for failure in differing[0]}
@@ -209,7 +209,7 @@ def _alternatives(likely: tuple[Contender, ...], rules: Rules, most: int = _GROU
     )
 
 
-def _alike(race: Race, best: Contender, alternatives: tuple[tuple[Failure, ...], ...], params: JointParams) -> bool:
+def _alike(race: Race, best: Contender, alternatives: tuple[tuple[FailedJet, ...], ...], params: JointParams) -> bool:
     """Whether what has fired could not have told one failure from those it may be instead."""
     if len(alternatives) > 1:  # jets of the same clusters, each with the forces that go with the others
         return True

@@ -85,7 +85,7 @@ class Screen(NamedTuple):
         return self.cycle - len(self.masks)
 
 
-class Failure(NamedTuple):
+class FailedJet(NamedTuple):
     """A jet's failure as a hypothesis has it: see `Cause`; force and sigma in lbf or N."""
 
     jet: int
@@ -114,10 +114,10 @@ class Contender(NamedTuple):
     kicks: tuple[tuple[float, ...], ...] = ()
 
     @property
-    def failures(self) -> tuple[Failure, ...]:
+    def failures(self) -> tuple[FailedJet, ...]:
         """One by one."""
         cause = self.cause
-        return tuple(map(Failure, cause.jets, cause.signs, cause.on_top, self.force, self.sigma))
+        return tuple(map(FailedJet, cause.jets, cause.signs, cause.on_top, self.force, self.sigma))
 
 
 def begin(
@@ -437,14 +437,14 @@ def _lies(screen: Screen, index: int, params: JointParams) -> list[Contender]:
     return result
 
 
-def _column(failure: Failure, jets: int) -> int:
+def _column(failure: FailedJet, jets: int) -> int:
     if failure.sign < 0:
         return failure.jet + jets
     return failure.jet + (0 if failure.on_top else 4 * jets)
 
 
 def separation(
-    screen: Screen, onset: int, two: tuple[Failure, Failure], common: tuple[Failure, ...], params: JointParams
+    screen: Screen, onset: int, two: tuple[FailedJet, FailedJet], common: tuple[FailedJet, ...], params: JointParams
 ) -> float:
     """How far what has fired tells two failures apart: d_j - (c_j^T Y^-1 c_i)^2 / d_i times the force's square.
 
