@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from joint_probe import small_params
+from scipy.stats import chi2, norm
 from test_joint_bank import Flight, flight, ready
 
 from massprop_drake.maths.estimation.joint import screen as screens
@@ -16,9 +17,12 @@ from massprop_drake.maths.estimation.joint.hypotheses import (
     Counting,
     Kind,
     Runner,
+    Score,
     cost_of_a_lie,
     counted,
     kicked,
+    masked,
+    misfits,
     opened,
     restless,
     scored,
@@ -230,3 +234,24 @@ def test_contenders_agree_with_dense_least_squares(flown: Flight) -> None:
     )
     assert found == pytest.approx(lead, rel=1e-6)
     np.testing.assert_allclose(amplitudes, amplitude, rtol=1e-6, atol=1e-12)
+
+
+def test_where_nothing_has_moved_there_is_no_contender_but_the_jump(flown: Flight) -> None:
+    screen = screens.begin((flown.states[0], 0), (0,), (1,), np.zeros(12), PARAMS)
+    found = screens.contenders(screen, np.ones(12, dtype=np.bool_), np.zeros(12), PARAMS)
+    assert [each.cause.kind for each in found] == [Kind.JUMP]
+
+
+def test_a_reading_that_is_missing_has_not_shown_that_it_fits(flown: Flight) -> None:
+    after, sample = flown.states[3], flown.samples[3]
+    _, report = step(after, sample, QUIET)
+    assert not misfits(report, 7, PARAMS)
+    _, report = step(after, masked(sample, 7), QUIET)
+    assert misfits(report, 7, PARAMS)
+
+
+@pytest.mark.parametrize("degrees", [1.0, 3.0, 12.0])
+def test_surprise_is_a_normal_deviate(degrees: float) -> None:
+    for rate in (0.01, 1e-3, 1e-5):
+        assert Score(0.0, float(chi2.isf(rate, degrees)), degrees).surprise == pytest.approx(norm.isf(rate), rel=0.05)
+    assert Score(0.0, 0.0, 0.0).surprise == 0.0

@@ -305,7 +305,7 @@ def _raced(
     over = _uncertain(link(before, report, sample, joint), before, state.erratic, joint)
     history = History(state.cycle, (*state.history.records, Record(sample, over)))
     bank = banks.advanced(state.bank, over, joint.places)
-    found = banks.tested(bank, over, params.trigger_jet, joint) if not state.lying.any() else None
+    found = banks.tested(bank, over, min(params.trigger_jet, params.trigger), joint) if not state.lying.any() else None
     likelihood = float(found.likelihood.max()) if found is not None else 0.0
     total = float(found.total.max()) if found is not None else 0.0
     index = -1
@@ -415,8 +415,18 @@ def _concluded(
         np.fill_diagonal(columns, JUMP_SHARE * joint.increment_sigma)
         now = unguarded(now._replace(root=compressed(np.hstack((now.root, columns)))))
         declared.append(Unexplained(began))
+        state = _taken_silently(state, now, joint)
     bank, history = _anew(state, now, decision, joint)
     return state._replace(bank=bank, history=history, race=None), now, declared
+
+
+def _taken_silently(state: State, now: JointState, joint: JointParams) -> State:
+    """What the detector remembers where forces of jets go on being estimated that nobody may be blamed for."""
+    announced, sigmas = state.announced.copy(), state.sigmas.copy()
+    for slot in np.flatnonzero((now.slot_jet >= 0) & (announced == 0.0)).tolist():
+        force, sigmas[slot] = _force(now, slot, joint)
+        announced[slot] = max(force, _SAID)
+    return state._replace(announced=announced, sigmas=sigmas)
 
 
 def _anew(state: State, now: JointState, decision: Decision, joint: JointParams) -> tuple[Bank, History]:

@@ -37,7 +37,7 @@ UNSETTLED_FLOOR = 0.1  # of full thrust: before settled a start that still learn
 _LIE_AFTER = 6  # cycles: a lie that ends is told from a rate that has changed by what follows it
 _JUMP_AFTER = 2  # samples: in one of them a pair of jets explains as much
 _JUMP_THAT_MISFITS_AFTER = 12  # samples
-_SURPRISED = 3.0  # standard deviations of a sample's chi-square: one in a hundred
+_SURPRISED, _SHAKEN = 2.3, 4.2  # normal deviates of a sample: one in a hundred, and one in a hundred thousand
 _LITTLE = 0.01  # of the misfit of nothing, left by a jump that does not fit
 _PAIR_AFTER = 3  # samples: two jets and their onsets explain nearly all of the six increments of one or two
 _JUMP_AT_LEAST = 1000.0  # nats before settled: less is a start that still learns
@@ -112,27 +112,32 @@ def decided(race: Race, standing: list[Standing], settled: bool, rules: Rules, p
     if interrupted is not None:
         return interrupted
     cycles = race.screen.cycle - race.triggered + 1
-    jump = next(each for each in standing if each.contender.cause.kind == Kind.JUMP)
+    jump = next((each for each in standing if each.contender.cause.kind == Kind.JUMP), None)
     best = standing[0]
     lead = best.contender.lead
     kind = best.contender.cause.kind
     clear = lead > rules.lead_nothing and all(margin(best, other) > rules.lead for other in standing[1:])
-    if kind == Kind.JETS and best.run is not None and (jump.run is not None or jump.contender.lead < lead - OUT):
+    if (
+        kind == Kind.JETS
+        and best.run is not None
+        and (jump is None or jump.run is not None or jump.contender.lead < lead - OUT)
+    ):
         large = settled or _large(best.contender, params)
         found = _of_jets(race, standing, cycles, clear, rules, params) if large else Decision(Outcome.OPEN)
         if found.outcome != Outcome.OPEN or found.group:
             return found
-    if kind == Kind.JUMP and jump.run is not None and clear and _jump_explains(race, jump.run, cycles):
+    if kind == Kind.JUMP and best.run is not None and clear and _jump_explains(race, best.run, cycles):
         if settled and lead > rules.jump:
-            return Decision(Outcome.JUMP, jump)
+            return Decision(Outcome.JUMP, best)
         if cycles >= _INCREMENT_AFTER or (not settled and lead > _JUMP_AT_LEAST):
-            return Decision(Outcome.INCREMENT, jump)
+            return Decision(Outcome.INCREMENT, best)
     if kind == Kind.LIES and best.run is not None and clear and cycles >= _LIE_AFTER:
         return Decision(Outcome.LIES, best)
     nothing_fits = race.screen.scores[-1].misfit < FIT
-    if nothing_fits and cycles >= _NOTHING_AFTER and lead <= 0.0:
+    largest = max(each.contender.lead for each in standing)
+    if nothing_fits and cycles >= _NOTHING_AFTER and largest <= 0.0:
         return Decision(Outcome.NOTHING)
-    if nothing_fits and cycles >= _NOTHING_LATE and lead <= _NOTHING_NEAR:
+    if nothing_fits and cycles >= _NOTHING_LATE and largest <= _NOTHING_NEAR:
         return Decision(Outcome.NOTHING)
     if cycles >= LAST:
         return _at_last(standing, rules, nothing_fits)
@@ -227,10 +232,10 @@ def _interrupted(race: Race, standing: list[Standing], rules: Rules) -> Decision
     """
     now = {each.contender.cause: each for each in standing}
     of_group = [now[each.cause] for each in race.leading if each.cause in now]
-    surprises = [each.run.newest.misfit for each in of_group if each.run is not None]
+    surprises = [each.run.newest.surprise for each in of_group if each.run is not None]
     if not race.leading or len(surprises) < len(race.leading):
         return None
-    if min(surprises) >= FIT:
+    if min(surprises) >= _SHAKEN:
         return Decision(Outcome.GROUP, of_group[0], race.leading[1:], _alternatives(race.leading, rules), shaken=True)
     if min(surprises) >= _SURPRISED:
         return Decision(Outcome.OPEN, of_group[0], race.leading[1:])

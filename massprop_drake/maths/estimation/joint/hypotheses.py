@@ -86,6 +86,14 @@ class Score(NamedTuple):
         """NIS above its expectation in its own standard deviations."""
         return (self.nis - self.degrees) / max(np.sqrt(2.0 * self.degrees), 1.0)
 
+    @property
+    def surprise(self) -> float:
+        """NIS of few components as a standard normal deviate, by the transformation of Wilson and Hilferty."""
+        if self.degrees == 0.0:
+            return 0.0
+        spread = 2.0 / (9.0 * self.degrees)
+        return float((np.cbrt(max(self.nis, 0.0) / self.degrees) - (1.0 - spread)) / np.sqrt(spread))
+
 
 NO_SCORE = Score(0.0, 0.0, 0.0)
 
@@ -248,12 +256,12 @@ def masked(sample: Sample, component: int) -> Sample:
 
 
 def misfits(report: Report, component: int, params: JointParams) -> bool:
-    """Whether a reading lies too far off its prediction to be one."""
+    """Whether a reading lies too far off its prediction to be one; one that is missing has not shown otherwise."""
     course = report.course
     assert course is not None, "the first sample fits"
     half = course.expected.projected[component]
     deviation = np.sqrt(half @ half + params.variances[component])
-    return bool(abs(course.expected.innovation[component]) > _LIES * deviation)
+    return not bool(abs(course.expected.innovation[component]) <= _LIES * deviation)
 
 
 def stepped(

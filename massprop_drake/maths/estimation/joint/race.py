@@ -87,7 +87,8 @@ class Standing(NamedTuple):
     Attributes:
         contender: see `Contender`; lead and forces are those of its filter where that has arrived.
         run: its filter where it has arrived at the present, else None.
-        first_order: what the screen says of it, maybe at another onset.
+        first_order: what the screen says of it, maybe at another onset; what its filter says where to first order it is
+            not possible.
         beforehand: nats by which it is likelier than new failures before any reading: that a force changes which is
             known to be wrong takes no further failure.
     """
@@ -182,7 +183,7 @@ def standings(race: Race, contenders: list[Contender], params: JointParams) -> l
             continue
         contender = Contender(cause, run.onset, 0.0, kicks=run.kicks)
         measured = _measured(contender, run, nothing, params)
-        result.append(Standing(measured, run, contender, _beforehand(race, cause)))
+        result.append(Standing(measured, run, measured, _beforehand(race, cause)))
     result.sort(key=lambda standing: -standing.odds)
     return [each for each in result if not _no_rival(result[0], each)]
 
@@ -217,12 +218,25 @@ def margin(best: Standing, other: Standing) -> float:
 
 def _measured(contender: Contender, run: Runner, nothing: float, params: JointParams) -> Contender:
     lead = run.score.likelihood - nothing + screens.prior(run.cause, params)
-    force, sigma = [], []
-    for jet, sign in zip(run.cause.jets, run.cause.signs, strict=True):
-        row = params.places.force + slot_of(run.state, jet, sign)
-        force.append(float(run.state.mean[row]))
-        sigma.append(float(np.sqrt(np.sum(run.state.root[row] ** 2))))
-    return contender._replace(onset=run.onset, lead=lead, force=tuple(force), sigma=tuple(sigma))
+    force, sigma = _forces(run, params)
+    return contender._replace(onset=run.onset, lead=lead, force=force, sigma=sigma)
+
+
+def _forces(run: Runner, params: JointParams) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Force and sigma of each failed jet, as a filter of its own has them."""
+    places = zip(run.cause.jets, run.cause.signs, strict=True)
+    rows = [params.places.force + slot_of(run.state, jet, sign) for jet, sign in places]
+    sigma = np.sqrt(np.sum(run.state.root[rows] ** 2, axis=1))
+    return tuple(run.state.mean[rows].tolist()), tuple(sigma.tolist())
+
+
+def _impossible(run: Runner, params: JointParams) -> bool:
+    """Whether a filter knows by now that a jet would have to give more than it can, or less than nothing."""
+    if run.cause.kind != Kind.JETS or run.cycle - run.onset < len(run.kicks):
+        return False
+    force, sigma = (np.array(each) for each in _forces(run, params))
+    most = screens.MOST_FORCE * params.thrusts[list(run.cause.jets)]
+    return bool(((force - screens.BOUND * sigma > most) | (force + screens.BOUND * sigma < 0.0)).any())
 
 
 def running(race: Race, standing: list[Standing], free_slots: int) -> Race:
@@ -233,6 +247,8 @@ def running(race: Race, standing: list[Standing], free_slots: int) -> Race:
         standing: see `standings`.
         free_slots: for forces of further failures.
     """
+    if not standing:
+        return race._replace(runs=(), out=race.out - {Cause(Kind.JUMP)})
     leader = standing[0]
     best = leader.contender.lead
     present = {run.cause: run for run in race.runs}
@@ -242,14 +258,16 @@ def running(race: Race, standing: list[Standing], free_slots: int) -> Race:
     lost = {each.contender.cause for each in standing if each.run is not None and each.contender.lead < best - OUT}
     for each in standing:
         contender, cause = each.contender, each.contender.cause
-        near = (
-            contender.lead > best - OUT if cause.kind == Kind.JUMP or cause in present else margin(leader, each) < _NEAR
-        )
+        stays = (cause.kind == Kind.JUMP or cause in present) and contender.lead > best - OUT
+        near = stays or margin(leader, each) < _NEAR
         near = near or (young and cause == liar)
         if near and contender.lead > 0.0 and len(wanted) < _RUNS and _fits(race, cause, free_slots):
             run = present.get(cause)
             wanted.append(_opened(race, each.first_order) if run is None or _begins_anew(run, each) else run)
-    return race._replace(runs=tuple(wanted), out=race.out | (lost - {Cause(Kind.JUMP)}))
+    out = race.out | lost
+    if leader.run is None or leader.run.score.misfit >= FIT:  # a jump may yet be what is left
+        out -= {Cause(Kind.JUMP)}
+    return race._replace(runs=tuple(wanted), out=out)
 
 
 def _fits(race: Race, cause: Cause, free_slots: int) -> bool:
@@ -292,6 +310,8 @@ def _opened(race: Race, contender: Contender) -> Runner:
 def stepped_on(race: Race, left: int, history: History, erratic: np.ndarray, params: JointParams) -> tuple[Race, int]:
     """The race with its filters as far as the steps that are left let them go, in their order, and what then is left.
 
+    Those that turn out to be impossible leave it.
+
     Args:
         race: see `Race`.
         left: steps.
@@ -299,7 +319,7 @@ def stepped_on(race: Race, left: int, history: History, erratic: np.ndarray, par
         erratic: see `hypotheses.restless`.
         params: without increments.
     """
-    runs, screen = [], race.screen
+    runs, out, screen = [], set(race.out), race.screen
     for run in race.runs:
         now = run
         while left > 0 and now.cycle < screen.cycle:
@@ -307,8 +327,11 @@ def stepped_on(race: Race, left: int, history: History, erratic: np.ndarray, par
             counts = screen.masks[now.cycle - screen.began]
             now = stepped(now, record.sample, record.link, counts, erratic, params)
             left -= 1
-        runs.append(now)
-    return race._replace(runs=tuple(runs)), left
+        if _impossible(now, params):
+            out.add(now.cause)
+        else:
+            runs.append(now)
+    return race._replace(runs=tuple(runs), out=frozenset(out)), left
 
 
 def known_forces(state: JointState, params: JointParams) -> Array:

@@ -347,7 +347,7 @@ def _singles(screen: Screen, index: int, allowed: np.ndarray, known: Array, para
     total = had + change
     possible = allowed[ways] & (np.diagonal(screen.information[index])[steps] > 0.0)
     possible &= (total + BOUND * sigma > 0.0) & (total - BOUND * sigma < MOST_FORCE * thrusts)
-    possible &= ((change > 0.0) | (had > 0.0)) & (as_found(steps, total, params) == steps)
+    possible &= ((change > 0.0) | (had > 0.0)) & ((as_found(steps, total, params) == steps) | (had > 0.0))
     result = []
     for row in np.flatnonzero(possible & (lead > 0.0)):
         forces = ((float(total[row]),), (float(sigma[row]),), _rows(fitted.kicks[:, row]))
@@ -365,15 +365,16 @@ def _pairs(screen: Screen, index: int, allowed: np.ndarray, known: Array, params
     steps = np.unique(np.concatenate(chosen), axis=0)
     if steps.shape[0] == 0:
         return []
-    at_first = _fitted(screen, index, steps, params).force + known[_directions(steps, jets)]
-    steps = np.unique(as_found(steps, at_first, params), axis=0)
+    had = known[_directions(steps, jets)]
+    at_first = _fitted(screen, index, steps, params).force + had
+    steps = np.unique(np.where(had > 0.0, steps, as_found(steps, at_first, params)), axis=0)
     fitted = _fitted(screen, index, steps, params)
     lead = fitted.lead + rarity(params)[steps % jets].sum(axis=1) - PAIR_PRIOR
     had = known[_directions(steps, jets)]
     total = fitted.force + had
     most = MOST_FORCE * params.thrusts[steps % jets]
     within = (total + BOUND * fitted.sigma > 0.0) & (total - BOUND * fitted.sigma < most)
-    possible = (within & (as_found(steps, total, params) == steps)).all(axis=1)
+    possible = (within & ((as_found(steps, total, params) == steps) | (had > 0.0))).all(axis=1)
     result = []
     for row in np.flatnonzero(possible):
         cause = _of_columns(steps[row].tolist(), jets)
@@ -409,11 +410,16 @@ def _likely_pairs(
     possible &= (x - near < 1.5 * of_one) & (y - other_near < 1.5 * of_other)
     order = np.flatnonzero(possible & (gain > 0.0))
     order = order[np.argsort(-gain[order])][:_PAIRS]
-    return np.vstack((np.stack((one[order], other[order]), axis=1), _alike_pairs(information, projection, steps)))
+    alike = _alike_pairs(information, projection, steps)
+    first, second = alike.T
+    kept = (first % jets != second % jets) & ~((known[_directions(alike, jets)] > 0.0).all(axis=1))
+    return np.vstack((np.stack((one[order], other[order]), axis=1), alike[kept]))
 
 
 def _alike_pairs(information: Array, projection: Array, steps: np.ndarray) -> np.ndarray:
     """Pairs of the likeliest single column and those most like it, which share what it explains, shape (number, 2)."""
+    if steps.shape[0] == 0:
+        return np.zeros((0, 2), dtype=np.intp)
     energy = np.diagonal(information)[steps]
     best = int(np.argmax(np.maximum(projection[steps], 0.0) ** 2 / energy))
     likeness = information[steps[best], steps] / np.sqrt(energy)
