@@ -15,7 +15,7 @@ from massprop_drake.maths.estimation import hindsight
 from massprop_drake.maths.estimation.filter import Instruments
 from massprop_drake.maths.estimation.filters.joint import chi_square_limit
 from massprop_drake.maths.estimation.hindsight import Fit, Model, ScoreTest, Stretch
-from massprop_drake.maths.mass_properties import CENTER_OF_MASS, MASS_RECIPROCAL
+from massprop_drake.maths.estimation.joint.prediction import propellant_drift
 from massprop_drake.results.consistency import Diagnosis
 from massprop_drake.results.detections import JUMP, DetectionRecord
 from massprop_drake.results.spool import Spool
@@ -215,16 +215,11 @@ def looked_back(
 
 def _drift(scenario: Scenario, part: Stretch, at: Array) -> Array:
     """Variances that the propellant used in a stretch adds, as the joint filter reckons them, shape (10,)."""
-    result = np.zeros(10)
-    if scenario.estimation.filter == "joint":
-        joint, vehicle = scenario.joint, scenario.vehicle_data
-        fraction = vehicle.tank_fraction if joint.tank_fraction is None else joint.tank_fraction
-        each = 0.01 * fraction**2 * at[MASS_RECIPROCAL] * float(part.used_after[0] - part.used_after[-1])
-        diagonal = at[:3]
-        result[:3] = each * diagonal**2
-        result[3:6] = each * diagonal[[1, 0, 0]] * diagonal[[2, 2, 1]]
-        result[CENTER_OF_MASS] = each * vehicle.rms_arm**2
-    return result
+    if scenario.estimation.filter != "joint":
+        return np.zeros(10)
+    joint, vehicle = scenario.joint, scenario.vehicle_data
+    fraction = vehicle.tank_fraction if joint.tank_fraction is None else joint.tank_fraction
+    return propellant_drift(at, float(part.used_after[0] - part.used_after[-1]), fraction, vehicle.rms_arm)
 
 
 # --------------------------------------------------------------------------------------- diagnoses

@@ -238,7 +238,7 @@ class Estimator:
             mass.mass_nis,
             judgment is not None and bool(judgment.status.alarm),
             None if judgment is None else self._detection(judgment),
-            np.zeros(6) if detector is None else np.maximum(detector.force, 0.0) @ self._unit_wrenches,
+            np.zeros(6) if detector is None else detector.force @ self._unit_wrenches,
             np.zeros(n_jets, dtype=bool) if detector is None else detector.removed != 0.0,
         )
 

@@ -123,7 +123,7 @@ class HypothesisDetector(LeafSystem):
     def _calc_reconfiguration(self, context: Any, output: Any) -> None:
         judgment = self._judged(context)
         declared = judgment.status.detector_event == Event.DECLARED
-        wrench = np.maximum(judgment.state.force, 0.0) @ self._jets.unit_wrenches  # what does not fire pushes nobody
+        wrench = judgment.state.force @ self._jets.unit_wrenches
         output.SetFromVector(self._reconfiguration.pack((declared, wrench, judgment.state.removed)))
 
     def _calc_closed(self, context: Any, output: Any) -> None:

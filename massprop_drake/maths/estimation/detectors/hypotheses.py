@@ -66,7 +66,7 @@ class State(NamedTuple):
 
     Attributes:
         method: see `multi_hypothesis.State`.
-        force, variance: of the jets that are declared, as the filter has them, lbf or N, shape (n_jets,).
+        force, variance: of the declared jets that push untold, as the filter has them, lbf or N, shape (n_jets,).
         removed: 1 for each jet that is named alone, shape (n_jets,).
         closed: 1 for each jet whose manifold is closed: none, shape (n_jets,).
     """
@@ -126,13 +126,13 @@ def judge(state: State, evidence: JointEvidence, params: HypothesisParams) -> Ju
 
 
 def _declared(method: multi_hypothesis.State, now: JointState, params: HypothesisParams) -> tuple[Array, Array]:
-    """Force and variance of each jet that has been declared, shape (n_jets,) each."""
+    """Force and variance of each declared jet that pushes untold, shape (n_jets,) each; what is off pushes nobody."""
     places = params.joint.places
     force, variance = np.zeros(places.jets), np.zeros(places.jets)
-    for slot in np.flatnonzero((now.slot_jet >= 0) & (method.announced > 0.0)).tolist():
+    for slot in np.flatnonzero((now.slot_jet >= 0) & (now.slot_sign > 0.0) & (method.announced > 0.0)).tolist():
         jet, row = int(now.slot_jet[slot]), now.root[places.force + slot]
-        force[jet] += now.slot_sign[slot] * now.mean[places.force + slot]
-        variance[jet] += row @ row
+        force[jet] = max(float(now.mean[places.force + slot]), 0.0)
+        variance[jet] = row @ row
     return force, variance
 
 

@@ -279,7 +279,7 @@ def predict(state: JointState, acting: Drive, rate_read: RateRead, params: Joint
         velocity_rows=velocity_rows,
         mass_factor=1.0 + 2.0 * reciprocal * flow,
         noise=noise,
-        drift=_drift(mean, flow, params),
+        drift=propellant_drift(mean, flow, params.tank_fraction, params.arm),
         spin=spin_integral(mean[RATE], end, bowed, duration),
         duration_s=duration,
         coupled=coupled,
@@ -442,13 +442,19 @@ def _white_noise(mean: Array, firing: Firing, params: JointParams) -> Array:
     return noise
 
 
-def _drift(mean: Array, flow: float, params: JointParams) -> Array:
-    """Variances that propellant which is used adds to inertia and center of mass, shape (10,)."""
+def propellant_drift(properties: Array, used: float, tank_fraction: float, arm: float) -> Array:
+    """Variances that propellant which is used adds to inertia and center of mass, shape (10,).
+
+    Args:
+        properties: the ten parameters, shape (10,) or more.
+        used: mass of it, slug or kg.
+        tank_fraction, arm: see `JointParams`.
+    """
     drift = np.zeros(N_PROPERTIES)
-    used = mean[MASS] * flow
-    if used > 0.0 and params.tank_fraction > 0.0:
-        each = 0.01 * params.tank_fraction**2 * used
+    share = properties[MASS] * used
+    if share > 0.0 and tank_fraction > 0.0:
+        each = 0.01 * tank_fraction**2 * share
         for k, (i, j) in enumerate(_PAIRS):
-            drift[k] = each * abs(mean[i] * mean[j])
-        drift[CENTER] = each * params.arm**2
+            drift[k] = each * abs(properties[i] * properties[j])
+        drift[CENTER] = each * arm**2
     return drift
