@@ -62,7 +62,7 @@ def build(scenario: Scenario) -> Diagram:
             `JointEstimator`; the inputs may stay unconnected, and replacement is none with a detector.
         reconfiguration (out, 7 + n_jets), closed (out, n_jets), held_closed (out, n_jets),
             detector_report (out, 14 + 4 n_jets), with a detector: see `FailureDetector`.
-        hypothesis_report (out, 8 + 4 n_jets), with that of the joint filter: see `HypothesisDetector`.
+        hypothesis_report (out, 13 + 8 n_jets), with that of the joint filter: see `HypothesisDetector`.
     """
     vehicle = scenario.vehicle_data
     builder = DiagramBuilder()

@@ -100,6 +100,12 @@ SIGNALS = {
         Signal("verdict_magnitude", "force of that jet's failure", "{force}", ()),
         Signal("verdict_std", "1-sigma of it", "{force}", ()),
         Signal("verdict_onset", "when it began", "s", ()),
+        Signal(
+            "verdict_group", "what names it: 1 the first thing said of jets, 2 the second, 4 the third, summed", "-", ()
+        ),
+        Signal("verdict_place", "place in its group, 1: the likeliest", "-", ()),
+        Signal("verdict_apart_by", "index of the jet that, fired alone, would tell its group apart", "-", ()),
+        Signal("verdict_apart_after", "time without any jet that would tell its group apart", "s", ()),
     )
 }
 

@@ -13,7 +13,7 @@ from massprop_drake.inputs.model import Count, NotNegative, Real, Text, Whole
 from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.maths.estimation.detector import STATUS
 from massprop_drake.maths.estimation.detector import Event as Code
-from massprop_drake.maths.estimation.detectors.hypotheses import HYPOTHESIS_REPORT
+from massprop_drake.maths.estimation.detectors.hypotheses import HYPOTHESIS_REPORT, named
 from massprop_drake.maths.estimation.detectors.multi_hypothesis import Word
 from massprop_drake.signals import AXES, with_deviation
 
@@ -23,12 +23,13 @@ EventKind = Literal[
     "failed", "group", "changed", "withdrawn", "erratic", "jump", "jump_measured", "false_reading", "unexplained"
 ]
 _OF_HYPOTHESES = tuple(HYPOTHESIS_REPORT)
-_OF_JETS: tuple[tuple[Word, EventKind], ...] = (
-    (Word.FAILED, "failed"),
-    (Word.CHANGED, "changed"),
-    (Word.WITHDRAWN, "withdrawn"),
-    (Word.ERRATIC, "erratic"),
-)
+_OF_JETS: dict[Word, EventKind] = {
+    Word.FAILED: "failed",
+    Word.GROUP: "group",
+    Word.CHANGED: "changed",
+    Word.WITHDRAWN: "withdrawn",
+    Word.ERRATIC: "erratic",
+}
 _Three = tuple[Real, Real, Real]
 
 
@@ -130,22 +131,12 @@ def _by_hypotheses(
     told: tuple[Mapping[str, float], Mapping[str, Array]],
     earlier: Sequence[EventRecord],
 ) -> Iterator[EventRecord]:
-    """What the detector by hypotheses says at a sample: of everything that it may say at most one, but of jets."""
+    """What the detector by hypotheses says at a sample: of jets one or more, of everything else at most one."""
     at, row = told
-    verdict = row["verdict"]
     how: dict[str, Any] = {"statistic": at["suspected_likelihood"], "alarms": int(at["alarms"])}
-    group = sorted(np.flatnonzero(verdict == Word.GROUP).tolist(), key=lambda jet: jet != at["suspected_jet"])
-    if group:
-        by, after_s = float(row["told_apart_by"][0]), float(row["told_apart_after"][0])
-        yield _of_jets(vehicle, time_s, "group", group, row)._replace(
-            told_apart_by=None if math.isnan(by) else vehicle.designations[int(by)],
-            told_apart_s=None if math.isnan(after_s) else after_s,
-            **how,
-        )
-    for word, kind in _OF_JETS:
-        for jet in np.flatnonzero(verdict == word).tolist():
-            event = _of_jets(vehicle, time_s, kind, [jet], row)._replace(**how)
-            yield event._replace(pattern=_pattern(earlier, event)) if kind == "erratic" else event
+    for jets in named(row["verdict_group"], row["verdict_place"]):
+        event = _of_jets(vehicle, time_s, jets, row)._replace(**how)
+        yield event._replace(pattern=_pattern(earlier, event)) if event.kind == "erratic" else event
     if not np.isnan(row["jump_mass"][0]):
         there = np.isfinite(row["jump_position"]).all()
         yield EventRecord(
@@ -167,18 +158,19 @@ def _by_hypotheses(
         yield EventRecord(time_s, "unexplained", float(row["unexplained_since"][0]), **how)
 
 
-def _of_jets(
-    vehicle: Vehicle, time_s: float, kind: EventKind, jets: list[int], row: Mapping[str, Array]
-) -> EventRecord:
+def _of_jets(vehicle: Vehicle, time_s: float, jets: list[int], row: Mapping[str, Array]) -> EventRecord:
     jet = jets[0]
+    by, after_s = float(row["verdict_apart_by"][jet]), float(row["verdict_apart_after"][jet])
     return EventRecord(
         time_s,
-        kind,
+        _OF_JETS[Word(int(row["verdict"][jet]))],
         float(row["verdict_onset"][jet]),
         jets=tuple(vehicle.designations[each] for each in jets),
         cluster=vehicle.jets[jet].cluster,
         magnitude=float(row["verdict_magnitude"][jet]),
         magnitude_std=float(row["verdict_std"][jet]),
+        told_apart_by=None if math.isnan(by) else vehicle.designations[int(by)],
+        told_apart_s=None if math.isnan(after_s) else after_s,
         jet_index=jet,
     )
 

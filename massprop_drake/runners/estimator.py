@@ -17,6 +17,7 @@ from massprop_drake.inputs.scenario import Scenario, check_against_vehicle
 from massprop_drake.inputs.vehicle import SensorPackage, Vehicle
 from massprop_drake.maths.estimation import cycle
 from massprop_drake.maths.estimation.detector import Event, Judgment
+from massprop_drake.maths.estimation.detectors.hypotheses import named
 from massprop_drake.maths.estimation.detectors.multi_hypothesis import Word
 from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
 from massprop_drake.maths.mass_properties import converged
@@ -252,16 +253,16 @@ class Estimator:
             found = Detection(kind, status.onset, None, None, False, 0.0, 0.0)
             return found if own is None else found._replace(**self._of_no_jet(own))
         jet = self._vehicle.jets[int(status.suspected_jet)]
-        named = [int(status.suspected_jet)] if status.jet_isolated else []
-        if own is not None and not status.jet_isolated:
-            named = sorted(np.flatnonzero(own.verdict == Word.GROUP).tolist(), key=lambda j: j != status.suspected_jet)
+        jets = [int(status.suspected_jet)] if status.jet_isolated else []
+        if own is not None:
+            jets, *_ = named(own.verdict_group, own.verdict_place)
         kinds = {Event.DECLARED: "jet", Event.WITHDRAWN: "withdrawn"}
         erratic = own is not None and own.verdict[int(status.suspected_jet)] == Word.ERRATIC
-        apart = {}
+        apart: dict[str, Any] = {}
         if own is not None and not status.jet_isolated:
-            by = own.told_apart_by
+            by, after_s = own.verdict_apart_by[jets[0]], own.verdict_apart_after[jets[0]]
             name = None if math.isnan(by) else self._vehicle.designations[int(by)]
-            apart = {"told_apart_by": name, "told_apart_s": own.told_apart_after}
+            apart = {"told_apart_by": name, "told_apart_s": float(after_s)}
         return Detection(
             kinds.get(event, "erratic" if erratic else "changed"),
             status.onset,
@@ -270,7 +271,7 @@ class Estimator:
             bool(status.jet_isolated),
             status.suspected_magnitude,
             status.suspected_magnitude_std,
-            tuple(self._vehicle.jets[j].designation for j in named),
+            tuple(self._vehicle.jets[j].designation for j in jets),
             **apart,
         )
 

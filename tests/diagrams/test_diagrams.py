@@ -69,7 +69,7 @@ JOINT_IN = {"record_time": 1, "command": 44, "replacement": 0}
 JOINT_OUT = {"joint_report": 3, "evidence": 0}
 THESIS_OUT = {f"{name}_innovation{part}" for name in ("rotation", "mass") for part in ("", "_covariance")}
 DETECTOR_OUT = {"reconfiguration", "closed", "held_closed", "detector_report"}
-HYPOTHESES_OUT = {"hypothesis_report": 15 + 4 * 44}
+HYPOTHESES_OUT = {"hypothesis_report": 13 + 8 * 44}
 
 
 def _with_filter(
@@ -92,7 +92,7 @@ def _with_filter(
 def _ports_of(ports: dict[str, int], vehicle: Vehicle) -> dict[str, int]:
     """The orbiter's ports as another vehicle has them: its own sensors, and sizes by its number of jets."""
     n = len(vehicle.jets)
-    sizes = {44: n, 7 + 44: 7 + n, 14 + 4 * 44: 14 + 4 * n, 15 + 4 * 44: 15 + 4 * n}
+    sizes = {44: n, 7 + 44: 7 + n, 14 + 4 * 44: 14 + 4 * n, 13 + 8 * 44: 13 + 8 * n}
     # the autopilot has one gyro port, whatever the package is called
     sensors = dict.fromkeys(vehicle.sensor_names(), 3) if "acc1" in ports else {"gyro": 3} if "gyro" in ports else {}
     return sensors | {name: sizes.get(size, size) for name, size in ports.items() if name not in SENSORS}

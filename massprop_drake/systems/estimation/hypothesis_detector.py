@@ -49,8 +49,9 @@ class HypothesisDetector(LeafSystem):
         reconfiguration (out, 7 + n_jets), closed (out, n_jets), held_closed (out, n_jets), report (out, 14 +
             4 n_jets): see `FailureDetector`. The forces are those that the filter has as states; no manifold is
             closed; magnitudes are those of the jets that are declared at this sample.
-        hypothesis_report (out, 15 + 4 n_jets): packed as `layouts.HYPOTHESIS_REPORT`, for logs: what is said of jumps
-            and readings; and of every jet, as `detectors.multi_hypothesis.Word`, with force, its 1-sigma and onset.
+        hypothesis_report (out, 13 + 8 n_jets): packed as `layouts.HYPOTHESIS_REPORT`, for logs: what is said of jumps
+            and readings; and of every jet, as `detectors.multi_hypothesis.Word`, with force, its 1-sigma and onset,
+            which of the things said name it, and what would tell its group apart.
 
     State: abstract, `Memory`: bank and race are tuples of snapshots that are never changed, so that a cycle shares
     all but the newest with the one before, and so does a clone.

@@ -45,8 +45,6 @@ HYPOTHESIS_REPORT = Layout(
     "hypothesis_report",
     racing=Field("hypotheses are compared"),
     lead=Field("lead of the likeliest hypothesis, nats"),
-    told_apart_by=Field("index of the jet that, fired alone, would tell a group apart", component="jet"),
-    told_apart_after=Field("time without any jet that would tell a group apart", "s", "duration"),
     jump_mass=Field("mass gained in a jump", "{mass}", "mass"),
     jump_mass_std=Field("1-sigma of it", "{mass}", "std"),
     jump_measured=Field("it is that of an earlier jump, measured since", component="measured"),
@@ -58,6 +56,10 @@ HYPOTHESIS_REPORT = Layout(
     verdict_magnitude="jets",
     verdict_std="jets",
     verdict_onset="jets",
+    verdict_group="jets",
+    verdict_place="jets",
+    verdict_apart_by="jets",
+    verdict_apart_after="jets",
 )
 
 
@@ -165,7 +167,7 @@ def _status(said: tuple[Declaration, ...], status: Status, tested: bool, alarms:
             row["suspected_jet"] = float(first.jets[0])
             row["suspected_magnitude"] = first.signs[0] * first.forces[0]
             row["suspected_magnitude_std"] = first.sigmas[0]
-            row["jet_isolated"] = float(first.word != Word.GROUP)
+            row["jet_isolated"] = float(len(first.jets) == 1)
     return STATUS.make(tested=float(tested), alarm=float(alarm), detector_event=float(event), **row)
 
 
@@ -180,20 +182,22 @@ _EVENTS = {Word.FAILED: Event.DECLARED, Word.GROUP: Event.DECLARED, Word.WITHDRA
 
 def _own(said: tuple[Declaration, ...], status: Status, n_jets: int) -> Any:
     """What this detector logs, as `HYPOTHESIS_REPORT`."""
-    verdict = np.zeros(n_jets)
-    magnitude, std, onset = (np.full(n_jets, np.nan) for _ in range(3))
+    verdict, group, place = (np.zeros(n_jets) for _ in range(3))
+    magnitude, std, onset, by, after = (np.full(n_jets, np.nan) for _ in range(5))
     position, position_std = np.full(3, np.nan), np.full(3, np.nan)
     row: dict[str, float] = {}
+    bit = 1.0  # of the next thing that is said of jets
     for one in said:
         match one:
             case JetsDeclared():
                 jets = list(one.jets)
-                verdict[jets] = float(one.word)
+                verdict[jets], place[jets] = float(one.word), 1.0 + np.arange(len(jets))
                 magnitude[jets] = np.array(one.signs) * np.array(one.forces)
                 std[jets], onset[jets] = one.sigmas, one.onset_s
-                if one.apart.jet >= 0:
-                    row["told_apart_by"] = float(one.apart.jet)
-                row["told_apart_after"] = one.apart.coasting_s
+                by[jets] = one.apart.jet if one.apart.jet >= 0 else math.nan
+                after[jets] = one.apart.coasting_s
+                group[jets] += bit
+                bit *= 2.0
             case JumpDeclared():
                 row |= {"jump_mass": one.mass, "jump_mass_std": one.mass_sigma, "jump_measured": float(one.measured)}
                 position, position_std = one.position, one.position_sigma
@@ -203,8 +207,20 @@ def _own(said: tuple[Declaration, ...], status: Status, n_jets: int) -> Any:
                 row["unexplained_since"] = one.onset_s
     lead = status.lead if status.racing else math.nan
     of_jets = {"verdict": verdict, "verdict_magnitude": magnitude, "verdict_std": std, "verdict_onset": onset}
+    of_jets |= {"verdict_group": group, "verdict_place": place, "verdict_apart_by": by, "verdict_apart_after": after}
     of_jets |= {"jump_position": position, "jump_position_std": position_std}
     return HYPOTHESIS_REPORT.make(racing=float(status.racing), lead=lead, **row, **of_jets)
+
+
+def named(group: Array, place: Array) -> list[list[int]]:
+    """Indices of the jets that each thing said at a sample is about, the likeliest first.
+
+    Args:
+        group, place: as logged at the sample, shape (n_jets,) each.
+    """
+    bits = group.astype(np.int64)
+    order = np.argsort(place, kind="stable")
+    return [order[bits[order] >> number & 1 > 0].tolist() for number in range(int(bits.max()).bit_length())]
 
 
 # --------------------------------------------------------------------------------------- kept states
