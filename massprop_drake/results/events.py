@@ -42,7 +42,8 @@ class EventRecord(NamedTuple):
             a failed jet), "withdrawn", "erratic" (its force has changed again and again), "jump" (of the mass
             properties), "jump_measured" (the size of an earlier one), "false_reading" or "unexplained".
         onset_s: since when, s.
-        jets: designations, the likeliest first; none where only a cluster is named, and where it is not of jets.
+        jets: designations, the likeliest first; none where only a cluster is named, and where it is not of jets. What
+            is said of a group later names all its members, until it is told apart.
         cluster: of the likeliest jet.
         magnitude, magnitude_std: force too much (positive) or missing (negative) of the likeliest jet, lbf or N.
         told_apart_by: designation of the jet of a group that, fired alone, would tell it apart.
@@ -205,16 +206,17 @@ def in_words(event: EventRecord, units: Mapping[str, str]) -> str:
     since = f"since {event.onset_s:.2f} s"
     match event.kind:
         case "failed" | "group":
-            which = f"jet {event.jets[0]}" if len(event.jets) == 1 else _one_of(event)
-            what = f"{which} has failed: {_force(event, units)}, {since}"
+            what = f"{_which(event)} has failed: {_force(event, units)}, {since}"
             return what if event.kind == "failed" else f"{what}; {telling_apart(event)}"
         case "changed":
-            return f"the failure of jet {event.jets[0]} is now {_force(event, units)}"
+            return f"the failure of {_which(event)} is now {_force(event, units)}"
         case "withdrawn":
-            return f"nothing is left of the failure of jet {event.jets[0]}"
+            return f"nothing is left of the failure of {_which(event)}"
         case "erratic":
             how = "drifts" if event.pattern == "drifting" else "comes and goes"
-            return f"jet {event.jets[0]} is erratic: its failure {how}, now {_force(event, units)}; it is not relied on"
+            which, force = _which(event), _force(event, units)
+            relied = "it is not relied on" if len(event.jets) == 1 else "what it gives is not relied on"
+            return f"{which} is erratic: its failure {how}, now {force}; {relied}"
         case "jump" | "jump_measured":
             of = "a jump of the mass properties" if event.kind == "jump" else "the jump of the mass properties"
             size = gained(event.mass, event.mass_std, units)
@@ -252,7 +254,9 @@ def place(position: Sequence[float] | None, std: Sequence[float] | None, units: 
     return f"({parts}) {units['length']}"
 
 
-def _one_of(event: EventRecord) -> str:
+def _which(event: EventRecord) -> str:
+    if len(event.jets) == 1:
+        return f"jet {event.jets[0]}"
     return f"one of {', '.join(event.jets)}" if event.jets else f"a jet of cluster {event.cluster}"
 
 

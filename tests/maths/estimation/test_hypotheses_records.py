@@ -203,6 +203,37 @@ def test_jets_that_are_named_alone_are_out_of_use_until_they_are_well() -> None:
     assert np.flatnonzero(hypotheses._removed(out, (well,))).tolist() == [28]
 
 
+@pytest.mark.parametrize("word", [Word.CHANGED, Word.ERRATIC, Word.WITHDRAWN])
+def test_what_is_said_of_a_group_again_is_of_all_its_members_and_puts_none_out_of_use(
+    orbiter: Vehicle, word: Word
+) -> None:
+    again = JetsDeclared(word, ALIKE.jets, ALIKE.signs, (300.0, np.nan), (1.0, np.nan), 4.0)
+    assert not hypotheses._removed(np.zeros(N), (again,)).any()
+    assert hypotheses._removed(np.ones(N), (again,)).all()
+    _, event = heard(orbiter, (ALIKE,), (again,))
+    names = orbiter.designations
+    assert (event.kind, event.jets, event.magnitude) == (word.name.lower(), (names[30], names[29]), -300.0)
+    assert f"one of {names[30]}, {names[29]}" in in_words(event, orbiter.unit_names)
+    (record,) = recorded(orbiter, (ALIKE,), (again,))
+    assert (record.isolated_to, record.jets) == ("group", event.jets)
+    assert (record.withdrawn_s is None, record.erratic_s is None) == (word != Word.WITHDRAWN, word != Word.ERRATIC)
+
+
+def test_a_kept_state_has_the_members_of_groups(orbiter: Vehicle) -> None:
+    params = detector_params(orbiter, dispersed=False)
+    state = hypotheses.initial(params)
+    members, apart = state.method.members.copy(), state.method.apart.copy()
+    members[1, [30, 29 + N]], apart[1] = (1.0, 2.0), (30.0, np.nan)
+    state = state._replace(method=state.method._replace(members=members, apart=apart))
+    vector = hypotheses.saved(state, params)
+    again = hypotheses.restored(vector, params)
+    np.testing.assert_array_equal(again.method.members, members)
+    np.testing.assert_array_equal(again.method.apart, apart)
+    for wrong in (-2.0, 0.5, float(N)):
+        with pytest.raises(ValueError, match="apart must be a jet's index"):
+            hypotheses.restored(np.where(vector == 30.0, wrong, vector), params)
+
+
 def test_a_kept_state_has_a_jump_that_is_not_measured_yet(orbiter: Vehicle) -> None:
     params = detector_params(orbiter, dispersed=False)
     state = hypotheses.initial(params)

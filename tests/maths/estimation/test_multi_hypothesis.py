@@ -152,16 +152,55 @@ def test_jets_that_fire_together_are_a_group_until_one_fires_alone() -> None:
     wrenches[1] = wrenches[0]
     params = HypothesisParams(JOINT._replace(wrenches=wrenches, thrusts=np.linalg.norm(wrenches[:, 3:], axis=1)))
     flown = Flight(params)
-    together = np.array([1.0, 1, 0, 0, 0, 0])
-    flown.command = lambda: together * LITTLE * (flown.cycle % 6 < 3)  # type: ignore[method-assign]
+
+    def only(*jets: int) -> None:
+        together = np.isin(np.arange(6), jets) * LITTLE
+        flown.command = lambda: together * (flown.cycle % 6 < 3)  # type: ignore[method-assign]
+
+    only(0, 1)
     flown.fly(40)
-    flown.truth = failed(flown.truth, 0, -1, float(params.joint.thrusts[0]))
+    thrust = float(params.joint.thrusts[0])
+    flown.truth = failed(flown.truth, 0, -1, thrust)
     flown.fly(30)
     said = flown.only(JetsDeclared)
     assert said.word == Word.GROUP
     assert sorted(said.jets) == [0, 1]
     assert said.apart.jet in said.jets
     assert detector.untested(flown.state) == (2, 3, 4, 5)
+
+    known, now = flown.state, flown.filter  # what is said of the slot later is of the group
+    mean = now.mean.copy()
+    mean[PLACES.force] *= 0.5
+    _, (changed,) = detector._known_now(known, now._replace(mean=mean), params.joint)
+    assert isinstance(changed, JetsDeclared)
+    assert (changed.word, changed.jets, changed.signs) == (Word.CHANGED, said.jets, said.signs)
+    _, (late,) = detector._known_now(known._replace(announced=np.zeros(2)), now, params.joint)
+    assert isinstance(late, JetsDeclared)
+    assert (late.word, late.jets, late.apart.jet) == (Word.GROUP, said.jets, said.apart.jet)
+
+    likeliest, other = said.jets  # it is the other
+    flown.truth = failed(flown.truth, other, -1, thrust)
+    only(likeliest)
+    flown.fly(40)
+    only(other)
+    flown.fly(40)
+    _, (_, gone), (_, last) = flown.said
+    assert isinstance(gone, JetsDeclared)
+    assert isinstance(last, JetsDeclared)
+    assert (gone.word, gone.jets) == (Word.WITHDRAWN, said.jets)
+    assert (last.word, last.jets) == (Word.FAILED, (other,))
+    assert (np.count_nonzero(flown.state.members, axis=1) == 1).all()  # now it is told apart
+
+
+def test_nobody_is_blamed_for_a_force_that_nothing_explains() -> None:
+    """A slot that a race left behind undecided says nothing, however its force changes."""
+    flown = Flight()
+    slots = flown.filter.slot_jet.copy()
+    slots[0], mean = 3.0, flown.filter.mean.copy()
+    for force in (0.0, 0.8, 0.1):
+        mean[PLACES.force] = force
+        left = flown.filter._replace(slot_jet=slots, mean=mean)
+        assert detector._known_now(flown.state, left, JOINT)[1] == ()
 
 
 @pytest.mark.parametrize(("component", "off"), [(4, 1e-3), (8, 0.5)])

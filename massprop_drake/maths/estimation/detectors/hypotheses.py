@@ -3,7 +3,7 @@
 The mathematics is in `multi_hypothesis`. Its evidence is a `JointEvidence`. Forces of failed jets are states of the
 filter, so that none acts through the impulse model; those that have been declared stand in `force` and `variance` for
 the autopilot and the logs. A jet that is named alone is put out of use until its declaration is withdrawn; of a group
-none is.
+none is, whatever is said of it later: the slot is that of its likeliest member, which may be healthy.
 
 Bank and race are snapshots of the filter by the dozen. A saved state has what has been said, and not these: after a
 restart the bank begins anew, so that a race that was under way begins anew with the next alarm.
@@ -141,7 +141,7 @@ def _declared(method: multi_hypothesis.State, now: JointState, params: Hypothesi
 def _removed(removed: Array, said: tuple[Declaration, ...]) -> Array:
     """1 for each jet that is to be out of use."""
     for one in said:
-        if isinstance(one, JetsDeclared) and one.word != Word.GROUP:
+        if isinstance(one, JetsDeclared) and len(one.jets) == 1:
             removed = removed.copy()
             removed[list(one.jets)] = float(one.word != Word.WITHDRAWN)
     return removed
@@ -229,6 +229,8 @@ _SAVED = Layout(
     "hypotheses",
     cycle=NUMBER,
     commanded="jets",
+    members=("forces", "ways"),
+    apart=("forces", 2),
     announced="forces",
     sigmas="forces",
     changes="forces",
@@ -246,6 +248,7 @@ def _layout(params: HypothesisParams) -> Layout:
     places = params.joint.places
     return _SAVED.sized(
         jets=places.jets,
+        ways=2 * places.jets,
         forces=places.n_force,
         outputs=3 * (places.gyros + places.accelerometers),
         state=state_layout(places).size,
@@ -257,7 +260,8 @@ def saved(state: State, params: HypothesisParams) -> Array:
     method, places = state.method, params.joint.places
     jumped = method.earlier is not None
     earlier = np.zeros(state_layout(places).size) if method.earlier is None else pack(method.earlier, places)
-    said = (method.announced, method.sigmas, method.changes, method.erratic, method.lying)
+    whom = (method.members, method.apart)
+    said = (*whom, method.announced, method.sigmas, method.changes, method.erratic, method.lying)
     of_jets = (state.force, state.variance, state.removed)
     return _layout(params).pack((method.cycle, method.commanded, *said, *of_jets, jumped, earlier))
 
@@ -269,20 +273,24 @@ def restored(vector: Array, params: HypothesisParams) -> State:
         ValueError: when the state holds what the detector cannot leave.
     """
     read = _layout(params).read(vector)
-    if not np.isfinite(vector).all():
+    if not all(np.isfinite(part).all() for part in read._replace(apart=read.apart[:, 0])):
         raise ValueError(f"{GROUP}: must be finite")
     if (read.variance < 0.0).any():
         raise ValueError(f"{GROUP}: variances of known forces must be zero or positive")
     if not all(np.isin(flags, (0.0, 1.0)).all() for flags in (read.removed, read.erratic, read.lying)):
         raise ValueError(f"{GROUP}: removed, erratic and lying must be 0 or 1")
-    counts = (np.array([read.cycle]), read.commanded, read.changes)
+    counts = (np.array([read.cycle]), read.commanded, read.changes, read.members)
     if not all(((one >= 0.0) & (one == np.round(one))).all() for one in counts):
         raise ValueError(f"{GROUP}: counts must be whole numbers, zero or positive")
+    if not np.isin(read.apart[:, 0], np.arange(-1.0, params.joint.places.jets)).all():
+        raise ValueError(f"{GROUP}: what tells a group apart must be a jet's index, or -1")
     fresh = initial(params)
     method = fresh.method._replace(
         cycle=int(read.cycle),
         history=History(int(read.cycle), ()),
         commanded=read.commanded,
+        members=read.members,
+        apart=read.apart,
         announced=read.announced,
         sigmas=read.sigmas,
         changes=read.changes,

@@ -60,7 +60,7 @@ _ONSET_SHARE = 0.7  # of the largest statistic: older onsets explain the end poi
 
 
 class Word(IntEnum):
-    """What is said of jets."""
+    """What is said of jets; but for the first two of one jet, or of a group that is not told apart."""
 
     FAILED = 1
     GROUP = 2  # one of these has failed
@@ -76,7 +76,7 @@ class JetsDeclared(NamedTuple):
         word: see `Word`.
         jets: indices; of a group its members, likeliest first.
         signs: 1: it gives more than it is told to, -1: less.
-        forces, sigmas: of each, lbf or N.
+        forces, sigmas: of each, lbf or N; NaN but for the first where a group is spoken of again.
         onset_s: when it began.
         apart: what would tell the members of a group apart.
     """
@@ -159,6 +159,10 @@ class State(NamedTuple):
         history: see `History`.
         race: the one under way.
         commanded: samples in which each jet was commanded; zero: untested, shape (n_jets,).
+        members: of each slot's failure, by jet, those that give more and then those that give less: its place among
+            those that look alike, 1: the likeliest; 0: it is none. Without any, nobody may be blamed for the slot's
+            force. Shape (n_force, 2 n_jets).
+        apart: of each slot's group, see `Apart`, shape (n_force, 2).
         announced, sigmas: force of each slot as announced, or as known better since, and its 1-sigma; zero: not yet,
             lbf or N, shape (n_force,).
         changes: times that each slot's force was announced as changed, shape (n_force,).
@@ -172,6 +176,8 @@ class State(NamedTuple):
     history: History
     race: Race | None
     commanded: Array
+    members: Array
+    apart: Array
     announced: Array
     sigmas: Array
     changes: Array
@@ -228,6 +234,8 @@ def initial(params: JointParams) -> State:
         history=History(0, ()),
         race=None,
         commanded=np.zeros(places.jets),
+        members=np.zeros((places.n_force, 2 * places.jets)),
+        apart=np.tile(Apart(), (places.n_force, 1)),
         announced=slots,
         sigmas=slots,
         changes=slots,
@@ -415,18 +423,8 @@ def _concluded(
         np.fill_diagonal(columns, JUMP_SHARE * joint.increment_sigma)
         now = unguarded(now._replace(root=compressed(np.hstack((now.root, columns)))))
         declared.append(Unexplained(began))
-        state = _taken_silently(state, now, joint)
     bank, history = _anew(state, now, decision, joint)
     return state._replace(bank=bank, history=history, race=None), now, declared
-
-
-def _taken_silently(state: State, now: JointState, joint: JointParams) -> State:
-    """What the detector remembers where forces of jets go on being estimated that nobody may be blamed for."""
-    announced, sigmas = state.announced.copy(), state.sigmas.copy()
-    for slot in np.flatnonzero((now.slot_jet >= 0) & (announced == 0.0)).tolist():
-        force, sigmas[slot] = _force(now, slot, joint)
-        announced[slot] = max(force, _SAID)
-    return state._replace(announced=announced, sigmas=sigmas)
 
 
 def _anew(state: State, now: JointState, decision: Decision, joint: JointParams) -> tuple[Bank, History]:
@@ -468,11 +466,16 @@ def _force(now: JointState, slot: int, params: JointParams) -> tuple[float, floa
 def _jets(
     state: State, now: JointState, race: Race, decision: Decision, params: JointParams
 ) -> tuple[State, list[Declaration]]:
-    """What is said of winning jets that nothing has been said of, if they are large enough."""
+    """What is said of winning jets that nothing has been said of, if they are large enough; and whom it may be.
+
+    Of what has been said of a group before, it stays a group; but where another of its members is now named alone,
+    that settles which it was.
+    """
     winner = decision.winner
     assert winner is not None, "somebody has won"
     contender = winner.contender
     announced, known = state.announced.copy(), state.sigmas.copy()
+    members, aparts = state.members.copy(), state.apart.copy()
     was_settled = settled(race.states[0], params)
     doubtful = {(each[0].jet, each[0].sign): each for each in decision.alternatives}
     onset_s, over = _onset_s(race, contender), state.history.records[-1].link
@@ -480,19 +483,44 @@ def _jets(
     for jet, sign in zip(contender.cause.jets, contender.cause.signs, strict=True):
         slot = slot_of(now, jet, sign)
         force, sigma = _force(now, slot, params)
-        if announced[slot] > 0.0 or force <= _floor(jet, sign, was_settled, params):
-            continue
-        announced[slot], known[slot] = force, sigma
         _, *others = doubtful.get((jet, sign), (None,))
+        if not others:
+            own = members[:, _way(jet, sign, params)] > 1.0
+            members[own] = members[own] == 1.0
+        if announced[slot] > 0.0:
+            continue
         jets, signs = (jet, *(each.jet for each in others)), (sign, *(each.sign for each in others))
         forces, sigmas = (force, *(each.force for each in others)), (sigma, *(each.sigma for each in others))
         apart = Apart()
         if others:
-            members = list(zip(jets, signs, forces, strict=True))
-            apart = told_apart(race.screen, over, contender.onset, members, ALIKE, params)
+            likely = list(zip(jets, signs, forces, strict=True))
+            apart = told_apart(race.screen, over, contender.onset, likely, ALIKE, params)
+        members[slot], aparts[slot] = _listed(jets, signs, params), apart
+        if force <= _floor(jet, sign, was_settled, params):
+            continue
+        announced[slot], known[slot] = force, sigma
         word = Word.GROUP if others else Word.FAILED
         said.append(JetsDeclared(word, jets, signs, forces, sigmas, onset_s, apart))
-    return state._replace(announced=announced, sigmas=known), said
+    return state._replace(members=members, apart=aparts, announced=announced, sigmas=known), said
+
+
+def _way(jet: int, sign: int, params: JointParams) -> int:
+    """Column of a jet's failure in `State.members`."""
+    return jet + (params.places.jets if sign < 0 else 0)
+
+
+def _listed(jets: tuple[int, ...], signs: tuple[int, ...], params: JointParams) -> Array:
+    """The row of a group in `State.members`."""
+    row = np.zeros(2 * params.places.jets)
+    row[[_way(jet, sign, params) for jet, sign in zip(jets, signs, strict=True)]] = 1.0 + np.arange(len(jets))
+    return row
+
+
+def _group(row: Array, params: JointParams) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Jets and signs of a row of `State.members`."""
+    ways = sorted(np.flatnonzero(row).tolist(), key=row.__getitem__)
+    jets = params.places.jets
+    return tuple(way % jets for way in ways), tuple(1 if way < jets else -1 for way in ways)
 
 
 def _known_now(state: State, now: JointState, params: JointParams) -> tuple[State, tuple[Declaration, ...]]:
@@ -503,7 +531,7 @@ def _known_now(state: State, now: JointState, params: JointParams) -> tuple[Stat
         if size.mass_sigma < _MEASURED * abs(size.mass):
             said.append(size)
             state = state._replace(earlier=None)
-    for slot in np.flatnonzero((now.slot_jet >= 0) & (state.erratic == 0.0)).tolist():
+    for slot in np.flatnonzero(state.members.any(axis=1) & (state.erratic == 0.0)).tolist():
         jet, sign = int(now.slot_jet[slot]), int(now.slot_sign[slot])
         force, sigma = _force(now, slot, params)
         floor = max(_floor(jet, sign, settled(now, params), params), SIGNIFICANT * sigma)
@@ -512,7 +540,7 @@ def _known_now(state: State, now: JointState, params: JointParams) -> tuple[Stat
         if had == 0.0:
             if force < floor:
                 continue
-            word = Word.FAILED
+            word = Word.FAILED if np.count_nonzero(state.members[slot]) == 1 else Word.GROUP
         elif abs(force - had) > max(SIGNIFICANT * np.hypot(sigma, had_sigma), _CHANGE * params.thrusts[jet]):
             changes += 1.0
             word = Word.WITHDRAWN if force < floor else Word.CHANGED
@@ -523,7 +551,11 @@ def _known_now(state: State, now: JointState, params: JointParams) -> tuple[Stat
             continue
         if changes >= _ERRATIC_AFTER:
             word = Word.ERRATIC
-        said.append(JetsDeclared(word, (jet,), (sign,), (force,), (sigma,), now.time_s))
+        jets, signs = _group(state.members[slot], params)
+        unknown = (np.nan,) * (len(jets) - 1)
+        by, after_s = state.apart[slot].tolist()
+        apart = Apart(int(by), after_s) if word == Word.GROUP else Apart()
+        said.append(JetsDeclared(word, jets, signs, (force, *unknown), (sigma, *unknown), now.time_s, apart))
         state = state._replace(
             announced=_with(state.announced, slot, max(force, _SAID)),
             sigmas=_with(state.sigmas, slot, sigma),
