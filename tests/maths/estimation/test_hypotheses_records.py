@@ -224,11 +224,14 @@ def test_a_kept_state_has_the_members_of_groups(orbiter: Vehicle) -> None:
     state = hypotheses.initial(params)
     members, apart = state.method.members.copy(), state.method.apart.copy()
     members[1, [30, 29 + N]], apart[1] = (1.0, 2.0), (30.0, np.nan)
-    state = state._replace(method=state.method._replace(members=members, apart=apart))
+    onsets = np.full(apart.shape[0], np.nan)
+    onsets[1] = 6.5
+    state = state._replace(method=state.method._replace(members=members, apart=apart, onsets=onsets))
     vector = hypotheses.saved(state, params)
     again = hypotheses.restored(vector, params)
     np.testing.assert_array_equal(again.method.members, members)
     np.testing.assert_array_equal(again.method.apart, apart)
+    np.testing.assert_array_equal(again.method.onsets, onsets)
     for wrong in (-2.0, 0.5, float(N)):
         with pytest.raises(ValueError, match="apart must be a jet's index"):
             hypotheses.restored(np.where(vector == 30.0, wrong, vector), params)

@@ -174,9 +174,12 @@ def test_jets_that_fire_together_are_a_group_until_one_fires_alone() -> None:
     _, (changed,) = detector._known_now(known, now._replace(mean=mean), params.joint)
     assert isinstance(changed, JetsDeclared)
     assert (changed.word, changed.jets, changed.signs) == (Word.CHANGED, said.jets, said.signs)
-    _, (late,) = detector._known_now(known._replace(announced=np.zeros(2)), now, params.joint)
+    unsaid = known._replace(announced=np.zeros(2), onsets=np.array([3.0, np.nan]))
+    told, (late,) = detector._known_now(unsaid, now, params.joint)
     assert isinstance(late, JetsDeclared)
     assert (late.word, late.jets, late.apart.jet) == (Word.GROUP, said.jets, said.apart.jet)
+    assert (changed.onset_s, late.onset_s) == (now.time_s, 3.0)  # of a drift, and of what a race has found before
+    assert np.isnan(told.onsets).all()
 
     likeliest, other = said.jets  # it is the other
     flown.truth = failed(flown.truth, other, -1, thrust)
@@ -188,6 +191,7 @@ def test_jets_that_fire_together_are_a_group_until_one_fires_alone() -> None:
     assert isinstance(gone, JetsDeclared)
     assert isinstance(last, JetsDeclared)
     assert (gone.word, gone.jets) == (Word.WITHDRAWN, said.jets)
+    assert gone.onset_s == pytest.approx(70 * PERIOD, abs=2 * PERIOD)
     assert (last.word, last.jets) == (Word.FAILED, (other,))
     assert (np.count_nonzero(flown.state.members, axis=1) == 1).all()  # now it is told apart
 

@@ -231,6 +231,7 @@ _SAVED = Layout(
     commanded="jets",
     members=("forces", "ways"),
     apart=("forces", 2),
+    onsets="forces",
     announced="forces",
     sigmas="forces",
     changes="forces",
@@ -260,7 +261,7 @@ def saved(state: State, params: HypothesisParams) -> Array:
     method, places = state.method, params.joint.places
     jumped = method.earlier is not None
     earlier = np.zeros(state_layout(places).size) if method.earlier is None else pack(method.earlier, places)
-    whom = (method.members, method.apart)
+    whom = (method.members, method.apart, method.onsets)
     said = (*whom, method.announced, method.sigmas, method.changes, method.erratic, method.lying)
     of_jets = (state.force, state.variance, state.removed)
     return _layout(params).pack((method.cycle, method.commanded, *said, *of_jets, jumped, earlier))
@@ -273,7 +274,8 @@ def restored(vector: Array, params: HypothesisParams) -> State:
         ValueError: when the state holds what the detector cannot leave.
     """
     read = _layout(params).read(vector)
-    if not all(np.isfinite(part).all() for part in read._replace(apart=read.apart[:, 0])):
+    told = read._replace(apart=read.apart[:, 0], onsets=np.nan_to_num(read.onsets, posinf=np.inf, neginf=np.inf))
+    if not all(np.isfinite(part).all() for part in told):
         raise ValueError(f"{GROUP}: must be finite")
     if (read.variance < 0.0).any():
         raise ValueError(f"{GROUP}: variances of known forces must be zero or positive")
@@ -291,6 +293,7 @@ def restored(vector: Array, params: HypothesisParams) -> State:
         commanded=read.commanded,
         members=read.members,
         apart=read.apart,
+        onsets=read.onsets,
         announced=read.announced,
         sigmas=read.sigmas,
         changes=read.changes,

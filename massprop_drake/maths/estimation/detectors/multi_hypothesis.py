@@ -163,6 +163,7 @@ class State(NamedTuple):
             those that look alike, 1: the likeliest; 0: it is none. Without any, nobody may be blamed for the slot's
             force. Shape (n_force, 2 n_jets).
         apart: of each slot's group, see `Apart`, shape (n_force, 2).
+        onsets: when what a race has put into each slot began, NaN once that has been said, s, shape (n_force,).
         announced, sigmas: force of each slot as announced, or as known better since, and its 1-sigma; zero: not yet,
             lbf or N, shape (n_force,).
         changes: times that each slot's force was announced as changed, shape (n_force,).
@@ -178,6 +179,7 @@ class State(NamedTuple):
     commanded: Array
     members: Array
     apart: Array
+    onsets: Array
     announced: Array
     sigmas: Array
     changes: Array
@@ -236,6 +238,7 @@ def initial(params: JointParams) -> State:
         commanded=np.zeros(places.jets),
         members=np.zeros((places.n_force, 2 * places.jets)),
         apart=np.tile(Apart(), (places.n_force, 1)),
+        onsets=np.full(places.n_force, np.nan),
         announced=slots,
         sigmas=slots,
         changes=slots,
@@ -475,7 +478,7 @@ def _jets(
     assert winner is not None, "somebody has won"
     contender = winner.contender
     announced, known = state.announced.copy(), state.sigmas.copy()
-    members, aparts = state.members.copy(), state.apart.copy()
+    members, aparts, onsets = state.members.copy(), state.apart.copy(), state.onsets.copy()
     was_settled = settled(race.states[0], params)
     doubtful = {(each[0].jet, each[0].sign): each for each in decision.alternatives}
     onset_s, over = _onset_s(race, contender), state.history.records[-1].link
@@ -487,6 +490,7 @@ def _jets(
         if not others:
             own = members[:, _way(jet, sign, params)] > 1.0
             members[own] = members[own] == 1.0
+        onsets[slot] = onset_s
         if announced[slot] > 0.0:
             continue
         jets, signs = (jet, *(each.jet for each in others)), (sign, *(each.sign for each in others))
@@ -498,10 +502,11 @@ def _jets(
         members[slot], aparts[slot] = _listed(jets, signs, params), apart
         if force <= _floor(jet, sign, was_settled, params):
             continue
-        announced[slot], known[slot] = force, sigma
+        announced[slot], known[slot], onsets[slot] = force, sigma, np.nan
         word = Word.GROUP if others else Word.FAILED
         said.append(JetsDeclared(word, jets, signs, forces, sigmas, onset_s, apart))
-    return state._replace(members=members, apart=aparts, announced=announced, sigmas=known), said
+    state = state._replace(members=members, apart=aparts, onsets=onsets, announced=announced, sigmas=known)
+    return state, said
 
 
 def _way(jet: int, sign: int, params: JointParams) -> int:
@@ -555,8 +560,11 @@ def _known_now(state: State, now: JointState, params: JointParams) -> tuple[Stat
         unknown = (np.nan,) * (len(jets) - 1)
         by, after_s = state.apart[slot].tolist()
         apart = Apart(int(by), after_s) if word == Word.GROUP else Apart()
-        said.append(JetsDeclared(word, jets, signs, (force, *unknown), (sigma, *unknown), now.time_s, apart))
+        began_s = float(state.onsets[slot])
+        onset_s = now.time_s if np.isnan(began_s) else began_s  # no race has put it there: it drifts
+        said.append(JetsDeclared(word, jets, signs, (force, *unknown), (sigma, *unknown), onset_s, apart))
         state = state._replace(
+            onsets=_with(state.onsets, slot, np.nan),
             announced=_with(state.announced, slot, max(force, _SAID)),
             sigmas=_with(state.sigmas, slot, sigma),
             changes=_with(state.changes, slot, changes),
