@@ -41,10 +41,10 @@ from massprop_drake.maths.estimation.joint.hypotheses import (
     without_increments,
 )
 from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES, JointParams, JointState, Places, settled
+from massprop_drake.maths.estimation.joint.payload import brought
 from massprop_drake.maths.estimation.joint.race import History, Race, Record
 from massprop_drake.maths.estimation.joint.screen import Contender
 from massprop_drake.maths.estimation.joint.sensitivity import Link, link
-from massprop_drake.maths.estimation.joint.thrust_scale import reported
 from massprop_drake.maths.linear_algebra import Array
 
 _BEFORE_SETTLED = 8.0  # times the trigger: a start's own errors raise it by chance
@@ -581,27 +581,5 @@ def _with(values: Array, index: int, value: float) -> Array:
 
 
 def _jump(earlier: JointState, now: JointState, measured: bool, params: JointParams) -> JumpDeclared:
-    """Size and place of what was gained, with sigmas by first-order propagation of both estimates."""
-    masses, moments, covariance = [], [], np.zeros((8, 8))
-    for index, each in enumerate((earlier, now)):
-        properties, rows = reported(each, params)
-        mass = 1.0 / properties[9]
-        masses.append(mass)
-        moments.append(mass * properties[6:9])
-        by_state = np.zeros((4, 4))
-        by_state[0, 0] = -(mass**2)
-        by_state[1:, 0] = -(mass**2) * properties[6:9]
-        by_state[1:, 1:] = mass * np.eye(3)
-        half = by_state @ rows[[9, 6, 7, 8]]
-        covariance[4 * index : 4 * index + 4, 4 * index : 4 * index + 4] = half @ half.T
-    gained = masses[1] - masses[0]
-    mass_sigma = float(np.sqrt(covariance[0, 0] + covariance[4, 4]))
-    if abs(gained) < SIGNIFICANT * mass_sigma:
-        unknown = np.full(3, np.nan)
-        return JumpDeclared(measured, earlier.time_s, float(gained), mass_sigma, unknown, unknown)
-    position = (moments[1] - moments[0]) / gained
-    derivative = np.zeros((3, 8))
-    derivative[:, 0], derivative[:, 4] = position / gained, -position / gained
-    derivative[:, 1:4], derivative[:, 5:] = -np.eye(3) / gained, np.eye(3) / gained
-    sigma = np.sqrt(np.diag(derivative @ covariance @ derivative.T))
-    return JumpDeclared(measured, earlier.time_s, float(gained), mass_sigma, position, sigma)
+    """Size and place of what was gained."""
+    return JumpDeclared(measured, earlier.time_s, *brought(earlier, now, params))
