@@ -49,7 +49,7 @@ class EventRecord(NamedTuple):
         told_apart_by: designation of the jet of a group that, fired alone, would tell it apart.
         told_apart_s: seconds without any jet after which it would be; with neither nothing would.
         pattern: of an erratic jet, "intermittent" (its force comes and goes) or "drifting".
-        mass, mass_std: gained in a jump (released: negative), slug or kg.
+        mass, mass_std: gained in a jump (released: negative), slug or kg; None while no filter of it fits.
         position, position_std: where, vehicle frame, ft or m.
         sensor, axis: package and axis of a false reading.
         statistic, alarms: likelihood argument, and how many alarms led to it.
@@ -138,14 +138,14 @@ def _by_hypotheses(
     for jets in named(row["verdict_group"], row["verdict_place"]):
         event = _of_jets(vehicle, time_s, jets, row)._replace(**how)
         yield event._replace(pattern=_pattern(earlier, event)) if event.kind == "erratic" else event
-    if not np.isnan(row["jump_mass"][0]):
-        there = np.isfinite(row["jump_position"]).all()
+    if not np.isnan(row["jump_measured"][0]):
+        known, there = np.isfinite(row["jump_mass"][0]), np.isfinite(row["jump_position"]).all()
         yield EventRecord(
             time_s,
             "jump_measured" if row["jump_measured"][0] else "jump",
             at["onset"] if not row["jump_measured"][0] else _latest(earlier, "jump", at["onset"]),
-            mass=float(row["jump_mass"][0]),
-            mass_std=float(row["jump_mass_std"][0]),
+            mass=float(row["jump_mass"][0]) if known else None,
+            mass_std=float(row["jump_mass_std"][0]) if known else None,
             position=_three(row["jump_position"]) if there else None,
             position_std=_three(row["jump_position_std"]) if there else None,
             **how,

@@ -45,7 +45,8 @@ class Detection(NamedTuple):
         magnitude: force too much (positive) or missing (negative), lbf or N.
         magnitude_std: its 1-sigma.
         jets: designations of the jets that it may be, the likeliest first; none where only a cluster is known.
-        mass, mass_std: gained in a jump, slug or kg, and its 1-sigma; NaN where the method measures none.
+        mass, mass_std: gained in a jump, slug or kg, and its 1-sigma; NaN where the method measures none, or
+            not yet.
         position, position_std: where, vehicle frame, ft or m; None where it is not known.
         told_apart_by: designation of the jet of a group that, fired alone, would tell it apart.
         told_apart_s: time without any jet after which it would be, s; NaN: with no jet either, nothing would.
@@ -292,7 +293,7 @@ class Estimator:
 
 def _kind(own: Any) -> str:
     """What the detector by hypotheses says that is not of jets and no new jump."""
-    if not math.isnan(own.jump_mass):
+    if not math.isnan(own.jump_measured):
         return "jump_measured"
     return "unexplained" if math.isnan(own.lying_component) else "false_reading"
 

@@ -22,6 +22,7 @@ from massprop_drake.maths.estimation.detectors.multi_hypothesis import (
 )
 from massprop_drake.maths.estimation.joint.apart import Apart
 from massprop_drake.maths.estimation.joint.cycle import initial as initial_filter
+from massprop_drake.maths.estimation.joint.payload import UNKNOWN
 from massprop_drake.results.detections import DetectionRecord, detection_entries, remarks, size
 from massprop_drake.results.events import EventRecord, in_words, said
 
@@ -84,7 +85,12 @@ def test_a_jump_gets_its_mass_when_it_is_known(orbiter: Vehicle) -> None:
     size = JumpDeclared(True, 4.0, -1003.0, 12.0, NOWHERE, NOWHERE)
     (early,) = recorded(orbiter, (found,))
     assert (early.kind, early.mass, early.onset_s) == ("mass_property_jump", None, 4.0)
-    (late,) = recorded(orbiter, (found,), (size,))
+    unknown = JumpDeclared(False, 4.0, *UNKNOWN)
+    (event,) = heard(orbiter, (unknown,))
+    assert (event.kind, event.onset_s, event.mass, event.mass_std, event.position) == ("jump", 4.0, None, None, None)
+    assert in_words(event, orbiter.unit_names) == "a jump of the mass properties since 4.00 s"
+    assert recorded(orbiter, (unknown,)) == [early]
+    (late,) = recorded(orbiter, (unknown,), (size,))
     assert (late.time_s, late.mass, late.mass_std) == (5.0, -1003.0, 12.0)
 
 

@@ -18,9 +18,13 @@ from massprop_drake.maths.estimation.detectors.multi_hypothesis import (
     Word,
 )
 from massprop_drake.maths.estimation.joint.cycle import Sample, step
+from massprop_drake.maths.estimation.joint.decision import Decision, Outcome
+from massprop_drake.maths.estimation.joint.hypotheses import Kind
 from massprop_drake.maths.estimation.joint.layout import JointParams, JointState, make_places, pack
 from massprop_drake.maths.estimation.joint.measurement import outputs, rebased
 from massprop_drake.maths.estimation.joint.prediction import drive, predict
+from massprop_drake.maths.estimation.joint.race import FIT, Standing
+from massprop_drake.maths.estimation.joint.screen import Contender
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import initial_standard_deviation
 
@@ -217,23 +221,48 @@ def test_a_reading_that_lies_once_is_named_and_does_no_harm(component: int, off:
     assert np.abs(flown.errors()).max() < 4.5
 
 
-def test_a_jump_is_announced_once_with_its_size() -> None:
+GAINED, WHERE = 1.5, np.array([0.4, -0.2, 0.3])
+
+
+def loaded() -> Flight:
+    """A flight that has just gained a payload."""
     widest = initial_standard_deviation(JOINT.start, 1.0, 0.1)  # as filters are told it: a jump is 0.3 of that
     flown = Flight(HypothesisParams(JOINT._replace(increment_sigma=widest))).fly(40)
     mean = rebased(flown.truth, JOINT).mean.copy()
-    mass, gained, where = 1.0 / mean[9], 1.5, np.array([0.4, -0.2, 0.3])
-    center = (mass * mean[6:9] + gained * where) / (mass + gained)
+    mass = 1.0 / mean[9]
+    center = (mass * mean[6:9] + GAINED * WHERE) / (mass + GAINED)
     flown.truth = rebased(flown.truth, JOINT)
-    mean[6:9], mean[9] = center, 1.0 / (mass + gained)
+    mean[6:9], mean[9] = center, 1.0 / (mass + GAINED)
     flown.truth = flown.truth._replace(mean=mean)
-    flown.fly(110)
+    return flown
+
+
+def test_a_jump_whose_filter_does_not_fit_yet_is_said_without_a_size() -> None:
+    flown = loaded()
+    while flown.state.race is None or not any(run.cause.kind == Kind.JUMP for run in flown.state.race.runs):
+        flown.fly(1)
+    race, joint = flown.state.race, flown.params.joint
+    run = next(run for run in race.runs if run.cause.kind == Kind.JUMP)
+    for misfit, known in ((FIT - 0.1, True), (FIT + 0.1, False)):
+        score = run.score._replace(nis=run.score.degrees + misfit * np.sqrt(2.0 * run.score.degrees))
+        contender = Contender(run.cause, run.onset, 500.0)
+        standing = Standing(contender, run._replace(score=score), contender, 0.0)
+        state, now, (said,) = detector._concluded(flown.state, flown.filter, Decision(Outcome.JUMP, standing), joint)
+        assert isinstance(said, JumpDeclared)
+        assert [np.isfinite(said.mass), np.isfinite(said.mass_sigma)] == [known, known]
+        assert now is run.state
+        assert state.earlier is race.states[0]  # its size is measured later in either case
+
+
+def test_a_jump_is_announced_once_with_its_size() -> None:
+    flown = loaded().fly(110)
     (_, found), (_, said) = flown.said
     assert isinstance(found, JumpDeclared)
     assert isinstance(said, JumpDeclared)
     assert (found.measured, said.measured) == (False, True)
-    assert said.mass_sigma < 0.2 * gained
-    assert abs(said.mass - gained) < 4.5 * said.mass_sigma
-    assert (np.abs(said.position - where) < 4.5 * said.position_sigma).all()
+    assert said.mass_sigma < 0.2 * GAINED
+    assert abs(said.mass - GAINED) < 4.5 * said.mass_sigma
+    assert (np.abs(said.position - WHERE) < 4.5 * said.position_sigma).all()
     assert np.abs(flown.errors()).max() < 4.5
 
 

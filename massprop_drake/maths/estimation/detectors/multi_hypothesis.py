@@ -41,7 +41,7 @@ from massprop_drake.maths.estimation.joint.hypotheses import (
     without_increments,
 )
 from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES, JointParams, JointState, Places, settled
-from massprop_drake.maths.estimation.joint.payload import brought
+from massprop_drake.maths.estimation.joint.payload import UNKNOWN, brought
 from massprop_drake.maths.estimation.joint.race import History, Race, Record
 from massprop_drake.maths.estimation.joint.screen import Contender
 from massprop_drake.maths.estimation.joint.sensitivity import Link, link
@@ -91,13 +91,13 @@ class JetsDeclared(NamedTuple):
 
 
 class JumpDeclared(NamedTuple):
-    """A jump of the mass properties; first when it is found, and again when the filter has settled after it and knows
-    the mass to a tenth.
+    """A jump of the mass properties; first when it is found, with its size if its filter fits by then, and again when
+    the filter has settled after it and knows the mass to a tenth.
 
     Attributes:
         measured: whether this is the second time.
         onset_s: when it had not happened yet.
-        mass, mass_sigma: gained (released: negative), slug or kg.
+        mass, mass_sigma: gained (released: negative), NaN while the jump's filter does not fit, slug or kg.
         position, position_sigma: where, vehicle frame, NaN while the mass is not significant, ft or m, shape (3,).
     """
 
@@ -412,7 +412,10 @@ def _concluded(
         state, said = _jets(state, now, race, decision, joint)
         declared += said
     elif decision.outcome == Outcome.JUMP:
-        declared.append(_jump(race.states[0], now, False, joint))
+        assert winner is not None
+        assert winner.run is not None
+        size = brought(race.states[0], now, joint) if winner.run.score.misfit < races.FIT else UNKNOWN
+        declared.append(JumpDeclared(False, began, *size))
         state = state._replace(earlier=race.states[0])
     elif decision.outcome == Outcome.LIES:
         assert winner is not None
@@ -532,9 +535,9 @@ def _known_now(state: State, now: JointState, params: JointParams) -> tuple[Stat
     """What is known only now: failures too small before, forces that have changed, and the size of a jump."""
     said: list[Declaration] = []
     if state.earlier is not None and settled(now, params):
-        size = _jump(state.earlier, now, True, params)
+        size = brought(state.earlier, now, params)
         if size.mass_sigma < _MEASURED * abs(size.mass):
-            said.append(size)
+            said.append(JumpDeclared(True, state.earlier.time_s, *size))
             state = state._replace(earlier=None)
     for slot in np.flatnonzero(state.members.any(axis=1) & (state.erratic == 0.0)).tolist():
         jet, sign = int(now.slot_jet[slot]), int(now.slot_sign[slot])
@@ -578,8 +581,3 @@ def _with(values: Array, index: int, value: float) -> Array:
     result = values.copy()
     result[index] = value
     return result
-
-
-def _jump(earlier: JointState, now: JointState, measured: bool, params: JointParams) -> JumpDeclared:
-    """Size and place of what was gained."""
-    return JumpDeclared(measured, earlier.time_s, *brought(earlier, now, params))

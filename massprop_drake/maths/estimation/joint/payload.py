@@ -43,6 +43,9 @@ class Payload(NamedTuple):
     position_sigma: Array
 
 
+UNKNOWN = Payload(np.nan, np.nan, np.full(3, np.nan), np.full(3, np.nan))  # where no filter fits
+
+
 def brought(earlier: JointState, now: JointState, params: JointParams) -> Payload:
     """What was gained since, with sigmas by first-order propagation.
 
@@ -57,8 +60,7 @@ def brought(earlier: JointState, now: JointState, params: JointParams) -> Payloa
     gained, rows = last - first, last_rows - first_rows
     mass, mass_sigma = float(gained[0]), float(np.linalg.norm(rows[0]))
     if abs(mass) < SIGNIFICANT * mass_sigma:
-        unknown = np.full(3, np.nan)
-        return Payload(mass, mass_sigma, unknown, unknown)
+        return UNKNOWN._replace(mass=mass, mass_sigma=mass_sigma)
     position = gained[1:] / mass
     sigma = np.linalg.norm(rows[1:] - np.outer(position, rows[0]), axis=1) / abs(mass)
     return Payload(mass, mass_sigma, position, sigma)
