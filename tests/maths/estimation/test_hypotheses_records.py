@@ -37,7 +37,7 @@ def signals_of(*samples: tuple[Declaration, ...]) -> dict[str, Any]:
     """A log with a row for what is said at each sample."""
     rows: dict[str, list[Any]] = {}
     for declared in samples:
-        status = hypotheses._status(declared, Status(), True, 3)
+        status = hypotheses._status(declared, Status(tested=True), 3)
         own = hypotheses._own(declared, Status(), N)
         for name, value in {**status._asdict(), **own._asdict()}.items():
             rows.setdefault(name, []).append(np.atleast_1d(value))

@@ -211,6 +211,21 @@ def test_nobody_is_blamed_for_a_force_that_nothing_explains() -> None:
         assert detector._known_now(flown.state, left, JOINT)[1] == ()
 
 
+def test_nothing_is_tested_while_a_reading_is_held_as_lying_or_missing() -> None:
+    flown = Flight().fly(40)
+    lying = np.zeros(12)
+    lying[4] = 1.0
+    for cycle, held in enumerate((True, False)):
+        if held:
+            flown.state = flown.state._replace(lying=lying)
+        flown.fly(1, lie=(4, 1.0) if held else None)
+        assert flown.judgments[-1].status.tested is not held, cycle
+    assert not flown.state.lying.any()
+    blind = some_sample(JOINT, time_s=99.0, velocities=np.zeros((2, 3)), rates=np.full((2, 3), np.nan))
+    flown.take(blind)
+    assert not flown.judgments[-1].status.tested
+
+
 @pytest.mark.parametrize(("component", "off"), [(4, 1e-3), (8, 0.5)])
 def test_a_reading_that_lies_once_is_named_and_does_no_harm(component: int, off: float) -> None:
     flown = Flight().fly(40)
@@ -218,6 +233,7 @@ def test_a_reading_that_lies_once_is_named_and_does_no_harm(component: int, off:
     said = flown.only(ReadingDeclared)
     assert said.component == component
     assert not flown.state.lying.any()
+    assert all(judged.status.tested for judged in flown.judgments[1:])
     assert np.abs(flown.errors()).max() < 4.5
 
 

@@ -103,7 +103,6 @@ def judge(state: State, evidence: JointEvidence, params: HypothesisParams) -> Ju
     Raises:
         NotPositiveDefiniteError: see `joint.cycle.step`.
     """
-    tested = bool(state.method.bank.states) and evidence.report.course is not None
     before, after = evidence.before, evidence.after
     found = multi_hypothesis.judge(state.method, before, after, evidence.report, evidence.sample, params)
     now = after if found.replacement is None else found.replacement
@@ -119,7 +118,7 @@ def judge(state: State, evidence: JointEvidence, params: HypothesisParams) -> Ju
     return Judgment(
         state=kept,
         adaptation=NO_ADAPTATION,
-        status=_status(said, found.status, tested, alarms),
+        status=_status(said, found.status, alarms),
         likelihood=likelihood,
         magnitude=own.verdict_magnitude,
         replacement=found.replacement,
@@ -147,7 +146,7 @@ def _removed(removed: Array, said: tuple[Declaration, ...]) -> Array:
     return removed
 
 
-def _status(said: tuple[Declaration, ...], status: Status, tested: bool, alarms: int) -> Any:
+def _status(said: tuple[Declaration, ...], status: Status, alarms: int) -> Any:
     """What all detectors log: of several declarations the first."""
     likeliest = status.likeliest
     row: dict[str, float] = {"suspected_likelihood": status.likelihood}
@@ -168,7 +167,7 @@ def _status(said: tuple[Declaration, ...], status: Status, tested: bool, alarms:
             row["suspected_magnitude"] = first.signs[0] * first.forces[0]
             row["suspected_magnitude_std"] = first.sigmas[0]
             row["jet_isolated"] = float(len(first.jets) == 1)
-    return STATUS.make(tested=float(tested), alarm=float(alarm), detector_event=float(event), **row)
+    return STATUS.make(tested=float(status.tested), alarm=float(alarm), detector_event=float(event), **row)
 
 
 def _event(one: Declaration) -> Event:

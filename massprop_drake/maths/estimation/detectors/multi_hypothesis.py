@@ -192,6 +192,7 @@ class Status(NamedTuple):
     """What is logged of a cycle.
 
     Attributes:
+        tested: whether all axes had readings to be tested, and none of them is held as lying.
         likelihood, total: largest l and T; zero where nothing was tested.
         racing: whether a race is under way.
         likeliest: hypothesis in it; None: nothing has happened, or not known yet.
@@ -200,6 +201,7 @@ class Status(NamedTuple):
             likelihood: jet and nats.
     """
 
+    tested: bool = False
     likelihood: float = 0.0
     total: float = 0.0
     racing: bool = False
@@ -316,7 +318,8 @@ def _raced(
     over = _uncertain(link(before, report, sample, joint), before, state.erratic, joint)
     history = History(state.cycle, (*state.history.records, Record(sample, over)))
     bank = banks.advanced(state.bank, over, joint.places)
-    found = banks.tested(bank, over, min(params.trigger_jet, params.trigger), joint) if not state.lying.any() else None
+    tested = banks.testable(bank, over, joint.places) and not state.lying.any()
+    found = banks.tested(bank, over, min(params.trigger_jet, params.trigger), joint) if tested else None
     likelihood = float(found.likelihood.max()) if found is not None else 0.0
     total = float(found.total.max()) if found is not None else 0.0
     index = -1
@@ -328,7 +331,7 @@ def _raced(
     standing: list[races.Standing] = []
     if race is None and index >= 0:
         race = races.begin(bank, index, state.cycle, history, joint)
-    status = Status(likelihood, total, race is not None)
+    status = Status(tested, likelihood, total, race is not None)
     if race is not None:
         race, standing = _run(race, history, state, before, joint)
         if standing:
