@@ -8,8 +8,9 @@ with a and lambda the impulses about the vehicle origin of all jets, the sum of 
 seconds of full thrust of `impulses`, of the forces of failed jets, and of known outside forces. While mu falls, c
 gathers lambda at its mean over the interval.
 
-*Forces of failed jets.* A slot's force f acts on top for the time that its jet's level leaves, T - L (it gives more
-than it is told), or is missing for the time L (it gives less). Either way the lag of that jet counts for 1 - f/F.
+*Forces of failed jets.* A slot's force f acts for all of T on top of what its jet is told to give (a leak), for the
+time that the jet's level leaves, T - L (it is stuck on), or is missing for the time L (it gives less). In the last two
+cases the lag of that jet counts for 1 - f/F.
 
 *Second order.* The product of the errors of J and r has the mean b2 (2-118) and the covariance D (2-121). While thrust
 errors are only considered, so do the products with them: with N_j the effect of an error of the ten parameters under
