@@ -130,7 +130,8 @@ def _verdict(results: Summary) -> list[dict[str, Any]]:
         jets = f", above all {' or '.join(least.jets)}" if least.jets else ""
         say(None, f"Suspected and not confirmed: {len(results.unconfirmed)}{jets}; see below.")
     if not results.derived.physically_possible:
-        say(False, "No rigid body can have the inertia that was estimated.")
+        near = "; the nearest that one can have is in summary.json" if results.nearest_possible is not None else ""
+        say(False, f"No rigid body can have the inertia that was estimated{near}.")
     for warning in (results.data_quality or {}).get("warnings", []):
         say(False, warning)
     return sentences

@@ -16,8 +16,8 @@ from massprop_drake.inputs import params
 from massprop_drake.inputs.model import Count, Flag, Model, NotNegative, Real, Text, Whole, digest, validated
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.vehicle import Vehicle
-from massprop_drake.maths import mass_properties
-from massprop_drake.maths.mass_properties import CENTER_OF_MASS, MASS_RECIPROCAL, Derived, six_elements
+from massprop_drake.maths import mass_properties, possible_inertia
+from massprop_drake.maths.mass_properties import CENTER_OF_MASS, MASS_RECIPROCAL, N_ROTATION, Derived, six_elements
 from massprop_drake.results.consistency import COMPONENTS, Consistency, Tally, judged, used_nis
 from massprop_drake.results.detections import DetectionRecord
 from massprop_drake.results.events import EventRecord
@@ -188,9 +188,20 @@ class Summary:
         columns = (self.estimates, self.standard_deviations, self.truth, self.percent_error)
         return tuple(map(Parameter, mass_properties.NAMES, *(column.tolist() for column in columns)))
 
+    @property
+    def nearest_possible(self) -> Array | None:
+        """Where no rigid body can have the estimates, the nearest that one can have, in their order, shape (10,).
+
+        None where the estimates are possible, or there is none; see `maths.possible_inertia.nearest_possible`.
+        """
+        known = np.isfinite(self.estimates[:N_ROTATION]).all() and np.isfinite(self.covariance[:6, :6]).all()
+        if self.derived.physically_possible or not known:
+            return None
+        return possible_inertia.nearest_possible(self.estimates, self.covariance)
+
     def as_json(self) -> dict[str, Any]:
         """The content of `summary.json`; NaN becomes null."""
-        derived = self.derived
+        derived, nearest = self.derived, self.nearest_possible
         content = {
             "format": FORMAT,
             "version": self.version,
@@ -206,6 +217,7 @@ class Summary:
                 **derived._asdict(),
                 "inertia": None if derived.inertia is None else null_for_nan(derived.inertia),
                 "inertia_std": None if derived.inertia_std is None else null_for_nan(derived.inertia_std),
+                "nearest_possible": None if nearest is None else by_name(nearest),
             },
             "truth": by_name(self.truth),
             "percent_error": by_name(self.percent_error),

@@ -21,6 +21,7 @@ from massprop_drake.maths.estimation.detectors.hypotheses import named
 from massprop_drake.maths.estimation.detectors.multi_hypothesis import Word
 from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
 from massprop_drake.maths.mass_properties import converged
+from massprop_drake.maths.possible_inertia import nearest_possible
 from massprop_drake.maths.vehicle.sensing import unsaturated
 from massprop_drake.results.stored import FORMAT, EstimatorState, FilterState, made_with, require_made_with
 from massprop_drake.results.summary import null_for_nan
@@ -141,6 +142,14 @@ class Estimator:
     def covariance(self) -> Array:
         """Covariance of the ten estimates, shape (10, 10)."""
         return self._params.filter.covariance(self._state.filter)
+
+    def nearest_possible(self) -> Array | None:
+        """The estimate if a rigid body can have it, else the nearest one that a body can have, shape (10,).
+
+        None where there is none, see `maths.possible_inertia.nearest_possible`. The estimator itself goes on from its
+        own.
+        """
+        return nearest_possible(self._params.filter.predicted(self._state.filter), self.covariance)
 
     @property
     def state(self) -> dict[str, Any]:

@@ -81,6 +81,7 @@ SUMMARY: dict[str, Any] = {
         "inertia": MATRIX,
         "inertia_std": MATRIX,
         "physically_possible": bool,
+        "nearest_possible": (dict, type(None)),
     },
     "truth": PROPERTIES,
     "percent_error": PERCENT,

@@ -13,7 +13,7 @@ import pytest
 from massprop_drake import InputError, Run
 from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.maths.estimation.detector import STATUS, Event
-from massprop_drake.maths.mass_properties import NAMES
+from massprop_drake.maths.mass_properties import NAMES, derived
 from massprop_drake.results.detections import DetectionRecord, detection_entries, settled
 from massprop_drake.results.summary import Parameter, Summary, by_name, from_names, null_for_nan
 
@@ -79,6 +79,22 @@ def test_what_is_not_known_is_null_and_back(short_run: Run) -> None:
     assert again.derived.mass is None
     assert again.derived.inertia is None
     assert again.data_quality == {"rows": 3, "warnings": []}
+
+
+def test_an_impossible_inertia_comes_with_the_nearest_possible_one(stuck_run: Run) -> None:
+    known = stuck_run.results
+    assert known.derived.physically_possible
+    assert known.nearest_possible is None
+    assert known.as_json()["derived"]["nearest_possible"] is None
+    estimates = known.estimates.copy()
+    estimates[:6] = [1.0, 0.5, 1.0 / 3.3, 0.0, 0.0, 0.0]
+    covariance = np.diag(np.append(np.full(6, 1e-2), np.full(4, 1e-6)))
+    wrong = replace(known, estimates=estimates, covariance=covariance, derived=derived(estimates, covariance))
+    stored = wrong.as_json()["derived"]
+    assert stored["physically_possible"] is False
+    assert derived(from_names(stored["nearest_possible"]), covariance).physically_possible
+    estimates[2] = -0.1  # beyond mending
+    assert wrong.as_json()["derived"]["nearest_possible"] is None
 
 
 def test_a_run_without_a_record_has_nothing_of_one(short_run: Run) -> None:

@@ -603,3 +603,13 @@ def test_it_needs_neither_drake_nor_matplotlib() -> None:
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_the_nearest_possible_estimate_on_request(orbiter: Vehicle) -> None:
+    """What a body can have is the estimate; from zero, where nothing is known, there is none."""
+    dut = Estimator(orbiter, load_scenario("sample_maneuver", ["estimation.start=nominal"]))
+    step = dut.step(0.0, STILL, STILL, OFF)
+    near = dut.nearest_possible()
+    assert near is not None
+    np.testing.assert_array_equal(near, step.estimate)
+    assert Estimator(orbiter, load_scenario("sample_maneuver", ["estimation.start=zero"])).nearest_possible() is None

@@ -1,0 +1,132 @@
+r"""The nearest estimate that a rigid body can have.
+
+A body's second moments of mass E = (tr I / 2) 1 - I are positive semidefinite, and every such E is some body's; an
+estimated inverse inertia need not have them. The nearest that does, in the metric of the estimate's covariance,
+
+    min (x - x^)^T P^-1 (x - x^)    over E >= 0,    x the six elements of I^-1,    I = tr(E) 1 - E,
+
+is sought in E, where the set is convex (it is not in I^-1). By Gauss and Newton x is linearized, dx = -I^-1 dI I^-1;
+each step then is a least-squares problem over E >= 0, solved by the barrier -ln |E| / t with t up to 1e9: its objective
+is off by at most 3/t, in halves of squared sigmas, and its E is positive definite. Center of mass and 1/m follow with
+their correlations to x, P_rx P_xx^-1 (x - x^).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from massprop_drake.maths.linear_algebra import Array, inverse, is_positive_definite, symmetrized
+from massprop_drake.maths.mass_properties import could_be_inertia, six_elements, symmetric
+
+_BASIS = np.array([symmetric(row) for row in np.eye(6)])  # of symmetric matrices
+_OF_MOMENTS = np.array([six_elements(np.trace(one) * np.eye(3) - one) for one in _BASIS]).T  # I of E
+_INSIDE = 1e-3  # of the trace: least second moment to begin with
+_BARRIER = 10.0 ** np.arange(0, 10)  # t
+_STEPS, _NEWTON = 60, 60  # at most
+_SETTLED, _DECREMENT = 1e-7, 1e-10  # largest change of an inertia, of its trace; Newton's decrement
+_ENOUGH = 1e-4  # of the decrease that a step promises
+_EXACT = 1e-12  # of a variance, added to it: what is exactly known is nearly so
+
+
+def nearest_possible(estimate: Array, covariance: Array) -> Array | None:
+    """The nearest estimate whose inertia some distribution of mass has; an estimate that has one is returned as it is.
+
+    To first order: the metric is the covariance of the estimate as it is, which knows nothing of the bound.
+
+    Args:
+        estimate: the ten parameters, see `mass_properties`; NaN: 1/m is not observed, shape (10,).
+        covariance: of their errors, shape (10, 10).
+
+    Returns:
+        The ten parameters, shape (10,); None where the inverse inertia is not positive definite, so that the nearest
+        would be of infinite inertia or none, or where the search does not settle.
+
+    Raises:
+        ValueError: when inverse inertia or its covariance is not finite.
+    """
+    six, metric = estimate[:6], covariance[:6, :6]
+    if not (np.isfinite(six).all() and np.isfinite(metric).all()):
+        raise ValueError("inverse inertia and its covariance must be finite")
+    scale = float(np.abs(six).max())
+    if not is_positive_definite(symmetric(six)):
+        return None
+    if could_be_inertia(symmetrized(inverse(symmetric(six)))):
+        return estimate.copy()
+    of_rest = covariance[6:, :6]
+    metric = metric + _EXACT * np.diag(np.diag(metric)) + _EXACT**2 * scale**2 * np.eye(6)
+    whitener = np.linalg.inv(np.linalg.cholesky(metric / scale**2))
+    nearest = _nearest(six / scale, whitener)
+    if nearest is None:
+        return None
+    change = scale * nearest - six
+    follows = of_rest @ np.linalg.solve(metric, change)
+    return np.concatenate((six + change, estimate[6:] + follows))
+
+
+def _nearest(six: Array, whitener: Array) -> Array | None:
+    """The nearest six elements of an inverse inertia; None where the search does not settle."""
+    inertia = symmetrized(inverse(symmetric(six)))
+    moments, axes = np.linalg.eigh(0.5 * np.trace(inertia) * np.eye(3) - inertia)
+    inside = np.maximum(moments, _INSIDE * np.trace(inertia))
+    second = six_elements(symmetrized((axes * inside) @ axes.T))
+
+    def residual(moments: Array) -> Array:
+        result: Array = whitener @ (_inverse_of(moments) - six)
+        return result
+
+    for _ in range(_STEPS):
+        now = symmetric(_inverse_of(second))
+        by_inertia = np.array([-six_elements(now @ one @ now) for one in _BASIS]).T
+        jacobian, misfit = whitener @ by_inertia @ _OF_MOMENTS, residual(second)
+        step = _least_squares(jacobian, jacobian @ second - misfit, second) - second
+        promised = float(misfit @ (jacobian @ step))
+        share = 1.0
+        while _half_square(residual(second + share * step)) > _half_square(misfit) + _ENOUGH * share * promised:
+            share *= 0.5
+            if share < _SETTLED:  # rounding: nothing is nearer
+                return _inverse_of(second)
+        second = second + share * step
+        if np.abs(share * step).max() < _SETTLED * second[:3].sum():
+            return _inverse_of(second)
+    return None
+
+
+def _inverse_of(moments: Array) -> Array:
+    """The six elements of the inverse inertia of six second moments."""
+    return six_elements(symmetrized(inverse(symmetric(_OF_MOMENTS @ moments))))
+
+
+def _half_square(values: Array) -> float:
+    return 0.5 * float(values @ values)
+
+
+def _least_squares(matrix: Array, target: Array, start: Array) -> Array:
+    """Second moments E, positive definite, with the least |matrix E - target|, shape (6,).
+
+    Args:
+        matrix, target: shapes (6, 6) and (6,).
+        start: positive definite, shape (6,).
+    """
+
+    def cost(moments: Array, t: float) -> float:
+        sign, logarithm = np.linalg.slogdet(symmetric(moments))
+        inside = sign > 0.0 and is_positive_definite(symmetric(moments))
+        return t * _half_square(matrix @ moments - target) - float(logarithm) if inside else np.inf
+
+    found = start
+    for t in _BARRIER.tolist():
+        for _ in range(_NEWTON):
+            weighed = np.einsum("ij,kjl->kil", inverse(symmetric(found)), _BASIS)
+            gradient = t * matrix.T @ (matrix @ found - target) - np.trace(weighed, axis1=1, axis2=2)
+            hessian = t * matrix.T @ matrix + np.einsum("kij,lji->kl", weighed, weighed)
+            step = -np.linalg.solve(hessian, gradient)
+            decrement = -float(gradient @ step)
+            if decrement < _DECREMENT:
+                break
+            share, had = 1.0, cost(found, t)
+            while share > _DECREMENT and cost(found + share * step, t) > had - _ENOUGH * share * decrement:
+                share *= 0.5
+            if share <= _DECREMENT:  # rounding: nothing is better
+                break
+            found = found + share * step
+    return found
