@@ -13,7 +13,7 @@ impulses,
 
     jet_commands, gyros, accelerometers --> joint_estimator --> estimate
 
-    evidence --> hypothesis_detector --> replacement (to it), reconfiguration (to the autopilot)
+    evidence --> hypothesis_detector --> replacement, published (to it), reconfiguration (to the autopilot)
 
 where the impulse model, whose output logs keep, leads nowhere. Any other filter of the registry takes their place, too.
 The same diagram serves the closed loop, the open loop and recorded telemetry.
@@ -57,9 +57,9 @@ def build(scenario: Scenario) -> Diagram:
             `RotationEstimator`.
         mass_innovation (out, 3), mass_innovation_covariance (out, 9), mass_report (out, 8), with an
             accelerometer: see `MassEstimator`.
-        record_time (in, 1), command (in, n_jets), replacement (in, abstract), evidence (out, abstract), joint_report
-            (out, 3), with the joint filter, which has neither innovations nor their covariances as outputs: see
-            `JointEstimator`; the inputs may stay unconnected, and replacement is none with a detector.
+        record_time (in, 1), command (in, n_jets), replacement, published (in, abstract), evidence (out, abstract),
+            joint_report (out, 3), with the joint filter, which has neither innovations nor their covariances as
+            outputs: see `JointEstimator`; the inputs may stay unconnected, and the states are none with a detector.
         reconfiguration (out, 7 + n_jets), closed (out, n_jets), held_closed (out, n_jets),
             detector_report (out, 14 + 4 n_jets), with a detector: see `FailureDetector`.
         hypothesis_report (out, 13 + 8 n_jets), with that of the joint filter: see `HypothesisDetector`.
@@ -150,7 +150,7 @@ def _add_joint(builder: DiagramBuilder, scenario: Scenario, _impulses: ImpulseMo
     )
     for name in ("jet_commands", "outside_wrench"):
         builder.ConnectInput(name, estimator.GetInputPort(name))
-    replaced = () if params.detector(scenario) is not None else ("replacement",)
+    replaced = () if params.detector(scenario) is not None else ("replacement", "published")
     for name in (*scenario.vehicle_data.sensor_names(), "record_time", "command", *replaced):
         builder.ExportInput(estimator.GetInputPort(name), name)
     outputs = ["estimate", "standard_deviation", "covariance", "converged", "rotation_report", "joint_report"]
@@ -235,7 +235,8 @@ def _add_hypotheses(builder: DiagramBuilder, scenario: Scenario, estimator: Leaf
         "hypothesis_detector", HypothesisDetector(params.detector_params(scenario), jets=params.jets(scenario))
     )
     builder.Connect(estimator.GetOutputPort("evidence"), detector.GetInputPort("evidence"))
-    builder.Connect(detector.GetOutputPort("replacement"), estimator.GetInputPort("replacement"))
+    for name in ("replacement", "published"):
+        builder.Connect(detector.GetOutputPort(name), estimator.GetInputPort(name))
     for name in ("reconfiguration", "closed", "held_closed", "hypothesis_report"):
         builder.ExportOutput(detector.GetOutputPort(name), name)
     builder.ExportOutput(detector.GetOutputPort("report"), "detector_report")

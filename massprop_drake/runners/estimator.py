@@ -134,14 +134,20 @@ class Estimator:
         self._params = params.estimation_params(scenario)
         self._unit_wrenches = params.unit_wrenches(vehicle)
         self._state = cycle.initial_state(self._params)
+        self._published: tuple[Array, Array] | None = None  # where they are not those of the state
         self._command = np.zeros(len(vehicle.jets))  # of the interval that starts at the last sample
         self._outside = np.zeros(6)
         self._time_s = -math.inf
 
     @property
     def covariance(self) -> Array:
-        """Covariance of the ten estimates, shape (10, 10)."""
-        return self._params.filter.covariance(self._state.filter)
+        """Covariance of the ten estimates as the last step gave them, shape (10, 10)."""
+        return self._known[1]
+
+    @property
+    def _known(self) -> tuple[Array, Array]:
+        """Estimates and their covariance; after `restore`, those from which the filter goes on."""
+        return self._published or cycle.known(self._state, self._params)
 
     def nearest_possible(self) -> Array | None:
         """The estimate if a rigid body can have it, else the nearest one that a body can have, shape (10,).
@@ -149,7 +155,7 @@ class Estimator:
         None where there is none, see `maths.possible_inertia.nearest_possible`. The estimator itself goes on from its
         own.
         """
-        return nearest_possible(self._params.filter.predicted(self._state.filter), self.covariance)
+        return nearest_possible(*self._known)
 
     @property
     def state(self) -> dict[str, Any]:
@@ -176,7 +182,7 @@ class Estimator:
         kind = FilterState if isinstance(state, Mapping) and "row" in state else EstimatorState
         kept = validated(kind, state, source="state")
         require_made_with(kept, self._scenario, "state")
-        self._state = restored(kept.states, self._params, "state")
+        self._state, self._published = restored(kept.states, self._params, "state"), None
         self._command = np.array(kept.command, dtype=float)
         self._outside = np.array(kept.outside_wrench)
         self._time_s = -math.inf if kept.time_s is None else kept.time_s
@@ -226,7 +232,7 @@ class Estimator:
             done = cycle.step(self._state, sample, self._params)
         except NotPositiveDefiniteError as error:
             raise error.at(time_s, "estimator") from None
-        self._state = done.state
+        self._state, self._published = done.state, done.filtered.known
         self._command, self._outside, self._time_s = coming, outside, time_s
         return self._told(time_s, done)
 

@@ -130,6 +130,7 @@ class _Estimation:
         self._resumed = earlier is not None
         self._next_row = 0 if earlier is None else earlier.row + 1
         self._params = params.estimation_params(scenario)
+        self._known: tuple[Array, Array] | None = None  # estimates published last, where they are not the state's
         self._state = (
             cycle.initial_state(self._params)
             if earlier is None
@@ -196,7 +197,7 @@ class _Estimation:
                 logs["detector_report"][index] = detector_row(judgment, before)
                 if said is not None:
                     logs[said.name][index] = said.pack(judgment.own)
-            self._state = done.state
+            self._state, self._known = done.state, done.filtered.known
             self._command = coming
             if rows.outside_wrench is not None:
                 self._outside = rows.outside_wrench[index]
@@ -263,7 +264,7 @@ class _Estimation:
             duration_s=duration_s,
             estimate=last("estimate"),
             deviation=last("standard_deviation"),
-            covariance=self._params.filter.covariance(self._state.filter),
+            covariance=(self._known or cycle.known(self._state, self._params))[1],
             truth=unknown,
             found=found,
             consistency=judged(self._nis["rotation"], self._nis["mass"], unknown, SYMBOLS, back.diagnoses),

@@ -65,7 +65,7 @@ PORTS: dict[ModuleType, tuple[dict[str, int], dict[str, int]]] = {
 }
 
 # with the joint filter, and with its detector
-JOINT_IN = {"record_time": 1, "command": 44, "replacement": 0}
+JOINT_IN = {"record_time": 1, "command": 44, "replacement": 0, "published": 0}
 JOINT_OUT = {"joint_report": 3, "evidence": 0}
 THESIS_OUT = {f"{name}_innovation{part}" for name in ("rotation", "mass") for part in ("", "_covariance")}
 DETECTOR_OUT = {"reconfiguration", "closed", "held_closed", "detector_report"}
@@ -82,7 +82,7 @@ def _with_filter(
     detects = scenario.detector.kind != "off"
     gone = THESIS_OUT if detects else THESIS_OUT | DETECTOR_OUT
     kept = {port: size for port, size in outputs.items() if port not in gone}
-    told = {port: size for port, size in JOINT_IN.items() if not (detects and port == "replacement")}
+    told = {port: size for port, size in JOINT_IN.items() if not (detects and size == 0)}
     return (
         {**inputs, **told} if module is estimation else inputs,
         {**kept, **JOINT_OUT, **(HYPOTHESES_OUT if detects else {})},

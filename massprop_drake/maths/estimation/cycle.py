@@ -183,6 +183,8 @@ def finish(
     filtered = params.filter.finish(state.filter, measurement, interval, adaptation, params.filter_params)
     if judgment is not None and judgment.replacement is not None:
         filtered = params.filter.replaced(filtered, judgment.replacement, params.filter_params)
+    if judgment is not None and judgment.published is not None:
+        filtered = params.filter.published(filtered, judgment.published, params.filter_params)
     after = EstimationState(
         sample.command, interval.impulses.level, filtered.state, None if judgment is None else judgment.state
     )
@@ -202,6 +204,11 @@ def step(state: EstimationState, sample: Sample, params: EstimationParams) -> Es
     """
     measured = measure(state, sample, params)
     return finish(state, sample, measured, judge(state, sample, measured, params), params)
+
+
+def known(state: EstimationState, params: EstimationParams) -> tuple[Array, Array]:
+    """Estimate and covariance of the ten parameters from which a filter goes on, shapes (10,) and (10, 10)."""
+    return params.filter.predicted(state.filter), params.filter.covariance(state.filter)
 
 
 def saved(state: EstimationState, params: EstimationParams) -> Groups:

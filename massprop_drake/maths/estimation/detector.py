@@ -141,6 +141,8 @@ class Judgment(NamedTuple):
         magnitude: estimated force of every jet's failure, lbf or N, likewise.
         replacement: a state that the filter is to go on from in place of its own; None: it keeps its own.
         own: what the method logs besides, the fields of `Detector.report`; None: nothing.
+        published: a state whose estimates are published, though the filter does not go on from it; None: those of the
+            state that it goes on from.
     """
 
     state: Any
@@ -150,6 +152,7 @@ class Judgment(NamedTuple):
     magnitude: Array
     replacement: Any = None
     own: Any = None
+    published: Any = None
 
 
 class Detector(NamedTuple):

@@ -223,17 +223,24 @@ class FilterStep(NamedTuple):
         state: to go on from.
         rotation, mass: for logs; mass is None without accelerometer.
         own: what the method logs besides, the fields of `Filter.report`; None: nothing.
+        known: estimate and covariance of the ten parameters that are published; None: those of the state.
     """
 
     state: Any
     rotation: RotationReport
     mass: MassReport | None
     own: Any = None
+    known: tuple[Array, Array] | None = None
 
 
 def going_on_from(step: FilterStep, state: Any, _params: Any) -> FilterStep:
     """A cycle after which a filter goes on from another state than its own."""
     return step._replace(state=state)
+
+
+def publishing_its_own(step: FilterStep, _state: Any, _params: Any) -> FilterStep:
+    """A cycle of a filter that publishes nothing but its own estimates."""
+    return step
 
 
 class Filter(NamedTuple):
@@ -254,6 +261,8 @@ class Filter(NamedTuple):
         saved: (state, params) -> vectors to keep it by.
         restored: (vectors, params) -> state.
         replaced: (`FilterStep`, state, params) -> `FilterStep` that goes on from what the detector gives.
+        published: (`FilterStep`, state, params) -> `FilterStep` whose reports are of what the detector gives, while it
+            goes on from its own.
         report: fields of `FilterStep.own`, of which each is a signal; None: it logs no more than every filter.
     """
 
@@ -267,4 +276,5 @@ class Filter(NamedTuple):
     saved: Callable[[Any, Any], Groups]
     restored: Callable[[Groups, Any], Any]
     replaced: Callable[[FilterStep, Any, Any], FilterStep] = going_on_from
+    published: Callable[[FilterStep, Any, Any], FilterStep] = publishing_its_own
     report: Layout | None = None

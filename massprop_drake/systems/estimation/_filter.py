@@ -148,7 +148,8 @@ class WholeFilterSystem(FilterSystem):
 
     def _known_now(self, context: Any) -> tuple[Array, Array]:
         """Estimate and covariance of the ten parameters after the cycle."""
-        return self._known_of(self._step(context).state)
+        step = self._step(context)
+        return step.known or self._known_of(step.state)
 
     def _calc_estimate(self, context: Any, output: Any) -> None:
         estimate, _ = self._known_now(context)

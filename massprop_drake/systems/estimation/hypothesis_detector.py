@@ -46,6 +46,7 @@ class HypothesisDetector(LeafSystem):
     Ports:
         evidence (in, abstract): `maths.estimation.joint.cycle.JointEvidence`, see `JointEstimator`. Required.
         replacement (out, abstract): the state from which the filter is to go on, or `NOTHING`; see `JointEstimator`.
+        published (out, abstract): the state whose estimates it is to publish meanwhile, or `NOTHING`.
         reconfiguration (out, 7 + n_jets), closed (out, n_jets), held_closed (out, n_jets), report (out, 14 +
             4 n_jets): see `FailureDetector`. The forces are those that the filter has as states; no manifold is
             closed; magnitudes are those of the jets that are declared at this sample.
@@ -79,12 +80,10 @@ class HypothesisDetector(LeafSystem):
         read = {self.xa_ticket(), self.time_ticket(), self.all_input_ports_ticket()}
         self._judgment = Cached(self, "judgment", self._judge, read)
         judged = {self._judgment.ticket}
-        self.DeclareAbstractOutputPort(
-            "replacement",
-            alloc=lambda: Value[object](NOTHING),
-            calc=self._calc_replacement,
-            prerequisites_of_calc=judged,
-        )
+        for name, of_state in (("replacement", self._calc_replacement), ("published", self._calc_published)):
+            self.DeclareAbstractOutputPort(
+                name, alloc=lambda: Value[object](NOTHING), calc=of_state, prerequisites_of_calc=judged
+            )
         for name, size, calc in (
             ("reconfiguration", self._reconfiguration.size, self._calc_reconfiguration),
             ("closed", n_jets, self._calc_closed),
@@ -120,6 +119,10 @@ class HypothesisDetector(LeafSystem):
     def _calc_replacement(self, context: Any, output: Any) -> None:
         replacement = self._judged(context).replacement
         output.set_value(NOTHING if replacement is None else replacement)
+
+    def _calc_published(self, context: Any, output: Any) -> None:
+        published = self._judged(context).published
+        output.set_value(NOTHING if published is None else published)
 
     def _calc_reconfiguration(self, context: Any, output: Any) -> None:
         judgment = self._judged(context)

@@ -32,9 +32,10 @@ class JointEstimator(WholeFilterSystem):
             Unconnected: not known.
         replacement (in, abstract): a state of the filter, `maths.estimation.joint.layout.JointState`, from which it
             is to go on in place of its own, or an empty tuple for none. Unconnected: none.
+        published (in, abstract): likewise, a state whose estimates are its outputs, while it goes on from its own.
         predicted (out, 10): the ten parameters before this sample's measurement. No feedthrough.
         evidence (out, abstract): `maths.estimation.joint.cycle.JointEvidence`, for a detector. Does not depend on
-            the replacement.
+            replacement and published.
         estimate (out, 10), standard_deviation (out, 10), covariance (out, 100), converged (out, 1): of the ten
             parameters, after this sample's measurement; see `ConvergenceMonitor`.
         rotation_report (out, 25), mass_report (out, 8): see `RotationEstimator` and `MassEstimator`; the innovation is
@@ -69,12 +70,14 @@ class JointEstimator(WholeFilterSystem):
         self._stamp = self._declare_input("record_time", 1)
         self._coming = self._declare_input("command", n_jets)
         self._replacement = self.DeclareAbstractInputPort("replacement", Value[object](NOTHING))
+        self._published = self.DeclareAbstractInputPort("published", Value[object](NOTHING))
         self._state = self.DeclareDiscreteState(joint.packed(joint.initial(params), params))
 
         inputs = {self.input_port_ticket(port.get_index()) for port in self._inputs}
         measured = {self.xd_ticket(), self.time_ticket(), *inputs}
         self._measurement = Cached(self, "measurement", self._measure_cycle, measured)
-        judged = {self._measurement.ticket, self.input_port_ticket(self._replacement.get_index())}
+        given = {self.input_port_ticket(port.get_index()) for port in (self._replacement, self._published)}
+        judged = {self._measurement.ticket, *given}
         self._cycle = Cached(self, "cycle", self._finish_cycle, judged)
         self.DeclareVectorOutputPort("predicted", 10, self._calc_predicted, prerequisites_of_calc={self.xd_ticket()})
         self.DeclareAbstractOutputPort(
@@ -102,8 +105,10 @@ class JointEstimator(WholeFilterSystem):
     def _finish_cycle(self, context: Any) -> FilterStep:
         measurement: Measurement = self._measurement.get(self, context)
         step = joint.done(measurement, self._params)
-        replacement = self._replacement.Eval(context) if self._replacement.HasValue(context) else NOTHING
-        return joint.replaced(step, replacement, self._params) if replacement else step
+        for port, taken in ((self._replacement, joint.replaced), (self._published, joint.published)):
+            given = port.Eval(context) if port.HasValue(context) else NOTHING
+            step = taken(step, given, self._params) if given else step
+        return step
 
     def _step(self, context: Any) -> FilterStep:
         step: FilterStep = self._cycle.get(self, context)

@@ -49,7 +49,7 @@ def test_topology(scenario: Scenario) -> None:
     dut = system(scenario)
     assert inputs(dut) == {"evidence": 0}
     told = {"reconfiguration": 7 + N, "closed": N, "report": 14 + 4 * N, "hypothesis_report": 13 + 8 * N}
-    assert outputs(dut) == {"replacement": 0, **told, "held_closed": N}
+    assert outputs(dut) == {"replacement": 0, "published": 0, **told, "held_closed": N}
     depends = feedthrough(dut)
     assert depends.pop("held_closed") == set()
     assert all(on == {"evidence"} for on in depends.values())
@@ -57,7 +57,7 @@ def test_topology(scenario: Scenario) -> None:
 
 def test_ports_of_the_diagram(scenario: Scenario) -> None:
     dut = estimation.build(scenario)
-    assert "replacement" not in inputs(dut)
+    assert not {"replacement", "published"} & set(inputs(dut))
     sizes = {"reconfiguration": 7 + N, "closed": N, "held_closed": N, "detector_report": 14 + 4 * N}
     assert {**sizes, "hypothesis_report": 13 + 8 * N}.items() <= outputs(dut).items()
 
@@ -125,6 +125,31 @@ def test_outputs_at_a_sample_are_the_same_before_and_after_its_update(scenario: 
         np.testing.assert_array_equal(dut.GetOutputPort(name).Eval(context), before[name], err_msg=name)
 
 
+def test_in_a_race_the_estimates_are_those_of_the_likeliest_hypothesis(scenario: Scenario, flown: Run) -> None:
+    """Once it leads by what decides; the filter goes on from its own state."""
+    diagram, simulator = _simulator(scenario)
+    parts: Any = diagram.GetSubsystemByName("estimation")
+    detector, estimator = (parts.GetSubsystemByName(name) for name in ("hypothesis_detector", "joint_estimator"))
+    leads = np.nan_to_num(flown["likelihood"], nan=-np.inf).max(axis=1)
+    published = 0
+    for row in np.flatnonzero((flown["racing"][:, 0] > 0.0) & (leads > 12.0)):
+        simulator.AdvanceTo(flown.time_s[row])
+        told, own = (part.GetMyContextFromRoot(simulator.get_context()) for part in (detector, estimator))
+        state = detector.GetOutputPort("published").Eval(told)
+        if state == ():  # no filter of it has arrived at the present
+            continue
+        published += 1
+        after = estimator.GetOutputPort("evidence").Eval(own).after
+        assert (state.slot_jet >= 0.0).any()
+        assert (after.slot_jet < 0.0).all()
+        np.testing.assert_array_equal(flown["estimate"][row], state.mean[:10])  # exact thrusts: no scale
+        np.testing.assert_array_equal(estimator.GetOutputPort("estimate").Eval(own), state.mean[:10])
+        assert (flown["estimate"][row] != after.mean[:10]).any()
+        simulator.AdvanceTo(flown.time_s[row] + 0.01)
+        np.testing.assert_array_equal(estimator.GetOutputPort("predicted").Eval(own), after.mean[:10])
+    assert published > 0
+
+
 def test_a_clone_shares_what_is_never_changed(scenario: Scenario) -> None:
     dut = system(scenario)
     context = dut.CreateDefaultContext()
@@ -145,6 +170,6 @@ def test_the_first_sample_says_nothing(scenario: Scenario) -> None:
     assert isinstance(evidence, JointEvidence)
     dut.GetInputPort("evidence").FixValue(context, Value[object](evidence))
     first = dut.GetOutputPort("report").Eval(context).copy()
-    assert dut.GetOutputPort("replacement").Eval(context) == ()
+    assert dut.GetOutputPort("replacement").Eval(context) == dut.GetOutputPort("published").Eval(context) == ()
     np.testing.assert_array_equal(dut.GetOutputPort("report").Eval(context), first)
     np.testing.assert_array_equal(dut.GetOutputPort("closed").Eval(context), np.zeros(N))

@@ -35,20 +35,20 @@ def test_topology(scenario: Scenario) -> None:
     dut = system(scenario)
     sensors = dict.fromkeys(("gyro", "acc2", "acc1", "acc3"), 3)
     told = {"jet_commands": 44, "outside_wrench": 6, "record_time": 1, "command": 44}
-    assert inputs(dut) == {**sensors, **told, "replacement": 0}
+    assert inputs(dut) == {**sensors, **told, "replacement": 0, "published": 0}
     ten = {"estimate": 10, "standard_deviation": 10, "covariance": 100, "converged": 1}
     reports = {"rotation_report": 25, "mass_report": 8, "joint_report": 3}
     assert outputs(dut) == {"predicted": 10, "evidence": 0, **ten, **reports}
     depends = feedthrough(dut)
     assert depends["predicted"] == set()
-    assert depends["evidence"] == set(inputs(dut)) - {"replacement"}
+    assert depends["evidence"] == set(inputs(dut)) - {"replacement", "published"}
     for name in (*ten, *reports):
         assert depends[name] == set(inputs(dut)), name
 
 
 def test_ports_of_the_diagram(scenario: Scenario) -> None:
     dut = estimation.build(scenario)
-    told = {"jet_commands": 44, "outside_wrench": 6, "record_time": 1, "command": 44, "replacement": 0}
+    told = {"jet_commands": 44, "outside_wrench": 6, "record_time": 1, "command": 44, "replacement": 0, "published": 0}
     assert inputs(dut) == {**told, **dict.fromkeys(("gyro", "acc1", "acc2", "acc3"), 3)}
     ten = {"estimate": 10, "standard_deviation": 10, "covariance": 100, "converged": 1}
     reports = {"impulses": 8, "rotation_report": 25, "mass_report": 8, "joint_report": 3, "evidence": 0}
@@ -81,6 +81,20 @@ def test_a_replacement_is_what_is_reported_and_what_the_next_cycle_begins_with(s
     context.get_mutable_discrete_state().SetFrom(dut.EvalUniquePeriodicDiscreteUpdate(context))
     np.testing.assert_array_equal(_output(dut, context, "predicted"), _output(dut, context, "predicted"))
     np.testing.assert_allclose(_output(dut, context, "predicted"), own + 1e-9, rtol=1e-15)
+
+
+def test_what_is_published_is_reported_and_the_filter_goes_on_from_its_own(scenario: Scenario, flown: Run) -> None:
+    dut = system(scenario)
+    context = _connected(dut, flown, 0)
+    own, evidence = _output(dut, context, "estimate"), _output(dut, context, "evidence")
+    other = evidence.after._replace(mean=evidence.after.mean + 1e-9, root=2.0 * evidence.after.root)
+    deviation = _output(dut, context, "standard_deviation")
+    dut.GetInputPort("published").FixValue(context, Value[object](other))
+    np.testing.assert_allclose(_output(dut, context, "estimate"), own + 1e-9, rtol=1e-15)
+    np.testing.assert_allclose(_output(dut, context, "standard_deviation"), 2.0 * deviation)
+    np.testing.assert_allclose(_output(dut, context, "rotation_report")[:9], own[:9] + 1e-9, rtol=1e-15)
+    context.get_mutable_discrete_state().SetFrom(dut.EvalUniquePeriodicDiscreteUpdate(context))
+    np.testing.assert_array_equal(_output(dut, context, "predicted"), own)
 
 
 def test_nothing_as_a_replacement_is_none(scenario: Scenario, flown: Run) -> None:

@@ -123,6 +123,7 @@ def judge(state: State, evidence: JointEvidence, params: HypothesisParams) -> Ju
         magnitude=own.verdict_magnitude,
         replacement=found.replacement,
         own=own,
+        published=found.published,
     )
 
 

@@ -216,14 +216,15 @@ class Judged(NamedTuple):
     Attributes:
         state: to remember.
         replacement: that the filter goes on from; None: its own.
-        published: state of the likeliest hypothesis.
+        published: of a race that is open, the state of the likeliest hypothesis once it leads that nothing has happened
+            by `Rules.lead_nothing`; None: that from which the filter goes on.
         declarations: what is declared.
         status: see `Status`.
     """
 
     state: State
     replacement: JointState | None
-    published: JointState
+    published: JointState | None
     declarations: tuple[Declaration, ...]
     status: Status
 
@@ -275,14 +276,14 @@ def judge(
     state = state._replace(cycle=state.cycle + 1, commanded=state.commanded + told)
     if report.course is None:  # the first sample, or the first after a gap: nothing before it can be compared
         quiet = state._replace(bank=banks.empty(joint.places), history=History(state.cycle, ()), race=None)
-        return Judged(quiet, _restless(quiet, after, after, joint), after, (), Status())
+        return Judged(quiet, _restless(quiet, after, after, joint), None, (), Status())
     state, again, report, sample = _probation(state, before, (after, report), sample, joint)
     if not again.guarded or report.incremented:  # an increment forgets what a race would compare
         quiet = state._replace(bank=banks.empty(joint.places), history=History(state.cycle, ()), race=None)
-        return Judged(quiet, _restless(quiet, again, after, joint), again, (), Status())
+        return Judged(quiet, _restless(quiet, again, after, joint), None, (), Status())
     state, decision, standing, status = _raced(state, before, again, report, sample, params)
     if decision.outcome == Outcome.OPEN:
-        published = again
+        published = None
         if standing and standing[0].run is not None and standing[0].contender.lead > params.rules.lead_nothing:
             published = standing[0].run.state
         declared: tuple[Declaration, ...] = ()
@@ -291,7 +292,7 @@ def judge(
         return Judged(state, _restless(state, again, after, joint), published, declared, status)
     state, now, said = _concluded(state, again, decision, joint)
     state, declared = _known_now(state, now, joint)
-    return Judged(state, _restless(state, now, after, joint), now, (*said, *declared), status)
+    return Judged(state, _restless(state, now, after, joint), None, (*said, *declared), status)
 
 
 def _probation(

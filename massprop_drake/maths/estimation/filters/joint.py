@@ -5,7 +5,7 @@ the interval between two readings, what logs keep of a cycle, and the state as a
 the commands, with the lag at its present estimate, so that `Interval.impulses` and the gate in it play no part.
 
 `measure` is the whole cycle. What its detector sees is a `JointEvidence`; the detector may give another state to go
-on from, whose estimates are then reported.
+on from, whose estimates are then reported, or one whose estimates are reported while the filter goes on from its own.
 """
 
 from __future__ import annotations
@@ -318,6 +318,17 @@ def done(measurement: Measurement, params: JointFilterParams) -> FilterStep:
 def replaced(step: FilterStep, joint: JointState, params: JointFilterParams) -> FilterStep:
     """A cycle that goes on from another state: its estimates are reported; the innovations are what they were."""
     after = _reporting(joint, step.state.clock, params)
+    return _telling(step, after)._replace(state=after, own=step.own._replace(settled=_settled(after, params)))
+
+
+def published(step: FilterStep, joint: JointState, params: JointFilterParams) -> FilterStep:
+    """A cycle that publishes the estimates of another state, and goes on from its own."""
+    other = _reporting(joint, step.state.clock, params)
+    return _telling(step, other)._replace(known=(other.estimate, other.covariance))
+
+
+def _telling(step: FilterStep, after: JointFilterState) -> FilterStep:
+    """A cycle whose reports have the estimates of a state."""
     rotation = step.rotation._replace(
         estimate=after.estimate[:N_ROTATION], standard_deviation=_deviation(after)[:N_ROTATION]
     )
@@ -327,7 +338,7 @@ def replaced(step: FilterStep, joint: JointState, params: JointFilterParams) -> 
             mass_reciprocal=float(after.estimate[MASS_RECIPROCAL]),
             variance=float(after.covariance[MASS_RECIPROCAL, MASS_RECIPROCAL]),
         )
-    return FilterStep(after, rotation, mass, step.own._replace(settled=_settled(after, params)))
+    return step._replace(rotation=rotation, mass=mass)
 
 
 def _per_three(nis: float, components: float) -> float:
@@ -408,5 +419,6 @@ FILTER = Filter(
     saved=saved,
     restored=restored,
     replaced=replaced,
+    published=published,
     report=JOINT_REPORT,
 )
