@@ -46,7 +46,7 @@ _RESERVED = {
     *("reaction_jets", "rigid_body", "disturbance", "noise_source", "body_state", "structure", "mass_properties"),
     *("telemetry_source", "record_time"),
     *("closed", "held_closed", "command", "held_command", "jet_commands", "impulses", "turning", "evidence"),
-    *("outside_wrench", "mean_level", "predicted", "replacement"),
+    *("outside_wrench", "mean_level", "predicted", "published", "replacement"),
     *("estimate", "covariance", "innovation", "innovation_covariance", "status", "adaptation", "reconfiguration"),
 }
 _RESERVED_BEGINNINGS = ("rotation_", "mass_", "joint_", "predicted_", "detector_")

@@ -142,7 +142,8 @@ class Estimator:
     @property
     def covariance(self) -> Array:
         """Covariance of the ten estimates as the last step gave them, shape (10, 10)."""
-        return self._known[1]
+        _, covariance = self._known
+        return covariance
 
     @property
     def _known(self) -> tuple[Array, Array]:

@@ -259,12 +259,13 @@ class _Estimation:
         unknown = np.full(10, np.nan)
         estimate = last("estimate")
         back = looked_back(self._scenario, self._intake.spool, estimate, found.detections, resumed=self._resumed)
+        _, covariance = self._known or cycle.known(self._state, self._params)
         results = composed(
             self._scenario,
             duration_s=duration_s,
             estimate=last("estimate"),
             deviation=last("standard_deviation"),
-            covariance=(self._known or cycle.known(self._state, self._params))[1],
+            covariance=covariance,
             truth=unknown,
             found=found,
             consistency=judged(self._nis["rotation"], self._nis["mass"], unknown, SYMBOLS, back.diagnoses),
