@@ -347,7 +347,8 @@ def _raced(
                 lead=best.lead - second if best.lead > 0.0 else -best.lead,
                 leads=_leads(standing),
             )
-    if race is not None and decision.outcome == Outcome.OPEN and state.cycle - race.triggered in _REDRAWN:
+    redrawn = race is not None and not race.leading and state.cycle - race.triggered in _REDRAWN
+    if race is not None and redrawn and decision.outcome == Outcome.OPEN:
         race = races.moved(race, standing, bank, history, joint)
     bank = banks.taken(bank, over, after, state.cycle)
     oldest = int(bank.cycles[0]) if race is None else min(int(bank.cycles[0]), race.screen.began)

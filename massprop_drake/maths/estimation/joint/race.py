@@ -27,6 +27,7 @@ _NEAR = 12.0  # nats behind the best within which a hypothesis runs as a filter:
 _RUNS = 6  # filters at once, with the jump
 _LIE_RUNS = 12  # cycles in which the likeliest liar runs, however the first order takes so large an error
 _BETTER = 1.0  # nats at another onset, that a filter begins anew there
+_AGAIN = 30.0  # times likelier that a jet known to be wrong changes than that any other fails, in whichever of two ways
 _TOO_WIDE = 2.0  # times the uncertainty of the onset: then a filter begins anew
 OUT = 60.0  # nats behind the best: out of the race
 FIT = 6.0  # standard deviations of chi-square: rounding is not white, and six are never chance
@@ -89,8 +90,8 @@ class Standing(NamedTuple):
         run: its filter where it has arrived at the present, else None.
         first_order: what the screen says of it, maybe at another onset; what its filter says where to first order it is
             not possible.
-        beforehand: nats by which it is likelier than new failures before any reading: that a force changes which is
-            known to be wrong takes no further failure.
+        beforehand: nats by which it is likelier than new failures before any reading: a force that is known to be wrong
+            changes sooner than a further jet fails, and it is one where these are many.
     """
 
     contender: Contender
@@ -171,7 +172,7 @@ def standings(race: Race, contenders: list[Contender], params: JointParams) -> l
     result = []
     by_cause = {run.cause: run for run in race.runs if run.cycle == race.screen.cycle}
     nothing = race.screen.scores[-1].likelihood
-    for contender in contenders:
+    for contender in _one_way_each(race, contenders):
         if contender.cause in race.out:
             continue
         run = by_cause.pop(contender.cause, None)
@@ -185,22 +186,51 @@ def standings(race: Race, contenders: list[Contender], params: JointParams) -> l
         measured = _measured(contender, run, nothing, params)
         result.append(Standing(measured, run, measured, _beforehand(race, cause)))
     result.sort(key=lambda standing: -standing.odds)
-    return [each for each in result if not _no_rival(result[0], each)]
+    explains = next((each for each in result if each.run is not None and each.run.score.misfit < FIT), None)
+    if explains is not None:
+        result = [each for each in result if not _adds(explains, each)]
+    return [each for each in result if each is result[0] or not _says_the_same(result[0], each)]
 
 
-def _no_rival(best: Standing, other: Standing) -> bool:
-    """Whether a hypothesis names what the best names, or that and more while the best explains the readings.
+def _one_way_each(race: Race, contenders: list[Contender]) -> list[Contender]:
+    """The contenders without those that name the jets of a filter in another way, and are no likelier for it.
 
-    What little a further failure then explains is told from chance by a race of its own.
+    A jet that is not told to fire is stuck and leaks alike: without this its filter would begin anew in either way by
+    turns.
     """
-    named, also = best.contender.cause.failures, other.contender.cause.failures
-    if other is best or not named:
+    leads = {each.cause: each.lead for each in contenders}
+    taken = {run.cause.failures: run.cause for run in race.runs if run.cause.jets and run.cause in leads}
+
+    def stays(each: Contender) -> bool:
+        own = taken.get(each.cause.failures, each.cause)
+        return each.cause == own or each.lead > leads[own] + _BETTER
+
+    return [each for each in contenders if stays(each)]
+
+
+def _adds(explains: Standing, other: Standing) -> bool:
+    """Whether a hypothesis names more besides what by itself explains the readings, and is no likelier for it.
+
+    What little a further failure then explains is told from chance by a race of its own. To first order it must be far
+    likelier to count: of a large effect the first order leaves enough for whatever is added to explain.
+    """
+    named = explains.contender.cause.failures
+    if not named or not named < other.contender.cause.failures:
         return False
-    return named == also or (named < also and best.run is not None and best.run.score.misfit < FIT)
+    if other.run is not None:
+        return other.odds <= explains.odds
+    gained = other.first_order.lead + other.beforehand - explains.first_order.lead - explains.beforehand
+    return gained < _NEAR
+
+
+def _says_the_same(best: Standing, other: Standing) -> bool:
+    named = best.contender.cause.failures
+    return bool(named) and named == other.contender.cause.failures
 
 
 def _beforehand(race: Race, cause: Cause) -> float:
-    return screens.PAIR_PRIOR * len(_known(race) & cause.failures)
+    jets = race.states[0].level.shape[0]
+    return float(np.log(2.0 * jets * _AGAIN)) * len(_known(race) & cause.failures)
 
 
 def margin(best: Standing, other: Standing) -> float:
@@ -252,19 +282,23 @@ def running(race: Race, standing: list[Standing], free_slots: int) -> Race:
     leader = standing[0]
     best = leader.contender.lead
     present = {run.cause: run for run in race.runs}
+    led = {each.cause for each in race.leading} & present.keys()  # kept: that none explains what is new is said of them
     wanted: list[Runner] = []
+    jump = [each for each in standing[1:] if each.contender.cause.kind == Kind.JUMP]
     liar = next((each.contender.cause for each in standing if each.contender.cause.kind == Kind.LIES), None)
     young = race.screen.cycle - race.triggered < _LIE_RUNS
-    lost = {each.contender.cause for each in standing if each.run is not None and each.contender.lead < best - OUT}
-    for each in standing:
+    behind = {each.contender.cause for each in standing if each.run is not None and each.contender.lead < best - OUT}
+    for each in (leader, *jump, *(each for each in standing[1:] if each not in jump)):
         contender, cause = each.contender, each.contender.cause
         stays = (cause.kind == Kind.JUMP or cause in present) and contender.lead > best - OUT
         near = stays or margin(leader, each) < _NEAR
         near = near or (young and cause == liar)
-        if near and contender.lead > 0.0 and len(wanted) < _RUNS and _fits(race, cause, free_slots):
+        if cause in led:
+            wanted.append(present[cause])
+        elif near and contender.lead > 0.0 and len(wanted) < _RUNS and _fits(race, cause, free_slots):
             run = present.get(cause)
             wanted.append(_opened(race, each.first_order) if run is None or _begins_anew(run, each) else run)
-    out = race.out | lost
+    out = race.out | (behind - led)
     if leader.run is None or leader.run.score.misfit >= FIT:  # a jump may yet be what is left
         out -= {Cause(Kind.JUMP)}
     return race._replace(runs=tuple(wanted), out=out)
@@ -308,9 +342,10 @@ def _opened(race: Race, contender: Contender) -> Runner:
 
 
 def stepped_on(race: Race, left: int, history: History, erratic: np.ndarray, params: JointParams) -> tuple[Race, int]:
-    """The race with its filters as far as the steps that are left let them go, in their order, and what then is left.
+    """The race with its filters as far as the steps that are left let them go, and what then is left.
 
-    Those that turn out to be impossible leave it.
+    Those that were at the present stay there; then those that are behind catch up, in their order. Those that turn out
+    to be impossible leave the race.
 
     Args:
         race: see `Race`.
@@ -319,19 +354,18 @@ def stepped_on(race: Race, left: int, history: History, erratic: np.ndarray, par
         erratic: see `hypotheses.restless`.
         params: without increments.
     """
-    runs, out, screen = [], set(race.out), race.screen
-    for run in race.runs:
-        now = run
+    runs, out, screen = list(race.runs), set(race.out), race.screen
+    for place in sorted(range(len(runs)), key=lambda place: runs[place].cycle < screen.cycle - 1):
+        now = runs[place]
         while left > 0 and now.cycle < screen.cycle:
             record = history.at(now.cycle + 1)
             counts = screen.masks[now.cycle - screen.began]
             now = stepped(now, record.sample, record.link, counts, erratic, params)
             left -= 1
+        runs[place] = now
         if _impossible(now, params):
             out.add(now.cause)
-        else:
-            runs.append(now)
-    return race._replace(runs=tuple(runs), out=frozenset(out)), left
+    return race._replace(runs=tuple(run for run in runs if run.cause not in out), out=frozenset(out)), left
 
 
 def known_forces(state: JointState, params: JointParams) -> Array:
