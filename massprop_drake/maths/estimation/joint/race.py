@@ -172,13 +172,14 @@ def standings(race: Race, contenders: list[Contender], params: JointParams) -> l
     result = []
     by_cause = {run.cause: run for run in race.runs if run.cycle == race.screen.cycle}
     nothing = race.screen.scores[-1].likelihood
-    for contender in _one_way_each(race, contenders):
+    possible = _one_way_each(race, contenders, params)
+    for contender in possible:
         if contender.cause in race.out:
             continue
         run = by_cause.pop(contender.cause, None)
         measured = _measured(contender, run, nothing, params) if run else contender
         result.append(Standing(measured, run, contender, _beforehand(race, contender.cause)))
-    listed = {each.cause.failures for each in contenders if each.cause.jets}
+    listed = {each.cause.failures for each in possible if each.cause.jets}
     for cause, run in by_cause.items():  # what is not possible to first order may be so by its filter
         if cause.failures in listed:  # the same jets in another way
             continue
@@ -192,20 +193,29 @@ def standings(race: Race, contenders: list[Contender], params: JointParams) -> l
     return [each for each in result if each is result[0] or not _says_the_same(result[0], each)]
 
 
-def _one_way_each(race: Race, contenders: list[Contender]) -> list[Contender]:
+def _one_way_each(race: Race, contenders: list[Contender], params: JointParams) -> list[Contender]:
     """The contenders without those that name the jets of a filter in another way, and are no likelier for it.
 
     A jet that is not told to fire is stuck and leaks alike: without this its filter would begin anew in either way by
-    turns.
+    turns. One that fits, with forces as they go with its way, stays even if to first order these are others.
     """
     leads = {each.cause: each.lead for each in contenders}
-    taken = {run.cause.failures: run.cause for run in race.runs if run.cause.jets and run.cause in leads}
+    of_jets = [run for run in race.runs if run.cause.jets]
+    stay = {run.cause for run in of_jets if run.cause in leads or _is_as_measured(run, params)}
+    taken = {run.cause.failures: run.cause for run in of_jets if run.cause in stay}
 
     def stays(each: Contender) -> bool:
         own = taken.get(each.cause.failures, each.cause)
-        return each.cause == own or each.lead > leads[own] + _BETTER
+        return each.cause == own or (own in leads and each.lead > leads[own] + _BETTER)
 
     return [each for each in contenders if stays(each)]
+
+
+def _is_as_measured(run: Runner, params: JointParams) -> bool:
+    """Whether a filter fits, and the force of each jet goes with the way in which it says that it has failed."""
+    leaks = screens.leaks(np.array(run.cause.jets), np.array(_forces(run, params)[0]), params)
+    more = np.array(run.cause.signs) > 0
+    return run.score.misfit < FIT and bool(np.array_equal(leaks & more, np.array(run.cause.on_top) > 0))
 
 
 def _adds(explains: Standing, other: Standing) -> bool:

@@ -1,0 +1,120 @@
+"""The race's own rules: who runs as a filter, in which order, and who is compared with whom."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from joint_probe import small_params, some_state
+
+from massprop_drake.maths.estimation.joint import race as races
+from massprop_drake.maths.estimation.joint import screen as screens
+from massprop_drake.maths.estimation.joint.hypotheses import NO_SCORE, Cause, Kind, Runner, Score, opened
+from massprop_drake.maths.estimation.joint.layout import JointState, make_places
+from massprop_drake.maths.estimation.joint.race import History, Race
+from massprop_drake.maths.estimation.joint.screen import Contender
+
+PARAMS = small_params(places=make_places((6, 2, 2), 2, (False, False), False, 2), second_order=False)
+NOW, ONSET = 10, 4
+STATE: JointState = some_state(PARAMS)._replace(
+    slot_jet=np.full(2, -1.0), slot_sign=np.ones(2), slot_on_top=np.zeros(2), level=np.zeros(6)
+)
+JUMP = Cause(Kind.JUMP)
+
+
+def leak(*jets: int) -> Cause:
+    return Cause(Kind.JETS, jets, (1,) * len(jets), (1,) * len(jets))
+
+
+def stuck(jet: int) -> Cause:
+    return Cause(Kind.JETS, (jet,), (1,), (0,))
+
+
+def running(cause: Cause, likelihood: float = 0.0, cycle: int = NOW, nis: float = 12.0) -> Runner:
+    """A filter that has arrived at a cycle, with a tenth of full thrust for each jet."""
+    state = opened(STATE, cause, PARAMS)
+    mean = state.mean.copy()
+    for index, jet in enumerate(cause.jets):
+        mean[PARAMS.places.force + index] = 0.1 * PARAMS.thrusts[jet]
+    root = 1e-3 * np.eye(state.root.shape[0])
+    score = Score(likelihood, nis, 12.0)
+    return Runner(cause, ONSET, (), cycle, state._replace(mean=mean, root=root), score, False)
+
+
+def race(*runs: Runner, leading: tuple[Contender, ...] = ()) -> Race:
+    screen = screens.begin((STATE, 0), (ONSET,), (1,), np.zeros(12), PARAMS)
+    screen = screen._replace(cycle=NOW, scores=(NO_SCORE,) * (NOW + 1))
+    return Race(1, (STATE, STATE), screen, runs, leading)
+
+
+def contender(cause: Cause, lead: float) -> Contender:
+    return Contender(cause, ONSET, lead, (1.0,) * len(cause.jets), (0.1,) * len(cause.jets))
+
+
+def causes(found: Race) -> list[Cause]:
+    return [run.cause for run in found.runs]
+
+
+def test_a_filter_keeps_its_way_of_failing_while_another_is_no_likelier() -> None:
+    now = race(running(leak(0), 100.0))
+    same = races.standings(now, [contender(stuck(0), 100.5), contender(leak(0), 100.0)], PARAMS)
+    assert [each.contender.cause for each in same] == [leak(0)]
+    other = races.standings(now, [contender(stuck(0), 900.0), contender(leak(0), 100.0)], PARAMS)
+    assert other[0].contender.cause == stuck(0)
+
+
+def test_a_filter_whose_forces_go_with_its_way_stays_where_the_first_order_says_otherwise() -> None:
+    now = race(running(leak(0), 100.0))
+    assert races.standings(now, [contender(stuck(0), 500.0)], PARAMS)[0].contender.cause == leak(0)
+    misfits = race(running(leak(0), 100.0, nis=200.0))
+    assert races.standings(misfits, [contender(stuck(0), 500.0)], PARAMS)[0].contender.cause == stuck(0)
+
+
+def test_jets_that_are_added_to_what_explains_all_must_be_far_likelier() -> None:
+    now = race(running(leak(0), 100.0))
+    some = [contender(leak(0), 100.0), contender(leak(0, 1), 105.0), contender(leak(2, 3), 90.0)]
+    named = [each.contender.cause for each in races.standings(now, some, PARAMS)]
+    assert named == [leak(0), leak(2, 3)]
+    some[1] = contender(leak(0, 1), 140.0)
+    assert races.standings(now, some, PARAMS)[0].contender.cause == leak(0, 1)
+
+
+def test_the_jump_runs_before_rivals_that_are_nearer() -> None:
+    many = [contender(leak(jet), 100.0 - jet) for jet in range(6)] + [contender(leak(0, 1), 99.9)]
+    now = race()
+    found = races.running(now, races.standings(now, [*many, contender(JUMP, 60.0)], PARAMS), 2)
+    assert causes(found)[:2] == [leak(0), JUMP]
+    assert len(causes(found)) == 6
+
+
+def test_what_led_is_kept_for_the_sample_that_surprises_it() -> None:
+    first, second = running(leak(0), 100.0), running(leak(1), 99.0)
+    far = [contender(leak(2, 3), 400.0), contender(leak(0), 100.0), contender(leak(1), 99.0)]
+    now = race(first, second)
+    assert leak(0) in races.running(now, races.standings(now, far, PARAMS), 2).out
+    led = race(first, second, leading=(contender(leak(0), 100.0), contender(leak(1), 99.0)))
+    found = races.running(led, races.standings(led, far, PARAMS), 2)
+    assert {leak(0), leak(1)} <= set(causes(found))
+    assert not found.out
+
+
+def test_filters_at_the_present_stay_there_before_others_catch_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    def one_more(run: Runner, *_: Any) -> Runner:
+        return run._replace(cycle=run.cycle + 1)
+
+    monkeypatch.setattr(races, "stepped", one_more)
+    monkeypatch.setattr(History, "at", lambda *_: races.Record(None, None))  # type: ignore[arg-type]
+    now = race(running(leak(0), cycle=NOW - 6), running(leak(1), cycle=NOW - 1))
+    now = now._replace(screen=now.screen._replace(masks=(np.ones(12, dtype=np.bool_),) * NOW))
+    found, left = races.stepped_on(now, 3, History(NOW, ()), np.zeros(2), PARAMS)
+    assert [run.cycle for run in found.runs] == [NOW - 4, NOW]
+    assert left == 0
+
+
+def test_a_known_force_that_changes_is_likelier_than_any_new_failure() -> None:
+    known = opened(STATE, leak(0), PARAMS)
+    now = race()._replace(states=(known, known))
+    found = races.standings(now, [contender(leak(1), 100.0), contender(leak(0), 96.0)], PARAMS)
+    assert found[0].contender.cause == leak(0)
+    assert found[0].odds - found[1].odds == pytest.approx(np.log(30 * 12) - 4.0)
