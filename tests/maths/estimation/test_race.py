@@ -56,19 +56,18 @@ def causes(found: Race) -> list[Cause]:
     return [run.cause for run in found.runs]
 
 
-def test_a_filter_keeps_its_way_of_failing_while_another_is_no_likelier() -> None:
+def test_both_ways_of_failing_run_and_are_no_rivals() -> None:
     now = race(running(leak(0), 100.0))
-    same = races.standings(now, [contender(stuck(0), 100.5), contender(leak(0), 100.0)], PARAMS)
-    assert [each.contender.cause for each in same] == [leak(0)]
-    other = races.standings(now, [contender(stuck(0), 900.0), contender(leak(0), 100.0)], PARAMS)
-    assert other[0].contender.cause == stuck(0)
+    some = [contender(stuck(0), 100.5), contender(leak(0), 100.0), contender(leak(1), 95.0)]
+    standing = races.standings(now, some, PARAMS)
+    assert set(causes(races.running(now, standing, 2))) == {leak(0), stuck(0), leak(1)}
+    assert [each.contender.cause for each in races.rivals(standing)] == [leak(0), leak(1)]
 
 
-def test_a_filter_whose_forces_go_with_its_way_stays_where_the_first_order_says_otherwise() -> None:
+def test_a_filter_stays_where_the_first_order_says_that_its_way_is_not_possible() -> None:
     now = race(running(leak(0), 100.0))
-    assert races.standings(now, [contender(stuck(0), 500.0)], PARAMS)[0].contender.cause == leak(0)
-    misfits = race(running(leak(0), 100.0, nis=200.0))
-    assert races.standings(misfits, [contender(stuck(0), 500.0)], PARAMS)[0].contender.cause == stuck(0)
+    standing = races.standings(now, [contender(stuck(0), 90.0)], PARAMS)
+    assert [each.contender.cause for each in standing] == [leak(0), stuck(0)]
 
 
 def test_jets_that_are_added_to_what_explains_all_must_be_far_likelier() -> None:
@@ -118,3 +117,11 @@ def test_a_known_force_that_changes_is_likelier_than_any_new_failure() -> None:
     found = races.standings(now, [contender(leak(1), 100.0), contender(leak(0), 96.0)], PARAMS)
     assert found[0].contender.cause == leak(0)
     assert found[0].odds - found[1].odds == pytest.approx(np.log(30 * 12) - 4.0)
+
+
+def test_of_two_ways_that_are_as_likely_the_jet_is_stuck() -> None:
+    now = race(running(leak(0), 100.0), running(stuck(0), 99.5))
+    some = [contender(leak(0), 100.0), contender(stuck(0), 99.5)]
+    assert races.rivals(races.standings(now, some, PARAMS))[0].contender.cause == stuck(0)
+    now = race(running(leak(0), 103.0), running(stuck(0), 99.5))
+    assert races.rivals(races.standings(now, some, PARAMS))[0].contender.cause == leak(0)

@@ -49,7 +49,7 @@ from massprop_drake.maths.linear_algebra import Array
 
 _BEFORE_SETTLED = 8.0  # times the trigger: a start's own errors raise it by chance
 _REDRAWN = (6, 12, 24, 48, 96)  # cycles of a race after which it moves to its likeliest onset, if that is at its edge
-_LEAK_FLOOR, _LOSS_FLOOR = 0.002, 0.05  # of full thrust: below, thrust errors and lags explain as much
+_LEAK_FLOOR, _LOSS_FLOOR = 0.002, 0.1  # of full thrust: below, thrusts that are not as stated explain as much
 _LEAST_FLOOR = 0.00115  # of the largest jet's thrust: 1 lbf of 870
 _CHANGE = 0.1  # of full thrust, by which a known force must differ to be said to have changed
 _BETTER = 0.5  # of the 1-sigma of a force as announced

@@ -28,7 +28,7 @@ import numpy as np
 from massprop_drake.maths.estimation.joint import screen as screens
 from massprop_drake.maths.estimation.joint.hypotheses import Kind, Runner
 from massprop_drake.maths.estimation.joint.layout import INERTIA, MASS, JointParams
-from massprop_drake.maths.estimation.joint.race import FIT, OUT, Race, Standing, margin
+from massprop_drake.maths.estimation.joint.race import FIT, OUT, Race, Standing, margin, rivals
 from massprop_drake.maths.estimation.joint.screen import Contender, FailedJet
 from massprop_drake.maths.mass_properties import ELEMENT
 
@@ -108,6 +108,7 @@ def decided(race: Race, standing: list[Standing], settled: bool, rules: Rules, p
         rules: see `Rules`.
         params: see `JointParams`.
     """
+    standing = rivals(standing)
     interrupted = _interrupted(race, standing, rules)
     if interrupted is not None:
         return interrupted

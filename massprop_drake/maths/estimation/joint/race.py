@@ -172,17 +172,13 @@ def standings(race: Race, contenders: list[Contender], params: JointParams) -> l
     result = []
     by_cause = {run.cause: run for run in race.runs if run.cycle == race.screen.cycle}
     nothing = race.screen.scores[-1].likelihood
-    possible = _one_way_each(race, contenders, params)
-    for contender in possible:
+    for contender in contenders:
         if contender.cause in race.out:
             continue
         run = by_cause.pop(contender.cause, None)
         measured = _measured(contender, run, nothing, params) if run else contender
         result.append(Standing(measured, run, contender, _beforehand(race, contender.cause)))
-    listed = {each.cause.failures for each in possible if each.cause.jets}
     for cause, run in by_cause.items():  # what is not possible to first order may be so by its filter
-        if cause.failures in listed:  # the same jets in another way
-            continue
         contender = Contender(cause, run.onset, 0.0, kicks=run.kicks)
         measured = _measured(contender, run, nothing, params)
         result.append(Standing(measured, run, measured, _beforehand(race, cause)))
@@ -190,32 +186,21 @@ def standings(race: Race, contenders: list[Contender], params: JointParams) -> l
     explains = next((each for each in result if each.run is not None and each.run.score.misfit < FIT), None)
     if explains is not None:
         result = [each for each in result if not _adds(explains, each)]
-    return [each for each in result if each is result[0] or not _says_the_same(result[0], each)]
+    return result
 
 
-def _one_way_each(race: Race, contenders: list[Contender], params: JointParams) -> list[Contender]:
-    """The contenders without those that name the jets of a filter in another way, and are no likelier for it.
+def rivals(standing: list[Standing]) -> list[Standing]:
+    """The best, and those that name something else.
 
-    A jet that is not told to fire is stuck and leaks alike: without this its filter would begin anew in either way by
-    turns. One that fits, with forces as they go with its way, stays even if to first order these are others.
+    A jet that is told to fire all the while is stuck and leaks alike, and filters of both ways run: it is stuck unless
+    a leak, which might be of any size, explains more.
     """
-    leads = {each.cause: each.lead for each in contenders}
-    of_jets = [run for run in race.runs if run.cause.jets]
-    stay = {run.cause for run in of_jets if run.cause in leads or _is_as_measured(run, params)}
-    taken = {run.cause.failures: run.cause for run in of_jets if run.cause in stay}
-
-    def stays(each: Contender) -> bool:
-        own = taken.get(each.cause.failures, each.cause)
-        return each.cause == own or (own in leads and each.lead > leads[own] + _BETTER)
-
-    return [each for each in contenders if stays(each)]
-
-
-def _is_as_measured(run: Runner, params: JointParams) -> bool:
-    """Whether a filter fits, and the force of each jet goes with the way in which it says that it has failed."""
-    leaks = screens.leaks(np.array(run.cause.jets), np.array(_forces(run, params)[0]), params)
-    more = np.array(run.cause.signs) > 0
-    return run.score.misfit < FIT and bool(np.array_equal(leaks & more, np.array(run.cause.on_top) > 0))
+    named = standing[0].contender.cause.failures
+    others = [each for each in standing if not named or each.contender.cause.failures != named]
+    same = [each for each in standing if each.odds > standing[0].odds - _BETTER and each.run is not None]
+    same = [each for each in same if named and each.contender.cause.failures == named] or [standing[0]]
+    best = min(same, key=lambda each: sum(each.contender.cause.on_top))
+    return [best, *(each for each in others if each is not best)]
 
 
 def _adds(explains: Standing, other: Standing) -> bool:
@@ -233,24 +218,20 @@ def _adds(explains: Standing, other: Standing) -> bool:
     return gained < _NEAR
 
 
-def _says_the_same(best: Standing, other: Standing) -> bool:
-    named = best.contender.cause.failures
-    return bool(named) and named == other.contender.cause.failures
-
-
 def _beforehand(race: Race, cause: Cause) -> float:
     jets = race.states[0].level.shape[0]
     return float(np.log(2.0 * jets * _AGAIN)) * len(_known(race) & cause.failures)
 
 
 def margin(best: Standing, other: Standing) -> float:
-    """Lead over another hypothesis, nats: of filters, or of the first order where one has no filter that has arrived.
+    """Lead over another hypothesis, nats: of filters, or of the first order where one has no filter that has arrived, or
+    that is to begin anew at an onset that explains more.
 
     Of an effect that is not small the first order is off by far more than hypotheses differ: what it puts near the best
     or before it must run as a filter before it is believed to be behind.
     """
     measured = best.odds - other.odds
-    if other.run is not None or best.run is None:
+    if best.run is None or (other.run is not None and not _begins_anew(other.run, other)):
         return measured
     first_order = best.first_order.lead - other.first_order.lead
     return min(measured, first_order + best.beforehand - other.beforehand)

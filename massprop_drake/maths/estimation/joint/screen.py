@@ -289,17 +289,11 @@ def _directions(columns: np.ndarray, jets: int) -> np.ndarray:
     return np.where(columns < 2 * jets, columns, columns % jets)
 
 
-def leaks(jets: np.ndarray, force: Array, params: JointParams) -> np.ndarray:
-    """Whether what jets give too much is that of a leak, which comes on top of what they are told to."""
-    found: np.ndarray = force < _LEAK * params.thrusts[jets]
-    return found
-
-
 def as_found(columns: np.ndarray, force: Array, params: JointParams) -> np.ndarray:
     """The columns that go with the forces: what comes on top is a leak, less than half of full thrust."""
     jets = params.places.jets
     jet = columns % jets
-    more = np.where(leaks(jet, force, params), jet, jet + 4 * jets)
+    more = np.where(force < _LEAK * params.thrusts[jet], jet, jet + 4 * jets)
     return np.where((columns >= jets) & (columns < 2 * jets), columns, more)
 
 
