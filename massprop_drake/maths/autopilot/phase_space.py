@@ -35,6 +35,31 @@ class Urgency(IntEnum):
 _NONE = np.zeros(3)
 
 
+class Window(NamedTuple):
+    """A hand controller held out of detent.
+
+    Attributes:
+        channel: 0 to 2 rotation about x, y, z; 3 to 5 translation along x, y, z.
+        sign: +1 or -1.
+        start_s: leaves detent, s.
+        end_s: back in detent, s.
+    """
+
+    channel: int
+    sign: float
+    start_s: float
+    end_s: float
+
+
+def hand_controllers(windows: tuple[Window, ...], time_s: float) -> Array:
+    """Both hand controllers at a time: -1, 0 or 1 per axis, rotation x, y, z, translation x, y, z, shape (6,)."""
+    command = np.zeros(6)
+    for window in windows:
+        if window.start_s <= time_s < window.end_s:
+            command[window.channel] = window.sign
+    return command
+
+
 class PhaseSpaceParams(NamedTuple):
     """Gains and limits of the controller; angles in radians.
 

@@ -23,13 +23,15 @@ Inertia and center of mass stay as they are while mass is used up, as in the the
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 
+from massprop_drake.maths.arrays import Layout
 from massprop_drake.maths.attitude import rotation_matrix
 from massprop_drake.maths.linear_algebra import Array, inverse, nonzero
-from massprop_drake.maths.mass_properties import MassProperties, six_elements, symmetric
+from massprop_drake.maths.mass_properties import MassProperties, joined, six_elements, symmetric
 from massprop_drake.maths.vehicle.thrust import decay_integral
 
 N_STATE = 23
@@ -42,6 +44,7 @@ VELOCITY = slice(10, 13)
 MASS = 13
 ORIGIN_VELOCITY = slice(14, 17)
 SPIN_INTEGRAL = slice(17, 23)
+STRUCTURE = Layout("structure", inertia=6, center_of_mass=3)  # what does not change but at a jump
 
 # One substep turns the body by at most this much about each axis, rad: the classical Runge-Kutta step then errs by
 # less than (angle^5 / 120) = 3e-14 of the rate.
@@ -119,6 +122,64 @@ def body_of(properties: MassProperties) -> Body:
         tuple(six_elements(inverse(properties.inertia)).tolist()),
         tuple(np.asarray(properties.center_of_mass).tolist()),
     )
+
+
+def packed_structure(properties: MassProperties) -> Array:
+    """Inertia and center of mass as `STRUCTURE`."""
+    return STRUCTURE.pack((six_elements(properties.inertia), properties.center_of_mass))
+
+
+@lru_cache(maxsize=256)
+def _body_of_bytes(structure: bytes) -> Body:
+    read = STRUCTURE.read(np.frombuffer(structure))
+    return body_of(MassProperties(math.nan, read.center_of_mass, symmetric(read.inertia)))
+
+
+def body_of_structure(structure: Array) -> Body:
+    """The constants of motion for a `STRUCTURE`; a simulator asks at every step."""
+    return _body_of_bytes(structure.tobytes())
+
+
+class Jump(NamedTuple):
+    """Something that is fixed to the vehicle, or leaves it, at once.
+
+    Attributes:
+        time_s: when, s; it happens at the first sample not before this.
+        mass: slug or kg; negative: it leaves.
+        position: of its center of mass in the vehicle frame, ft or m, shape (3,).
+        inertia: about its own center of mass, body axes, shape (3, 3); negative if it leaves.
+    """
+
+    time_s: float
+    mass: float
+    position: Array
+    inertia: Array
+
+
+def jumps_by_sample(jumps: tuple[Jump, ...], period_s: float) -> dict[int, tuple[Jump, ...]]:
+    """The jumps of each sample at which there are any, in their order."""
+    found: dict[int, tuple[Jump, ...]] = {}
+    for jump in jumps:
+        sample = math.ceil(jump.time_s / period_s - 1e-9)
+        found[sample] = (*found.get(sample, ()), jump)
+    return found
+
+
+def jumped(state: Array, structure: Array, jumps: tuple[Jump, ...]) -> tuple[Array, Array]:
+    """State and structure after some jumps at one sample.
+
+    Args:
+        state: shape (23,).
+        structure: packed as `STRUCTURE`.
+        jumps: one after the other.
+    """
+    read = STRUCTURE.read(structure)
+    properties = MassProperties(float(state[MASS]), read.center_of_mass, symmetric(read.inertia))
+    for jump in jumps:
+        after = joined(properties, jump.mass, jump.position, jump.inertia)
+        state = with_properties(state, properties, after)
+        properties = after
+    return state, packed_structure(properties)
 
 
 def initial_state(mass: float) -> Array:

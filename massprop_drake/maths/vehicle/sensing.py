@@ -180,6 +180,11 @@ class SensorModel(NamedTuple):
         """Whether noise is drawn."""
         return self.noise_std > 0.0 or self.walk_std > 0.0
 
+    @property
+    def exact(self) -> bool:
+        """Whether a reading is the signal itself, quantized and within the range, where nothing is remembered."""
+        return not (self.scale_factor.any() or self.bias.any() or self.noisy or self.vibration)
+
     def read(self, value: Array) -> Array:
         """A noisy value quantized and held within the range, shape (3,)."""
         reading = quantized(value, self.quantum, self.phase)
@@ -218,6 +223,40 @@ def sense(signal: Array, memory: Array, noise: Array, model: SensorModel, time_s
         after[10:] = np.concatenate([line[3:], reading])
         reading = line[:3]
     return reading, after
+
+
+def sense_now(signal: Array, noise: Array | None, model: SensorModel, time_s: float) -> Array:
+    """One reading of a package that remembers nothing and is not exact; arguments as `sense`."""
+    value = (1.0 + model.scale_factor) * signal
+    if model.vibration is not None:
+        value += model.vibration.at(time_s)
+    value += model.bias
+    if model.noisy and noise is not None:
+        value += model.noise_std * noise[:3]
+    return model.read(value)
+
+
+class Package(NamedTuple):
+    """A package of sensors as it is in truth.
+
+    Attributes:
+        name: of it, and of its noise.
+        model: its errors.
+        position: of an integrating accelerometer, vehicle frame, ft or m, shape (3,); None: a rate gyro.
+        exact: see `SensorModel.exact`.
+        remembers: see `SensorModel.remembers`.
+    """
+
+    name: str
+    model: SensorModel
+    position: Array | None
+    exact: bool
+    remembers: bool
+
+
+def package(name: str, model: SensorModel, position: Array | None) -> Package:
+    """A package; arguments as the attributes of `Package`."""
+    return Package(name, model, position, model.exact, model.remembers)
 
 
 def point_velocity(origin_velocity: Array, rate: Array, spin_integral: Array, position: Array) -> Array:
