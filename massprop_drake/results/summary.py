@@ -105,6 +105,7 @@ class Provenance(NamedTuple):
         vehicle_sha256, scenario_sha256: digests of both in full.
         telemetry: name of the record that was read; None for a simulated run.
         telemetry_sha256: digest of its content.
+        engine: what ran it, see `inputs.scenario.ExecutionBlock`; None for a record.
     """
 
     drake: Text
@@ -113,6 +114,7 @@ class Provenance(NamedTuple):
     scenario_sha256: Text
     telemetry: Text | None = None
     telemetry_sha256: Text | None = None
+    engine: Text | None = None
 
 
 class Timing(NamedTuple):
@@ -450,7 +452,13 @@ def composed(
         consistency=consistency,
         autopilot=autopilot,
         provenance=Provenance(
-            version("drake"), version("numpy"), digest(vehicle), digest(scenario), telemetry, telemetry_sha256
+            version("drake"),
+            version("numpy"),
+            digest(vehicle),
+            digest(scenario),
+            telemetry,
+            telemetry_sha256,
+            scenario.execution.engine if telemetry is None else None,
         ),
         timing=timing,
         data_quality=data_quality,
