@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from enum import StrEnum
 from typing import Annotated
 
 import typer
@@ -18,3 +19,11 @@ Overrides = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="KEY=VALUE", help="Replaces any field; VALUE is read as YAML. Repeatable."),
 ]
+
+
+class Schema(StrEnum):
+    """The kinds of files whose keys can be shown."""
+
+    vehicle = "vehicle"
+    scenario = "scenario"
+    campaign = "campaign"
