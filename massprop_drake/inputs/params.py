@@ -35,10 +35,11 @@ from massprop_drake.maths.estimation.filters.rotation_filter import RotationPara
 from massprop_drake.maths.estimation.filters.thesis import ThesisParams
 from massprop_drake.maths.mass_properties import MassProperties, initial_standard_deviation
 from massprop_drake.maths.noise import normal_sample, uniform_phase
+from massprop_drake.maths.vehicle import cycle as vehicle_cycle
 from massprop_drake.maths.vehicle import true_failures as failures
-from massprop_drake.maths.vehicle.cycle import VehicleParams
+from massprop_drake.maths.vehicle.cycle import Motion, VehicleParams
 from massprop_drake.maths.vehicle.disturbance import DisturbanceModel, kept_share
-from massprop_drake.maths.vehicle.reaction_jets import jets_params
+from massprop_drake.maths.vehicle.reaction_jets import jets_params, thrusters
 from massprop_drake.maths.vehicle.rigid_body import RATE, Jump, initial_state, jumps_by_sample, packed_structure
 from massprop_drake.maths.vehicle.sensing import (
     SensorModel,
@@ -307,24 +308,31 @@ def vehicle_params(scenario: Scenario) -> VehicleParams:
     period = vehicle.sample_period_s
     body = initial_state(properties.mass)
     body[RATE] = np.array(scenario.plant.initial_rate)
+    jets = jets_params(
+        plant_wrenches(scenario), plant_time_constants(scenario), period, jet_failures(scenario), scenario.seed
+    )
+    packages = tuple(
+        package(
+            sensor.name,
+            sensor_model(scenario, sensor),
+            np.array(sensor.position) if isinstance(sensor, Accelerometer) else None,
+        )
+        for sensor in vehicle.sensors
+    )
+    exact, places = vehicle_cycle.exact_packages(packages)
     return VehicleParams(
         period_s=period,
         seed=scenario.seed,
-        jets=jets_params(
-            plant_wrenches(scenario), plant_time_constants(scenario), period, jet_failures(scenario), scenario.seed
-        ),
-        packages=tuple(
-            package(
-                sensor.name,
-                sensor_model(scenario, sensor),
-                np.array(sensor.position) if isinstance(sensor, Accelerometer) else None,
-            )
-            for sensor in vehicle.sensors
-        ),
+        jets=jets,
+        packages=packages,
         disturbance=disturbance(scenario),
         jumps=jumps_by_sample(mass_jumps(scenario), period),
         body=body,
         structure=packed_structure(properties),
+        exact=exact,
+        places=places,
+        motion=Motion(thrusters(jets), period),
+        kernels=vehicle_cycle.kernels(compiled=scenario.execution.compiled),
     )
 
 

@@ -655,11 +655,14 @@ DetectorBlock = Annotated[CglrBlock | CusumBlock | MultiHypothesisBlock, Field(d
 
 
 class ExecutionBlock(Model):
-    """How a case is computed; the engine changes no bit of a result."""
+    """How a case is computed; the engine changes no bit of a result, compiled code the last ones."""
 
     engine: Literal["diagram", "loop"] = described(
         "diagram",
         "diagram: Drake's simulator; loop: the same functions in a plain loop, faster, for a plant that is stepped",
+    )
+    compiled: Flag = described(
+        False, "whether kernels are compiled, by numba of the extra `fast`; results differ by rounding alone"
     )
 
 

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from massprop_drake.maths import attitude, linear_algebra
+from massprop_drake.maths.kernels import kernel, picked
 from massprop_drake.maths.linear_algebra import Array, is_positive_definite, symmetrized
 
 NAMES = ("Ixx_inv", "Iyy_inv", "Izz_inv", "Iyz_inv", "Ixz_inv", "Ixy_inv", "x_cm", "y_cm", "z_cm", "m_inv")
@@ -93,9 +94,10 @@ def perturbed(
     return MassProperties(body.mass * mass_factor, body.center_of_mass + shift, inertia)
 
 
+@kernel
 def symmetric(elements: Array) -> Array:
     """The symmetric 3x3 matrix of six elements in the order 11, 22, 33, 23, 13, 12."""
-    return elements[ELEMENT]
+    return picked(elements, ELEMENT)
 
 
 def six_elements(matrix: Array) -> Array:

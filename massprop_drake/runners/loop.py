@@ -12,18 +12,12 @@ from numpy.typing import NDArray
 
 from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import Scenario
-from massprop_drake.maths.autopilot.phase_space import (
-    AttitudeMemory,
-    Sensed,
-    TranslationMemory,
-    attitude_step,
-    hand_controllers,
-    phase_space_request,
-)
+from massprop_drake.maths.autopilot.phase_space import hand_controllers, initial_memory, piloted
 from massprop_drake.maths.estimation import cycle as estimation
 from massprop_drake.maths.estimation.cycle import EstimationStep
 from massprop_drake.maths.estimation.detector import Event
 from massprop_drake.maths.estimation.filter import Groups
+from massprop_drake.maths.kernels import chosen
 from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
 from massprop_drake.maths.mass_properties import converged
 from massprop_drake.maths.vehicle import cycle as vehicle_cycle
@@ -57,25 +51,20 @@ class _Pilot:
         self._unit_wrenches = params.unit_wrenches(vehicle)
         self._adapts = scenario.autopilot.mass_properties == "estimated"
         self._limits = params.convergence_limits(scenario)
-        upright = np.array([1.0, 0.0, 0.0, 0.0])
-        self._attitude = AttitudeMemory(upright, upright, np.ones(3), np.full(3, np.nan))
-        self._translation = TranslationMemory(np.zeros(3), np.zeros(3), 0.0, 0.0)
+        self._memory = initial_memory()
+        self._piloted = chosen(piloted, scenario.execution.compiled)
         self._state = self.selector.initial
 
     def decide(self, time_s: float, gyro: Array, done: EstimationStep) -> tuple[Array, tuple[Array, ...]]:
         """The command of the coming sample, and the rows of `LOGGED`."""
         control, state = self._params, self._state
         controllers = hand_controllers(self._windows, time_s)
-        rotation, translation = HAND_CONTROLLERS.read(controllers)
-        turned = attitude_step(self._attitude, gyro, rotation, control.period_s, control.capture_rate)
-        sensed = Sensed(rotation, translation, turned.error, gyro, state.delivered)
-        request, memory = phase_space_request(sensed, self._translation, control)
+        step = self._piloted(self._memory, gyro, controllers, state.delivered, control)
         properties = self._properties(done) if self._adapts else None
-        burst = self.selector.decide(state, request, properties, self._asked_for(done))
-        rows = (controllers, turned.error, REQUEST.pack(request), state.counts, state.out_of_use)
+        burst = self.selector.decide(state, step.request, properties, self._asked_for(done))
+        rows = (controllers, step.error, REQUEST.pack(step.request), state.counts, state.out_of_use)
         self._state = self.selector.after(state, burst, properties)
-        self._attitude = AttitudeMemory(turned.attitude, turned.reference, turned.holding, gyro)
-        self._translation = memory
+        self._memory = step.memory
         return burst.command, rows
 
     def _properties(self, done: EstimationStep) -> Array | None:

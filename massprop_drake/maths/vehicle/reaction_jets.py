@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from massprop_drake.maths.kernels import kernel
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.vehicle.thrust import LagFactors, lag_factors, level_after, mean_level
 from massprop_drake.maths.vehicle.true_failures import Failure, delivered
@@ -91,30 +92,59 @@ def target(command: Array, closed: Array | None, sample: int, params: JetsParams
     return level if closed is None else level * (1.0 - closed)
 
 
-def level_now(level: Array, held_target: Array, params: JetsParams) -> Array:
+class Thrusters(NamedTuple):
+    """What the arithmetic of the jets takes: arrays alone.
+
+    Attributes:
+        wrenches, forces: see `JetsParams`.
+        lag: see `LagFactors`.
+        class_wrenches: see `LagClasses`, shape (n_classes, n_jets, 7).
+        class_constants_s: time constant of each class, s, shape (n_classes,).
+    """
+
+    wrenches: Array
+    forces: Array
+    lag: LagFactors
+    class_wrenches: Array
+    class_constants_s: Array
+
+
+def thrusters(params: JetsParams) -> Thrusters:
+    """The arrays of the jets."""
+    constants, wrenches = params.classes
+    return Thrusters(params.wrenches, params.forces, params.lag, wrenches, np.array(constants, dtype=float))
+
+
+@kernel
+def level_now(level: Array, held_target: Array, jets: Thrusters) -> Array:
     """Level a sample after `level`, under the target of the sample between, shape (n_jets,)."""
-    return level_after(level, held_target, params.lag.remaining)
+    return level_after(level, held_target, jets.lag.remaining)
 
 
-def mean_force(level: Array, coming: Array, params: JetsParams) -> Array:
+@kernel
+def mean_force(level: Array, coming: Array, jets: Thrusters) -> Array:
     """Mean force of each jet over the coming sample, lbf or N, shape (n_jets,).
 
     Args:
         level: now, which does not matter where no jet lags, shape (n_jets,).
         coming: target of that sample, shape (n_jets,).
-        params: see `JetsParams`.
+        jets: see `Thrusters`.
     """
-    mean = coming if params.lag.instantaneous else mean_level(level, coming, params.lag.mean)
-    return params.forces * mean
+    if jets.lag.instantaneous:
+        return jets.forces * coming
+    return jets.forces * mean_level(level, coming, jets.lag.mean)
 
 
-def wrench_profile(level: Array, coming: Array, params: JetsParams) -> Array:
+@kernel
+def wrench_profile(level: Array, coming: Array, jets: Thrusters) -> Array:
     """The wrench that the coming sample tends to, then for each time constant the part that dies away with it.
 
-    Arguments as `mean_force`; shape (7 (1 + n_classes),), see `maths.vehicle.rigid_body.step`.
+    Arguments as `mean_force`; shape (1 + n_classes, 7), see `maths.vehicle.rigid_body.step`.
     """
-    profile: Array = coming @ params.wrenches
-    if params.lag.instantaneous:
-        return profile
-    difference = level - coming
-    return np.concatenate([profile, *(difference @ wrenches for wrenches in params.classes.wrenches)])
+    profile = np.empty((1 + jets.class_constants_s.size, jets.wrenches.shape[1]))
+    profile[0] = coming @ jets.wrenches
+    if jets.class_constants_s.size:
+        difference = level - coming
+        for index in range(jets.class_constants_s.size):
+            profile[1 + index] = difference @ jets.class_wrenches[index]
+    return profile

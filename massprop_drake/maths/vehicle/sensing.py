@@ -17,6 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from massprop_drake.maths.kernels import kernel, numbers
 from massprop_drake.maths.linear_algebra import Array, cross
 
 
@@ -41,6 +42,7 @@ def unsaturated(reading: Array, limit: float) -> Array:
     return reading
 
 
+@kernel
 def quantized(value: Array, quantum: float, phase: Array) -> Array:
     """The nearest mark of a quantizer, its marks ``phase`` quanta (within 1/2) off the multiples.
 
@@ -259,6 +261,7 @@ def package(name: str, model: SensorModel, position: Array | None) -> Package:
     return Package(name, model, position, model.exact, model.remembers)
 
 
+@kernel
 def point_velocity(origin_velocity: Array, rate: Array, spin_integral: Array, position: Array) -> Array:
     r"""What an ideal integrating accelerometer has gathered at a point fixed in the body.
 
@@ -276,8 +279,8 @@ def point_velocity(origin_velocity: Array, rate: Array, spin_integral: Array, po
         spin_integral: integral of w w^T dt as xx, yy, zz, yz, xz, xy, rad^2/s, shape (6,).
         position: r', ft or m, shape (3,).
     """
-    xx, yy, zz, yz, xz, xy = spin_integral.tolist()
-    x, y, z = position.tolist()
+    xx, yy, zz, yz, xz, xy = numbers(spin_integral, 6)
+    x, y, z = numbers(position, 3)
     centripetal = np.array(
         [
             xy * y + xz * z - (yy + zz) * x,

@@ -13,6 +13,7 @@ from massprop_drake.maths.vehicle.reaction_jets import (
     level_now,
     mean_force,
     target,
+    thrusters,
     wrench_profile,
 )
 from massprop_drake.maths.vehicle.rigid_body import N_WRENCH
@@ -69,6 +70,7 @@ class ReactionJets(LeafSystem):
         self.set_name("reaction_jets")
         n_jets = wrenches.shape[0]
         self._params = jets_params(wrenches, time_constants_s, period_s, failures, seed)
+        self._jets = thrusters(self._params)
         self._time_constants_s = time_constants_s
         self._instantaneous = self._params.lag.instantaneous
         self._period_s = period_s
@@ -113,14 +115,14 @@ class ReactionJets(LeafSystem):
     def _level_now(self, context: Any) -> Array:
         """Level at this sample, before the update: a period after the level in the state."""
         level = context.get_discrete_state(self._level).CopyToVector()
-        return level_now(level, self._held_target(context), self._params)
+        return level_now(level, self._held_target(context), self._jets)
 
     def _level_that_matters(self, context: Any) -> Array:
         """The same; anything where no jet lags."""
         return self._params.forces if self._instantaneous else self._level_now(context)
 
     def _calc_thrust(self, context: Any, output: Any) -> None:
-        output.SetFromVector(mean_force(self._level_that_matters(context), self._target(context), self._params))
+        output.SetFromVector(mean_force(self._level_that_matters(context), self._target(context), self._jets))
 
     def _calc_wrench(self, context: Any, output: Any) -> None:
         elapsed = context.get_time() - context.get_discrete_state(self._updated_s).GetAtIndex(0)
@@ -129,7 +131,8 @@ class ReactionJets(LeafSystem):
         output.SetFromVector(reached @ self._params.wrenches)
 
     def _calc_profile(self, context: Any, output: Any) -> None:
-        output.SetFromVector(wrench_profile(self._level_that_matters(context), self._target(context), self._params))
+        profile = wrench_profile(self._level_that_matters(context), self._target(context), self._jets)
+        output.SetFromVector(profile.ravel())
 
     def _update(self, context: Any, state: Any) -> None:
         state.set_value(self._level, self._level_now(context))
