@@ -11,7 +11,7 @@ from typing import Annotated, Any
 import typer
 
 from massprop_drake.cli import campaigns
-from massprop_drake.cli.options import Figures, Force, Json, Overrides, Quiet, Report, Schema, View
+from massprop_drake.cli.options import Compiled, Figures, Force, Json, Overrides, Quiet, Report, Schema, View
 from massprop_drake.cli.streams import note, say
 from massprop_drake.errors import InputError, suggestion
 
@@ -71,6 +71,7 @@ def run(
     out: Annotated[Path | None, typer.Option(help="Folder to write; default runs/<name>.")] = None,
     seed: Annotated[int | None, typer.Option(help="Replaces the scenario's seed.")] = None,
     overrides: Overrides = None,
+    compiled: Compiled = False,
     view: View = False,
     live: Annotated[
         bool, typer.Option("--live", help="Show the run in a browser on this machine as it is computed.")
@@ -88,7 +89,7 @@ def run(
     from massprop_drake.inputs.scenario import bundled_scenarios
     from massprop_drake.results.folder import require_writable
 
-    chosen = [*(overrides or []), *([] if seed is None else [f"seed={seed}"])]
+    chosen = [*(overrides or []), *([] if seed is None else [f"seed={seed}"]), *_asked(compiled)]
     case = sources.recovered(scenario, chosen)
     if not (math.isfinite(speed) and speed > 0.0):
         raise InputError(f"--speed {speed:g}: must be a number above zero, such as 10 for ten times real time")
@@ -105,13 +106,20 @@ def run(
 
         watch = Live(case, speed)
         note(f"the run is shown at {watch.address}")
-    with Progress(f"simulating {case.name}", case.duration_s, shown=not (as_json or quiet)) as progress:
+    with (
+        sources.compiling(case, quiet=quiet),
+        Progress(f"simulating {case.name}", case.duration_s, shown=not (as_json or quiet)) as progress,
+    ):
         result = simulate(case, progress=progress, watch=watch, folder=place.path.parent)
     folder = result.save(place, pictures=figures, report=report, replay=view)
     if as_json:
         show.as_json(result.summary)
     elif not quiet:
         show.simulated(result.results, case.vehicle_data, folder)
+
+
+def _asked(compiled: bool) -> list[str]:
+    return ["execution.compiled=true"] if compiled else []
 
 
 class Start(StrEnum):
@@ -138,6 +146,7 @@ def estimate(
     ] = None,
     out: Annotated[Path | None, typer.Option(help="Folder to write; default runs/<name of the file>.")] = None,
     overrides: Overrides = None,
+    compiled: Compiled = False,
     view: View = False,
     report: Report = True,
     figures: Figures = True,
@@ -154,7 +163,7 @@ def estimate(
     from massprop_drake.telemetry.reader import scenario_name
 
     name = scenario_name(telemetry)
-    chosen = [*(overrides or []), *([] if start is None else [f"estimation.start={start}"])]
+    chosen = [*(overrides or []), *([] if start is None else [f"estimation.start={start}"]), *_asked(compiled)]
     case = sources.case_of_a_record(name, vehicle, like, resume_from, chosen)
     bundled = (*bundled_scenarios(), *bundled_vehicles(), "-", None)
     reads = [source for source in (telemetry, vehicle, like, resume_from) if source not in bundled and source]
@@ -165,7 +174,10 @@ def estimate(
     from massprop_drake.runners.recorded import estimate as estimate_record
 
     live = telemetry == "-" and not (as_json or quiet)
-    with Progress(f"estimating {name}", 1.0, shown=telemetry != "-" and not (as_json or quiet)) as progress:
+    with (
+        sources.compiling(case, quiet=quiet),
+        Progress(f"estimating {name}", 1.0, shown=telemetry != "-" and not (as_json or quiet)) as progress,
+    ):
         result = estimate_record(
             telemetry,
             case,

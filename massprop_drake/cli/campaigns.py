@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from massprop_drake.cli.options import Force, Json, Overrides, Quiet
+from massprop_drake.cli.options import Compiled, Force, Json, Overrides, Quiet
 from massprop_drake.cli.streams import note, say
 from massprop_drake.errors import InputError
 
@@ -73,6 +73,7 @@ def run(
         list[int] | None, typer.Option(metavar="CASE", help="Fly this case alone and keep its folder. Repeatable.")
     ] = None,
     overrides: Overrides = None,
+    compiled: Compiled = False,
     report: Annotated[bool, typer.Option("--report/--no-report", help="Write campaign.html, or not.")] = True,
     force: Force = False,
     as_json: Json = False,
@@ -85,7 +86,7 @@ def run(
 
     if workers is not None and scheduler is not None:
         raise InputError("give either --workers or --scheduler, not both: a scheduler has its own workers")
-    chosen = _loaded(campaign, overrides)
+    chosen = _loaded(campaign, [*(overrides or []), *(["execution.compiled=true"] if compiled else [])])
     target = _target(chosen, out)
     if report and not only and not force and target.is_dir():
         require_files(target, [_PAGE, _SUMMARY])

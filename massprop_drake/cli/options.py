@@ -15,6 +15,9 @@ Force = Annotated[
     bool, typer.Option("--force", help="Keep what is there as <name>.1, <name>.2, ... instead of refusing it.")
 ]
 Figures = Annotated[bool, typer.Option("--figures/--no-figures", help="Draw the figures, or not, which is faster.")]
+Compiled = Annotated[
+    bool, typer.Option("--compiled", help="Compile the kernels, or use what has been compiled; needs the extra `fast`.")
+]
 Overrides = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="KEY=VALUE", help="Replaces any field; VALUE is read as YAML. Repeatable."),

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import contextlib
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
 
@@ -22,6 +23,7 @@ from massprop_drake.inputs.plausible import Finding
 from massprop_drake.inputs.scenario import Scenario, bundled_scenarios, load_scenario, resolved
 from massprop_drake.inputs.vehicle import Vehicle, bundled_vehicles, load_vehicle
 from massprop_drake.inputs.yaml import Document, exists, read_text
+from massprop_drake.maths.kernels import compiler
 from massprop_drake.results.exchange import recover
 from massprop_drake.telemetry.reader import check as check_telemetry
 from massprop_drake.telemetry.reader import vehicle_scenario
@@ -34,6 +36,20 @@ KEYS: Mapping[Schema, Callable[[], list[Key]]] = {
     Schema.scenario: partial(keys, Scenario),
     Schema.campaign: campaign_keys,
 }
+
+
+@contextlib.contextmanager
+def compiling(case: Scenario, *, quiet: bool) -> Iterator[None]:
+    """Says that kernels are compiled, where a case asks for it and they have not been, and how long it took."""
+    if not case.execution.compiled:
+        yield
+        return
+    found = compiler()
+    if not (quiet or found.folder.is_dir()):
+        note("kernels are being compiled, which takes a while, once")
+    yield
+    if found.spent_s and not quiet:
+        note(f"kernels were compiled in {found.spent_s:.0f} s, and are kept in {found.folder}")
 
 
 def note_doubts(doubts: list[Finding], *, quiet: bool) -> None:

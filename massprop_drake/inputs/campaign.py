@@ -14,7 +14,7 @@ from pydantic import Field, model_validator
 from massprop_drake.errors import InputError, dotted, suggestion
 from massprop_drake.inputs import params
 from massprop_drake.inputs.distributions import KINDS, Choice, Distribution, Normal, distribution_in
-from massprop_drake.inputs.model import Key, Model, Real, Text, Whole, described, keys, validated
+from massprop_drake.inputs.model import Flag, Key, Model, Real, Text, Whole, described, keys, validated
 from massprop_drake.inputs.scenario import Scenario, load_scenario, parsed_key, resolved, set_at
 from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.inputs.yaml import Document, FieldPath, exists, read_text
@@ -82,6 +82,7 @@ class CampaignExecution(Model):
     engine: Literal["diagram", "loop"] | None = described(
         None, "as of a scenario; null: loop, or diagram where the plant of base is continuous, which needs it"
     )
+    compiled: Flag = described(False, "as of a scenario")
 
 
 class CampaignFile(Model):
@@ -250,7 +251,8 @@ def campaign_from(document: Document, folder: Path) -> CampaignSpec:
     for key, value in file.set.items():
         base = _with(base, {key: value}, document.where(("set", key)))
     engine = file.execution.engine or ("diagram" if params.time_step(base) == 0.0 else "loop")
-    base = _with(base, {"execution.engine": engine}, document.where(("execution", "engine")))
+    execution = {"engine": engine, "compiled": file.execution.compiled}
+    base = _with(base, {"execution": execution}, document.where(("execution", "engine")))
     quantities = tuple(
         quantity
         for key, value in file.draw.items()

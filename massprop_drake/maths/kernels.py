@@ -17,8 +17,9 @@ import hashlib
 import inspect
 import os
 import sys
-import time
+import warnings
 from collections.abc import Callable
+from enum import IntEnum
 from functools import cache
 from importlib import import_module, metadata
 from pathlib import Path
@@ -26,6 +27,8 @@ from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+
+from massprop_drake.errors import InputError
 
 Array = NDArray[np.float64]
 F = TypeVar("F", bound=Callable[..., Any])
@@ -41,12 +44,9 @@ _MODULES = (  # that hold kernels
     "vehicle.rigid_body",
     "vehicle.sensing",
     "autopilot.phase_space",
+    "estimation.filters.thesis",
 )
 _registered: set[Callable[..., Any]] = set()
-
-
-class NotInstalledError(RuntimeError):
-    """Compiling was asked for, and numba is not there."""
 
 
 def kernel(function: F) -> F:
@@ -82,10 +82,17 @@ class Compiler(NamedTuple):
     Attributes:
         version: of numba.
         folder: of compiled code.
+        timer: of compilation in this process; code that is read from the folder takes none.
     """
 
     version: str
     folder: Path
+    timer: Any
+
+    @property
+    def spent_s(self) -> float:
+        """Time spent with compiling in this process, s."""
+        return float(self.timer.duration) if self.timer.done else 0.0
 
 
 @cache
@@ -93,13 +100,18 @@ def compiler() -> Compiler:
     """Makes numba ready to compile kernels.
 
     Raises:
-        NotInstalledError: when it is not there.
+        InputError: when it is not there.
     """
+    os.environ.setdefault("NUMBA_OPT", "1")  # more takes twice as long to compile, and gains nothing here
     try:
         import numba  # noqa: PLC0415 (optional, slow to load)
         from numba import extending  # noqa: PLC0415
+        from numba.core import event  # noqa: PLC0415
     except ImportError:
-        raise NotInstalledError("numba is not installed") from None
+        raise InputError(
+            "execution.compiled: needs numba: pip install 'massprop-drake[fast]', or leave it out"
+        ) from None
+    warnings.simplefilter("ignore", numba.NumbaPerformanceWarning)  # of small matrices that are not contiguous
     for name in _MODULES:
         import_module(f"massprop_drake.maths.{name}")
     home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
@@ -108,7 +120,9 @@ def compiler() -> Compiler:
     _teach(extending)
     for function in _KERNELS:
         extending.register_jitable(function)
-    return Compiler(metadata.version("numba"), folder)
+    timer = event.TimingListener()  # type: ignore[no-untyped-call]
+    event.register("numba:compile", timer)  # type: ignore[no-untyped-call]
+    return Compiler(metadata.version("numba"), folder, timer)
 
 
 def _digest() -> str:
@@ -168,7 +182,7 @@ def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
     """The compiled form of a kernel; it compiles itself at the first call, or is read from the cache.
 
     Raises:
-        NotInstalledError: when numba is not there.
+        InputError: when numba is not there.
     """
     compiler()
     import numba  # noqa: PLC0415 (optional, slow to load)
@@ -181,11 +195,11 @@ def chosen(function: F, compile_it: bool) -> F:
     return compiled(function) if compile_it else function  # type: ignore[return-value]
 
 
-def built(compile_s: float) -> str:
-    """What is to be said of a first compilation."""
-    return f"kernels compiled in {compile_s:.0f} s of processor time and kept in {compiler().folder}"
-
-
-def now_s() -> float:
-    """Processor time so far, s."""
-    return time.process_time()
+def plain(value: Any) -> Any:
+    """A bundle with the numbers of its enumeration members in their place; numba takes long over each member."""
+    if isinstance(value, IntEnum):
+        return int(value)
+    if isinstance(value, tuple):
+        parts = [plain(part) for part in value]
+        return type(value)(*parts) if hasattr(value, "_fields") else tuple(parts)
+    return value

@@ -105,7 +105,7 @@ class Provenance(NamedTuple):
         vehicle_sha256, scenario_sha256: digests of both in full.
         telemetry: name of the record that was read; None for a simulated run.
         telemetry_sha256: digest of its content.
-        engine: what ran it, see `inputs.scenario.ExecutionBlock`; None for a record.
+        engine: what ran it, see `inputs.scenario.ExecutionBlock`; None for a record read without compiled kernels.
     """
 
     drake: Text
@@ -458,7 +458,7 @@ def composed(
             digest(scenario),
             telemetry,
             telemetry_sha256,
-            scenario.execution.engine if telemetry is None else None,
+            _executed(scenario, simulated=telemetry is None),
         ),
         timing=timing,
         data_quality=data_quality,
@@ -468,6 +468,14 @@ def composed(
         unconfirmed=found.unconfirmed,
         untested=found.untested,
     )
+
+
+def _executed(scenario: Scenario, *, simulated: bool) -> str | None:
+    """What ran it, in words; None for a record that was read without compiled kernels."""
+    words: list[str] = [scenario.execution.engine] if simulated else []
+    if scenario.execution.compiled:
+        words.append(f"compiled by numba {version('numba')}")
+    return ", ".join(words) or None
 
 
 def firings(on: NDArray[np.bool_], before: NDArray[np.bool_]) -> int:

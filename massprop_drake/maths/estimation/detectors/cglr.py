@@ -379,8 +379,8 @@ def _correction(signature: Array, tests: JetTests, jet: int, params: CglrParams)
         params.action,
         effect[TRANSLATION],
         effect[ROTATION],
-        spread[TRANSLATION, TRANSLATION],
-        spread[ROTATION, ROTATION],
+        spread[TRANSLATION, TRANSLATION].copy(),
+        spread[ROTATION, ROTATION].copy(),
         mass_jumped=False,
     )
 

@@ -569,22 +569,23 @@ def _updated(
 ) -> RotationState:
     """The state after one measurement."""
     information, noise, error = innovation.information, innovation.noise, innovation.innovation
-    enlarged = innovation.noise
+    enlarged = np.zeros((3, 3))
     smaller = adaptation.action == Action.CORRECT_THESIS
     if adaptation.action != Action.NONE:
         error = error - adaptation.rotation
         noise = noise + adaptation.rotation_spread
     if smaller:
-        enlarged = enlarged + adaptation.rotation_spread
+        enlarged = adaptation.rotation_spread
         information = inverse_positive_definite(innovation.covariance + adaptation.rotation_spread, _WHAT)
     after = joseph_update(state, error, information, innovation.jacobian, noise, innovation.effects)
-    return _again(after, (state, error, noise, enlarged), innovation.jacobian, state.sensitivity, sample.thrust_errors)
+    noises = noise, innovation.noise, enlarged
+    return _again(after, (state, error, noises), innovation.jacobian, state.sensitivity, sample.thrust_errors)
 
 
 @kernel
 def _again(
     after: RotationState,
-    first: tuple[RotationState, Array, Array, Array],
+    first: tuple[RotationState, Array, tuple[Array, Array, Array]],
     jacobian: Array,
     sensitivity: Array | None,
     thrust_errors: Array | None,
@@ -593,15 +594,15 @@ def _again(
 
     Args:
         after: the first update.
-        first: state, innovation and noise that it was made with, and the noise of the gain.
+        first: state, innovation and noises that it was made with: corrected, as measured, and what gains have besides.
         jacobian: H, shape (3, 9).
         sensitivity, thrust_errors: of that state, and of the sample.
     """
     if thrust_errors is None or sensitivity is None:
         return after
-    state, error, noise, gain_noise = first
+    state, error, (noise, measured, enlarged) = first
     effects = jacobian @ sensitivity + thrust_error_effects(after.estimate, thrust_errors)
-    covariance = jacobian @ state.independent @ jacobian.T + effects @ effects.T + gain_noise
+    covariance = jacobian @ state.independent @ jacobian.T + effects @ effects.T + measured + enlarged
     information = inverse_positive_definite(covariance, _WHAT)
     return joseph_update(state, error, information, jacobian, noise, effects)
 
