@@ -22,11 +22,10 @@ from typing import Any
 
 REPOSITORY = Path(__file__).parent.parent
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-DIAGRAM, COMPILED_DIAGRAM = "diagram, numpy", "diagram, compiled"
+DIAGRAM = "diagram, numpy"
 LOOP, COMPILED_LOOP = "loop, numpy", "loop, compiled"
 WAYS = {
     DIAGRAM: [],
-    COMPILED_DIAGRAM: ["execution.compiled=true"],
     LOOP: ["execution.engine=loop"],
     COMPILED_LOOP: ["execution={engine: loop, compiled: true}"],
 }
@@ -36,10 +35,8 @@ CASES: dict[str, dict[str, Any]] = {
 }
 RECORD = {"numpy": [], "compiled": ["execution.compiled=true"]}
 TARGETS = {
-    ("sample_maneuver", COMPILED_DIAGRAM): 2.5,
     ("sample_maneuver", LOOP): 3.0,
     ("sample_maneuver", COMPILED_LOOP): 15.0,
-    ("stuck_on_29", COMPILED_DIAGRAM): 2.0,
     ("stuck_on_29", COMPILED_LOOP): 6.0,
     ("estimate", "numpy"): 2.7,
     ("estimate", "compiled"): 7.0,

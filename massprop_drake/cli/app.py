@@ -89,7 +89,8 @@ def run(
     from massprop_drake.inputs.scenario import bundled_scenarios
     from massprop_drake.results.folder import require_writable
 
-    chosen = [*(overrides or []), *([] if seed is None else [f"seed={seed}"]), *_asked(compiled)]
+    chosen = [*(overrides or []), *([] if seed is None else [f"seed={seed}"])]
+    chosen += ["execution={engine: loop, compiled: true}"] if compiled else []
     case = sources.recovered(scenario, chosen)
     if not (math.isfinite(speed) and speed > 0.0):
         raise InputError(f"--speed {speed:g}: must be a number above zero, such as 10 for ten times real time")
@@ -116,10 +117,6 @@ def run(
         show.as_json(result.summary)
     elif not quiet:
         show.simulated(result.results, case.vehicle_data, folder)
-
-
-def _asked(compiled: bool) -> list[str]:
-    return ["execution.compiled=true"] if compiled else []
 
 
 class Start(StrEnum):
@@ -163,7 +160,8 @@ def estimate(
     from massprop_drake.telemetry.reader import scenario_name
 
     name = scenario_name(telemetry)
-    chosen = [*(overrides or []), *([] if start is None else [f"estimation.start={start}"]), *_asked(compiled)]
+    chosen = [*(overrides or []), *([] if start is None else [f"estimation.start={start}"])]
+    chosen += ["execution.compiled=true"] if compiled else []
     case = sources.case_of_a_record(name, vehicle, like, resume_from, chosen)
     bundled = (*bundled_scenarios(), *bundled_vehicles(), "-", None)
     reads = [source for source in (telemetry, vehicle, like, resume_from) if source not in bundled and source]

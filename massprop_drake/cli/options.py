@@ -16,7 +16,8 @@ Force = Annotated[
 ]
 Figures = Annotated[bool, typer.Option("--figures/--no-figures", help="Draw the figures, or not, which is faster.")]
 Compiled = Annotated[
-    bool, typer.Option("--compiled", help="Compile the kernels, or use what has been compiled; needs the extra `fast`.")
+    bool,
+    typer.Option("--compiled", help="Use compiled kernels, and to simulate the plain loop; needs the extra `fast`."),
 ]
 Overrides = Annotated[
     list[str] | None,

@@ -662,7 +662,9 @@ class ExecutionBlock(Model):
         "diagram: Drake's simulator; loop: the same functions in a plain loop, faster, for a plant that is stepped",
     )
     compiled: Flag = described(
-        False, "whether kernels are compiled, by numba of the extra `fast`; results differ by rounding alone"
+        False,
+        "whether kernels are compiled, by numba of the extra `fast`, in the loop and where records are read; "
+        "results differ by rounding alone",
     )
 
 

@@ -71,6 +71,11 @@ def _engine(scenario: Scenario) -> Engine:
         from massprop_drake.runners.loop import Loop  # noqa: PLC0415 (each engine loads what it needs)
 
         return Loop(scenario)
+    if scenario.execution.compiled:
+        raise InputError(
+            f"scenario '{scenario.name}': execution.compiled: the systems of the diagram are not compiled; give "
+            "execution.engine: loop with it"
+        )
     from massprop_drake.runners.simulated import Simulated  # noqa: PLC0415 (loads the whole of Drake's framework)
 
     return Simulated(scenario)
@@ -94,8 +99,8 @@ def simulate(
         folder: where a temporary file with the signals of a long run may lie; default the system's place for such.
 
     Raises:
-        InputError: when the vehicle uses up its mass, or a covariance loses definiteness by the scenario's numbers,
-            with the time; or when that file cannot be written.
+        InputError: when what its `execution` asks for cannot be had; when the vehicle uses up its mass, or a covariance
+            loses definiteness by the scenario's numbers, with the time; or when that file cannot be written.
         ArithmeticError: when the jet selection's solver fails.
     """
     vehicle = scenario.vehicle_data
