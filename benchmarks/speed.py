@@ -163,7 +163,7 @@ def with_jets(count: int) -> list[str]:
     own, made = data["jets"], []
     for number in range(count):
         jet = dict(own[number * 38 // min(count, 38) % 38 if count < 38 else number % len(own)])
-        jet["designation"] = f"J{number}"
+        jet["designation"], jet["number"] = f"J{number}", number + 1
         jet["position"] = [x + 0.1 * (number // len(own)) for x in jet["position"]]
         jet["cluster"] = jet["cluster"] + 100 * (number // len(own))
         made.append(jet)
