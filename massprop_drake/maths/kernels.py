@@ -45,6 +45,7 @@ _MODULES = (  # that hold kernels
     "vehicle.sensing",
     "autopilot.phase_space",
     "estimation.filters.thesis",
+    "estimation.detectors.jet_tests",
 )
 _registered: set[Callable[..., Any]] = set()
 
@@ -58,9 +59,9 @@ def kernel(function: F) -> F:
 # ------------------------------------------------------------------- idioms that numba has in another form
 
 
-def numbers(vector: Array, count: int) -> Any:
-    """The first elements of a vector as plain numbers, to be unpacked; `count` is written out where it is called."""
-    return vector.tolist()[:count]
+def numbers(vector: Array, _count: int) -> Any:
+    """The elements of a vector as plain numbers, to be unpacked; how many is written out where it is called."""
+    return vector.tolist()
 
 
 def rows3(matrix: Array) -> Any:
@@ -145,9 +146,9 @@ def _teach(extending: Any) -> None:
     extending.overload(numbers, prefer_literal=True)(_numbers)
 
 
-def _numbers(vector, count):  # type: ignore[no-untyped-def] # of types
-    elements = ", ".join(f"vector[{index}]" for index in range(count.literal_value))
-    return eval(f"lambda vector, count: ({elements},)")
+def _numbers(vector, _count):  # type: ignore[no-untyped-def] # of types
+    elements = ", ".join(f"vector[{index}]" for index in range(_count.literal_value))
+    return eval(f"lambda vector, _count: ({elements},)")
 
 
 def _rows3(matrix):  # type: ignore[no-untyped-def] # compiled alone
@@ -203,3 +204,9 @@ def plain(value: Any) -> Any:
         parts = [plain(part) for part in value]
         return type(value)(*parts) if hasattr(value, "_fields") else tuple(parts)
     return value
+
+
+def with_compiled(bundle: Any) -> Any:
+    """A bundle of parameters with the compiled form of each kernel that is among its fields."""
+    kernels = {name: value for name, value in bundle._asdict().items() if callable(value) and value in _KERNELS}
+    return bundle._replace(**{name: compiled(function) for name, function in kernels.items()})

@@ -5,10 +5,12 @@ The parts are those that the systems of the `vehicle` diagram call one by one; a
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from massprop_drake.maths.kernels import chosen, kernel
 from massprop_drake.maths.linear_algebra import Array
@@ -30,12 +32,14 @@ class ExactPackages(NamedTuple):
     """The packages of sensors whose readings are the truth but for quantum and range.
 
     Attributes:
-        positions: of accelerometers, vehicle frame, ft or m, NaN for gyros, shape (n, 3).
+        integrates: whether each is an accelerometer, shape (n,).
+        positions: of those, vehicle frame, ft or m, shape (n, 3).
         quanta: steps of their readings, shape (n,).
         phases: where the marks lie, in quanta, shape (n, 3).
         limits: largest reading either way, shape (n,).
     """
 
+    integrates: NDArray[np.bool_]
     positions: Array
     quanta: Array
     phases: Array
@@ -53,10 +57,11 @@ def exact_readings(body: Array, packages: ExactPackages) -> Array:
     readings = np.empty(packages.positions.shape)
     rate, origin, spin = body[RATE], body[ORIGIN_VELOCITY], body[SPIN_INTEGRAL]
     for index in range(packages.quanta.size):
-        position, limit = packages.positions[index], packages.limits[index]
-        signal = rate if np.isnan(position[0]) else point_velocity(origin, rate, spin, position)
+        signal, limit = rate, packages.limits[index]
+        if packages.integrates[index]:
+            signal = point_velocity(origin, rate, spin, packages.positions[index])
         reading = quantized(signal, packages.quanta[index], packages.phases[index])
-        readings[index] = np.minimum(np.maximum(reading, -limit), limit)
+        readings[index] = reading if limit == math.inf else np.minimum(np.maximum(reading, -limit), limit)
     return readings
 
 
@@ -157,9 +162,10 @@ def exact_packages(packages: tuple[Package, ...]) -> tuple[ExactPackages, tuple[
     """The exact ones among some packages, and their places."""
     places = tuple(index for index, package in enumerate(packages) if package.exact and not package.remembers)
     found = [packages[place] for place in places]
-    nowhere = np.full(3, np.nan)
+    nowhere = np.zeros(3)
     return (
         ExactPackages(
+            np.array([one.position is not None for one in found], dtype=bool),
             np.array([nowhere if one.position is None else one.position for one in found]).reshape(-1, 3),
             np.array([one.model.quantum for one in found]),
             np.array([one.model.phase for one in found]).reshape(-1, 3),

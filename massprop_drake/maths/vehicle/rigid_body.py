@@ -223,7 +223,7 @@ def _derivative(state: Array, wrench: Array, gathered: Array, body: Body) -> Arr
 
         w = w' + I^-1 E_M,   v_N = v_N' + R E_F / m,   V_O = V_O' + E_F / m - (I^-1 E_M) x r_cm
     """
-    qw, qx, qy, qz, wx, wy, wz, _, _, _, vx, vy, vz, mass = numbers(state, 14)
+    qw, qx, qy, qz, wx, wy, wz, _, _, _, vx, vy, vz, mass = numbers(state[:14], 14)
     mx, my, mz, fx, fy, fz, flow = numbers(wrench, 7)
     ixx, iyy, izz, iyz, ixz, ixy = body.inertia
     jxx, jyy, jzz, jyz, jxz, jxy = body.inverse
@@ -318,9 +318,12 @@ def step(
         body: constants of the motion.
 
     Raises:
+        ValueError: when there are not as many transients as time constants.
         OutOfMassError: when the jets use up the vehicle's mass in the step.
         SpunUpError: when the vehicle makes more than a turn in it.
     """
+    if transient.shape[0] != len(time_constants_s):
+        raise ValueError("every time constant needs its transient")
     used, fastest = 0.0, math.inf
     lagging = []
     for index in range(transient.shape[0]):
