@@ -109,6 +109,7 @@ def test_one_of_everything_runs(tmp_path: Path, toy_data: dict[str, Any]) -> Non
         "detector.kind",
         "execution",
         "execution.engine",
+        "execution.compiled",
     ]  # continuous
     assert _unset(scenario) == left_out  # a new field belongs into the file
     run = simulate(scenario)
