@@ -3,10 +3,12 @@
 #
 #   make demo PYTHON=python3.13        another Python (of a new environment)
 #   make test PYTEST_FLAGS="-k gyro"   other flags for pytest
+#   make bench AGAINST=HEAD~3          how many times as fast as that commit; BENCH_FLAGS="--scaling --write docs"
 #   make mutants MUTANTS=cglr          those alone whose file or tests are so called
 
 PYTHON ?= python3
 VENV := .venv
+AGAINST ?= HEAD
 PYTEST_FLAGS ?= -n 2 --dist worksteal
 QUICK := tests/maths tests/systems tests/inputs tests/telemetry tests/test_structure.py tests/test_landed_0_1.py \
     --ignore=tests/inputs/test_vehicles.py --ignore=tests/systems/autopilot/test_jet_selection_program_system.py
@@ -62,8 +64,8 @@ lint: $(VENV)/.installed-dev ## checks style, format and spelling
 types: $(VENV)/.installed-dev ## checks types
 	$(BIN)/mypy -p massprop_drake
 
-bench: $(VENV)/.installed ## measures speed
-	$(BIN)/python benchmarks/closed_loop.py
+bench: $(VENV)/.installed ## measures speed against another commit, AGAINST=<commit>; by compiled kernels, too, where numba is
+	$(BIN)/python benchmarks/speed.py --against $(AGAINST) $(BENCH_FLAGS)
 
 wheel: dist/.built ## builds the wheel into dist/
 

@@ -12,7 +12,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.systems.autopilot.attitude_reference import AttitudeReference
-from massprop_drake.systems.autopilot.hand_controllers import HandControllers, Window
+from massprop_drake.systems.autopilot.hand_controllers import HandControllers
 from massprop_drake.systems.autopilot.jet_selection import JetSelection
 from massprop_drake.systems.autopilot.phase_space_controller import PhaseSpaceController
 
@@ -35,21 +35,14 @@ def build(scenario: Scenario) -> Diagram:
     control = params.phase_space_params(scenario)
     builder = DiagramBuilder()
 
-    controllers = builder.AddNamedSystem("hand_controllers", HandControllers(_windows(scenario)))
+    controllers = builder.AddNamedSystem("hand_controllers", HandControllers(params.windows(scenario)))
     reference = builder.AddNamedSystem(
         "attitude_reference", AttitudeReference(period_s=period, capture_rate=control.capture_rate)
     )
     controller = builder.AddNamedSystem("phase_space_controller", PhaseSpaceController(control))
     selection = builder.AddNamedSystem(
         "jet_selection",
-        JetSelection(
-            wrenches=vehicle.wrenches,
-            mass_flows=vehicle.mass_flows,
-            minimum_on_times_s=vehicle.minimum_on_times_s,
-            selectable=params.selectable(scenario),
-            mass_properties=vehicle.nominal.vector(),
-            period_s=period,
-        ),
+        JetSelection(**params.selection(scenario)),
     )
 
     for system in (reference, controller):
@@ -73,15 +66,3 @@ def build(scenario: Scenario) -> Diagram:
     diagram = builder.Build()
     diagram.set_name("autopilot")
     return diagram
-
-
-def _windows(scenario: Scenario) -> tuple[Window, ...]:
-    return tuple(
-        Window(
-            channel=(0 if window.controller == "rhc" else 3) + "xyz".index(window.axis[-1]),
-            sign=1.0 if window.axis[0] == "+" else -1.0,
-            start_s=window.start_s,
-            end_s=window.end_s,
-        )
-        for window in scenario.maneuver
-    )

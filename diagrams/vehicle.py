@@ -12,7 +12,7 @@ import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from massprop_drake.inputs import params
-from massprop_drake.inputs.scenario import Scenario, jump_terms
+from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.vehicle import Accelerometer, SensorPackage
 from massprop_drake.maths.vehicle.sensing import SensorModel
 from massprop_drake.systems.vehicle.disturbance import Disturbance
@@ -20,7 +20,7 @@ from massprop_drake.systems.vehicle.integrating_accelerometer import Integrating
 from massprop_drake.systems.vehicle.noise_source import NoiseSource
 from massprop_drake.systems.vehicle.rate_gyro import RateGyro
 from massprop_drake.systems.vehicle.reaction_jets import ReactionJets
-from massprop_drake.systems.vehicle.rigid_body_plant import Jump, RigidBodyPlant
+from massprop_drake.systems.vehicle.rigid_body_plant import RigidBodyPlant
 from massprop_drake.systems.vehicle.sensor import Sensor
 
 
@@ -57,7 +57,7 @@ def build(scenario: Scenario) -> Diagram:
             time_step=params.time_step(scenario),
             lag_time_constants_s=jets.lag_time_constants_s,
             initial_rate=np.array(scenario.plant.initial_rate),
-            jumps=tuple(Jump(jump.time_s, *jump_terms(jump)) for jump in scenario.jumps),
+            jumps=params.mass_jumps(scenario),
             period_s=period,
         ),
     )

@@ -31,7 +31,8 @@ default_role = "py:obj"
 nitpick_ignore_regex = [
     ("py:obj", r".*"),
     ("py:(class|data|exc)", r"(?!massprop_drake\.).*"),  # types of other packages, which are not linked
-    ("py:class", r"massprop_drake\.(.*\._|inputs\.model\.M$|systems\.caching\.T$|.*race\.Record$).*"),  # private ones
+    ("py:class", r"massprop_drake\.(.*\._|inputs\.model\.M$|systems\.caching\.T$|maths\.kernels\.F$).*"),  # private
+    ("py:class", r"massprop_drake\.(.*race\.Record$).*"),
 ]
 autodoc_member_order = "bysource"
 autodoc_typehints_format = "short"

@@ -117,5 +117,6 @@ def test_every_picture_is_shown_and_made_by_code(site: Path) -> None:
     readme = (DOCS.parent / "README.md").read_text(encoding="utf-8")
     assert shown <= drawn
     assert {name for name in drawn - shown if name not in readme} == set()
-    code = (DOCS / "make_images.py").read_text(encoding="utf-8")
+    makers = (DOCS / "make_images.py", DOCS.parent / "benchmarks" / "speed.py")
+    code = "".join(path.read_text(encoding="utf-8") for path in makers)
     assert [name for name in drawn if name.rpartition(".")[0] not in code] == []

@@ -158,7 +158,8 @@ def test_few_arrows_join_the_rooms() -> None:
 
 @pytest.mark.parametrize("name", _of("maths"))
 def test_mathematics_knows_numpy_and_itself(name: str) -> None:
-    assert _outside(name) <= {"numpy"}
+    # kernels are compiled where somebody asks for it
+    assert _outside(name) <= ({"numpy", "numba"} if name == "maths.kernels" else {"numpy"})
 
 
 @pytest.mark.parametrize("name", _of("systems"))
@@ -208,7 +209,7 @@ def test_a_fresh_interpreter_agrees_that_no_drake_is_loaded() -> None:
 def test_drake_stays_where_it_belongs() -> None:
     users = {name for name in MODULES if "pydrake" in _outside(name)}
     elsewhere = {name for name in users if _top(name) not in {"systems", "diagrams"}}
-    assert elsewhere == {"runners.simulate", "display.graphs", "display.stage"}
+    assert elsewhere == {"runners.simulated", "display.graphs", "display.stage"}
 
 
 def test_only_the_entry_knows_the_command_line() -> None:

@@ -4,39 +4,16 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Callable
 from enum import StrEnum
-from functools import partial
-from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from massprop_drake.cli import campaigns, show
-from massprop_drake.cli.options import Figures, Force, Json, Overrides, Quiet, Report, View
-from massprop_drake.cli.progress import Progress
+from massprop_drake.cli import campaigns
+from massprop_drake.cli.options import Compiled, Figures, Force, Json, Overrides, Quiet, Report, Schema, View
 from massprop_drake.cli.streams import note, say
 from massprop_drake.errors import InputError, suggestion
-from massprop_drake.inputs.campaign import (
-    CampaignSpec,
-    bundled_campaigns,
-    campaign_description,
-    campaign_from,
-    campaign_keys,
-    load_campaign,
-)
-from massprop_drake.inputs.model import Key, keys, validated
-from massprop_drake.inputs.plausible import Finding
-from massprop_drake.inputs.scenario import Scenario, bundled_scenarios, load_scenario, resolved
-from massprop_drake.inputs.vehicle import Vehicle, bundled_vehicles, load_vehicle
-from massprop_drake.inputs.yaml import Document, exists, read_text
-from massprop_drake.results.exchange import recover
-from massprop_drake.results.folder import is_ours, require_files, require_writable, write_files, write_page
-from massprop_drake.results.manifest import read as read_manifest
-from massprop_drake.results.manifest import sealed
-from massprop_drake.telemetry.reader import check as check_telemetry
-from massprop_drake.telemetry.reader import scenario_name, vehicle_scenario
 
 app = typer.Typer(
     name="massprop",
@@ -48,26 +25,11 @@ app = typer.Typer(
 )
 app.add_typer(campaigns.app, name="campaign")
 
-_TELEMETRY = (".csv", ".tsv", ".parquet", ".pq")  # endings of telemetry files
-
-
-class Schema(StrEnum):
-    """The kinds of files whose keys can be shown."""
-
-    vehicle = "vehicle"
-    scenario = "scenario"
-    campaign = "campaign"
-
-
-_KEYS: dict[Schema, Callable[[], list[Key]]] = {
-    Schema.vehicle: partial(keys, Vehicle),
-    Schema.scenario: partial(keys, Scenario),
-    Schema.campaign: campaign_keys,
-}
-
 
 def _show_version(shown: bool) -> None:
     if shown:
+        from importlib.metadata import version
+
         sys.stdout.write(f"massprop {version('massprop-drake')}\n")
         raise typer.Exit
 
@@ -84,7 +46,11 @@ def common(
 @app.command("list", epilog="Example: `massprop list --json`")
 def list_everything(as_json: Json = False) -> None:
     """Lists the bundled vehicles, scenarios, diagrams and campaigns, a line each."""
-    from massprop_drake.display import graphs  # noqa: PLC0415 (loads Drake)
+    from massprop_drake.cli import show
+    from massprop_drake.display import graphs
+    from massprop_drake.inputs.campaign import bundled_campaigns, campaign_description
+    from massprop_drake.inputs.scenario import bundled_scenarios, load_scenario
+    from massprop_drake.inputs.vehicle import bundled_vehicles, load_vehicle
 
     found = {
         "vehicles": {name: load_vehicle(name).description for name in bundled_vehicles()},
@@ -105,6 +71,7 @@ def run(
     out: Annotated[Path | None, typer.Option(help="Folder to write; default runs/<name>.")] = None,
     seed: Annotated[int | None, typer.Option(help="Replaces the scenario's seed.")] = None,
     overrides: Overrides = None,
+    compiled: Compiled = False,
     view: View = False,
     live: Annotated[
         bool, typer.Option("--live", help="Show the run in a browser on this machine as it is computed.")
@@ -117,36 +84,39 @@ def run(
     quiet: Quiet = False,
 ) -> None:
     """Simulates a scenario and estimates the vehicle's mass properties in it."""
+    from massprop_drake.cli import show, sources
+    from massprop_drake.cli.progress import Progress
+    from massprop_drake.inputs.scenario import bundled_scenarios
+    from massprop_drake.results.folder import require_writable
+
     chosen = [*(overrides or []), *([] if seed is None else [f"seed={seed}"])]
-    case = _recovered(scenario, chosen)
+    chosen += ["execution={engine: loop, compiled: true}"] if compiled else []
+    case = sources.recovered(scenario, chosen)
     if not (math.isfinite(speed) and speed > 0.0):
         raise InputError(f"--speed {speed:g}: must be a number above zero, such as 10 for ten times real time")
     reads = [] if scenario in bundled_scenarios() else [scenario]
     place = require_writable(out or Path("runs") / case.name, force=force, reads=reads)
     context.obj.watch(place.path / "summary.json", f"the run is saved in {place.shown}/")
-    _note_doubts(case.simulation_doubts, quiet=quiet)
+    sources.note_doubts(case.simulation_doubts, quiet=quiet)
 
-    from massprop_drake.runners.simulate import simulate  # noqa: PLC0415 (loads Drake)
+    from massprop_drake.runners.simulate import simulate
 
     watch = None
     if live:
-        from massprop_drake.display.live import Live  # noqa: PLC0415 (loads Drake)
+        from massprop_drake.display.live import Live
 
         watch = Live(case, speed)
         note(f"the run is shown at {watch.address}")
-    with Progress(f"simulating {case.name}", case.duration_s, shown=not (as_json or quiet)) as progress:
+    with (
+        sources.compiling(case, quiet=quiet),
+        Progress(f"simulating {case.name}", case.duration_s, shown=not (as_json or quiet)) as progress,
+    ):
         result = simulate(case, progress=progress, watch=watch, folder=place.path.parent)
     folder = result.save(place, pictures=figures, report=report, replay=view)
     if as_json:
         show.as_json(result.summary)
     elif not quiet:
         show.simulated(result.results, case.vehicle_data, folder)
-
-
-def _note_doubts(doubts: list[Finding], *, quiet: bool) -> None:
-    """Notes what may bear on a result otherwise than it was meant, a line each."""
-    for doubt in () if quiet else doubts:
-        note(f"warning: {doubt}")
 
 
 class Start(StrEnum):
@@ -173,6 +143,7 @@ def estimate(
     ] = None,
     out: Annotated[Path | None, typer.Option(help="Folder to write; default runs/<name of the file>.")] = None,
     overrides: Overrides = None,
+    compiled: Compiled = False,
     view: View = False,
     report: Report = True,
     figures: Figures = True,
@@ -181,19 +152,30 @@ def estimate(
     quiet: Quiet = False,
 ) -> None:
     """Estimates mass properties and finds failed jets from recorded telemetry."""
+    from massprop_drake.cli import show, sources
+    from massprop_drake.cli.progress import Progress
+    from massprop_drake.inputs.scenario import bundled_scenarios
+    from massprop_drake.inputs.vehicle import bundled_vehicles
+    from massprop_drake.results.folder import require_writable
+    from massprop_drake.telemetry.reader import scenario_name
+
     name = scenario_name(telemetry)
     chosen = [*(overrides or []), *([] if start is None else [f"estimation.start={start}"])]
-    case = _case_of_a_record(name, vehicle, like, resume_from, chosen)
+    chosen += ["execution.compiled=true"] if compiled else []
+    case = sources.case_of_a_record(name, vehicle, like, resume_from, chosen)
     bundled = (*bundled_scenarios(), *bundled_vehicles(), "-", None)
     reads = [source for source in (telemetry, vehicle, like, resume_from) if source not in bundled and source]
     place = require_writable(out or Path("runs") / name, force=force, reads=reads)
     context.obj.watch(place.path / "summary.json", f"the run is saved in {place.shown}/")
-    _note_doubts(case.estimation_doubts, quiet=quiet)
+    sources.note_doubts(case.estimation_doubts, quiet=quiet)
 
-    from massprop_drake.runners.recorded import estimate as estimate_record  # noqa: PLC0415 (slow to load)
+    from massprop_drake.runners.recorded import estimate as estimate_record
 
     live = telemetry == "-" and not (as_json or quiet)
-    with Progress(f"estimating {name}", 1.0, shown=telemetry != "-" and not (as_json or quiet)) as progress:
+    with (
+        sources.compiling(case, quiet=quiet),
+        Progress(f"estimating {name}", 1.0, shown=telemetry != "-" and not (as_json or quiet)) as progress,
+    ):
         result = estimate_record(
             telemetry,
             case,
@@ -210,33 +192,6 @@ def estimate(
         show.estimated(result.results, case.vehicle_data, folder)
 
 
-def _case_of_a_record(
-    name: str, vehicle: str | None, like: str | None, resume_from: Path | None, overrides: list[str]
-) -> Scenario:
-    """Finds the vehicle and the settings to estimate with."""
-    if vehicle is not None and like is not None:
-        raise InputError("give either --vehicle or --like, not both: --like takes the vehicle, too")
-    if vehicle is not None:
-        return vehicle_scenario(name, vehicle, overrides)
-    source = like or resume_from
-    if source is None:
-        raise InputError("whose telemetry is it? Give --vehicle (a vehicle) or --like (a run's folder or a scenario)")
-    return _recovered(source, overrides)
-
-
-def _recovered(scenario: str | Path, overrides: list[str]) -> Scenario:
-    """Loads a scenario, also from a run's folder that a killed process has left unfinished."""
-    if scenario not in bundled_scenarios():
-        path = Path(scenario)
-        recover(path)
-        if not exists(path) and path.parent.name == "cases" and exists(path.parent.parent / "plan.parquet"):
-            raise InputError(
-                f"{path}: this case's folder was not kept; 'massprop campaign run {path.parent.parent} --only "
-                f"{path.name.lstrip('0') or '0'}' flies it and keeps it"
-            )
-    return load_scenario(scenario, overrides)
-
-
 @app.command(epilog="Example: `massprop compare runs/sample_maneuver runs/sample_maneuver_joint`")
 def compare(
     runs: Annotated[list[Path], typer.Argument(help="Folders of runs of one vehicle.")],
@@ -244,7 +199,9 @@ def compare(
     quiet: Quiet = False,
 ) -> None:
     """Prints the estimates of runs side by side: errors where the truth is known, and 1-sigma."""
-    from massprop_drake.results.run import read_summary  # noqa: PLC0415 (slow to load)
+    from massprop_drake.cli import show
+    from massprop_drake.inputs.scenario import load_scenario
+    from massprop_drake.results.run import read_summary
 
     if len(runs) < 2:
         raise InputError(f"{runs[0]}: give two folders of runs or more to compare")
@@ -272,6 +229,13 @@ def view_run(
     quiet: Quiet = False,
 ) -> None:
     """Writes a run in three dimensions as one HTML file that plays without a network."""
+    from massprop_drake.cli import show
+    from massprop_drake.inputs.yaml import exists
+    from massprop_drake.results.exchange import recover
+    from massprop_drake.results.folder import is_ours, require_files, write_files, write_page
+    from massprop_drake.results.manifest import read as read_manifest
+    from massprop_drake.results.manifest import sealed
+
     target = out or folder / "replay.html"
     recover(folder)
     if target.is_dir() or not exists(target.parent):
@@ -281,9 +245,9 @@ def view_run(
 
     context.obj.watch(target, f"the replay is saved in {target}")
 
-    from massprop_drake.display.flight3d import replay_html  # noqa: PLC0415 (loads Drake)
-    from massprop_drake.display.page import report_html  # noqa: PLC0415 (loads templates)
-    from massprop_drake.results.run import Run  # noqa: PLC0415 (slow to load)
+    from massprop_drake.display.flight3d import replay_html
+    from massprop_drake.display.page import report_html
+    from massprop_drake.results.run import Run
 
     shown = Run.load(folder)
     if out is not None:
@@ -311,14 +275,17 @@ def reproduce(
     quiet: Quiet = False,
 ) -> None:
     """Reruns every figure and table of the thesis and says of each claim whether it holds."""
+    from massprop_drake.cli import show
+    from massprop_drake.cli.progress import Progress
+
     context.obj.watch(
         out / "reproduction.html",
         f"the reproduction is saved in {out}/",
         f"finished runs are kept in {out}/, and the same command goes on from there",
     )
 
-    from massprop_drake.studies.reproduction import catalog, report  # noqa: PLC0415 (loads matplotlib)
-    from massprop_drake.studies.reproduction.reproduce import reproduce as rerun  # noqa: PLC0415
+    from massprop_drake.studies.reproduction import catalog, report
+    from massprop_drake.studies.reproduction.reproduce import reproduce as rerun
 
     entries = catalog.chosen(only)
     with Progress("reproducing the thesis", 1.0, shown=not (as_json or quiet)) as progress:
@@ -338,7 +305,9 @@ def graph(
     quiet: Quiet = False,
 ) -> None:
     """Exports graphs of diagrams: DOT, and SVG where a program to draw it is installed."""
-    from massprop_drake.display import graphs  # noqa: PLC0415 (loads Drake)
+    from massprop_drake.cli import show
+    from massprop_drake.display import graphs
+    from massprop_drake.results.folder import require_files, write_files
 
     names = diagrams or list(graphs.DIAGRAMS)
     for name in names:
@@ -382,8 +351,11 @@ def check(
 
     Of a good vehicle it also reports how the jets push, which mass properties they show, and which jets look alike.
     """
+    from massprop_drake.cli import show, sources
+    from massprop_drake.inputs.vehicle import Vehicle, load_vehicle
+
     if schema is not None:
-        found = _KEYS[schema]()
+        found = sources.KEYS[schema]()
         # a scenario may hold a whole vehicle, whose keys are the other schema's
         shown = [key for key in found if not key.name.startswith("vehicle.")]
         if as_json:
@@ -399,7 +371,7 @@ def check(
     lines: list[str] = []
     for name in files:
         try:
-            good = _checked(name, whose)
+            good = sources.checked(name, whose)
         except InputError as error:
             findings.append({"file": name, "ok": False, "findings": list(error.problems)})
             problems += error.problems
@@ -411,7 +383,7 @@ def check(
         lines.append(f"{name}: ok: {about}")
         lines += [f"{name}: warning: {doubt}" for doubt in doubts]
         if isinstance(good, Vehicle) and not quiet:
-            from massprop_drake.studies.vehicle import vehicle_report  # noqa: PLC0415 (loads Drake)
+            from massprop_drake.studies.vehicle import vehicle_report
 
             findings[-1]["report"] = vehicle_report(good, pairs)
             lines += show.vehicle_lines(findings[-1]["report"], good.unit_names["force"])
@@ -422,21 +394,3 @@ def check(
             (note if quiet else say)(line)
     if problems:
         raise typer.Exit(2)
-
-
-def _checked(name: str, whose: Vehicle | None) -> Vehicle | Scenario | CampaignSpec | str:
-    """Reads a file and returns what it holds, telemetry in words; raises InputError for a bad one."""
-    if Path(name).suffix.lower() in _TELEMETRY:
-        return show.about_telemetry(check_telemetry(Path(name), whose), whose)
-    if name in bundled_vehicles():
-        return load_vehicle(name)
-    if name in bundled_scenarios():
-        return load_scenario(name)
-    if name in bundled_campaigns():
-        return load_campaign(name)
-    document = Document(read_text(Path(name)), name)
-    if "jets" in document.data or "jet_kinds" in document.data:
-        return validated(Vehicle, document.data, document)
-    if "base" in document.data:
-        return campaign_from(document, Path(name).parent)
-    return resolved(document.data, document, Path(name).parent)

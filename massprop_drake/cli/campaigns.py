@@ -11,14 +11,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from massprop_drake.cli import show
-from massprop_drake.cli.options import Force, Json, Overrides, Quiet
-from massprop_drake.cli.progress import Progress
+from massprop_drake.cli.options import Compiled, Force, Json, Overrides, Quiet
 from massprop_drake.cli.streams import note, say
 from massprop_drake.errors import InputError
-from massprop_drake.results.folder import require_files, write_files, write_page
-from massprop_drake.results.manifest import sealed
-from massprop_drake.studies.processes import apart
 
 if TYPE_CHECKING:
     from massprop_drake.studies.campaign.campaign import Campaign
@@ -48,6 +43,8 @@ def plan(
     quiet: Quiet = False,
 ) -> None:
     """Draws every case of a campaign and writes them down, without flying any."""
+    from massprop_drake.cli import show
+
     chosen = _loaded(campaign, overrides)
     target = _target(chosen, out)
     planned = chosen.plan(target, force=force)
@@ -76,15 +73,20 @@ def run(
         list[int] | None, typer.Option(metavar="CASE", help="Fly this case alone and keep its folder. Repeatable.")
     ] = None,
     overrides: Overrides = None,
+    compiled: Compiled = False,
     report: Annotated[bool, typer.Option("--report/--no-report", help="Write campaign.html, or not.")] = True,
     force: Force = False,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
     """Flies the cases of a campaign that have not been flown yet."""
+    from massprop_drake.cli.progress import Progress
+    from massprop_drake.results.folder import require_files
+    from massprop_drake.studies.processes import apart
+
     if workers is not None and scheduler is not None:
         raise InputError("give either --workers or --scheduler, not both: a scheduler has its own workers")
-    chosen = _loaded(campaign, overrides)
+    chosen = _loaded(campaign, [*(overrides or []), *(["execution.compiled=true"] if compiled else [])])
     target = _target(chosen, out)
     if report and not only and not force and target.is_dir():
         require_files(target, [_PAGE, _SUMMARY])
@@ -109,7 +111,7 @@ def run(
     if only:
         _say_kept(flown, only, as_json=as_json, quiet=quiet)
     else:
-        from massprop_drake.studies.campaign.conclusion import concluded  # noqa: PLC0415 (needs the extra)
+        from massprop_drake.studies.campaign.conclusion import concluded
 
         said = apart(concluded, target, with_page=report)  # thousands of rows leave this process's memory as it is
         _conclude(said, target, force=force, as_json=as_json, quiet=quiet)
@@ -118,7 +120,8 @@ def run(
 @app.command(epilog="Example: `massprop campaign status runs/healthy`")
 def status(folder: Folder, as_json: Json = False) -> None:
     """Says how far a campaign is, also while it runs."""
-    from massprop_drake.studies.campaign.campaign import Campaign  # noqa: PLC0415 (slow to load)
+    from massprop_drake.cli import show
+    from massprop_drake.studies.campaign.campaign import Campaign
 
     found = Campaign.load(folder).status()
     if as_json:
@@ -133,7 +136,7 @@ def status(folder: Folder, as_json: Json = False) -> None:
 @app.command(epilog="Example: `massprop campaign report runs/healthy`")
 def report(folder: Folder, force: Force = False, as_json: Json = False, quiet: Quiet = False) -> None:
     """Writes the report of a campaign anew from what has been flown, and judges its gates."""
-    from massprop_drake.studies.campaign.conclusion import concluded  # noqa: PLC0415 (needs the extra)
+    from massprop_drake.studies.campaign.conclusion import concluded
 
     _conclude(concluded(folder, with_page=True), folder, force=force, as_json=as_json, quiet=quiet)
 
@@ -149,7 +152,9 @@ def compare(
     quiet: Quiet = False,
 ) -> None:
     """Holds campaigns with the same draws against each other, case by case."""
-    from massprop_drake.studies.campaign import compare as comparison  # noqa: PLC0415 (loads templates)
+    from massprop_drake.cli import show
+    from massprop_drake.results.folder import write_page
+    from massprop_drake.studies.campaign import compare as comparison
 
     write_page(out, comparison.page(folders), force=force)
     if as_json:
@@ -160,7 +165,7 @@ def compare(
 
 
 def _loaded(campaign: str, overrides: list[str] | None) -> Campaign:
-    from massprop_drake.studies.campaign.campaign import Campaign  # noqa: PLC0415 (slow to load)
+    from massprop_drake.studies.campaign.campaign import Campaign
 
     return Campaign.load(campaign, overrides or ())
 
@@ -176,6 +181,8 @@ def _advise(chosen: Campaign, *, quiet: bool) -> None:
 
 def _say_kept(flown: Campaign, only: list[int], *, as_json: bool, quiet: bool) -> None:
     """Says where the folders of cases flown alone are, and which could not be flown."""
+    from massprop_drake.cli import show
+
     kept = {number: flown.case_folder(number) for number in only}
     failed = [number for number, path in kept.items() if not path.is_dir()]
     if as_json:
@@ -191,6 +198,10 @@ def _say_kept(flown: Campaign, only: list[int], *, as_json: bool, quiet: bool) -
 
 def _conclude(said: Concluded, folder: Path, *, force: bool, as_json: bool, quiet: bool) -> None:
     """Writes the report, prints what it says, and ends with the status that the gates and the cases ask for."""
+    from massprop_drake.cli import show
+    from massprop_drake.results.folder import write_files
+    from massprop_drake.results.manifest import sealed
+
     found = said.summary
     if said.page is not None:
         files = {_SUMMARY: show.json_text(found).encode(), _PAGE: sealed(said.page)}

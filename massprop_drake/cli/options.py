@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from enum import StrEnum
 from typing import Annotated
 
 import typer
@@ -14,7 +15,19 @@ Force = Annotated[
     bool, typer.Option("--force", help="Keep what is there as <name>.1, <name>.2, ... instead of refusing it.")
 ]
 Figures = Annotated[bool, typer.Option("--figures/--no-figures", help="Draw the figures, or not, which is faster.")]
+Compiled = Annotated[
+    bool,
+    typer.Option("--compiled", help="Use compiled kernels, and to simulate the plain loop; needs the extra `fast`."),
+]
 Overrides = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="KEY=VALUE", help="Replaces any field; VALUE is read as YAML. Repeatable."),
 ]
+
+
+class Schema(StrEnum):
+    """The kinds of files whose keys can be shown."""
+
+    vehicle = "vehicle"
+    scenario = "scenario"
+    campaign = "campaign"

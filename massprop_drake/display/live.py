@@ -13,7 +13,7 @@ from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.maths.mass_properties import CENTER_OF_MASS
 
 if TYPE_CHECKING:
-    from massprop_drake.runners.simulate import Moment
+    from massprop_drake.runners.moment import Moment
 
 Array = NDArray[np.float64]
 

@@ -14,7 +14,7 @@ from pydantic import Field, model_validator
 from massprop_drake.errors import InputError, dotted, suggestion
 from massprop_drake.inputs import params
 from massprop_drake.inputs.distributions import KINDS, Choice, Distribution, Normal, distribution_in
-from massprop_drake.inputs.model import Key, Model, Real, Text, Whole, described, keys, validated
+from massprop_drake.inputs.model import Flag, Key, Model, Real, Text, Whole, described, keys, validated
 from massprop_drake.inputs.scenario import Scenario, load_scenario, parsed_key, resolved, set_at
 from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.inputs.yaml import Document, FieldPath, exists, read_text
@@ -76,6 +76,15 @@ class Dispersion(Model):
         )
 
 
+class CampaignExecution(Model):
+    """How the cases are computed; the engine changes no bit of a result."""
+
+    engine: Literal["diagram", "loop"] | None = described(
+        None, "as of a scenario; null: loop, or diagram where the plant of base is continuous, which needs it"
+    )
+    compiled: Flag = described(False, "as of a scenario")
+
+
 class CampaignFile(Model):
     """Many cases of one scenario."""
 
@@ -115,6 +124,7 @@ class CampaignFile(Model):
     keep: Literal["failing", "all", "none"] = described("failing", "whose whole run folders are kept")
     gates: dict[str, Gate] = described({}, "what figures of the report must satisfy, by name of the figure")
     limits: Limits = described(Limits(), "what one case may take")
+    execution: CampaignExecution = described(CampaignExecution(), "how cases are computed, whatever base says")
 
     @model_validator(mode="after")
     def _consistent(self) -> CampaignFile:
@@ -128,6 +138,8 @@ class CampaignFile(Model):
                 raise ValueError(f"{key}: stands in two of set, draw and sweep; keep one")
             if key in ("name", "seed"):
                 raise ValueError(f"{key}: every case has its own, by its number")
+            if key.partition(".")[0] == "execution":
+                raise ValueError(f"{key}: all cases are computed alike; it stands in the block execution of this file")
         return self
 
 
@@ -238,6 +250,9 @@ def campaign_from(document: Document, folder: Path) -> CampaignSpec:
         raise InputError(*(f"{document.where(('base',))}: {problem}" for problem in error.problems)) from None
     for key, value in file.set.items():
         base = _with(base, {key: value}, document.where(("set", key)))
+    engine = file.execution.engine or ("diagram" if params.time_step(base) == 0.0 else "loop")
+    execution = {"engine": engine, "compiled": file.execution.compiled}
+    base = _with(base, {"execution": execution}, document.where(("execution", "engine")))
     quantities = tuple(
         quantity
         for key, value in file.draw.items()

@@ -12,9 +12,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_drake.inputs.scenario import Degraded, Drift, Failure, Intermittent, Leak, Scenario, SensorErrors
+from massprop_drake.inputs.scenario import (
+    Degraded,
+    Drift,
+    Failure,
+    Intermittent,
+    Leak,
+    Scenario,
+    SensorErrors,
+    jump_terms,
+)
 from massprop_drake.inputs.vehicle import Accelerometer, Gyro, SensorPackage, Vehicle
-from massprop_drake.maths.autopilot.phase_space import PhaseSpaceParams
+from massprop_drake.maths.autopilot.phase_space import PhaseSpaceParams, Window
 from massprop_drake.maths.estimation.cycle import EstimationParams
 from massprop_drake.maths.estimation.detector import Detector, Jets
 from massprop_drake.maths.estimation.detectors import DETECTORS
@@ -24,11 +33,23 @@ from massprop_drake.maths.estimation.filters.joint import JointFilterParams
 from massprop_drake.maths.estimation.filters.mass_filter import MassParams
 from massprop_drake.maths.estimation.filters.rotation_filter import RotationParams
 from massprop_drake.maths.estimation.filters.thesis import ThesisParams
+from massprop_drake.maths.kernels import with_compiled
 from massprop_drake.maths.mass_properties import MassProperties, initial_standard_deviation
 from massprop_drake.maths.noise import normal_sample, uniform_phase
+from massprop_drake.maths.vehicle import cycle as vehicle_cycle
 from massprop_drake.maths.vehicle import true_failures as failures
+from massprop_drake.maths.vehicle.cycle import Motion, VehicleParams
 from massprop_drake.maths.vehicle.disturbance import DisturbanceModel, kept_share
-from massprop_drake.maths.vehicle.sensing import SensorModel, Tone, Vibration, smoothing_factor, vibration
+from massprop_drake.maths.vehicle.reaction_jets import jets_params, thrusters
+from massprop_drake.maths.vehicle.rigid_body import RATE, Jump, initial_state, jumps_by_sample, packed_structure
+from massprop_drake.maths.vehicle.sensing import (
+    SensorModel,
+    Tone,
+    Vibration,
+    package,
+    smoothing_factor,
+    vibration,
+)
 from massprop_drake.maths.vehicle.thrust import lag_factors
 
 Array = NDArray[np.float64]
@@ -145,6 +166,32 @@ def phase_space_params(scenario: Scenario) -> PhaseSpaceParams:
     )
 
 
+def windows(scenario: Scenario) -> tuple[Window, ...]:
+    """When each hand controller is out of detent."""
+    return tuple(
+        Window(
+            channel=(0 if window.controller == "rhc" else 3) + "xyz".index(window.axis[-1]),
+            sign=1.0 if window.axis[0] == "+" else -1.0,
+            start_s=window.start_s,
+            end_s=window.end_s,
+        )
+        for window in scenario.maneuver
+    )
+
+
+def selection(scenario: Scenario) -> dict[str, Any]:
+    """Arguments of jet selection, see `systems.autopilot.selector.Selector`."""
+    vehicle = scenario.vehicle_data
+    return {
+        "wrenches": vehicle.wrenches,
+        "mass_flows": vehicle.mass_flows,
+        "minimum_on_times_s": vehicle.minimum_on_times_s,
+        "selectable": selectable(scenario),
+        "mass_properties": vehicle.nominal.vector(),
+        "period_s": vehicle.sample_period_s,
+    }
+
+
 def convergence_limits(scenario: Scenario) -> Array:
     """Limits of `mass_properties.converged`, shape (3,)."""
     limits = scenario.estimation.convergence
@@ -254,6 +301,45 @@ def _vibration(scenario: Scenario, errors: SensorErrors, *, integrates: bool) ->
         for number, entry in enumerate(errors.vibration)
     ]
     return vibration(tones, 1.0 + np.array(errors.scale_factor), errors.bandwidth_hz, integrates=integrates)
+
+
+def vehicle_params(scenario: Scenario) -> VehicleParams:
+    """Parameters of the true vehicle's step."""
+    vehicle, properties = scenario.vehicle_data, true_properties(scenario)
+    period = vehicle.sample_period_s
+    body = initial_state(properties.mass)
+    body[RATE] = np.array(scenario.plant.initial_rate)
+    jets = jets_params(
+        plant_wrenches(scenario), plant_time_constants(scenario), period, jet_failures(scenario), scenario.seed
+    )
+    packages = tuple(
+        package(
+            sensor.name,
+            sensor_model(scenario, sensor),
+            np.array(sensor.position) if isinstance(sensor, Accelerometer) else None,
+        )
+        for sensor in vehicle.sensors
+    )
+    exact, places = vehicle_cycle.exact_packages(packages)
+    return VehicleParams(
+        period_s=period,
+        seed=scenario.seed,
+        jets=jets,
+        packages=packages,
+        disturbance=disturbance(scenario),
+        jumps=jumps_by_sample(mass_jumps(scenario), period),
+        body=body,
+        structure=packed_structure(properties),
+        exact=exact,
+        places=places,
+        motion=Motion(thrusters(jets), period),
+        kernels=vehicle_cycle.kernels(compiled=scenario.execution.compiled),
+    )
+
+
+def mass_jumps(scenario: Scenario) -> tuple[Jump, ...]:
+    """The payloads that leave or come."""
+    return tuple(Jump(jump.time_s, *jump_terms(jump)) for jump in scenario.jumps)
 
 
 def disturbance(scenario: Scenario) -> DisturbanceModel | None:
@@ -383,4 +469,5 @@ def detector_params(scenario: Scenario) -> Any:
     if method is None:
         return None
     of_filter = (FILTERS[method.made_for].params(setup(scenario), scenario),) if method.made_for else ()
-    return method.params(jets(scenario), scenario.detector, *of_filter)
+    made = method.params(jets(scenario), scenario.detector, *of_filter)
+    return with_compiled(made) if scenario.execution.compiled else made

@@ -654,6 +654,20 @@ class MultiHypothesisBlock(Model):
 DetectorBlock = Annotated[CglrBlock | CusumBlock | MultiHypothesisBlock, Field(discriminator="kind")]
 
 
+class ExecutionBlock(Model):
+    """How a case is computed; the engine changes no bit of a result, compiled code the last ones."""
+
+    engine: Literal["diagram", "loop"] = described(
+        "diagram",
+        "diagram: Drake's simulator; loop: the same functions in a plain loop, faster, for a plant that is stepped",
+    )
+    compiled: Flag = described(
+        False,
+        "whether kernels are compiled, by numba of the extra `fast`, in the loop and where records are read; "
+        "results differ by rounding alone",
+    )
+
+
 class Scenario(Model):
     """One case: a vehicle, its commands and failures, and how its mass properties are estimated."""
 
@@ -685,6 +699,7 @@ class Scenario(Model):
     )
     failures: tuple[Failure, ...] = described((), "failures of jets")
     jumps: tuple[MassJump, ...] = described((), "payloads that leave or come")
+    execution: ExecutionBlock = described(ExecutionBlock(), "how it is computed")
 
     @model_validator(mode="before")
     @classmethod
@@ -849,6 +864,9 @@ def check_against_vehicle(scenario: Scenario, vehicle: Vehicle) -> list[tuple[Fi
     if step not in (None, 0.0) and not math.isclose(step, period, rel_tol=1e-12):
         problem = f"must be 0 (continuous) or the vehicle's sample period, {period:g} s; got {step:g}"
         problems.append((("plant", "time_step"), problem))
+    if step == 0.0 and scenario.execution.engine == "loop":
+        problem = "loop does not cover a continuous plant, whose steps are Drake's; use diagram, or leave out "
+        problems.append((("execution", "engine"), problem + "plant.time_step"))
     if scenario.duration_s < period:
         problems.append((("duration_s",), f"must be at least one sample period, {period:g} s"))
     if not problems:

@@ -10,12 +10,14 @@ import math
 
 import numpy as np
 
+from massprop_drake.maths.kernels import kernel, numbers
 from massprop_drake.maths.linear_algebra import Array
 
 
+@kernel
 def rotation_matrix(quaternion: Array) -> Array:
     """The matrix R_NB of a unit quaternion q_NB, shape (3, 3)."""
-    w, x, y, z = quaternion.tolist()
+    w, x, y, z = numbers(quaternion, 4)
     return np.array(
         [
             [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
@@ -25,10 +27,11 @@ def rotation_matrix(quaternion: Array) -> Array:
     )
 
 
+@kernel
 def multiply(left: Array, right: Array) -> Array:
     """The quaternion product left * right: q_AC = q_AB q_BC."""
-    a, b, c, d = left.tolist()
-    w, x, y, z = right.tolist()
+    a, b, c, d = numbers(left, 4)
+    w, x, y, z = numbers(right, 4)
     return np.array(
         [
             a * w - b * x - c * y - d * z,
@@ -39,24 +42,27 @@ def multiply(left: Array, right: Array) -> Array:
     )
 
 
+@kernel
 def conjugate(quaternion: Array) -> Array:
     """The inverse of a unit quaternion."""
-    w, x, y, z = quaternion.tolist()
+    w, x, y, z = numbers(quaternion, 4)
     return np.array([w, -x, -y, -z])
 
 
+@kernel
 def from_rotation_vector(vector: Array) -> Array:
     """The unit quaternion of a rotation vector, radians (axis times angle)."""
-    x, y, z = vector.tolist()
+    x, y, z = numbers(vector, 3)
     angle = math.sqrt(x * x + y * y + z * z)
     # sin(angle / 2) / angle, with its series where the quotient would lose digits
     factor = 0.5 - angle * angle / 48.0 if angle < 1e-4 else math.sin(0.5 * angle) / angle
     return np.array([math.cos(0.5 * angle), factor * x, factor * y, factor * z])
 
 
+@kernel
 def to_rotation_vector(quaternion: Array) -> Array:
     """The rotation vector, radians, of a unit quaternion; its angle lies between 0 and pi."""
-    w, x, y, z = quaternion.tolist()
+    w, x, y, z = numbers(quaternion, 4)
     if w < 0.0:
         w, x, y, z = -w, -x, -y, -z
     sine = math.sqrt(x * x + y * y + z * z)
@@ -65,6 +71,7 @@ def to_rotation_vector(quaternion: Array) -> Array:
     return np.array([factor * x, factor * y, factor * z])
 
 
+@kernel
 def propagated(quaternion: Array, rate: Array, duration_s: float) -> Array:
     """Attitude after turning at a constant body rate, rad/s, for a time; renormalized.
 

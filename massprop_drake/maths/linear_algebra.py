@@ -11,6 +11,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from massprop_drake.maths.kernels import kernel, numbers, rows3
+
 Array = NDArray[np.float64]
 
 
@@ -42,16 +44,18 @@ class NotPositiveDefiniteError(ArithmeticError):
         )
 
 
+@kernel
 def skew(vector: Array) -> Array:
     """The matrix [v x] with [v x] u = v x u, shape (3, 3)."""
-    x, y, z = vector.tolist()
+    x, y, z = numbers(vector, 3)
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
+@kernel
 def cross(left: Array, right: Array) -> Array:
     """The cross product of two vectors of shape (3,); several times faster than numpy's."""
-    a, b, c = left.tolist()
-    x, y, z = right.tolist()
+    a, b, c = numbers(left, 3)
+    x, y, z = numbers(right, 3)
     return np.array([b * z - c * y, c * x - a * z, a * y - b * x])
 
 
@@ -60,6 +64,7 @@ def nonzero(vector: Array) -> bool:
     return any(vector.tolist())
 
 
+@kernel
 def inverse_positive_definite(matrix: Array, what: str = "matrix") -> Array:
     """Inverse of a symmetric positive definite 3x3 matrix, by its Cholesky factor.
 
@@ -70,7 +75,7 @@ def inverse_positive_definite(matrix: Array, what: str = "matrix") -> Array:
     Raises:
         NotPositiveDefiniteError: when a pivot is not positive (or not a number).
     """
-    (a, _, _), (b, c, _), (d, e, f) = matrix.tolist()
+    (a, _, _), (b, c, _), (d, e, f) = rows3(matrix)
     # L: lower Cholesky factor with rows (l00), (l10, l11), (l20, l21, l22)
     if not a > 0.0:
         raise NotPositiveDefiniteError(matrix, what)
@@ -103,9 +108,10 @@ def inverse_positive_definite(matrix: Array, what: str = "matrix") -> Array:
     )
 
 
+@kernel
 def is_positive_definite(matrix: Array) -> bool:
     """Whether a symmetric 3x3 matrix is positive definite, by its leading minors."""
-    (a, _, _), (b, c, _), (d, e, f) = matrix.tolist()
+    (a, _, _), (b, c, _), (d, e, f) = rows3(matrix)
     minor = a * c - b * b
     determinant = f * minor - e * (a * e - b * d) + d * (b * e - c * d)
     return bool(a > 0.0 and minor > 0.0 and determinant > 0.0)
@@ -116,6 +122,7 @@ def inverse(matrix: Array) -> Array:
     return np.asarray(np.linalg.inv(matrix), dtype=np.float64)
 
 
+@kernel
 def symmetrized(matrix: Array) -> Array:
     """The symmetric part of a square matrix."""
     return 0.5 * (matrix + matrix.T)

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from massprop_drake.maths import attitude, linear_algebra
+from massprop_drake.maths.kernels import kernel, numbers, picked
 from massprop_drake.maths.linear_algebra import Array, is_positive_definite, symmetrized
 
 NAMES = ("Ixx_inv", "Iyy_inv", "Izz_inv", "Iyz_inv", "Ixz_inv", "Ixy_inv", "x_cm", "y_cm", "z_cm", "m_inv")
@@ -93,9 +94,10 @@ def perturbed(
     return MassProperties(body.mass * mass_factor, body.center_of_mass + shift, inertia)
 
 
+@kernel
 def symmetric(elements: Array) -> Array:
     """The symmetric 3x3 matrix of six elements in the order 11, 22, 33, 23, 13, 12."""
-    return elements[ELEMENT]
+    return picked(elements, ELEMENT)
 
 
 def six_elements(matrix: Array) -> Array:
@@ -224,6 +226,7 @@ def converged_rows(standard_deviation: Array, estimate: Array, limits: Array) ->
     return good.all(axis=1) & (standard_deviation[:, 6:9] < center).all(axis=1)
 
 
+@kernel
 def converged(standard_deviation: Array, estimate: Array, limits: Array) -> bool:
     r"""Whether estimates are good enough to act on.
 
@@ -236,9 +239,9 @@ def converged(standard_deviation: Array, estimate: Array, limits: Array) -> bool
         limits: relative limit of the diagonal, limit of the center of mass (ft or m), relative limit
             of the mass reciprocal, shape (3,).
     """
-    s = standard_deviation.tolist()
-    x = estimate.tolist()
-    diagonal, center, reciprocal = limits.tolist()
+    s = numbers(standard_deviation, 10)
+    x = numbers(estimate, 10)
+    diagonal, center, reciprocal = numbers(limits, 3)
     return (
         0.0 < s[0] < diagonal * x[0]
         and 0.0 < s[1] < diagonal * x[1]

@@ -131,7 +131,7 @@ class FilterState(EstimatorState):
 # blocks of a scenario, and fields in them, that leave the estimators as they are
 _ELSEWHERE: Any = {
     **dict.fromkeys(("name", "description", "vehicle", "duration_s", "seed", "maneuver", "jet_schedule"), True),
-    **dict.fromkeys(("plant", "autopilot", "failures", "jumps"), True),
+    **dict.fromkeys(("plant", "autopilot", "failures", "jumps", "execution"), True),
     "sensors": {"errors", "quantizer_phase"},
 }
 

@@ -105,6 +105,7 @@ class Provenance(NamedTuple):
         vehicle_sha256, scenario_sha256: digests of both in full.
         telemetry: name of the record that was read; None for a simulated run.
         telemetry_sha256: digest of its content.
+        engine: what ran it, see `inputs.scenario.ExecutionBlock`; None for a record read without compiled kernels.
     """
 
     drake: Text
@@ -113,6 +114,7 @@ class Provenance(NamedTuple):
     scenario_sha256: Text
     telemetry: Text | None = None
     telemetry_sha256: Text | None = None
+    engine: Text | None = None
 
 
 class Timing(NamedTuple):
@@ -462,7 +464,13 @@ def composed(
         consistency=consistency,
         autopilot=autopilot,
         provenance=Provenance(
-            version("drake"), version("numpy"), digest(vehicle), digest(scenario), telemetry, telemetry_sha256
+            version("drake"),
+            version("numpy"),
+            digest(vehicle),
+            digest(scenario),
+            telemetry,
+            telemetry_sha256,
+            _executed(scenario, simulated=telemetry is None),
         ),
         timing=timing,
         data_quality=data_quality,
@@ -472,6 +480,14 @@ def composed(
         unconfirmed=found.unconfirmed,
         untested=found.untested,
     )
+
+
+def _executed(scenario: Scenario, *, simulated: bool) -> str | None:
+    """What ran it, in words; None for a record that was read without compiled kernels."""
+    words: list[str] = [scenario.execution.engine] if simulated else []
+    if scenario.execution.compiled:
+        words.append(f"compiled by numba {version('numba')}")
+    return ", ".join(words) or None
 
 
 def firings(on: NDArray[np.bool_], before: NDArray[np.bool_]) -> int:

@@ -241,8 +241,7 @@ class Estimator:
         """What is known after a cycle."""
         rotation, mass, judgment = done.filtered.rotation, done.filtered.mass, done.judgment
         assert mass is not None  # a vehicle without accelerometer is refused
-        ten = np.append(rotation.estimate, mass.mass_reciprocal)
-        deviation = np.append(rotation.standard_deviation, math.sqrt(mass.variance))
+        ten, deviation = cycle.reported(done)
         detector = done.state.detector
         n_jets = len(self._vehicle.jets)
         return EstimatorStep(

@@ -5,6 +5,7 @@ The same for simulated runs, for recorded telemetry and for the estimator in rea
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,7 @@ from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.maths import mass_properties
 from massprop_drake.maths.estimation import cycle
-from massprop_drake.maths.estimation.cycle import EstimationParams, EstimationState
+from massprop_drake.maths.estimation.cycle import EstimationParams, EstimationState, EstimationStep
 from massprop_drake.maths.estimation.filter import Groups
 from massprop_drake.maths.mass_properties import MASS_RECIPROCAL
 from massprop_drake.results.detections import DetectionRecord, followed, settled, weighed_before
@@ -33,6 +34,8 @@ from massprop_drake.systems.layouts import (
     JOINT_REPORT,
     MASS_REPORT,
     ROTATION_REPORT,
+    detector_row,
+    impulse_row,
 )
 
 Array = NDArray[np.float64]
@@ -71,6 +74,68 @@ def estimation_signals(scenario: Scenario, logs: Mapping[str, Array]) -> dict[st
         if "hypothesis_report" in logs:
             signals |= HYPOTHESIS_REPORT.sized(jets=jets).columns(logs["hypothesis_report"])
     return signals
+
+
+class EstimationLog:
+    """Rows of what the ports of the estimation diagram would log, from cycles without a diagram.
+
+    Args:
+        scenario: for jets and sensors.
+        params: of the cycle.
+        count: number of rows.
+
+    Attributes:
+        rows: by port, shape (count, its size).
+    """
+
+    def __init__(self, scenario: Scenario, params: EstimationParams, count: int):
+        jets = len(scenario.vehicle_data.jets)
+        self._own = params.filter.report
+        self._detector = params.detector
+        self._said = params.detector and params.detector.report and params.detector.report.sized(jets=jets)
+        layouts = [IMPULSES, ROTATION_REPORT]
+        if scenario.vehicle_data.accelerometers:
+            layouts.append(MASS_REPORT)
+        if self._own is not None:
+            layouts.append(self._own)
+        if self._detector is not None:
+            layouts += [DETECTOR_REPORT.sized(jets=jets), *([self._said] if self._said else [])]
+        self.rows = {layout.name: np.empty((count, layout.size)) for layout in layouts}
+
+    def put(self, index: int, done: EstimationStep, before: Any) -> None:
+        """Fills in a row.
+
+        Args:
+            index: of the row.
+            done: the cycle.
+            before: state of the detector before it.
+        """
+        rows, filtered, judgment = self.rows, done.filtered, done.judgment
+        rows["impulses"][index] = impulse_row(done.interval.impulses)
+        rows["rotation_report"][index] = ROTATION_REPORT.pack(filtered.rotation)
+        if filtered.mass is not None:
+            rows["mass_report"][index] = MASS_REPORT.pack(filtered.mass)
+        if self._own is not None:
+            rows[self._own.name][index] = self._own.pack(filtered.own)
+        if judgment is not None:
+            rows["detector_report"][index] = detector_row(judgment, before)
+            if self._said is not None:
+                rows[self._said.name][index] = self._said.pack(judgment.own)
+
+
+def timed_cycle(
+    state: EstimationState, sample: cycle.Sample, params: EstimationParams, spent_s: dict[str, float]
+) -> EstimationStep:
+    """`cycle.step`, the time of its parts added to `spent_s`: "estimators" and "detector"."""
+    began = time.perf_counter()
+    measured = cycle.measure(state, sample, params)
+    seen = time.perf_counter()
+    judgment = cycle.judge(state, sample, measured, params)
+    judged = time.perf_counter()
+    done = cycle.finish(state, sample, measured, judgment, params)
+    spent_s["detector"] += judged - seen
+    spent_s["estimators"] += time.perf_counter() - judged + seen - began
+    return done
 
 
 class Intake:

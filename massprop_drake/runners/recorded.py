@@ -32,16 +32,8 @@ from massprop_drake.results.summary import (
     firings,
     null_for_nan,
 )
-from massprop_drake.runners.logs import Intake, estimation_signals, kept, restored
+from massprop_drake.runners.logs import EstimationLog, Intake, estimation_signals, kept, restored, timed_cycle
 from massprop_drake.signals import SYMBOLS
-from massprop_drake.systems.layouts import (
-    DETECTOR_REPORT,
-    IMPULSES,
-    MASS_REPORT,
-    ROTATION_REPORT,
-    detector_row,
-    impulse_row,
-)
 from massprop_drake.telemetry.quality import QualityReport
 from massprop_drake.telemetry.reader import Continuation, Reader, Rows
 
@@ -162,20 +154,7 @@ class _Estimation:
         """A cycle for each row; what the ports of the estimation diagram would log."""
         count = rows.time_s.size
         rates, velocities = _stacked(rows, self._gyros), _stacked(rows, self._accelerometers)
-        logs = {
-            "impulses": np.empty((count, IMPULSES.size)),
-            "rotation_report": np.empty((count, ROTATION_REPORT.size)),
-        }
-        if self._accelerometers:
-            logs["mass_report"] = np.empty((count, MASS_REPORT.size))
-        own = self._params.filter.report
-        if own is not None:
-            logs[own.name] = np.empty((count, own.size))
-        if self._params.detector is not None:
-            logs["detector_report"] = np.empty((count, DETECTOR_REPORT.sized(jets=len(self._vehicle.jets)).size))
-            said = self._params.detector.report and self._params.detector.report.sized(jets=len(self._vehicle.jets))
-            if said is not None:
-                logs[said.name] = np.empty((count, said.size))
+        log = EstimationLog(self._scenario, self._params, count)
         for index in range(count):
             time_s = self._next_row * self._period_s
             readings = rates[index], velocities[index]
@@ -183,38 +162,16 @@ class _Estimation:
             sample = cycle.Sample(time_s, *readings, self._command, self._outside, stamp_s, coming)
             before = self._state.detector
             try:
-                done = self._cycle(sample)
+                done = timed_cycle(self._state, sample, self._params, self._spent_s)
             except NotPositiveDefiniteError as error:
                 raise error.at(time_s, "estimator") from None
-            filtered, judgment = done.filtered, done.judgment
-            logs["impulses"][index] = impulse_row(done.interval.impulses)
-            logs["rotation_report"][index] = ROTATION_REPORT.pack(filtered.rotation)
-            if filtered.mass is not None:
-                logs["mass_report"][index] = MASS_REPORT.pack(filtered.mass)
-            if own is not None:
-                logs[own.name][index] = own.pack(filtered.own)
-            if judgment is not None:
-                logs["detector_report"][index] = detector_row(judgment, before)
-                if said is not None:
-                    logs[said.name][index] = said.pack(judgment.own)
+            log.put(index, done, before)
             self._state, self._known = done.state, done.filtered.known
             self._command = coming
             if rows.outside_wrench is not None:
                 self._outside = rows.outside_wrench[index]
             self._next_row += 1
-        return logs
-
-    def _cycle(self, sample: cycle.Sample) -> cycle.EstimationStep:
-        """`cycle.step`, its parts timed."""
-        began = time.perf_counter()
-        measured = cycle.measure(self._state, sample, self._params)
-        seen = time.perf_counter()
-        judgment = cycle.judge(self._state, sample, measured, self._params)
-        judged = time.perf_counter()
-        done = cycle.finish(self._state, sample, measured, judgment, self._params)
-        self._spent_s["detector"] += judged - seen
-        self._spent_s["estimators"] += time.perf_counter() - judged + seen - began
-        return done
+        return log.rows
 
     def _signals(self, rows: Rows, logs: Mapping[str, Array]) -> dict[str, Array]:
         """The rows and what the estimators made of them, in the record's own time."""

@@ -1,4 +1,4 @@
-"""Runs a scenario through Drake's simulator."""
+"""Runs a scenario, through Drake's simulator or by the plain loop."""
 
 from __future__ import annotations
 
@@ -7,19 +7,16 @@ import math
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
-from pydrake.systems.framework import Diagram, DiagramBuilder
-from pydrake.systems.primitives import LogVectorOutput, VectorLogSink
 
-from massprop_drake.diagrams import closed_loop, open_loop
 from massprop_drake.errors import InputError
 from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.maths.autopilot.jet_selection import activity_vectors
+from massprop_drake.maths.estimation.filter import Groups
 from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
 from massprop_drake.maths.mass_properties import N_ROTATION, MassProperties, symmetric
 from massprop_drake.maths.vehicle.rigid_body import (
@@ -34,47 +31,54 @@ from massprop_drake.maths.vehicle.rigid_body import (
 from massprop_drake.results.run import Run
 from massprop_drake.results.spool import Spool
 from massprop_drake.results.summary import Timing, summarize
-from massprop_drake.runners.logs import ESTIMATION, Intake, estimation_signals, for_json, state_groups
+from massprop_drake.runners.logs import Intake, estimation_signals, for_json
+from massprop_drake.runners.moment import Moment
 from massprop_drake.systems.autopilot.jet_selection_program import JetSelectionProgram
-from massprop_drake.systems.layouts import RECONFIGURATION, STRUCTURE
+from massprop_drake.systems.layouts import STRUCTURE
 
 Array = NDArray[np.float64]
 
-_LOGGED = (
-    "body_state",
-    "structure",
-    "command",
-    "thrust",
-    "hand_controllers",
-    "attitude_error",
-    "request",
-    "selection_counts",
-    "out_of_use",
-    *ESTIMATION,
-)
 _CHUNK_S = 5.0  # of simulated time between two reports of progress
 _BLOCK_ROWS = 1024  # that logs hold, at least, before they are emptied
 
 
-class Moment(NamedTuple):
-    """A simulation at one sample, for those who watch it.
+class Engine(Protocol):
+    """What runs a scenario; every engine gives the same bits."""
 
-    Attributes:
-        time_s: of the sample, s.
-        attitude: q_NB, shape (4,).
-        center_of_mass: the true one, vehicle frame, ft or m, shape (3,).
-        thrust: mean force of each jet over the coming sample, lbf or N, shape (n_jets,).
-        estimate, standard_deviation: of the ten parameters, shape (10,) each.
-        removed: jets taken out of use, boolean, shape (n_jets,).
-    """
+    @property
+    def logged(self) -> int:
+        """Number of rows since the logs were emptied."""
 
-    time_s: float
-    attitude: Array
-    center_of_mass: Array
-    thrust: Array
-    estimate: Array
-    standard_deviation: Array
-    removed: NDArray[np.bool_]
+    def advance(self, reached_s: float) -> None:
+        """Runs up to a time and logs every sample up to it, that at the time itself included."""
+
+    def emptied(self) -> dict[str, Array]:
+        """What has been logged, by port, and the times; the logs are empty then."""
+
+    def moment(self) -> Moment:
+        """What there is to see at the last sample."""
+
+    def finish(self) -> tuple[Array, Groups]:
+        """Covariance of the ten estimates, shape (10, 10), and the estimators' state, after the last sample."""
+
+    def cycle_times(self, cycles: int) -> dict[str, float | None]:
+        """Mean time per cycle spent in the mathematics of each part, microseconds."""
+
+
+def _engine(scenario: Scenario) -> Engine:
+    """The engine that a scenario names."""
+    if scenario.execution.engine == "loop":
+        from massprop_drake.runners.loop import Loop  # noqa: PLC0415 (each engine loads what it needs)
+
+        return Loop(scenario)
+    if scenario.execution.compiled:
+        raise InputError(
+            f"scenario '{scenario.name}': execution.compiled: the systems of the diagram are not compiled; give "
+            "execution.engine: loop with it"
+        )
+    from massprop_drake.runners.simulated import Simulated  # noqa: PLC0415 (loads the whole of Drake's framework)
+
+    return Simulated(scenario)
 
 
 def simulate(
@@ -95,57 +99,38 @@ def simulate(
         folder: where a temporary file with the signals of a long run may lie; default the system's place for such.
 
     Raises:
-        InputError: when the vehicle uses up its mass, or a covariance loses definiteness by the scenario's numbers,
-            with the time; or when that file cannot be written.
+        InputError: when what its `execution` asks for cannot be had; when the vehicle uses up its mass, or a covariance
+            loses definiteness by the scenario's numbers, with the time; or when that file cannot be written.
         ArithmeticError: when the jet selection's solver fails.
     """
     vehicle = scenario.vehicle_data
     period = vehicle.sample_period_s
-    diagram = (open_loop if scenario.jet_schedule else closed_loop).build(scenario)
-    builder = DiagramBuilder()
-    builder.AddNamedSystem(diagram.get_name(), diagram)
-    names = [name for name in (*_LOGGED, *vehicle.sensor_names()) if diagram.HasOutputPort(name)]
-    sinks = {name: LogVectorOutput(diagram.GetOutputPort(name), builder, period) for name in names}
-    simulator = Simulator(builder.Build())
-    if params.time_step(scenario) == 0.0:
-        config = SimulatorConfig(
-            integration_scheme=scenario.plant.integrator,
-            max_step_size=period,
-            accuracy=scenario.plant.accuracy,
-            use_error_control=True,
-        )
-        ApplySimulatorConfig(config, simulator)
-
+    engine = _engine(scenario)
     intake = Intake(scenario, folder)
     intervals = params.sample_count(scenario)
     end_s = intervals * period
-    root = simulator.get_mutable_context()
     began = time.perf_counter()
     chunk_s = _CHUNK_S if watch is None else period
     with _scenario_to_blame(scenario):
-        simulator.Initialize()
         for number in range(1, math.ceil(end_s / chunk_s - 1e-9) + 1):
             reached = min(number * chunk_s, end_s)
-            simulator.AdvanceTo(reached)
+            engine.advance(reached)
             if watch is not None:
-                watch(_moment(diagram, diagram.GetMyContextFromRoot(simulator.get_context())))
+                watch(engine.moment())
             if progress is not None:
                 progress(reached)
-            logged = sinks["command"].FindLog(root).num_samples()
             # a block of a few rows at the end would take other ways through linear algebra, with other rounding
-            if _BLOCK_ROWS <= logged <= intervals + 1 - intake.spool.n_rows - _BLOCK_ROWS:
-                intake.take(_emptied(scenario, sinks, root))
-        own = diagram.GetMyContextFromRoot(root)
-        covariance = diagram.GetOutputPort("covariance").Eval(own).reshape(10, 10)
-        simulator.AdvancePendingEvents()  # the sample at the end is used like any other
-    intake.take(_emptied(scenario, sinks, root))
+            if _BLOCK_ROWS <= engine.logged <= intervals + 1 - intake.spool.n_rows - _BLOCK_ROWS:
+                intake.take(_signals(scenario, engine.emptied()))
+        covariance, groups = engine.finish()
+    intake.take(_signals(scenario, engine.emptied()))
     wall_s = time.perf_counter() - began
 
     signals = intake.spool
-    timing = Timing(wall_s, end_s / wall_s, _cycle_times(diagram, signals.n_rows))
+    timing = Timing(wall_s, end_s / wall_s, engine.cycle_times(signals.n_rows))
     results = summarize(scenario, signals, intake.found(), covariance, timing, _authority(scenario, signals))
     not_commanded = np.full(len(vehicle.jets), np.nan)  # beyond the end
-    state = intake.state(signals.n_rows - 1, for_json(state_groups(diagram, root)), not_commanded)
+    state = intake.state(signals.n_rows - 1, for_json(groups), not_commanded)
     return Run(scenario, results, None, signals, state)
 
 
@@ -182,43 +167,12 @@ def _scenario_to_blame(scenario: Scenario) -> Iterator[None]:
         ) from error
 
 
-def _moment(diagram: Diagram, context: Any) -> Moment:
-    """What there is to see at this sample."""
-
-    def output(name: str) -> Array:
-        return diagram.GetOutputPort(name).Eval(context)
-
-    thrust = output("thrust")
-    removed = np.zeros(thrust.size, dtype=bool)
-    if diagram.HasOutputPort("reconfiguration"):
-        removed = RECONFIGURATION.sized(jets=thrust.size).read(output("reconfiguration")).removed != 0.0
-    return Moment(
-        context.get_time(),
-        output("body_state")[QUATERNION],
-        STRUCTURE.read(output("structure")).center_of_mass,
-        thrust,
-        output("estimate"),
-        output("standard_deviation"),
-        removed,
-    )
-
-
-def _emptied(scenario: Scenario, sinks: dict[str, VectorLogSink], root: Any) -> dict[str, Array]:
-    """Takes what has been logged out of the logs; the signals that it holds, with their times."""
-    logs = {}
-    for name, sink in sinks.items():
-        log = sink.FindMutableLog(root)
-        logs[name] = np.array(log.data().T)  # a copy: the log goes on in its memory
-        times = np.array(log.sample_times())
-        log.Clear()
-    return {"time_s": times, **_signals(scenario, logs)}
-
-
 def _signals(scenario: Scenario, logs: dict[str, Array]) -> dict[str, Array]:
     """The logged ports taken apart into named signals."""
     vehicle = scenario.vehicle_data
     body, structure = logs["body_state"], STRUCTURE.columns(logs["structure"])
     signals = {
+        "time_s": logs["time_s"],
         "rate": body[:, RATE],
         "attitude": body[:, QUATERNION],
         "position": body[:, POSITION],
@@ -248,22 +202,6 @@ def _truth(mass: Array, structure: Array) -> Array:
         truth[first:last] = MassProperties(1.0, center[first], symmetric(inertia[first])).vector()
     truth[:, N_ROTATION] = 1.0 / mass
     return truth
-
-
-def _cycle_times(diagram: Any, cycles: int) -> dict[str, float | None]:
-    """Mean time per cycle spent in the mathematics of each part, microseconds."""
-    estimation = diagram.GetSubsystemByName("estimation")
-    spent = {
-        system.get_name(): 1e6 * system.stopwatch.spent_s / cycles
-        for system in estimation.GetSystems()
-        if hasattr(system, "stopwatch")
-    }
-    detector = next((spent.pop(name) for name in ("failure_detector", "hypothesis_detector") if name in spent), None)
-    selection = None
-    if diagram.HasSubsystemNamed("autopilot"):
-        autopilot = diagram.GetSubsystemByName("autopilot")
-        selection = 1e6 * autopilot.GetSubsystemByName("jet_selection").stopwatch.spent_s / cycles
-    return {"estimators": sum(spent.values()), "detector": detector, "jet_selection": selection}
 
 
 def _authority(scenario: Scenario, signals: Spool) -> dict[str, Any] | None:

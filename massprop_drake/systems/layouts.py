@@ -18,6 +18,7 @@ from massprop_drake.maths.estimation.filter import MASS_REPORT, ROTATION_REPORT
 from massprop_drake.maths.estimation.filters.joint import JOINT_REPORT
 from massprop_drake.maths.estimation.filters.thesis import TURNING
 from massprop_drake.maths.estimation.impulses import Impulses
+from massprop_drake.maths.vehicle.rigid_body import STRUCTURE
 
 __all__ = [
     "ADAPTATION",
@@ -48,7 +49,6 @@ __all__ = [
 ]
 
 # the vehicle
-STRUCTURE = Layout("structure", inertia=6, center_of_mass=3)
 WRENCH = Layout("wrench", torque=3, force=3, mass_flow=NUMBER)
 NOISE = Layout("noise", white=3, walk=3)
 

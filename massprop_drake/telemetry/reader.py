@@ -5,6 +5,7 @@ Written as CSV; read from CSV, Parquet or a stream, block by block, put in order
 
 from __future__ import annotations
 
+import bisect
 import csv
 import difflib
 import math
@@ -348,18 +349,30 @@ class Reader:
         """Keeps the rows of a block that advance in time, and inserts a row at each gap."""
         times = block.values[:, 0]
         steps = np.diff(times, prepend=self._last_s)
-        off = steps - self._period_s
-        if not self._awaiting and (np.abs(off) <= JITTER * self._period_s * (1.0 + 1e-9)).all():
-            taken = np.arange(times.size)
-            self._count_steps(steps)
+        off = np.abs(steps - self._period_s) > JITTER * self._period_s * (1.0 + 1e-9)
+        off |= np.isnan(steps)
+        if not self._awaiting and not off.any():
+            self._count_steps(steps, self.record.interval_sum_s + float(steps.sum()))
             self._last_s = float(times[-1])
             self._late_in_a_row = 0
-            return self._rows(block, taken, {})
-        taken_list: list[int] = []
+            return self._rows(block, np.arange(times.size), {})
+        # rows that follow a row in use by a period are taken together, others one by one
+        ends = [*np.flatnonzero(off).tolist(), times.size]
+        taken: list[int] = []
         breaks: dict[int, float] = {}
-        for index, time in enumerate(times.tolist()):
-            self._place(index, time, block, taken_list, breaks)
-        return self._rows(block, np.array(taken_list, dtype=int), breaks) if taken_list else None
+        index = 0
+        while index < times.size:
+            end = ends[bisect.bisect_left(ends, index)]
+            before = self._last_s if index == 0 else times[index - 1]
+            if end > index and not self._awaiting and self._last_s == before:
+                self._count_steps(steps[index:end], _added_up(self.record.interval_sum_s, steps[index:end]))
+                taken.extend(range(index, end))
+                self._last_s, self._late_in_a_row = float(times[end - 1]), 0
+                index = end
+            else:
+                self._place(index, float(times[index]), block, taken, breaks)
+                index += 1
+        return self._rows(block, np.array(taken, dtype=int), breaks) if taken else None
 
     def _place(self, index: int, time: float, block: Block, taken: list[int], breaks: dict[int, float]) -> None:
         """Decides whether a row is taken, left out, or taken after a gap."""
@@ -394,7 +407,7 @@ class Reader:
         self._late_in_a_row = 0
         if not math.isnan(step):
             if abs(step - period) <= JITTER * period * (1.0 + 1e-9):
-                self._count_steps(np.array([step]))
+                self._count_steps(np.array([step]), record.interval_sum_s + step)
             else:
                 breaks[len(taken)] = self._last_s + min(period, 0.5 * step)
                 taken.append(-1)
@@ -413,11 +426,11 @@ class Reader:
         wrench[self._outside] = np.nan_to_num(values[self._outside_places])
         return np.clip(values[self._command_places], 0.0, 1.0), wrench
 
-    def _count_steps(self, steps: Array) -> None:
+    def _count_steps(self, steps: Array, sum_s: float) -> None:
         record = self.record
         size = np.abs(steps - self._period_s)
         record.intervals += steps.size
-        record.interval_sum_s += float(steps.sum())
+        record.interval_sum_s = sum_s
         record.jitter += int((size > _EXACT * self._period_s).sum())
         record.largest_jitter_s = max(record.largest_jitter_s, float(size.max()))
         self._watch_period(steps.tolist())
@@ -477,6 +490,11 @@ class Reader:
         velocity = np.cumsum(np.vstack([self.velocity[name], steps]), axis=0)[1:]
         self.velocity[name] = velocity[-1].copy()
         return np.where(missing, np.nan, velocity)
+
+
+def _added_up(start: float, steps: Array) -> float:
+    """A sum with each step added to it, one after the other: as it would be row by row."""
+    return float(np.add.accumulate([start, *steps.tolist()])[-1])
 
 
 def _opened(telemetry: str | Path, stream: IO[bytes] | None, rows_per_block: int) -> tuple[str, Table]:

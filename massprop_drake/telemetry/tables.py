@@ -8,7 +8,9 @@ import io
 import math
 import os
 import re
-from collections.abc import Iterator
+from array import array
+from collections.abc import Callable, Iterator, Sequence
+from itertools import chain
 from operator import itemgetter
 from pathlib import Path
 from typing import IO, Any, NamedTuple, Protocol
@@ -163,7 +165,7 @@ class CsvTable:
         self._suspicious = False  # whether the last line may hold what `float` takes, but a cell must not
         self._line = 0
         self.ragged = Ragged()
-        self._reader = csv.reader(self._lines(), strict=True)
+        self._text = self._lines()
         self.header = self._read_header()
 
     @property
@@ -202,8 +204,15 @@ class CsvTable:
             yield line
 
     def _rows(self) -> Iterator[list[str]]:
+        """The cells of each row; a line in which nothing is quoted needs only be split, which is faster."""
+        limit = csv.field_size_limit()
         try:
-            yield from self._reader
+            for line in self._text:
+                if '"' in line or len(line) > limit:
+                    yield next(csv.reader(chain((line,), self._text), strict=True))
+                else:
+                    cells = line.rstrip("\r\n")
+                    yield cells.split(",") if cells else []
         except csv.Error as error:
             raise InputError(f"{self._source}, line {self._line}: not comma-separated values: {error}") from None
 
@@ -227,9 +236,9 @@ class CsvTable:
             InputError: when a cell is neither a number nor missing, or too many rows have a wrong length.
         """
         width = len(self.header)
-        pick = itemgetter(*wanted) if len(wanted) > 1 else lambda row: (row[wanted[0]],)
+        pick = _picker(wanted, width)
         lines: list[int] = []
-        values: list[list[float]] = []
+        values = array("d")
         good, pending = 0, 0  # rows taken; line of a ragged row that may be the last
         for row in self._rows():
             if not row:
@@ -243,17 +252,15 @@ class CsvTable:
                 continue
             cells = pick(row)
             try:
-                numbers = list(map(float, cells))
-                if self._suspicious:
-                    numbers = self._strictly(cells, wanted)
+                values.extend(map(float, self._strictly(cells, wanted) if self._suspicious else cells))
             except ValueError:
-                numbers = self._strictly(cells, wanted)
+                del values[len(lines) * len(wanted) :]
+                values.extend(self._strictly(cells, wanted))
             lines.append(self._line)
-            values.append(numbers)
             good += 1
             if len(lines) == self._rows_per_block:
                 yield self._block(lines, values, wanted)
-                lines, values = [], []
+                lines, values = [], array("d")
         if lines:
             yield self._block(lines, values, wanted)
         if pending:
@@ -261,7 +268,7 @@ class CsvTable:
             self.ragged.last_incomplete = True
         self._require_regular(good, at_end=True)
 
-    def _strictly(self, cells: tuple[str, ...], wanted: list[int]) -> list[float]:
+    def _strictly(self, cells: Sequence[str], wanted: list[int]) -> list[float]:
         return [self._number(cell, self.header[column]) for cell, column in zip(cells, wanted, strict=True)]
 
     def _number(self, cell: str, column: str) -> float:
@@ -278,8 +285,8 @@ class CsvTable:
             )
         return float(text)
 
-    def _block(self, lines: list[int], values: list[list[float]], wanted: list[int]) -> Block:
-        block = Block(np.array(lines), np.array(values, dtype=float).reshape(len(lines), len(wanted)))
+    def _block(self, lines: list[int], values: array[float], wanted: list[int]) -> Block:
+        block = Block(np.array(lines), np.frombuffer(values).reshape(len(lines), len(wanted)))
         _require_finite(block, [self.header[column] for column in wanted], self._source, self.place)
         return block
 
@@ -290,6 +297,15 @@ class CsvTable:
                 f"{self._source}: {count} of {good + count} rows have another number of cells than the "
                 f"{len(self.header)} columns, first line {self.ragged.first_line}; check the separator and the export"
             )
+
+
+def _picker(wanted: list[int], width: int) -> Callable[[list[str]], Sequence[str]]:
+    """A function that gives the wanted cells of a row of so many."""
+    if wanted == list(range(width)):
+        return lambda row: row
+    if len(wanted) == 1:
+        return lambda row: [row[wanted[0]]]
+    return itemgetter(*wanted)
 
 
 def _require_unique(header: list[str], where: str) -> None:

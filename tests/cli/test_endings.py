@@ -126,7 +126,7 @@ def _signals(number: signal.Signals) -> Callable[..., None]:
 @pytest.mark.parametrize(
     ("at", "saved"),
     [
-        ("cli.app.load_scenario", False),
+        ("cli.sources.load_scenario", False),
         ("runners.simulate.simulate", False),
         ("results.run.Run._write_telemetry", False),
         ("cli.show.simulated", True),
@@ -191,7 +191,7 @@ def test_an_interrupted_view(massprop: Massprop, monkeypatch: pytest.MonkeyPatch
     with monkeypatch.context() as patch:
         patch.setattr("massprop_drake.display.flight3d.replay_html", _signals(signal.SIGINT))
         assert massprop("view", "there") == (130, "", "massprop: interrupted: nothing was saved\n")
-    monkeypatch.setattr("massprop_drake.cli.app.write_files", write)
+    monkeypatch.setattr("massprop_drake.results.folder.write_files", write)
     done = massprop("view", "there")
     assert done == (130, "", "massprop: interrupted: the replay is saved in there/replay.html\n")
 

@@ -18,7 +18,7 @@ from massprop_drake import Estimator, Run, Scenario, Vehicle, load_scenario, sim
 from massprop_drake.diagrams import autopilot, closed_loop, estimation, open_loop, replay, vehicle
 from massprop_drake.display import graphs
 from massprop_drake.inputs.scenario import bundled_scenarios, resolved
-from massprop_drake.runners.simulate import _LOGGED
+from massprop_drake.runners.simulated import _LOGGED
 from massprop_drake.systems.layouts import MASS_REPORT, ROTATION_REPORT
 
 Array = NDArray[np.float64]

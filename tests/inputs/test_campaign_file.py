@@ -86,7 +86,18 @@ def test_its_own_keys_can_be_set(tmp_path: Path) -> None:
     assert spec.file.sweep == {"detector.margin": [5]}
 
 
+def test_cases_are_computed_by_the_loop_unless_the_file_says_otherwise(tmp_path: Path) -> None:
+    spec = load_campaign(written(tmp_path, SOUND))
+    assert {case.scenario(spec.base, "sound").execution.engine for case in planned(spec)} == {"loop"}
+    assert load_campaign(written(tmp_path, SOUND), ["execution.engine=diagram"]).base.execution.engine == "diagram"
+    continuous = load_campaign(written(tmp_path, SOUND), ["set.plant.time_step=0"])
+    assert continuous.base.execution.engine == "diagram"  # which the loop does not cover
+    with pytest.raises(InputError, match=r"execution\.engine: loop does not cover a continuous plant"):
+        load_campaign(written(tmp_path, SOUND), ["set.plant.time_step=0", "execution.engine=loop"])
+
+
 WRONG = [
+    ("cases: 20", "cases: 20\nset: {execution.engine: loop}", "execution.engine: all cases are computed alike"),
     ("base: sample_maneuver", "base: sample_manuever", "line 2: base: .*did you mean 'sample_maneuver'"),
     ("base: sample_maneuver", "bas: sample_maneuver", "line 2: bas: unknown key; did you mean 'base'"),
     ("cases: 20", "cases: 0", "line 3: cases: .*got 0"),

@@ -276,13 +276,15 @@ def test_what_is_just_sharp_enough_stays_definite(start: str) -> None:
     assert np.isfinite(simulate(sharpest)["standard_deviation"]).all()
 
 
-def test_a_vehicle_that_a_jet_spins_up_for_good_ends_the_run(toy_data: dict[str, Any]) -> None:
+@pytest.mark.parametrize("engine", ["diagram", "loop"])
+def test_a_vehicle_that_a_jet_spins_up_for_good_ends_the_run(toy_data: dict[str, Any], engine: str) -> None:
     # 50 N on an arm of 1 m adds 2 rad/s to a moment of 2.5 kg-m^2 in a sample of 0.1 s: a turn in one after 3.1 s
     data = _edited(toy_data, "mass_properties.inertia", [[2.5, 0, 0], [0, 2.5, 0], [0, 0, 2.5]])
     data = _edited(data, "jets.*.thrust", 50.0)
     case = {"vehicle": data, "duration_s": 50.0, "failures": [{"kind": "stuck_on", "jet": "J1", "start_s": 0.0}]}
     case["detector"] = {"kind": "off"}
     case["jet_schedule"] = [{"jet": "J1", "start_s": 0.0, "end_s": 1.0}]
+    case["execution"] = {"engine": engine}
     with pytest.raises(InputError, match=r"at t = 3\.\d+ s the vehicle makes 1\.\d+ turns in a sample"):
         simulate(resolved(case))
 

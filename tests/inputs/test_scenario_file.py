@@ -102,7 +102,15 @@ def test_one_of_everything_runs(tmp_path: Path, toy_data: dict[str, Any]) -> Non
     shutil.copy(DATA / "one_of_everything.yaml", path)
     scenario = load_scenario(path)
     joint = ["joint", *(f"joint.{key}" for key in JointBlock.model_fields)]  # of the other filter
-    left_out = ["jet_schedule", "estimation.given.covariance", *joint, "detector.kind"]
+    left_out = [
+        "jet_schedule",
+        "estimation.given.covariance",
+        *joint,
+        "detector.kind",
+        "execution",
+        "execution.engine",
+        "execution.compiled",
+    ]  # continuous
     assert _unset(scenario) == left_out  # a new field belongs into the file
     run = simulate(scenario)
     assert run.time_s.size == 21

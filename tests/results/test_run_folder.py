@@ -121,7 +121,7 @@ SUMMARY: dict[str, Any] = {
         "jets_left_in": list,
         "control_authority": {"before": dict, "after": dict},
     },
-    "provenance": {"drake": str, "numpy": str, "vehicle_sha256": str, "scenario_sha256": str},
+    "provenance": {"drake": str, "numpy": str, "vehicle_sha256": str, "scenario_sha256": str, "engine": str},
     "timing": {
         "wall_s": float,
         "real_time_factor": float,

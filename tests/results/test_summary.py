@@ -100,7 +100,7 @@ def test_an_impossible_inertia_comes_with_the_nearest_possible_one(stuck_run: Ru
 def test_a_run_without_a_record_has_nothing_of_one(short_run: Run) -> None:
     content = short_run.results.as_json()
     assert "data_quality" not in content
-    assert list(content["provenance"]) == ["drake", "numpy", "vehicle_sha256", "scenario_sha256"]
+    assert list(content["provenance"]) == ["drake", "numpy", "vehicle_sha256", "scenario_sha256", "engine"]
 
 
 def test_a_summary_of_version_0_1_0_is_read(short_run: Run) -> None:

@@ -84,6 +84,29 @@ def test_the_size_of_blocks_does_not_matter(log: Log, toy: Vehicle, tmp_path: Pa
     assert reader.record.interval_sum_s == pytest.approx(again.record.interval_sum_s)
 
 
+@pytest.mark.parametrize("seed", range(6))
+def test_rows_taken_together_are_those_taken_one_by_one(log: Log, toy: Vehicle, tmp_path: Path, seed: int) -> None:
+    random = np.random.default_rng(seed)
+    for row in sorted(random.choice(np.arange(2, 58), 12, replace=False).tolist(), reverse=True):
+        what = random.integers(6)
+        if what < 2:
+            del log.rows[row]
+        elif what == 2:
+            log.rows.insert(row, list(log.rows[row]))
+        elif what == 3:
+            log.set(row, "time_s", "")
+        elif what == 4:
+            log.set(row, "time_s", str(float(log.rows[row][0]) + 0.03 * PERIOD_S))
+        else:
+            log.rows[row], log.rows[row + 1] = log.rows[row + 1], log.rows[row]
+    path = log.write(tmp_path / "log.csv")
+    together, reader = _read(path, toy)
+    one_by_one, again = _read(path, toy, rows_per_block=1)
+    _assert_same(together, one_by_one)
+    assert vars(reader.record) == vars(again.record)  # to the last bit of the sums
+    assert reader.record.gaps > 0
+
+
 @pytest.mark.parametrize(
     "change",
     [

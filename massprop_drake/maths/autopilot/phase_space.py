@@ -21,6 +21,7 @@ from massprop_drake.maths.attitude import (
     propagated,
     to_rotation_vector,
 )
+from massprop_drake.maths.kernels import kernel, numbers
 from massprop_drake.maths.linear_algebra import Array, nonzero
 
 
@@ -32,7 +33,29 @@ class Urgency(IntEnum):
     AT_ONCE = 2  # in place of it
 
 
-_NONE = np.zeros(3)
+class Window(NamedTuple):
+    """A hand controller held out of detent.
+
+    Attributes:
+        channel: 0 to 2 rotation about x, y, z; 3 to 5 translation along x, y, z.
+        sign: +1 or -1.
+        start_s: leaves detent, s.
+        end_s: back in detent, s.
+    """
+
+    channel: int
+    sign: float
+    start_s: float
+    end_s: float
+
+
+def hand_controllers(windows: tuple[Window, ...], time_s: float) -> Array:
+    """Both hand controllers at a time: -1, 0 or 1 per axis, rotation x, y, z, translation x, y, z, shape (6,)."""
+    command = np.zeros(6)
+    for window in windows:
+        if window.start_s <= time_s < window.end_s:
+            command[window.channel] = window.sign
+    return command
 
 
 class PhaseSpaceParams(NamedTuple):
@@ -95,6 +118,7 @@ class AttitudeMemory(NamedTuple):
     rate: Array
 
 
+@kernel
 def attitude_step(
     memory: AttitudeMemory, rate: Array, rotation_command: Array, period_s: float, capture_rate: float
 ) -> AttitudeStep:
@@ -112,25 +136,27 @@ def attitude_step(
         previous_rate, period_s = rate, 0.0
     attitude = propagated(attitude, 0.5 * (previous_rate + rate), period_s)
     error = to_rotation_vector(multiply(conjugate(reference), attitude))
-    now = [
-        1.0 if command == 0.0 and (held or abs(speed) < capture_rate) else 0.0
-        for command, held, speed in zip(rotation_command.tolist(), holding.tolist(), rate.tolist(), strict=True)
-    ]
-    if 0.0 in now:
+    free = False
+    now = np.ones(3)
+    for axis in range(3):
+        detent = rotation_command[axis] == 0.0
+        if not (detent and (holding[axis] != 0.0 or abs(rate[axis]) < capture_rate)):
+            now[axis], free = 0.0, True
+    if free:
         error = error * now
         reference = multiply(attitude, from_rotation_vector(-error))
-    return AttitudeStep(attitude, reference, error, np.array(now))
+    return AttitudeStep(attitude, reference, error, now)
 
 
+@kernel
 def commanded_rate(rotation_command: Array, attitude_error: Array, params: PhaseSpaceParams) -> Array:
     """Rate that each axis should have, rad/s: the discrete rate, or the way back to the held attitude."""
     gain, limit = params.hold_gain, params.hold_rate_limit
-    return np.array(
-        [
-            command * params.discrete_rate if command != 0.0 else min(max(-gain * error, -limit), limit)
-            for command, error in zip(rotation_command.tolist(), attitude_error.tolist(), strict=True)
-        ]
-    )
+    result = np.empty(3)
+    for axis in range(3):
+        command, error = rotation_command[axis], attitude_error[axis]
+        result[axis] = command * params.discrete_rate if command != 0.0 else min(max(-gain * error, -limit), limit)
+    return result
 
 
 class Request(NamedTuple):
@@ -184,6 +210,7 @@ class Sensed(NamedTuple):
     delivered: Array
 
 
+@kernel
 def phase_space_request(
     sensed: Sensed, memory: TranslationMemory, params: PhaseSpaceParams
 ) -> tuple[Request, TranslationMemory]:
@@ -197,14 +224,17 @@ def phase_space_request(
     rotation_command, translation_command, attitude_error, rate, delivered = sensed
     period_s = params.period_s
     rate_error = commanded_rate(rotation_command, attitude_error, params) - rate
-    largest = max(abs(element) for element in rate_error.tolist())
+    x, y, z = numbers(np.abs(rate_error), 3)
+    largest = max(x, y, z)
     if not nonzero(translation_command):
         urgency = Urgency.WHEN_IDLE if largest > params.rate_deadband else Urgency.NONE
         if nonzero(memory.command):  # back in detent: what is left of the translation is dropped
             urgency = Urgency.AT_ONCE
-        return Request(rate_error, _NONE, np.inf, urgency), TranslationMemory(translation_command, _NONE, 0.0, 0.0)
+        return Request(rate_error, np.zeros(3), np.inf, urgency), TranslationMemory(
+            translation_command, np.zeros(3), 0.0, 0.0
+        )
 
-    changed = translation_command.tolist() != memory.command.tolist()
+    changed = nonzero(translation_command - memory.command)
     velocity_left = memory.velocity_left - delivered
     horizon_left = memory.horizon_left_s - period_s
     since = memory.since_selection_s + period_s
@@ -217,5 +247,54 @@ def phase_space_request(
         urgency = Urgency.AT_ONCE
     if urgency == Urgency.AT_ONCE:
         since = 0.0
-    memory = TranslationMemory(translation_command, velocity_left, horizon_left, since)
-    return Request(rate_error, velocity_left, horizon_left, urgency), memory
+    after = TranslationMemory(translation_command, velocity_left, horizon_left, since)
+    return Request(rate_error, velocity_left, horizon_left, urgency), after
+
+
+class PilotMemory(NamedTuple):
+    """What is remembered from one sample to the next."""
+
+    attitude: AttitudeMemory
+    translation: TranslationMemory
+
+
+class Piloted(NamedTuple):
+    """One sample of the autopilot, up to jet selection.
+
+    Attributes:
+        request: see `Request`.
+        error: rotation vector from the held attitude, rad, shape (3,).
+        memory: see `PilotMemory`.
+    """
+
+    request: Request
+    error: Array
+    memory: PilotMemory
+
+
+@kernel
+def piloted(
+    memory: PilotMemory, rate: Array, controllers: Array, delivered: Array, params: PhaseSpaceParams
+) -> Piloted:
+    """The attitude by the gyro, then the request.
+
+    Args:
+        memory: of the sample before.
+        rate: reading of the gyro, rad/s, shape (3,).
+        controllers: see `hand_controllers`, shape (6,).
+        delivered: see `Sensed`, shape (3,).
+        params: see `PhaseSpaceParams`.
+    """
+    rotation, translation = controllers[:3], controllers[3:]
+    turned = attitude_step(memory.attitude, rate, rotation, params.period_s, params.capture_rate)
+    sensed = Sensed(rotation, translation, turned.error, rate, delivered)
+    request, moving = phase_space_request(sensed, memory.translation, params)
+    attitude = AttitudeMemory(turned.attitude, turned.reference, turned.holding, rate)
+    return Piloted(request, turned.error, PilotMemory(attitude, moving))
+
+
+def initial_memory() -> PilotMemory:
+    """At rest, holding attitude, no reading yet."""
+    upright = np.array([1.0, 0.0, 0.0, 0.0])
+    attitude = AttitudeMemory(upright, upright, np.ones(3), np.full(3, np.nan))
+    return PilotMemory(attitude, TranslationMemory(np.zeros(3), np.zeros(3), 0.0, 0.0))

@@ -10,6 +10,7 @@ of recorded telemetry call `step` or the parts in turn.
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -209,6 +210,13 @@ def step(state: EstimationState, sample: Sample, params: EstimationParams) -> Es
 def known(state: EstimationState, params: EstimationParams) -> tuple[Array, Array]:
     """Estimate and covariance of the ten parameters from which a filter goes on, shapes (10,) and (10, 10)."""
     return params.filter.predicted(state.filter), params.filter.covariance(state.filter)
+
+
+def reported(done: EstimationStep) -> tuple[Array, Array]:
+    """Estimate and 1-sigma of the ten parameters after a cycle, NaN for what is not observed, shape (10,) each."""
+    rotation, mass = done.filtered.rotation, done.filtered.mass
+    reciprocal, deviation = (math.nan, math.nan) if mass is None else (mass.mass_reciprocal, math.sqrt(mass.variance))
+    return np.append(rotation.estimate, reciprocal), np.append(rotation.standard_deviation, deviation)
 
 
 def saved(state: EstimationState, params: EstimationParams) -> Groups:

@@ -9,6 +9,7 @@ outside forces add to both.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -66,7 +67,7 @@ def interval_impulses(
     # equal bytes are equal numbers, but for NaN, which the set does not let pass
     same = command.tobytes() == previous_command.tobytes() or bool((command == previous_command).all())
     steady = same and told <= _ON_OFF
-    if not steady:  # costly, and needless for a steady one
+    if not steady and math.isnan(sum(told)):
         command = np.nan_to_num(command, nan=0.0)
         told = set(command.tolist())
     if lag.instantaneous:

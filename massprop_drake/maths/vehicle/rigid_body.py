@@ -23,13 +23,17 @@ Inertia and center of mass stay as they are while mass is used up, as in the the
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 
+from massprop_drake.maths.arrays import Layout
 from massprop_drake.maths.attitude import rotation_matrix
+from massprop_drake.maths.kernels import kernel, numbers
 from massprop_drake.maths.linear_algebra import Array, inverse, nonzero
-from massprop_drake.maths.mass_properties import MassProperties, six_elements, symmetric
+from massprop_drake.maths.mass_properties import MassProperties, joined, six_elements, symmetric
 from massprop_drake.maths.vehicle.thrust import decay_integral
 
 N_STATE = 23
@@ -42,6 +46,7 @@ VELOCITY = slice(10, 13)
 MASS = 13
 ORIGIN_VELOCITY = slice(14, 17)
 SPIN_INTEGRAL = slice(17, 23)
+STRUCTURE = Layout("structure", inertia=6, center_of_mass=3)  # what does not change but at a jump
 
 # One substep turns the body by at most this much about each axis, rad: the classical Runge-Kutta step then errs by
 # less than (angle^5 / 120) = 3e-14 of the rate.
@@ -85,6 +90,7 @@ class OutOfMassError(ArithmeticError):
         return OutOfMassError(self.left, self.wanted, time_s)
 
 
+@kernel
 def require_mass(left: float, wanted: float) -> None:
     """Raises OutOfMassError when the jets are to use up all that the vehicle has.
 
@@ -97,6 +103,9 @@ def require_mass(left: float, wanted: float) -> None:
 
 
 _Decay = tuple[Array, float]  # a wrench that dies away, shape (7,), and its time constant, s
+
+
+_NOTHING = np.empty(0)
 
 
 class Body(NamedTuple):
@@ -121,6 +130,64 @@ def body_of(properties: MassProperties) -> Body:
     )
 
 
+def packed_structure(properties: MassProperties) -> Array:
+    """Inertia and center of mass as `STRUCTURE`."""
+    return STRUCTURE.pack((six_elements(properties.inertia), properties.center_of_mass))
+
+
+@lru_cache(maxsize=256)
+def _body_of_bytes(structure: bytes) -> Body:
+    read = STRUCTURE.read(np.frombuffer(structure))
+    return body_of(MassProperties(math.nan, read.center_of_mass, symmetric(read.inertia)))
+
+
+def body_of_structure(structure: Array) -> Body:
+    """The constants of motion for a `STRUCTURE`; a simulator asks at every step."""
+    return _body_of_bytes(structure.tobytes())
+
+
+class Jump(NamedTuple):
+    """Something that is fixed to the vehicle, or leaves it, at once.
+
+    Attributes:
+        time_s: when, s; it happens at the first sample not before this.
+        mass: slug or kg; negative: it leaves.
+        position: of its center of mass in the vehicle frame, ft or m, shape (3,).
+        inertia: about its own center of mass, body axes, shape (3, 3); negative if it leaves.
+    """
+
+    time_s: float
+    mass: float
+    position: Array
+    inertia: Array
+
+
+def jumps_by_sample(jumps: tuple[Jump, ...], period_s: float) -> dict[int, tuple[Jump, ...]]:
+    """The jumps of each sample at which there are any, in their order."""
+    found: dict[int, tuple[Jump, ...]] = {}
+    for jump in jumps:
+        sample = math.ceil(jump.time_s / period_s - 1e-9)
+        found[sample] = (*found.get(sample, ()), jump)
+    return found
+
+
+def jumped(state: Array, structure: Array, jumps: tuple[Jump, ...]) -> tuple[Array, Array]:
+    """State and structure after some jumps at one sample.
+
+    Args:
+        state: shape (23,).
+        structure: packed as `STRUCTURE`.
+        jumps: one after the other.
+    """
+    read = STRUCTURE.read(structure)
+    properties = MassProperties(float(state[MASS]), read.center_of_mass, symmetric(read.inertia))
+    for jump in jumps:
+        after = joined(properties, jump.mass, jump.position, jump.inertia)
+        state = with_properties(state, properties, after)
+        properties = after
+    return state, packed_structure(properties)
+
+
 def initial_state(mass: float) -> Array:
     """At rest at the origin of N, body axes along N's, nothing gathered."""
     state = np.zeros(N_STATE)
@@ -129,6 +196,7 @@ def initial_state(mass: float) -> Array:
     return state
 
 
+@kernel
 def torque_about_center(wrench: Array, center_of_mass: Array) -> Array:
     """Torque about the center of mass of a wrench about the vehicle origin, shape (3,)."""
     return wrench[:3] - np.cross(center_of_mass, wrench[3:6])
@@ -142,20 +210,21 @@ def derivative(state: Array, wrench: Array, body: Body) -> Array:
         wrench: torque about the vehicle origin, force, mass flow, body axes, shape (7,).
         body: constants of the motion.
     """
-    return _derivative(state, wrench.tolist(), None, body)
+    return _derivative(state, wrench, _NOTHING, body)
 
 
-def _derivative(state: Array, wrench: list[float], gathered: list[float] | None, body: Body) -> Array:
+@kernel
+def _derivative(state: Array, wrench: Array, gathered: Array, body: Body) -> Array:
     """Derivative of the state less its transient part.
 
     ``gathered`` is the impulse (torque about the vehicle origin, force, mass) that decaying thrust has
-    given since the step began, and its mass flow now. Its effect on rate, velocity and origin velocity
-    is known in closed form; what is integrated here is the rest:
+    given since the step began, and its mass flow now, shape (8,); empty: there is none. Its effect on rate,
+    velocity and origin velocity is known in closed form; what is integrated here is the rest:
 
         w = w' + I^-1 E_M,   v_N = v_N' + R E_F / m,   V_O = V_O' + E_F / m - (I^-1 E_M) x r_cm
     """
-    qw, qx, qy, qz, wx, wy, wz, _, _, _, vx, vy, vz, mass, *_ = state.tolist()
-    mx, my, mz, fx, fy, fz, flow = wrench
+    qw, qx, qy, qz, wx, wy, wz, _, _, _, vx, vy, vz, mass = numbers(state[:14], 14)
+    mx, my, mz, fx, fy, fz, flow = numbers(wrench, 7)
     ixx, iyy, izz, iyz, ixz, ixy = body.inertia
     jxx, jyy, jzz, jyz, jxz, jxy = body.inverse
     cx, cy, cz = body.center
@@ -168,8 +237,8 @@ def _derivative(state: Array, wrench: list[float], gathered: list[float] | None,
     # specific force
     ax, ay, az = fx / mass, fy / mass, fz / mass
     tx = ty = tz = 0.0  # what the transient part takes from the derivative of the velocity, body axes
-    if gathered is not None:
-        ex, ey, ez, gx, gy, gz, lost, transient_flow = gathered
+    if gathered.size:
+        ex, ey, ez, gx, gy, gz, lost, transient_flow = numbers(gathered, 8)
         mass -= lost
         ax, ay, az = fx / mass, fy / mass, fz / mass
         ex, ey, ez = ex - (cy * gz - cz * gy), ey - (cz * gx - cx * gz), ez - (cx * gy - cy * gx)
@@ -225,11 +294,12 @@ def _derivative(state: Array, wrench: list[float], gathered: list[float] | None,
     )
 
 
+@kernel
 def step(
     state: Array,
     steady: Array,
     transient: Array,
-    time_constants_s: tuple[float, ...],
+    time_constants_s: Sequence[float] | Array,
     duration_s: float,
     body: Body,
 ) -> Array:
@@ -248,15 +318,21 @@ def step(
         body: constants of the motion.
 
     Raises:
+        ValueError: when there are not as many transients as time constants.
         OutOfMassError: when the jets use up the vehicle's mass in the step.
         SpunUpError: when the vehicle makes more than a turn in it.
     """
-    target = steady.tolist()
-    decaying = zip(transient[:, 6].tolist(), time_constants_s, strict=True)
-    used = target[6] * duration_s + sum(flow * decay_integral(tau, duration_s) for flow, tau in decaying)
-    require_mass(float(state[MASS]), used)
-    lagging = [(row, tau) for row, tau in zip(transient, time_constants_s, strict=True) if nonzero(row)]
-    fastest = min((tau for _, tau in lagging), default=math.inf)
+    if transient.shape[0] != len(time_constants_s):
+        raise ValueError("every time constant needs its transient")
+    used, fastest = 0.0, math.inf
+    lagging = []
+    for index in range(transient.shape[0]):
+        row, tau = transient[index], time_constants_s[index]
+        used += float(row[6]) * decay_integral(tau, duration_s)
+        if nonzero(row):
+            lagging.append((row, tau))
+            fastest = min(fastest, tau)
+    require_mass(float(state[MASS]), float(steady[6]) * duration_s + used)
     longest = _longest_substep(state, steady, lagging, duration_s, body)
     turns = duration_s / longest * _LARGEST_ANGLE / (2.0 * math.pi)
     if not turns <= _MOST_TURNS:
@@ -268,59 +344,67 @@ def step(
         if duration_s - elapsed - length < 1e-9 * duration_s:
             length = duration_s - elapsed
         amplitudes = [(row * math.exp(-elapsed / tau), tau) for row, tau in lagging]
-        state = _substep(state, target, amplitudes, length, body)
+        state = _substep(state, steady, amplitudes, length, body)
         elapsed += length
     quaternion = state[QUATERNION]
     state[QUATERNION] = quaternion / math.sqrt(float(quaternion @ quaternion))
     return state
 
 
+@kernel
 def _longest_substep(state: Array, steady: Array, lagging: list[_Decay], duration_s: float, body: Body) -> float:
     """Longest substep, s, that keeps the angle turned in it small."""
     wrench = steady
-    if lagging:
+    if len(lagging) > 0:
         wrench = np.abs(steady)
         for row, _ in lagging:
             wrench = wrench + np.abs(row)
-    mx, my, mz, fx, fy, fz, _ = (abs(element) for element in wrench.tolist())
-    cx, cy, cz = (abs(element) for element in body.center)
+    mx, my, mz, fx, fy, fz, _ = numbers(np.abs(wrench), 7)
+    cx, cy, cz = abs(body.center[0]), abs(body.center[1]), abs(body.center[2])
     torque = max(mx + cy * fz + cz * fy, my + cz * fx + cx * fz, mz + cx * fy + cy * fx)
-    rate = max(abs(element) for element in state[RATE].tolist())
-    rate += torque * max(body.inverse[:3]) * duration_s
+    wx, wy, wz = numbers(np.abs(state[RATE]), 3)
+    rate = max(wx, wy, wz)
+    rate += torque * max(body.inverse[0], body.inverse[1], body.inverse[2]) * duration_s
     return math.inf if rate == 0.0 else _LARGEST_ANGLE / rate
 
 
+@kernel
 def _substep(
     state: Array,
-    target: list[float],
+    target: Array,
     amplitudes: list[_Decay],
     length: float,
     body: Body,
 ) -> Array:
-    start = middle = end = None
-    if amplitudes:
-        start, middle, end = (_gathered(amplitudes, time) for time in (0.0, 0.5 * length, length))
+    start = middle = end = _NOTHING
+    if len(amplitudes) > 0:
+        start, middle, end = (
+            _gathered(amplitudes, 0.0),
+            _gathered(amplitudes, 0.5 * length),
+            _gathered(amplitudes, length),
+        )
     half = 0.5 * length
     k1 = _derivative(state, target, start, body)
     k2 = _derivative(state + half * k1, target, middle, body)
     k3 = _derivative(state + half * k2, target, middle, body)
     k4 = _derivative(state + length * k3, target, end, body)
     state = state + (length / 6.0) * (k1 + 2.0 * (k2 + k3) + k4)
-    if end is not None:
-        _add_transient(state, np.array(end[:N_WRENCH]), body)
+    if end.size:
+        _add_transient(state, end[:N_WRENCH], body)
     return state
 
 
-def _gathered(amplitudes: list[_Decay], elapsed_s: float) -> list[float]:
-    """Impulse of the decaying wrenches since the substep began, and their mass flow now."""
-    impulse = np.zeros(N_WRENCH)
-    flow = 0.0
+@kernel
+def _gathered(amplitudes: list[_Decay], elapsed_s: float) -> Array:
+    """Impulse of the decaying wrenches since the substep began, and their mass flow now, shape (8,)."""
+    gathered = np.zeros(N_WRENCH + 1)
     for row, tau in amplitudes:
-        impulse = impulse + row * decay_integral(tau, elapsed_s)
-        flow += row[6] * math.exp(-elapsed_s / tau)
-    return [*impulse.tolist(), flow]
+        gathered[:N_WRENCH] += row * decay_integral(tau, elapsed_s)
+        gathered[N_WRENCH] += row[6] * math.exp(-elapsed_s / tau)
+    return gathered
 
 
+@kernel
 def _add_transient(state: Array, gathered: Array, body: Body) -> None:
     """Adds the closed-form part of what decaying thrust gave; see `_derivative`."""
     center = np.array(body.center)

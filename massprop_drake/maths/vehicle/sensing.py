@@ -17,6 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from massprop_drake.maths.kernels import kernel, numbers
 from massprop_drake.maths.linear_algebra import Array, cross
 
 
@@ -41,6 +42,7 @@ def unsaturated(reading: Array, limit: float) -> Array:
     return reading
 
 
+@kernel
 def quantized(value: Array, quantum: float, phase: Array) -> Array:
     """The nearest mark of a quantizer, its marks ``phase`` quanta (within 1/2) off the multiples.
 
@@ -180,6 +182,11 @@ class SensorModel(NamedTuple):
         """Whether noise is drawn."""
         return self.noise_std > 0.0 or self.walk_std > 0.0
 
+    @property
+    def exact(self) -> bool:
+        """Whether a reading is the signal itself, quantized and within the range, where nothing is remembered."""
+        return not (self.scale_factor.any() or self.bias.any() or self.noisy or self.vibration)
+
     def read(self, value: Array) -> Array:
         """A noisy value quantized and held within the range, shape (3,)."""
         reading = quantized(value, self.quantum, self.phase)
@@ -220,6 +227,41 @@ def sense(signal: Array, memory: Array, noise: Array, model: SensorModel, time_s
     return reading, after
 
 
+def sense_now(signal: Array, noise: Array | None, model: SensorModel, time_s: float) -> Array:
+    """One reading of a package that remembers nothing and is not exact; arguments as `sense`."""
+    value = (1.0 + model.scale_factor) * signal
+    if model.vibration is not None:
+        value += model.vibration.at(time_s)
+    value += model.bias
+    if model.noisy and noise is not None:
+        value += model.noise_std * noise[:3]
+    return model.read(value)
+
+
+class Package(NamedTuple):
+    """A package of sensors as it is in truth.
+
+    Attributes:
+        name: of it, and of its noise.
+        model: its errors.
+        position: of an integrating accelerometer, vehicle frame, ft or m, shape (3,); None: a rate gyro.
+        exact: see `SensorModel.exact`.
+        remembers: see `SensorModel.remembers`.
+    """
+
+    name: str
+    model: SensorModel
+    position: Array | None
+    exact: bool
+    remembers: bool
+
+
+def package(name: str, model: SensorModel, position: Array | None) -> Package:
+    """A package; arguments as the attributes of `Package`."""
+    return Package(name, model, position, model.exact, model.remembers)
+
+
+@kernel
 def point_velocity(origin_velocity: Array, rate: Array, spin_integral: Array, position: Array) -> Array:
     r"""What an ideal integrating accelerometer has gathered at a point fixed in the body.
 
@@ -237,8 +279,8 @@ def point_velocity(origin_velocity: Array, rate: Array, spin_integral: Array, po
         spin_integral: integral of w w^T dt as xx, yy, zz, yz, xz, xy, rad^2/s, shape (6,).
         position: r', ft or m, shape (3,).
     """
-    xx, yy, zz, yz, xz, xy = spin_integral.tolist()
-    x, y, z = position.tolist()
+    xx, yy, zz, yz, xz, xy = numbers(spin_integral, 6)
+    x, y, z = numbers(position, 3)
     centripetal = np.array(
         [
             xy * y + xz * z - (yy + zz) * x,

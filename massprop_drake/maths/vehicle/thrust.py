@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from massprop_drake.maths.kernels import kernel
 from massprop_drake.maths.linear_algebra import Array
 
 
@@ -47,11 +48,13 @@ def lag_factors(time_constants_s: Array, period_s: float) -> LagFactors:
     return LagFactors(remaining, ratio * (1.0 - remaining), not lagged.any())
 
 
+@kernel
 def level_after(level: Array, target: Array, remaining: Array) -> Array:
     """Level at the end of a period that began at ``level`` with a constant ``target``."""
     return target + (level - target) * remaining
 
 
+@kernel
 def mean_level(level: Array, target: Array, mean: Array) -> Array:
     """Level averaged over a period that began at ``level`` with a constant ``target``."""
     return target + (level - target) * mean
@@ -64,6 +67,7 @@ def level_at(level: Array, target: Array, time_constants_s: Array, elapsed_s: fl
     return level_after(level, target, lag_factors(time_constants_s, elapsed_s).remaining)
 
 
+@kernel
 def decay_integral(time_constant_s: float, elapsed_s: float) -> float:
     """The integral of exp(-s / tau) from 0 to the elapsed time, s."""
     return -time_constant_s * math.expm1(-elapsed_s / time_constant_s)

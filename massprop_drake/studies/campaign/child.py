@@ -37,7 +37,7 @@ def main() -> None:
     from massprop_drake.studies.campaign.flight import Flights  # noqa: PLC0415 (loads Drake)
 
     flights = Flights(setup)
-    _reply(replies, {"execution": execution()})
+    _reply(replies, {"execution": execution(compiled=flights.compiled)})
     for request in requests:
         began, spent = time.perf_counter(), time.process_time()
         try:

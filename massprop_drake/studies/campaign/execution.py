@@ -12,8 +12,8 @@ import numpy as np
 _PACKAGES = ("massprop-drake", "drake", "numpy", "scipy")
 
 
-def execution() -> dict[str, str]:
-    """How this process executes a case.
+def execution(*, compiled: bool = False) -> dict[str, str]:
+    """How this process executes a case, with compiled kernels or without.
 
     Two processes for which this is equal give the same bits.
     """
@@ -27,7 +27,7 @@ def execution() -> dict[str, str]:
     )
     return {
         "python": platform.python_version(),
-        **{name: version(name) for name in _PACKAGES},
+        **{name: version(name) for name in (*_PACKAGES, *(("numba",) if compiled else ()))},
         "system": f"{sys.platform} {platform.machine()} {' '.join(platform.libc_ver())}".strip(),
         "blas": ", ".join(dict.fromkeys(blas)),
         "simd": " ".join(np.show_config(mode="dicts")["SIMD Extensions"].get("found", [])),

@@ -29,6 +29,11 @@ class Flights:
         self._setup = setup
         require_shared(setup)
 
+    @property
+    def compiled(self) -> bool:
+        """Whether cases use compiled kernels."""
+        return self._base.execution.compiled
+
     def fly(self, request: Mapping[str, Any]) -> dict[str, Any]:
         """The row of one case; its folder is written where it is to be kept.
 

@@ -2,26 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
-import numpy as np
 from pydrake.systems.framework import LeafSystem
 
-
-class Window(NamedTuple):
-    """A hand controller held out of detent.
-
-    Attributes:
-        channel: 0 to 2 rotation about x, y, z; 3 to 5 translation along x, y, z.
-        sign: +1 or -1.
-        start_s: leaves detent, s.
-        end_s: back in detent, s.
-    """
-
-    channel: int
-    sign: float
-    start_s: float
-    end_s: float
+from massprop_drake.maths.autopilot.phase_space import Window, hand_controllers
 
 
 class HandControllers(LeafSystem):
@@ -43,9 +28,4 @@ class HandControllers(LeafSystem):
         self.DeclareVectorOutputPort("hand_controllers", 6, self._calc, prerequisites_of_calc={self.time_ticket()})
 
     def _calc(self, context: Any, output: Any) -> None:
-        time = context.get_time()
-        command = np.zeros(6)
-        for window in self._windows:
-            if window.start_s <= time < window.end_s:
-                command[window.channel] = window.sign
-        output.SetFromVector(command)
+        output.SetFromVector(hand_controllers(self._windows, context.get_time()))

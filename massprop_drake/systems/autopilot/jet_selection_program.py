@@ -71,6 +71,8 @@ class JetSelectionProgram:
             raise ValueError(f"mass flows must be positive and finite, got {self._cost}")
         n = self._n = self._cost.size
         self._solver = ClpSolver()
+        self._rows_of: Array | None = None  # the activity vectors whose scaled rows are kept
+        self._rows = self._sizes = np.empty(0)
         self.solves = 0  # programs solved so far, for statistics
 
         self._exact = MathematicalProgram()
@@ -78,7 +80,6 @@ class JetSelectionProgram:
         self._exact_rows = self._exact.AddLinearEqualityConstraint(np.ones((6, n)), np.zeros(6), t).evaluator()
         self._exact_box = self._exact.AddBoundingBoxConstraint(np.zeros(n), np.full(n, np.inf), t).evaluator()
         self._exact.AddLinearCost(self._cost / self._cost.max(), 0.0, t)
-        self._exact_t = t
 
         # on-times and the share s
         self._share = MathematicalProgram()
@@ -86,7 +87,6 @@ class JetSelectionProgram:
         self._share_rows = self._share.AddLinearEqualityConstraint(np.ones((6, n + 1)), np.zeros(6), ts).evaluator()
         self._share_box = self._share.AddBoundingBoxConstraint(np.zeros(n + 1), np.ones(n + 1), ts).evaluator()
         self._share.AddLinearCost(-np.eye(n + 1)[n], 0.0, ts)
-        self._share_t = ts
 
         # on-times, shortfall and excess of each row
         self._near = MathematicalProgram()
@@ -95,7 +95,6 @@ class JetSelectionProgram:
         self._near_box = self._near.AddBoundingBoxConstraint(np.zeros(n + 12), np.full(n + 12, np.inf), tn).evaluator()
         weights = np.array([_ROTATION_WEIGHT] * 3 + [1.0] * 3)
         self._near.AddLinearCost(np.concatenate([np.zeros(n), weights, weights]), 0.0, tn)
-        self._near_t = tn
 
     def solve(self, activity: Array, request: Array, limits_s: Array) -> Selection:
         """On-times for a request.
@@ -143,7 +142,8 @@ class JetSelectionProgram:
         if far[row] == 0.0:
             return 0.0
         held = [*range(6)] if alone else [*range(3), *([row] if row > 2 else [])]
-        rows, target, scale = _scaled(activity[held], far[held])
+        size = _row_sizes(activity[held])
+        rows, (target, scale) = activity[held] / size[:, None], _target(far[held], size)
         column = np.where(target != 0.0, -target, 0.0)
         missing = 6 - len(held)
         self._share_rows.UpdateCoefficients(
@@ -151,8 +151,15 @@ class JetSelectionProgram:
         )
         self._share_box.set_bounds(np.zeros(self._n + 1), np.append(limits_s / scale, 1.0))
         result = self._solve(self._share)
-        share = 0.0 if result is None else float(result.GetSolution(self._share_t)[-1])
+        share = 0.0 if result is None else float(result.get_x_val()[-1])
         return max(share, 0.0) * abs(float(far[row]))
+
+    def _scaled(self, activity: Array, request: Array) -> tuple[Array, Array, float]:
+        """Rows of a largest element 1 on both sides, and what to multiply the on-times by; the rows are kept."""
+        if self._rows_of is None or self._rows_of.tobytes() != activity.tobytes():
+            self._rows_of, self._sizes = activity.copy(), _row_sizes(activity)
+            self._rows = activity / self._sizes[:, None]
+        return self._rows, *_target(request, self._sizes)
 
     def _check(self, activity: Array, request: Array, limits_s: Array) -> None:
         for name, array, shape in (
@@ -168,7 +175,7 @@ class JetSelectionProgram:
             raise ValueError(f"limits_s must be zero or positive, got {limits_s}")
 
     def _least_propellant(self, activity: Array, request: Array, limits_s: Array) -> Array | None:
-        rows, target, scale = _scaled(activity, request)
+        rows, target, scale = self._scaled(activity, request)
         if scale == 0.0:
             return np.zeros(self._n)
         self._exact_rows.UpdateCoefficients(rows, target)
@@ -176,11 +183,11 @@ class JetSelectionProgram:
         result = self._solve(self._exact)
         if result is None:
             return None
-        return np.clip(result.GetSolution(self._exact_t) * scale, 0.0, limits_s)
+        return np.clip(result.get_x_val() * scale, 0.0, limits_s)
 
     def _largest_share(self, activity: Array, request: Array, limits_s: Array) -> tuple[Array, Array] | None:
         """The largest part [dw; s dv] of a request, and on-times that give it; None without dw."""
-        rows, target, scale = _scaled(activity, request)
+        rows, target, scale = self._scaled(activity, request)
         column = np.concatenate([np.zeros(3), -target[VELOCITY]])
         self._share_rows.UpdateCoefficients(
             np.column_stack([rows, column]), np.concatenate([target[RATE], np.zeros(3)])
@@ -189,21 +196,21 @@ class JetSelectionProgram:
         result = self._solve(self._share)
         if result is None:
             return None
-        solution = result.GetSolution(self._share_t)
+        solution = result.get_x_val()
         share = float(solution[-1]) * (1.0 - _TINY)
         on_times = np.clip(solution[:-1] * scale, 0.0, limits_s)
         return np.concatenate([request[RATE], share * request[VELOCITY]]), on_times
 
     def _closest(self, activity: Array, request: Array, limits_s: Array) -> tuple[Array, Array]:
         """The closest request that can be reached, and on-times that give it."""
-        rows, target, scale = _scaled(activity, request)
+        rows, target, scale = self._scaled(activity, request)
         self._near_rows.UpdateCoefficients(np.hstack([rows, np.eye(6), -np.eye(6)]), target)
         limits = np.concatenate([limits_s / scale, np.full(12, np.inf)])
         self._near_box.set_bounds(np.zeros(self._n + 12), limits)
         result = self._solve(self._near)
         if result is None:
             raise ArithmeticError(f"jet selection: the solver finds no on-times close to the request {request}")
-        on_times = np.clip(result.GetSolution(self._near_t)[: self._n] * scale, 0.0, limits_s)
+        on_times = np.clip(result.get_x_val()[: self._n] * scale, 0.0, limits_s)
         return activity @ on_times, on_times
 
     def _solve(self, program: MathematicalProgram) -> MathematicalProgramResult | None:
@@ -213,10 +220,15 @@ class JetSelectionProgram:
         return result if result.is_success() else None
 
 
-def _scaled(activity: Array, request: Array) -> tuple[Array, Array, float]:
-    """Rows of a largest element 1 on both sides, and what to multiply the on-times by."""
-    size = np.abs(activity).max(axis=1)
+def _row_sizes(activity: Array) -> Array:
+    """The largest element of each row, 1 for a row of zeros."""
+    size: Array = np.abs(activity).max(axis=1)
     size[size == 0.0] = 1.0
+    return size
+
+
+def _target(request: Array, size: Array) -> tuple[Array, float]:
+    """A request by scaled rows with a largest element 1, and what to multiply the on-times by."""
     target = request / size
     scale = float(np.abs(target).max())
-    return activity / size[:, None], target / scale if scale > 0.0 else target, scale
+    return target / scale if scale > 0.0 else target, scale

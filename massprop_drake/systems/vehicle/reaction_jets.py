@@ -2,42 +2,25 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import LeafSystem
 
+from massprop_drake.maths.vehicle.reaction_jets import (
+    jets_params,
+    level_now,
+    mean_force,
+    target,
+    thrusters,
+    wrench_profile,
+)
 from massprop_drake.maths.vehicle.rigid_body import N_WRENCH
-from massprop_drake.maths.vehicle.thrust import lag_factors, level_after, level_at, mean_level
-from massprop_drake.maths.vehicle.true_failures import Failure, delivered
-from massprop_drake.systems.layouts import WRENCH
+from massprop_drake.maths.vehicle.thrust import level_at
+from massprop_drake.maths.vehicle.true_failures import Failure
 
 Array = NDArray[np.float64]
-
-
-class LagClasses(NamedTuple):
-    """Jets grouped by time constant, so that a few exponentials carry all transients.
-
-    Attributes:
-        time_constants_s: the distinct positive time constants, s.
-        wrenches: for each, the wrench of its jets, zero for others, shape (n_classes, n_jets, 7).
-    """
-
-    time_constants_s: tuple[float, ...]
-    wrenches: Array
-
-
-def lag_classes(wrenches: Array, time_constants_s: Array) -> LagClasses:
-    """The classes of a set of jets.
-
-    Args:
-        wrenches: torque about the vehicle origin, force, mass flow of each jet, shape (n_jets, 7).
-        time_constants_s: of each jet, s, shape (n_jets,).
-    """
-    distinct = tuple(sorted({constant for constant in time_constants_s.tolist() if constant > 0.0}))
-    members = [(time_constants_s == constant)[:, None] * wrenches for constant in distinct]
-    return LagClasses(distinct, np.array(members).reshape(len(distinct), *wrenches.shape))
 
 
 class ReactionJets(LeafSystem):
@@ -86,15 +69,11 @@ class ReactionJets(LeafSystem):
         super().__init__()
         self.set_name("reaction_jets")
         n_jets = wrenches.shape[0]
-        self._wrenches = wrenches
-        self._forces = np.linalg.norm(WRENCH.columns(wrenches)["force"], axis=1)
+        self._params = jets_params(wrenches, time_constants_s, period_s, failures, seed)
+        self._jets = thrusters(self._params)
         self._time_constants_s = time_constants_s
-        self._lag = lag_factors(time_constants_s, period_s)
-        self._classes = lag_classes(wrenches, time_constants_s)
-        self._instantaneous = not time_constants_s.any()
+        self._instantaneous = self._params.lag.instantaneous
         self._period_s = period_s
-        self._failures = failures
-        self._seed = seed
 
         command = self._command = self.DeclareVectorInputPort("command", n_jets)
         held = self._held = self.DeclareVectorInputPort("held_command", n_jets)
@@ -111,7 +90,7 @@ class ReactionJets(LeafSystem):
         self.DeclareVectorOutputPort("wrench", N_WRENCH, self._calc_wrench, prerequisites_of_calc=running)
         self.DeclareVectorOutputPort(
             "wrench_profile",
-            N_WRENCH * (1 + len(self._classes.time_constants_s)),
+            N_WRENCH * (1 + len(self.lag_time_constants_s)),
             self._calc_profile,
             prerequisites_of_calc=coming,
         )
@@ -121,55 +100,45 @@ class ReactionJets(LeafSystem):
     @property
     def lag_time_constants_s(self) -> tuple[float, ...]:
         """The distinct positive time constants, s, in the order of `wrench_profile`."""
-        return self._classes.time_constants_s
+        return self._params.classes.time_constants_s
 
     def _target(self, context: Any) -> Array:
         """What each jet's level tends to over the coming sample."""
-        target = self._command.Eval(context)
-        if self._failures:
-            sample = round(context.get_time() / self._period_s)
-            target = delivered(target, sample, self._period_s, self._failures, self._seed)
-        return self._unless_closed(context, target, self._closed)
+        sample = round(context.get_time() / self._period_s)
+        return target(self._command.Eval(context), _value(self._closed, context), sample, self._params)
 
     def _held_target(self, context: Any) -> Array:
         """What it tends to over the sample that the last update began."""
         sample = round(context.get_discrete_state(self._updated_s).GetAtIndex(0) / self._period_s)
-        target = delivered(self._held.Eval(context), sample, self._period_s, self._failures, self._seed)
-        return self._unless_closed(context, target, self._held_closed)
-
-    def _unless_closed(self, context: Any, target: Array, closed: Any) -> Array:
-        if closed.HasValue(context):
-            return target * (1.0 - closed.Eval(context))
-        return target
+        return target(self._held.Eval(context), _value(self._held_closed, context), sample, self._params)
 
     def _level_now(self, context: Any) -> Array:
         """Level at this sample, before the update: a period after the level in the state."""
         level = context.get_discrete_state(self._level).CopyToVector()
-        return level_after(level, self._held_target(context), self._lag.remaining)
+        return level_now(level, self._held_target(context), self._jets)
 
-    def _mean_level(self, context: Any) -> Array:
-        command = self._target(context)
-        if self._instantaneous:
-            return command
-        return mean_level(self._level_now(context), command, self._lag.mean)
+    def _level_that_matters(self, context: Any) -> Array:
+        """The same; anything where no jet lags."""
+        return self._params.forces if self._instantaneous else self._level_now(context)
 
     def _calc_thrust(self, context: Any, output: Any) -> None:
-        output.SetFromVector(self._forces * self._mean_level(context))
+        output.SetFromVector(mean_force(self._level_that_matters(context), self._target(context), self._jets))
 
     def _calc_wrench(self, context: Any, output: Any) -> None:
         elapsed = context.get_time() - context.get_discrete_state(self._updated_s).GetAtIndex(0)
         level = context.get_discrete_state(self._level).CopyToVector()
-        target = self._held_target(context)
-        output.SetFromVector(level_at(level, target, self._time_constants_s, elapsed) @ self._wrenches)
+        reached = level_at(level, self._held_target(context), self._time_constants_s, elapsed)
+        output.SetFromVector(reached @ self._params.wrenches)
 
     def _calc_profile(self, context: Any, output: Any) -> None:
-        target = self._target(context)
-        profile = target @ self._wrenches
-        if not self._instantaneous:
-            difference = self._level_now(context) - target
-            profile = np.concatenate([profile, *(difference @ wrenches for wrenches in self._classes.wrenches)])
-        output.SetFromVector(profile)
+        profile = wrench_profile(self._level_that_matters(context), self._target(context), self._jets)
+        output.SetFromVector(profile.ravel())
 
     def _update(self, context: Any, state: Any) -> None:
         state.set_value(self._level, self._level_now(context))
         state.set_value(self._updated_s, [context.get_time()])
+
+
+def _value(port: Any, context: Any) -> Array | None:
+    """The value of an optional input; None where it is not connected."""
+    return port.Eval(context) if port.HasValue(context) else None

@@ -3,50 +3,20 @@
 from __future__ import annotations
 
 import contextlib
-import math
 from collections.abc import Iterator
-from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import BasicVector, LeafSystem
 
-from massprop_drake.maths.mass_properties import MassProperties, joined, six_elements, symmetric
+from massprop_drake.maths.mass_properties import MassProperties
 from massprop_drake.maths.vehicle import rigid_body
-from massprop_drake.maths.vehicle.rigid_body import MASS, N_WRENCH, RATE, OutOfMassError, SpunUpError
-from massprop_drake.systems.layouts import STRUCTURE
+from massprop_drake.maths.vehicle.rigid_body import MASS, N_WRENCH, RATE, Jump, OutOfMassError, SpunUpError
 
 Array = NDArray[np.float64]
 
 _LEAST_TIME_S = 1e-9  # that the mass must last in a continuous plant, whose steps shrink with what is left
-
-
-class Jump(NamedTuple):
-    """Something that is fixed to the vehicle, or leaves it, at once.
-
-    Attributes:
-        time_s: when, s; it happens at the first sample not before this.
-        mass: slug or kg; negative: it leaves.
-        position: of its center of mass in the vehicle frame, ft or m, shape (3,).
-        inertia: about its own center of mass, body axes, shape (3, 3); negative if it leaves.
-    """
-
-    time_s: float
-    mass: float
-    position: Array
-    inertia: Array
-
-
-def _packed_structure(properties: MassProperties) -> Array:
-    return STRUCTURE.pack((six_elements(properties.inertia), properties.center_of_mass))
-
-
-@lru_cache(maxsize=256)
-def _body_of_structure(structure: bytes) -> rigid_body.Body:
-    """The constants of motion for a `structure` state; the simulator asks at every step."""
-    read = STRUCTURE.read(np.frombuffer(structure))
-    return rigid_body.body_of(MassProperties(np.nan, read.center_of_mass, symmetric(read.inertia)))
 
 
 class RigidBodyPlant(LeafSystem):
@@ -95,7 +65,7 @@ class RigidBodyPlant(LeafSystem):
         start = rigid_body.initial_state(properties.mass)
         if initial_rate is not None:
             start[RATE] = initial_rate
-        self._structure = self.DeclareDiscreteState(_packed_structure(properties))
+        self._structure = self.DeclareDiscreteState(rigid_body.packed_structure(properties))
         if time_step == 0.0:
             self._wrench = self.DeclareVectorInputPort("wrench", N_WRENCH)
             self._state = self.DeclareContinuousState(BasicVector(start))
@@ -105,9 +75,7 @@ class RigidBodyPlant(LeafSystem):
             self._state = self.DeclareDiscreteState(start)
             self.DeclareStateOutputPort("body_state", self._state)
             self.DeclarePeriodicDiscreteUpdateEvent(period_sec=time_step, offset_sec=0.0, update=self._update)
-        self._jumps: dict[int, list[Jump]] = {}
-        for jump in jumps:
-            self._jumps.setdefault(math.ceil(jump.time_s / period_s - 1e-9), []).append(jump)
+        self._jumps = rigid_body.jumps_by_sample(jumps, period_s) if jumps else {}
         self._period_s = period_s
         if jumps:
             self.DeclarePeriodicUnrestrictedUpdateEvent(period_sec=period_s, offset_sec=0.0, update=self._jump)
@@ -120,7 +88,7 @@ class RigidBodyPlant(LeafSystem):
         )
 
     def _body(self, context: Any) -> rigid_body.Body:
-        return _body_of_structure(context.get_discrete_state(self._structure).get_value().tobytes())
+        return rigid_body.body_of_structure(context.get_discrete_state(self._structure).get_value())
 
     def _body_state(self, context: Any) -> Array:
         if self._time_step == 0.0:
@@ -142,21 +110,14 @@ class RigidBodyPlant(LeafSystem):
             derivatives.get_mutable_vector().SetFromVector(rigid_body.derivative(state, wrench, body))
 
     def _jump(self, context: Any, state: Any) -> None:
-        body_state = self._body_state(context)
-        properties = self._properties(context)
-        for jump in self._jumps.get(round(context.get_time() / self._period_s), ()):
-            after = joined(properties, jump.mass, jump.position, jump.inertia)
-            body_state = rigid_body.with_properties(body_state, properties, after)
-            properties = after
-        state.get_mutable_discrete_state(self._structure).SetFromVector(_packed_structure(properties))
+        structure = context.get_discrete_state(self._structure).CopyToVector()
+        jumps = self._jumps.get(round(context.get_time() / self._period_s), ())
+        body_state, structure = rigid_body.jumped(self._body_state(context), structure, jumps)
+        state.get_mutable_discrete_state(self._structure).SetFromVector(structure)
         if self._time_step == 0.0:
             state.get_mutable_continuous_state().SetFromVector(body_state)
         else:
             state.get_mutable_discrete_state(self._state).SetFromVector(body_state)
-
-    def _properties(self, context: Any) -> MassProperties:
-        read = STRUCTURE.read(context.get_discrete_state(self._structure).CopyToVector())
-        return MassProperties(float(self._body_state(context)[MASS]), read.center_of_mass, symmetric(read.inertia))
 
     def _update(self, context: Any, state: Any) -> None:
         profile = self._wrench.Eval(context).reshape(-1, N_WRENCH)

@@ -10,7 +10,7 @@ from pydrake.common import RandomDistribution
 from pydrake.systems.framework import LeafSystem
 
 from massprop_drake.maths.vehicle.rigid_body import N_STATE
-from massprop_drake.maths.vehicle.sensing import SensorModel, sense
+from massprop_drake.maths.vehicle.sensing import SensorModel, sense, sense_now
 from massprop_drake.systems.caching import Cached
 from massprop_drake.systems.layouts import NOISE
 
@@ -39,8 +39,7 @@ class Sensor(LeafSystem):
         super().__init__()
         self.set_name(name)
         self._model = model
-        self._scale = 1.0 + model.scale_factor
-        self._exact = not (model.scale_factor.any() or model.bias.any() or model.noisy or model.vibration)
+        self._exact = model.exact
         self._body_state = self.DeclareVectorInputPort("body_state", N_STATE)
         self._noise = self.DeclareVectorInputPort("noise", NOISE.size, RandomDistribution.kGaussian)
         inputs = {self.input_port_ticket(self._body_state.get_index())}
@@ -64,15 +63,12 @@ class Sensor(LeafSystem):
 
     def _calc_direct(self, context: Any, output: Any) -> None:
         model = self._model
-        value = self._signal(self._body_state.Eval(context))
-        if not self._exact:
-            value = self._scale * value
-            if model.vibration is not None:
-                value += model.vibration.at(context.get_time())
-            value += model.bias
-            if model.noisy:
-                value += model.noise_std * NOISE.read(self._noise.Eval(context)).white
-        output.SetFromVector(model.read(value))
+        signal = self._signal(self._body_state.Eval(context))
+        if self._exact:
+            output.SetFromVector(model.read(signal))
+            return
+        noise = self._noise.Eval(context) if model.noisy else None
+        output.SetFromVector(sense_now(signal, noise, model, context.get_time()))
 
     def _compute(self, context: Any) -> tuple[Array, Array]:
         noise = self._noise.Eval(context) if self._model.noisy else np.zeros(6)

@@ -125,3 +125,10 @@ def test_of_two_ways_that_are_as_likely_the_jet_is_stuck() -> None:
     assert races.rivals(races.standings(now, some, PARAMS))[0].contender.cause == stuck(0)
     now = race(running(leak(0), 103.0), running(stuck(0), 99.5))
     assert races.rivals(races.standings(now, some, PARAMS))[0].contender.cause == leak(0)
+
+
+def test_while_the_leader_does_not_fit_others_run_that_are_far_behind_to_first_order() -> None:
+    some = [contender(leak(0), 1e6), contender(leak(1), 1e6 - 500.0)]
+    for nis, expected in ((12.0, {leak(0)}), (200.0, {leak(0), leak(1)})):
+        now = race(running(leak(0), 1e6, nis=nis))
+        assert set(causes(races.running(now, races.standings(now, some, PARAMS), 2))) == expected

@@ -25,6 +25,7 @@ One cycle of the detector (section 4.3 to 4.5 of the thesis, with the rules mark
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -43,14 +44,13 @@ from massprop_drake.maths.estimation.detector import (
     Judgment,
 )
 from massprop_drake.maths.estimation.detectors.jet_tests import (
+    Circumstances,
     Isolation,
     JetTests,
-    Signs,
     UncertainSignatures,
     information_of,
     isolate,
-    jet_tests,
-    signatures,
+    tested,
     uncertain_jet_tests,
 )
 from massprop_drake.maths.estimation.detectors.known_forces import excess_share, known_force
@@ -87,6 +87,7 @@ class CglrParams(NamedTuple):
         manifolds: index of the manifold that is closed when a jet's failure is declared, -1: none is,
             shape (n_jets,).
         limits: of convergence, below which samples are tested; see `mass_properties.converged`, shape (3,).
+        tested: see `jet_tests.tested`, or its compiled form.
     """
 
     period_s: float
@@ -106,6 +107,7 @@ class CglrParams(NamedTuple):
     force_variance_floor: float
     manifolds: NDArray[np.int_]
     limits: Array
+    tested: Callable[..., Any] = tested
 
 
 def make_params(jets: Jets, options: Any) -> CglrParams:
@@ -267,19 +269,18 @@ def cycle(state: DetectorState, sample: DetectorSample, params: CglrParams) -> D
     """
     state = _aged(state)
     innovation = sample.innovation
-    coefficients = signatures(params.unit_wrenches, sample.mass_properties, params.period_s)
     known = state.variance > 0.0
-    off = sample.command == 0.0
-    impossible_negative = off & ~known
-    impossible_positive = ~off & ~known if params.mirror_sign_rule else np.zeros_like(off)
-    tests = jet_tests(
-        coefficients,
-        innovation,
-        sample.information,
-        impossible_negative,
-        impossible_positive,
+    around = Circumstances(
+        sample.command,
+        state.variance,
+        params.unit_wrenches,
+        params.clusters,
+        params.period_s,
+        params.mirror_sign_rule,
     )
-    isolation = isolate(tests.likelihood, params.clusters)
+    coefficients, tests, isolation, signs = params.tested(
+        innovation, sample.information, sample.mass_properties, around
+    )
     suspicious = isolation.cluster_margin > params.margin or tests.likelihood[isolation.jet] > _AMBIGUOUS
     if suspicious and params.signature_uncertainty:
         uncertain = UncertainSignatures(
@@ -289,7 +290,6 @@ def cycle(state: DetectorState, sample: DetectorSample, params: CglrParams) -> D
             sample.parameter_covariance,
             sample.cross_covariance,
         )
-        signs = Signs(impossible_negative, impossible_positive)
         tests = uncertain_jet_tests(tests, innovation, sample.covariance, uncertain, signs)
         isolation = isolate(tests.likelihood, params.clusters)
     jet = isolation.jet
@@ -379,8 +379,8 @@ def _correction(signature: Array, tests: JetTests, jet: int, params: CglrParams)
         params.action,
         effect[TRANSLATION],
         effect[ROTATION],
-        spread[TRANSLATION, TRANSLATION],
-        spread[ROTATION, ROTATION],
+        spread[TRANSLATION, TRANSLATION].copy(),
+        spread[ROTATION, ROTATION].copy(),
         mass_jumped=False,
     )
 

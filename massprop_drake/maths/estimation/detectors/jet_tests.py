@@ -39,6 +39,7 @@ from numpy.typing import NDArray
 
 from massprop_drake.maths.estimation.detector import ROTATION, TRANSLATION, Evidence
 from massprop_drake.maths.estimation.filters.rotation_filter import rate_increment_jacobians
+from massprop_drake.maths.kernels import kernel, numbers, picked
 from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError, inverse_positive_definite
 from massprop_drake.maths.mass_properties import ELEMENT, N_ROTATION, converged
 
@@ -100,6 +101,7 @@ def _inverse(covariance: Array) -> Array:
     return result
 
 
+@kernel
 def signatures(unit_wrenches: Array, mass_properties: Array, period_s: float) -> Array:
     """Influence coefficients c of every jet (4-12), translation first, per unit force, shape (n_jets, 6).
 
@@ -111,14 +113,15 @@ def signatures(unit_wrenches: Array, mass_properties: Array, period_s: float) ->
     """
     directions = unit_wrenches[:, 3:]
     result = np.empty((unit_wrenches.shape[0], 6))
-    np.multiply(directions, mass_properties[9] * period_s, out=result[:, :3])
-    x, y, z = (mass_properties[6:9] * period_s).tolist()
+    result[:, :3] = directions * (mass_properties[9] * period_s)
+    x, y, z = numbers(mass_properties[6:9] * period_s, 3)
     arm = np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]])  # transpose of [r_cm x] dt
     torque = unit_wrenches[:, :3] * period_s - directions @ arm
-    np.matmul(torque, mass_properties[ELEMENT], out=result[:, 3:])
+    result[:, 3:] = torque @ picked(mass_properties, ELEMENT)
     return result
 
 
+@kernel
 def jet_tests(
     coefficients: Array,
     innovation: Array,
@@ -245,6 +248,7 @@ class Isolation(NamedTuple):
     jet_margin: float
 
 
+@kernel
 def isolate(likelihood: Array, clusters: NDArray[np.int_]) -> Isolation:
     """The likeliest jet, and by how much it leads in its cluster and its cluster among all.
 
@@ -258,9 +262,47 @@ def isolate(likelihood: Array, clusters: NDArray[np.int_]) -> Isolation:
     elsewhere = likelihood[~same]
     beside = np.where(same, likelihood, 0.0)
     beside[jet] = 0.0
-    return Isolation(
-        jet,
-        int(clusters[jet]),
-        largest - (float(elsewhere.max()) if elsewhere.size else 0.0),
-        largest - float(beside.max()),
-    )
+    elsewhere_most = float(elsewhere.max()) if elsewhere.size else 0.0
+    return Isolation(jet, int(clusters[jet]), largest - elsewhere_most, largest - float(beside.max()))
+
+
+class Circumstances(NamedTuple):
+    """What bears on the tests of a sample besides its evidence.
+
+    Attributes:
+        command: fraction commanded over the interval, shape (n_jets,).
+        variance: of known forces, zero where none is known, shape (n_jets,).
+        unit_wrenches, clusters: see `detector.Jets`.
+        period_s: sample period, s.
+        mirror_sign_rule: whether a jet that is on cannot give too much.
+    """
+
+    command: Array
+    variance: Array
+    unit_wrenches: Array
+    clusters: NDArray[np.int_]
+    period_s: float
+    mirror_sign_rule: bool
+
+
+@kernel
+def tested(
+    innovation: Array, information: Array, mass_properties: Array, around: Circumstances
+) -> tuple[Array, JetTests, Isolation, Signs]:
+    """Signatures, the test of every jet with them taken as certain, what that isolates, and which signs are ruled out.
+
+    Args:
+        innovation, information: see `jet_tests`.
+        mass_properties: the ten parameters, shape (10,).
+        around: see `Circumstances`.
+    """
+    coefficients = signatures(around.unit_wrenches, mass_properties, around.period_s)
+    known = around.variance > 0.0
+    off = around.command == 0.0
+    impossible_negative = off & ~known
+    impossible_positive = np.zeros_like(off)
+    if around.mirror_sign_rule:
+        impossible_positive = ~off & ~known
+    tests = jet_tests(coefficients, innovation, information, impossible_negative, impossible_positive)
+    isolation = isolate(tests.likelihood, around.clusters)
+    return coefficients, tests, isolation, Signs(impossible_negative, impossible_positive)

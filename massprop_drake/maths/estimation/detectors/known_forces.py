@@ -45,4 +45,5 @@ def excess_share(state: Any, jets: NDArray[np.int_], command: Array, params: Any
         state, command, params: see `known_force`.
     """
     stuck = state.force[jets] > 0.5 * params.thrusts[jets]
-    return np.where(stuck, 1.0 - np.nan_to_num(command[jets]), 1.0)
+    told = command[jets]
+    return np.where(stuck, 1.0 - np.where(np.isnan(told), 0.0, told), 1.0)

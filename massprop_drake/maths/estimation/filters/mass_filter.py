@@ -36,6 +36,7 @@ import numpy as np
 from massprop_drake.maths.estimation.adaptation import Action, Adaptation
 from massprop_drake.maths.estimation.filters.mass_jump import empty_window, jump_test, small_gain_growth
 from massprop_drake.maths.estimation.redundancy import Rule, combined
+from massprop_drake.maths.kernels import kernel, numbers
 from massprop_drake.maths.linear_algebra import Array, inverse_positive_definite, skew
 
 
@@ -105,6 +106,7 @@ class Rotation(NamedTuple):
     center_covariance: Array
 
 
+@kernel
 def compensated(
     velocity_increment: Array, velocity_noise: Array, arm: Array, rotation: Rotation, params: MassParams
 ) -> tuple[Array, Array]:
@@ -136,6 +138,7 @@ def compensated(
     return result, covariance
 
 
+@kernel
 def _mixing(rotation: Rotation, params: MassParams) -> Array:
     """O + O' (3-41), (3-64): what makes a velocity increment of an arm; O alone for TRANSVERSE, shape (3, 3)."""
     mixing = skew(rotation.increment)
@@ -179,9 +182,15 @@ class MassState(NamedTuple):
     @property
     def independent(self) -> float:
         """S_0: the part of the variance that does not come of thrust errors."""
-        if self.sensitivity is None:
-            return self.variance
-        return self.variance - float(self.sensitivity @ self.sensitivity)
+        return independent_of(self.variance, self.sensitivity)
+
+
+@kernel
+def independent_of(variance: float, sensitivity: Array | None) -> float:
+    """S_0 of a state, see `MassState`."""
+    if sensitivity is None:
+        return variance
+    return variance - float(sensitivity @ sensitivity)
 
 
 class MassSample(NamedTuple):
@@ -235,6 +244,7 @@ class MassUpdate(NamedTuple):
     jumped: bool
 
 
+@kernel
 def innovate(state: MassState, sample: MassSample) -> MassInnovation:
     """The innovation of one sample (3-85) and its covariance (3-87).
 
@@ -245,31 +255,49 @@ def innovate(state: MassState, sample: MassSample) -> MassInnovation:
     Raises:
         NotPositiveDefiniteError: when Y^zeta is not positive definite.
     """
-    impulse, noise = sample.linear_impulse, sample.noise
+    impulse = sample.linear_impulse
     innovation = sample.measured - impulse * state.mass_reciprocal
-    effects = _effects(state, sample, state.mass_reciprocal)
-    if sample.thrust_errors is not None and state.sensitivity is not None:
-        mean = sample.thrust_errors @ state.sensitivity  # of the products of both errors
-        innovation = innovation - mean
-        noise = noise + state.variance * (sample.thrust_errors @ sample.thrust_errors.T) + np.outer(mean, mean)
-    covariance = _innovation_covariance(state, impulse, effects, noise)
+    effects = _effects(impulse, state.sensitivity, sample.thrust_errors, state.mass_reciprocal)
+    innovation, noise = _considered(innovation, sample.noise, state.variance, state.sensitivity, sample.thrust_errors)
+    covariance = _innovation_covariance(independent_of(state.variance, state.sensitivity), impulse, effects, noise)
     information = inverse_positive_definite(covariance, _WHAT)
     nis = float(innovation @ information @ innovation)
     return MassInnovation(innovation, covariance, information, noise, effects, nis)
 
 
-def _effects(state: MassState, sample: MassSample, mass_reciprocal: float) -> Array | None:
+@kernel
+def _considered(
+    innovation: Array, noise: Array, variance: float, sensitivity: Array | None, thrust_errors: Array | None
+) -> tuple[Array, Array]:
+    """Innovation and noise with the products of thrust errors and the estimate's; as they were where none is."""
+    if thrust_errors is None or sensitivity is None:
+        return innovation, noise
+    mean = thrust_errors @ sensitivity
+    return innovation - mean, noise + variance * (thrust_errors @ thrust_errors.T) + np.outer(mean, mean)
+
+
+@kernel
+def _effects(
+    impulse: Array, sensitivity: Array | None, thrust_errors: Array | None, mass_reciprocal: float
+) -> Array | None:
     """L = lambda Psi + G, shape (3, n_jets), with G at a mass reciprocal; None where thrust is taken as known."""
-    if sample.thrust_errors is None or state.sensitivity is None:
+    if thrust_errors is None or sensitivity is None:
         return None
-    effects: Array = sample.linear_impulse[:, None] * state.sensitivity + sample.thrust_errors * mass_reciprocal
-    return effects
+    return impulse[:, None] * sensitivity + thrust_errors * mass_reciprocal
 
 
-def _innovation_covariance(state: MassState, impulse: Array, effects: Array | None, noise: Array) -> Array:
+@kernel
+def _innovation_covariance(independent: float, impulse: Array, effects: Array | None, noise: Array) -> Array:
     """Y^zeta (3-87), and what considered thrust errors add."""
-    covariance: Array = impulse[:, None] * (impulse * state.independent) + noise
-    return covariance if effects is None else covariance + effects @ effects.T
+    covariance = impulse[:, None] * (impulse * independent) + noise
+    return _with_effects(covariance, effects)
+
+
+@kernel
+def _with_effects(covariance: Array, effects: Array | None) -> Array:
+    if effects is None:
+        return covariance
+    return covariance + effects @ effects.T
 
 
 def update(
@@ -293,78 +321,155 @@ def update(
         params: see `MassParams`.
         each: the packages' own samples, where the update is made with one after the other.
     """
+    if not each:
+        return update_once(state, sample, innovation, adaptation, params)
     if adaptation.action == Action.REJECT:
-        return MassUpdate(_later(state, params), jumped=False)
-    plain = adaptation.action == Action.NONE
-    if not plain:
-        state = state._replace(window=empty_window(params.jump_window))  # its sums are of plain updates
-    after, kept = state, 1.0
-    for part in each or (sample,):
-        own = innovation if not each else innovate(after, part)
-        after, gain = _updated(after, part, own, adaptation)
+        return MassUpdate(_later(state, params), False)
+    after, kept = _begun(state, adaptation, params), 1.0
+    for part in each:
+        after, gain = _updated(after, part, innovate(after, part), adaptation)
         kept *= 1.0 - float(gain @ part.linear_impulse)
+    return _tested(after, 1.0 - kept, (sample, innovation), adaptation, params)
+
+
+@kernel
+def update_once(
+    state: MassState, sample: MassSample, innovation: MassInnovation, adaptation: Adaptation, params: MassParams
+) -> MassUpdate:
+    """`update` with one measurement."""
+    if adaptation.action == Action.REJECT:
+        return MassUpdate(_later(state, params), False)
+    after, gain = _updated(_begun(state, adaptation, params), sample, innovation, adaptation)
+    kept = 1.0 - float(gain @ sample.linear_impulse)
+    return _tested(after, 1.0 - kept, (sample, innovation), adaptation, params)
+
+
+@kernel
+def _begun(state: MassState, adaptation: Adaptation, params: MassParams) -> MassState:
+    """The state to update: the jump test's sums are of plain updates."""
+    if adaptation.action == Action.NONE:
+        return state
+    return MassState(state.mass_reciprocal, state.variance, empty_window(params.jump_window), state.sensitivity)
+
+
+@kernel
+def _tested(
+    after: MassState,
+    share: float,
+    measured: tuple[MassSample, MassInnovation],
+    adaptation: Adaptation,
+    params: MassParams,
+) -> MassUpdate:
+    """Tests for a jump and corrects one, then (3-82).
+
+    Args:
+        after: the update.
+        share: kappa^T lambda of it.
+        measured: what it was made with.
+        adaptation, params: see `update`.
+    """
     jumped = False
-    if params.jump_threshold < math.inf and plain:
-        impulse, information, error = sample.linear_impulse, innovation.information, innovation.innovation
-        test = jump_test(state.window, impulse, information, error, 1.0 - kept)
+    reciprocal, variance, window = after.mass_reciprocal, after.variance, after.window
+    if params.jump_threshold < math.inf and adaptation.action == Action.NONE:
+        sample, innovation = measured
+        impulse, information = sample.linear_impulse, innovation.information
+        test = jump_test(window, impulse, information, innovation.innovation, share)
         # a couple of jets leaves an impulse of rounding errors, which shows no jump
         telling = test.growth < _TELLING * params.jump_variance
         jumped = telling and test.likelihood > params.jump_threshold
-        after = after._replace(window=test.window)
+        window = test.window
         if jumped:
-            growth = small_gain_growth(after.variance, impulse, information) if params.small_gain else test.growth
-            after = after._replace(
-                mass_reciprocal=after.mass_reciprocal + test.correction,
-                variance=after.variance + growth,
-                window=empty_window(params.jump_window),
-            )
-    return MassUpdate(_later(after, params), jumped)
+            growth = small_gain_growth(variance, impulse, information) if params.small_gain else test.growth
+            reciprocal += test.correction
+            variance += growth
+            window = empty_window(params.jump_window)
+    return MassUpdate(_later(MassState(reciprocal, variance, window, after.sensitivity), params), jumped)
 
 
+@kernel
 def _updated(
     state: MassState, sample: MassSample, innovation: MassInnovation, adaptation: Adaptation
 ) -> tuple[MassState, Array]:
     """The state after one measurement, and the gain kappa, shape (3,)."""
     information, noise, error = innovation.information, innovation.noise, innovation.innovation
-    enlarged = None
+    enlarged = np.zeros((3, 3))
+    smaller = adaptation.action == Action.CORRECT_THESIS
     if adaptation.action != Action.NONE:
         error = error - adaptation.translation
         noise = noise + adaptation.translation_spread
-    if adaptation.action == Action.CORRECT_THESIS:
+    if smaller:
         enlarged = adaptation.translation_spread
         information = inverse_positive_definite(innovation.covariance + enlarged, _WHAT)
-    after, gain = _joseph_update(state, sample.linear_impulse, error, information, noise, innovation.effects)
-    if innovation.effects is not None:
-        effects = _effects(state, sample, after.mass_reciprocal)
-        covariance = _innovation_covariance(state, sample.linear_impulse, effects, innovation.noise)
-        if enlarged is not None:
-            covariance = covariance + enlarged
-        information = inverse_positive_definite(covariance, _WHAT)
-        after, gain = _joseph_update(state, sample.linear_impulse, error, information, noise, effects)
-    return after, gain
+    first = _joseph_update(state, sample.linear_impulse, error, information, noise, innovation.effects)
+    made_with = state, sample, (error, noise, innovation.noise, enlarged)
+    return _again(first, made_with, state.sensitivity, sample.thrust_errors, innovation.effects)
 
 
+@kernel
+def _again(
+    first: tuple[MassState, Array],
+    made_with: tuple[MassState, MassSample, tuple[Array, Array, Array, Array]],
+    sensitivity: Array | None,
+    thrust_errors: Array | None,
+    effects: Array | None,
+) -> tuple[MassState, Array]:
+    """The update once more with the effects of thrust errors at the estimate that it gave, where some are considered.
+
+    Args:
+        first: the first update.
+        made_with: state, sample, innovation, and noises: corrected, as measured, and what gains have besides.
+        sensitivity, thrust_errors, effects: of that state, the sample and the innovation.
+    """
+    if thrust_errors is None or sensitivity is None or effects is None:
+        return first
+    state, sample, (error, noise, measured, enlarged) = made_with
+    impulse = sample.linear_impulse
+    again = _effects(impulse, sensitivity, thrust_errors, first[0].mass_reciprocal)
+    covariance = _innovation_covariance(independent_of(state.variance, sensitivity), impulse, again, measured)
+    information = inverse_positive_definite(covariance + enlarged, _WHAT)
+    return _joseph_update(state, impulse, error, information, noise, again)
+
+
+@kernel
 def _joseph_update(
     state: MassState, impulse: Array, error: Array, information: Array, noise: Array, effects: Array | None
 ) -> tuple[MassState, Array]:
     """(3-83), (3-86) and the variance in Joseph's form; Schmidt-Kalman with effects."""
-    sensitivity, independent = state.sensitivity, state.independent
-    shared = independent * impulse
-    if effects is not None and sensitivity is not None:
-        shared = shared + effects @ sensitivity
-    gain = information @ shared
+    independent = independent_of(state.variance, state.sensitivity)
+    gain = information @ _shared(independent * impulse, state.sensitivity, effects)
     kept = 1.0 - float(gain @ impulse)
     variance = kept * kept * independent + float(gain @ noise @ gain)
-    if effects is not None and sensitivity is not None:
-        sensitivity = sensitivity - gain @ effects
-        variance += float(sensitivity @ sensitivity)
+    sensitivity = _less_sensitive(state.sensitivity, gain, effects)
+    variance = _with_sensitivity(variance, sensitivity, effects)
     reciprocal = state.mass_reciprocal + float(gain @ error)
-    return state._replace(mass_reciprocal=reciprocal, variance=variance, sensitivity=sensitivity), gain
+    return MassState(reciprocal, variance, state.window, sensitivity), gain
 
 
+@kernel
+def _shared(shared: Array, sensitivity: Array | None, effects: Array | None) -> Array:
+    if effects is None or sensitivity is None:
+        return shared
+    return shared + effects @ sensitivity
+
+
+@kernel
+def _less_sensitive(sensitivity: Array | None, gain: Array, effects: Array | None) -> Array | None:
+    if effects is None or sensitivity is None:
+        return sensitivity
+    return sensitivity - gain @ effects
+
+
+@kernel
+def _with_sensitivity(variance: float, sensitivity: Array | None, effects: Array | None) -> float:
+    if effects is None or sensitivity is None:
+        return variance
+    return variance + float(sensitivity @ sensitivity)
+
+
+@kernel
 def _later(state: MassState, params: MassParams) -> MassState:
     """The time update (3-82) of a random walk."""
-    return state._replace(variance=state.variance + params.process_noise)
+    return MassState(state.mass_reciprocal, state.variance + params.process_noise, state.window, state.sensitivity)
 
 
 class MassMeasurement(NamedTuple):
@@ -413,46 +518,68 @@ def measure(
         rotation: see `Rotation`.
         params: see `MassParams`.
     """
-    linear_impulse, extra_noise, thrust_errors = interval
+    if params.rule == Rule.SINGLE or params.variances.size == 1:
+        return MassMeasurement(*measure_one(state, (velocities_before, velocities), interval, rotation, params))
     increments = velocities - velocities_before
-    disturbance = params.disturbance_covariance
-    if extra_noise is not None:
-        disturbance = disturbance + extra_noise
-    there = []
-    if params.compensation == Compensation.NONE or math.isfinite(sum(rotation.increment.tolist())):
-        for index, increment in enumerate(increments.tolist()):
-            if math.isfinite(increment[0] + increment[1] + increment[2]):
-                there.append(index)
-                if params.rule == Rule.SINGLE:
-                    break
-    if not there:
-        unknown = np.full((3, 3), np.nan)
-        sample = MassSample(_NOT_MEASURED, unknown, linear_impulse)
-        blank = MassInnovation(_NOT_MEASURED, unknown, unknown, unknown, None, math.nan)
-        return MassMeasurement(sample, blank)
-
-    freed = [
-        compensated(
-            increments[index],
-            2.0 * params.variances[index] * _IDENTITY,
-            params.positions[index] - rotation.center,
-            rotation,
-            params,
-        )
-        for index in there
-    ]
-    if len(freed) == 1:
-        measured, noise = freed[0]
-    else:
-        covariances = _stacked_covariance(freed, there, rotation, params)
-        measurements = np.array([increment for increment, _ in freed])
-        measured, noise = combined(measurements, covariances, params.rule, correlated=params.correlated)
+    turns = params.compensation == Compensation.NONE or _is_there(rotation.increment)
+    there = [index for index in range(len(increments)) if turns and _is_there(increments[index])]
+    if len(there) < 2:
+        first = velocities.copy()
+        first[: there[0] if there else 0] = math.nan
+        return MassMeasurement(*measure_one(state, (velocities_before, first), interval, rotation, params))
+    freed = [_freed(index, increments, rotation, params) for index in there]
+    disturbance = _plus(params.disturbance_covariance, interval.extra_noise)
+    covariances = _stacked_covariance(freed, there, rotation, params)
+    measurements = np.array([increment for increment, _ in freed])
+    measured, noise = combined(measurements, covariances, params.rule, correlated=params.correlated)
     # what disturbs the body is common to all packages: no average makes it less
-    sample = MassSample(measured, noise + disturbance, linear_impulse, thrust_errors)
+    sample = MassSample(measured, noise + disturbance, interval.linear_impulse, interval.thrust_errors)
     each: tuple[MassSample, ...] = ()
-    if params.rule == Rule.SERIAL and not params.correlated and len(freed) > 1:
+    if params.rule == Rule.SERIAL and not params.correlated:
         each = tuple(sample._replace(measured=increment, noise=own + disturbance) for increment, own in freed)
     return MassMeasurement(sample, innovate(state, sample), each)
+
+
+@kernel
+def measure_one(
+    state: MassState,
+    velocities: tuple[Array, Array],
+    interval: MassInterval,
+    rotation: Rotation,
+    params: MassParams,
+) -> tuple[MassSample, MassInnovation]:
+    """`measure` by the first accelerometer that is there alone; readings before and now."""
+    increments = velocities[1] - velocities[0]
+    if params.compensation == Compensation.NONE or _is_there(rotation.increment):
+        for index in range(increments.shape[0]):
+            if _is_there(increments[index]):
+                measured, own = _freed(index, increments, rotation, params)
+                noise = own + _plus(params.disturbance_covariance, interval.extra_noise)
+                sample = MassSample(measured, noise, interval.linear_impulse, interval.thrust_errors)
+                return sample, innovate(state, sample)
+    nothing, unknown = np.full(3, np.nan), np.full((3, 3), np.nan)
+    blank = MassSample(nothing, unknown, interval.linear_impulse, interval.thrust_errors)
+    return blank, MassInnovation(nothing, unknown, unknown, unknown, None, math.nan)
+
+
+@kernel
+def _is_there(increment: Array) -> bool:
+    x, y, z = numbers(increment, 3)
+    return math.isfinite(x + y + z)
+
+
+@kernel
+def _freed(index: int, increments: Array, rotation: Rotation, params: MassParams) -> tuple[Array, Array]:
+    """One package's increment, freed of rotation, and its covariance."""
+    noise = 2.0 * params.variances[index] * _IDENTITY
+    return compensated(increments[index], noise, params.positions[index] - rotation.center, rotation, params)
+
+
+@kernel
+def _plus(noise: Array, extra: Array | None) -> Array:
+    if extra is None:
+        return noise
+    return noise + extra
 
 
 def _stacked_covariance(
@@ -496,15 +623,15 @@ def finish(
         params: see `MassParams`.
     """
     sample, innovation, each = measurement
-    measured = not math.isnan(innovation.nis)
+    if not each:
+        return finish_one(state, (sample, innovation), (usable, firing), adaptation, params)
     if adaptation.mass_jumped:
-        state = state._replace(variance=state.variance + params.jump_variance)
-        if measured:
-            innovation = innovate(state, sample)
-    if not (measured and usable and firing):
-        return MassCycle(_later(state, params), used=False, jumped=False)
+        state = _raised(state, params)
+        innovation = innovate(state, sample)
+    if not (usable and firing):
+        return MassCycle(_later(state, params), False, False)
     updated = update(state, sample, innovation, adaptation, params, each)
-    return MassCycle(updated.state, used=adaptation.action != Action.REJECT, jumped=updated.jumped)
+    return MassCycle(updated.state, adaptation.action != Action.REJECT, updated.jumped)
 
 
 class MassCycle(NamedTuple):
@@ -519,3 +646,31 @@ class MassCycle(NamedTuple):
     state: MassState
     used: bool
     jumped: bool
+
+
+@kernel
+def finish_one(
+    state: MassState,
+    measured: tuple[MassSample, MassInnovation],
+    interval: tuple[bool, bool],
+    adaptation: Adaptation,
+    params: MassParams,
+) -> MassCycle:
+    """`finish` with one measurement; whether the interval is usable, and firing."""
+    sample, innovation = measured
+    usable, firing = interval
+    there = not math.isnan(innovation.nis)
+    if adaptation.mass_jumped:
+        state = _raised(state, params)
+        if there:
+            innovation = innovate(state, sample)
+    if not (there and usable and firing):
+        return MassCycle(_later(state, params), False, False)
+    updated = update_once(state, sample, innovation, adaptation, params)
+    return MassCycle(updated.state, adaptation.action != Action.REJECT, updated.jumped)
+
+
+@kernel
+def _raised(state: MassState, params: MassParams) -> MassState:
+    """The state after a jump beyond doubt."""
+    return MassState(state.mass_reciprocal, state.variance + params.jump_variance, state.window, state.sensitivity)

@@ -31,6 +31,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from massprop_drake.maths.kernels import kernel, numbers
 from massprop_drake.maths.linear_algebra import Array
 
 
@@ -62,11 +63,13 @@ def jump_threshold(false_alarm_rate: float, window: int) -> float:
     return NormalDist().inv_cdf(0.5 * false_alarm_rate / window) ** 2
 
 
+@kernel
 def empty_window(length: int) -> Array:
     """A window with no sample in it, shape (length, 3)."""
     return np.zeros((length, 3))
 
 
+@kernel
 def jump_test(window: Array, linear_impulse: Array, information: Array, innovation: Array, share: float) -> JumpTest:
     """Takes a used sample into the window, the oldest theta leaving it.
 
@@ -77,7 +80,7 @@ def jump_test(window: Array, linear_impulse: Array, information: Array, innovati
         innovation: epsilon, shape (3,).
         share: kappa^T lambda of the update with this sample.
     """
-    window = np.vstack([window[1:], np.zeros((1, 3))])
+    window = np.vstack((window[1:], np.zeros((1, 3))))
     weight = information @ linear_impulse
     strength, seen = float(weight @ linear_impulse), float(weight @ innovation)
     left = 1.0 - window[:, 0]
@@ -86,15 +89,16 @@ def jump_test(window: Array, linear_impulse: Array, information: Array, innovati
     window[:, 1] += np.where(used, left * left * strength, 0.0)
     window[:, 2] += np.where(used, left * seen, 0.0)
     window[:, 0] = np.where(used, (1.0 - share) * window[:, 0] + share, 0.0)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        likelihood = np.where(window[:, 1] > 0.0, window[:, 2] ** 2 / window[:, 1], 0.0)
+    some = window[:, 1] > 0.0
+    likelihood = np.where(some, window[:, 2] ** 2 / np.where(some, window[:, 1], 1.0), 0.0)
     best = int(likelihood.argmax())
-    f, c, d = window[best].tolist()
+    f, c, d = numbers(window[best], 3)
     if c == 0.0:
         return JumpTest(window, 0.0, 0.0, 0.0, 0.0)
     return JumpTest(window, d / c, float(likelihood[best]), (1.0 - f) * d / c, (1.0 - f) ** 2 / c)
 
 
+@kernel
 def small_gain_growth(variance: float, linear_impulse: Array, information: Array) -> float:
     """What the thesis adds to the variance of 1/m after a jump found in one sample (3-118), to the letter.
 

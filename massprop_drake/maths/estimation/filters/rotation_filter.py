@@ -56,6 +56,7 @@ import numpy as np
 
 from massprop_drake.maths.estimation.adaptation import Action, Adaptation
 from massprop_drake.maths.estimation.redundancy import Rule, combined
+from massprop_drake.maths.kernels import kernel, numbers, picked, rows3
 from massprop_drake.maths.linear_algebra import (
     Array,
     cross,
@@ -92,24 +93,27 @@ _UNIT = np.eye(3)
 _WHAT = "the rotation filter's innovation covariance"
 
 
+@kernel
 def angular_block(vector: Array) -> Array:
     """A_6(v): the 3x6 matrix with A_6(v) x_6 = I^-1 v, the left block of (2-53)."""
-    x, y, z = vector.tolist()
+    x, y, z = numbers(vector, 3)
     return np.array([[x, 0.0, 0.0, 0.0, z, y], [0.0, y, 0.0, z, 0.0, x], [0.0, 0.0, z, y, x, 0.0]])
 
 
+@kernel
 def rate_increment(estimate: Array, angular_impulse: Array, linear_impulse: Array) -> Array:
     """h(x): the rate increment of a known impulse, rad/s, (2-47) in closed form, shape (3,)."""
     moment = angular_impulse + cross(linear_impulse, estimate[6:])
-    return estimate[ELEMENT] @ moment
+    return picked(estimate, ELEMENT) @ moment
 
 
+@kernel
 def rate_increment_jacobian(estimate: Array, angular_impulse: Array, linear_impulse: Array) -> Array:
     """H = dh/dx (2-102), shape (3, 9)."""
     moment = angular_impulse + cross(linear_impulse, estimate[6:])
     jacobian = np.empty((3, N_ROTATION))
     jacobian[:, :6] = angular_block(moment)
-    jacobian[:, 6:] = estimate[ELEMENT] @ skew(linear_impulse)
+    jacobian[:, 6:] = picked(estimate, ELEMENT) @ skew(linear_impulse)
     return jacobian
 
 
@@ -152,17 +156,19 @@ def thrust_error_effects(estimate: Array, thrust_errors: Array) -> Array:
     return effects
 
 
+@kernel
 def second_order_terms(covariance: Array, linear_impulse: Array) -> tuple[Array, Array]:
     """Bias b, rad/s, shape (3,), and covariance D, rad^2/s^2, shape (3, 3), of the curvature of h."""
     arm = skew(linear_impulse)
     spread = (covariance[:6, 6:] @ arm.T).ravel()
-    left = spread[_LEFT]
+    left = picked(spread, _LEFT)
     bias = left[:, _DIAGONAL].sum(axis=1)
     force = arm @ covariance[6:, 6:] @ arm.T
-    curvature = (covariance.ravel()[_PRODUCT] @ force.ravel()).reshape(3, 3)
-    return bias, curvature + left @ spread[_RIGHT].T
+    curvature = (picked(covariance.ravel(), _PRODUCT) @ force.ravel()).reshape(3, 3)
+    return bias, curvature + left @ picked(spread, _RIGHT).T
 
 
+@kernel
 def coupling_increment(inverse_inertia: Array, rate: Array, period_s: float) -> Array:
     r"""Rate increment of dynamic coupling over one sample, -I^-1 (w x I w) dt, rad/s, shape (3,).
 
@@ -175,6 +181,7 @@ def coupling_increment(inverse_inertia: Array, rate: Array, period_s: float) -> 
     return inverse_inertia @ cross(rate, momentum) * -period_s
 
 
+@kernel
 def coupling_jacobian(inverse_inertia: Array, rate: Array, period_s: float) -> Array:
     """dg/dx of dynamic coupling, shape (3, 9), zero for the center of mass; arguments as `coupling_increment`."""
     inertia = inverse_positive_definite(inverse_inertia, "inverse inertia")
@@ -288,10 +295,15 @@ class RotationState(NamedTuple):
     @property
     def independent(self) -> Array:
         """S_0: the part of S that does not come of thrust errors, shape (9, 9)."""
-        if self.sensitivity is None:
-            return self.covariance
-        part: Array = self.covariance - self.sensitivity @ self.sensitivity.T
-        return part
+        return independent_of(self.covariance, self.sensitivity)
+
+
+@kernel
+def independent_of(covariance: Array, sensitivity: Array | None) -> Array:
+    """S_0 of a state, see `RotationState`, shape (9, 9)."""
+    if sensitivity is None:
+        return covariance
+    return covariance - sensitivity @ sensitivity.T
 
 
 class RotationUpdate(NamedTuple):
@@ -309,6 +321,7 @@ class RotationUpdate(NamedTuple):
 _COASTING = np.zeros((3, N_ROTATION))
 
 
+@kernel
 def innovate(
     state: RotationState,
     sample: RotationSample,
@@ -330,44 +343,40 @@ def innovate(
     Raises:
         NotPositiveDefiniteError: when Y is not positive definite.
     """
-    estimate, covariance, sensitivity = state
+    estimate, covariance = state.estimate, state.covariance
     noise = sample.noise + params.disturbance_covariance
-    effects = None
+    total_noise, innovation = noise, sample.increment
+    subtract_coupling = subtract_coupling_before
     modeled = params.coupling == Coupling.MODEL and _knows_inertia(estimate, covariance)
+    effects = None
     if sample.firing:
-        impulses = sample.angular_impulse, sample.linear_impulse
-        jacobian = rate_increment_jacobian(estimate, *impulses)
+        jacobian = rate_increment_jacobian(estimate, sample.angular_impulse, sample.linear_impulse)
         if modeled:
-            jacobian += coupling_jacobian(estimate[ELEMENT], sample.rate, params.period_s)
-        innovation = sample.increment - rate_increment(estimate, *impulses)
-        total_noise = noise
+            jacobian += coupling_jacobian(picked(estimate, ELEMENT), sample.rate, params.period_s)
+        innovation = sample.increment - rate_increment(estimate, sample.angular_impulse, sample.linear_impulse)
         if params.second_order:
             bias, curvature = second_order_terms(covariance, sample.linear_impulse)
             if params.bias:
                 innovation -= bias
             if params.curvature:
                 total_noise = noise + curvature
-        if sample.thrust_errors is not None and sensitivity is not None:
-            effects = jacobian @ sensitivity + thrust_error_effects(estimate, sample.thrust_errors)
-            mean, spread = _thrust_error_products(state, sensitivity, sample.thrust_errors)
-            innovation -= mean
-            total_noise = total_noise + spread
-        apart = jacobian @ state.independent @ jacobian.T + total_noise
-        innovation_covariance = apart if effects is None else apart + effects @ effects.T
+        innovation, total_noise, effects = _considered(
+            (innovation, total_noise), jacobian, state, state.sensitivity, sample.thrust_errors
+        )
+        apart = jacobian @ independent_of(covariance, state.sensitivity) @ jacobian.T + total_noise
+        innovation_covariance = _with_effects(apart, effects)
         # a thrust that is off by a little is not what the subtraction waits for
-        limit = params.coupling_limit * max(noise.ravel()[_DIAGONAL].tolist())
-        subtract_coupling = max(apart.ravel()[_DIAGONAL].tolist()) < limit
+        limit = params.coupling_limit * _largest_variance(noise)
+        subtract_coupling = _largest_variance(apart) < limit
     else:
-        jacobian, total_noise, innovation_covariance = _COASTING, noise, noise
-        innovation = sample.increment
-        subtract_coupling = subtract_coupling_before
+        jacobian, innovation_covariance = np.zeros((3, N_ROTATION)), noise
         if modeled:
-            jacobian = coupling_jacobian(estimate[ELEMENT], sample.rate, params.period_s)
+            jacobian = coupling_jacobian(picked(estimate, ELEMENT), sample.rate, params.period_s)
             innovation_covariance = jacobian @ covariance @ jacobian.T + noise
     if params.coupling != Coupling.HYBRID:
         subtract_coupling = params.coupling == Coupling.SUBTRACT or modeled
     if subtract_coupling:
-        inverse_inertia = estimate[ELEMENT]
+        inverse_inertia = picked(estimate, ELEMENT)
         if is_positive_definite(inverse_inertia):
             innovation = innovation - coupling_increment(inverse_inertia, sample.rate, params.period_s)
     information = inverse_positive_definite(innovation_covariance, _WHAT)
@@ -377,10 +386,51 @@ def innovate(
     )
 
 
+@kernel
+def _considered(
+    before: tuple[Array, Array],
+    jacobian: Array,
+    state: RotationState,
+    sensitivity: Array | None,
+    thrust_errors: Array | None,
+) -> tuple[Array, Array, Array | None]:
+    """Innovation and noise with what thrust errors do to them, and L; as they were, and None, where none is considered.
+
+    Args:
+        before: innovation and noise without.
+        jacobian: H, shape (3, 9).
+        state: predicted.
+        sensitivity, thrust_errors: of the state and the sample.
+    """
+    if thrust_errors is None:
+        return before[0], before[1], None
+    if sensitivity is None:
+        return before[0], before[1], None
+    effects = jacobian @ sensitivity + thrust_error_effects(state.estimate, thrust_errors)
+    mean, spread = _thrust_error_products(state, sensitivity, thrust_errors)
+    return before[0] - mean, before[1] + spread, effects
+
+
+@kernel
+def _with_effects(covariance: Array, effects: Array | None) -> Array:
+    """A covariance with that of thrust errors' effects, where some are considered."""
+    if effects is None:
+        return covariance
+    return covariance + effects @ effects.T
+
+
+@kernel
+def _largest_variance(covariance: Array) -> float:
+    (a, _, _), (_, b, _), (_, _, c) = rows3(covariance)
+    return max(a, b, c)
+
+
+@kernel
 def _knows_inertia(estimate: Array, covariance: Array) -> bool:
     """Whether the inverse inertia is positive definite and its diagonal known to half its size."""
-    deviation = np.sqrt(covariance.diagonal()[:3])
-    return bool((deviation < 0.5 * estimate[:3]).all()) and is_positive_definite(estimate[ELEMENT])
+    deviation = np.sqrt(np.diag(covariance)[:3])
+    known = bool((deviation < 0.5 * estimate[:3]).all())
+    return known and is_positive_definite(picked(estimate, ELEMENT))
 
 
 def _thrust_error_products(state: RotationState, sensitivity: Array, thrust_errors: Array) -> tuple[Array, Array]:
@@ -396,6 +446,7 @@ def _thrust_error_products(state: RotationState, sensitivity: Array, thrust_erro
     return mean, spread + np.einsum("jak,kbj->ab", through, through)
 
 
+@kernel
 def joseph_update(
     state: RotationState,
     innovation: Array,
@@ -414,18 +465,37 @@ def joseph_update(
         noise: of the measurement, independent of the state and of thrust errors, shape (3, 3).
         effects: L, shape (3, n_jets); None: thrust is taken as known.
     """
-    independent = state.independent
-    shared = independent @ jacobian.T
-    if effects is not None and state.sensitivity is not None:
-        shared = shared + state.sensitivity @ effects.T
-    gain = shared @ information
+    independent = independent_of(state.covariance, state.sensitivity)
+    gain = _shared(independent @ jacobian.T, state.sensitivity, effects) @ information
     kept = _IDENTITY - gain @ jacobian
     covariance = kept @ independent @ kept.T + gain @ noise @ gain.T
-    sensitivity = state.sensitivity
-    if effects is not None and sensitivity is not None:
-        sensitivity = sensitivity - gain @ effects
-        covariance = covariance + sensitivity @ sensitivity.T
+    sensitivity = _less_sensitive(state.sensitivity, gain, effects)
+    covariance = _with_sensitivity(covariance, sensitivity, effects)
     return RotationState(state.estimate + gain @ innovation, 0.5 * (covariance + covariance.T), sensitivity)
+
+
+@kernel
+def _shared(shared: Array, sensitivity: Array | None, effects: Array | None) -> Array:
+    """S_0 H^T + Psi L^T."""
+    if effects is None or sensitivity is None:
+        return shared
+    return shared + sensitivity @ effects.T
+
+
+@kernel
+def _less_sensitive(sensitivity: Array | None, gain: Array, effects: Array | None) -> Array | None:
+    """Psi - K L."""
+    if effects is None or sensitivity is None:
+        return sensitivity
+    return sensitivity - gain @ effects
+
+
+@kernel
+def _with_sensitivity(covariance: Array, sensitivity: Array | None, effects: Array | None) -> Array:
+    """S_0 + Psi Psi^T."""
+    if effects is None or sensitivity is None:
+        return covariance
+    return covariance + sensitivity @ sensitivity.T
 
 
 def update(
@@ -452,47 +522,95 @@ def update(
     Raises:
         NotPositiveDefiniteError: when an innovation covariance is not positive definite.
     """
-    if adaptation.action == Action.REJECT:
-        return RotationUpdate(_later(state, params), jumped=False)
-    jumped = adaptation.action == Action.NONE and innovation.nis > params.jump_threshold
-    if jumped:
-        state = state._replace(covariance=state.covariance + params.jump_covariance)
-        innovation = innovate(state, sample, innovation.subtract_coupling, params)
     if not each:
-        return RotationUpdate(_later(_updated(state, sample, innovation, adaptation), params), jumped)
+        return update_once(state, sample, innovation, adaptation, params)
+    if adaptation.action == Action.REJECT:
+        return RotationUpdate(_later(state, params), False)
+    state, innovation, jumped = _after_jump(state, sample, innovation, adaptation, params)
     for part in each:
         own = innovate(state, part, innovation.subtract_coupling, params)
         state = _updated(state, part, own, adaptation)
     return RotationUpdate(_later(state, params), jumped)
 
 
+@kernel
+def update_once(
+    state: RotationState,
+    sample: RotationSample,
+    innovation: RotationInnovation,
+    adaptation: Adaptation,
+    params: RotationParams,
+) -> RotationUpdate:
+    """`update` with one measurement."""
+    if adaptation.action == Action.REJECT:
+        return RotationUpdate(_later(state, params), False)
+    before, innovation, jumped = _after_jump(state, sample, innovation, adaptation, params)
+    return RotationUpdate(_later(_updated(before, sample, innovation, adaptation), params), jumped)
+
+
+@kernel
+def _after_jump(
+    state: RotationState,
+    sample: RotationSample,
+    innovation: RotationInnovation,
+    adaptation: Adaptation,
+    params: RotationParams,
+) -> tuple[RotationState, RotationInnovation, bool]:
+    """State and innovation with the covariance incremented where the sample asks for it (2-138), and whether it did."""
+    if not (adaptation.action == Action.NONE and innovation.nis > params.jump_threshold):
+        return state, innovation, False
+    wider = RotationState(state.estimate, state.covariance + params.jump_covariance, state.sensitivity)
+    return wider, innovate(wider, sample, innovation.subtract_coupling, params), True
+
+
+@kernel
 def _updated(
     state: RotationState, sample: RotationSample, innovation: RotationInnovation, adaptation: Adaptation
 ) -> RotationState:
     """The state after one measurement."""
     information, noise, error = innovation.information, innovation.noise, innovation.innovation
-    enlarged = None
+    enlarged = np.zeros((3, 3))
+    smaller = adaptation.action == Action.CORRECT_THESIS
     if adaptation.action != Action.NONE:
         error = error - adaptation.rotation
         noise = noise + adaptation.rotation_spread
-    if adaptation.action == Action.CORRECT_THESIS:
+    if smaller:
         enlarged = adaptation.rotation_spread
-        information = inverse_positive_definite(innovation.covariance + enlarged, _WHAT)
-    jacobian = innovation.jacobian
-    after = joseph_update(state, error, information, jacobian, noise, innovation.effects)
-    if sample.thrust_errors is None or state.sensitivity is None:
+        information = inverse_positive_definite(innovation.covariance + adaptation.rotation_spread, _WHAT)
+    after = joseph_update(state, error, information, innovation.jacobian, noise, innovation.effects)
+    noises = noise, innovation.noise, enlarged
+    return _again(after, (state, error, noises), innovation.jacobian, state.sensitivity, sample.thrust_errors)
+
+
+@kernel
+def _again(
+    after: RotationState,
+    first: tuple[RotationState, Array, tuple[Array, Array, Array]],
+    jacobian: Array,
+    sensitivity: Array | None,
+    thrust_errors: Array | None,
+) -> RotationState:
+    """The update once more with the effects of thrust errors at the estimate that it gave, where some are considered.
+
+    Args:
+        after: the first update.
+        first: state, innovation and noises that it was made with: corrected, as measured, and what gains have besides.
+        jacobian: H, shape (3, 9).
+        sensitivity, thrust_errors: of that state, and of the sample.
+    """
+    if thrust_errors is None or sensitivity is None:
         return after
-    effects = jacobian @ state.sensitivity + thrust_error_effects(after.estimate, sample.thrust_errors)
-    covariance = jacobian @ state.independent @ jacobian.T + effects @ effects.T + innovation.noise
-    if enlarged is not None:
-        covariance = covariance + enlarged
+    state, error, (noise, measured, enlarged) = first
+    effects = jacobian @ sensitivity + thrust_error_effects(after.estimate, thrust_errors)
+    covariance = jacobian @ state.independent @ jacobian.T + effects @ effects.T + measured + enlarged
     information = inverse_positive_definite(covariance, _WHAT)
     return joseph_update(state, error, information, jacobian, noise, effects)
 
 
+@kernel
 def _later(state: RotationState, params: RotationParams) -> RotationState:
     """The time update (2-123) of a random walk."""
-    return state._replace(covariance=state.covariance + params.process_noise)
+    return RotationState(state.estimate, state.covariance + params.process_noise, state.sensitivity)
 
 
 class RotationMeasurement(NamedTuple):
@@ -551,46 +669,78 @@ def measure(
         interval: see `RotationInterval`.
         params: see `RotationParams`.
     """
-    angular_impulse, linear_impulse, firing, extra_noise, thrust_errors = interval
-    rates_before, subtract_coupling_before = memory
-    increments, means = rates - rates_before, 0.5 * (rates + rates_before)
-    there = []
-    for index, increment in enumerate(increments.tolist()):
-        # NaN compares as false
-        if math.hypot(*means[index].tolist()) * params.period_s <= params.largest_turn and math.isfinite(
-            increment[0] + increment[1] + increment[2]
-        ):
-            there.append(index)
-            if params.rule == Rule.SINGLE:
-                break
-    if not there:
-        unknown = np.full((3, 3), np.nan)
-        sample = RotationSample(
-            _NOT_MEASURED, _NOT_MEASURED, unknown, math.nan, angular_impulse, linear_impulse, firing
-        )
-        innovation = RotationInnovation(
-            _NOT_MEASURED, unknown, unknown, _COASTING, unknown, None, subtract_coupling_before, math.nan
-        )
+    if params.rule == Rule.SINGLE or params.gyro_variances.size == 1:
+        sample, innovation = measure_one(state, memory, rates, interval, params)
+        return RotationMeasurement(sample, innovation)
+    increments, means = rates - memory.rates, 0.5 * (rates + memory.rates)
+    there = [index for index in range(len(rates)) if _is_there(increments[index], means[index], params)]
+    if len(there) < 2:
+        first = rates.copy()
+        first[: there[0] if there else 0] = math.nan
+        sample, innovation = measure_one(state, memory, first, interval, params)
         return RotationMeasurement(sample, innovation)
 
     def made(increment: Array, mean: Array, noise: Array) -> RotationSample:
-        total = noise if extra_noise is None else noise + extra_noise
-        variance = float(noise[0, 0])
-        return RotationSample(increment, mean, total, variance, angular_impulse, linear_impulse, firing, thrust_errors)
+        return _sample(increment, mean, float(noise[0, 0]), noise, interval)
 
     own = [2.0 * params.gyro_variances[index] * _UNIT for index in there]
+    covariances = np.zeros((len(there), len(there), 3, 3))
+    covariances[np.arange(len(there)), np.arange(len(there))] = own
+    increment, noise = combined(increments[there], covariances, params.rule)
+    mean, _ = combined(means[there], covariances, params.rule)
+    sample = made(increment, mean, noise)
     each: tuple[RotationSample, ...] = ()
-    if len(there) == 1:
-        sample = made(increments[there[0]], means[there[0]], own[0])
-    else:
-        covariances = np.zeros((len(there), len(there), 3, 3))
-        covariances[np.arange(len(there)), np.arange(len(there))] = own
-        increment, noise = combined(increments[there], covariances, params.rule)
-        mean, _ = combined(means[there], covariances, params.rule)
-        sample = made(increment, mean, noise)
-        if params.rule == Rule.SERIAL:
-            each = tuple(made(increments[index], means[index], noise) for index, noise in zip(there, own, strict=True))
-    return RotationMeasurement(sample, innovate(state, sample, subtract_coupling_before, params), each)
+    if params.rule == Rule.SERIAL:
+        each = tuple(made(increments[index], means[index], noise) for index, noise in zip(there, own, strict=True))
+    return RotationMeasurement(sample, innovate(state, sample, memory.subtract_coupling, params), each)
+
+
+@kernel
+def measure_one(
+    state: RotationState, memory: RotationMemory, rates: Array, interval: RotationInterval, params: RotationParams
+) -> tuple[RotationSample, RotationInnovation]:
+    """`measure` by the first gyro that is there alone."""
+    increments, means = rates - memory.rates, 0.5 * (rates + memory.rates)
+    for index in range(rates.shape[0]):
+        if _is_there(increments[index], means[index], params):
+            noise = 2.0 * params.gyro_variances[index] * _UNIT
+            sample = _sample(increments[index], means[index], float(noise[0, 0]), noise, interval)
+            return sample, innovate(state, sample, memory.subtract_coupling, params)
+    nothing, unknown = np.full(3, np.nan), np.full((3, 3), np.nan)
+    sample = _sample(nothing, nothing, math.nan, unknown, interval)
+    coasting = np.zeros((3, N_ROTATION))
+    blank = RotationInnovation(nothing, unknown, unknown, coasting, unknown, None, memory.subtract_coupling, math.nan)
+    return sample, blank
+
+
+@kernel
+def _is_there(increment: Array, mean: Array, params: RotationParams) -> bool:
+    """Whether a gyro's two readings are there, and the vehicle does not turn too fast between them."""
+    x, y, z = numbers(mean, 3)
+    a, b, c = numbers(increment, 3)
+    # NaN compares as false
+    return math.sqrt(x * x + y * y + z * z) * params.period_s <= params.largest_turn and math.isfinite(a + b + c)
+
+
+@kernel
+def _sample(increment: Array, mean: Array, variance: float, noise: Array, interval: RotationInterval) -> RotationSample:
+    return RotationSample(
+        increment,
+        mean,
+        _plus(noise, interval.extra_noise),
+        variance,
+        interval.angular_impulse,
+        interval.linear_impulse,
+        interval.acting,
+        interval.thrust_errors,
+    )
+
+
+@kernel
+def _plus(noise: Array, extra: Array | None) -> Array:
+    if extra is None:
+        return noise
+    return noise + extra
 
 
 def finish(
@@ -613,10 +763,12 @@ def finish(
         params: see `RotationParams`.
     """
     sample, innovation, each = measurement
+    if not each:
+        return finish_one(state, (sample, innovation), usable, adaptation, params)
     if math.isnan(innovation.nis) or not (usable and sample.firing):
-        return RotationCycle(_later(state, params), used=False, jumped=False)
+        return RotationCycle(_later(state, params), False, False)
     updated = update(state, sample, innovation, adaptation, params, each)
-    return RotationCycle(updated.state, used=adaptation.action != Action.REJECT, jumped=updated.jumped)
+    return RotationCycle(updated.state, adaptation.action != Action.REJECT, updated.jumped)
 
 
 class RotationCycle(NamedTuple):
@@ -631,3 +783,19 @@ class RotationCycle(NamedTuple):
     state: RotationState
     used: bool
     jumped: bool
+
+
+@kernel
+def finish_one(
+    state: RotationState,
+    measured: tuple[RotationSample, RotationInnovation],
+    usable: bool,
+    adaptation: Adaptation,
+    params: RotationParams,
+) -> RotationCycle:
+    """`finish` with one measurement."""
+    sample, innovation = measured
+    if math.isnan(innovation.nis) or not (usable and sample.firing):
+        return RotationCycle(_later(state, params), False, False)
+    updated = update_once(state, sample, innovation, adaptation, params)
+    return RotationCycle(updated.state, adaptation.action != Action.REJECT, updated.jumped)

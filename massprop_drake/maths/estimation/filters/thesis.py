@@ -10,13 +10,13 @@ Source: D. R. Levy, MIT S.M. thesis, 1983, chapters 2 and 3.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from massprop_drake.maths.arrays import FLAG, NUMBER, Layout
 from massprop_drake.maths.estimation.adaptation import Adaptation
-from massprop_drake.maths.estimation.detector import ROTATION, TRANSLATION
 from massprop_drake.maths.estimation.filter import (
     NOT_MEASURED,
     Filter,
@@ -32,9 +32,11 @@ from massprop_drake.maths.estimation.filters import mass_filter, rotation_filter
 from massprop_drake.maths.estimation.filters.mass_filter import (
     Compensation,
     MassCycle,
+    MassInnovation,
     MassInterval,
     MassMeasurement,
     MassParams,
+    MassSample,
     MassState,
     Rotation,
 )
@@ -42,19 +44,36 @@ from massprop_drake.maths.estimation.filters.mass_jump import empty_window, jump
 from massprop_drake.maths.estimation.filters.rotation_filter import (
     Coupling,
     RotationCycle,
+    RotationInnovation,
     RotationInterval,
     RotationMeasurement,
     RotationMemory,
     RotationParams,
+    RotationSample,
     RotationState,
 )
+from massprop_drake.maths.estimation.impulses import Impulses
 from massprop_drake.maths.estimation.redundancy import Rule
+from massprop_drake.maths.kernels import chosen, kernel, plain
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import N_ROTATION
 
 _ROUNDING = 1e-6  # by so much a part of a variance may exceed it
 _CENTER = slice(6, 9)  # of the rotational state
 _NO_ACCELEROMETER = np.empty((0, 3))
+
+
+class Kernels(NamedTuple):
+    """The functions `measured` and `finished`, or their compiled forms.
+
+    Attributes:
+        measured, finished: see there.
+        compiled: whether they are compiled.
+    """
+
+    measured: Callable[..., Any]
+    finished: Callable[..., Any]
+    compiled: bool
 
 
 class ThesisParams(NamedTuple):
@@ -65,6 +84,8 @@ class ThesisParams(NamedTuple):
         mass: see `MassParams`; None without accelerometer.
         estimate, covariance: of the ten parameters at the start, shapes (10,) and (10, 10).
         thrust_errors: see `filter.Setup`.
+        kernels: what does the arithmetic of both filters where each uses one package; None: there is no accelerometer,
+            or several packages make one measurement.
     """
 
     rotation: RotationParams
@@ -72,6 +93,7 @@ class ThesisParams(NamedTuple):
     estimate: Array
     covariance: Array
     thrust_errors: Array | None
+    kernels: Kernels | None = None
 
 
 class ThesisState(NamedTuple):
@@ -145,6 +167,7 @@ MASS_STATE = Layout(
     window=("window", 3),
     sensitivity="errors",
 )
+_NO_NOISE = np.zeros((3, 3))
 _INSENSITIVE = np.empty((N_ROTATION, 0))
 
 
@@ -155,12 +178,14 @@ class Measurement(NamedTuple):
         turning: see `rotation_filter.measure`.
         moving: see `mass_filter.measure`; None without accelerometer.
         rates, velocities: the readings, shape (s, 3) each.
+        seen: what the detector sees, where it has been made already; None: not yet.
     """
 
     turning: RotationMeasurement
     moving: MassMeasurement | None
     rates: Array
     velocities: Array
+    seen: Joint | None = None
 
 
 # --------------------------------------------------------------------------------- rules of a cycle
@@ -205,10 +230,12 @@ def linear_errors(thrust_errors: Array | None) -> Array | None:
 
 def turning_of(state: RotationState, measurement: RotationMeasurement) -> Turning:
     """What the mass filter and the detector need of the rotation filter's measurement."""
-    sample, innovation = measurement.sample, measurement.innovation
-    cross = innovation.jacobian @ state.covariance
-    if innovation.effects is not None and state.sensitivity is not None:
-        cross = innovation.jacobian @ state.independent + innovation.effects @ state.sensitivity.T
+    return turning_from(state, measurement.sample, measurement.innovation)
+
+
+@kernel
+def turning_from(state: RotationState, sample: RotationSample, innovation: RotationInnovation) -> Turning:
+    """`turning_of` from the parts of the measurement."""
     return Turning(
         innovation.innovation,
         innovation.covariance,
@@ -217,12 +244,21 @@ def turning_of(state: RotationState, measurement: RotationMeasurement) -> Turnin
         sample.gyro_variance,
         state.estimate,
         state.covariance,
-        cross,
+        _cross_covariance(innovation.jacobian, state.covariance, state.sensitivity, innovation.effects),
         innovation.effects,
         state.sensitivity,
     )
 
 
+@kernel
+def _cross_covariance(jacobian: Array, covariance: Array, sensitivity: Array | None, effects: Array | None) -> Array:
+    """Of the innovation with the error of the prediction, shape (3, 9)."""
+    if effects is None or sensitivity is None:
+        return jacobian @ covariance
+    return jacobian @ rotation_filter.independent_of(covariance, sensitivity) + effects @ sensitivity.T
+
+
+@kernel
 def rotation_of(turning: Turning) -> Rotation:
     """What the mass filter takes of rotation; the center of mass is the prediction (3-40)."""
     return Rotation(
@@ -236,35 +272,76 @@ def rotation_of(turning: Turning) -> Rotation:
 
 def joint(turning: Turning, measurement: MassMeasurement, state: MassState) -> Joint:
     """Both filters' predictions and innovations side by side, translation first."""
-    innovation, impulse = measurement.innovation, measurement.sample.linear_impulse
-    coupled = shared_covariance(innovation.effects, turning.effects)
+    return joint_of(turning, measurement.sample, measurement.innovation, state)
+
+
+@kernel
+def joint_of(turning: Turning, sample: MassSample, innovation: MassInnovation, state: MassState) -> Joint:
+    """`joint` from the parts of the measurement."""
+    impulse = sample.linear_impulse
     covariance = np.zeros((6, 6))
-    covariance[TRANSLATION, TRANSLATION] = innovation.covariance
-    covariance[ROTATION, ROTATION] = turning.innovation_covariance
-    if coupled is not None:
-        covariance[TRANSLATION, ROTATION], covariance[ROTATION, TRANSLATION] = coupled, coupled.T
+    covariance[:3, :3] = innovation.covariance
+    covariance[3:, 3:] = turning.innovation_covariance
+    coupled = _couple(covariance, shared_covariance(innovation.effects, turning.effects))
     parameters = joint_covariance(turning.covariance, state.variance)
     cross = np.zeros((6, N_ROTATION + 1))
-    cross[ROTATION, :N_ROTATION] = turning.cross_covariance
-    cross[TRANSLATION, N_ROTATION] = impulse * state.independent
-    if turning.sensitivity is not None and state.sensitivity is not None:  # both share the thrust errors
-        parameters[:N_ROTATION, N_ROTATION] = turning.sensitivity @ state.sensitivity
-        parameters[N_ROTATION, :N_ROTATION] = parameters[:N_ROTATION, N_ROTATION]
-        if innovation.effects is not None:
-            cross[TRANSLATION, :N_ROTATION] = innovation.effects @ turning.sensitivity.T
-            cross[TRANSLATION, N_ROTATION] += innovation.effects @ state.sensitivity
-        if turning.effects is not None:
-            cross[ROTATION, N_ROTATION] = turning.effects @ state.sensitivity
+    cross[3:, :N_ROTATION] = turning.cross_covariance
+    cross[:3, N_ROTATION] = impulse * mass_filter.independent_of(state.variance, state.sensitivity)
+    _share(
+        (parameters, cross),
+        turning.sensitivity,
+        state.sensitivity,
+        innovation.effects,
+        turning.effects,
+    )
     return Joint(
-        np.concatenate([innovation.innovation, turning.innovation]),
+        np.concatenate((innovation.innovation, turning.innovation)),
         covariance,
-        coupled is not None,
+        coupled,
         np.append(turning.estimate, state.mass_reciprocal),
         parameters,
         cross,
     )
 
 
+@kernel
+def _couple(covariance: Array, coupled: Array | None) -> bool:
+    """Puts what translation and rotation share into their covariance; whether there is any."""
+    if coupled is None:
+        return False
+    covariance[:3, 3:] = coupled
+    covariance[3:, :3] = coupled.T
+    return True
+
+
+@kernel
+def _share(
+    covariances: tuple[Array, Array],
+    rotation: Array | None,
+    translation: Array | None,
+    moving: Array | None,
+    turning: Array | None,
+) -> None:
+    """Puts into the covariances of a `Joint` what both filters share by thrust errors, where these are considered.
+
+    Args:
+        covariances: of the parameters, and of innovations with them.
+        rotation, translation: sensitivities of both filters.
+        moving, turning: effects on both innovations.
+    """
+    if rotation is None or translation is None:
+        return
+    parameters, cross = covariances
+    parameters[:N_ROTATION, N_ROTATION] = rotation @ translation
+    parameters[N_ROTATION, :N_ROTATION] = parameters[:N_ROTATION, N_ROTATION]
+    if moving is not None:
+        cross[:3, :N_ROTATION] = moving @ rotation.T
+        cross[:3, N_ROTATION] += moving @ translation
+    if turning is not None:
+        cross[3:, N_ROTATION] = turning @ translation
+
+
+@kernel
 def joint_covariance(rotation: Array, variance: float) -> Array:
     """Covariance of the ten parameters: nothing is shared between 1/m and the others, shape (10, 10)."""
     covariance = np.zeros((N_ROTATION + 1, N_ROTATION + 1))
@@ -273,6 +350,7 @@ def joint_covariance(rotation: Array, variance: float) -> Array:
     return covariance
 
 
+@kernel
 def shared_covariance(translation_effects: Array | None, rotation_effects: Array | None) -> Array | None:
     """Covariance of the translation innovation with the rotation innovation by thrust errors, shape (3, 3).
 
@@ -282,10 +360,11 @@ def shared_covariance(translation_effects: Array | None, rotation_effects: Array
         translation_effects, rotation_effects: what one sigma of each jet's thrust error does to them, shape
             (3, n_jets) each.
     """
-    if translation_effects is None or rotation_effects is None or not rotation_effects.any():
+    if translation_effects is None or rotation_effects is None:
         return None
-    shared: Array = translation_effects @ rotation_effects.T
-    return shared
+    if not rotation_effects.any():
+        return None
+    return translation_effects @ rotation_effects.T
 
 
 def rotation_report(measurement: RotationMeasurement, cycle: RotationCycle) -> RotationReport:
@@ -354,7 +433,22 @@ def make_params(setup: Setup, options: Any) -> ThesisParams:
             small_gain=mass.jump == "single_sample_thesis",
             disturbance_covariance=mass.disturbance_std**2 * np.eye(3),
         )
-    return ThesisParams(turning, moving, setup.estimate, setup.covariance, setup.thrust_errors)
+    kernels = None
+    if (
+        moving is not None
+        and _one_package(turning.rule, setup.gyro_variances)
+        and _one_package(moving.rule, setup.accelerometer_variances)
+    ):
+        compile_it = options.execution.compiled and setup.thrust_errors is None
+        kernels = Kernels(chosen(measured, compile_it), chosen(finished, compile_it), compile_it)
+        if compile_it:
+            turning, moving = plain(turning), plain(moving)
+    return ThesisParams(turning, moving, setup.estimate, setup.covariance, setup.thrust_errors, kernels)
+
+
+def _one_package(rule: Rule, variances: Array) -> bool:
+    """Whether a filter uses one package at a time."""
+    return rule == Rule.SINGLE or variances.size == 1
 
 
 def initial_state(params: ThesisParams) -> ThesisState:
@@ -379,7 +473,7 @@ def rotation_start(
     """
     sensitivity = np.zeros((N_ROTATION, n_errors)) if n_errors else None
     readings = np.full((params.gyro_variances.size, 3), np.nan)
-    return RotationState(estimate, covariance, sensitivity), RotationMemory(readings, False)
+    return RotationState(estimate, np.ascontiguousarray(covariance), sensitivity), RotationMemory(readings, False)
 
 
 def mass_start(mass_reciprocal: float, variance: float, params: MassParams, n_errors: int) -> tuple[MassState, Array]:
@@ -399,28 +493,96 @@ def measure(
 ) -> Measurement:
     """First half of both filters' cycle."""
     errors = params.thrust_errors
-    turning = rotation_filter.measure(
-        state.rotation, state.memory, rates, rotation_interval(interval, errors), params.rotation
-    )
+    turn, move = rotation_interval(interval, errors), mass_interval(interval, linear_errors(errors))
+    if params.kernels is not None:
+        return _measured(state, (rates, velocities), (turn, move), interval.impulses.usable, params)
+    turning = rotation_filter.measure(state.rotation, state.memory, rates, turn, params.rotation)
     moving = None
     if state.mass is not None and params.mass is not None:
-        moving = mass_filter.measure(
-            state.mass,
-            state.velocities,
-            velocities,
-            mass_interval(interval, linear_errors(errors)),
-            rotation_of(turning_of(state.rotation, turning)),
-            params.mass,
-        )
+        rotation = rotation_of(turning_of(state.rotation, turning))
+        moving = mass_filter.measure(state.mass, state.velocities, velocities, move, rotation, params.mass)
     return Measurement(turning, moving, rates, velocities)
+
+
+def _measured(
+    state: ThesisState,
+    readings: tuple[Array, Array],
+    intervals: tuple[RotationInterval, MassInterval],
+    usable: bool,
+    params: ThesisParams,
+) -> Measurement:
+    """`measure` where each filter uses one package."""
+    assert params.kernels is not None
+    compiled = params.kernels.compiled
+    if compiled and intervals[0].extra_noise is None:  # compiled for one kind of arguments
+        intervals = intervals[0]._replace(extra_noise=_NO_NOISE), intervals[1]._replace(extra_noise=_NO_NOISE)
+    known = (state.rotation, state.memory, state.mass, state.velocities)
+    turned, turning, moved, moving, seen = params.kernels.measured(
+        known, readings, intervals, compiled and usable, (params.rotation, params.mass)
+    )
+    told = seen if compiled and usable else None
+    return Measurement(RotationMeasurement(turned, turning), MassMeasurement(moved, moving), *readings, told)
+
+
+@kernel
+def measured(
+    known: tuple[RotationState, RotationMemory, MassState, Array],
+    readings: tuple[Array, Array],
+    intervals: tuple[RotationInterval, MassInterval],
+    wanted: bool,
+    params: tuple[RotationParams, MassParams],
+) -> tuple[RotationSample, RotationInnovation, MassSample, MassInnovation, Joint]:
+    """First half of both filters' cycle, each with the first package that is there.
+
+    Args:
+        known: see `ThesisState`.
+        readings: of gyros and accelerometers, shape (s, 3) each.
+        intervals: as both filters take it.
+        wanted: whether to make what the detector sees; else it is empty.
+        params: of both.
+    """
+    state, memory, mass, velocities = known
+    turned, turning = rotation_filter.measure_one(state, memory, readings[0], intervals[0], params[0])
+    told = turning_from(state, turned, turning)
+    rotation = rotation_of(told)
+    moved, moving = mass_filter.measure_one(mass, (velocities, readings[1]), intervals[1], rotation, params[1])
+    if wanted:
+        return turned, turning, moved, moving, joint_of(told, moved, moving, mass)
+    nothing = np.empty((0, 0))
+    return turned, turning, moved, moving, Joint(np.empty(0), nothing, False, np.empty(0), nothing, nothing)
+
+
+@kernel
+def finished(
+    known: tuple[RotationState, MassState],
+    measured: tuple[RotationSample, RotationInnovation, MassSample, MassInnovation],
+    interval: tuple[bool, bool],
+    adaptation: Adaptation,
+    params: tuple[RotationParams, MassParams],
+) -> tuple[RotationCycle, MassCycle, Array]:
+    """Second half of both filters' cycle, each with one package, and 1-sigma of the rotation filter's estimate.
+
+    Args:
+        known: before it.
+        measured: what `measured` gave.
+        interval: whether it is usable, and firing.
+        adaptation: see `estimation.adaptation`.
+        params: of both.
+    """
+    turned, turning, moved, moving = measured
+    learning = interval[0] and interval[1]
+    rotation = rotation_filter.finish_one(known[0], (turned, turning), learning, adaptation, params[0])
+    mass = mass_filter.finish_one(known[1], (moved, moving), interval, adaptation, params[1])
+    return rotation, mass, np.sqrt(np.diag(rotation.state.covariance))
 
 
 def evidence(state: ThesisState, measurement: Measurement, interval: Interval) -> Joint:
     """What the detector sees; `NOT_MEASURED` where it would not look."""
     if not interval.impulses.usable or measurement.moving is None or state.mass is None:
         return NOT_MEASURED
-    turning = turning_of(state.rotation, measurement.turning)
-    return joint(turning, measurement.moving, state.mass)
+    if measurement.seen is not None:
+        return measurement.seen
+    return joint(turning_of(state.rotation, measurement.turning), measurement.moving, state.mass)
 
 
 def finish(
@@ -428,6 +590,8 @@ def finish(
 ) -> FilterStep:
     """Second half of both filters' cycle."""
     impulses, learning = interval.impulses, is_learning(interval)
+    if params.kernels is not None:
+        return _finished(state, measurement, impulses, adaptation, params)
     turned = rotation_filter.finish(state.rotation, measurement.turning, learning, adaptation, params.rotation)
     memory = rotation_memory(measurement.turning, measurement.rates)
     report = rotation_report(measurement.turning, turned)
@@ -440,6 +604,37 @@ def finish(
         report,
         mass_report(moving, weighed),
     )
+
+
+def _finished(
+    state: ThesisState, measurement: Measurement, impulses: Impulses, adaptation: Adaptation, params: ThesisParams
+) -> FilterStep:
+    """`finish` where each filter uses one package."""
+    turning, moving = measurement.turning, measurement.moving
+    assert params.kernels is not None
+    assert moving is not None
+    if params.kernels.compiled:
+        adaptation = plain(adaptation)
+    turned, weighed, deviation = params.kernels.finished(
+        (state.rotation, state.mass),
+        (turning.sample, turning.innovation, moving.sample, moving.innovation),
+        (impulses.usable, impulses.firing),
+        adaptation,
+        (params.rotation, params.mass),
+    )
+    before = turning.innovation
+    report = RotationReport(
+        turned.state.estimate,
+        deviation,
+        before.innovation,
+        before.nis,
+        turned.used,
+        turned.jumped,
+        before.subtract_coupling,
+    )
+    memory = rotation_memory(turning, measurement.rates)
+    known = ThesisState(turned.state, memory, weighed.state, measurement.velocities)
+    return FilterStep(known, report, mass_report(moving, weighed))
 
 
 def covariance(state: ThesisState) -> Array:

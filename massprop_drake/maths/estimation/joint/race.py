@@ -24,6 +24,7 @@ STEPS = 8  # of filters in a cycle: 1.5 to 2.5 ms each
 LINKS_PER_STEP = 2  # of the screen, in the time of a filter's step
 _BEFORE = 2  # snapshots before the onset where the race begins: the onset is not known to one
 _NEAR = 12.0  # nats behind the best within which a hypothesis runs as a filter: twice the lead that decides
+_FIRST_ORDER = 1e-3  # of the lead of a filter that does not fit, by which the first order may be off
 _RUNS = 6  # filters at once, with the jump
 _LIE_RUNS = 12  # cycles in which the likeliest liar runs, however the first order takes so large an error
 _BETTER = 1.0  # nats at another onset, that a filter begins anew there
@@ -196,7 +197,11 @@ def rivals(standing: list[Standing]) -> list[Standing]:
     a leak, which might be of any size, explains more.
     """
     named = standing[0].contender.cause.failures
-    others = [each for each in standing if not named or each.contender.cause.failures != named]
+    others, seen = [], {named} - {frozenset()}
+    for each in standing:
+        if each.contender.cause.failures not in seen:
+            others.append(each)
+            seen |= {each.contender.cause.failures} - {frozenset()}
     same = [each for each in standing if each.odds > standing[0].odds - _BETTER and each.run is not None]
     same = [each for each in same if named and each.contender.cause.failures == named] or [standing[0]]
     best = min(same, key=lambda each: sum(each.contender.cause.on_top))
@@ -224,8 +229,9 @@ def _beforehand(race: Race, cause: Cause) -> float:
 
 
 def margin(best: Standing, other: Standing) -> float:
-    """Lead over another hypothesis, nats: of filters, or of the first order where one has no filter that has arrived, or
-    that is to begin anew at an onset that explains more.
+    """Lead over another hypothesis, nats: of filters, or of the first order where one has no filter that has arrived.
+
+    A filter counts as one that has not if it is to begin anew at an onset that explains more.
 
     Of an effect that is not small the first order is off by far more than hypotheses differ: what it puts near the best
     or before it must run as a filter before it is believed to be behind.
@@ -279,11 +285,12 @@ def running(race: Race, standing: list[Standing], free_slots: int) -> Race:
     liar = next((each.contender.cause for each in standing if each.contender.cause.kind == Kind.LIES), None)
     young = race.screen.cycle - race.triggered < _LIE_RUNS
     behind = {each.contender.cause for each in standing if each.run is not None and each.contender.lead < best - OUT}
+    fits = leader.run is None or leader.run.score.misfit < FIT
+    reach = _NEAR if fits else max(_NEAR, _FIRST_ORDER * best)  # what it leads by to first order may be none
     for each in (leader, *jump, *(each for each in standing[1:] if each not in jump)):
         contender, cause = each.contender, each.contender.cause
         stays = (cause.kind == Kind.JUMP or cause in present) and contender.lead > best - OUT
-        near = stays or margin(leader, each) < _NEAR
-        near = near or (young and cause == liar)
+        near = stays or margin(leader, each) < reach or (young and cause == liar)
         if cause in led:
             wanted.append(present[cause])
         elif near and contender.lead > 0.0 and len(wanted) < _RUNS and _fits(race, cause, free_slots):

@@ -1,0 +1,103 @@
+"""What a command is given: scenarios, runs and files by name, path or folder."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
+from pathlib import Path
+
+from massprop_drake.cli import show
+from massprop_drake.cli.options import Schema
+from massprop_drake.cli.streams import note
+from massprop_drake.errors import InputError
+from massprop_drake.inputs.campaign import (
+    CampaignSpec,
+    bundled_campaigns,
+    campaign_from,
+    campaign_keys,
+    load_campaign,
+)
+from massprop_drake.inputs.model import Key, keys, validated
+from massprop_drake.inputs.plausible import Finding
+from massprop_drake.inputs.scenario import Scenario, bundled_scenarios, load_scenario, resolved
+from massprop_drake.inputs.vehicle import Vehicle, bundled_vehicles, load_vehicle
+from massprop_drake.inputs.yaml import Document, exists, read_text
+from massprop_drake.maths.kernels import compiler
+from massprop_drake.results.exchange import recover
+from massprop_drake.telemetry.reader import check as check_telemetry
+from massprop_drake.telemetry.reader import vehicle_scenario
+
+_TELEMETRY = (".csv", ".tsv", ".parquet", ".pq")  # endings of telemetry files
+
+
+KEYS: Mapping[Schema, Callable[[], list[Key]]] = {
+    Schema.vehicle: partial(keys, Vehicle),
+    Schema.scenario: partial(keys, Scenario),
+    Schema.campaign: campaign_keys,
+}
+
+
+@contextlib.contextmanager
+def compiling(case: Scenario, *, quiet: bool) -> Iterator[None]:
+    """Says that kernels are compiled, where a case asks for it and they have not been, and how long it took."""
+    if not case.execution.compiled:
+        yield
+        return
+    found = compiler()
+    if not (quiet or found.folder.is_dir()):
+        note("kernels are being compiled, which takes a while, once")
+    yield
+    if found.spent_s and not quiet:
+        note(f"kernels were compiled in {found.spent_s:.0f} s, and are kept in {found.folder}")
+
+
+def note_doubts(doubts: list[Finding], *, quiet: bool) -> None:
+    """Notes what may bear on a result otherwise than it was meant, a line each."""
+    for doubt in () if quiet else doubts:
+        note(f"warning: {doubt}")
+
+
+def case_of_a_record(
+    name: str, vehicle: str | None, like: str | None, resume_from: Path | None, overrides: list[str]
+) -> Scenario:
+    """Finds the vehicle and the settings to estimate with."""
+    if vehicle is not None and like is not None:
+        raise InputError("give either --vehicle or --like, not both: --like takes the vehicle, too")
+    if vehicle is not None:
+        return vehicle_scenario(name, vehicle, overrides)
+    source = like or resume_from
+    if source is None:
+        raise InputError("whose telemetry is it? Give --vehicle (a vehicle) or --like (a run's folder or a scenario)")
+    return recovered(source, overrides)
+
+
+def recovered(scenario: str | Path, overrides: list[str]) -> Scenario:
+    """Loads a scenario, also from a run's folder that a killed process has left unfinished."""
+    if scenario not in bundled_scenarios():
+        path = Path(scenario)
+        recover(path)
+        if not exists(path) and path.parent.name == "cases" and exists(path.parent.parent / "plan.parquet"):
+            raise InputError(
+                f"{path}: this case's folder was not kept; 'massprop campaign run {path.parent.parent} --only "
+                f"{path.name.lstrip('0') or '0'}' flies it and keeps it"
+            )
+    return load_scenario(scenario, overrides)
+
+
+def checked(name: str, whose: Vehicle | None) -> Vehicle | Scenario | CampaignSpec | str:
+    """Reads a file and returns what it holds, telemetry in words; raises InputError for a bad one."""
+    if Path(name).suffix.lower() in _TELEMETRY:
+        return show.about_telemetry(check_telemetry(Path(name), whose), whose)
+    if name in bundled_vehicles():
+        return load_vehicle(name)
+    if name in bundled_scenarios():
+        return load_scenario(name)
+    if name in bundled_campaigns():
+        return load_campaign(name)
+    document = Document(read_text(Path(name)), name)
+    if "jets" in document.data or "jet_kinds" in document.data:
+        return validated(Vehicle, document.data, document)
+    if "base" in document.data:
+        return campaign_from(document, Path(name).parent)
+    return resolved(document.data, document, Path(name).parent)

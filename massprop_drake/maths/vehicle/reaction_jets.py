@@ -1,0 +1,150 @@
+"""The true jets over a sample: from commands to levels of thrust, mean forces and a wrench profile.
+
+Within a sample each jet's level goes from where it was toward its target with its time constant, in closed form; see
+`maths.vehicle.thrust`. What a failed jet's target is: `maths.vehicle.true_failures`.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_drake.maths.kernels import kernel
+from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.maths.vehicle.thrust import LagFactors, lag_factors, level_after, mean_level
+from massprop_drake.maths.vehicle.true_failures import Failure, delivered
+
+_FORCE = slice(3, 6)  # of a jet's wrench
+
+
+class LagClasses(NamedTuple):
+    """Jets grouped by time constant, so that a few exponentials carry all transients.
+
+    Attributes:
+        time_constants_s: the distinct positive time constants, s.
+        wrenches: for each, the wrench of its jets, zero for others, shape (n_classes, n_jets, 7).
+    """
+
+    time_constants_s: tuple[float, ...]
+    wrenches: Array
+
+
+def lag_classes(wrenches: Array, time_constants_s: Array) -> LagClasses:
+    """The classes of a set of jets.
+
+    Args:
+        wrenches: torque about the vehicle origin, force, mass flow of each jet, shape (n_jets, 7).
+        time_constants_s: of each jet, s, shape (n_jets,).
+    """
+    distinct = tuple(sorted({constant for constant in time_constants_s.tolist() if constant > 0.0}))
+    members = [(time_constants_s == constant)[:, None] * wrenches for constant in distinct]
+    return LagClasses(distinct, np.array(members).reshape(len(distinct), *wrenches.shape))
+
+
+class JetsParams(NamedTuple):
+    """The true jets.
+
+    Attributes:
+        wrenches: torque about the vehicle origin, force, mass flow at full thrust, shape (n_jets, 7).
+        forces: size of each jet's force, lbf or N, shape (n_jets,).
+        lag: factors of a sample period.
+        classes: see `LagClasses`.
+        period_s: sample period, s.
+        failures: what jets deliver in place of what they are told.
+        seed: of intermittent failures.
+    """
+
+    wrenches: Array
+    forces: Array
+    lag: LagFactors
+    classes: LagClasses
+    period_s: float
+    failures: tuple[Failure, ...]
+    seed: int
+
+
+def jets_params(
+    wrenches: Array, time_constants_s: Array, period_s: float, failures: tuple[Failure, ...] = (), seed: int = 0
+) -> JetsParams:
+    """The true jets; arguments as the attributes of `JetsParams`, time constants in s, shape (n_jets,)."""
+    return JetsParams(
+        wrenches,
+        np.linalg.norm(wrenches[:, _FORCE], axis=1),
+        lag_factors(time_constants_s, period_s),
+        lag_classes(wrenches, time_constants_s),
+        period_s,
+        failures,
+        seed,
+    )
+
+
+def target(command: Array, closed: Array | None, sample: int, params: JetsParams) -> Array:
+    """What each jet's level tends to over a sample, shape (n_jets,).
+
+    Args:
+        command: fraction commanded over it, 0 to 1, shape (n_jets,).
+        closed: 1 for each jet whose manifold is closed over it, shape (n_jets,); None: none can be.
+        sample: number of the sample.
+        params: see `JetsParams`.
+    """
+    level = delivered(command, sample, params.period_s, params.failures, params.seed)
+    return level if closed is None else level * (1.0 - closed)
+
+
+class Thrusters(NamedTuple):
+    """What the arithmetic of the jets takes: arrays alone.
+
+    Attributes:
+        wrenches, forces: see `JetsParams`.
+        lag: see `LagFactors`.
+        class_wrenches: see `LagClasses`, shape (n_classes, n_jets, 7).
+        class_constants_s: time constant of each class, s, shape (n_classes,).
+    """
+
+    wrenches: Array
+    forces: Array
+    lag: LagFactors
+    class_wrenches: Array
+    class_constants_s: Array
+
+
+def thrusters(params: JetsParams) -> Thrusters:
+    """The arrays of the jets."""
+    constants, wrenches = params.classes
+    return Thrusters(params.wrenches, params.forces, params.lag, wrenches, np.array(constants, dtype=float))
+
+
+@kernel
+def level_now(level: Array, held_target: Array, jets: Thrusters) -> Array:
+    """Level a sample after `level`, under the target of the sample between, shape (n_jets,)."""
+    return level_after(level, held_target, jets.lag.remaining)
+
+
+@kernel
+def mean_force(level: Array, coming: Array, jets: Thrusters) -> Array:
+    """Mean force of each jet over the coming sample, lbf or N, shape (n_jets,).
+
+    Args:
+        level: now, which does not matter where no jet lags, shape (n_jets,).
+        coming: target of that sample, shape (n_jets,).
+        jets: see `Thrusters`.
+    """
+    if jets.lag.instantaneous:
+        return jets.forces * coming
+    return jets.forces * mean_level(level, coming, jets.lag.mean)
+
+
+@kernel
+def wrench_profile(level: Array, coming: Array, jets: Thrusters) -> Array:
+    """The wrench that the coming sample tends to, then for each time constant the part that dies away with it.
+
+    Arguments as `mean_force`; shape (1 + n_classes, 7), see `maths.vehicle.rigid_body.step`.
+    """
+    profile = np.empty((1 + jets.class_constants_s.size, jets.wrenches.shape[1]))
+    profile[0] = coming @ jets.wrenches
+    if jets.class_constants_s.size:
+        difference = level - coming
+        for index in range(jets.class_constants_s.size):
+            profile[1 + index] = difference @ jets.class_wrenches[index]
+    return profile

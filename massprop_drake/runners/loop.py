@@ -1,0 +1,223 @@
+"""The plain loop: a scenario sample by sample, by the same functions as the diagram's systems call, without Drake.
+
+Only the linear program of jet selection is Drake's. What the loop does not cover, `check_against_vehicle` refuses.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from massprop_drake.inputs import params
+from massprop_drake.inputs.scenario import Scenario
+from massprop_drake.maths.autopilot.phase_space import hand_controllers, initial_memory, piloted
+from massprop_drake.maths.estimation import cycle as estimation
+from massprop_drake.maths.estimation.cycle import EstimationStep
+from massprop_drake.maths.estimation.detector import Event
+from massprop_drake.maths.estimation.filter import Groups
+from massprop_drake.maths.kernels import chosen
+from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
+from massprop_drake.maths.mass_properties import converged
+from massprop_drake.maths.vehicle import cycle as vehicle_cycle
+from massprop_drake.maths.vehicle.rigid_body import N_STATE, QUATERNION, STRUCTURE, OutOfMassError, SpunUpError
+from massprop_drake.maths.vehicle.sensing import unsaturated
+from massprop_drake.runners.logs import EstimationLog, timed_cycle
+from massprop_drake.runners.moment import Moment
+from massprop_drake.systems.autopilot.selector import Selector
+from massprop_drake.systems.layouts import HAND_CONTROLLERS, RECONFIGURATION, REQUEST, SELECTION_COUNTS
+
+Array = NDArray[np.float64]
+
+_ROWS = 256  # that logs grow by
+
+
+class _Pilot:
+    """The autopilot, as its diagram wires it.
+
+    Args:
+        scenario: with hand-controller windows.
+    """
+
+    LOGGED = ("hand_controllers", "attitude_error", "request", "selection_counts", "out_of_use")
+
+    def __init__(self, scenario: Scenario):
+        vehicle = scenario.vehicle_data
+        self._windows = params.windows(scenario)
+        self._params = params.phase_space_params(scenario)
+        self.selector = Selector(**params.selection(scenario))
+        self._reconfiguration = RECONFIGURATION.sized(jets=len(vehicle.jets))
+        self._unit_wrenches = params.unit_wrenches(vehicle)
+        self._adapts = scenario.autopilot.mass_properties == "estimated"
+        self._limits = params.convergence_limits(scenario)
+        self._memory = initial_memory()
+        self._piloted = chosen(piloted, scenario.execution.compiled)
+        self._state = self.selector.initial
+
+    def decide(self, time_s: float, gyro: Array, done: EstimationStep) -> tuple[Array, tuple[Array, ...]]:
+        """The command of the coming sample, and the rows of `LOGGED`."""
+        control, state = self._params, self._state
+        controllers = hand_controllers(self._windows, time_s)
+        step = self._piloted(self._memory, gyro, controllers, state.delivered, control)
+        properties = self._properties(done) if self._adapts else None
+        burst = self.selector.decide(state, step.request, properties, self._asked_for(done))
+        rows = (controllers, step.error, REQUEST.pack(step.request), state.counts, state.out_of_use)
+        self._state = self.selector.after(state, burst, properties)
+        self._memory = step.memory
+        return burst.command, rows
+
+    def _properties(self, done: EstimationStep) -> Array | None:
+        """The estimate where it may be acted on."""
+        estimate, deviation = estimation.reported(done)
+        return estimate if converged(deviation, estimate, self._limits) else None
+
+    def _asked_for(self, done: EstimationStep) -> Any:
+        judgment = done.judgment
+        if judgment is None:
+            return None
+        declared = judgment.status.detector_event == Event.DECLARED
+        wrench = judgment.state.force @ self._unit_wrenches
+        return self._reconfiguration.make(declared=declared, known_wrench=wrench, removed=judgment.state.removed)
+
+
+class Loop:
+    """A run by the plain loop, see `simulate.Engine`.
+
+    Args:
+        scenario: to run.
+    """
+
+    def __init__(self, scenario: Scenario):
+        vehicle = scenario.vehicle_data
+        self._scenario, self._period_s = scenario, vehicle.sample_period_s
+        self._true = params.vehicle_params(scenario)
+        self._closes = params.closes_manifolds(scenario) and not scenario.jet_schedule
+        self._vehicle = vehicle_cycle.initial_state(self._true, closes=self._closes)
+        self._schedule = params.commands(scenario) if scenario.jet_schedule else None
+        self._pilot = None if scenario.jet_schedule else _Pilot(scenario)
+        self._params = params.estimation_params(scenario)
+        self._known = estimation.initial_state(self._params)
+        names = vehicle.sensor_names()
+        self._gyro, *_ = self._gyros = [names.index(package.name) for package in params.gyros(scenario)]
+        self._accelerometers = [names.index(package.name) for package in params.accelerometers(scenario)]
+        self._limits = [package.limit for package in vehicle.sensors]
+        self._spent_s = {"estimators": 0.0, "detector": 0.0}
+        self._sample = 0  # the next one
+        self._columns = {
+            "body_state": N_STATE,
+            "structure": STRUCTURE.size,
+            "command": len(vehicle.jets),
+            "thrust": len(vehicle.jets),
+            **dict.fromkeys(names, 3),
+        }
+        if self._pilot is not None:
+            sizes = (HAND_CONTROLLERS.size, 3, REQUEST.size, SELECTION_COUNTS.size, len(vehicle.jets))
+            self._columns |= dict(zip(_Pilot.LOGGED, sizes, strict=True))
+        self._names = names
+        self._moment: tuple[Array, Array, Array, EstimationStep] | None = None
+        self._logs: list[tuple[dict[str, Array], EstimationLog]] = []
+        self._logged = 0
+
+    @property
+    def logged(self) -> int:
+        """Number of rows since the logs were emptied."""
+        return self._logged
+
+    def advance(self, reached_s: float) -> None:
+        """Runs up to a time and logs every sample up to it, that at the time itself included."""
+        while self._sample * self._period_s <= reached_s:
+            time_s = self._sample * self._period_s
+            try:
+                self._step(time_s)
+            except (OutOfMassError, SpunUpError) as error:
+                raise error.at(time_s) from None
+            except NotPositiveDefiniteError as error:
+                raise error.at(time_s, "estimator") from None
+            self._sample += 1
+
+    def _step(self, time_s: float) -> None:
+        state, sample = self._vehicle, self._sample
+        readings, memories = vehicle_cycle.sense(state, sample, self._true)
+        before = self._known.detector
+        seen = estimation.Sample(
+            time_s,
+            self._stacked(readings, self._gyros),
+            self._stacked(readings, self._accelerometers),
+            state.command,
+        )
+        done = timed_cycle(self._known, seen, self._params, self._spent_s)
+        self._known = done.state
+        rows: tuple[Array, ...] = ()
+        if self._pilot is not None:
+            command, rows = self._pilot.decide(time_s, readings[self._gyro], done)
+        else:
+            command = self._scheduled(sample)
+        closed = done.judgment.state.closed if self._closes and done.judgment is not None else None
+        stepped = vehicle_cycle.step(state, command, closed, sample, self._true)
+        self._vehicle = stepped.state._replace(memories=memories)
+        self._log((state.body, state.structure, command, stepped.thrust, *readings, *rows), done, before)
+        self._moment = state.body, state.structure, stepped.thrust, done
+
+    def _stacked(self, readings: list[Array], packages: list[int]) -> Array:
+        """Readings of some packages side by side, NaN where saturated, shape (s, 3)."""
+        stacked = np.empty((len(packages), 3))
+        for row, index in enumerate(packages):
+            stacked[row] = unsaturated(readings[index], self._limits[index])
+        return stacked
+
+    def _scheduled(self, sample: int) -> Array:
+        assert self._schedule is not None
+        command: Array = self._schedule[sample] if sample < len(self._schedule) else np.zeros(self._schedule.shape[1])
+        return command
+
+    def _log(self, row: tuple[Array, ...], done: EstimationStep, before: Any) -> None:
+        index = self._logged % _ROWS
+        if index == 0:
+            columns = {name: np.empty((_ROWS, size)) for name, size in self._columns.items()}
+            self._logs.append((columns, EstimationLog(self._scenario, self._params, _ROWS)))
+        columns, log = self._logs[-1]
+        for column, values in zip(columns.values(), row, strict=True):
+            column[index] = values
+        log.put(index, done, before)
+        self._logged += 1
+
+    def emptied(self) -> dict[str, Array]:
+        """What has been logged, by port, and the times; the logs are empty then."""
+        count = self._logged
+        first = self._sample - count
+        blocks = [{**columns, **log.rows} for columns, log in self._logs]
+        logs = {name: np.concatenate([block[name] for block in blocks])[:count] for name in blocks[0]}
+        self._logs, self._logged = [], 0
+        return {"time_s": np.arange(first, self._sample) * self._period_s, **logs}
+
+    def moment(self) -> Moment:
+        """What there is to see at the last sample."""
+        assert self._moment is not None
+        body, structure, thrust, done = self._moment
+        removed = np.zeros(thrust.size, dtype=bool)
+        if done.judgment is not None:
+            removed = done.judgment.state.removed != 0.0
+        estimate, deviation = estimation.reported(done)
+        return Moment(
+            (self._sample - 1) * self._period_s,
+            body[QUATERNION],
+            STRUCTURE.read(structure).center_of_mass,
+            thrust,
+            estimate,
+            deviation,
+            removed,
+        )
+
+    def finish(self) -> tuple[Array, Groups]:
+        """Covariance of the ten estimates, shape (10, 10), and the estimators' state, after the last sample."""
+        assert self._moment is not None
+        _, covariance = self._moment[3].filtered.known or estimation.known(self._known, self._params)
+        return covariance, estimation.saved(self._known, self._params)
+
+    def cycle_times(self, cycles: int) -> dict[str, float | None]:
+        """Mean time per cycle spent in each part, microseconds."""
+        mean = {name: 1e6 * spent / cycles for name, spent in self._spent_s.items()}
+        selection = None if self._pilot is None else 1e6 * self._pilot.selector.stopwatch.spent_s / cycles
+        detector = mean["detector"] if self._params.detector is not None else None
+        return {"estimators": mean["estimators"], "detector": detector, "jet_selection": selection}

@@ -1,0 +1,31 @@
+"""What there is to see of a simulation at one sample."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+class Moment(NamedTuple):
+    """A simulation at one sample, for those who watch it.
+
+    Attributes:
+        time_s: of the sample, s.
+        attitude: q_NB, shape (4,).
+        center_of_mass: the true one, vehicle frame, ft or m, shape (3,).
+        thrust: mean force of each jet over the coming sample, lbf or N, shape (n_jets,).
+        estimate, standard_deviation: of the ten parameters, shape (10,) each.
+        removed: jets taken out of use, boolean, shape (n_jets,).
+    """
+
+    time_s: float
+    attitude: Array
+    center_of_mass: Array
+    thrust: Array
+    estimate: Array
+    standard_deviation: Array
+    removed: NDArray[np.bool_]

@@ -1,0 +1,211 @@
+"""From requests for a change of rate and velocity to bursts of jets: when to ask, and what to do with the answer."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from massprop_drake.maths.autopilot.jet_selection import activity_vectors, burst_cycles, least_change
+from massprop_drake.maths.autopilot.phase_space import Urgency
+from massprop_drake.maths.linear_algebra import nonzero
+from massprop_drake.systems.autopilot.jet_selection_program import (
+    RATE,
+    VELOCITY,
+    JetSelectionProgram,
+    Outcome,
+    Selection,
+)
+from massprop_drake.systems.caching import Stopwatch
+from massprop_drake.systems.layouts import REFUSED, SELECTION_COUNTS
+
+Array = NDArray[np.float64]
+
+_LONGEST_BURST_S = 2.0  # against a force that acts all along
+_NOT_REFUSED = (np.zeros(3), 0.0)
+_LEAST_CONTROL = 0.01  # share of the reach about an axis that must be left when jets are taken out
+
+
+class Burst(NamedTuple):
+    """The burst in force at a sample.
+
+    Attributes:
+        remaining: cycles that each jet has still to fire, this one included, shape (n_jets,).
+        command: 1 for each jet that fires over the coming sample, shape (n_jets,).
+        changed: states `counts`, `refused` and `out_of_use`; None: they are as they were.
+    """
+
+    remaining: Array
+    command: Array
+    changed: tuple[Array, Array, Array] | None
+
+
+class SelectionState(NamedTuple):
+    """What jet selection remembers.
+
+    Attributes:
+        remaining: cycles that each jet has still to fire, shape (n_jets,).
+        command: decided at the last sample, shape (n_jets,).
+        delivered: velocity change that it gives, ft/s or m/s, shape (3,).
+        counts, refused: packed as `layouts.SELECTION_COUNTS` and `layouts.REFUSED`.
+        out_of_use: 1 for each jet taken out of use, -1 for one left in though in question, shape (n_jets,).
+    """
+
+    remaining: Array
+    command: Array
+    delivered: Array
+    counts: Array
+    refused: Array
+    out_of_use: Array
+
+
+class Selector:
+    """Decides which jets fire; remembers nothing itself.
+
+    Args:
+        wrenches: torque about the vehicle origin and force of each jet, shape (n_jets, 6).
+        mass_flows: of each jet, slug/s or kg/s, shape (n_jets,).
+        minimum_on_times_s: of each jet, s, shape (n_jets,).
+        selectable: which jets may be selected, boolean, shape (n_jets,).
+        mass_properties: nominal, the ten parameters, shape (10,).
+        period_s: control period, s.
+    """
+
+    def __init__(
+        self,
+        *,
+        wrenches: Array,
+        mass_flows: Array,
+        minimum_on_times_s: Array,
+        selectable: NDArray[np.bool_],
+        mass_properties: Array,
+        period_s: float,
+    ):
+        self.stopwatch = Stopwatch()  # of the linear program
+        self._wrenches = wrenches
+        self._minimum = minimum_on_times_s
+        self._selectable = selectable
+        self._nominal = mass_properties
+        self._nominal_activity = activity_vectors(wrenches, mass_properties)
+        self._program = JetSelectionProgram(mass_flows)
+        self._period_s = period_s
+
+    @property
+    def initial(self) -> SelectionState:
+        """Nothing asked for yet."""
+        n_jets = self._selectable.size
+        off = np.zeros(n_jets)
+        counts = SELECTION_COUNTS.pack((0.0, 0.0, 0.0, 1.0))
+        return SelectionState(off, off, np.zeros(3), counts, np.zeros(REFUSED.size), off)
+
+    def decide(self, state: SelectionState, request: Any, properties: Array | None, asked_for: Any) -> Burst:
+        """The burst in force from a sample on.
+
+        Args:
+            state: before the sample.
+            request: see `maths.autopilot.phase_space.Request`.
+            properties: mass properties to reckon with, the ten parameters, shape (10,); None: the nominal ones.
+            asked_for: fields of `layouts.RECONFIGURATION`; None: there is no detector.
+        """
+        remaining = state.remaining
+        wrench, declared = None, False
+        if asked_for is not None:
+            declared = asked_for.declared
+            if nonzero(asked_for.known_wrench):
+                wrench = asked_for.known_wrench
+        if declared:
+            remaining = np.zeros_like(remaining)
+        urgency = request.urgency
+        asked = urgency == Urgency.WHEN_IDLE or wrench is not None
+        if urgency != Urgency.AT_ONCE and not declared and (not asked or nonzero(remaining)):
+            return Burst(remaining, np.where(remaining > 0.0, 1.0, 0.0), None)
+
+        solved, reduced, closest, granted = SELECTION_COUNTS.read(state.counts)
+        refused = REFUSED.read(state.refused)
+        out_of_use = state.out_of_use
+        before = self._program.solves
+        if declared:
+            out_of_use = self._reduced(properties, out_of_use, asked_for.removed)
+        if wrench is None and urgency == Urgency.WHEN_IDLE:
+            change = max(abs(element) for element in (request.rate_change - refused.rate_change).tolist())
+            asked = change >= refused.least_change
+        if urgency == Urgency.AT_ONCE or asked:
+            available = self._selectable & (out_of_use <= 0.0)
+            wanted, selection = self._selected(properties, request, wrench, available)
+            remaining = burst_cycles(selection.on_times_s, self._period_s, self._minimum)
+            refused = _NOT_REFUSED
+            if not nonzero(remaining):
+                refused = (wanted[RATE], least_change(wanted, selection.on_times_s, self._period_s))
+            size = float(np.linalg.norm(wanted[VELOCITY]))
+            reduced += selection.outcome == Outcome.REDUCED
+            closest += selection.outcome == Outcome.CLOSEST
+            granted = float(np.linalg.norm(selection.reached[VELOCITY])) / size if size > 0.0 else 1.0
+        counts = (solved + self._program.solves - before, reduced, closest, granted)
+        changed = SELECTION_COUNTS.pack(counts), REFUSED.pack(refused), out_of_use
+        return Burst(remaining, np.where(remaining > 0.0, 1.0, 0.0), changed)
+
+    def after(self, state: SelectionState, burst: Burst, properties: Array | None) -> SelectionState:
+        """What to remember after a sample; arguments as `decide`."""
+        delivered = np.zeros(3)
+        if nonzero(burst.command):
+            delivered = self._activity(properties)[VELOCITY] @ burst.command * self._period_s
+        kept = (state.counts, state.refused, state.out_of_use) if burst.changed is None else burst.changed
+        return SelectionState(np.maximum(burst.remaining - 1.0, 0.0), burst.command, delivered, *kept)
+
+    def _activity(self, properties: Array | None) -> Array:
+        """Activity vectors by the mass properties in use."""
+        return self._nominal_activity if properties is None else activity_vectors(self._wrenches, properties)
+
+    def _selected(
+        self, properties: Array | None, request: Any, wrench: Array | None, available: NDArray[np.bool_]
+    ) -> tuple[Array, Selection]:
+        """The change of rate and velocity asked for, and the answer.
+
+        A force that acts all along is undone over the time that the burst takes: that of the change alone,
+        in whole cycles, and twice that as often as it takes until on-times within it are enough.
+        """
+        activity = self._activity(properties)
+
+        def solved(wanted: Array, longest_s: float) -> Selection:
+            limits = np.where(available, longest_s, 0.0)
+            return self.stopwatch.measure(self._program.solve, activity, wanted, limits)
+
+        asked = np.concatenate([request.rate_change, request.velocity_change])
+        if wrench is None:
+            return asked, solved(asked, request.time_limit_s)
+        effect = self._effect(properties, wrench)
+        if np.isfinite(request.time_limit_s):  # a translation, which has its time
+            wanted = asked - effect * request.time_limit_s
+            return wanted, solved(wanted, request.time_limit_s)
+        alone = float(solved(asked, np.inf).on_times_s.max())
+        duration = self._period_s * max(1, math.ceil(alone / self._period_s - 1e-9))
+        while True:
+            wanted = asked - effect * duration
+            selection = solved(wanted, duration)
+            if selection.outcome == Outcome.EXACT or duration >= _LONGEST_BURST_S:
+                return wanted, selection
+            duration *= 2.0
+
+    def _effect(self, properties: Array | None, wrench: Array) -> Array:
+        """Rates of change of rate and velocity by a wrench about the vehicle origin, shape (6,)."""
+        return activity_vectors(wrench[None, :], self._nominal if properties is None else properties)[:, 0]
+
+    def _reduced(self, properties: Array | None, out_of_use: Array, proposed: Array) -> Array:
+        """The state `out_of_use` when jets are proposed: those that control about every axis can spare go."""
+        activity = self._activity(properties)
+        needed = [_LEAST_CONTROL * reach for reach in self._reaches(activity, np.zeros_like(proposed))]
+
+        def controllable(out: Array) -> bool:
+            return all(reach > least for reach, least in zip(self._reaches(activity, out), needed, strict=True))
+
+        # all jets that the data cannot tell apart, or none: those in question since the last time
+        group = (proposed != 0.0) & (out_of_use == 0.0)
+        spared = controllable(np.where(group, 1.0, out_of_use))
+        return np.where(group, 1.0 if spared else -1.0, out_of_use)
+
+    def _reaches(self, activity: Array, out_of_use: Array) -> list[float]:
+        """Largest rate change per second of firing about each axis, both ways, without some jets."""
+        limits = np.where(self._selectable & (out_of_use <= 0.0), 1.0, 0.0)
+        return [self._program.reach(activity, row, sign, limits) for row in range(3) for sign in (1.0, -1.0)]

@@ -1,0 +1,86 @@
+"""Compiled kernels: asked for, the same but for rounding, and never there by themselves."""
+
+from __future__ import annotations
+
+import builtins
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from massprop_drake import InputError, estimate, load_scenario, simulate
+from massprop_drake.inputs.params import thesis_params
+from massprop_drake.maths import kernels
+from massprop_drake.maths.linear_algebra import cross
+from massprop_drake.maths.vehicle.rigid_body import step
+
+# what is decided, not reckoned: the same to the last bit
+DECIDED = ("command", "rotation_used", "mass_used", "alarm", "tested", "detector_event", "suspected_jet", "out_of_use")
+STATES, LIKELIHOODS = 5e-12, 1e-10  # relative to the largest of a signal
+
+
+def test_a_kernel_is_the_function_itself() -> None:
+    assert step in kernels._KERNELS
+    assert kernels.chosen(step, compile_it=False) is step
+    assert type(cross(np.eye(3)[0], np.eye(3)[1])) is np.ndarray
+
+
+def test_bundles_for_compiled_code_hold_no_enumeration_members() -> None:
+    params = thesis_params(load_scenario("sample_maneuver")).rotation
+    plain = kernels.plain(params)
+    assert (type(plain), type(plain.rule), type(plain.coupling)) == (type(params), int, int)
+    assert plain.process_noise is params.process_noise
+
+
+def test_without_numba_it_is_said_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    load = builtins.__import__
+
+    def without(name: str, *rest: Any) -> Any:
+        if name.partition(".")[0] == "numba":
+            raise ImportError(name)
+        return load(name, *rest)
+
+    kernels.compiler.cache_clear()
+    monkeypatch.setattr(builtins, "__import__", without)
+    case = load_scenario("sample_maneuver", ["duration_s=1", "execution={engine: loop, compiled: true}"])
+    with pytest.raises(InputError, match=r"execution\.compiled: needs numba: pip install 'massprop-drake\[fast\]'"):
+        simulate(case)
+
+
+def test_the_diagram_is_not_compiled_and_says_so() -> None:
+    with pytest.raises(InputError, match=r"execution\.compiled: .* give execution\.engine: loop"):
+        simulate(load_scenario("sample_maneuver", ["duration_s=1", "execution.compiled=true"]))
+
+
+def require_close(compiled: Any, plain: Any) -> None:
+    """What is decided is the same, and the rest but for rounding."""
+    for name in plain.signals:
+        one, other = compiled[name], plain[name]
+        if name in DECIDED:
+            np.testing.assert_array_equal(one, other, err_msg=name)
+            continue
+        size = np.abs(other[np.isfinite(other)]).max(initial=0.0)
+        limit = LIKELIHOODS if "likelihood" in name or "nis" in name or "margin" in name else STATES
+        np.testing.assert_allclose(one, other, rtol=0.0, atol=limit * size, err_msg=name)
+    assert [entry["jets"] for entry in compiled.summary["detections"]] == [
+        entry["jets"] for entry in plain.summary["detections"]
+    ]
+
+
+@pytest.mark.parametrize("case", [("sample_maneuver", "duration_s=50"), ("stuck_on_29", "duration_s=20")])
+def test_compiled_kernels_give_the_same_but_for_rounding(case: tuple[str, str], tmp_path: Path) -> None:
+    pytest.importorskip("numba")
+    kernels.compiler.cache_clear()
+    plain = simulate(load_scenario(case[0], [case[1], "execution={engine: loop}"]))
+    asked = load_scenario(case[0], [case[1], "execution={engine: loop, compiled: true}"])
+    compiled = simulate(asked)
+    require_close(compiled, plain)
+    assert plain["rotation_used"].any()
+    provenance = compiled.summary["provenance"]
+    assert provenance["engine"].startswith("loop, compiled by numba ")
+    # the record of it, read by the same kernels: the same bits
+    compiled.save(tmp_path / "run", pictures=False, report=False)
+    again = estimate(tmp_path / "run" / "telemetry.csv", load_scenario(tmp_path / "run"))
+    np.testing.assert_array_equal(again["estimate"], compiled["estimate"])
+    assert load_scenario(tmp_path / "run").execution.compiled

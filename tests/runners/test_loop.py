@@ -1,0 +1,92 @@
+"""The plain loop: the diagram's numbers without the diagram, or a reason why not."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from massprop_drake import InputError, Run, load_scenario, simulate
+from massprop_drake.inputs.scenario import bundled_scenarios
+
+NOT_COMPARED = {"timing", "provenance"}
+# what no bundled scenario turns on, and what happens later than their first seconds
+VARIANTS = {
+    "estimated": ("stuck_on_29", "duration_s=12", "autopilot.mass_properties=estimated"),
+    "joint_estimated": ("orbiter_maneuver", "duration_s=5", "autopilot.mass_properties=estimated"),
+    "manifold": ("stuck_on_29", "duration_s=14", "detector.close_manifold=true"),
+    "noisy": (
+        "sample_maneuver",
+        "duration_s=5",
+        "plant.thrust_transient=vehicle",
+        "plant.disturbance={torque_std: [1, 1, 1], force: [1, 0, 0]}",
+        "sensors.errors=[{sensor: gyro, bias_random_walk: 1.0e-7, noise_std: 2.0e-6}, {sensor: acc2, noise_std: 0.01, "
+        "bias: [1.0e-3, 0, 0], delay_samples: 1, vibration: [{frequency_hz: 9, amplitude: [1, 0, 0]}]}]",
+    ),
+    "vibrating": (
+        "sample_maneuver",
+        "duration_s=2",
+        "sensors.errors=[{sensor: gyro, vibration: [{frequency_hz: 9, amplitude: [1.0e-4, 0, 0]}]}]",
+    ),
+    "jump": ("payload_release", "duration_s=6", "jumps[0].time_s=3"),
+    "unobserved": (
+        "sample_maneuver",
+        "duration_s=4",
+        "vehicle.preferred_accelerometer=null",
+        "vehicle.accelerometers=[]",
+        "detector.kind=off",
+    ),
+}
+
+
+def both(name: str, *overrides: str) -> tuple[Run, Run]:
+    """A case by either engine."""
+    found = [simulate(load_scenario(name, [*overrides, f"execution.engine={e}"])) for e in ("diagram", "loop")]
+    return found[0], found[1]
+
+
+def require_same(diagram: Run, loop: Run) -> None:
+    """Bit for bit: every signal, the summary, the saved state."""
+    assert list(loop.signals) == list(diagram.signals)
+    np.testing.assert_array_equal(loop.time_s, diagram.time_s)
+    for name in diagram.signals:
+        np.testing.assert_array_equal(loop[name], diagram[name], err_msg=name)
+    summaries = [{k: v for k, v in run.summary.items() if k not in NOT_COMPARED} for run in (diagram, loop)]
+    assert summaries[0] == summaries[1]
+
+
+@pytest.mark.parametrize("name", bundled_scenarios())
+def test_every_bundled_scenario_gives_the_diagrams_bits(name: str) -> None:
+    require_same(*both(name, "duration_s=2"))
+
+
+@pytest.mark.parametrize("name", VARIANTS)
+def test_what_no_bundled_scenario_turns_on_gives_the_diagrams_bits(name: str) -> None:
+    require_same(*both(*VARIANTS[name]))
+
+
+def test_the_saved_state_is_the_same(tmp_path: Path) -> None:
+    saved = []
+    for run in both("stuck_on_29", "duration_s=2"):
+        run.save(tmp_path / "run", pictures=False, report=False)
+        saved.append(json.loads((tmp_path / "run" / "filter_state.json").read_text()))
+    assert saved[0] == saved[1]
+
+
+def test_a_watcher_sees_the_same() -> None:
+    seen: dict[str, list[object]] = {}
+    for engine in ("diagram", "loop"):
+        moments = seen.setdefault(engine, [])
+        case = load_scenario("stuck_on_29", ["duration_s=1", f"execution.engine={engine}"])
+        simulate(case, watch=lambda moment, moments=moments: moments.append(list(moment)))  # type: ignore[misc]
+    assert len(seen["loop"]) == 12
+    for one, other in zip(seen["diagram"], seen["loop"], strict=True):
+        for left, right in zip(one, other, strict=True):  # type: ignore[call-overload]
+            np.testing.assert_array_equal(left, right)
+
+
+def test_a_continuous_plant_is_refused_with_the_reason() -> None:
+    with pytest.raises(InputError, match=r"execution\.engine: loop does not cover a continuous plant"):
+        load_scenario("sample_maneuver", ["plant.time_step=0", "execution.engine=loop"])
