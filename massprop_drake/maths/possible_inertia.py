@@ -54,8 +54,11 @@ def nearest_possible(estimate: Array, covariance: Array) -> Array | None:
         return estimate.copy()
     of_rest = covariance[6:, :6]
     metric = metric + _EXACT * np.diag(np.diag(metric)) + _EXACT**2 * scale**2 * np.eye(6)
-    whitener = np.linalg.inv(np.linalg.cholesky(metric / scale**2))
-    nearest = _nearest(six / scale, whitener)
+    try:
+        whitener = np.linalg.inv(np.linalg.cholesky(metric / scale**2))
+        nearest = _nearest(six / scale, whitener)
+    except np.linalg.LinAlgError:  # moments or sigmas that differ by more than rounding can bear
+        return None
     if nearest is None:
         return None
     change = scale * nearest - six

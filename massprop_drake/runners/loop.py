@@ -212,7 +212,8 @@ class Loop:
     def finish(self) -> tuple[Array, Groups]:
         """Covariance of the ten estimates, shape (10, 10), and the estimators' state, after the last sample."""
         assert self._moment is not None
-        _, covariance = self._moment[3].filtered.known or estimation.known(self._known, self._params)
+        *_, done = self._moment
+        _, covariance = done.filtered.known or estimation.known(self._known, self._params)
         return covariance, estimation.saved(self._known, self._params)
 
     def cycle_times(self, cycles: int) -> dict[str, float | None]:
