@@ -17,7 +17,7 @@ from massprop_drake.display import plots
 from massprop_drake.display.figures import drawn
 from massprop_drake.inputs import model, params
 from massprop_drake.maths.estimation import filter as filter_module
-from massprop_drake.maths.estimation.filters import FILTERS
+from massprop_drake.maths.estimation.filters.registry import FILTERS
 
 TEXT = (REPOSITORY / "CONTRIBUTING.md").read_text(encoding="utf-8")
 PYTHON = [

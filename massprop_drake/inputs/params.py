@@ -28,9 +28,10 @@ from massprop_drake.maths.estimation.cycle import EstimationParams
 from massprop_drake.maths.estimation.detector import Detector, Jets
 from massprop_drake.maths.estimation.detectors import DETECTORS
 from massprop_drake.maths.estimation.filter import Instruments, Setup, ThrustModel
-from massprop_drake.maths.estimation.filters import FILTERS, joint, thesis
+from massprop_drake.maths.estimation.filters import joint, thesis
 from massprop_drake.maths.estimation.filters.joint import JointFilterParams
 from massprop_drake.maths.estimation.filters.mass_filter import MassParams
+from massprop_drake.maths.estimation.filters.registry import FILTERS
 from massprop_drake.maths.estimation.filters.rotation_filter import RotationParams
 from massprop_drake.maths.estimation.filters.thesis import ThesisParams
 from massprop_drake.maths.kernels import with_compiled

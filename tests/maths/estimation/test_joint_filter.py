@@ -10,8 +10,9 @@ from joint_probe import PERIOD, TRUTH, small_params
 
 from massprop_drake.maths.estimation.adaptation import NO_ADAPTATION
 from massprop_drake.maths.estimation.filter import Told
-from massprop_drake.maths.estimation.filters import FILTERS, joint
+from massprop_drake.maths.estimation.filters import joint
 from massprop_drake.maths.estimation.filters.joint import GROUP, JointFilterParams, JointFilterState, Measurement
+from massprop_drake.maths.estimation.filters.registry import FILTERS
 from massprop_drake.maths.estimation.joint.layout import RATE, make_places, state_layout
 
 PARAMS = JointFilterParams(small_params(), PERIOD)

@@ -12,7 +12,8 @@ from systems_probe import feedthrough, inputs, outputs
 from massprop_drake import Estimator, Run, Scenario, load_scenario, simulate
 from massprop_drake.diagrams import estimation
 from massprop_drake.maths.estimation.filter import Filter, FilterStep, Groups
-from massprop_drake.maths.estimation.filters import FILTERS, thesis
+from massprop_drake.maths.estimation.filters import thesis
+from massprop_drake.maths.estimation.filters.registry import FILTERS
 from massprop_drake.maths.estimation.filters.thesis import ThesisParams, ThesisState
 from massprop_drake.maths.linear_algebra import Array
 
