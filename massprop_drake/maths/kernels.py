@@ -21,7 +21,7 @@ import warnings
 from collections.abc import Callable
 from enum import IntEnum
 from functools import cache
-from importlib import import_module, metadata
+from importlib import metadata
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
@@ -34,19 +34,6 @@ Array = NDArray[np.float64]
 F = TypeVar("F", bound=Callable[..., Any])
 
 _KERNELS: list[Callable[..., Any]] = []
-_MODULES = (  # that hold kernels
-    "linear_algebra",
-    "attitude",
-    "mass_properties",
-    "vehicle.thrust",
-    "vehicle.reaction_jets",
-    "vehicle.cycle",
-    "vehicle.rigid_body",
-    "vehicle.sensing",
-    "autopilot.phase_space",
-    "estimation.filters.thesis",
-    "estimation.detectors.jet_tests",
-)
 _registered: set[Callable[..., Any]] = set()
 
 
@@ -96,6 +83,15 @@ class Compiler(NamedTuple):
         return float(self.timer.duration) if self.timer.done else 0.0
 
 
+def _gathered() -> None:
+    """Loads every module that holds kernels, so that all are known."""
+    from massprop_drake.maths import attitude, linear_algebra, mass_properties  # noqa: F401, PLC0415
+    from massprop_drake.maths.autopilot import phase_space  # noqa: F401, PLC0415
+    from massprop_drake.maths.estimation.detectors import jet_tests  # noqa: F401, PLC0415
+    from massprop_drake.maths.estimation.filters import thesis  # noqa: F401, PLC0415
+    from massprop_drake.maths.vehicle import cycle, reaction_jets, rigid_body, sensing, thrust  # noqa: F401, PLC0415
+
+
 @cache
 def compiler() -> Compiler:
     """Makes numba ready to compile kernels.
@@ -113,8 +109,7 @@ def compiler() -> Compiler:
             "execution.compiled: needs numba: pip install 'massprop-drake[fast]', or leave it out"
         ) from None
     warnings.simplefilter("ignore", numba.NumbaPerformanceWarning)  # of small matrices that are not contiguous
-    for name in _MODULES:
-        import_module(f"massprop_drake.maths.{name}")
+    _gathered()
     home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     folder = home / "massprop_drake" / _digest()
     setattr(numba.config, "CACHE_DIR", str(folder))  # noqa: B010 (made at run time)
