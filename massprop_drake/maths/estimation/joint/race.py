@@ -196,16 +196,17 @@ def rivals(standing: list[Standing]) -> list[Standing]:
     A jet that is told to fire all the while is stuck and leaks alike, and filters of both ways run: it is stuck unless
     a leak, which might be of any size, explains more.
     """
-    named = standing[0].contender.cause.failures
-    others, seen = [], {named} - {frozenset()}
-    for each in standing:
-        if each.contender.cause.failures not in seen:
-            others.append(each)
-            seen |= {each.contender.cause.failures} - {frozenset()}
-    same = [each for each in standing if each.odds > standing[0].odds - _BETTER and each.run is not None]
-    same = [each for each in same if named and each.contender.cause.failures == named] or [standing[0]]
-    best = min(same, key=lambda each: sum(each.contender.cause.on_top))
-    return [best, *(each for each in others if each is not best)]
+
+    def named(each: Standing) -> frozenset[tuple[int, int]] | Cause:
+        return each.contender.cause.failures or each.contender.cause
+
+    least = standing[0].odds - _BETTER
+    ways = [each for each in standing if named(each) == named(standing[0]) and each.run is not None]
+    likely = [each for each in ways if each.odds > least] or standing[:1]
+    found: dict[frozenset[tuple[int, int]] | Cause, Standing] = {}
+    for each in (min(likely, key=lambda each: sum(each.contender.cause.on_top)), *standing):
+        found.setdefault(named(each), each)
+    return list(found.values())
 
 
 def _adds(explains: Standing, other: Standing) -> bool:
