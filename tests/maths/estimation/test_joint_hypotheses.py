@@ -11,6 +11,7 @@ from test_joint_bank import Flight, flight, ready
 from massprop_drake.maths.estimation.joint import screen as screens
 from massprop_drake.maths.estimation.joint.cycle import step
 from massprop_drake.maths.estimation.joint.hypotheses import (
+    JUMP_SHARES,
     NO_SCORE,
     SHARES,
     Cause,
@@ -18,6 +19,7 @@ from massprop_drake.maths.estimation.joint.hypotheses import (
     Kind,
     Runner,
     Score,
+    cell_likelihood,
     cost_of_a_lie,
     counted,
     kicked,
@@ -91,12 +93,72 @@ def test_score_is_the_gaussian_of_what_is_counted() -> None:
     half = rng.standard_normal((4, 4))
     covariance, innovation = half @ half.T, rng.standard_normal(4)
     counts = np.array([True, False, True, True])
-    found = scored(NO_SCORE, innovation, covariance, counts)
+    found = scored(NO_SCORE, innovation, covariance, counts, np.zeros(4))
     part, e = covariance[np.ix_(counts, counts)], innovation[counts]
     assert found.nis == pytest.approx(e @ np.linalg.solve(part, e))
     assert found.likelihood == pytest.approx(-0.5 * (found.nis + np.linalg.slogdet(part)[1]))
     assert found.degrees == 3
-    assert scored(found, innovation, covariance, np.zeros(4, dtype=np.bool_)) == found
+    assert found.cells == pytest.approx(found.likelihood)  # what dithers itself has no cells
+    assert scored(found, innovation, covariance, np.zeros(4, dtype=np.bool_), np.zeros(4)) == found
+
+
+@pytest.mark.parametrize(("error", "deviation", "width"), [(0.3, 0.1, 1.0), (-0.7, 0.2, 0.5), (2.0, 1.0, 3e-3)])
+def test_a_cell_has_the_share_of_the_normal_distribution_in_it(error: float, deviation: float, width: float) -> None:
+    share = norm.cdf(error + 0.5 * width, 0.0, deviation) - norm.cdf(error - 0.5 * width, 0.0, deviation)
+    found = cell_likelihood(error, deviation, width)
+    assert found == pytest.approx(np.log(share / width) + 0.5 * np.log(2.0 * np.pi), rel=1e-9)
+    assert cell_likelihood(-error, deviation, width) == found
+
+
+def test_cells_that_are_narrow_or_far_go_over_into_the_density_and_the_tail() -> None:
+    density = -0.5 * 2.0**2 - np.log(3.0)
+    assert cell_likelihood(6.0, 3.0, 0.0) == pytest.approx(density, rel=1e-12)
+    assert cell_likelihood(6.0, 3.0, 1.001 * 3e-3) == pytest.approx(density, abs=1e-5)
+    for width in (2e-3, 0.1, 4.0):
+        tail = norm.logsf(40.0) + np.log1p(-np.exp(norm.logsf(40.0 + width) - norm.logsf(40.0)))
+        expected = tail - np.log(width) + 0.5 * np.log(2.0 * np.pi)
+        assert cell_likelihood(40.0 + 0.5 * width, 1.0, width) == pytest.approx(expected, abs=2e-3 + 1e-3 / width)
+
+
+def test_cells_condition_each_component_on_those_before() -> None:
+    """Two readings of the same rate: where the first has shown it, the second is certain, and only its cell counts."""
+    quanta, innovation = np.array([1.0, 1.0]), np.array([0.1, -0.2])
+    covariance = np.diag(quanta**2 / 12.0) + 9.0
+    found = scored(NO_SCORE, innovation, covariance, np.ones(2, dtype=np.bool_), quanta)
+    first = 9.0 + 0.05**2
+    gain = 9.0 / (9.0 + 1.0 / 12.0)
+    second = 9.0 - gain * 9.0 + 0.05**2
+    expected = cell_likelihood(0.1, np.sqrt(first), 1.0) + cell_likelihood(-0.2 - gain * 0.1, np.sqrt(second), 1.0)
+    assert found.cells == pytest.approx(expected, rel=1e-12)
+
+
+def test_rounding_that_repeats_favors_nobody_by_cells() -> None:
+    """A rate that stands still near an edge: by L whoever puts it in the middle gains each time, by cells nobody."""
+    quanta, covariance = np.ones(1), np.array([[1.0 / 12.0 + 1e-4]])
+    here, middle = NO_SCORE, NO_SCORE
+    for _ in range(20):
+        here = scored(here, np.array([0.4]), covariance, np.ones(1, dtype=np.bool_), quanta)
+        middle = scored(middle, np.zeros(1), covariance, np.ones(1, dtype=np.bool_), quanta)
+    assert middle.likelihood - here.likelihood > 18.0
+    assert abs(middle.cells - here.cells) < 1.0
+    assert middle.excess > 6.0 > here.excess
+
+
+def test_white_noise_is_seldom_likelier_than_the_cells_that_were_drawn() -> None:
+    """The chance that the excess of the truth ever exceeds a is exp(-a) at most."""
+    rng, beyond = np.random.default_rng(3), 0
+    quanta, spread = np.ones(1), 0.1
+    covariance = np.array([[1.0 / 12.0 + spread**2]])
+    for _ in range(400):
+        score, highest = NO_SCORE, 0.0
+        for rate in rng.uniform(-5.0, 5.0, 15):
+            predicted = rate + spread * rng.standard_normal()
+            score = scored(
+                score, np.array([np.round(rate) - predicted]), covariance, np.ones(1, dtype=np.bool_), quanta
+            )
+            highest = max(highest, score.excess)
+        beyond += highest > 2.0
+    assert beyond / 400 < np.exp(-2.0)
 
 
 def filtered_alone(flown: Flight, onset: int, columns: Array, variances: Array) -> tuple[float, Array]:
@@ -147,6 +209,18 @@ def test_a_jump_agrees_with_a_filter_that_expects_one(flown: Flight) -> None:
     none = run_of(flown, none)
     assert jump.score.likelihood - none.score.likelihood == pytest.approx(lead, abs=0.2)
     assert jump.state.firing_count < none.state.firing_count
+
+
+def test_a_jump_is_expected_as_large_as_it_is_likeliest(flown: Flight) -> None:
+    """Of a vehicle that has not changed a small jump is likelier than a large one."""
+    found = screens.contenders(screen_of(flown, (3,)), np.ones(12, dtype=np.bool_), np.zeros(12), PARAMS)
+    jump = next(each for each in found if each.cause.kind == Kind.JUMP)
+    assert jump.share == JUMP_SHARES[1]
+    small = opened(flown.states[3], Cause(Kind.JUMP), PARAMS, jump.share).root[:10]
+    large = opened(flown.states[3], Cause(Kind.JUMP), PARAMS).root[:10]
+    before = flown.states[3].root[:10]
+    added = [np.diag(root @ root.T - before @ before.T) for root in (small, large)]
+    assert added[0] / added[1] == pytest.approx(0.04 * np.ones(10), rel=1e-6)
 
 
 def test_a_reading_that_lies_once(flown: Flight) -> None:
@@ -253,5 +327,7 @@ def test_a_reading_that_is_missing_has_not_shown_that_it_fits(flown: Flight) -> 
 @pytest.mark.parametrize("degrees", [1.0, 3.0, 12.0])
 def test_surprise_is_a_normal_deviate(degrees: float) -> None:
     for rate in (0.01, 1e-3, 1e-5):
-        assert Score(0.0, float(chi2.isf(rate, degrees)), degrees).surprise == pytest.approx(norm.isf(rate), rel=0.05)
-    assert Score(0.0, 0.0, 0.0).surprise == 0.0
+        assert Score(0.0, 0.0, float(chi2.isf(rate, degrees)), degrees).surprise == pytest.approx(
+            norm.isf(rate), rel=0.05
+        )
+    assert NO_SCORE.surprise == 0.0

@@ -19,11 +19,11 @@ from massprop_drake.maths.estimation.detectors.multi_hypothesis import (
 )
 from massprop_drake.maths.estimation.joint.cycle import Sample, step
 from massprop_drake.maths.estimation.joint.decision import Decision, Outcome
-from massprop_drake.maths.estimation.joint.hypotheses import Kind
+from massprop_drake.maths.estimation.joint.hypotheses import FIT, Kind
 from massprop_drake.maths.estimation.joint.layout import JointParams, JointState, make_places, pack
 from massprop_drake.maths.estimation.joint.measurement import outputs, rebased
 from massprop_drake.maths.estimation.joint.prediction import drive, predict
-from massprop_drake.maths.estimation.joint.race import FIT, Standing
+from massprop_drake.maths.estimation.joint.race import Standing
 from massprop_drake.maths.estimation.joint.screen import Contender
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import initial_standard_deviation
@@ -262,7 +262,7 @@ def test_a_jump_whose_filter_does_not_fit_yet_is_said_without_a_size() -> None:
     for misfit, known in ((FIT - 0.1, True), (FIT + 0.1, False)):
         score = run.score._replace(nis=run.score.degrees + misfit * np.sqrt(2.0 * run.score.degrees))
         contender = Contender(run.cause, run.onset, 500.0)
-        standing = Standing(contender, run._replace(score=score), contender, 0.0)
+        standing = Standing(contender, run._replace(score=score), contender, 500.0, 0.0)
         state, now, (said,) = detector._concluded(flown.state, flown.filter, Decision(Outcome.JUMP, standing), joint)
         assert isinstance(said, JumpDeclared)
         assert [np.isfinite(said.mass), np.isfinite(said.mass_sigma)] == [known, known]

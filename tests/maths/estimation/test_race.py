@@ -31,14 +31,16 @@ def stuck(jet: int) -> Cause:
     return Cause(Kind.JETS, (jet,), (1,), (0,))
 
 
-def running(cause: Cause, likelihood: float = 0.0, cycle: int = NOW, nis: float = 12.0) -> Runner:
+def running(
+    cause: Cause, likelihood: float = 0.0, cycle: int = NOW, nis: float = 12.0, cells: float | None = None
+) -> Runner:
     """A filter that has arrived at a cycle, with a tenth of full thrust for each jet."""
     state = opened(STATE, cause, PARAMS)
     mean = state.mean.copy()
     for index, jet in enumerate(cause.jets):
         mean[PARAMS.places.force + index] = 0.1 * PARAMS.thrusts[jet]
     root = 1e-3 * np.eye(state.root.shape[0])
-    score = Score(likelihood, nis, 12.0)
+    score = Score(likelihood, likelihood if cells is None else cells, nis, 12.0)
     return Runner(cause, ONSET, (), cycle, state._replace(mean=mean, root=root), score, False)
 
 
@@ -125,6 +127,55 @@ def test_of_two_ways_that_are_as_likely_the_jet_is_stuck() -> None:
     assert races.rivals(races.standings(now, some, PARAMS))[0].contender.cause == stuck(0)
     now = race(running(leak(0), 103.0), running(stuck(0), 99.5))
     assert races.rivals(races.standings(now, some, PARAMS))[0].contender.cause == leak(0)
+
+
+def test_filters_are_as_far_apart_as_cells_put_them_and_the_best_is_where_it_was() -> None:
+    now = race(running(leak(0), 100.0, cells=90.0), running(leak(1), 95.0, cells=110.0))
+    some = [contender(leak(0), 100.0), contender(leak(1), 95.0), contender(leak(2), 99.0)]
+    standing = races.standings(now, some, PARAMS)
+    assert [each.contender.cause for each in standing] == [leak(1), leak(2), leak(0)]
+    assert [each.contender.lead for each in standing] == pytest.approx([100.0, 99.0, 80.0], abs=0.2)
+
+
+def test_a_filter_for_which_cells_are_too_unlikely_does_not_fit() -> None:
+    assert running(leak(0), 100.0, cells=95.0).fits
+    assert not running(leak(0), 100.0, cells=93.0).fits
+    late = running(leak(0), 100.0, cells=93.0)._replace(entry=Score(50.0, 48.0, 0.0, 0.0))
+    assert late.fits  # before its onset it has said nothing
+
+
+def test_over_what_is_known_to_first_order_alone_twice_the_lead_is_asked_for() -> None:
+    now = race(running(leak(0), 100.0), running(leak(1), 91.0))
+    some = [contender(leak(0), 100.0), contender(leak(1), 91.0), contender(leak(2), 91.0)]
+    best, *others = races.standings(now, some, PARAMS)
+    one, other = sorted(others, key=lambda each: each.contender.cause.jets)
+    assert races.leads(best, one, 6.0)
+    assert not races.leads(best, other, 6.0)
+    assert races.leads(best, other._replace(linear=80.0, contender=contender(leak(2), 80.0)), 6.0)
+
+
+def test_the_first_order_says_nothing_where_a_filter_fits_that_it_has_far_off() -> None:
+    some = [contender(leak(0), 100.0), contender(leak(1), 105.0)]
+    for measured, expected in ((111.0, -5.0), (130.0, 25.0)):
+        now = race(running(leak(0), measured))
+        best, other = races.standings(now, some, PARAMS)
+        assert races.margin(best, other) == pytest.approx(expected, abs=0.2)
+
+
+def test_two_failures_that_explain_no_more_than_one_of_them_are_none() -> None:
+    some = [contender(leak(0), 100.0), contender(leak(0, 1), 99.0), contender(leak(1, 2), 99.0)]
+    named = [each.contender.cause for each in races.standings(race(), some, PARAMS)]
+    assert named == [leak(0), leak(1, 2)]
+
+
+def test_a_filter_begins_anew_when_what_it_takes_for_the_onset_costs_half_of_what_decides() -> None:
+    kicks = (((2.0,), (0.4,)), ((6.0,), (1.1,)))
+    for had, expected in zip(kicks, (False, True), strict=True):
+        run = running(leak(0), 100.0)._replace(kicks=had)
+        now = race(run)
+        some = [contender(leak(0), 100.0)._replace(kicks=((1.0,), (0.2,)))]
+        found = races.running(now, races.standings(now, some, PARAMS), 2)
+        assert (found.runs[0].cycle == ONSET) == expected
 
 
 def test_while_the_leader_does_not_fit_others_run_that_are_far_behind_to_first_order() -> None:

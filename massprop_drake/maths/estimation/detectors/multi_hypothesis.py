@@ -33,7 +33,7 @@ from massprop_drake.maths.estimation.joint.decision import (
 )
 from massprop_drake.maths.estimation.joint.guard import unguarded
 from massprop_drake.maths.estimation.joint.hypotheses import (
-    JUMP_SHARE,
+    JUMP_SHARES,
     masked,
     misfits,
     restless,
@@ -419,7 +419,7 @@ def _concluded(
     elif decision.outcome == Outcome.JUMP:
         assert winner is not None
         assert winner.run is not None
-        size = brought(race.states[0], now, joint) if winner.run.score.misfit < races.FIT else UNKNOWN
+        size = brought(race.states[0], now, joint) if winner.run.fits else UNKNOWN
         declared.append(JumpDeclared(False, began, *size))
         state = state._replace(earlier=race.states[0])
     elif decision.outcome == Outcome.LIES:
@@ -431,7 +431,7 @@ def _concluded(
         declared.append(ReadingDeclared(winner.contender.cause.component, _onset_s(race, winner.contender)))
     elif decision.outcome == Outcome.UNEXPLAINED:
         columns = np.zeros((joint.places.size, N_PROPERTIES))
-        np.fill_diagonal(columns, JUMP_SHARE * joint.increment_sigma)
+        np.fill_diagonal(columns, JUMP_SHARES[0] * joint.increment_sigma)
         now = unguarded(now._replace(root=compressed(np.hstack((now.root, columns)))))
         declared.append(Unexplained(began))
     bank, history = _anew(state, now, decision, joint)

@@ -15,7 +15,9 @@ set of jets, in nats, and cycles counted from the alarm:
 
 and what is still open after 250 cycles is a group of however many, or unexplained.
 
-A hypothesis *fits* whose NIS is at most 6 standard deviations above its expectation.
+A hypothesis *fits* whose NIS is at most 6 standard deviations above its expectation, and which since its onset has not
+made white noise likelier than the cells of the readings by 6 nats (`hypotheses`). Over one that is compared only to
+first order twice the lead is asked for.
 """
 
 from __future__ import annotations
@@ -26,9 +28,9 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_drake.maths.estimation.joint import screen as screens
-from massprop_drake.maths.estimation.joint.hypotheses import Kind, Runner
+from massprop_drake.maths.estimation.joint.hypotheses import FIT, Kind, Runner
 from massprop_drake.maths.estimation.joint.layout import INERTIA, MASS, JointParams
-from massprop_drake.maths.estimation.joint.race import FIT, OUT, Race, Standing, margin, rivals
+from massprop_drake.maths.estimation.joint.race import OUT, Race, Standing, leads, rivals
 from massprop_drake.maths.estimation.joint.screen import Contender, FailedJet
 from massprop_drake.maths.mass_properties import ELEMENT
 
@@ -117,7 +119,7 @@ def decided(race: Race, standing: list[Standing], settled: bool, rules: Rules, p
     best = standing[0]
     lead = best.contender.lead
     kind = best.contender.cause.kind
-    clear = lead > rules.lead_nothing and all(margin(best, other) > rules.lead for other in standing[1:])
+    clear = lead > rules.lead_nothing and all(leads(best, other, rules.lead) for other in standing[1:])
     if (
         kind == Kind.JETS
         and best.run is not None
@@ -152,7 +154,7 @@ def _jump_explains(race: Race, run: Runner, cycles: int) -> bool:
     """
     if run.state.mean[MASS] <= 0.0 or np.linalg.eigvalsh(run.state.mean[INERTIA][ELEMENT])[0] <= 0.0:
         return False
-    if run.score.misfit < FIT:
+    if run.fits:
         return cycles >= _JUMP_AFTER
     little = run.score.misfit < _LITTLE * race.screen.scores[-1].misfit
     return little and cycles >= _JUMP_THAT_MISFITS_AFTER
@@ -169,7 +171,7 @@ def _of_jets(
     undecided = Decision(Outcome.OPEN)
     if run.cycle - run.onset < len(run.kicks):  # what is not known of its first intervals is not all in its state
         return undecided
-    if run.score.misfit >= FIT or best.lead <= rules.lead_nothing or not (significant or known):
+    if not run.fits or best.lead <= rules.lead_nothing or not (significant or known):
         return undecided
     if pair and cycles < _PAIR_AFTER:
         return undecided
@@ -229,12 +231,16 @@ def _interrupted(race: Race, standing: list[Standing], rules: Rules) -> Decision
     """What becomes of a group that led: named where none of it explains the newest sample.
 
     It waits for the next sample where that is in doubt, or where the newest alone has made another of it lead: what
-    begins in the midst of a sample favors one of them by chance.
+    begins in the midst of a sample favors one of them by chance. Where another explains that sample, too, it was the
+    group that was wrong.
     """
     now = {each.contender.cause: each for each in standing}
     of_group = [now[each.cause] for each in race.leading if each.cause in now]
     surprises = [each.run.newest.surprise for each in of_group if each.run is not None]
     if not race.leading or len(surprises) < len(race.leading):
+        return None
+    others = [each for each in standing if each not in of_group]
+    if min(surprises) >= _SURPRISED and any(each.run is not None and each.run.fits for each in others):
         return None
     if min(surprises) >= _SHAKEN:
         return Decision(Outcome.GROUP, of_group[0], race.leading[1:], _alternatives(race.leading, rules), shaken=True)
@@ -260,7 +266,7 @@ def _at_last(standing: list[Standing], rules: Rules, nothing_fits: bool) -> Deci
     best = next((each for each in standing if each.run is not None), None)
     if best is None or best.contender.lead <= rules.lead_nothing:
         return Decision(Outcome.NOTHING if nothing_fits else Outcome.UNEXPLAINED)
-    if best.run is not None and best.run.score.misfit >= FIT:
+    if best.run is not None and not best.run.fits:
         return Decision(Outcome.UNEXPLAINED, best)
     if best.contender.cause.kind == Kind.JUMP:
         return Decision(Outcome.INCREMENT, best)

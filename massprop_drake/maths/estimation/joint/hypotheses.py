@@ -3,16 +3,28 @@ r"""What a hypothesis is: the joint filter's own cycle from another state, and h
     jets    from the onset on each has a force in a slot, prior N(0, T^2) about what is known of it; since nobody knows
             when in its interval it began, P += g g^T, g = 0.6 f x (interval) x (effect of a unit force), f the
             most that it may be; and once more in the second interval, 0.17 of that: it builds up with a lag
-    jump    rebased, the ten parameters uncertain again: P_xx += 0.3^2 S0, guard and settling begin anew
+    jump    rebased, the ten parameters uncertain again: P_xx += s^2 S0, s the likeliest of `JUMP_SHARES`; guard and
+            settling begin anew
     lies    one component is not read from the onset on, until it fits again
 
 *Log-likelihood*, L = -1/2 sum (e^T Y^-1 e + ln |Y|), over the components whose reading has moved by half a step since
 it was last counted, or that six samples ago was counted last: the same for every hypothesis, whatever its filter uses,
 or a hypothesis would choose its evidence. A reading that lies is one of 4e4 steps, each as likely.
+
+*Cells.* L takes rounding for white noise. The rounding of a rate that is slow or goes in circles is the same again and
+again, and each time L counts it as new: a wrong hypothesis that bends a little toward the middle of its cells gains on
+the right one. Among filters of their own the comparison is therefore that of the cells themselves,
+
+    L' = sum ln P(q/2 > |e_i|),    e_i ~ N(e_i given those before, Y_ii given those before - q^2/12 + (q/20)^2),
+
+component by component; the last term, since what a filter took for white noise has moved it by a part of a step. White
+noise in place of cells is a hypothesis itself, and L - L' by how much it is likelier: of the truth it exceeds a with
+probability exp(-a) at most, ever (Ville's inequality). One that lets it rise by 6 nats does not explain the readings.
 """
 
 from __future__ import annotations
 
+import math
 from enum import IntEnum
 from typing import NamedTuple
 
@@ -26,13 +38,21 @@ from massprop_drake.maths.estimation.joint.measurement import rebased
 from massprop_drake.maths.estimation.joint.sensitivity import Link, smeared
 from massprop_drake.maths.linear_algebra import Array
 
-JUMP_SHARE = 0.3  # of the uncertainty of the start: no payload changes a vehicle by more than a third (1 sigma)
+JUMP_SHARES = (
+    0.3,
+    0.06,
+)  # of the uncertainty of the start (1 sigma): a payload, large or small
 KICK = 0.6  # 1-sigma of an onset's place, in intervals between onsets: uniform over two has 0.58
 SHARES = (1.0, 0.17)  # of it in the first interval and in the second: a lag of a fifth of an interval takes that much
 _MOVED = 0.5  # steps by which a reading has moved to be counted
 _PATIENCE = 6  # samples after which what has not moved counts: that a rate stands still is evidence, too
 _RANGE = 4e4  # steps that a sensor's range has
+FIT = 6.0  # standard deviations of chi-square: rounding is not white, and six are never chance
+EXCESS = 6.0  # nats by which white noise may be likelier than cells: one in four hundred
 _LIES = 5.0  # sigmas off: a reading that does not fit
+_FAR_TAIL = 30.0  # sigmas from which on the tail's share is that of its asymptote
+_BLUR = 0.05  # steps, 1 sigma, by which a filter may be off that has taken rounding for white noise
+_NARROW = 1e-3  # sigmas: a cell that is no wider is a density
 _GAUSSIAN = 0.5 * np.log(2.0 * np.pi)  # of each component, left out of every L
 
 
@@ -67,17 +87,27 @@ class Cause(NamedTuple):
         """Jets with their signs: what is named of it."""
         return frozenset(zip(self.jets, self.signs, strict=True))
 
+    @property
+    def named(self) -> Named:
+        """By which it is told from others: a jet that leaks and one that is stuck on are the same."""
+        return self.failures or self
+
+
+Named = frozenset[tuple[int, int]] | Cause
+
 
 class Score(NamedTuple):
     """How well a hypothesis explains the readings.
 
     Attributes:
         likelihood: L, nats.
+        cells: L', nats.
         nis: sum of e^T Y^-1 e.
         degrees: number of components counted.
     """
 
     likelihood: float
+    cells: float
     nis: float
     degrees: float
 
@@ -85,6 +115,11 @@ class Score(NamedTuple):
     def misfit(self) -> float:
         """NIS above its expectation in its own standard deviations."""
         return (self.nis - self.degrees) / max(np.sqrt(2.0 * self.degrees), 1.0)
+
+    @property
+    def excess(self) -> float:
+        """By how much white noise is likelier than the cells of the readings, nats."""
+        return self.likelihood - self.cells
 
     @property
     def surprise(self) -> float:
@@ -95,7 +130,7 @@ class Score(NamedTuple):
         return float((np.cbrt(max(self.nis, 0.0) / self.degrees) - (1.0 - spread)) / np.sqrt(spread))
 
 
-NO_SCORE = Score(0.0, 0.0, 0.0)
+NO_SCORE = Score(0.0, 0.0, 0.0, 0.0)
 
 
 class Counting(NamedTuple):
@@ -124,6 +159,8 @@ class Runner(NamedTuple):
         lying: whether its reading does not fit yet.
         before: state before that cycle; None: it has done none.
         newest: what that cycle added to the score.
+        entry: the score at its onset.
+        share: see `opened`.
     """
 
     cause: Cause
@@ -135,6 +172,13 @@ class Runner(NamedTuple):
     lying: bool
     before: JointState | None = None
     newest: Score = NO_SCORE
+    entry: Score = NO_SCORE
+    share: float = JUMP_SHARES[0]
+
+    @property
+    def fits(self) -> bool:
+        """Whether it explains the readings since its onset."""
+        return self.score.misfit < FIT and self.score.excess - self.entry.excess < EXCESS
 
 
 def counted(counting: Counting, read: Array, quanta: Array) -> tuple[np.ndarray, Counting]:
@@ -151,7 +195,25 @@ def counted(counting: Counting, read: Array, quanta: Array) -> tuple[np.ndarray,
     return counts, Counting(np.where(counts, read, counting.last), np.where(counts, 0.0, counting.quiet + 1.0))
 
 
-def scored(score: Score, innovation: Array, covariance: Array, counts: np.ndarray) -> Score:
+def cell_likelihood(error: float, deviation: float, width: float) -> float:
+    """Logarithm of the mean density of N(0, deviation^2) over a cell, nats; as L without `_GAUSSIAN`.
+
+    Args:
+        error: the cell's middle.
+        deviation: 1-sigma.
+        width: of the cell; 0: the density in its middle.
+    """
+    if width <= _NARROW * deviation:
+        return -0.5 * (error / deviation) ** 2 - math.log(deviation)
+    near, far = (abs(error) - 0.5 * width) / deviation, (abs(error) + 0.5 * width) / deviation
+    if near < _FAR_TAIL:
+        share = 0.5 * (math.erfc(near / math.sqrt(2.0)) - math.erfc(far / math.sqrt(2.0)))
+        return math.log(share / width) + float(_GAUSSIAN)
+    beyond = near / far * math.exp(0.5 * (near - far) * (near + far))
+    return -0.5 * near**2 - math.log(near) + math.log1p(-beyond) - math.log(width)
+
+
+def scored(score: Score, innovation: Array, covariance: Array, counts: np.ndarray, quanta: Array) -> Score:
     """The score after one more sample.
 
     Args:
@@ -159,6 +221,7 @@ def scored(score: Score, innovation: Array, covariance: Array, counts: np.ndarra
         innovation: e of all components, shape (m,).
         covariance: of it, shape (m, m).
         counts: see `counted`, shape (m,).
+        quanta: see `JointParams`, shape (m,).
     """
     chosen = np.flatnonzero(counts)
     if chosen.shape[0] == 0:
@@ -166,8 +229,11 @@ def scored(score: Score, innovation: Array, covariance: Array, counts: np.ndarra
     half = np.linalg.cholesky(covariance[np.ix_(chosen, chosen)])
     whitened = np.linalg.solve(half, innovation[chosen])
     nis = float(whitened @ whitened)
-    gained = -0.5 * nis - float(np.sum(np.log(np.diag(half))))
-    return Score(score.likelihood + gained, score.nis + nis, score.degrees + chosen.shape[0])
+    scales, widths = np.diag(half), quanta[chosen]
+    gained = -0.5 * nis - float(np.sum(np.log(scales)))
+    deviations = np.sqrt(np.maximum(scales**2 - widths**2 / 12.0, 0.0) + (_BLUR * widths) ** 2)
+    cells = map(cell_likelihood, (scales * whitened).tolist(), deviations.tolist(), widths.tolist())
+    return Score(score.likelihood + gained, score.cells + sum(cells), score.nis + nis, score.degrees + chosen.shape[0])
 
 
 def cost_of_a_lie(component: int, params: JointParams) -> float:
@@ -183,18 +249,19 @@ def slot_of(state: JointState, jet: int, sign: int) -> int:
     return int(own[0]) if own.shape[0] else int(free[0]) if free.shape[0] else -1
 
 
-def opened(state: JointState, cause: Cause, params: JointParams) -> JointState:
+def opened(state: JointState, cause: Cause, params: JointParams, share: float = JUMP_SHARES[0]) -> JointState:
     """The state at the onset with what the cause brings.
 
     Args:
         state: before the first interval that it bears on.
         cause: see `Cause`.
         params: see `JointParams`.
+        share: of the start's uncertainty that a jump brings.
     """
     if cause.kind == Kind.JUMP:
         fresh = rebased(state, params)
         columns = np.zeros((fresh.root.shape[0], N_PROPERTIES))
-        np.fill_diagonal(columns, JUMP_SHARE * params.increment_sigma)
+        np.fill_diagonal(columns, share * params.increment_sigma)
         return unguarded(fresh._replace(root=compressed(np.hstack((fresh.root, columns)))))
     if cause.kind != Kind.JETS:
         return state
@@ -279,7 +346,7 @@ def stepped(
     """
     state = run.state
     if run.cycle == run.onset:
-        state = opened(state, run.cause, params)
+        state = opened(state, run.cause, params, run.share)
     if 0 <= run.cycle - run.onset < len(run.kicks):
         state = kicked(state, run.cause, np.array(run.kicks[run.cycle - run.onset]), over, params)
     state = restless(state, erratic, params)
@@ -291,12 +358,13 @@ def stepped(
             after, report = step(state, masked(sample, component), params)
             if counts[component]:
                 cost = cost_of_a_lie(component, params)
-                score = score._replace(likelihood=score.likelihood - cost)
+                score = score._replace(likelihood=score.likelihood - cost, cells=score.cells - cost)
                 counts = counts.copy()
                 counts[component] = False
     course = report.course
     assert course is not None, "a race begins after the first sample"
     projected = course.expected.projected
-    score = scored(score, report.innovation, projected @ projected.T + np.diag(params.variances), counts)
+    covariance = projected @ projected.T + np.diag(params.variances)
+    score = scored(score, report.innovation, covariance, counts, params.quanta)
     newest = Score(*(now - had for now, had in zip(score, run.score, strict=True)))
     return run._replace(cycle=run.cycle + 1, state=after, score=score, lying=lying, before=run.state, newest=newest)

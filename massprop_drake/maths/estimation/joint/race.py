@@ -14,7 +14,7 @@ import numpy as np
 from massprop_drake.maths.estimation.joint import screen as screens
 from massprop_drake.maths.estimation.joint.bank import Bank
 from massprop_drake.maths.estimation.joint.cycle import Sample
-from massprop_drake.maths.estimation.joint.hypotheses import Cause, Kind, Runner, slot_of, stepped
+from massprop_drake.maths.estimation.joint.hypotheses import Cause, Kind, Named, Runner, slot_of, stepped
 from massprop_drake.maths.estimation.joint.layout import JointParams, JointState
 from massprop_drake.maths.estimation.joint.screen import Contender, Screen
 from massprop_drake.maths.estimation.joint.sensitivity import Link
@@ -29,9 +29,8 @@ _RUNS = 6  # filters at once, with the jump
 _LIE_RUNS = 12  # cycles in which the likeliest liar runs, however the first order takes so large an error
 _BETTER = 1.0  # nats at another onset, that a filter begins anew there
 _AGAIN = 30.0  # times likelier that a jet known to be wrong changes than that any other fails, in whichever of two ways
-_TOO_WIDE = 2.0  # times the uncertainty of the onset: then a filter begins anew
+_TOO_WIDE = 3.0  # nats that the uncertainty of an onset may cost at most: half of what decides; a filter begins anew
 OUT = 60.0  # nats behind the best: out of the race
-FIT = 6.0  # standard deviations of chi-square: rounding is not white, and six are never chance
 
 
 class Record(NamedTuple):
@@ -91,6 +90,7 @@ class Standing(NamedTuple):
         run: its filter where it has arrived at the present, else None.
         first_order: what the screen says of it, maybe at another onset; what its filter says where to first order it is
             not possible.
+        linear: lead to first order of whichever way of the same failures explains most.
         beforehand: nats by which it is likelier than new failures before any reading: a force that is known to be wrong
             changes sooner than a further jet fails, and it is one where these are many.
     """
@@ -98,6 +98,7 @@ class Standing(NamedTuple):
     contender: Contender
     run: Runner | None
     first_order: Contender
+    linear: float
     beforehand: float
 
     @property
@@ -140,7 +141,7 @@ def moved(race: Race, standing: list[Standing], bank: Bank, history: History, pa
         params: see `JointParams`.
     """
     onsets, run = race.screen.onsets, standing[0].run if standing else None
-    if run is not None and run.score.misfit < FIT:
+    if run is not None and run.fits:
         return race
     best = next((each.contender.onset for each in standing if each.contender.cause.kind == Kind.JETS), None)
     if best not in (onsets[0], onsets[-1]) or best not in bank.cycles:
@@ -173,39 +174,61 @@ def standings(race: Race, contenders: list[Contender], params: JointParams) -> l
     result = []
     by_cause = {run.cause: run for run in race.runs if run.cycle == race.screen.cycle}
     nothing = race.screen.scores[-1].likelihood
+    ways: dict[Named, float] = {}
+    for contender in contenders:
+        ways[contender.cause.named] = max(ways.get(contender.cause.named, contender.lead), contender.lead)
     for contender in contenders:
         if contender.cause in race.out:
             continue
         run = by_cause.pop(contender.cause, None)
         measured = _measured(contender, run, nothing, params) if run else contender
-        result.append(Standing(measured, run, contender, _beforehand(race, contender.cause)))
+        linear = ways[contender.cause.named]
+        result.append(Standing(measured, run, contender, linear, _beforehand(race, contender.cause)))
     for cause, run in by_cause.items():  # what is not possible to first order may be so by its filter
-        contender = Contender(cause, run.onset, 0.0, kicks=run.kicks)
+        contender = Contender(cause, run.onset, 0.0, kicks=run.kicks, share=run.share)
         measured = _measured(contender, run, nothing, params)
-        result.append(Standing(measured, run, measured, _beforehand(race, cause)))
+        linear = ways.get(cause.named, measured.lead)
+        result.append(Standing(measured, run, measured, linear, _beforehand(race, cause)))
+    result = _by_cells(result, params)
     result.sort(key=lambda standing: -standing.odds)
-    explains = next((each for each in result if each.run is not None and each.run.score.misfit < FIT), None)
+    explains = next((each for each in result if each.run is not None and each.run.fits), None)
     if explains is not None:
         result = [each for each in result if not _adds(explains, each)]
-    return result
+    singles = {each.contender.cause.failures: each for each in result if len(each.contender.cause.jets) == 1}
+    return [each for each in result if not _adds_nothing(each, singles)]
+
+
+def _by_cells(standing: list[Standing], params: JointParams) -> list[Standing]:
+    """Filters that have arrived as far apart as the cells of the readings put them, the best of them where L does."""
+
+    def cells(run: Runner) -> float:
+        return run.score.cells + screens.prior(run.cause, params)
+
+    has_run = [(each, each.run) for each in standing if each.run is not None]
+    if not has_run:
+        return standing
+    shift = max(each.contender.lead for each, _ in has_run) - max(cells(run) for _, run in has_run)
+    return [
+        each if each.run is None else each._replace(contender=each.contender._replace(lead=cells(each.run) + shift))
+        for each in standing
+    ]
 
 
 def rivals(standing: list[Standing]) -> list[Standing]:
     """The best, and those that name something else.
 
     A jet that is told to fire all the while is stuck and leaks alike, and filters of both ways run: it is stuck unless
-    a leak, which might be of any size, explains more.
+    a leak, which might be of any size, explains more. Of others a way whose filter has arrived stands for both.
     """
-
-    def named(each: Standing) -> frozenset[tuple[int, int]] | Cause:
-        return each.contender.cause.failures or each.contender.cause
-
     least = standing[0].odds - _BETTER
-    ways = [each for each in standing if named(each) == named(standing[0]) and each.run is not None]
+    named = standing[0].contender.cause.named
+    ways = [each for each in standing if each.contender.cause.named == named and each.run is not None]
     likely = [each for each in ways if each.odds > least] or standing[:1]
-    found: dict[frozenset[tuple[int, int]] | Cause, Standing] = {}
+    found: dict[Named, Standing] = {}
     for each in (min(likely, key=lambda each: sum(each.contender.cause.on_top)), *standing):
-        found.setdefault(named(each), each)
+        has = found.setdefault(each.contender.cause.named, each)
+        if has.run is None and each.run is not None:
+            found[each.contender.cause.named] = each
     return list(found.values())
 
 
@@ -220,8 +243,17 @@ def _adds(explains: Standing, other: Standing) -> bool:
         return False
     if other.run is not None:
         return other.odds <= explains.odds
-    gained = other.first_order.lead + other.beforehand - explains.first_order.lead - explains.beforehand
+    gained = other.linear + other.beforehand - explains.linear - explains.beforehand
     return gained < _NEAR
+
+
+def _adds_nothing(other: Standing, singles: dict[frozenset[tuple[int, int]], Standing]) -> bool:
+    """Whether to first order one of two failures explains by itself no less than both."""
+    failures = other.contender.cause.failures
+    if len(failures) < 2 or other.run is not None:
+        return False
+    alone = [singles[frozenset({each})] for each in failures if frozenset({each}) in singles]
+    return any(each.linear + each.beforehand > other.linear + other.beforehand for each in alone)
 
 
 def _beforehand(race: Race, cause: Cause) -> float:
@@ -232,16 +264,33 @@ def _beforehand(race: Race, cause: Cause) -> float:
 def margin(best: Standing, other: Standing) -> float:
     """Lead over another hypothesis, nats: of filters, or of the first order where one has no filter that has arrived.
 
-    A filter counts as one that has not if it is to begin anew at an onset that explains more.
+    A filter counts as one that has not if it is to begin anew at an onset that explains more. Where the first order is
+    far from what the best has measured, nothing is made of it; but of two failures many neighbors explain as much.
 
     Of an effect that is not small the first order is off by far more than hypotheses differ: what it puts near the best
     or before it must run as a filter before it is believed to be behind.
     """
     measured = best.odds - other.odds
-    if best.run is None or (other.run is not None and not _begins_anew(other.run, other)):
+    if best.run is None or _arrived(other) or (_strays(best) and len(best.contender.cause.jets) == 1):
         return measured
-    first_order = best.first_order.lead - other.first_order.lead
-    return min(measured, first_order + best.beforehand - other.beforehand)
+    return min(measured, best.linear + best.beforehand - other.linear - other.beforehand)
+
+
+def _arrived(standing: Standing) -> bool:
+    """Whether it stands by a filter of its own that is to go on."""
+    return standing.run is not None and not _begins_anew(standing.run, standing)
+
+
+def _strays(standing: Standing) -> bool:
+    """Whether a filter fits and the first order is far from what it measured: then the first order is wrong."""
+    off = abs(standing.linear - standing.contender.lead) > _NEAR
+    return standing.run is not None and standing.run.fits and off
+
+
+def leads(best: Standing, other: Standing, lead: float) -> bool:
+    """Whether one is ahead by enough: whoever is near to first order must run as a filter before it is behind."""
+    enough = lead if best.run is not None and _arrived(other) else max(lead, _NEAR)
+    return margin(best, other) > enough
 
 
 def _measured(contender: Contender, run: Runner, nothing: float, params: JointParams) -> Contender:
@@ -286,19 +335,20 @@ def running(race: Race, standing: list[Standing], free_slots: int) -> Race:
     liar = next((each.contender.cause for each in standing if each.contender.cause.kind == Kind.LIES), None)
     young = race.screen.cycle - race.triggered < _LIE_RUNS
     behind = {each.contender.cause for each in standing if each.run is not None and each.contender.lead < best - OUT}
-    fits = leader.run is None or leader.run.score.misfit < FIT
+    fits = leader.run is None or leader.run.fits
     reach = _NEAR if fits else max(_NEAR, _FIRST_ORDER * best)  # what it leads by to first order may be none
-    for each in (leader, *jump, *(each for each in standing[1:] if each not in jump)):
+    close = [each for each in standing[1:] if each not in jump and margin(leader, each) < reach]
+    for each in (leader, *jump, *close, *(each for each in standing[1:] if each not in jump and each not in close)):
         contender, cause = each.contender, each.contender.cause
         stays = (cause.kind == Kind.JUMP or cause in present) and contender.lead > best - OUT
-        near = stays or margin(leader, each) < reach or (young and cause == liar)
+        near = stays or each is leader or each in close or (young and cause == liar)
         if cause in led:
             wanted.append(present[cause])
         elif near and contender.lead > 0.0 and len(wanted) < _RUNS and _fits(race, cause, free_slots):
             run = present.get(cause)
             wanted.append(_opened(race, each.first_order) if run is None or _begins_anew(run, each) else run)
     out = race.out | (behind - led)
-    if leader.run is None or leader.run.score.misfit >= FIT:  # a jump may yet be what is left
+    if leader.run is None or not leader.run.fits:  # a jump may yet be what is left
         out -= {Cause(Kind.JUMP)}
     return race._replace(runs=tuple(wanted), out=out)
 
@@ -321,15 +371,14 @@ def _begins_anew(run: Runner, standing: Standing) -> bool:
     Where a filter fits, and the first order is far from what it has measured, the first order is wrong.
     """
     contender, arrived_run, first = standing.contender, standing.run, standing.first_order
-    off = abs(first.lead - contender.lead) > _NEAR
-    if arrived_run is not None and arrived_run.score.misfit < FIT and off:
+    if _strays(standing):
         return False
-    elsewhere = arrived_run is not None and first.onset != run.onset and first.lead > contender.lead + _BETTER
-    return elsewhere or any(
-        had > _TOO_WIDE * has
-        for of_run, now in zip(run.kicks, contender.kicks, strict=True)
-        for had, has in zip(of_run, now, strict=True)
-    )
+    other = first.onset != run.onset or first.share != run.share
+    elsewhere = arrived_run is not None and other and first.lead > contender.lead + _BETTER
+    if elsewhere or not run.kicks:
+        return elsewhere
+    wider = np.log(np.array(run.kicks) / np.array(contender.kicks))
+    return float(np.sum(np.maximum(wider, 0.0))) > _TOO_WIDE
 
 
 def _opened(race: Race, contender: Contender) -> Runner:
@@ -337,7 +386,17 @@ def _opened(race: Race, contender: Contender) -> Runner:
     place = 0 if cause.kind == Kind.JUMP else 1 + screen.onsets.index(contender.onset)
     onset = screen.began if cause.kind == Kind.JUMP else contender.onset
     score = screen.scores[onset - screen.began]
-    return Runner(cause, onset, contender.kicks, onset, race.states[place], score, cause.kind == Kind.LIES)
+    return Runner(
+        cause,
+        onset,
+        contender.kicks,
+        onset,
+        race.states[place],
+        score,
+        cause.kind == Kind.LIES,
+        entry=score,
+        share=contender.share,
+    )
 
 
 def stepped_on(race: Race, left: int, history: History, erratic: np.ndarray, params: JointParams) -> tuple[Race, int]:

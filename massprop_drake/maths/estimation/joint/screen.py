@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_drake.maths.estimation.joint.hypotheses import (
-    JUMP_SHARE,
+    JUMP_SHARES,
     KICK,
     NO_SCORE,
     SHARES,
@@ -104,6 +104,7 @@ class Contender(NamedTuple):
         lead: L above that of no failure, nats.
         force, sigma: of each failed jet, lbf or N.
         kicks: 1-sigma of the impulse of each in the first and in the second interval, in intervals of force, lbf or N.
+        share: of the start's uncertainty that a jump brings.
     """
 
     cause: Cause
@@ -112,6 +113,7 @@ class Contender(NamedTuple):
     force: tuple[float, ...] = ()
     sigma: tuple[float, ...] = ()
     kicks: tuple[tuple[float, ...], ...] = ()
+    share: float = JUMP_SHARES[0]
 
     @property
     def failures(self) -> tuple[FailedJet, ...]:
@@ -136,7 +138,7 @@ def begin(
     h = 5 * places.jets + read.shape[0]
     columns = np.zeros((places.size, len(onsets) * h + N_PROPERTIES))
     jump = np.zeros((places.size, N_PROPERTIES))
-    jump[:N_PROPERTIES] = np.diag(JUMP_SHARE * params.increment_sigma)
+    jump[:N_PROPERTIES] = np.diag(JUMP_SHARES[0] * params.increment_sigma)
     turn = turning(state.mean[slice(10, 13)], state.reference, state.spin)
     for package in range(places.accelerometers):
         part = slice(VELOCITY + 3 * package, VELOCITY + 3 * package + 3)
@@ -183,7 +185,7 @@ def screened(screen: Screen, over: Link, params: JointParams) -> Screen:
         shown[:, index * h + 5 * jets : (index + 1) * h] += np.eye(m)
     columns = corrected(columns, shown, over)
     mask, counting = counted(screen.counting, over.read, params.quanta)
-    score = scored(screen.scores[-1], over.innovation, over.covariance, mask)
+    score = scored(screen.scores[-1], over.innovation, over.covariance, mask, params.quanta)
     information, projection = screen.information, screen.projection
     jump_information, jump_projection = screen.jump_information, screen.jump_projection
     chosen = np.flatnonzero(mask)
@@ -273,8 +275,11 @@ def contenders(screen: Screen, allowed: np.ndarray, known: Array, params: JointP
             best = found.get(contender.cause)
             if best is None or contender.lead > best.lead:
                 found[contender.cause] = contender
-    lead, _, _ = explained(screen.jump_information, screen.jump_projection, np.ones(N_PROPERTIES))
-    jump = Contender(Cause(Kind.JUMP), screen.began, float(lead))
+    scales = np.array(JUMP_SHARES) / JUMP_SHARES[0]
+    variances = np.repeat(scales.reshape(-1, 1) ** 2, N_PROPERTIES, axis=1)
+    lead, _, _ = explained(screen.jump_information, screen.jump_projection, variances)
+    likeliest = int(np.argmax(lead))
+    jump = Contender(Cause(Kind.JUMP), screen.began, float(lead[likeliest]), share=JUMP_SHARES[likeliest])
     return sorted([*found.values(), jump], key=lambda contender: -contender.lead)
 
 
