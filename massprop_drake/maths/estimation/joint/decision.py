@@ -9,8 +9,8 @@ set of jets, in nats, and cycles counted from the alarm:
              at most or of one cluster; or differ in jets of the same clusters; and at once where something new begins
              that none of them explains
     lie      L_S leads all by 6 and nothing by 12, after 6 cycles
-    jump     L_J leads all by 6, two samples at least; where it does not fit twelve, and it must leave no more than a
-             hundredth of the misfit; announced if settled and L_J - L_0 > 100, else taken as an increment
+    jump     L_J leads all by 6, two samples at least, a small one twelve; one that does not fit twelve, and it must leave
+             no more than a hundredth of the misfit; announced if settled and L_J - L_0 > 100, else an increment
     nothing  L_0 leads after 12 cycles, or is within 8 after 75; and fits
 
 and what is still open after 250 cycles is a group of however many, or unexplained.
@@ -38,7 +38,7 @@ SIGNIFICANT = 3.0  # sigmas of a force
 UNSETTLED_FLOOR = 0.1  # of full thrust: before settled a start that still learns explains less than that by jets
 _LIE_AFTER = 6  # cycles: a lie that ends is told from a rate that has changed by what follows it
 _JUMP_AFTER = 2  # samples: in one of them a pair of jets explains as much
-_JUMP_THAT_MISFITS_AFTER = 12  # samples
+_DOUBTFUL_JUMP_AFTER = 12  # samples: one that misfits may yet learn; a small one fits jets that began at another onset
 _SURPRISED, _SHAKEN = 2.3, 4.2  # normal deviates of a sample: one in a hundred, and one in a hundred thousand
 _LITTLE = 0.01  # of the misfit of nothing, left by a jump that does not fit
 _PAIR_AFTER = 3  # samples: two jets and their onsets explain nearly all of the six increments of one or two
@@ -155,9 +155,8 @@ def _jump_explains(race: Race, run: Runner, cycles: int) -> bool:
     if run.state.mean[MASS] <= 0.0 or np.linalg.eigvalsh(run.state.mean[INERTIA][ELEMENT])[0] <= 0.0:
         return False
     if run.fits:
-        return cycles >= _JUMP_AFTER
-    little = run.score.misfit < _LITTLE * race.screen.scores[-1].misfit
-    return little and cycles >= _JUMP_THAT_MISFITS_AFTER
+        return cycles >= (_DOUBTFUL_JUMP_AFTER if run.is_small else _JUMP_AFTER)
+    return run.score.misfit < _LITTLE * race.screen.scores[-1].misfit and cycles >= _DOUBTFUL_JUMP_AFTER
 
 
 def _of_jets(

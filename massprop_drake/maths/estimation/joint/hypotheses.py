@@ -180,6 +180,11 @@ class Runner(NamedTuple):
         """Whether it explains the readings since its onset."""
         return self.score.misfit < FIT and self.score.excess - self.entry.excess < EXCESS
 
+    @property
+    def is_small(self) -> bool:
+        """Whether it is a jump that expects little."""
+        return self.cause.kind == Kind.JUMP and self.share < JUMP_SHARES[0]
+
 
 def counted(counting: Counting, read: Array, quanta: Array) -> tuple[np.ndarray, Counting]:
     """Which components count for every hypothesis, shape (m,).

@@ -131,7 +131,8 @@ def begin(bank: Bank, index: int, triggered: int, history: History, params: Join
 def moved(race: Race, standing: list[Standing], bank: Bank, history: History, params: JointParams) -> Race:
     """The race anew about its likeliest onset, where that is the first or the last that it looks at and not the only.
 
-    A race whose leader fits stays: its onset is known well enough.
+    A race whose leader fits stays: its onset is known well enough. But a small jump also fits jets that have failed at
+    another onset.
 
     Args:
         race: see `Race`.
@@ -140,8 +141,9 @@ def moved(race: Race, standing: list[Standing], bank: Bank, history: History, pa
         history: see `History`.
         params: see `JointParams`.
     """
-    onsets, run = race.screen.onsets, standing[0].run if standing else None
-    if run is not None and run.fits:
+    onsets = race.screen.onsets
+    fitting = [each.run for each in standing if each.run is not None and each.run.fits]
+    if any(run.cause.kind == Kind.JETS or (run is standing[0].run and not run.is_small) for run in fitting):
         return race
     best = next((each.contender.onset for each in standing if each.contender.cause.kind == Kind.JETS), None)
     if best not in (onsets[0], onsets[-1]) or best not in bank.cycles:
@@ -371,6 +373,8 @@ def _begins_anew(run: Runner, standing: Standing) -> bool:
     Where a filter fits, and the first order is far from what it has measured, the first order is wrong.
     """
     contender, arrived_run, first = standing.contender, standing.run, standing.first_order
+    if first.share > run.share:  # a jump turns out larger than its filter expects: it would hold on to what it knows
+        return True
     if _strays(standing):
         return False
     other = first.onset != run.onset or first.share != run.share
