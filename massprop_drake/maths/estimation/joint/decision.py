@@ -9,8 +9,8 @@ set of jets, in nats, and cycles counted from the alarm:
              at most or of one cluster; or differ in jets of the same clusters; and at once where something new begins
              that none of them explains
     lie      L_S leads all by 6 and nothing by 12, after 6 cycles
-    jump     L_J leads all by 6, two samples at least, a small one twelve; one that does not fit twelve, and it must leave
-             no more than a hundredth of the misfit; announced if settled and L_J - L_0 > 100, else an increment
+    jump     L_J leads all by 6, two samples at least, a small one twelve, one that does not fit twelve, and it must
+             leave no more than a hundredth of the misfit; announced if settled and L_J - L_0 > 100, else an increment
     nothing  L_0 leads after 12 cycles, or is within 8 after 75; and fits
 
 and what is still open after 250 cycles is a group of however many, or unexplained.
