@@ -144,6 +144,7 @@ class Record:
         missing: rows in which a sensor package lacks a reading, by its name.
         absent: packages that the record does not have.
         unknown: columns not used, each with a name that may have been meant, or "".
+        notes: of how the rows were made, a sentence each.
     """
 
     def __init__(self) -> None:
@@ -155,6 +156,7 @@ class Record:
         self.missing: dict[str, int] = {}
         self.absent: list[str] = []
         self.unknown: dict[str, str] = {}
+        self.notes: list[str] = []
 
     @property
     def period_s(self) -> float | None:
@@ -191,6 +193,7 @@ class Reader:
         after: go on from the end of an earlier part; its last row may be there again, and gives its command.
         stream: instead of a file; what is there is read row by row.
         rows_per_block: at most, of a file.
+        table: instead of a file; `telemetry` is then its name in messages.
 
     Attributes:
         record: what has been found so far.
@@ -210,11 +213,16 @@ class Reader:
         after: Continuation | None = None,
         stream: IO[bytes] | None = None,
         rows_per_block: int = 1024,
+        table: Table | None = None,
     ):
         self.record = Record()
         self._vehicle = vehicle
         self._period_s = vehicle.sample_period_s
-        self.source, self._table = _opened(telemetry, stream, rows_per_block)
+        if table is None:
+            self.source, self._table = _opened(telemetry, stream, rows_per_block)
+        else:
+            self.source, self._table = str(telemetry), table
+            self.record.notes = list(table.notes)
         try:
             self._plan(gyro)
         except BaseException:

@@ -68,11 +68,13 @@ class Table(Protocol):
         header: names of the columns, in order.
         place: what rows are counted in, "line" or "row".
         ragged: rows left out.
+        notes: what is to be known of how it was made, a sentence each.
     """
 
     header: list[str]
     place: str
     ragged: Ragged
+    notes: Sequence[str]
 
     def blocks(self, wanted: list[int]) -> Iterator[Block]:
         """Yields the values of the chosen columns, given by position, block by block."""
@@ -155,6 +157,7 @@ class CsvTable:
     """
 
     place = "line"
+    notes: Sequence[str] = ()
 
     def __init__(self, binary: IO[bytes], source: str, rows_per_block: int, size: int = 0):
         self._binary = binary
@@ -291,12 +294,25 @@ class CsvTable:
         return block
 
     def _require_regular(self, good: int, *, at_end: bool = False) -> None:
-        count = self.ragged.count
-        if count > _FEW_RAGGED and count > (_RAGGED_SHARE if at_end else 0.5) * (good + count):
-            raise InputError(
-                f"{self._source}: {count} of {good + count} rows have another number of cells than the "
-                f"{len(self.header)} columns, first line {self.ragged.first_line}; check the separator and the export"
-            )
+        require_regular(self.ragged, self._source, good, len(self.header), at_end=at_end)
+
+
+def require_regular(ragged: Ragged, source: str, good: int, width: int, *, at_end: bool = True) -> None:
+    """Raises InputError where too many rows of a table have another number of cells than columns.
+
+    Args:
+        ragged: those that have.
+        source: what to call the table.
+        good: rows that have not.
+        width: number of columns.
+        at_end: whether all of the table has been read.
+    """
+    count = ragged.count
+    if count > _FEW_RAGGED and count > (_RAGGED_SHARE if at_end else 0.5) * (good + count):
+        raise InputError(
+            f"{source}: {count} of {good + count} rows have another number of cells than the "
+            f"{width} columns, first line {ragged.first_line}; check the separator and the export"
+        )
 
 
 def _picker(wanted: list[int], width: int) -> Callable[[list[str]], Sequence[str]]:
@@ -346,6 +362,7 @@ class ParquetTable:
     """
 
     place = "row"
+    notes: Sequence[str] = ()
 
     def __init__(self, path: Path, rows_per_block: int):
         try:
