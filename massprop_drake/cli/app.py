@@ -130,6 +130,10 @@ class Start(StrEnum):
 def estimate(
     context: typer.Context,
     telemetry: Annotated[str, typer.Argument(help="A CSV or Parquet file, or - for rows on standard input.")],
+    record_map: Annotated[
+        Path | None,
+        typer.Option("--map", help="What the columns of another program's file mean; see `massprop map`."),
+    ] = None,
     vehicle: Annotated[str | None, typer.Option(help="A bundled vehicle or a YAML file; settings by default.")] = None,
     like: Annotated[
         str | None, typer.Option(help="A run's folder or a scenario, for the vehicle and every setting.")
@@ -164,7 +168,7 @@ def estimate(
     chosen += ["execution.compiled=true"] if compiled else []
     case = sources.case_of_a_record(name, vehicle, like, resume_from, chosen)
     bundled = (*bundled_scenarios(), *bundled_vehicles(), "-", None)
-    reads = [source for source in (telemetry, vehicle, like, resume_from) if source not in bundled and source]
+    reads = [source for source in (telemetry, record_map, vehicle, like, resume_from) if source not in bundled and source]
     place = require_writable(out or Path("runs") / name, force=force, reads=reads)
     context.obj.watch(place.path / "summary.json", f"the run is saved in {place.shown}/")
     sources.note_doubts(case.estimation_doubts, quiet=quiet)
@@ -184,12 +188,74 @@ def estimate(
             declared=(lambda entry: show.declared(entry, case.vehicle_data)) if live else None,
             said=(lambda event: show.told(event, case.vehicle_data)) if live else None,
             folder=place.path.parent,
+            record_map=record_map,
         )
         folder = result.save(place, pictures=figures, report=report, replay=view)
     if as_json:
         show.as_json(result.summary)
     elif not quiet:
         show.estimated(result.results, case.vehicle_data, folder)
+
+
+@app.command("map", epilog="Example: `massprop map flight.csv --vehicle my_vehicle.yaml --out flight_map.yaml`")
+def map_record(
+    record: Annotated[str, typer.Argument(help="A CSV, Parquet, .mat, ULog or MCAP file, or a ROS bag.")],
+    vehicle: Annotated[str | None, typer.Option(help="A bundled vehicle or a YAML file, whose record it is.")] = None,
+    record_map: Annotated[
+        Path | None, typer.Option("--map", help="Show the first rows as this map has them, instead of proposing one.")
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help="File to write the map to; default standard output.")] = None,
+    make_vehicle: Annotated[
+        Path | None, typer.Option(help="Write a vehicle's file from the parameters of a PX4 log, instead.")
+    ] = None,
+    mass: Annotated[float | None, typer.Option(help="With --make-vehicle: kg.")] = None,
+    inertia: Annotated[
+        str | None, typer.Option(metavar="IXX,IYY,IZZ", help="With --make-vehicle: principal moments, kg-m^2.")
+    ] = None,
+    force: Force = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Proposes what the columns of a record mean, with reasons, and shows its first rows as understood."""
+    from massprop_drake.cli import records, show
+    from massprop_drake.inputs.vehicle import load_vehicle
+    from massprop_drake.results.folder import require_files, write_files
+
+    target = make_vehicle or out
+    if target is not None:
+        require_files(target.parent, [target.name], force=force)
+    if make_vehicle is not None:
+        text, assumed = records.vehicle_text(record, make_vehicle.stem, mass, records.moments(inertia))
+        write_files(make_vehicle.parent, {make_vehicle.name: text.encode()}, force=force, listed=False)
+        if as_json:
+            show.as_json({"vehicle": str(make_vehicle), "assumed": assumed})
+        elif not quiet:
+            say(f"{make_vehicle}: written; {len(assumed)} things are assumed, said at its beginning")
+        return
+    if vehicle is None:
+        raise InputError("whose record is it? Give --vehicle, or --make-vehicle for a PX4 log")
+    whose = load_vehicle(vehicle)
+    if record_map is not None:
+        found = records.by_file(record, record_map, whose)
+        if as_json:
+            show.as_json(records.as_data(found.by.model_dump(mode="json"), [], [], found))
+        elif not quiet:
+            records.show_rows(found)
+        return
+    recording, proposal = records.proposed(record, whose)
+    text = records.map_text(proposal, record, whose)
+    understood = None if proposal.lacking else records.by_proposal(record, text, whose)
+    if out is not None:
+        write_files(out.parent, {out.name: text.encode()}, force=force, listed=False)
+    if as_json:
+        show.as_json(records.as_data(proposal.data, proposal.reasons, proposal.lacking, understood))
+    elif not quiet:
+        for line in text.splitlines():
+            say(line)
+        if understood is not None:
+            records.show_rows(understood)
+    if proposal.lacking:
+        raise InputError(*(f"{recording.source}: {one}" for one in proposal.lacking))
 
 
 @app.command(epilog="Example: `massprop compare runs/sample_maneuver runs/sample_maneuver_joint`")

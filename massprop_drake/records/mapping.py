@@ -45,7 +45,9 @@ _FEWEST_INSTANTS = 4  # samples of an acceleration a row from which its integral
 _UNIT_NORM = 0.02  # by which a quaternion's length may differ from 1
 _UNSURE = 0.02  # of a step that is taken from differences, above which the median step is better
 _MOST_UNSURE = 0.5  # share of steps that may be so
-_SCATTER = 0.3  # of steps from differences, relative, beyond which they are none
+AGREE = 2e-3  # of steps by several pairs, relative: rounding leaves less
+MOVING = 0.05  # of its largest, below which a rate tells no step by itself
+SCATTER = 0.3  # of steps from differences, relative, beyond which they are none
 _TOLERANCE = 1e-6  # of a commanded fraction
 _SAME_S = 1e-9  # stamps closer than this are of one time
 
@@ -240,6 +242,7 @@ class _Mapping:
     def _recovered(self, topic: Topic, time: RecordTime, logged: Array, places: Places) -> Array:
         """Times from the true steps, which are what logged differences were divided by."""
         weight, product = np.zeros(logged.size - 1), np.zeros(logged.size - 1)
+        each = []
         for pair in time.differences:
             value = topic.numbers(pair.value)[places] * factor(pair.value_unit, "length", "angle")
             rate = topic.numbers(pair.rate)[places[1:]] * factor(pair.rate_unit, "velocity", "rate")
@@ -251,6 +254,8 @@ class _Mapping:
             quantum = max(_quantum(value), 1e-12)
             weight += np.where(both, (rate / quantum) ** 2, 0.0)
             product += np.where(both, rate * step / quantum**2, 0.0)
+            well = both & (np.abs(rate) > MOVING * np.nanmax(np.abs(rate), initial=0.0))
+            each.append(np.divide(step, rate, out=np.full(step.size, np.nan), where=well))
         with np.errstate(divide="ignore", invalid="ignore"):
             steps = product / weight
             spread = 0.5 / np.sqrt(weight) / np.abs(steps)  # of two roundings, relative
@@ -262,10 +267,15 @@ class _Mapping:
                 "the rate is no backward difference"
             )
         typical = float(np.median(steps[sure]))
-        if float(np.median(np.abs(steps[sure] / typical - 1.0))) > _SCATTER:
+        if float(np.median(np.abs(steps[sure] / typical - 1.0))) > SCATTER:
             raise InputError(
-                f"{self._source}: time.differences: the steps scatter by more than {100.0 * _SCATTER:g} % about "
+                f"{self._source}: time.differences: the steps scatter by more than {100.0 * SCATTER:g} % about "
                 f"{typical:.4g} s: the rate is no backward difference of the value, or its unit is another"
+            )
+        if disagreement(np.array(each)) > AGREE:
+            raise InputError(
+                f"{self._source}: time.differences: {', '.join(pair.rate for pair in time.differences)} would have been "
+                "taken over unlike steps in the same row: one of them is no backward difference, or its unit is another"
             )
         nominal = np.diff(logged)
         usual = float(np.median(nominal))
@@ -338,7 +348,7 @@ class _Mapping:
         matrices = turns.inv().as_matrix() if sensor.rotates == "world_to_body" else turns.as_matrix()
         matrices = rotation_of(sensor.world_axes) @ matrices @ rotation_of(sensor.axes).T
         quaternion = np.roll(Rotation.from_matrix(matrices).as_quat(), 1, axis=1)
-        found[there] = quaternion * np.where(quaternion[:, :1] < 0.0, -1.0, 1.0)
+        found[there] = quaternion * np.where(quaternion[:, :1] < 0.0, -1.0, 1.0) + 0.0  # no minus zero
         return found
 
     # ----------------------------------------------------------------- what units cannot be
@@ -464,7 +474,7 @@ class _Mapping:
         texts = topic.texts(part.listed.column)
         values = np.zeros((places.size, len(jets)))
         for row, place in enumerate(places):
-            for word in _words(texts[place]):
+            for word in words(texts[place]):
                 if word.lower() not in names:
                     known = [part.listed.names.get(jet) or jet for jet in jets]
                     raise InputError(
@@ -475,7 +485,21 @@ class _Mapping:
         return values
 
 
-def _words(text: str) -> list[str]:
+def disagreement(steps: Array) -> float:
+    """How far the steps by several pairs lie apart in a row, in the median, relative; 0 of one pair alone.
+
+    Args:
+        steps: by each pair, NaN where it tells none, shape (n_pairs, n).
+    """
+    both = steps[:, np.isfinite(steps).sum(axis=0) > 1]
+    if not both.size:
+        return 0.0
+    apart = np.nanmax(both, axis=0) - np.nanmin(both, axis=0)
+    return float(np.median(apart) / np.abs(np.nanmedian(both)))
+
+
+def words(text: str) -> list[str]:
+    """The names in a list of jets: what is between them is neither letter, digit nor underscore."""
     return "".join(one if one.isalnum() or one == "_" else " " for one in text).split()
 
 
