@@ -42,6 +42,7 @@ _FASTEST = 100.0  # rad/s, beyond which no gyro of a vehicle measures
 _SHARE = 0.01  # of the samples that must be impossible before the unit is
 _HOLE = 2.5  # intervals, in medians of them: a longer one is a hole in the data
 _FEWEST_INSTANTS = 4  # samples of an acceleration a row from which its integral can be told
+_SPIKES = 2  # that there may be, however few samples
 _UNIT_NORM = 0.02  # by which a quaternion's length may differ from 1
 _UNSURE = 0.02  # of a step that is taken from differences, above which the median step is better
 _MOST_UNSURE = 0.5  # share of steps that may be so
@@ -49,6 +50,8 @@ AGREE = 2e-3  # of steps by several pairs, relative: rounding leaves less
 MOVING = 0.05  # of its largest, below which a rate tells no step by itself
 SCATTER = 0.3  # of steps from differences, relative, beyond which they are none
 _TOLERANCE = 1e-6  # of a commanded fraction
+_NEAR_A_TURN = 15.0  # of 360, by which an angle in degrees jumps where it is wrapped
+_DECIMALS = 12  # to which logs are rounded at the most
 _SAME_S = 1e-9  # stamps closer than this are of one time
 
 # components of a channel's values, by kind
@@ -244,14 +247,14 @@ class _Mapping:
         weight, product = np.zeros(logged.size - 1), np.zeros(logged.size - 1)
         each = []
         for pair in time.differences:
-            value = topic.numbers(pair.value)[places] * factor(pair.value_unit, "length", "angle")
+            value, size = topic.numbers(pair.value)[places], factor(pair.value_unit, "length", "angle")
+            quantum, value = _quantum(value) * size, value * size
             rate = topic.numbers(pair.rate)[places[1:]] * factor(pair.rate_unit, "velocity", "rate")
             step = np.diff(value)
             if is_of(pair.value_unit, "angle"):
                 step = (step + np.pi) % (2.0 * np.pi) - np.pi
             both = np.isfinite(step) & np.isfinite(rate)
             # each in units of its rounding, so that pairs of unlike quantities weigh alike
-            quantum = max(_quantum(value), 1e-12)
             weight += np.where(both, (rate / quantum) ** 2, 0.0)
             product += np.where(both, rate * step / quantum**2, 0.0)
             well = both & (np.abs(rate) > MOVING * np.nanmax(np.abs(rate), initial=0.0))
@@ -341,6 +344,12 @@ class _Mapping:
             else:
                 assert sensor.angles is not None  # one form is given
                 given = self._three(topic, sensor.angles, places) * size
+            around = np.abs(np.abs(np.diff(given, axis=0)) - 360.0) < _NEAR_A_TURN
+            if size == 1.0 and around.any():
+                raise InputError(
+                    f"{topic.source}: {sensor.heading or 'an angle'} jumps by 360, and the map has it in radians: give "
+                    "`angle_unit: deg`"
+                )
             there = np.isfinite(given).all(axis=1)
             turns = Rotation.from_euler("ZYX", given[there][:, ::-1])
         if not there.any():
@@ -355,7 +364,7 @@ class _Mapping:
 
     def _require_unit(self, topic: Topic, columns: Sequence[str], given: Array, places: Places) -> None:
         off = np.abs(np.linalg.norm(given, axis=1) - 1.0) > _UNIT_NORM
-        if off.mean() > _SHARE:
+        if _many(off):
             row = int(np.argmax(off))
             raise InputError(
                 f"{topic.where(int(places[row]))}: {', '.join(columns)} have length {np.linalg.norm(given[row]):.4g}, "
@@ -366,7 +375,7 @@ class _Mapping:
         period_s = self._vehicle.sample_period_s
         limit = min(_FASTEST, math.pi / period_s)
         size = np.nan_to_num(np.abs(values)).max(axis=1)
-        if (size > limit).mean() <= _SHARE:
+        if not _many(size > limit):
             return
         largest = float(size.max())
         hint = "; it looks like degrees: `unit: deg/s`" if is_of(unit, "rate") and largest / 57.3 <= limit else ""
@@ -379,7 +388,7 @@ class _Mapping:
         cosine = np.abs((values[1:] * values[:-1]).sum(axis=1))
         rates = 2.0 * np.arccos(np.clip(cosine, 0.0, 1.0)) / np.diff(time_s)
         rates = rates[np.isfinite(rates)]
-        if rates.size and (rates > _FASTEST).mean() > _SHARE:
+        if _many(rates > _FASTEST):
             hint = "" if sensor.quaternion is not None else f"; is {sensor.angle_unit} the unit of its angles?"
             raise InputError(
                 f"{topic.source}: sensor '{name}' turns at up to {rates.max():.4g} rad/s from sample to sample, which "
@@ -395,7 +404,7 @@ class _Mapping:
             steps = np.diff(time_s)[:, None]
             sizes = (np.abs(np.diff(values, axis=0)) if sensor.gives == "integral" else sizes[1:]) / steps
         sizes = sizes[np.isfinite(sizes).all(axis=1)]
-        if sizes.size and (sizes.max(axis=1) > most).mean() > _SHARE:
+        if _many(sizes.max(axis=1, initial=0.0) > most):
             raise InputError(
                 f"{topic.source}: sensor '{name}' accelerates at up to {sizes.max():.4g} "
                 f"{self._vehicle.unit_names['length']}/s^2 as {sensor.unit}, more than {plausible.ACCELERATION.why}; "
@@ -503,6 +512,11 @@ def words(text: str) -> list[str]:
     return "".join(one if one.isalnum() or one == "_" else " " for one in text).split()
 
 
+def _many(flags: NDArray[np.bool_]) -> bool:
+    """Whether more than a spike or two are so."""
+    return bool(flags.sum() > min(max(_SHARE * flags.size, _SPIKES), 0.5 * flags.size))
+
+
 def _turned(vectors: Array, matrix: Array) -> Array:
     """Vectors in other axes; a component is missing where one is missing that it is made of."""
     missing = np.isnan(vectors) @ (np.abs(matrix.T) > 1e-12)
@@ -510,9 +524,14 @@ def _turned(vectors: Array, matrix: Array) -> Array:
 
 
 def _quantum(values: Array) -> float:
-    """The step to which values are rounded: the smallest difference of two that differ."""
-    steps = np.diff(np.unique(values[np.isfinite(values)]))
-    return float(steps.min(initial=math.inf)) if steps.size else math.inf
+    """The step to which values are rounded, by their decimals; that of doubles where there are too many."""
+    values = values[np.isfinite(values)]
+    largest = float(np.abs(values).max(initial=0.0))
+    for decimals in range(_DECIMALS):
+        scaled = values * 10.0**decimals
+        if (np.abs(scaled - np.round(scaled)) < 1e-3).all():
+            return 10.0**-decimals
+    return max(1e-12 * largest, 1e-300)
 
 
 def _held(time_s: Array, values: Array, *, until: bool = False, on_change: bool = False) -> Held:
@@ -592,7 +611,8 @@ def row_places(record: Mapped) -> Places:
         target = time_s[places[-1]] + count * every
         at = int(np.searchsorted(time_s, target))
         if at >= time_s.size:
-            return np.array(places)
+            rest = [at - 1] if at - 1 > places[-1] and target - time_s[-1] < 0.5 * every else []
+            return np.array([*places, *rest])
         before = at - 1 > places[-1] and target - time_s[at - 1] < time_s[at] - target
         places.append(at - 1 if before else at)
 

@@ -322,12 +322,25 @@ def _parquet(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
         columns: dict[str, Column] = {}
         for name in names:
             columns |= _arrow_column(pyarrow, name, table.column(name))
+        notes = _from_the_first(columns)
     except (OSError, ValueError, pyarrow.ArrowException) as error:
         if isinstance(error, InputError):
             raise
         first = (str(error).splitlines() or [type(error).__name__])[0]
         raise InputError(f"{path}: not a Parquet file that can be read: {first}") from None
-    return Recording(str(path), "table", {"": Topic(str(path), columns)}, sha256=digest(path))
+    return Recording(str(path), "table", {"": Topic(str(path), columns)}, notes=notes, sha256=digest(path))
+
+
+def _from_the_first(columns: dict[str, Column]) -> tuple[str, ...]:
+    """Makes dates and times count in seconds from the first second of them: a double has no room for the whole."""
+    dated = {name: values for name, values in columns.items() if values.dtype.kind == "M"}
+    firsts = [values[~np.isnat(values)].min() for values in dated.values() if not np.isnat(values).all()]
+    if not firsts:
+        return ()
+    origin = min(firsts).astype("datetime64[s]")
+    for name, values in dated.items():
+        columns[name] = (values - origin) / np.timedelta64(1, "s")
+    return (f"{', '.join(dated)}: times count in seconds from {origin}",)
 
 
 def _arrow_column(arrow: Any, name: str, column: Any) -> dict[str, Column]:
@@ -336,7 +349,7 @@ def _arrow_column(arrow: Any, name: str, column: Any) -> dict[str, Column]:
     if types.is_boolean(kind):
         column = column.cast(arrow.int8())
     if types.is_timestamp(kind):
-        return {name: column.cast(arrow.timestamp("ns")).cast(arrow.int64()).to_numpy() * 1e-9}
+        return {name: column.cast(arrow.timestamp("ns")).to_numpy()}
     if types.is_list(kind) or types.is_large_list(kind) or types.is_fixed_size_list(kind):
         return spread(name, column.to_pylist())
     if types.is_string(kind) or types.is_large_string(kind) or types.is_dictionary(kind):
