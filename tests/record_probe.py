@@ -102,7 +102,9 @@ def jet_columns(one: Flight, pattern: str, first: int) -> str:
     return f"{{{names}}}"
 
 
-def require_the_flight(found: dict[str, Array], one: Flight, *, close: float = 1e-12, rows: slice = slice(None)) -> None:
+def require_the_flight(
+    found: dict[str, Array], one: Flight, *, close: float = 1e-12, rows: slice = slice(None)
+) -> None:
     """The telemetry is that of the flight, but for the command of the last row, which a log may not know."""
     np.testing.assert_allclose(found["time_s"] - found["time_s"][0], one.time_s[rows] - one.time_s[rows][0], atol=2e-7)
     for index, axis in enumerate("xyz"):
@@ -147,7 +149,7 @@ def write_ulog(path: Path, topics: dict[str, tuple[Array, dict[str, Array]]], pa
         log._data_list.append(
             SimpleNamespace(name=base, multi_id=int(instance or 0), msg_id=number, field_data=described, data=data)
         )
-    log._initial_parameters = {name: value for name, value in parameters.items()}
+    log._initial_parameters = dict(parameters)
     log.write_ulog(str(path))
     return path
 

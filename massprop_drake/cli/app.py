@@ -168,7 +168,9 @@ def estimate(
     chosen += ["execution.compiled=true"] if compiled else []
     case = sources.case_of_a_record(name, vehicle, like, resume_from, chosen)
     bundled = (*bundled_scenarios(), *bundled_vehicles(), "-", None)
-    reads = [source for source in (telemetry, record_map, vehicle, like, resume_from) if source not in bundled and source]
+    reads = [
+        source for source in (telemetry, record_map, vehicle, like, resume_from) if source not in bundled and source
+    ]
     place = require_writable(out or Path("runs") / name, force=force, reads=reads)
     context.obj.watch(place.path / "summary.json", f"the run is saved in {place.shown}/")
     sources.note_doubts(case.estimation_doubts, quiet=quiet)
@@ -217,45 +219,19 @@ def map_record(
     quiet: Quiet = False,
 ) -> None:
     """Proposes what the columns of a record mean, with reasons, and shows its first rows as understood."""
-    from massprop_drake.cli import records, show
+    from massprop_drake.cli import records
     from massprop_drake.inputs.vehicle import load_vehicle
-    from massprop_drake.results.folder import require_files, write_files
 
-    target = make_vehicle or out
-    if target is not None:
-        require_files(target.parent, [target.name], force=force)
+    how = records.How(force=force, as_json=as_json, quiet=quiet)
     if make_vehicle is not None:
-        text, assumed = records.vehicle_text(record, make_vehicle.stem, mass, records.moments(inertia))
-        write_files(make_vehicle.parent, {make_vehicle.name: text.encode()}, force=force, listed=False)
-        if as_json:
-            show.as_json({"vehicle": str(make_vehicle), "assumed": assumed})
-        elif not quiet:
-            say(f"{make_vehicle}: written; {len(assumed)} things are assumed, said at its beginning")
+        records.make_vehicle(record, make_vehicle, mass, records.moments(inertia), how)
         return
     if vehicle is None:
         raise InputError("whose record is it? Give --vehicle, or --make-vehicle for a PX4 log")
-    whose = load_vehicle(vehicle)
     if record_map is not None:
-        found = records.by_file(record, record_map, whose)
-        if as_json:
-            show.as_json(records.as_data(found.by.model_dump(mode="json"), [], [], found))
-        elif not quiet:
-            records.show_rows(found)
-        return
-    recording, proposal = records.proposed(record, whose)
-    text = records.map_text(proposal, record, whose)
-    understood = None if proposal.lacking else records.by_proposal(record, text, whose)
-    if out is not None:
-        write_files(out.parent, {out.name: text.encode()}, force=force, listed=False)
-    if as_json:
-        show.as_json(records.as_data(proposal.data, proposal.reasons, proposal.lacking, understood))
-    elif not quiet:
-        for line in text.splitlines():
-            say(line)
-        if understood is not None:
-            records.show_rows(understood)
-    if proposal.lacking:
-        raise InputError(*(f"{recording.source}: {one}" for one in proposal.lacking))
+        records.show_map(record, record_map, load_vehicle(vehicle), how)
+    else:
+        records.propose_map(record, load_vehicle(vehicle), out, how)
 
 
 @app.command(epilog="Example: `massprop compare runs/sample_maneuver runs/sample_maneuver_joint`")

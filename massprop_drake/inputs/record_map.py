@@ -252,7 +252,9 @@ class CommandMap(_Sampled):
     columns: dict[Name, Column] | None = described(None, "column of each jet by its designation")
     mask: Mask | None = described(None, "or a bit mask")
     listed: Listed | None = described(None, "or a list of the jets that fire")
-    unit: Annotated[Text, _unit("number", "time")] = described("1", "1: a number between `off` and `on`; of time, such as ms: how long the jet is on")
+    unit: Annotated[Text, _unit("number", "time")] = described(
+        "1", "1: a number between `off` and `on`; of time, such as ms: how long the jet is on"
+    )
     off: Real = described(0.0, "value that means closed")
     on: Real | None = described(
         None, "value that means open all the time; null: 1, of an on-time the vehicle's sample period"

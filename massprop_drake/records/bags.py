@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from massprop_drake.errors import InputError
 from massprop_drake.inputs.record_map import RecordMap
@@ -23,7 +24,16 @@ from massprop_drake.records.recording import (
 )
 
 _NANO = 1e-9
-_HEAVY = ("Image", "CompressedImage", "PointCloud2", "LaserScan", "OccupancyGrid", "CameraInfo", "Marker", "MarkerArray")
+_HEAVY = (
+    "Image",
+    "CompressedImage",
+    "PointCloud2",
+    "LaserScan",
+    "OccupancyGrid",
+    "CameraInfo",
+    "Marker",
+    "MarkerArray",
+)
 _DEEPEST = 6  # levels of messages in messages
 
 
@@ -51,7 +61,17 @@ def read(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
     except ImportError:
         raise needs(path, "rosbags", "rosbag", "a bag") from None
     own = (AnyReaderError, Reader1Error, Reader2Error, SerdeError, TypesysError, apsw.Error)
-    damaged = (struct.error, ValueError, KeyError, IndexError, EOFError, OSError, RuntimeError, AssertionError, TypeError)
+    damaged = (
+        struct.error,
+        ValueError,
+        KeyError,
+        IndexError,
+        EOFError,
+        OSError,
+        RuntimeError,
+        AssertionError,
+        TypeError,
+    )
     try:
         with AnyReader([path], default_typestore=get_typestore(Stores.LATEST)) as reader:
             types = {one.topic: one.msgtype for one in reader.connections}
@@ -98,12 +118,12 @@ class _Gathered:
     def topic(self, source: str, origin: int) -> Topic:
         """The columns."""
         headed = len(self.own) == len(self.stamps) and any(self.own)
-        stamps = np.array(self.own if headed else self.stamps, dtype=np.int64)
+        stamps: NDArray[np.int64] = np.array(self.own if headed else self.stamps, dtype=np.int64)
         names = dict.fromkeys(name for fields in self.fields for name in fields)
         columns: dict[str, Column] = {}
         for name in names:
             columns |= _column(name, [fields.get(name) for fields in self.fields])
-        return Topic(source, columns, (stamps - origin) * _NANO)
+        return Topic(source, columns, np.multiply(stamps - origin, _NANO))
 
 
 def _flat(message: Any, before: str = "", depth: int = 0) -> Iterator[tuple[str, Any]]:

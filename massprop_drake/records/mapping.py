@@ -162,9 +162,13 @@ def _require_of_the_vehicle(by: RecordMap, vehicle: Vehicle, source: str) -> Non
         if sensor.kind in _USED and kinds.get(name) != sensor.kind:
             known = [one for one, kind in kinds.items() if kind == sensor.kind]
             hint = suggestion(name, known) or f"; it has no {sensor.kind}"
-            problems.append(f"{source}: sensors.{name}: vehicle '{vehicle.name}' has no {sensor.kind} of this name{hint}")
+            problems.append(
+                f"{source}: sensors.{name}: vehicle '{vehicle.name}' has no {sensor.kind} of this name{hint}"
+            )
         elif sensor.kind not in _USED and name in kinds:
-            problems.append(f"{source}: sensors.{name}: is the vehicle's {kinds[name]}, and the map says {sensor.kind}")
+            problems.append(
+                f"{source}: sensors.{name}: is a {kinds[name]} of the vehicle, and the map has a {sensor.kind}"
+            )
     named = by.commands.jets
     if named is not None:
         jets = list(vehicle.designations)
@@ -172,7 +176,8 @@ def _require_of_the_vehicle(by: RecordMap, vehicle: Vehicle, source: str) -> Non
         lacking = [jet for jet in jets if jet not in named]
         if unknown:
             problems.append(
-                f"{source}: commands: '{unknown[0]}' is no jet of vehicle '{vehicle.name}'{suggestion(unknown[0], jets)}"
+                f"{source}: commands: '{unknown[0]}' is no jet of vehicle '{vehicle.name}'"
+                f"{suggestion(unknown[0], jets)}"
             )
         elif lacking:
             problems.append(f"{source}: commands: does not say where to find jet {', '.join(lacking)}")
@@ -221,7 +226,9 @@ class _Mapping:
             )
         fresh = np.concatenate([[True], np.diff(found) > _SAME_S])
         if not fresh.all():
-            self.notes.append(f"{topic.source}: {int((~fresh).sum())} rows left out whose time is that of the row before")
+            self.notes.append(
+                f"{topic.source}: {int((~fresh).sum())} rows left out whose time is that of the row before"
+            )
             places, found = places[fresh], found[fresh]
         if time.differences:
             found = self._recovered(topic, time, found, places)
@@ -240,7 +247,9 @@ class _Mapping:
             return topic.stamps_s
         if time.differences:  # without any stamp: the steps alone
             return np.arange(topic.rows, dtype=float)
-        raise InputError(f"{self._source}: {topic.source} has no stamps of its own: name the column, `time: {{column: ...}}`")
+        raise InputError(
+            f"{self._source}: {topic.source} has no stamps of its own: name the column, `time: {{column: ...}}`"
+        )
 
     def _recovered(self, topic: Topic, time: RecordTime, logged: Array, places: Places) -> Array:
         """Times from the true steps, which are what logged differences were divided by."""
@@ -277,8 +286,8 @@ class _Mapping:
             )
         if disagreement(np.array(each)) > AGREE:
             raise InputError(
-                f"{self._source}: time.differences: {', '.join(pair.rate for pair in time.differences)} would have been "
-                "taken over unlike steps in the same row: one of them is no backward difference, or its unit is another"
+                f"{self._source}: time.differences: {', '.join(pair.rate for pair in time.differences)} would have "
+                "been taken over unlike steps in the same row: one of them is no backward difference, or its unit is another"
             )
         nominal = np.diff(logged)
         usual = float(np.median(nominal))
@@ -555,6 +564,7 @@ class MappedTable:
     """Rows of telemetry made by a map, as `telemetry.reader.Reader` takes them.
 
     Attributes:
+        source: name of the record.
         header: names of the columns, as telemetry has them.
         place: what rows are counted in.
         ragged: rows that were left out.
@@ -562,6 +572,7 @@ class MappedTable:
     """
 
     def __init__(self, header: list[str], values: Array, lines: Places, record: Mapped, notes: list[str]):
+        self.source = record.recording.source
         self.header, self.notes = header, notes
         self._values, self._lines, self._recording = values, lines, record.recording
         self.place = record.recording.topic(record.by.topic_of(record.by.sensors[record.by.row_sensor])).place
@@ -646,7 +657,7 @@ def table(record: Mapped, gyro: str) -> MappedTable:
         if not np.isfinite(values).all(axis=1).any():
             raise InputError(
                 f"{record.recording.source}: no sample of '{name}' was taken within {100.0 * JITTER:g} % of a sample "
-                f"period of a row, which is a sample of '{record.rows.name}'; name another sensor in `rows`, or log faster"
+                f"period of a row, which is a sample of '{record.rows.name}'; name another in `rows`, or log faster"
             )
         names += [f"{name}{suffix}_{axis}" for axis in AXES]
         parts.append(values)
@@ -705,9 +716,9 @@ def _mean_acceleration(channel: Channel, time_s: Array, vehicle: Vehicle, notes:
     if channel.gives == "instant":
         if count < _FEWEST_INSTANTS:
             raise InputError(
-                f"sensor '{channel.name}': an acceleration taken at an instant, {count or 'less than one'} times a sample "
-                f"period of {period_s:g} s, does not tell what the jets gave in between; log it {_FEWEST_INSTANTS} times "
-                "a period at least, or log increments, or say `gives: mean` if the recorder averages"
+                f"sensor '{channel.name}': an acceleration taken at an instant, {count or 'less than one'} times a "
+                f"sample period of {period_s:g} s, does not tell what the jets gave in between; log it "
+                f"{_FEWEST_INSTANTS} times a period at least, or log increments, or say `gives: mean` if the recorder averages"
             )
         before = np.vstack([np.full((1, 3), np.nan), channel.values[:-1]])
         added = 0.5 * (before + channel.values) * steps
@@ -809,6 +820,6 @@ def preview(record: Mapped, most: int = 5) -> list[dict[str, Any]]:
             values = [None if math.isnan(one) else one for one in at[name][index].tolist()]
             sensors[name] = dict(zip(COMPONENTS[channel.kind], values, strict=True))
         told = dict(zip(record.vehicle.designations, fractions[index].tolist(), strict=True))
-        jets = {jet: None if math.isnan(share) else share for jet, share in told.items() if not share == 0.0}
+        jets = {jet: None if math.isnan(share) else share for jet, share in told.items() if share != 0.0}
         rows.append({"time_s": time, "sensors": sensors, "jets": jets})
     return rows

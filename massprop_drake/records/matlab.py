@@ -52,7 +52,17 @@ def _classic(path: Path) -> dict[str, Any]:
 
     try:
         found = loadmat(path, simplify_cells=True)
-    except (MatReadError, OSError, ValueError, TypeError, KeyError, IndexError, NotImplementedError, EOFError, zlib.error) as error:
+    except (
+        MatReadError,
+        OSError,
+        ValueError,
+        TypeError,
+        KeyError,
+        IndexError,
+        NotImplementedError,
+        EOFError,
+        zlib.error,
+    ) as error:
         raise InputError(f"{path}: not a .mat file that can be read: {_first_line(error)}") from None
     return {name: value for name, value in found.items() if not name.startswith("__")}
 

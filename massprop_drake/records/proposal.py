@@ -268,7 +268,9 @@ class _Search:
                     steps = _steps(topic, (values[axis].column, unit), (members[axis].column, rate_unit))
                     if steps is not None:
                         pair = {"value": values[axis].column, "rate": members[axis].column}
-                        pair |= {} if (unit, rate_unit) == ("m", "m/s") else {"value_unit": unit, "rate_unit": rate_unit}
+                        pair |= (
+                            {} if (unit, rate_unit) == ("m", "m/s") else {"value_unit": unit, "rate_unit": rate_unit}
+                        )
                         here.append((pair, steps))
                 if here and len(here) == len(set(members)):
                     groups.append((kind, members, here))
@@ -310,7 +312,8 @@ class _Search:
     def _add_gyro(self, topic: Topic, members: Mapping[int, _Name]) -> None:
         package = self._package("gyro", members[min(members)].words)
         if not package:
-            return self._say(f"{_listed(members)}: rates, but the vehicle has no further gyro")
+            self._say(f"{_listed(members)}: rates, but the vehicle has no further gyro")
+            return
         unit, why = self._unit(members, "rate", ""), "by their names"
         if not unit:
             sizes = np.concatenate([np.abs(topic.numbers(one.column)) for one in members.values()])
@@ -320,15 +323,20 @@ class _Search:
                 "" if unit == "rad/s" else f" but that they reach {float(np.nanmax(sizes)):.4g}, too much for rad/s"
             )
         self.data["sensors"][package] = {"kind": "gyro", "columns": _columns(members), "unit": unit}
-        return self._say(f"{package}: rates {_listed(members)} in {unit}, {why}")
+        self._say(f"{package}: rates {_listed(members)} in {unit}, {why}")
 
     def _add_accelerometer(self, topic: Topic, members: Mapping[int, _Name], increments: bool) -> None:
         first = members[min(members)]
         package = self._package("accelerometer", first.words)
         if not package:
-            return self._say(f"{_listed(members)}: accelerations, but the vehicle has no further accelerometer")
+            self._say(f"{_listed(members)}: accelerations, but the vehicle has no further accelerometer")
+            return
         if increments:
-            gives, unit, why = "increment", self._unit(members, "velocity", "m/s"), "increments of velocity by their names"
+            gives, unit, why = (
+                "increment",
+                self._unit(members, "velocity", "m/s"),
+                "increments of velocity by their names",
+            )
         elif factor_or_none(first.unit, "velocity") is not None or first.words == (package.lower(),):
             gives, unit, why = "integral", self._unit(members, "velocity", "m/s"), "as the vehicle's own, integrating"
         else:
@@ -347,7 +355,7 @@ class _Search:
             "unit": unit,
             "gives": gives,
         }
-        return self._say(f"{package}: {_listed(members)} in {unit}, {why}")
+        self._say(f"{package}: {_listed(members)} in {unit}, {why}")
 
     def _add_pose(
         self, position: Mapping[int, _Name], angles: Mapping[int, _Name], quaternion: Mapping[int, _Name]
@@ -355,7 +363,10 @@ class _Search:
         entry: dict[str, Any] = {}
         if quaternion:
             scalar_first = quaternion[0].column.lower().endswith("w") or quaternion[0].indexed
-            entry = {"quaternion": [quaternion[one].column for one in range(4)], "order": "wxyz" if scalar_first else "xyzw"}
+            entry = {
+                "quaternion": [quaternion[one].column for one in range(4)],
+                "order": "wxyz" if scalar_first else "xyzw",
+            }
             why = f"quaternion {_listed(quaternion)}, {entry['order']} taken for granted"
         elif set(angles) == {2}:
             entry, why = {"heading": angles[2].column}, f"heading {angles[2].column} alone: a planar vehicle"
@@ -435,10 +446,10 @@ class _Search:
         if unit and factor_or_none(unit, "time") is not None:
             block["unit"] = unit
             self._say(f"commands: on-times in {unit}, as their names say; the sample period is open all the time")
-        elif 500.0 < float(values.min()) and most < 2500.0:
+        elif values.min() > 500.0 and most < 2500.0:
             block |= {"off": 1000.0, "on": 2000.0}
             self._say("commands: they lie between 500 and 2500, like pulse widths of 1000 to 2000 us: a guess")
-        elif unit == "%" or 1.0 + 1e-9 < most <= 100.0 and values.min() >= 0.0:
+        elif unit == "%" or (1.0 + 1e-9 < most <= 100.0 and values.min() >= 0.0):
             timed = said & _ON_WORDS and unit != "%"
             block |= {"unit": "ms"} if timed else {"on": 100.0}
             self._say(f"commands: they reach {most:g}: {'on-times in ms, a guess' if timed else 'percent'}")
@@ -454,23 +465,29 @@ class _Search:
         gyro = next((name for name, one in self.data["sensors"].items() if one["kind"] == "gyro"), None)
         by = None if gyro is None else _understood(self.recording, self.data, self.vehicle)
         if gyro is None or by is None or self.recording.kind not in ("table", "mat"):
-            return self._say("commands.acts: from_row, since nothing here tells: a row's command acts from the row on")
+            self._say("commands.acts: from_row, since nothing here tells: a row's command acts from the row on")
+        else:
+            self._follow(by, gyro)
+
+    def _follow(self, by: mapping.Mapped, gyro: str) -> None:
+        """Compares what a gyro shows with what the jets should make it show."""
         rates, held = by.channels[gyro].values, by.commands.values
         vehicle = self.vehicle
         if len(held) != len(rates):
-            return None
+            return
         arms = vehicle.wrenches[:, :3] - np.cross(vehicle.nominal.center_of_mass, vehicle.wrenches[:, 3:])
         turning = arms @ np.linalg.inv(vehicle.nominal.inertia).T * vehicle.sample_period_s
         change = np.diff(rates, axis=0)
         told = [np.nan_to_num(held) @ turning for held in (held[:-1], held[1:])]
         alike = [_correlation(meant, change) for meant in told]
         if any(np.isnan(alike)):
-            return self._say("commands.acts: from_row, since too few jets fire to tell")
+            self._say("commands.acts: from_row, since too few jets fire to tell")
+            return
         later = alike[1] > alike[0] + _CLEARLY
         self.data["commands"]["acts"] = "until_row" if later else "from_row"
         self._say(
-            f"commands.acts: {self.data['commands']['acts']}, since the rates follow a row's command with a correlation "
-            f"of {alike[0]:.2f} in the interval after the row and {alike[1]:.2f} in the one before"
+            f"commands.acts: {self.data['commands']['acts']}, since the rates follow a row's command with a "
+            f"correlation of {alike[0]:.2f} in the interval after the row and {alike[1]:.2f} in the one before"
         )
         meant = told[later]
         both = np.isfinite(change)
@@ -478,8 +495,10 @@ class _Search:
         wrong = "deg/s" if 57.3 / 2.5 < slope < 57.3 * 2.5 and self.data["sensors"][gyro]["unit"] == "rad/s" else ""
         if wrong:
             self.data["sensors"][gyro]["unit"] = wrong
-            self._say(f"{gyro}: {wrong}, since as rad/s it would turn {slope:.3g} times as much as the jets can make it")
-        return None
+            self._say(
+                f"{gyro}: {wrong}, since as rad/s it would turn {slope:.3g} times as much as the jets can make it"
+            )
+        return
 
     # ------------------------------------------------------------------------------------- PX4
 
@@ -511,7 +530,9 @@ class _Search:
                     "quaternion": [f"q[{part}]" for part in range(4)],
                     "order": "wxyz",
                 }
-                self._say(f"mocap: {topics[base]}, position in m and a quaternion that turns body to world, scalar first")
+                self._say(
+                    f"mocap: {topics[base]}, position in m and a quaternion that turns body to world, scalar first"
+                )
                 break
         count = len(self.vehicle.jets)
         for base, column in _PX4_COMMANDS:
@@ -524,7 +545,7 @@ class _Search:
                     block |= {"off": 1000.0, "on": 2000.0}
                 self.data["commands"] = block
                 self._say(
-                    f"commands: {topics[base]}, {column}[0] the vehicle's first jet and so on; NaN is a thruster disarmed"
+                    f"commands: {topics[base]}, {column}[0] the vehicle's first jet and so on; NaN is disarmed"
                     + ("; 1000 to 2000 taken for closed to open" if column == "output" else "")
                 )
                 break
@@ -552,7 +573,9 @@ class _Search:
             kind = self.recording.types.get(name, "").rpartition("/")[2]
             if kind == "Imu":
                 self._of_imu(name)
-            before = {"PoseStamped": "pose.", "Odometry": "pose.pose.", "PoseWithCovarianceStamped": "pose.pose."}.get(kind)
+            before = {"PoseStamped": "pose.", "Odometry": "pose.pose.", "PoseWithCovarianceStamped": "pose.pose."}.get(
+                kind
+            )
             names = ("position", "orientation")
             if kind == "TransformStamped":
                 before, names = "transform.", ("translation", "rotation")
@@ -629,7 +652,11 @@ def _steps(topic: Topic, value: tuple[str, str], rate: tuple[str, str]) -> Array
     if factor_or_none(value[1], "angle") is not None:
         change = (change + np.pi) % (2.0 * np.pi) - np.pi
     speed = topic.numbers(rate[0])[1:] * factor(rate[1], "velocity", "rate")
-    moving = np.isfinite(speed) & np.isfinite(change) & (np.abs(speed) > mapping.MOVING * np.nanmax(np.abs(speed), initial=0.0))
+    moving = (
+        np.isfinite(speed)
+        & np.isfinite(change)
+        & (np.abs(speed) > mapping.MOVING * np.nanmax(np.abs(speed), initial=0.0))
+    )
     if moving.sum() < _FEWEST:
         return None
     steps = np.full(change.size, np.nan)

@@ -13,7 +13,15 @@ from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.records.recording import Recording
 
 _COUNT, _JET = "CA_THRUSTER_CNT", "CA_THRUSTER{index}_{what}"
-_DEFAULTS = {"AX": 0.0, "AY": 0.0, "AZ": -1.0, "PX": 0.0, "PY": 0.0, "PZ": 0.0, "CT": 6.5}  # PX4's, of what is not logged
+_DEFAULTS = {
+    "AX": 0.0,
+    "AY": 0.0,
+    "AZ": -1.0,
+    "PX": 0.0,
+    "PY": 0.0,
+    "PZ": 0.0,
+    "CT": 6.5,
+}  # PX4's, of what is not logged
 _ALIKE = 0.9  # cosine between jets of a cluster, which lie closer than a quarter of the reach
 _COMMANDS, _RATES, _IMU = "actuator_motors", "vehicle_angular_velocity", "vehicle_imu"
 _NORMAL = 0.6745  # median of the absolute value of a standard normal number
@@ -68,7 +76,9 @@ def vehicle_of(recording: Recording, name: str, mass: float | None, inertia: tup
         "mass_properties": {
             "mass": mass,
             "center_of_mass": [0.0, 0.0, 0.0],
-            "inertia": [[moment if row == column else 0.0 for column in range(3)] for row, moment in enumerate(inertia)],
+            "inertia": [
+                [moment if row == column else 0.0 for column in range(3)] for row, moment in enumerate(inertia)
+            ],
         },
         "gyros": [{"name": "gyro", "noise_std": gyro_noise}],
     }
@@ -110,8 +120,8 @@ def _jets(recording: Recording, count: int) -> tuple[list[dict[str, Any]], list[
         length = math.hypot(*axis)
         if length < 1e-6 or values["CT"] <= 0.0:
             raise InputError(
-                f"{recording.source}: thruster {index} has no direction or no thrust ({_JET.format(index=index, what='A*')}, "
-                f"{_JET.format(index=index, what='CT')})"
+                f"{recording.source}: thruster {index} has no direction or no thrust: "
+                f"{_JET.format(index=index, what='AX')}, AY, AZ, CT"
             )
         jets.append(
             {

@@ -178,8 +178,8 @@ def digest(path: Path) -> str:
     """SHA-256 of a file, or of all files of a folder in their order, hexadecimal."""
     if path.is_dir():
         total = hashlib.sha256()
-        for file in sorted(one for one in path.iterdir() if one.is_file()):
-            total.update(f"{file.name} {digest(file)}\n".encode())
+        for inner in sorted(one for one in path.iterdir() if one.is_file()):
+            total.update(f"{inner.name} {digest(inner)}\n".encode())
         return total.hexdigest()
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
@@ -301,7 +301,9 @@ def _as_numbers(cells: list[str], decimal: str) -> Column:
 
 def _joined(pieces: Sequence[Column]) -> Column:
     if any(piece.dtype == object for piece in pieces):
-        pieces = [piece if piece.dtype == object else np.array([repr(one) for one in piece], object) for piece in pieces]
+        pieces = [
+            piece if piece.dtype == object else np.array([repr(one) for one in piece], object) for piece in pieces
+        ]
     return np.concatenate(pieces)
 
 
@@ -315,7 +317,9 @@ def _parquet(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
         file = parquet.ParquetFile(path)
         names = file.schema_arrow.names
         if by is not None:
-            names = [name for name in names if name in by.columns or any(one.startswith(f"{name}[") for one in by.columns)]
+            names = [
+                name for name in names if name in by.columns or any(one.startswith(f"{name}[") for one in by.columns)
+            ]
         table = file.read(columns=names)
         if rows is not None:
             table = table.slice(0, rows)

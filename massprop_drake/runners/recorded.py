@@ -88,8 +88,8 @@ def estimate(
     earlier = None if resume_from is None else _saved(Path(resume_from), scenario)
     after = None if earlier is None else _continuation(earlier)
     gyro, vehicle = params.gyro(scenario).name, scenario.vehicle_data
-    rows = None if record_map is None else _mapped_rows(telemetry, record_map, vehicle, gyro)
-    reader = Reader(telemetry, vehicle, gyro=gyro, after=after, stream=stream, table=rows)
+    source = telemetry if record_map is None else _mapped_rows(telemetry, record_map, vehicle, gyro)
+    reader = Reader(source, vehicle, gyro=gyro, after=after, stream=stream)
     try:
         replayed = _Estimation(scenario, earlier, str(resume_from), folder)
         began = time.perf_counter()

@@ -187,13 +187,12 @@ class Reader:
     single row without readings, so that differences start anew. Statistics are collected in `record`.
 
     Args:
-        telemetry: a CSV or Parquet file, or "-" for standard input.
+        telemetry: a CSV or Parquet file, "-" for standard input, or an open table.
         vehicle: whose packages and jets name the columns.
         gyro: the package that must be there.
         after: go on from the end of an earlier part; its last row may be there again, and gives its command.
         stream: instead of a file; what is there is read row by row.
         rows_per_block: at most, of a file.
-        table: instead of a file; `telemetry` is then its name in messages.
 
     Attributes:
         record: what has been found so far.
@@ -206,23 +205,23 @@ class Reader:
 
     def __init__(
         self,
-        telemetry: str | Path,
+        telemetry: str | Path | Table,
         vehicle: Vehicle,
         *,
         gyro: str,
         after: Continuation | None = None,
         stream: IO[bytes] | None = None,
         rows_per_block: int = 1024,
-        table: Table | None = None,
     ):
         self.record = Record()
         self._vehicle = vehicle
         self._period_s = vehicle.sample_period_s
-        if table is None:
-            self.source, self._table = _opened(telemetry, stream, rows_per_block)
+        if isinstance(telemetry, (str, Path)):
+            self._table = _opened(telemetry, stream, rows_per_block)
         else:
-            self.source, self._table = str(telemetry), table
-            self.record.notes = list(table.notes)
+            self._table = telemetry
+        self.source = self._table.source
+        self.record.notes = list(self._table.notes)
         try:
             self._plan(gyro)
         except BaseException:
@@ -505,11 +504,10 @@ def _added_up(start: float, steps: Array) -> float:
     return float(np.add.accumulate([start, *steps.tolist()])[-1])
 
 
-def _opened(telemetry: str | Path, stream: IO[bytes] | None, rows_per_block: int) -> tuple[str, Table]:
+def _opened(telemetry: str | Path, stream: IO[bytes] | None, rows_per_block: int) -> Table:
     if stream is not None or str(telemetry) == "-":
-        binary = stream or sys.stdin.buffer
-        return "standard input", CsvTable(binary, "standard input", 1)
-    return str(telemetry), open_table(Path(telemetry), rows_per_block=rows_per_block)
+        return CsvTable(stream or sys.stdin.buffer, "standard input", 1)
+    return open_table(Path(telemetry), rows_per_block=rows_per_block)
 
 
 def _close(word: str, valid: Iterable[str]) -> str:

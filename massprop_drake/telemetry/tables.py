@@ -65,16 +65,20 @@ class Table(Protocol):
     """The interface of a table opened for reading.
 
     Attributes:
+        source: what to call it in messages.
         header: names of the columns, in order.
         place: what rows are counted in, "line" or "row".
         ragged: rows left out.
-        notes: what is to be known of how it was made, a sentence each.
     """
 
+    source: str
     header: list[str]
     place: str
     ragged: Ragged
-    notes: Sequence[str]
+
+    @property
+    def notes(self) -> Sequence[str]:
+        """What is to be known of how it was made, a sentence each."""
 
     def blocks(self, wanted: list[int]) -> Iterator[Block]:
         """Yields the values of the chosen columns, given by position, block by block."""
@@ -161,7 +165,7 @@ class CsvTable:
 
     def __init__(self, binary: IO[bytes], source: str, rows_per_block: int, size: int = 0):
         self._binary = binary
-        self._source = source
+        self.source = source
         self._rows_per_block = rows_per_block
         self._size = size
         self._watched = _Watched(binary)
@@ -191,18 +195,18 @@ class CsvTable:
                 line = text.readline(_LONGEST_LINE)
             except UnicodeDecodeError:
                 raise InputError(
-                    f"{self._source}: not a text file in UTF-8 (after line {self._line}); "
+                    f"{self.source}: not a text file in UTF-8 (after line {self._line}); "
                     "expected comma-separated values"
                 ) from None
             except OSError as error:
-                raise InputError(_unreadable(self._source, error)) from None
+                raise InputError(_unreadable(self.source, error)) from None
             if not line:
                 return
             self._line += 1
             if "\0" in line:
-                raise InputError(f"{self._source}, line {self._line}: holds a NUL byte; expected text in UTF-8")
+                raise InputError(f"{self.source}, line {self._line}: holds a NUL byte; expected text in UTF-8")
             if len(line) >= _LONGEST_LINE:
-                raise InputError(f"{self._source}, line {self._line}: is longer than a row of telemetry can be")
+                raise InputError(f"{self.source}, line {self._line}: is longer than a row of telemetry can be")
             self._suspicious = "_" in line
             yield line
 
@@ -217,19 +221,19 @@ class CsvTable:
                     cells = line.rstrip("\r\n")
                     yield cells.split(",") if cells else []
         except csv.Error as error:
-            raise InputError(f"{self._source}, line {self._line}: not comma-separated values: {error}") from None
+            raise InputError(f"{self.source}, line {self._line}: not comma-separated values: {error}") from None
 
     def _read_header(self) -> list[str]:
         row = next((row for row in self._rows() if row), None)
         if row is None:
-            raise InputError(f"{self._source}: is empty; expected a line of column names, time_s first")
+            raise InputError(f"{self.source}: is empty; expected a line of column names, time_s first")
         header = [name.strip() for name in row]
         for separator, name in ((";", "semicolons"), ("\t", "tabs")):
             if len(header) <= 2 and separator in row[0]:
-                raise InputError(f"{self._source}, line {self._line}: columns are separated by {name}; expected commas")
+                raise InputError(f"{self.source}, line {self._line}: columns are separated by {name}; expected commas")
         if all(_NUMBER.fullmatch(name) for name in header if name):
-            raise InputError(f"{self._source}, line {self._line}: has numbers; expected a line of column names")
-        _require_unique(header, f"{self._source}, line {self._line}")
+            raise InputError(f"{self.source}, line {self._line}: has numbers; expected a line of column names")
+        _require_unique(header, f"{self.source}, line {self._line}")
         return header
 
     def blocks(self, wanted: list[int]) -> Iterator[Block]:
@@ -279,22 +283,22 @@ class CsvTable:
         if text.lower() in MISSING:
             return np.nan
         if text.lower().lstrip("+-") in ("inf", "infinity"):
-            raise InputError(_infinite(f"{self._source}, line {self._line}", column))
+            raise InputError(_infinite(f"{self.source}, line {self._line}", column))
         if not _NUMBER.fullmatch(text):
             shown = text if len(text) <= 40 else text[:37] + "..."
             raise InputError(
-                f"{self._source}, line {self._line}, column {column}: {shown!r} is not a number; "
+                f"{self.source}, line {self._line}, column {column}: {shown!r} is not a number; "
                 "leave the cell empty where there is no value"
             )
         return float(text)
 
     def _block(self, lines: list[int], values: array[float], wanted: list[int]) -> Block:
         block = Block(np.array(lines), np.frombuffer(values).reshape(len(lines), len(wanted)))
-        _require_finite(block, [self.header[column] for column in wanted], self._source, self.place)
+        _require_finite(block, [self.header[column] for column in wanted], self.source, self.place)
         return block
 
     def _require_regular(self, good: int, *, at_end: bool = False) -> None:
-        require_regular(self.ragged, self._source, good, len(self.header), at_end=at_end)
+        require_regular(self.ragged, self.source, good, len(self.header), at_end=at_end)
 
 
 def require_regular(ragged: Ragged, source: str, good: int, width: int, *, at_end: bool = True) -> None:
@@ -374,6 +378,7 @@ class ParquetTable:
             ) from None
         self._arrow = pyarrow
         self._path = path
+        self.source = str(path)
         self._rows_per_block = rows_per_block
         self.ragged = Ragged()
         self._read = 0

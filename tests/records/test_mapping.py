@@ -7,7 +7,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from record_probe import Flight, as_map, flight, made_of, require_the_flight, telemetry, usual_columns, usual_map, write_csv
+from record_probe import (
+    Flight,
+    as_map,
+    flight,
+    made_of,
+    require_the_flight,
+    telemetry,
+    usual_columns,
+    usual_map,
+    write_csv,
+)
 
 from massprop_drake.errors import InputError
 from massprop_drake.inputs.vehicle import load_vehicle
@@ -28,7 +38,9 @@ def log(one: Flight, tmp_path: Path) -> Callable[..., Path]:
     """Writes the flight as a table, some columns otherwise."""
 
     def write(**instead: object) -> Path:
-        return write_csv(tmp_path / "log.csv", {name: one for name, one in (usual_columns(one) | instead).items() if one is not None})
+        return write_csv(
+            tmp_path / "log.csv", {name: one for name, one in (usual_columns(one) | instead).items() if one is not None}
+        )
 
     return write
 
@@ -115,12 +127,17 @@ HALF = np.sqrt(0.5)
     [
         ({"qw": HALF, "qx": 0.0, "qy": 0.0, "qz": HALF}, "quaternion: [qw, qx, qy, qz], order: wxyz"),
         ({"qw": -HALF, "qx": 0.0, "qy": 0.0, "qz": -HALF}, "quaternion: [qx, qy, qz, qw], order: xyzw"),
-        ({"qw": HALF, "qx": 0.0, "qy": 0.0, "qz": -HALF}, "quaternion: [qw, qx, qy, qz], order: wxyz, rotates: world_to_body"),
+        (
+            {"qw": HALF, "qx": 0.0, "qy": 0.0, "qz": -HALF},
+            "quaternion: [qw, qx, qy, qz], order: wxyz, rotates: world_to_body",
+        ),
         ({"h": 90.0}, "heading: h, angle_unit: deg"),
         ({"r": 0.0, "p": 0.0, "h": np.pi / 2}, "angles: [r, p, h]"),
     ],
 )
-def test_attitudes_in_every_form(columns: dict[str, float], attitude: str, one: Flight, log: Callable[..., Path]) -> None:
+def test_attitudes_in_every_form(
+    columns: dict[str, float], attitude: str, one: Flight, log: Callable[..., Path]
+) -> None:
     count = len(one.time_s)
     path = log(**{name: np.full(count, value) for name, value in columns.items()})
     text = usual_map(one).replace("commands:", f"  cam: {{kind: attitude, {attitude}}}\ncommands:")
@@ -135,7 +152,12 @@ def test_angles_turn_about_z_then_y_then_x(one: Flight, log: Callable[..., Path]
     found = understood(path, text, one).channels["cam"].values[0]
     halves = [(np.cos(angle / 2), np.sin(angle / 2)) for angle in (roll, pitch, yaw)]
     (cr, sr), (cp, sp), (cy, sy) = halves
-    by_hand = [cr * cp * cy + sr * sp * sy, sr * cp * cy - cr * sp * sy, cr * sp * cy + sr * cp * sy, cr * cp * sy - sr * sp * cy]
+    by_hand = [
+        cr * cp * cy + sr * sp * sy,
+        sr * cp * cy - cr * sp * sy,
+        cr * sp * cy + sr * cp * sy,
+        cr * cp * sy - sr * sp * cy,
+    ]
     np.testing.assert_allclose(found, by_hand, atol=1e-15)
 
 
@@ -154,7 +176,9 @@ def test_a_pose_in_other_frames(one: Flight, log: Callable[..., Path]) -> None:
 
 def test_what_is_no_quaternion(one: Flight, log: Callable[..., Path]) -> None:
     path = log(q=np.full(len(one.time_s), 0.7))
-    text = usual_map(one).replace("commands:", "  cam: {kind: attitude, quaternion: [q, q, q, q], order: wxyz}\ncommands:")
+    text = usual_map(one).replace(
+        "commands:", "  cam: {kind: attitude, quaternion: [q, q, q, q], order: wxyz}\ncommands:"
+    )
     assert "have length 1.4, and a quaternion that turns has length 1" in refused(lambda: understood(path, text, one))
 
 
@@ -244,7 +268,9 @@ def test_times_from_differences(one: Flight, log: Callable[..., Path]) -> None:
     message = refused(lambda: understood(path, text, one))
     assert "would have been taken over unlike steps in the same row" in message
     path = log(x=place, dx=random.normal(size=len(place)), h=wrapped, dh=rates[1])
-    assert "time.differences:" in refused(lambda: understood(path, usual_map(one, time="{column: t, differences: [{value: x, rate: dx}]}"), one))
+    assert "time.differences:" in refused(
+        lambda: understood(path, usual_map(one, time="{column: t, differences: [{value: x, rate: dx}]}"), one)
+    )
 
 
 def test_a_column_of_time_is_needed(one: Flight, log: Callable[..., Path]) -> None:
@@ -282,7 +308,9 @@ def test_a_faster_log_gives_rows_a_period_apart(gives: str, one: Flight, tmp_pat
     step = one.vehicle.sample_period_s / count
     increments = np.diff(integral, axis=0, prepend=integral[:1])
     # an instant is that of the piece that ends: at corners the trapezoids are out by half a step's change
-    values = {"integral": integral, "increment": increments, "mean": increments / step, "instant": increments / step}[gives]
+    values = {"integral": integral, "increment": increments, "mean": increments / step, "instant": increments / step}[
+        gives
+    ]
     unit = "m/s" if gives in ("integral", "increment") else "m/s^2"
     path = dense_log(one, tmp_path, count, values)
     found = telemetry(path, usual_map(one, acc=f"{ACC}, gives: {gives}, unit: {unit}}}"), one.vehicle)
@@ -356,7 +384,9 @@ def test_commands_that_were_already_in_force(one: Flight, log: Callable[..., Pat
         (lambda share: 0.2 + 0.6 * share, "threshold: 0.5"),
     ],
 )
-def test_commands_in_other_units(scale: Callable[..., np.ndarray], keys: str, one: Flight, log: Callable[..., Path]) -> None:
+def test_commands_in_other_units(
+    scale: Callable[..., np.ndarray], keys: str, one: Flight, log: Callable[..., Path]
+) -> None:
     path = log(**{f"u{index + 1}": scale(one.commands[:, index]) for index in range(len(one.jets))})
     commands = usual_map(one).partition("commands: ")[2].splitlines()[0]
     require_the_flight(telemetry(path, usual_map(one, commands=f"{commands[:-1]}, {keys}}}"), one.vehicle), one)
@@ -422,14 +452,21 @@ def test_what_the_map_lacks_of_the_vehicle(one: Flight, log: Callable[..., Path]
     assert message == "map.yaml: commands: does not say where to find jet T12"
     message = refused(lambda: telemetry(log(), text.replace("  gyro:", "  gyr:"), one.vehicle))
     assert message == "map.yaml: sensors.gyr: vehicle 'free_flyer' has no gyro of this name; did you mean 'gyro'?"
-    assert "acc" in refused(lambda: telemetry(log(), text.replace("  acc: {kind: accelerometer, gives: integral", "  acc: {kind: velocity"), one.vehicle))
+    assert "acc" in refused(
+        lambda: telemetry(
+            log(), text.replace("  acc: {kind: accelerometer, gives: integral", "  acc: {kind: velocity"), one.vehicle
+        )
+    )
 
 
 def test_sensors_that_never_meet_the_rows(one: Flight, tmp_path: Path) -> None:
     from scipy.io import savemat  # noqa: PLC0415
 
     imu = {"t": one.time_s, "w": one.rates}
-    savemat(tmp_path / "log.mat", {"imu": imu, "dv": {"t": one.time_s + 0.02, "v": one.velocities}, "rcs": {"t": one.time_s, "u": one.commands}})
+    savemat(
+        tmp_path / "log.mat",
+        {"imu": imu, "dv": {"t": one.time_s + 0.02, "v": one.velocities}, "rcs": {"t": one.time_s, "u": one.commands}},
+    )
     columns = ", ".join(f"{jet}: 'u[{index}]'" for index, jet in enumerate(one.jets))
     text = usual_map(
         one,

@@ -53,11 +53,16 @@ def test_csv_with_semicolons_commas_units_and_remarks(one: Flight, tmp_path: Pat
     path = write_csv(tmp_path / "log.txt", usual_columns(one), delimiter=";")
     lines = path.read_text(encoding="utf-8").replace(".", ",").splitlines()
     units = ";".join(["s"] * len(lines[0].split(";")))
-    path.write_text("\n".join(["logged by us", lines[0], units, *lines[1:3], "# stopped", *lines[3:]]), encoding="utf-8")
+    path.write_text(
+        "\n".join(["logged by us", lines[0], units, *lines[1:3], "# stopped", *lines[3:]]), encoding="utf-8"
+    )
     form = "csv: {separator: ';', decimal: ',', skip: 1, below: 1, comment: '#'}"
     require_the_flight(telemetry(path, usual_map(one, more=form), one.vehicle), one)
     message = refused(lambda: telemetry(path, usual_map(one, more=form.replace("below: 1, ", "")), one.vehicle))
-    assert message == f"{path}, line 3, column t: 's' is not a number; is it a line of units? Give `csv: {{below: 1}}` in the map"
+    assert (
+        message
+        == f"{path}, line 3, column t: 's' is not a number; is it a line of units? Give `csv: {{below: 1}}` in the map"
+    )
 
 
 def test_a_row_cut_short_is_left_out_and_counted(one: Flight, tmp_path: Path) -> None:
@@ -72,7 +77,10 @@ def test_a_row_cut_short_is_left_out_and_counted(one: Flight, tmp_path: Path) ->
     [
         ("", "is empty; expected a line of column names"),
         ("t,wx,wy,wz\n", "is empty: it has no row of data"),
-        ("t;wx;wy;wz\n0;1;2;3\n", "line 1: columns are separated by semicolons; give `csv: {separator: ';'}` in the map"),
+        (
+            "t;wx;wy;wz\n0;1;2;3\n",
+            "line 1: columns are separated by semicolons; give `csv: {separator: ';'}` in the map",
+        ),
         ("0,1,2,3\n0,1,2,3\n", "line 1: has numbers; expected a line of column names"),
         ("t,wx,wx,wz\n0,1,2,3\n", "line 1: column 'wx' appears twice; keep one of them"),
         ("t,wx\n" + "0,1\n" * 20 + "0,1,2\n" * 20, "20 of 40 rows have another number of cells than the 2 columns"),
@@ -105,7 +113,9 @@ def test_missing_columns_and_files(one: Flight, tmp_path: Path) -> None:
     assert "is a folder, and no ROS 2 bag" in refused(lambda: open_recording(tmp_path))
     other = tmp_path / "log.xls"
     other.write_bytes(b"x")
-    assert "'.xls' is no ending of a record that is known; known are .bag, .csv" in refused(lambda: open_recording(other))
+    assert "'.xls' is no ending of a record that is known; known are .bag, .csv" in refused(
+        lambda: open_recording(other)
+    )
     assert "not with standard input" in refused(lambda: open_recording("-"))
 
 
@@ -117,7 +127,9 @@ def test_parquet_with_vectors_and_lists_of_jets(one: Flight, tmp_path: Path) -> 
     from pyarrow import parquet  # noqa: PLC0415
 
     fired = [[jet for jet, on in zip(one.jets, row, strict=True) if on] for row in one.commands]
-    stamps = pyarrow.array((1_700_000_000_000_000_000 + np.round(one.time_s * 1e9)).astype(np.int64), pyarrow.timestamp("ns"))
+    stamps = pyarrow.array(
+        (1_700_000_000_000_000_000 + np.round(one.time_s * 1e9)).astype(np.int64), pyarrow.timestamp("ns")
+    )
     table = pyarrow.table(
         {
             "at": stamps,
@@ -155,7 +167,8 @@ def mat_map(one: Flight) -> str:
     return usual_map(
         one,
         gyro="{kind: gyro, topic: imu, unit: deg/s, columns: ['w[0]', 'w[1]', 'w[2]']}",
-        acc="{kind: accelerometer, topic: imu, gives: integral, unit: m/s, columns: ['v.sum[0]', 'v.sum[1]', 'v.sum[2]']}",
+        acc="{kind: accelerometer, topic: imu, gives: integral, unit: m/s, "
+        "columns: ['v.sum[0]', 'v.sum[1]', 'v.sum[2]']}",
         commands=f"{{topic: rcs, columns: {jet_columns(one, 'u[{}]', 0)}}}",
     )
 
