@@ -50,6 +50,7 @@ _JET_WORDS = {"jet", "jets", "thr", "thruster", "thrusters", "valve", "valves", 
 _MASK_WORDS = _JET_WORDS | {"mask", "bits", "bitmask", "fire", "firing", "on"}
 _ON_WORDS = {"on", "ton", "duration", "width", "pulse", "ontime"}
 _AXES = {**{axis: index for index, axis in enumerate("xyz")}, "p": 0, "q": 1, "r": 2}
+_QUATERNION = re.compile(r"(?:.*_)?(?:q|quat|quaternion|orientation)_?([wxyz0-3]?)")
 _UNIFORM = 1e-4  # of its median, by which steps of a clock that only counts may differ
 _CLEARLY = 0.2  # by which one correlation must exceed the other
 _FEWEST = 20  # samples in which jets fire, from which units and intervals are told
@@ -128,6 +129,13 @@ def read_name(column: str) -> _Name:
     if not unit and len(words) > 1 and words[-1] in _UNITS:
         unit = _UNITS[words.pop()]
     axis = -1
+    turn = _QUATERNION.fullmatch("_".join(words[-2:]) if len(words) > 1 else "".join(words))
+    if turn is not None and not (words == ["q"] and not indexed):
+        part = turn.group(1) or (indexed.group(1) if indexed else "")
+        if part:
+            return _Name(column, ("q",), "wxyz".index(part) if part in "wxyz" else int(part), unit, part.isdigit())
+    if words in (["p"], ["q"], ["r"]) and not indexed:
+        return _Name(column, ("pqr",), _AXES[words[0]], unit)
     if indexed:
         axis = int(indexed.group(1)) if int(indexed.group(1)) < 4 else -1
     elif words:
@@ -157,7 +165,7 @@ def _kind(name: _Name) -> str:
     for kind in ("increment", "gyro", "accelerometer", "quaternion", "velocity", "position"):
         if said & _WORDS[kind]:
             return kind
-    return "" if name.words or name.column.lower() in "pqr" else "position"
+    return "" if name.words else "position"
 
 
 class _Search:
@@ -362,12 +370,9 @@ class _Search:
     ) -> None:
         entry: dict[str, Any] = {}
         if quaternion:
-            scalar_first = quaternion[0].column.lower().endswith("w") or quaternion[0].indexed
-            entry = {
-                "quaternion": [quaternion[one].column for one in range(4)],
-                "order": "wxyz" if scalar_first else "xyzw",
-            }
-            why = f"quaternion {_listed(quaternion)}, {entry['order']} taken for granted"
+            entry = {"quaternion": [quaternion[one].column for one in range(4)], "order": "wxyz"}
+            why = f"quaternion {_listed(quaternion)}"
+            why += ", taken for scalar first, body to world" if quaternion[0].indexed else ", body to world"
         elif set(angles) == {2}:
             entry, why = {"heading": angles[2].column}, f"heading {angles[2].column} alone: a planar vehicle"
         elif angles:
@@ -390,11 +395,13 @@ class _Search:
     def _jet_columns(self, topic: Topic) -> dict[str, str]:
         """A column for each jet, by designation; empty where not all are found."""
         jets = self.vehicle.jets
-        plain = {_plain(column): column for column, values in topic.columns.items() if values.dtype != object}
-        for key in (lambda jet: jet.designation, lambda jet: str(jet.number)):
-            found = {jet.designation: plain[_plain(key(jet))] for jet in jets if _plain(key(jet)) in plain}
-            if len(found) == len(jets):
-                return found
+        numeric = [column for column, values in topic.columns.items() if values.dtype != object]
+        for without in (frozenset(), _ON_WORDS | set(_UNITS)):
+            plain = {_plain(column, without): column for column in numeric}
+            for names in ([jet.designation for jet in jets], [str(jet.number) for jet in jets]):
+                keys = [_plain(name) for name in names]
+                if all(key in plain for key in keys):
+                    return {jet.designation: plain[key] for jet, key in zip(jets, keys, strict=True)}
         stems: dict[str, dict[int, str]] = {}
         for column in topic.columns:
             match = re.fullmatch(r"(.*?)[\[_.]?(\d+)\]?", column)
@@ -632,9 +639,10 @@ def _base(topic: str) -> str:
     return topic.rpartition("/")[2] if topic.startswith("/") else topic.partition("/")[0]
 
 
-def _plain(name: str) -> str:
+def _plain(name: str, without: Iterable[str] = ()) -> str:
     """A jet's name without the words around it, so that `cmd_T1` is T1."""
-    words = [word for word in re.split(r"[^a-z0-9]+", name.lower()) if word and word not in _JET_WORDS]
+    around = _JET_WORDS | set(without)
+    words = [word for word in re.split(r"[^a-z0-9%]+", name.lower()) if word and word not in around]
     return re.sub(r"(?<!\d)0+(?=\d)", "", "".join(words))
 
 
