@@ -20,7 +20,7 @@ from massprop_drake.inputs.campaign import (
 )
 from massprop_drake.inputs.model import Key, keys, validated
 from massprop_drake.inputs.plausible import Finding
-from massprop_drake.inputs.record_map import RecordMap
+from massprop_drake.inputs.record_map import RecordMap, map_keys
 from massprop_drake.inputs.scenario import Scenario, bundled_scenarios, load_scenario, resolved
 from massprop_drake.inputs.vehicle import Vehicle, bundled_vehicles, load_vehicle
 from massprop_drake.inputs.yaml import Document, exists, read_text
@@ -36,7 +36,7 @@ KEYS: Mapping[Schema, Callable[[], list[Key]]] = {
     Schema.vehicle: partial(keys, Vehicle),
     Schema.scenario: partial(keys, Scenario),
     Schema.campaign: campaign_keys,
-    Schema.map: partial(keys, RecordMap),
+    Schema.map: map_keys,
 }
 
 

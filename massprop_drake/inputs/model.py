@@ -393,6 +393,8 @@ def _type_name(annotation: Any) -> str:
             return f"list of {inner}"
         if inner.endswith(" numbers"):
             return f"{len(arguments)} x {inner}"
+        if "|" in inner:
+            return f"{len(arguments)} of {inner}"
         return f"{len(arguments)} {inner}s"
     if origin is dict:
         return f"map of {_type_name(arguments[1])}"

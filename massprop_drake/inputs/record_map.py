@@ -13,7 +13,20 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import AfterValidator, Field, field_validator, model_validator
 
-from massprop_drake.inputs.model import Count, Flag, Matrix3, Model, Name, Real, Text, Vector3, described, validated
+from massprop_drake.inputs.model import (
+    Count,
+    Flag,
+    Key,
+    Matrix3,
+    Model,
+    Name,
+    Real,
+    Text,
+    Vector3,
+    described,
+    keys,
+    validated,
+)
 from massprop_drake.inputs.units import factor, is_of
 from massprop_drake.inputs.yaml import Document, read_text
 
@@ -97,7 +110,7 @@ class _Sampled(Model):
     """The fields common to everything that is sampled."""
 
     topic: Text = described("", f"{_TOPIC}; empty: the map's")
-    time: RecordTime | None = described(None, "own stamps and clock; null: those of the map")
+    time: RecordTime | None = described(None, "own stamps and clock, keys as of the map's `time`; null: the map's")
 
 
 class _Vector(_Sampled):
@@ -365,6 +378,11 @@ class RecordMap(Model):
     def columns(self) -> set[str]:
         """All columns that are read, of whatever topic."""
         return {name for part in [self.time, *self.parts] for name in _columns(part.model_dump())}
+
+
+def map_keys() -> list[Key]:
+    """The keys of a map; those of the clocks that parts may have of their own are those of `time`."""
+    return [key for key in keys(RecordMap) if ".time." not in key.name]
 
 
 def load_map(path: str | Path) -> RecordMap:

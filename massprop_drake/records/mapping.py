@@ -287,7 +287,7 @@ class _Mapping:
         if disagreement(np.array(each)) > AGREE:
             raise InputError(
                 f"{self._source}: time.differences: {', '.join(pair.rate for pair in time.differences)} would have "
-                "been taken over unlike steps in the same row: one of them is no backward difference, or its unit is another"
+                "been taken over unlike steps in the same row: one of them is no backward difference, or of another unit"
             )
         nominal = np.diff(logged)
         usual = float(np.median(nominal))
@@ -718,7 +718,7 @@ def _mean_acceleration(channel: Channel, time_s: Array, vehicle: Vehicle, notes:
             raise InputError(
                 f"sensor '{channel.name}': an acceleration taken at an instant, {count or 'less than one'} times a "
                 f"sample period of {period_s:g} s, does not tell what the jets gave in between; log it "
-                f"{_FEWEST_INSTANTS} times a period at least, or log increments, or say `gives: mean` if the recorder averages"
+                f"{_FEWEST_INSTANTS} times a period at least, or log increments, or say `gives: mean` if it averages"
             )
         before = np.vstack([np.full((1, 3), np.nan), channel.values[:-1]])
         added = 0.5 * (before + channel.values) * steps

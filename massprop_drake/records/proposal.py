@@ -396,7 +396,7 @@ class _Search:
         """A column for each jet, by designation; empty where not all are found."""
         jets = self.vehicle.jets
         numeric = [column for column, values in topic.columns.items() if values.dtype != object]
-        for without in (frozenset(), _ON_WORDS | set(_UNITS)):
+        for without in (set[str](), _ON_WORDS | set(_UNITS)):
             plain = {_plain(column, without): column for column in numeric}
             for names in ([jet.designation for jet in jets], [str(jet.number) for jet in jets]):
                 keys = [_plain(name) for name in names]
