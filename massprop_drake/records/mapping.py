@@ -35,7 +35,7 @@ from massprop_drake.telemetry.reader import JITTER, WRENCH
 from massprop_drake.telemetry.tables import Block, Ragged
 
 Array = NDArray[np.float64]
-Places = NDArray[np.int_]
+Places = NDArray[np.int64]
 
 _EPOCH_S = 1e8  # stamps beyond this count from a day in history, and are made to count from their first
 _FASTEST = 100.0  # rad/s, beyond which no gyro of a vehicle measures
@@ -85,7 +85,7 @@ class Channel(NamedTuple):
     gives: str = ""
 
     @property
-    def period_s(self) -> float:
+    def interval_s(self) -> float:
         """Median interval between samples, s; NaN with fewer than two."""
         return float(np.median(np.diff(self.time_s))) if self.time_s.size > 1 else math.nan
 
@@ -287,7 +287,7 @@ class _Mapping:
         if disagreement(np.array(each)) > AGREE:
             raise InputError(
                 f"{self._source}: time.differences: {', '.join(pair.rate for pair in time.differences)} would have "
-                "been taken over unlike steps in the same row: one of them is no backward difference, or of another unit"
+                "been taken over unlike steps in the same row: one is no backward difference, or of another unit"
             )
         nominal = np.diff(logged)
         usual = float(np.median(nominal))
@@ -606,7 +606,7 @@ def row_places(record: Mapped) -> Places:
         InputError: when the sample period is no multiple of the channel's.
     """
     time_s, period_s = record.rows.time_s, record.vehicle.sample_period_s
-    every = record.rows.period_s
+    every = record.rows.interval_s
     if not every < period_s * (1.0 - JITTER):
         return np.arange(time_s.size)
     count = round(period_s / every)
@@ -707,7 +707,7 @@ def _at(channel: Channel, time_s: Array, period_s: float) -> Array:
 def _mean_acceleration(channel: Channel, time_s: Array, vehicle: Vehicle, notes: list[str]) -> Array:
     """Mean acceleration over the row that ended, NaN where a sample in it is missing, shape (n, 3)."""
     period_s = vehicle.sample_period_s
-    every, steps = channel.period_s, np.diff(channel.time_s, prepend=np.nan)
+    every, steps = channel.interval_s, np.diff(channel.time_s, prepend=np.nan)
     if math.isnan(every):
         return np.full((time_s.size, 3), np.nan)
     count = round(period_s / every)

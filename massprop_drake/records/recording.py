@@ -40,7 +40,7 @@ class Topic:
     columns: Mapping[str, Column]
     stamps_s: Array | None = None
     place: str = "row"
-    lines: NDArray[np.int_] | None = None
+    lines: NDArray[np.int64] | None = None
 
     @property
     def rows(self) -> int:
@@ -256,7 +256,7 @@ def _gathered(
     header: list[str],
     wanted: list[str],
     how: tuple[CsvForm, set[str], int | None, _Where],
-) -> tuple[dict[str, Column], NDArray[np.int_], Ragged]:
+) -> tuple[dict[str, Column], NDArray[np.int64], Ragged]:
     """The wanted columns, the line of each row, and the rows that have another number of cells."""
     form, as_text, most, where = how
     places = [header.index(name) for name in wanted]
@@ -283,7 +283,7 @@ def _gathered(
         if most is not None and len(lines) >= most:
             break
     settle()
-    return {name: _joined(piece) for name, piece in zip(wanted, pieces, strict=True)}, np.array(lines, int), ragged
+    return {name: _joined(piece) for name, piece in zip(wanted, pieces, strict=True)}, np.array(lines, np.int64), ragged
 
 
 def _as_numbers(cells: list[str], decimal: str) -> Column:

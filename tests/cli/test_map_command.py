@@ -225,7 +225,9 @@ def test_a_missing_extra_is_named(
 
 def test_readers_are_loaded_when_they_are_needed() -> None:
     program = (
-        "import sys\nfrom massprop_drake.cli import app, records, sources\nfrom massprop_drake.runners import recorded\n"
+        "import sys\n"
+        "from massprop_drake.cli import app, records, sources\n"
+        "from massprop_drake.runners import recorded\n"
         "heavy = {'scipy', 'pyarrow', 'h5py', 'pyulog', 'rosbags'}\n"
         "print(sorted({name.partition('.')[0] for name in sys.modules} & heavy))"
     )
