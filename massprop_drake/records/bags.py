@@ -34,6 +34,20 @@ _HEAVY = (
     "Marker",
     "MarkerArray",
 )
+# what reading a damaged file ends in, beside the library's own errors
+_DAMAGED = (
+    struct.error,
+    ArithmeticError,
+    AssertionError,
+    AttributeError,
+    EOFError,
+    LookupError,
+    MemoryError,
+    OSError,
+    RuntimeError,
+    TypeError,
+    ValueError,
+)
 _DEEPEST = 6  # levels of messages in messages
 
 
@@ -61,17 +75,6 @@ def read(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
     except ImportError:
         raise needs(path, "rosbags", "rosbag", "a bag") from None
     own = (AnyReaderError, Reader1Error, Reader2Error, SerdeError, TypesysError, apsw.Error)
-    damaged = (
-        struct.error,
-        ValueError,
-        KeyError,
-        IndexError,
-        EOFError,
-        OSError,
-        RuntimeError,
-        AssertionError,
-        TypeError,
-    )
     try:
         with AnyReader([path], default_typestore=get_typestore(Stores.LATEST)) as reader:
             types = {one.topic: one.msgtype for one in reader.connections}
@@ -85,7 +88,7 @@ def read(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
                 if rows is None or len(topic.stamps) < rows:
                     topic.add(stamp, reader.deserialize(raw, connection.msgtype))
             origin = reader.start_time
-    except (*own, *damaged) as error:
+    except (*own, *_DAMAGED) as error:
         if isinstance(error, InputError):
             raise
         raise InputError(f"{path}: not a bag that can be read whole: {_words(error)}{_remedy(path)}") from None

@@ -6,7 +6,7 @@ import zlib
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -15,6 +15,18 @@ from massprop_drake.inputs.record_map import RecordMap
 from massprop_drake.records.recording import MOST_ELEMENTS, Column, Recording, Topic, digest, needs
 
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
+_HEADER, _MATRIX, _COMPRESSED = 128, 14, 15  # length of the header, and types of variables, to version 7
+_DAMAGED = (
+    OSError,
+    ValueError,
+    TypeError,
+    KeyError,
+    IndexError,
+    NotImplementedError,
+    EOFError,
+    MemoryError,
+    NameError,  # a slip of scipy's own, on damaged texts
+)
 _SIGNATURE_AT = (0, 512)  # a .mat file of version 7.3 has a header of its own before it
 
 
@@ -50,21 +62,31 @@ def _classic(path: Path) -> dict[str, Any]:
     from scipy.io import loadmat  # noqa: PLC0415 (slow to load)
     from scipy.io.matlab import MatReadError  # noqa: PLC0415
 
+    _require_whole(path)
     try:
         found = loadmat(path, simplify_cells=True)
-    except (
-        MatReadError,
-        OSError,
-        ValueError,
-        TypeError,
-        KeyError,
-        IndexError,
-        NotImplementedError,
-        EOFError,
-        zlib.error,
-    ) as error:
+    except (MatReadError, zlib.error, *_DAMAGED) as error:
         raise InputError(f"{path}: not a .mat file that can be read: {_first_line(error)}") from None
     return {name: value for name, value in found.items() if not name.startswith("__")}
+
+
+def _require_whole(path: Path) -> None:
+    """Walks the variables of a file of versions 5 to 7: scipy's compiled reader is not safe from damaged lengths.
+
+    Raises:
+        InputError: when a variable does not end within the file, or is none.
+    """
+    content = path.read_bytes()
+    if not content.startswith(b"MATLAB 5"):
+        return  # version 4 has no such header, and what is no .mat file is told by the reader
+    order: Literal["little", "big"] = "big" if content[126:128] == b"MI" else "little"
+    place = _HEADER
+    while place < len(content):
+        tag = content[place : place + 8]
+        kind, size = int.from_bytes(tag[:4], order), int.from_bytes(tag[4:], order)
+        place += len(tag) + size
+        if len(tag) < 8 or kind not in (_MATRIX, _COMPRESSED) or place > len(content):
+            raise InputError(f"{path}: not a .mat file that can be read: it is damaged or cut off")
 
 
 def _hdf(path: Path) -> dict[str, Any]:
@@ -75,12 +97,14 @@ def _hdf(path: Path) -> dict[str, Any]:
     try:
         with h5py.File(path, "r") as file:
             return {name: _of_hdf(h5py, file, item) for name, item in file.items() if not name.startswith("#")}
-    except (OSError, ValueError, RuntimeError, KeyError) as error:
+    except (OSError, ValueError, RuntimeError, KeyError, MemoryError, TypeError) as error:
         raise InputError(f"{path}: not a .mat file that can be read: {_first_line(error)}") from None
 
 
 def _of_hdf(h5py: Any, file: Any, item: Any) -> Any:
     """A variable as scipy would give it: MATLAB writes arrays with their dimensions reversed."""
+    if item is None:
+        raise ValueError("a variable is lost")
     if isinstance(item, h5py.Group):
         return {name: _of_hdf(h5py, file, inner) for name, inner in item.items()}
     if item.attrs.get("MATLAB_empty", 0):

@@ -15,6 +15,7 @@ from massprop_drake.inputs.record_map import RecordMap
 from massprop_drake.records.recording import Column, Recording, Topic, digest, missing_topic, needs
 
 _MAGIC, _HEADER = b"ULog\x01\x12\x35", 16  # first bytes, and length of the file's header
+_DAMAGED = (ValueError, KeyError, IndexError, TypeError, OverflowError, MemoryError, RecursionError, OSError)
 _MESSAGE = struct.Struct("<HB")  # size and type before each message
 
 
@@ -43,13 +44,15 @@ def read(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
     wanted = None if by is None else sorted({name.partition("/")[0] for name in by.topics})
     said = io.StringIO()  # pyulog prints what it thinks of the file
     try:
-        with contextlib.redirect_stdout(said):
-            log = ULog(str(path), wanted)
-    except (ULogException, struct.error, ValueError, KeyError, IndexError, TypeError, OverflowError, OSError) as error:
+        with contextlib.redirect_stdout(said), path.open("rb") as file:
+            log = ULog(file, wanted)
+    except (ULogException, struct.error, *_DAMAGED) as error:
         first = (str(error).splitlines() or [type(error).__name__])[0]
         raise InputError(f"{path}: not a ULog that can be read: {first}") from None
     topics = {}
     for data in log.data_list:
+        if "timestamp" not in data.data:
+            continue
         name = data.name if data.multi_id == 0 else f"{data.name}/{data.multi_id}"
         stamps = data.data["timestamp"][:rows]
         columns: dict[str, Column] = {key: value[:rows] for key, value in data.data.items() if "_padding" not in key}
@@ -62,7 +65,7 @@ def read(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
         str(path),
         "ulog",
         topics,
-        {name: float(value) for name, value in parameters.items()},
+        {name: float(value) for name, value in parameters.items() if isinstance(value, (int, float))},
         tuple(_notes(path, log, cut)),
         digest(path),
     )
