@@ -225,6 +225,9 @@ class _Mapping:
                 "has the clock been set? Give the parts one by one"
             )
         fresh = np.concatenate([[True], np.diff(found) > _SAME_S])
+        if fresh.sum() < 0.5 * fresh.size:
+            what = "" if time.column is None else f"; does {time.column} hold the time, in {time.unit}?"
+            raise InputError(f"{topic.source}: most rows have the time of the row before{what}")
         if not fresh.all():
             self.notes.append(
                 f"{topic.source}: {int((~fresh).sum())} rows left out whose time is that of the row before"
@@ -253,6 +256,8 @@ class _Mapping:
 
     def _recovered(self, topic: Topic, time: RecordTime, logged: Array, places: Places) -> Array:
         """Times from the true steps, which are what logged differences were divided by."""
+        if logged.size < 2:
+            raise InputError(f"{topic.source}: has one row, and times are to come from differences")
         weight, product = np.zeros(logged.size - 1), np.zeros(logged.size - 1)
         each = []
         for pair in time.differences:
@@ -451,6 +456,8 @@ class _Mapping:
         full = self._vehicle.sample_period_s if timed else 1.0
         on = full if part.on is None else part.on * size
         off = part.off * size
+        if on == off:
+            raise InputError(f"{self._source}: commands.off: {part.off:g} is what `on` is, too: they must differ")
         names = [columns[jet] for jet in self._vehicle.designations]
         logged = np.column_stack([topic.numbers(name)[places] for name in names])
         values = (logged * size - off) / (on - off)

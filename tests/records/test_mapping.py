@@ -243,6 +243,12 @@ def test_rows_without_time_and_rows_logged_twice(one: Flight, log: Callable[...,
     ]
 
 
+def test_a_column_that_is_no_time(one: Flight, log: Callable[..., Path]) -> None:
+    path = log(t=np.zeros(len(one.time_s)))
+    message = refused(lambda: telemetry(path, usual_map(one), one.vehicle))
+    assert message == f"{path}: most rows have the time of the row before; does t hold the time, in s?"
+
+
 def test_stamps_since_1970_count_from_the_first(one: Flight, log: Callable[..., Path]) -> None:
     path = log(t=[f"{1_700_000_000 + time:.6f}" for time in one.time_s])
     found = telemetry(path, usual_map(one), one.vehicle)
@@ -390,6 +396,13 @@ def test_commands_in_other_units(
     path = log(**{f"u{index + 1}": scale(one.commands[:, index]) for index in range(len(one.jets))})
     commands = usual_map(one).partition("commands: ")[2].splitlines()[0]
     require_the_flight(telemetry(path, usual_map(one, commands=f"{commands[:-1]}, {keys}}}"), one.vehicle), one)
+
+
+def test_commands_without_a_scale(one: Flight, log: Callable[..., Path]) -> None:
+    commands = usual_map(one).partition("commands: ")[2].splitlines()[0]
+    for keys in ("off: 1", "unit: ms, off: 50"):
+        text = usual_map(one, commands=f"{commands[:-1]}, {keys}}}")
+        assert "is what `on` is, too" in refused(lambda text=text: telemetry(log(), text, one.vehicle))
 
 
 def test_commands_that_are_no_share(one: Flight, log: Callable[..., Path]) -> None:
