@@ -42,6 +42,7 @@ _FASTEST = 100.0  # rad/s, beyond which no gyro of a vehicle measures
 _SHARE = 0.01  # of the samples that must be impossible before the unit is
 _HOLE = 2.5  # intervals, in medians of them: a longer one is a hole in the data
 _FEWEST_INSTANTS = 4  # samples of an acceleration a row from which its integral can be told
+_SLOWER = 1.5  # times the rates' interval, above which PX4 is taken to have left out commands
 _SPIKES = 2  # that there may be, however few samples
 _UNIT_NORM = 0.02  # by which a quaternion's length may differ from 1
 _UNSURE = 0.02  # of a step that is taken from differences, above which the median step is better
@@ -614,6 +615,12 @@ def row_places(record: Mapped) -> Places:
     """
     time_s, period_s = record.rows.time_s, record.vehicle.sample_period_s
     every = record.rows.interval_s
+    if record.recording.kind == "ulog" and every > period_s * (1.0 + JITTER):
+        raise InputError(
+            f"{record.recording.source}: '{record.rows.name}' is logged every {every:.4g} s, too slowly for the sample "
+            f"period of {period_s:g} s of vehicle '{record.vehicle.name}'; ask for more by SDLOG_PROFILE, or set "
+            "sample_period_s"
+        )
     if not every < period_s * (1.0 - JITTER):
         return np.arange(time_s.size)
     count = round(period_s / every)
@@ -791,6 +798,11 @@ def _about_commands(record: Mapped, time_s: Array, fractions: Array) -> list[str
     if every > period_s * (1.0 + JITTER) and not record.by.commands.on_change:
         found.append(
             f"commands are logged every {every:.4g} s, and a sample is {period_s:g} s: firings in between are lost"
+        )
+    elif record.recording.kind == "ulog" and every > _SLOWER * record.rows.interval_s:  # PX4 logs what it likes of them
+        found.append(
+            f"commands are logged every {every:.4g} s, and '{record.rows.name}' every {record.rows.interval_s:.4g} s: "
+            "what happened in between is not in the log; ask for more by SDLOG_PROFILE"
         )
     whole = np.isin(held.values, (0.0, 1.0)) | np.isnan(held.values)
     share = (fractions > 0.0) & (fractions < 1.0)

@@ -176,6 +176,7 @@ class _Search:
         self.data: dict[str, Any] = {"sensors": {}}
         self.reasons: list[str] = []
         self.lacking: list[str] = []
+        self._here: tuple[str, dict[str, Any] | None] = "", None  # the topic that is looked at, and its time
         self._free = {"gyro": [one.name for one in vehicle.gyros]}
         self._free["accelerometer"] = [one.name for one in vehicle.accelerometers]
 
@@ -193,18 +194,50 @@ class _Search:
     # ---------------------------------------------------------------------------------- tables
 
     def in_a_table(self) -> None:
-        """Looks in tables and .mat files, by names and numbers."""
+        """Looks in tables and .mat files, by names and numbers; of several parts in the one with rates first."""
         topics = self.recording.topics
-        name, topic = max(topics.items(), key=lambda item: len(self._jet_columns(item[1])))
-        if name:
-            self.data["topic"] = name
-            self._say(f"topic {name}: it has columns of jets")
-        names = [read_name(column) for column, values in topic.columns.items() if values.dtype != object]
-        self._time(topic, names)
-        self._sensors(topic, names)
-        self._commands(topic)
+        read = {
+            name: [read_name(column) for column, values in topic.columns.items() if _has_numbers(values)]
+            for name, topic in topics.items()
+        }
+        kinds = {name: {_kind(one) for one in names if one.axis >= 0} - {""} for name, names in read.items()}
+        ordered = sorted(topics, key=lambda name: ("gyro" not in kinds[name], -len(kinds[name])))
+        for name in ordered:
+            if kinds[name] or len(topics) == 1:
+                self._enter(name, read[name])
+                self._sensors(topics[name], read[name])
+        for name in sorted(topics, key=lambda name: -len(self._jet_columns(topics[name]))):
+            self._enter(name, read[name], quietly=True)
+            if self._commands(topics[name]):
+                self._put_in_its_topic(self.data["commands"])
+                break
+        if "time" not in self.data:
+            self.lacking.insert(0, "no column of time was found: name it, `time: {column: ...}`")
 
-    def _time(self, topic: Topic, names: Sequence[_Name]) -> None:
+    def _enter(self, name: str, names: Sequence[_Name], *, quietly: bool = False) -> None:
+        """Goes on in a topic: the first one, and its time, are those of the map."""
+        found = self._time(self.recording.topics[name], names)
+        self._here = name, None if found is None else found[0]
+        if "time" not in self.data and "topic" not in self.data:
+            if name:
+                self.data["topic"] = name
+                self._say(f"topic {name}: it has rates, or most of the sensors")
+            if found is not None:
+                self.data["time"] = found[0]
+                self._say(found[1])
+        elif found is not None and not quietly and self._here[1] != self.data.get("time"):
+            self._say(f"{name}: {found[1]}")
+
+    def _put_in_its_topic(self, entry: dict[str, Any]) -> None:
+        """Names topic and time of what does not lie where the map begins."""
+        name, time = self._here
+        if name != self.data.get("topic", ""):
+            entry["topic"] = name
+            if time is not None and time != self.data.get("time"):
+                entry["time"] = time
+
+    def _time(self, topic: Topic, names: Sequence[_Name]) -> tuple[dict[str, Any], str] | None:
+        """A column of time, as a map has it, and why it is one."""
         for name in names:
             if not set(name.words) & _TIME_WORDS or name.axis >= 0:
                 continue
@@ -213,15 +246,14 @@ class _Search:
             if steps.size and (steps > 0.0).mean() > 0.99:
                 break
         else:
-            self.lacking.append("no column of time was found: name it, `time: {column: ...}`")
-            return
+            return None
         unit, step, period_s = name.unit, float(np.median(steps)), self.vehicle.sample_period_s
         why = "as its name says"
         if not unit or factor_or_none(unit, "time") is None:
             unit = min(("s", "ms", "us", "ns"), key=lambda one: abs(np.log(step * factor(one, "time") / period_s)))
             why = f"since its steps of {step:.6g} are nearest to the sample period of {period_s:g} s so"
-        self.data["time"] = {"column": name.column, "unit": unit}
-        self._say(f"time: column {name.column}, which rises from row to row, in {unit} {why}")
+        said = f"time: column {name.column}, which rises from row to row, in {unit} {why}"
+        return {"column": name.column, "unit": unit}, said
 
     def _sensors(self, topic: Topic, names: Sequence[_Name]) -> None:
         groups: dict[tuple[tuple[str, ...], str], dict[int, _Name]] = {}
@@ -246,12 +278,18 @@ class _Search:
                 self._add_accelerometer(topic, members, kind == "increment")
         for members in found.get("velocity", []):
             unit = self._unit(members, "velocity", "m/s")
-            self.data["sensors"]["velocity"] = {"kind": "velocity", "columns": _columns(members), "unit": unit}
+            self._add("velocity", {"kind": "velocity", "columns": _columns(members), "unit": unit})
             self._say(f"velocity: {_listed(members)}, by their names")
         quaternion = next((one for one in found.get("quaternion", []) if len(one) == 4), {})
         self._add_pose(position, angles, quaternion)
         if pairs:
             self._use_differences(topic, pairs)
+
+    def _add(self, name: str, entry: dict[str, Any]) -> None:
+        """Adds a sensor, the first of its name."""
+        if name not in self.data["sensors"]:
+            self._put_in_its_topic(entry)
+            self.data["sensors"][name] = entry
 
     def _unit(self, members: Mapping[int, _Name], kind: str, otherwise: str) -> str:
         unit = members[min(members)].unit
@@ -330,7 +368,7 @@ class _Search:
             why = f"by their names; {unit} since nothing says otherwise" + (
                 "" if unit == "rad/s" else f" but that they reach {float(np.nanmax(sizes)):.4g}, too much for rad/s"
             )
-        self.data["sensors"][package] = {"kind": "gyro", "columns": _columns(members), "unit": unit}
+        self._add(package, {"kind": "gyro", "columns": _columns(members), "unit": unit})
         self._say(f"{package}: rates {_listed(members)} in {unit}, {why}")
 
     def _add_accelerometer(self, topic: Topic, members: Mapping[int, _Name], increments: bool) -> None:
@@ -357,12 +395,8 @@ class _Search:
             )
             if abs(float(np.median(sizes)) * factor(unit, "acceleration") / 9.80665 - 1.0) < 0.1:
                 why += "; they hold the reaction to the weight: give what they show at rest as `zero`"
-        self.data["sensors"][package] = {
-            "kind": "accelerometer",
-            "columns": _columns(members),
-            "unit": unit,
-            "gives": gives,
-        }
+        entry = {"kind": "accelerometer", "columns": _columns(members), "unit": unit, "gives": gives}
+        self._add(package, entry)
         self._say(f"{package}: {_listed(members)} in {unit}, {why}")
 
     def _add_pose(
@@ -384,10 +418,10 @@ class _Search:
         if position:
             unit = self._unit(position, "length", "m")
             entry = {"kind": "pose", "position": _columns(position), "unit": unit, **entry}
-            self.data["sensors"]["pose"] = entry
+            self._add("pose", entry)
             self._say(f"pose: position {_listed(position)} in {unit}" + (f", {why}" if len(entry) > 3 else ""))
         elif entry:
-            self.data["sensors"]["attitude"] = {"kind": "attitude", **entry}
+            self._add("attitude", {"kind": "attitude", **entry})
             self._say(f"attitude: {why}")
 
     # -------------------------------------------------------------------------------- commands
@@ -413,20 +447,21 @@ class _Search:
                     return {jet.designation: numbered[first + index] for index, jet in enumerate(jets)}
         return {}
 
-    def _commands(self, topic: Topic) -> None:
+    def _commands(self, topic: Topic) -> bool:
+        """Looks for commands to the jets; whether there are."""
         columns = self._jet_columns(topic)
         if columns:
             self.data["commands"] = {"columns": columns}
             self._say(f"commands: a column for each of the {len(columns)} jets, by their names")
             self._scale(topic, columns)
-            return
+            return True
         for column, values in topic.columns.items():
             if values.dtype == object:
                 texts = {word.lower() for text in topic.texts(column) for word in mapping.words(text)}
                 if texts and texts <= {jet.lower() for jet in self.vehicle.designations}:
                     self.data["commands"] = {"listed": {"column": column}}
                     self._say(f"commands: column {column} lists designations of jets, such as {sorted(texts)[0]}")
-                    return
+                    return True
         for column, values in topic.columns.items():
             if values.dtype == object or not set(read_name(column).words) & _MASK_WORDS:
                 continue
@@ -440,7 +475,8 @@ class _Search:
                     f"commands: column {column} has whole numbers below 2^{len(bits)}: a bit mask; that bit 0 is "
                     f"{self.vehicle.designations[0]} and so on is a guess"
                 )
-                return
+                return True
+        return False
 
     def _scale(self, topic: Topic, columns: Mapping[str, str]) -> None:
         """What the numbers of the jets' columns mean."""
@@ -633,6 +669,10 @@ def factor_or_none(unit: str, kind: str) -> float | None:
         return factor(unit, kind)
     except InputError:
         return None
+
+
+def _has_numbers(values: NDArray[Any]) -> bool:
+    return bool(values.dtype.kind in "biuf" and np.isfinite(values).any())
 
 
 def _base(topic: str) -> str:

@@ -209,6 +209,27 @@ def test_a_log_of_actuators_that_is_too_slow_is_warned_of(one: Flight, tmp_path:
 
     notes = made_of(path, text, one.vehicle).notes
     assert "commands are logged every 0.2 s, and a sample is 0.05 s: firings in between are lost" in notes[0]
+    slower = one.vehicle.model_copy(update={"sample_period_s": 0.2})
+    notes = made_of(path, text, slower).notes
+    assert "commands are logged every 0.2 s, and 'gyro' every 0.05 s: what happened in between" in notes[0]
+    with pytest.raises(InputError, match="'gyro' is logged every"):
+        made_of(path, text, one.vehicle.model_copy(update={"sample_period_s": 0.01}))
+
+
+def test_parts_of_a_mat_file(one: Flight, tmp_path: Path) -> None:
+    from scipy.io import savemat  # noqa: PLC0415
+
+    savemat(
+        tmp_path / "log.mat",
+        {
+            "rcs": {"time_ms": 1e3 * one.time_s, **{f"valve{i}": one.commands[:, i] for i in range(len(one.jets))}},
+            "imu": {"t": one.time_s, "gyro": one.rates, "dv": np.diff(one.velocities, axis=0, prepend=0.0)},
+        },
+    )
+    found = proposed(tmp_path / "log.mat", one.vehicle)
+    assert found.lacking == []
+    assert (found.data["topic"], found.data["commands"]["topic"]) == ("imu", "rcs")
+    require_the_flight(telemetry(tmp_path / "log.mat", to_yaml(found.data), one.vehicle), one)
 
 
 @pytest.mark.parametrize("kind", ["ros1", "mcap"])
