@@ -763,7 +763,6 @@ def _over(held: Held, time_s: Array) -> Array:
     known = np.isfinite(held.values)
     edges = np.stack([held.begin_s, held.end_s], axis=1).ravel()
     edges = np.where(np.isfinite(edges), edges, max(float(ends[-1]), float(held.begin_s[-1])) + typical)
-    edges = np.maximum.accumulate(edges)
     lengths = np.diff(edges)[::2, None]
 
     def integral(density: Array) -> Array:

@@ -174,6 +174,20 @@ def test_a_pose_in_other_frames(one: Flight, log: Callable[..., Path]) -> None:
     np.testing.assert_allclose(found.values[0], [2.0, 1.0, -3.0, 1.0, 0.0, 0.0, 0.0], atol=1e-12)
 
 
+def test_body_axes_that_are_exchanged(one: Flight, log: Callable[..., Path]) -> None:
+    """The recorder does not turn; the vehicle's x points along minus its z, and so along minus the world's z."""
+    path = log(h=np.zeros(len(one.time_s)))
+    text = usual_map(one).replace("commands:", "  cam: {kind: attitude, heading: h, axes: [-z, x, -y]}\ncommands:")
+    w, *rest = understood(path, text, one).channels["cam"].values[0]
+    q = np.array(rest)
+
+    def turned(vector: list[float]) -> np.ndarray:
+        return vector + 2.0 * np.cross(q, np.cross(q, vector) + w * np.array(vector))
+
+    np.testing.assert_allclose(turned([1.0, 0.0, 0.0]), [0.0, 0.0, -1.0], atol=1e-12)
+    np.testing.assert_allclose(turned([0.0, 1.0, 0.0]), [1.0, 0.0, 0.0], atol=1e-12)
+
+
 def test_what_is_no_quaternion(one: Flight, log: Callable[..., Path]) -> None:
     path = log(q=np.full(len(one.time_s), 0.7))
     text = usual_map(one).replace(
