@@ -1,4 +1,4 @@
-"""Writes the tables of keys in vehicle.md, scenario.md and campaign.md from the code; the text above them is kept.
+"""Writes the tables of keys in vehicle.md, scenario.md, campaign.md and records.md; the text above them is kept.
 
 python docs/make_reference.py
 """
@@ -12,6 +12,7 @@ from pathlib import Path
 
 from massprop_drake.inputs.campaign import campaign_keys
 from massprop_drake.inputs.model import Key, keys
+from massprop_drake.inputs.record_map import map_keys
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.vehicle import Vehicle
 
@@ -20,6 +21,7 @@ PAGES: dict[str, Callable[[], list[Key]]] = {
     "vehicle.md": partial(keys, Vehicle),
     "scenario.md": partial(keys, Scenario),
     "campaign.md": campaign_keys,
+    "records.md": map_keys,
 }
 MARK = "<!-- docs/make_reference.py writes what follows from the code: edit the descriptions there -->"
 HEADINGS = ("key", "type", "unit", "default", "range", "meaning")

@@ -15,6 +15,7 @@ from massprop_drake.cli import main as cli
 from massprop_drake.display import figures
 from massprop_drake.inputs.campaign import campaign_from, campaign_keys
 from massprop_drake.inputs.model import Key, keys
+from massprop_drake.inputs.record_map import map_keys
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.inputs.yaml import Document
@@ -47,7 +48,7 @@ def examples(tmp_path: Path) -> Path:
     return tmp_path
 
 
-@pytest.mark.parametrize("name", ["vehicle.md", "scenario.md", "campaign.md"])
+@pytest.mark.parametrize("name", ["vehicle.md", "scenario.md", "campaign.md", "records.md"])
 def test_page_matches_the_code(name: str, make_reference: ModuleType) -> None:
     page = (DOCS / name).read_text(encoding="utf-8")
     expected = make_reference.updated(page, make_reference.PAGES[name]())
@@ -56,7 +57,12 @@ def test_page_matches_the_code(name: str, make_reference: ModuleType) -> None:
 
 @pytest.mark.parametrize(
     ("name", "found"),
-    [("vehicle.md", keys(Vehicle)), ("scenario.md", keys(Scenario)), ("campaign.md", campaign_keys())],
+    [
+        ("vehicle.md", keys(Vehicle)),
+        ("scenario.md", keys(Scenario)),
+        ("campaign.md", campaign_keys()),
+        ("records.md", map_keys()),
+    ],
 )
 def test_page_has_every_key_once(name: str, found: list[Key]) -> None:
     _, page = (DOCS / name).read_text(encoding="utf-8").split("<!-- docs/make_reference.py")

@@ -20,6 +20,7 @@ FLOORS = (
     {"signals"},
     {"systems", "inputs"},
     {"diagrams", "telemetry"},
+    {"records"},
     {"results"},
     {"runners"},
     {"display"},
@@ -30,7 +31,7 @@ FLOOR = {room: number for number, rooms in enumerate(FLOORS) for room in rooms}
 # a run shows itself: its figures, pages and notebook display are loaded when they are asked for
 EXCEPTIONS = {("results.run", "display")}
 MOST_ARROWS = 60  # between rooms at the top
-WITHOUT_DRAKE = ("inputs", "telemetry", "results", "maths", "signals", "errors", "runners.estimator")
+WITHOUT_DRAKE = ("inputs", "telemetry", "records", "results", "maths", "signals", "errors", "runners.estimator")
 
 
 def _modules() -> dict[str, Path]:

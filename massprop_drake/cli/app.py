@@ -130,6 +130,10 @@ class Start(StrEnum):
 def estimate(
     context: typer.Context,
     telemetry: Annotated[str, typer.Argument(help="A CSV or Parquet file, or - for rows on standard input.")],
+    record_map: Annotated[
+        Path | None,
+        typer.Option("--map", help="What the columns of another program's file mean; see `massprop map`."),
+    ] = None,
     vehicle: Annotated[str | None, typer.Option(help="A bundled vehicle or a YAML file; settings by default.")] = None,
     like: Annotated[
         str | None, typer.Option(help="A run's folder or a scenario, for the vehicle and every setting.")
@@ -164,7 +168,9 @@ def estimate(
     chosen += ["execution.compiled=true"] if compiled else []
     case = sources.case_of_a_record(name, vehicle, like, resume_from, chosen)
     bundled = (*bundled_scenarios(), *bundled_vehicles(), "-", None)
-    reads = [source for source in (telemetry, vehicle, like, resume_from) if source not in bundled and source]
+    reads = [
+        source for source in (telemetry, record_map, vehicle, like, resume_from) if source not in bundled and source
+    ]
     place = require_writable(out or Path("runs") / name, force=force, reads=reads)
     context.obj.watch(place.path / "summary.json", f"the run is saved in {place.shown}/")
     sources.note_doubts(case.estimation_doubts, quiet=quiet)
@@ -184,12 +190,48 @@ def estimate(
             declared=(lambda entry: show.declared(entry, case.vehicle_data)) if live else None,
             said=(lambda event: show.told(event, case.vehicle_data)) if live else None,
             folder=place.path.parent,
+            record_map=record_map,
         )
         folder = result.save(place, pictures=figures, report=report, replay=view)
     if as_json:
         show.as_json(result.summary)
     elif not quiet:
         show.estimated(result.results, case.vehicle_data, folder)
+
+
+@app.command("map", epilog="Example: `massprop map flight.csv --vehicle my_vehicle.yaml --out flight_map.yaml`")
+def map_record(
+    record: Annotated[str, typer.Argument(help="A CSV, Parquet, .mat, ULog or MCAP file, or a ROS bag.")],
+    vehicle: Annotated[str | None, typer.Option(help="A bundled vehicle or a YAML file, whose record it is.")] = None,
+    record_map: Annotated[
+        Path | None, typer.Option("--map", help="Show the first rows as this map has them, instead of proposing one.")
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help="File to write the map to; default standard output.")] = None,
+    make_vehicle: Annotated[
+        Path | None, typer.Option(help="Write a vehicle's file from the parameters of a PX4 log, instead.")
+    ] = None,
+    mass: Annotated[float | None, typer.Option(help="With --make-vehicle: kg.")] = None,
+    inertia: Annotated[
+        str | None, typer.Option(metavar="IXX,IYY,IZZ", help="With --make-vehicle: principal moments, kg-m^2.")
+    ] = None,
+    force: Force = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Proposes what the columns of a record mean, with reasons, and shows its first rows as understood."""
+    from massprop_drake.cli import records
+    from massprop_drake.inputs.vehicle import load_vehicle
+
+    how = records.How(force=force, as_json=as_json, quiet=quiet)
+    if make_vehicle is not None:
+        records.make_vehicle(record, make_vehicle, mass, records.moments(inertia), how)
+        return
+    if vehicle is None:
+        raise InputError("whose record is it? Give --vehicle, or --make-vehicle for a PX4 log")
+    if record_map is not None:
+        records.show_map(record, record_map, load_vehicle(vehicle), how)
+    else:
+        records.propose_map(record, load_vehicle(vehicle), out, how)
 
 
 @app.command(epilog="Example: `massprop compare runs/sample_maneuver runs/sample_maneuver_joint`")

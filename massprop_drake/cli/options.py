@@ -31,3 +31,4 @@ class Schema(StrEnum):
     vehicle = "vehicle"
     scenario = "scenario"
     campaign = "campaign"
+    map = "map"

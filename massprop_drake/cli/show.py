@@ -18,6 +18,7 @@ from rich.text import Text
 from massprop_drake.cli.streams import say, visible
 from massprop_drake.inputs.campaign import CampaignSpec
 from massprop_drake.inputs.model import Key
+from massprop_drake.inputs.record_map import RecordMap
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.signals import SYMBOLS, mass_property_units
@@ -375,6 +376,13 @@ def about(good: Vehicle | Scenario | CampaignSpec) -> str:
         return f"scenario '{good.name}', {good.duration_s:g} s, vehicle '{good.vehicle_data.name}'"
     sensors = f"{len(good.gyros)} gyro and {len(good.accelerometers)} accelerometer packages"
     return f"vehicle '{good.name}', {len(good.jets)} jets, {sensors}, units {good.units}"
+
+
+def about_map(by: RecordMap) -> str:
+    """Describes a good map of a record in a line."""
+    sensors = ", ".join(f"{sensor.kind} '{name}'" for name, sensor in by.sensors.items())
+    jets = "all jets" if by.commands.jets is None else f"{len(by.commands.jets)} jets"
+    return f"map of a record, {sensors}, commands of {jets}"
 
 
 def about_telemetry(found: Mapping[str, Any], whose: Vehicle | None) -> str:

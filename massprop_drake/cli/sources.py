@@ -20,6 +20,7 @@ from massprop_drake.inputs.campaign import (
 )
 from massprop_drake.inputs.model import Key, keys, validated
 from massprop_drake.inputs.plausible import Finding
+from massprop_drake.inputs.record_map import RecordMap, map_keys
 from massprop_drake.inputs.scenario import Scenario, bundled_scenarios, load_scenario, resolved
 from massprop_drake.inputs.vehicle import Vehicle, bundled_vehicles, load_vehicle
 from massprop_drake.inputs.yaml import Document, exists, read_text
@@ -35,6 +36,7 @@ KEYS: Mapping[Schema, Callable[[], list[Key]]] = {
     Schema.vehicle: partial(keys, Vehicle),
     Schema.scenario: partial(keys, Scenario),
     Schema.campaign: campaign_keys,
+    Schema.map: map_keys,
 }
 
 
@@ -86,7 +88,7 @@ def recovered(scenario: str | Path, overrides: list[str]) -> Scenario:
 
 
 def checked(name: str, whose: Vehicle | None) -> Vehicle | Scenario | CampaignSpec | str:
-    """Reads a file and returns what it holds, telemetry in words; raises InputError for a bad one."""
+    """Reads a file and returns what it holds, telemetry and maps in words; raises InputError for a bad one."""
     if Path(name).suffix.lower() in _TELEMETRY:
         return show.about_telemetry(check_telemetry(Path(name), whose), whose)
     if name in bundled_vehicles():
@@ -98,6 +100,8 @@ def checked(name: str, whose: Vehicle | None) -> Vehicle | Scenario | CampaignSp
     document = Document(read_text(Path(name)), name)
     if "jets" in document.data or "jet_kinds" in document.data:
         return validated(Vehicle, document.data, document)
+    if "commands" in document.data and "sensors" in document.data:
+        return show.about_map(validated(RecordMap, document.data, document))
     if "base" in document.data:
         return campaign_from(document, Path(name).parent)
     return resolved(document.data, document, Path(name).parent)

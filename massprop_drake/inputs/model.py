@@ -265,10 +265,7 @@ def _chosen(members: list[type[Model]], data: Any, tags: tuple[str | int, ...] =
 
 def _tags_at(model: type[Model], path: FieldPath, data: Any) -> str:
     """The kinds that the union at a path accepts."""
-    names = [part for part in path if isinstance(part, str)]
-    holder = _model_at(model, path[: path.index(names[-1])], data)
-    members = _models_in(holder.model_fields[names[-1]].annotation)
-    return ", ".join(tag for member in members for tag in _tags_of(member))
+    return ", ".join(tag for member in _models_at(model, path, data) for tag in _tags_of(member))
 
 
 _BOUNDS = {"gt": "> {:g}", "ge": ">= {:g}", "lt": "< {:g}", "le": "<= {:g}", "min_length": "at least {:g} long"}
@@ -396,6 +393,8 @@ def _type_name(annotation: Any) -> str:
             return f"list of {inner}"
         if inner.endswith(" numbers"):
             return f"{len(arguments)} x {inner}"
+        if "|" in inner:
+            return f"{len(arguments)} of {inner}"
         return f"{len(arguments)} {inner}s"
     if origin is dict:
         return f"map of {_type_name(arguments[1])}"

@@ -14,10 +14,13 @@ from numpy.typing import NDArray
 from massprop_drake.errors import InputError
 from massprop_drake.inputs import params
 from massprop_drake.inputs.model import validated
+from massprop_drake.inputs.record_map import RecordMap, load_map
 from massprop_drake.inputs.scenario import PlantBlock, Scenario
-from massprop_drake.inputs.vehicle import SensorPackage
+from massprop_drake.inputs.vehicle import SensorPackage, Vehicle
 from massprop_drake.maths.estimation import cycle
 from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
+from massprop_drake.records import mapping
+from massprop_drake.records.recording import open_recording
 from massprop_drake.results.consistency import Tally, judged, used_nis
 from massprop_drake.results.detections import JUMP, DetectionRecord
 from massprop_drake.results.events import EventRecord
@@ -36,6 +39,7 @@ from massprop_drake.runners.logs import EstimationLog, Intake, estimation_signal
 from massprop_drake.signals import SYMBOLS
 from massprop_drake.telemetry.quality import QualityReport
 from massprop_drake.telemetry.reader import Continuation, Reader, Rows
+from massprop_drake.telemetry.tables import Table
 
 Array = NDArray[np.float64]
 
@@ -52,6 +56,7 @@ def estimate(
     said: Callable[[EventRecord], None] | None = None,
     stream: IO[bytes] | None = None,
     folder: Path | None = None,
+    record_map: str | Path | RecordMap | None = None,
 ) -> Run:
     """Estimates mass properties and finds failed jets from a record, row by row and in bounded memory.
 
@@ -69,6 +74,8 @@ def estimate(
         said: called with all that the detector says as soon as it says it, detections included.
         stream: read instead of the file.
         folder: where a temporary file with the signals may lie; default the system's place for such.
+        record_map: what the columns of another program's file mean, or the file that says so; None: the record is
+            telemetry. With a map all of the file is read before the first row is used.
 
     Returns:
         The run, without truth; its signals lie on disk, and its summary has `data_quality` besides.
@@ -80,7 +87,9 @@ def estimate(
     scenario = settings_alone(scenario)
     earlier = None if resume_from is None else _saved(Path(resume_from), scenario)
     after = None if earlier is None else _continuation(earlier)
-    reader = Reader(telemetry, scenario.vehicle_data, gyro=params.gyro(scenario).name, after=after, stream=stream)
+    gyro, vehicle = params.gyro(scenario).name, scenario.vehicle_data
+    source = telemetry if record_map is None else _mapped_rows(telemetry, record_map, vehicle, gyro)
+    reader = Reader(source, vehicle, gyro=gyro, after=after, stream=stream)
     try:
         replayed = _Estimation(scenario, earlier, str(resume_from), folder)
         began = time.perf_counter()
@@ -103,6 +112,13 @@ def estimate(
     finally:
         reader.close()
     return replayed.finish(reader, telemetry, wall_s)
+
+
+def _mapped_rows(telemetry: str | Path, record_map: str | Path | RecordMap, vehicle: Vehicle, gyro: str) -> Table:
+    """Rows of telemetry that a map makes of another program's file."""
+    by = record_map if isinstance(record_map, RecordMap) else load_map(record_map)
+    source = "map" if isinstance(record_map, RecordMap) else str(record_map)
+    return mapping.table(mapping.mapped(open_recording(telemetry, by), by, vehicle, source), gyro)
 
 
 def settings_alone(scenario: Scenario) -> Scenario:

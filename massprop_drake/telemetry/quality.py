@@ -441,7 +441,7 @@ class QualityReport:
             "units": units,
             "samples": self._samples,
         }
-        return {**quality, "warnings": self._warnings(quality)}
+        return {**quality, "warnings": [*record.notes, *self._warnings(quality)]}
 
     def _warnings(self, quality: dict[str, Any]) -> list[str]:
         return [

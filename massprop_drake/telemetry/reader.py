@@ -144,6 +144,7 @@ class Record:
         missing: rows in which a sensor package lacks a reading, by its name.
         absent: packages that the record does not have.
         unknown: columns not used, each with a name that may have been meant, or "".
+        notes: of how the rows were made, a sentence each.
     """
 
     def __init__(self) -> None:
@@ -155,6 +156,7 @@ class Record:
         self.missing: dict[str, int] = {}
         self.absent: list[str] = []
         self.unknown: dict[str, str] = {}
+        self.notes: list[str] = []
 
     @property
     def period_s(self) -> float | None:
@@ -185,7 +187,7 @@ class Reader:
     single row without readings, so that differences start anew. Statistics are collected in `record`.
 
     Args:
-        telemetry: a CSV or Parquet file, or "-" for standard input.
+        telemetry: a CSV or Parquet file, "-" for standard input, or an open table.
         vehicle: whose packages and jets name the columns.
         gyro: the package that must be there.
         after: go on from the end of an earlier part; its last row may be there again, and gives its command.
@@ -203,7 +205,7 @@ class Reader:
 
     def __init__(
         self,
-        telemetry: str | Path,
+        telemetry: str | Path | Table,
         vehicle: Vehicle,
         *,
         gyro: str,
@@ -214,7 +216,12 @@ class Reader:
         self.record = Record()
         self._vehicle = vehicle
         self._period_s = vehicle.sample_period_s
-        self.source, self._table = _opened(telemetry, stream, rows_per_block)
+        if isinstance(telemetry, (str, Path)):
+            self._table = _opened(telemetry, stream, rows_per_block)
+        else:
+            self._table = telemetry
+        self.source = self._table.source
+        self.record.notes = list(self._table.notes)
         try:
             self._plan(gyro)
         except BaseException:
@@ -497,11 +504,10 @@ def _added_up(start: float, steps: Array) -> float:
     return float(np.add.accumulate([start, *steps.tolist()])[-1])
 
 
-def _opened(telemetry: str | Path, stream: IO[bytes] | None, rows_per_block: int) -> tuple[str, Table]:
+def _opened(telemetry: str | Path, stream: IO[bytes] | None, rows_per_block: int) -> Table:
     if stream is not None or str(telemetry) == "-":
-        binary = stream or sys.stdin.buffer
-        return "standard input", CsvTable(binary, "standard input", 1)
-    return str(telemetry), open_table(Path(telemetry), rows_per_block=rows_per_block)
+        return CsvTable(stream or sys.stdin.buffer, "standard input", 1)
+    return open_table(Path(telemetry), rows_per_block=rows_per_block)
 
 
 def _close(word: str, valid: Iterable[str]) -> str:

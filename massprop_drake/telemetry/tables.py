@@ -65,14 +65,20 @@ class Table(Protocol):
     """The interface of a table opened for reading.
 
     Attributes:
+        source: what to call it in messages.
         header: names of the columns, in order.
         place: what rows are counted in, "line" or "row".
         ragged: rows left out.
     """
 
+    source: str
     header: list[str]
     place: str
     ragged: Ragged
+
+    @property
+    def notes(self) -> Sequence[str]:
+        """What is to be known of how it was made, a sentence each."""
 
     def blocks(self, wanted: list[int]) -> Iterator[Block]:
         """Yields the values of the chosen columns, given by position, block by block."""
@@ -155,10 +161,11 @@ class CsvTable:
     """
 
     place = "line"
+    notes: Sequence[str] = ()
 
     def __init__(self, binary: IO[bytes], source: str, rows_per_block: int, size: int = 0):
         self._binary = binary
-        self._source = source
+        self.source = source
         self._rows_per_block = rows_per_block
         self._size = size
         self._watched = _Watched(binary)
@@ -188,18 +195,18 @@ class CsvTable:
                 line = text.readline(_LONGEST_LINE)
             except UnicodeDecodeError:
                 raise InputError(
-                    f"{self._source}: not a text file in UTF-8 (after line {self._line}); "
+                    f"{self.source}: not a text file in UTF-8 (after line {self._line}); "
                     "expected comma-separated values"
                 ) from None
             except OSError as error:
-                raise InputError(_unreadable(self._source, error)) from None
+                raise InputError(_unreadable(self.source, error)) from None
             if not line:
                 return
             self._line += 1
             if "\0" in line:
-                raise InputError(f"{self._source}, line {self._line}: holds a NUL byte; expected text in UTF-8")
+                raise InputError(f"{self.source}, line {self._line}: holds a NUL byte; expected text in UTF-8")
             if len(line) >= _LONGEST_LINE:
-                raise InputError(f"{self._source}, line {self._line}: is longer than a row of telemetry can be")
+                raise InputError(f"{self.source}, line {self._line}: is longer than a row of telemetry can be")
             self._suspicious = "_" in line
             yield line
 
@@ -214,19 +221,19 @@ class CsvTable:
                     cells = line.rstrip("\r\n")
                     yield cells.split(",") if cells else []
         except csv.Error as error:
-            raise InputError(f"{self._source}, line {self._line}: not comma-separated values: {error}") from None
+            raise InputError(f"{self.source}, line {self._line}: not comma-separated values: {error}") from None
 
     def _read_header(self) -> list[str]:
         row = next((row for row in self._rows() if row), None)
         if row is None:
-            raise InputError(f"{self._source}: is empty; expected a line of column names, time_s first")
+            raise InputError(f"{self.source}: is empty; expected a line of column names, time_s first")
         header = [name.strip() for name in row]
         for separator, name in ((";", "semicolons"), ("\t", "tabs")):
             if len(header) <= 2 and separator in row[0]:
-                raise InputError(f"{self._source}, line {self._line}: columns are separated by {name}; expected commas")
+                raise InputError(f"{self.source}, line {self._line}: columns are separated by {name}; expected commas")
         if all(_NUMBER.fullmatch(name) for name in header if name):
-            raise InputError(f"{self._source}, line {self._line}: has numbers; expected a line of column names")
-        _require_unique(header, f"{self._source}, line {self._line}")
+            raise InputError(f"{self.source}, line {self._line}: has numbers; expected a line of column names")
+        _require_unique(header, f"{self.source}, line {self._line}")
         return header
 
     def blocks(self, wanted: list[int]) -> Iterator[Block]:
@@ -276,27 +283,40 @@ class CsvTable:
         if text.lower() in MISSING:
             return np.nan
         if text.lower().lstrip("+-") in ("inf", "infinity"):
-            raise InputError(_infinite(f"{self._source}, line {self._line}", column))
+            raise InputError(_infinite(f"{self.source}, line {self._line}", column))
         if not _NUMBER.fullmatch(text):
             shown = text if len(text) <= 40 else text[:37] + "..."
             raise InputError(
-                f"{self._source}, line {self._line}, column {column}: {shown!r} is not a number; "
+                f"{self.source}, line {self._line}, column {column}: {shown!r} is not a number; "
                 "leave the cell empty where there is no value"
             )
         return float(text)
 
     def _block(self, lines: list[int], values: array[float], wanted: list[int]) -> Block:
         block = Block(np.array(lines), np.frombuffer(values).reshape(len(lines), len(wanted)))
-        _require_finite(block, [self.header[column] for column in wanted], self._source, self.place)
+        _require_finite(block, [self.header[column] for column in wanted], self.source, self.place)
         return block
 
     def _require_regular(self, good: int, *, at_end: bool = False) -> None:
-        count = self.ragged.count
-        if count > _FEW_RAGGED and count > (_RAGGED_SHARE if at_end else 0.5) * (good + count):
-            raise InputError(
-                f"{self._source}: {count} of {good + count} rows have another number of cells than the "
-                f"{len(self.header)} columns, first line {self.ragged.first_line}; check the separator and the export"
-            )
+        require_regular(self.ragged, self.source, good, len(self.header), at_end=at_end)
+
+
+def require_regular(ragged: Ragged, source: str, good: int, width: int, *, at_end: bool = True) -> None:
+    """Raises InputError where too many rows of a table have another number of cells than columns.
+
+    Args:
+        ragged: those that have.
+        source: what to call the table.
+        good: rows that have not.
+        width: number of columns.
+        at_end: whether all of the table has been read.
+    """
+    count = ragged.count
+    if count > _FEW_RAGGED and count > (_RAGGED_SHARE if at_end else 0.5) * (good + count):
+        raise InputError(
+            f"{source}: {count} of {good + count} rows have another number of cells than the "
+            f"{width} columns, first line {ragged.first_line}; check the separator and the export"
+        )
 
 
 def _picker(wanted: list[int], width: int) -> Callable[[list[str]], Sequence[str]]:
@@ -346,6 +366,7 @@ class ParquetTable:
     """
 
     place = "row"
+    notes: Sequence[str] = ()
 
     def __init__(self, path: Path, rows_per_block: int):
         try:
@@ -357,6 +378,7 @@ class ParquetTable:
             ) from None
         self._arrow = pyarrow
         self._path = path
+        self.source = str(path)
         self._rows_per_block = rows_per_block
         self.ragged = Ragged()
         self._read = 0

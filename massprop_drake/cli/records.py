@@ -1,0 +1,170 @@
+"""Maps of records at the command line: proposed, shown with the first rows as they are understood, and written."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from rich.table import Table
+
+from massprop_drake.cli import show
+from massprop_drake.cli.streams import note, say
+from massprop_drake.errors import InputError
+from massprop_drake.inputs.model import validated
+from massprop_drake.inputs.record_map import RecordMap, load_map
+from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.inputs.yaml import Document, to_yaml
+from massprop_drake.records import mapping
+from massprop_drake.records.proposal import ROWS, Proposal, propose
+from massprop_drake.records.px4 import vehicle_of
+from massprop_drake.records.recording import open_recording
+from massprop_drake.results.folder import require_files, write_files
+
+_WIDTH = 96  # of the comments in a file
+
+
+class How(NamedTuple):
+    """The options that say how a result is written and printed."""
+
+    force: bool
+    as_json: bool
+    quiet: bool
+
+
+def propose_map(record: str, vehicle: Vehicle, out: Path | None, how: How) -> None:
+    """Proposes a map, writes it where it is wanted, and shows the first rows as it understands them.
+
+    Raises:
+        InputError: when something could not be found, or the record cannot be what the map says.
+    """
+    if out is not None:
+        require_files(out.parent, [out.name], force=how.force)
+    recording = open_recording(record, None, ROWS)
+    found = propose(recording, vehicle)
+    text = _map_text(found, record, vehicle)
+    if out is not None:
+        write_files(out.parent, {out.name: text.encode()}, force=how.force, listed=False)
+    if not (how.as_json or how.quiet):
+        for line in text.splitlines():
+            say(line)
+    understood = None
+    if not found.lacking:
+        document = Document(text, "the proposed map")
+        by = validated(RecordMap, document.data, document)
+        understood = mapping.mapped(open_recording(record, by, ROWS), by, vehicle, document.source)
+    _shown(found, understood, how)
+    if found.lacking:
+        raise InputError(*(f"{recording.source}: {one}" for one in found.lacking))
+
+
+def show_map(record: str, file: Path, vehicle: Vehicle, how: How) -> None:
+    """Shows the first rows as the map of a file understands them."""
+    by = load_map(file)
+    understood = mapping.mapped(open_recording(record, by, ROWS), by, vehicle, str(file))
+    _shown(Proposal(by.model_dump(mode="json"), [], []), understood, how)
+
+
+def make_vehicle(
+    record: str, target: Path, mass: float | None, inertia: tuple[float, float, float] | None, how: How
+) -> None:
+    """Writes a vehicle's file from the parameters of a PX4 log.
+
+    Raises:
+        InputError: when the record is no ULog, or says too little.
+    """
+    require_files(target.parent, [target.name], force=how.force)
+    recording = open_recording(record)
+    if recording.kind != "ulog":
+        raise InputError(f"{record}: has no parameters of a vehicle, which a ULog (.ulg) has")
+    made = vehicle_of(recording, target.stem, mass, inertia)
+    lines = [f"# Made of {Path(record).name}. What the log does not say:"]
+    for one in made.assumed:
+        lines += _comment(one)
+    text = "\n".join(lines) + "\n" + to_yaml(made.data)
+    write_files(target.parent, {target.name: text.encode()}, force=how.force, listed=False)
+    if how.as_json:
+        show.as_json({"vehicle": str(target), "assumed": made.assumed})
+    elif not how.quiet:
+        say(f"{target}: {len(made.data['jets'])} thrusters; what is assumed stands at its beginning")
+
+
+def moments(text: str | None) -> tuple[float, float, float] | None:
+    """Principal moments from an option, such as 0.3,0.3,0.5."""
+    if text is None:
+        return None
+    try:
+        first, second, third = (float(part) for part in text.split(","))
+    except ValueError:
+        raise InputError(f"--inertia {text}: must be three numbers, Ixx,Iyy,Izz in kg-m^2") from None
+    return first, second, third
+
+
+def _map_text(found: Proposal, record: str, vehicle: Vehicle) -> str:
+    """A proposed map as a file, with its reasons as comments."""
+    lines = [f"# Proposed for {Path(record).name} and vehicle {vehicle.name}. Why it is so:"]
+    for reason in found.reasons:
+        lines += _comment(reason)
+    if found.lacking:
+        lines.append("# What is to be filled in:")
+        for one in found.lacking:
+            lines += _comment(one)
+    order = ("topic", "time", "sensors", "commands")
+    data = {key: found.data[key] for key in order if key in found.data}
+    return "\n".join(lines) + "\n" + to_yaml(data)
+
+
+def _comment(text: str) -> list[str]:
+    """A sentence as lines of a comment."""
+    lines, line = [], "# -"
+    for word in "".join(one if one.isprintable() else " " for one in text).split():
+        if len(line) + len(word) >= _WIDTH:
+            lines.append(line)
+            line = "#  "
+        line += f" {word}"
+    return [*lines, line]
+
+
+def _shown(found: Proposal, understood: mapping.Mapped | None, how: How) -> None:
+    """Prints a map's first rows, or all of it as JSON."""
+    rows = [] if understood is None else mapping.preview(understood)
+    notes = [] if understood is None else list(understood.notes)
+    if how.as_json:
+        said = {"reasons": found.reasons, "lacking": found.lacking}
+        show.as_json({"map": found.data, **said, "rows": rows, "notes": notes})
+    elif not how.quiet and understood is not None:
+        show.Terminal(120).print(_table(understood, rows))
+        for sentence in notes:
+            note(f"warning: {sentence}")
+
+
+def _table(understood: mapping.Mapped, rows: list[dict[str, Any]]) -> Table:
+    table = Table(title="the first rows as they are understood", title_justify="left", header_style="bold")
+    table.add_column("")
+    for row in rows:
+        table.add_column(f"{row['time_s']:.6g} s", justify="right")
+    for name, channel in understood.channels.items():
+        for component in mapping.COMPONENTS[channel.kind]:
+            values = [row["sensors"][name][component] for row in rows]
+            if any(value is not None for value in values):
+                unit = _unit(understood, channel, component)
+                table.add_row(f"{name} {component}{unit}", *("-" if one is None else f"{one:.5g}" for one in values))
+    table.add_row("jets open", *(_open(row["jets"]) for row in rows))
+    return table
+
+
+def _unit(understood: mapping.Mapped, channel: mapping.Channel, component: str) -> str:
+    """The unit of a channel's component, after a blank."""
+    if component.startswith("q_"):
+        return ""
+    length = understood.vehicle.unit_names["length"]
+    by_kind = {"gyro": "rad/s", "velocity": f"{length}/s", "pose": length}
+    integrates = channel.gives in ("integral", "increment")
+    return " " + by_kind.get(channel.kind, f"{length}/s" if integrates else f"{length}/s^2")
+
+
+def _open(jets: dict[str, float | None]) -> str:
+    """The jets that are open, with their share where it is not all of the row."""
+    shown = []
+    for name, share in jets.items():
+        shown.append(f"{name} ?" if share is None else name if share == 1.0 else f"{name} {share:.2f}")
+    return " ".join(shown) or "none"

@@ -1,0 +1,395 @@
+"""Maps of records: what the columns of somebody else's file mean, read from YAML and validated.
+
+A map names, for every sensor of a vehicle and for its jets, the columns, their unit, axes and clock. It describes what
+is in the file, also what no estimator uses yet; `massprop_drake.records.mapping` applies it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import AfterValidator, Field, field_validator, model_validator
+
+from massprop_drake.inputs.model import (
+    Count,
+    Flag,
+    Key,
+    Matrix3,
+    Model,
+    Name,
+    Real,
+    Text,
+    Vector3,
+    described,
+    keys,
+    validated,
+)
+from massprop_drake.inputs.units import factor, is_of
+from massprop_drake.inputs.yaml import Document, read_text
+
+Column = Annotated[str, Field(strict=True, min_length=1, max_length=200)]
+Three = tuple[Column | None, Column | None, Column | None]
+
+
+def _unit(*kinds: str) -> AfterValidator:
+    """Checks that a text is a unit of one of some kinds of quantities."""
+
+    def check(value: str) -> str:
+        factor(value, *kinds)
+        return value
+
+    return AfterValidator(check)
+
+
+TimeUnit = Annotated[Text, _unit("time")]
+AngleUnit = Annotated[Text, _unit("angle")]
+LengthUnit = Annotated[Text, _unit("length")]
+Signed = Literal["x", "y", "z", "-x", "-y", "-z"]
+Axes = tuple[Signed, Signed, Signed]
+
+_COLUMNS = "columns of the recorder's x, y, z; null: not logged"
+_AXES = "for x, y, z in turn the recorder's axis that it is, such as [x, -y, -z] from forward-left-up to the vehicle's"
+_TOPIC = "of a log that has topics, such as `vehicle_angular_velocity`, or `name/1` for the second instance of a ULog's"
+_NAMING = {"column", "columns", "value", "rate", "quaternion", "angles", "heading", "position"}  # keys of columns
+_ROTATION_TOLERANCE = 1e-3  # of the products of a rotation's columns, as printed matrices have them
+
+
+class Difference(Model):
+    """A column and its rate, logged as the backward difference over the true step."""
+
+    value: Column = described(..., "column of the quantity; an angle is unwrapped")
+    value_unit: Annotated[Text, _unit("length", "angle")] = described("m", "its unit")
+    rate: Column = described(..., "column of its rate")
+    rate_unit: Annotated[Text, _unit("velocity", "rate")] = described("m/s", "its unit")
+
+    @model_validator(mode="after")
+    def _alike(self) -> Difference:
+        if is_of(self.value_unit, "angle") != is_of(self.rate_unit, "rate"):
+            raise ValueError(f"rate_unit {self.rate_unit!r} is none of a rate of {self.value_unit!r}")
+        return self
+
+
+class RecordTime(Model):
+    """The stamps of samples, and the clock that made them."""
+
+    column: Column | None = described(
+        None, "column of the time; null: the stamps that the log keeps itself, of a message's header first"
+    )
+    unit: TimeUnit = described("s", "unit of the column")
+    offset_s: Real = described(
+        0.0, "added to every stamp: by so much this clock is behind that of the rows at the first of them", "s"
+    )
+    drift: Real = described(
+        0.0, "by which this clock gains: intervals are divided by 1 + drift; 1e-5 is 10 ppm", "-", gt=-0.5, lt=0.5
+    )
+    differences: tuple[Difference, ...] = described(
+        (),
+        "where the logged time is a nominal one: pairs from which the true steps are taken, (value - value "
+        "before) / rate, by least squares over the pairs",
+    )
+
+
+def _signed_axes(value: Axes | None) -> Axes | None:
+    if value is not None and len({axis[-1] for axis in value}) < 3:
+        raise ValueError(f"must name each of x, y and z once, got [{', '.join(value)}]")
+    return value
+
+
+def rotation_of(axes: Axes) -> np.ndarray:
+    """The matrix that turns a vector of the recorder's axes into the wanted ones, shape (3, 3)."""
+    matrix = np.zeros((3, 3))
+    for row, axis in enumerate(axes):
+        matrix[row, "xyz".index(axis[-1])] = -1.0 if axis.startswith("-") else 1.0
+    return matrix
+
+
+class _Sampled(Model):
+    """The fields common to everything that is sampled."""
+
+    topic: Text = described("", f"{_TOPIC}; empty: the map's")
+    time: RecordTime | None = described(None, "own stamps and clock, keys as of the map's `time`; null: the map's")
+
+
+class _Vector(_Sampled):
+    """The fields common to vectors."""
+
+    columns: Three = described(..., _COLUMNS)
+    axes: Axes = described(("x", "y", "z"), _AXES)
+    rotation: Matrix3 | None = described(
+        None, "matrix from the recorder's axes to those of the vehicle; instead of `axes`"
+    )
+    zero: Vector3 = described((0.0, 0.0, 0.0), "reading at rest, recorder's axes and unit; it is subtracted")
+
+    _axes = field_validator("axes")(_signed_axes)
+
+    @model_validator(mode="after")
+    def _turned(self) -> _Vector:
+        if all(column is None for column in self.columns):
+            raise ValueError("columns: none is named; leave the sensor out")
+        if self.rotation is not None:
+            if self.axes != ("x", "y", "z"):
+                raise ValueError("give either axes or rotation, not both")
+            matrix = np.array(self.rotation)
+            if np.abs(matrix @ matrix.T - np.eye(3)).max() > _ROTATION_TOLERANCE:
+                raise ValueError("rotation: its rows must be at right angles and of length 1")
+        return self
+
+    @property
+    def matrix(self) -> np.ndarray:
+        """From the recorder's axes to the vehicle's, shape (3, 3)."""
+        return rotation_of(self.axes) if self.rotation is None else np.array(self.rotation)
+
+
+class GyroMap(_Vector):
+    """Angular rates in body axes."""
+
+    kind: Literal["gyro"] = described(..., "angular rates")
+    unit: Annotated[Text, _unit("rate")] = described("rad/s", "such as deg/s or rpm")
+
+
+class AccelerometerMap(_Vector):
+    """Non-gravitational accelerations, or their integrals, in body axes."""
+
+    kind: Literal["accelerometer"] = described(..., "non-gravitational accelerations or their integrals")
+    unit: Annotated[Text, _unit("velocity", "acceleration")] = described(
+        ..., "of the column: of a velocity, such as m/s, for `integral` and `increment`, else of an acceleration"
+    )
+    gives: Literal["integral", "increment", "mean", "instant"] = described(
+        ...,
+        "integral: from the beginning on; increment: over the sample that ended; mean: acceleration over the sample "
+        "that ended; instant: acceleration at the stamp, which is integrated and needs four samples a row",
+    )
+
+    @model_validator(mode="after")
+    def _of_its_kind(self) -> AccelerometerMap:
+        kind = "velocity" if self.gives in ("integral", "increment") else "acceleration"
+        if not is_of(self.unit, kind):
+            raise ValueError(f"unit {self.unit!r} does not fit gives: {self.gives}, which is of {kind}")
+        return self
+
+
+class VelocityMap(_Vector):
+    """Velocities."""
+
+    kind: Literal["velocity"] = described(..., "velocities; read, not estimated from")
+    unit: Annotated[Text, _unit("velocity")] = described("m/s", "such as mm/s")
+    frame: Literal["world", "body"] = described("world", "whose axes these are")
+
+
+class _Attitude(_Sampled):
+    """The fields common to attitudes, of which one form is given."""
+
+    quaternion: tuple[Column, Column, Column, Column] | None = described(None, "columns, in the order of `order`")
+    order: Literal["wxyz", "xyzw"] | None = described(None, "scalar first or last; required with a quaternion")
+    angles: Three | None = described(None, "columns of roll, pitch and yaw: turns about z, then y, then x")
+    heading: Column | None = described(None, "column of the turn about z alone, of a planar vehicle")
+    angle_unit: AngleUnit = described("rad", "of angles and heading")
+    rotates: Literal["body_to_world", "world_to_body"] = described(
+        "body_to_world", "what the attitude turns vectors from and to"
+    )
+    axes: Axes = described(("x", "y", "z"), f"body axes: {_AXES}")
+    world_axes: Axes = described(("x", "y", "z"), "world axes, likewise, such as [y, x, -z] from east-north-up")
+
+    _axes = field_validator("axes", "world_axes")(_signed_axes)
+
+    @property
+    def forms(self) -> list[str]:
+        """The forms in which the attitude is given."""
+        return [name for name in ("quaternion", "angles", "heading") if getattr(self, name) is not None]
+
+    @model_validator(mode="after")
+    def _one_form(self) -> _Attitude:
+        if len(self.forms) > 1:
+            raise ValueError(f"give one of {' and '.join(self.forms)}")
+        for name in ("axes", "world_axes"):
+            axes = getattr(self, name)
+            if np.linalg.det(rotation_of(axes)) < 0.0:
+                raise ValueError(f"{name}: [{', '.join(axes)}] is left-handed, and an attitude turns right-handed axes")
+        if (self.quaternion is None) != (self.order is None):
+            raise ValueError("quaternion and order belong together; order: wxyz or xyzw")
+        return self
+
+
+class AttitudeMap(_Attitude):
+    """An attitude, as of a star tracker."""
+
+    kind: Literal["attitude"] = described(..., "attitude; read, not estimated from")
+
+    @model_validator(mode="after")
+    def _given(self) -> AttitudeMap:
+        if not self.forms:
+            raise ValueError("give quaternion, angles or heading")
+        return self
+
+
+class PoseMap(_Attitude):
+    """A position and an attitude, as of motion capture."""
+
+    kind: Literal["pose"] = described(..., "position and attitude; read, not estimated from")
+    position: Three = described(..., "columns of world x, y, z; null: not logged")
+    unit: LengthUnit = described("m", "of the position, such as mm")
+
+
+SensorMap = Annotated[
+    GyroMap | AccelerometerMap | VelocityMap | AttitudeMap | PoseMap,
+    Field(discriminator="kind"),
+]
+
+
+class ForceMap(_Vector):
+    """A known outside force, or torque about the vehicle origin, over the interval that starts."""
+
+    unit: Annotated[Text, _unit("force", "torque")] = described(..., "such as N, or N*m for a torque")
+
+
+class Mask(Model):
+    """Jets as bits of a whole number."""
+
+    column: Column = described(..., "column of the number")
+    bits: dict[Name, Annotated[Count, Field(le=63)]] = described(..., "bit of each jet by its designation, 0 the least")
+
+
+class Listed(Model):
+    """Jets that fire, as a text of their names."""
+
+    column: Column = described(..., "column of the text; what is between the names is no letter, digit or underscore")
+    names: dict[Name, Text] = described({}, "name in the text by designation; default the designation itself")
+
+
+class CommandMap(_Sampled):
+    """What the jets were told."""
+
+    columns: dict[Name, Column] | None = described(None, "column of each jet by its designation")
+    mask: Mask | None = described(None, "or a bit mask")
+    listed: Listed | None = described(None, "or a list of the jets that fire")
+    unit: Annotated[Text, _unit("number", "time")] = described(
+        "1", "1: a number between `off` and `on`; of time, such as ms: how long the jet is on"
+    )
+    off: Real = described(0.0, "value that means closed")
+    on: Real | None = described(
+        None, "value that means open all the time; null: 1, of an on-time the vehicle's sample period"
+    )
+    threshold: Real | None = described(
+        None, "share of the way from `off` to `on` from which a jet counts as open, below it as closed; null: a share"
+    )
+    acts: Literal["from_row", "until_row"] = described(
+        "from_row", "until_row: a row's command was in force until the row, since the row before"
+    )
+    missing: Literal["unknown", "off"] = described("unknown", "what an empty value, or NaN, means")
+    on_change: Flag = described(False, "whether commands are logged only when they change, and hold until then")
+
+    @model_validator(mode="after")
+    def _one_form(self) -> CommandMap:
+        given = [name for name in ("columns", "mask", "listed") if getattr(self, name) is not None]
+        if len(given) != 1:
+            raise ValueError(f"give one of columns, mask and listed, got {' and '.join(given) or 'none'}")
+        if self.on == self.off:
+            raise ValueError(f"on and off must differ, got {self.off:g}")
+        return self
+
+    @property
+    def jets(self) -> list[str] | None:
+        """The designations that are named; None: those of the vehicle."""
+        if self.columns is not None:
+            return list(self.columns)
+        if self.mask is not None:
+            return list(self.mask.bits)
+        return list(self.listed.names) if self.listed is not None and self.listed.names else None
+
+
+def _columns(data: Any, within: str = "") -> Iterator[str]:
+    """Names of columns in the data of a part of a map."""
+    if isinstance(data, dict):
+        for key, value in data.items():
+            if key == "columns" and isinstance(value, dict):
+                yield from value.values()
+            else:
+                yield from _columns(value, key)
+    elif isinstance(data, (list, tuple)):
+        for value in data:
+            yield from _columns(value, within)
+    elif isinstance(data, str) and within in _NAMING:
+        yield data
+
+
+class CsvForm(Model):
+    """How a text file is written."""
+
+    separator: Annotated[str, Field(strict=True, min_length=1, max_length=1)] = described(",", "between cells")
+    decimal: Literal[".", ","] = described(".", "decimal mark")
+    skip: Count = described(0, "lines above that of the names")
+    below: Count = described(0, "lines between that of the names and the first row, such as one of units")
+    comment: Text = described("", "beginning of lines to leave out; empty: none")
+
+
+class RecordMap(Model):
+    """A map from the columns of a record to a vehicle's sensors and jets."""
+
+    description: Text = described("", "one line")
+    topic: Text = described("", f"{_TOPIC}, where a part names none")
+    time: RecordTime = described(RecordTime(), "stamps of the rows")
+    rows: Name | None = described(
+        None, "sensor whose samples are the rows; null: the first gyro, or else the first sensor"
+    )
+    sensors: dict[Name, SensorMap] = described(..., "by the vehicle's name of the sensor", min_length=1)
+    commands: CommandMap = described(..., "commands to the jets")
+    known_force: ForceMap | None = described(None, "known outside force in body axes")
+    known_torque: ForceMap | None = described(None, "its torque about the vehicle origin")
+    csv: CsvForm = described(CsvForm(), "of a text file")
+    cut_off: Literal["refuse", "accept"] = described(
+        "refuse", "what to do with a ULog that ends within a message, as after a loss of power"
+    )
+
+    @model_validator(mode="after")
+    def _consistent(self) -> RecordMap:
+        if self.rows is not None and self.rows not in self.sensors:
+            raise ValueError(f"rows: {self.rows!r} is not one of sensors ({', '.join(self.sensors)})")
+        for name, kind in (("known_force", "force"), ("known_torque", "torque")):
+            part = getattr(self, name)
+            if part is not None and not is_of(part.unit, kind):
+                raise ValueError(f"{name}: unit {part.unit!r} is none of a {kind}")
+        return self
+
+    @property
+    def row_sensor(self) -> str:
+        """The sensor whose samples are the rows."""
+        gyros = [name for name, sensor in self.sensors.items() if sensor.kind == "gyro"]
+        return self.rows or [*gyros, *self.sensors][0]
+
+    def topic_of(self, part: _Sampled) -> str:
+        """The topic of a part."""
+        return part.topic or self.topic
+
+    @property
+    def parts(self) -> list[_Sampled]:
+        """All that is read."""
+        parts = [*self.sensors.values(), self.commands, self.known_force, self.known_torque]
+        return [part for part in parts if part is not None]
+
+    @property
+    def topics(self) -> set[str]:
+        """All topics that are read."""
+        return {self.topic_of(part) for part in self.parts}
+
+    @property
+    def columns(self) -> set[str]:
+        """All columns that are read, of whatever topic."""
+        return {name for part in [self.time, *self.parts] for name in _columns(part.model_dump())}
+
+
+def map_keys() -> list[Key]:
+    """The keys of a map; those of the clocks that parts may have of their own are those of `time`."""
+    return [key for key in keys(RecordMap) if ".time." not in key.name]
+
+
+def load_map(path: str | Path) -> RecordMap:
+    """Reads a map.
+
+    Raises:
+        InputError: when there is no such file, or it is wrong; the message says where.
+    """
+    document = Document(read_text(Path(path)), str(path))
+    return validated(RecordMap, document.data, document)

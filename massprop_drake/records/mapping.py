@@ -1,0 +1,843 @@
+"""From a recording and a map to what a vehicle's sensors and jets did, and to rows of telemetry.
+
+`mapped` gives every channel of the map at its own times, in the vehicle's units and axes: poses and attitudes as well
+as rates. `table` makes of them the rows that the estimators read.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from massprop_drake.errors import InputError, suggestion
+from massprop_drake.inputs import plausible
+from massprop_drake.inputs.record_map import (
+    AccelerometerMap,
+    AttitudeMap,
+    CommandMap,
+    GyroMap,
+    PoseMap,
+    RecordMap,
+    RecordTime,
+    VelocityMap,
+    rotation_of,
+)
+from massprop_drake.inputs.units import factor, is_of
+from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.records.recording import Recording, Topic
+from massprop_drake.signals import AXES
+from massprop_drake.telemetry.reader import JITTER, WRENCH
+from massprop_drake.telemetry.tables import Block, Ragged
+
+Array = NDArray[np.float64]
+Places = NDArray[np.int64]
+
+_EPOCH_S = 1e8  # stamps beyond this count from a day in history, and are made to count from their first
+_FASTEST = 100.0  # rad/s, beyond which no gyro of a vehicle measures
+_SHARE = 0.01  # of the samples that must be impossible before the unit is
+_HOLE = 2.5  # intervals, in medians of them: a longer one is a hole in the data
+_FEWEST_INSTANTS = 4  # samples of an acceleration a row from which its integral can be told
+_SLOWER = 1.5  # times the rates' interval, above which PX4 is taken to have left out commands
+_SPIKES = 2  # that there may be, however few samples
+_UNIT_NORM = 0.02  # by which a quaternion's length may differ from 1
+_UNSURE = 0.02  # of a step that is taken from differences, above which the median step is better
+_MOST_UNSURE = 0.5  # share of steps that may be so
+AGREE = 2e-3  # of steps by several pairs, relative: rounding leaves less
+MOVING = 0.05  # of its largest, below which a rate tells no step by itself
+SCATTER = 0.3  # of steps from differences, relative, beyond which they are none
+_TOLERANCE = 1e-6  # of a commanded fraction
+_NEAR_A_TURN = 15.0  # of 360, by which an angle in degrees jumps where it is wrapped
+_DECIMALS = 12  # to which logs are rounded at the most
+_SAME_S = 1e-9  # stamps closer than this are of one time
+
+# components of a channel's values, by kind
+COMPONENTS: Mapping[str, tuple[str, ...]] = {
+    **dict.fromkeys(("gyro", "accelerometer", "velocity"), AXES),
+    "attitude": ("q_w", "q_x", "q_y", "q_z"),
+    "pose": (*AXES, "q_w", "q_x", "q_y", "q_z"),
+}
+_USED = ("gyro", "accelerometer")  # kinds that are estimated from
+
+
+class Channel(NamedTuple):
+    """What one sensor of a map measured.
+
+    Attributes:
+        name: of the sensor.
+        kind: "gyro", "accelerometer", "velocity", "attitude" or "pose".
+        time_s: of each sample, in the clock of the rows, strictly increasing, shape (n,).
+        values: as COMPONENTS names them, in the vehicle's units and axes, NaN where missing, shape (n, m): rates,
+            rad/s; accelerations or their integrals as `gives` says; velocities; positions; attitudes as quaternions
+            that turn body to world, scalar first.
+        places: row of each sample in its topic, shape (n,).
+        gives: of an accelerometer "integral", "increment", "mean" or "instant"; else "".
+    """
+
+    name: str
+    kind: str
+    time_s: Array
+    values: Array
+    places: Places
+    gives: str = ""
+
+    @property
+    def interval_s(self) -> float:
+        """Median interval between samples, s; NaN with fewer than two."""
+        return float(np.median(np.diff(self.time_s))) if self.time_s.size > 1 else math.nan
+
+
+class Held(NamedTuple):
+    """Values that each hold for a while: commands, or a known outside wrench.
+
+    Attributes:
+        begin_s, end_s: of each, s, shape (n,).
+        values: NaN where unknown, shape (n, m).
+    """
+
+    begin_s: Array
+    end_s: Array
+    values: Array
+
+
+@dataclass(frozen=True)
+class Mapped:
+    """A record as a map understands it.
+
+    Attributes:
+        recording: what was read.
+        by: the map.
+        source: the map's name in messages.
+        vehicle: whose sensors and jets they are.
+        channels: by the sensor's name.
+        commands: of the jets, fractions of 0 to 1, shape (n, n_jets).
+        known_force, known_torque: known outside force and torque, in the vehicle's units; None: none.
+        notes: what is to be known, a sentence each.
+    """
+
+    recording: Recording
+    by: RecordMap
+    source: str
+    vehicle: Vehicle
+    channels: Mapping[str, Channel]
+    commands: Held
+    known_force: Held | None
+    known_torque: Held | None
+    notes: tuple[str, ...]
+
+    @property
+    def rows(self) -> Channel:
+        """The channel whose samples are the rows."""
+        return self.channels[self.by.row_sensor]
+
+
+def mapped(recording: Recording, by: RecordMap, vehicle: Vehicle, source: str = "map") -> Mapped:
+    """Applies a map to a recording.
+
+    Args:
+        recording: what was read.
+        by: the map.
+        vehicle: whose sensors and jets it names.
+        source: what to call the map in messages.
+
+    Raises:
+        InputError: when map, recording and vehicle do not belong together, a clock goes back, or a unit cannot be.
+    """
+    _require_of_the_vehicle(by, vehicle, source)
+    work = _Mapping(recording, by, vehicle, source)
+    channels = {name: work.channel(name, sensor) for name, sensor in by.sensors.items()}
+    commands = work.commands(by.commands)
+    force, torque = (None if part is None else work.held(part) for part in (by.known_force, by.known_torque))
+    notes = (*recording.notes, *dict.fromkeys(work.notes))
+    return Mapped(recording, by, source, vehicle, channels, commands, force, torque, notes)
+
+
+def _require_of_the_vehicle(by: RecordMap, vehicle: Vehicle, source: str) -> None:
+    problems = []
+    kinds = {package.name: "gyro" if package in vehicle.gyros else "accelerometer" for package in vehicle.sensors}
+    for name, sensor in by.sensors.items():
+        if sensor.kind in _USED and kinds.get(name) != sensor.kind:
+            known = [one for one, kind in kinds.items() if kind == sensor.kind]
+            hint = suggestion(name, known) or f"; it has no {sensor.kind}"
+            problems.append(
+                f"{source}: sensors.{name}: vehicle '{vehicle.name}' has no {sensor.kind} of this name{hint}"
+            )
+        elif sensor.kind not in _USED and name in kinds:
+            problems.append(
+                f"{source}: sensors.{name}: is a {kinds[name]} of the vehicle, and the map has a {sensor.kind}"
+            )
+    named = by.commands.jets
+    if named is not None:
+        jets = list(vehicle.designations)
+        unknown = [jet for jet in named if jet not in jets]
+        lacking = [jet for jet in jets if jet not in named]
+        if unknown:
+            problems.append(
+                f"{source}: commands: '{unknown[0]}' is no jet of vehicle '{vehicle.name}'"
+                f"{suggestion(unknown[0], jets)}"
+            )
+        elif lacking:
+            problems.append(f"{source}: commands: does not say where to find jet {', '.join(lacking)}")
+    if problems:
+        raise InputError(*problems)
+
+
+class _Mapping:
+    """Turns parts of a map into channels."""
+
+    def __init__(self, recording: Recording, by: RecordMap, vehicle: Vehicle, source: str):
+        self._recording, self._by, self._vehicle, self._source = recording, by, vehicle, source
+        self._length = plausible.FOOT if vehicle.units == "us" else 1.0  # m, of the vehicle's unit
+        self._force = plausible.SLUG * plausible.FOOT if vehicle.units == "us" else 1.0
+        self._timed: dict[tuple[str, str], tuple[Array, Places]] = {}
+        self._zero_s: float | None = None
+        self.notes: list[str] = []
+        self._stamps(by.sensors[by.row_sensor])  # whose first stamp others count from
+
+    # ------------------------------------------------------------------------------------ time
+
+    def _stamps(self, part: Any) -> tuple[Array, Places]:
+        """Times of a part's samples, and the row of each in its topic; those without a time of their own left out."""
+        name, time = self._by.topic_of(part), part.time or self._by.time
+        key = name, time.model_dump_json()
+        if key not in self._timed:
+            self._timed[key] = self._timed_rows(self._recording.topic(name), time)
+        return self._timed[key]
+
+    def _timed_rows(self, topic: Topic, time: RecordTime) -> tuple[Array, Places]:
+        logged = self._logged(topic, time)
+        if not logged.size:
+            raise InputError(f"{topic.source}: is empty: it has no row of data")
+        places = np.flatnonzero(np.isfinite(logged))
+        if not places.size:
+            raise InputError(f"{topic.source}: no row has a time")
+        if places.size < logged.size:
+            self.notes.append(f"{topic.source}: {logged.size - places.size} rows left out that have no time")
+        found = logged[places]
+        backward = np.flatnonzero(np.diff(found) < -_SAME_S)
+        if backward.size:
+            at = int(backward[0])
+            raise InputError(
+                f"{topic.where(int(places[at + 1]))}: time goes back, from {found[at]:.9g} to {found[at + 1]:.9g} s; "
+                "has the clock been set? Give the parts one by one"
+            )
+        fresh = np.concatenate([[True], np.diff(found) > _SAME_S])
+        if fresh.sum() < 0.5 * fresh.size:
+            what = "" if time.column is None else f"; does {time.column} hold the time, in {time.unit}?"
+            raise InputError(f"{topic.source}: most rows have the time of the row before{what}")
+        if not fresh.all():
+            self.notes.append(
+                f"{topic.source}: {int((~fresh).sum())} rows left out whose time is that of the row before"
+            )
+            places, found = places[fresh], found[fresh]
+        if time.differences:
+            found = self._recovered(topic, time, found, places)
+        found = found[0] + (found - found[0]) / (1.0 + time.drift) + time.offset_s
+        if self._zero_s is None:
+            self._zero_s = float(np.floor(found[0])) if abs(found[0]) > _EPOCH_S else 0.0
+            if self._zero_s:
+                self.notes.append(f"{topic.source}: times count from {self._zero_s:.0f} s of its clock")
+        return found - self._zero_s, places
+
+    def _logged(self, topic: Topic, time: RecordTime) -> Array:
+        """Times as they are logged, s."""
+        if time.column is not None:
+            return topic.numbers(time.column) * factor(time.unit, "time")
+        if topic.stamps_s is not None:
+            return topic.stamps_s
+        if time.differences:  # without any stamp: the steps alone
+            return np.arange(topic.rows, dtype=float)
+        raise InputError(
+            f"{self._source}: {topic.source} has no stamps of its own: name the column, `time: {{column: ...}}`"
+        )
+
+    def _recovered(self, topic: Topic, time: RecordTime, logged: Array, places: Places) -> Array:
+        """Times from the true steps, which are what logged differences were divided by."""
+        if logged.size < 2:
+            raise InputError(f"{topic.source}: has one row, and times are to come from differences")
+        weight, product = np.zeros(logged.size - 1), np.zeros(logged.size - 1)
+        each = []
+        for pair in time.differences:
+            value, size = topic.numbers(pair.value)[places], factor(pair.value_unit, "length", "angle")
+            quantum, value = _quantum(value) * size, value * size
+            rate = topic.numbers(pair.rate)[places[1:]] * factor(pair.rate_unit, "velocity", "rate")
+            step = np.diff(value)
+            if is_of(pair.value_unit, "angle"):
+                step = (step + np.pi) % (2.0 * np.pi) - np.pi
+            both = np.isfinite(step) & np.isfinite(rate)
+            # each in units of its rounding, so that pairs of unlike quantities weigh alike
+            weight += np.where(both, (rate / quantum) ** 2, 0.0)
+            product += np.where(both, rate * step / quantum**2, 0.0)
+            well = both & (np.abs(rate) > MOVING * np.nanmax(np.abs(rate), initial=0.0))
+            each.append(np.divide(step, rate, out=np.full(step.size, np.nan), where=well))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            steps = product / weight
+            spread = 0.5 / np.sqrt(weight) / np.abs(steps)  # of two roundings, relative
+        sure = np.isfinite(steps) & (steps > 0.0) & (spread < _UNSURE)
+        if sure.mean() < 1.0 - _MOST_UNSURE:
+            raise InputError(
+                f"{self._source}: time.differences: {100.0 * (1.0 - sure.mean()):.0f} % of the steps cannot be taken "
+                f"from {', '.join(f'{pair.value} and {pair.rate}' for pair in time.differences)}: they do not move, or "
+                "the rate is no backward difference"
+            )
+        typical = float(np.median(steps[sure]))
+        if float(np.median(np.abs(steps[sure] / typical - 1.0))) > SCATTER:
+            raise InputError(
+                f"{self._source}: time.differences: the steps scatter by more than {100.0 * SCATTER:g} % about "
+                f"{typical:.4g} s: the rate is no backward difference of the value, or its unit is another"
+            )
+        if disagreement(np.array(each)) > AGREE:
+            raise InputError(
+                f"{self._source}: time.differences: {', '.join(pair.rate for pair in time.differences)} would have "
+                "been taken over unlike steps in the same row: one is no backward difference, or of another unit"
+            )
+        nominal = np.diff(logged)
+        usual = float(np.median(nominal))
+        # where several rows are lacking the nominal time knows by how many
+        steps = np.where(sure, steps, typical * nominal / usual)
+        said = f", where the log says {usual:.6g} s" if abs(typical - usual) > 1e-3 * typical and usual != 1.0 else ""
+        self.notes.append(
+            f"{topic.source}: steps are taken from differences, {typical:.6g} s in the median{said}; "
+            f"{int((~sure).sum())} of {sure.size} are the median step"
+        )
+        return logged[0] + np.concatenate([[0.0], np.cumsum(steps)])
+
+    # --------------------------------------------------------------------------------- sensors
+
+    def channel(self, name: str, sensor: Any) -> Channel:
+        """What a sensor measured."""
+        time_s, places = self._stamps(sensor)
+        topic = self._recording.topic(self._by.topic_of(sensor))
+        gives = ""
+        if isinstance(sensor, GyroMap):
+            values = self._vector(topic, sensor, factor(sensor.unit, "rate"), places)
+            self._require_rates(name, topic, sensor.unit, values)
+        elif isinstance(sensor, AccelerometerMap):
+            gives = sensor.gives
+            values = self._vector(topic, sensor, factor(sensor.unit, "velocity", "acceleration") / self._length, places)
+            self._require_accelerations(name, topic, sensor, values, time_s)
+        elif isinstance(sensor, VelocityMap):
+            values = self._vector(topic, sensor, factor(sensor.unit, "velocity") / self._length, places)
+        else:
+            values = self._attitude(topic, sensor, places)
+            self._require_turning(name, topic, sensor, values, time_s)
+            if isinstance(sensor, PoseMap):
+                position = self._three(topic, sensor.position, places) * (factor(sensor.unit, "length") / self._length)
+                values = np.hstack([_turned(position, rotation_of(sensor.world_axes)), values])
+        if not np.isfinite(values).any():
+            raise InputError(f"{topic.source}: sensor '{name}' has no reading: every value is missing")
+        return Channel(name, sensor.kind, time_s, values, places, gives)
+
+    def _three(self, topic: Topic, columns: Sequence[str | None], places: Places) -> Array:
+        nothing = np.full(places.size, np.nan)
+        return np.column_stack([nothing if one is None else topic.numbers(one)[places] for one in columns])
+
+    def _vector(self, topic: Topic, part: Any, size: float, places: Places) -> Array:
+        return _turned((self._three(topic, part.columns, places) - np.array(part.zero)) * size, part.matrix)
+
+    def _attitude(self, topic: Topic, sensor: AttitudeMap | PoseMap, places: Places) -> Array:
+        """Quaternions that turn body to world, scalar first, NaN where missing, shape (n, 4)."""
+        from scipy.spatial.transform import Rotation  # noqa: PLC0415 (slow to load)
+
+        found = np.full((places.size, 4), np.nan)
+        if not sensor.forms:  # a position alone
+            return found
+        if sensor.quaternion is not None:
+            given = np.column_stack([topic.numbers(one)[places] for one in sensor.quaternion])
+            self._require_unit(topic, sensor.quaternion, given, places)
+            given = given if sensor.order == "xyzw" else np.roll(given, -1, axis=1)
+            there = np.isfinite(given).all(axis=1)
+            turns = Rotation.from_quat(given[there])
+        else:
+            size = factor(sensor.angle_unit, "angle")
+            if sensor.heading is not None:
+                given = topic.numbers(sensor.heading)[places, None] * size * np.array([0.0, 0.0, 1.0])
+            else:
+                assert sensor.angles is not None  # one form is given
+                given = self._three(topic, sensor.angles, places) * size
+            around = np.abs(np.abs(np.diff(given, axis=0)) - 360.0) < _NEAR_A_TURN
+            if size == 1.0 and around.any():
+                raise InputError(
+                    f"{topic.source}: {sensor.heading or 'an angle'} jumps by 360, and the map has it in radians: give "
+                    "`angle_unit: deg`"
+                )
+            there = np.isfinite(given).all(axis=1)
+            turns = Rotation.from_euler("ZYX", given[there][:, ::-1])
+        if not there.any():
+            return found
+        matrices = turns.inv().as_matrix() if sensor.rotates == "world_to_body" else turns.as_matrix()
+        matrices = rotation_of(sensor.world_axes) @ matrices @ rotation_of(sensor.axes).T
+        quaternion = np.roll(Rotation.from_matrix(matrices).as_quat(), 1, axis=1)
+        found[there] = quaternion * np.where(quaternion[:, :1] < 0.0, -1.0, 1.0) + 0.0  # no minus zero
+        return found
+
+    # ----------------------------------------------------------------- what units cannot be
+
+    def _require_unit(self, topic: Topic, columns: Sequence[str], given: Array, places: Places) -> None:
+        off = np.abs(np.linalg.norm(given, axis=1) - 1.0) > _UNIT_NORM
+        if _many(off):
+            row = int(np.argmax(off))
+            raise InputError(
+                f"{topic.where(int(places[row]))}: {', '.join(columns)} have length {np.linalg.norm(given[row]):.4g}, "
+                "and a quaternion that turns has length 1: these are other columns"
+            )
+
+    def _require_rates(self, name: str, topic: Topic, unit: str, values: Array) -> None:
+        period_s = self._vehicle.sample_period_s
+        limit = min(_FASTEST, math.pi / period_s)
+        size = np.nan_to_num(np.abs(values)).max(axis=1)
+        if not _many(size > limit):
+            return
+        largest = float(size.max())
+        hint = "; it looks like degrees: `unit: deg/s`" if is_of(unit, "rate") and largest / 57.3 <= limit else ""
+        raise InputError(
+            f"{topic.source}: sensor '{name}' turns at up to {largest:.4g} rad/s as {unit}, more than half a turn "
+            f"in a sample of {period_s:g} s or than any gyro measures{hint}"
+        )
+
+    def _require_turning(self, name: str, topic: Topic, sensor: Any, values: Array, time_s: Array) -> None:
+        cosine = np.abs((values[1:] * values[:-1]).sum(axis=1))
+        rates = 2.0 * np.arccos(np.clip(cosine, 0.0, 1.0)) / np.diff(time_s)
+        rates = rates[np.isfinite(rates)]
+        if _many(rates > _FASTEST):
+            hint = "" if sensor.quaternion is not None else f"; is {sensor.angle_unit} the unit of its angles?"
+            raise InputError(
+                f"{topic.source}: sensor '{name}' turns at up to {rates.max():.4g} rad/s from sample to sample, which "
+                f"no vehicle does{hint}"
+            )
+
+    def _require_accelerations(
+        self, name: str, topic: Topic, sensor: AccelerometerMap, values: Array, time_s: Array
+    ) -> None:
+        most = plausible.ACCELERATION.most / self._length
+        sizes = np.abs(values)
+        if sensor.gives in ("integral", "increment") and time_s.size > 1:
+            steps = np.diff(time_s)[:, None]
+            sizes = (np.abs(np.diff(values, axis=0)) if sensor.gives == "integral" else sizes[1:]) / steps
+        sizes = sizes[np.isfinite(sizes).all(axis=1)]
+        if _many(sizes.max(axis=1, initial=0.0) > most):
+            raise InputError(
+                f"{topic.source}: sensor '{name}' accelerates at up to {sizes.max():.4g} "
+                f"{self._vehicle.unit_names['length']}/s^2 as {sensor.unit}, more than {plausible.ACCELERATION.why}; "
+                "check its unit, and what it `gives`"
+            )
+
+    # -------------------------------------------------------------------------------- commands
+
+    def commands(self, part: CommandMap) -> Held:
+        """What the jets were told, and how long each command held."""
+        time_s, places = self._stamps(part)
+        topic = self._recording.topic(self._by.topic_of(part))
+        if part.listed is not None:
+            values = self._from_list(topic, part, places)
+        elif part.mask is not None:
+            values = self._from_mask(topic, part, places)
+        else:
+            assert part.columns is not None  # one form is given
+            values = self._from_columns(topic, part, part.columns, places)
+        if part.missing == "off":
+            values = np.nan_to_num(values, nan=0.0)
+        return _held(time_s, values, until=part.acts == "until_row", on_change=part.on_change)
+
+    def held(self, part: Any) -> Held:
+        """A known outside force or torque, which acts from its row on."""
+        time_s, places = self._stamps(part)
+        topic = self._recording.topic(self._by.topic_of(part))
+        force = is_of(part.unit, "force")
+        size = factor(part.unit, "force", "torque") / (self._force if force else self._force * self._length)
+        return _held(time_s, self._vector(topic, part, size, places))
+
+    def _from_columns(self, topic: Topic, part: CommandMap, columns: Mapping[str, str], places: Places) -> Array:
+        timed = is_of(part.unit, "time")
+        size = factor(part.unit, "time", "number")
+        full = self._vehicle.sample_period_s if timed else 1.0
+        on = full if part.on is None else part.on * size
+        off = part.off * size
+        if on == off:
+            raise InputError(f"{self._source}: commands.off: {part.off:g} is what `on` is, too: they must differ")
+        names = [columns[jet] for jet in self._vehicle.designations]
+        logged = np.column_stack([topic.numbers(name)[places] for name in names])
+        values = (logged * size - off) / (on - off)
+        if part.threshold is not None:
+            return np.where(np.isnan(values), np.nan, np.where(values >= part.threshold, 1.0, 0.0))
+        wrong = (values < -_TOLERANCE) | (values > 1.0 + _TOLERANCE)
+        if wrong.any():
+            row, jet = np.argwhere(wrong)[0]
+            meant = f"open for {on:g} s at the most" if timed else f"{off / size:g} closed and {on / size:g} open"
+            raise InputError(
+                f"{topic.where(int(places[row]))}, column {names[jet]}: {logged[row, jet]:g} is no command between "
+                f"closed and open, as the map has it ({meant}); see commands.unit, off, on and threshold"
+            )
+        return np.clip(values, 0.0, 1.0)
+
+    def _from_mask(self, topic: Topic, part: CommandMap, places: Places) -> Array:
+        assert part.mask is not None  # the form that is given
+        column = part.mask.column
+        logged = topic.numbers(column)[places]
+        odd = (logged < 0.0) | (logged != np.round(logged)) | (logged >= 2.0**53)
+        odd &= np.isfinite(logged)
+        if odd.any():
+            row = int(np.argmax(odd))
+            raise InputError(f"{topic.where(int(places[row]))}, column {column}: {logged[row]:g} is no bit mask")
+        whole = np.nan_to_num(logged).astype(np.int64)
+        known = sum(1 << bit for bit in set(part.mask.bits.values()))
+        more = int(np.bitwise_or.reduce(whole)) & ~known
+        if more:
+            self.notes.append(f"{topic.source}: column {column} has bit {more.bit_length() - 1}, which is no jet's")
+        bits = np.array([part.mask.bits[jet] for jet in self._vehicle.designations])
+        values = ((whole[:, None] >> bits) & 1).astype(float)
+        values[np.isnan(logged)] = np.nan
+        return values
+
+    def _from_list(self, topic: Topic, part: CommandMap, places: Places) -> Array:
+        assert part.listed is not None  # the form that is given
+        jets = self._vehicle.designations
+        names = {(part.listed.names.get(jet) or jet).lower(): index for index, jet in enumerate(jets)}
+        texts = topic.texts(part.listed.column)
+        values = np.zeros((places.size, len(jets)))
+        for row, place in enumerate(places):
+            for word in words(texts[place]):
+                if word.lower() not in names:
+                    known = [part.listed.names.get(jet) or jet for jet in jets]
+                    raise InputError(
+                        f"{topic.where(int(place))}, column {part.listed.column}: '{word}' is no jet's name"
+                        f"{suggestion(word, known)}"
+                    )
+                values[row, names[word.lower()]] = 1.0
+        return values
+
+
+def disagreement(steps: Array) -> float:
+    """How far the steps by several pairs lie apart in a row, in the median, relative; 0 of one pair alone.
+
+    Args:
+        steps: by each pair, NaN where it tells none, shape (n_pairs, n).
+    """
+    both = steps[:, np.isfinite(steps).sum(axis=0) > 1]
+    if not both.size:
+        return 0.0
+    apart = np.nanmax(both, axis=0) - np.nanmin(both, axis=0)
+    return float(np.median(apart) / np.abs(np.nanmedian(both)))
+
+
+def words(text: str) -> list[str]:
+    """The names in a list of jets: what is between them is neither letter, digit nor underscore."""
+    return "".join(one if one.isalnum() or one == "_" else " " for one in text).split()
+
+
+def _many(flags: NDArray[np.bool_]) -> bool:
+    """Whether more than a spike or two are so."""
+    return bool(flags.sum() > min(max(_SHARE * flags.size, _SPIKES), 0.5 * flags.size))
+
+
+def _turned(vectors: Array, matrix: Array) -> Array:
+    """Vectors in other axes; a component is missing where one is missing that it is made of."""
+    missing = np.isnan(vectors) @ (np.abs(matrix.T) > 1e-12)
+    return np.where(missing > 0, np.nan, np.nan_to_num(vectors) @ matrix.T)
+
+
+def _quantum(values: Array) -> float:
+    """The step to which values are rounded, by their decimals; that of doubles where there are too many."""
+    values = values[np.isfinite(values)]
+    largest = float(np.abs(values).max(initial=0.0))
+    for decimals in range(_DECIMALS):
+        scaled = values * 10.0**decimals
+        if (np.abs(scaled - np.round(scaled)) < 1e-3).all():
+            return 10.0**-decimals
+    return max(1e-12 * largest, 1e-300)
+
+
+def _held(time_s: Array, values: Array, *, until: bool = False, on_change: bool = False) -> Held:
+    """Values that hold from their time until the next one's, or since the one's before."""
+    if time_s.size == 1 and on_change and not until:
+        return Held(time_s, np.array([math.inf]), values)
+    if time_s.size < 2:
+        return Held(time_s[:0], time_s[:0], values[:0])
+    steps = np.diff(time_s)
+    longest = math.inf if on_change else _HOLE * float(np.median(steps))
+    if until:
+        return Held(np.maximum(time_s[:-1], time_s[1:] - longest), time_s[1:], values[1:])
+    end = np.append(time_s[1:], time_s[-1] + (math.inf if on_change else float(np.median(steps))))
+    return Held(time_s, np.minimum(end, time_s + longest), values)
+
+
+# ------------------------------------------------------------------------------------------- rows
+
+
+class MappedTable:
+    """Rows of telemetry made by a map, as `telemetry.reader.Reader` takes them.
+
+    Attributes:
+        source: name of the record.
+        header: names of the columns, as telemetry has them.
+        place: what rows are counted in.
+        ragged: rows that were left out.
+        notes: what is to be known, a sentence each.
+    """
+
+    def __init__(self, header: list[str], values: Array, lines: Places, record: Mapped, notes: list[str]):
+        self.source = record.recording.source
+        self.header, self.notes = header, notes
+        self._values, self._lines, self._recording = values, lines, record.recording
+        self.place = record.recording.topic(record.by.topic_of(record.by.sensors[record.by.row_sensor])).place
+        self.ragged: Ragged = record.recording.ragged
+        self._read = 0
+
+    @property
+    def done(self) -> float:
+        """The fraction of the rows read so far."""
+        return self._read / max(len(self._lines), 1)
+
+    def blocks(self, wanted: list[int]) -> Iterator[Block]:
+        """Yields the values of the chosen columns, block by block."""
+        for start in range(0, len(self._lines), 1024):
+            part = slice(start, start + 1024)
+            self._read = min(start + 1024, len(self._lines))
+            yield Block(self._lines[part], self._values[part][:, wanted])
+
+    def sha256(self) -> str:
+        """SHA-256 of the file, hexadecimal."""
+        return self._recording.sha256
+
+    def close(self) -> None:
+        """Does nothing: all has been read."""
+
+
+def row_places(record: Mapped) -> Places:
+    """The samples of the rows' channel that are rows: all, or where it is faster those a sample period apart.
+
+    Raises:
+        InputError: when the sample period is no multiple of the channel's.
+    """
+    time_s, period_s = record.rows.time_s, record.vehicle.sample_period_s
+    every = record.rows.interval_s
+    if record.recording.kind == "ulog" and every > period_s * (1.0 + JITTER):
+        raise InputError(
+            f"{record.recording.source}: '{record.rows.name}' is logged every {every:.4g} s, too slowly for the sample "
+            f"period of {period_s:g} s of vehicle '{record.vehicle.name}'; ask for more by SDLOG_PROFILE, or set "
+            "sample_period_s"
+        )
+    if not every < period_s * (1.0 - JITTER):
+        return np.arange(time_s.size)
+    count = round(period_s / every)
+    if count < 2 or abs(count * every - period_s) > JITTER * period_s:
+        lower = max(math.floor(period_s / every), 1) * every
+        raise InputError(
+            f"{record.recording.source}: samples of '{record.rows.name}' are {every:.6g} s apart, and the sample "
+            f"period of vehicle '{record.vehicle.name}' is {period_s:g} s, no multiple of it; set sample_period_s to "
+            f"{lower:.6g} or {lower + every:.6g}"
+        )
+    places = [0]
+    while True:
+        target = time_s[places[-1]] + count * every
+        at = int(np.searchsorted(time_s, target))
+        if at >= time_s.size:
+            rest = [at - 1] if at - 1 > places[-1] and target - time_s[-1] < 0.5 * every else []
+            return np.array([*places, *rest])
+        before = at - 1 > places[-1] and target - time_s[at - 1] < time_s[at] - target
+        places.append(at - 1 if before else at)
+
+
+def table(record: Mapped, gyro: str) -> MappedTable:
+    """Makes rows of telemetry of a record, for the estimators.
+
+    A reading that was not taken at the time of a row, within 5 % of the sample period, is missing in it. Accelerations
+    and increments are added up from row to row. Commands are the share of a row's interval for which a jet was open.
+
+    Args:
+        record: mapped.
+        gyro: name of the package that the estimators need.
+
+    Raises:
+        InputError: when the record has not what the estimators need.
+    """
+    _require_usable(record, gyro)
+    places = row_places(record)
+    time_s = record.rows.time_s[places]
+    vehicle, notes = record.vehicle, list(record.notes)
+    names, parts = ["time_s"], [time_s[:, None]]
+    for name, channel in record.channels.items():
+        if channel.kind not in _USED:
+            notes.append(f"{channel.kind} '{name}' of the map is not estimated from yet")
+            continue
+        if channel.gives in ("", "integral"):
+            values, suffix = _at(channel, time_s, vehicle.sample_period_s), ""
+        else:
+            values, suffix = _mean_acceleration(channel, time_s, vehicle, notes), "_accel"
+        if not np.isfinite(values).all(axis=1).any():
+            raise InputError(
+                f"{record.recording.source}: no sample of '{name}' was taken within {100.0 * JITTER:g} % of a sample "
+                f"period of a row, which is a sample of '{record.rows.name}'; name another in `rows`, or log faster"
+            )
+        names += [f"{name}{suffix}_{axis}" for axis in AXES]
+        parts.append(values)
+    names += [f"jet_{jet}" for jet in vehicle.designations]
+    fractions = _fractions(record, time_s)
+    parts.append(fractions)
+    notes += _about_commands(record, time_s, fractions)
+    for what, held in (("force", record.known_force), ("torque", record.known_torque)):
+        if held is not None:
+            names += [name for name in WRENCH if name.startswith(f"known_{what}")]
+            parts.append(_over(held, time_s))
+    values = np.hstack(parts)
+    topic = record.recording.topic(record.by.topic_of(record.by.sensors[record.by.row_sensor]))
+    rows = record.rows.places[places]
+    lines = rows + 1 if topic.lines is None else topic.lines[rows]
+    return MappedTable(names, values, lines, record, list(dict.fromkeys(notes)))
+
+
+def _require_usable(record: Mapped, gyro: str) -> None:
+    channel = record.channels.get(gyro)
+    if channel is None:
+        there = ", ".join(f"{one.kind} '{name}'" for name, one in record.channels.items())
+        raise InputError(
+            f"{record.source}: names {there}, and no gyro '{gyro}'; the estimators take rates from a gyro and "
+            "velocities from integrating accelerometers. Poses, attitudes and velocities are read, and shown by "
+            "`massprop map`, but not estimated from yet"
+        )
+    for name, one in record.channels.items():
+        lacking = [axis for axis, values in zip(AXES, one.values.T, strict=False) if not np.isfinite(values).any()]
+        if one.kind in _USED and lacking:
+            raise InputError(
+                f"{record.source}: sensors.{name}: has no {', '.join(lacking)}; the estimators take a package of three "
+                "axes, and cannot hold one still yet"
+            )
+
+
+def _at(channel: Channel, time_s: Array, period_s: float) -> Array:
+    """The readings taken at times, NaN where none was, shape (n, m)."""
+    nearest = np.clip(np.searchsorted(channel.time_s, time_s), 0, channel.time_s.size - 1)
+    before = np.maximum(nearest - 1, 0)
+    closer = np.abs(channel.time_s[before] - time_s) < np.abs(channel.time_s[nearest] - time_s)
+    nearest = np.where(closer, before, nearest)
+    there = np.abs(channel.time_s[nearest] - time_s) <= JITTER * period_s
+    return np.where(there[:, None], channel.values[nearest], np.nan)
+
+
+def _mean_acceleration(channel: Channel, time_s: Array, vehicle: Vehicle, notes: list[str]) -> Array:
+    """Mean acceleration over the row that ended, NaN where a sample in it is missing, shape (n, 3)."""
+    period_s = vehicle.sample_period_s
+    every, steps = channel.interval_s, np.diff(channel.time_s, prepend=np.nan)
+    if math.isnan(every):
+        return np.full((time_s.size, 3), np.nan)
+    count = round(period_s / every)
+    steps[0] = every
+    steps = steps[:, None]
+    if channel.gives == "instant":
+        if count < _FEWEST_INSTANTS:
+            raise InputError(
+                f"sensor '{channel.name}': an acceleration taken at an instant, {count or 'less than one'} times a "
+                f"sample period of {period_s:g} s, does not tell what the jets gave in between; log it "
+                f"{_FEWEST_INSTANTS} times a period at least, or log increments, or say `gives: mean` if it averages"
+            )
+        before = np.vstack([np.full((1, 3), np.nan), channel.values[:-1]])
+        added = 0.5 * (before + channel.values) * steps
+        notes.append(
+            f"'{channel.name}' is integrated from {count} instants a row: approximate while jets switch, and late by "
+            "what the recorder's filter delays"
+        )
+    else:
+        added = channel.values * (steps if channel.gives == "mean" else 1.0)
+    hole = np.isnan(added) | (steps > _HOLE * every)
+    integral = np.cumsum(np.where(hole, 0.0, added), axis=0)
+    holes = np.cumsum(hole, axis=0)
+    there = _at(channel._replace(values=np.hstack([integral, holes])), time_s, period_s)
+    change = np.diff(there, axis=0, prepend=np.full((1, 6), np.nan))
+    mean = np.where(change[:, 3:] == 0.0, change[:, :3], np.nan) / period_s
+    if count <= 1 and not hole[0].any():  # what the first sample gives is of the time before it
+        mean[0] = added[0] / period_s
+    return mean
+
+
+def _over(held: Held, time_s: Array) -> Array:
+    """Mean over the interval that starts at each row, NaN where part of it is unknown, shape (n, m)."""
+    count, width = time_s.size, held.values.shape[1]
+    if not held.begin_s.size or count < 2:
+        return np.full((count, width), np.nan)
+    typical = float(np.median(np.diff(time_s)))
+    ends = np.minimum(np.append(time_s[1:], time_s[-1] + typical), time_s + _HOLE * typical)
+    known = np.isfinite(held.values)
+    edges = np.stack([held.begin_s, held.end_s], axis=1).ravel()
+    edges = np.where(np.isfinite(edges), edges, max(float(ends[-1]), float(held.begin_s[-1])) + typical)
+    lengths = np.diff(edges)[::2, None]
+
+    def integral(density: Array) -> Array:
+        """From the beginning to each edge; nothing between the end of one value and the beginning of the next."""
+        grown = np.cumsum(density * lengths, axis=0)
+        return np.repeat(np.vstack([np.zeros((1, width)), grown]), 2, axis=0)[1:-1]
+
+    amounts, covers = integral(np.where(known, held.values, 0.0)), integral(known.astype(float))
+    result = np.full((count, width), np.nan)
+    for column in range(width):
+        amount, cover = (
+            np.interp(ends, edges, total[:, column]) - np.interp(time_s, edges, total[:, column])
+            for total in (amounts, covers)
+        )
+        whole = cover >= (ends - time_s) * (1.0 - 1e-3)
+        result[whole, column] = amount[whole] / cover[whole]
+    return result
+
+
+def _fractions(record: Mapped, time_s: Array) -> Array:
+    """Share of the interval that starts at each row for which each jet was open, shape (n, n_jets)."""
+    shares = _over(record.commands, time_s)
+    whole = np.round(shares)  # what is exact stays exact
+    return np.where(np.abs(shares - whole) < _TOLERANCE, whole, shares)
+
+
+def _about_commands(record: Mapped, time_s: Array, fractions: Array) -> list[str]:
+    """What is to be known of the commands."""
+    found = []
+    held, period_s = record.commands, record.vehicle.sample_period_s
+    every = float(np.median(np.diff(held.begin_s))) if held.begin_s.size > 1 else math.nan
+    if every > period_s * (1.0 + JITTER) and not record.by.commands.on_change:
+        found.append(
+            f"commands are logged every {every:.4g} s, and a sample is {period_s:g} s: firings in between are lost"
+        )
+    elif record.recording.kind == "ulog" and every > _SLOWER * record.rows.interval_s:  # PX4 logs what it likes of them
+        found.append(
+            f"commands are logged every {every:.4g} s, and '{record.rows.name}' every {record.rows.interval_s:.4g} s: "
+            "what happened in between is not in the log; ask for more by SDLOG_PROFILE"
+        )
+    whole = np.isin(held.values, (0.0, 1.0)) | np.isnan(held.values)
+    share = (fractions > 0.0) & (fractions < 1.0)
+    if whole.all() and share.any():
+        found.append(
+            f"in {int(share.any(axis=1).sum())} of {time_s.size} rows a jet switches within the row: what counts there "
+            "is for how long it was open, not when"
+        )
+    unknown = np.isnan(fractions[:-1]).any(axis=1) if len(fractions) > 1 else np.zeros(0, dtype=bool)
+    if unknown.any():
+        found.append(f"in {int(unknown.sum())} of {time_s.size} rows a command is not known")
+    return found
+
+
+# ---------------------------------------------------------------------------------------- preview
+
+
+def preview(record: Mapped, most: int = 5) -> list[dict[str, Any]]:
+    """The first rows as they are understood.
+
+    Returns:
+        For each `time_s`, `sensors` (values by component, by name; None where missing), and `jets` (fraction by
+        designation, of those that are open; None where not known).
+    """
+    places = row_places(record)
+    time_s = record.rows.time_s[places]
+    shown = time_s[:most]
+    fractions = _fractions(record, time_s)[:most]
+    at = {name: _at(channel, shown, record.vehicle.sample_period_s) for name, channel in record.channels.items()}
+    rows = []
+    for index, time in enumerate(shown.tolist()):
+        sensors = {}
+        for name, channel in record.channels.items():
+            values = [None if math.isnan(one) else one for one in at[name][index].tolist()]
+            sensors[name] = dict(zip(COMPONENTS[channel.kind], values, strict=True))
+        told = dict(zip(record.vehicle.designations, fractions[index].tolist(), strict=True))
+        jets = {jet: None if math.isnan(share) else share for jet, share in told.items() if share != 0.0}
+        rows.append({"time_s": time, "sensors": sensors, "jets": jets})
+    return rows

@@ -1,0 +1,417 @@
+"""Recordings: the columns of a file of any recorder, by topic, and what opens them."""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from massprop_drake.errors import InputError, require_text, suggestion
+from massprop_drake.inputs.record_map import CsvForm, RecordMap
+from massprop_drake.inputs.yaml import exists
+from massprop_drake.telemetry.tables import MISSING, Ragged, require_regular
+
+Array = NDArray[np.float64]
+Column = NDArray[Any]
+
+MOST_ELEMENTS = 64  # of an array that become columns: an image has more, a vehicle's jets fewer
+_CHUNK = 4096  # rows of text that are turned into numbers at once
+
+
+@dataclass(frozen=True)
+class Topic:
+    """Columns that were logged together.
+
+    Attributes:
+        source: what to call it in messages.
+        columns: numbers or text, by name, shape (n,) each.
+        stamps_s: that the log itself keeps, s, shape (n,); None: none.
+        place: what rows are counted in, "line" or "row".
+        lines: of each row, shape (n,); None: rows, from 1.
+    """
+
+    source: str
+    columns: Mapping[str, Column]
+    stamps_s: Array | None = None
+    place: str = "row"
+    lines: NDArray[np.int64] | None = None
+
+    @property
+    def rows(self) -> int:
+        """The number of rows."""
+        if self.stamps_s is not None:
+            return len(self.stamps_s)
+        return len(next(iter(self.columns.values()), ()))
+
+    def column(self, name: str) -> Column:
+        """A column; raises InputError where there is none of that name."""
+        if name not in self.columns:
+            raise InputError(f"{self.source}: no column '{name}'{suggestion(name, list(self.columns))}")
+        return self.columns[name]
+
+    def where(self, row: int) -> str:
+        """The place of a row, for messages."""
+        line = row + 1 if self.lines is None else int(self.lines[row])
+        return f"{self.source}, {self.place} {line}"
+
+    def numbers(self, name: str) -> Array:
+        """A column's numbers, NaN where missing, shape (n,).
+
+        Raises:
+            InputError: when it is not there, or holds text or infinity.
+        """
+        values = self.column(name)
+        if values.dtype == object:
+            for row, cell in enumerate(values):
+                if not _is_number(cell):
+                    shown = str(cell) if len(str(cell)) <= 40 else f"{str(cell)[:37]}..."
+                    raise InputError(
+                        f"{self.where(row)}, column {name}: {shown!r} is not a number"
+                        + ("; is it a line of units? Give `csv: {below: 1}` in the map" if row == 0 else "")
+                    )
+            values = np.array([np.nan if cell.strip().lower() in MISSING else float(cell) for cell in values])
+        numbers: Array = np.asarray(values, dtype=float)
+        infinite = np.isinf(numbers)
+        if infinite.any():
+            raise InputError(f"{self.where(int(np.argmax(infinite)))}, column {name}: is infinite")
+        return numbers
+
+    def texts(self, name: str) -> list[str]:
+        """A column's cells as text."""
+        return ["" if cell is None else str(cell) for cell in self.column(name)]
+
+
+@dataclass(frozen=True)
+class Recording:
+    """What a file holds.
+
+    Attributes:
+        source: its name in messages.
+        kind: "table", "mat", "ulog", "ros1" or "ros2".
+        topics: by name; a table is the topic "".
+        parameters: of the vehicle, as a ULog has them, by name.
+        notes: what is to be known of it, a sentence each.
+        sha256: of the file, hexadecimal.
+        types: of a bag's topics, by name.
+        ragged: rows of a text file that were left out.
+    """
+
+    source: str
+    kind: str
+    topics: Mapping[str, Topic]
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+    sha256: str = ""
+    types: Mapping[str, str] = field(default_factory=dict)
+    ragged: Ragged = field(default_factory=Ragged)
+
+    def topic(self, name: str) -> Topic:
+        """A topic; raises InputError where there is none of that name."""
+        if name not in self.topics:
+            raise missing_topic(self.source, name, list(self.topics))
+        return self.topics[name]
+
+
+def _is_number(cell: Any) -> bool:
+    text = str(cell).strip().lower()
+    if text in MISSING:
+        return True
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return "_" not in text
+
+
+def open_recording(path: str | Path, by: RecordMap | None = None, rows: int | None = None) -> Recording:
+    """Reads a file of any kind that is known, told by its ending.
+
+    Args:
+        path: of a CSV, Parquet, .mat, ULog (.ulg), ROS 1 (.bag), ROS 2 (folder, .db3) or MCAP (.mcap) file.
+        by: the map, of whose columns and topics alone are read; None: all that can be.
+        rows: so many at the most of each topic; None: all.
+
+    Raises:
+        InputError: when it is missing, of no known kind, damaged, or a package is needed that is not installed.
+    """
+    path = Path(path)
+    require_text(str(path))
+    if str(path) == "-":
+        raise InputError("a map goes with a file, not with standard input, whose rows are telemetry as they stand")
+    if not exists(path):
+        raise InputError(f"{path}: no such file")
+    ending = path.suffix.lower()
+    if path.is_dir() and not (path / "metadata.yaml").is_file():
+        raise InputError(f"{path}: is a folder, and no ROS 2 bag, which has a metadata.yaml")
+    reader = _READERS.get("" if path.is_dir() else ending)
+    if reader is None:
+        known = ", ".join(sorted(one for one in _READERS if one))
+        raise InputError(f"{path}: '{ending}' is no ending of a record that is known; known are {known}")
+    found = reader(path, by, rows)
+    if not any(topic.rows for topic in found.topics.values()):
+        raise InputError(f"{path}: is empty: it has no row of data")
+    return found
+
+
+def missing_topic(source: str, name: str, known: list[str]) -> InputError:
+    """The error for a topic that a recording does not have."""
+    if not name:
+        shown = ", ".join(known[:10]) + (", ..." if known[10:] else "")
+        return InputError(f"{source}: has topics, and the map names none: give `topic`, one of {shown}")
+    if known == [""]:
+        return InputError(f"{source}: is a table without topics, and the map names topic '{name}'")
+    return InputError(f"{source}: no topic '{name}'{suggestion(name, known)}")
+
+
+def needs(path: Path, package: str, extra: str, what: str) -> InputError:
+    """The error that names the extra to install."""
+    return InputError(f"{path}: reading {what} needs {package}: pip install 'massprop-drake[{extra}]'")
+
+
+def digest(path: Path) -> str:
+    """SHA-256 of a file, or of all files of a folder in their order, hexadecimal."""
+    if path.is_dir():
+        total = hashlib.sha256()
+        for inner in sorted(one for one in path.iterdir() if one.is_file()):
+            total.update(f"{inner.name} {digest(inner)}\n".encode())
+        return total.hexdigest()
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+# ---------------------------------------------------------------------------------------- tables
+
+
+def _csv(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
+    form = CsvForm(separator="\t") if by is None and path.suffix.lower() == ".tsv" else CsvForm()
+    form = form if by is None else by.csv
+    as_text = set() if by is None or by.commands.listed is None else {by.commands.listed.column}
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            numbered = _plain_lines(file, form)
+            where = _Where()
+            cells = csv.reader(where.watched(numbered), delimiter=form.separator, strict=True)
+            header = [name.strip() for name in next(cells, [])]
+            _require_names(header, form, f"{path}, line {where.line}")
+            wanted = [name for name in header if name and (by is None or name in by.columns)]
+            columns, lines, ragged = _gathered(cells, header, wanted, (form, as_text, rows, where))
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: not a text file in UTF-8; expected a table of separated values") from None
+    except csv.Error as error:
+        raise InputError(f"{path}: no table of separated values: {error}") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+    require_regular(ragged, str(path), len(lines), len(header))
+    topic = Topic(str(path), columns, None, "line", lines)
+    return Recording(str(path), "table", {"": topic}, sha256=digest(path), ragged=ragged)
+
+
+class _Where:
+    """The line that is being read."""
+
+    def __init__(self) -> None:
+        self.line = 0
+
+    def watched(self, numbered: Iterator[tuple[int, str]]) -> Iterator[str]:
+        for self.line, text in numbered:
+            yield text
+
+
+def _plain_lines(file: Any, form: CsvForm) -> Iterator[tuple[int, str]]:
+    """The lines of names and rows, with their numbers."""
+    seen = 0
+    for number, line in enumerate(file, 1):
+        if number <= form.skip or not line.strip() or (form.comment and line.startswith(form.comment)):
+            continue
+        if "\0" in line:
+            raise InputError(f"{file.name}, line {number}: holds a NUL byte; expected text in UTF-8")
+        seen += 1
+        if seen == 1 or seen > 1 + form.below:
+            yield number, line
+
+
+def _require_names(header: list[str], form: CsvForm, where: str) -> None:
+    if not header:
+        raise InputError(f"{where.rpartition(', line')[0]}: is empty; expected a line of column names")
+    for separator, name in ((";", "semicolons"), ("\t", "tabs"), (",", "commas")):
+        if len(header) == 1 and separator in header[0] and separator != form.separator:
+            raise InputError(
+                f"{where}: columns are separated by {name}; give `csv: {{separator: {separator!r}}}` in the map"
+            )
+    if all(_is_number(name) for name in header if name):
+        raise InputError(f"{where}: has numbers; expected a line of column names")
+    twice = next((name for name in header if name and header.count(name) > 1), None)
+    if twice is not None:
+        raise InputError(f"{where}: column '{twice}' appears twice; keep one of them")
+
+
+def _gathered(
+    cells: Iterator[list[str]],
+    header: list[str],
+    wanted: list[str],
+    how: tuple[CsvForm, set[str], int | None, _Where],
+) -> tuple[dict[str, Column], NDArray[np.int64], Ragged]:
+    """The wanted columns, the line of each row, and the rows that have another number of cells."""
+    form, as_text, most, where = how
+    places = [header.index(name) for name in wanted]
+    pieces: list[list[Column]] = [[] for _ in wanted]
+    held: list[list[str]] = [[] for _ in wanted]
+    lines: list[int] = []
+    ragged = Ragged()
+
+    def settle() -> None:
+        for name, piece, column in zip(wanted, pieces, held, strict=True):
+            piece.append(_as_numbers(column, form.decimal) if name not in as_text else np.array(column, dtype=object))
+            column.clear()
+
+    for row in cells:
+        ragged.last_incomplete = len(row) != len(header)
+        if ragged.last_incomplete:
+            ragged.add(where.line)
+            continue
+        for place, column in zip(places, held, strict=True):
+            column.append(row[place])
+        lines.append(where.line)
+        if len(lines) % _CHUNK == 0:
+            settle()
+        if most is not None and len(lines) >= most:
+            break
+    settle()
+    return {name: _joined(piece) for name, piece in zip(wanted, pieces, strict=True)}, np.array(lines, np.int64), ragged
+
+
+def _as_numbers(cells: list[str], decimal: str) -> Column:
+    """Cells as numbers if all of them are, else as text."""
+    if decimal != ".":
+        cells = [cell.replace(decimal, ".") for cell in cells]
+    try:
+        return np.array(cells, dtype=float)
+    except ValueError:
+        pass
+    if all(map(_is_number, cells)):
+        return np.array([np.nan if cell.strip().lower() in MISSING else float(cell) for cell in cells])
+    return np.array(cells, dtype=object)
+
+
+def _joined(pieces: Sequence[Column]) -> Column:
+    if any(piece.dtype == object for piece in pieces):
+        pieces = [
+            piece if piece.dtype == object else np.array([repr(one) for one in piece], object) for piece in pieces
+        ]
+    return np.concatenate(pieces)
+
+
+def _parquet(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
+    try:
+        import pyarrow  # noqa: PLC0415 (an extra, and slow to load)
+        from pyarrow import parquet  # noqa: PLC0415
+    except ImportError:
+        raise needs(path, "pyarrow", "parquet", "Parquet") from None
+    try:
+        file = parquet.ParquetFile(path)
+        names = file.schema_arrow.names
+        if by is not None:
+            names = [
+                name for name in names if name in by.columns or any(one.startswith(f"{name}[") for one in by.columns)
+            ]
+        table = file.read(columns=names)
+        if rows is not None:
+            table = table.slice(0, rows)
+        columns: dict[str, Column] = {}
+        for name in names:
+            columns |= _arrow_column(pyarrow, name, table.column(name))
+        notes = _from_the_first(columns)
+    except (OSError, ValueError, pyarrow.ArrowException) as error:
+        if isinstance(error, InputError):
+            raise
+        first = (str(error).splitlines() or [type(error).__name__])[0]
+        raise InputError(f"{path}: not a Parquet file that can be read: {first}") from None
+    return Recording(str(path), "table", {"": Topic(str(path), columns)}, notes=notes, sha256=digest(path))
+
+
+def _from_the_first(columns: dict[str, Column]) -> tuple[str, ...]:
+    """Makes dates and times count in seconds from the first second of them: a double has no room for the whole."""
+    dated = {name: values for name, values in columns.items() if values.dtype.kind == "M"}
+    firsts = [values[~np.isnat(values)].min() for values in dated.values() if not np.isnat(values).all()]
+    if not firsts:
+        return ()
+    origin = min(firsts).astype("datetime64[s]")
+    for name, values in dated.items():
+        columns[name] = (values - origin) / np.timedelta64(1, "s")
+    return (f"{', '.join(dated)}: times count in seconds from {origin}",)
+
+
+def _arrow_column(arrow: Any, name: str, column: Any) -> dict[str, Column]:
+    """The columns that a Parquet column gives."""
+    kind, types = column.type, arrow.types
+    if types.is_boolean(kind):
+        column = column.cast(arrow.int8())
+    if types.is_timestamp(kind):
+        return {name: column.cast(arrow.timestamp("ns")).to_numpy()}
+    if types.is_list(kind) or types.is_large_list(kind) or types.is_fixed_size_list(kind):
+        return spread(name, column.to_pylist())
+    if types.is_string(kind) or types.is_large_string(kind) or types.is_dictionary(kind):
+        return {name: np.array([one or "" for one in column.to_pylist()], dtype=object)}
+    if types.is_integer(kind) and not column.null_count:
+        return {name: column.to_numpy()}
+    if types.is_integer(kind) or types.is_floating(kind) or types.is_boolean(kind) or types.is_decimal(kind):
+        return {name: column.cast(arrow.float64()).to_numpy()}
+    return {}
+
+
+def spread(name: str, values: Sequence[Sequence[Any] | None]) -> dict[str, Column]:
+    """Columns of lists: `name[0]`, `name[1]`, ..., and `name`, their text, where their lengths differ."""
+    lists = [() if one is None else tuple(one) for one in values]
+    longest = max(map(len, lists), default=0)
+    found: dict[str, Column] = {}
+    if any(len(one) != longest for one in lists) or not longest:
+        found[name] = np.array([" ".join(map(_plainly, one)) for one in lists], dtype=object)
+    if longest <= MOST_ELEMENTS and not any(isinstance(item, str) for one in lists for item in one):
+        for index in range(longest):
+            found[f"{name}[{index}]"] = np.array([one[index] if index < len(one) else np.nan for one in lists], float)
+    elif name not in found and longest <= MOST_ELEMENTS:
+        found[name] = np.array([" ".join(map(_plainly, one)) for one in lists], dtype=object)
+    return found
+
+
+def _plainly(item: Any) -> str:
+    """An item of a list as it is compared with names: whole numbers without a point."""
+    if isinstance(item, (float, np.floating)) and float(item).is_integer():
+        return str(int(item))
+    return str(item)
+
+
+# --------------------------------------------------------------------------------------- kinds
+
+
+def _mat(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
+    from massprop_drake.records.matlab import read  # noqa: PLC0415 (scipy is slow to load)
+
+    return read(path, by, rows)
+
+
+def _ulog(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
+    from massprop_drake.records.ulog import read  # noqa: PLC0415
+
+    return read(path, by, rows)
+
+
+def _bag(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
+    from massprop_drake.records.bags import read  # noqa: PLC0415
+
+    return read(path, by, rows)
+
+
+_READERS: dict[str, Callable[[Path, RecordMap | None, int | None], Recording]] = {
+    **dict.fromkeys((".csv", ".tsv", ".txt"), _csv),
+    **dict.fromkeys((".parquet", ".pq"), _parquet),
+    ".mat": _mat,
+    **dict.fromkeys((".ulg", ".ulog"), _ulog),
+    **dict.fromkeys((".bag", ".mcap", ".db3", ""), _bag),
+}
