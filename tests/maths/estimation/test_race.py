@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from joint_probe import small_params, some_state
 
+from massprop_drake.maths.estimation.joint import decision
 from massprop_drake.maths.estimation.joint import race as races
 from massprop_drake.maths.estimation.joint import screen as screens
-from massprop_drake.maths.estimation.joint.hypotheses import NO_SCORE, Cause, Kind, Runner, Score, opened
+from massprop_drake.maths.estimation.joint.hypotheses import JUMP_SHARES, NO_SCORE, Cause, Kind, Runner, Score, opened
 from massprop_drake.maths.estimation.joint.layout import JointState, make_places
 from massprop_drake.maths.estimation.joint.race import History, Race
 from massprop_drake.maths.estimation.joint.screen import Contender
@@ -111,6 +112,30 @@ def test_filters_at_the_present_stay_there_before_others_catch_up(monkeypatch: p
     found, left = races.stepped_on(now, 3, History(NOW, ()), np.zeros(2), PARAMS)
     assert [run.cycle for run in found.runs] == [NOW - 4, NOW]
     assert left == 0
+
+
+def test_a_jump_waits_for_all_that_run_and_a_small_one_longer() -> None:
+    jump = running(JUMP, 100.0)
+    mean = jump.state.mean.copy()
+    mean[:6], mean[9] = (1.0, 1.0, 1.0, 0.0, 0.0, 0.0), 1.0  # a body
+    jump = jump._replace(state=jump.state._replace(mean=mean))
+    late = running(leak(0), cycle=NOW - 3)
+    assert decision._jump_explains(race(jump, running(leak(0))), jump, 2)
+    assert not decision._jump_explains(race(jump, late), jump, 2)
+    small = jump._replace(share=JUMP_SHARES[1])
+    assert not decision._jump_explains(race(small), small, 11)
+    assert decision._jump_explains(race(small), small, 12)
+
+
+def test_a_jump_grows_as_soon_as_a_large_one_is_likelier() -> None:
+    small = running(JUMP, 100.0)._replace(share=JUMP_SHARES[1])
+    now = race(small)
+    some = [contender(JUMP, 100.0)]
+    found = races.running(now, races.standings(now, some, PARAMS), 2)
+    assert found.runs[0] is not small
+    assert found.runs[0].share == JUMP_SHARES[0]
+    some = [contender(JUMP, 100.0)._replace(share=JUMP_SHARES[1])]
+    assert races.running(now, races.standings(now, some, PARAMS), 2).runs[0] is small
 
 
 def test_a_known_force_that_changes_is_likelier_than_any_new_failure() -> None:

@@ -150,8 +150,10 @@ def decided(race: Race, standing: list[Standing], settled: bool, rules: Rules, p
 def _jump_explains(race: Race, run: Runner, cycles: int) -> bool:
     """Whether a jump may win: a large one fits only once the filter has learned it, but leaves little at once.
 
-    What is left must be a body.
+    What is left must be a body, and all that run must have arrived: a jump of ten parameters explains the same as they.
     """
+    if any(other.cycle < race.screen.cycle for other in race.runs):
+        return False
     if run.state.mean[MASS] <= 0.0 or np.linalg.eigvalsh(run.state.mean[INERTIA][ELEMENT])[0] <= 0.0:
         return False
     if run.fits:
