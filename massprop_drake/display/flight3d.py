@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from html.parser import HTMLParser
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_drake.display import events, templates
+from massprop_drake.display import events, instruments, interactive, templates
 from massprop_drake.display.stage import SHOWN, Stage
 from massprop_drake.display.style import (
     ESTIMATE_COLOR,
     FAILED_COLOR,
+    PAYLOAD_COLOR,
     PLUME_COLOR,
     SUSPECT_COLOR,
     TRUTH_COLOR,
+    UNTOLD_COLOR,
+    WITHHELD_COLOR,
 )
 from massprop_drake.inputs import params
 from massprop_drake.maths.attitude import propagated
@@ -30,7 +34,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 _HERE = Path(__file__).parent
-_FRAMES = 3000  # of the body's motion at the most
+_DIGITS = 7  # of a number in the page
 # Meshcat writes its own styles, and reads the scene from addresses that hold it
 _MESHCAT = {"style-src": "'unsafe-inline'", "connect-src": "data:"}
 
@@ -56,12 +60,14 @@ def write_replay(run: Run, path: str | Path, *, force: bool = False) -> Path:
 def replay_html(run: Run) -> str:
     """Returns the replay as the text of one HTML file that needs no network."""
     run = run.shown()
+    page, stage = _scene(run)
+    library, scene = _scripts(page)
     return templates.page(
         _HERE / "replay.html",
         {"title": f"{run.scenario.vehicle_data.name}: {run.scenario.name}"},
-        data=_narration(run),
+        data=_flight(run, stage, scene.count("handle_command_bytearray")),
         styles=[(_HERE / "replay.css").read_text(encoding="utf-8")],
-        scripts=[*_scripts(_recorded(run)), (_HERE / "replay.js").read_text(encoding="utf-8")],
+        scripts=[library, scene, (_HERE / "replay.js").read_text(encoding="utf-8")],
         needs=_MESHCAT,
     )
 
@@ -88,81 +94,143 @@ class _Scripts(HTMLParser):
 
 
 def _scripts(page: str) -> list[str]:
-    """Returns the texts of a page's scripts, in order: Meshcat's are its library and the recorded scene."""
+    """Returns the texts of a page's scripts, in order: Meshcat's are its library and the scene."""
     reader = _Scripts()
     reader.feed(page)
     reader.close()
     return [text for text in reader.texts if text]
 
 
-def _recorded(run: Run) -> str:
-    """Records the motion of a run and returns Meshcat's page with it, in which no text of the user's is."""
+def _scene(run: Run) -> tuple[str, Stage]:
+    """Returns Meshcat's page with the vehicle as it stands, in which no text of the user's is, and its stage."""
+    stage = Stage(run.scenario.vehicle_data, truth="truth" in run.signals)
+    for jet in range(len(run.scenario.vehicle_data.jets)):
+        for kind in ("failed", "found"):
+            stage.add_mark(kind, jet)
+    for number, jump in enumerate(run.scenario.jumps):
+        stage.add_payload(number, jump.mass, np.array(jump.position))
+    return str(stage.meshcat.StaticHtml()), stage
+
+
+def _flight(run: Run, stage: Stage, commands: int) -> dict[str, object]:
+    """Collects what the page shows and says, and when.
+
+    Nothing is shown before its time: the page shows the last row at or before the time it stands at, and only the
+    attitude is turned on between two rows.
+
+    Args:
+        run: to be shown.
+        stage: that shows it.
+        commands: number of orders that make up the scene.
+    """
     vehicle, time_s = run.scenario.vehicle_data, np.asarray(run.time_s)
-    stride = max(1, -(-time_s.size // _FRAMES))
-    # rows are played a sample period apart: what lies in a gap of telemetry is not known
-    at_s = (np.arange(time_s.size) * vehicle.sample_period_s).tolist()
-    stage = Stage(vehicle, truth="truth" in run.signals)
-    stage.meshcat.StartRecording(1.0 / (stride * vehicle.sample_period_s), False)
-
-    attitudes = _attitudes(run)
-    for row in range(0, time_s.size, stride):
-        stage.turn(attitudes[row], at_s[row])
-    center = _center(run)
-    for row in _changes(center):
-        stage.center(center[row], at_s[row])
-    estimate, deviation = (np.asarray(run[name])[:, CENTER_OF_MASS] for name in ("estimate", "standard_deviation"))
-    changed = _changes(np.hstack([estimate, deviation]))
-    for row in changed[:: changed.size // _FRAMES + 1]:
-        stage.estimate(estimate[row], deviation[row], at_s[row])
-    for jet, level in enumerate(_levels(run).T):
-        firing = level > SHOWN
-        for row in _changes(firing[:, None]):
-            stage.plume(jet, bool(firing[row]), at_s[row])
-    for kind, marks in (("failed", events.failures(run)), ("found", events.found(run))):
-        for number, mark in enumerate(marks):
-            shown = (time_s >= mark.start_s - 1e-9) & (time_s <= mark.end_s)
-            for path in [stage.add_mark(kind, str(number), jet) for jet in mark.jets]:
-                for row in _changes(shown[:, None]):
-                    stage.show(path, bool(shown[row]), at_s[row])
-
-    stage.meshcat.StopRecording()
-    stage.meshcat.PublishRecording()
-    return str(stage.meshcat.StaticHtml())
-
-
-def _narration(run: Run) -> dict[str, object]:
-    """Collects what the page says and when: the start of every interval, with its texts."""
-    scenario, start_s = run.scenario, float(run.time_s[0])
     failed, found = events.failures(run), events.found(run)
-    edges = {start_s}
-    for window in scenario.maneuver:
-        edges |= {window.start_s, window.end_s}
-    for mark in (*failed, *found):
-        edges |= {mark.start_s, mark.end_s}
-
-    def texts(marks: list[events.Mark], edge: float) -> list[str]:
-        return [mark.text for mark in marks if mark.start_s <= edge < mark.end_s]
-
+    level, asked = _levels(run), np.nan_to_num(np.asarray(run["command"])) > 0.0
+    fails = _marked(run, failed)
+    given = level > SHOWN
+    lists = {
+        "given": given & (asked | ~fails),
+        "untold": given & ~asked & fails,
+        "withheld": asked & ~given & fails,
+        "failed": fails,
+        "found": _marked(run, found),
+    }
+    estimate, deviation = (np.asarray(run[name])[:, CENTER_OF_MASS] for name in ("estimate", "standard_deviation"))
+    columns = {
+        "time": time_s[:, None],
+        "attitude": _attitudes(run),
+        "center": _center(run),
+        "estimate": estimate,
+        "deviation": deviation,
+        **instruments.columns(run),
+    }
     return {
-        "start_s": start_s,
-        "moments": [
-            {
-                "at": edge - start_s,
-                "command": events.commanded(scenario, edge),
-                "failed": texts(failed, edge),
-                "found": texts(found, edge),
-            }
-            for edge in sorted(edges)
-        ],
+        "scene": {
+            "commands": commands,
+            "jets": [
+                {"name": jet.designation, "cluster": jet.cluster, "place": list(jet.position)} for jet in vehicle.jets
+            ],
+            "axis": stage.axis,
+            "unit": vehicle.unit_names["length"],
+            "spread": stage.spread,
+            "payloads": [{"at": jump.time_s, "docks": jump.kind == "dock"} for jump in run.scenario.jumps],
+        },
+        "columns": list(columns),
+        "rows": [list(row) for row in zip(*map(_listed, columns.values()), strict=True)],
+        "lists": {name: [np.flatnonzero(row).tolist() for row in rows] for name, rows in lists.items()},
+        "gaps": np.flatnonzero(np.asarray(run["gap"])[:, 0]).tolist() if "gap" in run.signals else [],
+        "limits": instruments.limits(run.scenario),
+        "moments": _narration(run, failed, found),
+        "events": _ticks(run, failed, found),
         "truth": "truth" in run.signals,
         "colors": {
             "failed": FAILED_COLOR,
             "found": SUSPECT_COLOR,
             "estimate": ESTIMATE_COLOR,
             "truth": TRUTH_COLOR,
-            "plume": PLUME_COLOR,
+            "given": PLUME_COLOR,
+            "untold": UNTOLD_COLOR,
+            "withheld": WITHHELD_COLOR,
+            "payload": PAYLOAD_COLOR,
         },
     }
+
+
+def _listed(values: Array) -> list[Any]:
+    """Turns rows into lists of numbers, or numbers where there is one in a row; None for what is not finite."""
+    flat = interactive.numbers(values.ravel(), digits=_DIGITS)
+    width = values.shape[1]
+    return flat if width == 1 else [flat[start : start + width] for start in range(0, len(flat), width)]
+
+
+def _marked(run: Run, marks: Sequence[events.Mark]) -> NDArray[np.bool_]:
+    """Tells which jets are marked in which row, shape (n, n_jets)."""
+    time_s = np.asarray(run.time_s)
+    marked = np.zeros((time_s.size, len(run.scenario.vehicle_data.jets)), dtype=bool)
+    for mark in marks:
+        rows = (time_s >= mark.start_s - 1e-9) & (time_s <= mark.end_s)
+        for jet in mark.jets:
+            marked[rows, jet] = True
+    return marked
+
+
+def _narration(run: Run, failed: Sequence[events.Mark], found: Sequence[events.Mark]) -> list[dict[str, object]]:
+    """Lists the starts of all intervals, with what is to be said in each."""
+    scenario = run.scenario
+    edges = {float(run.time_s[0])}
+    for window in scenario.maneuver:
+        edges |= {window.start_s, window.end_s}
+    for mark in (*failed, *found):
+        edges |= {mark.start_s, mark.end_s}
+
+    def texts(marks: Sequence[events.Mark], edge: float) -> list[str]:
+        return [mark.text for mark in marks if mark.start_s <= edge < mark.end_s or edge == mark.start_s]
+
+    return [
+        {
+            "at": edge,
+            "command": events.commanded(scenario, edge),
+            "failed": texts(failed, edge),
+            "found": texts(found, edge),
+        }
+        for edge in sorted(edges)
+    ]
+
+
+def _ticks(run: Run, failed: Sequence[events.Mark], found: Sequence[events.Mark]) -> list[dict[str, object]]:
+    """Lists the events for the slider: what happens, and what is declared."""
+    end_s = float(run.time_s[-1])
+    ticks = [{"at": mark.start_s, "kind": "failed", "text": mark.text} for mark in failed]
+    ticks += [
+        {"at": jump.time_s, "kind": "payload", "text": f"payload: {jump.kind}"}
+        for jump in run.scenario.jumps
+        if jump.time_s <= end_s
+    ]
+    ticks += [
+        {"at": entry.time_s, "kind": "found", "text": f"declared: {events.headline(entry)}"}
+        for entry in run.results.detections
+    ]
+    return sorted(ticks, key=lambda tick: float(str(tick["at"])))
 
 
 def _center(run: Run) -> Array:
@@ -190,8 +258,3 @@ def _attitudes(run: Run) -> Array:
         mean = 0.5 * (before + after)
         attitudes[row + 1] = propagated(attitudes[row], mean, run.scenario.vehicle_data.sample_period_s)
     return attitudes
-
-
-def _changes(values: Array | NDArray[np.bool_]) -> NDArray[np.int_]:
-    """Finds the first row and every row that differs from the one before it, shape (k,)."""
-    return np.concatenate([[0], np.flatnonzero(np.any(np.diff(values, axis=0) != 0.0, axis=1)) + 1])

@@ -225,13 +225,13 @@ def _shape(steps: bool) -> str:
     return "hv" if steps else "linear"
 
 
-def numbers(values: Array) -> list[float | None]:
+def numbers(values: Array, *, digits: int = _DIGITS) -> list[float | None]:
     """Plain numbers, rounded as plots need them; None for what is not finite."""
-    return [_rounded(value) if math.isfinite(value) else None for value in values.tolist()]
+    return [_rounded(value, digits) if math.isfinite(value) else None for value in values.tolist()]
 
 
-def _rounded(value: float) -> float:
-    return float(f"{value:.{_DIGITS}g}")
+def _rounded(value: float, digits: int = _DIGITS) -> float:
+    return float(f"{value:.{digits}g}")
 
 
 # ------------------------------------------------------------------------------------------ shapes

@@ -34,7 +34,7 @@ class Live:
         n_jets = len(self._vehicle.jets)
         self._firing = np.zeros(n_jets, dtype=bool)
         self._out = np.zeros(n_jets, dtype=bool)
-        self._marks = [self._stage.add_mark("found", "", jet) for jet in range(n_jets)]
+        self._marks = [self._stage.add_mark("found", jet) for jet in range(n_jets)]
         self._began: float | None = None
 
     @property

@@ -17,6 +17,7 @@ from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from massprop_drake.display.style import (
     ESTIMATE_COLOR,
     FAILED_COLOR,
+    PAYLOAD_COLOR,
     PLUME_COLOR,
     SUSPECT_COLOR,
     TRUTH_COLOR,
@@ -36,6 +37,7 @@ Array = NDArray[np.float64]
 SHOWN = 0.02  # of the full thrust; below it there is no plume
 _OPACITY = 0.6  # of the body: the centers of mass lie inside
 _EXTENT = 4.0  # of the vehicle in Meshcat's lengths, which its lights are made for
+_VIEW = np.array([0.46, -0.64, 0.36])  # direction of the camera, and its distance in extents
 _BODY = "/world/body"
 _STRUCTURE = f"{_BODY}/structure"  # the vehicle frame
 _MARKS = {"failed": (FAILED_COLOR, 1.0), "found": (SUSPECT_COLOR, 1.5)}  # color and size
@@ -46,6 +48,11 @@ class Stage:
 
     Methods take the time of a change in the recording, s; None shows it at once.
 
+    Attributes:
+        meshcat: what shows it.
+        axis: length of the axes, a round number, ft or m.
+        spread: least and largest half axis of the 3-sigma ellipsoid that is shown, ft or m.
+
     Args:
         vehicle: the one to show.
         truth: whether to show the true center of mass.
@@ -54,6 +61,8 @@ class Stage:
     def __init__(self, vehicle: Vehicle, *, truth: bool):
         self._vehicle = vehicle
         self._extent = _extent(vehicle)
+        self.axis = round_length(0.62 * self._extent)
+        self.spread = (0.002 * self._extent, 0.35 * self._extent)
         self.meshcat = _quiet_meshcat()
         self._prepare()
         self._draw_body()
@@ -76,19 +85,27 @@ class Stage:
 
     def estimate(self, position: Array, deviation: Array, at_s: float | None = None) -> None:
         """Moves the estimated center of mass and scales its 3-sigma ellipsoid, ft or m, shape (3,) each."""
-        path, smallest = f"{_STRUCTURE}/estimate", 0.002 * self._extent
-        spread = np.clip(np.nan_to_num(3.0 * deviation), smallest, 0.35 * self._extent)
+        path = f"{_STRUCTURE}/estimate"
+        spread = np.clip(np.nan_to_num(3.0 * deviation), *self.spread)
         self.meshcat.SetTransform(path, RigidTransform(np.nan_to_num(position)), at_s)
         self.meshcat.SetProperty(f"{path}/spread", "scale", spread.tolist(), at_s)
 
-    def add_mark(self, kind: str, name: str, jet: int) -> str:
+    def add_mark(self, kind: str, jet: int) -> str:
         """Adds a hidden mark to a jet, "failed" or "found", and returns its path for `show`."""
         color, size = _MARKS[kind]
-        path = f"{_STRUCTURE}/marks/{kind}{name}_{jet}"
+        path = f"{_STRUCTURE}/marks/{kind}{jet}"
         self.meshcat.SetObject(path, Sphere(0.022 * size * self._extent), _rgba(color, 0.55))
         self.meshcat.SetTransform(path, RigidTransform(self._vehicle.positions[jet]))
         self.show(path, False)
         return path
+
+    def add_payload(self, number: int, mass: float, position: Array) -> None:
+        """Adds a payload, slug or kg, at a point of the vehicle frame, ft or m, shape (3,)."""
+        share = mass / self._vehicle.nominal.mass
+        radius = 0.08 * self._extent * min(max(share, 0.02), 2.0) ** (1.0 / 3.0)
+        path = f"{_STRUCTURE}/payloads/{number}"
+        self.meshcat.SetObject(path, Sphere(radius), _rgba(PAYLOAD_COLOR, 0.6))
+        self.meshcat.SetTransform(path, RigidTransform(position))
 
     def show(self, path: str, shown: bool, at_s: float | None = None) -> None:
         """Shows or hides a mark."""
@@ -103,15 +120,14 @@ class Stage:
             self.meshcat.SetProperty(path, "visible", False)
         self.meshcat.SetProperty("/Background/<object>", "top_color", [0.93, 0.95, 0.98])
         self.meshcat.SetProperty("/Background/<object>", "bottom_color", [0.75, 0.79, 0.85])
-        camera = _EXTENT * np.array([0.46, -0.64, 0.36])
-        self.meshcat.SetCameraPose(camera, np.zeros(3))
+        self.meshcat.SetCameraPose(_EXTENT * _VIEW, np.zeros(3))
 
     def _draw_body(self) -> None:
         for number, solid in enumerate(self._vehicle.shape or _box(self._vehicle)):
             _draw_solid(self.meshcat, f"{_STRUCTURE}/shape/{number}", solid)
 
     def _draw_axes(self) -> None:
-        length, radius = 0.62 * self._extent, 0.003 * self._extent
+        length, radius = self.axis, 0.003 * self._extent
         for axis, color in enumerate(((0.8, 0.2, 0.2), (0.2, 0.6, 0.2), (0.2, 0.3, 0.8))):
             direction = np.eye(3)[axis]
             path = f"{_BODY}/axes/{'xyz'[axis]}"
@@ -160,6 +176,12 @@ def _extent(vehicle: Vehicle) -> float:
         reach = _reach(solid)
         corners += [np.array(solid.position) - reach, np.array(solid.position) + reach]
     return float(np.ptp(np.array(corners), axis=0).max()) or 1.0
+
+
+def round_length(length: float) -> float:
+    """Returns the longest with one digit that is no longer."""
+    power = 10.0 ** np.floor(np.log10(length))
+    return float(power * np.floor(length / power * (1.0 + 1e-9)))
 
 
 def _reach(solid: Solid) -> float:

@@ -317,7 +317,7 @@ def test_no_text_of_the_user_reaches_the_scene(orbiter: Vehicle, stuck_run: Run)
     scenes = []
     for vehicle in (orbiter, spoilt):
         stage = Stage(vehicle, truth=True)
-        stage.add_mark("found", "", 0)
+        stage.add_mark("found", 0)
         scenes.append(stage.meshcat.StaticHtml())
     assert scenes[0] == scenes[1]
 
