@@ -5,11 +5,13 @@ from __future__ import annotations
 import json
 import math
 import sys
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from statistics import median
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+from rich.box import HEAVY_HEAD
 from rich.console import Console
 from rich.style import Style
 from rich.table import Table
@@ -23,7 +25,6 @@ from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.signals import SYMBOLS, mass_property_units
 
 if TYPE_CHECKING:
-    from massprop_drake.maths.mass_properties import Derived
     from massprop_drake.results.consistency import Consistency
     from massprop_drake.results.detections import DetectionRecord
     from massprop_drake.results.events import EventRecord
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
 _VERDICT_STYLES = {"holds": "green", "holds within spread": "cyan", "differs": "yellow"}
 # share of the width by heading; None: as wide as it needs
 _CLAIM_COLUMNS = {"claim": 4, "source": None, "its words": 4, "expected": 3, "measured": 3, "verdict": 3}
+_ANY_WIDTH = 10_000  # characters, for a table as wide as it needs
 _INERTIA = (("Ixx", 0, 0), ("Iyy", 1, 1), ("Izz", 2, 2), ("Iyz", 1, 2), ("Ixz", 0, 2), ("Ixy", 0, 1))
 
 
@@ -102,26 +104,7 @@ def simulated(results: Summary, vehicle: Vehicle, folder: Path) -> None:
     """Prints the table of ten parameters, how the run went, and where its files are."""
     console = Terminal(120)
     title = f"{results.scenario}: {results.vehicle}, {results.duration_s:g} s, seed {results.seed}"
-    table = _table(title, "parameter", "unit", "estimate", "truth", "error %", "1-sigma", "1-sigma %", "within 3 sigma")
-    not_excited = {entry.parameter for entry in results.identifiability if entry.flag == "not_excited"}
-    for symbol, unit, one in _parameters(results, vehicle):
-        if math.isnan(one.estimate):
-            table.add_row(symbol, unit, "not observable", f"{one.truth:.6g}", *["-"] * 4)
-            continue
-        inside: Any = "yes" if one.within_three_sigma else console.words(("no", "bold red"))
-        comparable = not math.isnan(one.percent_error)
-        table.add_row(
-            symbol,
-            unit,
-            f"{one.estimate:.6g}",
-            f"{one.truth:.6g}",
-            f"{one.percent_error:+.4f}" if comparable else "-",
-            f"{one.standard_deviation:.3g}",
-            f"{100.0 * one.standard_deviation / abs(one.truth):.4f}" if comparable else "-",
-            "not excited" if one.name in not_excited and one.within_three_sigma else inside,
-        )
-    _add_derived(table, results.derived, vehicle, before=("-",) * 2, after=("-",))
-    console.print(table)
+    _print_parameters(console, title, results, vehicle, truth=True)
     console.say(_consistency(results.consistency))
     _say_doubts(console, results)
     autopilot = results.autopilot
@@ -146,14 +129,7 @@ def estimated(results: Summary, vehicle: Vehicle, folder: Path) -> None:
     console = Terminal(120)
     quality = results.data_quality or {}
     title = f"{results.provenance.telemetry}: {results.vehicle}, {results.duration_s:g} s"
-    table = _table(title, "parameter", "unit", "estimate", "1-sigma", "1-sigma %")
-    for symbol, unit, one in _parameters(results, vehicle):
-        if math.isnan(one.estimate):
-            table.add_row(symbol, unit, "not observable", "-", "-")
-        else:
-            table.add_row(symbol, unit, *_with_percent(one.estimate, one.standard_deviation))
-    _add_derived(table, results.derived, vehicle)
-    console.print(table)
+    _print_parameters(console, title, results, vehicle, truth=False)
     for warning in quality["warnings"]:
         console.say(("warning:", "bold yellow"), f"     {warning}")
     console.say(_consistency(results.consistency))
@@ -192,16 +168,16 @@ def side_by_side(found: Iterable[tuple[str, Summary]], vehicle: Vehicle) -> None
         vehicle: whose runs they are.
     """
     runs = list(found)
-    console = Terminal(160)
-    table = _table("estimates side by side", "parameter", "unit")
+    headings, spare = ["parameter", "unit"], []
     for name, results in runs:
         what = "error %" if any(not math.isnan(one.percent_error) for one in results.parameters) else "estimate"
-        table.add_column(f"{Path(name).name}: {what}", justify="right")
-        table.add_column("1-sigma %", justify="right")
-    for index, (symbol, unit) in enumerate(zip(SYMBOLS, mass_property_units(vehicle.unit_names), strict=True)):
-        cells = [cell for _, results in runs for cell in _compared(results.parameters[index], results)]
-        table.add_row(symbol, unit, *cells)
-    console.print(table)
+        headings += [f"{visible(Path(name).name)}\n{column}" for column in (what, "1-sigma %")]
+        spare.append(headings[-1])
+    rows = [
+        [symbol, unit, *(cell for _, results in runs for cell in _compared(results.parameters[index], results))]
+        for index, (symbol, unit) in enumerate(zip(SYMBOLS, mass_property_units(vehicle.unit_names), strict=True))
+    ]
+    print_table(Terminal(160), "estimates side by side", headings, rows, spare=("unit", *spare))
 
 
 def _compared(one: Parameter, results: Summary) -> tuple[str, str]:
@@ -209,14 +185,10 @@ def _compared(one: Parameter, results: Summary) -> tuple[str, str]:
     if math.isnan(one.estimate):
         return "not observable", "-"
     simulated = any(not math.isnan(other.truth) for other in results.parameters)
-    if not simulated:
-        return (
-            f"{one.estimate:.6g}",
-            f"{100.0 * one.standard_deviation / abs(one.estimate):.4f}" if one.estimate else "-",
-        )
-    if math.isnan(one.percent_error):
-        return "-", "-"
-    return f"{one.percent_error:+.5f}", f"{100.0 * one.standard_deviation / abs(one.truth):.5f}"
+    what = f"{one.percent_error:+.5f}" if simulated else f"{one.estimate:.6g}"
+    if simulated and math.isnan(one.percent_error):
+        what = "-"
+    return what, "-" if math.isnan(one.percent_deviation) else f"{one.percent_deviation:.5f}"
 
 
 def declared(entry: DetectionRecord, vehicle: Vehicle) -> None:
@@ -230,11 +202,51 @@ def told(event: EventRecord, vehicle: Vehicle) -> None:
         say(_told(event, vehicle))
 
 
-def _table(title: str, *headings: str) -> Table:
-    table = Table(title=title, title_justify="left", header_style="bold")
-    for heading in headings:
-        table.add_column(heading, justify="left" if heading in ("parameter", "unit") else "right")
-    return table
+def print_table(
+    console: Terminal,
+    title: str,
+    headings: Sequence[str],
+    rows: Iterable[Sequence[Text | str] | None],
+    *,
+    spare: Sequence[str] = (),
+    absent: Sequence[str] = (),
+) -> None:
+    """Prints a table of which no cell is ever cut.
+
+    Where it is too wide for the terminal it goes without its frame, then closer, and then without columns. What is
+    still too wide is printed as wide as it is.
+
+    Args:
+        console: to print on.
+        title: above it.
+        headings: of the columns, in one line or several.
+        rows: cells, "-" where one is missing at the end; None: a line between two sections.
+        spare: headings of columns that can be spared, the first one first.
+        absent: headings of columns that are never printed.
+    """
+    every = list(rows)
+    layouts = [(HEAVY_HEAD, 1, 0), (None, 2, 0), *((None, 1, count) for count in range(len(spare) + 1))]
+    for frame, gap, left_out in layouts:
+        kept = [place for place, heading in enumerate(headings) if heading not in (*absent, *spare[:left_out])]
+        padding = (0, gap, 0, 1 if frame else 0)
+        table = Table(title=title, title_justify="left", header_style="bold", box=frame, padding=padding)
+        for place in kept:
+            left = headings[place] in ("parameter", "unit", "")
+            lines = Text("\n").join(map(console.render_str, headings[place].split("\n")))
+            table.add_column(lines, justify="left" if left else "right", no_wrap=True)
+        for row in every:
+            if row is None and frame:
+                table.add_section()
+            elif row is None:
+                table.add_row()
+            else:
+                cells = [*row, *["-"] * (len(headings) - len(row))]
+                table.add_row(*(cells[place] for place in kept))
+        width = console.measure(table, options=console.options.update(max_width=_ANY_WIDTH)).maximum
+        if width <= console.width:
+            break
+    console.width = max(console.width, width)
+    console.print(table)
 
 
 def _parameters(results: Summary, vehicle: Vehicle) -> Iterator[tuple[str, str, Parameter]]:
@@ -242,36 +254,88 @@ def _parameters(results: Summary, vehicle: Vehicle) -> Iterator[tuple[str, str, 
     return zip(SYMBOLS, mass_property_units(vehicle.unit_names), results.parameters, strict=True)
 
 
-def _with_percent(value: float, std: float) -> tuple[str, str, str]:
-    return f"{value:.6g}", f"{std:.3g}", f"{100.0 * std / abs(value):.4f}" if value else "-"
+def _print_parameters(console: Terminal, title: str, results: Summary, vehicle: Vehicle, *, truth: bool) -> None:
+    """Prints the ten parameters, and below them the mass and the inertia that follow from them.
 
-
-def _add_derived(
-    table: Table,
-    derived: Derived,
-    vehicle: Vehicle,
-    *,
-    before: tuple[str, ...] = (),
-    after: tuple[str, ...] = (),
-) -> None:
-    """Adds rows for the mass and the inertia that follow from the estimates.
-
-    Args:
-        table: with columns for estimate, 1-sigma and that in percent.
-        derived: see `Derived`.
-        vehicle: for units.
-        before, after: cells between the estimate and its 1-sigma, and after them.
+    The numbers of a row have the power of ten that stands with its unit.
     """
-    units = vehicle.unit_names
-    rows = [("m", units["mass"], derived.mass, derived.mass_std)]
+    headings = ["parameter", "unit", "estimate", "truth", "error %", "1-sigma", "1-sigma %", "in 3 sigma"]
+    flags = {entry.parameter: entry.flag for entry in results.identifiability}
+    rows: list[list[Text | str] | None] = []
+    for symbol, unit, one in _parameters(results, vehicle):
+        if math.isnan(one.estimate):
+            power = _power(one.truth if truth else math.nan)
+            rows.append([symbol, _in_power(unit, power), "not observable", _scaled(one.truth, math.nan, power)])
+            continue
+        inside: Text | str = "yes" if one.within_three_sigma else console.words(("no", "bold red"))
+        not_excited = flags.get(one.name) == "not_excited" and one.within_three_sigma
+        cells = _cells(unit, one.estimate, one.standard_deviation, one.truth, one.percent_error, one.percent_deviation)
+        rows.append([symbol, *cells, "not excited" if not_excited else inside])
+    rows.append(None)
+    for name, unit, value, deviation, true in _derived(results, vehicle):
+        error = 100.0 * (value - true) / abs(true) if true else math.nan
+        relative = 100.0 * deviation / abs(value) if value else math.nan
+        rows.append([name, *_cells(unit, value, deviation, true, error, relative)])
+    unknown = () if truth else ("truth", "error %", "in 3 sigma")
+    print_table(console, title, headings, rows, spare=("1-sigma %", "in 3 sigma", "truth"), absent=unknown)
+
+
+def _derived(results: Summary, vehicle: Vehicle) -> Iterator[tuple[str, str, float, float, float]]:
+    """Yields mass and inertia with unit, value, 1-sigma and truth; NaN for what is not known."""
+    from massprop_drake.maths import mass_properties  # noqa: PLC0415 (not for the help)
+
+    units, derived = vehicle.unit_names, results.derived
+    true = mass_properties.derived(results.truth, np.zeros((10, 10)))
+    yield "m", units["mass"], _number_or_nan(derived.mass), _number_or_nan(derived.mass_std), _number_or_nan(true.mass)
     if derived.inertia is not None and derived.inertia_std is not None:
+        unit = f"{units['mass']}-{units['length']}^2"
         for name, i, j in _INERTIA:
-            unit = f"{units['mass']}-{units['length']}^2"
-            rows.append((name, unit, float(derived.inertia[i, j]), float(derived.inertia_std[i, j])))
-    table.add_section()
-    for name, unit, value, std in rows:
-        cells = ("-", "-", "-") if value is None or std is None else _with_percent(value, std)
-        table.add_row(name, unit, cells[0], *before, *cells[1:], *after)
+            truth = math.nan if true.inertia is None else float(true.inertia[i, j])
+            yield name, unit, float(derived.inertia[i, j]), float(derived.inertia_std[i, j]), truth
+
+
+def _number_or_nan(value: float | None) -> float:
+    return math.nan if value is None else value
+
+
+def _cells(unit: str, value: float, deviation: float, truth: float, error: float, relative: float) -> list[str]:
+    """Formats unit, estimate, truth, error in percent, 1-sigma and that in percent, by one power of ten."""
+    power = _power(value, truth, deviation)
+    estimate, true, sigma = (_scaled(number, deviation, power) for number in (value, truth, deviation))
+    return [_in_power(unit, power), estimate, true, _percent(error, "+"), sigma, _percent(relative)]
+
+
+_PLAIN = 1e-3, 1e5  # magnitudes that are written without a power of ten
+
+
+def _power(*values: float) -> int:
+    """The power of ten, a multiple of three, by which values are written: that of the first that is none or NaN."""
+    size = next((abs(value) for value in values if value and math.isfinite(value)), 1.0)
+    return 0 if _PLAIN[0] <= size < _PLAIN[1] else 3 * math.floor(math.log10(size) / 3.0)
+
+
+def _in_power(unit: str, power: int) -> str:
+    """Writes a unit with a power of ten: '1e-6/(slug-ft^2)', '1e3 slug-ft^2'."""
+    return unit if not power else f"1e{power}{unit.removeprefix('1')}" if unit.startswith("1/") else f"1e{power} {unit}"
+
+
+def _scaled(value: float, deviation: float, power: int) -> str:
+    """Formats a value by a power of ten, to two digits of its 1-sigma and to six of its own at the most."""
+    if math.isnan(value):
+        return "-"
+    scaled, digits = value / 10.0**power, 6
+    if deviation > 0.0 and math.isfinite(deviation):
+        digits = 1 - math.floor(math.log10(deviation / 10.0**power))
+    if value:
+        digits = min(digits, 5 - math.floor(math.log10(abs(scaled))))
+    return f"{scaled:.{max(0, digits)}f}"
+
+
+def _percent(value: float, sign: str = "") -> str:
+    """Formats a percentage; '-' for NaN."""
+    if math.isnan(value):
+        return "-"
+    return f"{value:{sign}.4f}" if abs(value) < 1e4 else f"{value:{sign}.2e}"
 
 
 def _consistency(found: Consistency) -> str:
@@ -469,20 +533,14 @@ def compared(found: Mapping[str, Any]) -> None:
         if not column["differences"]:
             continue
         baseline = found["columns"][column["baseline"]]["label"]
-        table = _table(f"{column['label']}, compared with {baseline}", "", "there", "here", "difference", "95 %", "p")
+        rows = []
         for one in column["differences"]:
             difference = one["difference"]
+            numbers = (one["baseline"], one["here"], difference["value"])
             bounds = f"{_short(difference['low'])} to {_short(difference['high'])}"
-            cells = (
-                _short(one["baseline"]),
-                _short(one["here"]),
-                _short(difference["value"]),
-                bounds,
-                _short(one["p"]),
-            )
-            table.add_row(one["what"], *cells)
-        table.columns[0].justify = "left"
-        console.print(table)
+            rows.append([one["what"], *map(_short, numbers), bounds, _short(one["p"])])
+        title = f"{column['label']}, compared with {baseline}"
+        print_table(console, title, ["", "there", "here", "difference", "95 %", "p"], rows)
 
 
 def _short(value: float | None) -> str:

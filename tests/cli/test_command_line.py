@@ -94,7 +94,7 @@ def test_run_writes_a_folder_and_prints_the_estimates(massprop: Massprop) -> Non
     assert _summary(folder)["duration_s"] == pytest.approx(2.96)
     for parameter in ("Ixx⁻¹", "Iyy⁻¹", "Izz⁻¹", "Iyz⁻¹", "Ixz⁻¹", "Ixy⁻¹", "x_cm", "y_cm", "z_cm", "1/m"):
         assert parameter in done.out
-    for heading in ("estimate", "truth", "error %", "1-sigma", "within 3 sigma"):
+    for heading in ("estimate", "truth", "error %", "1-sigma", "in 3 sigma"):
         assert heading in done.out
     assert "files:       runs/sample_maneuver/" in done.out
 
