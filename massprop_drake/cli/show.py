@@ -5,12 +5,11 @@ from __future__ import annotations
 import json
 import math
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from statistics import median
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 from rich.box import HEAVY_HEAD
 from rich.console import Console
 from rich.style import Style
@@ -35,7 +34,6 @@ _VERDICT_STYLES = {"holds": "green", "holds within spread": "cyan", "differs": "
 # share of the width by heading; None: as wide as it needs
 _CLAIM_COLUMNS = {"claim": 4, "source": None, "its words": 4, "expected": 3, "measured": 3, "verdict": 3}
 _ANY_WIDTH = 10_000  # characters, for a table as wide as it needs
-_INERTIA = (("Ixx", 0, 0), ("Iyy", 1, 1), ("Izz", 2, 2), ("Iyz", 1, 2), ("Ixz", 0, 2), ("Ixy", 0, 1))
 
 
 class Terminal(Console):
@@ -249,93 +247,22 @@ def print_table(
     console.print(table)
 
 
-def _parameters(results: Summary, vehicle: Vehicle) -> Iterator[tuple[str, str, Parameter]]:
-    """Yields the ten parameters with symbol and unit."""
-    return zip(SYMBOLS, mass_property_units(vehicle.unit_names), results.parameters, strict=True)
-
-
 def _print_parameters(console: Terminal, title: str, results: Summary, vehicle: Vehicle, *, truth: bool) -> None:
     """Prints the ten parameters, and below them the mass and the inertia that follow from them.
 
     The numbers of a row have the power of ten that stands with its unit.
     """
+    from massprop_drake.results import table  # noqa: PLC0415 (slow to load)
+
     headings = ["parameter", "unit", "estimate", "truth", "error %", "1-sigma", "1-sigma %", "in 3 sigma"]
-    flags = {entry.parameter: entry.flag for entry in results.identifiability}
     rows: list[list[Text | str] | None] = []
-    for symbol, unit, one in _parameters(results, vehicle):
-        if math.isnan(one.estimate):
-            power = _power(one.truth if truth else math.nan)
-            rows.append([symbol, _in_power(unit, power), "not observable", _scaled(one.truth, math.nan, power)])
-            continue
-        inside: Text | str = "yes" if one.within_three_sigma else console.words(("no", "bold red"))
-        not_excited = flags.get(one.name) == "not_excited" and one.within_three_sigma
-        cells = _cells(unit, one.estimate, one.standard_deviation, one.truth, one.percent_error, one.percent_deviation)
-        rows.append([symbol, *cells, "not excited" if not_excited else inside])
+    for row in table.parameters(results, vehicle.unit_names, truth=truth):
+        inside: Text | str = console.words(("no", "bold red")) if row.inside == "no" else row.inside
+        rows.append([*row[:7], inside])
     rows.append(None)
-    for name, unit, value, deviation, true in _derived(results, vehicle):
-        error = 100.0 * (value - true) / abs(true) if true else math.nan
-        relative = 100.0 * deviation / abs(value) if value else math.nan
-        rows.append([name, *_cells(unit, value, deviation, true, error, relative)])
+    rows += [list(row[:7]) for row in table.derived(results, vehicle.unit_names)]
     unknown = () if truth else ("truth", "error %", "in 3 sigma")
     print_table(console, title, headings, rows, spare=("1-sigma %", "in 3 sigma", "truth"), absent=unknown)
-
-
-def _derived(results: Summary, vehicle: Vehicle) -> Iterator[tuple[str, str, float, float, float]]:
-    """Yields mass and inertia with unit, value, 1-sigma and truth; NaN for what is not known."""
-    from massprop_drake.maths import mass_properties  # noqa: PLC0415 (not for the help)
-
-    units, derived = vehicle.unit_names, results.derived
-    true = mass_properties.derived(results.truth, np.zeros((10, 10)))
-    yield "m", units["mass"], _number_or_nan(derived.mass), _number_or_nan(derived.mass_std), _number_or_nan(true.mass)
-    if derived.inertia is not None and derived.inertia_std is not None:
-        unit = f"{units['mass']}-{units['length']}^2"
-        for name, i, j in _INERTIA:
-            truth = math.nan if true.inertia is None else float(true.inertia[i, j])
-            yield name, unit, float(derived.inertia[i, j]), float(derived.inertia_std[i, j]), truth
-
-
-def _number_or_nan(value: float | None) -> float:
-    return math.nan if value is None else value
-
-
-def _cells(unit: str, value: float, deviation: float, truth: float, error: float, relative: float) -> list[str]:
-    """Formats unit, estimate, truth, error in percent, 1-sigma and that in percent, by one power of ten."""
-    power = _power(value, truth, deviation)
-    estimate, true, sigma = (_scaled(number, deviation, power) for number in (value, truth, deviation))
-    return [_in_power(unit, power), estimate, true, _percent(error, "+"), sigma, _percent(relative)]
-
-
-_PLAIN = 1e-3, 1e5  # magnitudes that are written without a power of ten
-
-
-def _power(*values: float) -> int:
-    """The power of ten, a multiple of three, by which values are written: that of the first that is none or NaN."""
-    size = next((abs(value) for value in values if value and math.isfinite(value)), 1.0)
-    return 0 if _PLAIN[0] <= size < _PLAIN[1] else 3 * math.floor(math.log10(size) / 3.0)
-
-
-def _in_power(unit: str, power: int) -> str:
-    """Writes a unit with a power of ten: '1e-6/(slug-ft^2)', '1e3 slug-ft^2'."""
-    return unit if not power else f"1e{power}{unit.removeprefix('1')}" if unit.startswith("1/") else f"1e{power} {unit}"
-
-
-def _scaled(value: float, deviation: float, power: int) -> str:
-    """Formats a value by a power of ten, to two digits of its 1-sigma and to six of its own at the most."""
-    if math.isnan(value):
-        return "-"
-    scaled, digits = value / 10.0**power, 6
-    if deviation > 0.0 and math.isfinite(deviation):
-        digits = 1 - math.floor(math.log10(deviation / 10.0**power))
-    if value:
-        digits = min(digits, 5 - math.floor(math.log10(abs(scaled))))
-    return f"{scaled:.{max(0, digits)}f}"
-
-
-def _percent(value: float, sign: str = "") -> str:
-    """Formats a percentage; '-' for NaN."""
-    if math.isnan(value):
-        return "-"
-    return f"{value:{sign}.4f}" if abs(value) < 1e4 else f"{value:{sign}.2e}"
 
 
 def _consistency(found: Consistency) -> str:

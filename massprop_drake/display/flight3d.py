@@ -11,13 +11,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_drake.display import events, instruments, interactive, templates
-from massprop_drake.display.stage import SHOWN, Stage
+from massprop_drake.display import events, instruments, interactive, plots, templates
+from massprop_drake.display.stage import Stage
 from massprop_drake.display.style import (
     ESTIMATE_COLOR,
     FAILED_COLOR,
     PAYLOAD_COLOR,
     PLUME_COLOR,
+    SHOWN,
     SUSPECT_COLOR,
     TRUTH_COLOR,
     UNTOLD_COLOR,
@@ -126,13 +127,13 @@ def _flight(run: Run, stage: Stage, commands: int) -> dict[str, object]:
     vehicle, time_s = run.scenario.vehicle_data, np.asarray(run.time_s)
     failed, found = events.failures(run), events.found(run)
     level, asked = _levels(run), np.nan_to_num(np.asarray(run["command"])) > 0.0
-    fails = _marked(run, failed)
+    fails = plots.failing(time_s, run.scenario)
     given = level > SHOWN
     lists = {
         "given": given & (asked | ~fails),
         "untold": given & ~asked & fails,
         "withheld": asked & ~given & fails,
-        "failed": fails,
+        "failed": _marked(run, failed),
         "found": _marked(run, found),
     }
     estimate, deviation = (np.asarray(run[name])[:, CENTER_OF_MASS] for name in ("estimate", "standard_deviation"))

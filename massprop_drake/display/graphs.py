@@ -52,6 +52,7 @@ def dot_text(diagram: Diagram, depth: int) -> str:
     def renumbered(match: re.Match[str]) -> str:
         return f"{match.group(1)}{numbers.setdefault(match.group(2), len(numbers))}"
 
+    text = re.sub(r"(?<=<B>)[\w.]+\.(?=\w+</B>)", "", text)  # of a class its name, not where it is from
     text = re.sub(r"\b(_|s|cluster|clusters)(\d+)(?=(?:diagram|subsystems|in|out)?\b)", renumbered, text)
     # and Drake lists the connections of a diagram in no fixed order
     lines: list[str] = []

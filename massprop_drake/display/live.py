@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_drake.display.stage import SHOWN, Stage
+from massprop_drake.display.stage import Stage
+from massprop_drake.display.style import SHOWN
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.maths.mass_properties import CENTER_OF_MASS
 

@@ -34,7 +34,6 @@ from massprop_drake.inputs.vehicle import (
 
 Array = NDArray[np.float64]
 
-SHOWN = 0.02  # of the full thrust; below it there is no plume
 _OPACITY = 0.6  # of the body: the centers of mass lie inside
 _EXTENT = 4.0  # of the vehicle in Meshcat's lengths, which its lights are made for
 _VIEW = np.array([0.46, -0.64, 0.36])  # direction of the camera, and its distance in extents

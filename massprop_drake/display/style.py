@@ -14,7 +14,10 @@ WITHHELD_COLOR = "#5A6675"  # of a failed one that was told to fire and does not
 PAYLOAD_COLOR = "#009E73"
 BAND_COLOR = "#9AA5B1"  # what surrounds a curve, and what stands behind the others
 WINDOW_COLOR = "#E69F00"  # a hand controller is out of detent
+UNARMED_COLOR = "#56636F"  # the detector is not armed
 DECLARED_COLOR = "#D55E00"  # the detector declares a failure or a jump
+
+SHOWN = 0.02  # of the full thrust; below it no jet is shown to fire
 
 BAND_OPACITY = 0.35
 WINDOW_OPACITY = 0.10

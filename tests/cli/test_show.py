@@ -17,6 +17,7 @@ from massprop_drake.cli import show, streams
 from massprop_drake.inputs.model import keys
 from massprop_drake.inputs.scenario import Scenario, load_scenario
 from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.results import table
 from massprop_drake.results.detections import DetectionRecord
 
 STUCK_ON = DetectionRecord(
@@ -261,7 +262,7 @@ def test_eighty_columns_hold_all_that_matters(
     ],
 )
 def test_a_number_has_two_digits_of_its_sigma_and_six_at_most(value: float, deviation: float, expected: str) -> None:
-    assert show._scaled(value, deviation, show._power(value, math.nan, deviation)) == expected
+    assert table._scaled(value, deviation, table._power(value, math.nan, deviation)) == expected
 
 
 @pytest.mark.parametrize(
@@ -269,4 +270,4 @@ def test_a_number_has_two_digits_of_its_sigma_and_six_at_most(value: float, devi
     [("1/slug", -6, "1e-6/slug"), ("slug-ft^2", 3, "1e3 slug-ft^2"), ("ft", 0, "ft")],
 )
 def test_a_unit_has_the_power_of_ten(unit: str, power: int, expected: str) -> None:
-    assert show._in_power(unit, power) == expected
+    assert table._in_power(unit, power) == expected

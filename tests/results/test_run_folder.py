@@ -449,7 +449,7 @@ def test_files_have_the_permissions_of_other_files(short_run: Run, tmp_path: Pat
 
 
 def test_a_folder_without_a_run_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="nowhere: holds no run that can be read"):
+    with pytest.raises(InputError, match="nowhere: there is no such run"):
         Run.load(tmp_path / "nowhere")
     with pytest.raises(InputError, match="holds no run that can be read"):
         Run.load(tmp_path)
