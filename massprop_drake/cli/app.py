@@ -321,13 +321,18 @@ def graph(
     for name in names:
         if name not in graphs.DIAGRAMS:
             raise InputError(f"'{name}' is no diagram{suggestion(name, list(graphs.DIAGRAMS))}")
-    require_files(out, [f"{name}.{kind}" for name in names for kind in ("dot", "svg")], force=force)
+    require_files(
+        out,
+        [f"{name}{part}.{kind}" for name in names for part in ("", "_overview") for kind in ("dot", "svg")],
+        force=force,
+    )
     files, drawn = {}, True
     for name in names:
         diagram = graphs.build(name)
         shallow = graphs.dot_text(diagram, 1)
         deep = graphs.dot_text(diagram, 2)
-        for dot, suffix in [(shallow, ""), *([(deep, "_inside")] if deep != shallow else [])]:
+        drawings = {"_overview": graphs.overview_text(diagram), "": shallow}
+        for suffix, dot in (drawings | ({} if deep == shallow else {"_inside": deep})).items():
             files[f"{name}{suffix}.dot"] = dot.encode()
             svg = graphs.svg_text(dot)
             drawn = drawn and svg is not None

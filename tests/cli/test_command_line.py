@@ -446,7 +446,7 @@ def test_check_shows_the_keys_of_a_kind_of_file(massprop: Massprop, kind: str, n
 def test_graph_writes_dot_and_svg(massprop: Massprop) -> None:
     done = massprop("graph", "autopilot", "--out", "graphs")
     assert (done.status, done.err) == (0, "")
-    names = ["autopilot.dot", "autopilot.svg"]  # nothing in it can be opened
+    names = ["autopilot.dot", "autopilot.svg", "autopilot_overview.dot", "autopilot_overview.svg"]  # nothing to open
     assert sorted(path.name for path in Path("graphs").iterdir()) == [*names, "manifest.json"]
     assert sorted(Path(line).name for line in done.out.splitlines()) == names
     assert "digraph" in (Path("graphs") / "autopilot.dot").read_text(encoding="utf-8")
@@ -465,7 +465,8 @@ def test_graph_without_a_program_to_draw_writes_dot_and_says_so(
     assert done.err.startswith("massprop: no SVG: install a program that draws it")
     assert done.err.count("\n") == 1
     nested = {"closed_loop", "open_loop", "replay"}
-    names = {f"{name}.dot" for name in graphs.DIAGRAMS} | {f"{name}_inside.dot" for name in nested}
+    names = {f"{name}{part}.dot" for name in graphs.DIAGRAMS for part in ("", "_overview")}
+    names |= {f"{name}_inside.dot" for name in nested}
     assert {path.name for path in Path("graphs").iterdir()} == names | {"manifest.json"}
     assert massprop("graph", "estimation", "--out", "graphs", "--quiet") == (0, "", "")
 
@@ -479,7 +480,12 @@ def test_graph_replaces_no_file_of_others(massprop: Massprop, monkeypatch: pytes
     assert massprop(*here, "--force") == (0, "", massprop(*here).err)
     assert Path("autopilot.dot.1").read_text(encoding="utf-8") == "mine"
     assert Path("autopilot.dot").read_text(encoding="utf-8").startswith("digraph")
-    assert sorted(_everything(Path())) == ["autopilot.dot", "autopilot.dot.1", "manifest.json"]
+    assert sorted(_everything(Path())) == [
+        "autopilot.dot",
+        "autopilot.dot.1",
+        "autopilot_overview.dot",
+        "manifest.json",
+    ]
 
 
 def test_graph_as_json(massprop: Massprop, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -487,7 +493,7 @@ def test_graph_as_json(massprop: Massprop, monkeypatch: pytest.MonkeyPatch) -> N
     done = massprop("graph", "estimation", "vehicle", "--json")
     assert (done.status, done.err) == (0, "")
     written = json.loads(done.out)
-    assert len(written) == 4
+    assert len(written) == 8
     assert all(Path(name).exists() for name in written)
     assert written[0] == "runs/graphs/estimation.dot"
 
