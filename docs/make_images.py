@@ -82,7 +82,7 @@ def tutorials() -> None:
 def diagrams() -> None:
     """The diagrams that come with the package."""
     for name in DIAGRAMS:
-        draw(graphs.dot_text(graphs.build(name), depth=1), name)
+        draw(graphs.overview_text(graphs.build(name)), f"{name}_overview")
 
 
 def draw(dot: str, name: str) -> None:

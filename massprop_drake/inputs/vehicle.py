@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cached_property
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, field_validator, model_validator
 
-from massprop_drake.errors import suggestion
+from massprop_drake.errors import InputError, suggestion
 from massprop_drake.inputs import plausible
 from massprop_drake.inputs.kinds import bundled, require_kind, require_named
 from massprop_drake.inputs.model import (
@@ -458,6 +458,14 @@ class Vehicle(Model):
         """Names of the units of length, mass and force."""
         return UNITS[self.units]
 
+    def gyro(self, name: str) -> Gyro:
+        """The gyro package of a name; InputError where there is none."""
+        return _of_name("gyro package", name, self.gyros)
+
+    def accelerometer(self, name: str) -> Accelerometer:
+        """The accelerometer package of a name; InputError where there is none."""
+        return _of_name("accelerometer package", name, self.accelerometers)
+
     def jet_index(self, designation: str) -> int:
         """Index of a jet in `jets`; raises KeyError for an unknown designation."""
         try:
@@ -476,6 +484,16 @@ def _require_unique(where: str, what: str, values: list[Any]) -> None:
         if value in seen:
             raise ValueError(f"{where}: {what} {value!r} appears twice; it must be unique")
         seen.add(value)
+
+
+_P = TypeVar("_P", bound=SensorPackage)
+
+
+def _of_name(what: str, name: str, packages: Sequence[_P]) -> _P:
+    found = next((package for package in packages if package.name == name), None)
+    if found is None:
+        raise InputError(f"'{name}' is no {what} of the vehicle{suggestion(name, [one.name for one in packages])}")
+    return found
 
 
 def bundled_vehicles() -> list[str]:

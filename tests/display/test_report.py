@@ -249,6 +249,8 @@ def test_text_stands_out_from_its_ground(report: Any, scheme: str) -> None:
     """WCAG 2.1 AA: a contrast of 4.5 for text, by its own formula, of every color against every ground it stands on."""
     page = report.page
     page.emulate_media(color_scheme=scheme)
+    ink = "getComputedStyle(document.body).color"
+    report.until(f"getComputedStyle(document.querySelector('#plot-detection_timeline .xtick text')).fill === {ink}")
     found = page.evaluate(CONTRASTS)
     assert len(found) > 100
     assert [one for one in found if one["contrast"] < (3.0 if one["large"] else 4.5)] == []
@@ -257,8 +259,8 @@ def test_text_stands_out_from_its_ground(report: Any, scheme: str) -> None:
 @pytest.mark.parametrize("width", [1400, 390])
 def test_nothing_is_wider_than_the_window(report: Any, width: int) -> None:
     report.page.set_viewport_size({"width": width, "height": 800})
-    report.page.wait_for_timeout(300)
-    assert report.page.evaluate("document.documentElement.scrollWidth") <= width
+    report.until("document.documentElement.scrollWidth <= innerWidth")  # plots follow soon after
+    assert report.page.evaluate("innerWidth") == width
 
 
 def test_on_paper_it_has_four_pages_at_the_most(report: Any) -> None:
