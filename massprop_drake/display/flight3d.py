@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from html.parser import HTMLParser
 from itertools import pairwise
@@ -25,6 +26,7 @@ from massprop_drake.display.style import (
     WITHHELD_COLOR,
 )
 from massprop_drake.inputs import params
+from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.maths.attitude import propagated
 from massprop_drake.maths.mass_properties import CENTER_OF_MASS
 from massprop_drake.results.folder import write_page
@@ -35,7 +37,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 _HERE = Path(__file__).parent
-_DIGITS = 7  # of a number in the page
+DIGITS = 7  # of a number in the page
 # Meshcat writes its own styles, and reads the scene from addresses that hold it
 _MESHCAT = {"style-src": "'unsafe-inline'", "connect-src": "data:"}
 
@@ -61,15 +63,28 @@ def write_replay(run: Run, path: str | Path, *, force: bool = False) -> Path:
 def replay_html(run: Run) -> str:
     """Returns the replay as the text of one HTML file that needs no network."""
     run = run.shown()
-    page, stage = _scene(run)
-    library, scene = _scripts(page)
+    page, stage = scene(run.scenario, truth="truth" in run.signals)
+    return flight_page(run.scenario, page, _flight(run, stage))
+
+
+def flight_page(scenario: Scenario, scene_page: str, data: dict[str, Any], *, live: bool = False) -> str:
+    """Returns the page of a flight.
+
+    Args:
+        scenario: that is flown.
+        scene_page: Meshcat's page with the vehicle.
+        data: as `described` begins it.
+        live: whether the rows come from the server of the page.
+    """
+    library, orders = _scripts(scene_page)
+    data["scene"]["commands"] = orders.count("handle_command_bytearray")
     return templates.page(
         _HERE / "replay.html",
-        {"title": f"{run.scenario.vehicle_data.name}: {run.scenario.name}"},
-        data=_flight(run, stage, scene.count("handle_command_bytearray")),
+        {"title": f"{scenario.vehicle_data.name}: {scenario.name}"},
+        data=data,
         styles=[(_HERE / "replay.css").read_text(encoding="utf-8")],
-        scripts=[library, scene, (_HERE / "replay.js").read_text(encoding="utf-8")],
-        needs=_MESHCAT,
+        scripts=[library, orders, (_HERE / "replay.js").read_text(encoding="utf-8")],
+        needs={**_MESHCAT, "connect-src": "data: 'self'"} if live else _MESHCAT,
     )
 
 
@@ -102,68 +117,37 @@ def _scripts(page: str) -> list[str]:
     return [text for text in reader.texts if text]
 
 
-def _scene(run: Run) -> tuple[str, Stage]:
+def scene(scenario: Scenario, *, truth: bool) -> tuple[str, Stage]:
     """Returns Meshcat's page with the vehicle as it stands, in which no text of the user's is, and its stage."""
-    stage = Stage(run.scenario.vehicle_data, truth="truth" in run.signals)
-    for jet in range(len(run.scenario.vehicle_data.jets)):
+    stage = Stage(scenario.vehicle_data, truth=truth)
+    for jet in range(len(scenario.vehicle_data.jets)):
         for kind in ("failed", "found"):
             stage.add_mark(kind, jet)
-    for number, jump in enumerate(run.scenario.jumps):
+    for number, jump in enumerate(scenario.jumps):
         stage.add_payload(number, jump.mass, np.array(jump.position))
     return str(stage.meshcat.StaticHtml()), stage
 
 
-def _flight(run: Run, stage: Stage, commands: int) -> dict[str, object]:
-    """Collects what the page shows and says, and when.
+COLUMNS = ("time", "attitude", "center", "estimate", "deviation", "rate", "nis", "apart")  # of a row of the page
+LISTS = ("given", "untold", "withheld", "failed", "found")  # of jets, for each row
 
-    Nothing is shown before its time: the page shows the last row at or before the time it stands at, and only the
-    attitude is turned on between two rows.
 
-    Args:
-        run: to be shown.
-        stage: that shows it.
-        commands: number of orders that make up the scene.
-    """
-    vehicle, time_s = run.scenario.vehicle_data, np.asarray(run.time_s)
-    failed, found = events.failures(run), events.found(run)
-    level, asked = _levels(run), np.nan_to_num(np.asarray(run["command"])) > 0.0
-    fails = plots.failing(time_s, run.scenario)
-    given = level > SHOWN
-    lists = {
-        "given": given & (asked | ~fails),
-        "untold": given & ~asked & fails,
-        "withheld": asked & ~given & fails,
-        "failed": _marked(run, failed),
-        "found": _marked(run, found),
-    }
-    estimate, deviation = (np.asarray(run[name])[:, CENTER_OF_MASS] for name in ("estimate", "standard_deviation"))
-    columns = {
-        "time": time_s[:, None],
-        "attitude": _attitudes(run),
-        "center": _center(run),
-        "estimate": estimate,
-        "deviation": deviation,
-        **instruments.columns(run),
-    }
+def described(scenario: Scenario, stage: Stage, *, truth: bool) -> dict[str, Any]:
+    """What the page is told of a scenario, before its rows."""
+    vehicle = scenario.vehicle_data
     return {
         "scene": {
-            "commands": commands,
             "jets": [
                 {"name": jet.designation, "cluster": jet.cluster, "place": list(jet.position)} for jet in vehicle.jets
             ],
             "axis": stage.axis,
             "unit": vehicle.unit_names["length"],
             "spread": stage.spread,
-            "payloads": [{"at": jump.time_s, "docks": jump.kind == "dock"} for jump in run.scenario.jumps],
+            "payloads": [{"at": jump.time_s, "docks": jump.kind == "dock"} for jump in scenario.jumps],
         },
-        "columns": list(columns),
-        "rows": [list(row) for row in zip(*map(_listed, columns.values()), strict=True)],
-        "lists": {name: [np.flatnonzero(row).tolist() for row in rows] for name, rows in lists.items()},
-        "gaps": np.flatnonzero(np.asarray(run["gap"])[:, 0]).tolist() if "gap" in run.signals else [],
-        "limits": instruments.limits(run.scenario),
-        "moments": _narration(run, failed, found),
-        "events": _ticks(run, failed, found),
-        "truth": "truth" in run.signals,
+        "columns": list(COLUMNS),
+        "limits": instruments.limits(scenario),
+        "truth": truth,
         "colors": {
             "failed": FAILED_COLOR,
             "found": SUSPECT_COLOR,
@@ -177,9 +161,59 @@ def _flight(run: Run, stage: Stage, commands: int) -> dict[str, object]:
     }
 
 
+def plumes(level: Array, asked: NDArray[np.bool_], fails: NDArray[np.bool_]) -> dict[str, NDArray[np.bool_]]:
+    """Which jets have which plume: thrust as it should be, of a failed jet untold, and none where one was asked for.
+
+    Args:
+        level: thrust over full thrust, of any shape.
+        asked: whether the jet is commanded.
+        fails: whether it truly fails.
+    """
+    given = level > SHOWN
+    return {
+        "given": given & (asked | ~fails),
+        "untold": given & ~asked & fails,
+        "withheld": asked & ~given & fails,
+    }
+
+
+def _flight(run: Run, stage: Stage) -> dict[str, Any]:
+    """Collects what the page shows and says, and when.
+
+    Nothing is shown before its time: the page shows the last row at or before the time it stands at, and only the
+    attitude is turned on between two rows.
+    """
+    scenario, time_s = run.scenario, np.asarray(run.time_s)
+    failed, found = events.failures(scenario, float(time_s[-1])), events.found(run)
+    asked = np.nan_to_num(np.asarray(run["command"])) > 0.0
+    lists = {
+        **plumes(_levels(run), asked, plots.failing(time_s, scenario)),
+        "failed": _marked(run, failed),
+        "found": _marked(run, found),
+    }
+    estimate, deviation = (np.asarray(run[name])[:, CENTER_OF_MASS] for name in ("estimate", "standard_deviation"))
+    columns = {
+        "time": time_s[:, None],
+        "attitude": _attitudes(run),
+        "center": _center(run),
+        "estimate": estimate,
+        "deviation": deviation,
+        **instruments.columns(run),
+    }
+    return {
+        **described(scenario, stage, truth="truth" in run.signals),
+        "live": False,
+        "rows": [list(row) for row in zip(*(_listed(columns[name]) for name in COLUMNS), strict=True)],
+        "lists": {name: [np.flatnonzero(row).tolist() for row in lists[name]] for name in LISTS},
+        "gaps": np.flatnonzero(np.asarray(run["gap"])[:, 0]).tolist() if "gap" in run.signals else [],
+        "moments": narration(scenario, float(time_s[0]), failed, found),
+        "events": _ticks(run, failed, found),
+    }
+
+
 def _listed(values: Array) -> list[Any]:
     """Turns rows into lists of numbers, or numbers where there is one in a row; None for what is not finite."""
-    flat = interactive.numbers(values.ravel(), digits=_DIGITS)
+    flat = interactive.numbers(values.ravel(), digits=DIGITS)
     width = values.shape[1]
     return flat if width == 1 else [flat[start : start + width] for start in range(0, len(flat), width)]
 
@@ -195,14 +229,15 @@ def _marked(run: Run, marks: Sequence[events.Mark]) -> NDArray[np.bool_]:
     return marked
 
 
-def _narration(run: Run, failed: Sequence[events.Mark], found: Sequence[events.Mark]) -> list[dict[str, object]]:
+def narration(
+    scenario: Scenario, start_s: float, failed: Sequence[events.Mark], found: Sequence[events.Mark]
+) -> list[dict[str, object]]:
     """Lists the starts of all intervals, with what is to be said in each."""
-    scenario = run.scenario
-    edges = {float(run.time_s[0])}
+    edges = {start_s}
     for window in scenario.maneuver:
         edges |= {window.start_s, window.end_s}
     for mark in (*failed, *found):
-        edges |= {mark.start_s, mark.end_s}
+        edges |= {mark.start_s, mark.end_s} - {math.inf}
 
     def texts(marks: Sequence[events.Mark], edge: float) -> list[str]:
         return [mark.text for mark in marks if mark.start_s <= edge < mark.end_s or edge == mark.start_s]

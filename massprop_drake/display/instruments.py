@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -36,7 +36,7 @@ def columns(run: Run) -> dict[str, Array]:
     return {
         "rate": np.degrees(rate),
         "nis": np.where(used, np.asarray(run["rotation_nis"]), np.nan),
-        "apart": apart(run)[:, None],
+        "apart": apart(scenario, np.asarray(run.time_s), run.signals)[:, None],
     }
 
 
@@ -47,25 +47,30 @@ def limits(scenario: Scenario) -> dict[str, object]:
     return {"nis": NIS_LIMITS, "nis_window": NIS_WINDOW, "apart": APART_LIMITS if several else None}
 
 
-def apart(run: Run) -> Array:
+def apart(scenario: Scenario, time_s: Array, signals: Mapping[str, Array]) -> Array:
     """How far the packages of a kind are from the median of their kind, in its 1-sigma, at most, shape (n,).
 
     Compared are the changes of their readings over a sample; those of accelerometers with what their places make of
     the rotation, dw x r + w x (w x r) T.
+
+    Args:
+        scenario: for the packages.
+        time_s: sample times, s, shape (n,).
+        signals: readings by the names of the packages, shape (n, 3) each.
     """
-    vehicle, time_s = run.scenario.vehicle_data, np.asarray(run.time_s)
+    vehicle = scenario.vehicle_data
     period = vehicle.sample_period_s
-    rate = np.asarray(run[params.gyro(run.scenario).name])
+    rate = np.asarray(signals[params.gyro(scenario).name])
     worst = np.full(time_s.size, np.nan)
     if time_s.size < 2:
         return worst
-    gyros = [np.diff(np.asarray(run[gyro.name]), axis=0) for gyro in vehicle.gyros]
+    gyros = [np.diff(np.asarray(signals[gyro.name]), axis=0) for gyro in vehicle.gyros]
     middle, turned = 0.5 * (rate[1:] + rate[:-1]), np.diff(rate, axis=0)
     velocities = []
     for package in vehicle.accelerometers:
         arm = np.array(package.position)
         by_place = np.cross(turned, arm) + period * np.cross(middle, np.cross(middle, arm))
-        velocities.append(np.diff(np.asarray(run[package.name]), axis=0) - by_place)
+        velocities.append(np.diff(np.asarray(signals[package.name]), axis=0) - by_place)
     sizes = [_from_median(gyros, vehicle.gyros), _from_median(velocities, vehicle.accelerometers)]
     adjacent = np.diff(time_s) < 1.5 * period
     worst[1:] = np.where(adjacent, np.fmax(*sizes), np.nan)

@@ -7,15 +7,16 @@
   const structure = ["world", "body", "structure"];
   const node = (...path) => viewer.scene_tree.find(path).object;
   const rgb = color => [1, 3, 5].map(start => parseInt(color.slice(start, start + 2), 16) / 255);
-  const first = at(0, "time"), last = at(rows.length - 1, "time"), gaps = new Set(story.gaps);
+  let first = 0, last = 0, following = story.live;
+  const gaps = new Set(story.gaps);
   const slider = element("mp-slider"), button = element("mp-play"), speed = element("mp-speed");
-  let playing = false, now = first, stamp = null, ready = false, shownRow = -1, pointer = null;
+  let playing = false, now = 0, stamp = null, ready = false, shownRow = -1, pointer = null;
 
   function keys() {
     const words = [["given", "thrust"], ["untold", "thrust of a failed jet, untold"], ["withheld", "told to fire, and does not"],
                    ["truth", "true center of mass"], ["estimate", "estimated, with its 3-sigma"],
                    ["failed", "failed jet"], ["found", "found by the detector"], ["payload", "payload"]];
-    const seen = name => story.lists[name] ? story.lists[name].some(jets => jets.length) : name === "payload" ? scene.payloads.length : true;
+    const seen = name => story.live && name !== "payload" ? true : story.lists[name] ? story.lists[name].some(jets => jets.length) : name === "payload" ? scene.payloads.length : true;
     for (const [name, text] of words) {
       if (name === "truth" && !story.truth || !seen(name)) continue;
       const item = document.createElement("span"), dot = document.createElement("i");
@@ -33,7 +34,7 @@
       tick.setAttribute("aria-label", tick.title);
       tick.style.left = 100 * (event.at - first) / Math.max(last - first, 1e-9) + "%";
       tick.style.setProperty("--of", story.colors[event.kind]);
-      tick.addEventListener("click", () => { playing = false; seek(event.at); });
+      tick.addEventListener("click", () => { playing = following = false; seek(event.at); });
       element("mp-events").append(tick);
     }
   }
@@ -99,7 +100,8 @@
 
   function say() {
     const moment = story.moments.filter(one => one.at <= now + 1e-9).pop() || story.moments[0];
-    const words = [["", moment.command], ...moment.failed.map(text => ["failed", "failed: " + text]), ...moment.found.map(text => ["found", "found: " + text])];
+    const row = rowAt(now), found = story.live ? story.lists.found[row].map(jet => "jet " + scene.jets[jet].name) : moment.found;
+    const words = [["", moment.command], ...moment.failed.map(text => ["failed", "failed: " + text]), ...found.map(text => ["found", "found: " + text])];
     element("mp-now").replaceChildren(...words.filter(([, text]) => text).map(([kind, text]) => {
       const part = document.createElement("span");
       part.className = kind;
@@ -108,7 +110,7 @@
     }));
     element("mp-time").textContent = now.toFixed(2) + " s";
     slider.value = now;
-    button.textContent = playing ? "Pause" : "Play";
+    button.textContent = playing || following ? "Pause" : "Play";
   }
 
   function show() {
@@ -134,8 +136,9 @@
     show();
   }
   function toggle() {
-    playing = !playing;
-    if (playing && now >= last) now = first;
+    if (following) following = false;
+    else playing = !playing;
+    if (playing && now >= last) { if (story.live) { playing = false; following = true; } else now = first; }
     stamp = null;
     show();
   }
@@ -191,6 +194,8 @@
 
   function begin() {
     ready = true;
+    first = at(0, "time");
+    last = at(rows.length - 1, "time");
     standing.copy(viewer.camera.position);
     slider.min = first;
     slider.max = last;
@@ -199,16 +204,30 @@
     dress();
     frame();
     const asked = Number(new URLSearchParams(location.hash.slice(1)).get("t") ?? NaN);
-    seek(Number.isFinite(asked) ? asked : first);
+    seek(Number.isFinite(asked) ? asked : following ? last : first);
     document.body.dataset.ready = "yes";
   }
   // the scene is a number of orders, which are carried out one after the other
+  function listen() {
+    const source = new EventSource("/rows");
+    source.onmessage = message => {
+      const { row, lists } = JSON.parse(message.data);
+      rows.push(row);
+      for (const [name, jets] of Object.entries(lists)) story.lists[name].push(jets);
+      if (!ready) return;
+      last = slider.max = row[column.time];
+      if (following) seek(last);
+    };
+    source.onerror = () => source.close();  // the run has ended: what has been seen stays
+  }
+  if (story.live) listen();
+
   let orders = 0;
   const obey = viewer.handle_command_bytearray.bind(viewer);
   viewer.handle_command_bytearray = order => { obey(order); orders++; };
 
   function step(time) {
-    if (!ready && orders >= scene.commands) begin();
+    if (!ready && rows.length && orders >= scene.commands) begin();
     if (ready && playing) {
       if (stamp !== null) seek(now + Number(speed.value) * (time - stamp) / 1000);
       stamp = time;
@@ -218,7 +237,7 @@
     requestAnimationFrame(step);
   }
   button.addEventListener("click", toggle);
-  slider.addEventListener("input", () => { playing = false; seek(Number(slider.value)); });
+  slider.addEventListener("input", () => { playing = following = false; seek(Number(slider.value)); });
   addEventListener("hashchange", () => seek(Number(new URLSearchParams(location.hash.slice(1)).get("t") ?? now)));
   addEventListener("resize", frame);
   element("meshcat-pane").addEventListener("pointerdown", () => { moved = true; });

@@ -1,7 +1,6 @@
 """A vehicle in Drake's Meshcat, live or recorded: body, jets, plumes, and the true and estimated center of mass.
 
-The camera follows the vehicle: its center of mass stays in the middle, and the inertial axes keep their
-direction.
+The page keeps its center of mass in the middle, and the inertial axes keep their direction.
 """
 
 from __future__ import annotations
@@ -10,7 +9,6 @@ import logging
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.common.eigen_geometry import Quaternion
 from pydrake.geometry import Box, Cylinder, Ellipsoid, Meshcat, MeshcatCone, MeshcatParams, Rgba, Sphere
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 
@@ -43,9 +41,7 @@ _MARKS = {"failed": (FAILED_COLOR, 1.0), "found": (SUSPECT_COLOR, 1.5)}  # color
 
 
 class Stage:
-    """Shows a vehicle in Meshcat and moves it.
-
-    Methods take the time of a change in the recording, s; None shows it at once.
+    """Shows a vehicle in Meshcat; the page moves it.
 
     Attributes:
         meshcat: what shows it.
@@ -69,34 +65,13 @@ class Stage:
         self._draw_jets()
         self._draw_centers(truth)
 
-    def turn(self, attitude: Array, at_s: float | None = None) -> None:
-        """Turns the body to an attitude q_NB, shape (4,)."""
-        turned = RotationMatrix(Quaternion(attitude / np.linalg.norm(attitude)))
-        self.meshcat.SetTransform(_BODY, RigidTransform(turned, np.zeros(3)), at_s)
-
-    def center(self, position: Array, at_s: float | None = None) -> None:
-        """Centers the view on a point of the vehicle frame, ft or m, shape (3,)."""
-        self.meshcat.SetTransform(_STRUCTURE, RigidTransform(-position), at_s)
-
-    def plume(self, jet: int, shown: bool, at_s: float | None = None) -> None:
-        """Shows or hides the plume of a jet."""
-        self.meshcat.SetProperty(f"{_STRUCTURE}/jets/{jet}/plume", "visible", bool(shown), at_s)
-
-    def estimate(self, position: Array, deviation: Array, at_s: float | None = None) -> None:
-        """Moves the estimated center of mass and scales its 3-sigma ellipsoid, ft or m, shape (3,) each."""
-        path = f"{_STRUCTURE}/estimate"
-        spread = np.clip(np.nan_to_num(3.0 * deviation), *self.spread)
-        self.meshcat.SetTransform(path, RigidTransform(np.nan_to_num(position)), at_s)
-        self.meshcat.SetProperty(f"{path}/spread", "scale", spread.tolist(), at_s)
-
-    def add_mark(self, kind: str, jet: int) -> str:
-        """Adds a hidden mark to a jet, "failed" or "found", and returns its path for `show`."""
+    def add_mark(self, kind: str, jet: int) -> None:
+        """Adds a hidden mark to a jet, "failed" or "found"."""
         color, size = _MARKS[kind]
         path = f"{_STRUCTURE}/marks/{kind}{jet}"
         self.meshcat.SetObject(path, Sphere(0.022 * size * self._extent), _rgba(color, 0.55))
         self.meshcat.SetTransform(path, RigidTransform(self._vehicle.positions[jet]))
-        self.show(path, False)
-        return path
+        self.meshcat.SetProperty(path, "visible", False)
 
     def add_payload(self, number: int, mass: float, position: Array) -> None:
         """Adds a payload, slug or kg, at a point of the vehicle frame, ft or m, shape (3,)."""
@@ -105,10 +80,6 @@ class Stage:
         path = f"{_STRUCTURE}/payloads/{number}"
         self.meshcat.SetObject(path, Sphere(radius), _rgba(PAYLOAD_COLOR, 0.6))
         self.meshcat.SetTransform(path, RigidTransform(position))
-
-    def show(self, path: str, shown: bool, at_s: float | None = None) -> None:
-        """Shows or hides a mark."""
-        self.meshcat.SetProperty(path, "visible", bool(shown), at_s)
 
     # --------------------------------------------------------------------------------------- parts
 
@@ -146,7 +117,7 @@ class Stage:
             length = (0.05 + 0.11 * (jet.thrust / strongest) ** 0.5) * extent
             plume = MeshcatCone(length, 0.2 * length, 0.2 * length)
             self.meshcat.SetObject(f"{path}/plume", plume, _rgba(PLUME_COLOR, 0.75))
-            self.plume(index, False)
+            self.meshcat.SetProperty(f"{path}/plume", "visible", False)
 
     def _draw_centers(self, truth: bool) -> None:
         radius = 0.012 * self._extent

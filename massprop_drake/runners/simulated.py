@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -16,10 +17,10 @@ from massprop_drake.errors import InputError
 from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.maths.estimation.filter import Groups
-from massprop_drake.maths.vehicle.rigid_body import QUATERNION
+from massprop_drake.maths.vehicle.rigid_body import QUATERNION, RATE
 from massprop_drake.runners.logs import ESTIMATION, state_groups
 from massprop_drake.runners.moment import Moment
-from massprop_drake.systems.layouts import RECONFIGURATION, STRUCTURE
+from massprop_drake.systems.layouts import RECONFIGURATION, ROTATION_REPORT, STRUCTURE
 
 Array = NDArray[np.float64]
 
@@ -65,6 +66,7 @@ class Simulated:
         if builder is not diagram:
             whole = diagram or (open_loop if scenario.jet_schedule else closed_loop).build(scenario)
             builder.AddNamedSystem(whole.get_name() or "diagram", whole)
+        self._sensors = vehicle.sensor_names()
         self._systems = builder.GetSystems()
         names = (*_LOGGED, *vehicle.sensor_names())
         ports = {name: port for name in names if (port := self._port(name)) is not None}
@@ -118,6 +120,7 @@ class Simulated:
         removed = np.zeros(thrust.size, dtype=bool)
         if self._port("reconfiguration") is not None:
             removed = RECONFIGURATION.sized(jets=thrust.size).read(self._output("reconfiguration")).removed != 0.0
+        report = ROTATION_REPORT.read(self._output("rotation_report"))
         return Moment(
             self._root.get_time(),
             self._output("body_state")[QUATERNION],
@@ -126,6 +129,10 @@ class Simulated:
             self._output("estimate"),
             self._output("standard_deviation"),
             removed,
+            self._output("command"),
+            self._output("body_state")[RATE],
+            float(report.rotation_nis) if report.rotation_used else math.nan,
+            tuple(self._output(name) for name in self._sensors),
         )
 
     def finish(self) -> tuple[Array, Groups]:

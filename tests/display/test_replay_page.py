@@ -16,6 +16,7 @@ from matplotlib.image import imread
 from massprop_drake import load_scenario, simulate
 from massprop_drake.display import events, instruments, write_replay
 from massprop_drake.display.flight3d import replay_html
+from massprop_drake.display.live import Live
 from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.results.run import Run
 
@@ -27,7 +28,7 @@ def test_it_is_one_file_that_needs_no_network(stuck_run: Run, tmp_path: Path) ->
 
 
 def test_the_failed_jet_and_the_one_found_are_marked(stuck_run: Run) -> None:
-    (failed,), (found,) = events.failures(stuck_run), events.found(stuck_run)
+    failed, found = *events.failures(stuck_run.scenario, 6.0), *events.found(stuck_run)
     assert failed.jets == found.jets == (stuck_run.scenario.vehicle_data.jet_index("R4R"),)
     assert failed.start_s == 1.0
     assert 1.0 < found.start_s < 3.0
@@ -69,15 +70,18 @@ def test_a_long_run_plays_at_its_own_times(stuck_run: Run) -> None:
 
 
 def test_packages_that_disagree_are_told_apart(stuck_run: Run) -> None:
-    quiet = instruments.apart(stuck_run)[1:]
+    before = instruments.apart(stuck_run.scenario, stuck_run.time_s, stuck_run.signals)
+    quiet = before[1:]
     assert 0.0 < np.nanmax(quiet) < instruments.APART_LIMITS[0]
     vehicle = stuck_run.scenario.vehicle_data
     step = 8.0 * np.sqrt(2.0 * vehicle.accelerometers[1].variance)
     reading = stuck_run["acc2"] + np.where(stuck_run.time_s[:, None] >= 3.0, step, 0.0) * np.array([0.0, 1.0, 0.0])
     run = Run(stuck_run.scenario, stuck_run.results, stuck_run.time_s, {**stuck_run.signals, "acc2": reading})
-    loud = instruments.apart(run)
+    loud = instruments.apart(run.scenario, run.time_s, run.signals)
     assert loud[np.searchsorted(run.time_s, 3.0)] > instruments.APART_LIMITS[1]
-    np.testing.assert_array_equal(loud[-10:], instruments.apart(stuck_run)[-10:])
+    np.testing.assert_array_equal(
+        loud[-10:], instruments.apart(stuck_run.scenario, stuck_run.time_s, stuck_run.signals)[-10:]
+    )
 
 
 # ------------------------------------------------------------------------------------ in a browser
@@ -208,3 +212,27 @@ def test_a_plume_shows_while_a_jet_fires(replay: Any, stuck_run: Run) -> None:
         return int(((red > 0.6) & (green > 0.35) & (blue < 0.35) & (red - blue > 0.4)).sum())
 
     assert orange(picture(replay.page, firing_s)) > orange(picture(replay.page, quiet_s)) + 50
+
+
+def test_a_live_view_shows_what_the_replay_shows(browser: Any, stuck_run: Run) -> None:
+    """The page of a run that is being computed, read at its end: clock, rates, lights, marks and positions."""
+    live = Live(stuck_run.scenario, float("inf"))
+    page = browser.new_page()
+    page.goto(live.address)
+    run = simulate(stuck_run.scenario, watch=live)
+    last = run.time_s.size - 2  # watched are the samples before the one at the end
+    for _ in range(600):
+        if page.evaluate("window.massprop ? massprop.time() : -1") >= run.time_s[last] - 1e-6:
+            break
+        page.wait_for_timeout(100)
+    assert page.inner_text("#mp-time") == f"{page.evaluate('massprop.time()'):.2f} s"
+    row = int(np.searchsorted(run.time_s, page.evaluate("massprop.time()") + 1e-9, side="right")) - 1
+    assert row >= last
+    shown = page.evaluate("massprop.node('world', 'body', 'structure', 'estimate').position.toArray()")
+    np.testing.assert_allclose(shown, run["estimate"][row, 6:9], rtol=1e-6, atol=1e-9)
+    assert "failed: jet R4R: stuck on" in page.inner_text("#mp-now")
+    assert "found: jet R4R" in page.inner_text("#mp-now")
+    assert "sigma apart" in page.inner_text("#mp-apart")
+    page.evaluate("massprop.seek(0.5)")  # and what has been seen can be played again
+    assert page.inner_text("#mp-time") == "0.50 s"
+    page.close()

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from massprop_drake.maths.vehicle.rigid_body import ORIGIN_VELOCITY, RATE, SPIN_INTEGRAL
 from massprop_drake.maths.vehicle.sensing import SensorModel, point_velocity
 from massprop_drake.systems.arguments import vector
-from massprop_drake.systems.vehicle.sensor import Package, Sensor
+from massprop_drake.systems.vehicle.sensor import Sensor, StatedPackage
 
 Array = NDArray[np.float64]
 
@@ -31,7 +31,9 @@ class IntegratingAccelerometer(Sensor):
         ValueError: when it is no vector, or there is none.
     """
 
-    def __init__(self, package: str | Package, model: SensorModel | None = None, *, position: ArrayLike | None = None):
+    def __init__(
+        self, package: str | StatedPackage, model: SensorModel | None = None, *, position: ArrayLike | None = None
+    ):
         super().__init__(package, model)
         place = getattr(package, "position", None) if position is None else position
         if place is None:

@@ -19,7 +19,7 @@ from massprop_drake.systems.layouts import NOISE
 Array = NDArray[np.float64]
 
 
-class Package(Protocol):
+class StatedPackage(Protocol):
     """A package of three sensors as a vehicle has it, see `inputs.vehicle.SensorPackage`."""
 
     @property
@@ -39,7 +39,7 @@ class Package(Protocol):
         """Largest reading either way; None: unlimited."""
 
 
-def stated(package: Package) -> SensorModel:
+def stated(package: StatedPackage) -> SensorModel:
     """The errors of a package that its vehicle states, and no others."""
     nothing, limit = np.zeros(3), math.inf if package.range is None else package.range
     return SensorModel(
@@ -78,7 +78,7 @@ class Sensor(LeafSystem):
         ValueError: when a vector of the model has not three elements.
     """
 
-    def __init__(self, package: str | Package, model: SensorModel | None = None):
+    def __init__(self, package: str | StatedPackage, model: SensorModel | None = None):
         super().__init__()
         self.set_name(package if isinstance(package, str) else package.name)
         if model is None:
