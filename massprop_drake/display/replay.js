@@ -180,8 +180,8 @@
   const standing = viewer.camera.position.clone();
   let moved = false;
   function frame() {
-    const aspect = innerWidth / innerHeight;
-    if (!moved) viewer.camera.position.copy(standing).multiplyScalar(0.85 * Math.max(1, 1.2 / aspect));
+    const aspect = innerWidth / innerHeight, half = viewer.camera.fov * Math.PI / 360;
+    if (!moved) viewer.camera.position.copy(standing).multiplyScalar(Math.sin(half) / Math.sin(Math.atan(Math.tan(half) * Math.min(1, aspect))));
     viewer.set_dirty();
   }
 

@@ -34,7 +34,9 @@ Array = NDArray[np.float64]
 
 _OPACITY = 0.6  # of the body: the centers of mass lie inside
 _EXTENT = 4.0  # of the vehicle in Meshcat's lengths, which its lights are made for
-_VIEW = np.array([0.46, -0.64, 0.36])  # direction of the camera, and its distance in extents
+_VIEW = np.array([0.46, -0.64, 0.36])  # direction of the camera
+_FIELD = np.radians(75.0)  # of Meshcat's camera, from top to bottom
+_CLOSE = 0.92  # distance of the camera over that from which a ball around the vehicle fits
 _BODY = "/world/body"
 _STRUCTURE = f"{_BODY}/structure"  # the vehicle frame
 _MARKS = {"failed": (FAILED_COLOR, 1.0), "found": (SUSPECT_COLOR, 1.5)}  # color and size
@@ -56,7 +58,7 @@ class Stage:
     def __init__(self, vehicle: Vehicle, *, truth: bool):
         self._vehicle = vehicle
         self._extent = _extent(vehicle)
-        self.axis = round_length(0.62 * self._extent)
+        self.axis = round_length(0.45 * self._extent)
         self.spread = (0.002 * self._extent, 0.35 * self._extent)
         self.meshcat = _quiet_meshcat()
         self._prepare()
@@ -90,7 +92,8 @@ class Stage:
             self.meshcat.SetProperty(path, "visible", False)
         self.meshcat.SetProperty("/Background/<object>", "top_color", [0.93, 0.95, 0.98])
         self.meshcat.SetProperty("/Background/<object>", "bottom_color", [0.75, 0.79, 0.85])
-        self.meshcat.SetCameraPose(_EXTENT * _VIEW, np.zeros(3))
+        away = _VIEW / np.linalg.norm(_VIEW) * _CLOSE * _radius(self._vehicle) / np.sin(0.5 * _FIELD)
+        self.meshcat.SetCameraPose(scale * away, np.zeros(3))
 
     def _draw_body(self) -> None:
         for number, solid in enumerate(self._vehicle.shape or _box(self._vehicle)):
@@ -141,11 +144,22 @@ def _quiet_meshcat() -> Meshcat:
 
 def _extent(vehicle: Vehicle) -> float:
     """Returns the largest dimension of the vehicle, jets and solids, along an axis, ft or m."""
+    return float(np.ptp(_corners(vehicle), axis=0).max()) or 1.0
+
+
+def _radius(vehicle: Vehicle) -> float:
+    """Returns the distance from the nominal center of mass of the farthest corner of a box around the vehicle."""
+    corners = _corners(vehicle) - vehicle.nominal.center_of_mass
+    return float(np.linalg.norm(np.abs(corners).max(axis=0))) or 1.0
+
+
+def _corners(vehicle: Vehicle) -> Array:
+    """Returns points on the outside of the vehicle, jets and solids, ft or m, shape (n, 3)."""
     corners = [vehicle.positions.min(axis=0), vehicle.positions.max(axis=0)]
     for solid in vehicle.shape:
         reach = _reach(solid)
         corners += [np.array(solid.position) - reach, np.array(solid.position) + reach]
-    return float(np.ptp(np.array(corners), axis=0).max()) or 1.0
+    return np.array(corners)
 
 
 def round_length(length: float) -> float:
