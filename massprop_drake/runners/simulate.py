@@ -7,7 +7,7 @@ import math
 import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,9 +36,6 @@ from massprop_drake.runners.moment import Moment
 from massprop_drake.signals import is_own
 from massprop_drake.systems.autopilot.jet_selection_program import JetSelectionProgram
 from massprop_drake.systems.layouts import STRUCTURE
-
-if TYPE_CHECKING:
-    from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 
 Array = NDArray[np.float64]
 
@@ -90,8 +87,8 @@ def _engine(scenario: Scenario, diagram: Any, log: Sequence[Any]) -> Engine:
 def simulate(
     scenario: Scenario,
     *,
-    diagram: Diagram | DiagramBuilder | None = None,
-    log: Sequence[OutputPort] = (),
+    diagram: Any = None,
+    log: Sequence[Any] = (),
     progress: Callable[[float], None] | None = None,
     watch: Callable[[Moment], None] | None = None,
     folder: Path | None = None,
@@ -102,9 +99,9 @@ def simulate(
 
     Args:
         scenario: with hand-controller windows (closed loop) or a jet schedule (open loop).
-        diagram: one of your own that flies the scenario, built or still in its builder; None: the bundled one. It has
-            the output ports of the diagrams `vehicle` and `estimation` and a `command`, exported or, in a builder, on
-            its systems, and the sample period of the scenario's vehicle.
+        diagram: a Drake diagram of your own that flies the scenario, or its `DiagramBuilder`; None: the bundled one.
+            It has the output ports of the diagrams `vehicle` and `estimation` and a `command`, exported or, in a
+            builder, on its systems, and the sample period of the scenario's vehicle.
         log: output ports of systems in that builder, kept as signals `<system>.<port>`.
         progress: called now and then with the simulated time, s.
         watch: called at every sample with what there is to see.
