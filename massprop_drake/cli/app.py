@@ -331,7 +331,7 @@ def graph(
         diagram = graphs.build(name)
         shallow = graphs.dot_text(diagram, 1)
         deep = graphs.dot_text(diagram, 2)
-        drawings = {"_overview": graphs.overview_text(diagram), "": shallow}
+        drawings = {"": shallow, "_overview": graphs.overview_text(diagram)}
         for suffix, dot in (drawings | ({} if deep == shallow else {"_inside": deep})).items():
             files[f"{name}{suffix}.dot"] = dot.encode()
             svg = graphs.svg_text(dot)

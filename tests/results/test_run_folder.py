@@ -19,6 +19,10 @@ from massprop_drake.results.summary import by_name, from_names
 
 FILES = ALL_FILES - {"figures"}
 FIGURES = {
+    "attitude_error",
+    "clusters",
+    "innovations",
+    "propellant",
     "center_of_mass",
     "consistency",
     "detection_timeline",
