@@ -658,7 +658,11 @@ def test_windows_that_overlap_are_told_with_their_lines(massprop: Massprop) -> N
     ],
 )
 def test_a_shell_is_offered_names(
-    massprop: Massprop, monkeypatch: pytest.MonkeyPatch, words: str, offered: list[str]
+    massprop: Massprop,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    words: str,
+    offered: list[str],
 ) -> None:
     for folder in ("runs/one", "other"):
         Path(folder).mkdir(parents=True)
@@ -667,7 +671,9 @@ def test_a_shell_is_offered_names(
     monkeypatch.setenv("_MASSPROP_COMPLETE", "complete_bash")
     monkeypatch.setenv("COMP_WORDS", words)
     monkeypatch.setenv("COMP_CWORD", str(len(words.split()) - 1))
-    assert massprop().out.split() == offered
+    with pytest.raises(SystemExit):
+        massprop()
+    assert capsys.readouterr().out.split() == offered
 
 
 # ------------------------------------------------------------------------------------------ compare
