@@ -4,13 +4,36 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from pydrake.systems.framework import Diagram, DiagramBuilder, System
+from pydrake.systems import framework
+from pydrake.systems.framework import DiagramBuilder, System
 
 from massprop_drake.inputs.scenario import Scenario
 
 
+class Diagram(framework.Diagram):  # type: ignore[misc]
+    """A diagram that says what it is."""
+
+    def __init__(self, builder: DiagramBuilder, name: str):
+        super().__init__()
+        builder.BuildInto(self)
+        self.set_name(name)
+
+    def __repr__(self) -> str:
+        parts = ", ".join(system.get_name() for system in self.GetSystems())
+        return f"<Diagram '{self.get_name()}' of {parts}: {self.num_input_ports()} in, {self.num_output_ports()} out>"
+
+
+def built(builder: DiagramBuilder, name: str) -> Diagram:
+    """Builds a diagram under a name."""
+    return Diagram(builder, name)
+
+
 def connect_estimation(
-    builder: DiagramBuilder, vehicle: Diagram, commander: System, estimation: Diagram, scenario: Scenario
+    builder: DiagramBuilder,
+    vehicle: framework.Diagram,
+    commander: System,
+    estimation: framework.Diagram,
+    scenario: Scenario,
 ) -> None:
     """Feeds the estimators with every sensor, and with the command of the interval that ended."""
     for name in scenario.vehicle_data.sensor_names():

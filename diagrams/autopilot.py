@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
+from massprop_drake.diagrams._wiring import built
 from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.systems.autopilot.attitude_reference import AttitudeReference
@@ -63,6 +64,4 @@ def build(scenario: Scenario) -> Diagram:
     builder.ExportOutput(controller.GetOutputPort("request"), "request")
     builder.ExportOutput(selection.GetOutputPort("counts"), "selection_counts")
     builder.ExportOutput(selection.GetOutputPort("out_of_use"), "out_of_use")
-    diagram = builder.Build()
-    diagram.set_name("autopilot")
-    return diagram
+    return built(builder, "autopilot")

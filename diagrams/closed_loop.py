@@ -11,7 +11,7 @@ from __future__ import annotations
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from massprop_drake.diagrams import autopilot, estimation, vehicle
-from massprop_drake.diagrams._wiring import connect_estimation, export_outputs
+from massprop_drake.diagrams._wiring import built, connect_estimation, export_outputs
 from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import Scenario
 
@@ -44,6 +44,4 @@ def build(scenario: Scenario) -> Diagram:
             builder.Connect(estimators.GetOutputPort(name), pilot.GetInputPort(name))
 
     export_outputs(builder, (body, pilot, estimators))
-    diagram = builder.Build()
-    diagram.set_name("closed_loop")
-    return diagram
+    return built(builder, "closed_loop")

@@ -25,6 +25,7 @@ from collections.abc import Sequence
 
 from pydrake.systems.framework import Diagram, DiagramBuilder, InputPortIndex, LeafSystem
 
+from massprop_drake.diagrams._wiring import built
 from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.vehicle import SensorPackage
@@ -84,9 +85,7 @@ def build(scenario: Scenario) -> Diagram:
         _add_hypotheses(builder, scenario, filters[-1])
     elif method is not None:
         _add_detector(builder, scenario, method, (impulses, *filters), commands)
-    diagram = builder.Build()
-    diagram.set_name("estimation")
-    return diagram
+    return built(builder, "estimation")
 
 
 def _add_thesis(builder: DiagramBuilder, scenario: Scenario, impulses: ImpulseModel) -> tuple[LeafSystem, ...]:

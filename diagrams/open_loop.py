@@ -8,7 +8,7 @@ from __future__ import annotations
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from massprop_drake.diagrams import estimation, vehicle
-from massprop_drake.diagrams._wiring import connect_estimation, export_outputs
+from massprop_drake.diagrams._wiring import built, connect_estimation, export_outputs
 from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.systems.autopilot.jet_schedule import JetSchedule
@@ -32,6 +32,4 @@ def build(scenario: Scenario) -> Diagram:
     connect_estimation(builder, body, schedule, estimators, scenario)
 
     export_outputs(builder, (body, schedule, estimators))
-    diagram = builder.Build()
-    diagram.set_name("open_loop")
-    return diagram
+    return built(builder, "open_loop")

@@ -8,7 +8,7 @@ from __future__ import annotations
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from massprop_drake.diagrams import estimation
-from massprop_drake.diagrams._wiring import export_outputs
+from massprop_drake.diagrams._wiring import built, export_outputs
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.systems.estimation.telemetry_source import TelemetrySource
 
@@ -42,6 +42,4 @@ def build(scenario: Scenario, *, first_row: int = 0) -> Diagram:
             builder.Connect(source.GetOutputPort(name), estimators.GetInputPort(name))
 
     export_outputs(builder, (source, estimators))
-    diagram = builder.Build()
-    diagram.set_name("replay")
-    return diagram
+    return built(builder, "replay")

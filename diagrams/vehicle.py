@@ -11,6 +11,7 @@ from __future__ import annotations
 import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
+from massprop_drake.diagrams._wiring import built
 from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.vehicle import Accelerometer, SensorPackage
@@ -96,9 +97,7 @@ def build(scenario: Scenario) -> Diagram:
     for name in ("body_state", "structure", "mass_properties"):
         builder.ExportOutput(body.GetOutputPort(name), name)
     builder.ExportOutput(jets.GetOutputPort("thrust"), "thrust")
-    diagram = builder.Build()
-    diagram.set_name("vehicle")
-    return diagram
+    return built(builder, "vehicle")
 
 
 def _sensor(package: SensorPackage, model: SensorModel) -> Sensor:

@@ -26,7 +26,7 @@ TUTORIALS = {
     "your_own_vehicle": ["tug_center_of_mass.png"],
     "consistency": ["nis.png"],
 }
-DIAGRAMS = ("closed_loop", "estimation", "autopilot")
+DIAGRAMS = ("closed_loop_overview", "estimation_overview", "autopilot_overview")
 
 
 def readme() -> None:
@@ -82,7 +82,7 @@ def tutorials() -> None:
 def diagrams() -> None:
     """The diagrams that come with the package."""
     for name in DIAGRAMS:
-        draw(graphs.dot_text(graphs.build(name), depth=1), name)
+        draw(graphs.overview_text(graphs.build(name.removesuffix("_overview"))), name)
 
 
 def draw(dot: str, name: str) -> None:

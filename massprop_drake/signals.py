@@ -123,6 +123,18 @@ def accelerometer_signal(name: str) -> Signal:
     return Signal(name, f"reading of {name}", "{length}/s", AXES)
 
 
+def is_own(name: str) -> bool:
+    """Whether a name is that of a signal of the user's own, `<system>.<port>`."""
+    return "." in name
+
+
+def own_signal(name: str, size: int) -> Signal:
+    """Describes an output port of a system that is not ours."""
+    return Signal(
+        name, f"output {name.rpartition('.')[2]} of {name.rpartition('.')[0]}", "-", tuple(map(str, range(size)))
+    )
+
+
 def in_units(unit: str, names: dict[str, str]) -> str:
     """Fills a unit template with the vehicle's units: {length}/s becomes ft/s.
 

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 import typer
 
-from massprop_drake.cli import campaigns
+from massprop_drake.cli import campaigns, completion
 from massprop_drake.cli.options import Compiled, Figures, Force, Json, Overrides, Quiet, Report, Schema, View
 from massprop_drake.cli.streams import note, say
 from massprop_drake.errors import InputError, suggestion
@@ -67,7 +67,13 @@ def list_everything(as_json: Json = False) -> None:
 @app.command(epilog="Example: `massprop run sample_maneuver --seed 3 --set rotation.filter=extended --out runs/ekf`")
 def run(
     context: typer.Context,
-    scenario: Annotated[str, typer.Argument(help="A bundled scenario, a YAML file, or an earlier run's folder.")],
+    scenario: Annotated[
+        str,
+        typer.Argument(
+            help="A bundled scenario, a YAML file, or an earlier run's folder.",
+            autocompletion=completion.named("scenario"),
+        ),
+    ],
     out: Annotated[Path | None, typer.Option(help="Folder to write; default runs/<name>.")] = None,
     seed: Annotated[int | None, typer.Option(help="Replaces the scenario's seed.")] = None,
     overrides: Overrides = None,
@@ -134,9 +140,18 @@ def estimate(
         Path | None,
         typer.Option("--map", help="What the columns of another program's file mean; see `massprop map`."),
     ] = None,
-    vehicle: Annotated[str | None, typer.Option(help="A bundled vehicle or a YAML file; settings by default.")] = None,
+    vehicle: Annotated[
+        str | None,
+        typer.Option(
+            help="A bundled vehicle or a YAML file; settings by default.", autocompletion=completion.named("vehicle")
+        ),
+    ] = None,
     like: Annotated[
-        str | None, typer.Option(help="A run's folder or a scenario, for the vehicle and every setting.")
+        str | None,
+        typer.Option(
+            help="A run's folder or a scenario, for the vehicle and every setting.",
+            autocompletion=completion.named("scenario"),
+        ),
     ] = None,
     start: Annotated[
         Start | None,
@@ -234,71 +249,61 @@ def map_record(
         records.propose_map(record, load_vehicle(vehicle), out, how)
 
 
-@app.command(epilog="Example: `massprop compare runs/sample_maneuver runs/sample_maneuver_joint`")
-def compare(
-    runs: Annotated[list[Path], typer.Argument(help="Folders of runs of one vehicle.")],
+_Folder = Annotated[Path, typer.Argument(help="A run's folder.", autocompletion=completion.runs)]
+
+
+@app.command("compare", epilog="Example: `massprop compare runs/sample_maneuver runs/sample_maneuver_joint`")
+def compare_runs(
+    runs: Annotated[list[Path], typer.Argument(help="Folders of runs of one vehicle.", autocompletion=completion.runs)],
+    out: Annotated[Path | None, typer.Option(help="Page to write; default runs/comparison.html.")] = None,
+    force: Force = False,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Prints the estimates of runs side by side: errors where the truth is known, and 1-sigma."""
-    from massprop_drake.cli import show
-    from massprop_drake.inputs.scenario import load_scenario
-    from massprop_drake.results.run import read_summary
+    """Compares runs: the errors and 1-sigma of their estimates in a table, what was found, and their plots overlaid."""
+    from massprop_drake.cli import pages, show
 
-    if len(runs) < 2:
-        raise InputError(f"{runs[0]}: give two folders of runs or more to compare")
-    found = [(str(folder), read_summary(folder)) for folder in runs]
-    vehicle = load_scenario(runs[0]).vehicle_data
-    for name, results in found:
-        if (results.vehicle, results.units) != (vehicle.name, vehicle.units):
-            raise InputError(
-                f"{name}: is of vehicle '{results.vehicle}' in units {results.units}, and {runs[0]} of "
-                f"'{vehicle.name}' in {vehicle.units}; compare runs of one vehicle"
-            )
+    found, vehicle, target = pages.compare(runs, out, force=force)
     if as_json:
         show.as_json({name: show.as_compared(results) for name, results in found})
     elif not quiet:
-        show.side_by_side(found, vehicle)
+        pages.print_comparison(found, vehicle, target)
 
 
 @app.command("view", epilog="Example: `massprop view runs/stuck_on_29 --out stuck.html`")
 def view_run(
     context: typer.Context,
-    folder: Annotated[Path, typer.Argument(help="A run's folder.")],
+    folder: _Folder,
     out: Annotated[Path | None, typer.Option(help="File to write; default replay.html in the run's folder.")] = None,
     force: Force = False,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
     """Writes a run in three dimensions as one HTML file that plays without a network."""
+    from massprop_drake.cli import pages
+
+    _tell(pages.write(pages.REPLAY, folder, out, force=force, watch=context.obj.watch), as_json, quiet)
+
+
+@app.command("report", epilog="Example: `massprop report runs/stuck_on_29`")
+def report_run(
+    context: typer.Context,
+    folder: _Folder,
+    out: Annotated[Path | None, typer.Option(help="File to write; default report.html in the run's folder.")] = None,
+    force: Force = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Writes the report of a run again, from what is in its folder."""
+    from massprop_drake.cli import pages
+
+    _tell(pages.write(pages.REPORT, folder, out, force=force, watch=context.obj.watch), as_json, quiet)
+
+
+def _tell(target: Path, as_json: bool, quiet: bool) -> None:
+    """Says which file was written."""
     from massprop_drake.cli import show
-    from massprop_drake.inputs.yaml import exists
-    from massprop_drake.results.exchange import recover
-    from massprop_drake.results.folder import is_ours, require_files, write_files, write_page
-    from massprop_drake.results.manifest import read as read_manifest
-    from massprop_drake.results.manifest import sealed
 
-    target = out or folder / "replay.html"
-    recover(folder)
-    if target.is_dir() or not exists(target.parent):
-        raise InputError(f"{target}: cannot be written; give a file in a folder that is there")
-    require_files(target.parent, [target.name], force=force)
-    written = read_manifest(folder)
-
-    context.obj.watch(target, f"the replay is saved in {target}")
-
-    from massprop_drake.display.flight3d import replay_html
-    from massprop_drake.display.page import report_html
-    from massprop_drake.results.run import Run
-
-    shown = Run.load(folder)
-    if out is not None:
-        write_page(target, replay_html(shown), force=force)
-    else:
-        pages = {target.name: sealed(replay_html(shown))}
-        if force or is_ours(folder, "report.html"):  # its report then leads to the replay
-            pages["report.html"] = sealed(report_html(shown, replay=target.name))
-        write_files(folder, pages, force=force, found=None if written is None else written.id)
     if as_json:
         show.as_json(str(target))
     elif not quiet:
@@ -340,13 +345,16 @@ def reproduce(
 
 @app.command(epilog="Example: `massprop graph closed_loop estimation --out graphs`")
 def graph(
-    diagrams: Annotated[list[str] | None, typer.Argument(help="Names as `massprop list` shows; default all.")] = None,
+    diagrams: Annotated[
+        list[str] | None,
+        typer.Argument(help="Names as `massprop list` shows; default all.", autocompletion=completion.diagrams),
+    ] = None,
     out: Annotated[Path, typer.Option(help="Folder to write.")] = Path("runs/graphs"),
     force: Force = False,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Exports graphs of diagrams: DOT, and SVG where a program to draw it is installed."""
+    """Exports graphs of diagrams as DOT and SVG."""
     from massprop_drake.cli import show
     from massprop_drake.display import graphs
     from massprop_drake.results.folder import require_files, write_files
@@ -355,13 +363,18 @@ def graph(
     for name in names:
         if name not in graphs.DIAGRAMS:
             raise InputError(f"'{name}' is no diagram{suggestion(name, list(graphs.DIAGRAMS))}")
-    require_files(out, [f"{name}.{kind}" for name in names for kind in ("dot", "svg")], force=force)
+    require_files(
+        out,
+        [f"{name}{part}.{kind}" for name in names for part in ("", "_overview") for kind in ("dot", "svg")],
+        force=force,
+    )
     files, drawn = {}, True
     for name in names:
         diagram = graphs.build(name)
         shallow = graphs.dot_text(diagram, 1)
         deep = graphs.dot_text(diagram, 2)
-        for dot, suffix in [(shallow, ""), *([(deep, "_inside")] if deep != shallow else [])]:
+        drawings = {"": shallow, "_overview": graphs.overview_text(diagram)}
+        for suffix, dot in (drawings | ({} if deep == shallow else {"_inside": deep})).items():
             files[f"{name}{suffix}.dot"] = dot.encode()
             svg = graphs.svg_text(dot)
             drawn = drawn and svg is not None
@@ -383,7 +396,10 @@ def check(
     files: Annotated[
         list[str] | None, typer.Argument(help="Vehicle, scenario, campaign and telemetry files, or bundled names.")
     ] = None,
-    vehicle: Annotated[str | None, typer.Option(help="The vehicle whose telemetry it should be.")] = None,
+    vehicle: Annotated[
+        str | None,
+        typer.Option(help="The vehicle whose telemetry it should be.", autocompletion=completion.named("vehicle")),
+    ] = None,
     schema: Annotated[Schema | None, typer.Option(help="Show every key of a kind of file instead.")] = None,
     pairs: Annotated[int, typer.Option(min=0, help="Of a vehicle: so many pairs of jets that look alike.")] = 5,
     as_json: Json = False,

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from massprop_drake.cli import completion
 from massprop_drake.cli.options import Compiled, Force, Json, Overrides, Quiet
 from massprop_drake.cli.streams import note, say
 from massprop_drake.errors import InputError
@@ -28,7 +29,12 @@ app = typer.Typer(
 GATE_FAILED, NOT_ALL_RAN = 3, 4  # exit statuses
 _PAGE, _SUMMARY = "campaign.html", "summary.json"
 
-Source = Annotated[str, typer.Argument(help="A bundled campaign, a YAML file, or a campaign's folder.")]
+Source = Annotated[
+    str,
+    typer.Argument(
+        help="A bundled campaign, a YAML file, or a campaign's folder.", autocompletion=completion.named("campaign")
+    ),
+]
 Folder = Annotated[Path, typer.Argument(help="A campaign's folder.")]
 Out = Annotated[Path | None, typer.Option(help="Folder to write; default runs/<name>.")]
 

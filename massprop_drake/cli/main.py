@@ -102,7 +102,7 @@ def _command(kept: Kept) -> int:
 
     from massprop_drake.cli.app import app  # noqa: PLC0415 (slow to load, and a signal is told from the start)
 
-    return app(standalone_mode=False, obj=kept) or 0
+    return app(prog_name="massprop", standalone_mode=False, obj=kept) or 0
 
 
 def _failed(error: Any) -> int:

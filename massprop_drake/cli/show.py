@@ -5,11 +5,12 @@ from __future__ import annotations
 import json
 import math
 import sys
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from statistics import median
 from typing import TYPE_CHECKING, Any
 
+from rich.box import HEAVY_HEAD
 from rich.console import Console
 from rich.style import Style
 from rich.table import Table
@@ -24,7 +25,6 @@ from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.signals import SYMBOLS, mass_property_units
 
 if TYPE_CHECKING:
-    from massprop_drake.maths.mass_properties import Derived
     from massprop_drake.results.consistency import Consistency
     from massprop_drake.results.detections import DetectionRecord
     from massprop_drake.results.events import EventRecord
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 _VERDICT_STYLES = {"holds": "green", "holds within spread": "cyan", "differs": "yellow"}
 # share of the width by heading; None: as wide as it needs
 _CLAIM_COLUMNS = {"claim": 4, "source": None, "its words": 4, "expected": 3, "measured": 3, "verdict": 3}
-_INERTIA = (("Ixx", 0, 0), ("Iyy", 1, 1), ("Izz", 2, 2), ("Iyz", 1, 2), ("Ixz", 0, 2), ("Ixy", 0, 1))
+_ANY_WIDTH = 10_000  # characters, for a table as wide as it needs
 
 
 class Terminal(Console):
@@ -103,26 +103,7 @@ def simulated(results: Summary, vehicle: Vehicle, folder: Path) -> None:
     """Prints the table of ten parameters, how the run went, and where its files are."""
     console = Terminal(120)
     title = f"{results.scenario}: {results.vehicle}, {results.duration_s:g} s, seed {results.seed}"
-    table = _table(title, "parameter", "unit", "estimate", "truth", "error %", "1-sigma", "1-sigma %", "within 3 sigma")
-    not_excited = {entry.parameter for entry in results.identifiability if entry.flag == "not_excited"}
-    for symbol, unit, one in _parameters(results, vehicle):
-        if math.isnan(one.estimate):
-            table.add_row(symbol, unit, "not observable", f"{one.truth:.6g}", *["-"] * 4)
-            continue
-        inside: Any = "yes" if one.within_three_sigma else console.words(("no", "bold red"))
-        comparable = not math.isnan(one.percent_error)
-        table.add_row(
-            symbol,
-            unit,
-            f"{one.estimate:.6g}",
-            f"{one.truth:.6g}",
-            f"{one.percent_error:+.4f}" if comparable else "-",
-            f"{one.standard_deviation:.3g}",
-            f"{100.0 * one.standard_deviation / abs(one.truth):.4f}" if comparable else "-",
-            "not excited" if one.name in not_excited and one.within_three_sigma else inside,
-        )
-    _add_derived(table, results.derived, vehicle, before=("-",) * 2, after=("-",))
-    console.print(table)
+    _print_parameters(console, title, results, vehicle, truth=True)
     console.say(_consistency(results.consistency))
     _say_doubts(console, results)
     autopilot = results.autopilot
@@ -147,14 +128,7 @@ def estimated(results: Summary, vehicle: Vehicle, folder: Path) -> None:
     console = Terminal(120)
     quality = results.data_quality or {}
     title = f"{results.provenance.telemetry}: {results.vehicle}, {results.duration_s:g} s"
-    table = _table(title, "parameter", "unit", "estimate", "1-sigma", "1-sigma %")
-    for symbol, unit, one in _parameters(results, vehicle):
-        if math.isnan(one.estimate):
-            table.add_row(symbol, unit, "not observable", "-", "-")
-        else:
-            table.add_row(symbol, unit, *_with_percent(one.estimate, one.standard_deviation))
-    _add_derived(table, results.derived, vehicle)
-    console.print(table)
+    _print_parameters(console, title, results, vehicle, truth=False)
     for warning in quality["warnings"]:
         console.say(("warning:", "bold yellow"), f"     {warning}")
     console.say(_consistency(results.consistency))
@@ -193,16 +167,16 @@ def side_by_side(found: Iterable[tuple[str, Summary]], vehicle: Vehicle) -> None
         vehicle: whose runs they are.
     """
     runs = list(found)
-    console = Terminal(160)
-    table = _table("estimates side by side", "parameter", "unit")
+    headings, spare = ["parameter", "unit"], []
     for name, results in runs:
         what = "error %" if any(not math.isnan(one.percent_error) for one in results.parameters) else "estimate"
-        table.add_column(f"{Path(name).name}: {what}", justify="right")
-        table.add_column("1-sigma %", justify="right")
-    for index, (symbol, unit) in enumerate(zip(SYMBOLS, mass_property_units(vehicle.unit_names), strict=True)):
-        cells = [cell for _, results in runs for cell in _compared(results.parameters[index], results)]
-        table.add_row(symbol, unit, *cells)
-    console.print(table)
+        headings += [f"{visible(Path(name).name)}\n{column}" for column in (what, "1-sigma %")]
+        spare.append(headings[-1])
+    rows = [
+        [symbol, unit, *(cell for _, results in runs for cell in _compared(results.parameters[index], results))]
+        for index, (symbol, unit) in enumerate(zip(SYMBOLS, mass_property_units(vehicle.unit_names), strict=True))
+    ]
+    print_table(Terminal(160), "estimates side by side", headings, rows, spare=("unit", *spare))
 
 
 def _compared(one: Parameter, results: Summary) -> tuple[str, str]:
@@ -210,14 +184,10 @@ def _compared(one: Parameter, results: Summary) -> tuple[str, str]:
     if math.isnan(one.estimate):
         return "not observable", "-"
     simulated = any(not math.isnan(other.truth) for other in results.parameters)
-    if not simulated:
-        return (
-            f"{one.estimate:.6g}",
-            f"{100.0 * one.standard_deviation / abs(one.estimate):.4f}" if one.estimate else "-",
-        )
-    if math.isnan(one.percent_error):
-        return "-", "-"
-    return f"{one.percent_error:+.5f}", f"{100.0 * one.standard_deviation / abs(one.truth):.5f}"
+    what = f"{one.percent_error:+.5f}" if simulated else f"{one.estimate:.6g}"
+    if simulated and math.isnan(one.percent_error):
+        what = "-"
+    return what, "-" if math.isnan(one.percent_deviation) else f"{one.percent_deviation:.5f}"
 
 
 def declared(entry: DetectionRecord, vehicle: Vehicle) -> None:
@@ -231,48 +201,69 @@ def told(event: EventRecord, vehicle: Vehicle) -> None:
         say(_told(event, vehicle))
 
 
-def _table(title: str, *headings: str) -> Table:
-    table = Table(title=title, title_justify="left", header_style="bold")
-    for heading in headings:
-        table.add_column(heading, justify="left" if heading in ("parameter", "unit") else "right")
-    return table
-
-
-def _parameters(results: Summary, vehicle: Vehicle) -> Iterator[tuple[str, str, Parameter]]:
-    """Yields the ten parameters with symbol and unit."""
-    return zip(SYMBOLS, mass_property_units(vehicle.unit_names), results.parameters, strict=True)
-
-
-def _with_percent(value: float, std: float) -> tuple[str, str, str]:
-    return f"{value:.6g}", f"{std:.3g}", f"{100.0 * std / abs(value):.4f}" if value else "-"
-
-
-def _add_derived(
-    table: Table,
-    derived: Derived,
-    vehicle: Vehicle,
+def print_table(
+    console: Terminal,
+    title: str,
+    headings: Sequence[str],
+    rows: Iterable[Sequence[Text | str] | None],
     *,
-    before: tuple[str, ...] = (),
-    after: tuple[str, ...] = (),
+    spare: Sequence[str] = (),
+    absent: Sequence[str] = (),
 ) -> None:
-    """Adds rows for the mass and the inertia that follow from the estimates.
+    """Prints a table of which no cell is ever cut.
+
+    Where it is too wide for the terminal it goes without its frame, then closer, and then without columns. What is
+    still too wide is printed as wide as it is.
 
     Args:
-        table: with columns for estimate, 1-sigma and that in percent.
-        derived: see `Derived`.
-        vehicle: for units.
-        before, after: cells between the estimate and its 1-sigma, and after them.
+        console: to print on.
+        title: above it.
+        headings: of the columns, in one line or several.
+        rows: cells, "-" where one is missing at the end; None: a line between two sections.
+        spare: headings of columns that can be spared, the first one first.
+        absent: headings of columns that are never printed.
     """
-    units = vehicle.unit_names
-    rows = [("m", units["mass"], derived.mass, derived.mass_std)]
-    if derived.inertia is not None and derived.inertia_std is not None:
-        for name, i, j in _INERTIA:
-            unit = f"{units['mass']}-{units['length']}^2"
-            rows.append((name, unit, float(derived.inertia[i, j]), float(derived.inertia_std[i, j])))
-    table.add_section()
-    for name, unit, value, std in rows:
-        cells = ("-", "-", "-") if value is None or std is None else _with_percent(value, std)
-        table.add_row(name, unit, cells[0], *before, *cells[1:], *after)
+    every = list(rows)
+    layouts = [(HEAVY_HEAD, 1, 0), (None, 2, 0), *((None, 1, count) for count in range(len(spare) + 1))]
+    for frame, gap, left_out in layouts:
+        kept = [place for place, heading in enumerate(headings) if heading not in (*absent, *spare[:left_out])]
+        padding = (0, gap, 0, 1 if frame else 0)
+        table = Table(title=title, title_justify="left", header_style="bold", box=frame, padding=padding)
+        for place in kept:
+            left = headings[place] in ("parameter", "unit", "")
+            lines = Text("\n").join(map(console.render_str, headings[place].split("\n")))
+            table.add_column(lines, justify="left" if left else "right", no_wrap=True)
+        for row in every:
+            if row is None and frame:
+                table.add_section()
+            elif row is None:
+                table.add_row()
+            else:
+                cells = [*row, *["-"] * (len(headings) - len(row))]
+                table.add_row(*(cells[place] for place in kept))
+        width = console.measure(table, options=console.options.update(max_width=_ANY_WIDTH)).maximum
+        if width <= console.width:
+            break
+    console.width = max(console.width, width)
+    console.print(table)
+
+
+def _print_parameters(console: Terminal, title: str, results: Summary, vehicle: Vehicle, *, truth: bool) -> None:
+    """Prints the ten parameters, and below them the mass and the inertia that follow from them.
+
+    The numbers of a row have the power of ten that stands with its unit.
+    """
+    from massprop_drake.results import table  # noqa: PLC0415 (slow to load)
+
+    headings = ["parameter", "unit", "estimate", "truth", "error %", "1-sigma", "1-sigma %", "in 3 sigma"]
+    rows: list[list[Text | str] | None] = []
+    for row in table.parameters(results, vehicle.unit_names, truth=truth):
+        inside: Text | str = console.words(("no", "bold red")) if row.inside == "no" else row.inside
+        rows.append([*row[:7], inside])
+    rows.append(None)
+    rows += [list(row[:7]) for row in table.derived(results, vehicle.unit_names)]
+    unknown = () if truth else ("truth", "error %", "in 3 sigma")
+    print_table(console, title, headings, rows, spare=("1-sigma %", "in 3 sigma", "truth"), absent=unknown)
 
 
 def _consistency(found: Consistency) -> str:
@@ -477,20 +468,14 @@ def compared(found: Mapping[str, Any]) -> None:
         if not column["differences"]:
             continue
         baseline = found["columns"][column["baseline"]]["label"]
-        table = _table(f"{column['label']}, compared with {baseline}", "", "there", "here", "difference", "95 %", "p")
+        rows = []
         for one in column["differences"]:
             difference = one["difference"]
+            numbers = (one["baseline"], one["here"], difference["value"])
             bounds = f"{_short(difference['low'])} to {_short(difference['high'])}"
-            cells = (
-                _short(one["baseline"]),
-                _short(one["here"]),
-                _short(difference["value"]),
-                bounds,
-                _short(one["p"]),
-            )
-            table.add_row(one["what"], *cells)
-        table.columns[0].justify = "left"
-        console.print(table)
+            rows.append([one["what"], *map(_short, numbers), bounds, _short(one["p"])])
+        title = f"{column['label']}, compared with {baseline}"
+        print_table(console, title, ["", "there", "here", "difference", "95 %", "p"], rows)
 
 
 def _short(value: float | None) -> str:

@@ -18,6 +18,7 @@ from massprop_drake.inputs.campaign import (
     campaign_keys,
     load_campaign,
 )
+from massprop_drake.inputs.kinds import kind_of
 from massprop_drake.inputs.model import Key, keys, validated
 from massprop_drake.inputs.plausible import Finding
 from massprop_drake.inputs.record_map import RecordMap, map_keys
@@ -98,10 +99,11 @@ def checked(name: str, whose: Vehicle | None) -> Vehicle | Scenario | CampaignSp
     if name in bundled_campaigns():
         return load_campaign(name)
     document = Document(read_text(Path(name)), name)
-    if "jets" in document.data or "jet_kinds" in document.data:
+    kind = kind_of(document.data)
+    if kind == "vehicle":
         return validated(Vehicle, document.data, document)
     if "commands" in document.data and "sensors" in document.data:
         return show.about_map(validated(RecordMap, document.data, document))
-    if "base" in document.data:
+    if kind == "campaign":
         return campaign_from(document, Path(name).parent)
     return resolved(document.data, document, Path(name).parent)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, NamedTuple
 
 from massprop_drake.inputs.scenario import Scenario
@@ -16,7 +17,7 @@ class Mark(NamedTuple):
 
     Attributes:
         jets: their indices.
-        start_s, end_s: the interval, s.
+        start_s, end_s: the interval, s; infinity: it does not end.
         text: the reason, for the reader.
     """
 
@@ -26,25 +27,24 @@ class Mark(NamedTuple):
     text: str
 
 
-def failures(run: Run) -> list[Mark]:
-    """Lists the jets that truly fail, from the scenario."""
-    vehicle, end_s = run.scenario.vehicle_data, float(run.time_s[-1])
+def failures(scenario: Scenario, end_s: float) -> list[Mark]:
+    """Lists the jets that truly fail before a time, s."""
+    vehicle = scenario.vehicle_data
     return [
         Mark(
             (vehicle.jet_index(failure.jet),),
             failure.start_s,
-            end_s if failure.end_s is None else failure.end_s,
+            math.inf if failure.end_s is None else failure.end_s,
             f"jet {failure.jet}: {failure.kind.replace('_', ' ')}",
         )
-        for failure in run.scenario.failures
+        for failure in scenario.failures
         if failure.start_s <= end_s
     ]
 
 
 def found(run: Run) -> list[Mark]:
     """Lists the jets, or whole clusters, that the detector declared failed."""
-    vehicle, end_s = run.scenario.vehicle_data, float(run.time_s[-1])
-    marks = []
+    vehicle, marks = run.scenario.vehicle_data, []
     for entry in run.results.detections:
         if entry.cluster is None:
             continue
@@ -54,7 +54,7 @@ def found(run: Run) -> list[Mark]:
             for index, jet in enumerate(vehicle.jets)
             if (jet.designation in named if named else jet.cluster == entry.cluster)
         )
-        until = end_s if entry.withdrawn_s is None else entry.withdrawn_s
+        until = math.inf if entry.withdrawn_s is None else entry.withdrawn_s
         marks.append(Mark(jets, entry.time_s, until, headline(entry)))
     return marks
 

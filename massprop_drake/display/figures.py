@@ -7,6 +7,7 @@ legends, would take twice as long to draw as everything else.
 from __future__ import annotations
 
 import gc
+import io
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -47,6 +48,7 @@ from massprop_drake.display.style import (
     THIN_LINE,
     TITLE_SIZE,
     TRUTH_COLOR,
+    UNARMED_COLOR,
     WINDOW_COLOR,
     WINDOW_OPACITY,
     WINDOW_SIZE,
@@ -72,6 +74,15 @@ _MARKS = 5  # on a vertical axis at most
 _FEW_ROWS = 5  # that fit into an ordinary panel
 _KEY, _HANDLE, _LETTER = 0.19, 0.24, 0.063  # height of a row of a key, width of a symbol and of a letter
 _WINDOW_STEP, _SMALL_LETTER = 0.11, 0.058  # height of a window's name, width of its letters
+
+
+class Drawing(Figure):
+    """A figure that shows itself in a notebook, with no magic and no pyplot."""
+
+    def _repr_png_(self) -> bytes:
+        picture = io.BytesIO()
+        self.savefig(picture, format="png")
+        return picture.getvalue()
 
 
 class _Figures(Mapping[str, Figure]):
@@ -128,6 +139,22 @@ class Plots:
     def accelerometer_velocities(self) -> Figure:
         """Integrated specific force as each accelerometer package read it."""
         return drawn(plots.accelerometer_velocities(self._source))
+
+    def attitude_error(self) -> Figure:
+        """Attitude error in hold."""
+        return drawn(plots.attitude_error(self._source))
+
+    def clusters(self) -> Figure:
+        """Which cluster was commanded when, and what it gave."""
+        return drawn(plots.clusters(self._source))
+
+    def innovations(self) -> Figure:
+        """Innovations of the rotation filter, with 3 sigma of the readings alone."""
+        return drawn(plots.innovations(self._source))
+
+    def propellant(self) -> Figure:
+        """Propellant used."""
+        return drawn(plots.propellant(self._source))
 
     def torques(self) -> Figure:
         """Applied torque about the center of mass (figure 5-4)."""
@@ -193,7 +220,7 @@ def drawn(plot: Plot) -> Figure:
     heights = [_height(panel) for panel in plot.panels]
     total = _TITLE + sum(spaces) + sum(heights) + _BOTTOM
     with mpl.rc_context(_STYLE):
-        figure = Figure(figsize=(_WIDTH, total), dpi=DOTS_PER_INCH)
+        figure = Drawing(figsize=(_WIDTH, total), dpi=DOTS_PER_INCH)
         figure.suptitle(f"{plot.title}   ({plot.caption})", fontsize=TITLE_SIZE, y=1.0 - 0.08 / total)
         bottom = total - _TITLE
         axes: list[Axes] = []
@@ -207,7 +234,8 @@ def drawn(plot: Plot) -> Figure:
             _draw_times(axes[-1], plot)
         for window, level in zip(plot.windows, levels, strict=True):
             _label_window(axes[0], window, level)
-        axes[-1].set_xlabel(f"time, s   ({plot.note})" if plot.note else "time, s")
+        said = plot.meaning or plot.note
+        axes[-1].set_xlabel(f"time, s   ({said})" if said else "time, s")
         axes[-1].xaxis.set_label_coords(0.5, -0.32 / heights[-1])
         if plot.time_s[-1] > plot.time_s[0]:
             axes[0].set_xlim(float(plot.time_s[0]), float(plot.time_s[-1]))
@@ -271,7 +299,7 @@ def _draw_mark(axes: Axes, mark: Mark) -> None:
             (line,) = axes.plot(mark.x, mark.y, color=mark.color, linewidth=mark.width, label=mark.label)
             line.set_linestyle(_dashes(mark.dashed))
             line.set_drawstyle("steps-post" if mark.steps else "default")
-        case Points():
+        case Points(drawn=True):
             symbol = _SYMBOLS[mark.symbol]
             axes.plot(mark.x, mark.y, symbol, color=mark.color, markersize=mark.size, label=mark.label)
         case Whiskers():
@@ -288,7 +316,8 @@ def _draw_mark(axes: Axes, mark: Mark) -> None:
                 label=mark.label,
             )
         case Bars():
-            corners = _rectangles(mark.begin, mark.end, mark.row - 0.42, mark.row + 0.42)
+            half = 0.5 * mark.height
+            corners = _rectangles(mark.begin, mark.end, mark.row - half, mark.row + half)
             axes.add_collection(PolyCollection(corners, facecolors=mark.color, linewidth=0.0), autolim=False)
         case Level():
             axes.axhline(mark.y, color=mark.color, linewidth=THIN_LINE, linestyle="--", label=mark.label)
@@ -315,8 +344,9 @@ def _draw_times(axes: Axes, plot: Plot) -> None:
     if plot.windows:
         start, end = np.array([(window.start_s, window.end_s) for window in plot.windows]).T
         corners = _rectangles(start, end, np.zeros_like(start), np.ones_like(start))
+        colors = [WINDOW_COLOR if window.armed else UNARMED_COLOR for window in plot.windows]
         shade = PolyCollection(
-            corners, transform=whole, zorder=0.5, facecolors=WINDOW_COLOR, alpha=WINDOW_OPACITY, linewidth=0.0
+            corners, transform=whole, zorder=0.5, facecolors=colors, alpha=WINDOW_OPACITY, linewidth=0.0
         )
         axes.add_collection(shade, autolim=False)
     for declared, color, style in ((False, TRUTH_COLOR, ":"), (True, DECLARED_COLOR, "-")):
@@ -374,7 +404,7 @@ def _key_rows(panel: Panel) -> list[list[Mark]]:
     """Arranges the labeled marks of a panel in rows that fit the figure."""
     rows: list[list[Mark]] = []
     for mark in panel.marks:
-        if isinstance(mark, Bars) or not mark.label:
+        if isinstance(mark, Bars) or not mark.label or (isinstance(mark, Points) and not mark.drawn):
             continue
         if not rows or _key_width([*rows[-1], mark]) > _WIDTH - _LEFT - _RIGHT - 0.7:
             rows.append([])

@@ -2,24 +2,31 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from html.parser import HTMLParser
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_drake.display import events, templates
-from massprop_drake.display.stage import SHOWN, Stage
+from massprop_drake.display import events, instruments, interactive, plots, templates
+from massprop_drake.display.stage import Stage
 from massprop_drake.display.style import (
     ESTIMATE_COLOR,
     FAILED_COLOR,
+    PAYLOAD_COLOR,
     PLUME_COLOR,
+    SHOWN,
     SUSPECT_COLOR,
     TRUTH_COLOR,
+    UNTOLD_COLOR,
+    WITHHELD_COLOR,
 )
 from massprop_drake.inputs import params
+from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.maths.attitude import propagated
 from massprop_drake.maths.mass_properties import CENTER_OF_MASS
 from massprop_drake.results.folder import write_page
@@ -30,7 +37,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 _HERE = Path(__file__).parent
-_FRAMES = 3000  # of the body's motion at the most
+DIGITS = 7  # of a number in the page
 # Meshcat writes its own styles, and reads the scene from addresses that hold it
 _MESHCAT = {"style-src": "'unsafe-inline'", "connect-src": "data:"}
 
@@ -56,13 +63,28 @@ def write_replay(run: Run, path: str | Path, *, force: bool = False) -> Path:
 def replay_html(run: Run) -> str:
     """Returns the replay as the text of one HTML file that needs no network."""
     run = run.shown()
+    page, stage = scene(run.scenario, truth="truth" in run.signals)
+    return flight_page(run.scenario, page, _flight(run, stage))
+
+
+def flight_page(scenario: Scenario, scene_page: str, data: dict[str, Any], *, live: bool = False) -> str:
+    """Returns the page of a flight.
+
+    Args:
+        scenario: that is flown.
+        scene_page: Meshcat's page with the vehicle.
+        data: as `described` begins it.
+        live: whether the rows come from the server of the page.
+    """
+    library, orders = _scripts(scene_page)
+    data["scene"]["commands"] = orders.count("handle_command_bytearray")
     return templates.page(
         _HERE / "replay.html",
-        {"title": f"{run.scenario.vehicle_data.name}: {run.scenario.name}"},
-        data=_narration(run),
+        {"title": f"{scenario.vehicle_data.name}: {scenario.name}"},
+        data=data,
         styles=[(_HERE / "replay.css").read_text(encoding="utf-8")],
-        scripts=[*_scripts(_recorded(run)), (_HERE / "replay.js").read_text(encoding="utf-8")],
-        needs=_MESHCAT,
+        scripts=[library, orders, (_HERE / "replay.js").read_text(encoding="utf-8")],
+        needs={**_MESHCAT, "connect-src": "data: 'self'"} if live else _MESHCAT,
     )
 
 
@@ -88,81 +110,163 @@ class _Scripts(HTMLParser):
 
 
 def _scripts(page: str) -> list[str]:
-    """Returns the texts of a page's scripts, in order: Meshcat's are its library and the recorded scene."""
+    """Returns the texts of a page's scripts, in order: Meshcat's are its library and the scene."""
     reader = _Scripts()
     reader.feed(page)
     reader.close()
     return [text for text in reader.texts if text]
 
 
-def _recorded(run: Run) -> str:
-    """Records the motion of a run and returns Meshcat's page with it, in which no text of the user's is."""
-    vehicle, time_s = run.scenario.vehicle_data, np.asarray(run.time_s)
-    stride = max(1, -(-time_s.size // _FRAMES))
-    # rows are played a sample period apart: what lies in a gap of telemetry is not known
-    at_s = (np.arange(time_s.size) * vehicle.sample_period_s).tolist()
-    stage = Stage(vehicle, truth="truth" in run.signals)
-    stage.meshcat.StartRecording(1.0 / (stride * vehicle.sample_period_s), False)
-
-    attitudes = _attitudes(run)
-    for row in range(0, time_s.size, stride):
-        stage.turn(attitudes[row], at_s[row])
-    center = _center(run)
-    for row in _changes(center):
-        stage.center(center[row], at_s[row])
-    estimate, deviation = (np.asarray(run[name])[:, CENTER_OF_MASS] for name in ("estimate", "standard_deviation"))
-    changed = _changes(np.hstack([estimate, deviation]))
-    for row in changed[:: changed.size // _FRAMES + 1]:
-        stage.estimate(estimate[row], deviation[row], at_s[row])
-    for jet, level in enumerate(_levels(run).T):
-        firing = level > SHOWN
-        for row in _changes(firing[:, None]):
-            stage.plume(jet, bool(firing[row]), at_s[row])
-    for kind, marks in (("failed", events.failures(run)), ("found", events.found(run))):
-        for number, mark in enumerate(marks):
-            shown = (time_s >= mark.start_s - 1e-9) & (time_s <= mark.end_s)
-            for path in [stage.add_mark(kind, str(number), jet) for jet in mark.jets]:
-                for row in _changes(shown[:, None]):
-                    stage.show(path, bool(shown[row]), at_s[row])
-
-    stage.meshcat.StopRecording()
-    stage.meshcat.PublishRecording()
-    return str(stage.meshcat.StaticHtml())
+def scene(scenario: Scenario, *, truth: bool) -> tuple[str, Stage]:
+    """Returns Meshcat's page with the vehicle as it stands, in which no text of the user's is, and its stage."""
+    stage = Stage(scenario.vehicle_data, truth=truth)
+    for jet in range(len(scenario.vehicle_data.jets)):
+        for kind in ("failed", "found"):
+            stage.add_mark(kind, jet)
+    for number, jump in enumerate(scenario.jumps):
+        stage.add_payload(number, jump.mass, np.array(jump.position))
+    return str(stage.meshcat.StaticHtml()), stage
 
 
-def _narration(run: Run) -> dict[str, object]:
-    """Collects what the page says and when: the start of every interval, with its texts."""
-    scenario, start_s = run.scenario, float(run.time_s[0])
-    failed, found = events.failures(run), events.found(run)
-    edges = {start_s}
-    for window in scenario.maneuver:
-        edges |= {window.start_s, window.end_s}
-    for mark in (*failed, *found):
-        edges |= {mark.start_s, mark.end_s}
+COLUMNS = ("time", "attitude", "center", "estimate", "deviation", "rate", "nis", "apart")  # of a row of the page
+LISTS = ("given", "untold", "withheld", "failed", "found")  # of jets, for each row
 
-    def texts(marks: list[events.Mark], edge: float) -> list[str]:
-        return [mark.text for mark in marks if mark.start_s <= edge < mark.end_s]
 
+def described(scenario: Scenario, stage: Stage, *, truth: bool) -> dict[str, Any]:
+    """What the page is told of a scenario, before its rows."""
+    vehicle = scenario.vehicle_data
     return {
-        "start_s": start_s,
-        "moments": [
-            {
-                "at": edge - start_s,
-                "command": events.commanded(scenario, edge),
-                "failed": texts(failed, edge),
-                "found": texts(found, edge),
-            }
-            for edge in sorted(edges)
-        ],
-        "truth": "truth" in run.signals,
+        "scene": {
+            "jets": [
+                {"name": jet.designation, "cluster": jet.cluster, "place": list(jet.position)} for jet in vehicle.jets
+            ],
+            "axis": stage.axis,
+            "unit": vehicle.unit_names["length"],
+            "spread": stage.spread,
+            "payloads": [{"at": jump.time_s, "docks": jump.kind == "dock"} for jump in scenario.jumps],
+        },
+        "columns": list(COLUMNS),
+        "limits": instruments.limits(scenario),
+        "truth": truth,
         "colors": {
             "failed": FAILED_COLOR,
             "found": SUSPECT_COLOR,
             "estimate": ESTIMATE_COLOR,
             "truth": TRUTH_COLOR,
-            "plume": PLUME_COLOR,
+            "given": PLUME_COLOR,
+            "untold": UNTOLD_COLOR,
+            "withheld": WITHHELD_COLOR,
+            "payload": PAYLOAD_COLOR,
         },
     }
+
+
+def plumes(level: Array, asked: NDArray[np.bool_], fails: NDArray[np.bool_]) -> dict[str, NDArray[np.bool_]]:
+    """Which jets have which plume: thrust as it should be, of a failed jet untold, and none where one was asked for.
+
+    Args:
+        level: thrust over full thrust, of any shape.
+        asked: whether the jet is commanded.
+        fails: whether it truly fails.
+    """
+    given = level > SHOWN
+    return {
+        "given": given & (asked | ~fails),
+        "untold": given & ~asked & fails,
+        "withheld": asked & ~given & fails,
+    }
+
+
+def _flight(run: Run, stage: Stage) -> dict[str, Any]:
+    """Collects what the page shows and says, and when.
+
+    Nothing is shown before its time: the page shows the last row at or before the time it stands at, and only the
+    attitude is turned on between two rows.
+    """
+    scenario, time_s = run.scenario, np.asarray(run.time_s)
+    failed, found = events.failures(scenario, float(time_s[-1])), events.found(run)
+    asked = np.nan_to_num(np.asarray(run["command"])) > 0.0
+    lists = {
+        **plumes(_levels(run), asked, plots.failing(time_s, scenario)),
+        "failed": _marked(run, failed),
+        "found": _marked(run, found),
+    }
+    estimate, deviation = (np.asarray(run[name])[:, CENTER_OF_MASS] for name in ("estimate", "standard_deviation"))
+    columns = {
+        "time": time_s[:, None],
+        "attitude": _attitudes(run),
+        "center": _center(run),
+        "estimate": estimate,
+        "deviation": deviation,
+        **instruments.columns(run),
+    }
+    return {
+        **described(scenario, stage, truth="truth" in run.signals),
+        "live": False,
+        "rows": [list(row) for row in zip(*(_listed(columns[name]) for name in COLUMNS), strict=True)],
+        "lists": {name: [np.flatnonzero(row).tolist() for row in lists[name]] for name in LISTS},
+        "gaps": np.flatnonzero(np.asarray(run["gap"])[:, 0]).tolist() if "gap" in run.signals else [],
+        "moments": narration(scenario, float(time_s[0]), failed, found),
+        "events": _ticks(run, failed, found),
+    }
+
+
+def _listed(values: Array) -> list[Any]:
+    """Turns rows into lists of numbers, or numbers where there is one in a row; None for what is not finite."""
+    flat = interactive.numbers(values.ravel(), digits=DIGITS)
+    width = values.shape[1]
+    return flat if width == 1 else [flat[start : start + width] for start in range(0, len(flat), width)]
+
+
+def _marked(run: Run, marks: Sequence[events.Mark]) -> NDArray[np.bool_]:
+    """Tells which jets are marked in which row, shape (n, n_jets)."""
+    time_s = np.asarray(run.time_s)
+    marked = np.zeros((time_s.size, len(run.scenario.vehicle_data.jets)), dtype=bool)
+    for mark in marks:
+        rows = (time_s >= mark.start_s - 1e-9) & (time_s <= mark.end_s)
+        for jet in mark.jets:
+            marked[rows, jet] = True
+    return marked
+
+
+def narration(
+    scenario: Scenario, start_s: float, failed: Sequence[events.Mark], found: Sequence[events.Mark]
+) -> list[dict[str, object]]:
+    """Lists the starts of all intervals, with what is to be said in each."""
+    edges = {start_s}
+    for window in scenario.maneuver:
+        edges |= {window.start_s, window.end_s}
+    for mark in (*failed, *found):
+        edges |= {mark.start_s, mark.end_s} - {math.inf}
+
+    def texts(marks: Sequence[events.Mark], edge: float) -> list[str]:
+        return [mark.text for mark in marks if mark.start_s <= edge < mark.end_s or edge == mark.start_s]
+
+    return [
+        {
+            "at": edge,
+            "command": events.commanded(scenario, edge),
+            "failed": texts(failed, edge),
+            "found": texts(found, edge),
+        }
+        for edge in sorted(edges)
+    ]
+
+
+def _ticks(run: Run, failed: Sequence[events.Mark], found: Sequence[events.Mark]) -> list[dict[str, object]]:
+    """Lists the events for the slider: what happens, and what is declared."""
+    end_s = float(run.time_s[-1])
+    ticks = [{"at": mark.start_s, "kind": "failed", "text": mark.text} for mark in failed]
+    ticks += [
+        {"at": jump.time_s, "kind": "payload", "text": f"payload: {jump.kind}"}
+        for jump in run.scenario.jumps
+        if jump.time_s <= end_s
+    ]
+    ticks += [
+        {"at": entry.time_s, "kind": "found", "text": f"declared: {events.headline(entry)}"}
+        for entry in run.results.detections
+    ]
+    return sorted(ticks, key=lambda tick: float(str(tick["at"])))
 
 
 def _center(run: Run) -> Array:
@@ -190,8 +294,3 @@ def _attitudes(run: Run) -> Array:
         mean = 0.5 * (before + after)
         attitudes[row + 1] = propagated(attitudes[row], mean, run.scenario.vehicle_data.sample_period_s)
     return attitudes
-
-
-def _changes(values: Array | NDArray[np.bool_]) -> NDArray[np.int_]:
-    """Finds the first row and every row that differs from the one before it, shape (k,)."""
-    return np.concatenate([[0], np.flatnonzero(np.any(np.diff(values, axis=0) != 0.0, axis=1)) + 1])

@@ -52,6 +52,7 @@ def dot_text(diagram: Diagram, depth: int) -> str:
     def renumbered(match: re.Match[str]) -> str:
         return f"{match.group(1)}{numbers.setdefault(match.group(2), len(numbers))}"
 
+    text = re.sub(r"(?<=<B>)[\w.]+\.(?=\w+</B>)", "", text)  # of a class its name, not where it is from
     text = re.sub(r"\b(_|s|cluster|clusters)(\d+)(?=(?:diagram|subsystems|in|out)?\b)", renumbered, text)
     # and Drake lists the connections of a diagram in no fixed order
     lines: list[str] = []
@@ -60,6 +61,42 @@ def dot_text(diagram: Diagram, depth: int) -> str:
         lines.extend(sorted(_labeled(block, text)) if connections else block)
     return "\n".join(lines) + "\n"
 
+
+_SIGNALS = 4  # on one arrow of an overview, in a line each
+
+
+def overview_text(diagram: Diagram) -> str:
+    """Returns the overview of a diagram in Graphviz's language: its parts, and between two of them one arrow.
+
+    The arrow has the names of the signals that it carries; exported ports are left out.
+    """
+    systems = diagram.GetSystems()
+    names = {id(system): system.get_name() for system in systems}
+    carried: dict[tuple[str, str], list[str]] = {}
+    for (to, to_port), (source, port) in diagram.connection_map().items():
+        ends = names[id(source)], names[id(to)]
+        name = source.get_output_port(port).get_name()
+        own = to.get_input_port(to_port).get_name()
+        carried.setdefault(ends, []).append(own if name == "reading" else name)
+    lines = [
+        f'digraph "{diagram.get_name()}" {{',
+        'rankdir=LR; nodesep=0.35; ranksep=0.5; node [shape=box, style="rounded,filled", fillcolor="#eef2f7", '
+        'color="#5a6675", fontname="Helvetica", fontsize=14]; '
+        'edge [fontname="Helvetica", fontsize=12, color="#33475b", fontcolor="#33475b"];',
+    ]
+    for system in systems:
+        kind = type(system).__name__
+        what = "" if kind == "Diagram" else f'<BR/><FONT POINT-SIZE="12">{kind}</FONT>'
+        lines.append(f'"{system.get_name()}" [label=<<B>{system.get_name()}</B>{what}>];')
+    for (source, to), signals in sorted(carried.items()):
+        shown = sorted(set(signals))
+        more = len(shown) - _SIGNALS
+        said = shown if more <= 0 else [*shown[: _SIGNALS - 1], f"and {more + 1} more"]
+        lines.append(f'"{source}" -> "{to}" [label="{_BREAK.join(said)}"];')
+    return "\n".join([*lines, "}"]) + "\n"
+
+
+_BREAK = r"\n"  # as Graphviz writes the end of a line
 
 _NODE = re.compile(r"^(\w+) \[shape=none,[^\n]*label=<\n(.*?)^>\];", re.DOTALL | re.MULTILINE)
 _PORT = re.compile(r'PORT="([uy]?\d+)"[^>]*>([^<]*)</TD>')

@@ -27,7 +27,7 @@ from massprop_drake.display.spec import (
     Whiskers,
     Zone,
 )
-from massprop_drake.display.style import DECLARED_COLOR, TRUTH_COLOR, WINDOW_COLOR, WINDOW_OPACITY
+from massprop_drake.display.style import DECLARED_COLOR, TRUTH_COLOR, UNARMED_COLOR, WINDOW_COLOR, WINDOW_OPACITY
 
 Json = dict[str, Any]
 
@@ -37,6 +37,7 @@ _PIXELS_PER_POINT = 4.0 / 3.0
 # Places, pixels
 _TOP, _BOTTOM = 6, 40
 _PANEL, _ONE_PANEL, _ROW, _GAP = 120, 190, 13, 8
+_BAR = 6.0  # width of a bar as high as a row
 _KEY, _SYMBOL, _LETTER, _NARROW = 18, 40, 6, 430  # height of a row of a key, and the widths that fill it
 
 
@@ -64,6 +65,8 @@ def drawn(plot: Plot) -> Json:
         if symmetric:
             views.append(f"yaxis{suffix}")
         for trace in _views(plot, marks) if symmetric else _traces(plot, marks, panel):
+            if "meta" in trace:
+                trace["meta"] |= {"label": f"{panel.label} {trace['meta']['label']}".strip(), "unit": panel.unit}
             traces.append({**trace, "yaxis": f"y{suffix}", "legend": f"legend{suffix}"})
         shapes += _shapes(plot, panel, suffix)
         axes[f"yaxis{suffix}"] = {**_vertical(panel), "domain": [(top - height) / total, top / total]}
@@ -86,7 +89,8 @@ def drawn(plot: Plot) -> Json:
     return {
         "name": plot.name,
         "title": plot.title,
-        "note": plot.note,
+        "note": plot.meaning,
+        "folded": plot.folded,
         "traces": traces,
         "layout": layout,
         "views": views,
@@ -105,7 +109,11 @@ def _height(panel: Panel, *, alone: bool) -> int:
 
 def _key_height(panel: Panel) -> int:
     """Estimates the height of a panel's key, pixels; its entries wrap where a card is narrow."""
-    labels = [mark.label for mark in panel.marks if not isinstance(mark, Bars) and mark.label]
+    labels = [
+        mark.label
+        for mark in panel.marks
+        if not isinstance(mark, Bars) and mark.label and not (isinstance(mark, Points) and not mark.drawn)
+    ]
     return _KEY * math.ceil(sum(_SYMBOL + _LETTER * len(label) for label in labels) / _NARROW)
 
 
@@ -171,14 +179,25 @@ def _line(plot: Plot, mark: Line) -> Json:
         "dash": "dash" if mark.dashed else "solid",
         "shape": _shape(mark.steps),
     }
-    return _trace(mark.label, {**_over(plot, mark.x), "y": numbers(mark.y), "mode": "lines", "line": style})
+    content = {**_over(plot, mark.x), "y": numbers(mark.y), "mode": "lines", "line": style}
+    return _trace(mark.label, {**content, "meta": _read_as(mark.label)})
+
+
+def _read_as(label: str, **more: Any) -> Json:
+    """What a reading of a trace is called: its label without what it says of the end."""
+    return {"label": label.partition(",")[0], **more}
 
 
 def _points(mark: Points) -> Json:
     marker: Json = {"color": mark.color, "size": mark.size}
     if mark.symbol == "tick":
         marker["symbol"] = "line-ns-open"
-    return _trace(mark.label, {"x": numbers(mark.x), "y": numbers(mark.y), "mode": "markers", "marker": marker})
+    content: Json = {"x": numbers(mark.x), "y": numbers(mark.y), "mode": "markers", "marker": marker}
+    if mark.symbol == "dot":
+        content["meta"] = _read_as(mark.label, **({"group": mark.group} if mark.group else {}))
+    if not mark.drawn:
+        content |= {"visible": False, "showlegend": False}
+    return _trace(mark.label, content)
 
 
 def _whiskers(mark: Whiskers) -> Json:
@@ -193,7 +212,8 @@ def _band(plot: Plot, mark: Band) -> list[Json]:
     edge = {**_over(plot, mark.x), "mode": "lines", "line": {"width": 0, "shape": _shape(mark.steps)}}
     face = {"fill": "tonexty", "fillcolor": f"{mark.color}{round(255 * mark.opacity):02x}"}
     low = _trace("", {**edge, "y": numbers(mark.low), "hoverinfo": "skip"})
-    return [low, _trace(mark.label, {**edge, "y": numbers(mark.high), **face})]
+    high = {**edge, "y": numbers(mark.high), **face}
+    return [low, _trace(mark.label, {**high, "meta": _read_as(mark.label)} if mark.label else high)]
 
 
 def _bars(mark: Bars, rows: Sequence[str]) -> Json:
@@ -201,14 +221,17 @@ def _bars(mark: Bars, rows: Sequence[str]) -> Json:
     x = np.stack([mark.begin, mark.end, gap], axis=1).ravel()
     y = np.stack([mark.row, mark.row, gap], axis=1).ravel()
     names = [plain(row) for row in rows]
-    text = [name for row in mark.row.astype(int).tolist() for name in (names[row], names[row], "")]
-    style = {"color": mark.color, "width": 5}
-    bars = {"x": numbers(x), "y": numbers(y), "text": text, "hoverinfo": "text+x", "mode": "lines", "line": style}
+    text = [name for row in np.round(mark.row).astype(int).tolist() for name in (names[row], names[row], "")]
+    style = {"color": mark.color, "width": round(_BAR * mark.height, 1)}
+    bars: Json = {"x": numbers(x), "y": numbers(y), "text": text, "hoverinfo": "text+x", "mode": "lines", "line": style}
+    if mark.label:
+        bars["meta"] = {"label": mark.label, "bars": True}
     return _trace("", bars)
 
 
 def _trace(label: str, content: Json) -> Json:
-    return {"type": "scatter", "hoverinfo": "x+y+name", "name": plain(label), "showlegend": bool(label), **content}
+    base: Json = {"type": "scatter", "hoverinfo": "x+y+name", "name": plain(label), "showlegend": bool(label)}
+    return {**base, **content}
 
 
 def plain(text: str) -> str:
@@ -225,13 +248,13 @@ def _shape(steps: bool) -> str:
     return "hv" if steps else "linear"
 
 
-def numbers(values: Array) -> list[float | None]:
+def numbers(values: Array, *, digits: int = _DIGITS) -> list[float | None]:
     """Plain numbers, rounded as plots need them; None for what is not finite."""
-    return [_rounded(value) if math.isfinite(value) else None for value in values.tolist()]
+    return [_rounded(value, digits) if math.isfinite(value) else None for value in values.tolist()]
 
 
-def _rounded(value: float) -> float:
-    return float(f"{value:.{_DIGITS}g}")
+def _rounded(value: float, digits: int = _DIGITS) -> float:
+    return float(f"{value:.{digits}g}")
 
 
 # ------------------------------------------------------------------------------------------ shapes
@@ -243,7 +266,8 @@ def _shapes(plot: Plot, panel: Panel, suffix: str) -> list[Json]:
     over_times = {"xref": "x domain", "yref": f"y{suffix}", "x0": 0, "x1": 1}
     found: list[Json] = []
     for window in plot.windows:
-        face = {"fillcolor": WINDOW_COLOR, "opacity": WINDOW_OPACITY, "line": {"width": 0}, "layer": "below"}
+        color = WINDOW_COLOR if window.armed else UNARMED_COLOR
+        face = {"fillcolor": color, "opacity": WINDOW_OPACITY, "line": {"width": 0}, "layer": "below"}
         found.append({"type": "rect", **over_values, "x0": window.start_s, "x1": window.end_s, **face})
     for moment in plot.moments:
         color, dash = (DECLARED_COLOR, "solid") if moment.declared else (TRUTH_COLOR, "dot")

@@ -1,14 +1,17 @@
-"""A live view of a simulation in three dimensions, served on this machine only."""
+"""A live view of a simulation in three dimensions, served on this machine only: the page of the replay, as it comes."""
 
 from __future__ import annotations
 
+import json
+import threading
 import time
-from typing import TYPE_CHECKING
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_drake.display.stage import SHOWN, Stage
+from massprop_drake.display import events, flight3d, instruments, interactive, plots
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.maths.mass_properties import CENTER_OF_MASS
 
@@ -17,9 +20,13 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
+_WAIT_S = 1.0  # between two looks at whether a reader is still there
+
 
 class Live:
     """Shows a simulation while it runs; pass it to `simulate` as `watch`.
+
+    The page goes on when the simulation has ended: all that it has seen can be played again.
 
     Args:
         scenario: the one to be simulated.
@@ -27,20 +34,32 @@ class Live:
     """
 
     def __init__(self, scenario: Scenario, speed: float = 1.0):
-        self._vehicle = scenario.vehicle_data
-        self._stage = Stage(self._vehicle, truth=True)
-        self._speed = speed
-        self._full = np.linalg.norm(self._vehicle.thrusts, axis=1)
-        n_jets = len(self._vehicle.jets)
-        self._firing = np.zeros(n_jets, dtype=bool)
-        self._out = np.zeros(n_jets, dtype=bool)
-        self._marks = [self._stage.add_mark("found", "", jet) for jet in range(n_jets)]
+        self._scenario, self._speed = scenario, speed
+        self._full = np.linalg.norm(scenario.vehicle_data.thrusts, axis=1)
         self._began: float | None = None
+        self._before: Moment | None = None
+        self._said: list[str] = []
+        self._news = threading.Condition()
+        failed = events.failures(scenario, scenario.duration_s)
+        page, stage = flight3d.scene(scenario, truth=True)
+        data = {
+            **flight3d.described(scenario, stage, truth=True),
+            "live": True,
+            "rows": [],
+            "lists": {name: [] for name in flight3d.LISTS},
+            "gaps": [],
+            "moments": flight3d.narration(scenario, 0.0, failed, ()),
+            "events": [],
+        }
+        html = flight3d.flight_page(scenario, page, data, live=True).encode()
+        self._server = ThreadingHTTPServer(("localhost", 0), _handler(html, self))
+        self._server.daemon_threads = True
+        threading.Thread(target=self._server.serve_forever, daemon=True).start()
 
     @property
     def address(self) -> str:
         """The URL of the view, for a browser on this machine."""
-        return str(self._stage.meshcat.web_url())
+        return f"http://localhost:{self._server.server_address[1]}"
 
     def __call__(self, moment: Moment) -> None:
         """Waits until a moment is due, then shows it."""
@@ -49,12 +68,82 @@ class Live:
         ahead_s = moment.time_s / self._speed - (time.monotonic() - self._began)
         if ahead_s > 0.0:
             time.sleep(ahead_s)
-        self._stage.turn(moment.attitude)
-        self._stage.center(moment.center_of_mass)
-        self._stage.estimate(moment.estimate[CENTER_OF_MASS], moment.standard_deviation[CENTER_OF_MASS])
-        firing = moment.thrust / self._full > SHOWN
-        for jet in np.flatnonzero(firing != self._firing):
-            self._stage.plume(int(jet), bool(firing[jet]))
-        for jet in np.flatnonzero(moment.removed != self._out):
-            self._stage.show(self._marks[jet], bool(moment.removed[jet]))
-        self._firing, self._out = firing, moment.removed
+        line = json.dumps(self._row(moment), allow_nan=False, separators=(",", ":"))
+        self._before = moment
+        with self._news:
+            self._said.append(line)
+            self._news.notify_all()
+
+    def said(self, after: int) -> list[str]:
+        """The rows from a number on, as the page takes them; waits a while for one."""
+        with self._news:
+            if len(self._said) <= after:
+                self._news.wait(_WAIT_S)
+            return self._said[after:]
+
+    def _row(self, moment: Moment) -> dict[str, Any]:
+        now = np.array([moment.time_s])
+        failing = plots.failing(now, self._scenario)[0]
+        asked = np.nan_to_num(moment.command) > 0.0
+        lists = {
+            **flight3d.plumes(moment.thrust / self._full, asked, failing),
+            "failed": failing,
+            "found": moment.removed,
+        }
+        values = (
+            now,
+            moment.attitude,
+            moment.center_of_mass,
+            moment.estimate[CENTER_OF_MASS],
+            moment.standard_deviation[CENTER_OF_MASS],
+            np.degrees(moment.rate),
+            np.array([moment.nis]),
+            np.array([self._apart(moment)]),
+        )
+        listed = (interactive.numbers(value, digits=flight3d.DIGITS) for value in values)
+        row = [one[0] if len(one) == 1 else one for one in listed]
+        return {"row": row, "lists": {name: np.flatnonzero(lists[name]).tolist() for name in flight3d.LISTS}}
+
+    def _apart(self, moment: Moment) -> float:
+        if self._before is None:
+            return float("nan")
+        both = (self._before, moment)
+        names = self._scenario.vehicle_data.sensor_names()
+        signals = {name: np.stack([one.readings[index] for one in both]) for index, name in enumerate(names)}
+        return float(instruments.apart(self._scenario, np.array([one.time_s for one in both]), signals)[-1])
+
+
+def _handler(page: bytes, live: Live) -> type[BaseHTTPRequestHandler]:
+    """A handler that serves the page, and the rows as events that a browser takes as they come."""
+
+    class Handler(BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            """Answers a request."""
+            if self.path == "/":
+                self._begin("text/html; charset=utf-8", len(page))
+                self.wfile.write(page)
+            elif self.path == "/rows":
+                self._begin("text/event-stream", None)
+                told = 0
+                try:
+                    while True:
+                        news = live.said(told)
+                        told += len(news)
+                        self.wfile.write(("".join(f"data: {line}\n\n" for line in news) or ": waiting\n\n").encode())
+                        self.wfile.flush()
+                except OSError:  # the reader has left
+                    return
+            else:
+                self.send_error(404)
+
+        def _begin(self, kind: str, length: int | None) -> None:
+            self.send_response(200)
+            self.send_header("Content-Type", kind)
+            if length is not None:
+                self.send_header("Content-Length", str(length))
+            self.end_headers()
+
+        def log_message(self, *_: Any) -> None:
+            """Says nothing on the terminal."""
+
+    return Handler

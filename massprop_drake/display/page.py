@@ -10,15 +10,15 @@ from typing import TYPE_CHECKING, Any
 
 from massprop_drake.display import events, interactive, plots, templates
 from massprop_drake.inputs.model import yaml_text
-from massprop_drake.maths.estimation.identifiability import Flag
 from massprop_drake.maths.mass_properties import MASS_RECIPROCAL
 from massprop_drake.results import events as said
-from massprop_drake.results import unconfirmed
-from massprop_drake.results.detections import DetectionRecord, remarks, size
+from massprop_drake.results import table, unconfirmed
+from massprop_drake.results.detections import JUMP, DetectionRecord, remarks, size
 from massprop_drake.results.folder import write_page
 from massprop_drake.results.identifiability import in_words
+from massprop_drake.results.injected import InjectedRecord
 from massprop_drake.results.summary import Summary
-from massprop_drake.signals import SYMBOLS, mass_property_units
+from massprop_drake.signals import SYMBOLS
 
 if TYPE_CHECKING:
     from massprop_drake.results.run import Run
@@ -50,7 +50,7 @@ def summary_html(run: Run) -> str:
     content = {
         "title": f"{run.results.vehicle}: {run.results.scenario}",
         "verdict": _verdict(run.results),
-        "parameters": _parameters(run),
+        "parameters": table.parameters(run.results, run.scenario.vehicle_data.unit_names),
     }
     return templates.fragment(_HERE / "summary.html", content)
 
@@ -60,21 +60,25 @@ def report_html(run: Run, *, replay: str | None = None) -> str:
     run = run.shown()
     results, scenario = run.results, run.scenario
     source = plots.source(run)
+    jumps, shown_by = _jumps(run)
     described = {
         "time": interactive.times(run.time_s),
         "plots": [interactive.drawn(plot(source)) for plot in plots.available(source).values()],
+        "jumps": jumps,
     }
     units = scenario.vehicle_data.unit_names
     content = {
         "title": f"{results.vehicle}: {results.scenario}",
         "summary": run.summary,
         "units": units,
-        "verdict": _verdict(results),
-        "parameters": _parameters(run),
+        "verdict": [*_verdict(results), *_armed(source, results)],
+        "parameters": table.parameters(results, units, truth=source.simulated),
+        "derived": table.derived(results, units),
+        "simulated": source.simulated,
         "unidentified": in_words(results.identifiability, SYMBOLS),
-        "mass": _mass(run),
+        "injected": [_injected(run, number, shown_by) for number in range(len(results.injected or ()))],
         "detections": [_detection(entry, units) for entry in results.detections],
-        "events": [(f"{event.time_s:.2f} s", said.in_words(event, units)) for event in results.events],
+        "events": [(event.time_s, said.in_words(event, units)) for event in results.events],
         "unconfirmed": [unconfirmed.in_words(one) for one in results.unconfirmed],
         "untested": [f"{', '.join(one.jets)}: {one.reason}" for one in results.untested],
         "autopilot": _autopilot(run),
@@ -137,52 +141,102 @@ def _verdict(results: Summary) -> list[dict[str, Any]]:
     return sentences
 
 
-def _parameters(run: Run) -> list[dict[str, Any]]:
-    """Formats the table of ten parameters."""
-    rows = []
-    units = mass_property_units(run.scenario.vehicle_data.unit_names)
-    told = [(entry.flag, entry.bound) for entry in run.results.identifiability] or [("", None)] * len(SYMBOLS)
-    for symbol, unit, one, (flag, bound) in zip(SYMBOLS, units, run.results.parameters, told, strict=True):
-        there, known = math.isfinite(one.estimate), math.isfinite(one.truth)
-        relative = there and one.estimate != 0.0
-        rows.append(
-            {
-                "symbol": symbol,
-                "unit": unit,
-                "estimate": f"{one.estimate:.6g}" if there else "not observable",
-                "truth": f"{one.truth:.6g}" if known else "unknown",
-                "error": f"{one.percent_error:+.4f} %" if math.isfinite(one.percent_error) else "",
-                "sigma": f"{one.standard_deviation:.3g}" if there else "",
-                "relative": f"{100.0 * one.standard_deviation / abs(one.estimate):.3g} %" if relative else "",
-                "bound": "" if bound is None else f"{bound:.3g}",
-                "inside": one.within_three_sigma if there and known and flag != Flag.NOT_EXCITED else None,
-                "flag": flag.replace("_", " "),
-            }
-        )
-    return rows
+_BEFORE_S, _AFTER_S = 2.0, 5.0  # that are shown around a failure
 
 
-def _mass(run: Run) -> list[str]:
-    """Formats the mass and inertia that the estimates imply, with their 1-sigma."""
-    derived, units = run.results.derived, run.scenario.vehicle_data.unit_names
-    lines = []
-    if derived.mass is not None:
-        lines.append(f"mass {derived.mass:.6g} ± {derived.mass_std:.3g} {units['mass']}")
-    if derived.inertia is not None and derived.inertia_std is not None:
-        unit = f"{units['mass']}-{units['length']}^2"
-        for name, element in {
-            "Ixx": (0, 0), "Iyy": (1, 1), "Izz": (2, 2), "Ixy": (0, 1), "Ixz": (0, 2), "Iyz": (1, 2)
-        }.items():  # fmt: skip
-            lines.append(f"{name} {derived.inertia[element]:.6g} ± {derived.inertia_std[element]:.3g} {unit}")
-    return lines
+def _jumps(run: Run) -> tuple[list[dict[str, Any]], dict[int, int]]:
+    """Lists the places in time that a reader goes to: from before each failure or jump to after its declaration.
+
+    Returns:
+        The places, and the number of that of each injected failure.
+    """
+    results, (first, last) = run.results, (float(run.time_s[0]), float(run.time_s[-1]))
+    places: list[tuple[float, float, str]] = []  # from when, until when, and of what
+    of_injected: dict[int, int] = {}
+    for number, one in enumerate(results.injected or ()):
+        if first <= one.start_s <= last:
+            begun = one.start_s if one.first_acted_s is None else one.first_acted_s
+            of_injected[number] = len(places)
+            places.append((begun, begun if one.declared_s is None else one.declared_s, _what(one)))
+    told = {until for _, until, _ in places}
+    places += [
+        (entry.onset_s, entry.time_s, f"declared: {events.headline(entry)}")
+        for entry in results.detections
+        if entry.time_s not in told
+    ]
+    jumps: list[dict[str, Any]] = []
+    counts = {"failure": 0, "jump": 0, "declared": 0}
+    for begun, until, what in places:
+        kind = "declared" if what.startswith("declared") else "jump" if what.startswith("payload") else "failure"
+        counts[kind] += 1
+        window = {"start": max(first, begun - _BEFORE_S), "end": min(last, until + _AFTER_S), "at": until}
+        jumps.append({"text": f"{kind} {counts[kind]}", "title": what, **window})
+    return jumps, of_injected
 
 
-def _detection(entry: DetectionRecord, units: Mapping[str, str]) -> dict[str, str]:
+def _what(one: InjectedRecord) -> str:
+    """Names an injected failure or jump, such as 'R4R stuck on' or 'payload dock'."""
+    kind = one.kind.replace("_", " ")
+    return f"payload {kind}" if one.jet is None else f"{one.jet} {kind}"
+
+
+_OUTCOMES = {
+    "named": ("named", True),
+    "group": ("named in a group", True),
+    "wrong": ("taken for {}", False),
+    "missed": ("not found", False),
+    "never_acted": ("never acted", None),
+    "not_tested": ("not found: no sample was tested", False),
+}
+
+
+def _injected(run: Run, number: int, shown_by: Mapping[int, int]) -> dict[str, Any]:
+    """Formats what became of an injected failure or jump."""
+    results, units = run.results, run.scenario.vehicle_data.unit_names
+    one = (results.injected or ())[number]
+    words, good = _OUTCOMES[one.outcome]
+    entry = next((each for each in results.detections if each.time_s == one.declared_s), None)
+    if one.jet is None:
+        before = sum(other.jet is None for other in (results.injected or ())[:number])
+        jump = run.scenario.jumps[before]
+        true = f"{-jump.mass if jump.kind == 'release' else jump.mass:+.4g} {units['mass']}"
+        found = "" if entry is None or entry.kind != JUMP else size(entry, units)
+    else:
+        true = "" if one.force is None else f"{one.force:+.2f} {units['force']}"
+        found = "" if entry is None else size(entry, units)
+    known = one.declared_s is not None and one.first_acted_s is not None
+    return {
+        "what": _what(one),
+        "times": [one.start_s, one.first_acted_s, one.first_alarm_s, one.declared_s],
+        "delay": f"{(one.declared_s or 0.0) - (one.first_acted_s or 0.0):.2f} s" if known else "-",
+        "true": true or "-",
+        "found": found or "-",
+        "outcome": words.format(one.taken_for),
+        "good": good,
+        "jump": shown_by.get(number),
+    }
+
+
+def _armed(source: plots.Source, results: Summary) -> list[dict[str, Any]]:
+    """Says from when on the detector tested at all, where it did not from the first moments."""
+    if "tested" not in source.signals:
+        return [{"good": None, "text": "No failure was looked for: the detector is off."}]
+    from_s = plots.armed_from(source)
+    if from_s is None:
+        return [{"good": False, "text": "The detector was never armed: no sample was tested."}]
+    if from_s - float(source.time_s[0]) <= plots.PROMPT_S:
+        return []
+    before = [one for one in results.injected or () if one.first_acted_s is not None and one.first_acted_s < from_s]
+    missed = f"; {len(before)} failure{'s' if len(before) > 1 else ''} acted before" if before else ""
+    return [{"good": False if before else None, "text": f"The detector was armed from {from_s:.2f} s on{missed}."}]
+
+
+def _detection(entry: DetectionRecord, units: Mapping[str, str]) -> dict[str, Any]:
     """Formats a detection: what failed, when, by how much, and how sure that is."""
     return {
         "what": events.headline(entry),
-        "since": f"{entry.onset_s:.2f} s",
-        "declared": f"{entry.time_s:.2f} s",
+        "since": entry.onset_s,
+        "declared": entry.time_s,
         "cluster": "" if entry.cluster is None else str(entry.cluster),
         "magnitude": size(entry, units),
         "sure": f"{entry.statistic:.4g} after {entry.alarms} alarm{'s' if entry.alarms != 1 else ''}",

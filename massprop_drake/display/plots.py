@@ -27,7 +27,7 @@ from massprop_drake.display.spec import (
     Window,
     Zone,
 )
-from massprop_drake.display.style import BAND_COLOR, COLORS, TRUTH_COLOR
+from massprop_drake.display.style import BAND_COLOR, COLORS, FAILED_COLOR, POINT_SIZE, SHOWN, TRUTH_COLOR
 from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.vehicle import Vehicle
@@ -41,6 +41,7 @@ Array = NDArray[np.float64]
 NIS_LIMITS = (0.21579528262389802, 9.348403604496148)  # 2.5 and 97.5 % of chi-square, 3 degrees of freedom
 _DEGREES = 180.0 / np.pi
 _FLOOR = 0.1  # of statistics on a logarithmic scale: what lies below says nothing
+PROMPT_S = 1.0  # a detector that tests as soon is armed from the start
 _NAMED = 5  # jets, or clusters, with a color of their own; the others are gray
 
 
@@ -84,11 +85,14 @@ def available(run: Source) -> dict[str, Callable[[Source], Plot]]:
     """The plots of a run by name, in the order to read them."""
     found: dict[str, Callable[[Source], Plot]] = {}
     if run.simulated:
-        found |= {"rates": rates, "velocities": velocities, "jets": jets, "torques": torques, "forces": forces}
+        found["rates"] = rates
+        if "attitude_error" in run.signals:
+            found["attitude_error"] = attitude_error
+        found |= {"velocities": velocities, "clusters": clusters, "jets": jets, "torques": torques, "forces": forces}
     else:  # recorded telemetry: what was read, in place of what was true
         if run.vehicle.accelerometers:
             found["accelerometer_velocities"] = accelerometer_velocities
-        found |= {"gyro_readings": gyro_readings, "jets": jets}
+        found |= {"gyro_readings": gyro_readings, "clusters": clusters, "jets": jets}
     found |= {
         "inverse_inertia_diagonal": inverse_inertia_diagonal,
         "inverse_inertia_products": inverse_inertia_products,
@@ -97,6 +101,10 @@ def available(run: Source) -> dict[str, Callable[[Source], Plot]]:
     if "mass_nis" in run.signals:  # there is an accelerometer
         found["mass_reciprocal"] = mass_reciprocal
     found["consistency"] = consistency
+    if "rotation_innovation" in run.signals:
+        found["innovations"] = innovations
+    if run.consistency is None:
+        found["propellant"] = propellant
     if "likelihood" in run.signals:
         found |= {
             "likelihoods": likelihoods,
@@ -119,6 +127,11 @@ def velocities(run: Source) -> Plot:
     """Velocity of the center of mass relative to the start, inertial axes (figure 5-3)."""
     title = "Velocity of the center of mass, relative to the start, inertial axes"
     return _vector(run, "velocities", "velocity", title)
+
+
+def attitude_error(run: Source) -> Plot:
+    """Attitude error in hold."""
+    return _vector(run, "attitude_error", "attitude_error", "Attitude error in hold", "deg", scale=_DEGREES)
 
 
 def torques(run: Source) -> Plot:
@@ -148,18 +161,88 @@ def jets(run: Source) -> Plot:
     """Which jet was commanded when, a row per jet, by cluster."""
     every = run.vehicle.jets
     order = sorted(range(len(every)), key=lambda index: (every[index].cluster, index))
+    rows = [
+        _Row(f"{every[index].designation} ({every[index].cluster})", every[index].cluster, (index,)) for index in order
+    ]
+    return _firings(run, "jets", "Jets, one by one", "jet (cluster)", rows)._replace(folded=True)
+
+
+def clusters(run: Source) -> Plot:
+    """Which cluster was commanded when, and what it gave; jets that fail or are declared have rows of their own."""
+    every = run.vehicle.jets
+    alone = {
+        run.vehicle.jet_index(failure.jet) for failure in run.scenario.failures if failure.start_s <= run.time_s[-1]
+    }
+    if "known_force_variance" in run.signals:
+        alone |= set(np.flatnonzero((run.signals["known_force_variance"] > 0.0).any(axis=0)).tolist())
+    rows = [_Row(f"jet {every[jet].designation}", every[jet].cluster, (jet,)) for jet in sorted(alone)]
+    for cluster in sorted({jet.cluster for jet in every}):
+        members = tuple(index for index, jet in enumerate(every) if jet.cluster == cluster)
+        rows.append(_Row(f"cluster {cluster}", cluster, members))
+    return _firings(run, "clusters", "Jets by cluster", "", rows)
+
+
+class _Row(NamedTuple):
+    """Jets that share a row, its name, and the cluster that gives its color."""
+
+    name: str
+    cluster: int
+    jets: tuple[int, ...]
+
+
+def _firings(run: Source, name: str, title: str, label: str, rows: Sequence[_Row]) -> Plot:
+    """Bars of command and, where it is known, of true thrust below; that of failed jets untold in another color."""
     command = np.nan_to_num(run.signals["command"]) > 0.0
-    by_cluster: dict[int, list[Array]] = {}  # rows of begin, end and row
-    for row, index in enumerate(order):
-        begin, end = _intervals(run.time_s, command[:, index])
-        bars = np.column_stack([begin, end, np.full(begin.shape, row)])
-        by_cluster.setdefault(every[index].cluster, []).append(bars)
-    marks = []
-    for cluster, parts in by_cluster.items():
-        begin, end, rows = np.vstack(parts).T
-        marks.append(Bars(begin, end, rows, COLORS[cluster % (len(COLORS) - 1)]))
-    names = tuple(f"{every[index].designation} ({every[index].cluster})" for index in order)
-    return _plot(run, "jets", "Jets commanded", [Panel("jet (cluster)", "", tuple(marks), rows=names)])
+    marks = [
+        _bars(run, rows, command, -0.2 if run.simulated else 0.0, None, "commanded"),
+    ]
+    meaning = ""
+    if run.simulated:
+        thrust = run.signals["thrust"] / np.linalg.norm(run.vehicle.thrusts, axis=1) > SHOWN
+        untold = thrust & ~command & failing(run.time_s, run.scenario)
+        marks.append(_bars(run, rows, thrust & ~untold, 0.2, TRUTH_COLOR, "thrust"))
+        marks.append(_bars(run, rows, untold, 0.2, FAILED_COLOR, "thrust untold"))
+        meaning = "upper bar: commanded; lower bar: true thrust, orange: of a failed jet, untold"
+    every = tuple(mark for part in marks for mark in part)
+    return _plot(run, name, title, [Panel(label, "", every, rows=tuple(row.name for row in rows))], meaning=meaning)
+
+
+def _bars(
+    run: Source, rows: Sequence[_Row], on: NDArray[np.bool_], offset: float, color: str | None, label: str
+) -> list[Bars]:
+    """Bars of one kind in all rows, by color; None: each in that of its cluster."""
+    by_color: dict[str, list[Array]] = {}  # rows of begin, end and row
+    for number, row in enumerate(rows):
+        begin, end = _intervals(run.time_s, np.asarray(on[:, list(row.jets)].any(axis=1)))
+        bars = np.column_stack([begin, end, np.full(begin.shape, number + offset)])
+        by_color.setdefault(color or COLORS[row.cluster % (len(COLORS) - 1)], []).append(bars)
+    height = 0.4 if offset else 0.84
+    made = []
+    for each, parts in by_color.items():
+        begin, end, place = np.vstack(parts).T
+        made.append(Bars(begin, end, place, each, height, label))
+    return made
+
+
+def failing(time_s: Array, scenario: Scenario) -> NDArray[np.bool_]:
+    """In which samples, each from its row to the next, a jet truly fails, shape (n, n_jets)."""
+    vehicle = scenario.vehicle_data
+    found = np.zeros((time_s.size, len(vehicle.jets)), dtype=bool)
+    for failure in scenario.failures:
+        end_s = np.inf if failure.end_s is None else failure.end_s
+        within = (time_s > failure.start_s - vehicle.sample_period_s + 1e-9) & (time_s < end_s - 1e-9)
+        found[within, vehicle.jet_index(failure.jet)] = True
+    return found
+
+
+def propellant(run: Source) -> Plot:
+    """Propellant used, by what the jets gave or, where that is not known, by what they were told."""
+    full, flows = np.linalg.norm(run.vehicle.thrusts, axis=1), params.plant_mass_flows(run.scenario)
+    level = run.signals["thrust"] / full if run.simulated else np.nan_to_num(run.signals["command"])
+    rate = (level * flows).sum(axis=1) * run.vehicle.sample_period_s
+    used = np.concatenate([[0.0], np.cumsum(rate[:-1])])
+    line = Line(run.time_s, used, COLORS[0])
+    return _plot(run, "propellant", "Propellant used", [Panel("used", run.vehicle.unit_names["mass"], (line,))])
 
 
 def _intervals(time_s: Array, on: NDArray[np.bool_]) -> tuple[Array, Array]:
@@ -200,7 +283,7 @@ def _readings(run: Source, name: str, packages: Sequence[str], title: str, unit:
                 run.time_s,
                 scale * run.signals[package][:, axis],
                 COLORS[number % len(COLORS)],
-                package if len(packages) > 1 and axis == 0 else "",
+                package if len(packages) > 1 else "",
             )
             for number, package in enumerate(packages)
         ]
@@ -297,6 +380,32 @@ def consistency(run: Source) -> Plot:
     return _plot(run, "consistency", "Consistency: NIS at the samples used", panels)
 
 
+def innovations(run: Source) -> Plot:
+    """Innovations of the rotation filter at the samples used, with 3 sigma of the readings alone."""
+    used = run.where("rotation_used")
+    values = _DEGREES * run.signals["rotation_innovation"][used]
+    limit = 3.0 * _DEGREES * float(np.sqrt(2.0 * params.gyro(run.scenario).variance))  # of a difference of two readings
+    panels = [
+        Panel(
+            letter,
+            "deg/s",
+            (
+                Zone(-limit, limit, label="3 sigma of the readings alone" if axis == 0 else ""),
+                Points(run.time_s[used], values[:, axis], COLORS[axis], "innovation" if axis == 0 else ""),
+            ),
+            limits=_of_most(values[:, axis], limit),
+        )
+        for axis, letter in enumerate(AXES)
+    ]
+    return _plot(run, "innovations", "Innovations of the rotation filter at the samples used", panels)
+
+
+def _of_most(values: Array, limit: float) -> tuple[float, float]:
+    """Limits that show a range and nearly all values; a few during a failure may be far beyond."""
+    reach = 2.0 * limit if not values.size else max(2.0 * limit, 1.2 * float(np.quantile(np.abs(values), 0.98)))
+    return -reach, reach
+
+
 def _mean_nis(run: Source, name: str, nis: Array) -> str:
     if run.consistency is None:
         return f"mean {nis.mean():.2f} of {nis.size} samples" if nis.size else "no sample used"
@@ -314,28 +423,38 @@ def likelihoods(run: Source) -> Plot:
     clusters = np.array([jet.cluster for jet in run.vehicle.jets])
     numbers = np.unique(clusters)
     of_clusters = np.stack([of_jets[:, clusters == number].max(axis=1) for number in numbers], axis=1)
+    declared = np.zeros(clusters.size, dtype=bool)
+    if "known_force_variance" in run.signals:
+        declared = np.asarray((run.signals["known_force_variance"] > 0.0).any(axis=0))
+    groups = [f"cluster {number}" for number in numbers]
+    found = np.isin(numbers, clusters[declared])
     panels = [
-        _highest(run.time_s[tested], of_jets, run.vehicle.designations, "of the jets"),
-        _highest(run.time_s[tested], of_clusters, [f"cluster {number}" for number in numbers], "of the clusters"),
+        _highest(run.time_s[tested], of_jets, run.vehicle.designations, "of the jets", declared),
+        _highest(run.time_s[tested], of_clusters, groups, "of the clusters", found),
     ]
     return _plot(run, "likelihoods", "Likelihood arguments of a failed jet", panels)
 
 
-def _highest(time_s: Array, values: Array, names: Sequence[str], label: str) -> Panel:
-    """Statistics of many candidates: those that ever reach highest by name, the range of the others in gray."""
+def _highest(time_s: Array, values: Array, names: Sequence[str], label: str, declared: NDArray[np.bool_]) -> Panel:
+    """Statistics of many candidates: those that ever reach highest by name, the range of the others in gray.
+
+    What was declared is drawn last, and so on top. All are there to be read.
+    """
     shown = np.maximum(values, _FLOOR)
     limits = (_FLOOR, max(10.0, 2.0 * float(shown.max(initial=1.0))))
     if not time_s.size:
         return Panel(label, "", (), scale="log", limits=limits)
     order = np.argsort(-shown.max(axis=0))
     top, rest = order[:_NAMED], order[_NAMED:]
+    top = top[np.argsort(declared[top], kind="stable")]
     marks: list[Mark] = []
     if rest.size:
         low, high = shown[:, rest].min(axis=1), shown[:, rest].max(axis=1)
         marks.append(Whiskers(time_s, low, high, BAND_COLOR, "range of the others"))
-    marks += [
-        Points(time_s, shown[:, column], color, names[column]) for column, color in zip(top, COLORS, strict=False)
-    ]
+    marks += [Points(time_s, shown[:, column], BAND_COLOR, names[column], drawn=False, group=label) for column in rest]
+    for column, color in zip(top, COLORS, strict=False):
+        size = POINT_SIZE if declared[column] else 0.7 * POINT_SIZE
+        marks.append(Points(time_s, shown[:, column], color, names[column], size=size, group=label))
     return Panel(label, "", tuple(marks), scale="log", limits=limits)
 
 
@@ -410,27 +529,39 @@ def detection_timeline(run: Source) -> Plot:
 # ------------------------------------------------------------------------------------ what all show
 
 
-def _plot(run: Source, name: str, title: str, panels: Sequence[Panel]) -> Plot:
+def _plot(run: Source, name: str, title: str, panels: Sequence[Panel], *, meaning: str = "") -> Plot:
     """A plot with what every plot of a run shows: whose it is, and what happened when."""
     drawn = f", seed {run.scenario.seed}" if run.simulated else ""
     caption = f"{run.vehicle.name}, {run.scenario.name}{drawn}"
     windows, moments = _windows(run), _moments(run)
     meanings = {
-        "shaded: hand controller out of detent": bool(windows),
+        "shaded: hand controller out of detent": any(window.armed for window in windows),
+        "gray: detector not armed": any(not window.armed for window in windows),
         "dotted: it happens": any(not moment.declared for moment in moments),
         "red line: it is declared": any(moment.declared for moment in moments),
     }
     note = ", ".join(meaning for meaning, there in meanings.items() if there)
-    return Plot(name, title, caption, run.time_s, tuple(panels), windows, moments, note)
+    return Plot(name, title, caption, run.time_s, tuple(panels), windows, moments, note, meaning)
 
 
 def _windows(run: Source) -> tuple[Window, ...]:
-    """When a hand controller is out of detent."""
-    return tuple(
+    """When a hand controller is out of detent, and when the detector is not armed."""
+    commanded = tuple(
         Window(window.start_s, window.end_s, f"{window.controller.upper()} {window.axis}")
         for window in run.scenario.maneuver
         if window.start_s < run.time_s[-1]
     )
+    if "tested" not in run.signals:
+        return commanded
+    start_s, until_s = float(run.time_s[0]), armed_from(run)
+    end_s = float(run.time_s[-1]) if until_s is None else until_s
+    return (Window(start_s, end_s, "", armed=False), *commanded) if end_s - start_s > PROMPT_S else commanded
+
+
+def armed_from(run: Source) -> float | None:
+    """When the detector tested a sample for the first time, s; None: it never did."""
+    tested = run.where("tested")
+    return float(run.time_s[tested[0]]) if tested.size else None
 
 
 def _moments(run: Source) -> tuple[Moment, ...]:

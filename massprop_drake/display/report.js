@@ -4,20 +4,84 @@
   const host = document.getElementById("plots"), slider = document.getElementById("cursor-slider");
   const first = data.time[0], last = data.time[data.time.length - 1];
   const drawn = [];
-  let logarithmic = true, linking = false;
+  let logarithmic = true, linking = false, range = [first, last];
+
+  const make = (tag, text, className) => {
+    const made = document.createElement(tag);
+    if (text) made.textContent = text;
+    if (className) made.className = className;
+    return made;
+  };
+  const whole = () => range[0] <= first && range[1] >= last;
+  const seen = trace => trace.view === undefined || (trace.view === "log") === logarithmic;
+  const times = trace => trace.x || data.time;
+
+  // ---- views: vertical axes follow the zoom in time
+
+  // the last place in ascending times at or before one; -1 for none
+  function placeOf(all, time) {
+    let low = 0, high = all.length;
+    while (low < high) {
+      const middle = (low + high) >> 1;
+      if (all[middle] <= time + 1e-9) low = middle + 1; else high = middle;
+    }
+    return low - 1;
+  }
+
+  // least and greatest value of the traces of an axis within the times that are shown; null for none
+  function extent(figure, axis) {
+    const log = figure.layout[axis].type === "log" || figure.views.includes(axis) && logarithmic;
+    let low = Infinity, high = -Infinity;
+    for (const trace of figure.traces) {
+      if (trace.visible === false || !seen(trace) || "yaxis" + trace.yaxis.slice(1) !== axis) continue;
+      const x = times(trace), held = trace.mode === "lines" && trace.connectgaps !== false;
+      let begin = held ? Math.max(0, placeOf(x, range[0])) : 0;
+      for (; begin < x.length; begin++) {
+        if (x[begin] === null || !held && x[begin] < range[0]) continue;
+        if (x[begin] > range[1]) { if (held) break; continue; }
+        const value = trace.y[begin];
+        if (value === null || log && value <= 0) continue;
+        low = Math.min(low, value); high = Math.max(high, value);
+      }
+    }
+    if (low > high) return null;
+    if (log) return [Math.log10(low) - 0.1, Math.log10(high) + 0.1];
+    const margin = 0.06 * (high - low) || 0.05 * Math.abs(high) || 1;
+    return [low - margin, high + margin];
+  }
+
+  // vertical ranges for the times that are shown, as `Plotly.relayout` takes them
+  function vertical(figure) {
+    const changes = {};
+    for (const key of Object.keys(figure.layout)) {
+      if (!/^yaxis/.test(key) || figure.layout[key].tickvals) continue;
+      const found = whole() ? figure.layout[key].range || null : extent(figure, key);
+      if (found) changes[key + ".range"] = found.slice();
+      else changes[key + ".autorange"] = true;
+    }
+    return changes;
+  }
 
   // a figure in the colors of the theme, showing one of its views
   function shown(figure) {
     const layout = themed.layout(figure.layout);
-    const traces = figure.traces.map(({ view, ...trace }) => {
-      const visible = view === undefined || (view === "log") === logarithmic;
+    const traces = figure.traces.map(({ view, meta, ...trace }) => {
+      const visible = trace.visible !== false && (view === undefined || (view === "log") === logarithmic);
       return { x: data.time, ...themed.traces(trace), visible };
     });
     for (const key of figure.views) layout[key].type = logarithmic ? "log" : "linear";
+    layout.xaxis.range = range.slice();
+    for (const [key, value] of Object.entries(vertical(figure))) {
+      const [axis, what] = key.split(".");
+      layout[axis][what] = value;
+    }
     return { traces, layout };
   }
 
+  // ---- the cursor and what it reads
+
   function place(entry, time) {
+    if (!entry.plot._fullLayout) return;
     const axis = entry.plot._fullLayout.xaxis, area = entry.plot._fullLayout._size;
     const x = axis._offset + axis.l2p(time);
     const inside = x >= axis._offset - 1 && x <= axis._offset + axis._length + 1;
@@ -26,54 +90,131 @@
     entry.line.dataset.time = time;
   }
 
+  function number(value) {
+    if (value === null || value === undefined) return "-";
+    const size = Math.abs(value);
+    return size !== 0 && (size < 1e-3 || size >= 1e6) ? value.toExponential(3) : String(Number(value.toPrecision(5)));
+  }
+
+  // what a figure shows at a time: label, value and unit of each signal, in the order in which they are drawn
+  function reading(figure, time) {
+    const found = [], groups = new Map();
+    for (const trace of figure.traces) {
+      if (!trace.meta || trace.view === "log") continue;
+      const { label, unit, bars, group } = trace.meta;
+      if (bars) {
+        const on = [];
+        for (let start = 0; start < trace.x.length; start += 3) {
+          if (trace.x[start] <= time + 1e-9 && time < trace.x[start + 1] - 1e-9) on.push(trace.text[start]);
+        }
+        if (on.length) groups.set(label, [...(groups.get(label) || []), ...on]);
+        else if (!groups.has(label)) groups.set(label, []);
+        continue;
+      }
+      const at = placeOf(times(trace), time), value = at < 0 ? null : trace.y[at];
+      if (!group) { found.push([label, number(value), unit]); continue; }
+      if (value !== null) groups.set(group, [...(groups.get(group) || []), [label, value, unit]]);
+    }
+    for (const [group, members] of groups) {
+      if (members.length && Array.isArray(members[0])) {
+        members.sort((one, other) => other[1] - one[1]);
+        for (const [label, value, unit] of members.slice(0, 5)) found.push([group + " " + label, number(value), unit]);
+      } else found.push([group, members.length ? members.join(" ") : "none", ""]);
+    }
+    return found;
+  }
+
+  function read(entry, time) {
+    entry.readout.replaceChildren(...reading(entry.figure, time).map(([label, value, unit]) => {
+      const part = make("span");
+      part.append(label ? label + " " : "", make("b", value), unit ? " " + unit : "");
+      return part;
+    }));
+  }
+
   function cursor(time) {
     const now = Math.max(first, Math.min(last, time));
     slider.value = now;
     document.getElementById("cursor-time").textContent = now.toFixed(2) + " s";
-    for (const entry of drawn) place(entry, now);
+    for (const entry of drawn) { place(entry, now); read(entry, now); }
   }
 
-  function link(from, change) {
-    if (linking) return;
-    let range = null;
-    if (change["xaxis.range[0]"] !== undefined) range = [change["xaxis.range[0]"], change["xaxis.range[1]"]];
-    else if (change["xaxis.autorange"]) range = [first, last];
-    if (!range) return;
+  // ---- zoom
+
+  function zoom(from, to) {
+    range = [Math.max(first, from), Math.min(last, to)];
     linking = true;
-    Promise.all(drawn.map(entry => Plotly.relayout(entry.plot, { "xaxis.range": range, "xaxis.autorange": false })))
+    return Promise.all(drawn.map(entry => Plotly.relayout(entry.plot, { "xaxis.range": range.slice(), "xaxis.autorange": false, ...vertical(entry.figure) })))
       .then(() => { linking = false; cursor(Number(slider.value)); });
   }
 
+  function link(change) {
+    if (linking) return;
+    if (change["xaxis.range[0]"] !== undefined) zoom(change["xaxis.range[0]"], change["xaxis.range[1]"]);
+    else if (change["xaxis.range"]) zoom(...change["xaxis.range"]);
+    else if (change["xaxis.autorange"]) zoom(first, last);
+  }
+
+  function show(jump) {
+    zoom(jump.start, jump.end).then(() => cursor(jump.at));
+  }
+
+  function jumps() {
+    for (const jump of data.jumps) {
+      const button = make("button", jump.text);
+      button.type = "button";
+      button.title = jump.start.toFixed(2) + " to " + jump.end.toFixed(2) + " s: " + jump.title;
+      button.addEventListener("click", () => show(jump));
+      document.getElementById("jumps").append(button);
+    }
+    document.querySelectorAll("button[data-jump]").forEach(button => button.addEventListener("click", () => {
+      show(data.jumps[Number(button.dataset.jump)]);
+      document.getElementById("bar").scrollIntoView();
+    }));
+  }
+
+  // ---- figures
+
   function draw(figure) {
-    const card = document.createElement("section"), heading = document.createElement("h3"), plot = document.createElement("div"), line = document.createElement("div");
-    card.className = "plot" + (figure.layout.height > 560 ? " tall" : "");
+    const card = make(figure.folded ? "details" : "section", "", "plot" + (figure.folded ? " folded" : figure.layout.height > 560 ? " tall" : ""));
+    const plot = make("div"), line = make("div", "", "cursor"), readout = make("p", "", "readout");
     card.id = "plot-" + figure.name;
-    heading.textContent = figure.title;
-    line.className = "cursor";
-    card.append(heading, plot, line);
-    if (figure.note) { const note = document.createElement("p"); note.textContent = figure.note; card.append(note); }
+    if (figure.folded) {
+      const summary = make("summary");
+      summary.append(make("h3", figure.title));
+      card.append(summary);
+    } else card.append(make("h3", figure.title));
+    card.append(readout, plot);
+    if (figure.note) card.append(make("p", figure.note, "note"));
     host.append(card);
-    const entry = { figure, plot, line }, drawing = shown(figure);
-    return Plotly.newPlot(plot, drawing.traces, drawing.layout, themed.options).then(() => {
-      drawn.push(entry);
-      plot.on("plotly_hover", event => cursor(event.points[0].x));
-      plot.on("plotly_relayout", change => link(entry, change));
-      plot.on("plotly_afterplot", () => place(entry, Number(slider.value)));
-      place(entry, Number(slider.value));
-    });
+    const entry = { figure, plot, line, readout };
+    const begin = () => {
+      const drawing = shown(figure);
+      plot.after(line);
+      return Plotly.newPlot(plot, drawing.traces, drawing.layout, themed.options).then(() => {
+        drawn.push(entry);
+        plot.on("plotly_hover", event => cursor(event.points[0].x));
+        plot.on("plotly_relayout", link);
+        plot.on("plotly_afterplot", () => place(entry, Number(slider.value)));
+        place(entry, Number(slider.value));
+        read(entry, Number(slider.value));
+      });
+    };
+    if (!figure.folded) return begin();
+    card.addEventListener("toggle", begin, { once: true });
+    return null;
   }
 
   function redraw() {
     for (const entry of drawn) {
       const drawing = shown(entry.figure);
-      drawing.layout.xaxis.range = entry.plot._fullLayout.xaxis.range.slice();  // a zoom stays
       Plotly.react(entry.plot, drawing.traces, drawing.layout, themed.options);
     }
   }
 
   slider.min = first; slider.max = last; slider.value = first;
   slider.addEventListener("input", () => cursor(Number(slider.value)));
-  document.getElementById("zoom-out").addEventListener("click", () => link(null, { "xaxis.autorange": true }));
+  document.getElementById("zoom-out").addEventListener("click", () => zoom(first, last));
   document.getElementById("views").addEventListener("click", event => {
     logarithmic = !logarithmic;
     event.target.textContent = "Errors: " + (logarithmic ? "logarithmic" : "linear");
@@ -82,10 +223,16 @@
   });
   themed.onChange(redraw);
   addEventListener("resize", () => requestAnimationFrame(() => cursor(Number(slider.value))));
+  // on paper in the colors of paper, and as wide as it
+  const narrowed = width => Promise.all(drawn.map(entry => Plotly.relayout(entry.plot, { width, autosize: width === undefined })));
+  addEventListener("beforeprint", () => { document.documentElement.dataset.print = "yes"; redraw(); narrowed(330); });
+  addEventListener("afterprint", () => { delete document.documentElement.dataset.print; redraw(); narrowed(undefined); });
+  jumps();
 
   (async () => {
     for (const figure of data.plots) { await draw(figure); await new Promise(done => setTimeout(done)); }
     cursor(first);
     document.body.dataset.ready = "yes";
   })();
+  window.massprop = { cursor, zoom, reading, figures: data.plots };
 })();

@@ -54,6 +54,8 @@ class Points(NamedTuple):
         color, label: as of a `Line`.
         size: points.
         symbol: a dot, or a vertical tick for an event.
+        drawn: whether they are drawn; else they are only read, where a reader asks for values at a time.
+        group: of many of which a reader wants the largest, what they are; empty: these are read by themselves.
     """
 
     x: Array
@@ -62,6 +64,8 @@ class Points(NamedTuple):
     label: str = ""
     size: float = POINT_SIZE
     symbol: Literal["dot", "tick"] = "dot"
+    drawn: bool = True
+    group: str = ""
 
 
 class Whiskers(NamedTuple):
@@ -108,12 +112,16 @@ class Bars(NamedTuple):
         begin, end: times, s, shape (n,) each.
         row: whole number of the row each bar lies in, from 0 at the top, shape (n,).
         color: of all.
+        height: of each, in rows.
+        label: what they show, for a reader who asks; it stands in no legend.
     """
 
     begin: Array
     end: Array
     row: Array
     color: str
+    height: float = 0.84
+    label: str = ""
 
 
 class Level(NamedTuple):
@@ -175,11 +183,12 @@ class Panel(NamedTuple):
 
 
 class Window(NamedTuple):
-    """A shaded interval of time, s, and its name."""
+    """A shaded interval of time, s, and its name: something is commanded, or the detector is not armed."""
 
     start_s: float
     end_s: float
     text: str
+    armed: bool = True
 
 
 class Moment(NamedTuple):
@@ -200,6 +209,8 @@ class Plot(NamedTuple):
         panels: from the top down.
         windows, moments: shown in every panel.
         note: what shades and vertical lines mean.
+        meaning: what its marks mean, where no label says it.
+        folded: whether a page shows it only when it is asked for.
     """
 
     name: str
@@ -210,3 +221,5 @@ class Plot(NamedTuple):
     windows: tuple[Window, ...] = ()
     moments: tuple[Moment, ...] = ()
     note: str = ""
+    meaning: str = ""
+    folded: bool = False

@@ -1,7 +1,6 @@
 """A vehicle in Drake's Meshcat, live or recorded: body, jets, plumes, and the true and estimated center of mass.
 
-The camera follows the vehicle: its center of mass stays in the middle, and the inertial axes keep their
-direction.
+The page keeps its center of mass in the middle, and the inertial axes keep their direction.
 """
 
 from __future__ import annotations
@@ -10,13 +9,13 @@ import logging
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.common.eigen_geometry import Quaternion
 from pydrake.geometry import Box, Cylinder, Ellipsoid, Meshcat, MeshcatCone, MeshcatParams, Rgba, Sphere
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 
 from massprop_drake.display.style import (
     ESTIMATE_COLOR,
     FAILED_COLOR,
+    PAYLOAD_COLOR,
     PLUME_COLOR,
     SUSPECT_COLOR,
     TRUTH_COLOR,
@@ -33,18 +32,23 @@ from massprop_drake.inputs.vehicle import (
 
 Array = NDArray[np.float64]
 
-SHOWN = 0.02  # of the full thrust; below it there is no plume
 _OPACITY = 0.6  # of the body: the centers of mass lie inside
 _EXTENT = 4.0  # of the vehicle in Meshcat's lengths, which its lights are made for
+_VIEW = np.array([0.46, -0.64, 0.36])  # direction of the camera
+_FIELD = np.radians(75.0)  # of Meshcat's camera, from top to bottom
+_CLOSE = 0.92  # distance of the camera over that from which a ball around the vehicle fits
 _BODY = "/world/body"
 _STRUCTURE = f"{_BODY}/structure"  # the vehicle frame
 _MARKS = {"failed": (FAILED_COLOR, 1.0), "found": (SUSPECT_COLOR, 1.5)}  # color and size
 
 
 class Stage:
-    """Shows a vehicle in Meshcat and moves it.
+    """Shows a vehicle in Meshcat; the page moves it.
 
-    Methods take the time of a change in the recording, s; None shows it at once.
+    Attributes:
+        meshcat: what shows it.
+        axis: length of the axes, a round number, ft or m.
+        spread: least and largest half axis of the 3-sigma ellipsoid that is shown, ft or m.
 
     Args:
         vehicle: the one to show.
@@ -54,6 +58,8 @@ class Stage:
     def __init__(self, vehicle: Vehicle, *, truth: bool):
         self._vehicle = vehicle
         self._extent = _extent(vehicle)
+        self.axis = round_length(0.45 * self._extent)
+        self.spread = (0.002 * self._extent, 0.35 * self._extent)
         self.meshcat = _quiet_meshcat()
         self._prepare()
         self._draw_body()
@@ -61,38 +67,21 @@ class Stage:
         self._draw_jets()
         self._draw_centers(truth)
 
-    def turn(self, attitude: Array, at_s: float | None = None) -> None:
-        """Turns the body to an attitude q_NB, shape (4,)."""
-        turned = RotationMatrix(Quaternion(attitude / np.linalg.norm(attitude)))
-        self.meshcat.SetTransform(_BODY, RigidTransform(turned, np.zeros(3)), at_s)
-
-    def center(self, position: Array, at_s: float | None = None) -> None:
-        """Centers the view on a point of the vehicle frame, ft or m, shape (3,)."""
-        self.meshcat.SetTransform(_STRUCTURE, RigidTransform(-position), at_s)
-
-    def plume(self, jet: int, shown: bool, at_s: float | None = None) -> None:
-        """Shows or hides the plume of a jet."""
-        self.meshcat.SetProperty(f"{_STRUCTURE}/jets/{jet}/plume", "visible", bool(shown), at_s)
-
-    def estimate(self, position: Array, deviation: Array, at_s: float | None = None) -> None:
-        """Moves the estimated center of mass and scales its 3-sigma ellipsoid, ft or m, shape (3,) each."""
-        path, smallest = f"{_STRUCTURE}/estimate", 0.002 * self._extent
-        spread = np.clip(np.nan_to_num(3.0 * deviation), smallest, 0.35 * self._extent)
-        self.meshcat.SetTransform(path, RigidTransform(np.nan_to_num(position)), at_s)
-        self.meshcat.SetProperty(f"{path}/spread", "scale", spread.tolist(), at_s)
-
-    def add_mark(self, kind: str, name: str, jet: int) -> str:
-        """Adds a hidden mark to a jet, "failed" or "found", and returns its path for `show`."""
+    def add_mark(self, kind: str, jet: int) -> None:
+        """Adds a hidden mark to a jet, "failed" or "found"."""
         color, size = _MARKS[kind]
-        path = f"{_STRUCTURE}/marks/{kind}{name}_{jet}"
+        path = f"{_STRUCTURE}/marks/{kind}{jet}"
         self.meshcat.SetObject(path, Sphere(0.022 * size * self._extent), _rgba(color, 0.55))
         self.meshcat.SetTransform(path, RigidTransform(self._vehicle.positions[jet]))
-        self.show(path, False)
-        return path
+        self.meshcat.SetProperty(path, "visible", False)
 
-    def show(self, path: str, shown: bool, at_s: float | None = None) -> None:
-        """Shows or hides a mark."""
-        self.meshcat.SetProperty(path, "visible", bool(shown), at_s)
+    def add_payload(self, number: int, mass: float, position: Array) -> None:
+        """Adds a payload, slug or kg, at a point of the vehicle frame, ft or m, shape (3,)."""
+        share = mass / self._vehicle.nominal.mass
+        radius = 0.08 * self._extent * min(max(share, 0.02), 2.0) ** (1.0 / 3.0)
+        path = f"{_STRUCTURE}/payloads/{number}"
+        self.meshcat.SetObject(path, Sphere(radius), _rgba(PAYLOAD_COLOR, 0.6))
+        self.meshcat.SetTransform(path, RigidTransform(position))
 
     # --------------------------------------------------------------------------------------- parts
 
@@ -103,15 +92,15 @@ class Stage:
             self.meshcat.SetProperty(path, "visible", False)
         self.meshcat.SetProperty("/Background/<object>", "top_color", [0.93, 0.95, 0.98])
         self.meshcat.SetProperty("/Background/<object>", "bottom_color", [0.75, 0.79, 0.85])
-        camera = _EXTENT * np.array([0.46, -0.64, 0.36])
-        self.meshcat.SetCameraPose(camera, np.zeros(3))
+        away = _VIEW / np.linalg.norm(_VIEW) * _CLOSE * _radius(self._vehicle) / np.sin(0.5 * _FIELD)
+        self.meshcat.SetCameraPose(scale * away, np.zeros(3))
 
     def _draw_body(self) -> None:
         for number, solid in enumerate(self._vehicle.shape or _box(self._vehicle)):
             _draw_solid(self.meshcat, f"{_STRUCTURE}/shape/{number}", solid)
 
     def _draw_axes(self) -> None:
-        length, radius = 0.62 * self._extent, 0.003 * self._extent
+        length, radius = self.axis, 0.003 * self._extent
         for axis, color in enumerate(((0.8, 0.2, 0.2), (0.2, 0.6, 0.2), (0.2, 0.3, 0.8))):
             direction = np.eye(3)[axis]
             path = f"{_BODY}/axes/{'xyz'[axis]}"
@@ -131,7 +120,7 @@ class Stage:
             length = (0.05 + 0.11 * (jet.thrust / strongest) ** 0.5) * extent
             plume = MeshcatCone(length, 0.2 * length, 0.2 * length)
             self.meshcat.SetObject(f"{path}/plume", plume, _rgba(PLUME_COLOR, 0.75))
-            self.plume(index, False)
+            self.meshcat.SetProperty(f"{path}/plume", "visible", False)
 
     def _draw_centers(self, truth: bool) -> None:
         radius = 0.012 * self._extent
@@ -155,11 +144,28 @@ def _quiet_meshcat() -> Meshcat:
 
 def _extent(vehicle: Vehicle) -> float:
     """Returns the largest dimension of the vehicle, jets and solids, along an axis, ft or m."""
+    return float(np.ptp(_corners(vehicle), axis=0).max()) or 1.0
+
+
+def _radius(vehicle: Vehicle) -> float:
+    """Returns the distance from the nominal center of mass of the farthest corner of a box around the vehicle."""
+    corners = _corners(vehicle) - vehicle.nominal.center_of_mass
+    return float(np.linalg.norm(np.abs(corners).max(axis=0))) or 1.0
+
+
+def _corners(vehicle: Vehicle) -> Array:
+    """Returns points on the outside of the vehicle, jets and solids, ft or m, shape (n, 3)."""
     corners = [vehicle.positions.min(axis=0), vehicle.positions.max(axis=0)]
     for solid in vehicle.shape:
         reach = _reach(solid)
         corners += [np.array(solid.position) - reach, np.array(solid.position) + reach]
-    return float(np.ptp(np.array(corners), axis=0).max()) or 1.0
+    return np.array(corners)
+
+
+def round_length(length: float) -> float:
+    """Returns the longest with one digit that is no longer."""
+    power = 10.0 ** np.floor(np.log10(length))
+    return float(power * np.floor(length / power * (1.0 + 1e-9)))
 
 
 def _reach(solid: Solid) -> float:

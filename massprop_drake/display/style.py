@@ -8,10 +8,16 @@ TRUTH_COLOR = "#000000"  # a page with a dark background shows it in the color o
 ESTIMATE_COLOR = "#0072B2"
 FAILED_COLOR = "#D55E00"  # what truly fails
 SUSPECT_COLOR = "#CC79A7"  # what the detector names
-PLUME_COLOR = "#E69F00"
+PLUME_COLOR = "#E69F00"  # a jet that does as it is told
+UNTOLD_COLOR = "#B00020"  # of a failed one that fires untold
+WITHHELD_COLOR = "#5A6675"  # of a failed one that was told to fire and does not
+PAYLOAD_COLOR = "#009E73"
 BAND_COLOR = "#9AA5B1"  # what surrounds a curve, and what stands behind the others
 WINDOW_COLOR = "#E69F00"  # a hand controller is out of detent
+UNARMED_COLOR = "#56636F"  # the detector is not armed
 DECLARED_COLOR = "#D55E00"  # the detector declares a failure or a jump
+
+SHOWN = 0.02  # of the full thrust; below it no jet is shown to fire
 
 BAND_OPACITY = 0.35
 WINDOW_OPACITY = 0.10

@@ -14,6 +14,7 @@ from pydantic import Field, model_validator
 from massprop_drake.errors import InputError, dotted, suggestion
 from massprop_drake.inputs import params
 from massprop_drake.inputs.distributions import KINDS, Choice, Distribution, Normal, distribution_in
+from massprop_drake.inputs.kinds import bundled, require_kind, require_named
 from massprop_drake.inputs.model import Flag, Key, Model, Real, Text, Whole, described, keys, validated
 from massprop_drake.inputs.scenario import Scenario, load_scenario, parsed_key, resolved, set_at
 from massprop_drake.inputs.vehicle import Vehicle
@@ -184,9 +185,7 @@ class CampaignSpec(NamedTuple):
 
 def bundled_campaigns() -> list[str]:
     """Lists the campaigns that come with the package."""
-    folder = resources.files("massprop_drake.scenarios") / "campaigns"
-    names = (item.name for item in folder.iterdir()) if folder.is_dir() else ()
-    return sorted(name.removesuffix(".yaml") for name in names if name.endswith(".yaml"))
+    return bundled("campaign")
 
 
 def campaign_description(name: str) -> str:
@@ -212,12 +211,11 @@ def load_campaign(campaign: str | Path, overrides: Sequence[str] = ()) -> Campai
         text, source = path.read_text(encoding="utf-8"), f"campaign '{name}'"
     else:
         file = Path(campaign)
-        if not exists(file) and file.suffix not in (".yaml", ".yml") and file.parent == Path():
-            raise InputError(
-                f"'{name}' is neither a bundled campaign nor a file{suggestion(name, bundled_campaigns())}"
-            )
+        if not exists(file):
+            require_named(name, "campaign")
         text, source, folder = read_text(file), name, file.parent
     document = Document(text, source)
+    require_kind(document.data, "campaign", source)
     for override in overrides:
         _set_in_file(document.data, override)
     return campaign_from(document, folder)

@@ -20,6 +20,7 @@ from pydantic import Field, field_validator, model_validator
 
 from massprop_drake.errors import InputError, dotted, suggestion
 from massprop_drake.inputs import plausible, renamed
+from massprop_drake.inputs.kinds import bundled, require_kind, require_named
 from massprop_drake.inputs.model import (
     Flag,
     Matrix3,
@@ -738,10 +739,25 @@ class Scenario(Model):
     def _windows(self) -> Scenario:
         if self.maneuver and self.jet_schedule:
             raise ValueError("give either maneuver or jet_schedule, not both: a jet schedule has no autopilot")
-        _require_apart("maneuver", [(w.controller + w.axis[1], w.start_s, w.end_s) for w in self.maneuver])
-        _require_apart("failures", [(f.jet, f.start_s, f.end_s or math.inf) for f in self.failures])
-        _require_apart("jet_schedule", [(p.jet, p.start_s, p.end_s) for p in self.jet_schedule])
+        problems = [
+            *_overlaps("maneuver", [(f"{w.controller} {w.axis[1]}", w.start_s, w.end_s) for w in self.maneuver]),
+            *_overlaps("failures", [(f.jet, f.start_s, f.end_s or math.inf) for f in self.failures]),
+            *_overlaps("jet_schedule", [(p.jet, p.start_s, p.end_s) for p in self.jet_schedule]),
+        ]
+        if problems:
+            raise refusal(problems)
         return self
+
+    def __repr__(self) -> str:
+        vehicle = self.vehicle if isinstance(self.vehicle, str) else self.vehicle.name
+        counts = {"failures": len(self.failures), "jumps": len(self.jumps)}
+        happens = "".join(f", {count} {kind[: -1 if count == 1 else None]}" for kind, count in counts.items() if count)
+        return (
+            f"<Scenario '{self.name}': vehicle '{vehicle}', {self.duration_s:g} s, seed {self.seed}, "
+            f"filter {self.estimation.filter}, detector {self.detector.kind}{happens}>"
+        )
+
+    __str__ = __repr__
 
     @property
     def vehicle_data(self) -> Vehicle:
@@ -818,14 +834,17 @@ def _foreign_keys(scenario: Scenario) -> Iterator[tuple[FieldPath, str]]:
                 yield path, other
 
 
-def _require_apart(field: str, windows: list[tuple[str, float, float]]) -> None:
+def _overlaps(field: str, windows: list[tuple[str, float, float]]) -> Iterator[tuple[FieldPath, str]]:
+    """Finds windows of the same axis or jet that overlap, each with the first one before it that it overlaps."""
     for index, (what, start, end) in enumerate(windows):
         for other in range(index):
             if windows[other][0] == what and start < windows[other][2] and windows[other][1] < end:
-                raise ValueError(
-                    f"{field}[{index}] overlaps {field}[{other}] on the same axis or jet ({what}): "
-                    f"{start:g} to {end:g} s and {windows[other][1]:g} to {windows[other][2]:g} s"
+                yield (
+                    (field, index),
+                    f"overlaps {field}[{other}] on the same axis or jet ({what}): "
+                    f"{start:g} to {end:g} s and {windows[other][1]:g} to {windows[other][2]:g} s",
                 )
+                break
 
 
 def check_against_vehicle(scenario: Scenario, vehicle: Vehicle) -> list[tuple[FieldPath, str]]:
@@ -907,8 +926,7 @@ def jump_terms(jump: MassJump) -> tuple[float, Array, Array]:
 
 def bundled_scenarios() -> list[str]:
     """Lists the scenarios that come with the package."""
-    folder = resources.files("massprop_drake.scenarios")
-    return sorted(item.name.removesuffix(".yaml") for item in folder.iterdir() if item.name.endswith(".yaml"))
+    return bundled("scenario")
 
 
 def load_scenario(scenario: str | Path, overrides: list[str] | None = None) -> Scenario:
@@ -931,11 +949,10 @@ def load_scenario(scenario: str | Path, overrides: list[str] | None = None) -> S
         path = Path(scenario)
         if exists(path / "scenario.yaml"):
             path = path / "scenario.yaml"
-        if not exists(path) and path.suffix not in (".yaml", ".yml") and path.parent == Path():
-            raise InputError(
-                f"'{name}' is neither a bundled scenario nor a file{suggestion(name, bundled_scenarios())}"
-            )
+        if not exists(path):
+            require_named(name, "scenario")
         document = Document(read_text(path), str(path))
+        require_kind(document.data, "scenario", str(path))
         folder = path.parent
     for override in overrides or []:
         if override.startswith("vehicle."):

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cached_property
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ from pydantic import Field, field_validator, model_validator
 
 from massprop_drake.errors import InputError, suggestion
 from massprop_drake.inputs import plausible
+from massprop_drake.inputs.kinds import bundled, require_kind, require_named
 from massprop_drake.inputs.model import (
     Matrix3,
     Model,
@@ -428,6 +429,14 @@ class Vehicle(Model):
     def _per_jet(self, value: Callable[[Jet], float]) -> Array:
         return np.array([value(jet) for jet in self.jets])
 
+    def __repr__(self) -> str:
+        return (
+            f"<Vehicle '{self.name}': {len(self.jets)} jets, {len(self.gyros)} gyro and {len(self.accelerometers)} "
+            f"accelerometer packages, {self.nominal.mass:g} {self.unit_names['mass']}>"
+        )
+
+    __str__ = __repr__
+
     @cached_property
     def nominal(self) -> MassProperties:
         """Nominal mass properties as arrays."""
@@ -449,6 +458,14 @@ class Vehicle(Model):
         """Names of the units of length, mass and force."""
         return UNITS[self.units]
 
+    def gyro(self, name: str) -> Gyro:
+        """The gyro package of a name; InputError where there is none."""
+        return _of_name("gyro package", name, self.gyros)
+
+    def accelerometer(self, name: str) -> Accelerometer:
+        """The accelerometer package of a name; InputError where there is none."""
+        return _of_name("accelerometer package", name, self.accelerometers)
+
     def jet_index(self, designation: str) -> int:
         """Index of a jet in `jets`; raises KeyError for an unknown designation."""
         try:
@@ -469,10 +486,19 @@ def _require_unique(where: str, what: str, values: list[Any]) -> None:
         seen.add(value)
 
 
+_P = TypeVar("_P", bound=SensorPackage)
+
+
+def _of_name(what: str, name: str, packages: Sequence[_P]) -> _P:
+    found = next((package for package in packages if package.name == name), None)
+    if found is None:
+        raise InputError(f"'{name}' is no {what} of the vehicle{suggestion(name, [one.name for one in packages])}")
+    return found
+
+
 def bundled_vehicles() -> list[str]:
     """Lists the vehicles that come with the package."""
-    folder = resources.files("massprop_drake") / "vehicles"
-    return sorted(item.name.removesuffix(".yaml") for item in folder.iterdir() if item.name.endswith(".yaml"))
+    return bundled("vehicle")
 
 
 def load_vehicle(vehicle: str | Path) -> Vehicle:
@@ -490,7 +516,8 @@ def load_vehicle(vehicle: str | Path) -> Vehicle:
         document = Document(text, f"vehicle '{name}'")
     else:
         path = Path(vehicle)
-        if not exists(path) and path.suffix not in (".yaml", ".yml") and path.parent == Path():
-            raise InputError(f"'{name}' is neither a bundled vehicle nor a file{suggestion(name, bundled_vehicles())}")
+        if not exists(path):
+            require_named(name, "vehicle")
         document = Document(read_text(path), str(path))
+        require_kind(document.data, "vehicle", str(path))
     return validated(Vehicle, document.data, document)

@@ -11,18 +11,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_drake.errors import InputError
+from massprop_drake.errors import InputError, suggestion
 from massprop_drake.inputs import params
+from massprop_drake.inputs.kinds import bundled
 from massprop_drake.inputs.model import validated, yaml_text
 from massprop_drake.inputs.scenario import Scenario, load_scenario
 from massprop_drake.inputs.yaml import exists, read_text
 from massprop_drake.results.exchange import recover
 from massprop_drake.results.folder import Place, require_writable, whole_folder
-from massprop_drake.results.spool import Spool, blocks, write_npz
+from massprop_drake.results.spool import Signals, Spool, blocks, write_npz
 from massprop_drake.results.stored import STATE_FILE, FilterState, read_history, read_json
 from massprop_drake.results.summary import Summary, null_for_nan
 from massprop_drake.results.thinning import outstanding_rows, picked
-from massprop_drake.signals import SIGNALS, Signal, accelerometer_signal, gyro_signal, in_units
+from massprop_drake.signals import SIGNALS, Signal, accelerometer_signal, gyro_signal, in_units, is_own, own_signal
 from massprop_drake.telemetry import reader as telemetry
 
 if TYPE_CHECKING:
@@ -46,9 +47,20 @@ def read_summary(folder: Path) -> Summary:
     """
     recover(folder)
     path = folder / "summary.json"
+    if not exists(folder):
+        raise InputError(f"{folder}: there is no such run{_runs_like(folder)}")
     if not exists(path):
         raise InputError(f"{folder}: holds no run that can be read: it has no summary.json")
     return Summary.from_json(read_json(path), str(path))
+
+
+def _runs_like(folder: Path) -> str:
+    """Suggests a run that is there, or how to make one of a bundled scenario."""
+    there = sorted(str(found.parent) for found in (*Path().glob("*/summary.json"), *Path().glob("runs/*/summary.json")))
+    same = [name for name in there if Path(name).name == folder.name]
+    if not same and str(folder) in bundled("scenario"):
+        return f"; 'massprop run {folder}' makes one in runs/{folder}"
+    return suggestion(folder, same[:1] or there)
 
 
 class Run:
@@ -76,12 +88,17 @@ class Run:
         self.results = results
         if time_s is not None:
             self.time_s = time_s
-        self.signals = signals if isinstance(signals, Spool) else dict(signals)
+        self.signals = signals if isinstance(signals, Spool) else Signals(signals)
         self.state = dict(state or {})
         self.thinned = False
 
     def __repr__(self) -> str:
-        return f"<Run of '{self.scenario.name}', {self.results.duration_s:g} s, seed {self.scenario.seed}>"
+        found = len(self.results.detections)
+        said = f"{found} declaration{'s' if found > 1 else ''}" if found else "no failure found"
+        return (
+            f"<Run of '{self.scenario.name}' on '{self.results.vehicle}', {self.results.duration_s:g} s, "
+            f"seed {self.scenario.seed}: {said}>"
+        )
 
     def __getitem__(self, name: str) -> Array:
         return self.signals[name]
@@ -116,7 +133,8 @@ class Run:
         vehicle = self.scenario.vehicle_data
         packages = {gyro.name: gyro_signal(gyro.name) for gyro in vehicle.gyros}
         packages |= {package.name: accelerometer_signal(package.name) for package in vehicle.accelerometers}
-        return {name: SIGNALS.get(name) or packages[name] for name in self.signals}
+        own = {name: own_signal(name, np.shape(self.signals[name])[1]) for name in self.signals if is_own(name)}
+        return {name: SIGNALS.get(name) or packages.get(name) or own[name] for name in self.signals}
 
     @cached_property
     def units(self) -> dict[str, str]:

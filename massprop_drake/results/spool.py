@@ -26,6 +26,24 @@ class _Piece(NamedTuple):
     shape: tuple[int, ...]
 
 
+_LISTED = 10  # signals that a short text of them names
+
+
+class Signals(dict[str, Array]):
+    """Signals by name, shape (n_samples, components), with a short text of them."""
+
+    def __repr__(self) -> str:
+        return described({name: values.shape for name, values in self.items()})
+
+
+def described(shapes: Mapping[str, tuple[int, ...]]) -> str:
+    """A short text of signals, from the shape of each."""
+    names = [f"{name} ({shape[1]})" for name, shape in shapes.items() if len(shape) == 2]
+    rows = next(iter(shapes.values()))[0] if shapes else 0
+    more = f", and {len(names) - _LISTED} more" if len(names) > _LISTED else ""
+    return f"<{len(names)} signals of {rows} samples: {', '.join(names[:_LISTED])}{more}>"
+
+
 class Spool(Mapping[str, Array]):
     """Takes in the signals of a run as they come, and keeps no more than a piece of them in memory.
 
@@ -93,6 +111,11 @@ class Spool(Mapping[str, Array]):
         if self.in_memory:
             return next(self.blocks(name))[name]
         return np.concatenate([block[name] for block in self.blocks(name)])
+
+    def __repr__(self) -> str:
+        held: Mapping[str, Array | _Piece] = self._waiting[-1] if self._waiting else {}
+        parts = held or {name: pieces[-1] for name, pieces in self._pieces.items()}
+        return described({name: (self.n_rows, *parts[name].shape[1:]) for name in self})
 
     @property
     def in_memory(self) -> bool:

@@ -34,7 +34,7 @@ from massprop_drake.maths.estimation.filters.joint import JOINT_REPORT
 from massprop_drake.results.detections import DetectionRecord
 from massprop_drake.results.events import EventRecord
 from massprop_drake.results.unconfirmed import UnconfirmedRecord
-from massprop_drake.signals import AXES, SIGNALS
+from massprop_drake.signals import AXES, SIGNALS, is_own
 
 Array = NDArray[np.float64]
 
@@ -238,8 +238,8 @@ def read_history(path: Path, vehicle: Vehicle) -> tuple[Array, dict[str, Array]]
             members = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
             _require_groups(set(members), vehicle)
             time_s = _read_array(archive, members["time_s"], None, 0)
-            wanted = [name for name in members if name in columns]
-            signals = {name: _read_array(archive, members[name], time_s.size, columns[name]) for name in wanted}
+            wanted = [name for name in members if name in columns or is_own(name)]
+            signals = {name: _read_array(archive, members[name], time_s.size, columns.get(name)) for name in wanted}
     except MemoryError:
         raise InputError(f"{path}: is too large for the memory of this machine") from None
     except (OSError, EOFError, ValueError, zipfile.BadZipFile, zlib.error) as error:
@@ -256,14 +256,14 @@ def _require_groups(names: set[str], vehicle: Vehicle) -> None:
             raise ValueError(f"'{missing[0]}' is missing")
 
 
-def _read_array(archive: zipfile.ZipFile, info: zipfile.ZipInfo, rows: int | None, columns: int) -> Array:
+def _read_array(archive: zipfile.ZipFile, info: zipfile.ZipInfo, rows: int | None, columns: int | None) -> Array:
     """Reads a signal, whose size must be what its header says, and that what is expected.
 
     Args:
         archive: to read from.
         info: of its member.
         rows: expected; None: any but none.
-        columns: expected; 0: it is a vector.
+        columns: expected; 0: it is a vector; None: any.
 
     Raises:
         ValueError: when it is anything else.
@@ -277,7 +277,10 @@ def _read_array(archive: zipfile.ZipFile, info: zipfile.ZipInfo, rows: int | Non
         if magic[:8] != b"\x93NUMPY\x01\x00" or match is None:
             raise ValueError(f"'{info.filename}' is no array of numbers in double precision")
         shape = tuple(int(part) for part in match.groups() if part)
-        expected = (shape[0] if rows is None else rows, *([columns] if columns else []))
+        if columns is None and len(shape) != 2:
+            raise ValueError(f"'{info.filename}' has shape {shape}, expected rows and columns")
+        width = shape[1:] if columns is None else (columns,) if columns else ()
+        expected = (shape[0] if rows is None else rows, *width)
         if shape != expected or shape[0] == 0:
             raise ValueError(f"'{info.filename}' has shape {shape}, expected {('n',) if rows is None else expected}")
         if info.file_size != 10 + len(header) + 8 * math.prod(shape):

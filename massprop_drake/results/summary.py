@@ -53,6 +53,13 @@ class Parameter(NamedTuple):
     percent_error: float
 
     @property
+    def percent_deviation(self) -> float:
+        """The 1-sigma in percent of the estimate; NaN where that, or a known truth, is as good as zero."""
+        if not self.estimate or (not math.isnan(self.truth) and math.isnan(self.percent_error)):
+            return math.nan
+        return 100.0 * self.standard_deviation / abs(self.estimate)
+
+    @property
     def within_three_sigma(self) -> bool:
         """Whether the estimate lies within 3 sigma of the truth; False where either is NaN."""
         return abs(self.estimate - self.truth) <= 3.0 * self.standard_deviation

@@ -139,6 +139,11 @@ class Estimator:
         self._outside = np.zeros(6)
         self._time_s = -math.inf
 
+    def __repr__(self) -> str:
+        at = "before its first sample" if self._time_s == -math.inf else f"at {self._time_s:g} s"
+        detector = self._scenario.detector.kind
+        return f"<Estimator of '{self._vehicle.name}', {self._scenario.estimation.filter} filter, {detector}, {at}>"
+
     @property
     def covariance(self) -> Array:
         """Covariance of the ten estimates as the last step gave them, shape (10, 10)."""

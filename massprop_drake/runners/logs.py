@@ -231,9 +231,9 @@ class Intake:
 
 
 def state_groups(diagram: Any, context: Any) -> Groups:
-    """The state of every part of the estimation diagram in a diagram, by name, from the root context."""
+    """The state of every part of the estimation diagram, by name, from the root context."""
     groups = {}
-    for system in diagram.GetSubsystemByName("estimation").GetSystems():
+    for system in diagram.GetSystems():
         own = system.GetMyContextFromRoot(context)
         state = own.get_discrete_state()
         if own.num_abstract_states():  # a detector whose state is no vector

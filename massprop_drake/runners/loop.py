@@ -5,6 +5,7 @@ Only the linear program of jet selection is Drake's. What the loop does not cove
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -21,7 +22,7 @@ from massprop_drake.maths.kernels import chosen
 from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
 from massprop_drake.maths.mass_properties import converged
 from massprop_drake.maths.vehicle import cycle as vehicle_cycle
-from massprop_drake.maths.vehicle.rigid_body import N_STATE, QUATERNION, STRUCTURE, OutOfMassError, SpunUpError
+from massprop_drake.maths.vehicle.rigid_body import N_STATE, QUATERNION, RATE, STRUCTURE, OutOfMassError, SpunUpError
 from massprop_drake.maths.vehicle.sensing import unsaturated
 from massprop_drake.runners.logs import EstimationLog, timed_cycle
 from massprop_drake.runners.moment import Moment
@@ -116,6 +117,7 @@ class Loop:
             self._columns |= dict(zip(_Pilot.LOGGED, sizes, strict=True))
         self._names = names
         self._moment: tuple[Array, Array, Array, EstimationStep] | None = None
+        self._shown: tuple[Array, tuple[Array, ...]] | None = None  # command and readings of that sample
         self._logs: list[tuple[dict[str, Array], EstimationLog]] = []
         self._logged = 0
 
@@ -158,6 +160,7 @@ class Loop:
         self._vehicle = stepped.state._replace(memories=memories)
         self._log((state.body, state.structure, command, stepped.thrust, *readings, *rows), done, before)
         self._moment = state.body, state.structure, stepped.thrust, done
+        self._shown = command, tuple(readings)
 
     def _stacked(self, readings: list[Array], packages: list[int]) -> Array:
         """Readings of some packages side by side, NaN where saturated, shape (s, 3)."""
@@ -198,7 +201,9 @@ class Loop:
         removed = np.zeros(thrust.size, dtype=bool)
         if done.judgment is not None:
             removed = done.judgment.state.removed != 0.0
+        assert self._shown is not None
         estimate, deviation = estimation.reported(done)
+        rotation, (command, readings) = done.filtered.rotation, self._shown
         return Moment(
             (self._sample - 1) * self._period_s,
             body[QUATERNION],
@@ -207,6 +212,10 @@ class Loop:
             estimate,
             deviation,
             removed,
+            command,
+            body[RATE],
+            float(rotation.rotation_nis) if rotation.rotation_used else math.nan,
+            readings,
         )
 
     def finish(self) -> tuple[Array, Groups]:

@@ -20,6 +20,10 @@ class Moment(NamedTuple):
         thrust: mean force of each jet over the coming sample, lbf or N, shape (n_jets,).
         estimate, standard_deviation: of the ten parameters, shape (10,) each.
         removed: jets taken out of use, boolean, shape (n_jets,).
+        command: fraction of the coming sample that each jet is told to fire, shape (n_jets,).
+        rate: true, rad/s, shape (3,).
+        nis: of the rotation filter's innovation; NaN where the sample was not used.
+        readings: of each sensor package, in the vehicle's order, shape (3,) each.
     """
 
     time_s: float
@@ -29,3 +33,7 @@ class Moment(NamedTuple):
     estimate: Array
     standard_deviation: Array
     removed: NDArray[np.bool_]
+    command: Array
+    rate: Array
+    nis: float
+    readings: tuple[Array, ...]

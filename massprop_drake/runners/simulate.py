@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -33,6 +33,7 @@ from massprop_drake.results.spool import Spool
 from massprop_drake.results.summary import Timing, summarize
 from massprop_drake.runners.logs import Intake, estimation_signals, for_json
 from massprop_drake.runners.moment import Moment
+from massprop_drake.signals import is_own
 from massprop_drake.systems.autopilot.jet_selection_program import JetSelectionProgram
 from massprop_drake.systems.layouts import STRUCTURE
 
@@ -65,9 +66,11 @@ class Engine(Protocol):
         """Mean time per cycle spent in the mathematics of each part, microseconds."""
 
 
-def _engine(scenario: Scenario) -> Engine:
-    """The engine that a scenario names."""
-    if scenario.execution.engine == "loop":
+def _engine(scenario: Scenario, diagram: Any, log: Sequence[Any]) -> Engine:
+    """The engine that a scenario names; a diagram of one's own has Drake's simulator."""
+    if log and not hasattr(diagram, "GetMutableSystems"):
+        raise InputError("simulate: log takes output ports of systems of a DiagramBuilder, given as diagram")
+    if scenario.execution.engine == "loop" and diagram is None:
         from massprop_drake.runners.loop import Loop  # noqa: PLC0415 (each engine loads what it needs)
 
         return Loop(scenario)
@@ -78,12 +81,14 @@ def _engine(scenario: Scenario) -> Engine:
         )
     from massprop_drake.runners.simulated import Simulated  # noqa: PLC0415 (loads the whole of Drake's framework)
 
-    return Simulated(scenario)
+    return Simulated(scenario, diagram, log)
 
 
 def simulate(
     scenario: Scenario,
     *,
+    diagram: Any = None,
+    log: Sequence[Any] = (),
     progress: Callable[[float], None] | None = None,
     watch: Callable[[Moment], None] | None = None,
     folder: Path | None = None,
@@ -94,6 +99,10 @@ def simulate(
 
     Args:
         scenario: with hand-controller windows (closed loop) or a jet schedule (open loop).
+        diagram: a Drake diagram of your own that flies the scenario, or its `DiagramBuilder`; None: the bundled one.
+            It has the output ports of the diagrams `vehicle` and `estimation` and a `command`, exported or, in a
+            builder, on its systems, and the sample period of the scenario's vehicle.
+        log: output ports of systems in that builder, kept as signals `<system>.<port>`.
         progress: called now and then with the simulated time, s.
         watch: called at every sample with what there is to see.
         folder: where a temporary file with the signals of a long run may lie; default the system's place for such.
@@ -105,7 +114,7 @@ def simulate(
     """
     vehicle = scenario.vehicle_data
     period = vehicle.sample_period_s
-    engine = _engine(scenario)
+    engine = _engine(scenario, diagram, log)
     intake = Intake(scenario, folder)
     intervals = params.sample_count(scenario)
     end_s = intervals * period
@@ -188,7 +197,7 @@ def _signals(scenario: Scenario, logs: dict[str, Array]) -> dict[str, Array]:
         if name in logs:
             signals[name] = logs[name]
     signals |= estimation_signals(scenario, logs)
-    for name in vehicle.sensor_names():
+    for name in (*vehicle.sensor_names(), *filter(is_own, logs)):
         signals[name] = logs[name]
     return signals
 

@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
-from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 from pydrake.systems.primitives import LogVectorOutput
 
 from massprop_drake.diagrams import closed_loop, open_loop
+from massprop_drake.errors import InputError
 from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.maths.estimation.filter import Groups
-from massprop_drake.maths.vehicle.rigid_body import QUATERNION
+from massprop_drake.maths.vehicle.rigid_body import QUATERNION, RATE
 from massprop_drake.runners.logs import ESTIMATION, state_groups
 from massprop_drake.runners.moment import Moment
-from massprop_drake.systems.layouts import RECONFIGURATION, STRUCTURE
+from massprop_drake.systems.layouts import RECONFIGURATION, ROTATION_REPORT, STRUCTURE
 
 Array = NDArray[np.float64]
 
@@ -35,22 +38,47 @@ _LOGGED = (
 )
 
 
+_NEEDED = ("body_state", "structure", "command", "thrust", "impulses", "rotation_report")
+
+
 class Simulated:
     """A run by Drake's simulator, see `simulate.Engine`.
 
     Args:
         scenario: to run.
+        diagram: that runs it, built or still to be built; None: the bundled one. What a run keeps is taken from the
+            output ports of the diagram or, of one still to be built, of its systems; of ports of one name from the
+            system that was added first.
+        log: more output ports to keep, of systems that are still to be built.
+
+    Raises:
+        InputError: when the diagram has not what a run keeps.
     """
 
-    def __init__(self, scenario: Scenario):
+    def __init__(
+        self,
+        scenario: Scenario,
+        diagram: Diagram | DiagramBuilder | None = None,
+        log: Sequence[OutputPort] = (),
+    ):
         vehicle = scenario.vehicle_data
-        self._diagram = (open_loop if scenario.jet_schedule else closed_loop).build(scenario)
-        builder = DiagramBuilder()
-        builder.AddNamedSystem(self._diagram.get_name(), self._diagram)
-        names = [name for name in (*_LOGGED, *vehicle.sensor_names()) if self._diagram.HasOutputPort(name)]
-        self._sinks = {
-            name: LogVectorOutput(self._diagram.GetOutputPort(name), builder, vehicle.sample_period_s) for name in names
-        }
+        builder = diagram if isinstance(diagram, DiagramBuilder) else DiagramBuilder()
+        if builder is not diagram:
+            whole = diagram or (open_loop if scenario.jet_schedule else closed_loop).build(scenario)
+            builder.AddNamedSystem(whole.get_name() or "diagram", whole)
+        self._sensors = vehicle.sensor_names()
+        self._systems = builder.GetSystems()
+        names = (*_LOGGED, *vehicle.sensor_names())
+        ports = {name: port for name in names if (port := self._port(name)) is not None}
+        missing = [name for name in (*_NEEDED, *vehicle.sensor_names(), "covariance") if self._port(name) is None]
+        if missing:
+            raise InputError(
+                f"the diagram has no output port '{missing[0]}', which a run keeps: it must have those of the diagrams "
+                "vehicle and estimation, and a command, as its own or, of a DiagramBuilder, on its systems"
+            )
+        ports |= {f"{port.get_system().get_name()}.{port.get_name()}": port for port in log}
+        period_s = vehicle.sample_period_s
+        self._sinks = {name: LogVectorOutput(port, builder, period_s) for name, port in ports.items()}
         self._simulator = Simulator(builder.Build())
         if params.time_step(scenario) == 0.0:
             config = SimulatorConfig(
@@ -88,48 +116,66 @@ class Simulated:
 
     def moment(self) -> Moment:
         """What there is to see at the last sample."""
-        context = self._diagram.GetMyContextFromRoot(self._root)
-
-        def output(name: str) -> Array:
-            return self._diagram.GetOutputPort(name).Eval(context)
-
-        thrust = output("thrust")
+        thrust = self._output("thrust")
         removed = np.zeros(thrust.size, dtype=bool)
-        if self._diagram.HasOutputPort("reconfiguration"):
-            removed = RECONFIGURATION.sized(jets=thrust.size).read(output("reconfiguration")).removed != 0.0
+        if self._port("reconfiguration") is not None:
+            removed = RECONFIGURATION.sized(jets=thrust.size).read(self._output("reconfiguration")).removed != 0.0
+        report = ROTATION_REPORT.read(self._output("rotation_report"))
         return Moment(
-            context.get_time(),
-            output("body_state")[QUATERNION],
-            STRUCTURE.read(output("structure")).center_of_mass,
+            self._root.get_time(),
+            self._output("body_state")[QUATERNION],
+            STRUCTURE.read(self._output("structure")).center_of_mass,
             thrust,
-            output("estimate"),
-            output("standard_deviation"),
+            self._output("estimate"),
+            self._output("standard_deviation"),
             removed,
+            self._output("command"),
+            self._output("body_state")[RATE],
+            float(report.rotation_nis) if report.rotation_used else math.nan,
+            tuple(self._output(name) for name in self._sensors),
         )
 
     def finish(self) -> tuple[Array, Groups]:
         """Covariance of the ten estimates, shape (10, 10), and the estimators' state, after the last sample."""
-        own = self._diagram.GetMyContextFromRoot(self._root)
-        covariance = self._diagram.GetOutputPort("covariance").Eval(own).reshape(10, 10)
+        covariance = self._output("covariance").reshape(10, 10)
         self._simulator.AdvancePendingEvents()  # the sample at the end is used like any other
-        return covariance, state_groups(self._diagram, self._root)
+        estimation = self._part("estimation")
+        return covariance, {} if estimation is None else state_groups(estimation, self._root)
 
     def cycle_times(self, cycles: int) -> dict[str, float | None]:
         """Mean time per cycle spent in the mathematics of each part, microseconds."""
-        return _cycle_times(self._diagram, cycles)
+        estimation, autopilot = self._part("estimation"), self._part("autopilot")
+        return _cycle_times(estimation, autopilot, cycles)
+
+    def _port(self, name: str) -> OutputPort | None:
+        """The output port of a name, of the system that was added first; None where there is none."""
+        return next((one.GetOutputPort(name) for one in self._systems if one.HasOutputPort(name)), None)
+
+    def _output(self, name: str) -> Array:
+        port: Any = self._port(name)
+        value: Array = port.Eval(port.get_system().GetMyContextFromRoot(self._root))
+        return value
+
+    def _part(self, name: str) -> Any:
+        """The part of a name, of the diagram or of one in it; None where there is none."""
+        waiting = list(self._systems)
+        while waiting:
+            system = waiting.pop(0)
+            if system.get_name() == name:
+                return system
+            waiting += system.GetSystems() if isinstance(system, Diagram) else []
+        return None
 
 
-def _cycle_times(diagram: Any, cycles: int) -> dict[str, float | None]:
-    """Mean time per cycle spent in the mathematics of each part, microseconds."""
-    estimation = diagram.GetSubsystemByName("estimation")
+def _cycle_times(estimation: Any, autopilot: Any, cycles: int) -> dict[str, float | None]:
+    """Mean time per cycle spent in the mathematics of each part, microseconds; None for a part is none."""
     spent = {
         system.get_name(): 1e6 * system.stopwatch.spent_s / cycles
-        for system in estimation.GetSystems()
+        for system in ([] if estimation is None else estimation.GetSystems())
         if hasattr(system, "stopwatch")
     }
     detector = next((spent.pop(name) for name in ("failure_detector", "hypothesis_detector") if name in spent), None)
     selection = None
-    if diagram.HasSubsystemNamed("autopilot"):
-        autopilot = diagram.GetSubsystemByName("autopilot")
+    if autopilot is not None and autopilot.HasSubsystemNamed("jet_selection"):
         selection = 1e6 * autopilot.GetSubsystemByName("jet_selection").stopwatch.spent_s / cycles
     return {"estimators": sum(spent.values()), "detector": detector, "jet_selection": selection}

@@ -1,1 +1,41 @@
-"""LeafSystems: thin plumbing around `massprop_drake.maths`, one file each."""
+"""LeafSystems: thin plumbing around `massprop_drake.maths`, one file each.
+
+Names are loaded when they are first used: `from massprop_drake.systems import RateGyro`.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import Any
+
+_HOMES = {
+    "AttitudeReference": "autopilot.attitude_reference",
+    "ConvergenceMonitor": "estimation.convergence_monitor",
+    "Disturbance": "vehicle.disturbance",
+    "FailureDetector": "estimation.failure_detector",
+    "FilterEstimator": "estimation.filter_estimator",
+    "HandControllers": "autopilot.hand_controllers",
+    "HypothesisDetector": "estimation.hypothesis_detector",
+    "ImpulseModel": "estimation.impulse_model",
+    "IntegratingAccelerometer": "vehicle.integrating_accelerometer",
+    "JetSchedule": "autopilot.jet_schedule",
+    "JetSelection": "autopilot.jet_selection",
+    "JointEstimator": "estimation.joint_estimator",
+    "MassEstimator": "estimation.mass_estimator",
+    "NoiseSource": "vehicle.noise_source",
+    "PhaseSpaceController": "autopilot.phase_space_controller",
+    "RateGyro": "vehicle.rate_gyro",
+    "ReactionJets": "vehicle.reaction_jets",
+    "RigidBodyPlant": "vehicle.rigid_body_plant",
+    "RotationEstimator": "estimation.rotation_estimator",
+    "Sensor": "vehicle.sensor",
+    "TelemetrySource": "estimation.telemetry_source",
+}
+
+__all__ = sorted(_HOMES)  # noqa: PLE0605 (the names are those of the mapping above)
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)

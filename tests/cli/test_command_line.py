@@ -7,19 +7,22 @@ import json
 import math
 import re
 import resource
+import shutil
 import subprocess
 import sys
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from command_probe import FILES, Massprop, Outcome
+from conftest import REPOSITORY
 
 from massprop_drake import Run
 from massprop_drake.display import graphs
 from massprop_drake.inputs.yaml import to_yaml
 
-COMMANDS = ("list", "run", "estimate", "compare", "reproduce", "graph", "view", "check")
+COMMANDS = ("list", "run", "estimate", "compare", "reproduce", "graph", "view", "report", "check")
 MANEUVER = "maneuver:\n  - {controller: rhc, axis: +x, start_s: 0.2, end_s: 1}\n"
 
 
@@ -94,7 +97,7 @@ def test_run_writes_a_folder_and_prints_the_estimates(massprop: Massprop) -> Non
     assert _summary(folder)["duration_s"] == pytest.approx(2.96)
     for parameter in ("Ixx⁻¹", "Iyy⁻¹", "Izz⁻¹", "Iyz⁻¹", "Ixz⁻¹", "Ixy⁻¹", "x_cm", "y_cm", "z_cm", "1/m"):
         assert parameter in done.out
-    for heading in ("estimate", "truth", "error %", "1-sigma", "within 3 sigma"):
+    for heading in ("estimate", "truth", "error %", "1-sigma", "in 3 sigma"):
         assert heading in done.out
     assert "files:       runs/sample_maneuver/" in done.out
 
@@ -244,7 +247,7 @@ BAD_SCENARIOS = {
     ),
     "overlapping windows": (
         MANEUVER + "  - {controller: rhc, axis: -x, start_s: 0.5, end_s: 2}\n",
-        "maneuver[1] overlaps maneuver[0]",
+        "maneuver[1]: overlaps maneuver[0]",
     ),
     "no YAML": ("name: [a\n", "not valid YAML"),
     "empty": ("", "the document is empty"),
@@ -443,7 +446,7 @@ def test_check_shows_the_keys_of_a_kind_of_file(massprop: Massprop, kind: str, n
 def test_graph_writes_dot_and_svg(massprop: Massprop) -> None:
     done = massprop("graph", "autopilot", "--out", "graphs")
     assert (done.status, done.err) == (0, "")
-    names = ["autopilot.dot", "autopilot.svg"]  # nothing in it can be opened
+    names = ["autopilot.dot", "autopilot.svg", "autopilot_overview.dot", "autopilot_overview.svg"]  # nothing to open
     assert sorted(path.name for path in Path("graphs").iterdir()) == [*names, "manifest.json"]
     assert sorted(Path(line).name for line in done.out.splitlines()) == names
     assert "digraph" in (Path("graphs") / "autopilot.dot").read_text(encoding="utf-8")
@@ -462,7 +465,8 @@ def test_graph_without_a_program_to_draw_writes_dot_and_says_so(
     assert done.err.startswith("massprop: no SVG: install a program that draws it")
     assert done.err.count("\n") == 1
     nested = {"closed_loop", "open_loop", "replay"}
-    names = {f"{name}.dot" for name in graphs.DIAGRAMS} | {f"{name}_inside.dot" for name in nested}
+    names = {f"{name}{part}.dot" for name in graphs.DIAGRAMS for part in ("", "_overview")}
+    names |= {f"{name}_inside.dot" for name in nested}
     assert {path.name for path in Path("graphs").iterdir()} == names | {"manifest.json"}
     assert massprop("graph", "estimation", "--out", "graphs", "--quiet") == (0, "", "")
 
@@ -476,7 +480,12 @@ def test_graph_replaces_no_file_of_others(massprop: Massprop, monkeypatch: pytes
     assert massprop(*here, "--force") == (0, "", massprop(*here).err)
     assert Path("autopilot.dot.1").read_text(encoding="utf-8") == "mine"
     assert Path("autopilot.dot").read_text(encoding="utf-8").startswith("digraph")
-    assert sorted(_everything(Path())) == ["autopilot.dot", "autopilot.dot.1", "manifest.json"]
+    assert sorted(_everything(Path())) == [
+        "autopilot.dot",
+        "autopilot.dot.1",
+        "autopilot_overview.dot",
+        "manifest.json",
+    ]
 
 
 def test_graph_as_json(massprop: Massprop, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -484,7 +493,7 @@ def test_graph_as_json(massprop: Massprop, monkeypatch: pytest.MonkeyPatch) -> N
     done = massprop("graph", "estimation", "vehicle", "--json")
     assert (done.status, done.err) == (0, "")
     written = json.loads(done.out)
-    assert len(written) == 4
+    assert len(written) == 8
     assert all(Path(name).exists() for name in written)
     assert written[0] == "runs/graphs/estimation.dot"
 
@@ -567,7 +576,7 @@ def test_a_full_disk_leaves_nothing_of_a_view(massprop: Massprop, options: tuple
 
 
 def test_view_of_what_is_no_run_is_refused(massprop: Massprop) -> None:
-    _assert_refused(massprop("view", "nowhere", "--out", "x.html"), "nowhere: holds no run that can be read")
+    _assert_refused(massprop("view", "nowhere", "--out", "x.html"), "nowhere: there is no such run")
     massprop("run", "sample_maneuver", "--set", "duration_s=1", "--out", "there", "-q")
     _assert_refused(massprop("view", "there", "--out", "no/such/folder.html"), "no/such/folder.html: cannot be written")
     assert not Path("x.html").exists()
@@ -587,7 +596,104 @@ def test_a_speed_that_is_none_is_refused(massprop: Massprop, speed: str) -> None
     _assert_refused(massprop("run", "sample_maneuver", "--live", "--speed", speed), "must be a number above zero")
 
 
+def test_a_report_is_written_again_and_leads_to_the_replay_that_is_there(massprop: Massprop) -> None:
+    massprop("run", "sample_maneuver", "--set", "duration_s=1", "--out", "there", "--no-report", "-q")
+    massprop("view", "there", "-q")
+    assert massprop("report", "there") == (0, "there/report.html\n", "")
+    assert 'href="replay.html"' in (Path("there") / "report.html").read_text(encoding="utf-8")
+    assert massprop("report", "there", "--out", "elsewhere.html", "-q") == (0, "", "")
+    assert 'href="replay.html"' not in Path("elsewhere.html").read_text(encoding="utf-8")
+    assert massprop("run", "sample_maneuver", "--set", "duration_s=1", "--out", "there", "-q").status == 0  # it is ours
+
+
+def test_a_run_that_is_not_there_is_sought(massprop: Massprop) -> None:
+    massprop("run", "sample_maneuver", "--set", "duration_s=1", "--no-report", "-q")
+    for command in ("view", "report"):
+        _assert_refused(
+            massprop(command, "sample_maneuver"), "there is no such run; did you mean 'runs/sample_maneuver'?"
+        )
+        _assert_refused(massprop(command, "stuck_on_29"), "'massprop run stuck_on_29' makes one in runs/stuck_on_29")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("run", "orbiter"), "'orbiter' is a vehicle, not a scenario"),
+        (("run", "every_jet"), "'every_jet' is a campaign, not a scenario: 'massprop campaign run' takes it"),
+        (("estimate", "flight.csv", "--vehicle", "two_failures"), "'two_failures' is a scenario, not a vehicle"),
+        (("campaign", "run", "two_failures"), "'two_failures' is a scenario, not a campaign"),
+        (("run", "tug.yaml"), "tug.yaml: is a vehicle, not a scenario"),
+        (("run", "many.yaml"), "many.yaml: is a campaign, not a scenario"),
+        (("campaign", "plan", "tug.yaml"), "tug.yaml: is a vehicle, not a campaign"),
+    ],
+)
+def test_a_file_of_another_kind_is_named_as_what_it_is(
+    massprop: Massprop, arguments: tuple[str, ...], words: str
+) -> None:
+    shutil.copy(REPOSITORY / "docs" / "tutorials" / "tug.yaml", ".")
+    shutil.copy(REPOSITORY / "scenarios" / "campaigns" / "every_jet.yaml", "many.yaml")
+    _assert_refused(massprop(*arguments), words)
+
+
+def test_windows_that_overlap_are_told_with_their_lines(massprop: Massprop) -> None:
+    windows = [f"  - {{controller: rhc, axis: +x, start_s: {start}, end_s: {start + 2}}}" for start in (1, 2, 9, 8)]
+    Path("case.yaml").write_text("\n".join(["name: case", "maneuver:", *windows]), encoding="utf-8")
+    done = massprop("check", "case.yaml")
+    assert done.status == 2
+    assert "case.yaml, line 4: maneuver[1]: overlaps maneuver[0]" in done.out
+    assert "case.yaml, line 6: maneuver[3]: overlaps maneuver[2]" in done.out
+
+
+@pytest.mark.parametrize(
+    ("words", "offered"),
+    [
+        ("massprop run stuck_o", ["stuck_off_11", "stuck_on_29"]),
+        ("massprop run mine", ["mine.yaml"]),
+        ("massprop graph cl", ["closed_loop"]),
+        ("massprop estimate --vehicle orb", ["orbiter"]),
+        ("massprop check --vehicle lan", ["lander"]),
+        ("massprop campaign run every", ["every_jet"]),
+        ("massprop view runs/", ["runs/one"]),
+        ("massprop compare runs/one o", ["other"]),
+    ],
+)
+def test_a_shell_is_offered_names(
+    massprop: Massprop,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    words: str,
+    offered: list[str],
+) -> None:
+    for folder in ("runs/one", "other"):
+        Path(folder).mkdir(parents=True)
+        (Path(folder) / "summary.json").touch()
+    Path("mine.yaml").touch()
+    monkeypatch.setenv("_MASSPROP_COMPLETE", "complete_bash")
+    monkeypatch.setenv("COMP_WORDS", words)
+    monkeypatch.setenv("COMP_CWORD", str(len(words.split()) - 1))
+    with pytest.raises(SystemExit):
+        massprop()
+    assert capsys.readouterr().out.split() == offered
+
+
 # ------------------------------------------------------------------------------------------ compare
+
+
+def test_compare_writes_a_page_of_plots_over_each_other(massprop: Massprop) -> None:
+    short = ("--set", "duration_s=2", "--no-report", "-q")
+    for seed in ("1", "2"):
+        assert massprop("run", "sample_maneuver", *short, "--seed", seed, "--out", f"seed{seed}").status == 0
+    done = massprop("compare", "seed1", "seed2")
+    assert done.out.endswith("plots:       runs/comparison.html\n")
+    page = Path("runs/comparison.html").read_text(encoding="utf-8")
+    data = json.loads(re.search(r'id="data">(.*?)</script>', page, re.DOTALL).group(1))  # type: ignore[union-attr]
+    rates = data["plots"][0]
+    assert [trace["name"] for trace in rates["traces"]] == ["seed1", "seed2"] * 3
+    for trace, name in zip(rates["traces"], ["seed1", "seed2"], strict=False):
+        np.testing.assert_allclose(trace["y"], np.degrees(Run.load(name)["rate"][:, 0]), rtol=1e-5, atol=1e-9)
+    assert massprop("compare", "seed1", "seed2", "--out", "mine.html", "-q") == (0, "", "")
+    Path("mine.html").write_text("mine", encoding="utf-8")
+    _assert_refused(massprop("compare", "seed1", "seed2", "--out", "mine.html"), "mine.html: is there already")
 
 
 def test_compare_prints_two_runs_side_by_side(massprop: Massprop) -> None:
@@ -622,7 +728,7 @@ def test_compare_of_a_record_shows_estimates(massprop: Massprop) -> None:
     ("arguments", "words"),
     [
         (("one",), "give two folders of runs or more"),
-        (("one", "nowhere"), "nowhere: holds no run that can be read"),
+        (("one", "nowhere"), "nowhere: there is no such run"),
         (("one", "flyer"), "flyer: is of vehicle 'free_flyer' in units si, and one of 'orbiter' in us"),
     ],
 )
@@ -674,7 +780,7 @@ def test_a_run_of_the_program_with_its_figures(tmp_path: Path) -> None:
     done = _python("run", "case.yaml", "--json", folder=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
     assert json.loads(done.stdout) == _summary(tmp_path / "runs" / "mine")
-    assert len(list((tmp_path / "runs" / "mine" / "figures").glob("*.png"))) == 14
+    assert len(list((tmp_path / "runs" / "mine" / "figures").glob("*.png"))) == 18
 
 
 def test_a_run_of_the_program_without_figures(tmp_path: Path) -> None:

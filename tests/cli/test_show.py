@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import math
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,6 +17,7 @@ from massprop_drake.cli import show, streams
 from massprop_drake.inputs.model import keys
 from massprop_drake.inputs.scenario import Scenario, load_scenario
 from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.results import table
 from massprop_drake.results.detections import DetectionRecord
 
 STUCK_ON = DetectionRecord(
@@ -81,18 +84,20 @@ def test_estimates_stand_beside_the_truth(capsys: Capture, short_run: Run, orbit
     out = capsys.readouterr().out
     assert out.splitlines()[0].rstrip() == "sample_maneuver: orbiter, 6.96 s, seed 0"
     one = results.parameters[0]
+    digits = 1 - math.floor(math.log10(1e6 * one.standard_deviation))
     assert _row(out, "Ixx⁻¹") == [
         "Ixx⁻¹",
-        "1/(slug-ft^2)",
-        f"{one.estimate:.6g}",
-        f"{one.truth:.6g}",
+        "1e-6/(slug-ft^2)",
+        f"{1e6 * one.estimate:.{digits}f}",
+        f"{1e6 * one.truth:.{digits}f}",
         f"{one.percent_error:+.4f}",
-        f"{one.standard_deviation:.3g}",
-        f"{100.0 * one.standard_deviation / one.truth:.4f}",
+        f"{1e6 * one.standard_deviation:.{digits}f}",
+        f"{100.0 * one.standard_deviation / one.estimate:.4f}",
         "yes",
     ]
     assert _row(out, "x_cm")[-1] == "no"
-    assert _row(out, "y_cm")[3:7:2] == ["0", f"{results.standard_deviations[7]:.3g}"]
+    assert float(_row(out, "y_cm")[3]) == 0.0
+    assert float(_row(out, "y_cm")[5]) == pytest.approx(results.standard_deviations[7], rel=0.05)
     assert _row(out, "y_cm")[4:7:2] == ["-", "-"]  # no percentage of nothing
     assert f"over {results.consistency.samples} samples used" in out
     assert "of propellant; 2 requests beyond the jets' reach, met as far as they go" in out
@@ -124,7 +129,10 @@ def test_a_record_has_no_truth_but_warnings(capsys: Capture, short_run: Run, orb
     assert known.derived.inertia is not None
     assert known.derived.inertia_std is not None
     value, std = known.derived.inertia[1, 2], known.derived.inertia_std[1, 2]
-    assert _row(out, "Iyz")[2:] == [f"{value:.6g}", f"{std:.3g}", f"{100.0 * std / abs(value):.4f}"]
+    number, deviation, percent = map(float, _row(out, "Iyz")[2:])
+    power = float(_row(out, "Iyz")[1].split()[0]) if " " in _row(out, "Iyz")[1] else 1.0
+    assert (power * number, power * deviation) == pytest.approx((value, std), rel=0.05)
+    assert percent == pytest.approx(100.0 * std / abs(value), abs=1e-4)
     assert "warning:     acc[2] stands still\n" in out
     assert "rotation, - translation, over" in out
     assert "samples:     60 rows; 40 used; skipped: 12 coasting, 8 jets changed\n" in out
@@ -205,3 +213,61 @@ def test_a_report_on_a_vehicle_is_lines() -> None:
         "               on untold:    median 3, largest 4 (B); never: C (not seen)",
         "               lost, firing: never: A (like B), B (not seen), C (not seen)",
     ]
+
+
+# -------------------------------------------------------------------------------------------- tables
+
+
+def _tables(capsys: Capture, monkeypatch: pytest.MonkeyPatch, width: int, run: Run, folder: Path) -> list[str]:
+    """What is printed of a run on a terminal of a width."""
+    monkeypatch.setattr("sys.stdout.isatty", lambda: True, raising=False)
+    monkeypatch.setenv("COLUMNS", str(width))
+    show.simulated(run.results, run.scenario.vehicle_data, folder)
+    return re.sub(r"\x1b\[[0-9;]*m", "", capsys.readouterr().out).splitlines()
+
+
+def test_no_number_is_ever_cut(
+    capsys: Capture, monkeypatch: pytest.MonkeyPatch, short_run: Run, tmp_path: Path
+) -> None:
+    for width in (160, 100, 80, 60, 30):
+        lines = _tables(capsys, monkeypatch, width, short_run, tmp_path)
+        assert "…" not in "".join(lines)
+        row = next(line for line in lines if "Ixx⁻¹" in line)
+        assert max(len(line) for line in lines[: lines.index(row) + 1]) <= max(width, 60)
+        shown = [cell for cell in row.replace("│", " ").split() if cell.lstrip("+-").replace(".", "").isdigit()]
+        value = short_run.results.parameters[0].estimate
+        assert 1e-6 * float(shown[0]) == pytest.approx(value, rel=0.05)
+    assert len(shown) == 3  # of the narrowest: estimate, error, 1-sigma
+
+
+def test_eighty_columns_hold_all_that_matters(
+    capsys: Capture, monkeypatch: pytest.MonkeyPatch, short_run: Run, tmp_path: Path
+) -> None:
+    heading = _tables(capsys, monkeypatch, 80, short_run, tmp_path)[1]
+    assert heading.startswith("parameter")
+    for words in ("unit", "estimate", "truth", "error %", "1-sigma", "in 3 sigma"):
+        assert words in heading
+
+
+@pytest.mark.parametrize(
+    ("value", "deviation", "expected"),
+    [
+        (1.14322e-6, 1.15e-10, "1.14322"),
+        (5.0e-11, 9.6e-12, "50.0"),
+        (5909.2, 282.0, "5909"),
+        (895348.0, 1610.0, "895.3"),
+        (0.0, 1e-9, "0.0"),
+        (32.1, 0.0, "32.1000"),
+        (-0.06, 5e-9, "-0.0600000"),
+    ],
+)
+def test_a_number_has_two_digits_of_its_sigma_and_six_at_most(value: float, deviation: float, expected: str) -> None:
+    assert table._scaled(value, deviation, table._power(value, math.nan, deviation)) == expected
+
+
+@pytest.mark.parametrize(
+    ("unit", "power", "expected"),
+    [("1/slug", -6, "1e-6/slug"), ("slug-ft^2", 3, "1e3 slug-ft^2"), ("ft", 0, "ft")],
+)
+def test_a_unit_has_the_power_of_ten(unit: str, power: int, expected: str) -> None:
+    assert table._in_power(unit, power) == expected

@@ -205,6 +205,8 @@ def test_the_report(visited: Any, stuck_run: Run, tmp_path: Path, first: int) ->
     page = visited(write_report(run, folder / "report.html", replay=f"javascript:{RUN}"), HOVER)
     assert words(page, "h1") == [shown(f"{run.results.vehicle}: {run.results.scenario}")]
     jets = run.scenario.vehicle_data.jets
+    page.click("#plot-jets summary")
+    page.wait_for_selector("#plot-jets .ytick text")
     assert set(words(page, "#plot-jets .ytick text")) == {shown(f"{jet.designation} ({jet.cluster})") for jet in jets}
     known = words(page, "#plot-failure_magnitude .legendtext")
     assert {shown(f"truth, {jet.designation}") for jet in (jets[28], *jets[:3])} <= set(known)
@@ -317,7 +319,7 @@ def test_no_text_of_the_user_reaches_the_scene(orbiter: Vehicle, stuck_run: Run)
     scenes = []
     for vehicle in (orbiter, spoilt):
         stage = Stage(vehicle, truth=True)
-        stage.add_mark("found", "", 0)
+        stage.add_mark("found", 0)
         scenes.append(stage.meshcat.StaticHtml())
     assert scenes[0] == scenes[1]
 

@@ -13,7 +13,8 @@ from massprop_drake.display.plots import Source
 from massprop_drake.display.spec import Band, Bars, Level, Line, Panel, Points, SymmetricLog, Whiskers, Zone
 from massprop_drake.results.run import Run
 
-MOTION = ["rates", "velocities", "jets", "torques", "forces"]
+MOTION = ["rates", "attitude_error", "velocities", "clusters", "jets", "torques", "forces"]
+FILTER = ["consistency", "innovations", "propellant"]
 ESTIMATES = ["inverse_inertia_diagonal", "inverse_inertia_products", "center_of_mass", "mass_reciprocal"]
 DETECTOR = ["likelihoods", "margins", "failure_magnitude", "detection_timeline"]
 TRUE = ("truth", "thrust", "rate", "velocity", "torque", "force", "attitude", "position")
@@ -45,12 +46,12 @@ def marks(panel: Panel, kind: type) -> list:
 
 
 def test_a_simulation_has_every_plot_in_the_order_to_read_them(stuck: Case) -> None:
-    assert list(plots.available(stuck.source)) == [*MOTION, *ESTIMATES, "consistency", *DETECTOR]
+    assert list(plots.available(stuck.source)) == [*MOTION, *ESTIMATES, *FILTER, *DETECTOR]
 
 
 def test_a_record_shows_what_was_read_in_place_of_the_truth(recorded: Source) -> None:
-    read = ["accelerometer_velocities", "gyro_readings", "jets"]
-    assert list(plots.available(recorded)) == [*read, *ESTIMATES, "consistency", *DETECTOR]
+    read = ["accelerometer_velocities", "gyro_readings", "clusters", "jets"]
+    assert list(plots.available(recorded)) == [*read, *ESTIMATES, *FILTER, *DETECTOR]
 
 
 def test_plots_without_their_signals_are_left_out(stuck: Case) -> None:
@@ -107,20 +108,56 @@ def test_every_package_has_its_readings(recorded: Source) -> None:
 def test_a_firing_is_one_bar_from_its_beginning_to_its_end(stuck: Case) -> None:
     (panel,) = plots.jets(stuck.source).panels
     command = stuck.run["command"][:-1] > 0.0
-    length = sum((bars.end - bars.begin).sum() for bars in panel.marks)
+    told = [bars for bars in marks(panel, Bars) if bars.label == "commanded"]
+    length = sum((bars.end - bars.begin).sum() for bars in told)
     assert length == pytest.approx(command.sum() * 0.08, rel=1e-9)
     # a bar per firing, not per sample
     begins = command & ~np.vstack([np.zeros_like(command[:1]), command[:-1]])
-    assert sum(bars.begin.size for bars in panel.marks) == begins.sum() < command.sum()
+    assert sum(bars.begin.size for bars in told) == begins.sum() < command.sum()
 
 
 def test_a_bar_lies_in_the_row_of_its_jet(stuck: Case) -> None:
     (panel,) = plots.jets(stuck.source).panels
     jets = stuck.run.scenario.vehicle_data.jets
     assert sorted(panel.rows) == sorted(f"{jet.designation} ({jet.cluster})" for jet in jets)
-    fired = {panel.rows[int(row)].split()[0] for bars in marks(panel, Bars) for row in bars.row}
-    commanded = (stuck.run["command"][:-1] > 0.0).any(axis=0)
-    assert fired == {jet.designation for jet, on in zip(jets, commanded, strict=True) if on}
+
+    def in_rows(label: str) -> set[str]:
+        shown = [bars for bars in marks(panel, Bars) if bars.label == label]
+        return {panel.rows[round(row)].split()[0] for bars in shown for row in bars.row}
+
+    for label, signal in (("commanded", "command"), ("thrust", "thrust")):
+        on = (stuck.run[signal][:-1] > 0.0).any(axis=0)
+        expected = {jet.designation for jet, fires in zip(jets, on, strict=True) if fires}
+        assert in_rows(label) == (expected if label == "commanded" else expected - {"R4R"})
+    assert in_rows("thrust untold") == {"R4R"}  # which nobody commands
+
+
+def test_a_jet_that_is_stuck_has_a_row_of_its_own_beside_the_clusters(stuck: Case) -> None:
+    (panel,) = plots.clusters(stuck.source).panels
+    assert panel.rows == ("jet R4R", *(f"cluster {number}" for number in range(1, 15)))
+    (untold,) = (bars for bars in marks(panel, Bars) if bars.label == "thrust untold")
+    assert np.round(untold.row).astype(int).tolist() == [0, 12]
+    np.testing.assert_allclose(untold.begin, 1.04, atol=0.08)  # the first whole sample
+    np.testing.assert_allclose(untold.end, stuck.run.time_s[-1])
+
+
+def test_propellant_is_what_the_summary_says(stuck: Case) -> None:
+    (line,) = plots.propellant(stuck.source).panels[0].marks
+    assert line.y[-1] == pytest.approx(stuck.run.results.autopilot.propellant_mass, rel=1e-9)
+    assert (np.diff(line.y) >= 0.0).all()
+
+
+def test_innovations_are_those_of_the_samples_used(stuck: Case) -> None:
+    used = stuck.run["rotation_used"][:, 0] != 0.0
+    (points,) = marks(plots.innovations(stuck.source).panels[1], Points)
+    np.testing.assert_allclose(points.y, np.degrees(stuck.run["rotation_innovation"][used, 1]), rtol=1e-14)
+
+
+def test_when_the_detector_is_not_armed_is_a_window(stuck: Case) -> None:
+    late = np.where(stuck.run.time_s[:, None] >= 2.0, stuck.run["tested"], 0.0)
+    unarmed, _ = plots.rates(stuck.source._replace(signals={**stuck.run.signals, "tested": late})).windows
+    assert (unarmed.start_s, unarmed.armed) == (0.0, False)
+    assert unarmed.end_s == stuck.run.time_s[np.flatnonzero(late[:, 0])[0]]
 
 
 def test_what_a_row_commands_lasts_until_the_next_row_that_is_there() -> None:
@@ -192,10 +229,12 @@ def test_the_likeliest_jets_have_colors_and_the_others_their_range(stuck: Case) 
     panel = plots.likelihoods(stuck.source).panels[0]
     tested = stuck.run["tested"][:, 0] != 0.0
     values = np.maximum(stuck.run["likelihood"][tested], 0.1)
-    named, (others,) = marks(panel, Points), marks(panel, Whiskers)
+    every, (others,) = marks(panel, Points), marks(panel, Whiskers)
+    assert len(every) == 44  # all are there to be read
+    named = [points for points in every if points.drawn]
     jets = stuck.run.scenario.vehicle_data.designations
     columns = [jets.index(points.label) for points in named]
-    assert named[0].label == "R4R"
+    assert named[-1].label == "R4R"  # on top
     assert len(named) == 5
     for column, points in zip(columns, named, strict=True):
         np.testing.assert_array_equal(points.y, values[:, column])
@@ -207,7 +246,7 @@ def test_the_likeliest_jets_have_colors_and_the_others_their_range(stuck: Case) 
 
 
 def test_a_cluster_is_as_likely_as_its_likeliest_jet(stuck: Case) -> None:
-    points = marks(plots.likelihoods(stuck.source).panels[1], Points)[0]
+    points = marks(plots.likelihoods(stuck.source).panels[1], Points)[-1]
     tested = stuck.run["tested"][:, 0] != 0.0
     in_cluster = [jet.cluster == 12 for jet in stuck.run.scenario.vehicle_data.jets]
     assert points.label == "cluster 12"
@@ -268,7 +307,7 @@ def test_the_timeline_has_tests_alarms_and_the_jets_commanded(stuck: Case) -> No
 def test_every_plot_says_whose_it_is_and_what_happened_when(stuck: Case) -> None:
     plot = plots.rates(stuck.source)
     assert plot.caption == "orbiter, stuck_on_29, seed 0"
-    assert [tuple(window) for window in plot.windows] == [(0.2, 0.8, "RHC +x")]
+    assert [tuple(window) for window in plot.windows] == [(0.2, 0.8, "RHC +x", True)]
     happens, *declared = plot.moments
     assert happens == (1.0, False)
     assert [moment.time_s for moment in declared] == [entry["time_s"] for entry in stuck.run.summary["detections"]]

@@ -12,10 +12,37 @@ import numpy as np
 import pytest
 
 from massprop_drake import load_scenario, simulate
+from massprop_drake.cli import show
 from massprop_drake.display import interactive, plots, write_report
 from massprop_drake.display.page import report_html
 from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.results import table
 from massprop_drake.results.run import Run
+from massprop_drake.signals import SYMBOLS
+
+# Contrast of every piece of text against the nearest ground that is opaque
+CONTRASTS = """() => {
+  const rgb = color => color.match(/[\\d.]+/g).map(Number);
+  const linear = value => (value /= 255) <= 0.03928 ? value / 12.92 : ((value + 0.055) / 1.055) ** 2.4;
+  const luminance = ([r, g, b]) => 0.2126 * linear(r) + 0.7152 * linear(g) + 0.0722 * linear(b);
+  const ground = node => {
+    for (; node; node = node.parentElement) {
+      const color = rgb(getComputedStyle(node).backgroundColor);
+      if (color.length === 3 || color[3] === 1) return color;
+    }
+    return [255, 255, 255];
+  };
+  const found = [], texts = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
+  for (let text = texts.nextNode(); text; text = texts.nextNode()) {
+    const node = text.parentElement, svg = node.closest("svg"), style = getComputedStyle(node);
+    if (!text.textContent.trim() || !node.checkVisibility() || /^(script|style)$/i.test(node.tagName)) continue;
+    const ink = luminance(rgb(svg ? style.fill : style.color));
+    const [one, other] = [ink, luminance(ground(node))].sort((a, b) => b - a);
+    const size = parseFloat(style.fontSize), large = size >= 24 || size >= 18.66 && style.fontWeight >= 700;
+    found.push({ text: text.textContent.slice(0, 40), contrast: (one + 0.05) / (other + 0.05), large });
+  }
+  return found;
+}"""
 
 
 @pytest.fixture(scope="module")
@@ -34,7 +61,81 @@ def test_the_verdict_comes_first_and_names_the_failed_jet(html: str) -> None:
 def test_every_parameter_has_its_row(html: str, stuck_run: Run) -> None:
     for symbol in ("Ixx⁻¹", "Iyz⁻¹", "x_cm", "1/m"):
         assert f'<th scope="row">{symbol}</th>' in html
-    assert f"{stuck_run['estimate'][-1, 0]:.6g}" in html
+    row = table.parameters(stuck_run.results, stuck_run.scenario.vehicle_data.unit_names)[0]
+    assert f'<td class="number">{row.estimate}</td>' in html
+    assert 1e-6 * float(row.estimate) == pytest.approx(stuck_run["estimate"][-1, 0], rel=1e-3)
+
+
+def test_terminal_and_page_say_the_same_numbers(html: str, stuck_run: Run, capsys: pytest.CaptureFixture[str]) -> None:
+    show.simulated(stuck_run.results, stuck_run.scenario.vehicle_data, Path("there"))
+    printed = {line.split("│")[1].strip(): line for line in capsys.readouterr().out.splitlines() if line[:1] == "│"}
+    vehicle = stuck_run.scenario.vehicle_data
+    rows = [
+        *table.parameters(stuck_run.results, vehicle.unit_names),
+        *table.derived(stuck_run.results, vehicle.unit_names),
+    ]
+    assert [row.symbol for row in rows] == list(printed)
+    for row in rows:
+        on_page = html[html.index(f'<th scope="row">{row.symbol}</th>') :].split("</tr>", maxsplit=1)[0]
+        for cell in row[1:7]:
+            assert f" {cell} " in printed[row.symbol]
+            assert f">{cell}</td>" in on_page
+
+
+def test_a_parameter_has_its_warrant_beside_its_error(html: str, stuck_run: Run) -> None:
+    for symbol, entry in zip(SYMBOLS, stuck_run.results.identifiability, strict=True):
+        row = html[html.index(f'<th scope="row">{symbol}</th>') :].split("</tr>", maxsplit=1)[0]
+        assert f">{entry.flag.replace('_', ' ')}</td>" in row
+
+
+def test_what_was_injected_is_told_from_its_onset_to_its_declaration(html: str, stuck_run: Run) -> None:
+    (one,) = stuck_run.results.injected or ()
+    assert one.declared_s is not None
+    row = html[html.index('<th scope="row">R4R stuck on</th>') :].split("</tr>", maxsplit=1)[0]
+    for time_s in (one.start_s, one.first_acted_s, one.first_alarm_s, one.declared_s):
+        assert f"{time_s:.2f} s" in row
+    assert f"{one.force:+.2f} lbf" in row
+    assert 'good">named</td>' in row
+    assert f'<td class="number">{one.declared_s - (one.first_acted_s or 0.0):.2f} s</td>' in row
+
+
+def test_a_failure_that_is_not_found_is_red(stuck_run: Run) -> None:
+    (one,) = stuck_run.results.injected or ()
+    missed = one._replace(declared_s=None, outcome="missed", magnitude=None, magnitude_std=None)
+    results = replace(stuck_run.results, injected=(missed,), detections=())
+    html = report_html(Run(stuck_run.scenario, results, stuck_run.time_s, stuck_run.signals))
+    row = html[html.index('<th scope="row">R4R stuck on</th>') :].split("</tr>", maxsplit=1)[0]
+    assert 'bad">not found</td>' in row
+
+
+def test_times_lead_to_the_replay(stuck_run: Run) -> None:
+    declared_s = stuck_run.results.detections[0].time_s
+    assert f'href="replay.html#t={declared_s:.3f}"' in report_html(stuck_run, replay="replay.html")
+
+
+def test_a_detector_that_was_not_armed_is_said_and_shaded(stuck_run: Run) -> None:
+    late = np.where(stuck_run.time_s[:, None] >= 3.0, stuck_run["tested"], 0.0)
+    run = Run(stuck_run.scenario, stuck_run.results, stuck_run.time_s, {**stuck_run.signals, "tested": late})
+    first_s = float(run.time_s[np.flatnonzero(late[:, 0])[0]])
+    assert f"The detector was armed from {first_s:.2f} s on; 1 failure acted before." in report_html(run)
+    unarmed = [window for window in plots.rates(plots.source(run)).windows if not window.armed]
+    assert [(window.start_s, window.end_s) for window in unarmed] == [(0.0, first_s)]
+    never = {**stuck_run.signals, "tested": np.zeros_like(late)}
+    assert "The detector was never armed" in report_html(
+        Run(stuck_run.scenario, stuck_run.results, stuck_run.time_s, never)
+    )
+
+
+def test_a_payload_has_its_size(tmp_path: Path) -> None:
+    run = simulate(
+        load_scenario(
+            "payload_docking",
+            ["duration_s=3", "maneuver=[]", "jumps=[{kind: dock, time_s: 1, mass: 500, position: [60, 0, -3]}]"],
+        )
+    )
+    row = report_html(run)
+    row = row[row.index('<th scope="row">payload dock</th>') :].split("</tr>", maxsplit=1)[0]
+    assert "+500 slug" in row
 
 
 def test_a_detection_says_when_what_how_much_and_how_sure(html: str, stuck_run: Run) -> None:
@@ -92,6 +193,83 @@ def test_names_from_files_do_no_harm(tmp_path: Path, toy_data: dict[str, Any]) -
 # ------------------------------------------------------------------------------------ in a browser
 
 
+@pytest.fixture
+def report(opened: Any, stuck_run: Run, tmp_path: Path) -> Any:
+    return opened(write_report(stuck_run, tmp_path / "report.html"))
+
+
+def test_a_failure_is_a_button_away_and_values_fill_their_panels(report: Any, stuck_run: Run) -> None:
+    page, (one,) = report.page, stuck_run.results.injected or ()
+    assert [button.inner_text() for button in page.locator("#jumps button").all()] == ["Whole run", "failure 1"]
+    plot = "document.querySelector('#plot-rates .js-plotly-plot')._fullLayout"
+    whole = page.evaluate(f"{plot}.yaxis.range")
+    page.locator("#jumps button").last.click()
+    end_s = min(float(stuck_run.time_s[-1]), (one.declared_s or 0.0) + 5.0)
+    report.until(f"Math.abs({plot}.xaxis.range[1] - {end_s}) < 1e-6")
+    assert page.evaluate(f"{plot}.xaxis.range[0]") == 0.0  # 2 s before it acts is before the run
+    page.evaluate("massprop.zoom(4, 5)")
+    report.until(f"Math.abs({plot}.xaxis.range[0] - 4) < 1e-6")
+    low, high = page.evaluate(f"{plot}.yaxis.range")
+    first, last = np.searchsorted(stuck_run.time_s, [4.0 + 1e-9, 5.0 + 1e-9], side="right")
+    within = np.degrees(stuck_run["rate"][first - 1 : last, 0])
+    assert low < within.min()
+    assert within.max() < high
+    assert high - low < 1.5 * np.ptp(within) + 1e-3
+    page.click("#zoom-out")
+    report.until(f"Math.abs({plot}.xaxis.range[1] - {stuck_run.time_s[-1]}) < 1e-3")
+    np.testing.assert_allclose(page.evaluate(f"{plot}.yaxis.range"), whole, rtol=1e-6)
+
+
+def test_the_cursor_reads_every_signal_with_its_unit(report: Any, stuck_run: Run) -> None:
+    page, row = report.page, 40
+    page.evaluate(f"massprop.cursor({stuck_run.time_s[row] + 0.01})")
+    rates = np.degrees(stuck_run["rate"][row])
+    read = page.locator("#plot-rates .readout").inner_text().replace("\n", "")
+    for axis, rate, said in zip("xyz", rates, re.findall(r"([xyz]) (\S+) deg/s", read), strict=True):
+        assert said[0] == axis
+        assert float(said[1]) == pytest.approx(rate, rel=1e-4, abs=1e-9)
+    assert "thrust untold jet R4R" in page.locator("#plot-clusters .readout").inner_text().replace("\n", " ")
+    largest = page.evaluate("massprop.reading(massprop.figures.find(f => f.name === 'likelihoods'), 1.5)")
+    of_jets = [float(value) for label, value, _ in largest if label.startswith("of the jets")]
+    assert len(of_jets) == 5
+    assert of_jets == sorted(of_jets, reverse=True)
+    tested = np.flatnonzero((stuck_run["tested"][:, 0] > 0) & (stuck_run.time_s <= 1.5 + 1e-9))[-1]
+    assert of_jets[0] == pytest.approx(stuck_run["likelihood"][tested].max(), rel=1e-3)
+
+
+def test_jets_one_by_one_open_when_they_are_asked_for(report: Any) -> None:
+    page = report.page
+    assert page.locator("#plot-jets .main-svg").count() == 0
+    page.click("#plot-jets summary")
+    page.wait_for_selector("#plot-jets .main-svg")
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_text_stands_out_from_its_ground(report: Any, scheme: str) -> None:
+    """WCAG 2.1 AA: a contrast of 4.5 for text, by its own formula, of every color against every ground it stands on."""
+    page = report.page
+    page.emulate_media(color_scheme=scheme)
+    ink = "getComputedStyle(document.body).color"
+    report.until(f"getComputedStyle(document.querySelector('#plot-detection_timeline .xtick text')).fill === {ink}")
+    found = page.evaluate(CONTRASTS)
+    assert len(found) > 100
+    assert [one for one in found if one["contrast"] < (3.0 if one["large"] else 4.5)] == []
+
+
+@pytest.mark.parametrize("width", [1400, 390])
+def test_nothing_is_wider_than_the_window(report: Any, width: int) -> None:
+    report.page.set_viewport_size({"width": width, "height": 800})
+    report.until("document.documentElement.scrollWidth <= innerWidth")  # plots follow soon after
+    assert report.page.evaluate("innerWidth") == width
+
+
+def test_on_paper_it_has_four_pages_at_the_most(report: Any) -> None:
+    page = report.page
+    page.evaluate("dispatchEvent(new Event('beforeprint'))")
+    page.wait_for_timeout(500)
+    assert 1 <= len(re.findall(rb"/Type\s*/Page\b", page.pdf(format="A4"))) <= 4
+
+
 def test_it_opens_from_disk_without_a_word_on_the_console(opened: Any, stuck_run: Run, tmp_path: Path) -> None:
     page = opened(write_report(stuck_run, tmp_path / "report.html"))
     assert page.said == []
@@ -110,7 +288,7 @@ def test_one_cursor_moves_all_plots(opened: Any, stuck_run: Run, tmp_path: Path)
     before = places()
     slider.fill("4")
     after = places()
-    assert len(before) == page.locator(".plot").count()
+    assert len(before) == page.locator(".plot:not(.folded)").count()
     assert all(b - a > 50 for a, b in zip(before, after, strict=True))
     assert "4.00 s" in page.inner_text("#cursor-time")
 

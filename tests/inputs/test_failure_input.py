@@ -188,7 +188,7 @@ OVERLAPS = {
 def test_a_jet_fails_in_one_way_at_a_time(case: str, tmp_path: Path) -> None:
     (problem,) = problems_of(failures(*OVERLAPS[case]), tmp_path)
     assert str(tmp_path / "case.yaml") in problem
-    assert "failures[1] overlaps failures[0]" in problem
+    assert "failures[1]: overlaps failures[0]" in problem
     assert "R4R" in problem
 
 

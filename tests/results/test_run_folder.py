@@ -19,6 +19,10 @@ from massprop_drake.results.summary import by_name, from_names
 
 FILES = ALL_FILES - {"figures"}
 FIGURES = {
+    "attitude_error",
+    "clusters",
+    "innovations",
+    "propellant",
     "center_of_mass",
     "consistency",
     "detection_timeline",
@@ -449,7 +453,7 @@ def test_files_have_the_permissions_of_other_files(short_run: Run, tmp_path: Pat
 
 
 def test_a_folder_without_a_run_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="nowhere: holds no run that can be read"):
+    with pytest.raises(InputError, match="nowhere: there is no such run"):
         Run.load(tmp_path / "nowhere")
     with pytest.raises(InputError, match="holds no run that can be read"):
         Run.load(tmp_path)

@@ -4,21 +4,23 @@ from __future__ import annotations
 
 import numpy as np
 
+from massprop_drake.results import table
 from massprop_drake.results.run import Run
 
 
 def test_a_notebook_shows_the_verdict_and_the_parameters(short_run: Run) -> None:
     html = short_run._repr_html_()
     assert "orbiter: sample_maneuver" in html
-    assert f"{short_run['estimate'][-1, 0]:.6g}" in html
+    row = table.parameters(short_run.results, short_run.scenario.vehicle_data.unit_names)[0]
+    assert f"<td>{row.unit}</td><td>{row.estimate}</td><td>{row.sigma}</td>" in html
     assert "within 3 sigma of the truth" in html
 
 
 def test_signals_as_a_table_of_pandas(short_run: Run) -> None:
-    table = short_run.to_pandas()
-    np.testing.assert_array_equal(table.index, short_run.time_s)
-    np.testing.assert_array_equal(table["rate"]["y"], short_run["rate"][:, 1])
-    np.testing.assert_array_equal(table["command"]["R4R"], short_run["command"][:, 28])
+    frame = short_run.to_pandas()
+    np.testing.assert_array_equal(frame.index, short_run.time_s)
+    np.testing.assert_array_equal(frame["rate"]["y"], short_run["rate"][:, 1])
+    np.testing.assert_array_equal(frame["command"]["R4R"], short_run["command"][:, 28])
 
 
 def test_signals_as_a_dataset_of_xarray(short_run: Run) -> None:

@@ -11,6 +11,7 @@ from pydrake.systems.framework import LeafSystem
 from massprop_drake.maths.estimation.detector import known_force_of
 from massprop_drake.maths.estimation.impulses import Impulses, interval_impulses, with_wrench
 from massprop_drake.maths.vehicle.thrust import lag_factors
+from massprop_drake.systems.arguments import rows, vector
 from massprop_drake.systems.caching import Cached, Stopwatch
 from massprop_drake.systems.layouts import IMPULSE_MEMORY, IMPULSES, KNOWN_FORCE, impulse_row
 
@@ -46,7 +47,9 @@ class ImpulseModel(LeafSystem):
     def __init__(self, *, wrenches: Array, time_constants_s: Array, period_s: float):
         super().__init__()
         self.set_name("impulse_model")
+        wrenches = rows("impulse model: wrenches", wrenches, 6)
         n_jets = wrenches.shape[0]
+        time_constants_s = vector("impulse model: time_constants_s", time_constants_s, n_jets)
         self.stopwatch = Stopwatch()
         self._impulse_per_level = wrenches * period_s
         self._lag = lag_factors(time_constants_s, period_s)

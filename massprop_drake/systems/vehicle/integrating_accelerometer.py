@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from massprop_drake.maths.vehicle.rigid_body import ORIGIN_VELOCITY, RATE, SPIN_INTEGRAL
 from massprop_drake.maths.vehicle.sensing import SensorModel, point_velocity
-from massprop_drake.systems.vehicle.sensor import Sensor
+from massprop_drake.systems.arguments import vector
+from massprop_drake.systems.vehicle.sensor import Sensor, StatedPackage
 
 Array = NDArray[np.float64]
 
@@ -22,14 +23,22 @@ class IntegratingAccelerometer(Sensor):
     of the acceleration.
 
     Args:
-        name: of the system, the package's name.
-        model: its errors.
-        position: in the vehicle frame, ft or m, shape (3,).
+        package: its name, or a package of a vehicle, such as `vehicle.accelerometer("acc1")`; see `Sensor`.
+        model: its errors; default those that the package states.
+        position: in the vehicle frame, ft or m, shape (3,); default that of the package.
+
+    Raises:
+        ValueError: when it is no vector, or there is none.
     """
 
-    def __init__(self, name: str, model: SensorModel, *, position: Array):
-        super().__init__(name, model)
-        self._position = np.array(position, dtype=float)
+    def __init__(
+        self, package: str | StatedPackage, model: SensorModel | None = None, *, position: ArrayLike | None = None
+    ):
+        super().__init__(package, model)
+        place = getattr(package, "position", None) if position is None else position
+        if place is None:
+            raise ValueError(f"accelerometer '{self.get_name()}': where does it stand? Give its position")
+        self._position = vector(f"accelerometer '{self.get_name()}': position", place, 3)
 
     def _signal(self, body_state: Array) -> Array:
         return point_velocity(body_state[ORIGIN_VELOCITY], body_state[RATE], body_state[SPIN_INTEGRAL], self._position)

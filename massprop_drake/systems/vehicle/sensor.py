@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
+import math
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,10 +12,49 @@ from pydrake.systems.framework import LeafSystem
 
 from massprop_drake.maths.vehicle.rigid_body import N_STATE
 from massprop_drake.maths.vehicle.sensing import SensorModel, sense, sense_now
+from massprop_drake.systems.arguments import vector
 from massprop_drake.systems.caching import Cached
 from massprop_drake.systems.layouts import NOISE
 
 Array = NDArray[np.float64]
+
+
+class StatedPackage(Protocol):
+    """A package of three sensors as a vehicle has it, see `inputs.vehicle.SensorPackage`."""
+
+    @property
+    def name(self) -> str:
+        """Of the package."""
+
+    @property
+    def quantum(self) -> float:
+        """Step of a reading."""
+
+    @property
+    def noise_std(self) -> float:
+        """White noise of a reading, 1-sigma."""
+
+    @property
+    def range(self) -> float | None:
+        """Largest reading either way; None: unlimited."""
+
+
+def stated(package: StatedPackage) -> SensorModel:
+    """The errors of a package that its vehicle states, and no others."""
+    nothing, limit = np.zeros(3), math.inf if package.range is None else package.range
+    return SensorModel(
+        period_s=1.0,  # of no effect without memory
+        scale_factor=nothing,
+        smoothing=0.0,
+        bias=nothing,
+        walk_std=0.0,
+        integrates=False,
+        noise_std=package.noise_std,
+        quantum=package.quantum,
+        phase=nothing,
+        delay=0,
+        limit=limit,
+    )
 
 
 class Sensor(LeafSystem):
@@ -31,13 +71,22 @@ class Sensor(LeafSystem):
     Timing: the reading at t_k is of the body at t_k, or `delay` samples before; vibration is taken at t_k too.
 
     Args:
-        name: of the system, the package's name.
-        model: its errors.
+        package: its name, which is that of the system; or a package of a vehicle, such as `vehicle.gyro("gyro")`.
+        model: its errors; default those that the package states, which then must be one: quantum, noise and range.
+
+    Raises:
+        ValueError: when a vector of the model has not three elements.
     """
 
-    def __init__(self, name: str, model: SensorModel):
+    def __init__(self, package: str | StatedPackage, model: SensorModel | None = None):
         super().__init__()
-        self.set_name(name)
+        self.set_name(package if isinstance(package, str) else package.name)
+        if model is None:
+            if isinstance(package, str):
+                raise ValueError(f"sensor '{package}': a name alone has no errors; give its model, or a package")
+            model = stated(package)
+        for name in ("scale_factor", "bias", "phase"):
+            vector(f"sensor '{self.get_name()}': {name}", getattr(model, name), 3)
         self._model = model
         self._exact = model.exact
         self._body_state = self.DeclareVectorInputPort("body_state", N_STATE)

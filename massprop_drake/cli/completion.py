@@ -1,0 +1,46 @@
+"""What a shell offers when a name is half written: what is bundled, runs, and files."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from massprop_drake.inputs.kinds import Kind, bundled
+
+_FILES = {"scenario": (".yaml", ".yml"), "vehicle": (".yaml", ".yml"), "campaign": (".yaml", ".yml")}
+
+
+def named(kind: Kind) -> Callable[[str], list[str]]:
+    """A function that offers bundled names of a kind, files and folders that begin as written."""
+
+    def offered(incomplete: str) -> list[str]:
+        return [name for name in bundled(kind) if name.startswith(incomplete)] + _paths(incomplete, _FILES[kind])
+
+    return offered
+
+
+def diagrams(incomplete: str) -> list[str]:
+    """Offers the names of diagrams; they are the modules in their folder, and importing one would load Drake."""
+    folder = Path(__file__).parent.parent / "diagrams"
+    names = (path.stem for path in sorted(folder.glob("[!_]*.py")))
+    return [name for name in names if name.startswith(incomplete)]
+
+
+def runs(incomplete: str) -> list[str]:
+    """Offers folders of runs, here and in `runs`, and folders on the way to others."""
+    beside = Path(incomplete or ".") if incomplete.endswith("/") or not incomplete else Path(incomplete).parent
+    places = {beside, Path(), Path("runs")}
+    found = {str(path.parent) for place in places for path in place.glob("*/summary.json")}
+    return sorted(name for name in found if name.startswith(incomplete)) or _paths(incomplete, ())
+
+
+def _paths(incomplete: str, endings: tuple[str, ...]) -> list[str]:
+    """Files with one of these endings, and folders, that begin as written."""
+    beside = Path(incomplete) if incomplete.endswith("/") else Path(incomplete).parent
+    if not beside.is_dir():
+        return []
+    found = []
+    for path in sorted(beside.iterdir()):
+        if path.is_dir() or path.suffix in endings:
+            found.append(f"{path}/" if path.is_dir() else str(path))
+    return [name for name in found if name.startswith(incomplete) and not Path(name).name.startswith(".")]

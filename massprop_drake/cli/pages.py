@@ -1,0 +1,115 @@
+"""Pages of runs that are there: the report and the replay again, and runs side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from massprop_drake.cli import show
+from massprop_drake.cli.streams import say
+from massprop_drake.errors import InputError
+from massprop_drake.inputs.scenario import load_scenario
+from massprop_drake.inputs.yaml import exists
+from massprop_drake.results.folder import is_ours, require_files, write_files, write_page
+from massprop_drake.results.manifest import read as read_manifest
+from massprop_drake.results.manifest import sealed
+from massprop_drake.results.run import Run, read_summary
+from massprop_drake.results.summary import Summary
+
+REPORT, REPLAY = "report.html", "replay.html"
+
+
+def write(
+    name: str,
+    folder: Path,
+    out: Path | None,
+    *,
+    force: bool,
+    watch: Callable[[Path, str], None],
+) -> Path:
+    """Writes the report or the replay of a run, into its folder or elsewhere.
+
+    With a replay in the run's folder its report is written anew, so that it leads there.
+
+    Args:
+        name: `REPORT` or `REPLAY`.
+        folder: of the run.
+        out: the file to write; None: `name` in the run's folder.
+        force: keep what is there and not ours.
+        watch: is told the file, and what to say once it is written.
+
+    Returns:
+        The file written.
+
+    Raises:
+        InputError: when there is no such run, or the file cannot be written.
+    """
+    read_summary(folder)
+    target = out or folder / name
+    if target.is_dir() or not exists(target.parent):
+        raise InputError(f"{target}: cannot be written; give a file in a folder that is there")
+    require_files(target.parent, [target.name], force=force)
+    written = read_manifest(folder)
+    watch(target, f"the {name.partition('.')[0]} is saved in {target}")
+
+    shown = Run.load(folder)
+    if out is not None:
+        write_page(target, _page(name, shown, None), force=force)
+        return target
+    pages = {name: sealed(_page(name, shown, folder))}
+    if name == REPLAY and (force or is_ours(folder, REPORT)):
+        pages[REPORT] = sealed(_page(REPORT, shown, None, replay=REPLAY))
+    write_files(folder, pages, force=force, found=None if written is None else written.id)
+    return target
+
+
+def _page(name: str, run: Run, folder: Path | None, replay: str | None = None) -> str:
+    if name == REPLAY:
+        from massprop_drake.display.flight3d import replay_html  # noqa: PLC0415 (loads Drake)
+
+        return replay_html(run)
+    from massprop_drake.display.page import report_html  # noqa: PLC0415 (loads templates)
+
+    if folder is not None and is_ours(folder, REPLAY):
+        replay = REPLAY
+    return report_html(run, replay=replay)
+
+
+def compare(runs: Sequence[Path], out: Path | None, *, force: bool) -> tuple[list[tuple[str, Summary]], Any, Path]:
+    """Writes a page with runs side by side.
+
+    Args:
+        runs: folders, two at least.
+        out: the file to write; None: `runs/comparison.html`.
+        force: keep what is there and not ours.
+
+    Returns:
+        Name and summary of each run, their vehicle, and the file.
+
+    Raises:
+        InputError: when they are not runs of one vehicle, or the file cannot be written.
+    """
+    if len(runs) < 2:
+        raise InputError(f"{runs[0]}: give two folders of runs or more to compare")
+    found = [(str(folder), read_summary(folder)) for folder in runs]
+    vehicle = load_scenario(runs[0]).vehicle_data
+    for name, results in found:
+        if (results.vehicle, results.units) != (vehicle.name, vehicle.units):
+            raise InputError(
+                f"{name}: is of vehicle '{results.vehicle}' in units {results.units}, and {runs[0]} of "
+                f"'{vehicle.name}' in {vehicle.units}; compare runs of one vehicle"
+            )
+    from massprop_drake.display.comparison import comparison_html  # noqa: PLC0415 (loads templates)
+
+    target = out or Path("runs") / "comparison.html"
+    if out is None:
+        target.parent.mkdir(exist_ok=True)
+    write_page(target, comparison_html([(str(folder), Run.load(folder)) for folder in runs]), force=force)
+    return found, vehicle, target
+
+
+def print_comparison(found: Sequence[tuple[str, Summary]], vehicle: Any, target: Path) -> None:
+    """Prints the table of runs side by side, and where the page is."""
+    show.side_by_side(found, vehicle)
+    say(f"plots:       {target}")

@@ -1,0 +1,128 @@
+"""Runs side by side on one page: what each estimated and found, and their plots laid over each other."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from importlib import resources
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from massprop_drake.display import events, interactive, plots, templates
+from massprop_drake.display.plots import Source
+from massprop_drake.display.spec import Band, Line, Mark, Panel, Plot, Points, SymmetricLog
+from massprop_drake.display.style import COLORS
+from massprop_drake.signals import SYMBOLS, mass_property_units
+
+if TYPE_CHECKING:
+    from massprop_drake.results.run import Run
+
+_HERE = Path(__file__).parent
+_PLOTLY = {"style-src": "'unsafe-inline'", "img-src": "data: blob:"}
+_BAND_OPACITY = 0.15  # of bands over each other
+_OVERLAID = (
+    "rates",
+    "velocities",
+    "gyro_readings",
+    "accelerometer_velocities",
+    "inverse_inertia_diagonal",
+    "inverse_inertia_products",
+    "center_of_mass",
+    "mass_reciprocal",
+    "consistency",
+)
+
+
+def comparison_html(runs: Sequence[tuple[str, Run]]) -> str:
+    """Returns a page that needs no network.
+
+    Args:
+        runs: of one vehicle, each with a name.
+    """
+    shown = [(name, run.shown()) for name, run in runs]
+    sources = [(name, plots.source(run)) for name, run in shown]
+    longest = max((run.time_s for _, run in shown), key=lambda time_s: float(time_s[-1]))
+    drawn = [interactive.drawn(plot) for plot in overlaid(sources)]
+    content = {
+        "title": " and ".join(name for name, _ in runs),
+        "names": [name for name, _ in runs],
+        "parameters": _parameters(runs),
+        "found": [[events.headline(entry) for entry in run.results.detections] for _, run in runs],
+        "vehicle": runs[0][1].results.vehicle,
+    }
+    plotly = (resources.files("plotly") / "package_data" / "plotly.min.js").read_text(encoding="utf-8")
+    return templates.page(
+        _HERE / "comparison.html",
+        content,
+        data={"time": interactive.times(longest), "plots": drawn, "jumps": []},
+        styles=[(_HERE / "report.css").read_text(encoding="utf-8")],
+        scripts=[plotly, *((_HERE / name).read_text(encoding="utf-8") for name in ("themed.js", "report.js"))],
+        needs=_PLOTLY,
+    )
+
+
+def overlaid(runs: Sequence[tuple[str, Source]]) -> list[Plot]:
+    """The plots that all runs have, with the marks of all: a run has one color throughout.
+
+    Args:
+        runs: each with a name.
+    """
+    available = [plots.available(source) for _, source in runs]
+    names = [name for name in _OVERLAID if all(name in each for each in available)]
+    made = {name: [each[name](source) for each, (_, source) in zip(available, runs, strict=True)] for name in names}
+    called = [name for name, _ in runs]
+    return [_laid_over(each, called) for each in made.values() if len({len(plot.panels) for plot in each}) == 1]
+
+
+def _laid_over(same: Sequence[Plot], names: Sequence[str]) -> Plot:
+    longest = max(same, key=lambda plot: float(plot.time_s[-1]))
+    panels = []
+    for parts in zip(*(plot.panels for plot in same), strict=True):
+        marks: list[Mark] = []
+        for number, (panel, name) in enumerate(zip(parts, names, strict=True)):
+            color = COLORS[number % len(COLORS)]
+            marks += [mark for mark in (_of_run(mark, color, name) for mark in panel.marks) if mark is not None]
+        panels.append(parts[0]._replace(marks=tuple(marks), scale=_scale(parts), limits=_limits(parts)))
+    windows = same[0].windows if all(plot.windows == same[0].windows for plot in same) else ()
+    moments = tuple(dict.fromkeys(moment for plot in same for moment in plot.moments))
+    return longest._replace(panels=tuple(panels), windows=windows, moments=moments)
+
+
+def _of_run(mark: Mark, color: str, name: str) -> Mark | None:
+    """A mark in the color of its run; None for one that is the same for all."""
+    match mark:
+        case Line() | Points():
+            return mark._replace(color=color, label=f"{name}: {mark.label}" if mark.label else name)
+        case Band():
+            return mark._replace(color=color, label="", opacity=_BAND_OPACITY)
+        case _:
+            return None
+
+
+def _scale(parts: Sequence[Panel]) -> Any:
+    scales = [panel.scale for panel in parts]
+    symmetric = [scale for scale in scales if isinstance(scale, SymmetricLog)]
+    if len(symmetric) < len(scales):
+        return scales[0]
+    return SymmetricLog(min(scale.small for scale in symmetric), max(scale.large for scale in symmetric))
+
+
+def _limits(parts: Sequence[Panel]) -> tuple[float, float] | None:
+    given = [panel.limits for panel in parts if panel.limits is not None]
+    return (min(low for low, _ in given), max(high for _, high in given)) if len(given) == len(parts) else None
+
+
+def _parameters(runs: Sequence[tuple[str, Run]]) -> list[dict[str, Any]]:
+    """Formats the ten parameters: of each run error, or estimate where the truth is unknown, and 1-sigma in percent."""
+    units = mass_property_units(runs[0][1].scenario.vehicle_data.unit_names)
+    rows = []
+    for index, (symbol, unit) in enumerate(zip(SYMBOLS, units, strict=True)):
+        cells = []
+        for _, run in runs:
+            one = run.results.parameters[index]
+            error = "" if math.isnan(one.percent_error) else f"{one.percent_error:+.4f} %"
+            sigma = "" if math.isnan(one.percent_deviation) else f"{one.percent_deviation:.4f} %"
+            estimate = "not observable" if math.isnan(one.estimate) else f"{one.estimate:.6g}"
+            cells.append((estimate, error, sigma))
+        rows.append({"symbol": symbol, "unit": unit, "cells": cells})
+    return rows

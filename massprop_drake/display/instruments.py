@@ -1,0 +1,86 @@
+"""What the instruments of the replay and of the live view show: rates, the consistency of the filter, the sensors."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from massprop_drake.inputs import params
+from massprop_drake.inputs.scenario import Scenario
+from massprop_drake.inputs.vehicle import SensorPackage
+
+if TYPE_CHECKING:
+    from massprop_drake.results.run import Run
+
+Array = NDArray[np.float64]
+
+NIS_WINDOW = 10  # samples used that the light of the filter looks back on
+# 95 and 99.9 % of chi-square with 3 degrees of freedom for each of them, over their number
+NIS_LIMITS = (4.3773, 5.9703)
+APART_LIMITS = (4.0, 6.0)  # 1-sigma
+
+
+def columns(run: Run) -> dict[str, Array]:
+    """The instruments at every sample, shape (n, 1) or (n, 3), NaN where one shows nothing.
+
+    Returns:
+        `rate`: true or else as read, deg/s; `nis`: of the rotation filter at the samples that it used; `apart`: see
+        `apart`.
+    """
+    scenario = run.scenario
+    rate = np.asarray(run["rate"] if "rate" in run.signals else run[params.gyro(scenario).name])
+    used = np.asarray(run["rotation_used"]) > 0.0
+    return {
+        "rate": np.degrees(rate),
+        "nis": np.where(used, np.asarray(run["rotation_nis"]), np.nan),
+        "apart": apart(scenario, np.asarray(run.time_s), run.signals)[:, None],
+    }
+
+
+def limits(scenario: Scenario) -> dict[str, object]:
+    """Where the instruments' lights turn from good to doubtful and to bad; None for one that there is not."""
+    vehicle = scenario.vehicle_data
+    several = max(len(vehicle.gyros), len(vehicle.accelerometers)) > 1
+    return {"nis": NIS_LIMITS, "nis_window": NIS_WINDOW, "apart": APART_LIMITS if several else None}
+
+
+def apart(scenario: Scenario, time_s: Array, signals: Mapping[str, Array]) -> Array:
+    """How far the packages of a kind are from the median of their kind, in its 1-sigma, at most, shape (n,).
+
+    Compared are the changes of their readings over a sample; those of accelerometers with what their places make of
+    the rotation, dw x r + w x (w x r) T.
+
+    Args:
+        scenario: for the packages.
+        time_s: sample times, s, shape (n,).
+        signals: readings by the names of the packages, shape (n, 3) each.
+    """
+    vehicle = scenario.vehicle_data
+    period = vehicle.sample_period_s
+    rate = np.asarray(signals[params.gyro(scenario).name])
+    worst = np.full(time_s.size, np.nan)
+    if time_s.size < 2:
+        return worst
+    gyros = [np.diff(np.asarray(signals[gyro.name]), axis=0) for gyro in vehicle.gyros]
+    middle, turned = 0.5 * (rate[1:] + rate[:-1]), np.diff(rate, axis=0)
+    velocities = []
+    for package in vehicle.accelerometers:
+        arm = np.array(package.position)
+        by_place = np.cross(turned, arm) + period * np.cross(middle, np.cross(middle, arm))
+        velocities.append(np.diff(np.asarray(signals[package.name]), axis=0) - by_place)
+    sizes = [_from_median(gyros, vehicle.gyros), _from_median(velocities, vehicle.accelerometers)]
+    adjacent = np.diff(time_s) < 1.5 * period
+    worst[1:] = np.where(adjacent, np.fmax(*sizes), np.nan)
+    return worst
+
+
+def _from_median(changes: Sequence[Array], packages: Sequence[SensorPackage]) -> Array:
+    """The largest distance from the median over packages and axes, in 1-sigma of a change; NaN for a single one."""
+    if len(packages) < 2:
+        return np.full(changes[0].shape[0] if changes else 1, np.nan)
+    sigmas = np.sqrt([2.0 * package.variance for package in packages])
+    stacked = np.stack(changes)
+    return np.asarray((np.abs(stacked - np.median(stacked, axis=0)) / sigmas[:, None, None]).max(axis=(0, 2)))

@@ -1,0 +1,60 @@
+"""The kinds of files that are read, what is bundled of each, and what is said where one is given for another."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from importlib import resources
+from pathlib import Path
+from typing import Any, Literal
+
+from massprop_drake.errors import InputError, suggestion
+
+Kind = Literal["vehicle", "scenario", "campaign"]
+
+KINDS: tuple[Kind, ...] = ("vehicle", "scenario", "campaign")
+_PLACES: dict[Kind, tuple[str, ...]] = {
+    "vehicle": ("vehicles",),
+    "scenario": ("scenarios",),
+    "campaign": ("scenarios", "campaigns"),
+}
+_OF_A_SCENARIO = {"maneuver", "jet_schedule", "failures", "jumps", "duration_s"}  # keys that no other kind has
+_USES: dict[Kind, str] = {
+    "vehicle": "a scenario flies it by its key 'vehicle', and 'massprop estimate --vehicle' takes it",
+    "scenario": "'massprop run' takes it, and a campaign by its key 'base'",
+    "campaign": "'massprop campaign run' takes it",
+}
+
+
+def bundled(kind: Kind) -> list[str]:
+    """Lists what comes with the package."""
+    folder = resources.files("massprop_drake").joinpath(*_PLACES[kind])
+    return sorted(item.name.removesuffix(".yaml") for item in folder.iterdir() if item.name.endswith(".yaml"))
+
+
+def kind_of(data: Mapping[str, Any]) -> Kind:
+    """Tells what a file holds by its keys."""
+    if "jets" in data or "jet_kinds" in data:
+        return "vehicle"
+    return "campaign" if "base" in data else "scenario"
+
+
+def require_kind(data: Mapping[str, Any], wanted: Kind, source: str) -> None:
+    """Makes sure that a file is of a kind.
+
+    Raises:
+        InputError: when it is plainly of another, which the message names, with what it is for.
+    """
+    found = kind_of(data)
+    if found != wanted and (found != "scenario" or data.keys() & _OF_A_SCENARIO):
+        raise InputError(f"{source}: is a {found}, not a {wanted}: {_USES[found]}")
+
+
+def require_named(name: str, wanted: Kind) -> None:
+    """Raises InputError for a name that is neither bundled nor can be that of a file."""
+    path = Path(name)
+    if path.suffix in (".yaml", ".yml") or path.parent != Path():
+        return
+    for kind in KINDS:
+        if kind != wanted and name in bundled(kind):
+            raise InputError(f"'{name}' is a {kind}, not a {wanted}: {_USES[kind]}")
+    raise InputError(f"'{name}' is neither a bundled {wanted} nor a file{suggestion(name, bundled(wanted))}")

@@ -1,0 +1,127 @@
+"""The table of ten parameters, and of the mass and inertia that follow: the same numbers on terminal and page."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_drake.maths import mass_properties
+from massprop_drake.results.summary import Parameter, Summary
+from massprop_drake.signals import SYMBOLS, mass_property_units
+
+INERTIA = (("Ixx", 0, 0), ("Iyy", 1, 1), ("Izz", 2, 2), ("Iyz", 1, 2), ("Ixz", 0, 2), ("Ixy", 0, 1))
+_PLAIN = 1e-3, 1e5  # magnitudes that are written without a power of ten
+
+
+class Row(NamedTuple):
+    """A quantity in words; "-" for what is not known.
+
+    Attributes:
+        symbol: of it.
+        unit: with the power of ten of the numbers of the row, such as 1e-9/(slug-ft^2).
+        estimate, truth, sigma: to two digits of the 1-sigma and to six of their own at the most.
+        error: of the estimate, percent of the truth, with its sign.
+        percent: the 1-sigma in percent of the estimate.
+        inside: "yes" or "no": whether the estimate lies within 3 sigma of the truth; "not excited" where it does
+            because the flight has hardly touched it.
+        flag: what the flight has told of it, in words; empty for what follows.
+        bound: least 1-sigma that the flight allows; "-" where it is not known.
+    """
+
+    symbol: str
+    unit: str
+    estimate: str
+    truth: str
+    error: str
+    sigma: str
+    percent: str
+    inside: str = "-"
+    flag: str = ""
+    bound: str = "-"
+
+
+def parameters(results: Summary, units: Mapping[str, str], *, truth: bool = True) -> list[Row]:
+    """Rows of the ten parameters.
+
+    Args:
+        results: of a run.
+        units: of the vehicle, as `Vehicle.unit_names`.
+        truth: whether it is known at all.
+    """
+    told = {entry.parameter: entry for entry in results.identifiability}
+    rows = []
+    for symbol, unit, one in zip(SYMBOLS, mass_property_units(dict(units)), results.parameters, strict=True):
+        entry = told.get(one.name)
+        flag, bound = ("", None) if entry is None else (entry.flag, entry.bound)
+        if math.isnan(one.estimate):
+            power = _power(one.truth if truth else math.nan)
+            true = _scaled(one.truth, math.nan, power)
+            row = Row(symbol, _in_power(unit, power), "not observable", true, "-", "-", "-")
+        else:
+            row = _row(symbol, unit, one)
+            inside = "yes" if one.within_three_sigma else "no"
+            row = row._replace(inside="not excited" if flag == "not_excited" and inside == "yes" else inside)
+            if bound is not None:
+                power = _power(one.estimate, one.truth, one.standard_deviation)
+                row = row._replace(bound=_scaled(bound, bound, power))
+        rows.append(row._replace(flag=flag.replace("_", " ")))
+    return rows
+
+
+def derived(results: Summary, units: Mapping[str, str]) -> list[Row]:
+    """Rows of the mass and the inertia that follow from the estimates."""
+    found, true = results.derived, mass_properties.derived(results.truth, np.zeros((10, 10)))
+    rows = [_of_derived("m", units["mass"], found.mass, found.mass_std, true.mass)]
+    if found.inertia is not None and found.inertia_std is not None:
+        unit = f"{units['mass']}-{units['length']}^2"
+        for name, i, j in INERTIA:
+            truth = None if true.inertia is None else float(true.inertia[i, j])
+            rows.append(_of_derived(name, unit, float(found.inertia[i, j]), float(found.inertia_std[i, j]), truth))
+    return rows
+
+
+def _of_derived(name: str, unit: str, value: float | None, deviation: float | None, truth: float | None) -> Row:
+    known, sigma, true = (math.nan if one is None else one for one in (value, deviation, truth))
+    error = 100.0 * (known - true) / abs(true) if true else math.nan
+    return _row(name, unit, Parameter(name, known, sigma, true, error))
+
+
+def _row(symbol: str, unit: str, one: Parameter) -> Row:
+    power = _power(one.estimate, one.truth, one.standard_deviation)
+    numbers = (one.estimate, one.truth, one.standard_deviation)
+    estimate, truth, sigma = (_scaled(number, one.standard_deviation, power) for number in numbers)
+    error, percent = _percent(one.percent_error, "+"), _percent(one.percent_deviation)
+    return Row(symbol, _in_power(unit, power), estimate, truth, error, sigma, percent)
+
+
+def _power(*values: float) -> int:
+    """The power of ten, a multiple of three, by which values are written: that of the first that is none or NaN."""
+    size = next((abs(value) for value in values if value and math.isfinite(value)), 1.0)
+    return 0 if _PLAIN[0] <= size < _PLAIN[1] else 3 * math.floor(math.log10(size) / 3.0)
+
+
+def _in_power(unit: str, power: int) -> str:
+    """Writes a unit with a power of ten: '1e-6/(slug-ft^2)', '1e3 slug-ft^2'."""
+    return unit if not power else f"1e{power}{unit.removeprefix('1')}" if unit.startswith("1/") else f"1e{power} {unit}"
+
+
+def _scaled(value: float, deviation: float, power: int) -> str:
+    """Formats a value by a power of ten, to two digits of its 1-sigma and to six of its own at the most."""
+    if math.isnan(value):
+        return "-"
+    scaled, digits = value / 10.0**power, 6
+    if deviation > 0.0 and math.isfinite(deviation):
+        digits = 1 - math.floor(math.log10(deviation / 10.0**power))
+    if value:
+        digits = min(digits, 5 - math.floor(math.log10(abs(scaled))))
+    return f"{scaled:.{max(0, digits)}f}"
+
+
+def _percent(value: float, sign: str = "") -> str:
+    """Formats a percentage; '-' for NaN."""
+    if math.isnan(value):
+        return "-"
+    return f"{value:{sign}.4f}" if abs(value) < 1e4 else f"{value:{sign}.2e}"

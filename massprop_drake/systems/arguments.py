@@ -1,0 +1,36 @@
+"""Arguments of systems, which a user may build alone: a shape that is not meant gets a message."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+
+def vector(name: str, value: ArrayLike, size: int) -> Array:
+    """Makes a vector of a size.
+
+    Raises:
+        ValueError: when it is anything else, naming it.
+    """
+    made = np.array(value, dtype=float)
+    if made.shape != (size,):
+        raise ValueError(f"{name}: must be a vector of {size} numbers, got {_said(made)}")
+    return made
+
+
+def rows(name: str, value: ArrayLike, size: int) -> Array:
+    """Makes a matrix of rows of a size, one for each jet.
+
+    Raises:
+        ValueError: when it is anything else, naming it.
+    """
+    made = np.array(value, dtype=float)
+    if made.ndim != 2 or made.shape[1] != size:
+        raise ValueError(f"{name}: must be rows of {size} numbers, one for each jet, got {_said(made)}")
+    return made
+
+
+def _said(made: Array) -> str:
+    return f"the number {made:g}" if made.ndim == 0 else f"shape {made.shape}"

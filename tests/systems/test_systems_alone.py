@@ -1,0 +1,57 @@
+"""A system by itself: few lines, and a message where a shape is not meant."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from pydrake.systems.framework import LeafSystem
+
+from massprop_drake import InputError, load_vehicle, systems
+from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.maths.vehicle.rigid_body import N_STATE, RATE
+from massprop_drake.systems import ImpulseModel, IntegratingAccelerometer, RateGyro
+
+
+def test_a_gyro_in_three_lines() -> None:
+    orbiter = load_vehicle("orbiter")
+    gyro = RateGyro(orbiter.gyro("gyro"))
+    context = gyro.CreateDefaultContext()
+    state, quantum = np.zeros(N_STATE), orbiter.gyro("gyro").quantum
+    state[RATE] = [2.2 * quantum, 0.0, -0.7 * quantum]
+    gyro.GetInputPort("body_state").FixValue(context, state)
+    reading = gyro.GetOutputPort("reading").Eval(context)
+    np.testing.assert_allclose(reading, [2.0 * quantum, 0.0, -quantum], atol=1e-9 * quantum)
+    assert gyro.get_name() == "gyro"
+
+
+def test_an_accelerometer_stands_where_its_package_does(orbiter: Vehicle) -> None:
+    assert IntegratingAccelerometer(orbiter.accelerometer("acc2")).get_name() == "acc2"
+    with pytest.raises(ValueError, match="'acc2': position: must be a vector of 3 numbers, got the number 4"):
+        IntegratingAccelerometer(orbiter.accelerometer("acc2"), position=4.0)
+    with pytest.raises(ValueError, match="where does it stand"):
+        IntegratingAccelerometer(orbiter.gyro("gyro"))
+
+
+@pytest.mark.parametrize("name", ["gyro_1", "acc1"])
+def test_a_package_that_is_not_there_is_named(orbiter: Vehicle, name: str) -> None:
+    with pytest.raises(InputError, match=f"'{name}' is no gyro package"):
+        orbiter.gyro(name)
+
+
+def test_a_name_alone_has_no_errors() -> None:
+    with pytest.raises(ValueError, match="a name alone has no errors"):
+        RateGyro("gyro")
+
+
+def test_wrenches_are_rows() -> None:
+    with pytest.raises(ValueError, match=r"wrenches: must be rows of 6 numbers, one for each jet, got shape \(6,\)"):
+        ImpulseModel(wrenches=np.zeros(6), time_constants_s=np.zeros(1), period_s=0.1)
+    with pytest.raises(ValueError, match="time_constants_s: must be a vector of 2 numbers, got the number 0"):
+        ImpulseModel(wrenches=np.zeros((2, 6)), time_constants_s=np.array(0.0), period_s=0.1)
+
+
+def test_every_system_has_a_public_name() -> None:
+    for name in systems.__all__:
+        assert issubclass(getattr(systems, name), LeafSystem), name
+    with pytest.raises(AttributeError, match="has no attribute 'Nothing'"):
+        systems.Nothing  # noqa: B018
