@@ -34,7 +34,6 @@ from massprop_drake.maths.estimation.filters.mass_filter import MassParams
 from massprop_drake.maths.estimation.filters.registry import FILTERS
 from massprop_drake.maths.estimation.filters.rotation_filter import RotationParams
 from massprop_drake.maths.estimation.filters.thesis import ThesisParams
-from massprop_drake.maths.kernels import with_compiled
 from massprop_drake.maths.mass_properties import MassProperties, initial_standard_deviation
 from massprop_drake.maths.noise import normal_sample, uniform_phase
 from massprop_drake.maths.vehicle import cycle as vehicle_cycle
@@ -470,5 +469,4 @@ def detector_params(scenario: Scenario) -> Any:
     if method is None:
         return None
     of_filter = (FILTERS[method.made_for].params(setup(scenario), scenario),) if method.made_for else ()
-    made = method.params(jets(scenario), scenario.detector, *of_filter)
-    return with_compiled(made) if scenario.execution.compiled else made
+    return method.params(jets(scenario), scenario.detector, *of_filter)

@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_drake.maths.kernels import kernel, numbers, rows3
+from massprop_drake.maths.kernels import idiom, kernel, numbers, rows3
 
 Array = NDArray[np.float64]
 
@@ -59,6 +59,11 @@ def cross(left: Array, right: Array) -> Array:
     return np.array([b * z - c * y, c * x - a * z, a * y - b * x])
 
 
+def _any_nonzero(vector):  # type: ignore[no-untyped-def] # compiled alone
+    return np.any(vector != 0.0)
+
+
+@idiom(_any_nonzero)
 def nonzero(vector: Array) -> bool:
     """Whether any element of a vector differs from zero; for short ones several times faster than numpy's."""
     return any(vector.tolist())

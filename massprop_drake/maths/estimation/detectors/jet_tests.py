@@ -39,7 +39,7 @@ from numpy.typing import NDArray
 
 from massprop_drake.maths.estimation.detector import ROTATION, TRANSLATION, Evidence
 from massprop_drake.maths.estimation.filters.rotation_filter import rate_increment_jacobians
-from massprop_drake.maths.kernels import kernel, numbers, picked
+from massprop_drake.maths.kernels import kernel, left_to_numpy, numbers, picked
 from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError, inverse_positive_definite
 from massprop_drake.maths.mass_properties import ELEMENT, N_ROTATION, converged
 
@@ -75,20 +75,40 @@ def information_of(evidence: Evidence, limits: Array) -> Array | None:
     Raises:
         NotPositiveDefiniteError: when an innovation covariance is not positive definite.
     """
-    innovation, covariance = evidence.innovation, evidence.covariance
-    measured = math.isfinite(innovation[TRANSLATION.start]) and math.isfinite(innovation[ROTATION.start])
-    if not (evidence.usable and measured):
+    if not testable(evidence, limits):
         return None
-    if not converged(np.sqrt(evidence.estimate_covariance.diagonal()), evidence.estimate, limits):
-        return None
-    if evidence.coupled:
+    return information(evidence.covariance, evidence.coupled)
+
+
+@kernel
+def testable(evidence: Evidence, limits: Array) -> bool:
+    """Whether a sample can be tested; arguments as `information_of`."""
+    innovation = evidence.innovation
+    if not (evidence.usable and math.isfinite(innovation[0]) and math.isfinite(innovation[3])):
+        return False
+    return converged(np.sqrt(np.diag(evidence.estimate_covariance)), evidence.estimate, limits)
+
+
+@kernel
+def information(covariance: Array, coupled: bool) -> Array:
+    """Inverse of the innovations' covariance, shape (6, 6).
+
+    Args:
+        covariance: Y, shape (6, 6).
+        coupled: whether its blocks off the diagonal are not zero.
+
+    Raises:
+        NotPositiveDefiniteError: when it is not positive definite.
+    """
+    if coupled:
         return _inverse(covariance)
-    information = np.zeros((6, 6))
-    for block in (TRANSLATION, ROTATION):
-        information[block, block] = inverse_positive_definite(covariance[block, block], _WHAT)
-    return information
+    inverse = np.zeros((6, 6))
+    inverse[:3, :3] = inverse_positive_definite(covariance[:3, :3], _WHAT)
+    inverse[3:, 3:] = inverse_positive_definite(covariance[3:, 3:], _WHAT)
+    return inverse
 
 
+@left_to_numpy("float64[:, ::1]")
 def _inverse(covariance: Array) -> Array:
     """Inverse of a covariance of any size, scaled to a unit diagonal on the way."""
     scale = np.sqrt(covariance.diagonal())
@@ -181,6 +201,7 @@ class Signs(NamedTuple):
     impossible_positive: Array
 
 
+@left_to_numpy("float64[::1]", "float64[::1]", "float64[::1]", "float64[::1]", made=JetTests)
 def uncertain_jet_tests(
     tests: JetTests, innovation: Array, covariance: Array, signatures: UncertainSignatures, signs: Signs
 ) -> JetTests:
