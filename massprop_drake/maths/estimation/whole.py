@@ -200,10 +200,10 @@ def _evidence(usable: bool, told: Any, moved: Any, moving: Any, mass: Any) -> An
 
 @kernel
 def _known_force(
-    state: DetectorState | None, filters: ThesisState, command: Array, params: CglrParams | None
+    state: Any, filters: ThesisState, command: Array, params: CglrParams | None
 ) -> tuple[bool, KnownForce]:
     """Whether forces of failed jets are known and act, and what they do."""
-    if state is None or params is None:
+    if params is None:
         return False, KnownForce(np.zeros(6), np.zeros((3, 3)), np.zeros((3, 3)))
     return _acting(state, filters, command, params)
 
@@ -221,11 +221,11 @@ def _acting(
 
 @kernel
 def _judged(
-    state: DetectorState | None, seen: Evidence, rows: Array, row: int, params: CglrParams | None
-) -> tuple[DetectorState | None, Adaptation]:
+    state: Any, seen: Evidence, rows: Array, row: int, params: CglrParams | None
+) -> tuple[Any, Adaptation]:
     """The detector's state after a cycle, and what the filters are to do; its row is filled in."""
-    if state is None or params is None:
-        return None, left_alone(0, False)
+    if params is None:
+        return state, left_alone(0, False)
     done = cglr.judged(state, seen, params)
     fill(rows[row], cglr.status_values(done))
     fill(rows[row, _OF_JETS:], (done.tests.likelihood, done.tests.magnitude, state.force, state.variance))

@@ -567,16 +567,16 @@ def judged(state: DetectorState, evidence: Evidence, params: CglrParams) -> Dete
 
 
 @kernel
-def status_values(result: DetectorCycle) -> tuple[float, ...]:
+def status_values(result: DetectorCycle) -> tuple[Any, ...]:
     """A cycle's finding in the order of `detector.STATUS`."""
     finding, isolation = result.finding, result.finding.isolation
     return (
-        float(finding.tested),
-        float(finding.alarm),
-        float(finding.event),
-        float(isolation.cluster),
-        float(isolation.jet),
-        float(finding.jet_isolated),
+        finding.tested,
+        finding.alarm,
+        finding.event,
+        isolation.cluster,
+        isolation.jet,
+        finding.jet_isolated,
         finding.magnitude,
         finding.magnitude_std,
         float(result.tests.likelihood[isolation.jet]),
