@@ -157,7 +157,7 @@ class Whole:
 
     def many(self, record: Record, log: EstimationLog) -> None:
         """A cycle for every row."""
-        self._made(record.samples, log, 0)
+        self._made(Samples(*map(np.ascontiguousarray, record.samples)), log, 0)
 
     def _made(self, samples: Samples, log: EstimationLog, first: int) -> Asked:
         rows = log.rows
