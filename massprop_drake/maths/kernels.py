@@ -40,6 +40,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 _KERNELS: list[Callable[..., Any]] = []
 _IDIOMS: list[tuple[Callable[..., Any], Callable[[Any], None]]] = []  # with what tells numba of each
+_BARE = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}  # what is called by compiled code alone needs neither
 
 
 def kernel(function: F) -> F:
@@ -56,7 +57,7 @@ def idiom(meaning: Callable[..., Any]) -> Callable[[F], F]:
     """
 
     def marked(function: F) -> F:
-        _IDIOMS.append((function, lambda extending: extending.overload(function)(_always(meaning))))
+        _IDIOMS.append((function, lambda extending: extending.overload(function, jit_options=_BARE)(_always(meaning))))
         return function
 
     return marked
@@ -191,7 +192,7 @@ def compiler() -> Compiler:
     setattr(numba.config, "CACHE_DIR", str(folder))  # noqa: B010 (made at run time)
     _teach(extending)
     for function in _KERNELS:
-        extending.register_jitable(function)
+        extending.register_jitable(**_BARE)(function)
     timer = event.TimingListener()
     event.register("numba:compile", timer)
     return Compiler(metadata.version("numba"), folder, timer)
@@ -214,8 +215,8 @@ def _teach(extending: Any) -> None:
     """Tells numba what the idioms are."""
     for _, teach in _IDIOMS:
         teach(extending)
-    extending.overload(numbers, prefer_literal=True)(_numbers)
-    extending.overload(fill)(_fill)
+    extending.overload(numbers, jit_options=_BARE, prefer_literal=True)(_numbers)
+    extending.overload(fill, jit_options=_BARE)(_fill)
 
 
 def _numbers(vector, _count):  # type: ignore[no-untyped-def] # of types
@@ -262,7 +263,7 @@ def _teach_object_mode(
     )
     scope: dict[str, Any] = {"objmode": numba.objmode, "function": function, "made": made}
     exec(source, scope)
-    extending.overload(function)(_always(scope["called"]))
+    extending.overload(function, jit_options=_BARE)(_always(scope["called"]))
 
 
 @cache
@@ -275,7 +276,7 @@ def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
     compiler()
     import numba  # noqa: PLC0415 (optional, slow to load)
 
-    return numba.njit(cache=True)(function)
+    return numba.njit(cache=True, no_cfunc_wrapper=True)(function)
 
 
 def chosen(function: F, compile_it: bool) -> F:

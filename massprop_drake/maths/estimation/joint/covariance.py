@@ -85,7 +85,7 @@ def innovation_root(outputs: Array, variances: Array) -> tuple[Array, Array, Arr
     stacked[:k] = outputs.T
     stacked[k:] = np.diag(np.sqrt(variances))
     q, u = np.linalg.qr(stacked)
-    return np.ascontiguousarray(q[:k]), np.ascontiguousarray(q[k:]), u
+    return np.ascontiguousarray(q[:k]), np.ascontiguousarray(q[k:]), np.ascontiguousarray(u)
 
 
 @kernel
