@@ -1,4 +1,4 @@
-"""What compiled code keeps from one call to the next, in numba's own form; loads numba, so that only `kernels` loads it.
+"""What compiled code keeps from one call to the next, in numba's own form; loads numba, so only `kernels` loads it.
 
 Python holds no more than a reference, which is passed in no time, however large the bundle is.
 """
@@ -11,6 +11,8 @@ import numba
 from numba.core import types
 from numba.experimental import structref
 
+_compiled: Any = numba.njit(cache=True, no_cfunc_wrapper=True)  # type: ignore[call-overload] # nobody calls it from C
+
 
 @structref.register
 class HeldType(types.StructRef):
@@ -21,20 +23,20 @@ class HeldType(types.StructRef):
         return tuple((name, types.unliteral(kind)) for name, kind in fields)
 
 
-class Held(structref.StructRefProxy):  # type: ignore[misc] # numba has no types
+class Held(structref.StructRefProxy):
     """Python's reference to a holder."""
 
 
 structref.define_proxy(Held, HeldType, ["value"])
 
 
-@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+@_compiled  # type: ignore[untyped-decorator]
 def hold(value: Any) -> Any:
     """A holder of a bundle."""
-    return Held(value)
+    return Held(value)  # type: ignore[no-untyped-call] # numba's
 
 
-@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+@_compiled  # type: ignore[untyped-decorator]
 def release(holder: Any) -> Any:
     """The bundle, in Python's form."""
     return holder.value

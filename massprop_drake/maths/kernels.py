@@ -40,6 +40,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 _KERNELS: list[Callable[..., Any]] = []
 _IDIOMS: list[tuple[Callable[..., Any], Callable[[Any], None]]] = []  # with what tells numba of each
+_CALLED: Any = {"no_cfunc_wrapper": True}  # nobody calls a kernel from C
 _BARE = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}  # what is called by compiled code alone needs neither
 
 
@@ -276,7 +277,7 @@ def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
     compiler()
     import numba  # noqa: PLC0415 (optional, slow to load)
 
-    return numba.njit(cache=True, no_cfunc_wrapper=True)(function)
+    return numba.njit(cache=True, **_CALLED)(function)
 
 
 def chosen(function: F, compile_it: bool) -> F:

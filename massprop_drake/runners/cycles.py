@@ -16,7 +16,7 @@ from massprop_drake.maths.estimation.whole import Asked, Rows, Samples
 from massprop_drake.maths.kernels import chosen, held, released
 from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
 from massprop_drake.runners.logs import EstimationLog, timed_cycle
-from massprop_drake.systems.layouts import DETECTOR_REPORT, MASS_REPORT, ROTATION_REPORT
+from massprop_drake.systems.layouts import MASS_REPORT, ROTATION_REPORT
 
 Array = NDArray[np.float64]
 
@@ -56,9 +56,6 @@ class Cycles(Protocol):
     def many(self, record: Record, log: EstimationLog) -> None:
         """A cycle for every row."""
 
-    def declared(self) -> bool:
-        """Whether the last cycle declared a failure."""
-
     def reported(self) -> tuple[Array, Array]:
         """Estimate and 1-sigma of the ten parameters that the last cycle published, shape (10,) each."""
 
@@ -95,7 +92,8 @@ class Stepped:
         if done.judgment is None:
             return None
         after = done.judgment.state
-        return Asked(after.force, after.removed, after.closed)
+        declared = done.judgment.status.detector_event == Event.DECLARED
+        return Asked(bool(declared), after.force, after.removed, after.closed)
 
     def many(self, record: Record, log: EstimationLog) -> None:
         """A cycle for every row."""
@@ -103,12 +101,6 @@ class Stepped:
         for index, (coming, stamp_s) in enumerate(zip(record.coming, record.stamps_s.tolist(), strict=True)):
             time_s, rates, velocities, command, outside = (part[index] for part in samples)
             self.one(Sample(float(time_s), rates, velocities, command, outside, stamp_s, coming), log, index)
-
-    def declared(self) -> bool:
-        """Whether the last cycle declared a failure."""
-        assert self._done is not None
-        judgment = self._done.judgment
-        return judgment is not None and bool(judgment.status.detector_event == Event.DECLARED)
 
     def reported(self) -> tuple[Array, Array]:
         """Estimate and 1-sigma of the ten parameters that the last cycle published, shape (10,) each."""
@@ -138,7 +130,6 @@ class Whole:
         self._no_outside = np.zeros((1, 6))
         self._reached = np.zeros(1, dtype=np.int64)
         self._has_detector = made.detector is not None
-        self._event = DETECTOR_REPORT.sized(jets=state.level.size).slice("detector_event").start
         self._rows: Rows | None = None
 
     def state(self) -> EstimationState:
@@ -176,11 +167,6 @@ class Whole:
     def _last(self) -> tuple[Rows, int]:
         assert self._rows is not None
         return self._rows, int(self._reached[0]) - 1
-
-    def declared(self) -> bool:
-        """Whether the last cycle declared a failure."""
-        rows, last = self._last()
-        return self._has_detector and bool(rows.detector_report[last, self._event] == Event.DECLARED)
 
     def reported(self) -> tuple[Array, Array]:
         """Estimate and 1-sigma of the ten parameters that the last cycle published, shape (10,) each."""

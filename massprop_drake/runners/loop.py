@@ -17,6 +17,7 @@ from massprop_drake.maths.estimation import cycle as estimation
 from massprop_drake.maths.estimation.filter import Groups
 from massprop_drake.maths.estimation.whole import Asked
 from massprop_drake.maths.kernels import chosen, held
+from massprop_drake.maths.linear_algebra import nonzero
 from massprop_drake.maths.mass_properties import converged
 from massprop_drake.maths.vehicle import cycle as vehicle_cycle
 from massprop_drake.maths.vehicle.rigid_body import N_STATE, QUATERNION, STRUCTURE, OutOfMassError, SpunUpError
@@ -30,6 +31,7 @@ from massprop_drake.systems.layouts import HAND_CONTROLLERS, RECONFIGURATION, RE
 Array = NDArray[np.float64]
 
 _ROWS = 256  # that logs grow by
+_NO_WRENCH = np.zeros(6)
 
 
 class _Pilot:
@@ -44,28 +46,26 @@ class _Pilot:
     def __init__(self, scenario: Scenario):
         vehicle = scenario.vehicle_data
         self._windows = params.windows(scenario)
-        self._params = params.phase_space_params(scenario)
+        compiled = scenario.execution.compiled
+        self._piloted = chosen(piloted, compiled)
+        self._settings = held(params.phase_space_params(scenario), compiled)
+        self._memory = held(initial_memory(), compiled)
         self.selector = Selector(**params.selection(scenario))
         self._reconfiguration = RECONFIGURATION.sized(jets=len(vehicle.jets))
         self._unit_wrenches = params.unit_wrenches(vehicle)
         self._adapts = scenario.autopilot.mass_properties == "estimated"
         self._limits = params.convergence_limits(scenario)
-        self._memory = initial_memory()
-        self._piloted = chosen(piloted, scenario.execution.compiled)
         self._state = self.selector.initial
 
-    def decide(
-        self, time_s: float, gyro: Array, known: Cycles, asked: Asked | None
-    ) -> tuple[Array, tuple[Array, ...]]:
+    def decide(self, time_s: float, gyro: Array, known: Cycles, asked: Asked | None) -> tuple[Array, tuple[Array, ...]]:
         """The command of the coming sample, and the rows of `LOGGED`."""
-        control, state = self._params, self._state
+        state = self._state
         controllers = hand_controllers(self._windows, time_s)
-        step = self._piloted(self._memory, gyro, controllers, state.delivered, control)
+        request, error = self._piloted(self._memory, gyro, controllers, state.delivered, self._settings)
         properties = self._properties(known) if self._adapts else None
-        burst = self.selector.decide(state, step.request, properties, self._asked_for(known, asked))
-        rows = (controllers, step.error, REQUEST.pack(step.request), state.counts, state.out_of_use)
+        burst = self.selector.decide(state, request, properties, self._asked_for(asked))
+        rows = (controllers, error, REQUEST.pack(request), state.counts, state.out_of_use)
         self._state = self.selector.after(state, burst, properties)
-        self._memory = step.memory
         return burst.command, rows
 
     def _properties(self, known: Cycles) -> Array | None:
@@ -73,11 +73,11 @@ class _Pilot:
         estimate, deviation = known.reported()
         return estimate if converged(deviation, estimate, self._limits) else None
 
-    def _asked_for(self, known: Cycles, asked: Asked | None) -> Any:
+    def _asked_for(self, asked: Asked | None) -> Any:
         if asked is None:
             return None
-        wrench = asked.force @ self._unit_wrenches
-        return self._reconfiguration.make(declared=known.declared(), known_wrench=wrench, removed=asked.removed)
+        wrench = asked.force @ self._unit_wrenches if nonzero(asked.force) else _NO_WRENCH
+        return self._reconfiguration.make(declared=asked.declared, known_wrench=wrench, removed=asked.removed)
 
 
 class Loop:

@@ -52,7 +52,6 @@ _NO_SPREAD = np.zeros((3, 3))
 NO_ADAPTATION = Adaptation(Action.NONE, _NONE, _NONE, _NO_SPREAD, _NO_SPREAD, mass_jumped=False)
 
 
-
 def _left_alone(action, mass_jumped):  # type: ignore[no-untyped-def] # compiled alone
     return Adaptation(action, np.zeros(3), np.zeros(3), np.zeros((3, 3)), np.zeros((3, 3)), mass_jumped)
 

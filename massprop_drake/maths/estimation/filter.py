@@ -168,7 +168,6 @@ def not_measured() -> Joint:
     return NOT_MEASURED
 
 
-
 class RotationReport(NamedTuple):
     """What a log keeps of a cycle's rotation, by the signals' names.
 

@@ -45,7 +45,7 @@ def _steadiness(command, previous_command):  # type: ignore[no-untyped-def] # co
     steady, known, firing = True, True, False
     for jet in range(command.size):
         told = command[jet]
-        steady = steady and told == previous_command[jet] and (told == 0.0 or told == 1.0)
+        steady = steady and told == previous_command[jet] and told * (1.0 - told) == 0.0
         known = known and not math.isnan(told)
         firing = firing or told != 0.0
     return steady, known, firing

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from massprop_drake.maths.estimation.adaptation import Adaptation, left_alone
 from massprop_drake.maths.estimation.cycle import EstimationParams, EstimationState
-from massprop_drake.maths.estimation.detector import STATUS, Evidence, KnownForce
+from massprop_drake.maths.estimation.detector import STATUS, Event, Evidence, KnownForce
 from massprop_drake.maths.estimation.detectors import cglr
 from massprop_drake.maths.estimation.detectors.cglr import CglrParams, DetectorState
 from massprop_drake.maths.estimation.detectors.known_forces import acting_force
@@ -27,6 +27,7 @@ from massprop_drake.maths.kernels import fill, kernel
 from massprop_drake.maths.linear_algebra import Array, nonzero
 from massprop_drake.maths.vehicle.thrust import LagFactors
 
+_EVENT, _DECLARED = STATUS.slice("detector_event").start, float(Event.DECLARED)
 _OF_JETS = STATUS.size  # where the part with an element per jet begins in what is logged of the detector
 
 
@@ -77,9 +78,11 @@ class Asked(NamedTuple):
     """What the detector has the autopilot and the jets do; empty arrays without one.
 
     Attributes:
+        declared: whether a failure was declared in the last cycle.
         force, removed, closed: see `detector.Detector`, shape (n_jets,) each.
     """
 
+    declared: bool
     force: Array
     removed: Array
     closed: Array
@@ -123,7 +126,7 @@ def advance(holder: Any, samples: Samples, rows: Rows, reached: NDArray[np.int_]
         state = one(state, samples, index, (rows, reached[0]), given)
         holder.value = state
         reached[0] += 1
-    return _asked(state.detector)
+    return _asked(state.detector, rows.detector_report, reached[0] - 1)
 
 
 @kernel
@@ -142,9 +145,7 @@ def one(
     rates, velocities = samples.rates[index], samples.velocities[index]
     # measure
     outside = samples.outside[index] * params.period_s
-    impulses = interval_impulses(
-        command, state.command, state.level, params.impulse_per_level, params.lag, outside
-    )
+    impulses = interval_impulses(command, state.command, state.level, params.impulse_per_level, params.lag, outside)
     acts, known = _known_force(state.detector, filters, command, params.detector)
     if acts:
         impulses = with_wrench(impulses, known.wrench, params.period_s)
@@ -199,9 +200,7 @@ def _evidence(usable: bool, told: Any, moved: Any, moving: Any, mass: Any) -> An
 
 
 @kernel
-def _known_force(
-    state: Any, filters: ThesisState, command: Array, params: CglrParams | None
-) -> tuple[bool, KnownForce]:
+def _known_force(state: Any, filters: Any, command: Array, params: CglrParams | None) -> tuple[bool, KnownForce]:
     """Whether forces of failed jets are known and act, and what they do."""
     if params is None:
         return False, KnownForce(np.zeros(6), np.zeros((3, 3)), np.zeros((3, 3)))
@@ -209,9 +208,7 @@ def _known_force(
 
 
 @kernel
-def _acting(
-    state: DetectorState, filters: ThesisState, command: Array, params: CglrParams
-) -> tuple[bool, KnownForce]:
+def _acting(state: DetectorState, filters: Any, command: Array, params: CglrParams) -> tuple[bool, KnownForce]:
     known = KnownForce(np.zeros(6), np.zeros((3, 3)), np.zeros((3, 3)))
     if nonzero(state.variance):
         predicted = np.append(filters.rotation.estimate, filters.mass.mass_reciprocal)
@@ -220,9 +217,7 @@ def _acting(
 
 
 @kernel
-def _judged(
-    state: Any, seen: Evidence, rows: Array, row: int, params: CglrParams | None
-) -> tuple[Any, Adaptation]:
+def _judged(state: Any, seen: Evidence, rows: Array, row: int, params: CglrParams | None) -> tuple[Any, Adaptation]:
     """The detector's state after a cycle, and what the filters are to do; its row is filled in."""
     if params is None:
         return state, left_alone(0, False)
@@ -233,7 +228,7 @@ def _judged(
 
 
 @kernel
-def _asked(state: DetectorState | None) -> Asked:
+def _asked(state: DetectorState | None, rows: Array, last: int) -> Asked:
     if state is None:
-        return Asked(np.empty(0), np.empty(0), np.empty(0))
-    return Asked(state.force, state.removed, state.closed)
+        return Asked(False, np.empty(0), np.empty(0), np.empty(0))
+    return Asked(rows[last, _EVENT] == _DECLARED, state.force, state.removed, state.closed)
