@@ -155,7 +155,7 @@ class _Estimation:
         outside = np.vstack([self._outside, np.broadcast_to(self._outside, (count, 6))])
         if rows.outside_wrench is not None:
             outside[1:] = rows.outside_wrench
-        time_s: Array = np.arange(self._next_row, self._next_row + count) * self._period_s
+        time_s = np.arange(self._next_row, self._next_row + count).astype(np.float64) * self._period_s
         samples = Samples(time_s, rates, velocities, coming[:-1], outside[:-1])
         self._known.many(Record(samples, rows.time_s, coming[1:]), log)
         self._command, self._outside = coming[-1], outside[-1]

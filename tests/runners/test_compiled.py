@@ -68,7 +68,10 @@ def require_close(compiled: Any, plain: Any) -> None:
     ]
 
 
-@pytest.mark.parametrize("case", [("sample_maneuver", "duration_s=50"), ("stuck_on_29", "duration_s=20")])
+@pytest.mark.parametrize(
+    "case",
+    [("sample_maneuver", "duration_s=50"), ("stuck_on_29", "duration_s=20"), ("orbiter_maneuver", "duration_s=6")],
+)
 def test_compiled_kernels_give_the_same_but_for_rounding(case: tuple[str, str], tmp_path: Path) -> None:
     pytest.importorskip("numba")
     kernels.compiler.cache_clear()
@@ -79,6 +82,8 @@ def test_compiled_kernels_give_the_same_but_for_rounding(case: tuple[str, str], 
     assert plain["rotation_used"].any()
     provenance = compiled.summary["provenance"]
     assert provenance["engine"].startswith("loop, compiled by numba ")
+    if case[0] == "orbiter_maneuver":
+        return  # the joint filter reads records row by row, as it flies
     # the record of it, read by the same kernels: the same bits
     compiled.save(tmp_path / "run", pictures=False, report=False)
     again = estimate(tmp_path / "run" / "telemetry.csv", load_scenario(tmp_path / "run"))

@@ -487,11 +487,11 @@ def measure(
     turn, move = rotation_interval(interval, errors), mass_interval(interval, linear_errors(errors))
     if params.alone and state.mass is not None and params.mass is not None:
         known = (state.rotation, state.memory, state.mass, state.velocities)
-        turned, innovation, told, moved, moving = measured(
+        turned, innovation, told, moved, translated = measured(
             known, (rates, velocities), (turn, move), (params.rotation, params.mass)
         )
         return Measurement(
-            RotationMeasurement(turned, innovation), MassMeasurement(moved, moving), rates, velocities, told
+            RotationMeasurement(turned, innovation), MassMeasurement(moved, translated), rates, velocities, told
         )
     turning = rotation_filter.measure(state.rotation, state.memory, rates, turn, params.rotation)
     moving = None
