@@ -6,7 +6,7 @@ compiled unasked, so no bit of a result depends on what is installed.
 
 A kernel keeps to the subset of numpy that numba compiles; for the few idioms that are fast in numpy and unknown to
 numba there are functions that say what they mean in the other form, `idiom`: here `numbers`, `rows3`, `picked`,
-`fill`. What numba cannot do at all, and seldom is needed, is left to numpy from within compiled code, `left_to_numpy`.
+`fill`.
 
 Between Python and compiled code every array and number is converted, each way, which takes longer than the arithmetic.
 So a kernel that is called from Python takes a whole cycle, and what it keeps from one to the next stays in numba's own
@@ -25,7 +25,7 @@ import sys
 import warnings
 from collections.abc import Callable
 from enum import IntEnum
-from functools import cache, partial
+from functools import cache
 from importlib import metadata
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
@@ -59,21 +59,6 @@ def idiom(meaning: Callable[..., Any]) -> Callable[[F], F]:
 
     def marked(function: F) -> F:
         _IDIOMS.append((function, lambda extending: extending.overload(function, jit_options=_BARE)(_always(meaning))))
-        return function
-
-    return marked
-
-
-def left_to_numpy(*results: str, made: Callable[..., Any] | None = None) -> Callable[[F], F]:
-    """Marks a function that compiled code calls as it is, as Python.
-
-    Args:
-        results: numba's types of what it returns, in order.
-        made: of which that is a named tuple; None: it is one array.
-    """
-
-    def marked(function: F) -> F:
-        _IDIOMS.append((function, partial(_teach_object_mode, function, results, made)))
         return function
 
     return marked
@@ -202,7 +187,7 @@ def compiler() -> Compiler:
 def _digest() -> str:
     """Of the sources of all kernels, and of what compiles them."""
     functions = {*_KERNELS, *(function for function, _ in _IDIOMS)}
-    own = {__file__, str(Path(__file__).with_name("holding.py"))}
+    own = {__file__, str(Path(__file__).with_name("_holding.py"))}
     files = sorted({inspect.getfile(function) for function in functions} | own)
     content = hashlib.sha256()
     for file in files:
@@ -249,24 +234,6 @@ def _always(meaning: Callable[..., Any]) -> Callable[..., Any]:
     return made
 
 
-def _teach_object_mode(
-    function: Callable[..., Any], results: tuple[str, ...], made: Callable[..., Any] | None, extending: Any
-) -> None:
-    """Has compiled code call a function as Python."""
-    import numba  # noqa: PLC0415 (optional, slow to load)
-
-    names = ", ".join(inspect.signature(function).parameters)
-    found = ", ".join(f"found{index}" for index in range(len(results)))
-    types = ", ".join(f"found{index}='{kind}'" for index, kind in enumerate(results))
-    source = (
-        f"def called({names}):\n    with objmode({types}):\n        {found} = function({names})\n"
-        f"    return {found if made is None else f'made({found})'}\n"
-    )
-    scope: dict[str, Any] = {"objmode": numba.objmode, "function": function, "made": made}
-    exec(source, scope)
-    extending.overload(function, jit_options=_BARE)(_always(scope["called"]))
-
-
 @cache
 def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
     """The compiled form of a kernel; it compiles itself at the first call, or is read from the cache.
@@ -290,7 +257,7 @@ def held(value: Any, compile_it: bool) -> Any:
     if not compile_it:
         return Holder(value)
     compiler()
-    from massprop_drake.maths.holding import hold  # noqa: PLC0415 (loads numba)
+    from massprop_drake.maths._holding import hold  # noqa: PLC0415 (loads numba)
 
     return hold(_own(plain(value)))
 
@@ -309,7 +276,7 @@ def released(holder: Any) -> Any:
     """What a holder holds, in Python's form."""
     if isinstance(holder, Holder):
         return holder.value
-    from massprop_drake.maths.holding import release  # noqa: PLC0415 (loads numba)
+    from massprop_drake.maths._holding import release  # noqa: PLC0415 (loads numba)
 
     return release(holder)
 
