@@ -42,7 +42,7 @@ class Cycles(Protocol):
     """Estimation that goes on from cycle to cycle.
 
     Attributes:
-        spent_s: time spent in "estimators" and "detector"; all of it in the former where they are not apart.
+        spent_s: time spent in "estimators" and "detector"; in the former alone where they are not apart.
     """
 
     spent_s: dict[str, float]
@@ -123,7 +123,7 @@ class Whole:
     """
 
     def __init__(self, made: EstimationParams, state: EstimationState, *, compiled: bool):
-        self.spent_s = {"estimators": 0.0, "detector": 0.0}
+        self.spent_s = {"estimators": 0.0}
         self._params = made
         self._advance = chosen(whole.advance, compiled)
         self._holder, self._held = held(state, compiled), held(whole.params_of(made), compiled)

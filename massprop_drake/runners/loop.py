@@ -214,5 +214,5 @@ class Loop:
         """Mean time per cycle spent in each part, microseconds."""
         mean = {name: 1e6 * spent / cycles for name, spent in self._known.spent_s.items()}
         selection = None if self._pilot is None else 1e6 * self._pilot.selector.stopwatch.spent_s / cycles
-        detector = mean["detector"] if self._params.detector is not None else None
+        detector = mean.get("detector") if self._params.detector is not None else None
         return {"estimators": mean["estimators"], "detector": detector, "jet_selection": selection}

@@ -232,7 +232,7 @@ class _Estimation:
     def _cycle_times(self) -> dict[str, float | None]:
         """Mean time per cycle spent in each part, microseconds."""
         mean = {name: 1e6 * spent / self._intake.spool.n_rows for name, spent in self._known.spent_s.items()}
-        detector = mean["detector"] if self._params.detector is not None else None
+        detector = mean.get("detector") if self._params.detector is not None else None
         return {"estimators": mean["estimators"], "detector": detector, "jet_selection": None}
 
 

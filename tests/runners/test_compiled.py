@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import builtins
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -68,18 +70,26 @@ def require_close(compiled: Any, plain: Any) -> None:
     ]
 
 
-@pytest.mark.parametrize(
-    "case",
-    [("sample_maneuver", "duration_s=50"), ("stuck_on_29", "duration_s=20"), ("orbiter_maneuver", "duration_s=6")],
+FAILING = (  # so that a jet is suspected, declared and reckoned with
+    "stuck_on_29",
+    "duration_s=20",
+    "estimation.start=nominal",
+    "estimation.std_fraction=0.05",
+    "failures=[{kind: stuck_on, jet: R4R, start_s: 12}]",
 )
-def test_compiled_kernels_give_the_same_but_for_rounding(case: tuple[str, str], tmp_path: Path) -> None:
+CASES = (("sample_maneuver", "duration_s=50"), FAILING, ("orbiter_maneuver", "duration_s=6"))
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_compiled_kernels_give_the_same_but_for_rounding(case: tuple[str, ...], tmp_path: Path) -> None:
     pytest.importorskip("numba")
     kernels.compiler.cache_clear()
-    plain = simulate(load_scenario(case[0], [case[1], "execution={engine: loop}"]))
-    asked = load_scenario(case[0], [case[1], "execution={engine: loop, compiled: true}"])
+    plain = simulate(load_scenario(case[0], [*case[1:], "execution={engine: loop}"]))
+    asked = load_scenario(case[0], [*case[1:], "execution={engine: loop, compiled: true}"])
     compiled = simulate(asked)
     require_close(compiled, plain)
     assert plain["rotation_used"].any()
+    assert case is not FAILING or plain.summary["detections"]
     provenance = compiled.summary["provenance"]
     assert provenance["engine"].startswith("loop, compiled by numba ")
     if case[0] == "orbiter_maneuver":
@@ -89,3 +99,15 @@ def test_compiled_kernels_give_the_same_but_for_rounding(case: tuple[str, str], 
     again = estimate(tmp_path / "run" / "telemetry.csv", load_scenario(tmp_path / "run"))
     np.testing.assert_array_equal(again["estimate"], compiled["estimate"])
     assert load_scenario(tmp_path / "run").execution.compiled
+
+
+def test_another_process_reads_compiled_code() -> None:
+    pytest.importorskip("numba")
+    asked = [*FAILING[1:], "execution={engine: loop, compiled: true}"]
+    simulate(load_scenario(FAILING[0], asked))
+    code = (
+        "from massprop_drake import load_scenario, simulate; from massprop_drake.maths import kernels; "
+        f"run = simulate(load_scenario({FAILING[0]!r}, {asked!r})); "
+        "assert run.summary['detections']; assert kernels.compiler().spent_s == 0.0, kernels.compiler().spent_s"
+    )
+    subprocess.run([sys.executable, "-W", "ignore", "-c", code], check=True)
