@@ -33,7 +33,7 @@ CASES: dict[str, dict[str, Any]] = {
     "sample_maneuver": {"scenario": "sample_maneuver"},
     "stuck_on_29": {"scenario": "stuck_on_29"},
 }
-JOINT = ("orbiter_maneuver", "leak_named")
+JOINT = ("orbiter_maneuver", "dispersed_thrust")
 RECORD = {"numpy": [], "compiled": ["execution.compiled=true"]}
 TARGETS = {
     ("sample_maneuver", LOOP): 3.0,
