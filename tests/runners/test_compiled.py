@@ -19,6 +19,7 @@ from massprop_drake.maths.vehicle.rigid_body import step
 
 # what is decided, not reckoned: the same to the last bit
 DECIDED = ("command", "rotation_used", "mass_used", "alarm", "tested", "detector_event", "suspected_jet", "out_of_use")
+OF_LIKELIHOOD = ("likelihood", "nis", "margin", "unexplained")  # sums of squares, or differences of such
 STATES, LIKELIHOODS = 5e-12, 1e-10  # relative to the largest of a signal
 
 
@@ -63,7 +64,7 @@ def require_close(compiled: Any, plain: Any) -> None:
             np.testing.assert_array_equal(one, other, err_msg=name)
             continue
         size = np.abs(other[np.isfinite(other)]).max(initial=0.0)
-        limit = LIKELIHOODS if "likelihood" in name or "nis" in name or "margin" in name else STATES
+        limit = LIKELIHOODS if any(word in name for word in OF_LIKELIHOOD) else STATES
         np.testing.assert_allclose(one, other, rtol=0.0, atol=limit * size, err_msg=name)
     assert [entry["jets"] for entry in compiled.summary["detections"]] == [
         entry["jets"] for entry in plain.summary["detections"]
