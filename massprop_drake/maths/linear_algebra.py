@@ -201,7 +201,7 @@ def _inverses(stack):  # type: ignore[no-untyped-def] # compiled alone
 @idiom(_inverses)
 def inverses(stack: Array) -> Array:
     """The inverse of each matrix of a stack."""
-    return np.linalg.inv(stack)
+    return np.asarray(np.linalg.inv(stack), dtype=np.float64)
 
 
 def _log_determinants(stack):  # type: ignore[no-untyped-def] # compiled alone
