@@ -33,6 +33,7 @@ CASES: dict[str, dict[str, Any]] = {
     "sample_maneuver": {"scenario": "sample_maneuver"},
     "stuck_on_29": {"scenario": "stuck_on_29"},
 }
+JOINT = ("orbiter_maneuver", "dispersed_thrust")
 RECORD = {"numpy": [], "compiled": ["execution.compiled=true"]}
 TARGETS = {
     ("sample_maneuver", LOOP): 3.0,
@@ -152,6 +153,48 @@ def _line(row: dict[str, Any]) -> str:
     )
 
 
+# -------------------------------------------------------------------------------- the joint filter
+
+
+class _Timed:
+    """Cycles of estimation whose processor time is taken one by one, see `runners.cycles.Cycles`."""
+
+    def __init__(self, cycles: Any):
+        self._cycles, self.spent_s = cycles, cycles.spent_s
+        self.each_s: list[float] = []
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._cycles, name)
+
+    def one(self, *arguments: Any) -> Any:
+        began = time.process_time()
+        try:
+            return self._cycles.one(*arguments)
+        finally:
+            self.each_s.append(time.process_time() - began)
+
+
+def joint_cycles() -> list[dict[str, Any]]:
+    """Mean and longest processor time of a cycle of the joint filter with its detector, ms."""
+    from massprop_drake import load_scenario  # noqa: PLC0415
+    from massprop_drake.runners.loop import Loop  # noqa: PLC0415
+
+    rows = []
+    for name in JOINT:
+        for way in (LOOP, COMPILED_LOOP):
+            scenario = load_scenario(name, WAYS[way])
+            Loop(scenario).advance(1.0)  # compiles
+            run = Loop(scenario)
+            run._known = timed = _Timed(run._known)  # type: ignore[assignment]
+            run.advance(scenario.duration_s)
+            each_ms = [1e3 * spent for spent in timed.each_s]
+            rows.append({"case": name, "way": way, "mean": statistics.mean(each_ms), "longest": max(each_ms)})
+            print(
+                f"{name:18} {way:18} {rows[-1]['mean']:8.2f} ms a cycle   {max(each_ms):8.1f} at the most", flush=True
+            )
+    return rows
+
+
 # ---------------------------------------------------------------------------------------- scaling
 
 
@@ -206,7 +249,9 @@ def scaling(here: Version, repeats: int) -> dict[str, Any]:
 # --------------------------------------------------------------------------------------- the page
 
 
-def write_page(folder: Path, against: str, rows: list[dict[str, Any]], grown: dict[str, Any]) -> None:
+def write_page(
+    folder: Path, against: str, rows: list[dict[str, Any]], joint: list[dict[str, Any]], grown: dict[str, Any]
+) -> None:
     """Writes `speed.md` and its plots."""
     import matplotlib as mpl  # noqa: PLC0415 (slow to load)
 
@@ -241,7 +286,10 @@ def write_page(folder: Path, against: str, rows: list[dict[str, Any]], grown: di
         for row in rows
     )
     page = (REPOSITORY / "benchmarks" / "speed.md").read_text(encoding="utf-8")
-    page = page.replace("{against}", against).replace("{table}", table)
+    of_joint = "\n".join(
+        f"| {row['case']} | {row['way']} | {row['mean']:.2f} | {row['longest']:.1f} |" for row in joint
+    )
+    page = page.replace("{against}", against).replace("{table}", table).replace("{joint}", of_joint)
     (folder / "speed.md").write_text(page, encoding="utf-8")
 
 
@@ -264,8 +312,9 @@ def main() -> None:
         there.close()
         grown = scaling(here, max(1, arguments.repeats // 2)) if arguments.scaling else {}
         here.close()
+        joint = joint_cycles()
         if arguments.write is not None:
-            write_page(arguments.write, arguments.against, rows, grown)
+            write_page(arguments.write, arguments.against, rows, joint, grown)
 
 
 if __name__ == "__main__":

@@ -34,7 +34,7 @@ from massprop_drake.maths.estimation.filters.mass_filter import MassParams
 from massprop_drake.maths.estimation.filters.registry import FILTERS
 from massprop_drake.maths.estimation.filters.rotation_filter import RotationParams
 from massprop_drake.maths.estimation.filters.thesis import ThesisParams
-from massprop_drake.maths.kernels import with_compiled
+from massprop_drake.maths.kernels import held
 from massprop_drake.maths.mass_properties import MassProperties, initial_standard_deviation
 from massprop_drake.maths.noise import normal_sample, uniform_phase
 from massprop_drake.maths.vehicle import cycle as vehicle_cycle
@@ -331,9 +331,9 @@ def vehicle_params(scenario: Scenario) -> VehicleParams:
         jumps=jumps_by_sample(mass_jumps(scenario), period),
         body=body,
         structure=packed_structure(properties),
-        exact=exact,
+        exact=held(exact, scenario.execution.compiled),
         places=places,
-        motion=Motion(thrusters(jets), period),
+        motion=held(Motion(thrusters(jets), period), scenario.execution.compiled),
         kernels=vehicle_cycle.kernels(compiled=scenario.execution.compiled),
     )
 
@@ -470,5 +470,4 @@ def detector_params(scenario: Scenario) -> Any:
     if method is None:
         return None
     of_filter = (FILTERS[method.made_for].params(setup(scenario), scenario),) if method.made_for else ()
-    made = method.params(jets(scenario), scenario.detector, *of_filter)
-    return with_compiled(made) if scenario.execution.compiled else made
+    return method.params(jets(scenario), scenario.detector, *of_filter)

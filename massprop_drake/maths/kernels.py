@@ -5,7 +5,12 @@
 compiled unasked, so no bit of a result depends on what is installed.
 
 A kernel keeps to the subset of numpy that numba compiles; for the few idioms that are fast in numpy and unknown to
-numba there are functions here: `numbers`, `rows3`, `picked`.
+numba there are functions that say what they mean in the other form, `idiom`: here `numbers`, `rows3`, `picked`,
+`fill`.
+
+Between Python and compiled code every array and number is converted, each way, which takes longer than the arithmetic.
+So a kernel that is called from Python takes a whole cycle, and what it keeps from one to the next stays in numba's own
+form within a `Holder`.
 
 Compiled code is kept in a folder of the user's cache that is named by a digest of the sources of all kernels, since
 numba itself looks at the file of the outermost one alone.
@@ -34,13 +39,42 @@ Array = NDArray[np.float64]
 F = TypeVar("F", bound=Callable[..., Any])
 
 _KERNELS: list[Callable[..., Any]] = []
-_registered: set[Callable[..., Any]] = set()
+_IDIOMS: list[tuple[Callable[..., Any], Callable[[Any], None]]] = []  # with what tells numba of each
+_CALLED: Any = {"no_cfunc_wrapper": True}  # nobody calls a kernel from C
+_BARE = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}  # what is called by compiled code alone needs neither
 
 
 def kernel(function: F) -> F:
     """Marks a function as a kernel; it stays what it is."""
     _KERNELS.append(function)
     return function
+
+
+def idiom(meaning: Callable[..., Any]) -> Callable[[F], F]:
+    """Marks a function whose form for numba is another one.
+
+    Args:
+        meaning: that form, with the same arguments.
+    """
+
+    def marked(function: F) -> F:
+        _IDIOMS.append((function, lambda extending: extending.overload(function, jit_options=_BARE)(_always(meaning))))
+        return function
+
+    return marked
+
+
+class Holder:
+    """Holds what a kernel keeps from one call to the next; compiled code has one of its own, see `held`.
+
+    Args:
+        value: a bundle of arrays, numbers and such bundles, whose types never change.
+    """
+
+    __slots__ = ("value",)
+
+    def __init__(self, value: Any):
+        self.value = value
 
 
 # ------------------------------------------------------------------- idioms that numba has in another form
@@ -51,14 +85,44 @@ def numbers(vector: Array, _count: int) -> Any:
     return vector.tolist()
 
 
+def _rows3(matrix):  # type: ignore[no-untyped-def] # compiled alone
+    return (
+        (matrix[0, 0], matrix[0, 1], matrix[0, 2]),
+        (matrix[1, 0], matrix[1, 1], matrix[1, 2]),
+        (matrix[2, 0], matrix[2, 1], matrix[2, 2]),
+    )
+
+
+@idiom(_rows3)
 def rows3(matrix: Array) -> Any:
     """The rows of a 3x3 matrix as plain numbers."""
     return matrix.tolist()
 
 
+def _picked(vector, places):  # type: ignore[no-untyped-def] # compiled alone
+    result = np.empty(places.shape)
+    flat, index = result.ravel(), places.ravel()
+    for place in range(index.size):
+        flat[place] = vector[index[place]]
+    return flat.reshape(places.shape)
+
+
+@idiom(_picked)
 def picked(vector: Array, places: NDArray[np.int_]) -> Array:
     """Elements of a vector at a table of places, in the table's shape."""
     return vector[places]
+
+
+def fill(row: Array, values: Any) -> None:
+    """Puts arrays and numbers into a vector one after the other, as `Layout.pack` does with fields in their order."""
+    begin = 0
+    for value in values:
+        if isinstance(value, np.ndarray):
+            row[begin : begin + value.size] = value.ravel()
+            begin += value.size
+        else:
+            row[begin] = value
+            begin += 1
 
 
 # --------------------------------------------------------------------------------------- compiling
@@ -87,8 +151,7 @@ def _gathered() -> None:
     """Loads every module that holds kernels, so that all are known."""
     from massprop_drake.maths import attitude, linear_algebra, mass_properties  # noqa: F401, PLC0415
     from massprop_drake.maths.autopilot import phase_space  # noqa: F401, PLC0415
-    from massprop_drake.maths.estimation.detectors import jet_tests  # noqa: F401, PLC0415
-    from massprop_drake.maths.estimation.filters import thesis  # noqa: F401, PLC0415
+    from massprop_drake.maths.estimation import whole  # noqa: F401, PLC0415
     from massprop_drake.maths.vehicle import cycle, reaction_jets, rigid_body, sensing, thrust  # noqa: F401, PLC0415
 
 
@@ -115,7 +178,7 @@ def compiler() -> Compiler:
     setattr(numba.config, "CACHE_DIR", str(folder))  # noqa: B010 (made at run time)
     _teach(extending)
     for function in _KERNELS:
-        extending.register_jitable(function)
+        extending.register_jitable(**_BARE)(function)
     timer = event.TimingListener()
     event.register("numba:compile", timer)
     return Compiler(metadata.version("numba"), folder, timer)
@@ -123,7 +186,9 @@ def compiler() -> Compiler:
 
 def _digest() -> str:
     """Of the sources of all kernels, and of what compiles them."""
-    files = sorted({inspect.getfile(function) for function in _KERNELS} | {__file__})
+    functions = {*_KERNELS, *(function for function, _ in _IDIOMS)}
+    own = {__file__, str(Path(__file__).with_name("_holding.py"))}
+    files = sorted({inspect.getfile(function) for function in functions} | own)
     content = hashlib.sha256()
     for file in files:
         content.update(Path(file).read_bytes())
@@ -133,12 +198,11 @@ def _digest() -> str:
 
 
 def _teach(extending: Any) -> None:
-    """Tells numba what the idioms above are."""
-    from massprop_drake.maths.linear_algebra import nonzero  # noqa: PLC0415 (a kernel's module itself)
-
-    for idiom, meaning in ((rows3, _rows3), (nonzero, _any_nonzero), (picked, _picked)):
-        extending.overload(idiom)(_always(meaning))
-    extending.overload(numbers, prefer_literal=True)(_numbers)
+    """Tells numba what the idioms are."""
+    for _, teach in _IDIOMS:
+        teach(extending)
+    extending.overload(numbers, jit_options=_BARE, prefer_literal=True)(_numbers)
+    extending.overload(fill, jit_options=_BARE)(_fill)
 
 
 def _numbers(vector, _count):  # type: ignore[no-untyped-def] # of types
@@ -146,12 +210,21 @@ def _numbers(vector, _count):  # type: ignore[no-untyped-def] # of types
     return eval(f"lambda vector, _count: ({elements},)")
 
 
-def _rows3(matrix):  # type: ignore[no-untyped-def] # compiled alone
-    return (
-        (matrix[0, 0], matrix[0, 1], matrix[0, 2]),
-        (matrix[1, 0], matrix[1, 1], matrix[1, 2]),
-        (matrix[2, 0], matrix[2, 1], matrix[2, 2]),
-    )
+def _fill(row, values):  # type: ignore[no-untyped-def] # of types
+    lines = ["def filled(row, values):", "    begin = 0"]
+    for index, kind in enumerate(values.types):
+        rank = getattr(kind, "ndim", 0)
+        if rank == 0:
+            lines += [f"    row[begin] = values[{index}]", "    begin += 1"]
+            continue
+        places = ", ".join("ijk"[:rank])
+        for depth in range(rank):
+            lines.append(f"{'    ' * (depth + 1)}for {'ijk'[depth]} in range(values[{index}].shape[{depth}]):")
+        indent = "    " * (rank + 1)
+        lines += [f"{indent}row[begin] = values[{index}][{places}]", f"{indent}begin += 1"]
+    made: dict[str, Any] = {}
+    exec("\n".join(lines), made)
+    return made["filled"]
 
 
 def _always(meaning: Callable[..., Any]) -> Callable[..., Any]:
@@ -159,18 +232,6 @@ def _always(meaning: Callable[..., Any]) -> Callable[..., Any]:
     names = ", ".join(inspect.signature(meaning).parameters)
     made: Callable[..., Any] = eval(f"lambda {names}: meaning", {"meaning": meaning})
     return made
-
-
-def _any_nonzero(vector):  # type: ignore[no-untyped-def] # compiled alone
-    return np.any(vector != 0.0)
-
-
-def _picked(vector, places):  # type: ignore[no-untyped-def] # compiled alone
-    result = np.empty(places.shape)
-    flat, index = result.ravel(), places.ravel()
-    for place in range(index.size):
-        flat[place] = vector[index[place]]
-    return flat.reshape(places.shape)
 
 
 @cache
@@ -183,12 +244,41 @@ def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
     compiler()
     import numba  # noqa: PLC0415 (optional, slow to load)
 
-    return numba.njit(cache=True)(function)
+    return numba.njit(cache=True, **_CALLED)(function)
 
 
 def chosen(function: F, compile_it: bool) -> F:
     """A kernel, or its compiled form."""
     return compiled(function) if compile_it else function  # type: ignore[return-value]
+
+
+def held(value: Any, compile_it: bool) -> Any:
+    """A `Holder`, or compiled code's own, of a bundle."""
+    if not compile_it:
+        return Holder(value)
+    compiler()
+    from massprop_drake.maths._holding import hold  # noqa: PLC0415 (loads numba)
+
+    return hold(_own(plain(value)))
+
+
+def _own(value: Any) -> Any:
+    """A bundle with arrays of one kind, its own and contiguous: what differs in that is of another type to numba."""
+    if isinstance(value, np.ndarray):
+        return np.array(value, order="C")
+    if isinstance(value, tuple):
+        parts = [_own(part) for part in value]
+        return type(value)(*parts) if hasattr(value, "_fields") else tuple(parts)
+    return value
+
+
+def released(holder: Any) -> Any:
+    """What a holder holds, in Python's form."""
+    if isinstance(holder, Holder):
+        return holder.value
+    from massprop_drake.maths._holding import release  # noqa: PLC0415 (loads numba)
+
+    return release(holder)
 
 
 def plain(value: Any) -> Any:
@@ -199,9 +289,3 @@ def plain(value: Any) -> Any:
         parts = [plain(part) for part in value]
         return type(value)(*parts) if hasattr(value, "_fields") else tuple(parts)
     return value
-
-
-def with_compiled(bundle: Any) -> Any:
-    """A bundle of parameters with the compiled form of each kernel that is among its fields."""
-    kernels = {name: value for name, value in bundle._asdict().items() if callable(value) and value in _KERNELS}
-    return bundle._replace(**{name: compiled(function) for name, function in kernels.items()})

@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_drake.maths.kernels import kernel, numbers, rows3
+from massprop_drake.maths.kernels import idiom, kernel, numbers, rows3
 
 Array = NDArray[np.float64]
 
@@ -59,6 +59,11 @@ def cross(left: Array, right: Array) -> Array:
     return np.array([b * z - c * y, c * x - a * z, a * y - b * x])
 
 
+def _any_nonzero(vector):  # type: ignore[no-untyped-def] # compiled alone
+    return np.any(vector != 0.0)
+
+
+@idiom(_any_nonzero)
 def nonzero(vector: Array) -> bool:
     """Whether any element of a vector differs from zero; for short ones several times faster than numpy's."""
     return any(vector.tolist())
@@ -115,6 +120,101 @@ def is_positive_definite(matrix: Array) -> bool:
     minor = a * c - b * b
     determinant = f * minor - e * (a * e - b * d) + d * (b * e - c * d)
     return bool(a > 0.0 and minor > 0.0 and determinant > 0.0)
+
+
+# ------------------------------------------------------- stacks of matrices: in numpy at once, compiled one by one
+
+
+def _times_stack(matrix, stack):  # type: ignore[no-untyped-def] # compiled alone
+    result = np.empty((stack.shape[0], matrix.shape[0], stack.shape[2]))
+    for index in range(stack.shape[0]):
+        result[index] = matrix @ stack[index]
+    return result
+
+
+@idiom(_times_stack)
+def times_stack(matrix: Array, stack: Array) -> Array:
+    """A matrix times each of a stack."""
+    return matrix @ stack
+
+
+def _stack_times(stack, matrix):  # type: ignore[no-untyped-def] # compiled alone
+    result = np.empty((stack.shape[0], stack.shape[1], matrix.shape[1]))
+    for index in range(stack.shape[0]):
+        result[index] = stack[index] @ matrix
+    return result
+
+
+@idiom(_stack_times)
+def stack_times(stack: Array, matrix: Array) -> Array:
+    """Each matrix of a stack times another one."""
+    return stack @ matrix
+
+
+def _stack_times_stack(left, right):  # type: ignore[no-untyped-def] # compiled alone
+    result = np.empty((left.shape[0], left.shape[1], right.shape[2]))
+    for index in range(left.shape[0]):
+        result[index] = left[index] @ right[index]
+    return result
+
+
+@idiom(_stack_times_stack)
+def stack_times_stack(left: Array, right: Array) -> Array:
+    """Each matrix of a stack times its own of another."""
+    return left @ right
+
+
+def _stack_times_vector(stack, vector):  # type: ignore[no-untyped-def] # compiled alone
+    result = np.empty((stack.shape[0], stack.shape[1]))
+    for index in range(stack.shape[0]):
+        result[index] = stack[index] @ vector
+    return result
+
+
+@idiom(_stack_times_vector)
+def stack_times_vector(stack: Array, vector: Array) -> Array:
+    """Each matrix of a stack times a vector."""
+    return stack @ vector
+
+
+def _stack_times_vectors(stack, vectors):  # type: ignore[no-untyped-def] # compiled alone
+    result = np.empty((stack.shape[0], stack.shape[1]))
+    for index in range(stack.shape[0]):
+        result[index] = stack[index] @ vectors[index]
+    return result
+
+
+@idiom(_stack_times_vectors)
+def stack_times_vectors(stack: Array, vectors: Array) -> Array:
+    """Each matrix of a stack times its own vector."""
+    product: Array = np.einsum("ijk,ik->ij", stack, vectors)
+    return product
+
+
+def _inverses(stack):  # type: ignore[no-untyped-def] # compiled alone
+    result = np.empty(stack.shape)
+    for index in range(stack.shape[0]):
+        result[index] = np.linalg.inv(stack[index])
+    return result
+
+
+@idiom(_inverses)
+def inverses(stack: Array) -> Array:
+    """The inverse of each matrix of a stack."""
+    return np.asarray(np.linalg.inv(stack), dtype=np.float64)
+
+
+def _log_determinants(stack):  # type: ignore[no-untyped-def] # compiled alone
+    result = np.empty(stack.shape[0])
+    for index in range(stack.shape[0]):
+        result[index] = np.linalg.slogdet(stack[index])[1]
+    return result
+
+
+@idiom(_log_determinants)
+def log_determinants(stack: Array) -> Array:
+    """The logarithm of the size of each determinant of a stack."""
+    return np.linalg.slogdet(stack)[1]
 
 
 def inverse(matrix: Array) -> Array:

@@ -130,7 +130,7 @@ class Timing(NamedTuple):
     Attributes:
         wall_s: from the first sample to the last, s.
         real_time_factor: time covered by the run per time taken.
-        cycle_us: mean time per cycle by part, microseconds; None for a part that the run has not.
+        cycle_us: mean time per cycle by part, microseconds; None for a part that the run has not, or that is not apart.
     """
 
     wall_s: Real

@@ -5,7 +5,6 @@ Only the linear program of jet selection is Drake's. What the loop does not cove
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
@@ -15,16 +14,16 @@ from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.maths.autopilot.phase_space import hand_controllers, initial_memory, piloted
 from massprop_drake.maths.estimation import cycle as estimation
-from massprop_drake.maths.estimation.cycle import EstimationStep
-from massprop_drake.maths.estimation.detector import Event
 from massprop_drake.maths.estimation.filter import Groups
-from massprop_drake.maths.kernels import chosen
-from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
+from massprop_drake.maths.estimation.whole import Asked
+from massprop_drake.maths.kernels import chosen, held
+from massprop_drake.maths.linear_algebra import nonzero
 from massprop_drake.maths.mass_properties import converged
 from massprop_drake.maths.vehicle import cycle as vehicle_cycle
 from massprop_drake.maths.vehicle.rigid_body import N_STATE, QUATERNION, RATE, STRUCTURE, OutOfMassError, SpunUpError
 from massprop_drake.maths.vehicle.sensing import unsaturated
-from massprop_drake.runners.logs import EstimationLog, timed_cycle
+from massprop_drake.runners.cycles import Cycles, cycles
+from massprop_drake.runners.logs import EstimationLog
 from massprop_drake.runners.moment import Moment
 from massprop_drake.systems.autopilot.selector import Selector
 from massprop_drake.systems.layouts import HAND_CONTROLLERS, RECONFIGURATION, REQUEST, SELECTION_COUNTS
@@ -32,6 +31,7 @@ from massprop_drake.systems.layouts import HAND_CONTROLLERS, RECONFIGURATION, RE
 Array = NDArray[np.float64]
 
 _ROWS = 256  # that logs grow by
+_NO_WRENCH = np.zeros(6)
 
 
 class _Pilot:
@@ -46,40 +46,38 @@ class _Pilot:
     def __init__(self, scenario: Scenario):
         vehicle = scenario.vehicle_data
         self._windows = params.windows(scenario)
-        self._params = params.phase_space_params(scenario)
+        compiled = scenario.execution.compiled
+        self._piloted = chosen(piloted, compiled)
+        self._settings = held(params.phase_space_params(scenario), compiled)
+        self._memory = held(initial_memory(), compiled)
         self.selector = Selector(**params.selection(scenario))
         self._reconfiguration = RECONFIGURATION.sized(jets=len(vehicle.jets))
         self._unit_wrenches = params.unit_wrenches(vehicle)
         self._adapts = scenario.autopilot.mass_properties == "estimated"
         self._limits = params.convergence_limits(scenario)
-        self._memory = initial_memory()
-        self._piloted = chosen(piloted, scenario.execution.compiled)
         self._state = self.selector.initial
 
-    def decide(self, time_s: float, gyro: Array, done: EstimationStep) -> tuple[Array, tuple[Array, ...]]:
+    def decide(self, time_s: float, gyro: Array, known: Cycles, asked: Asked | None) -> tuple[Array, tuple[Array, ...]]:
         """The command of the coming sample, and the rows of `LOGGED`."""
-        control, state = self._params, self._state
+        state = self._state
         controllers = hand_controllers(self._windows, time_s)
-        step = self._piloted(self._memory, gyro, controllers, state.delivered, control)
-        properties = self._properties(done) if self._adapts else None
-        burst = self.selector.decide(state, step.request, properties, self._asked_for(done))
-        rows = (controllers, step.error, REQUEST.pack(step.request), state.counts, state.out_of_use)
+        request, error = self._piloted(self._memory, gyro, controllers, state.delivered, self._settings)
+        properties = self._properties(known) if self._adapts else None
+        burst = self.selector.decide(state, request, properties, self._asked_for(asked))
+        rows = (controllers, error, REQUEST.pack(request), state.counts, state.out_of_use)
         self._state = self.selector.after(state, burst, properties)
-        self._memory = step.memory
         return burst.command, rows
 
-    def _properties(self, done: EstimationStep) -> Array | None:
+    def _properties(self, known: Cycles) -> Array | None:
         """The estimate where it may be acted on."""
-        estimate, deviation = estimation.reported(done)
+        estimate, deviation = known.reported()
         return estimate if converged(deviation, estimate, self._limits) else None
 
-    def _asked_for(self, done: EstimationStep) -> Any:
-        judgment = done.judgment
-        if judgment is None:
+    def _asked_for(self, asked: Asked | None) -> Any:
+        if asked is None:
             return None
-        declared = judgment.status.detector_event == Event.DECLARED
-        wrench = judgment.state.force @ self._unit_wrenches
-        return self._reconfiguration.make(declared=declared, known_wrench=wrench, removed=judgment.state.removed)
+        wrench = asked.force @ self._unit_wrenches if nonzero(asked.force) else _NO_WRENCH
+        return self._reconfiguration.make(declared=asked.declared, known_wrench=wrench, removed=asked.removed)
 
 
 class Loop:
@@ -98,12 +96,12 @@ class Loop:
         self._schedule = params.commands(scenario) if scenario.jet_schedule else None
         self._pilot = None if scenario.jet_schedule else _Pilot(scenario)
         self._params = params.estimation_params(scenario)
-        self._known = estimation.initial_state(self._params)
+        self._known = cycles(scenario, self._params)
+        self._asked: Asked | None = None
         names = vehicle.sensor_names()
         self._gyro, *_ = self._gyros = [names.index(package.name) for package in params.gyros(scenario)]
         self._accelerometers = [names.index(package.name) for package in params.accelerometers(scenario)]
         self._limits = [package.limit for package in vehicle.sensors]
-        self._spent_s = {"estimators": 0.0, "detector": 0.0}
         self._sample = 0  # the next one
         self._columns = {
             "body_state": N_STATE,
@@ -116,7 +114,7 @@ class Loop:
             sizes = (HAND_CONTROLLERS.size, 3, REQUEST.size, SELECTION_COUNTS.size, len(vehicle.jets))
             self._columns |= dict(zip(_Pilot.LOGGED, sizes, strict=True))
         self._names = names
-        self._moment: tuple[Array, Array, Array, EstimationStep] | None = None
+        self._moment: tuple[Array, Array, Array] | None = None
         self._shown: tuple[Array, tuple[Array, ...]] | None = None  # command and readings of that sample
         self._logs: list[tuple[dict[str, Array], EstimationLog]] = []
         self._logged = 0
@@ -134,32 +132,32 @@ class Loop:
                 self._step(time_s)
             except (OutOfMassError, SpunUpError) as error:
                 raise error.at(time_s) from None
-            except NotPositiveDefiniteError as error:
-                raise error.at(time_s, "estimator") from None
             self._sample += 1
 
     def _step(self, time_s: float) -> None:
         state, sample = self._vehicle, self._sample
         readings, memories = vehicle_cycle.sense(state, sample, self._true)
-        before = self._known.detector
+        index, columns, log = self._row()
         seen = estimation.Sample(
             time_s,
             self._stacked(readings, self._gyros),
             self._stacked(readings, self._accelerometers),
             state.command,
         )
-        done = timed_cycle(self._known, seen, self._params, self._spent_s)
-        self._known = done.state
+        asked = self._known.one(seen, log, index)
         rows: tuple[Array, ...] = ()
         if self._pilot is not None:
-            command, rows = self._pilot.decide(time_s, readings[self._gyro], done)
+            command, rows = self._pilot.decide(time_s, readings[self._gyro], self._known, asked)
         else:
             command = self._scheduled(sample)
-        closed = done.judgment.state.closed if self._closes and done.judgment is not None else None
+        closed = asked.closed if self._closes and asked is not None else None
         stepped = vehicle_cycle.step(state, command, closed, sample, self._true)
         self._vehicle = stepped.state._replace(memories=memories)
-        self._log((state.body, state.structure, command, stepped.thrust, *readings, *rows), done, before)
-        self._moment = state.body, state.structure, stepped.thrust, done
+        row = (state.body, state.structure, command, stepped.thrust, *readings, *rows)
+        for column, values in zip(columns.values(), row, strict=True):
+            column[index] = values
+        self._logged += 1
+        self._moment, self._asked = (state.body, state.structure, stepped.thrust), asked
         self._shown = command, tuple(readings)
 
     def _stacked(self, readings: list[Array], packages: list[int]) -> Array:
@@ -174,16 +172,13 @@ class Loop:
         command: Array = self._schedule[sample] if sample < len(self._schedule) else np.zeros(self._schedule.shape[1])
         return command
 
-    def _log(self, row: tuple[Array, ...], done: EstimationStep, before: Any) -> None:
+    def _row(self) -> tuple[int, dict[str, Array], EstimationLog]:
+        """The next row of the logs: its number and the logs that it is in."""
         index = self._logged % _ROWS
         if index == 0:
             columns = {name: np.empty((_ROWS, size)) for name, size in self._columns.items()}
             self._logs.append((columns, EstimationLog(self._scenario, self._params, _ROWS)))
-        columns, log = self._logs[-1]
-        for column, values in zip(columns.values(), row, strict=True):
-            column[index] = values
-        log.put(index, done, before)
-        self._logged += 1
+        return index, *self._logs[-1]
 
     def emptied(self) -> dict[str, Array]:
         """What has been logged, by port, and the times; the logs are empty then."""
@@ -197,13 +192,13 @@ class Loop:
     def moment(self) -> Moment:
         """What there is to see at the last sample."""
         assert self._moment is not None
-        body, structure, thrust, done = self._moment
+        body, structure, thrust = self._moment
         removed = np.zeros(thrust.size, dtype=bool)
-        if done.judgment is not None:
-            removed = done.judgment.state.removed != 0.0
+        if self._asked is not None:
+            removed = self._asked.removed != 0.0
         assert self._shown is not None
-        estimate, deviation = estimation.reported(done)
-        rotation, (command, readings) = done.filtered.rotation, self._shown
+        estimate, deviation = self._known.reported()
+        command, readings = self._shown
         return Moment(
             (self._sample - 1) * self._period_s,
             body[QUATERNION],
@@ -214,20 +209,18 @@ class Loop:
             removed,
             command,
             body[RATE],
-            float(rotation.rotation_nis) if rotation.rotation_used else math.nan,
+            self._known.rotation_nis(),
             readings,
         )
 
     def finish(self) -> tuple[Array, Groups]:
         """Covariance of the ten estimates, shape (10, 10), and the estimators' state, after the last sample."""
-        assert self._moment is not None
-        *_, done = self._moment
-        _, covariance = done.filtered.known or estimation.known(self._known, self._params)
-        return covariance, estimation.saved(self._known, self._params)
+        _, covariance = self._known.known()
+        return covariance, estimation.saved(self._known.state(), self._params)
 
     def cycle_times(self, cycles: int) -> dict[str, float | None]:
         """Mean time per cycle spent in each part, microseconds."""
-        mean = {name: 1e6 * spent / cycles for name, spent in self._spent_s.items()}
+        mean = {name: 1e6 * spent / cycles for name, spent in self._known.spent_s.items()}
         selection = None if self._pilot is None else 1e6 * self._pilot.selector.stopwatch.spent_s / cycles
-        detector = mean["detector"] if self._params.detector is not None else None
+        detector = mean.get("detector") if self._params.detector is not None else None
         return {"estimators": mean["estimators"], "detector": detector, "jet_selection": selection}

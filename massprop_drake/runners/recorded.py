@@ -17,7 +17,7 @@ from massprop_drake.inputs.model import validated
 from massprop_drake.inputs.record_map import RecordMap, load_map
 from massprop_drake.inputs.scenario import PlantBlock, Scenario
 from massprop_drake.inputs.vehicle import SensorPackage, Vehicle
-from massprop_drake.maths.estimation import cycle
+from massprop_drake.maths.estimation.whole import Samples
 from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
 from massprop_drake.records import mapping
 from massprop_drake.records.recording import open_recording
@@ -35,7 +35,8 @@ from massprop_drake.results.summary import (
     firings,
     null_for_nan,
 )
-from massprop_drake.runners.logs import EstimationLog, Intake, estimation_signals, kept, restored, timed_cycle
+from massprop_drake.runners.cycles import Record, cycles
+from massprop_drake.runners.logs import EstimationLog, Intake, estimation_signals, kept, restored
 from massprop_drake.signals import SYMBOLS
 from massprop_drake.telemetry.quality import QualityReport
 from massprop_drake.telemetry.reader import Continuation, Reader, Rows
@@ -138,16 +139,11 @@ class _Estimation:
         self._resumed = earlier is not None
         self._next_row = 0 if earlier is None else earlier.row + 1
         self._params = params.estimation_params(scenario)
-        self._known: tuple[Array, Array] | None = None  # estimates published last, where they are not the state's
-        self._state = (
-            cycle.initial_state(self._params)
-            if earlier is None
-            else restored(earlier.states, self._params, f"{source}/{STATE_FILE}")
-        )
+        begin = None if earlier is None else restored(earlier.states, self._params, f"{source}/{STATE_FILE}")
+        self._known = cycles(scenario, self._params, begin)
         n_jets = len(self._vehicle.jets)
         self._command, self._outside = np.zeros(n_jets), np.zeros(6)  # of the interval before the next row
         self._gyros, self._accelerometers = params.gyros(scenario), params.accelerometers(scenario)
-        self._spent_s = {"estimators": 0.0, "detector": 0.0}
         self._intake = Intake(scenario, folder, earlier)
         self._nis = {"rotation": Tally(), "mass": Tally()}
         self._on_before = np.zeros(n_jets, dtype=bool)
@@ -171,22 +167,15 @@ class _Estimation:
         count = rows.time_s.size
         rates, velocities = _stacked(rows, self._gyros), _stacked(rows, self._accelerometers)
         log = EstimationLog(self._scenario, self._params, count)
-        for index in range(count):
-            time_s = self._next_row * self._period_s
-            readings = rates[index], velocities[index]
-            coming, stamp_s = rows.commands[index], float(rows.time_s[index])
-            sample = cycle.Sample(time_s, *readings, self._command, self._outside, stamp_s, coming)
-            before = self._state.detector
-            try:
-                done = timed_cycle(self._state, sample, self._params, self._spent_s)
-            except NotPositiveDefiniteError as error:
-                raise error.at(time_s, "estimator") from None
-            log.put(index, done, before)
-            self._state, self._known = done.state, done.filtered.known
-            self._command = coming
-            if rows.outside_wrench is not None:
-                self._outside = rows.outside_wrench[index]
-            self._next_row += 1
+        coming = np.vstack([self._command, rows.commands])
+        outside = np.vstack([self._outside, np.broadcast_to(self._outside, (count, 6))])
+        if rows.outside_wrench is not None:
+            outside[1:] = rows.outside_wrench
+        time_s = np.arange(self._next_row, self._next_row + count).astype(np.float64) * self._period_s
+        samples = Samples(time_s, rates, velocities, coming[:-1], outside[:-1])
+        self._known.many(Record(samples, rows.time_s, coming[1:]), log)
+        self._command, self._outside = coming[-1], outside[-1]
+        self._next_row += count
         return log.rows
 
     def _signals(self, rows: Rows, logs: Mapping[str, Array]) -> dict[str, Array]:
@@ -232,7 +221,7 @@ class _Estimation:
         unknown = np.full(10, np.nan)
         estimate = last("estimate")
         back = looked_back(self._scenario, self._intake.spool, estimate, found.detections, resumed=self._resumed)
-        _, covariance = self._known or cycle.known(self._state, self._params)
+        _, covariance = self._known.known()
         results = composed(
             self._scenario,
             duration_s=duration_s,
@@ -250,7 +239,7 @@ class _Estimation:
             data_quality=quality,
         )
         state = {
-            **self._intake.state(self._next_row - 1, kept(self._state, self._params), last("command")),
+            **self._intake.state(self._next_row - 1, kept(self._known.state(), self._params), last("command")),
             "outside_wrench": null_for_nan(self._intake.last("outside_wrench", np.zeros(6))),
             "velocity": {name: null_for_nan(value) for name, value in reader.velocity.items()},
         }
@@ -258,8 +247,8 @@ class _Estimation:
 
     def _cycle_times(self) -> dict[str, float | None]:
         """Mean time per cycle spent in each part, microseconds."""
-        mean = {name: 1e6 * spent / self._intake.spool.n_rows for name, spent in self._spent_s.items()}
-        detector = mean["detector"] if self._params.detector is not None else None
+        mean = {name: 1e6 * spent / self._intake.spool.n_rows for name, spent in self._known.spent_s.items()}
+        detector = mean.get("detector") if self._params.detector is not None else None
         return {"estimators": mean["estimators"], "detector": detector, "jet_selection": None}
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from enum import IntEnum
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -258,39 +258,28 @@ class PilotMemory(NamedTuple):
     translation: TranslationMemory
 
 
-class Piloted(NamedTuple):
-    """One sample of the autopilot, up to jet selection.
-
-    Attributes:
-        request: see `Request`.
-        error: rotation vector from the held attitude, rad, shape (3,).
-        memory: see `PilotMemory`.
-    """
-
-    request: Request
-    error: Array
-    memory: PilotMemory
-
-
 @kernel
-def piloted(
-    memory: PilotMemory, rate: Array, controllers: Array, delivered: Array, params: PhaseSpaceParams
-) -> Piloted:
+def piloted(holder: Any, rate: Array, controllers: Array, delivered: Array, settings: Any) -> tuple[Request, Array]:
     """The attitude by the gyro, then the request.
 
     Args:
-        memory: of the sample before.
+        holder: of `PilotMemory`, which is changed.
         rate: reading of the gyro, rad/s, shape (3,).
         controllers: see `hand_controllers`, shape (6,).
         delivered: see `Sensed`, shape (3,).
-        params: see `PhaseSpaceParams`.
+        settings: holder of `PhaseSpaceParams`.
+
+    Returns:
+        The request, and the rotation vector from the held attitude, rad, shape (3,).
     """
+    memory, params = holder.value, settings.value
     rotation, translation = controllers[:3], controllers[3:]
     turned = attitude_step(memory.attitude, rate, rotation, params.period_s, params.capture_rate)
     sensed = Sensed(rotation, translation, turned.error, rate, delivered)
     request, moving = phase_space_request(sensed, memory.translation, params)
     attitude = AttitudeMemory(turned.attitude, turned.reference, turned.holding, rate)
-    return Piloted(request, turned.error, PilotMemory(attitude, moving))
+    holder.value = PilotMemory(attitude, moving)
+    return request, turned.error
 
 
 def initial_memory() -> PilotMemory:

@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_drake.maths.arrays import FLAG, NUMBER, Layout
+from massprop_drake.maths.kernels import idiom
 from massprop_drake.maths.linear_algebra import Array
 
 
@@ -49,6 +50,19 @@ class Adaptation(NamedTuple):
 _NONE = np.zeros(3)
 _NO_SPREAD = np.zeros((3, 3))
 NO_ADAPTATION = Adaptation(Action.NONE, _NONE, _NONE, _NO_SPREAD, _NO_SPREAD, mass_jumped=False)
+
+
+def _left_alone(action, mass_jumped):  # type: ignore[no-untyped-def] # compiled alone
+    return Adaptation(action, np.zeros(3), np.zeros(3), np.zeros((3, 3)), np.zeros((3, 3)), mass_jumped)
+
+
+@idiom(_left_alone)
+def left_alone(action: int, mass_jumped: bool) -> Adaptation:
+    """An adaptation that takes nothing out of the innovations."""
+    if action == Action.NONE and not mass_jumped:
+        return NO_ADAPTATION
+    return NO_ADAPTATION._replace(action=Action(action), mass_jumped=mass_jumped)
+
 
 LAYOUT = Layout(
     "adaptation",

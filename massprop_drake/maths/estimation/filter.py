@@ -15,6 +15,7 @@ from massprop_drake.maths.arrays import FLAG, NUMBER, Layout
 from massprop_drake.maths.estimation.adaptation import Adaptation
 from massprop_drake.maths.estimation.detector import KnownForce
 from massprop_drake.maths.estimation.impulses import Impulses
+from massprop_drake.maths.kernels import idiom
 from massprop_drake.maths.linear_algebra import Array
 
 Groups = Mapping[str, Array]  # a state as vectors, by the part of the diagram that holds each
@@ -154,6 +155,17 @@ JOINT = Layout(
     cross_covariance=(6, 10),
 )
 NOT_MEASURED = Joint(np.full(6, np.nan), np.zeros((6, 6)), False, np.zeros(10), np.zeros((10, 10)), np.zeros((6, 10)))
+
+
+def _not_measured():  # type: ignore[no-untyped-def] # compiled alone
+    unknown = np.full(6, np.nan)
+    return Joint(unknown, np.zeros((6, 6)), False, np.zeros(10), np.zeros((10, 10)), np.zeros((6, 10)))
+
+
+@idiom(_not_measured)
+def not_measured() -> Joint:
+    """What is seen of a sample that is not tested."""
+    return NOT_MEASURED
 
 
 class RotationReport(NamedTuple):

@@ -14,7 +14,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.maths.kernels import idiom, kernel
+from massprop_drake.maths.linear_algebra import Array, nonzero
 from massprop_drake.maths.vehicle.thrust import LagFactors, level_after, mean_level
 
 _OFF, _ON_OFF = {0.0}, {0.0, 1.0}
@@ -40,6 +41,31 @@ class Impulses(NamedTuple):
     mean_level: Array
 
 
+def _steadiness(command, previous_command):  # type: ignore[no-untyped-def] # compiled alone
+    steady, known, firing = True, True, False
+    for jet in range(command.size):
+        told = command[jet]
+        steady = steady and told == previous_command[jet] and told * (1.0 - told) == 0.0
+        known = known and not math.isnan(told)
+        firing = firing or told != 0.0
+    return steady, known, firing
+
+
+@idiom(_steadiness)
+def steadiness(command: Array, previous_command: Array) -> tuple[bool, bool, bool]:
+    """Whether a combination of jets is steady, as a whole known, and fires.
+
+    Args:
+        command, previous_command: see `interval_impulses`.
+    """
+    told = set(command.tolist())
+    # equal bytes are equal numbers, but for NaN, which the set does not let pass
+    same = command.tobytes() == previous_command.tobytes() or bool((command == previous_command).all())
+    steady = same and told <= _ON_OFF
+    return steady, steady or not math.isnan(sum(told)), told != _OFF
+
+
+@kernel
 def interval_impulses(
     command: Array,
     previous_command: Array,
@@ -63,21 +89,16 @@ def interval_impulses(
         lag: factors of the thrust lag; with zero time constants the level is the command.
         outside_impulse: of known outside forces, about the vehicle origin, shape (6,); None: none.
     """
-    told = set(command.tolist())
-    # equal bytes are equal numbers, but for NaN, which the set does not let pass
-    same = command.tobytes() == previous_command.tobytes() or bool((command == previous_command).all())
-    steady = same and told <= _ON_OFF
-    if not steady and math.isnan(sum(told)):
-        command = np.nan_to_num(command, nan=0.0)
-        told = set(command.tolist())
-    if lag.instantaneous:
-        mean = after = command
-    else:
+    steady, known, firing = steadiness(command, previous_command)
+    if not known:
+        command = np.where(np.isnan(command), 0.0, command)
+        firing = nonzero(command)
+    mean = after = command
+    if not lag.instantaneous:
         mean, after = mean_level(level, command, lag.mean), level_after(level, command, lag.remaining)
     impulse = mean @ impulse_per_level
-    firing = told != _OFF
-    if outside_impulse is not None and any(outside_impulse.tolist()):
-        impulse, firing = impulse + outside_impulse, True
+    if _acts(outside_impulse):
+        impulse, firing = _sum(impulse, outside_impulse), True
     return Impulses(
         angular_impulse=impulse[:3],
         linear_impulse=impulse[3:],
@@ -88,9 +109,29 @@ def interval_impulses(
     )
 
 
+@kernel
+def _acts(outside_impulse: Array | None) -> bool:
+    if outside_impulse is None:
+        return False
+    return nonzero(outside_impulse)
+
+
+@kernel
+def _sum(impulse: Array, outside_impulse: Array | None) -> Array:
+    if outside_impulse is None:
+        return impulse
+    return impulse + outside_impulse
+
+
+@kernel
 def with_wrench(impulses: Impulses, wrench: Array, period_s: float) -> Impulses:
     """The impulses with those of a wrench about the vehicle origin that acts all along, shape (6,)."""
     impulse = wrench * period_s
-    return impulses._replace(
-        angular_impulse=impulses.angular_impulse + impulse[:3], linear_impulse=impulses.linear_impulse + impulse[3:]
+    return Impulses(
+        impulses.angular_impulse + impulse[:3],
+        impulses.linear_impulse + impulse[3:],
+        impulses.usable,
+        impulses.firing,
+        impulses.level,
+        impulses.mean_level,
     )

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,13 +47,14 @@ class ExactPackages(NamedTuple):
 
 
 @kernel
-def exact_readings(body: Array, packages: ExactPackages) -> Array:
+def exact_readings(body: Array, holder: Any) -> Array:
     """Readings of the exact packages, shape (n, 3).
 
     Args:
         body: state of the body, see `rigid_body`, shape (23,).
-        packages: see `ExactPackages`.
+        holder: of `ExactPackages`.
     """
+    packages = holder.value
     readings = np.empty(packages.positions.shape)
     rate, origin, spin = body[RATE], body[ORIGIN_VELOCITY], body[SPIN_INTEGRAL]
     for index in range(packages.quanta.size):
@@ -92,7 +93,7 @@ class Moved(NamedTuple):
 
 
 @kernel
-def moved(body: Array, level: Array, targets: Array, push: Array, constants: Body, motion: Motion) -> Moved:
+def moved(body: Array, level: Array, targets: Array, push: Array, constants: Body, holder: Any) -> Moved:
     """One sample of jets and body.
 
     Args:
@@ -101,12 +102,13 @@ def moved(body: Array, level: Array, targets: Array, push: Array, constants: Bod
         targets: of the levels over the sample before and this one, shape (2, n_jets).
         push: torque about the vehicle origin and force besides the jets', shape (6,); empty: none.
         constants: of the body's motion.
-        motion: see `Motion`.
+        holder: of `Motion`.
 
     Raises:
         OutOfMassError: when the jets use up the vehicle's mass.
         SpunUpError: when the vehicle makes more than a turn in it.
     """
+    motion = holder.value
     jets, coming = motion.jets, targets[1]
     now = level if jets.lag.instantaneous else reaction_jets.level_now(level, targets[0], jets)
     profile = reaction_jets.wrench_profile(now, coming, jets)
@@ -119,8 +121,8 @@ def moved(body: Array, level: Array, targets: Array, push: Array, constants: Bod
 class Kernels(NamedTuple):
     """The functions that do the arithmetic: those above, or their compiled forms."""
 
-    exact_readings: Callable[[Array, ExactPackages], Array]
-    moved: Callable[[Array, Array, Array, Array, Body, Motion], Moved]
+    exact_readings: Callable[[Array, Any], Array]
+    moved: Callable[[Array, Array, Array, Array, Body, Any], Moved]
 
 
 def kernels(*, compiled: bool = False) -> Kernels:
@@ -139,8 +141,8 @@ class VehicleParams(NamedTuple):
         disturbance: what pushes besides the jets; None: nothing.
         jumps: of the mass properties, by sample.
         body, structure: at the start, see `VehicleState`.
-        exact, places: the exact packages, and their places among all.
-        motion: see `Motion`.
+        exact, places: holder of the exact packages, and their places among all.
+        motion: holder of `Motion`.
         kernels: see `Kernels`.
     """
 
@@ -152,9 +154,9 @@ class VehicleParams(NamedTuple):
     jumps: Mapping[int, tuple[Jump, ...]]
     body: Array
     structure: Array
-    exact: ExactPackages
+    exact: Any
     places: tuple[int, ...]
-    motion: Motion
+    motion: Any
     kernels: Kernels
 
 

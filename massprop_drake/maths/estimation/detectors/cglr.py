@@ -25,18 +25,15 @@ One cycle of the detector (section 4.3 to 4.5 of the thesis, with the rules mark
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from massprop_drake.maths.arrays import NUMBER, Layout
-from massprop_drake.maths.estimation.adaptation import NO_ADAPTATION, Action, Adaptation
+from massprop_drake.maths.estimation.adaptation import Action, Adaptation, left_alone
 from massprop_drake.maths.estimation.detector import (
-    ROTATION,
     STATUS,
-    TRANSLATION,
     Detector,
     Event,
     Evidence,
@@ -48,19 +45,25 @@ from massprop_drake.maths.estimation.detectors.jet_tests import (
     Isolation,
     JetTests,
     UncertainSignatures,
-    information_of,
+    information,
     isolate,
+    testable,
     tested,
     uncertain_jet_tests,
 )
 from massprop_drake.maths.estimation.detectors.known_forces import excess_share, known_force
-from massprop_drake.maths.linear_algebra import Array, inverse_positive_definite
+from massprop_drake.maths.kernels import kernel
+from massprop_drake.maths.linear_algebra import Array, inverse_positive_definite, nonzero
 
 _AMBIGUOUS = 25.0  # likelihood argument of a failure beyond doubt, whichever jet it is
 _LONGEST_GATE = 25.0  # cycles that alarms in a row may lie apart with no sample tested between them
 _JUMP_NIS = 50.0  # of the rotation filter: a jump beyond doubt (chi-square, 3 degrees: 1e-10)
 _FORCE_FLOOR = 1e-4  # least 1-sigma of a known force, relative to the strongest jet's
 _QUIET = -1.0  # no cluster is suspected
+_NOTHING, _DECLARED, _JUMP, _WITHDRAWN = (
+    int(event) for event in (Event.NOTHING, Event.DECLARED, Event.JUMP, Event.WITHDRAWN)
+)
+_REJECT = int(Action.REJECT)
 
 
 class CglrParams(NamedTuple):
@@ -87,7 +90,6 @@ class CglrParams(NamedTuple):
         manifolds: index of the manifold that is closed when a jet's failure is declared, -1: none is,
             shape (n_jets,).
         limits: of convergence, below which samples are tested; see `mass_properties.converged`, shape (3,).
-        tested: see `jet_tests.tested`, or its compiled form.
     """
 
     period_s: float
@@ -107,7 +109,6 @@ class CglrParams(NamedTuple):
     force_variance_floor: float
     manifolds: NDArray[np.int_]
     limits: Array
-    tested: Callable[..., Any] = tested
 
 
 def make_params(jets: Jets, options: Any) -> CglrParams:
@@ -240,9 +241,6 @@ class Finding(NamedTuple):
     alarms: float
 
 
-_NOT_TESTED = Finding(False, False, Isolation(0, 0, 0.0, 0.0), False, 0.0, 0.0, 0.0, Event.NOTHING, 0.0, 0.0)
-
-
 class DetectorCycle(NamedTuple):
     """Result of one cycle.
 
@@ -259,6 +257,7 @@ class DetectorCycle(NamedTuple):
     adaptation: Adaptation
 
 
+@kernel
 def cycle(state: DetectorState, sample: DetectorSample, params: CglrParams) -> DetectorCycle:
     """One cycle of the detector, with a sample that can be tested.
 
@@ -269,7 +268,6 @@ def cycle(state: DetectorState, sample: DetectorSample, params: CglrParams) -> D
     """
     state = _aged(state)
     innovation = sample.innovation
-    known = state.variance > 0.0
     around = Circumstances(
         sample.command,
         state.variance,
@@ -278,9 +276,7 @@ def cycle(state: DetectorState, sample: DetectorSample, params: CglrParams) -> D
         params.period_s,
         params.mirror_sign_rule,
     )
-    coefficients, tests, isolation, signs = params.tested(
-        innovation, sample.information, sample.mass_properties, around
-    )
+    coefficients, tests, isolation, signs = tested(innovation, sample.information, sample.mass_properties, around)
     suspicious = isolation.cluster_margin > params.margin or tests.likelihood[isolation.jet] > _AMBIGUOUS
     if suspicious and params.signature_uncertainty:
         uncertain = UncertainSignatures(
@@ -295,7 +291,7 @@ def cycle(state: DetectorState, sample: DetectorSample, params: CglrParams) -> D
     jet = isolation.jet
     magnitude, unexplained = float(tests.magnitude[jet]), float(tests.unexplained[jet])
     threshold = max(params.threshold, params.dispersion_threshold) if sample.thrust_errors else params.threshold
-    alarm = (
+    alarm = bool(
         isolation.cluster_margin > params.margin
         and tests.likelihood[jet] >= threshold
         and abs(magnitude) >= params.magnitude_threshold
@@ -303,88 +299,154 @@ def cycle(state: DetectorState, sample: DetectorSample, params: CglrParams) -> D
     )
     finding = Finding(
         True,
-        bool(alarm),
+        alarm,
         isolation,
         bool(alarm and isolation.jet_margin > params.margin),
         magnitude,
         float(np.sqrt(tests.variance[jet])),
         unexplained,
-        Event.NOTHING,
+        _NOTHING,
         0.0,
         0.0,
     )
-    if not alarm:
-        state = _unconfirmed(state, params)
-        if tests.likelihood[jet] > _AMBIGUOUS and unexplained < params.unexplained_limit:
-            if known[jet]:  # whatever else could explain it, its force is not what it was
-                adaptation = _correction(coefficients[jet], tests, jet, params)
-                state, event = _corrected_force(state, tests, jet, params)
-                finding = finding._replace(event=event, onset_s=sample.time_s - params.period_s, alarms=1.0)
-                return DetectorCycle(state, tests, finding, adaptation)
-            # a jet has failed, but which one the sample does not say: no jump, and nothing to learn from
-            return DetectorCycle(state, tests, finding, NO_ADAPTATION._replace(action=Action.REJECT))
-        # without a commanded impulse mass properties do not show
-        jumped = sample.firing and _rotation_nis(sample) > _JUMP_NIS
-        if jumped:
-            finding = finding._replace(event=Event.JUMP, onset_s=sample.time_s - params.period_s, alarms=1.0)
-        adaptation = NO_ADAPTATION._replace(mass_jumped=True) if jumped else NO_ADAPTATION
-        state = state if jumped else _followed(state, coefficients, sample, params)
-        return DetectorCycle(state, tests, finding, adaptation)
+    if alarm:
+        return _alarmed(state, tests, finding, coefficients, sample, params)
+    state = _unconfirmed(state, params)
+    if tests.likelihood[jet] > _AMBIGUOUS and unexplained < params.unexplained_limit:
+        if state.variance[jet] > 0.0:  # whatever else could explain it, its force is not what it was
+            adaptation = _correction(coefficients[jet], tests, jet, params)
+            state, event = _corrected_force(state, tests, jet, params)
+            return DetectorCycle(state, tests, _of_event(finding, event, sample, params), adaptation)
+        # a jet has failed, but which one the sample does not say: no jump, and nothing to learn from
+        return DetectorCycle(state, tests, finding, left_alone(_REJECT, False))
+    # without a commanded impulse mass properties do not show
+    if sample.firing and _rotation_nis(sample) > _JUMP_NIS:
+        return DetectorCycle(state, tests, _of_event(finding, _JUMP, sample, params), left_alone(0, True))
+    return DetectorCycle(_followed(state, coefficients, sample, params), tests, finding, left_alone(0, False))
 
+
+@kernel
+def _alarmed(
+    state: DetectorState,
+    tests: JetTests,
+    finding: Finding,
+    coefficients: Array,
+    sample: DetectorSample,
+    params: CglrParams,
+) -> DetectorCycle:
+    """The end of a cycle whose alarm has passed as a jet's."""
+    jet = finding.isolation.jet
     adaptation = _correction(coefficients[jet], tests, jet, params)
-    if known[jet]:
+    if state.variance[jet] > 0.0:
         state, event = _corrected_force(state, tests, jet, params)
-        finding = finding._replace(event=event, onset_s=sample.time_s - params.period_s, alarms=1.0)
+        finding = _of_event(finding, event, sample, params)
     else:
         state, finding = _counted(state, tests, finding, coefficients[jet], sample, params)
     return DetectorCycle(state, tests, finding, adaptation)
 
 
+@kernel
+def _of_event(finding: Finding, event: int, sample: DetectorSample, params: CglrParams) -> Finding:
+    """A finding with an event that began with the sample."""
+    return _retold(finding, event, sample.time_s - params.period_s, 1.0)
+
+
+@kernel
+def _retold(finding: Finding, event: int, onset_s: float, alarms: float) -> Finding:
+    """A finding with another event."""
+    return Finding(
+        finding.tested,
+        finding.alarm,
+        finding.isolation,
+        finding.jet_isolated,
+        finding.magnitude,
+        finding.magnitude_std,
+        finding.unexplained,
+        event,
+        onset_s,
+        alarms,
+    )
+
+
+@kernel
 def _untested(state: DetectorState) -> DetectorCycle:
     blank = np.full(state.force.size, np.nan)
-    return DetectorCycle(_aged(state), JetTests(blank, blank, blank, blank), _NOT_TESTED, NO_ADAPTATION)
+    nothing = Finding(False, False, Isolation(0, 0, 0.0, 0.0), False, 0.0, 0.0, 0.0, _NOTHING, 0.0, 0.0)
+    return DetectorCycle(_aged(state), JetTests(blank, blank, blank, blank), nothing, left_alone(0, False))
 
 
+@kernel
 def _rotation_nis(sample: DetectorSample) -> float:
-    rotation = sample.innovation[ROTATION]
-    return float(rotation @ inverse_positive_definite(sample.covariance[ROTATION, ROTATION]) @ rotation)
+    rotation = sample.innovation[3:]
+    return float(rotation @ inverse_positive_definite(sample.covariance[3:, 3:]) @ rotation)
 
 
-def _unsuspecting(state: DetectorState) -> DetectorState:
-    """The state with no cluster under suspicion."""
-    return state._replace(cluster=_QUIET, alarms=0.0, since=0.0)
+@kernel
+def _suspecting(state: DetectorState, cluster: float, alarms: float, since: float) -> DetectorState:
+    """The state with another suspicion."""
+    return DetectorState(
+        cluster,
+        alarms,
+        since,
+        state.onset_s,
+        state.effect,
+        state.force,
+        state.variance,
+        state.removed,
+        state.closed,
+    )
 
 
+@kernel
+def _knowing(state: DetectorState, force: Array, variance: Array) -> DetectorState:
+    """The state with other known forces."""
+    return DetectorState(
+        state.cluster,
+        state.alarms,
+        state.since,
+        state.onset_s,
+        state.effect,
+        force,
+        variance,
+        state.removed,
+        state.closed,
+    )
+
+
+@kernel
 def _aged(state: DetectorState) -> DetectorState:
     """A cycle later; a suspicion is dropped when no sample has borne on it for long."""
     if state.cluster == _QUIET:
         return state
     if state.since >= _LONGEST_GATE:
-        return _unsuspecting(state)
-    return state._replace(since=state.since + 1.0)
+        return _suspecting(state, _QUIET, 0.0, 0.0)
+    return _suspecting(state, state.cluster, state.alarms, state.since + 1.0)
 
 
+@kernel
 def _unconfirmed(state: DetectorState, params: CglrParams) -> DetectorState:
     """After a tested sample without an alarm; when any further one would come too late, the row is broken."""
     if state.cluster != _QUIET and state.since >= params.alarm_gap:
-        return _unsuspecting(state)
+        return _suspecting(state, _QUIET, 0.0, 0.0)
     return state
 
 
+@kernel
 def _correction(signature: Array, tests: JetTests, jet: int, params: CglrParams) -> Adaptation:
     """Takes the likeliest jet's signature out of the innovations (4-29) to (4-32)."""
     effect = float(tests.magnitude[jet]) * signature
     spread = float(tests.variance[jet]) * (signature[:, None] * signature)
     return Adaptation(
         params.action,
-        effect[TRANSLATION],
-        effect[ROTATION],
-        spread[TRANSLATION, TRANSLATION].copy(),
-        spread[ROTATION, ROTATION].copy(),
-        mass_jumped=False,
+        effect[:3],
+        effect[3:],
+        spread[:3, :3].copy(),
+        spread[3:, 3:].copy(),
+        False,
     )
 
 
+@kernel
 def _counted(
     state: DetectorState,
     tests: JetTests,
@@ -399,9 +461,10 @@ def _counted(
     confirms = state.cluster == cluster and float(effect @ sample.information @ state.effect) > 0.0
     onset_s = state.onset_s if confirms else sample.time_s - params.period_s
     alarms = state.alarms + 1.0 if confirms else 1.0
-    state = state._replace(cluster=cluster, alarms=alarms, since=0.0, onset_s=onset_s, effect=effect)
-    finding = finding._replace(onset_s=onset_s, alarms=alarms)
-    known_already = state.removed[jet] != 0.0 and finding.magnitude < 0.0  # declared, but still in use
+    force, variance, removed, closed = state.force, state.variance, state.removed, state.closed
+    state = DetectorState(cluster, alarms, 0.0, onset_s, effect, force, variance, removed, closed)
+    finding = _retold(finding, finding.event, onset_s, alarms)
+    known_already = removed[jet] != 0.0 and finding.magnitude < 0.0  # declared, but still in use
     if params.alarms_to_declare == 0 or alarms < params.alarms_to_declare or known_already:
         return state, finding
     # the jets that the data cannot tell apart are in question together
@@ -409,63 +472,72 @@ def _counted(
     missing = alike & (tests.magnitude < 0.0)
     if finding.magnitude > 0.0 and missing.any():
         jet = int(np.where(missing, tests.likelihood, -1.0).argmax())
-        finding = finding._replace(
-            isolation=finding.isolation._replace(jet=jet),
-            magnitude=float(tests.magnitude[jet]),
-            magnitude_std=float(np.sqrt(tests.variance[jet])),
-            unexplained=float(tests.unexplained[jet]),
-        )
-    force, variance, removed = state.force.copy(), state.variance.copy(), state.removed.copy()
     manifold = params.manifolds[jet]
-    closed = state.closed
     if manifold >= 0:
-        alike |= params.manifolds == manifold
+        alike = alike | (params.manifolds == manifold)
         closed = np.where(params.manifolds == manifold, 1.0, closed)
-    removed[alike] = 1.0
-    if finding.magnitude > 0.0 and manifold < 0:
-        force[jet] = finding.magnitude
+    magnitude = float(tests.magnitude[jet])
+    if magnitude > 0.0 and manifold < 0:
+        force, variance = force.copy(), variance.copy()
+        force[jet] = magnitude
         variance[jet] = max(float(tests.variance[jet]), params.force_variance_floor)
-    state = _unsuspecting(state)._replace(force=force, variance=variance, removed=removed, closed=closed)
-    return state, finding._replace(event=Event.DECLARED)
+    was = finding.isolation
+    finding = Finding(
+        finding.tested,
+        finding.alarm,
+        Isolation(jet, was.cluster, was.cluster_margin, was.jet_margin),
+        finding.jet_isolated,
+        magnitude,
+        float(np.sqrt(tests.variance[jet])),
+        float(tests.unexplained[jet]),
+        _DECLARED,
+        onset_s,
+        alarms,
+    )
+    removed = np.where(alike, 1.0, removed)
+    return DetectorState(_QUIET, 0.0, 0.0, onset_s, effect, force, variance, removed, closed), finding
 
 
+@kernel
 def _corrected_force(state: DetectorState, tests: JetTests, jet: int, params: CglrParams) -> tuple[DetectorState, int]:
     """Corrects a known force that an alarm shows to have changed; withdraws it when nothing is left."""
     force, variance = state.force.copy(), state.variance.copy()
     force[jet] += tests.magnitude[jet]
     variance[jet] = max(float(tests.variance[jet]), params.force_variance_floor)
-    state = state._replace(force=force, variance=variance)
-    if abs(force[jet]) > 3.0 * np.sqrt(variance[jet]):
-        return state, Event.NOTHING
-    force[jet] = variance[jet] = 0.0
-    return state, Event.WITHDRAWN
+    event = _NOTHING
+    if not abs(force[jet]) > 3.0 * math.sqrt(variance[jet]):
+        force[jet] = variance[jet] = 0.0
+        event = _WITHDRAWN
+    return _knowing(state, force, variance), event
 
 
+@kernel
 def _followed(state: DetectorState, coefficients: Array, sample: DetectorSample, params: CglrParams) -> DetectorState:
     """One step of the filter of each known force on a sample without an alarm."""
-    jets = np.flatnonzero(state.variance)
-    if jets.size == 0:
+    if not nonzero(state.variance):
         return state
+    jets = np.flatnonzero(state.variance)
     force, variance = state.force.copy(), state.variance.copy()
-    blocks = [
-        (block, inverse_positive_definite(sample.covariance[block, block], "innovation covariance"))
-        for block in (TRANSLATION, ROTATION)
-    ]
-    for jet, excess in zip(jets, excess_share(state, jets, sample.command, params), strict=True):
+    moving = inverse_positive_definite(sample.covariance[:3, :3], "innovation covariance")
+    turning = inverse_positive_definite(sample.covariance[3:, 3:], "innovation covariance")
+    excess = excess_share(state, jets, sample.command, params)
+    for index in range(jets.size):
+        jet = jets[index]
         prior = float(variance[jet])
         information, projection = 1.0 / prior, 0.0
-        for block, weight in blocks:
+        for begin in (0, 3):
             # Y holds prior c c^T already: c^T (Y - prior c c^T)^-1 = c^T Y^-1 / (1 - prior c^T Y^-1 c)
-            signature = excess * coefficients[jet, block]
-            weighted = weight @ signature
+            signature = excess[index] * coefficients[jet, begin : begin + 3]
+            weighted = (moving if begin == 0 else turning) @ signature
             share = 1.0 - prior * float(weighted @ signature)
             information += float(weighted @ signature) / share
-            projection += float(weighted @ sample.innovation[block]) / share
+            projection += float(weighted @ sample.innovation[begin : begin + 3]) / share
         force[jet] += projection / information
         variance[jet] = max(1.0 / information, params.force_variance_floor)
-    return state._replace(force=force, variance=variance)
+    return _knowing(state, force, variance)
 
 
+@kernel
 def judged(state: DetectorState, evidence: Evidence, params: CglrParams) -> DetectorCycle:
     """One cycle of the detector from the filters' predictions and innovations.
 
@@ -477,8 +549,7 @@ def judged(state: DetectorState, evidence: Evidence, params: CglrParams) -> Dete
     Raises:
         NotPositiveDefiniteError: when an innovation covariance is not positive definite.
     """
-    information = information_of(evidence, params.limits)
-    if information is None:
+    if not testable(evidence, params.limits):
         return _untested(state)
     sample = DetectorSample(
         time_s=evidence.time_s,
@@ -486,7 +557,7 @@ def judged(state: DetectorState, evidence: Evidence, params: CglrParams) -> Dete
         firing=evidence.firing,
         innovation=evidence.innovation,
         covariance=evidence.covariance,
-        information=information,
+        information=information(evidence.covariance, evidence.coupled),
         thrust_errors=evidence.coupled,
         mass_properties=evidence.estimate,
         parameter_covariance=evidence.estimate_covariance,
@@ -495,25 +566,31 @@ def judged(state: DetectorState, evidence: Evidence, params: CglrParams) -> Dete
     return cycle(state, sample, params)
 
 
+@kernel
+def status_values(result: DetectorCycle) -> tuple[Any, ...]:
+    """A cycle's finding in the order of `detector.STATUS`."""
+    finding, isolation = result.finding, result.finding.isolation
+    return (
+        finding.tested,
+        finding.alarm,
+        finding.event,
+        isolation.cluster,
+        isolation.jet,
+        finding.jet_isolated,
+        finding.magnitude,
+        finding.magnitude_std,
+        float(result.tests.likelihood[isolation.jet]),
+        isolation.cluster_margin,
+        isolation.jet_margin,
+        finding.unexplained,
+        finding.onset_s,
+        finding.alarms,
+    )
+
+
 def status(result: DetectorCycle) -> Any:
     """A cycle's finding as it is logged, see `detector.STATUS`."""
-    finding, isolation = result.finding, result.finding.isolation
-    return STATUS.make(
-        tested=finding.tested,
-        alarm=finding.alarm,
-        detector_event=finding.event,
-        suspected_cluster=isolation.cluster,
-        suspected_jet=isolation.jet,
-        jet_isolated=finding.jet_isolated,
-        suspected_magnitude=finding.magnitude,
-        suspected_magnitude_std=finding.magnitude_std,
-        suspected_likelihood=float(result.tests.likelihood[isolation.jet]),
-        cluster_margin=isolation.cluster_margin,
-        jet_margin=isolation.jet_margin,
-        unexplained=finding.unexplained,
-        onset=finding.onset_s,
-        alarms=finding.alarms,
-    )
+    return STATUS.make(**dict(zip(STATUS, status_values(result), strict=True)))
 
 
 def _judge(state: DetectorState, evidence: Evidence, params: CglrParams) -> Judgment:

@@ -37,10 +37,21 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_drake.maths.estimation.detector import ROTATION, TRANSLATION, Evidence
+from massprop_drake.maths.estimation.detector import Evidence
 from massprop_drake.maths.estimation.filters.rotation_filter import rate_increment_jacobians
-from massprop_drake.maths.kernels import kernel, numbers, picked
-from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError, inverse_positive_definite
+from massprop_drake.maths.kernels import idiom, kernel, numbers, picked
+from massprop_drake.maths.linear_algebra import (
+    Array,
+    NotPositiveDefiniteError,
+    inverse_positive_definite,
+    inverses,
+    log_determinants,
+    stack_times,
+    stack_times_stack,
+    stack_times_vector,
+    stack_times_vectors,
+    times_stack,
+)
 from massprop_drake.maths.mass_properties import ELEMENT, N_ROTATION, converged
 
 _WHAT = "the detector's innovation covariance"
@@ -75,20 +86,44 @@ def information_of(evidence: Evidence, limits: Array) -> Array | None:
     Raises:
         NotPositiveDefiniteError: when an innovation covariance is not positive definite.
     """
-    innovation, covariance = evidence.innovation, evidence.covariance
-    measured = math.isfinite(innovation[TRANSLATION.start]) and math.isfinite(innovation[ROTATION.start])
-    if not (evidence.usable and measured):
+    if not testable(evidence, limits):
         return None
-    if not converged(np.sqrt(evidence.estimate_covariance.diagonal()), evidence.estimate, limits):
-        return None
-    if evidence.coupled:
+    return information(evidence.covariance, evidence.coupled)
+
+
+@kernel
+def testable(evidence: Evidence, limits: Array) -> bool:
+    """Whether a sample can be tested; arguments as `information_of`."""
+    innovation = evidence.innovation
+    if not (evidence.usable and math.isfinite(innovation[0]) and math.isfinite(innovation[3])):
+        return False
+    return converged(np.sqrt(np.diag(evidence.estimate_covariance)), evidence.estimate, limits)
+
+
+@kernel
+def information(covariance: Array, coupled: bool) -> Array:
+    """Inverse of the innovations' covariance, shape (6, 6).
+
+    Args:
+        covariance: Y, shape (6, 6).
+        coupled: whether its blocks off the diagonal are not zero.
+
+    Raises:
+        NotPositiveDefiniteError: when it is not positive definite.
+    """
+    if coupled:
         return _inverse(covariance)
-    information = np.zeros((6, 6))
-    for block in (TRANSLATION, ROTATION):
-        information[block, block] = inverse_positive_definite(covariance[block, block], _WHAT)
-    return information
+    inverse = np.zeros((6, 6))
+    inverse[:3, :3] = inverse_positive_definite(covariance[:3, :3], _WHAT)
+    inverse[3:, 3:] = inverse_positive_definite(covariance[3:, 3:], _WHAT)
+    return inverse
 
 
+def _inverted(covariance):  # type: ignore[no-untyped-def] # compiled alone
+    return np.linalg.inv(covariance)
+
+
+@idiom(_inverted)
 def _inverse(covariance: Array) -> Array:
     """Inverse of a covariance of any size, scaled to a unit diagonal on the way."""
     scale = np.sqrt(covariance.diagonal())
@@ -181,6 +216,7 @@ class Signs(NamedTuple):
     impossible_positive: Array
 
 
+@kernel
 def uncertain_jet_tests(
     tests: JetTests, innovation: Array, covariance: Array, signatures: UncertainSignatures, signs: Signs
 ) -> JetTests:
@@ -196,16 +232,16 @@ def uncertain_jet_tests(
     impossible_negative, impossible_positive = signs
     under = failed_covariance(tests.magnitude, covariance, signatures)
     # scaled: translation and rotation differ by many orders of magnitude
-    scale = np.sqrt(covariance.diagonal())
+    scale = np.sqrt(np.diag(covariance))
     under /= scale[:, None] * scale
     c, e = signatures.coefficients / scale, innovation / scale
-    weight = np.linalg.inv(under)
-    weighted_c, weighted_e = np.einsum("ijk,ik->ij", weight, c), weight @ e
+    weight = inverses(under)
+    weighted_c, weighted_e = stack_times_vectors(weight, c), stack_times_vector(weight, e)
     projection = weighted_c @ e
     strength = (weighted_c * c).sum(axis=1)
     magnitude = projection / strength
     unexplained = weighted_e @ e - projection * magnitude
-    growth = np.linalg.slogdet(under)[1] - np.linalg.slogdet(covariance / (scale[:, None] * scale))[1]
+    growth = log_determinants(under) - np.linalg.slogdet(covariance / (scale[:, None] * scale))[1]
     total = tests.unexplained + tests.likelihood
     likelihood = np.maximum(total - unexplained - growth, 0.0)
     ruled_out = (impossible_negative & (magnitude <= 0.0)) | (impossible_positive & (magnitude >= 0.0))
@@ -214,6 +250,7 @@ def uncertain_jet_tests(
     return JetTests(magnitude, 1.0 / strength, likelihood, np.where(ruled_out, total, unexplained))
 
 
+@kernel
 def failed_covariance(force: Array, covariance: Array, signatures: UncertainSignatures) -> Array:
     """Y_j, the innovations' covariance under each jet's hypothesis, shape (n_jets, 6, 6).
 
@@ -223,13 +260,13 @@ def failed_covariance(force: Array, covariance: Array, signatures: UncertainSign
         signatures: see `UncertainSignatures`.
     """
     jacobians = np.zeros((force.size, 6, N_ROTATION + 1))  # f_j J_j
-    jacobians[:, TRANSLATION, N_ROTATION] = signatures.impulses[:, 3:]
-    jacobians[:, ROTATION, :N_ROTATION] = rate_increment_jacobians(signatures.mass_properties, signatures.impulses)
-    jacobians *= force[:, None, None]
-    transposed = jacobians.transpose(0, 2, 1)
-    shared = signatures.cross_covariance @ transposed
-    result: Array = covariance + shared + shared.transpose(0, 2, 1) + jacobians @ signatures.covariance @ transposed
-    return result
+    jacobians[:, :3, N_ROTATION] = signatures.impulses[:, 3:]
+    jacobians[:, 3:, :N_ROTATION] = rate_increment_jacobians(signatures.mass_properties, signatures.impulses)
+    jacobians *= force.reshape((-1, 1, 1))
+    transposed = jacobians.transpose((0, 2, 1))
+    shared = times_stack(signatures.cross_covariance, transposed)
+    own = stack_times_stack(stack_times(jacobians, signatures.covariance), transposed)
+    return covariance + shared + shared.transpose((0, 2, 1)) + own
 
 
 class Isolation(NamedTuple):

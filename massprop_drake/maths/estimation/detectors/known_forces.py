@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from massprop_drake.maths.estimation.detector import NO_KNOWN_FORCE, ROTATION, TRANSLATION, KnownForce
 from massprop_drake.maths.estimation.detectors.jet_tests import signatures
-from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.maths.kernels import kernel
+from massprop_drake.maths.linear_algebra import Array, nonzero
 
 
 def known_force(state: Any, mass_properties: Array, command: Array, params: Any) -> KnownForce:
@@ -21,9 +22,15 @@ def known_force(state: Any, mass_properties: Array, command: Array, params: Any)
         command: fraction commanded over the interval that ended, NaN where not known, shape (n_jets,).
         params: of the detector, with `period_s`, `unit_wrenches` and `thrusts` as in `detector.Jets`.
     """
-    jets = np.flatnonzero(state.variance)
-    if jets.size == 0:
+    if not nonzero(state.variance):
         return NO_KNOWN_FORCE
+    return acting_force(state, mass_properties, command, params)
+
+
+@kernel
+def acting_force(state: Any, mass_properties: Array, command: Array, params: Any) -> KnownForce:
+    """`known_force` where the force of a jet is known."""
+    jets = np.flatnonzero(state.variance)
     wrenches = params.unit_wrenches[jets]
     c = signatures(wrenches, mass_properties, params.period_s)
     excess = excess_share(state, jets, command, params)
@@ -35,6 +42,7 @@ def known_force(state: Any, mass_properties: Array, command: Array, params: Any)
     )
 
 
+@kernel
 def excess_share(state: Any, jets: NDArray[np.int_], command: Array, params: Any) -> Array:
     """Share of each known force that comes on top of what is commanded, shape (k,).
 

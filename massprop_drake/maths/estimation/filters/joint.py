@@ -150,7 +150,7 @@ def make_params(setup: Setup, options: Any) -> JointFilterParams:
         settled_after=float(block.settled_after),
         second_order=True,
     )
-    return JointFilterParams(joint, setup.period_s)
+    return JointFilterParams(cycle.with_compiled(joint) if options.execution.compiled else joint, setup.period_s)
 
 
 def _chosen(one: float | None, each: Array) -> Array:

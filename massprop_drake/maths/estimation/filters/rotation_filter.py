@@ -63,6 +63,7 @@ from massprop_drake.maths.linear_algebra import (
     inverse_positive_definite,
     is_positive_definite,
     skew,
+    times_stack,
 )
 from massprop_drake.maths.mass_properties import ELEMENT, N_ROTATION
 
@@ -117,6 +118,7 @@ def rate_increment_jacobian(estimate: Array, angular_impulse: Array, linear_impu
     return jacobian
 
 
+@kernel
 def rate_increment_jacobians(estimate: Array, impulses: Array) -> Array:
     """H (2-102) for several impulses at once, shape (n, 3, 9).
 
@@ -133,13 +135,14 @@ def rate_increment_jacobians(estimate: Array, impulses: Array) -> Array:
     arms = np.zeros((impulses.shape[0], 3, 3))
     arms[:, 0, 1], arms[:, 0, 2], arms[:, 1, 2] = -linear[:, 2], linear[:, 1], -linear[:, 0]
     arms[:, 1, 0], arms[:, 2, 0], arms[:, 2, 1] = linear[:, 2], -linear[:, 1], linear[:, 0]
-    jacobians[:, :, 6:] = estimate[ELEMENT] @ arms
+    jacobians[:, :, 6:] = times_stack(picked(estimate, ELEMENT), arms)
     return jacobians
 
 
+@kernel
 def _moments(estimate: Array, impulses: Array) -> Array:
     """Angular impulse about the estimated center of mass, a + lambda x r_cm, of each, shape (n, 3)."""
-    x, y, z = estimate[6:9].tolist()
+    x, y, z = numbers(estimate[6:9], 3)
     arm = np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]])  # transpose of [r_cm x]
     return impulses[:, :3] - impulses[:, 3:] @ arm
 

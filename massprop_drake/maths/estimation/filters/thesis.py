@@ -10,7 +10,6 @@ Source: D. R. Levy, MIT S.M. thesis, 1983, chapters 2 and 3.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -54,26 +53,13 @@ from massprop_drake.maths.estimation.filters.rotation_filter import (
 )
 from massprop_drake.maths.estimation.impulses import Impulses
 from massprop_drake.maths.estimation.redundancy import Rule
-from massprop_drake.maths.kernels import chosen, kernel, plain
+from massprop_drake.maths.kernels import kernel
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import N_ROTATION
 
 _ROUNDING = 1e-6  # by so much a part of a variance may exceed it
 _CENTER = slice(6, 9)  # of the rotational state
 _NO_ACCELEROMETER = np.empty((0, 3))
-
-
-class Kernels(NamedTuple):
-    """The functions `measured` and `finished`, or their compiled forms.
-
-    Attributes:
-        measured, finished: see there.
-        compiled: whether they are compiled.
-    """
-
-    measured: Callable[..., Any]
-    finished: Callable[..., Any]
-    compiled: bool
 
 
 class ThesisParams(NamedTuple):
@@ -84,8 +70,7 @@ class ThesisParams(NamedTuple):
         mass: see `MassParams`; None without accelerometer.
         estimate, covariance: of the ten parameters at the start, shapes (10,) and (10, 10).
         thrust_errors: see `filter.Setup`.
-        kernels: what does the arithmetic of both filters where each uses one package; None: there is no accelerometer,
-            or several packages make one measurement.
+        alone: whether each filter uses one package at a time, and there is an accelerometer.
     """
 
     rotation: RotationParams
@@ -93,7 +78,7 @@ class ThesisParams(NamedTuple):
     estimate: Array
     covariance: Array
     thrust_errors: Array | None
-    kernels: Kernels | None = None
+    alone: bool = False
 
 
 class ThesisState(NamedTuple):
@@ -178,14 +163,14 @@ class Measurement(NamedTuple):
         turning: see `rotation_filter.measure`.
         moving: see `mass_filter.measure`; None without accelerometer.
         rates, velocities: the readings, shape (s, 3) each.
-        seen: what the detector sees, where it has been made already; None: not yet.
+        told: what the rotation filter says, where it has been made already; None: not yet.
     """
 
     turning: RotationMeasurement
     moving: MassMeasurement | None
     rates: Array
     velocities: Array
-    seen: Joint | None = None
+    told: Turning | None = None
 
 
 # --------------------------------------------------------------------------------- rules of a cycle
@@ -369,10 +354,15 @@ def shared_covariance(translation_effects: Array | None, rotation_effects: Array
 
 def rotation_report(measurement: RotationMeasurement, cycle: RotationCycle) -> RotationReport:
     """What a log keeps of the rotation filter's cycle."""
-    before = measurement.innovation
+    return report_of_rotation(measurement.innovation, cycle, np.sqrt(cycle.state.covariance.diagonal()))
+
+
+@kernel
+def report_of_rotation(before: RotationInnovation, cycle: RotationCycle, deviation: Array) -> RotationReport:
+    """`rotation_report` with 1-sigma of the estimate, shape (9,)."""
     return RotationReport(
         cycle.state.estimate,
-        np.sqrt(cycle.state.covariance.diagonal()),
+        deviation,
         before.innovation,
         before.nis,
         cycle.used,
@@ -383,7 +373,13 @@ def rotation_report(measurement: RotationMeasurement, cycle: RotationCycle) -> R
 
 def mass_report(measurement: MassMeasurement, cycle: MassCycle) -> MassReport:
     """What a log keeps of the mass filter's cycle."""
-    before, state = measurement.innovation, cycle.state
+    return report_of_mass(measurement.innovation, cycle)
+
+
+@kernel
+def report_of_mass(before: MassInnovation, cycle: MassCycle) -> MassReport:
+    """`mass_report` from the innovation."""
+    state = cycle.state
     return MassReport(state.mass_reciprocal, state.variance, before.innovation, before.nis, cycle.used, cycle.jumped)
 
 
@@ -433,17 +429,12 @@ def make_params(setup: Setup, options: Any) -> ThesisParams:
             small_gain=mass.jump == "single_sample_thesis",
             disturbance_covariance=mass.disturbance_std**2 * np.eye(3),
         )
-    kernels = None
-    if (
+    alone = (
         moving is not None
         and _one_package(turning.rule, setup.gyro_variances)
         and _one_package(moving.rule, setup.accelerometer_variances)
-    ):
-        compile_it = options.execution.compiled and setup.thrust_errors is None
-        kernels = Kernels(chosen(measured, compile_it), chosen(finished, compile_it), compile_it)
-        if compile_it:
-            turning, moving = plain(turning), plain(moving)
-    return ThesisParams(turning, moving, setup.estimate, setup.covariance, setup.thrust_errors, kernels)
+    )
+    return ThesisParams(turning, moving, setup.estimate, setup.covariance, setup.thrust_errors, alone)
 
 
 def _one_package(rule: Rule, variances: Array) -> bool:
@@ -494,8 +485,14 @@ def measure(
     """First half of both filters' cycle."""
     errors = params.thrust_errors
     turn, move = rotation_interval(interval, errors), mass_interval(interval, linear_errors(errors))
-    if params.kernels is not None:
-        return _measured(state, (rates, velocities), (turn, move), interval.impulses.usable, params)
+    if params.alone and state.mass is not None and params.mass is not None:
+        known = (state.rotation, state.memory, state.mass, state.velocities)
+        turned, innovation, told, moved, translated = measured(
+            known, (rates, velocities), (turn, move), (params.rotation, params.mass)
+        )
+        return Measurement(
+            RotationMeasurement(turned, innovation), MassMeasurement(moved, translated), rates, velocities, told
+        )
     turning = rotation_filter.measure(state.rotation, state.memory, rates, turn, params.rotation)
     moving = None
     if state.mass is not None and params.mass is not None:
@@ -504,41 +501,19 @@ def measure(
     return Measurement(turning, moving, rates, velocities)
 
 
-def _measured(
-    state: ThesisState,
-    readings: tuple[Array, Array],
-    intervals: tuple[RotationInterval, MassInterval],
-    usable: bool,
-    params: ThesisParams,
-) -> Measurement:
-    """`measure` where each filter uses one package."""
-    assert params.kernels is not None
-    compiled = params.kernels.compiled
-    if compiled and intervals[0].extra_noise is None:  # compiled for one kind of arguments
-        intervals = intervals[0]._replace(extra_noise=_NO_NOISE), intervals[1]._replace(extra_noise=_NO_NOISE)
-    known = (state.rotation, state.memory, state.mass, state.velocities)
-    turned, turning, moved, moving, seen = params.kernels.measured(
-        known, readings, intervals, compiled and usable, (params.rotation, params.mass)
-    )
-    told = seen if compiled and usable else None
-    return Measurement(RotationMeasurement(turned, turning), MassMeasurement(moved, moving), *readings, told)
-
-
 @kernel
 def measured(
     known: tuple[RotationState, RotationMemory, MassState, Array],
     readings: tuple[Array, Array],
     intervals: tuple[RotationInterval, MassInterval],
-    wanted: bool,
     params: tuple[RotationParams, MassParams],
-) -> tuple[RotationSample, RotationInnovation, MassSample, MassInnovation, Joint]:
+) -> tuple[RotationSample, RotationInnovation, Turning, MassSample, MassInnovation]:
     """First half of both filters' cycle, each with the first package that is there.
 
     Args:
         known: see `ThesisState`.
         readings: of gyros and accelerometers, shape (s, 3) each.
         intervals: as both filters take it.
-        wanted: whether to make what the detector sees; else it is empty.
         params: of both.
     """
     state, memory, mass, velocities = known
@@ -546,10 +521,7 @@ def measured(
     told = turning_from(state, turned, turning)
     rotation = rotation_of(told)
     moved, moving = mass_filter.measure_one(mass, (velocities, readings[1]), intervals[1], rotation, params[1])
-    if wanted:
-        return turned, turning, moved, moving, joint_of(told, moved, moving, mass)
-    nothing = np.empty((0, 0))
-    return turned, turning, moved, moving, Joint(np.empty(0), nothing, False, np.empty(0), nothing, nothing)
+    return turned, turning, told, moved, moving
 
 
 @kernel
@@ -564,7 +536,7 @@ def finished(
 
     Args:
         known: before it.
-        measured: what `measured` gave.
+        measured: what `measured` gave, without what is told.
         interval: whether it is usable, and firing.
         adaptation: see `estimation.adaptation`.
         params: of both.
@@ -580,9 +552,10 @@ def evidence(state: ThesisState, measurement: Measurement, interval: Interval) -
     """What the detector sees; `NOT_MEASURED` where it would not look."""
     if not interval.impulses.usable or measurement.moving is None or state.mass is None:
         return NOT_MEASURED
-    if measurement.seen is not None:
-        return measurement.seen
-    return joint(turning_of(state.rotation, measurement.turning), measurement.moving, state.mass)
+    told = measurement.told
+    if told is None:
+        told = turning_of(state.rotation, measurement.turning)
+    return joint(told, measurement.moving, state.mass)
 
 
 def finish(
@@ -590,7 +563,7 @@ def finish(
 ) -> FilterStep:
     """Second half of both filters' cycle."""
     impulses, learning = interval.impulses, is_learning(interval)
-    if params.kernels is not None:
+    if params.alone:
         return _finished(state, measurement, impulses, adaptation, params)
     turned = rotation_filter.finish(state.rotation, measurement.turning, learning, adaptation, params.rotation)
     memory = rotation_memory(measurement.turning, measurement.rates)
@@ -611,30 +584,20 @@ def _finished(
 ) -> FilterStep:
     """`finish` where each filter uses one package."""
     turning, moving = measurement.turning, measurement.moving
-    assert params.kernels is not None
     assert moving is not None
-    if params.kernels.compiled:
-        adaptation = plain(adaptation)
-    turned, weighed, deviation = params.kernels.finished(
+    assert state.mass is not None
+    assert params.mass is not None
+    turned, weighed, deviation = finished(
         (state.rotation, state.mass),
         (turning.sample, turning.innovation, moving.sample, moving.innovation),
         (impulses.usable, impulses.firing),
         adaptation,
         (params.rotation, params.mass),
     )
-    before = turning.innovation
-    report = RotationReport(
-        turned.state.estimate,
-        deviation,
-        before.innovation,
-        before.nis,
-        turned.used,
-        turned.jumped,
-        before.subtract_coupling,
-    )
     memory = rotation_memory(turning, measurement.rates)
     known = ThesisState(turned.state, memory, weighed.state, measurement.velocities)
-    return FilterStep(known, report, mass_report(moving, weighed))
+    report = report_of_rotation(turning.innovation, turned, deviation)
+    return FilterStep(known, report, report_of_mass(moving.innovation, weighed))
 
 
 def covariance(state: ThesisState) -> Array:

@@ -18,6 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from massprop_drake.maths.kernels import idiom, kernel
 from massprop_drake.maths.linear_algebra import Array
 
 
@@ -41,11 +42,24 @@ class Update(NamedTuple):
     upper: Array
 
 
+def _upper(matrix):  # type: ignore[no-untyped-def] # compiled alone
+    _, upper = np.linalg.qr(matrix)
+    return np.ascontiguousarray(upper)
+
+
+@idiom(_upper)
+def upper_factor(matrix: Array) -> Array:
+    """U of Q U, an orthogonal and an upper triangular factor."""
+    return np.asarray(np.linalg.qr(matrix, mode="r"))
+
+
+@kernel
 def compressed(columns: Array) -> Array:
     """The lower triangular root of the same covariance, shape (n, n), of one with any number of columns."""
-    return np.ascontiguousarray(np.asarray(np.linalg.qr(columns.T, mode="r")).T)
+    return np.ascontiguousarray(upper_factor(columns.T).T)
 
 
+@kernel
 def semidefinite_root(matrix: Array) -> Array:
     """A lower triangular root of a positive semidefinite matrix; directions lost in rounding count as zero."""
     n = matrix.shape[0]
@@ -58,6 +72,7 @@ def semidefinite_root(matrix: Array) -> Array:
     return root
 
 
+@kernel
 def innovation_root(outputs: Array, variances: Array) -> tuple[Array, Array, Array]:
     """Q1, Q2 and U of the innovation's covariance Y = U^T U.
 
@@ -70,9 +85,10 @@ def innovation_root(outputs: Array, variances: Array) -> tuple[Array, Array, Arr
     stacked[:k] = outputs.T
     stacked[k:] = np.diag(np.sqrt(variances))
     q, u = np.linalg.qr(stacked)
-    return np.ascontiguousarray(q[:k]), np.ascontiguousarray(q[k:]), u
+    return np.ascontiguousarray(q[:k]), np.ascontiguousarray(q[k:]), np.ascontiguousarray(u)
 
 
+@kernel
 def updated(root: Array, outputs: Array, variances: Array, innovation: Array, gained: Array) -> Update:
     """The update by one measurement of several components, in Joseph's form.
 

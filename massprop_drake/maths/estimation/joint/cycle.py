@@ -8,11 +8,12 @@ with a force in a slot, or rebased and with a larger covariance.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from massprop_drake.maths.estimation.joint.covariance import Update, compressed, updated
+from massprop_drake.maths.estimation.joint.covariance import Update, compressed, updated, upper_factor
 from massprop_drake.maths.estimation.joint.guard import guarded
 from massprop_drake.maths.estimation.joint.layout import (
     N_PROPERTIES,
@@ -21,6 +22,8 @@ from massprop_drake.maths.estimation.joint.layout import (
     JointParams,
     JointState,
     settled,
+    with_mean,
+    with_root,
 )
 from massprop_drake.maths.estimation.joint.measurement import outputs, rate_read, readings, used
 from massprop_drake.maths.estimation.joint.prediction import (
@@ -33,6 +36,7 @@ from massprop_drake.maths.estimation.joint.prediction import (
     propagated,
 )
 from massprop_drake.maths.estimation.joint.thrust_scale import reported
+from massprop_drake.maths.kernels import Holder, compiled, held, kernel
 from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError
 
 _WHAT = "the joint estimator's covariance"
@@ -226,6 +230,7 @@ def begun(state: JointState, sample: Sample, params: JointParams) -> JointState:
     )
 
 
+@kernel
 def expect(state: JointState, acting: Drive, sample: Sample, params: JointParams) -> Expected:
     """Predicts the state and its outputs, and says which components count."""
     prediction = predict(state, acting, rate_read(sample.rates, state.mean, params), params)
@@ -233,6 +238,7 @@ def expect(state: JointState, acting: Drive, sample: Sample, params: JointParams
     return _expected(state, prediction, root, sample, params)
 
 
+@kernel
 def _expected(state: JointState, prediction: Prediction, root: Array, sample: Sample, params: JointParams) -> Expected:
     spin = state.spin + prediction.spin
     predicted, jacobian = outputs(prediction.mean, state.reference, spin, params)
@@ -243,6 +249,7 @@ def _expected(state: JointState, prediction: Prediction, root: Array, sample: Sa
     return Expected(prediction, root, spin, jacobian, projected, read - predicted, counts)
 
 
+@kernel
 def _nis_by_kind(expected: Expected, params: JointParams) -> tuple[float, float]:
     """NIS of the gyros' components that count, and of the accelerometers', by themselves; NaN where none does."""
     first = 3 * params.places.gyros
@@ -250,15 +257,17 @@ def _nis_by_kind(expected: Expected, params: JointParams) -> tuple[float, float]
     return _nis(expected, counts[counts < first], params), _nis(expected, counts[counts >= first], params)
 
 
+@kernel
 def _nis(expected: Expected, counts: np.ndarray, params: JointParams) -> float:
     if counts.shape[0] == 0:
         return np.nan
     stacked = np.vstack((expected.projected[counts].T, np.diag(np.sqrt(params.variances[counts]))))
-    upper = np.asarray(np.linalg.qr(stacked, mode="r"))
+    upper = upper_factor(stacked)
     whitened = np.linalg.solve(upper.T, expected.innovation[counts])
     return float(whitened @ whitened)
 
 
+@kernel
 def gained(state: JointState, params: JointParams) -> Array:
     """1 for what is estimated, 0 for what is only considered: thrust errors and their scale before they are freed."""
     places = params.places
@@ -269,6 +278,7 @@ def gained(state: JointState, params: JointParams) -> Array:
     return mask
 
 
+@kernel
 def _update(expected: Expected, root: Array, mask: Array, params: JointParams) -> Update:
     counts = np.flatnonzero(expected.used)
     projected = expected.jacobian[counts] @ root
@@ -299,6 +309,45 @@ def step(state: JointState, sample: Sample, params: JointParams) -> tuple[JointS
     return after, report
 
 
+class Compiled(NamedTuple):
+    """What is compiled of a cycle.
+
+    Attributes:
+        cycled: see there.
+        params: holder of the parameters that it was made for.
+    """
+
+    cycled: Callable[..., Any]
+    params: Any
+
+
+def with_compiled(params: JointParams) -> JointParams:
+    """Parameters of a cycle that is compiled."""
+    return params._replace(compiled=Compiled(compiled(cycled), held(params, compile_it=True)))
+
+
+def _step(state: JointState, sample: Sample, params: JointParams) -> tuple[JointState, Report]:
+    made = params.compiled
+    if made is None:
+        done = cycled(state, sample, params.thresholds, Holder(params))
+    else:
+        done = made.cycled(state, sample, params.thresholds, made.params)
+    expected, update = done.expected, done.update
+    return done.state, Report(
+        estimate=done.estimate,
+        covariance=done.covariance,
+        innovation=done.innovation,
+        used=expected.used,
+        nis=update.nis,
+        log_determinant=update.log_determinant,
+        gyro_nis=done.gyro_nis,
+        accelerometer_nis=done.accelerometer_nis,
+        incremented=done.incremented,
+        coupled=expected.prediction.coupled,
+        course=Course(done.acting, expected, update if expected.used.any() else None),
+    )
+
+
 def _first(state: JointState, sample: Sample, params: JointParams) -> tuple[JointState, Report]:
     after = begun(state, sample, params)
     n_outputs = after.last.shape[0]
@@ -321,7 +370,39 @@ def restart(state: JointState, sample: Sample, params: JointParams) -> tuple[Joi
     return _first(state._replace(level=firing.level, slope=firing.slope), sample, params)
 
 
-def _step(state: JointState, sample: Sample, params: JointParams) -> tuple[JointState, Report]:
+class Cycled(NamedTuple):
+    """A cycle as its kernel gives it.
+
+    Attributes:
+        state: after it.
+        estimate, covariance, innovation, gyro_nis, accelerometer_nis, incremented: see `Report`.
+        acting, expected: see `Course`.
+        update: of no meaning where no component counted.
+    """
+
+    state: JointState
+    estimate: Array
+    covariance: Array
+    innovation: Array
+    gyro_nis: float
+    accelerometer_nis: float
+    incremented: bool
+    acting: Drive
+    expected: Expected
+    update: Update
+
+
+@kernel
+def cycled(state: JointState, sample: Sample, thresholds: Array, holder: Any) -> Cycled:
+    """A cycle after the first.
+
+    Args:
+        state: after the last sample.
+        sample: see `Sample`.
+        thresholds: see `JointParams`.
+        holder: of the parameters.
+    """
+    params = holder.value
     acting = drive(state, sample.durations_s, sample.commands, sample.outside, params)
     firing = acting.firing
     commanded = firing.commanded or bool(np.any(sample.outside != 0.0))
@@ -330,19 +411,15 @@ def _step(state: JointState, sample: Sample, params: JointParams) -> tuple[Joint
     gyro_nis, accelerometer_nis = _nis_by_kind(expected, params)
     if commanded and not settled(state, params):
         count = int(expected.used[: 3 * params.places.gyros].sum())
-        if count > 0 and gyro_nis > params.thresholds[count - 1]:
+        if count > 0 and gyro_nis > thresholds[count - 1]:
             incremented = True
-            state = state._replace(root=incremented_root(state.root, params))
-            counts = expected.used
-            expected = expect(state, acting, sample, params)._replace(used=counts)
+            state = with_root(state, incremented_root(state.root, params))
+            expected = _counting(expect(state, acting, sample, params), expected.used)
 
-    prediction = expected.prediction
-    mean, root = prediction.mean, expected.root
-    change: Update | None = None
-    last = state.last
-    mask = gained(state, params)
+    mean, root, last = expected.prediction.mean, expected.root, state.last
+    change = Update(np.zeros(0), root, 0.0, 0.0, np.zeros((0, 0)), np.zeros((0, 0)))
     if expected.used.any():
-        change = _update(expected, root, mask, params)
+        change = _update(expected, root, gained(state, params), params)
         if params.places.n_thrust > 0 and not state.freed and params.second_order:
             change = _update_again(state, acting, expected, change, params)
         mean, root = mean + change.correction, change.root
@@ -350,33 +427,56 @@ def _step(state: JointState, sample: Sample, params: JointParams) -> tuple[Joint
         last = np.where(expected.used, filtered, last)
     elif root.shape[1] > root.shape[0]:
         root = compressed(root)
-    after = state._replace(
-        mean=mean,
-        root=root,
-        level=_relinearized(firing.level, firing.slope, state.mean, mean, params),
-        slope=firing.slope,
-        spin=expected.spin,
-        last=last,
-        fired=state.fired + firing.amount,
-        time_s=sample.time_s,
+    after = JointState(
+        mean,
+        root,
+        _relinearized(firing.level, firing.slope, state.mean, mean, params),
+        firing.slope,
+        expected.spin,
+        state.reference,
+        last,
+        state.fired + firing.amount,
+        state.slot_jet,
+        state.slot_sign,
+        state.slot_on_top,
+        sample.time_s,
+        state.started,
+        state.guarded,
+        state.freed,
+        state.rescaled,
+        state.firing_count,
     )
     after = guarded(after, commanded, params)
     estimate, rows = reported(after, params)
-    return after, Report(
-        estimate=estimate,
-        covariance=rows @ rows.T,
-        innovation=innovation,
-        used=expected.used,
-        nis=0.0 if change is None else change.nis,
-        log_determinant=0.0 if change is None else change.log_determinant,
-        gyro_nis=gyro_nis,
-        accelerometer_nis=accelerometer_nis,
-        incremented=incremented,
-        coupled=prediction.coupled,
-        course=Course(acting, expected, change),
+    return Cycled(
+        after,
+        estimate,
+        rows @ rows.T,
+        innovation,
+        gyro_nis,
+        accelerometer_nis,
+        incremented,
+        acting,
+        expected,
+        change,
     )
 
 
+@kernel
+def _counting(expected: Expected, used: np.ndarray) -> Expected:
+    """What is expected, with other components that count."""
+    return Expected(
+        expected.prediction,
+        expected.root,
+        expected.spin,
+        expected.jacobian,
+        expected.projected,
+        expected.innovation,
+        used,
+    )
+
+
+@kernel
 def incremented_root(root: Array, params: JointParams) -> Array:
     """The root with the uncertainty of the start added to the ten parameters, not square."""
     columns = np.zeros((root.shape[0], N_PROPERTIES))
@@ -385,18 +485,31 @@ def incremented_root(root: Array, params: JointParams) -> Array:
     return np.hstack((root, columns))
 
 
+@kernel
 def _update_again(state: JointState, acting: Drive, expected: Expected, first: Update, params: JointParams) -> Update:
     """The update with the effects of parameters taken at the estimate that the first one gave."""
     mean = state.mean.copy()
     mean[:N_PROPERTIES] = expected.prediction.mean[:N_PROPERTIES] + first.correction[:N_PROPERTIES]
-    rate_rows, velocity_rows = error_rows(state._replace(mean=mean), acting, params)
+    rate_rows, velocity_rows = error_rows(with_mean(state, mean), acting, params)
     begin = params.places.thrust
     before = expected.prediction
     rate_rows[:, :begin], velocity_rows[:, :begin] = before.rate_rows[:, :begin], before.velocity_rows[:, :begin]
-    again = propagated(state.root, before._replace(rate_rows=rate_rows, velocity_rows=velocity_rows), params)
+    predicted = Prediction(
+        before.mean,
+        rate_rows,
+        velocity_rows,
+        before.mass_factor,
+        before.noise,
+        before.drift,
+        before.spin,
+        before.duration_s,
+        before.coupled,
+    )
+    again = propagated(state.root, predicted, params)
     return _update(expected, again, gained(state, params), params)
 
 
+@kernel
 def _relinearized(level: Array, slope: Array, before: Array, after: Array, params: JointParams) -> Array:
     """The levels at the new estimate of the lag, to first order."""
     if params.places.n_lag == 0:

@@ -6,20 +6,24 @@ import numpy as np
 
 from massprop_drake.maths.estimation.joint.layout import CENTER, JointParams, JointState
 from massprop_drake.maths.estimation.joint.thrust_scale import partitioned, reported
+from massprop_drake.maths.kernels import kernel
 
 _SCALED = (0, 1, 2, 9)  # judged relative to their own size
 
 
+@kernel
 def converged(state: JointState, params: JointParams) -> bool:
     """Whether each judged parameter is known well enough, as `JointParams.guard_relative` and `guard_center` say."""
     properties, rows = reported(state, params)
     deviation = np.sqrt(np.sum(rows * rows, axis=1))
-    for limit, element in zip(params.guard_relative, _SCALED, strict=True):
+    for index, element in enumerate(_SCALED):
+        limit = params.guard_relative[index]
         if np.isfinite(limit) and not deviation[element] < limit * properties[element]:
             return False
     return bool(np.all(deviation[CENTER] < params.guard_center))
 
 
+@kernel
 def guarded(state: JointState, commanded: bool, params: JointParams) -> JointState:
     """The state after the guard: it latches; when it first holds, thrust errors are freed, their scale taken off.
 
@@ -29,12 +33,36 @@ def guarded(state: JointState, commanded: bool, params: JointParams) -> JointSta
         params: see `JointParams`.
     """
     if state.guarded:
-        return state._replace(firing_count=state.firing_count + 1.0) if commanded else state
+        return _guarded(state, state.freed, state.firing_count + 1.0) if commanded else state
     if not converged(state, params):
         return state
     if params.places.n_thrust > 0 and not state.rescaled:
         state = partitioned(state, params)
-    return state._replace(guarded=True, freed=True, firing_count=1.0 if commanded else 0.0)
+    return _guarded(state, True, 1.0 if commanded else 0.0)
+
+
+@kernel
+def _guarded(state: JointState, freed: bool, firing_count: float) -> JointState:
+    """The state with the guard holding."""
+    return JointState(
+        state.mean,
+        state.root,
+        state.level,
+        state.slope,
+        state.spin,
+        state.reference,
+        state.last,
+        state.fired,
+        state.slot_jet,
+        state.slot_sign,
+        state.slot_on_top,
+        state.time_s,
+        state.started,
+        True,
+        freed,
+        state.rescaled,
+        firing_count,
+    )
 
 
 def unguarded(state: JointState) -> JointState:

@@ -22,6 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from massprop_drake.maths.kernels import kernel
 from massprop_drake.maths.linear_algebra import Array
 
 UNKNOWN_LEVEL_VARIANCE = 0.25  # of a level that is 0 or 1 and nobody knows which
@@ -50,6 +51,7 @@ class Firing(NamedTuple):
     commanded: bool
 
 
+@kernel
 def fire(level: Array, slope: Array, time_constants_s: Array, durations_s: Array, commands: Array) -> Firing:
     """What the jets do over an interval that consists of pieces with constant commands.
 
@@ -105,6 +107,7 @@ def pieces(start_s: float, end_s: float, ticks_s: Array, commands: Array) -> tup
     return np.diff(edges), commands[first:last]
 
 
+@kernel
 def time_constants(nominal_s: Array, kinds: np.ndarray, sigma: float, errors: Array) -> tuple[Array, Array]:
     """Each jet's time constant at the estimated error of its kind, and the derivative of its logarithm by that error.
 

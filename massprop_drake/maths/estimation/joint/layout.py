@@ -17,11 +17,12 @@ every row of the root by its own size, so that a change of units changes no digi
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from massprop_drake.maths.arrays import FLAG, NUMBER, Layout
+from massprop_drake.maths.kernels import kernel
 from massprop_drake.maths.linear_algebra import Array
 
 N_PROPERTIES = 10
@@ -134,6 +135,7 @@ class JointParams(NamedTuple):
         guard_center: largest sigma of the center of mass, infinity: not judged, ft or m, shape (3,).
         settled_after: samples with a jet commanded, from the guard on, until settled.
         second_order: whether b2 (2-118), D (2-121) and the products with thrust errors are taken into account.
+        compiled: see `cycle.Compiled`; None: nothing is. All but the thresholds is then as when it was compiled.
     """
 
     places: Places
@@ -164,6 +166,7 @@ class JointParams(NamedTuple):
     guard_center: Array
     settled_after: float
     second_order: bool
+    compiled: Any = None
 
 
 class JointState(NamedTuple):
@@ -247,6 +250,55 @@ def unpack(vector: Array, places: Places) -> JointState:
     return JointState(*state_layout(places).read(vector))
 
 
+@kernel
+def with_root(state: JointState, root: Array) -> JointState:
+    """The state with another root."""
+    return JointState(
+        state.mean,
+        root,
+        state.level,
+        state.slope,
+        state.spin,
+        state.reference,
+        state.last,
+        state.fired,
+        state.slot_jet,
+        state.slot_sign,
+        state.slot_on_top,
+        state.time_s,
+        state.started,
+        state.guarded,
+        state.freed,
+        state.rescaled,
+        state.firing_count,
+    )
+
+
+@kernel
+def with_mean(state: JointState, mean: Array) -> JointState:
+    """The state with another mean."""
+    return JointState(
+        mean,
+        state.root,
+        state.level,
+        state.slope,
+        state.spin,
+        state.reference,
+        state.last,
+        state.fired,
+        state.slot_jet,
+        state.slot_sign,
+        state.slot_on_top,
+        state.time_s,
+        state.started,
+        state.guarded,
+        state.freed,
+        state.rescaled,
+        state.firing_count,
+    )
+
+
+@kernel
 def settled(state: JointState, params: JointParams) -> bool:
     """Whether the start is over: from then on nothing is incremented without a comparison of hypotheses."""
     return state.guarded and state.firing_count >= params.settled_after

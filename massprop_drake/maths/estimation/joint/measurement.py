@@ -22,11 +22,13 @@ import numpy as np
 from massprop_drake.maths.estimation.joint.covariance import compressed
 from massprop_drake.maths.estimation.joint.layout import CENTER, RATE, VELOCITY, JointParams, JointState
 from massprop_drake.maths.estimation.joint.prediction import RateRead
+from massprop_drake.maths.kernels import kernel, numbers
 from massprop_drake.maths.linear_algebra import Array, skew
 
 _IDENTITY = np.eye(3)
 
 
+@kernel
 def readings(rates: Array, velocities: Array) -> Array:
     """All components that are read, gyros first, shape (n_outputs,).
 
@@ -37,6 +39,7 @@ def readings(rates: Array, velocities: Array) -> Array:
     return np.concatenate((rates.ravel(), velocities.ravel()))
 
 
+@kernel
 def rate_read(rates: Array, mean: Array, params: JointParams) -> RateRead:
     """The rate that gyros show, weighted by their variances.
 
@@ -67,6 +70,7 @@ def rate_read(rates: Array, mean: Array, params: JointParams) -> RateRead:
     return RateRead(rate, rows)
 
 
+@kernel
 def turning(rate: Array, reference: Array, spin: Array) -> Array:
     """O = [(w - w_ref) x] + C, shape (3, 3).
 
@@ -74,11 +78,12 @@ def turning(rate: Array, reference: Array, spin: Array) -> Array:
         rate, reference: w and w_ref, rad/s, shape (3,).
         spin: integral of w w^T dt since the last rebase, six elements, shape (6,).
     """
-    xx, yy, zz, yz, xz, xy = spin
+    xx, yy, zz, yz, xz, xy = numbers(spin, 6)
     centripetal = np.array([[-(yy + zz), xy, xz], [xy, -(xx + zz), yz], [xz, yz, -(xx + yy)]])
     return skew(rate - reference) + centripetal
 
 
+@kernel
 def outputs(mean: Array, reference: Array, spin: Array, params: JointParams) -> tuple[Array, Array]:
     """Predicted outputs of all components, shape (m,), and their derivative by the state, shape (m, size)."""
     places = params.places
@@ -106,6 +111,7 @@ def outputs(mean: Array, reference: Array, spin: Array, params: JointParams) -> 
     return values, jacobian
 
 
+@kernel
 def used(read: Array, predicted: Array, last: Array, deviation: Array, quanta: Array) -> np.ndarray:
     """Which components count, shape (m,).
 

@@ -50,6 +50,7 @@ from massprop_drake.maths.estimation.joint.layout import (
     JointParams,
     JointState,
 )
+from massprop_drake.maths.kernels import idiom, kernel, picked
 from massprop_drake.maths.linear_algebra import Array, cross, inverse_positive_definite, is_positive_definite, skew
 from massprop_drake.maths.mass_properties import ELEMENT
 
@@ -125,6 +126,7 @@ class Coupling(NamedTuple):
     by_end: Array
 
 
+@kernel
 def drive(state: JointState, durations_s: Array, commands: Array, outside: Array, params: JointParams) -> Drive:
     """What acts over an interval, with the lag at its present estimate.
 
@@ -138,6 +140,7 @@ def drive(state: JointState, durations_s: Array, commands: Array, outside: Array
     return Drive(fire(state.level, state.slope, constants, durations_s, commands), lag_slope, outside)
 
 
+@kernel
 def lag_of(mean: Array, params: JointParams) -> tuple[Array, Array]:
     """Time constant of each jet at the present estimate, and its logarithm's derivative by the error of its kind."""
     places = params.places
@@ -145,6 +148,7 @@ def lag_of(mean: Array, params: JointParams) -> tuple[Array, Array]:
     return time_constants(params.time_constants_s, params.kinds, params.lag_sigma, errors)
 
 
+@kernel
 def _thrust_factors(state: JointState, params: JointParams) -> tuple[Array, Array]:
     """1 + sigma_T b of each jet, and what counts of its lag, shape (n_jets,) each."""
     places = params.places
@@ -159,11 +163,13 @@ def _thrust_factors(state: JointState, params: JointParams) -> tuple[Array, Arra
     return factor, lagged
 
 
+@kernel
 def _moments(mean: Array, wrenches: Array) -> Array:
     """Torque about the estimated center of mass of each wrench about the vehicle origin, shape (n, 3)."""
     return wrenches[:, :3] + wrenches[:, 3:] @ skew(mean[CENTER])
 
 
+@kernel
 def error_rows(state: JointState, acting: Drive, params: JointParams) -> tuple[Array, Array]:
     """Derivatives of the changes of w and of c by the parameters: thrust and lag errors, s, and forces.
 
@@ -173,7 +179,7 @@ def error_rows(state: JointState, acting: Drive, params: JointParams) -> tuple[A
         params: see `JointParams`.
     """
     mean, places, firing = state.mean, params.places, acting.firing
-    inverse, reciprocal = mean[INERTIA][ELEMENT], mean[MASS]
+    inverse, reciprocal = picked(mean, ELEMENT), mean[MASS]
     rate_rows, velocity_rows = np.zeros((3, places.size)), np.zeros((3, places.size))
     rate_effect = _moments(mean, params.wrenches) @ inverse
     velocity_effect = reciprocal * params.wrenches[:, 3:]
@@ -201,6 +207,7 @@ def error_rows(state: JointState, acting: Drive, params: JointParams) -> tuple[A
     return rate_rows, velocity_rows
 
 
+@kernel
 def _slot_weight(state: JointState, slot: int, firing: Firing) -> float:
     """Seconds for which a slot's force acts: T or T - L where the jet gives more than it is told, else -L."""
     amount = float(firing.amount[int(state.slot_jet[slot])])
@@ -209,6 +216,7 @@ def _slot_weight(state: JointState, slot: int, firing: Firing) -> float:
     return firing.duration_s - amount if state.slot_sign[slot] > 0.0 else -amount
 
 
+@kernel
 def effective_seconds(state: JointState, firing: Firing, params: JointParams) -> Array:
     """Seconds of full thrust of each jet with its thrust error and the forces of failures, shape (n_jets,)."""
     factor, _ = _thrust_factors(state, params)
@@ -221,6 +229,7 @@ def effective_seconds(state: JointState, firing: Firing, params: JointParams) ->
     return seconds
 
 
+@kernel
 def predict(state: JointState, acting: Drive, rate_read: RateRead, params: JointParams) -> Prediction:
     """The state over an interval, before its readings but for the rate in the dynamic coupling.
 
@@ -232,7 +241,7 @@ def predict(state: JointState, acting: Drive, rate_read: RateRead, params: Joint
     """
     mean, places, duration = state.mean, params.places, acting.firing.duration_s
     covariance = state.root[:N_PROPERTIES] @ state.root[:N_PROPERTIES].T
-    inverse, reciprocal = mean[INERTIA][ELEMENT], mean[MASS]
+    inverse, reciprocal = picked(mean, ELEMENT), mean[MASS]
     seconds = effective_seconds(state, acting.firing, params)
     scale = 1.0 - params.thrust_sigma * mean[places.scale] if places.n_scale > 0 else 1.0
     impulse = seconds @ params.wrenches + scale * acting.outside
@@ -255,8 +264,9 @@ def predict(state: JointState, acting: Drive, rate_read: RateRead, params: Joint
         through, end, bowed = _coupled(state, acting, change, rate_read, params)
         end_rows = rate_rows.copy()
         end_rows[:, RATE] += _IDENTITY
-        taken = ~np.isnan(rate_read.rate)
-        end_rows[taken] = rate_read.rows[taken]
+        for axis in range(3):
+            if not np.isnan(rate_read.rate[axis]):
+                end_rows[axis] = rate_read.rows[axis]
         rate_rows += through.by_end @ end_rows
         rate_rows[:, RATE] += through.by_start
         rate_rows[:, INERTIA] += through.by_inertia
@@ -287,6 +297,7 @@ def predict(state: JointState, acting: Drive, rate_read: RateRead, params: Joint
     )
 
 
+@kernel
 def _second_order(
     state: JointState, acting: Drive, linear: Array, covariance: Array, params: JointParams
 ) -> tuple[Array, Array]:
@@ -301,12 +312,13 @@ def _second_order(
     return bias, noise
 
 
+@kernel
 def _coupled(
     state: JointState, acting: Drive, change: Array, rate_read: RateRead, params: JointParams
 ) -> tuple[Coupling, Array, Array]:
     """Dynamic coupling with the rate that is read, or predicted where none is; that rate; and the bow of the rate."""
     mean, firing = state.mean, acting.firing
-    inverse = mean[INERTIA][ELEMENT]
+    inverse = picked(mean, ELEMENT)
     inertias = inverse, inverse_positive_definite(inverse, "inverse inertia")
     _, lagged = _thrust_factors(state, params)
     bow = (firing.bow * lagged) @ params.wrenches
@@ -321,6 +333,7 @@ def _coupled(
     return found, end, inverse @ bow_moment
 
 
+@kernel
 def coupling(inertias: tuple[Array, Array], start: Array, end: Array, bow_moment: Array, duration_s: float) -> Coupling:
     """The change g of the rate by dynamic coupling, and its derivatives; those of the bow are left out.
 
@@ -343,6 +356,7 @@ def coupling(inertias: tuple[Array, Array], start: Array, end: Array, bow_moment
     return Coupling(through, -duration_s * by_inertia, -duration_s * by_start, -duration_s * by_end)
 
 
+@kernel
 def largest_coupling(start: Array, end: Array, duration_s: float) -> float:
     """What dynamic coupling changes the rate by at the most, whatever the inertia: |w|^2 T.
 
@@ -355,6 +369,7 @@ def largest_coupling(start: Array, end: Array, duration_s: float) -> float:
     return max(float(start @ start), float(end @ end)) * duration_s
 
 
+@kernel
 def spin_integral(start: Array, end: Array, bowed: Array, duration_s: float) -> Array:
     """The integral of w w^T dt of a rate that is linear but for a bow, six elements, rad^2/s, shape (6,).
 
@@ -371,6 +386,7 @@ def spin_integral(start: Array, end: Array, bowed: Array, duration_s: float) -> 
     return result
 
 
+@kernel
 def propagated(root: Array, prediction: Prediction, params: JointParams) -> Array:
     """The covariance's root over the interval, with its noise as more columns, not compressed."""
     places = params.places
@@ -396,14 +412,16 @@ def propagated(root: Array, prediction: Prediction, params: JointParams) -> Arra
     return np.hstack((after, columns))
 
 
+@kernel
 def _knows_inertia(mean: Array, covariance: Array) -> bool:
     """Whether J is positive definite and its diagonal known to half its size."""
     for i in range(3):
         if not np.sqrt(covariance[i, i]) < 0.5 * mean[i]:
             return False
-    return is_positive_definite(mean[INERTIA][ELEMENT])
+    return is_positive_definite(picked(mean, ELEMENT))
 
 
+@kernel
 def _thrust_products(state: JointState, acting: Drive, covariance: Array, params: JointParams) -> tuple[Array, Array]:
     """Mean, shape (6,), and covariance, shape (6, 6), of thrust errors times errors of the ten parameters."""
     mean, places = state.mean, params.places
@@ -414,28 +432,41 @@ def _thrust_products(state: JointState, acting: Drive, covariance: Array, params
     flat = effects.reshape(6, -1)
     product_mean = flat @ np.ascontiguousarray(crossed.T).ravel()
     variances = np.sum(thrusts * thrusts, axis=1).reshape(-1, 1)
-    product_noise = (variances * (effects @ covariance)).reshape(6, -1) @ flat.T
+    product_noise = (variances * _each_times(effects, covariance)).reshape(6, -1) @ flat.T
     return product_mean, product_noise
 
 
+def _flat_times(effects, covariance):  # type: ignore[no-untyped-def] # compiled alone
+    return (effects.reshape(-1, covariance.shape[0]) @ covariance).reshape(effects.shape)
+
+
+@idiom(_flat_times)
+def _each_times(effects: Array, covariance: Array) -> Array:
+    """Each matrix of a stack times another one."""
+    return effects @ covariance
+
+
+@kernel
 def _effects(mean: Array, wrenches: Array) -> Array:
     """N_j, the effect of errors of the ten parameters on w and c under wrenches for a second, shape (6, n, 10)."""
-    inverse = mean[INERTIA][ELEMENT]
+    inverse = picked(mean, ELEMENT)
     moments, forces = _moments(mean, wrenches), wrenches[:, 3:]
     effects = np.zeros((6, wrenches.shape[0], N_PROPERTIES))
     for row in range(3):
-        effects[row][:, ELEMENT[row]] = moments  # of J m
+        for column in range(3):
+            effects[row, :, ELEMENT[row, column]] = moments[:, column]  # of J m
         effects[row, :, CENTER] = forces @ skew(inverse[row]).T  # of J [F x]
         effects[3 + row, :, MASS] = forces[:, row]
     return effects
 
 
+@kernel
 def _white_noise(mean: Array, firing: Firing, params: JointParams) -> Array:
     """Covariance on w and c of walks, of impulses that scatter, and of commands that are not known, shape (6, 6)."""
     noise = np.zeros((6, 6))
     variance = firing.variance + (params.repeatability * firing.amount) ** 2
     if variance.any():
-        rate_effect = _moments(mean, params.wrenches) @ mean[INERTIA][ELEMENT]
+        rate_effect = _moments(mean, params.wrenches) @ picked(mean, ELEMENT)
         effects = np.hstack((rate_effect, mean[MASS] * params.wrenches[:, 3:]))
         noise = (effects * variance.reshape(-1, 1)).T @ effects
     noise[:3, :3] += params.rate_walk**2 * firing.duration_s * _IDENTITY
@@ -443,6 +474,7 @@ def _white_noise(mean: Array, firing: Firing, params: JointParams) -> Array:
     return noise
 
 
+@kernel
 def propellant_drift(properties: Array, used: float, tank_fraction: float, arm: float) -> Array:
     """Variances that propellant which is used adds to inertia and center of mass, shape (10,).
 

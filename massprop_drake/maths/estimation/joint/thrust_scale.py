@@ -18,9 +18,11 @@ import numpy as np
 
 from massprop_drake.maths.estimation.joint.covariance import compressed
 from massprop_drake.maths.estimation.joint.layout import INERTIA, MASS, N_PROPERTIES, JointParams, JointState
+from massprop_drake.maths.kernels import kernel
 from massprop_drake.maths.linear_algebra import Array
 
 
+@kernel
 def partitioned(state: JointState, params: JointParams) -> JointState:
     """The state in the variables b', J', mu', f' and s."""
     places = params.places
@@ -36,9 +38,28 @@ def partitioned(state: JointState, params: JointParams) -> JointState:
     root[MASS] += params.thrust_sigma * state.mean[MASS] * common
     for slot in range(places.n_force):
         root[places.force + slot] -= params.thrust_sigma * state.mean[places.force + slot] * common
-    return state._replace(root=compressed(root), rescaled=True)
+    return JointState(
+        state.mean,
+        compressed(root),
+        state.level,
+        state.slope,
+        state.spin,
+        state.reference,
+        state.last,
+        state.fired,
+        state.slot_jet,
+        state.slot_sign,
+        state.slot_on_top,
+        state.time_s,
+        state.started,
+        state.guarded,
+        state.freed,
+        True,
+        state.firing_count,
+    )
 
 
+@kernel
 def reported(state: JointState, params: JointParams) -> tuple[Array, Array]:
     """The ten parameters with the scale in them, shape (10,), and the rows of their errors, shape (10, size)."""
     properties, rows = state.mean[:N_PROPERTIES].copy(), state.root[:N_PROPERTIES].copy()

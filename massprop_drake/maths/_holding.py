@@ -1,0 +1,42 @@
+"""What compiled code keeps from one call to the next, in numba's own form; loads numba, so only `kernels` loads it.
+
+Python holds no more than a reference, which is passed in no time, however large the bundle is.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numba
+from numba.core import types
+from numba.experimental import structref
+
+_compiled: Any = numba.njit(cache=True, no_cfunc_wrapper=True)  # type: ignore[call-overload] # nobody calls it from C
+
+
+@structref.register
+class HeldType(types.StructRef):
+    """Type of a holder, by the type of what it holds."""
+
+    def preprocess_fields(self, fields: Any) -> Any:
+        """The fields with types that are not those of constants."""
+        return tuple((name, types.unliteral(kind)) for name, kind in fields)
+
+
+class Held(structref.StructRefProxy):
+    """Python's reference to a holder."""
+
+
+structref.define_proxy(Held, HeldType, ["value"])
+
+
+@_compiled  # type: ignore[untyped-decorator]
+def hold(value: Any) -> Any:
+    """A holder of a bundle."""
+    return Held(value)  # type: ignore[no-untyped-call] # numba's
+
+
+@_compiled  # type: ignore[untyped-decorator]
+def release(holder: Any) -> Any:
+    """The bundle, in Python's form."""
+    return holder.value

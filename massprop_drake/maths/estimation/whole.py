@@ -1,0 +1,234 @@
+"""A whole cycle of the thesis's filters and the CGLR as one kernel: the parts of `cycle` in the same order.
+
+What a cycle keeps stays within a `kernels.Holder`, and what is logged of it goes straight into rows, so that compiled
+code meets Python once a cycle, or once for all rows of a record that are read together.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from massprop_drake.maths.estimation.adaptation import Adaptation, left_alone
+from massprop_drake.maths.estimation.cycle import EstimationParams, EstimationState
+from massprop_drake.maths.estimation.detector import STATUS, Event, Evidence, KnownForce
+from massprop_drake.maths.estimation.detectors import cglr
+from massprop_drake.maths.estimation.detectors.cglr import CglrParams, DetectorState
+from massprop_drake.maths.estimation.detectors.known_forces import acting_force
+from massprop_drake.maths.estimation.filter import not_measured
+from massprop_drake.maths.estimation.filters import thesis
+from massprop_drake.maths.estimation.filters.mass_filter import MassInterval, MassParams
+from massprop_drake.maths.estimation.filters.rotation_filter import RotationInterval, RotationMemory, RotationParams
+from massprop_drake.maths.estimation.filters.thesis import ThesisState
+from massprop_drake.maths.estimation.impulses import interval_impulses, with_wrench
+from massprop_drake.maths.kernels import fill, kernel
+from massprop_drake.maths.linear_algebra import Array, nonzero
+from massprop_drake.maths.vehicle.thrust import LagFactors
+
+_EVENT, _DECLARED = STATUS.slice("detector_event").start, float(Event.DECLARED)
+_OF_JETS = STATUS.size  # where the part with an element per jet begins in what is logged of the detector
+
+
+class WholeParams(NamedTuple):
+    """What shapes a cycle.
+
+    Attributes:
+        period_s, impulse_per_level, lag: see `cycle.EstimationParams`.
+        rotation, mass: of the filters.
+        detector: see `CglrParams`; None: there is none.
+    """
+
+    period_s: float
+    impulse_per_level: Array
+    lag: LagFactors
+    rotation: RotationParams
+    mass: MassParams
+    detector: CglrParams | None
+
+
+class Rows(NamedTuple):
+    """What is logged, a row per cycle, as the layouts of the same names have it; one row of no cycle is empty."""
+
+    impulses: Array
+    rotation_report: Array
+    mass_report: Array
+    detector_report: Array
+
+
+class Samples(NamedTuple):
+    """Samples one after the other, see `cycle.Sample`.
+
+    Attributes:
+        time_s: shape (n,).
+        rates, velocities: shape (n, s, 3) each.
+        commands: over the interval that ends, shape (n, n_jets).
+        outside: known torque about the vehicle origin and force, mean over that interval, shape (n, 6).
+    """
+
+    time_s: Array
+    rates: Array
+    velocities: Array
+    commands: Array
+    outside: Array
+
+
+class Asked(NamedTuple):
+    """What the detector has the autopilot and the jets do; empty arrays without one.
+
+    Attributes:
+        declared: whether a failure was declared in the last cycle.
+        force, removed, closed: see `detector.Detector`, shape (n_jets,) each.
+    """
+
+    declared: bool
+    force: Array
+    removed: Array
+    closed: Array
+
+
+def covers(params: EstimationParams) -> bool:
+    """Whether the kernel does what a cycle is to do."""
+    made = params.filter_params
+    return (
+        params.filter is thesis.FILTER
+        and made.alone
+        and made.thrust_errors is None
+        and (params.detector is None or params.detector is cglr.DETECTOR)
+    )
+
+
+def params_of(params: EstimationParams) -> WholeParams:
+    """The kernel's parameters from those of a cycle that it covers."""
+    made = params.filter_params
+    return WholeParams(
+        params.period_s, params.impulse_per_level, params.lag, made.rotation, made.mass, params.detector_params
+    )
+
+
+@kernel
+def advance(holder: Any, samples: Samples, rows: Rows, reached: NDArray[np.int_], params: Any) -> Asked:
+    """Some cycles.
+
+    Args:
+        holder: of the state, see `cycle.EstimationState`.
+        samples: of the cycles.
+        rows: to be filled in from `reached[0]` on.
+        reached: the row that is being made, shape (1,).
+        params: holder of `WholeParams`.
+
+    Raises:
+        NotPositiveDefiniteError: when a covariance loses definiteness.
+    """
+    state, given = holder.value, params.value
+    for index in range(samples.time_s.size):
+        state = one(state, samples, index, (rows, reached[0]), given)
+        holder.value = state
+        reached[0] += 1
+    return _asked(state.detector, rows.detector_report, reached[0] - 1)
+
+
+@kernel
+def one(
+    state: EstimationState, samples: Samples, index: int, logged: tuple[Rows, int], params: WholeParams
+) -> EstimationState:
+    """One cycle.
+
+    Args:
+        state: of the cycle before.
+        samples, index: the sample among others.
+        logged: rows, and which of them is filled in.
+        params: see `WholeParams`.
+    """
+    filters, command = state.filter, samples.commands[index]
+    rates, velocities = samples.rates[index], samples.velocities[index]
+    # measure
+    outside = samples.outside[index] * params.period_s
+    impulses = interval_impulses(command, state.command, state.level, params.impulse_per_level, params.lag, outside)
+    acts, known = _known_force(state.detector, filters, command, params.detector)
+    if acts:
+        impulses = with_wrench(impulses, known.wrench, params.period_s)
+    angular, linear = impulses.angular_impulse, impulses.linear_impulse
+    acting = impulses.firing or acts
+    turned, turning, told, moved, moving = thesis.measured(
+        (filters.rotation, filters.memory, filters.mass, filters.velocities),
+        (rates, velocities),
+        (
+            RotationInterval(angular, linear, acting, known.rotation_spread, None),
+            MassInterval(linear, known.translation_spread, None),
+        ),
+        (params.rotation, params.mass),
+    )
+    # judge
+    both = _evidence(impulses.usable, told, moved, moving, filters.mass)
+    seen = Evidence(
+        samples.time_s[index],
+        command,
+        impulses.usable,
+        impulses.firing,
+        both.innovation,
+        both.covariance,
+        both.coupled,
+        both.estimate,
+        both.estimate_covariance,
+        both.cross_covariance,
+    )
+    rows, row = logged
+    detector, adaptation = _judged(state.detector, seen, rows.detector_report, row, params.detector)
+    # finish
+    rotation, mass, deviation = thesis.finished(
+        (filters.rotation, filters.mass),
+        (turned, turning, moved, moving),
+        (impulses.usable, impulses.firing),
+        adaptation,
+        (params.rotation, params.mass),
+    )
+    fill(rows.impulses[row], (angular, linear, impulses.usable, impulses.firing))
+    fill(rows.rotation_report[row], thesis.report_of_rotation(turning, rotation, deviation))
+    fill(rows.mass_report[row], thesis.report_of_mass(moving, mass))
+    memory = RotationMemory(rates, turning.subtract_coupling)
+    after = ThesisState(rotation.state, memory, mass.state, velocities)
+    return EstimationState(command, impulses.level, after, detector)
+
+
+@kernel
+def _evidence(usable: bool, told: Any, moved: Any, moving: Any, mass: Any) -> Any:
+    if usable:
+        return thesis.joint_of(told, moved, moving, mass)
+    return not_measured()
+
+
+@kernel
+def _known_force(state: Any, filters: Any, command: Array, params: CglrParams | None) -> tuple[bool, KnownForce]:
+    """Whether forces of failed jets are known and act, and what they do."""
+    if params is None:
+        return False, KnownForce(np.zeros(6), np.zeros((3, 3)), np.zeros((3, 3)))
+    return _acting(state, filters, command, params)
+
+
+@kernel
+def _acting(state: DetectorState, filters: Any, command: Array, params: CglrParams) -> tuple[bool, KnownForce]:
+    known = KnownForce(np.zeros(6), np.zeros((3, 3)), np.zeros((3, 3)))
+    if nonzero(state.variance):
+        predicted = np.append(filters.rotation.estimate, filters.mass.mass_reciprocal)
+        known = acting_force(state, predicted, command, params)
+    return bool(known.wrench.any() or known.translation_spread.any()), known
+
+
+@kernel
+def _judged(state: Any, seen: Evidence, rows: Array, row: int, params: CglrParams | None) -> tuple[Any, Adaptation]:
+    """The detector's state after a cycle, and what the filters are to do; its row is filled in."""
+    if params is None:
+        return state, left_alone(0, False)
+    done = cglr.judged(state, seen, params)
+    fill(rows[row], cglr.status_values(done))
+    fill(rows[row, _OF_JETS:], (done.tests.likelihood, done.tests.magnitude, state.force, state.variance))
+    return done.state, done.adaptation
+
+
+@kernel
+def _asked(state: DetectorState | None, rows: Array, last: int) -> Asked:
+    if state is None:
+        return Asked(False, np.empty(0), np.empty(0), np.empty(0))
+    return Asked(rows[last, _EVENT] == _DECLARED, state.force, state.removed, state.closed)
