@@ -58,5 +58,5 @@ def replayed(telemetry: Path, scenario: Scenario) -> Opinion:
     reader.close()
     context = simulator.get_context()
     logs = {name: np.array(sink.FindLog(context).data().T) for name, sink in sinks.items()}
-    states = for_json(state_groups(diagram, context))
+    states = for_json(state_groups(diagram.GetSubsystemByName("estimation"), context))
     return Opinion(estimation_signals(scenario, logs), states, logs["covariance"][-1].reshape(10, 10))
