@@ -195,7 +195,8 @@ def _injected(run: Run, number: int, shown_by: Mapping[int, int]) -> dict[str, A
     results, units = run.results, run.scenario.vehicle_data.unit_names
     one = (results.injected or ())[number]
     words, good = _OUTCOMES[one.outcome]
-    entry = next((each for each in results.detections if each.time_s == one.declared_s), None)
+    said = (one.declared_s, one.magnitude)
+    entry = next((each for each in results.detections if (each.time_s, each.magnitude) == said), None)
     if one.jet is None:
         before = sum(other.jet is None for other in (results.injected or ())[:number])
         jump = run.scenario.jumps[before]

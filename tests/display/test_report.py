@@ -6,6 +6,7 @@ import json
 import re
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -13,10 +14,11 @@ import pytest
 
 from massprop_drake import load_scenario, simulate
 from massprop_drake.cli import show
-from massprop_drake.display import interactive, plots, write_report
+from massprop_drake.display import interactive, page, plots, write_report
 from massprop_drake.display.page import report_html
 from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.results import table
+from massprop_drake.results.detections import size
 from massprop_drake.results.run import Run
 from massprop_drake.signals import SYMBOLS
 
@@ -86,6 +88,19 @@ def test_a_parameter_has_its_warrant_beside_its_error(html: str, stuck_run: Run)
     for symbol, entry in zip(SYMBOLS, stuck_run.results.identifiability, strict=True):
         row = html[html.index(f'<th scope="row">{symbol}</th>') :].split("</tr>", maxsplit=1)[0]
         assert f">{entry.flag.replace('_', ' ')}</td>" in row
+
+
+def test_of_failures_found_at_the_same_time_each_has_its_own_size(stuck_run: Run) -> None:
+    results, units = stuck_run.results, stuck_run.scenario.vehicle_data.unit_names
+    assert results.injected is not None
+    (first, *_), (found, *_) = results.injected, results.detections
+    second = found._replace(magnitude=2.0 * found.magnitude)
+    both = (first, first._replace(magnitude=second.magnitude))
+    run: Any = SimpleNamespace(
+        results=replace(results, injected=both, detections=(found, second)), scenario=stuck_run.scenario
+    )
+    sizes = [page._injected(run, number, {})["found"] for number in (0, 1)]
+    assert sizes == [size(found, units), size(second, units)]
 
 
 def test_what_was_injected_is_told_from_its_onset_to_its_declaration(html: str, stuck_run: Run) -> None:
