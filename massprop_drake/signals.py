@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from typing import NamedTuple
 
 import numpy as np
@@ -123,9 +124,12 @@ def accelerometer_signal(name: str) -> Signal:
     return Signal(name, f"reading of {name}", "{length}/s", AXES)
 
 
+_OWN = re.compile(r"[^./\\]+\.[^./\\]+")
+
+
 def is_own(name: str) -> bool:
     """Whether a name is that of a signal of the user's own, `<system>.<port>`."""
-    return "." in name
+    return _OWN.fullmatch(name) is not None
 
 
 def own_signal(name: str, size: int) -> Signal:

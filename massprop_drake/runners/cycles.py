@@ -25,7 +25,7 @@ _ESTIMATOR = "estimator"  # who has lost definiteness
 _NO_ROWS = np.empty((0, 0))
 
 
-class Record(NamedTuple):
+class RecordRows(NamedTuple):
     """Rows of a record as a cycle takes them.
 
     Attributes:
@@ -54,7 +54,7 @@ class Cycles(Protocol):
     def one(self, sample: Sample, log: EstimationLog, index: int) -> Asked | None:
         """A cycle, which fills in a row of the log; what the detector has others do, None without one."""
 
-    def many(self, record: Record, log: EstimationLog) -> None:
+    def many(self, record: RecordRows, log: EstimationLog) -> None:
         """A cycle for every row."""
 
     def reported(self) -> tuple[Array, Array]:
@@ -99,7 +99,7 @@ class Stepped:
         declared = done.judgment.status.detector_event == Event.DECLARED
         return Asked(bool(declared), after.force, after.removed, after.closed)
 
-    def many(self, record: Record, log: EstimationLog) -> None:
+    def many(self, record: RecordRows, log: EstimationLog) -> None:
         """A cycle for every row."""
         samples = record.samples
         for index, (coming, stamp_s) in enumerate(zip(record.coming, record.stamps_s.tolist(), strict=True)):
@@ -156,7 +156,7 @@ class Whole:
         asked = self._made(samples, log, index)
         return asked if self._has_detector else None
 
-    def many(self, record: Record, log: EstimationLog) -> None:
+    def many(self, record: RecordRows, log: EstimationLog) -> None:
         """A cycle for every row."""
         self._made(Samples(*map(np.ascontiguousarray, record.samples)), log, 0)
 

@@ -35,7 +35,7 @@ from massprop_drake.results.summary import (
     firings,
     null_for_nan,
 )
-from massprop_drake.runners.cycles import Record, cycles
+from massprop_drake.runners.cycles import RecordRows, cycles
 from massprop_drake.runners.logs import EstimationLog, Intake, estimation_signals, kept, restored
 from massprop_drake.signals import SYMBOLS
 from massprop_drake.telemetry.quality import QualityReport
@@ -173,7 +173,7 @@ class _Estimation:
             outside[1:] = rows.outside_wrench
         time_s = np.arange(self._next_row, self._next_row + count).astype(np.float64) * self._period_s
         samples = Samples(time_s, rates, velocities, coming[:-1], outside[:-1])
-        self._known.many(Record(samples, rows.time_s, coming[1:]), log)
+        self._known.many(RecordRows(samples, rows.time_s, coming[1:]), log)
         self._command, self._outside = coming[-1], outside[-1]
         self._next_row += count
         return log.rows

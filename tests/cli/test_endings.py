@@ -191,7 +191,7 @@ def test_an_interrupted_view(massprop: Massprop, monkeypatch: pytest.MonkeyPatch
     with monkeypatch.context() as patch:
         patch.setattr("massprop_drake.display.flight3d.replay_html", _signals(signal.SIGINT))
         assert massprop("view", "there") == (130, "", "massprop: interrupted: nothing was saved\n")
-    monkeypatch.setattr("massprop_drake.results.folder.write_files", write)
+    monkeypatch.setattr("massprop_drake.cli.pages.write_files", write)
     done = massprop("view", "there")
     assert done == (130, "", "massprop: interrupted: the replay is saved in there/replay.html\n")
 

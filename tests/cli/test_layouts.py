@@ -48,6 +48,7 @@ def quick(monkeypatch: pytest.MonkeyPatch, ready_run: Run) -> None:
     monkeypatch.setattr(flight3d, "replay_html", lambda _: "<!DOCTYPE html>")
     monkeypatch.setattr(graphs, "build", lambda name: name)
     monkeypatch.setattr(graphs, "dot_text", lambda name, _: f"digraph {name}")
+    monkeypatch.setattr(graphs, "overview_text", lambda name: f"digraph {name}")
     monkeypatch.setattr(graphs, "svg_text", lambda _: None)
 
 

@@ -292,7 +292,7 @@ def test_an_override_is_checked_like_the_file(override: str, words: str) -> None
 BAD_FILES = {
     "overlapping windows": (
         MANEUVER + "  - {controller: rhc, axis: -x, start_s: 2, end_s: 4}\n",
-        r": maneuver\[1\]: overlaps maneuver\[0\] on the same axis .*2 to 4 s and 1 to 3 s",
+        r", line \d+: maneuver\[1\]: overlaps maneuver\[0\] on the same axis .*2 to 4 s and 1 to 3 s",
     ),
     "negative start": (
         MANEUVER.replace("start_s: 1", "start_s: -1"),
@@ -336,7 +336,7 @@ BAD_FILES = {
     ),
     "overlapping pulses": (
         "jet_schedule:\n  - {jet: R4R, start_s: 0, end_s: 2}\n  - {jet: R4R, start_s: 1, end_s: 3}\n",
-        r": jet_schedule\[1\]: overlaps jet_schedule\[0\]",
+        r", line 3: jet_schedule\[1\]: overlaps jet_schedule\[0\]",
     ),
     "maneuver and schedule": (
         MANEUVER + "jet_schedule:\n  - {jet: R4R, start_s: 0, end_s: 1}\n",

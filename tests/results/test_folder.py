@@ -112,7 +112,7 @@ def test_a_place_is_checked_without_leaving_anything(tmp_path: Path) -> None:
     for name in ("a\0b", "\ud800"):
         with pytest.raises(InputError, match="no file can have this name"):
             require_writable(tmp_path / name)
-        with pytest.raises(InputError, match="holds no run that can be read"):
+        with pytest.raises(InputError, match="there is no such run"):
             Run.load(tmp_path / name)
     with pytest.raises(InputError, match="is a mount point"):
         require_writable(Path("/proc"), force=True)

@@ -375,7 +375,9 @@ class Cycled(NamedTuple):
 
     Attributes:
         state: after it.
-        estimate, covariance, innovation, gyro_nis, accelerometer_nis, incremented: see `Report`.
+        estimate: see `Report`, as all up to `incremented`.
+        covariance: see there.
+        innovation, gyro_nis, accelerometer_nis, incremented: see there.
         acting, expected: see `Course`.
         update: of no meaning where no component counted.
     """
