@@ -333,17 +333,23 @@ def running(race: Race, standing: list[Standing], free_slots: int) -> Race:
     present = {run.cause: run for run in race.runs}
     led = {each.cause for each in race.leading} & present.keys()  # kept: that none explains what is new is said of them
     wanted: list[Runner] = []
-    jump = [each for each in standing[1:] if each.contender.cause.kind == Kind.JUMP]
     liar = next((each.contender.cause for each in standing if each.contender.cause.kind == Kind.LIES), None)
     young = race.screen.cycle - race.triggered < _LIE_RUNS
     behind = {each.contender.cause for each in standing if each.run is not None and each.contender.lead < best - OUT}
     fits = leader.run is None or leader.run.fits
     reach = _NEAR if fits else max(_NEAR, _FIRST_ORDER * best)  # what it leads by to first order may be none
-    close = [each for each in standing[1:] if each not in jump and margin(leader, each) < reach]
-    for each in (leader, *jump, *close, *(each for each in standing[1:] if each not in jump and each not in close)):
+    others = [each for each in standing[1:] if each.contender.cause.kind != Kind.JUMP]
+    close = {each.contender.cause for each in others if margin(leader, each) < reach}
+
+    def place(each: Standing) -> int:
+        """The jump first, then those that are close, then the rest, each as likely as they are."""
+        cause = each.contender.cause
+        return 0 if cause.kind == Kind.JUMP else 1 if cause in close else 2
+
+    for each in (leader, *sorted(standing[1:], key=place)):
         contender, cause = each.contender, each.contender.cause
         stays = (cause.kind == Kind.JUMP or cause in present) and contender.lead > best - OUT
-        near = stays or each is leader or each in close or (young and cause == liar)
+        near = stays or each is leader or cause in close or (young and cause == liar)
         if cause in led:
             wanted.append(present[cause])
         elif near and contender.lead > 0.0 and len(wanted) < _RUNS and _fits(race, cause, free_slots):
