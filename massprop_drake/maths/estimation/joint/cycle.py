@@ -21,9 +21,8 @@ from massprop_drake.maths.estimation.joint.layout import (
     VELOCITY,
     JointParams,
     JointState,
+    relearned,
     settled,
-    with_mean,
-    with_root,
 )
 from massprop_drake.maths.estimation.joint.measurement import outputs, rate_read, readings, used
 from massprop_drake.maths.estimation.joint.prediction import (
@@ -415,7 +414,7 @@ def cycled(state: JointState, sample: Sample, thresholds: Array, holder: Any) ->
         count = int(expected.used[: 3 * params.places.gyros].sum())
         if count > 0 and gyro_nis > thresholds[count - 1]:
             incremented = True
-            state = with_root(state, incremented_root(state.root, params))
+            state = relearned(state, state.mean, incremented_root(state.root, params))
             expected = _counting(expect(state, acting, sample, params), expected.used)
 
     mean, root, last = expected.prediction.mean, expected.root, state.last
@@ -492,7 +491,7 @@ def _update_again(state: JointState, acting: Drive, expected: Expected, first: U
     """The update with the effects of parameters taken at the estimate that the first one gave."""
     mean = state.mean.copy()
     mean[:N_PROPERTIES] = expected.prediction.mean[:N_PROPERTIES] + first.correction[:N_PROPERTIES]
-    rate_rows, velocity_rows = error_rows(with_mean(state, mean), acting, params)
+    rate_rows, velocity_rows = error_rows(relearned(state, mean, state.root), acting, params)
     begin = params.places.thrust
     before = expected.prediction
     rate_rows[:, :begin], velocity_rows[:, :begin] = before.rate_rows[:, :begin], before.velocity_rows[:, :begin]

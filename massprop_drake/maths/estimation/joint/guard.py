@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from massprop_drake.maths.estimation.joint.layout import CENTER, JointParams, JointState
+from massprop_drake.maths.estimation.joint.layout import CENTER, JointParams, JointState, flagged
 from massprop_drake.maths.estimation.joint.thrust_scale import partitioned, reported
 from massprop_drake.maths.kernels import kernel
 
@@ -33,36 +33,12 @@ def guarded(state: JointState, commanded: bool, params: JointParams) -> JointSta
         params: see `JointParams`.
     """
     if state.guarded:
-        return _guarded(state, state.freed, state.firing_count + 1.0) if commanded else state
+        return flagged(state, True, state.freed, state.rescaled, state.firing_count + 1.0) if commanded else state
     if not converged(state, params):
         return state
     if params.places.n_thrust > 0 and not state.rescaled:
         state = partitioned(state, params)
-    return _guarded(state, True, 1.0 if commanded else 0.0)
-
-
-@kernel
-def _guarded(state: JointState, freed: bool, firing_count: float) -> JointState:
-    """The state with the guard holding."""
-    return JointState(
-        state.mean,
-        state.root,
-        state.level,
-        state.slope,
-        state.spin,
-        state.reference,
-        state.last,
-        state.fired,
-        state.slot_jet,
-        state.slot_sign,
-        state.slot_on_top,
-        state.time_s,
-        state.started,
-        True,
-        freed,
-        state.rescaled,
-        firing_count,
-    )
+    return flagged(state, True, True, state.rescaled, 1.0 if commanded else 0.0)
 
 
 def unguarded(state: JointState) -> JointState:

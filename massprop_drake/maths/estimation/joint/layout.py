@@ -251,10 +251,10 @@ def unpack(vector: Array, places: Places) -> JointState:
 
 
 @kernel
-def with_root(state: JointState, root: Array) -> JointState:
-    """The state with another root."""
+def relearned(state: JointState, mean: Array, root: Array) -> JointState:
+    """The state with another mean and root."""
     return JointState(
-        state.mean,
+        mean,
         root,
         state.level,
         state.slope,
@@ -275,10 +275,10 @@ def with_root(state: JointState, root: Array) -> JointState:
 
 
 @kernel
-def with_mean(state: JointState, mean: Array) -> JointState:
-    """The state with another mean."""
+def flagged(state: JointState, guarded: bool, freed: bool, rescaled: bool, firing_count: float) -> JointState:
+    """The state with another standing of the guard, and of what follows from it."""
     return JointState(
-        mean,
+        state.mean,
         state.root,
         state.level,
         state.slope,
@@ -291,10 +291,10 @@ def with_mean(state: JointState, mean: Array) -> JointState:
         state.slot_on_top,
         state.time_s,
         state.started,
-        state.guarded,
-        state.freed,
-        state.rescaled,
-        state.firing_count,
+        guarded,
+        freed,
+        rescaled,
+        firing_count,
     )
 
 

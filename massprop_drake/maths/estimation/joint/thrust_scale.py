@@ -17,7 +17,15 @@ from __future__ import annotations
 import numpy as np
 
 from massprop_drake.maths.estimation.joint.covariance import compressed
-from massprop_drake.maths.estimation.joint.layout import INERTIA, MASS, N_PROPERTIES, JointParams, JointState
+from massprop_drake.maths.estimation.joint.layout import (
+    INERTIA,
+    MASS,
+    N_PROPERTIES,
+    JointParams,
+    JointState,
+    flagged,
+    relearned,
+)
 from massprop_drake.maths.kernels import kernel
 from massprop_drake.maths.linear_algebra import Array
 
@@ -38,25 +46,8 @@ def partitioned(state: JointState, params: JointParams) -> JointState:
     root[MASS] += params.thrust_sigma * state.mean[MASS] * common
     for slot in range(places.n_force):
         root[places.force + slot] -= params.thrust_sigma * state.mean[places.force + slot] * common
-    return JointState(
-        state.mean,
-        compressed(root),
-        state.level,
-        state.slope,
-        state.spin,
-        state.reference,
-        state.last,
-        state.fired,
-        state.slot_jet,
-        state.slot_sign,
-        state.slot_on_top,
-        state.time_s,
-        state.started,
-        state.guarded,
-        state.freed,
-        True,
-        state.firing_count,
-    )
+    rescaled = relearned(state, state.mean, compressed(root))
+    return flagged(rescaled, state.guarded, state.freed, True, state.firing_count)
 
 
 @kernel
