@@ -23,7 +23,17 @@ from massprop_drake.results.spool import Signals, Spool, blocks, write_npz
 from massprop_drake.results.stored import STATE_FILE, FilterState, read_history, read_json
 from massprop_drake.results.summary import Summary, null_for_nan
 from massprop_drake.results.thinning import outstanding_rows, picked
-from massprop_drake.signals import SIGNALS, Signal, accelerometer_signal, gyro_signal, in_units, is_own, own_signal
+from massprop_drake.signals import (
+    SIGNALS,
+    Signal,
+    accelerometer_signal,
+    gyro_signal,
+    in_units,
+    is_own,
+    own_signal,
+    pose_signal,
+    velocity_signal,
+)
 from massprop_drake.telemetry import reader as telemetry
 
 if TYPE_CHECKING:
@@ -133,6 +143,8 @@ class Run:
         vehicle = self.scenario.vehicle_data
         packages = {gyro.name: gyro_signal(gyro.name) for gyro in vehicle.gyros}
         packages |= {package.name: accelerometer_signal(package.name) for package in vehicle.accelerometers}
+        packages |= {sensor.name: pose_signal(sensor.name) for sensor in vehicle.poses}
+        packages |= {sensor.name: velocity_signal(sensor.name) for sensor in vehicle.velocities}
         own = {name: own_signal(name, np.shape(self.signals[name])[1]) for name in self.signals if is_own(name)}
         return {name: SIGNALS.get(name) or packages.get(name) or own[name] for name in self.signals}
 
@@ -164,8 +176,8 @@ class Run:
         """
         if self.thinned or self._n_rows <= _MANY_ROWS:
             return self
-        gyro = params.gyro(self.scenario).name
-        rows = outstanding_rows(self.signals, self._n_rows, keys=(gyro,), peaks=_PEAKS, events=_EVENTS)
+        keys = (params.main_sensor(self.scenario),)
+        rows = outstanding_rows(self.signals, self._n_rows, keys=keys, peaks=_PEAKS, events=_EVENTS)
         signals = picked(self._rows, rows, leaving_out=_NOT_SHOWN)
         shown = Run(self.scenario, self.results, signals.pop("time_s"), signals, self.state)
         shown.thinned = True
@@ -278,16 +290,18 @@ class Run:
     def _telemetry(self) -> Iterator[telemetry.Rows]:
         """The readings and commands, block by block."""
         sensors = self.scenario.vehicle_data.sensor_names()
+        tracked = [sensor.name for sensor in self.scenario.vehicle_data.tracked]
         recorded = "gap" in self.signals
         optional = [name for name in ("gap", "outside_wrench") if name in self.signals]
         left = self._n_rows
-        for block in blocks(self._rows, "time_s", "command", *sensors, *optional):
+        for block in blocks(self._rows, "time_s", "command", *sensors, *tracked, *optional):
             left -= block["time_s"].size
             commands, readings = block["command"], {name: block[name] for name in sensors}
             if not (recorded or left):
                 commands = np.vstack([commands[:-1], np.full(commands.shape[1], np.nan)])  # none beyond the end
             there = block["gap"][:, 0] == 0.0 if recorded else np.ones(len(commands), dtype=bool)
-            yield telemetry.Rows(block["time_s"], readings, commands, block.get("outside_wrench"), there)
+            followed = np.hstack([block[name] for name in tracked]) if tracked else None
+            yield telemetry.Rows(block["time_s"], readings, commands, block.get("outside_wrench"), there, followed)
 
     def _write_history(self, path: Path) -> None:
         described = {name: {"unit": self.units[name], "components": self.components[name]} for name in self.units}
