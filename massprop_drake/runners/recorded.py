@@ -21,6 +21,7 @@ from massprop_drake.maths.estimation.whole import Samples
 from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
 from massprop_drake.records import mapping
 from massprop_drake.records.recording import open_recording
+from massprop_drake.results import followed
 from massprop_drake.results.consistency import Tally, judged, used_nis
 from massprop_drake.results.detections import JUMP, DetectionRecord
 from massprop_drake.results.events import EventRecord
@@ -226,6 +227,7 @@ class _Estimation:
         found = self._intake.found()
         failed_s = [entry.onset_s for entry in found.detections if entry.kind != JUMP and entry.withdrawn_s is None]
         quality = self._quality.finished(record, reader.ragged, min(failed_s, default=math.inf))
+        quality["warnings"] = [*quality["warnings"], *followed.remarks(self._scenario, self._intake.spool)]
         unknown = np.full(10, np.nan)
         estimate = last("estimate")
         back = looked_back(self._scenario, self._intake.spool, estimate, found.detections, resumed=self._resumed)

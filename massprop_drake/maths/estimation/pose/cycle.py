@@ -33,8 +33,8 @@ class Cycled(NamedTuple):
         innovation: shape (n_filters, m).
         nis: of the innovation, without a kick; NaN where nothing was read, shape (n_filters,).
         kicked: probability of a kick, shape (n_filters,).
-        of_first: NIS of the first filter, and components that it is of: of attitude and rate, then of place and
-            velocity, shape (2, 2).
+        of_first: NIS of the first filter, of what has probably happened, and components that it is of: of attitude and
+            rate, then of place and velocity, shape (2, 2).
     """
 
     bank: Bank
@@ -80,7 +80,6 @@ def step(bank: Bank, commands: Commands, span_s: tuple[float, float], readings: 
     if beside is None:
         nothing = np.zeros(count)
         return Cycled(ahead.bank, nothing, np.zeros((count, 0)), np.full(count, np.nan), nothing, np.zeros((2, 2)))
-    of_first = _by_kind(ahead.bank.covariance[0], beside)
     chance = 1.0 - np.exp(-params.kicks_per_s * (span_s[1] - span_s[0]))
     try:
         mixed = _mixed(ahead, beside, chance, np.ones(params.free.size), params)
@@ -92,17 +91,18 @@ def step(bank: Bank, commands: Commands, span_s: tuple[float, float], readings: 
         worst = ahead.bank.covariance[np.argmin(np.linalg.eigvalsh(ahead.bank.covariance)[:, 0])]
         raise NotPositiveDefiniteError(worst, "the pose estimator's covariance", span_s[1]) from None
     after = shifted(ahead.bank, mixed.correction, mixed.covariance, params)
-    return Cycled(after, mixed.likelihood, beside.innovation, mixed.nis, mixed.kicked, of_first)
+    return Cycled(after, mixed.likelihood, beside.innovation, mixed.nis, mixed.kicked, mixed.of_first)
 
 
 class _Mixed(NamedTuple):
-    """The updates by all that may have happened, merged; `nis` is that of nothing, `kicked` the share of a kick."""
+    """The updates by all that may have happened, merged; `nis` is that of nothing; for the rest see `Cycled`."""
 
     correction: Array
     covariance: Array
     likelihood: Array
     nis: Array
     kicked: Array
+    of_first: Array
 
 
 def _mixed(ahead: Predicted, beside: Compared, chance: float, taken: Array, params: PoseParams) -> _Mixed:
@@ -117,21 +117,23 @@ def _mixed(ahead: Predicted, beside: Compared, chance: float, taken: Array, para
     """
     covariance = ahead.bank.covariance
     poor = params.pose.outliers if beside.poses.any() else 0.0
-    ways = [(1.0 - chance - poor, _updated(covariance, beside, taken))]
+    happened = [(1.0 - chance - poor, covariance, beside)]
     if chance > 0.0:
-        ways.append((chance, _updated(covariance + ahead.kick @ ahead.kick.T, beside, taken)))
+        happened.append((chance, covariance + ahead.kick @ ahead.kick.T, beside))
     if poor > 0.0:
-        ways.append((poor, _updated(covariance, _noisier(beside, params.pose.outlier_scale), taken)))
-    each = np.stack([np.log(weight) + way.likelihood for weight, way in ways])
+        happened.append((poor, covariance, _noisier(beside, params.pose.outlier_scale)))
+    ways = [_updated(before, read, taken) for _, before, read in happened]
+    each = np.stack([np.log(weight) + way.likelihood for (weight, *_), way in zip(happened, ways, strict=True)])
     total = np.logaddexp.reduce(each)
     share = np.exp(each - total)
-    correction = np.einsum("kh,khn->hn", share, np.stack([way.correction for _, way in ways]))
+    correction = np.einsum("kh,khn->hn", share, np.stack([way.correction for way in ways]))
     merged = np.zeros_like(covariance)
-    for part, (_, way) in zip(share, ways, strict=True):
+    for part, way in zip(share, ways, strict=True):
         apart = way.correction - correction
         merged += part[:, None, None] * (way.covariance + apart[:, :, None] * apart[:, None, :])
     kicked = share[1] if chance > 0.0 else np.zeros(total.shape[0])
-    return _Mixed(correction, merged, total, ways[0][1].nis, kicked)
+    nis = [part * _by_kind(before[0], read) for part, (_, before, read) in zip(share[:, 0], happened, strict=True)]
+    return _Mixed(correction, merged, total, ways[0].nis, kicked, np.sum(nis, axis=0))
 
 
 def _spin(params: PoseParams) -> np.ndarray:
