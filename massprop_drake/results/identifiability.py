@@ -96,7 +96,7 @@ def identified(
 
     jacobian = observability.impulse_jacobian(vehicle.wrenches * FIRING_S, scaling, accelerometer=weighs)
     jacobian = jacobian.reshape(len(vehicle.jets), -1, 10)
-    noise = _noise(scenario)
+    noise = increments_noise(scenario)
     best = identifiability.foretold(covariance, jacobian, noise)
 
     entries = []
@@ -114,7 +114,7 @@ def identified(
     return tuple(entries)
 
 
-def _noise(scenario: Scenario) -> Array:
+def increments_noise(scenario: Scenario) -> Array:
     """Covariance of the increments of rate and, where it is measured, velocity over a sample, shape (3 or 6, ...).
 
     A position or an attitude shows them by the difference of two differences.
