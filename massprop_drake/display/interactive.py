@@ -20,6 +20,7 @@ from massprop_drake.display.spec import (
     Level,
     Line,
     Mark,
+    Over,
     Panel,
     Plot,
     Points,
@@ -47,14 +48,15 @@ def drawn(plot: Plot) -> Json:
     Returns:
         `name` and `title`; `traces` and `layout` as plotly takes them; and `views`, the vertical axes that the
         reader switches between a linear and a logarithmic view. A trace of one view names it in `view`, which the
-        page takes out.
+        page takes out. A path over a quantity says in `meta.over` what its horizontal axis shows; it has a point for
+        each sample time.
     """
     traces: list[Json] = []
     shapes: list[Json] = []
     axes: Json = {}
     views: list[str] = []
     heights = [_height(panel, alone=len(plot.panels) == 1) for panel in plot.panels]
-    spaces = [_GAP + _key_height(panel) for panel in plot.panels]
+    spaces = [_GAP + _key_height(panel) + _axis_height(panel, number) for number, panel in enumerate(plot.panels)]
     total = sum(heights) + sum(spaces)
     top = total
     for number, (panel, height, space) in enumerate(zip(plot.panels, heights, spaces, strict=True), 1):
@@ -68,18 +70,25 @@ def drawn(plot: Plot) -> Json:
             if "meta" in trace:
                 trace["meta"] |= {"label": f"{panel.label} {trace['meta']['label']}".strip(), "unit": panel.unit}
             traces.append({**trace, "yaxis": f"y{suffix}", "legend": f"legend{suffix}"})
-        shapes += _shapes(plot, panel, suffix)
-        axes[f"yaxis{suffix}"] = {**_vertical(panel), "domain": [(top - height) / total, top / total]}
+        vertical = {**_vertical(panel), "domain": [(top - height) / total, top / total]}
+        if panel.over:
+            axes[f"xaxis{suffix}"] = _horizontal(panel.over, suffix)
+            vertical["anchor"] = f"x{suffix}"
+            _run_over(traces[-len(marks) :], panel, panel.over, suffix)
+        else:
+            shapes += _shapes(plot, panel, suffix)
+        axes[f"yaxis{suffix}"] = vertical
         axes[f"legend{suffix}"] = {
             "orientation": "h", "x": 1.0, "xanchor": "right", "y": top / total, "yanchor": "bottom",
             "font": {"size": 10},
         }  # fmt: skip
         top -= height
-    axes["xaxis"] = {
-        "title": {"text": "time, s"},
-        "range": [_rounded(plot.time_s[0]), _rounded(plot.time_s[-1])],
-        "anchor": f"y{suffix}",  # of the lowest panel
-    }
+    if not plot.panels[-1].over:
+        axes["xaxis"] = {
+            "title": {"text": "time, s"},
+            "range": [_rounded(plot.time_s[0]), _rounded(plot.time_s[-1])],
+            "anchor": f"y{suffix}",  # of the lowest panel
+        }
     layout = {
         "height": total + _TOP + _BOTTOM,
         "margin": {"l": 64, "r": 12, "t": _TOP, "b": _BOTTOM},
@@ -104,7 +113,12 @@ def times(plot_time_s: Array) -> list[float]:
 
 def _height(panel: Panel, *, alone: bool) -> int:
     """Returns the height of a panel, pixels."""
-    return max(_ROW * len(panel.rows), _ONE_PANEL if alone else _PANEL)
+    return max(_ROW * len(panel.rows), _ONE_PANEL if alone or panel.over else _PANEL)
+
+
+def _axis_height(panel: Panel, number: int) -> int:
+    """Returns the height that the horizontal axis of the panel above needs, pixels."""
+    return _BOTTOM if panel.over and number else 0
 
 
 def _key_height(panel: Panel) -> int:
@@ -115,6 +129,24 @@ def _key_height(panel: Panel) -> int:
         if not isinstance(mark, Bars) and mark.label and not (isinstance(mark, Points) and not mark.drawn)
     ]
     return _KEY * math.ceil(sum(_SYMBOL + _LETTER * len(label) for label in labels) / _NARROW)
+
+
+def _horizontal(over: Over, suffix: str) -> Json:
+    """Describes the horizontal axis of a panel that is not over the time."""
+    return {
+        "title": {"text": plain(over.axis_label), "font": {"size": 10}},
+        "range": list(over.limits),
+        "anchor": f"y{suffix}",
+        "exponentformat": "power",
+    }
+
+
+def _run_over(traces: Sequence[Json], panel: Panel, over: Over, suffix: str) -> None:
+    """Puts the traces of a panel over its quantity; the first is the path, which alone is read at a time."""
+    for trace in traces:
+        trace["xaxis"] = f"x{suffix}"
+        trace.pop("meta", None)
+    traces[0]["meta"] = {"label": panel.label, "unit": panel.unit, "over": [over.label, over.unit]}
 
 
 def _vertical(panel: Panel) -> Json:

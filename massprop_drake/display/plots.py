@@ -19,6 +19,7 @@ from massprop_drake.display.spec import (
     Line,
     Mark,
     Moment,
+    Over,
     Panel,
     Plot,
     Points,
@@ -27,10 +28,11 @@ from massprop_drake.display.spec import (
     Window,
     Zone,
 )
-from massprop_drake.display.style import BAND_COLOR, COLORS, FAILED_COLOR, POINT_SIZE, SHOWN, TRUTH_COLOR
+from massprop_drake.display.style import BAND_COLOR, COLORS, FAILED_COLOR, POINT_SIZE, SHOWN, THIN_LINE, TRUTH_COLOR
 from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.maths.autopilot.phase_space import PhaseSpaceParams, commanded_rate
 from massprop_drake.signals import AXES, SIGNALS, SYMBOLS, in_units, mass_property_units
 
 if TYPE_CHECKING:
@@ -89,6 +91,8 @@ def available(run: Source) -> dict[str, Callable[[Source], Plot]]:
         if "attitude_error" in run.signals:
             found["attitude_error"] = attitude_error
         found |= {"velocities": velocities, "clusters": clusters, "jets": jets, "torques": torques, "forces": forces}
+        if "attitude_error" in run.signals:
+            found["phase_plane"] = phase_plane
     else:  # recorded telemetry: what was read, in place of what was true
         if run.vehicle.accelerometers:
             found["accelerometer_velocities"] = accelerometer_velocities
@@ -103,6 +107,8 @@ def available(run: Source) -> dict[str, Callable[[Source], Plot]]:
     found["consistency"] = consistency
     if "rotation_innovation" in run.signals:
         found["innovations"] = innovations
+    if "mass_innovation" in run.signals:
+        found["mass_innovations"] = mass_innovations
     if run.consistency is None:
         found["propellant"] = propellant
     if "likelihood" in run.signals:
@@ -132,6 +138,48 @@ def velocities(run: Source) -> Plot:
 def attitude_error(run: Source) -> Plot:
     """Attitude error in hold."""
     return _vector(run, "attitude_error", "attitude_error", "Attitude error in hold", "deg", scale=_DEGREES)
+
+
+def phase_plane(run: Source) -> Plot:
+    """Rate over attitude error of the axes in hold, with the lines beyond which the autopilot acts.
+
+    Both are as the autopilot sees them. An axis that does not hold its attitude has no error, and no path.
+    """
+    law = params.phase_space_params(run.scenario)
+    error = _DEGREES * np.where(run.signals["attitude_error"] == 0.0, np.nan, run.signals["attitude_error"])
+    rate = _DEGREES * run.signals[params.gyro(run.scenario).name]
+    translates = any(window.controller == "thc" for window in run.scenario.maneuver)
+    deadbands = {"corrects beyond": law.rate_deadband} | ({"in a translation": law.resolve_rate} if translates else {})
+    panels = [_phase_panel(letter, error[:, axis], rate[:, axis], law, deadbands) for axis, letter in enumerate(AXES)]
+    meaning = "an axis beyond the dashed lines asks for a correction of all three"
+    return _plot(run, "phase_plane", "Phase plane: rate over attitude error, in hold", panels, meaning=meaning)
+
+
+def _phase_panel(
+    letter: str, error: Array, rate: Array, law: PhaseSpaceParams, deadbands: Mapping[str, float]
+) -> Panel:
+    """The path of an axis, deg and deg/s, among its switching lines; deadbands in rad/s by what they are for."""
+    held = np.where(np.isnan(error), np.nan, rate)
+    wide = _beyond(error, 0.0)
+    high = _beyond(held, _DEGREES * (law.hold_rate_limit + max(deadbands.values())))
+    corner = _DEGREES * law.hold_rate_limit / law.hold_gain if law.hold_gain > 0.0 else wide
+    x = np.unique(np.clip([-wide, -corner, corner, wide], -wide, wide))
+    wanted = np.array([_DEGREES * commanded_rate(np.zeros(3), np.full(3, at), law)[0] for at in x / _DEGREES])
+    key = letter == AXES[0]  # one for all
+    marks: list[Mark] = [
+        Line(error, held, COLORS[AXES.index(letter)], "path" if key else "", width=THIN_LINE),
+        Line(x, wanted, TRUTH_COLOR, "rate wanted" if key else ""),
+    ]
+    for (label, deadband), color in zip(deadbands.items(), (TRUTH_COLOR, BAND_COLOR), strict=False):
+        for sign, said in ((-1.0, ""), (1.0, label if key else "")):
+            marks.append(Line(x, wanted + sign * _DEGREES * deadband, color, said, dashed=True))
+    over = Over(f"attitude error {letter}", "deg", (-wide, wide))
+    return Panel(f"rate {letter}", "deg/s", tuple(marks), limits=(-high, high), over=over)
+
+
+def _beyond(values: Array, least: float) -> float:
+    """Half the width of a range around zero that holds all values with some margin."""
+    return 1.1 * max(float(np.nan_to_num(np.abs(values)).max()), least) or 1.0
 
 
 def torques(run: Source) -> Plot:
@@ -381,29 +429,41 @@ def consistency(run: Source) -> Plot:
 
 
 def innovations(run: Source) -> Plot:
-    """Innovations of the rotation filter at the samples used, with 3 sigma of the readings alone."""
-    used = run.where("rotation_used")
-    values = _DEGREES * run.signals["rotation_innovation"][used]
-    limit = 3.0 * _DEGREES * float(np.sqrt(2.0 * params.gyro(run.scenario).variance))  # of a difference of two readings
-    panels = [
-        Panel(
-            letter,
-            "deg/s",
-            (
-                Zone(-limit, limit, label="3 sigma of the readings alone" if axis == 0 else ""),
-                Points(run.time_s[used], values[:, axis], COLORS[axis], "innovation" if axis == 0 else ""),
-            ),
-            limits=_of_most(values[:, axis], limit),
-        )
-        for axis, letter in enumerate(AXES)
-    ]
-    return _plot(run, "innovations", "Innovations of the rotation filter at the samples used", panels)
+    """Innovations of rotation at the samples used, with 3 sigma by the filter's own covariance."""
+    return _innovations(run, "innovations", "rotation", _DEGREES, "deg/s")
 
 
-def _of_most(values: Array, limit: float) -> tuple[float, float]:
-    """Limits that show a range and nearly all values; a few during a failure may be far beyond."""
-    reach = 2.0 * limit if not values.size else max(2.0 * limit, 1.2 * float(np.quantile(np.abs(values), 0.98)))
-    return -reach, reach
+def mass_innovations(run: Source) -> Plot:
+    """Innovations of translation at the samples used, with 3 sigma by the filter's own covariance."""
+    return _innovations(run, "mass_innovations", "mass", 1.0, f"{run.vehicle.unit_names['length']}/s")
+
+
+_TURNED_OR_MOVED = {"rotation": "rotation", "mass": "translation"}  # by how a filter's signals begin
+
+
+def _innovations(run: Source, name: str, filtered: str, scale: float, unit: str) -> Plot:
+    """Innovations of a filter, a panel per axis."""
+    used = run.where(f"{filtered}_used")
+    time_s, values = run.time_s[used], scale * run.signals[f"{filtered}_innovation"][used]
+    bands = 3.0 * scale * run.signals.get(f"{filtered}_innovation_std", np.full((run.time_s.size, 3), np.nan))[used]
+    panels = []
+    for axis, letter in enumerate(AXES):
+        value, band = values[:, axis], bands[:, axis]
+        marks: list[Mark] = [Points(time_s, value, COLORS[axis], "innovation" if axis == 0 else "")]
+        if np.isfinite(band).any():  # not in runs made before it was logged
+            label = "3 sigma by the filter's own covariance" if axis == 0 else ""
+            marks.insert(0, Whiskers(time_s, -band, band, BAND_COLOR, label))
+        panels.append(Panel(letter, unit, tuple(marks), limits=_of_most(value, band)))
+    return _plot(run, name, f"Innovations of {_TURNED_OR_MOVED[filtered]} at the samples used", panels)
+
+
+def _of_most(values: Array, band: Array) -> tuple[float, float] | None:
+    """Limits that show most values and the usual band; some at the start or during a failure may be far beyond."""
+    there = [np.abs(part[np.isfinite(part)]) for part in (values, 3.0 * band)]
+    reach = max(
+        (float(np.quantile(part, q)) for part, q in zip(there, (0.9, 0.5), strict=True) if part.size), default=0
+    )
+    return (-reach, reach) if reach > 0.0 else None
 
 
 def _mean_nis(run: Source, name: str, nis: Array) -> str:

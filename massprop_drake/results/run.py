@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 # signals that no figure of recorded telemetry shows
-_NOT_SHOWN = ("angular_impulse", "linear_impulse", "failure_magnitude", "rotation_innovation", "mass_innovation")
+_NOT_SHOWN = ("angular_impulse", "linear_impulse", "failure_magnitude")
 _MANY_ROWS = 5000  # longer runs are downsampled for plots and pages
 _END = "...\n"  # closes a YAML document: a file without it was cut short
 _PEAKS = ("rotation_nis", "mass_nis")  # signals whose maxima a plot must not lose

@@ -259,6 +259,27 @@ def test_jets_one_by_one_open_when_they_are_asked_for(report: Any) -> None:
     page.wait_for_selector("#plot-jets .main-svg")
 
 
+def test_the_phase_plane_follows_cursor_and_zoom(report: Any, stuck_run: Run) -> None:
+    page = report.page
+    figure = "massprop.figures.find(f => f.name === 'phase_plane')"
+    error, rate = (np.degrees(stuck_run[name][:, 0]) for name in ("attitude_error", "gyro"))
+    row = int(np.flatnonzero(error)[-5])
+    page.evaluate(f"massprop.cursor({stuck_run.time_s[row] + 0.01})")
+    read = page.evaluate(f"massprop.reading({figure}, {stuck_run.time_s[row] + 0.01})")
+    assert [label for label, _, _ in read[:2]] == ["attitude error x", "rate x"]
+    np.testing.assert_allclose([float(value) for _, value, _ in read[:2]], [error[row], rate[row]], rtol=1e-4)
+    plot = "document.querySelector('#plot-phase_plane .js-plotly-plot')"
+    report.until(f"Math.abs({plot}.data[{plot}.data.length - 3].x[0] - {error[row]}) < 1e-4 * {abs(error[row])}")
+    start, end = stuck_run.time_s[row - 10], stuck_run.time_s[row]
+    page.evaluate(f"massprop.zoom({start}, {end})")
+    report.until(f"{plot}.data[0].x.filter(value => value !== null).length <= 11")
+    low, high = page.evaluate(f"{plot}._fullLayout.xaxis.range")
+    assert low < np.nanmin(error[row - 10 : row + 1])
+    assert np.nanmax(error[row - 10 : row + 1]) < high
+    assert page.evaluate("document.querySelector('#plot-rates .js-plotly-plot')._fullLayout.xaxis.range[0]") == start
+    assert report.said == []
+
+
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_text_stands_out_from_its_ground(report: Any, scheme: str) -> None:
     """WCAG 2.1 AA: a contrast of 4.5 for text, by its own formula, of every color against every ground it stands on."""
@@ -303,7 +324,7 @@ def test_one_cursor_moves_all_plots(opened: Any, stuck_run: Run, tmp_path: Path)
     before = places()
     slider.fill("4")
     after = places()
-    assert len(before) == page.locator(".plot:not(.folded)").count()
+    assert len(before) == page.locator(".plot:not(.folded)").count() - 1  # of the phase plane, which is not over time
     assert all(b - a > 50 for a, b in zip(before, after, strict=True))
     assert "4.00 s" in page.inner_text("#cursor-time")
 
@@ -313,4 +334,4 @@ def test_a_zoom_in_one_plot_is_a_zoom_in_all(opened: Any, stuck_run: Run, tmp_pa
     zoom = "{'xaxis.range[0]': 1, 'xaxis.range[1]': 2}"
     opening.page.evaluate(f"Plotly.relayout(document.querySelector('#plot-rates .js-plotly-plot'), {zoom})")
     zoomed = "p => Math.abs(p._fullLayout.xaxis.range[1] - 2) < 1e-6"
-    opening.until(f"[...document.querySelectorAll('.js-plotly-plot')].every({zoomed})")
+    opening.until(f"[...document.querySelectorAll('.plot:not(.broad) .js-plotly-plot')].every({zoomed})")
