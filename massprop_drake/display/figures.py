@@ -70,7 +70,7 @@ _STYLE: Any = {  # as `rc_context` takes it
 _WIDTH, _LEFT, _RIGHT = 9.0, 0.85, 0.2
 _TITLE, _BOTTOM = 0.34, 0.5
 _PANEL, _GAP, _ROW = 1.6, 0.17, 0.15  # height of a panel, space above it, height of one of many rows
-_SQUARE, _SAID = 2.1, 0.16  # height of a panel in a row of them, and of what is said below
+_SQUARE, _SAID = 2.1, 0.22  # height of a panel in a row of them, and of what is said below
 _MARKS = 5  # on a vertical axis at most
 _FEW_ROWS = 5  # that fit into an ordinary panel
 _KEY, _HANDLE, _LETTER = 0.19, 0.24, 0.063  # height of a row of a key, width of a symbol and of a letter
@@ -236,7 +236,7 @@ def _row(plot: Plot) -> Figure:
             axes = figure.add_axes((left / _WIDTH, (_SAID + _BOTTOM) / total, width / _WIDTH, _SQUARE / total))
             _draw_panel(axes, panel)
             axes.locator_params(axis="x", nbins=_MARKS)
-            axes.yaxis.set_label_coords((0.16 - _LEFT) / width, 0.5)
+            axes.yaxis.set_label_coords((0.26 - _LEFT) / width, 0.5)
             if panel.over:
                 axes.set_xlabel(panel.over.axis_label)
                 axes.xaxis.set_label_coords(0.5, -0.32 / _SQUARE)
