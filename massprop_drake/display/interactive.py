@@ -198,7 +198,7 @@ def _views(plot: Plot, marks: Sequence[Mark]) -> list[Json]:
                 log.append(_line(plot, mark._replace(y=np.abs(mark.y))))
             case Band():
                 linear += _band(plot, mark)
-                log.append(_line(plot, Line(mark.x, mark.high, mark.color, mark.label)))
+                log.append(_line(plot, Line(mark.x, mark.high, mark.color, mark.label, dashed=True)))
             case _:
                 raise TypeError(f"{type(mark).__name__} has no logarithmic view")
     return [{**trace, "view": "linear"} for trace in linear] + [{**trace, "view": "log"} for trace in log]

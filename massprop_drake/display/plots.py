@@ -424,7 +424,7 @@ def consistency(run: Source) -> Plot:
             Zone(*NIS_LIMITS, label="95 % of chi-square, 3 degrees of freedom"),
             Points(run.time_s[used], nis, color, _mean_nis(run, name, nis)),
         )
-        panels.append(Panel(f"NIS, {name} filter", "", marks, scale="log"))
+        panels.append(Panel(f"{name} filter", "", marks, scale="log"))
     return _plot(run, "consistency", "Consistency: NIS at the samples used", panels)
 
 
@@ -468,9 +468,9 @@ def _of_most(values: Array, band: Array) -> tuple[float, float] | None:
 
 def _mean_nis(run: Source, name: str, nis: Array) -> str:
     if run.consistency is None:
-        return f"mean {nis.mean():.2f} of {nis.size} samples" if nis.size else "no sample used"
+        return f"NIS, mean {nis.mean():.2f} of {nis.size} samples" if nis.size else "NIS, no sample used"
     mean = run.consistency["rotation_nis_mean" if name == "rotation" else "translation_nis_mean"]
-    return "no sample used" if mean is None else f"mean {mean:.2f} of all samples used"
+    return "NIS, no sample used" if mean is None else f"NIS, mean {mean:.2f} of all samples used"
 
 
 # ---------------------------------------------------------------------------------------- detector

@@ -249,7 +249,7 @@ def test_nis_is_shown_where_it_was_used_beside_its_limits(stuck: Case) -> None:
     used = stuck.run["rotation_used"][:, 0] != 0.0
     np.testing.assert_array_equal(points.x, stuck.run.time_s[used])
     np.testing.assert_array_equal(points.y, stuck.run["rotation_nis"][used, 0])
-    assert points.label == f"mean {points.y.mean():.2f} of {used.sum()} samples"
+    assert points.label == f"NIS, mean {points.y.mean():.2f} of {used.sum()} samples"
     assert panel.scale == "log"
     np.testing.assert_allclose((zone.low, zone.high), chdtri(3, [0.975, 0.025]), rtol=1e-14)
 
@@ -258,7 +258,7 @@ def test_means_of_a_thinned_run_are_those_of_all_samples(stuck: Case) -> None:
     means = {"rotation_nis_mean": 2.5, "translation_nis_mean": None}
     panels = plots.consistency(stuck.source._replace(consistency=means)).panels
     labels = [marks(panel, Points)[0].label for panel in panels]
-    assert labels == ["mean 2.50 of all samples used", "no sample used"]
+    assert labels == ["NIS, mean 2.50 of all samples used", "NIS, no sample used"]
 
 
 # ---------------------------------------------------------------------------------------- detector
