@@ -126,6 +126,14 @@ def accelerometer_signal(name: str) -> Signal:
     return Signal(name, f"reading of {name}", "{length}/s", AXES)
 
 
+AGAINST = "against."  # begins the names of what a simulation beside a record reads
+
+
+def simulated_signal(package: Signal) -> Signal:
+    """Describes what a simulation beside a record reads in place of a package."""
+    return package._replace(name=AGAINST + package.name, label=f"{package.label} in the simulation")
+
+
 _OWN = re.compile(r"[^./\\]+\.[^./\\]+")
 
 

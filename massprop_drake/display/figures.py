@@ -141,6 +141,14 @@ class Plots:
         """Integrated specific force as each accelerometer package read it."""
         return drawn(plots.accelerometer_velocities(self._source))
 
+    def against_rates(self) -> Figure:
+        """Angular rate as read, and as a simulation of the same commands has it."""
+        return drawn(plots.against_rates(self._source))
+
+    def against_velocities(self) -> Figure:
+        """Integrated specific force as read, and as a simulation of the same commands has it."""
+        return drawn(plots.against_velocities(self._source))
+
     def attitude_error(self) -> Figure:
         """Attitude error in hold."""
         return drawn(plots.attitude_error(self._source))

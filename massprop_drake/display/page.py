@@ -13,6 +13,7 @@ from massprop_drake.inputs.model import yaml_text
 from massprop_drake.maths.mass_properties import MASS_RECIPROCAL
 from massprop_drake.results import events as said
 from massprop_drake.results import table, unconfirmed
+from massprop_drake.results.against import Against
 from massprop_drake.results.detections import JUMP, DetectionRecord, remarks, size
 from massprop_drake.results.folder import write_page
 from massprop_drake.results.identifiability import in_words
@@ -79,6 +80,7 @@ def report_html(run: Run, *, replay: str | None = None) -> str:
         "injected": [_injected(run, number, shown_by) for number in range(len(results.injected or ()))],
         "detections": [_detection(entry, units) for entry in results.detections],
         "events": [(event.time_s, said.in_words(event, units)) for event in results.events],
+        "against": results.against and _against(results.against),
         "unconfirmed": [unconfirmed.in_words(one) for one in results.unconfirmed],
         "untested": [f"{', '.join(one.jets)}: {one.reason}" for one in results.untested],
         "autopilot": _autopilot(run),
@@ -256,6 +258,17 @@ def _autopilot(run: Run) -> list[str]:
     if found.lp_infeasible:
         lines.append(f"{found.lp_infeasible} of {found.lp_solves} requests were beyond the jets' reach.")
     return lines
+
+
+def _against(found: Against) -> dict[str, Any]:
+    """Formats a record beside a simulation: residuals by signal, and what would explain them."""
+    return {
+        "run": found.run,
+        "words": found.in_words(),
+        "residuals": table.residuals(found),
+        "causes": table.causes(found),
+        "alike": found.causes[0].alike if found.causes else (),
+    }
 
 
 def _quality(quality: Mapping[str, Any]) -> list[tuple[str, str]]:

@@ -33,7 +33,7 @@ from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.maths.autopilot.phase_space import PhaseSpaceParams, commanded_rate
-from massprop_drake.signals import AXES, SIGNALS, SYMBOLS, in_units, mass_property_units
+from massprop_drake.signals import AGAINST, AXES, SIGNALS, SYMBOLS, in_units, mass_property_units
 
 if TYPE_CHECKING:
     from massprop_drake.results.run import Run
@@ -97,6 +97,10 @@ def available(run: Source) -> dict[str, Callable[[Source], Plot]]:
         if run.vehicle.accelerometers:
             found["accelerometer_velocities"] = accelerometer_velocities
         found |= {"gyro_readings": gyro_readings, "clusters": clusters, "jets": jets}
+    if any(name.startswith(AGAINST) for name in run.signals):
+        found["against_rates"] = against_rates
+        if run.vehicle.accelerometers:
+            found["against_velocities"] = against_velocities
     found |= {
         "inverse_inertia_diagonal": inverse_inertia_diagonal,
         "inverse_inertia_products": inverse_inertia_products,
@@ -203,6 +207,34 @@ def accelerometer_velocities(run: Source) -> Plot:
     names = [package.name for package in run.vehicle.accelerometers]
     unit = f"{run.vehicle.unit_names['length']}/s"
     return _readings(run, "accelerometer_velocities", names, "Integrated specific force, as read", unit, 1.0)
+
+
+def against_rates(run: Source) -> Plot:
+    """Angular rate as the gyro in use read it, and as a simulation of the same commands has it."""
+    name = params.gyro(run.scenario).name
+    return _against(run, "against_rates", name, "Angular rate", "deg/s", _DEGREES)
+
+
+def against_velocities(run: Source) -> Plot:
+    """Integrated specific force as the accelerometer in use read it, and as a simulation has it."""
+    name = params.accelerometers(run.scenario)[0].name
+    unit = f"{run.vehicle.unit_names['length']}/s"
+    return _against(run, "against_velocities", name, "Integrated specific force", unit, 1.0)
+
+
+def _against(run: Source, name: str, package: str, title: str, unit: str, scale: float) -> Plot:
+    """Of each axis what was read and simulated, and the difference."""
+    read, simulated = scale * run.signals[package], scale * run.signals[AGAINST + package]
+    panels = []
+    for axis, letter in enumerate(AXES):
+        lines = (
+            Line(run.time_s, read[:, axis], COLORS[axis], f"{package}, as read"),
+            Line(run.time_s, simulated[:, axis], TRUTH_COLOR, "simulated", dashed=True),
+        )
+        left = Line(run.time_s, (read - simulated)[:, axis], COLORS[axis])
+        panels += [Panel(letter, unit, lines), Panel(f"{letter}, difference", unit, (left,))]
+    meaning = "difference: what was read less what the simulation reads"
+    return _plot(run, name, f"{title}, beside a simulation of the same commands", panels, meaning=meaning)
 
 
 def jets(run: Source) -> Plot:

@@ -23,7 +23,16 @@ from massprop_drake.results.spool import Signals, Spool, blocks, write_npz
 from massprop_drake.results.stored import STATE_FILE, FilterState, read_history, read_json
 from massprop_drake.results.summary import Summary, null_for_nan
 from massprop_drake.results.thinning import outstanding_rows, picked
-from massprop_drake.signals import SIGNALS, Signal, accelerometer_signal, gyro_signal, in_units, is_own, own_signal
+from massprop_drake.signals import (
+    SIGNALS,
+    Signal,
+    accelerometer_signal,
+    gyro_signal,
+    in_units,
+    is_own,
+    own_signal,
+    simulated_signal,
+)
 from massprop_drake.telemetry import reader as telemetry
 
 if TYPE_CHECKING:
@@ -133,6 +142,7 @@ class Run:
         vehicle = self.scenario.vehicle_data
         packages = {gyro.name: gyro_signal(gyro.name) for gyro in vehicle.gyros}
         packages |= {package.name: accelerometer_signal(package.name) for package in vehicle.accelerometers}
+        packages |= {against.name: against for against in map(simulated_signal, packages.values())}
         own = {name: own_signal(name, np.shape(self.signals[name])[1]) for name in self.signals if is_own(name)}
         return {name: SIGNALS.get(name) or packages.get(name) or own[name] for name in self.signals}
 
