@@ -339,6 +339,10 @@ def _say_found(console: Terminal, results: Summary, vehicle: Vehicle) -> None:
             console.say(("unconfirmed:", "bold yellow"), f" {in_words(one)}")
     if len(results.unconfirmed) > len(largest):
         console.say(f"             and {len(results.unconfirmed) - len(largest)} less likely ones in summary.json")
+    for lost in results.injected or ():
+        if lost.good is False:
+            acted = "" if lost.first_acted_s is None else f", acting since {lost.first_acted_s:.2f} s"
+            console.say(("missed:", "bold red"), f"      {lost.name} at {lost.start_s:.2f} s{acted}: {lost.became}")
     for group in results.untested:
         console.say(f"untested:    {', '.join(group.jets)}: {group.reason}")
 

@@ -121,6 +121,7 @@ def test_a_failure_that_is_not_found_is_red(stuck_run: Run) -> None:
     html = report_html(Run(stuck_run.scenario, results, stuck_run.time_s, stuck_run.signals))
     row = html[html.index('<th scope="row">R4R stuck on</th>') :].split("</tr>", maxsplit=1)[0]
     assert 'bad">not found</td>' in row
+    assert "Not found as what it is: R4R stuck on; see below." in html
 
 
 def test_times_lead_to_the_replay(stuck_run: Run) -> None:
