@@ -65,7 +65,8 @@ def read_summary(folder: Path) -> Summary:
 
 def _runs_like(folder: Path) -> str:
     """Suggests a run that is there, or how to make one of a bundled scenario."""
-    there = sorted(str(found.parent) for found in (*Path().glob("*/summary.json"), *Path().glob("runs/*/summary.json")))
+    found = (*Path().glob("*/history.npz"), *Path().glob("runs/*/history.npz"))  # which a campaign's folder lacks
+    there = sorted(str(path.parent) for path in found if exists(path.parent / "summary.json"))
     same = [name for name in there if Path(name).name == folder.name]
     if not same and str(folder) in bundled("scenario"):
         return f"; 'massprop run {folder}' makes one in runs/{folder}"

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from contrast_probe import faint
 
 from massprop_drake import simulate
 from massprop_drake.display import plots
@@ -54,6 +55,17 @@ def test_the_table_has_the_numbers_of_both(page: str, stuck_run: Run) -> None:
 def test_how_long_each_is_and_what_it_found(page: str) -> None:
     rows = re.findall(r"<tr><th scope=\"row\">runs/(\w+)</th><td>(.*?)</td><td>.*?</td><td.*?>(.*?)</td></tr>", page)
     assert rows == [("stuck", "6 s", "jet R4R: on"), ("healthy", "4 s", "nothing")]
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_its_text_stands_out_from_its_ground(page: str, opened: Any, tmp_path: Path, scheme: str) -> None:
+    path = tmp_path / "comparison.html"
+    path.write_text(page, encoding="utf-8")
+    shown = opened(path)
+    shown.page.emulate_media(color_scheme=scheme)
+    ink = "getComputedStyle(document.body).color"
+    shown.until(f"getComputedStyle(document.querySelector('#plot-consistency .xtick text')).fill === {ink}")
+    assert faint(shown.page, 100) == []
 
 
 @pytest.mark.parametrize("width", [1400, 390])
