@@ -36,8 +36,8 @@ _DIGITS = 6  # of a number in the page
 _PIXELS_PER_POINT = 4.0 / 3.0
 
 # Places, pixels
-_TOP, _BOTTOM = 6, 40
-_PANEL, _ONE_PANEL, _ROW, _GAP = 120, 190, 13, 8
+_TOP, _BOTTOM, _LEFT, _LABEL = 10, 40, 70, 58  # the last: of a vertical axis's label, left of it
+_PANEL, _ONE_PANEL, _ROW, _GAP = 120, 190, 13, 14
 _BAR = 6.0  # width of a bar as high as a row
 _KEY, _SYMBOL, _LETTER, _NARROW = 18, 40, 6, 430  # height of a row of a key, and the widths that fill it
 
@@ -91,8 +91,9 @@ def drawn(plot: Plot) -> Json:
         }
     layout = {
         "height": total + _TOP + _BOTTOM,
-        "margin": {"l": 64, "r": 12, "t": _TOP, "b": _BOTTOM},
+        "margin": {"l": _LEFT, "r": 12, "t": _TOP, "b": _BOTTOM},
         "shapes": shapes,
+        "annotations": [_label(panel, number) for number, panel in enumerate(plot.panels, 1) if not panel.rows],
         **axes,
     }
     return {
@@ -149,19 +150,26 @@ def _run_over(traces: Sequence[Json], panel: Panel, over: Over, suffix: str) -> 
     traces[0]["meta"] = {"label": panel.label, "unit": panel.unit, "over": [over.label, over.unit]}
 
 
+def _label(panel: Panel, number: int) -> Json:
+    """Writes what a vertical axis shows beside it, in a fixed place: a title of plotly's moves into the numbers."""
+    suffix = "" if number == 1 else str(number)
+    return {
+        "text": plain(panel.axis_label), "textangle": -90, "showarrow": False, "font": {"size": 10},
+        "xref": f"x{suffix if panel.over else ''} domain", "x": 0.0, "xshift": -_LABEL,
+        "yref": f"y{suffix} domain", "y": 0.5,
+    }  # fmt: skip
+
+
 def _vertical(panel: Panel) -> Json:
     """Describes the vertical axis of a panel."""
-    axis: Json = {
-        "title": {"text": plain(panel.axis_label), "font": {"size": 10}},
-        "exponentformat": "power",
-        "automargin": True,
-    }
+    axis: Json = {"exponentformat": "power", "automargin": True, "nticks": 5}
     axis["type"] = "log" if panel.scale == "log" else "linear"
     if panel.limits is not None:
         limits = np.log10(panel.limits) if panel.scale == "log" else np.array(panel.limits)
         axis["range"] = limits.tolist()
     if panel.rows:
         names = [plain(row) for row in panel.rows]
+        axis["title"] = {"text": plain(panel.axis_label), "font": {"size": 10}}
         axis |= {"tickvals": list(range(len(names))), "ticktext": names, "tickfont": {"size": 9}}
         axis["range"] = [len(names) - 0.4, -0.6]
     return axis

@@ -89,7 +89,7 @@
     if (width < 230 * keys.length) return;
     keys.forEach((key, number) => {
       const left = number / keys.length;
-      layout[key.replace("y", "x")].domain = [left + (number ? 0.06 : 0), left + 1 / keys.length];
+      layout[key.replace("y", "x")].domain = [left + (number ? 0.07 : 0), left + 1 / keys.length];
       layout[key].domain = [0, 0.92];
       layout[key.replace("yaxis", "legend")].y = 0.93;
     });
@@ -174,7 +174,7 @@
     for (const [group, members] of groups) {
       if (members.length && Array.isArray(members[0])) {
         members.sort((one, other) => other[1] - one[1]);
-        for (const [label, value, unit] of members.slice(0, 5)) found.push([group + " " + label, number(value), unit]);
+        for (const [label, value, unit] of members.slice(0, 5)) found.push([label, number(value), unit]);
       } else found.push([group, members.length ? members.join(" ") : "none", ""]);
     }
     return found;

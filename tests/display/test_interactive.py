@@ -133,6 +133,8 @@ def test_panels_over_a_quantity_have_axes_of_their_own_and_a_path_to_read() -> N
     ]
     layout = figure["layout"]
     assert layout["shapes"] == []  # a moment in time has no place
+    places = [(label["text"], label["xref"], label["yref"]) for label in layout["annotations"]]
+    assert places == [("rate x, deg/s", "x domain", "y domain"), ("rate y, deg/s", "x2 domain", "y2 domain")]
     assert [layout[axis]["title"]["text"] for axis in ("xaxis", "xaxis2")] == ["error x, deg", "error y, deg"]
     assert layout["xaxis2"]["range"] == [-2.0, 2.0]
 

@@ -223,7 +223,8 @@ def test_the_cursor_reads_every_signal_with_its_unit(report: Any, stuck_run: Run
         assert float(said[1]) == pytest.approx(rate, rel=1e-4, abs=1e-9)
     assert "thrust untold jet R4R" in page.locator("#plot-clusters .readout").inner_text().replace("\n", " ")
     largest = page.evaluate("massprop.reading(massprop.figures.find(f => f.name === 'likelihoods'), 1.5)")
-    of_jets = [float(value) for label, value, _ in largest if label.startswith("of the jets")]
+    of_jets = [float(value) for label, value, _ in largest if label.startswith("of the jets ")]
+    assert largest[0][0] == "of the jets R4R"
     assert len(of_jets) == 5
     assert of_jets == sorted(of_jets, reverse=True)
     tested = np.flatnonzero((stuck_run["tested"][:, 0] > 0) & (stuck_run.time_s <= 1.5 + 1e-9))[-1]
