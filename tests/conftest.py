@@ -7,7 +7,9 @@ import io
 import os
 import shutil
 import signal
+import subprocess
 import sys
+import tarfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -128,6 +130,42 @@ def signals_as_before() -> Iterator[None]:
     yield
     for number, handler in before.items():
         signal.signal(number, handler)
+
+
+# ------------------------------------------------------------------------------- the distributions
+
+LINKED = ("diagrams", "scenarios")
+BUILD = "import sys, setuptools.build_meta as b; getattr(b, f'build_{sys.argv[1]}')(sys.argv[2])"
+
+
+def _build(kind: str, source: Path, target: Path) -> Path:
+    """Builds a distribution with the environment's own setuptools."""
+    pytest.importorskip("setuptools", minversion="77")
+    command = [sys.executable, "-W", "ignore", "-c", BUILD, kind, str(target)]
+    subprocess.run(command, cwd=source, check=True, capture_output=True)
+    (built,) = target.iterdir()
+    return built
+
+
+@pytest.fixture(scope="session")
+def sdist(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The source distribution, built from a copy of the package."""
+    source = tmp_path_factory.mktemp("source")
+    for name in ("pyproject.toml", "MANIFEST.in", "README.md", "LICENSE"):
+        shutil.copy(REPOSITORY / name, source)
+    for name in ("massprop_drake", *LINKED):
+        shutil.copytree(REPOSITORY / name, source / name, symlinks=True, ignore=shutil.ignore_patterns("__pycache__"))
+    return _build("sdist", source, tmp_path_factory.mktemp("sdist"))
+
+
+@pytest.fixture(scope="session")
+def wheel(sdist: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The wheel, built from the source distribution."""
+    source = tmp_path_factory.mktemp("unpacked")
+    with tarfile.open(sdist) as archive:
+        archive.extractall(source, filter="data")
+    (unpacked,) = source.iterdir()
+    return _build("wheel", unpacked, tmp_path_factory.mktemp("wheel"))
 
 
 # --------------------------------------------------------------------------------- the command line

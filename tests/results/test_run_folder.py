@@ -22,6 +22,8 @@ FIGURES = {
     "attitude_error",
     "clusters",
     "innovations",
+    "mass_innovations",
+    "phase_plane",
     "propellant",
     "center_of_mass",
     "consistency",
