@@ -166,8 +166,7 @@ def in_words(found: Sequence[Identifiability], symbols: Sequence[str]) -> list[t
         found: of the ten parameters.
         symbols: of each.
     """
-    return [
-        (f"{symbol} {one.flag.replace('_', ' ')}", one.reason)
-        for one, symbol in zip(found, symbols, strict=False)
-        if one.flag != Flag.IDENTIFIED
-    ]
+    told = [(one, symbol) for one, symbol in zip(found, symbols, strict=False) if one.flag != Flag.IDENTIFIED]
+    said = [(f"{symbol} {one.flag.replace('_', ' ')}", one.reason) for one, symbol in told if one.flag != Flag.FIXED]
+    fixed = [(one.reason, symbol) for one, symbol in told if one.flag == Flag.FIXED]
+    return said + ([(f"{', '.join(symbol for _, symbol in fixed)} fixed", fixed[0][0])] if fixed else [])
