@@ -14,6 +14,7 @@ import pytest
 from massprop_drake import InputError, estimate, load_scenario, simulate
 from massprop_drake.inputs.params import thesis_params
 from massprop_drake.maths import kernels
+from massprop_drake.maths.autopilot.phase_space import Sensed
 from massprop_drake.maths.linear_algebra import cross
 from massprop_drake.maths.vehicle.rigid_body import step
 
@@ -69,6 +70,40 @@ def require_close(compiled: Any, plain: Any) -> None:
     assert [entry["jets"] for entry in compiled.summary["detections"]] == [
         entry["jets"] for entry in plain.summary["detections"]
     ]
+
+
+def test_a_bundle_is_a_reference_in_compiled_code_and_the_same_named_tuple_in_python() -> None:
+    pytest.importorskip("numba")
+    compiler = kernels.compiler()
+
+    def turned(given: Sensed, rate: Any) -> Sensed:
+        other = Sensed(
+            given.rotation_command, given.translation_command, rate=rate, delivered=rate, attitude_error=rate
+        )
+        return other if rate[0] > given.rate[0] else given
+
+    import numba  # noqa: PLC0415 (optional)
+
+    first = Sensed(*(np.full(3, float(number)) for number in range(5)))
+    compiled = numba.njit(turned)
+    for rate in (np.full(3, 2.0), np.full(3, 4.0)):
+        made, expected = compiled(first, rate), turned(first, rate)
+        assert type(made) is Sensed
+        np.testing.assert_array_equal(made, expected)
+    (signature,) = compiled.signatures
+    assert signature[0].bundle is Sensed
+    assert len(numba.core.registry.cpu_target.target_context.get_value_type(signature[0]).elements) == 1
+    assert compiler.spent_s > 0.0
+
+
+def test_machine_code_is_made_of_what_python_calls_alone() -> None:
+    numba = pytest.importorskip("numba")
+    kernels.compiler()
+    inner = numba.njit(no_cpython_wrapper=True)(lambda x: 2.0 * x)
+    outer = numba.njit(lambda x: inner(x) + 1.0)
+    assert outer(3.0) == 7.0
+    made = {function: [one.library._waits for one in function.overloads.values()] for function in (inner, outer)}
+    assert made == {inner: [True], outer: [False]}
 
 
 FAILING = (  # so that a jet is suspected, declared and reckoned with
