@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from massprop_drake import InputError, estimate, load_scenario, simulate
+from massprop_drake import Estimator, InputError, estimate, load_scenario, simulate
 from massprop_drake.inputs.params import thesis_params
 from massprop_drake.maths import kernels
 from massprop_drake.maths.autopilot.phase_space import Sensed
@@ -135,6 +135,28 @@ def test_compiled_kernels_give_the_same_but_for_rounding(case: tuple[str, ...], 
     again = estimate(tmp_path / "run" / "telemetry.csv", load_scenario(tmp_path / "run"))
     np.testing.assert_array_equal(again["estimate"], compiled["estimate"])
     assert load_scenario(tmp_path / "run").execution.compiled
+
+
+def test_the_estimator_compiles_its_cycle_too() -> None:
+    pytest.importorskip("numba")
+    asked = load_scenario(FAILING[0], [*FAILING[1:], "execution={engine: loop, compiled: true}"])
+    run = simulate(asked)
+    steps = []
+    dut = Estimator(asked.vehicle_data, asked)
+    for row, time_s in enumerate(run.time_s):
+        readings = {name: run[name][row] for name in ("acc1", "acc2", "acc3")}
+        if row == 200:  # from its state as JSON has it
+            state, dut = dut.state, Estimator(asked.vehicle_data, asked)
+            dut.restore(state)
+        steps.append(dut.step(time_s, run["gyro"][row], readings, run["command"][row]))
+    np.testing.assert_array_equal([step.estimate for step in steps], run["estimate"])
+    np.testing.assert_array_equal([step.standard_deviation for step in steps], run["standard_deviation"])
+    np.testing.assert_array_equal([step.rotation_nis for step in steps], run["rotation_nis"][:, 0])
+    np.testing.assert_array_equal([step.alarm for step in steps], run["alarm"][:, 0])
+    np.testing.assert_array_equal(dut.covariance, run.covariance)
+    (found,) = [step.detection for step in steps if step.detection is not None]
+    assert (found.kind, found.jet) == ("jet", "R4R")
+    assert steps[-1].removed.any()
 
 
 def test_another_process_reads_compiled_code() -> None:
