@@ -7,10 +7,12 @@ Here both wait until somebody asks for the address of a function, which is done 
 
 from __future__ import annotations
 
+import gc
 from functools import partial
 from typing import Any
 
 from numba.core.codegen import JITCodeLibrary
+from numba.core.event import Listener, register
 from numba.core.registry import cpu_target
 
 _environments: dict[str, Any] = {}  # of functions that have no machine code yet, by the name of their variable
@@ -59,8 +61,29 @@ def _set_environment(codegen: Any, name: str, environment: Any) -> None:
         _environments[name] = environment
 
 
+class _Uncollected(Listener):
+    """No collection of garbage while something is compiled: it goes through all that the compiler has made so far."""
+
+    def __init__(self) -> None:
+        self._depth, self._collects = 0, False
+
+    def on_start(self, event: Any) -> None:
+        """Ends it when the outermost function begins."""
+        if self._depth == 0:
+            self._collects = gc.isenabled()
+            gc.disable()
+        self._depth += 1
+
+    def on_end(self, event: Any) -> None:
+        """Begins it again."""
+        self._depth -= 1
+        if self._depth == 0 and self._collects:
+            gc.enable()
+
+
 def wait() -> None:
     """Has machine code of what this process compiles from now on wait; where numba is another, it is made as ever."""
+    register("numba:compile", _Uncollected())
     codegen = cpu_target.target_context.codegen()
     there = (JITCodeLibrary, ("_optimize_final_module", "_finalize_final_module", "_ensure_finalized"))
     of_codegen = (codegen, ("_library_class", "_engine", "set_env"))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import builtins
+import gc
 import subprocess
 import sys
 from pathlib import Path
@@ -102,6 +103,7 @@ def test_machine_code_is_made_of_what_python_calls_alone() -> None:
     inner = numba.njit(no_cpython_wrapper=True)(lambda x: 2.0 * x)
     outer = numba.njit(lambda x: inner(x) + 1.0)
     assert outer(3.0) == 7.0
+    assert gc.isenabled()  # again
     made = {function: [one.library._waits for one in function.overloads.values()] for function in (inner, outer)}
     assert made == {inner: [True], outer: [False]}
 
