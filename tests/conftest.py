@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import gc
 import io
-import os
 import shutil
 import signal
 import subprocess
@@ -16,6 +15,7 @@ from typing import Any
 
 import pytest
 from command_probe import Massprop, Outcome
+from once_probe import shared
 from ruamel.yaml import YAML
 
 from massprop_drake import load_scenario, load_vehicle, simulate
@@ -119,8 +119,7 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of a short campaign, flown once for all tests; change nothing in it."""
     from campaign_probe import fly_once  # noqa: PLC0415 (beside the tests that use it)
 
-    shared = tmp_path_factory.getbasetemp()
-    return fly_once(shared.parent if "PYTEST_XDIST_WORKER" in os.environ else shared)
+    return fly_once(shared(tmp_path_factory))
 
 
 @pytest.fixture(autouse=True)

@@ -44,7 +44,7 @@ from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES, JointPara
 from massprop_drake.maths.estimation.joint.payload import UNKNOWN, brought
 from massprop_drake.maths.estimation.joint.race import History, Race, Record
 from massprop_drake.maths.estimation.joint.screen import Contender
-from massprop_drake.maths.estimation.joint.sensitivity import Link, link
+from massprop_drake.maths.estimation.joint.sensitivity import Traces, link, traces
 from massprop_drake.maths.linear_algebra import Array
 
 _BEFORE_SETTLED = 8.0  # times the trigger: a start's own errors raise it by chance
@@ -272,7 +272,7 @@ def judge(
         NotPositiveDefiniteError: see `joint.cycle.step`.
     """
     joint = params.joint
-    told = np.nan_to_num(sample.commands, nan=0.0).max(axis=0) > 0.0
+    told = (sample.commands > 0.0).any(axis=0)
     state = state._replace(cycle=state.cycle + 1, commanded=state.commanded + told)
     if report.course is None:  # the first sample, or the first after a gap: nothing before it can be compared
         quiet = state._replace(bank=banks.empty(joint.places), history=History(state.cycle, ()), race=None)
@@ -316,11 +316,12 @@ def _raced(
 ) -> tuple[State, Decision, list[races.Standing], Status]:
     """Bank, alarm, race and decision."""
     joint = params.joint
-    over = _uncertain(link(before, report, sample, joint), before, state.erratic, joint)
+    seen = _uncertain(traces(before, report, sample), before, state.erratic, joint)
+    bank, least = state.bank, min(params.trigger_jet, params.trigger)
+    over, found, tested, after_it = banks.followed_on(bank, seen, after, state.cycle, least, joint)
+    if state.lying.any():
+        found, tested = None, False
     history = History(state.cycle, (*state.history.records, Record(sample, over)))
-    bank = banks.advanced(state.bank, over, joint.places)
-    tested = banks.testable(bank, over, joint.places) and not state.lying.any()
-    found = banks.tested(bank, over, min(params.trigger_jet, params.trigger), joint) if tested else None
     likelihood = float(found.likelihood.max()) if found is not None else 0.0
     total = float(found.total.max()) if found is not None else 0.0
     index = -1
@@ -350,7 +351,7 @@ def _raced(
     redrawn = race is not None and not race.leading and state.cycle - race.triggered in _REDRAWN
     if race is not None and redrawn and decision.outcome == Outcome.OPEN:
         race = races.moved(race, standing, bank, history, joint)
-    bank = banks.taken(bank, over, after, state.cycle)
+    bank = after_it
     oldest = int(bank.cycles[0]) if race is None else min(int(bank.cycles[0]), race.screen.began)
     history = History(state.cycle, history.records[-(state.cycle - oldest + 1) :])
     return state._replace(bank=bank, history=history, race=race), decision, standing, status
@@ -365,14 +366,14 @@ def _leads(standing: list[races.Standing]) -> tuple[tuple[int, float], ...]:
     return tuple(best.items())
 
 
-def _uncertain(over: Link, before: JointState, erratic: Array, params: JointParams) -> Link:
-    """The link with what erratic jets add to the noise of its interval."""
-    noise = over.noise
+def _uncertain(seen: Traces, before: JointState, erratic: Array, params: JointParams) -> Traces:
+    """What a link is made of, with what erratic jets add to the noise of its interval."""
+    noise = seen.noise
     for slot in np.flatnonzero(erratic):
         column = params.places.force + int(slot)
-        effect = np.concatenate((over.rate_rows[:, column], over.velocity_rows[:, column]))
+        effect = np.concatenate((seen.rate_rows[:, column], seen.velocity_rows[:, column]))
         noise = noise + params.thrusts[int(before.slot_jet[slot])] ** 2 * np.outer(effect, effect)
-    return over._replace(noise=noise)
+    return seen._replace(noise=noise)
 
 
 def _run(

@@ -315,16 +315,21 @@ class Compiled(NamedTuple):
 
     Attributes:
         cycled: see there.
-        params: holder of the parameters that it was made for.
+        followed: see `bank.followed`.
+        params: holder of the parameters that they were made for.
     """
 
     cycled: Callable[..., Any]
+    followed: Callable[..., Any]
     params: Any
 
 
 def with_compiled(params: JointParams) -> JointParams:
     """Parameters of a cycle that is compiled."""
-    return params._replace(compiled=Compiled(compiled(cycled), held(params, compile_it=True)))
+    from massprop_drake.maths.estimation.joint.bank import follower  # noqa: PLC0415 (which knows cycles)
+
+    holder = held(params, compile_it=True)
+    return params._replace(compiled=Compiled(compiled(cycled), follower(params, holder), holder))
 
 
 def _step(state: JointState, sample: Sample, params: JointParams) -> tuple[JointState, Report]:
