@@ -39,6 +39,7 @@ class Cycled(NamedTuple):
         of_first: NIS of the first filter, of what has probably happened, and components that it is of: of attitude and
             rate, then of place and velocity, shape (2, 2).
         doubt: what the next sample is to decide; None: nothing.
+        whitened: innovations in units of what the bank expects on average, shape (n_filters, m).
     """
 
     bank: Bank
@@ -48,6 +49,7 @@ class Cycled(NamedTuple):
     kicked: Array
     of_first: Array
     doubt: Doubt | None = None
+    whitened: Array | None = None
 
 
 class Doubt(NamedTuple):
@@ -177,7 +179,8 @@ def _step(
         apart = way.correction - correction
         covariance += part[:, None, None] * (way.covariance + apart[:, :, None] * apart[:, None, :])
     after = shifted(ahead.bank, correction, covariance, params)
-    return Cycled(after, total, beside.innovation, ways[0].nis, kicked, np.sum(nis, axis=0), doubt)
+    whitened = _whitened(ahead.bank.covariance, beside)
+    return Cycled(after, total, beside.innovation, ways[0].nis, kicked, np.sum(nis, axis=0), doubt, whitened)
 
 
 class _Happened(NamedTuple):
@@ -229,6 +232,13 @@ def _by_kind(covariance: Array, beside: Compared) -> Array:
         if chosen.any():
             result[row] = off[chosen] @ np.linalg.solve(expected[np.ix_(chosen, chosen)], off[chosen]), chosen.sum()
     return result
+
+
+def _whitened(covariance: Array, beside: Compared) -> Array:
+    """See `Cycled.whitened`."""
+    by = beside.jacobian
+    expected = np.mean(by @ covariance @ np.swapaxes(by, 1, 2) + beside.variance, axis=0)
+    return np.asarray(np.linalg.solve(np.linalg.cholesky(expected), beside.innovation.T).T, dtype=np.float64)
 
 
 def _updated(covariance: Array, beside: Compared, taken: Array) -> _Update:

@@ -10,6 +10,10 @@ they are merged by their moments. So the number of filters does not grow, and no
 it is pushed and turned by anything up to what a jet can do, N(0, (a/2)^2) on each axis. Beforehand that is as probable
 as all failures together. It is said as something unexplained.
 
+*Apart.* A weak jet and the open one against it foretell the same for as long as the weak one is told to fire; their
+likelihoods then differ by what was probable beforehand, and by how noisy each is taken to be. So a lead counts only
+over a hypothesis that has foretold something else, by sigmas whose squares sum up to twice the lead that is asked.
+
 A failure is named when its likelihood leads the next one and that of no failure by enough (`Rules`), and it is of a
 size: a loss, or an opening, above a tenth of the thrust and above three sigma, of what its own filter now knows and,
 of a loss, of what healthy jets differ by. Odds that were won while little was known are not given back, and odds alone
@@ -52,6 +56,8 @@ class Tried(NamedTuple):
         leader: hypothesis that was to be named by the last sample, as an index of `known`; -1: none was.
         steady: samples in a row by which it was.
         doubt: see `cycle.Doubt`.
+        apart: how far what two have foretold is apart, sum of squares in sigmas, shape (2 + 2 n_jets, 2 + 2 n_jets);
+            None: nothing has been foretold.
     """
 
     bank: Bank
@@ -63,6 +69,7 @@ class Tried(NamedTuple):
     leader: int = -1
     steady: int = 0
     doubt: Doubt | None = None
+    apart: Array | None = None
 
 
 class Rules(NamedTuple):
@@ -187,8 +194,15 @@ def _renewed(tried: Tried, time_s: float, params: PoseParams) -> Tried:
     both = merged(rest, failing(tried.bank, tried.known, params), share, params)
     possible = _possible(tried)
     likelihood = np.concatenate((tried.likelihood[:1], np.where(possible, total, _NEVER)))
+    apart = tried.apart
+    if apart is not None:  # what fails now foretells as the first has
+        old = np.concatenate(([1.0], 1.0 - share))
+        apart = old[:, None] * apart + (1.0 - old)[:, None] * apart[0]
+        apart = old * apart + (1.0 - old) * apart[:, :1]
     onset = np.concatenate((tried.onset_s[:1], np.where(share > 0.5, time_s, tried.onset_s[1:])))
-    return tried._replace(bank=_stacked(tried.bank, both), likelihood=likelihood, onset_s=onset, renewed_s=time_s)
+    return tried._replace(
+        bank=_stacked(tried.bank, both), likelihood=likelihood, onset_s=onset, renewed_s=time_s
+    )._replace(apart=apart)
 
 
 def _possible(tried: Tried) -> np.ndarray:
@@ -211,7 +225,18 @@ def advanced(
     """
     done = step(tried.bank, commands, span_s, readings, params, tried.doubt)
     likelihood = tried.likelihood + done.likelihood
-    return tried._replace(bank=done.bank, likelihood=likelihood - likelihood[0], doubt=done.doubt), done
+    after = tried._replace(bank=done.bank, likelihood=likelihood - likelihood[0], doubt=done.doubt)
+    return after._replace(apart=_further_apart(tried.apart, done.whitened)), done
+
+
+def _further_apart(apart: Array | None, whitened: Array | None) -> Array | None:
+    """See `Tried.apart`, with one more sample."""
+    if whitened is None:
+        return apart
+    products = whitened @ whitened.T
+    squares = products.diagonal()
+    more: Array = np.maximum(squares[:, None] + squares - 2.0 * products, 0.0)
+    return more if apart is None else apart + more
 
 
 def judged(tried: Tried, time_s: float, rules: Rules, params: PoseParams) -> tuple[Tried, Found | None]:
@@ -274,6 +299,8 @@ def _judged(tried: Tried, time_s: float, rules: Rules, params: PoseParams) -> tu
         tried = tried._replace(led_s=time_s)
     leads = best - odds
     behind = leads > rules.lead
+    if tried.apart is not None:
+        behind &= tried.apart[1 + leader, 1:] > 2.0 * rules.lead
     behind[leader] = False
     group = sorted(np.flatnonzero(~behind & np.isfinite(odds)).tolist(), key=lambda each: -odds[each])
     large = size[leader] > max(rules.least, _SIGMAS * deviation[leader])
