@@ -36,7 +36,8 @@ def connect_estimation(
     scenario: Scenario,
 ) -> None:
     """Feeds the estimators with every sensor, and with the command of the interval that ended."""
-    for name in scenario.vehicle_data.sensor_names():
+    seen = (sensor.name for sensor in scenario.vehicle_data.tracked)
+    for name in (*scenario.vehicle_data.sensor_names(), *seen):
         if estimation.HasInputPort(name):
             builder.Connect(vehicle.GetOutputPort(name), estimation.GetInputPort(name))
     builder.Connect(commander.GetOutputPort("held_command"), estimation.GetInputPort("jet_commands"))

@@ -25,12 +25,13 @@ def build(scenario: Scenario) -> Diagram:
     Timing: at t_k the sensors report the body, the autopilot decides the command of [t_k, t_k+1), and
     the estimators use the readings with the command of [t_k-1, t_k).
     """
+    gyro = params.gyro(scenario).name
     builder = DiagramBuilder()
     pilot = builder.AddNamedSystem("autopilot", autopilot.build(scenario))
     body = builder.AddNamedSystem("vehicle", vehicle.build(scenario))
     estimators = builder.AddNamedSystem("estimation", estimation.build(scenario))
 
-    builder.Connect(body.GetOutputPort(params.gyro(scenario).name), pilot.GetInputPort("gyro"))
+    builder.Connect(body.GetOutputPort(gyro), pilot.GetInputPort("gyro"))
     builder.Connect(pilot.GetOutputPort("command"), body.GetInputPort("command"))
     builder.Connect(pilot.GetOutputPort("held_command"), body.GetInputPort("held_command"))
     connect_estimation(builder, body, pilot, estimators, scenario)

@@ -15,7 +15,9 @@ impulses,
 
     evidence --> hypothesis_detector --> replacement, published (to it), reconfiguration (to the autopilot)
 
-where the impulse model, whose output logs keep, leads nowhere. Any other filter of the registry takes their place, too.
+where the impulse model, whose output logs keep, leads nowhere. The filter in a fixed frame does likewise, with the
+sensors of `poses` and `velocities` besides, as `pose_estimator` with its `thrust_factor_detector`. Any other filter of
+the registry takes their place, too.
 The same diagram serves the closed loop, the open loop and recorded telemetry.
 """
 
@@ -39,6 +41,7 @@ from massprop_drake.systems.estimation.hypothesis_detector import HypothesisDete
 from massprop_drake.systems.estimation.impulse_model import ImpulseModel
 from massprop_drake.systems.estimation.joint_estimator import JointEstimator
 from massprop_drake.systems.estimation.mass_estimator import MassEstimator
+from massprop_drake.systems.estimation.pose_estimator import PoseEstimator
 from massprop_drake.systems.estimation.rotation_estimator import RotationEstimator
 
 
@@ -63,7 +66,9 @@ def build(scenario: Scenario) -> Diagram:
             outputs: see `JointEstimator`; the inputs may stay unconnected, and the states are none with a detector.
         reconfiguration (out, 7 + n_jets), closed (out, n_jets), held_closed (out, n_jets),
             detector_report (out, 14 + 4 n_jets), with a detector: see `FailureDetector`.
-        hypothesis_report (out, 13 + 8 n_jets), with that of the joint filter: see `HypothesisDetector`.
+        hypothesis_report (out, 13 + 8 n_jets), with that of the joint filter or of poses: see `HypothesisDetector`.
+        <pose> (in, 7), <velocity> (in, 3), for each sensor in a fixed frame, and pose_report (out, 16 + 2 n_jets), with
+            the filter of poses: see `PoseEstimator`.
     """
     vehicle = scenario.vehicle_data
     builder = DiagramBuilder()
@@ -82,7 +87,7 @@ def build(scenario: Scenario) -> Diagram:
     filters = _ADDED.get(scenario.estimation.filter, _add_filter)(builder, scenario, impulses)
     method = params.detector(scenario)
     if method is not None and method.made_for:
-        _add_hypotheses(builder, scenario, filters[-1])
+        _add_hypotheses(builder, scenario, method, filters[-1])
     elif method is not None:
         _add_detector(builder, scenario, method, (impulses, *filters), commands)
     return built(builder, "estimation")
@@ -158,6 +163,32 @@ def _add_joint(builder: DiagramBuilder, scenario: Scenario, _impulses: ImpulseMo
     return (estimator,)
 
 
+def _add_pose(builder: DiagramBuilder, scenario: Scenario, _impulses: ImpulseModel) -> tuple[LeafSystem, ...]:
+    """The filter in a fixed frame; commands and outside forces, which it does not take, are exported already."""
+    vehicle, cycle = scenario.vehicle_data, params.estimation_params(scenario)
+    estimator = builder.AddNamedSystem(
+        "pose_estimator",
+        PoseEstimator(
+            cycle.filter_params,
+            gyros=_packages(params.gyros(scenario)),
+            accelerometers=_packages(params.accelerometers(scenario)),
+            poses=tuple(sensor.name for sensor in vehicle.poses),
+            velocities=tuple(sensor.name for sensor in vehicle.velocities),
+            limits=cycle.limits,
+            period_s=vehicle.sample_period_s,
+        ),
+    )
+    builder.ConnectInput("jet_commands", estimator.GetInputPort("jet_commands"))
+    replaced = () if cycle.detector is not None else ("replacement", "published")
+    sensors = (*vehicle.sensor_names(), *(sensor.name for sensor in vehicle.tracked))
+    for name in (*sensors, "record_time", "command", *replaced):
+        builder.ExportInput(estimator.GetInputPort(name), name)
+    outputs = ("estimate", "standard_deviation", "covariance", "converged", "rotation_report", "mass_report")
+    for port in (*outputs, "pose_report", "evidence"):
+        builder.ExportOutput(estimator.GetOutputPort(port), port)
+    return (estimator,)
+
+
 def _add_filter(builder: DiagramBuilder, scenario: Scenario, impulses: ImpulseModel) -> tuple[LeafSystem, ...]:
     """Any other filter of the registry, as one system."""
     vehicle, name = scenario.vehicle_data, scenario.estimation.filter
@@ -184,7 +215,7 @@ def _add_filter(builder: DiagramBuilder, scenario: Scenario, impulses: ImpulseMo
     return (estimator,)
 
 
-_ADDED = {"joint": _add_joint, "thesis": _add_thesis}  # filters with wiring of their own
+_ADDED = {"joint": _add_joint, "pose": _add_pose, "thesis": _add_thesis}  # filters with wiring of their own
 
 
 def _connect_impulses(builder: DiagramBuilder, impulses: ImpulseModel, system: LeafSystem) -> None:
@@ -228,10 +259,11 @@ def _add_detector(
     builder.ExportOutput(detector.GetOutputPort("report"), "detector_report")
 
 
-def _add_hypotheses(builder: DiagramBuilder, scenario: Scenario, estimator: LeafSystem) -> None:
-    """Puts the detector of the joint filter behind its evidence, before what it goes on from."""
+def _add_hypotheses(builder: DiagramBuilder, scenario: Scenario, method: Detector, estimator: LeafSystem) -> None:
+    """Puts a detector that is made for its filter behind that one's evidence, before what it goes on from."""
     detector = builder.AddNamedSystem(
-        "hypothesis_detector", HypothesisDetector(params.detector_params(scenario), jets=params.jets(scenario))
+        method.group,
+        HypothesisDetector(params.detector_params(scenario), jets=params.jets(scenario), method=method),
     )
     builder.Connect(estimator.GetOutputPort("evidence"), detector.GetInputPort("evidence"))
     for name in ("replacement", "published"):

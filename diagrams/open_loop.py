@@ -30,6 +30,8 @@ def build(scenario: Scenario) -> Diagram:
     builder.Connect(schedule.GetOutputPort("command"), body.GetInputPort("command"))
     builder.Connect(schedule.GetOutputPort("held_command"), body.GetInputPort("held_command"))
     connect_estimation(builder, body, schedule, estimators, scenario)
+    if scenario.estimation.filter == "pose":  # a jet may act before its command, as the clocks have it
+        builder.Connect(schedule.GetOutputPort("command"), estimators.GetInputPort("command"))
 
     export_outputs(builder, (body, schedule, estimators))
     return built(builder, "open_loop")

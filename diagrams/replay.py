@@ -25,6 +25,7 @@ def build(scenario: Scenario, *, first_row: int = 0) -> Diagram:
         first_row: number of the record's first row; later than zero when an earlier part went before.
     """
     vehicle = scenario.vehicle_data
+    tracked = {sensor.name: len(sensor.columns) for sensor in vehicle.tracked}
     builder = DiagramBuilder()
     estimators = builder.AddNamedSystem("estimation", estimation.build(scenario))
     source = builder.AddNamedSystem(
@@ -34,10 +35,11 @@ def build(scenario: Scenario, *, first_row: int = 0) -> Diagram:
             n_jets=len(vehicle.jets),
             period_s=vehicle.sample_period_s,
             first_row=first_row,
+            tracked=tracked,
         ),
     )
 
-    for name in (*vehicle.sensor_names(), "jet_commands", "outside_wrench", "record_time", "command"):
+    for name in (*vehicle.sensor_names(), *tracked, "jet_commands", "outside_wrench", "record_time", "command"):
         if estimators.HasInputPort(name):
             builder.Connect(source.GetOutputPort(name), estimators.GetInputPort(name))
 

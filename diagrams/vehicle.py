@@ -14,7 +14,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from massprop_drake.diagrams._wiring import built
 from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import Scenario
-from massprop_drake.inputs.vehicle import Accelerometer, SensorPackage
+from massprop_drake.inputs.vehicle import Accelerometer, PoseSensor, SensorPackage, VelocitySensor
 from massprop_drake.maths.vehicle.sensing import SensorModel
 from massprop_drake.systems.vehicle.disturbance import Disturbance
 from massprop_drake.systems.vehicle.integrating_accelerometer import IntegratingAccelerometer
@@ -23,6 +23,7 @@ from massprop_drake.systems.vehicle.rate_gyro import RateGyro
 from massprop_drake.systems.vehicle.reaction_jets import ReactionJets
 from massprop_drake.systems.vehicle.rigid_body_plant import RigidBodyPlant
 from massprop_drake.systems.vehicle.sensor import Sensor
+from massprop_drake.systems.vehicle.trackers import PoseTracker, Tracker, VelocityTracker
 
 
 def build(scenario: Scenario) -> Diagram:
@@ -33,6 +34,7 @@ def build(scenario: Scenario) -> Diagram:
         closed (in, n_jets), held_closed (in, n_jets): see `ReactionJets`; may stay unconnected.
         <gyro> (out, 3): measured rate, rad/s, body axes, for each package.
         <accelerometer> (out, 3): integrated specific force, ft/s or m/s, body axes, for each package.
+        <pose> (out, 7), <velocity> (out, 3): see `PoseTracker` and `VelocityTracker`, for each sensor in a fixed frame.
         body_state (out, 23), structure (out, 9), mass_properties (out, 10): the truth, see
             `RigidBodyPlant`.
         thrust (out, n_jets): mean force over the coming sample, see `ReactionJets`.
@@ -64,7 +66,7 @@ def build(scenario: Scenario) -> Diagram:
     )
     stepped = params.time_step(scenario) != 0.0
     wrench = "wrench_profile" if stepped else "wrench"
-    noisy: list[Sensor | Disturbance] = []
+    noisy: list[Sensor | Disturbance | Tracker] = []
     model_of_disturbance = params.disturbance(scenario)
     if model_of_disturbance is None:
         builder.Connect(jets.GetOutputPort(wrench), body.GetInputPort(wrench))
@@ -88,8 +90,15 @@ def build(scenario: Scenario) -> Diagram:
         if model.noisy:
             noisy.append(sensor)
 
+    for seen in vehicle.tracked:
+        tracker = builder.AddNamedSystem(seen.name, _tracker(seen, scenario))
+        for name in ("body_state", "structure"):
+            builder.Connect(body.GetOutputPort(name), tracker.GetInputPort(name))
+        builder.ExportOutput(tracker.GetOutputPort("reading"), seen.name)
+        noisy.append(tracker)
+
     if noisy:
-        streams = {system.get_name(): 6 for system in noisy}
+        streams = {system.get_name(): system.GetInputPort("noise").size() for system in noisy}
         noise = builder.AddNamedSystem("noise_source", NoiseSource(scenario.seed, period_s=period, streams=streams))
         for system in noisy:
             builder.Connect(noise.GetOutputPort(system.get_name()), system.GetInputPort("noise"))
@@ -98,6 +107,12 @@ def build(scenario: Scenario) -> Diagram:
         builder.ExportOutput(body.GetOutputPort(name), name)
     builder.ExportOutput(jets.GetOutputPort("thrust"), "thrust")
     return built(builder, "vehicle")
+
+
+def _tracker(sensor: PoseSensor | VelocitySensor, scenario: Scenario) -> Tracker:
+    if isinstance(sensor, PoseSensor):
+        return PoseTracker(sensor.name, params.pose_model(scenario, sensor))
+    return VelocityTracker(sensor.name, position=np.array(sensor.position), noise_std=sensor.noise_std)
 
 
 def _sensor(package: SensorPackage, model: SensorModel) -> Sensor:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from massprop_drake.maths.estimation.detector import STATUS
 from massprop_drake.maths.estimation.detectors.hypotheses import HYPOTHESIS_REPORT
 from massprop_drake.maths.estimation.filters.joint import JOINT_REPORT
+from massprop_drake.maths.estimation.filters.pose import POSE_REPORT
 from massprop_drake.maths.mass_properties import NAMES
 
 Array = NDArray[np.float64]
@@ -88,9 +89,15 @@ SIGNALS = {
         Signal("out_of_use", "jets out of use (1), left in though in question (-1)", "-", ()),
         *(
             Signal(name, row.label, row.unit, (row.component or name,))
-            for layout in (JOINT_REPORT, STATUS, HYPOTHESIS_REPORT)
+            for layout in (JOINT_REPORT, POSE_REPORT, STATUS, HYPOTHESIS_REPORT)
             for name, row in layout.logged.items()
         ),
+        Signal("position_estimate", "estimated position of the center of mass", "{length}", AXES),
+        Signal("velocity_estimate", "estimated velocity of the center of mass", "{length}/s", AXES),
+        Signal("attitude_estimate", "estimated attitude quaternion", "-", ("w", "x", "y", "z")),
+        Signal("rate_estimate", "estimated angular rate", "rad/s", AXES),
+        Signal("thrust_factor", "acceleration by each jet over what it would nominally be", "-", ()),
+        Signal("thrust_factor_std", "1-sigma of it", "-", ()),
         Signal("jump_position", "where the mass of a jump was gained", "{length}", AXES),
         Signal("jump_position_std", "1-sigma of it", "{length}", AXES),
         Signal("likelihood", "likelihood argument", "-", ()),
@@ -123,6 +130,16 @@ def gyro_signal(name: str) -> Signal:
 
 def accelerometer_signal(name: str) -> Signal:
     """Describes the readings of an integrating-accelerometer package."""
+    return Signal(name, f"reading of {name}", "{length}/s", AXES)
+
+
+def pose_signal(name: str) -> Signal:
+    """Describes the readings of a sensor of position and attitude in a fixed frame."""
+    return Signal(name, f"reading of {name}", "{length} (3); - (4)", (*AXES, *(f"q{part}" for part in "wxyz")))
+
+
+def velocity_signal(name: str) -> Signal:
+    """Describes the readings of a sensor of velocity in a fixed frame."""
     return Signal(name, f"reading of {name}", "{length}/s", AXES)
 
 

@@ -386,7 +386,7 @@ def about(good: Vehicle | Scenario | CampaignSpec) -> str:
         return f"campaign '{good.file.name}' of scenario '{good.base.name}', cases: {cases}{swept}, {drawn}"
     if isinstance(good, Scenario):
         return f"scenario '{good.name}', {good.duration_s:g} s, vehicle '{good.vehicle_data.name}'"
-    sensors = f"{len(good.gyros)} gyro and {len(good.accelerometers)} accelerometer packages"
+    sensors = good.sensors_in_words
     return f"vehicle '{good.name}', {len(good.jets)} jets, {sensors}, units {good.units}"
 
 

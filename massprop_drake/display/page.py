@@ -105,7 +105,7 @@ def _verdict(results: Summary) -> list[dict[str, Any]]:
     def say(good: bool | None, text: str) -> None:
         sentences.append({"good": good, "text": text})
 
-    known = [one for one in results.parameters if math.isfinite(one.truth) and math.isfinite(one.estimate)]
+    known = [one for one in results.parameters if math.isfinite(one.truth) and math.isfinite(one.standard_deviation)]
     if known:
         inside = sum(one.within_three_sigma for one in known)
         say(inside == len(known), f"{inside} of {len(known)} parameters lie within 3 sigma of the truth.")

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from massprop_drake.errors import InputError
 from massprop_drake.inputs.scenario import (
     Degraded,
     Drift,
@@ -22,7 +23,7 @@ from massprop_drake.inputs.scenario import (
     SensorErrors,
     jump_terms,
 )
-from massprop_drake.inputs.vehicle import Accelerometer, Gyro, SensorPackage, Vehicle
+from massprop_drake.inputs.vehicle import Accelerometer, Gyro, PoseSensor, SensorPackage, Vehicle
 from massprop_drake.maths.autopilot.phase_space import PhaseSpaceParams, Window
 from massprop_drake.maths.estimation.cycle import EstimationParams
 from massprop_drake.maths.estimation.detector import Detector, Jets
@@ -34,8 +35,10 @@ from massprop_drake.maths.estimation.filters.mass_filter import MassParams
 from massprop_drake.maths.estimation.filters.registry import FILTERS
 from massprop_drake.maths.estimation.filters.rotation_filter import RotationParams
 from massprop_drake.maths.estimation.filters.thesis import ThesisParams
+from massprop_drake.maths.estimation.pose import setting as pose_setting
+from massprop_drake.maths.estimation.pose.setting import Around, Tracking, Valves
 from massprop_drake.maths.kernels import held
-from massprop_drake.maths.mass_properties import MassProperties, initial_standard_deviation
+from massprop_drake.maths.mass_properties import MASS_RECIPROCAL, NAMES, MassProperties, initial_standard_deviation
 from massprop_drake.maths.noise import normal_sample, uniform_phase
 from massprop_drake.maths.vehicle import cycle as vehicle_cycle
 from massprop_drake.maths.vehicle import true_failures as failures
@@ -52,6 +55,7 @@ from massprop_drake.maths.vehicle.sensing import (
     vibration,
 )
 from massprop_drake.maths.vehicle.thrust import lag_factors
+from massprop_drake.maths.vehicle.tracking import PoseModel
 
 Array = NDArray[np.float64]
 
@@ -87,7 +91,59 @@ def setup(scenario: Scenario) -> Setup:
         thrust=thrust_model(scenario),
         widest=initial_standard_deviation(vehicle.nominal.vector(), 1.0, vehicle.center_of_mass_floor),
         limits=convergence_limits(scenario),
+        tracking=tracking(scenario) if scenario.estimation.filter == "pose" else None,
     )
+
+
+def tracking(scenario: Scenario) -> Tracking:
+    """What is known of a vehicle that is followed in a fixed frame."""
+    vehicle = scenario.vehicle_data
+    kinds, around = list(vehicle.jet_kinds.values()), vehicle.surroundings
+    poses, speeds = vehicle.poses, vehicle.velocities
+
+    def each(key: str) -> Array:
+        return np.array([getattr(kind, key) for kind in kinds], dtype=float)
+
+    def stds(key: str) -> Array:
+        return np.array([math.inf if getattr(pose, key) is None else getattr(pose, key) for pose in poses])
+
+    estimation = scenario.estimation
+    own = vehicle.mass_std is not None and estimation.start == "nominal" and estimation.std_fraction is None
+    covariance = initial_covariance(scenario)
+    relative = float(np.sqrt(covariance[MASS_RECIPROCAL, MASS_RECIPROCAL])) * vehicle.nominal.mass
+    return Tracking(
+        positions=vehicle.positions,
+        forces=vehicle.thrusts,
+        valves=Valves(
+            delays_s=each("command_delay_s"),
+            delay_stds_s=each("command_delay_std_s"),
+            lags_s=each("time_constant_s"),
+            lag_stds=each("lag_uncertainty"),
+            openings_s=each("opening_delay_s"),
+            opening_stds_s=each("opening_delay_std_s"),
+        ),
+        around=Around(**{name: getattr(around, name) for name in Around._fields}),
+        mass_std=(vehicle.mass_std or 0.0) / vehicle.nominal.mass if own else relative,
+        common_std=vehicle.common_scale_uncertainty,
+        common_walk=vehicle.common_scale_walk,
+        planar=vehicle.motion == "planar",
+        fixed=np.isin(NAMES, vehicle.fixed),
+        position_stds=stds("position_std"),
+        attitude_stds=stds("attitude_std"),
+        time_stds_s=np.array([pose.time_std_s for pose in poses]),
+        outliers=max((pose.outliers for pose in poses), default=0.0),
+        points=np.array([pose.point for pose in poses]).reshape(-1, 3),
+        point_stds=np.array([pose.point_std for pose in poses]),
+        velocity_positions=np.array([speed.position for speed in speeds]).reshape(-1, 3),
+        velocity_stds=np.array([speed.noise_std for speed in speeds]),
+    )
+
+
+def known_parameters(scenario: Scenario) -> NDArray[np.bool_]:
+    """Which of the ten parameters are not estimated: they are fixed, or play no part in a plane, shape (10,)."""
+    if scenario.estimation.filter != "pose":
+        return np.zeros(10, dtype=bool)
+    return pose_setting.known_parameters(tracking(scenario))
 
 
 def _instruments(packages: Sequence[SensorPackage]) -> Instruments:
@@ -104,7 +160,7 @@ def thrust_model(scenario: Scenario) -> ThrustModel:
         flows=vehicle.mass_flows,
         time_constants_s=estimator_time_constants(scenario),
         kinds=of_jets,
-        uncertainty=np.array([kind.thrust_uncertainty for kind in kinds])[of_jets],
+        uncertainty=vehicle.thrust_uncertainties,
         lag_uncertainty=np.array([kind.lag_uncertainty for kind in kinds]),
         repeatability=np.array([kind.repeatability for kind in kinds])[of_jets],
         arm=vehicle.rms_arm,
@@ -212,6 +268,8 @@ def estimator_time_constants(scenario: Scenario) -> Array:
     """Time constants that the estimators begin with, s, shape (n_jets,); zero: instantaneous."""
     constants, estimation = scenario.vehicle_data.time_constants_s, scenario.estimation
     lagged = estimation.thrust_transient == "gate_lag"
+    if estimation.filter == "pose":
+        return constants
     if estimation.filter == "joint":
         lagged = scenario.joint.thrust_transient != "none"
     return constants if lagged else np.zeros_like(constants)
@@ -230,9 +288,30 @@ def accelerometers(scenario: Scenario) -> tuple[Accelerometer, ...]:
     return tuple(sorted(vehicle.accelerometers, key=lambda package: package.name != preferred))
 
 
+def weighs(scenario: Scenario) -> bool:
+    """Whether what is read shows the mass: by an accelerometer, or by where the vehicle is."""
+    return bool(scenario.vehicle_data.accelerometers) or scenario.estimation.filter == "pose"
+
+
 def gyro(scenario: Scenario) -> Gyro:
-    """The gyro package in use."""
-    return gyros(scenario)[0]
+    """The gyro package in use.
+
+    Raises:
+        InputError: when the vehicle has none.
+    """
+    packages = gyros(scenario)
+    if not packages:
+        raise InputError(
+            f"vehicle '{scenario.vehicle_data.name}' has no gyro, which an autopilot flies by; prescribe its jets in "
+            "jet_schedule"
+        )
+    return packages[0]
+
+
+def main_sensor(scenario: Scenario) -> str:
+    """Name of the sensor that shows best how the vehicle turns: the gyro in use, or the first in a fixed frame."""
+    packages = gyros(scenario)
+    return packages[0].name if packages else scenario.vehicle_data.tracked[0].name
 
 
 def thrust_errors(scenario: Scenario) -> Array | None:
@@ -360,9 +439,29 @@ def true_properties(scenario: Scenario) -> MassProperties:
     return scenario.vehicle_data.nominal if properties is None else properties.properties()
 
 
+def pose_model(scenario: Scenario, sensor: PoseSensor) -> PoseModel:
+    """What a sensor of position and attitude reads of the true vehicle."""
+    return PoseModel(
+        point=np.array(sensor.point),
+        position_std=math.inf if sensor.position_std is None else sensor.position_std,
+        attitude_std=math.inf if sensor.attitude_std is None else sensor.attitude_std,
+        time_std_s=sensor.time_std_s,
+        outliers=sensor.outliers,
+        planar=scenario.vehicle_data.motion == "planar",
+    )
+
+
 def plant_wrenches(scenario: Scenario) -> Array:
-    """True torque about the vehicle origin, force and mass flow of each jet, shape (n_jets, 7)."""
+    """True torque about the vehicle origin, force and mass flow of each jet, shape (n_jets, 7).
+
+    In a plane the floor takes what would lift or tip the vehicle: force along z, and torque about the true center of
+    mass but about z.
+    """
     wrenches = thrust_factors(scenario)[:, None] * scenario.vehicle_data.wrenches
+    if scenario.vehicle_data.motion == "planar":
+        wrenches[:, 5] = 0.0
+        carried = np.cross(true_properties(scenario).center_of_mass, wrenches[:, 3:])
+        wrenches[:, :2] = carried[:, :2]
     return np.column_stack([wrenches, plant_mass_flows(scenario)])
 
 
@@ -453,8 +552,10 @@ def jets(scenario: Scenario) -> Jets:
 
 
 def detector(scenario: Scenario) -> Detector | None:
-    """The detector that a scenario names; None: off, or the vehicle has no accelerometer."""
-    if scenario.detector.kind == "off" or not scenario.vehicle_data.accelerometers:
+    """The detector that a scenario names; None: off, or the filter is not `pose` and has no accelerometer."""
+    if scenario.detector.kind == "off":
+        return None
+    if scenario.estimation.filter != "pose" and not scenario.vehicle_data.accelerometers:
         return None
     return DETECTORS[scenario.detector.kind]
 

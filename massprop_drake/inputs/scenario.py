@@ -42,9 +42,13 @@ Array = NDArray[np.float64]
 
 _DEGREE = np.pi / 180.0
 _ESTIMATION = ("vehicle", "estimation", "rotation", "mass", "joint", "detector")
-_USUAL_FILTER: Literal["thesis", "joint"] = "joint"
+_USUAL_FILTER: Literal["thesis", "joint", "pose"] = "joint"
 # detectors that a filter goes with, the usual one first
-DETECTORS_OF = {"thesis": ("cglr", "cusum", "off"), "joint": ("multi_hypothesis", "off")}
+DETECTORS_OF = {
+    "thesis": ("cglr", "cusum", "off"),
+    "joint": ("multi_hypothesis", "off"),
+    "pose": ("thrust_factors", "off"),
+}
 # keys that speak to one filter alone
 _KEYS_OF: dict[str, tuple[tuple[str, ...], ...]] = {
     "thesis": (
@@ -56,6 +60,7 @@ _KEYS_OF: dict[str, tuple[tuple[str, ...], ...]] = {
     ),
     "joint": (("joint",),),
 }
+_USUAL_VEHICLE = "orbiter"
 _INDEX = re.compile(r"[0-9]{1,6}")
 _LONGEST_NAME = 200  # characters; those of a folder's name are limited
 
@@ -407,10 +412,12 @@ class GivenStart(Model):
 class EstimationBlock(Model):
     """The estimators' starting point, and how they turn commands into thrust."""
 
-    filter: Literal["thesis", "joint"] = described(
+    filter: Literal["thesis", "joint", "pose"] = described(
         _USUAL_FILTER,
         "method: joint: one filter for mass properties, rate, velocity and thrust, with the block `joint`; thesis: the "
-        "source's two, with the blocks `rotation` and `mass`; where none is named, keys of one alone choose it",
+        "source's two, with the blocks `rotation` and `mass`; pose: one filter in a fixed frame, for vehicles with "
+        "pose or velocity sensors, without gyros, or in a plane; where none is named, such a vehicle or keys of one "
+        "alone choose it",
     )
     start: Literal["nominal", "zero", "given"] = described(
         "nominal", "estimates begin at the nominal values, at zero, or at what `given` says"
@@ -652,7 +659,25 @@ class MultiHypothesisBlock(Model):
     slots: Whole = described(4, "failed jets whose forces are estimated at a time", "-", ge=1, le=16)
 
 
-DetectorBlock = Annotated[CglrBlock | CusumBlock | MultiHypothesisBlock, Field(discriminator="kind")]
+class ThrustFactorsBlock(Model):
+    """Detection of jets that are weak or stand open, from the start or later, by hypotheses about their thrust."""
+
+    kind: Literal["thrust_factors"] = described("thrust_factors", "usual with estimation.filter: pose")
+    lead: Real = described(6.0, "of the likeliest hypothesis over every other that names a jet, nats", "-", gt=0.0)
+    lead_nothing: Real = described(12.0, "over the one that nothing has failed, nats", "-", gt=0.0)
+    least: Real = described(
+        0.1,
+        "loss of thrust, or how far a jet stands open, that is named, of its thrust; above 3 sigma besides: a factor "
+        "that is a few percent off is no failure, however sure it is",
+        "-",
+        gt=0.0,
+        lt=1.0,
+    )
+
+
+DetectorBlock = Annotated[
+    CglrBlock | CusumBlock | MultiHypothesisBlock | ThrustFactorsBlock, Field(discriminator="kind")
+]
 
 
 class ExecutionBlock(Model):
@@ -680,7 +705,7 @@ class Scenario(Model):
     )
     description: Text = described("", "one line")
     vehicle: Text | Vehicle = described(
-        "orbiter", "a bundled vehicle, a file (relative to this one), or a vehicle's data"
+        _USUAL_VEHICLE, "a bundled vehicle, a file (relative to this one), or a vehicle's data"
     )
     duration_s: Real = described(50.0, "length of the run", "s", gt=0.0, le=1e6)
     seed: Whole = described(0, "of everything drawn by chance", "-", ge=0, lt=2**63)
@@ -696,7 +721,7 @@ class Scenario(Model):
     detector: DetectorBlock = described(
         MultiHypothesisBlock(),
         "detection of failed jets; each kind has keys of its own: multi_hypothesis or off with estimation.filter: "
-        "joint, cglr, cusum or off with thesis; the first of them unless one is named",
+        "joint, cglr, cusum or off with thesis, thrust_factors or off with pose; the first of them unless one is named",
     )
     failures: tuple[Failure, ...] = described((), "failures of jets")
     jumps: tuple[MassJump, ...] = described((), "payloads that leave or come")
@@ -798,10 +823,20 @@ def filter_of(data: Mapping[str, Any]) -> str:
     named = _part(data.get("estimation"), "filter", None)
     if named is not None:
         return str(named)
+    if _needs_pose_filter(data.get("vehicle")):
+        return "pose"
     told = {name for name, paths in _KEYS_OF.items() if any(_present(data, path) for path in paths)}
     kind = _part(data.get("detector"), "kind", "off")
     told |= {name for name, kinds in DETECTORS_OF.items() if kind in kinds and kind != "off"}
     return told.pop() if len(told) == 1 else _USUAL_FILTER
+
+
+def _needs_pose_filter(vehicle: Any) -> bool:
+    """Whether a vehicle, or its data that may not be validated yet, is one for `estimation.filter: pose`."""
+    if isinstance(vehicle, Mapping):
+        tracked = vehicle.get("poses") or vehicle.get("velocities")
+        return bool(tracked) or vehicle.get("motion") == "planar"
+    return isinstance(vehicle, Vehicle) and vehicle.needs_pose_filter
 
 
 def _present(data: Any, path: tuple[str, ...]) -> bool:
@@ -860,18 +895,19 @@ def check_against_vehicle(scenario: Scenario, vehicle: Vehicle) -> list[tuple[Fi
             problem = f"{name!r} is no {what} of vehicle '{vehicle.name}'{suggestion(name, names)}"
             problems.append((path, problem))
 
+    problems.extend(_not_followed(scenario, vehicle))
     for index, pulse in enumerate(scenario.jet_schedule):
         require("jet", pulse.jet, vehicle.designations, "jet_schedule", index, "jet")
     for index, failure in enumerate(scenario.failures):
         require("jet", failure.jet, vehicle.designations, "failures", index, "jet")
     problems.extend(_impossible_jumps(scenario, vehicle))
-    named: list[str] = []
+    faulty: list[str] = []
     for index, errors in enumerate(scenario.sensors.errors):
         require("sensor", errors.sensor, vehicle.sensor_names(), "sensors", "errors", index, "sensor")
-        if errors.sensor in named:
+        if errors.sensor in faulty:
             problem = f"'{errors.sensor}' has errors already; give one entry"
             problems.append((("sensors", "errors", index, "sensor"), problem))
-        named.append(errors.sensor)
+        faulty.append(errors.sensor)
     if scenario.sensors.gyro is not None:
         require("gyro", scenario.sensors.gyro, (gyro.name for gyro in vehicle.gyros), "sensors", "gyro")
     if scenario.sensors.accelerometer is not None:
@@ -892,6 +928,16 @@ def check_against_vehicle(scenario: Scenario, vehicle: Vehicle) -> list[tuple[Fi
         found = plausible.of_scenario(scenario, vehicle)
         problems.extend((finding.path, finding.problem) for finding in found if finding.impossible)
     return problems
+
+
+def _not_followed(scenario: Scenario, vehicle: Vehicle) -> Iterator[tuple[FieldPath, str]]:
+    """Finds a filter, or an engine, that does not go with a vehicle which is followed in a fixed frame, or is not."""
+    named = scenario.estimation.filter
+    if vehicle.needs_pose_filter != (named == "pose"):
+        needs = "which needs pose" if vehicle.needs_pose_filter else "which has no pose or velocity sensor; use joint"
+        yield ("estimation", "filter"), f"{named} does not go with vehicle '{vehicle.name}', {needs}"
+    if named == "pose" and scenario.execution.engine == "loop":
+        yield ("execution", "engine"), "loop does not cover a vehicle that is followed in a fixed frame; use diagram"
 
 
 def _impossible_jumps(scenario: Scenario, vehicle: Vehicle) -> list[tuple[FieldPath, str]]:
@@ -983,14 +1029,31 @@ def resolved(data: Any, document: Document | None = None, folder: Path | None = 
     if isinstance(vehicle, dict):  # validated by itself, so that messages name its fields
         vehicle = _inline_vehicle(vehicle, document)
     if isinstance(vehicle, Vehicle):  # its validators would run again as part of the scenario
-        scenario = validated(Scenario, {**data, "vehicle": vehicle.name}, document)
+        scenario = validated(Scenario, _with_filter(data, vehicle) | {"vehicle": vehicle.name}, document)
     else:
-        scenario = validated(Scenario, data, document)
-        vehicle = _find_vehicle(str(scenario.vehicle), folder or Path(), document)
+        there = _named_vehicle(data.get("vehicle", _USUAL_VEHICLE), folder)
+        scenario = validated(Scenario, _with_filter(data, there), document)
+        vehicle = there or _find_vehicle(str(scenario.vehicle), folder or Path(), document)
     problems = check_against_vehicle(scenario, vehicle)
     if problems:
         raise InputError(*(f"{_place(path, document)}: {problem}" for path, problem in problems))
     return scenario.model_copy(update={"vehicle": vehicle})
+
+
+def _named_vehicle(vehicle: Any, folder: Path | None) -> Vehicle | None:
+    """The vehicle that data name; None where there is none, which is said where it is loaded for good."""
+    try:
+        return _find_vehicle(vehicle, folder or Path(), None) if isinstance(vehicle, str) else None
+    except InputError:
+        return None
+
+
+def _with_filter(data: Any, vehicle: Vehicle | None) -> Any:
+    """Data that name the filter which alone goes with a vehicle, where they name none."""
+    if vehicle is None or not vehicle.needs_pose_filter or not isinstance(data, dict):
+        return data
+    estimation = data.get("estimation", {})
+    return {**data, "estimation": {"filter": "pose", **estimation}} if isinstance(estimation, dict) else data
 
 
 def _place(path: FieldPath, document: Document | None) -> str:

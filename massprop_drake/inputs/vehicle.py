@@ -55,9 +55,11 @@ _SENSOR_NAME = r"^[A-Za-z][A-Za-z0-9_]*$"
 _RANGE = "largest reading either way, where the sensor saturates; the filters skip such a reading; null: unlimited"
 _UNIT_LENGTH_TOLERANCE = 0.002  # of a direction, as printed tables have it
 _LARGEST_NUMBER = 1_000_000  # of a jet or a cluster
+_WITHOUT_RATES = "without measured rates neither inertia nor center of mass can be estimated"
 _MOST_JETS = 500  # several times what any vehicle has
 
 
+_Fixable = Literal["Ixx_inv", "Iyy_inv", "Izz_inv", "Iyz_inv", "Ixz_inv", "Ixy_inv", "x_cm", "y_cm", "z_cm", "m_inv"]
 PositiveReal = Annotated[Real, Field(gt=0.0)]
 Positive3 = tuple[PositiveReal, PositiveReal, PositiveReal]
 
@@ -132,7 +134,26 @@ class JetKind(Model):
         "likewise",
         "-",
         ge=0.0,
-        le=0.3,
+        le=1.0,
+    )
+    command_delay_s: Real = described(
+        0.0,
+        "how long after its command a jet begins to act; negative where records pair readings with a command that is "
+        "in force already; used by `estimation.filter: pose`, like all below",
+        "s",
+        span=plausible.VALVE,
+    )
+    command_delay_std_s: Real = described(
+        0.0, "1-sigma of it, one error for the kind; 0: known", "s", ge=0.0, span=plausible.VALVE
+    )
+    opening_delay_s: Real = described(
+        0.0,
+        "by how much later a valve opens than it closes, after a command; negative: pulses are longer than commanded",
+        "s",
+        span=plausible.VALVE,
+    )
+    opening_delay_std_s: Real = described(
+        0.0, "1-sigma of it, one error for the kind; 0: known", "s", ge=0.0, span=plausible.VALVE
     )
 
 
@@ -161,6 +182,13 @@ class Jet(Model):
         "slug/s | kg/s",
         gt=0.0,
         span=plausible.FLOW,
+    )
+    thrust_uncertainty: Real | None = described(
+        None,
+        "1-sigma of this jet's constant, unknown thrust error, relative, as from a bench; null: that of its kind",
+        "-",
+        ge=0.0,
+        le=0.3,
     )
 
     @field_validator("direction")
@@ -236,6 +264,118 @@ class Accelerometer(SensorPackage):
         0.0, "white noise of a reading, 1-sigma", "ft/s | m/s", ge=0.0, span=plausible.VELOCITY_STEP
     )
     range: Real | None = described(None, _RANGE, "ft/s | m/s", gt=0.0, span=plausible.VELOCITY)
+
+
+class PoseSensor(Model):
+    """A sensor of position and attitude in a fixed frame, such as motion capture, or of one of them."""
+
+    name: Name = described(
+        ...,
+        "unique name of letters, digits and underscores; its columns in telemetry are <name>_x, _y, _z and, of the "
+        "quaternion from body to fixed frame, <name>_qw, _qx, _qy, _qz",
+        pattern=_SENSOR_NAME,
+    )
+    position_std: Real | None = described(
+        None,
+        "white noise of each coordinate, 1-sigma; null: position is not measured",
+        "ft | m",
+        gt=0.0,
+        span=plausible.POSITION,
+    )
+    attitude_std: Real | None = described(
+        None,
+        "white noise of the attitude about each axis, 1-sigma; null: attitude is not measured",
+        "rad",
+        gt=0.0,
+        le=1.0,
+    )
+    time_std_s: Real = described(0.0, "white error of the stamps, 1-sigma", "s", ge=0.0, span=plausible.PERIOD)
+    outliers: Real = described(
+        0.0, "share of samples that are poor, ten times as noisy, such as with a marker hidden", "-", ge=0.0, le=0.3
+    )
+    point: Vector3 = described(
+        (0.0, 0.0, 0.0), "point whose position is measured, vehicle frame", "ft | m", span=plausible.POSITION
+    )
+    point_std: Real = described(
+        0.0,
+        "1-sigma of each of its coordinates, which are then estimated; 0: known",
+        "ft | m",
+        ge=0.0,
+        span=plausible.POSITION,
+    )
+
+    @model_validator(mode="after")
+    def _measures(self) -> PoseSensor:
+        if self.position_std is None and self.attitude_std is None:
+            raise ValueError(f"sensor '{self.name}' measures nothing: give position_std, attitude_std or both")
+        return self
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Its columns in telemetry: those of the position, and those of the quaternion."""
+        return (*(f"{self.name}_{axis}" for axis in "xyz"), *(f"{self.name}_q{part}" for part in "wxyz"))
+
+
+class VelocitySensor(Model):
+    """A sensor of velocity in the fixed frame."""
+
+    name: Name = described(
+        ...,
+        "unique name of letters, digits and underscores; its columns in telemetry are <name>_x, _y, _z",
+        pattern=_SENSOR_NAME,
+    )
+    noise_std: Real = described(
+        ..., "white noise of each component, 1-sigma", "ft/s | m/s", gt=0.0, span=plausible.VELOCITY_STEP
+    )
+    position: Vector3 = described(
+        (0.0, 0.0, 0.0), "point whose velocity is measured, vehicle frame", "ft | m", span=plausible.POSITION
+    )
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Its columns in telemetry."""
+        return tuple(f"{self.name}_{axis}" for axis in "xyz")
+
+
+class Surroundings(Model):
+    """What moves the vehicle besides its jets; used by `estimation.filter: pose`."""
+
+    drag: Real = described(0.0, "force against the velocity", "lbf-s/ft | N-s/m", ge=0.0)
+    drag_std: Real = described(0.0, "1-sigma of it; 0: known", "lbf-s/ft | N-s/m", ge=0.0)
+    angular_drag: Real = described(0.0, "torque against the rate", "ft-lbf-s | N-m-s", ge=0.0)
+    angular_drag_std: Real = described(0.0, "1-sigma of it; 0: known", "ft-lbf-s | N-m-s", ge=0.0)
+    slope_std: Real = described(
+        0.0,
+        "1-sigma of a constant acceleration in the fixed frame, such as of a table that is not level; 0: none",
+        "ft/s^2 | m/s^2",
+        ge=0.0,
+        span=plausible.ACCELERATION,
+    )
+    slope_walk: Real = described(0.0, "1-sigma of its change in one second, growing with the root of time", "-", ge=0.0)
+    turn_std: Real = described(
+        0.0, "1-sigma of a constant angular acceleration in body axes, such as by swirl; 0: none", "rad/s^2", ge=0.0
+    )
+    turn_walk: Real = described(0.0, "1-sigma of its change in one second, growing with the root of time", "-", ge=0.0)
+    heading_turn_std: Real = described(
+        0.0,
+        "1-sigma of the cosine and the sine part of an angular acceleration about z that goes with the heading, such "
+        "as by a center of mass beside the middle of a tilted support; 0: none",
+        "rad/s^2",
+        ge=0.0,
+    )
+    velocity_walk: Real = described(
+        0.0,
+        "what unmodeled forces add to the velocity, 1-sigma after one second, growing with the root of time",
+        "ft/s/sqrt(s) | m/s/sqrt(s)",
+        ge=0.0,
+        span=plausible.VELOCITY_STEP,
+    )
+    rate_walk: Real = described(
+        0.0, "what unmodeled torques add to the rate, likewise", "rad/s/sqrt(s)", ge=0.0, span=plausible.RATE_STEP
+    )
+    kicks_per_minute: Real = described(0.0, "how often something pushes the vehicle that nothing tells of", "-", ge=0.0)
+    kick_velocity: Real = described(0.0, "change of the velocity by that, 1-sigma", "ft/s | m/s", ge=0.0)
+    kick_rate: Real = described(0.0, "change of the rate by that, 1-sigma", "rad/s", ge=0.0)
 
 
 class _Solid(Model):
@@ -325,11 +465,33 @@ class Vehicle(Model):
         ge=0.0,
         le=1.0,
     )
+    mass_std: Real | None = described(
+        None,
+        "1-sigma of the nominal mass, as of scales; null: by `uncertainty`; used by `estimation.filter: pose`, like "
+        "all below up to the gyros",
+        "slug | kg",
+        gt=0.0,
+        span=plausible.MASS,
+    )
+    common_scale_uncertainty: Real = described(
+        0.0,
+        "1-sigma of an error that the thrusts of all jets share, relative, as by their supply's pressure",
+        "-",
+        ge=0.0,
+        le=0.3,
+    )
+    common_scale_walk: Real = described(
+        0.0, "1-sigma of its change in one second, growing with the root of time", "1/sqrt(s)", ge=0.0, le=0.3
+    )
+    motion: Literal["free", "planar"] = described(
+        "free", "planar: x, y and the turn about z alone are possible, as on an air bearing"
+    )
+    fixed: tuple[_Fixable, ...] = described((), "parameters that are known and not estimated")
+    surroundings: Surroundings = described(Surroundings(), "what moves the vehicle besides its jets")
+    poses: tuple[PoseSensor, ...] = described((), "sensors of position and attitude in a fixed frame")
+    velocities: tuple[VelocitySensor, ...] = described((), "sensors of velocity in the fixed frame")
     gyros: tuple[Gyro, ...] = described(
-        ...,
-        "rate-gyro packages",
-        min_length=1,
-        reason="without measured rates neither inertia nor center of mass can be estimated",
+        ..., "rate-gyro packages; [] only where a pose sensor gives the attitude", reason=_WITHOUT_RATES
     )
     accelerometers: tuple[Accelerometer, ...] = described((), "integrating-accelerometer packages")
     preferred_accelerometer: Text | None = described(None, "the package used where one is enough; null: the first")
@@ -338,11 +500,41 @@ class Vehicle(Model):
     shape: tuple[Solid, ...] = described((), "solids that draw it in the 3-D replay; empty: a box between the jets")
 
     @model_validator(mode="after")
+    def _planar(self) -> Vehicle:
+        turns = any(pose.attitude_std is not None for pose in self.poses)
+        if not self.gyros and not turns:
+            raise refusal(
+                [
+                    (
+                        ("gyros",),
+                        f"is empty; this field is required: {_WITHOUT_RATES}; or by a pose sensor with attitude_std",
+                    )
+                ]
+            )
+        if (self.velocities or any(pose.position_std is not None for pose in self.poses)) and not turns:
+            key = "poses" if self.poses else "velocities"
+            raise refusal([((key,), "positions and velocities in a fixed frame need a pose sensor with attitude_std")])
+        if self.motion == "planar":
+            inertia = np.array(self.mass_properties.inertia)
+            if inertia[0, 2] or inertia[1, 2]:
+                raise refusal(
+                    [(("mass_properties", "inertia"), "with motion: planar products xz and yz play no part; give 0")]
+                )
+            tilted = [index for index, jet in enumerate(self.jets) if jet.direction[0] == jet.direction[1] == 0.0]
+            if tilted:
+                raise refusal([(("jets", tilted[0], "direction"), "with motion: planar a jet along z moves nothing")])
+        elif self.surroundings.heading_turn_std:
+            path = ("surroundings", "heading_turn_std")
+            raise refusal([(path, "goes with motion: planar, which has a heading; here it must be 0")])
+        return self
+
+    @model_validator(mode="after")
     def _consistent(self) -> Vehicle:
         _require_unique("jets", "designation", [jet.designation for jet in self.jets])
         _require_unique("jets", "number", [jet.number for jet in self.jets])
-        _require_unique("sensors", "name", self.sensor_names())
-        for name in self.sensor_names():
+        names = [*self.sensor_names(), *(sensor.name for sensor in self.tracked)]
+        _require_unique("sensors", "name", names)
+        for name in names:
             if name in _RESERVED or name.startswith(_RESERVED_BEGINNINGS):
                 raise ValueError(f"sensors: name {name!r} is a signal of every run; give the sensor another")
         for index, jet in enumerate(self.jets):
@@ -376,6 +568,21 @@ class Vehicle(Model):
     def sensors(self) -> tuple[SensorPackage, ...]:
         """All sensor packages, gyros first."""
         return (*self.gyros, *self.accelerometers)
+
+    @property
+    def tracked(self) -> tuple[PoseSensor | VelocitySensor, ...]:
+        """The sensors in a fixed frame, poses first."""
+        return (*self.poses, *self.velocities)
+
+    @property
+    def tracked_columns(self) -> tuple[str, ...]:
+        """Their columns in telemetry, in order."""
+        return tuple(column for sensor in self.tracked for column in sensor.columns)
+
+    @property
+    def needs_pose_filter(self) -> bool:
+        """Whether `estimation.filter: pose` alone can make something of its sensors and motion."""
+        return bool(self.tracked) or self.motion == "planar" or not self.gyros
 
     @cached_property
     def designations(self) -> tuple[str, ...]:
@@ -426,13 +633,23 @@ class Vehicle(Model):
         """Minimum on-time of each jet, s, shape (n_jets,)."""
         return self._per_jet(lambda jet: self.jet_kinds[jet.kind].minimum_on_time_s)
 
+    @cached_property
+    def thrust_uncertainties(self) -> Array:
+        """1-sigma of each jet's constant thrust error, relative, shape (n_jets,)."""
+
+        def of(jet: Jet) -> float:
+            own = jet.thrust_uncertainty
+            return self.jet_kinds[jet.kind].thrust_uncertainty if own is None else own
+
+        return self._per_jet(of)
+
     def _per_jet(self, value: Callable[[Jet], float]) -> Array:
         return np.array([value(jet) for jet in self.jets])
 
     def __repr__(self) -> str:
         return (
-            f"<Vehicle '{self.name}': {len(self.jets)} jets, {len(self.gyros)} gyro and {len(self.accelerometers)} "
-            f"accelerometer packages, {self.nominal.mass:g} {self.unit_names['mass']}>"
+            f"<Vehicle '{self.name}': {len(self.jets)} jets, {self.sensors_in_words}, "
+            f"{self.nominal.mass:g} {self.unit_names['mass']}>"
         )
 
     __str__ = __repr__
@@ -472,6 +689,13 @@ class Vehicle(Model):
             return self.designations.index(designation)
         except ValueError:
             raise KeyError(designation) from None
+
+    @property
+    def sensors_in_words(self) -> str:
+        """How many sensors there are of each kind."""
+        others = {"pose": len(self.poses), "velocity": len(self.velocities)}
+        more = "".join(f", {count} {kind} sensor{'s' if count > 1 else ''}" for kind, count in others.items() if count)
+        return f"{len(self.gyros)} gyro and {len(self.accelerometers)} accelerometer packages{more}"
 
     def sensor_names(self) -> list[str]:
         """The names of all sensor packages, gyros first."""

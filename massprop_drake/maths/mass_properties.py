@@ -216,14 +216,25 @@ def percent_error(estimate: Array, truth: Array) -> Array:
     return error
 
 
-def converged_rows(standard_deviation: Array, estimate: Array, limits: Array) -> NDArray[np.bool_]:
-    """`converged` for many samples at once, shape (n,); arguments with a leading n."""
+def converged_rows(
+    standard_deviation: Array, estimate: Array, limits: Array, known: NDArray[np.bool_] | None = None
+) -> NDArray[np.bool_]:
+    """`converged` for many samples at once, shape (n,); arguments with a leading n.
+
+    Args:
+        standard_deviation, estimate, limits: see there.
+        known: which of the ten parameters are not estimated, and block nothing, shape (10,); None: none.
+    """
     diagonal, center, reciprocal = limits.tolist()
     relative = np.append(np.full(3, diagonal), reciprocal)
     scaled = [0, 1, 2, 9]
     s, x = standard_deviation[:, scaled], estimate[:, scaled]
     good = (s > 0.0) & (s < relative * x)
-    return good.all(axis=1) & (standard_deviation[:, 6:9] < center).all(axis=1)
+    placed = standard_deviation[:, CENTER_OF_MASS] < center
+    if known is not None:
+        good |= known[scaled]
+        placed |= known[CENTER_OF_MASS]
+    return good.all(axis=1) & placed.all(axis=1)
 
 
 @kernel

@@ -61,7 +61,10 @@ COMPONENTS: Mapping[str, tuple[str, ...]] = {
     "attitude": ("q_w", "q_x", "q_y", "q_z"),
     "pose": (*AXES, "q_w", "q_x", "q_y", "q_z"),
 }
-_USED = ("gyro", "accelerometer")  # kinds that are estimated from
+_KINDS = {
+    **{"gyros": "gyro", "accelerometers": "accelerometer", "velocities": "velocity"},
+    "poses": "pose",
+}  # of a map, by what the vehicle calls them; an attitude is a pose without position
 
 
 class Channel(NamedTuple):
@@ -158,18 +161,19 @@ def mapped(recording: Recording, by: RecordMap, vehicle: Vehicle, source: str = 
 
 def _require_of_the_vehicle(by: RecordMap, vehicle: Vehicle, source: str) -> None:
     problems = []
-    kinds = {package.name: "gyro" if package in vehicle.gyros else "accelerometer" for package in vehicle.sensors}
+    kinds = {package.name: kind for key, kind in _KINDS.items() for package in getattr(vehicle, key)}
     for name, sensor in by.sensors.items():
-        if sensor.kind in _USED and kinds.get(name) != sensor.kind:
-            known = [one for one, kind in kinds.items() if kind == sensor.kind]
-            hint = suggestion(name, known) or f"; it has no {sensor.kind}"
-            problems.append(
-                f"{source}: sensors.{name}: vehicle '{vehicle.name}' has no {sensor.kind} of this name{hint}"
-            )
-        elif sensor.kind not in _USED and name in kinds:
+        kind = "pose" if sensor.kind == "attitude" else sensor.kind
+        if kinds.get(name) == kind:
+            continue
+        if name in kinds:
             problems.append(
                 f"{source}: sensors.{name}: is a {kinds[name]} of the vehicle, and the map has a {sensor.kind}"
             )
+        elif kind in ("gyro", "accelerometer") or vehicle.needs_pose_filter:
+            known = [one for one, of in kinds.items() if of == kind]
+            hint = suggestion(name, known) or f"; it has no {kind}"
+            problems.append(f"{source}: sensors.{name}: vehicle '{vehicle.name}' has no {kind} of this name{hint}")
     named = by.commands.jets
     if named is not None:
         jets = list(vehicle.designations)
@@ -642,27 +646,34 @@ def row_places(record: Mapped) -> Places:
         places.append(at - 1 if before else at)
 
 
-def table(record: Mapped, gyro: str) -> MappedTable:
+def table(record: Mapped, gyro: str | None) -> MappedTable:
     """Makes rows of telemetry of a record, for the estimators.
+
+    Of a vehicle that is followed in a fixed frame there is a row whenever anything was read or commanded, and every
+    reading stands at its own time. Of others:
 
     A reading that was not taken at the time of a row, within 5 % of the sample period, is missing in it. Accelerations
     and increments are added up from row to row. Commands are the share of a row's interval for which a jet was open.
 
     Args:
         record: mapped.
-        gyro: name of the package that the estimators need.
+        gyro: name of the package that the estimators need; None: of a vehicle that is followed in a fixed frame.
 
     Raises:
         InputError: when the record has not what the estimators need.
     """
+    if gyro is None:
+        return _at_any_time(record)
     _require_usable(record, gyro)
     places = row_places(record)
     time_s = record.rows.time_s[places]
     vehicle, notes = record.vehicle, list(record.notes)
     names, parts = ["time_s"], [time_s[:, None]]
     for name, channel in record.channels.items():
-        if channel.kind not in _USED:
-            notes.append(f"{channel.kind} '{name}' of the map is not estimated from yet")
+        if channel.kind not in ("gyro", "accelerometer"):
+            notes.append(
+                f"{channel.kind} '{name}' of the map is not estimated from: vehicle '{vehicle.name}' has no such sensor"
+            )
             continue
         if channel.gives in ("", "integral"):
             values, suffix = _at(channel, time_s, vehicle.sample_period_s), ""
@@ -690,18 +701,70 @@ def table(record: Mapped, gyro: str) -> MappedTable:
     return MappedTable(names, values, lines, record, list(dict.fromkeys(notes)))
 
 
+def _at_any_time(record: Mapped) -> MappedTable:
+    """A row whenever anything was read or commanded."""
+    vehicle, held = record.vehicle, record.commands
+    channels = {name: channel for name, channel in record.channels.items() if channel.time_s.size}
+    if not channels:
+        raise InputError(f"{record.recording.source}: no sensor of the map has a sample")
+    times = [*(channel.time_s for channel in channels.values()), held.begin_s, held.end_s]
+    first = min(float(channel.time_s[0]) for channel in channels.values())
+    last = max(float(channel.time_s[-1]) for channel in channels.values())
+    every = np.unique(np.concatenate(times))
+    every = every[(every >= first) & (every <= last)]
+    time_s = every[np.append(True, np.diff(every) > _SAME_S)]
+    names, parts, notes = ["time_s"], [time_s[:, None]], list(record.notes)
+    for name, channel in channels.items():
+        values = np.full((time_s.size, channel.values.shape[1]), np.nan)
+        values[np.searchsorted(time_s, channel.time_s - _SAME_S)] = channel.values
+        if channel.kind == "accelerometer" and channel.gives != "integral":
+            values = _integral(channel, values, notes)
+        names += [f"{name}_{part.replace('_', '')}" for part in COMPONENTS[channel.kind]]
+        parts.append(values)
+    names += [f"jet_{jet}" for jet in vehicle.designations]
+    place = np.searchsorted(held.begin_s, time_s + _SAME_S, side="right") - 1
+    known = (place >= 0) & (time_s < held.end_s[np.maximum(place, 0)] - _SAME_S)
+    parts.append(np.where(known[:, None], held.values[np.maximum(place, 0)], np.nan))
+    if record.known_force is not None or record.known_torque is not None:
+        raise InputError(
+            f"{record.source}: known_force and known_torque are not taken into account where a vehicle is followed in "
+            "a fixed frame; leave them out"
+        )
+    rows = np.clip(np.searchsorted(record.rows.time_s, time_s + _SAME_S, side="right") - 1, 0, None)
+    topic = record.recording.topic(record.by.topic_of(record.by.sensors[record.by.row_sensor]))
+    places = record.rows.places[rows]
+    lines = places + 1 if topic.lines is None else topic.lines[places]
+    return MappedTable(names, np.hstack(parts), lines, record, list(dict.fromkeys(notes)))
+
+
+def _integral(channel: Channel, values: Array, notes: list[str]) -> Array:
+    """What accelerations or their increments add up to, where there are samples, shape (n, 3)."""
+    there = np.isfinite(values).all(axis=1)
+    added = values[there]
+    if channel.gives != "increment":
+        steps = np.diff(channel.time_s, prepend=channel.time_s[0] - channel.interval_s)
+        steps = steps[np.isfinite(channel.values).all(axis=1)]
+        if channel.gives == "instant":
+            added = 0.5 * (added + np.vstack([added[:1], added[:-1]]))
+            notes.append(f"'{channel.name}' is integrated from instants: approximate while jets switch")
+        added = added * steps[:, None]
+    result = np.full_like(values, np.nan)
+    result[there] = np.cumsum(added, axis=0)
+    return result
+
+
 def _require_usable(record: Mapped, gyro: str) -> None:
     channel = record.channels.get(gyro)
     if channel is None:
         there = ", ".join(f"{one.kind} '{name}'" for name, one in record.channels.items())
         raise InputError(
             f"{record.source}: names {there}, and no gyro '{gyro}'; the estimators take rates from a gyro and "
-            "velocities from integrating accelerometers. Poses, attitudes and velocities are read, and shown by "
-            "`massprop map`, but not estimated from yet"
+            "velocities from integrating accelerometers; poses, attitudes and velocities are estimated from where the "
+            "vehicle's file names their sensors, under `poses` and `velocities`"
         )
     for name, one in record.channels.items():
         lacking = [axis for axis, values in zip(AXES, one.values.T, strict=False) if not np.isfinite(values).any()]
-        if one.kind in _USED and lacking:
+        if one.kind in ("gyro", "accelerometer") and lacking:
             raise InputError(
                 f"{record.source}: sensors.{name}: has no {', '.join(lacking)}; the estimators take a package of three "
                 "axes, and cannot hold one still yet"

@@ -21,6 +21,7 @@ from massprop_drake.maths.vehicle.sensing import increment_noise
 Array = NDArray[np.float64]
 
 _OFFSET = np.array([0.62, -0.48, 0.62])  # a unit vector along no axis and in no plane of them
+_UNMEASURED = 1e30  # variance of a velocity that nothing shows
 _WORTH = 0.9  # share of the 1-sigma: a jet that leaves more of it is not worth naming
 
 
@@ -46,7 +47,7 @@ class Identifiability(NamedTuple):
     bound: Real | None = None
 
 
-def unobservable(vehicle: Vehicle, *, accelerometer: bool) -> Array:
+def unobservable(vehicle: Vehicle, *, accelerometer: bool, known: NDArray[np.bool_] | None = None) -> Array:
     """The combinations of parameters that stay hidden wherever the center of mass lies, shape (k, 10).
 
     A row each, as `observability.unobservable` gives them, in units of the 1-sigma at the start; not what is hidden by
@@ -55,13 +56,18 @@ def unobservable(vehicle: Vehicle, *, accelerometer: bool) -> Array:
     Args:
         vehicle: its jets.
         accelerometer: whether velocity is measured.
+        known: parameters that are not estimated, shape (10,); None: none.
     """
     parameters = vehicle.nominal.vector()
     floor = vehicle.center_of_mass_floor or 1.0
     scale = mass_properties.initial_standard_deviation(parameters, vehicle.uncertainty, floor)
     parameters[mass_properties.CENTER_OF_MASS] += _OFFSET * floor
     jacobian = observability.impulse_jacobian(vehicle.wrenches, parameters, accelerometer=accelerometer)
-    return observability.unobservable(jacobian, scale)
+    free = np.arange(10) if known is None else np.flatnonzero(~known)
+    found = observability.unobservable(jacobian[:, free], scale[free])
+    whole = np.zeros((found.shape[0], 10))
+    whole[:, free] = found
+    return whole
 
 
 def identified(
@@ -77,22 +83,20 @@ def identified(
     """
     vehicle = scenario.vehicle_data
     least = np.full(10, math.nan) if bound is None else bound
-    limits, accelerometers = params.convergence_limits(scenario), params.accelerometers(scenario)
+    limits, known = params.convergence_limits(scenario), params.known_parameters(scenario)
+    weighs = params.weighs(scenario)
     deviation = np.sqrt(covariance.diagonal())
-    good = mass_properties.converged(deviation, estimate, limits)
+    good = bool(mass_properties.converged_rows(deviation[None], estimate[None], limits, known)[0])
     scaling = estimate if good else vehicle.nominal.vector()  # what is not known yet scales nothing
     limit = identifiability.asked(scaling, limits)
     start = np.sqrt(params.initial_covariance(scenario).diagonal())
-    hidden = unobservable(vehicle, accelerometer=bool(accelerometers))
+    hidden = unobservable(vehicle, accelerometer=weighs, known=known)
     found = identifiability.flags(start, deviation, limit, (hidden != 0.0).any(axis=0))
+    found = [Flag.FIXED if fixed else flag for fixed, flag in zip(known, found, strict=True)]
 
-    jacobian = observability.impulse_jacobian(
-        vehicle.wrenches * FIRING_S, scaling, accelerometer=bool(accelerometers)
-    ).reshape(len(vehicle.jets), -1, 10)
-    noise = increment_noise(params.gyro(scenario).variance)
-    if accelerometers:
-        nothing = np.zeros((3, 3))
-        noise = np.block([[noise, nothing], [nothing, increment_noise(accelerometers[0].variance)]])
+    jacobian = observability.impulse_jacobian(vehicle.wrenches * FIRING_S, scaling, accelerometer=weighs)
+    jacobian = jacobian.reshape(len(vehicle.jets), -1, 10)
+    noise = _noise(scenario)
     best = identifiability.foretold(covariance, jacobian, noise)
 
     entries = []
@@ -110,6 +114,25 @@ def identified(
     return tuple(entries)
 
 
+def _noise(scenario: Scenario) -> Array:
+    """Covariance of the increments of rate and, where it is measured, velocity over a sample, shape (3 or 6, ...).
+
+    A position or an attitude shows them by the difference of two differences.
+    """
+    vehicle, period_s = scenario.vehicle_data, scenario.vehicle_data.sample_period_s
+    gyros, accelerometers = params.gyros(scenario), params.accelerometers(scenario)
+    turning = [pose.attitude_std for pose in vehicle.poses if pose.attitude_std is not None]
+    moving = [pose.position_std for pose in vehicle.poses if pose.position_std is not None]
+    rates = [gyro.variance for gyro in gyros[:1]] + [3.0 * (std / period_s) ** 2 for std in turning]
+    speeds = [package.variance for package in accelerometers[:1]] + [3.0 * (std / period_s) ** 2 for std in moving]
+    speeds += [sensor.noise_std**2 for sensor in vehicle.velocities]
+    noise = increment_noise(min(rates))
+    if not params.weighs(scenario):
+        return noise
+    nothing = np.zeros((3, 3))
+    return np.block([[noise, nothing], [nothing, increment_noise(min(speeds, default=_UNMEASURED))]])
+
+
 class _Told(NamedTuple):
     """1-sigma of a parameter over the start's and over what is asked, and the least that is possible over that."""
 
@@ -121,6 +144,8 @@ class _Told(NamedTuple):
 def _reason(flag: Flag, of_flight: _Told, jet: str | None, left: float | None) -> str:
     if flag == Flag.IDENTIFIED:
         return ""
+    if flag == Flag.FIXED:
+        return "known, or of no effect in a plane: not estimated"
     if flag == Flag.NOT_OBSERVABLE:
         return "no jet and no sensor in use shows it alone"
     allowed = f" (the flight allows {of_flight.least:.2g})" if of_flight.least < 1.0 < of_flight.excess else ""

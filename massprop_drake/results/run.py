@@ -31,7 +31,9 @@ from massprop_drake.signals import (
     in_units,
     is_own,
     own_signal,
+    pose_signal,
     simulated_signal,
+    velocity_signal,
 )
 from massprop_drake.telemetry import reader as telemetry
 
@@ -144,6 +146,8 @@ class Run:
         packages = {gyro.name: gyro_signal(gyro.name) for gyro in vehicle.gyros}
         packages |= {package.name: accelerometer_signal(package.name) for package in vehicle.accelerometers}
         packages |= {against.name: against for against in map(simulated_signal, packages.values())}
+        packages |= {sensor.name: pose_signal(sensor.name) for sensor in vehicle.poses}
+        packages |= {sensor.name: velocity_signal(sensor.name) for sensor in vehicle.velocities}
         own = {name: own_signal(name, np.shape(self.signals[name])[1]) for name in self.signals if is_own(name)}
         return {name: SIGNALS.get(name) or packages.get(name) or own[name] for name in self.signals}
 
@@ -175,8 +179,8 @@ class Run:
         """
         if self.thinned or self._n_rows <= _MANY_ROWS:
             return self
-        gyro = params.gyro(self.scenario).name
-        rows = outstanding_rows(self.signals, self._n_rows, keys=(gyro,), peaks=_PEAKS, events=_EVENTS)
+        keys = (params.main_sensor(self.scenario),)
+        rows = outstanding_rows(self.signals, self._n_rows, keys=keys, peaks=_PEAKS, events=_EVENTS)
         signals = picked(self._rows, rows, leaving_out=_NOT_SHOWN)
         shown = Run(self.scenario, self.results, signals.pop("time_s"), signals, self.state)
         shown.thinned = True
@@ -289,16 +293,18 @@ class Run:
     def _telemetry(self) -> Iterator[telemetry.Rows]:
         """The readings and commands, block by block."""
         sensors = self.scenario.vehicle_data.sensor_names()
+        tracked = [sensor.name for sensor in self.scenario.vehicle_data.tracked]
         recorded = "gap" in self.signals
         optional = [name for name in ("gap", "outside_wrench") if name in self.signals]
         left = self._n_rows
-        for block in blocks(self._rows, "time_s", "command", *sensors, *optional):
+        for block in blocks(self._rows, "time_s", "command", *sensors, *tracked, *optional):
             left -= block["time_s"].size
             commands, readings = block["command"], {name: block[name] for name in sensors}
             if not (recorded or left):
                 commands = np.vstack([commands[:-1], np.full(commands.shape[1], np.nan)])  # none beyond the end
             there = block["gap"][:, 0] == 0.0 if recorded else np.ones(len(commands), dtype=bool)
-            yield telemetry.Rows(block["time_s"], readings, commands, block.get("outside_wrench"), there)
+            followed = np.hstack([block[name] for name in tracked]) if tracked else None
+            yield telemetry.Rows(block["time_s"], readings, commands, block.get("outside_wrench"), there, followed)
 
     def _write_history(self, path: Path) -> None:
         described = {name: {"unit": self.units[name], "components": self.components[name]} for name in self.units}

@@ -463,6 +463,9 @@ def composed(
         injected: of a simulated run, what became of its failures and jumps.
     """
     vehicle = scenario.vehicle_data
+    known = params.known_parameters(scenario)
+    certain = covariance.copy()  # what is not estimated is taken for known
+    certain[known], certain[:, known] = 0.0, 0.0
     return Summary(
         version=version("massprop-drake"),
         scenario=scenario.name,
@@ -473,7 +476,7 @@ def composed(
         estimates=estimate,
         standard_deviations=deviation,
         covariance=covariance,
-        derived=mass_properties.derived(estimate, covariance),
+        derived=mass_properties.derived(estimate, certain),
         truth=truth,
         percent_error=mass_properties.percent_error(estimate, truth),
         detections=found.detections,

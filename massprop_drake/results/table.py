@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_drake.maths import mass_properties
+from massprop_drake.maths.estimation.identifiability import Flag
 from massprop_drake.results.against import Against
 from massprop_drake.results.summary import Parameter, Summary
 from massprop_drake.signals import SYMBOLS, mass_property_units
@@ -67,6 +68,8 @@ def parameters(results: Summary, units: Mapping[str, str], *, truth: bool = True
         else:
             row = _row(symbol, unit, one)
             inside = "yes" if one.within_three_sigma else "no"
+            if flag == Flag.FIXED:
+                inside = "fixed"
             row = row._replace(inside="not excited" if flag == "not_excited" and inside == "yes" else inside)
             if bound is not None:
                 power = _power(one.estimate, one.truth, one.standard_deviation)

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from massprop_drake.inputs import params
 from massprop_drake.inputs.model import Count, Real, Text
-from massprop_drake.inputs.scenario import CglrBlock, CusumBlock, MultiHypothesisBlock, Scenario
+from massprop_drake.inputs.scenario import CglrBlock, CusumBlock, MultiHypothesisBlock, Scenario, ThrustFactorsBlock
 from massprop_drake.results.events import EventRecord
 
 Array = NDArray[np.float64]
@@ -62,6 +62,9 @@ class UntestedRecord(NamedTuple):
 
     jets: tuple[Text, ...]
     reason: Text
+
+
+_OF_HYPOTHESES = (MultiHypothesisBlock, ThrustFactorsBlock)
 
 
 class _Suspicion(NamedTuple):
@@ -125,7 +128,7 @@ class Suspicions:
             said.setdefault(event.time_s, []).append(event)
         for k in np.flatnonzero(self._suspicious(signals, tested) | (signals["detector_event"][:, 0] != 0.0)):
             now_s = float(time_s[k])
-            if isinstance(self._block, MultiHypothesisBlock):
+            if isinstance(self._block, _OF_HYPOTHESES):
                 self._follow(now_s, signals, int(k), said.get(now_s, ()))
             elif now_s not in said:
                 self._gather(now_s, signals, int(k))
@@ -135,7 +138,7 @@ class Suspicions:
         block, likelihood = self._block, signals["suspected_likelihood"][:, 0]
         if isinstance(block, CusumBlock):
             return tested & (likelihood > 0.5 * block.threshold)
-        if isinstance(block, MultiHypothesisBlock):
+        if isinstance(block, _OF_HYPOTHESES):
             racing = signals["racing"][:, 0] > 0.0
             ended = np.concatenate([[self._race is not None], racing[:-1]]) & ~racing
             return racing | ended
@@ -171,7 +174,7 @@ class Suspicions:
     def _follow(self, time_s: float, signals: Mapping[str, Array], k: int, said: Sequence[EventRecord]) -> None:
         """One more sample in which hypotheses are compared, or the first after."""
         block = self._block
-        assert isinstance(block, MultiHypothesisBlock)
+        assert isinstance(block, _OF_HYPOTHESES)
         if signals["racing"][k, 0] > 0.0:
             leads = np.nan_to_num(signals["likelihood"][k], nan=-np.inf)
             race = self._race

@@ -47,6 +47,11 @@ def beside(record: Run, folder: str | Path, *, spool_folder: Path | None = None)
     other = Run.load(folder)
     _require_alike(record.scenario.vehicle_data, other.scenario.vehicle_data, str(folder))
     world = _world(other, str(folder))
+    if record.scenario.estimation.filter == "pose" or not params.gyros(record.scenario):
+        raise InputError(
+            f"{folder}: a simulation is put beside the rates that gyros read; a record that is followed in a fixed frame "
+            "(estimation.filter: pose) cannot be compared so"
+        )
     twin = _Twin(record.scenario, world, str(folder))
     names = record.scenario.vehicle_data.sensor_names()
     spool = Spool(spool_folder, index="time_s")

@@ -32,11 +32,13 @@ class RecordRows(NamedTuple):
         samples: see `whole.Samples`.
         stamps_s: by the record's clock, s, shape (n,).
         coming: fraction commanded from each row on, NaN where not known, shape (n, n_jets).
+        tracked: readings in a fixed frame, see `filter.Told`, shape (n, columns); None: the vehicle has none.
     """
 
     samples: Samples
     stamps_s: Array
     coming: Array
+    tracked: Array | None = None
 
 
 class Cycles(Protocol):
@@ -104,7 +106,9 @@ class Stepped:
         samples = record.samples
         for index, (coming, stamp_s) in enumerate(zip(record.coming, record.stamps_s.tolist(), strict=True)):
             time_s, rates, velocities, command, outside = (part[index] for part in samples)
-            self.one(Sample(float(time_s), rates, velocities, command, outside, stamp_s, coming), log, index)
+            tracked = None if record.tracked is None else record.tracked[index]
+            read = Sample(float(time_s), rates, velocities, command, outside, stamp_s, coming, tracked)
+            self.one(read, log, index)
 
     def reported(self) -> tuple[Array, Array]:
         """Estimate and 1-sigma of the ten parameters that the last cycle published, shape (10,) each."""

@@ -20,7 +20,7 @@ from massprop_drake.maths.estimation.detector import Event, Judgment
 from massprop_drake.maths.estimation.detectors.hypotheses import named
 from massprop_drake.maths.estimation.detectors.multi_hypothesis import Word
 from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
-from massprop_drake.maths.mass_properties import converged
+from massprop_drake.maths.mass_properties import converged_rows
 from massprop_drake.maths.possible_inertia import nearest_possible
 from massprop_drake.maths.vehicle.sensing import unsaturated
 from massprop_drake.results.stored import FORMAT, EstimatorState, FilterState, made_with, require_made_with
@@ -126,12 +126,13 @@ class Estimator:
         problems = check_against_vehicle(scenario, vehicle)
         if problems:
             raise InputError(*(f"scenario: {dotted(path)}: {problem}" for path, problem in problems))
-        if not vehicle.accelerometers:
+        if not params.weighs(scenario):
             raise InputError(f"vehicle '{vehicle.name}' has no accelerometer: its mass cannot be observed")
         self._vehicle, self._scenario = vehicle, scenario
         self._made_with = made_with(scenario)
         self._gyros, self._accelerometers = params.gyros(scenario), params.accelerometers(scenario)
         self._params = params.estimation_params(scenario)
+        self._not_estimated = params.known_parameters(scenario)
         self._unit_wrenches = params.unit_wrenches(vehicle)
         self._state = cycle.initial_state(self._params)
         self._published: tuple[Array, Array] | None = None  # where they are not those of the state
@@ -196,23 +197,27 @@ class Estimator:
     def step(
         self,
         time_s: float,
-        gyro: ArrayLike | Mapping[str, ArrayLike],
-        accelerometers: ArrayLike | Mapping[str, ArrayLike],
+        gyro: ArrayLike | Mapping[str, ArrayLike] | None,
+        accelerometers: ArrayLike | Mapping[str, ArrayLike] | None,
         commands: ArrayLike,
         outside_wrench: ArrayLike | None = None,
+        tracked: Mapping[str, ArrayLike] | None = None,
     ) -> EstimatorStep:
         """Takes in the readings of one sample, and the commands that act from now on.
 
         Args:
-            time_s: of the sample, s; one sample period after the last call's.
+            time_s: of the sample, s; one sample period after the last call's, or, of a vehicle that is followed in a
+                fixed frame, any time later.
             gyro: angular rate, rad/s, body axes, shape (3,) of the package in use, or a mapping from
-                package names. NaN where missing.
-            accelerometers: integrated specific force, ft/s or m/s, body axes, shape (3,) of the package
+                package names. NaN where missing; None: the vehicle has none, or none was read.
+            accelerometers: likewise, integrated specific force, ft/s or m/s, body axes, shape (3,) of the package
                 in use, or a mapping from package names. NaN where missing.
             commands: fraction commanded over the interval that starts now, 0 to 1, NaN where not known,
                 shape (n_jets,).
             outside_wrench: torque about the vehicle origin and force of known outside forces, mean over
                 that interval, shape (6,); None: none.
+            tracked: by name of each sensor in a fixed frame that was read: of a pose, position and quaternion from
+                body to fixed frame, scalar first, shape (7,); of a velocity, shape (3,). NaN where missing.
 
         Raises:
             ValueError: when time is no number or goes backwards, a shape is wrong, a reading is infinite, a fraction
@@ -233,7 +238,8 @@ class Estimator:
         if not np.isfinite(outside).all():
             raise ValueError("outside_wrench must be finite")
 
-        sample = cycle.Sample(time_s, rates, velocities, self._command, self._outside, time_s, coming)
+        seen = _seen(tracked, self._vehicle)
+        sample = cycle.Sample(time_s, rates, velocities, self._command, self._outside, time_s, coming, seen)
         try:
             done = cycle.step(self._state, sample, self._params)
         except NotPositiveDefiniteError as error:
@@ -253,7 +259,7 @@ class Estimator:
             time_s,
             ten,
             deviation,
-            converged(deviation, ten, self._params.limits),
+            self._converged(ten, deviation),
             rotation.rotation_used,
             mass.mass_used,
             rotation.rotation_nis,
@@ -263,6 +269,9 @@ class Estimator:
             np.zeros(6) if detector is None else detector.force @ self._unit_wrenches,
             np.zeros(n_jets, dtype=bool) if detector is None else detector.removed != 0.0,
         )
+
+    def _converged(self, ten: Array, deviation: Array) -> bool:
+        return bool(converged_rows(deviation[None], ten[None], self._params.limits, self._not_estimated)[0])
 
     def _detection(self, judgment: Judgment) -> Detection | None:
         status, own = judgment.status, judgment.own
@@ -318,9 +327,28 @@ def _kind(own: Any) -> str:
     return "unexplained" if math.isnan(own.lying_component) else "false_reading"
 
 
-def _readings(readings: ArrayLike | Mapping[str, ArrayLike], packages: Sequence[SensorPackage], what: str) -> Array:
+def _seen(readings: Mapping[str, ArrayLike] | None, vehicle: Vehicle) -> Array | None:
+    """Of all sensors in a fixed frame, NaN where missing, shape (columns,); None: the vehicle has none."""
+    given = dict(readings or {})
+    names = [sensor.name for sensor in vehicle.tracked]
+    unknown = [name for name in given if name not in names]
+    if unknown:
+        raise ValueError(f"tracked: '{unknown[0]}' is no sensor in a fixed frame; the vehicle has {names}")
+    if not names:
+        return None
+    sizes = {sensor.name: len(sensor.columns) for sensor in vehicle.tracked}
+    return np.concatenate([_numbers(given.get(name, np.full(n, np.nan)), (n,), name) for name, n in sizes.items()])
+
+
+def _readings(
+    readings: ArrayLike | Mapping[str, ArrayLike] | None, packages: Sequence[SensorPackage], what: str
+) -> Array:
     """Of all packages, the one in use first, NaN where missing or saturated, shape (s, 3)."""
+    if readings is None:
+        return np.full((len(packages), 3), np.nan)
     if not isinstance(readings, Mapping):
+        if not packages:
+            raise ValueError(f"{what}: the vehicle has none; give None")
         readings = {packages[0].name: readings}
     known = [package.name for package in packages]
     unknown = [name for name in readings if name not in known]

@@ -15,11 +15,13 @@ from numpy.typing import NDArray
 
 from massprop_drake.errors import InputError
 from massprop_drake.inputs import params
+from massprop_drake.inputs.params import weighs
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.maths import mass_properties
 from massprop_drake.maths.estimation import cycle
 from massprop_drake.maths.estimation.cycle import EstimationParams, EstimationState, EstimationStep
 from massprop_drake.maths.estimation.filter import Groups
+from massprop_drake.maths.estimation.filters.registry import FILTERS
 from massprop_drake.maths.mass_properties import MASS_RECIPROCAL
 from massprop_drake.results.detections import DetectionRecord, followed, settled, weighed_before
 from massprop_drake.results.events import EventRecord, said
@@ -31,7 +33,6 @@ from massprop_drake.systems.layouts import (
     DETECTOR_REPORT,
     HYPOTHESIS_REPORT,
     IMPULSES,
-    JOINT_REPORT,
     MASS_REPORT,
     ROTATION_REPORT,
     detector_row,
@@ -42,7 +43,10 @@ Array = NDArray[np.float64]
 SavedState = Mapping[str, Sequence[Sequence[float | None]]]  # vectors by the part of the diagram, NaN as None
 
 # ports of the estimation diagram that are logged, where it has them
-ESTIMATION = ("impulses", "rotation_report", "mass_report", "joint_report", "detector_report", "hypothesis_report")
+ESTIMATION = (
+    *("impulses", "rotation_report", "mass_report", "joint_report", "pose_report"),
+    *("detector_report", "hypothesis_report"),
+)
 RECENT = 256  # rows whose times a run keeps for the part that goes on from it
 
 
@@ -61,13 +65,15 @@ def estimation_signals(scenario: Scenario, logs: Mapping[str, Array]) -> dict[st
     signals["estimate"] = np.hstack([rotation.pop("estimate"), mass.pop("mass_reciprocal")])
     signals["standard_deviation"] = np.hstack([rotation.pop("standard_deviation"), np.sqrt(mass.pop("variance"))])
     limits = params.convergence_limits(scenario)
-    good = mass_properties.converged_rows(signals["standard_deviation"], signals["estimate"], limits)
+    known = params.known_parameters(scenario)
+    good = mass_properties.converged_rows(signals["standard_deviation"], signals["estimate"], limits, known)
     signals["converged"] = good.astype(float)[:, None]
     signals |= rotation
     if there:
         signals |= mass
-    if "joint_report" in logs:
-        signals |= JOINT_REPORT.columns(logs["joint_report"])
+    own = FILTERS[scenario.estimation.filter].report
+    if own is not None and own.name in logs:
+        signals |= own.sized(jets=len(scenario.vehicle_data.jets)).columns(logs[own.name])
     if "detector_report" in logs:
         jets = len(scenario.vehicle_data.jets)
         signals |= DETECTOR_REPORT.sized(jets=jets).columns(logs["detector_report"])
@@ -90,11 +96,11 @@ class EstimationLog:
 
     def __init__(self, scenario: Scenario, params: EstimationParams, count: int):
         jets = len(scenario.vehicle_data.jets)
-        self._own = params.filter.report
+        self._own = params.filter.report and params.filter.report.sized(jets=jets)
         self._detector = params.detector
         self._said = params.detector and params.detector.report and params.detector.report.sized(jets=jets)
         layouts = [IMPULSES, ROTATION_REPORT]
-        if scenario.vehicle_data.accelerometers:
+        if weighs(scenario):
             layouts.append(MASS_REPORT)
         if self._own is not None:
             layouts.append(self._own)

@@ -21,6 +21,7 @@ from massprop_drake.maths.estimation.whole import Samples
 from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
 from massprop_drake.records import mapping
 from massprop_drake.records.recording import open_recording
+from massprop_drake.results import followed
 from massprop_drake.results.consistency import Tally, judged, used_nis
 from massprop_drake.results.detections import JUMP, DetectionRecord
 from massprop_drake.results.events import EventRecord
@@ -88,7 +89,8 @@ def estimate(
     scenario = settings_alone(scenario)
     earlier = None if resume_from is None else _saved(Path(resume_from), scenario)
     after = None if earlier is None else _continuation(earlier)
-    gyro, vehicle = params.gyro(scenario).name, scenario.vehicle_data
+    vehicle = scenario.vehicle_data
+    gyro = params.gyro(scenario).name if vehicle.gyros and not vehicle.needs_pose_filter else None
     source = telemetry if record_map is None else _mapped_rows(telemetry, record_map, vehicle, gyro)
     reader = Reader(source, vehicle, gyro=gyro, after=after, stream=stream)
     try:
@@ -115,7 +117,9 @@ def estimate(
     return replayed.finish(reader, telemetry, wall_s)
 
 
-def _mapped_rows(telemetry: str | Path, record_map: str | Path | RecordMap, vehicle: Vehicle, gyro: str) -> Table:
+def _mapped_rows(
+    telemetry: str | Path, record_map: str | Path | RecordMap, vehicle: Vehicle, gyro: str | None
+) -> Table:
     """Rows of telemetry that a map makes of another program's file."""
     by = record_map if isinstance(record_map, RecordMap) else load_map(record_map)
     source = "map" if isinstance(record_map, RecordMap) else str(record_map)
@@ -143,6 +147,7 @@ class _Estimation:
         self._known = cycles(scenario, self._params, begin)
         n_jets = len(self._vehicle.jets)
         self._command, self._outside = np.zeros(n_jets), np.zeros(6)  # of the interval before the next row
+        self._at_any_time = scenario.estimation.filter == "pose"
         self._gyros, self._accelerometers = params.gyros(scenario), params.accelerometers(scenario)
         self._intake = Intake(scenario, folder, earlier)
         self._nis = {"rotation": Tally(), "mass": Tally()}
@@ -172,8 +177,10 @@ class _Estimation:
         if rows.outside_wrench is not None:
             outside[1:] = rows.outside_wrench
         time_s = np.arange(self._next_row, self._next_row + count).astype(np.float64) * self._period_s
+        if self._at_any_time:
+            time_s = rows.time_s
         samples = Samples(time_s, rates, velocities, coming[:-1], outside[:-1])
-        self._known.many(RecordRows(samples, rows.time_s, coming[1:]), log)
+        self._known.many(RecordRows(samples, rows.time_s, coming[1:], rows.tracked), log)
         self._command, self._outside = coming[-1], outside[-1]
         self._next_row += count
         return log.rows
@@ -186,8 +193,10 @@ class _Estimation:
             signals["outside_wrench"] = rows.outside_wrench
         signals |= estimation_signals(self._scenario, logs)
         signals |= rows.readings
+        signals |= _by_sensor(rows, self._vehicle)
         for name in {"onset", "verdict_onset", "unexplained_since"} & set(signals):
-            signals[name] = self._record_time(signals[name], rows.time_s)
+            if not self._at_any_time:
+                signals[name] = self._record_time(signals[name], rows.time_s)
         return signals
 
     def _record_time(self, diagram_s: Array, time_s: Array) -> Array:
@@ -218,6 +227,7 @@ class _Estimation:
         found = self._intake.found()
         failed_s = [entry.onset_s for entry in found.detections if entry.kind != JUMP and entry.withdrawn_s is None]
         quality = self._quality.finished(record, reader.ragged, min(failed_s, default=math.inf))
+        quality["warnings"] = [*quality["warnings"], *followed.remarks(self._scenario, self._intake.spool)]
         unknown = np.full(10, np.nan)
         estimate = last("estimate")
         back = looked_back(self._scenario, self._intake.spool, estimate, found.detections, resumed=self._resumed)
@@ -250,6 +260,15 @@ class _Estimation:
         mean = {name: 1e6 * spent / self._intake.spool.n_rows for name, spent in self._known.spent_s.items()}
         detector = mean.get("detector") if self._params.detector is not None else None
         return {"estimators": mean["estimators"], "detector": detector, "jet_selection": None}
+
+
+def _by_sensor(rows: Rows, vehicle: Vehicle) -> dict[str, Array]:
+    """Readings of each sensor in a fixed frame."""
+    if rows.tracked is None:
+        return {}
+    ends = np.cumsum([len(sensor.columns) for sensor in vehicle.tracked])[:-1]
+    parts = np.split(rows.tracked, ends, axis=1)
+    return {sensor.name: part for sensor, part in zip(vehicle.tracked, parts, strict=True)}
 
 
 def _stacked(rows: Rows, packages: Sequence[SensorPackage]) -> Array:

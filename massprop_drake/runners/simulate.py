@@ -197,7 +197,8 @@ def _signals(scenario: Scenario, logs: dict[str, Array]) -> dict[str, Array]:
         if name in logs:
             signals[name] = logs[name]
     signals |= estimation_signals(scenario, logs)
-    for name in (*vehicle.sensor_names(), *filter(is_own, logs)):
+    seen = (sensor.name for sensor in vehicle.tracked)
+    for name in (*vehicle.sensor_names(), *seen, *filter(is_own, logs)):
         signals[name] = logs[name]
     return signals
 

@@ -38,6 +38,7 @@ _LOGGED = (
 )
 
 
+_DETECTORS = ("failure_detector", "hypothesis_detector", "thrust_factor_detector")
 _NEEDED = ("body_state", "structure", "command", "thrust", "impulses", "rotation_report")
 
 
@@ -67,10 +68,11 @@ class Simulated:
             whole = diagram or (open_loop if scenario.jet_schedule else closed_loop).build(scenario)
             builder.AddNamedSystem(whole.get_name() or "diagram", whole)
         self._sensors = vehicle.sensor_names()
+        seen = [sensor.name for sensor in vehicle.tracked]
         self._systems = builder.GetSystems()
-        names = (*_LOGGED, *vehicle.sensor_names())
+        names = (*_LOGGED, *self._sensors, *seen)
         ports = {name: port for name in names if (port := self._port(name)) is not None}
-        missing = [name for name in (*_NEEDED, *vehicle.sensor_names(), "covariance") if self._port(name) is None]
+        missing = [name for name in (*_NEEDED, *self._sensors, *seen, "covariance") if self._port(name) is None]
         if missing:
             raise InputError(
                 f"the diagram has no output port '{missing[0]}', which a run keeps: it must have those of the diagrams "
@@ -174,7 +176,7 @@ def _cycle_times(estimation: Any, autopilot: Any, cycles: int) -> dict[str, floa
         for system in ([] if estimation is None else estimation.GetSystems())
         if hasattr(system, "stopwatch")
     }
-    detector = next((spent.pop(name) for name in ("failure_detector", "hypothesis_detector") if name in spent), None)
+    detector = next((spent.pop(name) for name in _DETECTORS if name in spent), None)
     selection = None
     if autopilot is not None and autopilot.HasSubsystemNamed("jet_selection"):
         selection = 1e6 * autopilot.GetSubsystemByName("jet_selection").stopwatch.spent_s / cycles

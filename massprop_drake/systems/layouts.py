@@ -16,6 +16,7 @@ from massprop_drake.maths.estimation.detectors.hypotheses import HYPOTHESIS_REPO
 from massprop_drake.maths.estimation.filter import JOINT as EVIDENCE
 from massprop_drake.maths.estimation.filter import MASS_REPORT, ROTATION_REPORT
 from massprop_drake.maths.estimation.filters.joint import JOINT_REPORT
+from massprop_drake.maths.estimation.filters.pose import POSE_REPORT
 from massprop_drake.maths.estimation.filters.thesis import TURNING
 from massprop_drake.maths.estimation.impulses import Impulses
 from massprop_drake.maths.vehicle.rigid_body import STRUCTURE
@@ -34,6 +35,7 @@ __all__ = [
     "MASS_ESTIMATE",
     "MASS_REPORT",
     "NOISE",
+    "POSE_REPORT",
     "RECONFIGURATION",
     "REFUSED",
     "REQUEST",

@@ -51,6 +51,7 @@ _REASONS = (
     "rejected_by_detector",
     "other",
 )
+_POSE_REASONS = ("first_after_start_or_gap", "nothing_read")
 _JOINT_REASONS = ("first_after_start_or_gap", "gyro_missing", "accelerometer_missing", "saturated", "within_a_quantum")
 
 
@@ -103,7 +104,8 @@ class _Answer(NamedTuple):
     @property
     def total(self) -> Array:
         """The sums over all components, shape (n, 2)."""
-        result: Array = np.sum([part.sum(axis=1) for part in self.own.values()], axis=0)
+        nothing = np.zeros((self.fired.shape[0], 2))  # a vehicle may have no package in body axes
+        result: Array = sum((part.sum(axis=1) for part in self.own.values()), start=nothing)
         return result
 
     @property
@@ -157,9 +159,10 @@ class QualityReport:
         self._saturated = dict.fromkeys(names, 0)
         self._jumps: dict[str, dict[str, Any]] = {}
         self._ratios: dict[str, list[tuple[float, float, Array]]] = {name: [] for name in names}
-        filters = ["rotation", *(["mass"] if self._accelerometers else [])]
-        self._joint = scenario.estimation.filter == "joint"
-        reasons = _JOINT_REASONS if self._joint else _REASONS
+        self._weighs = params.weighs(scenario)
+        filters = ["rotation", *(["mass"] if self._weighs else [])]
+        self._filter = scenario.estimation.filter
+        reasons = {"joint": _JOINT_REASONS, "pose": _POSE_REASONS}.get(self._filter, _REASONS)
         self._samples = {name: {"used": 0, **dict.fromkeys(reasons, 0)} for name in filters}
 
         self._limits = params.convergence_limits(scenario)
@@ -380,6 +383,7 @@ class QualityReport:
                 "coasting": signals["firing"][:, 0] == 0.0,
                 "rejected_by_detector": signals["alarm"][:, 0] != 0.0 if "alarm" in signals else nothing,
                 "within_a_quantum": ~nothing,
+                "nothing_read": ~nothing,
                 "other": ~nothing,
             }
             left = ~gap
@@ -516,12 +520,12 @@ class QualityReport:
                 f"{first['time_s']:.6g} s; estimates are kept over it"
             )
         period, nominal = quality["sample_period_s"], self._vehicle.sample_period_s
-        if self._joint and quality["jitter"]["count"]:
+        if self._filter == "joint" and quality["jitter"]["count"]:
             found.append(
                 f"{_times(quality['jitter']['count'], 'interval')} between rows off the sample period, by "
                 f"{quality['jitter']['largest_s']:.2g} s at the most: when commands switched is taken from the stamps"
             )
-        if not self._joint and period is not None and abs(period - nominal) > _PERIOD_DIFFERS * nominal:
+        if self._filter == "thesis" and period is not None and abs(period - nominal) > _PERIOD_DIFFERS * nominal:
             found.append(f"rows are {period:.6g} s apart on average, not {nominal:g} s: forces seem off by as much")
         late = quality["duplicates"] + quality["backward"]
         if late:
@@ -542,9 +546,9 @@ class QualityReport:
         for name, count in quality["missing"].items():
             if count:
                 found.append(f"{name} is missing in {_times(count, 'row')}")
-        if not self._accelerometers:
+        if not self._weighs:
             found.append("the vehicle has no accelerometer: its mass is not observable")
-        elif set(self._accelerometers) <= set(quality["absent_sensors"]):
+        elif self._accelerometers and set(self._accelerometers) <= set(quality["absent_sensors"]):
             found.append("the record has no accelerometer: the mass is not observable in it")
         for entry in quality["unanswered"][:_LISTED]:
             found.append(

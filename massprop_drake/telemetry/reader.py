@@ -33,6 +33,7 @@ _SAME = 1e-6  # of the sample period: rows closer than this have one time
 _FRACTION_TOLERANCE = 1e-9  # of a commanded fraction
 _CLEARLY_PERCENT = 5.0  # a commanded fraction above this and up to 100
 _FIRST_INTERVALS = 20  # in which the sample period must show
+_HOLE = 2.5  # sample periods: where rows may come at any time, longer is a gap
 _STUCK_CLOCK = 25  # rows in a row whose time does not go on
 _LISTED_GAPS = 5
 _TURNING_FAST = {"rotation": {"coupling": "model"}, "mass": {"compensation": "transverse_centripetal"}}
@@ -42,7 +43,7 @@ WRENCH = tuple(f"known_{what}_{axis}" for what in ("torque", "force") for axis i
 def columns(vehicle: Vehicle) -> list[str]:
     """Lists the column names in order: time, three axes per sensor package, each jet."""
     sensors = [f"{name}_{axis}" for name in vehicle.sensor_names() for axis in AXES]
-    return ["time_s", *sensors, *(f"jet_{designation}" for designation in vehicle.designations)]
+    return ["time_s", *sensors, *vehicle.tracked_columns, *(f"jet_{jet}" for jet in vehicle.designations)]
 
 
 def scenario_name(telemetry: str | Path) -> str:
@@ -88,6 +89,8 @@ class Rows(NamedTuple):
             shape (n, 6); None: the record has none.
         recorded: whether the row is in the record; a row that fills a gap has neither readings nor
             commands, shape (n,).
+        tracked: readings of the sensors in a fixed frame, as `Vehicle.tracked_columns` names them, NaN where missing,
+            shape (n, columns); None: the vehicle has none.
     """
 
     time_s: Array
@@ -95,6 +98,7 @@ class Rows(NamedTuple):
     commands: Array
     outside_wrench: Array | None
     recorded: Flags
+    tracked: Array | None = None
 
 
 # ---------------------------------------------------------------------------------------- writing
@@ -116,7 +120,9 @@ def write_csv(path: Path, vehicle: Vehicle, rows: Iterable[Rows]) -> None:
             if not heading:
                 writer.writerow([*columns(vehicle), *(WRENCH if outside else ())])
                 heading = True
-            parts = [block.time_s, *(block.readings[name] for name in vehicle.sensor_names()), block.commands, *outside]
+            sensors = [block.readings[name] for name in vehicle.sensor_names()]
+            tracked = [] if block.tracked is None else [block.tracked]
+            parts = [block.time_s, *sensors, *tracked, block.commands, *outside]
             table = np.column_stack(parts)[block.recorded]
             writer.writerows([_cell(value) for value in row] for row in table.tolist())
 
@@ -189,7 +195,7 @@ class Reader:
     Args:
         telemetry: a CSV or Parquet file, "-" for standard input, or an open table.
         vehicle: whose packages and jets name the columns.
-        gyro: the package that must be there.
+        gyro: the package that must be there; None: a sensor in a fixed frame must.
         after: go on from the end of an earlier part; its last row may be there again, and gives its command.
         stream: instead of a file; what is there is read row by row.
         rows_per_block: at most, of a file.
@@ -208,7 +214,7 @@ class Reader:
         telemetry: str | Path | Table,
         vehicle: Vehicle,
         *,
-        gyro: str,
+        gyro: str | None,
         after: Continuation | None = None,
         stream: IO[bytes] | None = None,
         rows_per_block: int = 1024,
@@ -216,6 +222,7 @@ class Reader:
         self.record = Record()
         self._vehicle = vehicle
         self._period_s = vehicle.sample_period_s
+        self._any_time = vehicle.needs_pose_filter  # rows may come whenever something is read
         if isinstance(telemetry, (str, Path)):
             self._table = _opened(telemetry, stream, rows_per_block)
         else:
@@ -234,6 +241,7 @@ class Reader:
         start = {} if after is None else after.velocity
         self.velocity = {name: np.array(start.get(name, np.zeros(3))) for name in self._accelerations}
         self._last_s = math.nan if after is None else after.time_s
+        self._before_s = self._last_s
         self._late_in_a_row = 0
         self._first_steps: list[float] = []
 
@@ -258,12 +266,13 @@ class Reader:
 
     # ----------------------------------------------------------------------------------- columns
 
-    def _plan(self, gyro: str) -> None:
+    def _plan(self, gyro: str | None) -> None:
         """Decides which columns of the table to read, and where each lies among them."""
         vehicle, header = self._vehicle, self._table.header
         present = set(header)
         jets = [f"jet_{designation}" for designation in vehicle.designations]
-        problems = self._missing_columns(["time_s", *(f"{gyro}_{axis}" for axis in AXES), *jets], present)
+        own = [f"{gyro}_{axis}" for axis in AXES] if gyro is not None else []
+        problems = self._missing_columns(["time_s", *own, *jets], present)
         self._wanted: list[int] = []
         self._accelerations: list[str] = []
         used: set[str] = set()
@@ -297,6 +306,9 @@ class Reader:
                 self._sensor_places[package.name] = place(names)
             elif not there:
                 self.record.absent.append(package.name)
+        self._tracked = [index for index, name in enumerate(vehicle.tracked_columns) if name in present]
+        self._tracked_places = [] if problems else place(vehicle.tracked_columns[index] for index in self._tracked)
+        self.record.absent += [one.name for one in vehicle.tracked if not present & set(one.columns)]
         outside = [name for name in WRENCH if name in present]
         for what in ("torque", "force"):
             axes = [name for name in outside if name.startswith(f"known_{what}")]
@@ -310,8 +322,15 @@ class Reader:
         known = [name for name in [*columns(vehicle), *WRENCH] if name not in present]
         self.record.unknown = {name: _close(name, known) for name in dict.fromkeys(header) if name and name not in used}
 
+    @property
+    def _own_sensor(self) -> str:
+        return "its gyro's three axes" if self._vehicle.gyros else "its sensors"
+
     def _missing_columns(self, required: list[str], present: set[str]) -> list[str]:
         missing = [name for name in required if name not in present]
+        sensors = self._vehicle.tracked
+        if sensors and not self._vehicle.gyros and not present & set(self._vehicle.tracked_columns):
+            missing.insert(1, sensors[0].columns[0])
         if not missing:
             return []
         shown = ", ".join(missing[:5]) + (f" and {len(missing) - 5} more" if len(missing) > 5 else "")
@@ -319,7 +338,7 @@ class Reader:
         hint = next((hint for hint in (_meant(name, strange) for name in missing) if hint), "")
         return [
             f"{self.source}: no column{'s' if len(missing) > 1 else ''} {shown}{hint}; vehicle "
-            f"'{self._vehicle.name}' needs time_s, its gyro's three axes and a column for each jet"
+            f"'{self._vehicle.name}' needs time_s, {self._own_sensor} and a column for each jet"
         ]
 
     # -------------------------------------------------------------------------------------- rows
@@ -356,8 +375,7 @@ class Reader:
         """Keeps the rows of a block that advance in time, and inserts a row at each gap."""
         times = block.values[:, 0]
         steps = np.diff(times, prepend=self._last_s)
-        off = np.abs(steps - self._period_s) > JITTER * self._period_s * (1.0 + 1e-9)
-        off |= np.isnan(steps)
+        off = ~self._follows(steps)
         if not self._awaiting and not off.any():
             self._count_steps(steps, self.record.interval_sum_s + float(steps.sum()))
             self._last_s = float(times[-1])
@@ -380,6 +398,14 @@ class Reader:
                 self._place(index, float(times[index]), block, taken, breaks)
                 index += 1
         return self._rows(block, np.array(taken, dtype=int), breaks) if taken else None
+
+    def _follows(self, steps: Array) -> Flags:
+        """Whether rows follow those before them without a gap; NaN does not."""
+        if self._any_time:
+            within: Flags = (steps > _SAME * self._period_s) & (steps <= _HOLE * self._period_s)
+            return within
+        follows: Flags = np.abs(steps - self._period_s) <= JITTER * self._period_s * (1.0 + 1e-9)
+        return follows
 
     def _place(self, index: int, time: float, block: Block, taken: list[int], breaks: dict[int, float]) -> None:
         """Decides whether a row is taken, left out, or taken after a gap."""
@@ -413,7 +439,7 @@ class Reader:
             return
         self._late_in_a_row = 0
         if not math.isnan(step):
-            if abs(step - period) <= JITTER * period * (1.0 + 1e-9):
+            if self._follows(np.array([step]))[0]:
                 self._count_steps(np.array([step]), record.interval_sum_s + step)
             else:
                 breaks[len(taken)] = self._last_s + min(period, 0.5 * step)
@@ -451,7 +477,7 @@ class Reader:
 
     def _require_period(self, *, at_end: bool = False) -> None:
         """Raises InputError for a record with a different sample period."""
-        if not self._first_steps or (at_end and len(self._first_steps) == _FIRST_INTERVALS):
+        if self._any_time or not self._first_steps or (at_end and len(self._first_steps) == _FIRST_INTERVALS):
             return
         median = float(np.median(self._first_steps))
         if abs(median - self._period_s) > JITTER * self._period_s:
@@ -473,7 +499,7 @@ class Reader:
         record.last_s = float(times[-1])
         record.rows += int(recorded.sum())
 
-        readings = {}
+        readings, steps = {}, self._steps(times)
         for name in self._vehicle.sensor_names():
             places = self._sensor_places.get(name)
             reading = np.full((taken.size, 3), np.nan) if places is None else values[:, places]
@@ -481,19 +507,31 @@ class Reader:
                 lacking = int(np.isnan(reading[recorded]).any(axis=1).sum())
                 record.missing[name] = record.missing.get(name, 0) + lacking
             if name in self._accelerations:
-                reading = self._integrated(name, reading)
+                reading = self._integrated(name, reading, steps)
             readings[name] = reading
         outside = None
         if self._outside:
             outside = np.zeros((taken.size, 6))
             outside[:, self._outside] = np.nan_to_num(values[:, self._outside_places])
         commands = np.clip(values[:, self._command_places], 0.0, 1.0)
-        return Rows(times, readings, commands, outside, recorded)
+        tracked = None
+        if self._vehicle.tracked:
+            tracked = np.full((taken.size, len(self._vehicle.tracked_columns)), np.nan)
+            tracked[:, self._tracked] = values[:, self._tracked_places]
+        return Rows(times, readings, commands, outside, recorded, tracked)
 
-    def _integrated(self, name: str, acceleration: Array) -> Array:
+    def _steps(self, times: Array) -> Array:
+        """Length of the sample that ends with each row, s, shape (n, 1): the period, or what has passed."""
+        if not self._any_time:
+            return np.full((times.size, 1), self._period_s)
+        first = self._before_s if math.isfinite(self._before_s) else float(times[0]) - self._period_s
+        self._before_s = float(times[-1])
+        return np.diff(times, prepend=first)[:, None]
+
+    def _integrated(self, name: str, acceleration: Array, steps_s: Array) -> Array:
         """Integrates the mean acceleration of each sample; NaN where it is missing, continuing from the last value."""
         missing = np.isnan(acceleration)
-        steps = np.where(missing, 0.0, acceleration) * self._period_s
+        steps = np.where(missing, 0.0, acceleration) * steps_s
         velocity = np.cumsum(np.vstack([self.velocity[name], steps]), axis=0)[1:]
         self.velocity[name] = velocity[-1].copy()
         return np.where(missing, np.nan, velocity)
@@ -543,7 +581,7 @@ def check(path: Path, vehicle: Vehicle | None = None, gyro: str | None = None) -
     """
     if vehicle is None:
         return _check_structure(path)
-    reader = Reader(path, vehicle, gyro=gyro or vehicle.gyros[0].name)
+    reader = Reader(path, vehicle, gyro=gyro or next((package.name for package in vehicle.gyros), None))
     for _ in reader:
         pass
     record = reader.record

@@ -14,7 +14,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram, DiagramBuilder, InputPortIndex, LeafSystem, OutputPortIndex
 from pydrake.systems.primitives import LogVectorOutput
 
-from massprop_drake import Estimator, Run, Scenario, Vehicle, load_scenario, simulate
+from massprop_drake import Estimator, InputError, Run, Scenario, Vehicle, load_scenario, simulate
 from massprop_drake.diagrams import autopilot, closed_loop, estimation, open_loop, replay, vehicle
 from massprop_drake.display import graphs
 from massprop_drake.inputs.scenario import bundled_scenarios, resolved
@@ -67,6 +67,7 @@ PORTS: dict[ModuleType, tuple[dict[str, int], dict[str, int]]] = {
 # with the joint filter, and with its detector
 JOINT_IN = {"record_time": 1, "command": 44, "replacement": 0, "published": 0}
 JOINT_OUT = {"joint_report": 3, "evidence": 0}
+POSE_OUT = {"pose_report": 16 + 2 * 44, "evidence": 0}
 THESIS_OUT = {f"{name}_innovation{part}" for name in ("rotation", "mass") for part in ("", "_covariance")}
 DETECTOR_OUT = {"reconfiguration", "closed", "held_closed", "detector_report"}
 HYPOTHESES_OUT = {"hypothesis_report": 13 + 8 * 44}
@@ -83,18 +84,21 @@ def _with_filter(
     gone = THESIS_OUT if detects else THESIS_OUT | DETECTOR_OUT
     kept = {port: size for port, size in outputs.items() if port not in gone}
     told = {port: size for port, size in JOINT_IN.items() if not (detects and size == 0)}
+    report = JOINT_OUT if scenario.estimation.filter == "joint" else POSE_OUT
     return (
         {**inputs, **told} if module is estimation else inputs,
-        {**kept, **JOINT_OUT, **(HYPOTHESES_OUT if detects else {})},
+        {**kept, **report, **(HYPOTHESES_OUT if detects else {})},
     )
 
 
 def _ports_of(ports: dict[str, int], vehicle: Vehicle) -> dict[str, int]:
     """The orbiter's ports as another vehicle has them: its own sensors, and sizes by its number of jets."""
     n = len(vehicle.jets)
-    sizes = {44: n, 7 + 44: 7 + n, 14 + 4 * 44: 14 + 4 * n, 13 + 8 * 44: 13 + 8 * n}
+    sizes = {44: n, 7 + 44: 7 + n, 14 + 4 * 44: 14 + 4 * n, 13 + 8 * 44: 13 + 8 * n, 16 + 2 * 44: 16 + 2 * n}
     # the autopilot has one gyro port, whatever the package is called
     sensors = dict.fromkeys(vehicle.sensor_names(), 3) if "acc1" in ports else {"gyro": 3} if "gyro" in ports else {}
+    if "acc1" in ports:
+        sensors |= {sensor.name: len(sensor.columns) for sensor in vehicle.tracked}
     return sensors | {name: sizes.get(size, size) for name, size in ports.items() if name not in SENSORS}
 
 
@@ -124,6 +128,10 @@ def test_every_diagram_is_built_for_every_scenario_with_the_documented_ports(
     module: ModuleType, name: str, time_step: str
 ) -> None:
     scenario = load_scenario(name, [f"plant.time_step={time_step}"])
+    if module is closed_loop and not scenario.vehicle_data.gyros:
+        with pytest.raises(InputError, match=r"has no gyro, which an autopilot flies by; prescribe its jets"):
+            module.build(scenario)
+        return
     before = scenario.model_copy(deep=True)
     dut = module.build(scenario)
     inputs, outputs = _with_filter(module, PORTS[module], scenario)

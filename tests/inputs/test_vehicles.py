@@ -14,7 +14,8 @@ from massprop_drake.inputs.vehicle import bundled_vehicles
 from massprop_drake.maths.mass_properties import could_be_inertia
 from massprop_drake.results.run import Run
 
-VEHICLES = [name for name in bundled_vehicles() if name != "orbiter"]
+TRACKED = [name for name in bundled_vehicles() if load_vehicle(name).needs_pose_filter]
+VEHICLES = [name for name in bundled_vehicles() if name not in ("orbiter", *TRACKED)]
 
 
 @pytest.fixture(scope="module", params=VEHICLES)
@@ -25,6 +26,7 @@ def run(request: pytest.FixtureRequest) -> Run:
 
 def test_the_vehicles_are_those_that_are_promised() -> None:
     assert VEHICLES == ["free_flyer", "lander", "small_satellite"]
+    assert TRACKED == ["air_bearing", "tracked_flyer"]
 
 
 @pytest.mark.parametrize("name", VEHICLES)

@@ -209,7 +209,7 @@ def test_what_is_not_estimated_from_is_said(one: Flight, log: Callable[..., Path
     path = log(h=np.zeros(len(one.time_s)))
     pose = "  cam: {kind: pose, position: [h, h, null], heading: h}\ncommands:"
     made = made_of(path, usual_map(one).replace("commands:", pose), one.vehicle)
-    assert made.notes == ["pose 'cam' of the map is not estimated from yet"]
+    assert made.notes == ["pose 'cam' of the map is not estimated from: vehicle 'free_flyer' has no such sensor"]
     assert not [name for name in made.header if name.startswith("cam")]
     text = usual_map(one).replace("commands:", pose)
     text = "\n".join(line for line in text.splitlines() if not line.startswith("  gyro"))

@@ -80,6 +80,7 @@ class Sample(NamedTuple):
             interval, shape (6,); None: none.
         stamp_s: when the readings were taken, by the record's clock; None: at `time_s`.
         coming: fraction commanded from now on; None: not known yet.
+        tracked: readings in a fixed frame, see `Told`; None: there are none.
     """
 
     time_s: float
@@ -89,6 +90,7 @@ class Sample(NamedTuple):
     outside_wrench: Array | None = None
     stamp_s: float | None = None
     coming: Array | None = None
+    tracked: Array | None = None
 
 
 class Measured(NamedTuple):
@@ -148,7 +150,7 @@ def measure(state: EstimationState, sample: Sample, params: EstimationParams) ->
 def _told(sample: Sample) -> Told:
     stamp_s = sample.time_s if sample.stamp_s is None else sample.stamp_s
     outside = _NOTHING_OUTSIDE if sample.outside_wrench is None else sample.outside_wrench
-    return Told(sample.time_s, stamp_s, sample.command, sample.coming, outside)
+    return Told(sample.time_s, stamp_s, sample.command, sample.coming, outside, sample.tracked)
 
 
 def known_force(state: EstimationState, sample: Sample, params: EstimationParams) -> KnownForce:

@@ -78,6 +78,7 @@ class Setup(NamedTuple):
         thrust: see `ThrustModel`.
         widest: 1-sigma of the ten parameters if nothing is known of them, shape (10,).
         limits: of convergence, see `mass_properties.converged`, shape (3,).
+        tracking: of a vehicle that is followed in a fixed frame, see `pose.setting.Tracking`; None: it is not.
     """
 
     period_s: float
@@ -93,6 +94,7 @@ class Setup(NamedTuple):
     thrust: ThrustModel
     widest: Array
     limits: Array
+    tracking: Any = None
 
 
 class Told(NamedTuple):
@@ -105,6 +107,8 @@ class Told(NamedTuple):
         coming: fraction commanded from the sample's tick on; None: not known yet.
         outside_wrench: torque about the vehicle origin and force of known outside forces, mean over the interval,
             shape (6,).
+        tracked: readings in a fixed frame: of each pose sensor position and quaternion from body to fixed frame, of
+            each velocity sensor the velocity, NaN where missing, shape (7 n_poses + 3 n_velocities,); None: none.
     """
 
     time_s: float
@@ -112,6 +116,7 @@ class Told(NamedTuple):
     command: Array
     coming: Array | None
     outside_wrench: Array
+    tracked: Array | None = None
 
 
 class Interval(NamedTuple):

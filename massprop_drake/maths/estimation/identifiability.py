@@ -31,6 +31,7 @@ class Flag(StrEnum):
     WEAK = "weak"  # the flight has shown it, less well than is asked
     NOT_EXCITED = "not_excited"  # the start tells more of it than the flight
     NOT_OBSERVABLE = "not_observable"  # these jets and sensors cannot show it
+    FIXED = "fixed"  # it is known, or plays no part, and is not estimated
 
 
 class Foretold(NamedTuple):

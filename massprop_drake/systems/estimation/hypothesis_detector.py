@@ -8,9 +8,8 @@ import numpy as np
 from pydrake.common.value import Value
 from pydrake.systems.framework import LeafSystem
 
-from massprop_drake.maths.estimation.detector import Event, Jets, Judgment
+from massprop_drake.maths.estimation.detector import Detector, Event, Jets, Judgment
 from massprop_drake.maths.estimation.detectors import hypotheses
-from massprop_drake.maths.estimation.detectors.multi_hypothesis import HypothesisParams
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.systems.caching import NOTHING, Cached, Stopwatch
 from massprop_drake.systems.layouts import DETECTOR_REPORT, HYPOTHESIS_REPORT, RECONFIGURATION, detector_row
@@ -25,15 +24,14 @@ class Memory(NamedTuple):
         time_s: of that sample.
     """
 
-    before: hypotheses.State
+    before: Any
     judgment: Judgment | None
     time_s: float
 
     @property
-    def state(self) -> hypotheses.State:
+    def state(self) -> Any:
         """After it."""
-        after: hypotheses.State = self.before if self.judgment is None else self.judgment.state
-        return after
+        return self.before if self.judgment is None else self.judgment.state
 
     def __deepcopy__(self, _memo: Any) -> Memory:
         """Itself: a clone of a context shares what is never changed."""
@@ -62,20 +60,21 @@ class HypothesisDetector(LeafSystem):
     time are taken from it.
 
     Args:
-        params: see `HypothesisParams`.
+        params: of the method, such as `HypothesisParams`.
         jets: see `maths.estimation.detector.Jets`.
+        method: a detector that is made for one filter and judges hypotheses; default that of the joint filter.
     """
 
-    def __init__(self, params: HypothesisParams, *, jets: Jets):
+    def __init__(self, params: Any, *, jets: Jets, method: Detector = hypotheses.DETECTOR):
         super().__init__()
-        self.set_name(hypotheses.GROUP)
-        self._params, self._jets = params, jets
+        self.set_name(method.group)
+        self._params, self._jets, self._method = params, jets, method
         n_jets = jets.thrusts.size
         self._reconfiguration = RECONFIGURATION.sized(jets=n_jets)
         self._report = HYPOTHESIS_REPORT.sized(jets=n_jets)
         self.stopwatch = Stopwatch()
         self._evidence = self.DeclareAbstractInputPort("evidence", Value[object](NOTHING))
-        start = Memory(hypotheses.initial(params), None, -np.inf)
+        start = Memory(method.initial(params), None, -np.inf)
         self._memory = self.DeclareAbstractState(Value[object](start))
         read = {self.xa_ticket(), self.time_ticket(), self.all_input_ports_ticket()}
         self._judgment = Cached(self, "judgment", self._judge, read)
@@ -97,8 +96,8 @@ class HypothesisDetector(LeafSystem):
         self.DeclarePeriodicUnrestrictedUpdateEvent(period_sec=jets.period_s, offset_sec=0.0, update=self._update)
 
     def kept(self, context: Any) -> Array:
-        """The state as a vector, see `detectors.hypotheses.saved`."""
-        return hypotheses.saved(self._remembered(context).state, self._params)
+        """The state as a vector, see `maths.estimation.detector.Detector`."""
+        return self._method.kept(self._remembered(context).state, self._params)
 
     def _remembered(self, context: Any) -> Memory:
         memory: Memory = context.get_abstract_state(self._memory).get_value()
@@ -109,7 +108,7 @@ class HypothesisDetector(LeafSystem):
         if memory.judgment is not None and memory.time_s == time_s:
             return memory
         evidence = self._evidence.Eval(context)
-        judgment = self.stopwatch.measure(hypotheses.judge, memory.state, evidence, self._params)
+        judgment = self.stopwatch.measure(self._method.judge, memory.state, evidence, self._params)
         return Memory(memory.state, judgment, time_s)
 
     def _judged(self, context: Any) -> Judgment:

@@ -16,7 +16,8 @@ class TelemetrySource(LeafSystem):
     """Serves the rows of a record, one per sample period, whatever times the rows have.
 
     Ports:
-        <sensor> (out, 3), one per package: reading of row k, NaN where missing.
+        <sensor> (out, 3), one per package, or (out, its size), one per sensor in a fixed frame: reading of row k, NaN
+            where missing.
         jet_commands (out, n_jets): fraction commanded over the interval that ends now, the command of row
             k - 1, NaN where it is not known.
         command (out, n_jets): of row k.
@@ -37,6 +38,7 @@ class TelemetrySource(LeafSystem):
         n_jets: number of jets.
         period_s: sample period T, s.
         first_row: number of the record's first row.
+        tracked: sensors in a fixed frame, and sizes of their readings; None: there are none.
     """
 
     def __init__(
@@ -46,6 +48,7 @@ class TelemetrySource(LeafSystem):
         n_jets: int,
         period_s: float,
         first_row: int = 0,
+        tracked: Mapping[str, int] | None = None,
     ):
         super().__init__()
         self.set_name("telemetry_source")
@@ -53,11 +56,12 @@ class TelemetrySource(LeafSystem):
         # the window: rows first - 1 (its command alone is known) to the last
         self._first = self._next = first_row
         self._time_s = np.full(1, np.nan)
-        self._readings = {name: np.full((1, 3), np.nan) for name in sensors}
+        sizes = dict.fromkeys(sensors, 3) | dict(tracked or {})
+        self._readings = {name: np.full((1, size), np.nan) for name, size in sizes.items()}
         self._commands = np.zeros((1, n_jets))
         self._wrench = np.zeros((1, 6))
-        for name in sensors:
-            self._declare(name, 3, lambda row, name=name: self._readings[name][row])  # type: ignore[misc]
+        for name, size in sizes.items():
+            self._declare(name, size, lambda row, name=name: self._readings[name][row])  # type: ignore[misc]
         self._declare("jet_commands", n_jets, lambda row: self._held(row - 1))
         self._declare("command", n_jets, lambda row: self._commands[row])
         self._declare("outside_wrench", 6, lambda row: self._wrench[row - 1])
@@ -88,7 +92,7 @@ class TelemetrySource(LeafSystem):
 
         Args:
             time_s: in the record, s, shape (n,).
-            readings: by package, shape (n, 3).
+            readings: by sensor, shape (n, its size).
             commands: of the interval that starts at each row, shape (n, n_jets).
             outside_wrench: of that interval, shape (n, 6); None: zero.
 

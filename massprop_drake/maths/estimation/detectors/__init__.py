@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from massprop_drake.maths.estimation.detector import Detector
-from massprop_drake.maths.estimation.detectors import cglr, cusum, hypotheses
+from massprop_drake.maths.estimation.detectors import cglr, cusum, hypotheses, thrust_factors
 
 DETECTORS: dict[str, Detector] = {
     "cglr": cglr.DETECTOR,
     "cusum": cusum.DETECTOR,
     "multi_hypothesis": hypotheses.DETECTOR,
+    "thrust_factors": thrust_factors.DETECTOR,
 }

@@ -1,0 +1,391 @@
+"""Drawn flights of vehicles that are followed in a fixed frame: what is named, and whether estimates keep their sigmas.
+
+    python benchmarks/poses.py [--case NAME ...] [--count 100] [--first 0] [--seconds 60]
+
+The simulator is one of its own, of a rigid body in small steps with valves that act late and through a lag, drag, a
+floor that is not level, and a controller that answers what the pose sensor reads. It draws mass properties, thrusts,
+valves and surroundings as the vehicle's file says they may be; in half of the flights a jet is dead from the start, or
+gives less than a third. What it writes is a record, and what is measured is what `estimate` makes of it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import tempfile
+import time
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from massprop_drake.inputs.scenario import resolved
+from massprop_drake.inputs.vehicle import Vehicle, load_vehicle
+from massprop_drake.runners.recorded import estimate
+from massprop_drake.telemetry.reader import columns
+
+Array = NDArray[np.float64]
+
+_STEP_S = 0.005
+_BEHIND = 400  # steps of commands that are kept
+
+
+class Case(NamedTuple):
+    """A kind of flight.
+
+    Attributes:
+        vehicle: a bundled one, or a file.
+        delay_off: samples by which commands act later than the file says.
+        pressure_loss: share of all thrusts that is lost in the flight, evenly.
+        failures: whether a jet is dead from the start in half of the flights.
+        walk: of what all thrusts share that the vehicle's file states, 1-sigma in one second.
+    """
+
+    vehicle: str
+    delay_off: float = 0.0
+    pressure_loss: float = 0.0
+    failures: bool = True
+    walk: float = 0.0
+
+
+CASES = {
+    "planar": Case("air_bearing"),
+    "free": Case("tracked_flyer"),
+    "delay_1": Case("air_bearing", delay_off=1.0, failures=False),
+    "delay_2": Case("air_bearing", delay_off=2.0, failures=False),
+    "delay_3": Case("air_bearing", delay_off=3.0, failures=False),
+    "pressure": Case("air_bearing", pressure_loss=0.1, failures=False, walk=0.013),  # 10 % in a minute
+}
+
+
+class Truth(NamedTuple):
+    """What was drawn.
+
+    Attributes:
+        mass, center, inertia: of the body.
+        thrusts: forces of the jets, body axes, shape (n_jets, 3).
+        dead: index of the jet that is, -1: none.
+    """
+
+    mass: float
+    center: Array
+    inertia: Array
+    thrusts: Array
+    dead: int
+
+
+class Flight:
+    """One flight, step by step.
+
+    Args:
+        vehicle: as its file has it.
+        case: see `Case`.
+        seed: of all that is drawn.
+        duration_s: of the flight.
+    """
+
+    def __init__(self, vehicle: Vehicle, case: Case, seed: int, duration_s: float):
+        self.vehicle, self.case, self.duration_s = vehicle, case, duration_s
+        self._random = random = np.random.default_rng(seed)
+        normal = random.standard_normal
+        n_jets = len(vehicle.jets)
+        self._planar = vehicle.motion == "planar"
+        nominal, around = vehicle.nominal, vehicle.surroundings
+        scales = (vehicle.mass_std or vehicle.uncertainty * nominal.mass) / nominal.mass
+        mass = nominal.mass * (1.0 + min(scales, 0.1) * normal())
+        stretch = np.diag(np.exp(0.1 * normal(3)))
+        inertia = stretch @ nominal.inertia @ stretch
+        center = nominal.center_of_mass + vehicle.center_of_mass_floor * normal(3)
+        if self._planar:
+            center[2] = nominal.center_of_mass[2]
+        factors = 1.0 + vehicle.thrust_uncertainties * normal(n_jets)
+        factors *= 1.0 + vehicle.common_scale_uncertainty * normal()
+        dead = int(random.integers(n_jets)) if case.failures and random.random() < 0.5 else -1
+        if dead >= 0:
+            factors[dead] *= 0.0 if random.random() < 0.5 else random.uniform(0.0, 0.3)
+        self.truth = Truth(mass, center, inertia, vehicle.thrusts * factors[:, None], dead)
+        kinds, of = list(vehicle.jet_kinds.values()), vehicle.kind_indices
+        errors = normal((3, len(kinds)))
+        delays = np.array([kind.command_delay_s for kind in kinds])
+        delays = delays + errors[0] * [kind.command_delay_std_s for kind in kinds]
+        delays = np.maximum(delays, 0.0) + case.delay_off * vehicle.sample_period_s
+        lags = np.array([kind.time_constant_s for kind in kinds])
+        lags = lags * np.exp(errors[1] * [kind.lag_uncertainty for kind in kinds])
+        late = np.array([kind.opening_delay_s for kind in kinds])
+        late = late + errors[2] * [kind.opening_delay_std_s for kind in kinds]
+        self.delays, self._lags, self._late = delays[of], lags[of], late[of]
+        self._drag = abs(around.drag + 0.5 * around.drag_std * normal())
+        self._angular_drag = abs(around.angular_drag + 0.5 * around.angular_drag_std * normal())
+        slope, turn, tilt = normal(3), normal(3), normal(2)
+        self._slope, self._turn = around.slope_std * slope, around.turn_std * turn
+        self._tilt = around.heading_turn_std * tilt
+        if self._planar:
+            self._slope[2] = 0.0
+            self._turn[:2] = 0.0
+        self._points = [np.array(pose.point) + pose.point_std * normal(3) for pose in vehicle.poses]
+        self._repeat = np.array([kind.repeatability for kind in kinds])[of]
+
+    def rows(self) -> tuple[Array, Array]:
+        """Columns of telemetry, and the truth's rotation at their times."""
+        vehicle, random, truth = self.vehicle, self._random, self.truth
+        n_jets, period = len(vehicle.jets), vehicle.sample_period_s
+        position, velocity = np.zeros(3), np.zeros(3)
+        rotation, rate = np.eye(3), np.zeros(3)
+        level = np.zeros(n_jets)
+        switches: list[tuple[float, Array]] = [(-1.0, np.zeros(n_jets))]
+        around, now = vehicle.surroundings, 0.0
+        rows = []
+        before = position, np.zeros(3)
+        inverse = np.linalg.inv(truth.inertia)
+        count = int(self.duration_s / period)
+        for sample in range(count):
+            sample_s = sample * period
+            strength = 1.0 + self._repeat * random.standard_normal(n_jets)
+            while now < sample_s - 1e-9:
+                step = min(_STEP_S, sample_s - now)
+                wanted = self._wanted(switches, now + 0.5 * step)
+                level = wanted + (level - wanted) * np.exp(-step / np.maximum(self._lags, 1e-9))
+                loss = 1.0 - self.case.pressure_loss * now / self.duration_s
+                gives = (level * strength * loss)[:, None] * truth.thrusts
+                force = rotation @ gives.sum(axis=0) - self._drag * velocity + truth.mass * self._slope
+                torque = np.cross(vehicle.positions - truth.center, gives).sum(axis=0) - self._angular_drag * rate
+                turn = self._turn.copy()
+                heading = np.arctan2(rotation[1, 0], rotation[0, 0])
+                turn[2] += self._tilt @ (np.cos(heading), np.sin(heading))
+                spin = inverse @ (torque - np.cross(rate, truth.inertia @ rate)) + turn
+                if self._planar:
+                    force[2] = 0.0
+                    spin = np.array([0.0, 0.0, torque[2] / truth.inertia[2, 2] + turn[2]])
+                white = np.sqrt(step) * random.standard_normal(6)
+                velocity = velocity + step * force / truth.mass + around.velocity_walk * white[:3] * self._moves
+                middle = rate + 0.5 * step * spin
+                rate = rate + step * spin + around.rate_walk * white[3:] * self._turns
+                if random.random() < around.kicks_per_minute / 60.0 * step:
+                    velocity = velocity + around.kick_velocity * random.standard_normal(3) * self._moves
+                    rate = rate + around.kick_rate * random.standard_normal(3) * self._turns
+                position = position + step * velocity
+                rotation = rotation @ _turned(step * middle)
+                now += step
+            read = self._read(position, velocity, rotation, rate)
+            command = self._commanded(read, before, sample_s, period)
+            before = read[0], read[1]
+            switches.append((sample_s, command))
+            switches = switches[-_BEHIND:]
+            rows.append(np.concatenate(([sample_s], read[2], command)))
+        return np.array(rows), rotation
+
+    @property
+    def _moves(self) -> Array:
+        return np.array([1.0, 1.0, 0.0]) if self._planar else np.ones(3)
+
+    @property
+    def _turns(self) -> Array:
+        return np.array([0.0, 0.0, 1.0]) if self._planar else np.ones(3)
+
+    def _wanted(self, switches: list[tuple[float, Array]], time_s: float) -> Array:
+        """What valves are at, of commands that act late, and later where they open."""
+        wanted = np.zeros(len(self.vehicle.jets))
+        open_at = time_s - self.delays - self._late
+        close_at = time_s - self.delays
+        for jet in range(wanted.size):
+            state = _at(switches, close_at[jet], jet)
+            later = _at(switches, open_at[jet], jet)
+            if self._late[jet] >= 0.0:
+                wanted[jet] = state and later
+            else:
+                wanted[jet] = state or later
+        return wanted
+
+    def _read(self, position: Array, velocity: Array, rotation: Array, rate: Array) -> tuple[Array, Array, Array]:
+        """Position and attitude as the controller takes them, and all columns of sensors."""
+        vehicle, random, truth = self.vehicle, self._random, self.truth
+        columns_, seen, turned = [], position, np.zeros(3)
+        for gyro in vehicle.gyros:
+            columns_.append(rate + np.sqrt(gyro.variance) * random.standard_normal(3))
+        for pose, point in zip(vehicle.poses, self._points, strict=True):
+            arm = point - truth.center
+            late = pose.time_std_s * random.standard_normal()
+            where = position + rotation @ arm + late * (velocity + rotation @ np.cross(rate, arm))
+            poor = 10.0 if random.random() < pose.outliers else 1.0
+            if pose.position_std is None:
+                where = np.full(3, np.nan)
+            else:
+                where = where + poor * pose.position_std * random.standard_normal(3) * self._moves
+                seen = where
+            if pose.attitude_std is None:
+                quaternion = np.full(4, np.nan)
+            else:
+                noise = poor * pose.attitude_std * random.standard_normal(3) * self._turns
+                read = rotation @ _turned(late * rate) @ _turned(noise)
+                quaternion, turned = _quaternion(read), _vector(read)
+            columns_ += [where, quaternion]
+        for speed in vehicle.velocities:
+            columns_.append(velocity + speed.noise_std * random.standard_normal(3))
+        return seen, turned, np.concatenate(columns_)
+
+    def _commanded(
+        self, read: tuple[Array, Array, Array], before: tuple[Array, Array], time_s: float, period: float
+    ) -> Array:
+        """Jets that a controller opens: toward a goal that moves on, by position and attitude and their differences."""
+        vehicle = self.vehicle
+        stage = int(time_s / 12.0)
+        draw = np.random.default_rng(stage + 17)
+        arm = vehicle.rms_arm
+        goal, heading = 4.0 * arm * draw.uniform(-1.0, 1.0, 3), 0.8 * draw.uniform(-1.0, 1.0, 3)
+        rotation = _turned(read[1])
+        off = rotation.T @ (goal - read[0]) * self._moves
+        speed = rotation.T @ (read[0] - before[0]) / period
+        turn = _vector(rotation.T @ _turned(heading * self._turns))
+        spin = _vector(_turned(before[1]).T @ rotation) / period
+        acceleration = 0.25 * off - 0.9 * speed
+        angular = 0.5 * turn - 1.3 * spin
+        wrench = np.concatenate((vehicle.nominal.inertia @ angular, vehicle.nominal.mass * acceleration))
+        arms = vehicle.positions - vehicle.nominal.center_of_mass
+        effects = np.hstack((np.cross(arms, vehicle.thrusts), vehicle.thrusts))
+        scale = np.concatenate((np.full(3, 1.0 / arm), np.ones(3)))
+        gain = (effects * scale) @ (wrench * scale)
+        size = np.sum((effects * scale) ** 2, axis=1)
+        return (gain / size > 0.35 + 0.3 * self._random.random(gain.size)).astype(float)
+
+
+def _at(switches: list[tuple[float, Array]], time_s: float, jet: int) -> bool:
+    for since_s, command in reversed(switches):
+        if since_s <= time_s:
+            return bool(command[jet] > 0.0)
+    return False
+
+
+def _turned(vector: Array) -> Array:
+    angle = float(np.linalg.norm(vector))
+    if angle < 1e-12:
+        return np.eye(3)
+    x, y, z = vector / angle
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * cross @ cross
+
+
+def _vector(rotation: Array) -> Array:
+    quaternion = _quaternion(rotation)
+    sine = float(np.linalg.norm(quaternion[1:]))
+    return np.zeros(3) if sine < 1e-12 else 2.0 * np.arctan2(sine, quaternion[0]) / sine * quaternion[1:]
+
+
+def _quaternion(rotation: Array) -> Array:
+    values, vectors = np.linalg.eigh(
+        np.array(
+            [
+                [np.trace(rotation), *(rotation[[2, 0, 1], [1, 2, 0]] - rotation[[1, 2, 0], [2, 0, 1]])],
+                [
+                    rotation[2, 1] - rotation[1, 2],
+                    2 * rotation[0, 0] - np.trace(rotation),
+                    rotation[0, 1] + rotation[1, 0],
+                    rotation[0, 2] + rotation[2, 0],
+                ],
+                [
+                    rotation[0, 2] - rotation[2, 0],
+                    rotation[0, 1] + rotation[1, 0],
+                    2 * rotation[1, 1] - np.trace(rotation),
+                    rotation[1, 2] + rotation[2, 1],
+                ],
+                [
+                    rotation[1, 0] - rotation[0, 1],
+                    rotation[0, 2] + rotation[2, 0],
+                    rotation[1, 2] + rotation[2, 1],
+                    2 * rotation[2, 2] - np.trace(rotation),
+                ],
+            ]
+        )
+    )
+    found = vectors[:, np.argmax(values)]
+    return found if found[0] >= 0.0 else -found
+
+
+class Outcome(NamedTuple):
+    """What became of a flight.
+
+    Attributes:
+        dead: designation of the jet that is, "": none.
+        named: jets that were named alone, in order, with their times.
+        grouped: jets of groups.
+        sigmas: errors of the free parameters in their sigmas.
+        first_s: when the dead jet had been told to fire ten times.
+        delay: error of the estimated command delay, s and sigmas.
+    """
+
+    dead: str
+    named: tuple[tuple[str, float], ...]
+    grouped: tuple[tuple[str, ...], ...]
+    sigmas: Array
+    first_s: float
+    delay: tuple[float, float]
+
+
+def fly(case: Case, seed: int, duration_s: float) -> Outcome:
+    """Flies one, and estimates from its record."""
+    vehicle = load_vehicle(case.vehicle).model_copy(update={"common_scale_walk": case.walk})
+    flight = Flight(vehicle, case, seed, duration_s)
+    rows, _ = flight.rows()
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "record.csv"
+        with path.open("w", newline="") as file:
+            writer = csv.writer(file)
+            writer.writerow(columns(vehicle))
+            writer.writerows([["" if np.isnan(cell) else repr(float(cell)) for cell in row] for row in rows])
+        run = estimate(path, resolved({"name": "flight", "vehicle": vehicle}))
+    truth = flight.truth
+    inverse = np.linalg.inv(truth.inertia)
+    if vehicle.motion == "planar":
+        inverse[2, 2] = 1.0 / truth.inertia[2, 2]
+    true = np.concatenate((inverse[[0, 1, 2, 1, 0, 0], [0, 1, 2, 2, 2, 1]], truth.center, [1.0 / truth.mass]))
+    found = run.results
+    sigmas = (found.estimates - true) / found.standard_deviations
+    named = tuple((one.jets[0], one.time_s) for one in found.detections if one.isolated_to == "jet")
+    grouped = tuple(one.jets for one in found.detections if one.isolated_to == "group")
+    dead = "" if truth.dead < 0 else vehicle.designations[truth.dead]
+    first_s = np.nan
+    if dead:
+        told = np.flatnonzero(np.diff(rows[:, -len(vehicle.jets) + truth.dead], prepend=0.0) > 0.0)
+        first_s = float(rows[told[9], 0]) if told.size > 9 else np.inf
+    off = float(run["command_delay"][-1, 0]) - float(flight.delays[0])
+    delay = off, off / float(run["command_delay_std"][-1, 0])
+    return Outcome(dead, named, grouped, sigmas[np.isfinite(sigmas)], first_s, delay)
+
+
+def main() -> None:
+    """Prints a line a case, and one for every flight that ends wrong."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--case", nargs="*", default=list(CASES), choices=list(CASES))
+    parser.add_argument("--count", type=int, default=100)
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--seconds", type=float, default=60.0)
+    arguments = parser.parse_args()
+    for name in arguments.case:
+        began, done = time.perf_counter(), []
+        for seed in range(arguments.first, arguments.first + arguments.count):
+            one = fly(CASES[name], seed, arguments.seconds)
+            done.append(one)
+            right = [one.dead] if one.dead else []
+            if [jet for jet, _ in one.named] != right or np.abs(one.sigmas).max() > 4.0:
+                print(f"  {name} {seed}: dead {one.dead or '-'}, named {one.named}, grouped {one.grouped}, ", end="")
+                print(f"ten pulses at {one.first_s:.1f} s, sigmas {np.round(one.sigmas, 1).tolist()}", flush=True)
+        dead = [one for one in done if one.dead]
+        right = [one for one in dead if one.dead in [jet for jet, _ in one.named]]
+        wrong = [one for one in done if any(jet != one.dead for jet, _ in one.named)]
+        silent = [one for one in dead if not one.named and not one.grouped]
+        delays = [time_s for one in right for jet, time_s in one.named if jet == one.dead]
+        sigmas = np.concatenate([one.sigmas for one in done])
+        delays_off, delay_sigmas = np.array([one.delay for one in done]).T
+        print(
+            f"{name}: {len(done)} flights, {len(dead)} with a dead jet: {len(right)} right, {len(silent)} silent; "
+            f"{len(wrong)} flights with a wrong jet; named after {np.median(delays) if delays else np.nan:.1f} s "
+            f"(median), {max(delays, default=np.nan):.1f} s at the most; within 3 sigma "
+            f"{100.0 * (np.abs(sigmas) <= 3.0).mean():.1f} %, RMS {np.sqrt(np.mean(sigmas**2)):.2f}; delay off by "
+            f"{1e3 * np.sqrt(np.mean(delays_off**2)):.1f} ms RMS, {np.abs(delay_sigmas).max():.1f} sigma at the most; "
+            f"{(time.perf_counter() - began) / len(done):.1f} s each",
+            flush=True,
+        )
+
+
+if __name__ == "__main__":
+    main()

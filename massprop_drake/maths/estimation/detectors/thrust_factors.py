@@ -1,0 +1,199 @@
+"""The detector by thrust factors as one of the registry: jets that are weak or stand open, also from the start.
+
+The mathematics is in `pose.hypotheses`; the filter carries the hypotheses, and this judges them. A jet that is named
+alone is put out of use.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from massprop_drake.maths.estimation.adaptation import NO_ADAPTATION
+from massprop_drake.maths.estimation.detector import NO_KNOWN_FORCE, STATUS, Detector, Event, Jets, Judgment
+from massprop_drake.maths.estimation.detectors.hypotheses import HYPOTHESIS_REPORT
+from massprop_drake.maths.estimation.detectors.multi_hypothesis import Word
+from massprop_drake.maths.estimation.filters.pose import PoseEvidence, PoseFilterParams
+from massprop_drake.maths.estimation.pose import hypotheses
+from massprop_drake.maths.estimation.pose.hypotheses import Found, Rules
+from massprop_drake.maths.estimation.pose.layout import PoseParams
+from massprop_drake.maths.linear_algebra import Array
+
+GROUP = "thrust_factor_detector"  # the system that holds the state in a diagram
+
+
+class FactorParams(NamedTuple):
+    """What shapes the detector.
+
+    Attributes:
+        pose: see `PoseParams`.
+        thrusts: full force of each jet, lbf or N, shape (n_jets,).
+        rules: when a failure is named.
+    """
+
+    pose: PoseParams
+    thrusts: Array
+    rules: Rules
+
+
+class State(NamedTuple):
+    """What is remembered.
+
+    Attributes:
+        grouped: members of the group that has been named last, 1 each, shape (1 + 2 n_jets,).
+        force, variance: zero; what a failed jet gives is known to the filter, shape (n_jets,).
+        removed: 1 for each jet that is named alone, shape (n_jets,).
+        closed: 1 for each jet whose manifold is closed: none, shape (n_jets,).
+    """
+
+    grouped: Array
+    force: Array
+    variance: Array
+    removed: Array
+    closed: Array
+
+
+def make_params(jets: Jets, options: Any, filter_params: PoseFilterParams) -> FactorParams:
+    """Parameters from those of the filter and the scenario's block."""
+    rules = Rules(options.lead, options.lead_nothing, options.least)
+    return FactorParams(filter_params.pose, jets.thrusts, rules)
+
+
+def initial(params: FactorParams) -> State:
+    """Before the first sample."""
+    none = np.zeros(params.thrusts.size)
+    return State(np.zeros(1 + 2 * none.size), none, none, none, none)
+
+
+def judge(state: State, evidence: PoseEvidence, params: FactorParams) -> Judgment:
+    """What is made of a cycle of the filter.
+
+    Args:
+        state: of the cycle before.
+        evidence: see `PoseEvidence`.
+        params: see `FactorParams`.
+    """
+    jets = params.thrusts.size
+    if not evidence.tested:
+        nothing = np.full(jets, np.nan)
+        own = HYPOTHESIS_REPORT.sized(jets=jets).make(racing=0.0, **_silent(jets))
+        return Judgment(state, NO_ADAPTATION, _status(None, None, 0.0, params), nothing, nothing, own=own)
+    odds = evidence.tried.likelihood[1 : 1 + 2 * jets]
+    leads = np.maximum(odds[:jets], odds[jets:])
+    tried, found = hypotheses.judged(evidence.tried, evidence.time_s, params.rules, params.pose)
+    if found is not None:
+        members = np.zeros(1 + 2 * jets)
+        members[list(found.members)] = 1.0
+        if len(found.members) > 1 and np.array_equal(members, state.grouped):
+            found = None  # said already
+        else:
+            state = state._replace(grouped=members)
+    pushed = found is not None and 2 * jets in found.members
+    if found is not None and len(found.members) == 1 and not pushed:
+        removed = state.removed.copy()
+        removed[found.members[0] % jets] = 1.0
+        state = state._replace(removed=removed)
+    likeliest = int(np.argmax(odds)) if np.isfinite(odds).any() else None
+    row = _silent(jets)
+    if found is not None and pushed:
+        row["unexplained_since"] = np.array(_in_cycles(found.onset_s, evidence))
+    elif found is not None:
+        row = _said(found, evidence, params)
+    lead = float(leads.max()) if np.isfinite(leads).any() else math.nan
+    racing = float(lead > params.rules.lead_nothing)
+    own = HYPOTHESIS_REPORT.sized(jets=jets).make(racing=racing, lead=lead if racing else math.nan, **row)
+    return Judgment(
+        state=state,
+        adaptation=NO_ADAPTATION,
+        status=_status(found, likeliest, racing, params),
+        likelihood=leads,
+        magnitude=row["verdict_magnitude"],
+        replacement=tried,
+        own=own,
+    )
+
+
+def _silent(jets: int) -> dict[str, Array]:
+    """The rows of `HYPOTHESIS_REPORT` where nothing is said."""
+    zero = {name: np.zeros(jets) for name in ("verdict", "verdict_group", "verdict_place")}
+    names = ("verdict_magnitude", "verdict_std", "verdict_onset", "verdict_apart_by", "verdict_apart_after")
+    unknown = {name: np.full(jets, np.nan) for name in names}
+    return zero | unknown | {name: np.full(3, np.nan) for name in ("jump_position", "jump_position_std")}
+
+
+def _said(found: Found, evidence: PoseEvidence, params: FactorParams) -> dict[str, Array]:
+    jets = params.thrusts.size
+    row, alone = _silent(jets), len(found.members) == 1
+    onset = _in_cycles(found.onset_s, evidence)
+    order = list(dict.fromkeys(member % jets for member in found.members))
+    leader = found.members[0]
+    sign = -1.0 if leader < jets else 1.0
+    share, deviation = found.share
+    for place, jet in enumerate(order):
+        row["verdict"][jet] = float(Word.FAILED if alone else Word.GROUP)
+        row["verdict_group"][jet], row["verdict_place"][jet] = 1.0, 1.0 + place
+        row["verdict_onset"][jet] = onset
+        row["verdict_magnitude"][jet] = sign * share * params.thrusts[jet]
+        row["verdict_std"][jet] = deviation * params.thrusts[jet]
+    return row
+
+
+def _in_cycles(time_s: float, evidence: PoseEvidence) -> float:
+    """A time of the record by the clock of the cycles."""
+    return evidence.cycle_s - (evidence.time_s - time_s)
+
+
+def _status(found: Found | None, likeliest: int | None, racing: float, params: FactorParams) -> Any:
+    jets = params.thrusts.size
+    if found is None:
+        row: dict[str, float] = {} if likeliest is None or not racing else {"suspected_jet": float(likeliest % jets)}
+        tested = float(likeliest is not None)
+        return STATUS.make(tested=tested, alarm=racing, detector_event=float(Event.NOTHING), **row)
+    if 2 * jets in found.members:
+        return STATUS.make(tested=1.0, alarm=1.0, detector_event=float(Event.OTHER), onset=found.onset_s, alarms=1.0)
+    leader, jet = found.members[0], found.members[0] % jets
+    force = (-1.0 if leader < jets else 1.0) * found.share[0] * params.thrusts[jet]
+    return STATUS.make(
+        tested=1.0,
+        alarm=1.0,
+        detector_event=float(Event.DECLARED),
+        suspected_jet=float(jet),
+        jet_isolated=float(len(found.members) == 1),
+        suspected_magnitude=force,
+        suspected_magnitude_std=found.share[1] * params.thrusts[jet],
+        suspected_likelihood=found.lead[1],
+        onset=found.onset_s,
+        alarms=1.0,
+    )
+
+
+def saved(state: State, _params: FactorParams) -> Array:
+    """The state as a vector."""
+    return np.concatenate((state.grouped, state.removed))
+
+
+def restored(vector: Array, params: FactorParams) -> State:
+    """The inverse of `saved`.
+
+    Raises:
+        ValueError: when the state holds what the detector cannot leave.
+    """
+    jets = params.thrusts.size
+    if not np.isin(vector, (0.0, 1.0)).all():
+        raise ValueError(f"{GROUP}: must be 0 or 1")
+    return initial(params)._replace(grouped=vector[: 1 + 2 * jets].copy(), removed=vector[1 + 2 * jets :].copy())
+
+
+DETECTOR = Detector(
+    made_for="pose",
+    params=make_params,
+    initial=initial,
+    known_force=lambda *_: NO_KNOWN_FORCE,
+    judge=judge,
+    saved=saved,
+    restored=restored,
+    group=GROUP,
+    report=HYPOTHESIS_REPORT,
+)

@@ -1,0 +1,385 @@
+"""The estimator in a fixed frame as one of the registry: commands kept as long as they act, what is reported of it.
+
+The mathematics is in `massprop_drake.maths.estimation.pose`. With a detector the filter carries the bank of
+hypotheses, of which the first is its own estimate, and the detector judges them.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from massprop_drake.maths.arrays import Field, Layout
+from massprop_drake.maths.attitude import from_rotation_vector, rotation_matrix
+from massprop_drake.maths.estimation.adaptation import Adaptation
+from massprop_drake.maths.estimation.filter import (
+    Filter,
+    FilterStep,
+    Groups,
+    Interval,
+    MassReport,
+    RotationReport,
+    Setup,
+    Told,
+)
+from massprop_drake.maths.estimation.pose import hypotheses, start
+from massprop_drake.maths.estimation.pose.cycle import Cycled
+from massprop_drake.maths.estimation.pose.hypotheses import Tried
+from massprop_drake.maths.estimation.pose.layout import Bank, Commands, PoseParams, Readings
+from massprop_drake.maths.estimation.pose.outcome import outcome
+from massprop_drake.maths.estimation.pose.setting import known_parameters
+from massprop_drake.maths.estimation.pose.setting import make_params as params_of
+from massprop_drake.maths.estimation.pose.turning import rotation_vectors
+from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.maths.mass_properties import MASS_RECIPROCAL
+
+GROUP = "pose_estimator"  # the system that holds the state in a diagram
+
+# what is logged of every cycle besides what all filters log
+POSE_REPORT = Layout(
+    "pose_report",
+    kick=Field("probability that something has pushed the vehicle that the model does not have", component="kick"),
+    command_delay=Field("how long after its command a jet of the first kind begins to act", "s", "delay"),
+    command_delay_std=Field("1-sigma of it", "s", "std"),
+    position_estimate=3,
+    velocity_estimate=3,
+    attitude_estimate=4,
+    rate_estimate=3,
+    thrust_factor="jets",
+    thrust_factor_std="jets",
+)
+
+
+class PoseFilterParams(NamedTuple):
+    """What shapes the filter.
+
+    Attributes:
+        pose: see `PoseParams`.
+        known: which of the ten parameters have no sigma, shape (10,).
+        nominal: the ten nominal parameters, which these have, shape (10,).
+        hypotheses: whether the filter carries those of a detector.
+        poses, velocities: numbers of sensors in a fixed frame.
+    """
+
+    pose: PoseParams
+    known: np.ndarray
+    nominal: Array
+    hypotheses: bool
+    poses: int
+    velocities: int
+
+
+class PoseFilterState(NamedTuple):
+    """What the filter knows after a sample.
+
+    Attributes:
+        tried: see `hypotheses.Tried`; without a detector of one filter.
+        commands: see `Commands`; as far back as they still act.
+        time_s: of the sample, by the record's clock.
+        started: whether anything has been read that a filter can begin with.
+        estimate, covariance: what is reported of it, NaN for what has no sigma, shapes (10,) and (10, 10).
+    """
+
+    tried: Tried
+    commands: Commands
+    time_s: float
+    started: bool
+    estimate: Array
+    covariance: Array
+
+
+class PoseEvidence(NamedTuple):
+    """What a detector of this filter sees of a cycle.
+
+    Attributes:
+        tried: after it.
+        time_s: of the sample, by the record's clock.
+        cycle_s: by that of the cycles.
+        told: see `Told`.
+        tested: whether anything was read that bears on jets.
+    """
+
+    tried: Tried
+    time_s: float
+    cycle_s: float
+    told: Told
+    tested: bool
+
+
+class Measurement(NamedTuple):
+    """A cycle, before the detector has judged it."""
+
+    state: PoseFilterState
+    done: Cycled | None
+    told: Told
+
+
+def make_params(setup: Setup, options: Any) -> PoseFilterParams:
+    """Parameters from what is known of the vehicle."""
+    assert setup.tracking is not None, "made for a vehicle that is followed in a fixed frame"
+    detects = options.detector.kind != "off"
+    return PoseFilterParams(
+        params_of(setup, setup.tracking, hypotheses=detects),
+        known_parameters(setup.tracking),
+        setup.nominal,
+        detects,
+        setup.tracking.position_stds.size,
+        setup.tracking.velocity_stds.size,
+    )
+
+
+def initial(params: PoseFilterParams) -> PoseFilterState:
+    """Before the first sample."""
+    made = params.pose
+    jets = made.pushes.shape[0]
+    bank = Bank(
+        made.start[None],
+        made.covariance[None],
+        np.eye(3)[None],
+        np.array([-1]),
+        np.zeros((1, 3)),
+        np.zeros((1, 3, 3)),
+    )
+    tried = hypotheses.alone(bank, np.zeros(1 + 2 * jets), 0.0)
+    commands = Commands(np.zeros(0), np.zeros((0, jets)))
+    return _reporting(PoseFilterState(tried, commands, 0.0, False, np.zeros(10), np.zeros((10, 10))), params)
+
+
+def _reporting(state: PoseFilterState, params: PoseFilterParams) -> PoseFilterState:
+    bank, jets = state.tried.bank, params.pose.pushes.shape[0]
+    healthy = state.tried.known[:jets] == 0.0
+    estimate, covariance = outcome(bank.mean[0], bank.covariance[0], healthy, params.pose)
+    estimate[params.known] = params.nominal[params.known]
+    covariance[params.known] = np.nan
+    covariance[:, params.known] = np.nan
+    return state._replace(estimate=estimate, covariance=covariance)
+
+
+def measure(
+    state: PoseFilterState, rates: Array, velocities: Array, interval: Interval, params: PoseFilterParams
+) -> Measurement:
+    """The whole cycle."""
+    assert interval.told is not None  # what is told is all that this filter takes of an interval
+    told, made = interval.told, params.pose
+    readings = _readings(told.tracked, rates, velocities, params)
+    now_s = told.stamp_s
+    if not state.started:
+        if not _begins(readings, made):
+            return Measurement(state._replace(time_s=now_s), None, told)
+        first = start.begun(readings, made)
+        tried = _fresh(first, now_s, params)
+        commands = _with(Commands(np.zeros(0), state.commands.levels), now_s, told.coming)
+        return Measurement(_reporting(PoseFilterState(tried, commands, now_s, True, *state[4:]), params), None, told)
+    kept = _with(_before(state.commands, state.time_s), state.time_s, told.command)
+    acting = _with(kept, now_s, told.coming)
+    tried, done = hypotheses.advanced(state.tried, acting, (state.time_s, now_s), readings, made)
+    commands = _trimmed(acting, now_s - made.longest_s)
+    after = _reporting(PoseFilterState(tried, commands, now_s, True, *state[4:]), params)
+    return Measurement(after, done, told)
+
+
+def _fresh(first: Bank, now_s: float, params: PoseFilterParams) -> Tried:
+    if params.hypotheses:
+        return hypotheses.begun(first, now_s, params.pose)
+    jets = params.pose.pushes.shape[0]
+    return hypotheses.alone(first, np.zeros(1 + 2 * jets), now_s)
+
+
+def _begins(readings: Readings, params: PoseParams) -> bool:
+    """Whether there is what position and attitude can begin with, as far as they are measured."""
+    turned = np.isfinite(readings.rotations).all(axis=(1, 2)).any()
+    placed = np.isfinite(readings.positions[:, :2]).all(axis=1).any()
+    needs_turn = np.isfinite(params.pose.attitude_variances).any()
+    needs_place = np.isfinite(params.pose.position_variances).any()
+    return bool((turned or not needs_turn) and (placed or not needs_place))
+
+
+def _readings(tracked: Array | None, rates: Array, velocities: Array, params: PoseFilterParams) -> Readings:
+    """Readings of all sensors, those in a fixed frame from their columns."""
+    row = np.full(7 * params.poses + 3 * params.velocities, np.nan) if tracked is None else tracked
+    poses = row[: 7 * params.poses].reshape(-1, 7)
+    rotations = np.full((params.poses, 3, 3), np.nan)
+    for place in range(params.poses):
+        if np.isfinite(poses[place, 3:]).all():
+            rotations[place] = rotation_matrix(poses[place, 3:] / np.sqrt(poses[place, 3:] @ poses[place, 3:]))
+    return Readings(poses[:, :3], rotations, row[7 * params.poses :].reshape(-1, 3), rates, velocities)
+
+
+# ------------------------------------------------------------------------------------------ commands
+
+
+def _before(commands: Commands, time_s: float) -> Commands:
+    """Commands up to a time, without those given at it."""
+    until = int(np.searchsorted(commands.time_s, time_s))
+    return Commands(commands.time_s[:until], commands.levels[:until])
+
+
+def _with(commands: Commands, time_s: float, levels: Array | None) -> Commands:
+    """Commands with those given at a time; where nothing changes they go on, and None says nothing."""
+    if levels is None:
+        return commands
+    if commands.time_s.size and np.array_equal(commands.levels[-1], levels, equal_nan=True):
+        return commands
+    return Commands(np.append(commands.time_s, time_s), np.vstack((commands.levels, levels)))
+
+
+def _trimmed(commands: Commands, since_s: float) -> Commands:
+    """Commands that still act after a time, and the one that was in force then."""
+    begin = max(int(np.searchsorted(commands.time_s, since_s, side="right")) - 1, 0)
+    return Commands(commands.time_s[begin:], commands.levels[begin:])
+
+
+# ------------------------------------------------------------------------------------------- reports
+
+
+def evidence(_state: PoseFilterState | None, measurement: Measurement, _interval: Interval | None) -> PoseEvidence:
+    """What the detector sees."""
+    state, told = measurement.state, measurement.told
+    done = measurement.done
+    return PoseEvidence(state.tried, state.time_s, told.time_s, told, done is not None and done.innovation.size > 0)
+
+
+def finish(
+    _state: PoseFilterState,
+    measurement: Measurement,
+    _interval: Interval | None,
+    _adaptation: Adaptation,
+    params: PoseFilterParams,
+) -> FilterStep:
+    """The cycle as it is; what a detector knows better comes by `replaced`."""
+    state, done, nothing = measurement.state, measurement.done, np.full(3, np.nan)
+    (turning, n_turning), (moving, n_moving) = np.zeros((2, 2)) if done is None else done.of_first
+    deviation = np.sqrt(state.covariance.diagonal())
+    rotation = RotationReport(
+        estimate=state.estimate[:9],
+        standard_deviation=deviation[:9],
+        rotation_innovation=nothing,
+        rotation_innovation_std=nothing,
+        rotation_nis=3.0 * turning / n_turning if n_turning else math.nan,
+        rotation_used=bool(n_turning),
+        rotation_jump=False,
+        coupling_subtracted=not params.pose.planar,
+    )
+    mass = MassReport(
+        mass_reciprocal=float(state.estimate[MASS_RECIPROCAL]),
+        variance=float(state.covariance[MASS_RECIPROCAL, MASS_RECIPROCAL]),
+        mass_innovation=nothing,
+        mass_innovation_std=nothing,
+        mass_nis=3.0 * moving / n_moving if n_moving else math.nan,
+        mass_used=bool(n_moving),
+        mass_jump=False,
+    )
+    return FilterStep(state, rotation, mass, _own(state, done, params))
+
+
+def _own(state: PoseFilterState, done: Cycled | None, params: PoseFilterParams) -> Any:
+    """What this filter logs, as `POSE_REPORT`."""
+    made, bank = params.pose, state.tried.bank
+    jets = made.pushes.shape[0]
+    deviation = np.zeros(made.parts.size)
+    deviation[made.free] = np.sqrt(bank.covariance[0].diagonal())
+    return POSE_REPORT.make(
+        kick=0.0 if done is None else float(done.kicked[0]),
+        command_delay=float(bank.mean[0, made.parts.delay.start]),
+        command_delay_std=float(deviation[made.parts.delay.start]),
+        position_estimate=bank.mean[0, made.parts.position],
+        velocity_estimate=bank.mean[0, made.parts.velocity],
+        attitude_estimate=from_rotation_vector(rotation_vectors(bank.rotation[:1])[0]),
+        rate_estimate=bank.mean[0, made.parts.rate],
+        thrust_factor=bank.mean[0, :jets],
+        thrust_factor_std=deviation[:jets],
+    )
+
+
+def replaced(step: FilterStep, tried: Tried, params: PoseFilterParams) -> FilterStep:
+    """A cycle that goes on from what the detector makes of the hypotheses."""
+    state = _reporting(step.state._replace(tried=tried), params)
+    deviation = np.sqrt(state.covariance.diagonal())
+    mass = step.mass
+    assert mass is not None
+    return step._replace(
+        state=state,
+        rotation=step.rotation._replace(estimate=state.estimate[:9], standard_deviation=deviation[:9]),
+        mass=mass._replace(
+            mass_reciprocal=float(state.estimate[MASS_RECIPROCAL]),
+            variance=float(state.covariance[MASS_RECIPROCAL, MASS_RECIPROCAL]),
+        ),
+    )
+
+
+# --------------------------------------------------------------------------------------- kept states
+
+
+def _layout(params: PoseFilterParams) -> Layout:
+    made = params.pose
+    jets, size, free = made.pushes.shape[0], made.parts.size, made.free.size
+    return Layout(
+        GROUP,
+        mean=size,
+        covariance=(free, free),
+        rotation=(3, 3),
+        opens=1,
+        reference=3,
+        turned=(3, 3),
+        known=1 + 2 * jets,
+        level=jets,
+        time_s=1,
+        started=1,
+    )
+
+
+def saved(state: PoseFilterState, params: PoseFilterParams) -> Groups:
+    """What is known, without hypotheses that are not decided, and the command that is in force."""
+    bank = state.tried.bank
+    level = state.commands.levels[-1] if state.commands.levels.size else np.zeros(params.pose.pushes.shape[0])
+    parts = [bank.mean[0], bank.covariance[0], bank.rotation[0], bank.opens[:1].astype(float), bank.reference[0]]
+    parts += [bank.turned[0], state.tried.known, level, np.array([state.time_s]), np.array([float(state.started)])]
+    return {GROUP: np.concatenate([np.ravel(part) for part in parts])}
+
+
+def restored(groups: Groups, params: PoseFilterParams) -> PoseFilterState:
+    """The inverse of `saved`; hypotheses begin anew.
+
+    Raises:
+        ValueError: when the state holds what the filter cannot leave.
+    """
+    read = _layout(params).read(groups[GROUP])
+    jets = params.pose.pushes.shape[0]
+    finite = (part for name, part in zip(_layout(params), read, strict=True) if name != "level")
+    if not all(np.isfinite(part).all() for part in finite):
+        raise ValueError(f"{GROUP}: only commands may be missing")
+    if not (np.isin(read.known, (0.0, 1.0)).all() and read.opens[0] in range(-1, jets)):
+        raise ValueError(f"{GROUP}: known must be 0 or 1, and opens a jet's index")
+    bank = Bank(
+        read.mean[None].copy(),
+        read.covariance[None].copy(),
+        read.rotation[None].copy(),
+        read.opens.astype(int),
+        read.reference[None].copy(),
+        read.turned[None].copy(),
+    )
+    time_s, begun = float(read.time_s[0]), bool(read.started[0])
+    tried = hypotheses.alone(bank, read.known.copy(), time_s)
+    if params.hypotheses and begun:
+        tried = hypotheses.anew(bank, read.known.copy(), time_s, params.pose)
+    commands = Commands(np.array([time_s - params.pose.longest_s]), read.level[None].copy())
+    if not begun:
+        commands = Commands(np.zeros(0), np.zeros((0, jets)))
+    return _reporting(PoseFilterState(tried, commands, time_s, begun, np.zeros(10), np.zeros((10, 10))), params)
+
+
+FILTER = Filter(
+    params=make_params,
+    initial=initial,
+    predicted=lambda state: state.estimate,
+    measure=measure,
+    evidence=evidence,
+    finish=finish,
+    covariance=lambda state: state.covariance,
+    saved=saved,
+    restored=restored,
+    replaced=replaced,
+    report=POSE_REPORT,
+)

@@ -1,0 +1,330 @@
+r"""Hypotheses about jets, each a filter of the bank: nothing has failed; a jet is weak; one stands open; a push.
+
+A weak jet's factor is g_j = phi g, g the mean of the healthy ones, phi ~ N(.5, .3^2): anything from nothing to all. A
+jet that stands open is so by h ~ N(.5, .3^2). A jet may have failed before the record begins, with probability
+`BEFORE`, or at any time since: every `RENEWAL_S` each hypothesis takes in what the first of them has become, with its
+jet failing now, in proportion to likelihood and to the chance of a failure in that time; where both weigh anything
+they are merged by their moments. So the number of filters does not grow, and none is late by more than that.
+
+*A push.* What else happens to a vehicle must be among the hypotheses, or some jet is blamed for it: from some time on
+it is pushed and turned by anything up to what a jet can do, N(0, (a/2)^2) on each axis. Beforehand that is as probable
+as all failures together. It is said as something unexplained.
+
+A failure is named when its likelihood leads the next one and that of no failure by enough (`Rules`), and it is of a
+size: a loss, or an opening, above a tenth of the thrust and above three sigma, of what its own filter now knows and,
+of a loss, of what healthy jets differ by. Odds that were won while little was known are not given back, and odds alone
+would name healthy jets whose factor is a few percent off, for which a wide hypothesis is as good as a narrow one. The
+named hypothesis is then the first, and all begin anew from it. It must have been so for `STEADY` samples: one that is
+poor is soon over. What nothing tells apart is named as a group once it has led for `PATIENCE_S`.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_drake.maths.estimation.pose.cycle import Cycled, step
+from massprop_drake.maths.estimation.pose.layout import Bank, Commands, PoseParams, Readings
+from massprop_drake.maths.estimation.pose.turning import rotation_vectors, rotations, symmetric_matrices
+from massprop_drake.maths.linear_algebra import Array
+
+BEFORE = 0.01  # probability of a failure of each kind of each jet before the record begins
+AGAIN_S = 1900.0  # seconds in which a jet fails as probably as it has before
+RENEWAL_S = 5.0
+PATIENCE_S = 10.0
+STEADY = 10  # samples
+_SIGMAS = 3.0  # that a size must have
+_MIDDLE, _SPREAD = 0.5, 0.3  # of a factor of which nothing is known
+_NEVER = -np.inf
+
+
+class Tried(NamedTuple):
+    """The bank of hypotheses after a sample.
+
+    Attributes:
+        bank: nothing has failed but what is known; then each jet weak; then each jet open; then a push.
+        likelihood: of each, with what was probable beforehand, nats, shape (2 + 2 n_jets,).
+        onset_s: since when each holds, shape (2 + 2 n_jets,).
+        known: hypotheses that are taken for true, 0 or 1, shape (1 + 2 n_jets,).
+        renewed_s: when hypotheses were renewed last.
+        led_s: since when one or several lead that of no failure; NaN: none does.
+        leader: hypothesis that was to be named by the last sample, as an index of `known`; -1: none was.
+        steady: samples in a row by which it was.
+    """
+
+    bank: Bank
+    likelihood: Array
+    onset_s: Array
+    known: Array
+    renewed_s: float
+    led_s: float
+    leader: int = -1
+    steady: int = 0
+
+
+class Rules(NamedTuple):
+    """When a failure is named.
+
+    Attributes:
+        lead, lead_nothing: over every other hypothesis, and over that of no failure, nats.
+        least: loss or opening, of the thrust.
+    """
+
+    lead: float = 6.0
+    lead_nothing: float = 12.0
+    least: float = 0.1
+
+
+class Found(NamedTuple):
+    """What is named after a sample.
+
+    Attributes:
+        members: hypotheses that may be it, the likeliest first, as indices of `Tried.known`.
+        onset_s: when it began.
+        lead: over the next, and over that of no failure, nats.
+        share: what is lost of the thrust, or how far the jet stands open, and its 1-sigma.
+    """
+
+    members: tuple[int, ...]
+    onset_s: float
+    lead: tuple[float, float]
+    share: tuple[float, float]
+
+
+def begun(bank: Bank, time_s: float, params: PoseParams) -> Tried:
+    """The hypotheses at the first sample.
+
+    Args:
+        bank: one filter that knows of no failure.
+        time_s: of the sample.
+        params: see `PoseParams`.
+    """
+    known = np.zeros(1 + 2 * params.pushes.shape[0])
+    every = _stacked(bank, failing(bank, known, params))
+    likelihood = np.concatenate(([0.0], np.log(BEFORE) + _beforehand(params)))
+    return Tried(every, likelihood, np.full(1 + known.size, time_s), known, time_s, np.nan)
+
+
+def alone(bank: Bank, known: Array, time_s: float) -> Tried:
+    """A filter without hypotheses.
+
+    Args:
+        bank: of one filter.
+        known: see `Tried`.
+        time_s: now.
+    """
+    return Tried(bank, np.zeros(1), np.full(1, time_s), known, time_s, np.nan)
+
+
+def _beforehand(params: PoseParams) -> Array:
+    """How much more probable each hypothesis is than a failure of one jet, nats, shape (1 + 2 n_jets,)."""
+    jets = params.pushes.shape[0]
+    result = np.zeros(1 + 2 * jets)
+    result[-1] = np.log(2.0 * jets)
+    return result
+
+
+def failing(bank: Bank, known: Array, params: PoseParams) -> Bank:
+    """A filter for each hypothesis: the first of a bank, with what it says happening now, shape (1 + 2 n_jets, ...)."""
+    jets, parts, free = params.pushes.shape[0], params.parts, params.free
+    count = 1 + 2 * jets
+    mean = np.repeat(bank.mean[:1], count, axis=0)
+    through = np.repeat(np.eye(free.size)[None], count, axis=0)
+    added = np.zeros((count, free.size))
+    place = {int(element): index for index, element in enumerate(free)}
+    good = known[:jets] == 0.0
+    opens = np.full(count, bank.opens[0])
+    for jet in range(jets):
+        others = np.flatnonzero(good & (np.arange(jets) != jet))
+        typical = float(np.mean(mean[0, others])) if others.size else 1.0
+        mean[jet, jet] = _MIDDLE * typical
+        row = place.get(jet)
+        if row is not None:
+            through[jet, row] = 0.0
+            for other in others:
+                if other in place:
+                    through[jet, row, place[int(other)]] = _MIDDLE / others.size
+            added[jet, row] = (_SPREAD * typical) ** 2
+        if bank.opens[0] < 0:
+            opened = jets + jet
+            opens[opened] = jet
+            mean[opened, parts.open] = _MIDDLE
+            added[opened, place[parts.open.start]] = _SPREAD**2
+    for axis, size in enumerate(_largest(params)):
+        row = place.get(parts.push.start + axis)
+        if row is not None:
+            added[-1, row] = (_MIDDLE * size) ** 2
+    covariance = through @ bank.covariance[:1] @ np.swapaxes(through, 1, 2)
+    covariance = covariance + added[:, :, None] * np.eye(free.size)
+    same = [np.repeat(part[:1], count, axis=0) for part in (bank.rotation, bank.reference, bank.turned)]
+    return Bank(mean, covariance, same[0], opens, same[1], same[2])
+
+
+def _largest(params: PoseParams) -> Array:
+    """The largest acceleration that a jet gives the nominal vehicle, and turn, on every axis, shape (6,)."""
+    spin = symmetric_matrices(params.start[params.parts.spin])
+    moments = np.cross(params.positions - params.start[params.parts.center], params.pushes)
+    turns = np.linalg.norm(moments @ spin, axis=1)
+    return np.repeat((np.linalg.norm(params.pushes, axis=1).max(), turns.max()), 3)
+
+
+def _stacked(first: Bank, rest: Bank) -> Bank:
+    return Bank(*(np.concatenate((one[:1], many)) for one, many in zip(first, rest, strict=True)))
+
+
+def merged(one: Bank, other: Bank, share: Array, params: PoseParams) -> Bank:
+    """Two banks as one, by their moments.
+
+    Args:
+        one, other: of the same number of filters.
+        share: of the other in each, 0 to 1, shape (n_filters,).
+        params: see `PoseParams`.
+    """
+    parts, free = params.parts, params.free
+    apart = other.mean - one.mean
+    apart[:, parts.attitude] = rotation_vectors(np.swapaxes(one.rotation, 1, 2) @ other.rotation)
+    step_ = share[:, None] * apart
+    mean = one.mean + step_
+    mean[:, parts.attitude] = 0.0
+    spread = apart[:, free]
+    covariance = (
+        (1.0 - share)[:, None, None] * one.covariance
+        + share[:, None, None] * other.covariance
+        + (share * (1.0 - share))[:, None, None] * spread[:, :, None] * spread[:, None, :]
+    )
+    rotation = one.rotation @ rotations(step_[:, parts.attitude])
+    return Bank(mean, covariance, rotation, other.opens, one.reference, one.turned)
+
+
+def _renewed(tried: Tried, time_s: float, params: PoseParams) -> Tried:
+    """Every hypothesis with its jet failing now as a further possibility."""
+    chance = np.log(BEFORE * (time_s - tried.renewed_s) / AGAIN_S) + _beforehand(params)
+    now = tried.likelihood[0] + chance
+    before = tried.likelihood[1:]
+    total = np.logaddexp(before, now)
+    share = np.where(np.isfinite(total), np.exp(now - total), 0.0)
+    share = np.where(np.isneginf(before) & (tried.known > 0.0), 0.0, share)
+    rest = Bank(*(part[1:] for part in tried.bank))
+    both = merged(rest, failing(tried.bank, tried.known, params), share, params)
+    possible = _possible(tried)
+    likelihood = np.concatenate((tried.likelihood[:1], np.where(possible, total, _NEVER)))
+    onset = np.concatenate((tried.onset_s[:1], np.where(share > 0.5, time_s, tried.onset_s[1:])))
+    return tried._replace(bank=_stacked(tried.bank, both), likelihood=likelihood, onset_s=onset, renewed_s=time_s)
+
+
+def _possible(tried: Tried) -> np.ndarray:
+    """Hypotheses that may yet become true: not known, and no second jet that stands open."""
+    jets = tried.known.size // 2
+    possible = tried.known == 0.0
+    if tried.bank.opens[0] >= 0:
+        possible[jets : 2 * jets] = False
+    return possible
+
+
+def advanced(
+    tried: Tried, commands: Commands, span_s: tuple[float, float], readings: Readings, params: PoseParams
+) -> tuple[Tried, Cycled]:
+    """A sample for all hypotheses.
+
+    Args:
+        tried: after the last sample.
+        commands, span_s, readings, params: see `cycle.step`.
+    """
+    done = step(tried.bank, commands, span_s, readings, params)
+    likelihood = tried.likelihood + done.likelihood
+    return tried._replace(bank=done.bank, likelihood=likelihood - likelihood[0]), done
+
+
+def judged(tried: Tried, time_s: float, rules: Rules, params: PoseParams) -> tuple[Tried, Found | None]:
+    """What is made of a sample: hypotheses that go on, and what is named by it.
+
+    Args:
+        tried: after the sample.
+        time_s: of it.
+        rules: see `Rules`.
+        params: see `PoseParams`.
+    """
+    if time_s - tried.renewed_s >= RENEWAL_S:
+        tried = _renewed(tried, time_s, params)
+    found, tried = _judged(tried, time_s, rules, params)
+    if found is not None and len(found.members) == 1:
+        tried = _taken(tried, found.members[0], time_s, params)
+    return tried, found
+
+
+def sizes(tried: Tried, params: PoseParams) -> tuple[Array, Array]:
+    """Loss or opening of each hypothesis, by its own filter, and its 1-sigma, shape (1 + 2 n_jets,) each.
+
+    That of a loss counts by how much healthy jets differ. A push has none, and is always large enough.
+    """
+    jets, parts = params.pushes.shape[0], params.parts
+    place = {int(element): index for index, element in enumerate(params.free)}
+    good = tried.known[:jets] == 0.0
+    size, deviation = np.zeros(1 + 2 * jets), np.full(1 + 2 * jets, np.inf)
+    size[-1], deviation[-1] = np.inf, 0.0
+    for jet in range(jets):
+        row, others = place.get(jet), np.flatnonzero(good & (np.arange(jets) != jet))
+        if row is not None:
+            mean, covariance = tried.bank.mean[1 + jet], tried.bank.covariance[1 + jet]
+            typical = float(np.median(mean[others])) if others.size else 1.0
+            weights = np.zeros(params.free.size)
+            weights[row] = 1.0
+            for other in others:
+                if other in place:
+                    weights[place[int(other)]] -= mean[jet] / typical / others.size
+            size[jet] = 1.0 - mean[jet] / typical
+            healthy = (1.0 + 1.0 / max(others.size, 1)) * params.thrust_std[jet] ** 2
+            deviation[jet] = np.sqrt(weights @ covariance @ weights / typical**2 + healthy)
+        opening = place.get(parts.open.start)
+        if opening is not None:
+            size[jets + jet] = tried.bank.mean[1 + jets + jet, parts.open.start]
+            deviation[jets + jet] = np.sqrt(tried.bank.covariance[1 + jets + jet, opening, opening])
+    return size, deviation
+
+
+def _judged(tried: Tried, time_s: float, rules: Rules, params: PoseParams) -> tuple[Found | None, Tried]:
+    size, deviation = sizes(tried, params)
+    odds = np.where(_possible(tried), tried.likelihood[1:], _NEVER)
+    leader = int(np.argmax(odds))
+    best = float(odds[leader])
+    if best <= rules.lead_nothing:
+        return None, tried._replace(led_s=np.nan, leader=-1, steady=0)
+    if np.isnan(tried.led_s):
+        tried = tried._replace(led_s=time_s)
+    leads = best - odds
+    behind = leads > rules.lead
+    behind[leader] = False
+    group = sorted(np.flatnonzero(~behind & np.isfinite(odds)).tolist(), key=lambda each: -odds[each])
+    large = size[leader] > max(rules.least, _SIGMAS * deviation[leader])
+    if not large or (len(group) > 1 and time_s - tried.led_s < PATIENCE_S):
+        return None, tried._replace(leader=-1, steady=0)
+    tried = tried._replace(leader=leader, steady=tried.steady + 1 if tried.leader == leader else 1)
+    if tried.steady < STEADY:
+        return None, tried
+    after = float(leads[behind].min()) if behind.any() else np.inf
+    share = float(size[leader]), float(deviation[leader])
+    return Found(tuple(group), float(tried.onset_s[1 + leader]), (after, best), share), tried
+
+
+def _taken(tried: Tried, member: int, time_s: float, params: PoseParams) -> Tried:
+    """The hypotheses after one of them is taken for true: all begin anew from it."""
+    known = tried.known.copy()
+    known[member] = float(member < known.size - 1)  # a push may come again
+    return anew(Bank(*(part[1 + member : 2 + member] for part in tried.bank)), known, time_s, params)
+
+
+def anew(first: Bank, known: Array, time_s: float, params: PoseParams) -> Tried:
+    """Hypotheses that begin with one filter.
+
+    Args:
+        first: that filter.
+        known: see `Tried`.
+        time_s: now.
+        params: see `PoseParams`.
+    """
+    every = _stacked(first, failing(first, known, params))
+    chance = np.log(BEFORE * RENEWAL_S / AGAIN_S) + _beforehand(params)
+    onset = np.full(1 + known.size, time_s)
+    fresh = Tried(every, np.concatenate(([0.0], chance)), onset, known, time_s, np.nan)
+    return fresh._replace(likelihood=np.concatenate(([0.0], np.where(_possible(fresh), chance, _NEVER))))

@@ -1,0 +1,199 @@
+r"""State and parameters of the estimator in a fixed frame: what stands where.
+
+The state, of which only what is free has a place,
+
+    g_j | c | K (6: xx, yy, zz, yz, xz, xy) | r (3) | delay, ln lag and opening per kind | k_v, k_w | s (6) | t (2)
+    | p (3) | phi (3) | v (3) | w (3) | p_s (3 per tracked point) | gyro bias (3 per package)
+    | gathered velocity (3 per accelerometer) | acceleration bias (3 per package) | h
+
+with g_j = (F_j/F_j0)(m_0/m), what jet j accelerates over what it nominally would; c the part of it that all jets
+share, as a supply's pressure; K = m I^-1; r the center of mass; k_v and k_w drag over mass and over inertia; s what
+else accelerates, in the fixed frame, and turns, in body axes; t torque that goes as cosine and sine of the heading,
+over inertia; p the center of mass in the fixed frame, phi the error of the attitude in body axes, v the velocity in
+the fixed frame, w the rate in body axes; p_s the points that are tracked, vehicle frame; h how far one jet, which a
+hypothesis names, stands open.
+
+The mass is no element. With mu = m_0/m and independent b_j of each jet, g_j = mu (1 + b_j) + c is linear, so that no
+linearization can make the common scale of all thrusts look observed: mu follows by conditioning (`outcome`).
+
+Everything has a bank's filters first: shapes are (n_filters, ...).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_drake.maths.linear_algebra import Array
+
+Places = np.ndarray  # of integers
+
+
+class Parts(NamedTuple):
+    """Where the parts stand in the whole state, free or not.
+
+    Attributes:
+        thrust, common, spin, center, delay, lag, opening, drag, push, tilt, position, attitude, velocity, rate, point,
+            gyro_bias, gathered, acceleration_bias, open: see the module.
+        size: of all.
+    """
+
+    thrust: slice
+    common: slice
+    spin: slice
+    center: slice
+    delay: slice
+    lag: slice
+    opening: slice
+    drag: slice
+    push: slice
+    tilt: slice
+    position: slice
+    attitude: slice
+    velocity: slice
+    rate: slice
+    point: slice
+    gyro_bias: slice
+    gathered: slice
+    acceleration_bias: slice
+    open: slice
+    size: int
+
+
+def make_parts(jets: int, kinds: int, points: int, gyros: int, accelerometers: int) -> Parts:
+    """Where the parts stand.
+
+    Args:
+        jets, kinds: how many there are.
+        points, gyros, accelerometers: number of packages.
+    """
+    sensors = [3 * points, 3 * gyros, 3 * accelerometers, 3 * accelerometers]
+    sizes = [jets, 1, 6, 3, kinds, kinds, kinds, 2, 6, 2, 3, 3, 3, 3, *sensors, 1]
+    ends = np.cumsum(sizes).tolist()
+    slices = {name: slice(end - size, end) for name, end, size in zip(Parts._fields, ends, sizes, strict=False)}
+    return Parts(**slices, size=ends[-1])
+
+
+class PoseParams(NamedTuple):
+    """What shapes the estimator.
+
+    Attributes:
+        parts: see `Parts`.
+        free: places of what is estimated, in order, shape (n,).
+        start: of the whole state, shape (size,).
+        covariance: of what is free at the start, shape (n, n).
+        pushes: acceleration of the nominal vehicle by each jet, body axes, ft/s^2 or m/s^2, shape (n_jets, 3).
+        positions: of the jets, vehicle frame, ft or m, shape (n_jets, 3).
+        kinds: index of each jet's kind, shape (n_jets,).
+        nominal_mass: slug or kg.
+        mass_std, thrust_std: relative 1-sigma of the mass, and of each jet's thrust by itself, shape (n_jets,).
+        longest_s: how long after a command all that it did is over, s.
+        rate_noise, velocity_noise: of white accelerations, rad/s^1.5 and m/s^1.5.
+        push_walk, turn_walk: of s, m/s^2.5 and rad/s^2.5.
+        common_walk: of c, 1/s^.5.
+        scatter: relative 1-sigma of what each opening gives, shape (n_jets,).
+        kicks_per_s: how often something pushes the vehicle that the model does not have.
+        kick_velocity, kick_rate: 1-sigma of it, m/s and rad/s.
+        pose: see `Poses`.
+        gyro_variances: of one reading, shape (n_gyros,).
+        velocity_positions, velocity_variances: vehicle frame, and of one reading, shapes (n_velocities, 3) and
+            (n_velocities,).
+        accelerometer_positions, accelerometer_variances: shapes (n_accelerometers, 3) and (n_accelerometers,).
+        planar: whether x, y and heading alone are free.
+    """
+
+    parts: Parts
+    free: Places
+    start: Array
+    covariance: Array
+    pushes: Array
+    positions: Array
+    kinds: np.ndarray
+    nominal_mass: float
+    mass_std: float
+    thrust_std: Array
+    longest_s: float
+    rate_noise: float
+    velocity_noise: float
+    push_walk: float
+    turn_walk: float
+    common_walk: float
+    scatter: Array
+    kicks_per_s: float
+    kick_velocity: float
+    kick_rate: float
+    pose: Poses
+    gyro_variances: Array
+    velocity_positions: Array
+    velocity_variances: Array
+    accelerometer_positions: Array
+    accelerometer_variances: Array
+    planar: bool
+
+
+class Poses(NamedTuple):
+    """Sensors of position and attitude.
+
+    Attributes:
+        position_variances, attitude_variances: of one reading, m^2 and rad^2; infinity: not measured, shape (n,).
+        jitter_variances: of their stamps, s^2, shape (n,).
+        outliers: share of samples whose readings are poor.
+        outlier_scale: how many times as noisy they are then.
+    """
+
+    position_variances: Array
+    attitude_variances: Array
+    jitter_variances: Array
+    outliers: float = 0.0
+    outlier_scale: float = 10.0
+
+
+class Bank(NamedTuple):
+    """Filters side by side, after a sample. Never changed; a cycle makes a new one.
+
+    Attributes:
+        mean: of the whole state, zero for phi, shape (n_filters, size).
+        covariance: of what is free, shape (n_filters, n, n).
+        rotation: body to fixed frame, shape (n_filters, 3, 3).
+        opens: jet that h is of, -1: none, shape (n_filters,).
+        reference: rate when accelerometers began to gather, shape (n_filters, 3).
+        turned: integral of w w^T since, shape (n_filters, 3, 3).
+    """
+
+    mean: Array
+    covariance: Array
+    rotation: Array
+    opens: np.ndarray
+    reference: Array
+    turned: Array
+
+
+class Commands(NamedTuple):
+    """What the jets were told, as far back as it still acts.
+
+    Attributes:
+        time_s: from when on each row holds, until the next one does; the last one for ever, increasing, shape (k,).
+        levels: commanded, NaN where not known, shape (k, n_jets).
+    """
+
+    time_s: Array
+    levels: Array
+
+
+class Readings(NamedTuple):
+    """What sensors read at one moment, NaN where they did not.
+
+    Attributes:
+        positions: of tracked points, fixed frame, ft or m, shape (n_poses, 3).
+        rotations: body to fixed frame, shape (n_poses, 3, 3).
+        velocities: of tracked points, fixed frame, shape (n_velocities, 3).
+        rates: shape (n_gyros, 3).
+        gathered: integrals of accelerations, body axes, shape (n_accelerometers, 3).
+    """
+
+    positions: Array
+    rotations: Array
+    velocities: Array
+    rates: Array
+    gathered: Array

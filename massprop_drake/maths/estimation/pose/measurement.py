@@ -1,0 +1,142 @@
+r"""Readings in a fixed frame, and their derivatives.
+
+    position of a tracked point    p + R (p_s - r)
+    attitude                       R, its error phi in body axes
+    velocity of a tracked point    v + R (w x (p_s - r))
+    rate                           w + bias
+    gathered velocity              c + O (x - r),    O = [(w - w_0) x] + C - tr C 1
+
+with C the integral of w w^T. A stamp that is off by dt shifts a position by the point's velocity times dt, and an
+attitude by the rate's: its variance enters the readings' covariance.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_drake.maths.estimation.pose.layout import Bank, PoseParams, Readings
+from massprop_drake.maths.estimation.pose.turning import rotation_vectors, skews, times
+from massprop_drake.maths.linear_algebra import Array
+
+_EYE = np.eye(3)
+_PLANE = np.array([0, 1])  # of what is in the fixed frame, where motion is planar
+_HEADING = np.array([2])  # of what is in body axes
+_SPACE = np.arange(3)
+
+
+class Compared(NamedTuple):
+    """Readings beside what a bank expects of them.
+
+    Attributes:
+        innovation: shape (n_filters, m).
+        jacobian: by what is free, shape (n_filters, m, n).
+        variance: of the readings, shape (n_filters, m, m).
+        turning: which components are of attitude and rate, and not of place and velocity, shape (m,).
+        poses: which are of a pose sensor, shape (m,).
+    """
+
+    innovation: Array
+    jacobian: Array
+    variance: Array
+    turning: np.ndarray
+    poses: np.ndarray
+
+
+class _Rows:
+    """Readings as they come together."""
+
+    def __init__(self, bank: Bank, params: PoseParams):
+        self._count, self._params = bank.mean.shape[0], params
+        self._innovations: list[Array] = []
+        self._jacobians: list[Array] = []
+        self._variances: list[Array] = []
+        self._kinds: list[tuple[bool, bool]] = []
+
+    def add(
+        self, off: Array, by: dict[str, Array], variance: Array, chosen: np.ndarray, kind: tuple[bool, bool]
+    ) -> None:
+        """Adds a reading of three components: innovation, derivatives by part, covariance, which are free, and kind.
+
+        The kind is whether it is of attitude or rate, and whether of a pose sensor.
+        """
+        chosen = chosen[np.isfinite(off[0, chosen])]
+        if chosen.size == 0 or not np.isfinite(variance).all():
+            return
+        parts = self._params.parts
+        jacobian = np.zeros((self._count, chosen.size, parts.size))
+        for name, block in by.items():
+            part, _, place = name.partition(":")
+            columns = getattr(parts, part)
+            begin = columns.start + 3 * int(place or 0)
+            jacobian[:, :, begin : begin + 3] += np.broadcast_to(block, (self._count, 3, 3))[:, chosen]
+        self._innovations.append(off[:, chosen])
+        self._kinds += [kind] * int(chosen.size)
+        self._jacobians.append(jacobian[:, :, self._params.free])
+        self._variances.append(np.broadcast_to(variance, (self._count, 3, 3))[:, chosen[:, None], chosen])
+
+    def compared(self) -> Compared | None:
+        """All of them; None: there were none."""
+        if not self._innovations:
+            return None
+        sizes = [each.shape[1] for each in self._innovations]
+        variance = np.zeros((self._count, sum(sizes), sum(sizes)))
+        ends = np.cumsum(sizes)
+        for end, size, block in zip(ends, sizes, self._variances, strict=True):
+            variance[:, end - size : end, end - size : end] = block
+        innovation, jacobian = (np.concatenate(part, axis=1) for part in (self._innovations, self._jacobians))
+        return Compared(innovation, jacobian, variance, *np.array(self._kinds).T)
+
+
+def compared(bank: Bank, readings: Readings, params: PoseParams) -> Compared | None:
+    """Readings beside what the bank expects; None where nothing is read."""
+    parts, rotation = params.parts, bank.rotation
+    rows = _Rows(bank, params)
+    plane, about = (_PLANE, _HEADING) if params.planar else (_SPACE, _SPACE)
+    position, velocity, rate = (bank.mean[:, part] for part in (parts.position, parts.velocity, parts.rate))
+    sensors = params.pose
+    for place in range(readings.positions.shape[0]):
+        point = parts.point.start + 3 * place
+        arm = bank.mean[:, point : point + 3] - bank.mean[:, parts.center]
+        moves = velocity + times(rotation, np.cross(rate, arm))
+        jitter = sensors.jitter_variances[place]
+        variance = sensors.position_variances[place] * _EYE + jitter * moves[:, :, None] * moves[:, None, :]
+        by = {
+            "position": _EYE,
+            "attitude": -rotation @ skews(arm),
+            "center": -rotation,
+            f"point:{place}": rotation,
+        }
+        rows.add(readings.positions[place] - position - times(rotation, arm), by, variance, plane, (False, True))
+        variance = sensors.attitude_variances[place] * _EYE + jitter * rate[:, :, None] * rate[:, None, :]
+        off = np.full_like(rate, np.nan)
+        if np.isfinite(readings.rotations[place]).all():
+            off = rotation_vectors(np.swapaxes(rotation, 1, 2) @ readings.rotations[place])
+        rows.add(off, {"attitude": _EYE}, variance, about, (True, True))
+    for place, variance in enumerate(params.velocity_variances):
+        arm = params.velocity_positions[place] - bank.mean[:, parts.center]
+        swing = np.cross(rate, arm)
+        by = {
+            "velocity": _EYE,
+            "attitude": -rotation @ skews(swing),
+            "rate": -rotation @ skews(arm),
+            "center": -rotation @ skews(rate),
+        }
+        rows.add(
+            readings.velocities[place] - velocity - times(rotation, swing), by, variance * _EYE, plane, (False, False)
+        )
+    for place, variance in enumerate(params.gyro_variances):
+        bias = bank.mean[:, parts.gyro_bias][:, 3 * place : 3 * place + 3]
+        by = {"rate": _EYE, f"gyro_bias:{place}": _EYE}
+        rows.add(readings.rates[place] - rate - bias, by, variance * _EYE, about, (True, False))
+    if params.accelerometer_variances.size:
+        trace = np.trace(bank.turned, axis1=1, axis2=2)[:, None, None]
+        turn = skews(rate - bank.reference) + bank.turned - trace * _EYE
+        for place, variance in enumerate(params.accelerometer_variances):
+            arm = params.accelerometer_positions[place] - bank.mean[:, parts.center]
+            begin = parts.gathered.start + 3 * place
+            by = {f"gathered:{place}": _EYE, "rate": -skews(arm), "center": -turn}
+            off = readings.gathered[place] - bank.mean[:, begin : begin + 3] - times(turn, arm)
+            rows.add(off, by, variance * _EYE, plane, (False, False))
+    return rows.compared()

@@ -1,0 +1,126 @@
+r"""What valves let through between two moments, commands acting late and through a first-order lag.
+
+A command that holds from t_i to t_(i+1) acts from t_i + d, or t_i + d + delta where it opens the valve, to
+t_(i+1) + d. With L(t) = 1 - e^(-t/tau) and its integrals S and SS, zero before zero,
+
+    J  = integral of the level l(t) over the interval = sum u_i [S(t1 - on) - S(t0 - on) - S(t1 - off) + S(t0 - off)]
+    JJ = integral of (t1 - t) l(t)                    = likewise with SS(t1 - .) - SS(t0 - .) - (t1 - t0) S(t0 - .)
+
+J is what velocity gathers of a unit of acceleration, JJ what position does. Derivatives by d, ln tau and delta are
+exact.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_drake.maths.estimation.pose.layout import Commands
+from massprop_drake.maths.linear_algebra import Array
+
+_INSTANT_S = 1e-9  # a lag below this is none
+
+
+class Timing(NamedTuple):
+    """How valves follow their commands, of each jet, shape (n_filters, n_jets) each.
+
+    Attributes:
+        delay_s: d.
+        lag_s: tau.
+        opening_s: delta; negative: pulses are longer than commanded.
+    """
+
+    delay_s: Array
+    lag_s: Array
+    opening_s: Array
+
+
+class Openings(NamedTuple):
+    """What jets gave over an interval, in seconds of full thrust and in s^2, shape (n_filters, n_jets) each.
+
+    Attributes:
+        once, twice: J and JJ.
+        once_by, twice_by: their derivatives by d, ln tau and delta, shape (3, n_filters, n_jets).
+        variance: of J where commands are not known, s^2.
+    """
+
+    once: Array
+    twice: Array
+    once_by: Array
+    twice_by: Array
+    variance: Array
+
+
+class _Grown(NamedTuple):
+    """L, S and SS and the derivatives of S and SS by ln tau."""
+
+    level: Array
+    once: Array
+    twice: Array
+    once_by: Array
+    twice_by: Array
+
+
+def _grown(since_s: Array, lag_s: Array) -> _Grown:
+    time_s = np.maximum(since_s, 0.0)
+    left = np.exp(-time_s / lag_s)
+    level = 1.0 - left
+    once = time_s - lag_s * level
+    twice = 0.5 * time_s**2 - lag_s * once
+    once_by = lag_s * (time_s / lag_s * left - level)
+    twice_by = -lag_s * once - lag_s * once_by
+    return _Grown(level, once, twice, once_by, twice_by)
+
+
+def opened(commands: Commands, begin_s: float, end_s: float, timing: Timing) -> Openings:
+    """What jets gave between two moments.
+
+    Where a command is not known, the jet is taken to have been half open, with the variance of anything between
+    closed and open.
+
+    Args:
+        commands: see `Commands`; what they said before the first row is taken for nothing.
+        begin_s, end_s: of the interval.
+        timing: see `Timing`.
+    """
+    unknown = np.isnan(commands.levels)
+    levels = np.where(unknown, 0.5, commands.levels)
+    before = np.vstack((np.zeros_like(levels[:1]), levels[:-1]))
+    opens = (levels > 0.0) & (before == 0.0)
+    ends = np.append(commands.time_s[1:], np.inf)
+    delay, lag = timing.delay_s[:, None], np.maximum(timing.lag_s, _INSTANT_S)[:, None]
+    off = ends[:, None] + delay
+    late = np.where(opens, timing.opening_s[:, None], 0.0)
+    on = np.minimum(commands.time_s[:, None] + delay + late, off)
+    clipped = commands.time_s[:, None] + delay + late >= off
+    duration = end_s - begin_s
+
+    def parts(edge: Array) -> tuple[Array, Array, Array, Array, Array, Array]:
+        """J and JJ of what begins at an edge and lasts, and their derivatives by the edge and by ln tau."""
+        at_end, at_begin = _grown(end_s - edge, lag), _grown(begin_s - edge, lag)
+        once = at_end.once - at_begin.once
+        twice = at_end.twice - at_begin.twice - duration * at_begin.once
+        by_edge = at_begin.level - at_end.level
+        twice_by_edge = at_begin.once - at_end.once + duration * at_begin.level
+        once_by = at_end.once_by - at_begin.once_by
+        twice_by = at_end.twice_by - at_begin.twice_by - duration * at_begin.once_by
+        return once, twice, by_edge, twice_by_edge, once_by, twice_by
+
+    begun, ended = parts(on), parts(off)
+    once, twice, _, _, lag_once, lag_twice = (
+        np.sum(levels * (a - b), axis=1) for a, b in zip(begun, ended, strict=True)
+    )
+    delay_once = np.sum(levels * (begun[2] - ended[2]), axis=1)
+    delay_twice = np.sum(levels * (begun[3] - ended[3]), axis=1)
+    moves = opens & ~clipped
+    late_once = np.sum(np.where(moves, levels * begun[2], 0.0), axis=1)
+    late_twice = np.sum(np.where(moves, levels * begun[3], 0.0), axis=1)
+    variance = np.sum(np.where(unknown, (begun[0] - ended[0]) ** 2 / 12.0, 0.0), axis=1)
+    return Openings(
+        once,
+        twice,
+        np.stack((delay_once, lag_once, late_once)),
+        np.stack((delay_twice, lag_twice, late_twice)),
+        variance,
+    )

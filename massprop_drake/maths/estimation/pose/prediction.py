@@ -1,0 +1,347 @@
+r"""Prediction over one interval, and its linearization.
+
+With J_j and JJ_j of `openings`, a_j the acceleration that jet j gives the nominal vehicle, R the attitude in the
+middle of the interval, b = sum g_j J_j a_j and tau = sum g_j J_j (x_j - r) x a_j, b2 and tau2 the same with JJ,
+
+    v   <- v e^(-k_v T) + R b + T s_v
+    p   <- p + v T (1 - k_v T/2) + R b2 + T^2 s_v / 2
+    w   <- w e^(-k_w T) + K tau + T (s_w + t) - T K (w x K^-1 w)
+    phi <- w T (1 - k_w T/2) + K tau2 + T^2 (s_w + t) / 2, and R <- R exp(phi)
+
+with t = t_c cos + t_s sin of the heading about z. K^-1 is m times smaller than the inertia, which the dynamic coupling
+does not feel.
+
+*Second order.* K tau is a product of two things that are not known yet. With P their covariances, it has the mean
+sum_j P(K_ij, tau_j) besides, and the covariance sum_jl [P(K_ij, K_kl) P(tau_j, tau_l) + P(K_ij, tau_l) P(tau_j, K_kl)]:
+without these the first seconds, in which both are unknown, are believed as if they were not.
+
+*Noise*: white accelerations; what each opening scatters, in proportion to J_j; walks of s and of c, which takes all
+g_j with it.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_drake.maths.estimation.pose.layout import Bank, Commands, PoseParams
+from massprop_drake.maths.estimation.pose.openings import Openings, Timing, opened
+from massprop_drake.maths.estimation.pose.turning import by_elements, rotations, skews, symmetric_matrices, times
+from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.maths.mass_properties import ELEMENT
+
+_EYE = np.eye(3)
+
+
+class Predicted(NamedTuple):
+    """A bank at the end of an interval, before its readings.
+
+    Attributes:
+        bank: see `Bank`.
+        kick: what a unit of each component of a kick does to what is free, shape (n, k).
+    """
+
+    bank: Bank
+    kick: Array
+
+
+class _Acting(NamedTuple):
+    """What jets do over an interval, filter by filter.
+
+    Attributes:
+        openings: see `Openings`.
+        once, twice: J and JJ with what stands open, shape (n_filters, n_jets).
+        factor: g, shape (n_filters, n_jets).
+        middle_turn: from the beginning to the middle of the interval, shape (n_filters, 3, 3).
+        middle: R, shape (n_filters, 3, 3).
+        forces: accelerations in the fixed frame, shape (n_filters, n_jets, 3).
+        moments: (x - r) x a, body axes, shape (n_filters, n_jets, 3).
+        turns: K times these.
+        duration: T, s.
+    """
+
+    openings: Openings
+    once: Array
+    twice: Array
+    factor: Array
+    middle_turn: Array
+    middle: Array
+    forces: Array
+    moments: Array
+    turns: Array
+    duration: float
+
+    def summed(self, amount: Array, each: Array) -> Array:
+        """Sum over the jets of g times an amount times an effect, shape (n_filters, 3)."""
+        total: Array = np.einsum("hn,hni->hi", self.factor * amount, each)
+        return total
+
+
+def timing(mean: Array, params: PoseParams) -> Timing:
+    """How valves follow their commands, as the state has it."""
+    parts, kinds = params.parts, params.kinds
+    return Timing(
+        mean[:, parts.delay][:, kinds], np.exp(mean[:, parts.lag][:, kinds]), mean[:, parts.opening][:, kinds]
+    )
+
+
+def predicted(bank: Bank, commands: Commands, begin_s: float, end_s: float, params: PoseParams) -> Predicted:
+    """The bank over an interval.
+
+    Args:
+        bank: at its beginning.
+        commands: see `Commands`.
+        begin_s, end_s: of the interval.
+        params: see `PoseParams`.
+    """
+    acting = _acting(bank, opened(commands, begin_s, end_s, timing(bank.mean, params)), end_s - begin_s, params)
+    size, count = params.parts.size, bank.mean.shape[0]
+    after = bank.mean.copy()
+    jacobian = np.broadcast_to(np.eye(size), (count, size, size)).copy()
+    _move(after, jacobian, acting, bank, params)
+    angle = _turn(after, jacobian, acting, bank, params)
+    _by_timing(jacobian, acting, params)
+    _by_opening(jacobian, acting, bank, params)
+    spun = _gather(after, jacobian, acting, bank, params)
+    free = params.free
+    through = jacobian[:, free[:, None], free]
+    bias, product = _second_order(acting, bank, params)
+    after[:, params.parts.rate] += bias
+    angle += 0.5 * acting.duration * bias
+    covariance = through @ bank.covariance @ np.swapaxes(through, 1, 2) + _noise(acting, product, params)
+    moved = Bank(after, covariance, bank.rotation @ rotations(angle), bank.opens, bank.reference, bank.turned + spun)
+    return Predicted(moved, _kick(acting.duration, params))
+
+
+def _acting(bank: Bank, openings: Openings, duration: float, params: PoseParams) -> _Acting:
+    parts, mean = params.parts, bank.mean
+    once, twice = openings.once.copy(), openings.twice.copy()
+    which = np.flatnonzero(bank.opens >= 0)
+    jets, share = bank.opens[which], mean[which, parts.open.start]
+    once[which, jets] += share * (duration - openings.once[which, jets])
+    twice[which, jets] += share * (0.5 * duration**2 - openings.twice[which, jets])
+    middle_turn = rotations(0.5 * duration * mean[:, parts.rate])
+    middle = bank.rotation @ middle_turn
+    moments = np.cross(params.positions - mean[:, None, parts.center], params.pushes)
+    return _Acting(
+        openings=openings,
+        once=once,
+        twice=twice,
+        factor=mean[:, parts.thrust],
+        middle_turn=middle_turn,
+        middle=middle,
+        forces=np.einsum("hij,nj->hni", middle, params.pushes),
+        moments=moments,
+        turns=moments @ symmetric_matrices(mean[:, parts.spin]),  # K is symmetric
+        duration=duration,
+    )
+
+
+# -------------------------------------------------------------------------------- place and velocity
+
+
+def _move(after: Array, jacobian: Array, acting: _Acting, bank: Bank, params: PoseParams) -> None:
+    """Fills in position and velocity after the interval, and their derivatives but by valves."""
+    parts, mean, duration = params.parts, bank.mean, acting.duration
+    velocity, drag = mean[:, parts.velocity], mean[:, parts.drag.start, None]
+    pushed, left, half = mean[:, parts.push][:, :3], np.exp(-drag * duration), 0.5 * duration**2
+    passed = duration * (1.0 - 0.5 * drag * duration)
+    after[:, parts.velocity] = velocity * left + acting.summed(acting.once, acting.forces) + duration * pushed
+    after[:, parts.position] += velocity * passed + acting.summed(acting.twice, acting.forces) + half * pushed
+    back = np.swapaxes(acting.middle_turn, 1, 2)
+    for rows, amount, over in ((parts.velocity, acting.once, duration), (parts.position, acting.twice, half)):
+        by_turn = -acting.middle @ skews((acting.factor * amount) @ params.pushes)
+        jacobian[:, rows, parts.attitude] = by_turn @ back
+        jacobian[:, rows, parts.rate] = 0.5 * duration * by_turn
+        jacobian[:, rows, parts.thrust] = np.swapaxes(amount[..., None] * acting.forces, 1, 2)
+        jacobian[:, rows, parts.push][:, :, :3] = over * _EYE
+    jacobian[:, parts.velocity, parts.velocity] = left[..., None] * _EYE
+    jacobian[:, parts.velocity, parts.drag.start] = -duration * velocity * left
+    jacobian[:, parts.position, parts.velocity] = passed[..., None] * _EYE
+    jacobian[:, parts.position, parts.drag.start] = -half * velocity
+
+
+# -------------------------------------------------------------------------------- attitude and rate
+
+
+def _turn(after: Array, jacobian: Array, acting: _Acting, bank: Bank, params: PoseParams) -> Array:
+    """Fills in the rate after the interval, and derivatives but by valves; the angle turned, shape (n_filters, 3)."""
+    parts, mean, duration = params.parts, bank.mean, acting.duration
+    rate, drag = mean[:, parts.rate], mean[:, parts.drag.start + 1, None]
+    spin, half = symmetric_matrices(mean[:, parts.spin]), 0.5 * duration**2
+    left = np.exp(-drag * duration)
+    heading = np.arctan2(acting.middle[:, 1, 0], acting.middle[:, 0, 0])
+    tilt, cosine, sine = mean[:, parts.tilt], np.cos(heading), np.sin(heading)
+    turned = mean[:, parts.push][:, 3:].copy()
+    turned[:, 2] += tilt[:, 0] * cosine + tilt[:, 1] * sine
+    change = acting.summed(acting.once, acting.turns)
+    coupled, coupled_by_rate, coupled_by_spin = _coupling(rate + 0.5 * change, spin, params)
+    passed = duration * (1.0 - 0.5 * drag * duration)
+    after[:, parts.rate] = rate * left + change + duration * (turned + coupled)
+    for rows, amount, over in ((parts.rate, acting.once, duration), (parts.attitude, acting.twice, half)):
+        moment = acting.summed(amount, acting.moments)
+        jacobian[:, rows, parts.spin] = by_elements(moment) + over * coupled_by_spin
+        jacobian[:, rows, parts.center] = spin @ skews((acting.factor * amount) @ params.pushes)
+        jacobian[:, rows, parts.thrust] = np.swapaxes(amount[..., None] * acting.turns, 1, 2)
+        jacobian[:, rows, parts.push][:, :, 3:] = over * _EYE
+        jacobian[:, rows, parts.rate] = over * coupled_by_rate
+        jacobian[:, rows.start + 2, parts.tilt.start] = over * cosine
+        jacobian[:, rows.start + 2, parts.tilt.start + 1] = over * sine
+    about_z = duration * (tilt[:, 1] * cosine - tilt[:, 0] * sine)
+    jacobian[:, parts.rate.start + 2, parts.attitude.start + 2] += about_z
+    jacobian[:, parts.rate, parts.rate] += left[..., None] * _EYE
+    jacobian[:, parts.rate, parts.drag.start + 1] = -duration * rate * left
+    angle = rate * passed + acting.summed(acting.twice, acting.turns) + half * (turned + coupled)
+    jacobian[:, parts.attitude, parts.attitude] = np.swapaxes(rotations(angle), 1, 2)
+    jacobian[:, parts.attitude, parts.rate] += passed[..., None] * _EYE
+    jacobian[:, parts.attitude, parts.drag.start + 1] = -half * rate
+    return angle
+
+
+def _coupling(rate: Array, spin: Array, params: PoseParams) -> tuple[Array, Array, Array]:
+    """-K (w x K^-1 w), and its derivatives by w and by the elements of K."""
+    if params.planar:
+        count = rate.shape[0]
+        return np.zeros((count, 3)), np.zeros((count, 3, 3)), np.zeros((count, 3, 6))
+    inertia: Array = np.asarray(np.linalg.inv(spin), dtype=np.float64)
+    momentum = times(inertia, rate)
+    turn = np.cross(rate, momentum)
+    over = skews(rate) @ inertia
+    by_rate = -spin @ (over - skews(momentum))
+    by_spin = -by_elements(turn) + spin @ over @ by_elements(momentum)
+    return -times(spin, turn), by_rate, by_spin
+
+
+# ---------------------------------------------------------------------------------- valves and sensors
+
+
+def _both(acting: _Acting, params: PoseParams) -> tuple[tuple[Array, slice, slice], ...]:
+    """Effects of the jets, with the parts that gather them once and twice."""
+    parts = params.parts
+    return (acting.forces, parts.velocity, parts.position), (acting.turns, parts.rate, parts.attitude)
+
+
+def _by_timing(jacobian: Array, acting: _Acting, params: PoseParams) -> None:
+    """Fills in the derivatives by delay, lag and opening of each kind."""
+    parts, openings = params.parts, acting.openings
+    for place, part in enumerate((parts.delay, parts.lag, parts.opening)):
+        for kind in range(part.stop - part.start):
+            own = params.kinds == kind
+            for effect, once_row, twice_row in _both(acting, params):
+                column = part.start + kind
+                jacobian[:, once_row, column] = acting.summed(own * openings.once_by[place], effect)
+                jacobian[:, twice_row, column] = acting.summed(own * openings.twice_by[place], effect)
+
+
+def _by_opening(jacobian: Array, acting: _Acting, bank: Bank, params: PoseParams) -> None:
+    """Fills in the derivative by how far a jet stands open."""
+    column, which = params.parts.open.start, np.flatnonzero(bank.opens >= 0)
+    jets, duration = bank.opens[which], acting.duration
+    factor = acting.factor[which, jets]
+    once = factor * (duration - acting.openings.once[which, jets])
+    twice = factor * (0.5 * duration**2 - acting.openings.twice[which, jets])
+    for effect, once_row, twice_row in _both(acting, params):
+        jacobian[which, once_row, column] = once[:, None] * effect[which, jets]
+        jacobian[which, twice_row, column] = twice[:, None] * effect[which, jets]
+
+
+def _gather(after: Array, jacobian: Array, acting: _Acting, bank: Bank, params: PoseParams) -> Array:
+    """Fills in what accelerometers gather, and its derivatives; the integral of w w^T, shape (n_filters, 3, 3)."""
+    parts, mean, duration = params.parts, bank.mean, acting.duration
+    middle = 0.5 * (mean[:, parts.rate] + after[:, parts.rate])
+    spun: Array = duration * (middle[:, :, None] * middle[:, None, :])
+    if parts.gathered.stop == parts.gathered.start:
+        return spun
+    drag = mean[:, parts.drag.start, None]
+    own = np.einsum("hji,hj->hi", bank.rotation, mean[:, parts.velocity])  # velocity in body axes
+    gained = (acting.factor * acting.once) @ params.pushes - duration * drag * own
+    for begin in range(0, parts.gathered.stop - parts.gathered.start, 3):
+        rows = slice(parts.gathered.start + begin, parts.gathered.start + begin + 3)
+        bias = slice(parts.acceleration_bias.start + begin, parts.acceleration_bias.start + begin + 3)
+        after[:, rows] += gained + duration * mean[:, bias]
+        jacobian[:, rows, bias] = duration * _EYE
+        jacobian[:, rows, parts.thrust] = np.swapaxes(acting.once[..., None] * params.pushes, 1, 2)
+        jacobian[:, rows, parts.drag.start] = -duration * own
+        jacobian[:, rows, parts.velocity] = -duration * drag[..., None] * np.swapaxes(bank.rotation, 1, 2)
+    return spun
+
+
+# --------------------------------------------------------------------------------------------- noise
+
+
+def _second_order(acting: _Acting, bank: Bank, params: PoseParams) -> tuple[Array, Array]:
+    """Mean and covariance on the rate of the product of errors of K and of the angular impulse, shapes (., 3[, 3])."""
+    parts, free = params.parts, params.free
+    rows = np.zeros((bank.mean.shape[0], 3, parts.size))  # of the angular impulse over the mass
+    rows[:, :, parts.thrust] = np.swapaxes(acting.once[..., None] * acting.moments, 1, 2)
+    rows[:, :, parts.center] = skews((acting.factor * acting.once) @ params.pushes)
+    rows = rows[:, :, free]
+    place = np.full(parts.size, -1)
+    place[free] = np.arange(free.size)
+    elements = place[parts.spin][ELEMENT]  # of K in what is free, -1: it is known
+    there = elements >= 0
+    of_impulse = rows @ bank.covariance  # with everything
+    impulse = of_impulse @ np.swapaxes(rows, 1, 2)
+    crossed = np.where(there[:, :, None], np.moveaxis(of_impulse[:, :, elements], 1, -1), 0.0)  # K_ij with tau_l
+    spread = bank.covariance[:, elements[:, :, None, None], elements]
+    spread = np.where(there[:, :, None, None] & there, spread, 0.0)  # K_ij with K_kl
+    bias = np.einsum("hijj->hi", crossed)
+    product = np.einsum("hijkl,hjl->hik", spread, impulse) + np.einsum("hijl,hklj->hik", crossed, crossed)
+    return bias, product
+
+
+def _noise(acting: _Acting, product: Array, params: PoseParams) -> Array:
+    """Covariance that the interval adds to what is free, shape (n_filters, n, n).
+
+    Args:
+        acting: see there.
+        product: covariance on the rate of products of errors, shape (n_filters, 3, 3).
+        params: see `PoseParams`.
+    """
+    parts, free, duration = params.parts, params.free, acting.duration
+    count, n_jets = acting.once.shape
+    columns = np.zeros((count, parts.size, n_jets + 1))
+    scatter = acting.factor * np.sqrt((params.scatter * acting.once) ** 2 + acting.openings.variance)
+    fired = acting.once > 0.0
+    since = np.where(fired, acting.twice / np.where(fired, acting.once, 1.0), 0.5 * duration)  # to the interval's end
+    for effect, once_row, twice_row in _both(acting, params):
+        columns[:, once_row, :n_jets] = np.swapaxes(scatter[..., None] * effect, 1, 2)
+        columns[:, twice_row, :n_jets] = np.swapaxes((scatter * since)[..., None] * effect, 1, 2)
+    for begin in range(parts.gathered.start, parts.gathered.stop, 3):
+        columns[:, begin : begin + 3, :n_jets] = np.swapaxes(scatter[..., None] * params.pushes, 1, 2)
+    shared = params.common_walk * np.sqrt(duration)
+    columns[:, parts.thrust, n_jets] = shared * acting.factor
+    columns[:, parts.common, n_jets] = shared
+    columns = columns[:, free]
+    walks = np.zeros((parts.size, parts.size))
+    for once_row, twice_row, density in (
+        (parts.velocity, parts.position, params.velocity_noise**2),
+        (parts.rate, parts.attitude, params.rate_noise**2),
+    ):
+        walks[once_row, once_row] = density * duration * _EYE
+        walks[twice_row, twice_row] = density * duration**3 / 3.0 * _EYE
+        walks[once_row, twice_row] = walks[twice_row, once_row] = density * duration**2 / 2.0 * _EYE
+    for begin, walk in ((parts.push.start, params.push_walk), (parts.push.start + 3, params.turn_walk)):
+        walks[begin : begin + 3, begin : begin + 3] = walk**2 * duration * _EYE
+    whole = np.broadcast_to(walks, (count, parts.size, parts.size)).copy()
+    share = 0.5 * duration
+    whole[:, parts.rate, parts.rate] += product
+    whole[:, parts.attitude, parts.rate] += share * product
+    whole[:, parts.rate, parts.attitude] += share * product
+    whole[:, parts.attitude, parts.attitude] += share**2 * product
+    noise: Array = columns @ np.swapaxes(columns, 1, 2) + whole[:, free[:, None], free]
+    return noise
+
+
+def _kick(duration: float, params: PoseParams) -> Array:
+    """What 1 sigma of each component of a kick in the middle of the interval does, shape (n, 6)."""
+    parts = params.parts
+    effect = np.zeros((parts.size, 6))
+    for once_row, twice_row, size, column in (
+        (parts.velocity, parts.position, params.kick_velocity, 0),
+        (parts.rate, parts.attitude, params.kick_rate, 3),
+    ):
+        effect[once_row, column : column + 3] = size * _EYE
+        effect[twice_row, column : column + 3] = 0.5 * duration * size * _EYE
+    return effect[params.free]

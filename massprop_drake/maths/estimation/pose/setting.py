@@ -1,0 +1,243 @@
+"""What is known of a vehicle that is followed in a fixed frame, as its file says it, and the parameters made of it."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_drake.maths.estimation.filter import Instruments, Setup
+from massprop_drake.maths.estimation.pose.layout import Parts, PoseParams, Poses, make_parts
+from massprop_drake.maths.estimation.pose.start import Beforehand, prior
+from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.maths.mass_properties import CENTER_OF_MASS, MASS_RECIPROCAL
+
+_LAGS = 12.0  # time constants after which a lag is over
+_SIGMAS = 5.0  # by which a delay may be off
+_TURN = 0.3  # rad by which the vehicle may turn in a sample as far as is known at the start
+_FASTEST = 1.0  # rad/s, likewise
+_NEVER_S = 1e-6  # least that commands are kept for
+
+
+class Valves(NamedTuple):
+    """How valves follow their commands, with 1-sigma, by kind of jet; shape (n_kinds,) each.
+
+    Attributes:
+        delays_s, delay_stds_s: after a command.
+        lags_s, lag_stds: time constants, and their relative 1-sigma.
+        openings_s, opening_stds_s: by how much later they open than they close.
+    """
+
+    delays_s: Array
+    delay_stds_s: Array
+    lags_s: Array
+    lag_stds: Array
+    openings_s: Array
+    opening_stds_s: Array
+
+
+class Around(NamedTuple):
+    """What moves the vehicle besides its jets: mean or 1-sigma, in the vehicle's units.
+
+    Attributes:
+        drag, drag_std, angular_drag, angular_drag_std: force over speed, and torque over rate.
+        slope_std, slope_walk, turn_std, turn_walk, heading_turn_std: accelerations.
+        velocity_walk, rate_walk: white ones.
+        kicks_per_minute, kick_velocity, kick_rate: sporadic ones.
+    """
+
+    drag: float
+    drag_std: float
+    angular_drag: float
+    angular_drag_std: float
+    slope_std: float
+    slope_walk: float
+    turn_std: float
+    turn_walk: float
+    heading_turn_std: float
+    velocity_walk: float
+    rate_walk: float
+    kicks_per_minute: float
+    kick_velocity: float
+    kick_rate: float
+
+
+class Tracking(NamedTuple):
+    """What is known of a vehicle that is followed in a fixed frame.
+
+    Attributes:
+        positions: of the jets, vehicle frame, ft or m, shape (n_jets, 3).
+        forces: of the jets at full thrust, body axes, lbf or N, shape (n_jets, 3).
+        valves: see `Valves`.
+        around: see `Around`.
+        mass_std: relative.
+        common_std, common_walk: relative, of what all thrusts share, and of its change in one second.
+        planar: whether x, y and heading alone are free.
+        fixed: which of the ten parameters are known, shape (10,).
+        position_stds, attitude_stds: of the pose sensors, infinity: not measured, shape (n_poses,).
+        time_stds_s: of their stamps, shape (n_poses,).
+        outliers: share of samples that are poor, of all of them.
+        points: that they track, and their 1-sigma, vehicle frame, shapes (n_poses, 3) and (n_poses,).
+        point_stds: see there.
+        velocity_positions, velocity_stds: of the velocity sensors, shapes (n, 3) and (n,).
+    """
+
+    positions: Array
+    forces: Array
+    valves: Valves
+    around: Around
+    mass_std: float
+    common_std: float
+    common_walk: float
+    planar: bool
+    fixed: np.ndarray
+    position_stds: Array
+    attitude_stds: Array
+    time_stds_s: Array
+    outliers: float
+    points: Array
+    point_stds: Array
+    velocity_positions: Array
+    velocity_stds: Array
+
+
+def make_params(setup: Setup, tracking: Tracking, *, hypotheses: bool) -> PoseParams:
+    """Parameters of the estimator.
+
+    Args:
+        setup: see `Setup`.
+        tracking: see `Tracking`.
+        hypotheses: whether a jet may stand open.
+    """
+    thrust, valves = setup.thrust, tracking.valves
+    mass = 1.0 / float(setup.nominal[MASS_RECIPROCAL])
+    n_poses = tracking.position_stds.size
+    gyros, accelerometers = setup.gyros, setup.accelerometers
+    counts = (n_poses, gyros.quanta.size, accelerometers.quanta.size)
+    parts = make_parts(thrust.flows.size, valves.delays_s.size, *counts)
+    known = _beforehand(setup, tracking, parts, mass)
+    if hypotheses:
+        known.rest_std[parts.open] = 1.0  # a place for it; zero but for the one that supposes it
+    start, covariance, free = prior(known, _fixed(parts, tracking, setup), parts)
+    if hypotheses:
+        place = int(np.flatnonzero(free == parts.open.start)[0])
+        covariance[place], covariance[:, place] = 0.0, 0.0
+    around = tracking.around
+    longest = _LAGS * np.max(valves.lags_s * np.exp(_SIGMAS * valves.lag_stds), initial=0.0) + np.max(
+        np.abs(valves.delays_s) + np.abs(valves.openings_s) + _SIGMAS * (valves.delay_stds_s + valves.opening_stds_s),
+        initial=_NEVER_S,
+    )
+    return PoseParams(
+        parts=parts,
+        free=free,
+        start=start,
+        covariance=covariance,
+        pushes=tracking.forces / mass,
+        positions=tracking.positions,
+        kinds=thrust.kinds,
+        nominal_mass=mass,
+        mass_std=0.0 if tracking.fixed[MASS_RECIPROCAL] else tracking.mass_std,
+        thrust_std=thrust.uncertainty,
+        longest_s=float(longest),
+        rate_noise=around.rate_walk,
+        velocity_noise=around.velocity_walk,
+        push_walk=around.slope_walk,
+        turn_walk=around.turn_walk,
+        common_walk=tracking.common_walk,
+        scatter=thrust.repeatability,
+        kicks_per_s=around.kicks_per_minute / 60.0,
+        kick_velocity=around.kick_velocity,
+        kick_rate=around.kick_rate,
+        pose=Poses(tracking.position_stds**2, tracking.attitude_stds**2, tracking.time_stds_s**2, tracking.outliers),
+        gyro_variances=setup.gyro_variances,
+        velocity_positions=tracking.velocity_positions,
+        velocity_variances=tracking.velocity_stds**2,
+        accelerometer_positions=setup.accelerometer_positions,
+        accelerometer_variances=setup.accelerometer_variances,
+        planar=tracking.planar,
+    )
+
+
+def _beforehand(setup: Setup, tracking: Tracking, parts: Parts, mass: float) -> Beforehand:
+    valves, around = tracking.valves, tracking.around
+    rest, deviation = np.zeros(parts.size), np.zeros(parts.size)
+    inertia = np.linalg.inv(_symmetric(setup.nominal[:6]))
+    turning = inertia[2, 2] if tracking.planar else np.trace(inertia) / 3.0
+    rest[parts.center] = setup.estimate[CENTER_OF_MASS]
+    deviation[parts.center] = np.sqrt(np.diag(setup.covariance)[CENTER_OF_MASS])
+    rest[parts.delay], deviation[parts.delay] = valves.delays_s, valves.delay_stds_s
+    lagging = valves.lags_s > 0.0
+    rest[parts.lag] = np.log(np.where(lagging, valves.lags_s, 1e-9))
+    deviation[parts.lag] = np.where(lagging, valves.lag_stds, 0.0)
+    rest[parts.opening], deviation[parts.opening] = valves.openings_s, valves.opening_stds_s
+    rest[parts.drag] = around.drag / mass, around.angular_drag / turning
+    deviation[parts.drag] = around.drag_std / mass, around.angular_drag_std / turning
+    deviation[parts.push] = np.repeat((around.slope_std, around.turn_std), 3)
+    deviation[parts.tilt] = around.heading_turn_std
+    arm = max(setup.thrust.arm, np.finfo(float).tiny)
+    for part, size in (
+        (parts.position, arm),
+        (parts.attitude, np.pi),
+        (parts.velocity, arm / setup.period_s),
+        (parts.rate, min(_TURN / setup.period_s, _FASTEST)),
+    ):
+        deviation[part] = size
+    rest[parts.point] = tracking.points.ravel()
+    deviation[parts.point] = np.repeat(tracking.point_stds, 3)
+    for part, packages in ((parts.gyro_bias, setup.gyros), (parts.acceleration_bias, setup.accelerometers)):
+        deviation[part] = np.repeat(packages.bias_std, 3)
+    deviation[parts.gathered] = _reading_std(setup.accelerometers)
+    spin = setup.nominal[:6] * mass
+    covariance = setup.covariance[:6, :6] * mass**2
+    covariance[tracking.fixed[:6]] = 0.0
+    covariance[:, tracking.fixed[:6]] = 0.0
+    of_mass = 0.0 if tracking.fixed[MASS_RECIPROCAL] else tracking.mass_std
+    return Beforehand(spin, covariance, of_mass, tracking.common_std, setup.thrust.uncertainty, rest, deviation)
+
+
+def _reading_std(packages: Instruments) -> Array:
+    return np.repeat(np.sqrt(packages.quanta**2 / 12.0 + packages.noise_std**2), 3)
+
+
+def _symmetric(elements: Array) -> Array:
+    return elements[[0, 5, 4, 5, 1, 3, 4, 3, 2]].reshape(3, 3)
+
+
+def _fixed(parts: Parts, tracking: Tracking, setup: Setup) -> np.ndarray:
+    """Which elements cannot move, or are known, shape (size,)."""
+    fixed = np.zeros(parts.size, dtype=bool)
+    fixed[parts.center] |= tracking.fixed[CENTER_OF_MASS]
+    if not np.isfinite(tracking.position_stds).any():
+        fixed[parts.position] = True
+        fixed[parts.point] = True
+        if not tracking.velocity_stds.size and not setup.accelerometer_variances.size:
+            fixed[parts.velocity] = True
+    if not np.isfinite(tracking.attitude_stds).any():
+        fixed[parts.attitude] = True
+    if tracking.planar:
+        kept = parts.spin.start + 2
+        fixed[parts.spin.start : kept] = True
+        fixed[kept + 1 : parts.spin.stop] = True
+        for part in (
+            parts.center,
+            parts.position,
+            parts.velocity,
+            parts.point,
+            parts.gathered,
+            parts.acceleration_bias,
+        ):
+            fixed[part.start + 2 : part.stop : 3] = True
+        fixed[parts.push.start + 2] = True
+        fixed[parts.push.start + 3 : parts.push.start + 5] = True
+        for part in (parts.attitude, parts.rate, parts.gyro_bias):
+            fixed[part.start : part.stop : 3] = True
+            fixed[part.start + 1 : part.stop : 3] = True
+    return fixed
+
+
+def known_parameters(tracking: Tracking) -> np.ndarray:
+    """Which of the ten parameters have no sigma: those that are fixed, or play no part in a plane, shape (10,)."""
+    known = np.asarray(tracking.fixed, dtype=bool).copy()
+    if tracking.planar:
+        known[[0, 1, 3, 4, 5, 8]] = True
+    return known

@@ -1,0 +1,115 @@
+r"""What is known before the first sample, and what the first readings add.
+
+With sigma_M of the mass, sigma_T of each jet's thrust by itself and sigma_C of what all jets share, relative,
+
+    cov g = (sigma_M^2 + sigma_C^2) 1 1^T + sigma_T^2,    cov (g, c) = sigma_C^2,    cov (K, g) = -K sigma_M^2
+
+and K = m J, J the inverse inertia, has cov K = m^2 cov J + K K^T sigma_M^2.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_drake.maths.estimation.pose.layout import Bank, Parts, PoseParams, Readings
+from massprop_drake.maths.estimation.pose.turning import skews
+from massprop_drake.maths.linear_algebra import Array
+
+
+class Beforehand(NamedTuple):
+    """What is known before the first sample, 1-sigma each; zero: fixed.
+
+    Attributes:
+        spin: m J of the nominal vehicle, six elements, shape (6,).
+        inverse_covariance: of J, times m^2, shape (6, 6).
+        mass_std, common_std: relative.
+        thrust_std: relative, shape (n_jets,).
+        rest: mean of the whole state, of which thrust, common and spin play no part, shape (size,).
+        rest_std: of it, likewise, shape (size,).
+    """
+
+    spin: Array
+    inverse_covariance: Array
+    mass_std: float
+    common_std: float
+    thrust_std: Array
+    rest: Array
+    rest_std: Array
+
+
+def prior(known: Beforehand, fixed: np.ndarray, parts: Parts) -> tuple[Array, Array, np.ndarray]:
+    """Mean of the whole state, covariance of what is free, and the places of what is free.
+
+    Args:
+        known: see `Beforehand`.
+        fixed: whether an element is, whatever its sigma, shape (size,).
+        parts: see `Parts`.
+    """
+    mean, covariance = known.rest.copy(), np.diag(known.rest_std**2)
+    thrust, common, spin = parts.thrust, parts.common, parts.spin
+    mean[thrust], mean[common], mean[spin] = 1.0, 0.0, known.spin
+    shared, of_mass = known.common_std**2, known.mass_std**2
+    covariance[thrust, thrust] = of_mass + shared + np.diag(known.thrust_std**2)
+    covariance[thrust, common] = covariance[common, thrust] = shared
+    covariance[common, common] = shared
+    covariance[spin, spin] = known.inverse_covariance + of_mass * np.outer(known.spin, known.spin)
+    covariance[spin, thrust] = -of_mass * known.spin[:, None]
+    covariance[thrust, spin] = covariance[spin, thrust].T
+    free = np.flatnonzero((np.diag(covariance) > 0.0) & ~fixed)
+    return mean, covariance[np.ix_(free, free)], free
+
+
+def begun(readings: Readings, params: PoseParams) -> Bank:
+    """One filter after the first sample: attitude and position as they are read.
+
+    Nothing tells whether a first reading is a poor one: where there are such, it counts as one.
+    """
+    poor = params.pose.outlier_scale**2 if params.pose.outliers > 0.0 else 1.0
+    parts, mean = params.parts, params.start.copy()
+    size = parts.size
+    whole = np.zeros((size, size))
+    whole[np.ix_(params.free, params.free)] = params.covariance
+    rotation = np.eye(3)
+    for place, read in enumerate(readings.rotations):
+        if np.isfinite(read).all():
+            rotation = read.copy()
+            _own(whole, parts.attitude, poor * params.pose.attitude_variances[place])
+            break
+    for place, read in enumerate(readings.positions):
+        known = np.isfinite(read)
+        if known.any():
+            columns = slice(parts.point.start + 3 * place, parts.point.start + 3 * place + 3)
+            arm = mean[columns] - mean[parts.center]
+            mean[parts.position] = np.where(known, read - rotation @ arm, 0.0)
+            rows = np.zeros((3, size))  # p = reading - R (p_s - r)
+            rows[:, columns], rows[:, parts.center], rows[:, parts.attitude] = (
+                -rotation,
+                rotation,
+                rotation @ skews(arm),
+            )
+            whole[parts.position] = rows @ whole
+            whole[:, parts.position] = whole[parts.position].T
+            own = rows @ whole[:, :] @ rows.T
+            whole[parts.position, parts.position] = own + poor * params.pose.position_variances[place] * np.eye(3)
+            break
+    gathered = readings.gathered.ravel()
+    mean[parts.gathered] = np.where(np.isnan(gathered), 0.0, gathered)
+    covariance = whole[np.ix_(params.free, params.free)]
+    rate = mean[parts.rate]
+    return Bank(
+        mean[None],
+        covariance[None],
+        rotation[None],
+        np.array([-1]),
+        rate[None].copy(),
+        np.zeros((1, 3, 3)),
+    )
+
+
+def _own(whole: Array, part: slice, variance: float) -> None:
+    """Makes a part independent, with a variance of its own."""
+    whole[part] = 0.0
+    whole[:, part] = 0.0
+    whole[part, part] = variance * np.eye(part.stop - part.start)

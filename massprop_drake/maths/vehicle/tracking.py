@@ -1,0 +1,75 @@
+"""What sensors in a fixed frame read of the true vehicle: poses and velocities of points fixed in it."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_drake.maths import attitude
+from massprop_drake.maths.linear_algebra import Array, cross
+from massprop_drake.maths.vehicle.rigid_body import POSITION, QUATERNION, RATE, VELOCITY
+
+N_NOISE = 8  # numbers that a pose takes: of position, of attitude, of the stamp, and whether it is a poor one
+POOR = 10.0  # times as noisy
+
+
+class PoseModel(NamedTuple):
+    """A sensor of position and attitude.
+
+    Attributes:
+        point: that is tracked, vehicle frame, ft or m, shape (3,).
+        position_std: of each coordinate; infinity: position is not measured.
+        attitude_std: about each axis, rad; infinity: attitude is not measured.
+        time_std_s: of the stamps.
+        outliers: share of samples that are poor.
+        planar: whether x, y and the turn about z alone are noisy, as all else stands still.
+    """
+
+    point: Array
+    position_std: float
+    attitude_std: float
+    time_std_s: float
+    outliers: float
+    planar: bool
+
+
+def pose_read(body: Array, center: Array, noise: Array, model: PoseModel) -> Array:
+    """Position of the tracked point and quaternion from body to fixed frame, NaN where not measured, shape (7,).
+
+    Args:
+        body: state, see `rigid_body`, shape (23,).
+        center: center of mass in the vehicle frame, shape (3,).
+        noise: independent standard normal numbers, shape (8,).
+        model: see `PoseModel`.
+    """
+    late_s = model.time_std_s * float(noise[6])
+    poor = POOR if 0.5 * math.erfc(-float(noise[7]) / math.sqrt(2.0)) < model.outliers else 1.0
+    rate = body[RATE]
+    turned = attitude.propagated(body[QUATERNION], rate, late_s)
+    arm = attitude.rotation_matrix(turned) @ (model.point - center)
+    reading = np.full(7, np.nan)
+    plane = np.array([1.0, 1.0, 0.0]) if model.planar else np.ones(3)
+    if math.isfinite(model.position_std):
+        moved = body[POSITION] + late_s * body[VELOCITY] + arm
+        reading[:3] = moved + poor * model.position_std * plane * noise[:3]
+    if math.isfinite(model.attitude_std):
+        about = poor * model.attitude_std * (1.0 - plane if model.planar else plane) * noise[3:6]
+        reading[3:] = attitude.multiply(turned, attitude.from_rotation_vector(about))
+    return reading
+
+
+def velocity_read(body: Array, center: Array, noise: Array, position: Array, noise_std: float) -> Array:
+    """Velocity of a point in the fixed frame, shape (3,).
+
+    Args:
+        body: state, see `rigid_body`, shape (23,).
+        center: center of mass in the vehicle frame, shape (3,).
+        noise: independent standard normal numbers, shape (3,).
+        position: of the point, vehicle frame, shape (3,).
+        noise_std: of each component.
+    """
+    swing = attitude.rotation_matrix(body[QUATERNION]) @ cross(body[RATE], position - center)
+    moves: Array = body[VELOCITY] + swing + noise_std * noise
+    return moves

@@ -1,0 +1,30 @@
+"""What a vehicle that is followed in a fixed frame has told besides its mass properties."""
+
+from __future__ import annotations
+
+from massprop_drake.inputs.scenario import Scenario
+from massprop_drake.results.spool import Spool
+
+_SIGMAS = 3.0
+_SAMPLES = 0.5  # by which a delay is off that is worth a word
+
+
+def remarks(scenario: Scenario, signals: Spool) -> list[str]:
+    """What to say at the end of a record of such a vehicle; nothing of others.
+
+    Args:
+        scenario: as run.
+        signals: of the run.
+    """
+    if "command_delay" not in signals:
+        return []
+    vehicle = scenario.vehicle_data
+    name, kind = next(iter(vehicle.jet_kinds.items()))
+    delay, deviation = (float(signals.last(signal)[0]) for signal in ("command_delay", "command_delay_std"))
+    off = abs(delay - kind.command_delay_s)
+    if off <= max(_SIGMAS * deviation, _SAMPLES * vehicle.sample_period_s):
+        return []
+    return [
+        f"jets of kind '{name}' act {delay:.3f} ± {deviation:.3f} s after their commands, and the vehicle's file says "
+        f"{kind.command_delay_s:g} ± {kind.command_delay_std_s:g} s"
+    ]

@@ -1,0 +1,197 @@
+"""Estimates mass properties, thrust factors, pose and rate of a vehicle that is followed in a fixed frame."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from pydrake.common.value import Value
+
+from massprop_drake.maths.estimation.adaptation import NO_ADAPTATION
+from massprop_drake.maths.estimation.detector import NO_KNOWN_FORCE
+from massprop_drake.maths.estimation.filter import FilterStep, Interval, Told
+from massprop_drake.maths.estimation.filters import pose
+from massprop_drake.maths.estimation.filters.pose import Measurement, PoseFilterParams, PoseFilterState
+from massprop_drake.maths.estimation.impulses import Impulses
+from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.maths.mass_properties import converged_rows
+from massprop_drake.systems.caching import NOTHING, Cached
+from massprop_drake.systems.estimation._filter import WholeFilterSystem
+from massprop_drake.systems.estimation._readings import Package
+from massprop_drake.systems.layouts import POSE_REPORT
+
+_NOT_MADE = Impulses(np.zeros(3), np.zeros(3), False, False, np.empty(0), np.empty(0))  # the filter makes its own
+
+
+class Memory(NamedTuple):
+    """What the system remembers. Never changed; a cycle makes a new one.
+
+    Attributes:
+        before: state before the newest sample.
+        measurement: of it, before the detector has judged it; None: there has been none.
+        step: the whole cycle; None: there has been none.
+        time_s: of that sample.
+    """
+
+    before: PoseFilterState
+    measurement: Measurement | None
+    step: FilterStep | None
+    time_s: float
+
+    @property
+    def state(self) -> PoseFilterState:
+        """After it."""
+        after: PoseFilterState = self.before if self.step is None else self.step.state
+        return after
+
+    def __deepcopy__(self, _memo: Any) -> Memory:
+        """Itself: a clone of a context shares what is never changed."""
+        return self
+
+
+class PoseEstimator(WholeFilterSystem):
+    r"""The estimator in a fixed frame, see `massprop_drake.maths.estimation.filters.pose`.
+
+    Ports:
+        <gyro> (in, 3), <accelerometer> (in, 3), one per package: as `JointEstimator`.
+        <pose> (in, 7), <velocity> (in, 3), one per sensor in the fixed frame: as `PoseTracker` and `VelocityTracker`
+            read, NaN where nothing is read; one that is not connected reads nothing.
+        jet_commands (in, n_jets): fraction commanded over the interval that ends now, NaN where not known. Required.
+        record_time (in, 1): when the readings were taken, s. Unconnected: now.
+        command (in, n_jets): fraction commanded from now on, which matters where jets act before their command.
+            Unconnected: not known.
+        replacement (in, abstract): hypotheses from which the filter is to go on, `maths.estimation.pose.hypotheses.
+            Tried`, or an empty tuple for none. Unconnected: none.
+        published (in, abstract): of no effect; as `JointEstimator` has one.
+        predicted (out, 10): the ten parameters before this sample's measurement.
+        evidence (out, abstract): `maths.estimation.filters.pose.PoseEvidence`, for a detector.
+        estimate (out, 10), standard_deviation (out, 10), covariance (out, 100), converged (out, 1): of the ten
+            parameters, NaN for what has no sigma; see `ConvergenceMonitor`.
+        rotation_report (out, 25), mass_report (out, 8): see `RotationEstimator` and `MassEstimator`; NIS is of
+            attitudes and rates, and of positions, velocities and accelerometers, scaled to three components.
+        pose_report (out, 16 + 2 n_jets): packed as `layouts.POSE_REPORT`, for logs.
+
+    State: abstract, `Memory`: of as many commands as still act.
+
+    Timing: outputs at t_k use the readings at t_k and the commands of [t_k-1, t_k). As `HypothesisDetector`, the state
+    holds the newest cycle with its time, and outputs at that time are taken from it.
+
+    Args:
+        params: see `PoseFilterParams`.
+        gyros, accelerometers: packages with an input port, the preferred one first.
+        poses, velocities: names of the sensors in the fixed frame.
+        limits: of convergence, see `maths.mass_properties.converged`, shape (3,).
+        period_s: sample period, s.
+    """
+
+    def __init__(
+        self,
+        params: PoseFilterParams,
+        *,
+        gyros: tuple[Package, ...],
+        accelerometers: tuple[Package, ...],
+        poses: tuple[str, ...],
+        velocities: tuple[str, ...],
+        limits: Array,
+        period_s: float,
+    ):
+        super().__init__(pose.GROUP, 0)
+        self._params, self._limits = params, limits
+        n_jets = params.pose.pushes.shape[0]
+        self._report = POSE_REPORT.sized(jets=n_jets)
+        self._gyros, self._accelerometers = self._declare_packages(gyros), self._declare_packages(accelerometers)
+        self._tracked = [self._declare_input(name, 7) for name in poses]
+        self._tracked += [self._declare_input(name, 3) for name in velocities]
+        self._command = self._declare_input("jet_commands", n_jets)
+        self._stamp = self._declare_input("record_time", 1)
+        self._coming = self._declare_input("command", n_jets)
+        self._replacement = self.DeclareAbstractInputPort("replacement", Value[object](NOTHING))
+        self.DeclareAbstractInputPort("published", Value[object](NOTHING))
+        start = Memory(pose.initial(params), None, None, -np.inf)
+        self._memory = self.DeclareAbstractState(Value[object](start))
+
+        inputs = {self.input_port_ticket(port.get_index()) for port in self._inputs}
+        measured = {self.xa_ticket(), self.time_ticket(), *inputs}
+        self._measurement = Cached(self, "measurement", self._measure_cycle, measured)
+        judged = {self._measurement.ticket, self.input_port_ticket(self._replacement.get_index())}
+        self._cycle = Cached(self, "cycle", self._finish_cycle, judged)
+        self.DeclareVectorOutputPort("predicted", 10, self._calc_predicted, prerequisites_of_calc={self.xa_ticket()})
+        self.DeclareAbstractOutputPort(
+            "evidence",
+            alloc=lambda: Value[object](NOTHING),
+            calc=self._calc_evidence,
+            prerequisites_of_calc={self._measurement.ticket},
+        )
+        for name, size, calc in (*self._reports(), ("pose_report", self._report.size, self._calc_pose)):
+            self.DeclareVectorOutputPort(name, size, calc, prerequisites_of_calc={self._cycle.ticket})
+        self.DeclarePeriodicUnrestrictedUpdateEvent(period_sec=period_s, offset_sec=0.0, update=self._update)
+
+    def kept(self, context: Any) -> Array:
+        """The state as a vector, see `filters.pose.saved`."""
+        return pose.saved(self._remembered(context).state, self._params)[pose.GROUP]
+
+    def _remembered(self, context: Any) -> Memory:
+        memory: Memory = context.get_abstract_state(self._memory).get_value()
+        return memory
+
+    def _is_now(self, context: Any) -> bool:
+        """Whether the newest cycle is of this time."""
+        memory = self._remembered(context)
+        return memory.step is not None and memory.time_s == context.get_time()
+
+    def _measure_cycle(self, context: Any) -> Measurement:
+        memory, time_s = self._remembered(context), context.get_time()
+        if self._is_now(context):
+            assert memory.measurement is not None
+            return memory.measurement
+        stamp_s = float(self._stamp.Eval(context)[0]) if self._stamp.HasValue(context) else time_s
+        coming = self._coming.Eval(context) if self._coming.HasValue(context) else None
+        tracked = [
+            port.Eval(context) if port.HasValue(context) else np.full(port.size(), np.nan) for port in self._tracked
+        ]
+        row = np.concatenate(tracked) if tracked else None
+        told = Told(time_s, stamp_s, self._command.Eval(context).copy(), coming, np.zeros(6), row)
+        rates = self._gyros.eval(context) if self._gyros.ports else np.empty((0, 3))
+        velocities = self._accelerometers.eval(context) if self._accelerometers.ports else np.empty((0, 3))
+        interval = Interval(_NOT_MADE, NO_KNOWN_FORCE, told)
+        return self.stopwatch.measure(pose.measure, memory.state, rates, velocities, interval, self._params)
+
+    def _finish_cycle(self, context: Any) -> FilterStep:
+        if self._is_now(context):
+            memory = self._remembered(context)
+            assert memory.step is not None
+            return memory.step
+        measurement: Measurement = self._measurement.get(self, context)
+        step = pose.finish(measurement.state, measurement, None, NO_ADAPTATION, self._params)
+        given = self._replacement.Eval(context) if self._replacement.HasValue(context) else NOTHING
+        return pose.replaced(step, given, self._params) if given else step
+
+    def _step(self, context: Any) -> FilterStep:
+        step: FilterStep = self._cycle.get(self, context)
+        return step
+
+    def _known_of(self, state: PoseFilterState) -> tuple[Array, Array]:
+        return state.estimate, state.covariance
+
+    def _calc_converged(self, context: Any, output: Any) -> None:
+        estimate, covariance = self._known_now(context)
+        deviation = np.sqrt(covariance.diagonal())
+        good = converged_rows(deviation[None], estimate[None], self._limits, self._params.known)
+        output.SetFromVector(good.astype(float))
+
+    def _calc_predicted(self, context: Any, output: Any) -> None:
+        memory = self._remembered(context)
+        known = memory.before if self._is_now(context) else memory.state
+        output.SetFromVector(known.estimate)
+
+    def _calc_evidence(self, context: Any, output: Any) -> None:
+        output.set_value(pose.evidence(None, self._measurement.get(self, context), None))
+
+    def _calc_pose(self, context: Any, output: Any) -> None:
+        output.SetFromVector(self._report.pack(self._step(context).own))
+
+    def _update(self, context: Any, state: Any) -> None:
+        memory = self._remembered(context)
+        before = memory.before if self._is_now(context) else memory.state
+        newest = Memory(before, self._measurement.get(self, context), self._step(context), context.get_time())
+        state.get_mutable_abstract_state(self._memory).set_value(newest)
