@@ -25,7 +25,6 @@ from massprop_drake.display.style import (
     UNTOLD_COLOR,
     WITHHELD_COLOR,
 )
-from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.maths.attitude import propagated
 from massprop_drake.maths.mass_properties import CENTER_OF_MASS
@@ -287,7 +286,7 @@ def _attitudes(run: Run) -> Array:
     """Returns q_NB at every sample, the truth or else integrated from the gyro in use, shape (n, 4)."""
     if "attitude" in run.signals:
         return np.asarray(run["attitude"])
-    rate = np.nan_to_num(np.asarray(run[params.gyro(run.scenario).name]))
+    rate = np.nan_to_num(instruments.rate_as_known(run.scenario, run.signals))
     attitudes = np.empty((rate.shape[0], 4))
     attitudes[0] = (1.0, 0.0, 0.0, 0.0)
     for row, (before, after) in enumerate(pairwise(rate)):

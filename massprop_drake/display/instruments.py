@@ -31,13 +31,19 @@ def columns(run: Run) -> dict[str, Array]:
         `apart`.
     """
     scenario = run.scenario
-    rate = np.asarray(run["rate"] if "rate" in run.signals else run[params.gyro(scenario).name])
+    rate = np.asarray(run["rate"]) if "rate" in run.signals else rate_as_known(scenario, run.signals)
     used = np.asarray(run["rotation_used"]) > 0.0
     return {
         "rate": np.degrees(rate),
         "nis": np.where(used, np.asarray(run["rotation_nis"]), np.nan),
         "apart": apart(scenario, np.asarray(run.time_s), run.signals)[:, None],
     }
+
+
+def rate_as_known(scenario: Scenario, signals: Mapping[str, Array]) -> Array:
+    """Angular rate as the gyro in use reads it or, without one, as it is estimated, rad/s, shape (n, 3)."""
+    gyros = params.gyros(scenario)
+    return np.asarray(signals[gyros[0].name if gyros else "rate_estimate"])
 
 
 def limits(scenario: Scenario) -> dict[str, object]:
@@ -60,10 +66,10 @@ def apart(scenario: Scenario, time_s: Array, signals: Mapping[str, Array]) -> Ar
     """
     vehicle = scenario.vehicle_data
     period = vehicle.sample_period_s
-    rate = np.asarray(signals[params.gyro(scenario).name])
     worst = np.full(time_s.size, np.nan)
-    if time_s.size < 2:
+    if time_s.size < 2 or max(len(vehicle.gyros), len(vehicle.accelerometers)) < 2:
         return worst
+    rate = rate_as_known(scenario, signals)
     gyros = [np.diff(np.asarray(signals[gyro.name]), axis=0) for gyro in vehicle.gyros]
     middle, turned = 0.5 * (rate[1:] + rate[:-1]), np.diff(rate, axis=0)
     velocities = []

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from massprop_drake.display.instruments import rate_as_known
 from massprop_drake.display.spec import (
     Band,
     Bars,
@@ -83,46 +84,77 @@ def source(run: Run) -> Source:
     return Source(run.time_s, run.signals, run.scenario, run.summary["consistency"] if run.thinned else None)
 
 
-def available(run: Source) -> dict[str, Callable[[Source], Plot]]:
+Named = dict[str, Callable[[Source], Plot]]  # plots by name, in the order to read them
+
+
+def available(run: Source) -> Named:
     """The plots of a run by name, in the order to read them."""
-    found: dict[str, Callable[[Source], Plot]] = {}
-    if run.simulated:
-        found["rates"] = rates
-        if "attitude_error" in run.signals:
-            found["attitude_error"] = attitude_error
-        found |= {"velocities": velocities, "clusters": clusters, "jets": jets, "torques": torques, "forces": forces}
-        if "attitude_error" in run.signals:
-            found["phase_plane"] = phase_plane
-    else:  # recorded telemetry: what was read, in place of what was true
-        if run.vehicle.accelerometers:
-            found["accelerometer_velocities"] = accelerometer_velocities
-        found |= {"gyro_readings": gyro_readings, "clusters": clusters, "jets": jets}
+    moving = _of_simulation(run) if run.simulated else _of_record(run)
+    return {**moving, **_of_estimates(run), **_of_filters(run), **_of_detector(run)}
+
+
+def _of_simulation(run: Source) -> Named:
+    flown = "attitude_error" in run.signals
+    found: Named = {"rates": rates}
+    if flown:
+        found["attitude_error"] = attitude_error
+    found |= {"velocities": velocities, "clusters": clusters, "jets": jets, "torques": torques, "forces": forces}
+    return {**found, "phase_plane": phase_plane} if flown else found
+
+
+def _of_record(run: Source) -> Named:
+    """What was read, in place of what was true, and what a simulation beside it reads."""
+    found: Named = {}
+    if run.vehicle.accelerometers:
+        found["accelerometer_velocities"] = accelerometer_velocities
+    if run.vehicle.gyros:
+        found["gyro_readings"] = gyro_readings
+    found |= {"clusters": clusters, "jets": jets}
     if any(name.startswith(AGAINST) for name in run.signals):
         found["against_rates"] = against_rates
         if run.vehicle.accelerometers:
             found["against_velocities"] = against_velocities
-    found |= {
-        "inverse_inertia_diagonal": inverse_inertia_diagonal,
-        "inverse_inertia_products": inverse_inertia_products,
-        "center_of_mass": center_of_mass,
+    return found
+
+
+def _of_estimates(run: Source) -> Named:
+    """The parameters that are not fixed."""
+    every = {
+        "inverse_inertia_diagonal": (inverse_inertia_diagonal, _DIAGONAL),
+        "inverse_inertia_products": (inverse_inertia_products, _PRODUCTS),
+        "center_of_mass": (center_of_mass, _CENTER),
     }
+    found: Named = {name: plot for name, (plot, elements) in every.items() if _estimated(run, elements)}
     if "mass_nis" in run.signals:  # there is an accelerometer
         found["mass_reciprocal"] = mass_reciprocal
-    found["consistency"] = consistency
-    if "rotation_innovation" in run.signals:
+    return found
+
+
+def _of_filters(run: Source) -> Named:
+    found: Named = {"consistency": consistency}
+    if _has_values(run, "rotation_innovation"):
         found["innovations"] = innovations
-    if "mass_innovation" in run.signals:
+    if _has_values(run, "mass_innovation"):
         found["mass_innovations"] = mass_innovations
     if run.consistency is None:
         found["propellant"] = propellant
-    if "likelihood" in run.signals:
-        found |= {
-            "likelihoods": likelihoods,
-            "margins": margins,
-            "failure_magnitude": failure_magnitude,
-            "detection_timeline": detection_timeline,
-        }
     return found
+
+
+def _of_detector(run: Source) -> Named:
+    if "likelihood" not in run.signals:
+        return {}
+    return {
+        "likelihoods": likelihoods,
+        "margins": margins,
+        "failure_magnitude": failure_magnitude,
+        "detection_timeline": detection_timeline,
+    }
+
+
+def _has_values(run: Source, name: str) -> bool:
+    """Whether a signal is there and anything is known of it."""
+    return name in run.signals and bool(np.isfinite(run.signals[name]).any())
 
 
 # ------------------------------------------------------------------------------------------ motion
@@ -376,17 +408,17 @@ def _readings(run: Source, name: str, packages: Sequence[str], title: str, unit:
 
 def inverse_inertia_diagonal(run: Source) -> Plot:
     """Errors of the diagonal of the inverse inertia (figure 5-6a)."""
-    return _parameters(run, "inverse_inertia_diagonal", (0, 1, 2), "Inverse inertia, diagonal")
+    return _parameters(run, "inverse_inertia_diagonal", _DIAGONAL, "Inverse inertia, diagonal")
 
 
 def inverse_inertia_products(run: Source) -> Plot:
     """Errors of the products of the inverse inertia (figure 5-6b)."""
-    return _parameters(run, "inverse_inertia_products", (3, 4, 5), "Inverse inertia, products")
+    return _parameters(run, "inverse_inertia_products", _PRODUCTS, "Inverse inertia, products")
 
 
 def center_of_mass(run: Source) -> Plot:
     """Errors of the center of mass (figure 5-7)."""
-    return _parameters(run, "center_of_mass", (6, 7, 8), "Center of mass")
+    return _parameters(run, "center_of_mass", _CENTER, "Center of mass")
 
 
 def mass_reciprocal(run: Source) -> Plot:
@@ -397,7 +429,15 @@ def mass_reciprocal(run: Source) -> Plot:
 def _parameters(run: Source, name: str, elements: tuple[int, ...], title: str) -> Plot:
     """Estimation errors with their 3-sigma band; without the truth the estimates with theirs."""
     panel, what = (_error, "estimation error") if run.simulated else (_estimate, "estimate")
-    return _plot(run, name, f"{title}: {what}", [panel(run, element) for element in elements])
+    return _plot(run, name, f"{title}: {what}", [panel(run, element) for element in _estimated(run, elements)])
+
+
+_DIAGONAL, _PRODUCTS, _CENTER = (0, 1, 2), (3, 4, 5), (6, 7, 8)  # places among the ten parameters
+
+
+def _estimated(run: Source, elements: Sequence[int]) -> list[int]:
+    """Those of some parameters that are not fixed: these have no 1-sigma."""
+    return [element for element in elements if np.isfinite(run.signals["standard_deviation"][-1, element])]
 
 
 def _error(run: Source, element: int) -> Panel:
@@ -597,7 +637,7 @@ def failure_magnitude(run: Source) -> Plot:
 
 def detection_timeline(run: Source) -> Plot:
     """Tests, alarms and declarations beside the rates and the number of jets commanded."""
-    rate = _DEGREES * run.signals["rate" if run.simulated else params.gyro(run.scenario).name]
+    rate = _DEGREES * (run.signals["rate"] if run.simulated else rate_as_known(run.scenario, run.signals))
     turning = tuple(Line(run.time_s, rate[:, axis], COLORS[axis], letter) for axis, letter in enumerate(AXES))
     count = (run.signals["command"] > 0.0).sum(axis=1).astype(float)
     commanded = Band(run.time_s, np.zeros_like(count), count, COLORS[0], opacity=0.6, steps=True)

@@ -49,7 +49,7 @@ def beside(record: Run, folder: str | Path, *, spool_folder: Path | None = None)
     world = _world(other, str(folder))
     if record.scenario.estimation.filter == "pose" or not params.gyros(record.scenario):
         raise InputError(
-            f"{folder}: a simulation is put beside the rates that gyros read; a record that is followed in a fixed frame "
+            f"{folder}: a simulation is put beside rates that gyros read; a record that is followed in a fixed frame "
             "(estimation.filter: pose) cannot be compared so"
         )
     twin = _Twin(record.scenario, world, str(folder))
