@@ -433,7 +433,7 @@ def vehicle_lines(report: Mapping[str, Any], force: str) -> list[str]:
     )
     condition = "" if control["condition"] is None else f", condition {control['condition']:.1f}"
     lines = [f"control:     rank {control['rank']} of 6{condition}; {push}"]
-    lines.append(f"observable:  {seen['rank']} of the 10 mass properties by firing each jet alone")
+    lines.append(f"observable:  {seen['rank']} of the {seen['estimated']} mass properties by firing each jet alone")
     for combination in seen["unobservable"]:
         parts = " ".join(f"{weight:+.2g} {name}" for name, weight in combination.items())
         lines.append(f"             not: {next(iter(combination)) if len(combination) == 1 else parts}")

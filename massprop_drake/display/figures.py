@@ -137,6 +137,14 @@ class Plots:
         """Angular rate as each gyro package read it."""
         return drawn(plots.gyro_readings(self._source))
 
+    def rates_estimated(self) -> Figure:
+        """Angular rate as the filter has it, of a vehicle without gyro."""
+        return drawn(plots.rates_estimated(self._source))
+
+    def thrust_factors(self) -> Figure:
+        """What each jet accelerates the vehicle by, over what it nominally would."""
+        return drawn(plots.thrust_factors(self._source))
+
     def accelerometer_velocities(self) -> Figure:
         """Integrated specific force as each accelerometer package read it."""
         return drawn(plots.accelerometer_velocities(self._source))

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_drake.display import events, instruments, interactive, plots, templates
+from massprop_drake.display import events, instruments, interactive, motion, plots, templates
 from massprop_drake.display.stage import Stage
 from massprop_drake.display.style import (
     ESTIMATE_COLOR,
@@ -286,7 +286,9 @@ def _attitudes(run: Run) -> Array:
     """Returns q_NB at every sample, the truth or else integrated from the gyro in use, shape (n, 4)."""
     if "attitude" in run.signals:
         return np.asarray(run["attitude"])
-    rate = np.nan_to_num(instruments.rate_as_known(run.scenario, run.signals))
+    if "attitude_estimate" in run.signals:
+        return np.asarray(run["attitude_estimate"])
+    rate = np.nan_to_num(motion.read(run.scenario, run.signals))
     attitudes = np.empty((rate.shape[0], 4))
     attitudes[0] = (1.0, 0.0, 0.0, 0.0)
     for row, (before, after) in enumerate(pairwise(rate)):

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_drake.inputs import params
+from massprop_drake.display import motion
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.vehicle import SensorPackage
 
@@ -31,19 +31,13 @@ def columns(run: Run) -> dict[str, Array]:
         `apart`.
     """
     scenario = run.scenario
-    rate = np.asarray(run["rate"]) if "rate" in run.signals else rate_as_known(scenario, run.signals)
+    rate = motion.rate(scenario, run.signals)
     used = np.asarray(run["rotation_used"]) > 0.0
     return {
         "rate": np.degrees(rate),
         "nis": np.where(used, np.asarray(run["rotation_nis"]), np.nan),
         "apart": apart(scenario, np.asarray(run.time_s), run.signals)[:, None],
     }
-
-
-def rate_as_known(scenario: Scenario, signals: Mapping[str, Array]) -> Array:
-    """Angular rate as the gyro in use reads it or, without one, as it is estimated, rad/s, shape (n, 3)."""
-    gyros = params.gyros(scenario)
-    return np.asarray(signals[gyros[0].name if gyros else "rate_estimate"])
 
 
 def limits(scenario: Scenario) -> dict[str, object]:
@@ -67,9 +61,9 @@ def apart(scenario: Scenario, time_s: Array, signals: Mapping[str, Array]) -> Ar
     vehicle = scenario.vehicle_data
     period = vehicle.sample_period_s
     worst = np.full(time_s.size, np.nan)
-    if time_s.size < 2 or max(len(vehicle.gyros), len(vehicle.accelerometers)) < 2:
+    if time_s.size < 2 or not vehicle.gyros:
         return worst
-    rate = rate_as_known(scenario, signals)
+    rate = motion.read(scenario, signals)
     gyros = [np.diff(np.asarray(signals[gyro.name]), axis=0) for gyro in vehicle.gyros]
     middle, turned = 0.5 * (rate[1:] + rate[:-1]), np.diff(rate, axis=0)
     velocities = []

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_drake.display.instruments import rate_as_known
+from massprop_drake.display import motion
 from massprop_drake.display.spec import (
     Band,
     Bars,
@@ -46,6 +46,9 @@ _DEGREES = 180.0 / np.pi
 _FLOOR = 0.1  # of statistics on a logarithmic scale: what lies below says nothing
 PROMPT_S = 1.0  # a detector that tests as soon is armed from the start
 _NAMED = 5  # jets, or clusters, with a color of their own; the others are gray
+
+
+_DIAGONAL, _PRODUCTS, _CENTER = (0, 1, 2), (3, 4, 5), (6, 7, 8)  # of the ten parameters
 
 
 class Source(NamedTuple):
@@ -84,77 +87,61 @@ def source(run: Run) -> Source:
     return Source(run.time_s, run.signals, run.scenario, run.summary["consistency"] if run.thinned else None)
 
 
-Named = dict[str, Callable[[Source], Plot]]  # plots by name, in the order to read them
-
-
-def available(run: Source) -> Named:
+def available(run: Source) -> dict[str, Callable[[Source], Plot]]:
     """The plots of a run by name, in the order to read them."""
-    moving = _of_simulation(run) if run.simulated else _of_record(run)
-    return {**moving, **_of_estimates(run), **_of_filters(run), **_of_detector(run)}
-
-
-def _of_simulation(run: Source) -> Named:
-    flown = "attitude_error" in run.signals
-    found: Named = {"rates": rates}
-    if flown:
-        found["attitude_error"] = attitude_error
-    found |= {"velocities": velocities, "clusters": clusters, "jets": jets, "torques": torques, "forces": forces}
-    return {**found, "phase_plane": phase_plane} if flown else found
-
-
-def _of_record(run: Source) -> Named:
-    """What was read, in place of what was true, and what a simulation beside it reads."""
-    found: Named = {}
-    if run.vehicle.accelerometers:
-        found["accelerometer_velocities"] = accelerometer_velocities
-    if run.vehicle.gyros:
-        found["gyro_readings"] = gyro_readings
-    found |= {"clusters": clusters, "jets": jets}
+    found = _of_motion(run)
     if any(name.startswith(AGAINST) for name in run.signals):
         found["against_rates"] = against_rates
         if run.vehicle.accelerometers:
             found["against_velocities"] = against_velocities
+    found |= _of_estimates(run)
+    if run.consistency is None:
+        found["propellant"] = propellant
+    if "likelihood" in run.signals:
+        found |= {
+            "likelihoods": likelihoods,
+            "margins": margins,
+            "failure_magnitude": failure_magnitude,
+            "detection_timeline": detection_timeline,
+        }
     return found
 
 
-def _of_estimates(run: Source) -> Named:
-    """The parameters that are not fixed."""
-    every = {
+def _of_motion(run: Source) -> dict[str, Callable[[Source], Plot]]:
+    """What the vehicle did; of recorded telemetry what was read in place of what was true."""
+    found: dict[str, Callable[[Source], Plot]] = {}
+    if not run.simulated:
+        if run.vehicle.accelerometers:
+            found["accelerometer_velocities"] = accelerometer_velocities
+        found |= {"gyro_readings": gyro_readings} if run.vehicle.gyros else {"rates_estimated": rates_estimated}
+        return found | {"clusters": clusters, "jets": jets}
+    found["rates"] = rates
+    if "attitude_error" in run.signals:
+        found["attitude_error"] = attitude_error
+    found |= {"velocities": velocities, "clusters": clusters, "jets": jets, "torques": torques, "forces": forces}
+    if "attitude_error" in run.signals:
+        found["phase_plane"] = phase_plane
+    return found
+
+
+def _of_estimates(run: Source) -> dict[str, Callable[[Source], Plot]]:
+    """What the filter made of it."""
+    estimates: dict[str, tuple[Callable[[Source], Plot], tuple[int, ...]]] = {
         "inverse_inertia_diagonal": (inverse_inertia_diagonal, _DIAGONAL),
         "inverse_inertia_products": (inverse_inertia_products, _PRODUCTS),
         "center_of_mass": (center_of_mass, _CENTER),
     }
-    found: Named = {name: plot for name, (plot, elements) in every.items() if _estimated(run, elements)}
+    found = {name: plot for name, (plot, elements) in estimates.items() if _estimated(run, elements)}
     if "mass_nis" in run.signals:  # there is an accelerometer
         found["mass_reciprocal"] = mass_reciprocal
-    return found
-
-
-def _of_filters(run: Source) -> Named:
-    found: Named = {"consistency": consistency}
-    if _has_values(run, "rotation_innovation"):
+    if "thrust_factor" in run.signals:
+        return found | {"thrust_factors": thrust_factors, "consistency": consistency}
+    found["consistency"] = consistency
+    if "rotation_innovation" in run.signals:
         found["innovations"] = innovations
-    if _has_values(run, "mass_innovation"):
+    if "mass_innovation" in run.signals:
         found["mass_innovations"] = mass_innovations
-    if run.consistency is None:
-        found["propellant"] = propellant
     return found
-
-
-def _of_detector(run: Source) -> Named:
-    if "likelihood" not in run.signals:
-        return {}
-    return {
-        "likelihoods": likelihoods,
-        "margins": margins,
-        "failure_magnitude": failure_magnitude,
-        "detection_timeline": detection_timeline,
-    }
-
-
-def _has_values(run: Source, name: str) -> bool:
-    """Whether a signal is there and anything is known of it."""
-    return name in run.signals and bool(np.isfinite(run.signals[name]).any())
 
 
 # ------------------------------------------------------------------------------------------ motion
@@ -183,7 +170,7 @@ def phase_plane(run: Source) -> Plot:
     """
     law = params.phase_space_params(run.scenario)
     error = _DEGREES * np.where(run.signals["attitude_error"] == 0.0, np.nan, run.signals["attitude_error"])
-    rate = _DEGREES * run.signals[params.gyro(run.scenario).name]
+    rate = _DEGREES * motion.read(run.scenario, run.signals)
     translates = any(window.controller == "thc" for window in run.scenario.maneuver)
     deadbands = {"corrects beyond": law.rate_deadband} | ({"in a translation": law.resolve_rate} if translates else {})
     panels = [_phase_panel(letter, error[:, axis], rate[:, axis], law, deadbands) for axis, letter in enumerate(AXES)]
@@ -216,6 +203,11 @@ def _phase_panel(
 def _beyond(values: Array, least: float) -> float:
     """Half the width of a range around zero that holds all values with some margin."""
     return 1.1 * max(float(np.nan_to_num(np.abs(values)).max()), least) or 1.0
+
+
+def rates_estimated(run: Source) -> Plot:
+    """Angular rate as the filter has it, of a vehicle without gyro."""
+    return _vector(run, "rates_estimated", "rate_estimate", "Angular rate, estimated", "deg/s", scale=_DEGREES)
 
 
 def torques(run: Source) -> Plot:
@@ -432,12 +424,25 @@ def _parameters(run: Source, name: str, elements: tuple[int, ...], title: str) -
     return _plot(run, name, f"{title}: {what}", [panel(run, element) for element in _estimated(run, elements)])
 
 
-_DIAGONAL, _PRODUCTS, _CENTER = (0, 1, 2), (3, 4, 5), (6, 7, 8)  # places among the ten parameters
+def _estimated(run: Source, elements: tuple[int, ...]) -> list[int]:
+    """Those of some parameters that are estimated, and neither fixed nor of no effect in a plane."""
+    known = params.known_parameters(run.scenario)
+    return [element for element in elements if not known[element]]
 
 
-def _estimated(run: Source, elements: Sequence[int]) -> list[int]:
-    """Those of some parameters that are not fixed: these have no 1-sigma."""
-    return [element for element in elements if np.isfinite(run.signals["standard_deviation"][-1, element])]
+def thrust_factors(run: Source) -> Plot:
+    """What each jet accelerates the vehicle by, over what it nominally would: one panel a jet."""
+    factor, deviation = run.signals["thrust_factor"], run.signals["thrust_factor_std"]
+    panels = []
+    for jet, name in enumerate(run.vehicle.designations):
+        value, band = factor[:, jet], 3.0 * deviation[:, jet]
+        marks = (
+            Band(run.time_s, value - band, value + band, label=f"3-sigma, at the end {band[-1]:.2g}"),
+            Line(run.time_s, value, COLORS[jet % 3], f"{name}, at the end {value[-1]:.3g}"),
+        )
+        panels.append(Panel(name, "", marks, limits=_last_half(value, band)))
+    title = "Thrust factors: acceleration by each jet over nominal"
+    return _plot(run, "thrust_factors", title, panels)
 
 
 def _error(run: Source, element: int) -> Panel:
@@ -637,7 +642,7 @@ def failure_magnitude(run: Source) -> Plot:
 
 def detection_timeline(run: Source) -> Plot:
     """Tests, alarms and declarations beside the rates and the number of jets commanded."""
-    rate = _DEGREES * (run.signals["rate"] if run.simulated else rate_as_known(run.scenario, run.signals))
+    rate = _DEGREES * motion.rate(run.scenario, run.signals)
     turning = tuple(Line(run.time_s, rate[:, axis], COLORS[axis], letter) for axis, letter in enumerate(AXES))
     count = (run.signals["command"] > 0.0).sum(axis=1).astype(float)
     commanded = Band(run.time_s, np.zeros_like(count), count, COLORS[0], opacity=0.6, steps=True)

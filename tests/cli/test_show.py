@@ -218,7 +218,7 @@ def _isolable(jet: str, on: float | None, rival: str | None) -> dict[str, Any]:
 def test_a_report_on_a_vehicle_is_lines() -> None:
     report = {
         "control": {"rank": 5, "condition": None, "missing": ["turn +x", "turn -x"]},
-        "observability": {"rank": 8, "unobservable": [{"z_cm": 1.0}, {"Ixx_inv": 0.7, "y_cm": -0.7}]},
+        "observability": {"rank": 8, "estimated": 10, "unobservable": [{"z_cm": 1.0}, {"Ixx_inv": 0.7, "y_cm": -0.7}]},
         "notes": ["all forces lie in one plane"],
         "alike": [{"jets": ["A", "B"], "angle_rad": np.radians(1.5), "opposed": True}],
         "isolable": [_isolable("A", 2.0, "B"), _isolable("B", 4.0, None), _isolable("C", None, None)],

@@ -24,9 +24,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_drake.maths.estimation.pose.cycle import Cycled, step
+from massprop_drake.maths.estimation.pose.cycle import Cycled, Doubt, merged, step
 from massprop_drake.maths.estimation.pose.layout import Bank, Commands, PoseParams, Readings
-from massprop_drake.maths.estimation.pose.turning import rotation_vectors, rotations, symmetric_matrices
+from massprop_drake.maths.estimation.pose.turning import symmetric_matrices
 from massprop_drake.maths.linear_algebra import Array
 
 BEFORE = 0.01  # probability of a failure of each kind of each jet before the record begins
@@ -51,6 +51,7 @@ class Tried(NamedTuple):
         led_s: since when one or several lead that of no failure; NaN: none does.
         leader: hypothesis that was to be named by the last sample, as an index of `known`; -1: none was.
         steady: samples in a row by which it was.
+        doubt: see `cycle.Doubt`.
     """
 
     bank: Bank
@@ -61,6 +62,7 @@ class Tried(NamedTuple):
     led_s: float
     leader: int = -1
     steady: int = 0
+    doubt: Doubt | None = None
 
 
 class Rules(NamedTuple):
@@ -173,30 +175,6 @@ def _stacked(first: Bank, rest: Bank) -> Bank:
     return Bank(*(np.concatenate((one[:1], many)) for one, many in zip(first, rest, strict=True)))
 
 
-def merged(one: Bank, other: Bank, share: Array, params: PoseParams) -> Bank:
-    """Two banks as one, by their moments.
-
-    Args:
-        one, other: of the same number of filters.
-        share: of the other in each, 0 to 1, shape (n_filters,).
-        params: see `PoseParams`.
-    """
-    parts, free = params.parts, params.free
-    apart = other.mean - one.mean
-    apart[:, parts.attitude] = rotation_vectors(np.swapaxes(one.rotation, 1, 2) @ other.rotation)
-    step_ = share[:, None] * apart
-    mean = one.mean + step_
-    mean[:, parts.attitude] = 0.0
-    spread = apart[:, free]
-    covariance = (
-        (1.0 - share)[:, None, None] * one.covariance
-        + share[:, None, None] * other.covariance
-        + (share * (1.0 - share))[:, None, None] * spread[:, :, None] * spread[:, None, :]
-    )
-    rotation = one.rotation @ rotations(step_[:, parts.attitude])
-    return Bank(mean, covariance, rotation, other.opens, one.reference, one.turned)
-
-
 def _renewed(tried: Tried, time_s: float, params: PoseParams) -> Tried:
     """Every hypothesis with its jet failing now as a further possibility."""
     chance = np.log(BEFORE * (time_s - tried.renewed_s) / AGAIN_S) + _beforehand(params)
@@ -231,9 +209,9 @@ def advanced(
         tried: after the last sample.
         commands, span_s, readings, params: see `cycle.step`.
     """
-    done = step(tried.bank, commands, span_s, readings, params)
+    done = step(tried.bank, commands, span_s, readings, params, tried.doubt)
     likelihood = tried.likelihood + done.likelihood
-    return tried._replace(bank=done.bank, likelihood=likelihood - likelihood[0]), done
+    return tried._replace(bank=done.bank, likelihood=likelihood - likelihood[0], doubt=done.doubt), done
 
 
 def judged(tried: Tried, time_s: float, rules: Rules, params: PoseParams) -> tuple[Tried, Found | None]:
@@ -245,6 +223,8 @@ def judged(tried: Tried, time_s: float, rules: Rules, params: PoseParams) -> tup
         rules: see `Rules`.
         params: see `PoseParams`.
     """
+    if tried.doubt is not None:  # the next sample decides first
+        return tried, None
     if time_s - tried.renewed_s >= RENEWAL_S:
         tried = _renewed(tried, time_s, params)
     found, tried = _judged(tried, time_s, rules, params)

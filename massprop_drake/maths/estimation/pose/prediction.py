@@ -335,13 +335,14 @@ def _noise(acting: _Acting, product: Array, params: PoseParams) -> Array:
 
 
 def _kick(duration: float, params: PoseParams) -> Array:
-    """What 1 sigma of each component of a kick in the middle of the interval does, shape (n, 6)."""
+    """What 1 sigma of each component of a kick does, that comes at any time in the interval, shape (n, 12)."""
     parts = params.parts
-    effect = np.zeros((parts.size, 6))
+    effect = np.zeros((parts.size, 12))
     for once_row, twice_row, size, column in (
         (parts.velocity, parts.position, params.kick_velocity, 0),
         (parts.rate, parts.attitude, params.kick_rate, 3),
     ):
         effect[once_row, column : column + 3] = size * _EYE
         effect[twice_row, column : column + 3] = 0.5 * duration * size * _EYE
+        effect[twice_row, column + 6 : column + 9] = duration / np.sqrt(12.0) * size * _EYE  # a uniform time has this
     return effect[params.free]
