@@ -181,15 +181,18 @@ def estimate(
     from massprop_drake.inputs.vehicle import bundled_vehicles
     from massprop_drake.results.folder import require_writable
     from massprop_drake.results.run import read_summary
+    from massprop_drake.runners.against import beside, require_comparable
     from massprop_drake.telemetry.reader import scenario_name
 
     name = scenario_name(telemetry)
     chosen = [*(overrides or []), *([] if start is None else [f"estimation.start={start}"])]
     chosen += ["execution.compiled=true"] if compiled else []
     if against is not None:
-        read_summary(against)  # before the work
+        read_summary(against)
         like = like or (None if vehicle or resume_from else str(against))
     case = sources.case_of_a_record(name, vehicle, like, resume_from, chosen)
+    if against is not None:
+        require_comparable(case, against)  # before the work
     bundled = (*bundled_scenarios(), *bundled_vehicles(), "-", None)
     reads = [
         source
@@ -200,7 +203,6 @@ def estimate(
     context.obj.watch(place.path / "summary.json", f"the run is saved in {place.shown}/")
     sources.note_doubts(case.estimation_doubts, quiet=quiet)
 
-    from massprop_drake.runners.against import beside
     from massprop_drake.runners.recorded import estimate as estimate_record
 
     live = telemetry == "-" and not (as_json or quiet)

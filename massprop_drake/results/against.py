@@ -47,7 +47,7 @@ class Residual(NamedTuple):
     noise: Real
 
 
-class Cause(NamedTuple):
+class Explanation(NamedTuple):
     """An unknown that would explain residuals.
 
     Attributes:
@@ -99,7 +99,7 @@ class Against(NamedTuple):
     until_s: Real | None
     misfit: Real | None
     residuals: tuple[Residual, ...]
-    causes: tuple[Cause, ...]
+    causes: tuple[Explanation, ...]
 
     def as_json(self) -> dict[str, Any]:
         """The same as `summary.json` has it."""
@@ -157,7 +157,7 @@ def residuals(scenario: Scenario, signals: Spool) -> tuple[Residual, ...]:
 
 def explained(
     scenario: Scenario, signals: Spool, reference: Simulated, until_s: float
-) -> tuple[float | None, tuple[Cause, ...]]:
+) -> tuple[float | None, tuple[Explanation, ...]]:
     """Finds what explains that readings are not what the commands give in a simulation.
 
     The unknown that explains most by itself is taken and fitted, and then the one that explains most besides, as long
@@ -195,7 +195,9 @@ def _normal(parts: Sequence[Stretch], at: Array, made: Model) -> Normal:
     return total
 
 
-def _causes(parts: Sequence[Stretch], first: Normal, reference: Array, of: tuple[Scenario, Model]) -> tuple[Cause, ...]:
+def _causes(
+    parts: Sequence[Stretch], first: Normal, reference: Array, of: tuple[Scenario, Model]
+) -> tuple[Explanation, ...]:
     """The unknowns that explain, the best first and then what each adds."""
     scenario, made = of
     diagonal = first.information.diagonal()
@@ -227,7 +229,7 @@ def _causes(parts: Sequence[Stretch], first: Normal, reference: Array, of: tuple
         what, unit, scale = called[place]
         others = there[(alone[there] >= _ALIKE * alone[place]) & (there != place)] if number == 0 else ()
         causes.append(
-            Cause(
+            Explanation(
                 what,
                 float(scale * (at[place] - reference[place])),
                 float(scale * deviation),

@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 
 from massprop_drake.errors import InputError
 from massprop_drake.inputs import params
-from massprop_drake.inputs.scenario import Scenario
-from massprop_drake.inputs.vehicle import MassPropertiesModel, Vehicle
+from massprop_drake.inputs.scenario import Scenario, load_scenario
+from massprop_drake.inputs.vehicle import MassPropertiesModel
 from massprop_drake.maths.mass_properties import CENTER_OF_MASS, MASS_RECIPROCAL
 from massprop_drake.maths.vehicle import cycle
 from massprop_drake.maths.vehicle.rigid_body import RATE, OutOfMassError, SpunUpError
 from massprop_drake.results.against import Against, Simulated, explained, residuals
-from massprop_drake.results.run import Run
+from massprop_drake.results.run import Run, read_summary
 from massprop_drake.results.spool import Spool, blocks
 from massprop_drake.signals import AGAINST
 
@@ -44,8 +44,8 @@ def beside(record: Run, folder: str | Path, *, spool_folder: Path | None = None)
     Raises:
         InputError: when the folder holds no run, its vehicle is another one, or cannot fly these commands.
     """
+    require_comparable(record.scenario, folder)
     other = Run.load(folder)
-    _require_alike(record.scenario.vehicle_data, other.scenario.vehicle_data, str(folder))
     world = _world(other, str(folder))
     twin = _Twin(record.scenario, world, str(folder))
     names = record.scenario.vehicle_data.sensor_names()
@@ -64,8 +64,23 @@ def beside(record: Run, folder: str | Path, *, spool_folder: Path | None = None)
     return Run(record.scenario, replace(record.results, against=said), None, spool, record.state)
 
 
-def _require_alike(vehicle: Vehicle, other: Vehicle, folder: str) -> None:
-    """Raises InputError where one vehicle's commands and readings are not the other's."""
+def require_comparable(record: Scenario, folder: str | Path) -> None:
+    """Raises InputError where a record cannot be put beside a simulation of another run's vehicle.
+
+    Args:
+        record: the scenario that it is estimated by.
+        folder: of the other run.
+
+    Raises:
+        InputError: when the folder holds no run, its vehicle is another one, or gyros tell nothing of the record.
+    """
+    read_summary(Path(folder))
+    vehicle, other = record.vehicle_data, load_scenario(Path(folder) / "scenario.yaml").vehicle_data
+    if record.estimation.filter == "pose" or not params.gyros(record):
+        raise InputError(
+            f"{folder}: a simulation is put beside rates that gyros read; a record that is followed in a fixed frame "
+            "(estimation.filter: pose) cannot be compared so"
+        )
     alike: dict[str, tuple[Any, Any]] = {
         "jets": (vehicle.designations, other.designations),
         "sensors": (vehicle.sensor_names(), other.sensor_names()),

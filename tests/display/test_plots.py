@@ -8,7 +8,10 @@ import numpy as np
 import pytest
 from scipy.special import chdtri
 
-from massprop_drake.display import plots
+from massprop_drake import load_scenario, simulate
+from massprop_drake.display import instruments, plots
+from massprop_drake.display.figures import drawn
+from massprop_drake.display.page import report_html
 from massprop_drake.display.plots import Source
 from massprop_drake.display.spec import Band, Bars, Level, Line, Panel, Points, SymmetricLog, Whiskers, Zone
 from massprop_drake.results.run import Run
@@ -366,3 +369,33 @@ def test_what_lies_beyond_the_end_is_left_out(stuck: Case) -> None:
     signals = {name: values[until] for name, values in stuck.run.signals.items()}
     plot = plots.rates(stuck.source._replace(time_s=stuck.run.time_s[until], signals=signals))
     assert (plot.windows, plot.moments, plot.note) == ((), (), "")
+
+
+# --------------------------------------------------------------------- followed in a fixed frame
+
+
+@pytest.fixture(scope="module")
+def tracked() -> Run:
+    """A vehicle in a plane that is followed by motion capture: no gyro, and most parameters fixed."""
+    return simulate(load_scenario("air_bearing_pulses", ["duration_s=3"]))
+
+
+def test_parameters_that_are_fixed_have_no_panel(tracked: Run) -> None:
+    found = plots.available(plots.source(tracked))
+    assert not {"inverse_inertia_products", "innovations", "phase_plane", "gyro_readings"} & set(found)
+    (panel,) = found["inverse_inertia_diagonal"](plots.source(tracked)).panels
+    assert panel.label == "Izz⁻¹"
+
+
+def test_a_vehicle_without_gyro_has_pictures_and_pages(tracked: Run) -> None:
+    true = {*TRUE, "position"}
+    signals = {name: values for name, values in tracked.signals.items() if name not in true}
+    source = plots.source(tracked)
+    for each in (source, source._replace(signals=signals)):
+        for name, plot in plots.available(each).items():
+            assert plot(each).name == name
+            drawn(plot(each))
+    (rate, *_) = plots.detection_timeline(source._replace(signals=signals)).panels
+    np.testing.assert_allclose(rate.marks[2].y, np.degrees(tracked["rate_estimate"][:, 2]))  # type: ignore[union-attr]
+    assert "Izz" in report_html(tracked)
+    assert np.isnan(instruments.columns(tracked)["apart"]).all()
