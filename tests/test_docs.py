@@ -50,6 +50,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def _build(folder: Path) -> None:
     """Builds the site, and keeps what Sphinx said, which itself uses what it deprecates."""
+    folder.mkdir()
     command = [sys.executable, "-m", "sphinx", "-q", "-n", "-d", folder / "doctrees", DOCS, folder / "html"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     (folder / "said").write_text(f"{done.returncode}{done.stderr}", encoding="utf-8")

@@ -19,6 +19,8 @@ from massprop_drake.maths.autopilot.phase_space import Sensed
 from massprop_drake.maths.linear_algebra import cross
 from massprop_drake.maths.vehicle.rigid_body import step
 
+# the compiler takes no notice of it where it is made ready, which is in whatever test comes first
+pytestmark = pytest.mark.filterwarnings("ignore:.*is faster on contiguous arrays")
 # what is decided, not reckoned: the same to the last bit
 DECIDED = ("command", "rotation_used", "mass_used", "alarm", "tested", "detector_event", "suspected_jet", "out_of_use")
 OF_LIKELIHOOD = ("likelihood", "nis", "margin", "unexplained")  # sums of squares, or differences of such
