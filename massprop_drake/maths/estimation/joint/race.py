@@ -69,8 +69,7 @@ class Race(NamedTuple):
         states: after the beginning and after each onset of the screen.
         screen: see `Screen`.
         runs: see `Runner`.
-        leading: jets that explain everything so far and cannot be told apart, the likeliest first; empty: one leads, or
-            none is clear of all others.
+        leading: jets that explain everything so far and are not behind, the likeliest first; empty: none does.
         out: causes whose own filters have fallen too far behind, whatever the first order says of them.
     """
 
@@ -273,7 +272,8 @@ def margin(best: Standing, other: Standing) -> float:
     or before it must run as a filter before it is believed to be behind.
     """
     measured = best.odds - other.odds
-    if best.run is None or _arrived(other) or (_strays(best) and len(best.contender.cause.jets) == 1):
+    alone = len(best.contender.cause.jets) == 1 or best.contender.cause.kind == Kind.LIES
+    if best.run is None or _arrived(other) or (alone and _strays(best)):
         return measured
     return min(measured, best.linear + best.beforehand - other.linear - other.beforehand)
 
@@ -355,6 +355,9 @@ def running(race: Race, standing: list[Standing], free_slots: int) -> Race:
         elif near and contender.lead > 0.0 and len(wanted) < _RUNS and _fits(race, cause, free_slots):
             run = present.get(cause)
             wanted.append(_opened(race, each.first_order) if run is None or _begins_anew(run, each) else run)
+    known = {each.contender.cause for each in standing} | race.out
+    if young:  # its first order says nothing of a reading that lies for long, so it is heard once it has arrived
+        wanted[1:1] = [run for run in race.runs if run.cause.kind == Kind.LIES and run.cause not in known][:1]
     out = race.out | (behind - led)
     if leader.run is None or not leader.run.fits:  # a jump may yet be what is left
         out -= {Cause(Kind.JUMP)}

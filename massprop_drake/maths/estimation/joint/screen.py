@@ -184,7 +184,7 @@ def screened(screen: Screen, over: Link, params: JointParams) -> Screen:
     for index in first:
         shown[:, index * h + 5 * jets : (index + 1) * h] += np.eye(m)
     columns = corrected(columns, shown, over)
-    mask, counting = counted(screen.counting, over.read, params.quanta)
+    mask, counting = counted(screen.counting, over, params)
     score = scored(screen.scores[-1], over.innovation, over.covariance, mask, params.quanta)
     information, projection = screen.information, screen.projection
     jump_information, jump_projection = screen.jump_information, screen.jump_projection
