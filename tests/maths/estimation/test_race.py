@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from joint_probe import small_params, some_state
 
+from massprop_drake.maths.estimation.joint import bank as banks
 from massprop_drake.maths.estimation.joint import decision
 from massprop_drake.maths.estimation.joint import race as races
 from massprop_drake.maths.estimation.joint import screen as screens
@@ -240,6 +241,13 @@ def test_what_led_was_wrong_where_another_explains_the_newest_sample() -> None:
     assert not found.shaken
 
 
+def test_what_led_was_wrong_where_it_had_not_explained_well_what_came_before() -> None:
+    led = (contender(leak(0), 100.0),)
+    for before, expected in ((15.0, True), (18.0, False)):  # of six components, 6 + 3 sqrt(12) = 16.4
+        run = running(leak(0), 100.0, nis=before + 60.0)._replace(newest=Score(0.0, 0.0, 60.0, 6.0))
+        assert judged(run, leading=led).shaken == expected
+
+
 def test_all_that_led_are_a_group_of_however_many_when_something_new_begins() -> None:
     led = tuple(contender(leak(jet), 100.0 - 0.1 * jet) for jet in range(5))
     found = judged(*(surprised(leak(jet), 60.0, 100.0 - 0.1 * jet) for jet in range(4)), leading=led)
@@ -276,3 +284,17 @@ def test_a_liar_is_heard_once_it_has_arrived_whatever_the_first_order_says() -> 
         now = race(running(leak(0), 100.0), late)._replace(triggered=triggered)
         found = races.running(now, races.standings(now, [contender(leak(0), 100.0)], PARAMS), 2)
         assert (lie in causes(found)) == expected
+
+
+def test_a_race_moves_where_a_small_jump_leads_jets_by_more_than_their_onset_may_cost(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    elsewhere = race()._replace(screen=race().screen._replace(onsets=(ONSET - 1, ONSET)))
+    monkeypatch.setattr(races, "begin", lambda *_: elsewhere)
+    bank = banks.empty(PARAMS.places)._replace(cycles=np.array([float(ONSET)]))
+    some = [contender(JUMP, 100.0), contender(leak(0), 100.0)]
+    small, large = (running(JUMP, 100.0)._replace(share=share) for share in reversed(JUMP_SHARES))
+    for jump, jets, expected in ((small, 90.0, True), (small, 98.0, False), (large, 90.0, False)):
+        now = race(jump, running(leak(0), jets))
+        found = races.moved(now, races.standings(now, some, PARAMS), bank, History(NOW, ()), PARAMS)
+        assert (found is elsewhere) == expected

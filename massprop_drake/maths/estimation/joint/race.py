@@ -130,8 +130,8 @@ def begin(bank: Bank, index: int, triggered: int, history: History, params: Join
 def moved(race: Race, standing: list[Standing], bank: Bank, history: History, params: JointParams) -> Race:
     """The race anew about its likeliest onset, where that is the first or the last that it looks at and not the only.
 
-    A race whose leader fits stays: its onset is known well enough. But a small jump also fits jets that have failed at
-    another onset.
+    A race whose leader fits stays, or in which jets that fit are no more behind than their onset may cost: it is known
+    well enough. But a small jump also fits jets that have failed at another onset.
 
     Args:
         race: see `Race`.
@@ -141,8 +141,10 @@ def moved(race: Race, standing: list[Standing], bank: Bank, history: History, pa
         params: see `JointParams`.
     """
     onsets = race.screen.onsets
-    fitting = [each.run for each in standing if each.run is not None and each.run.fits]
-    if any(run.cause.kind == Kind.JETS or (run is standing[0].run and not run.is_small) for run in fitting):
+    near = standing[0].odds - _TOO_WIDE
+    fitting = [each for each in standing if each.run is not None and each.run.fits]
+    jets = any(each.contender.cause.kind == Kind.JETS and each.odds > near for each in fitting)
+    if jets or (standing[0] in fitting and not (standing[0].run is not None and standing[0].run.is_small)):
         return race
     best = next((each.contender.onset for each in standing if each.contender.cause.kind == Kind.JETS), None)
     if best not in (onsets[0], onsets[-1]) or best not in bank.cycles:
