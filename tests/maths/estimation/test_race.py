@@ -298,3 +298,5 @@ def test_a_race_moves_where_a_small_jump_leads_jets_by_more_than_their_onset_may
         now = race(jump, running(leak(0), jets))
         found = races.moved(now, races.standings(now, some, PARAMS), bank, History(NOW, ()), PARAMS)
         assert (found is elsewhere) == expected
+    now = race()
+    assert races.moved(now, [], bank, History(NOW, ()), PARAMS) is now  # it has not arrived at the present

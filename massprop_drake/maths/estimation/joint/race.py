@@ -141,6 +141,8 @@ def moved(race: Race, standing: list[Standing], bank: Bank, history: History, pa
         params: see `JointParams`.
     """
     onsets = race.screen.onsets
+    if not standing:  # it has not arrived at the present
+        return race
     near = standing[0].odds - _TOO_WIDE
     fitting = [each for each in standing if each.run is not None and each.run.fits]
     jets = any(each.contender.cause.kind == Kind.JETS and each.odds > near for each in fitting)
