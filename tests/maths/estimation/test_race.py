@@ -300,3 +300,24 @@ def test_a_race_moves_where_a_small_jump_leads_jets_by_more_than_their_onset_may
         assert (found is elsewhere) == expected
     now = race()
     assert races.moved(now, [], bank, History(NOW, ()), PARAMS) is now  # it has not arrived at the present
+
+
+def test_what_a_filter_took_for_its_onset_may_be_all_that_it_is_off_the_first_order_by() -> None:
+    """Where both have the same force it begins anew, though it fits and is far from the first order."""
+    narrow, wide = ((0.06,), (0.01,)), ((60.0,), (10.0,))
+    for force, expected in ((0.1, True), (0.3, False)):
+        run = running(leak(0), 100.0)._replace(kicks=wide)
+        some = [contender(leak(0), 122.0)._replace(force=(force * PARAMS.thrusts[0],), kicks=narrow)]
+        now = race(run)
+        found = races.running(now, races.standings(now, some, PARAMS), 2)
+        assert (found.runs[0].cycle == ONSET) == expected
+
+
+def test_onsets_are_compared_with_each_other_to_first_order() -> None:
+    other = contender(leak(0), 104.0)._replace(onset=ONSET + 1)
+    for there, expected in ((100.0, True), (103.5, False)):
+        now = race(running(leak(0), 101.0))
+        now = now._replace(screen=now.screen._replace(onsets=(ONSET, ONSET + 1)), states=(STATE,) * 3)
+        some = [other._replace(at_onsets=((ONSET, there), (ONSET + 1, 104.0)))]
+        found = races.running(now, races.standings(now, some, PARAMS), 2)
+        assert (found.runs[0].onset == ONSET + 1) == expected

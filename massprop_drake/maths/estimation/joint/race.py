@@ -383,19 +383,27 @@ def _known(race: Race) -> set[tuple[int, int]]:
 def _begins_anew(run: Runner, standing: Standing) -> bool:
     """Whether a filter began with far more uncertainty of its onset than there now is, or another explains more.
 
-    Where a filter fits, and the first order is far from what it has measured, the first order is wrong.
+    Where a filter fits, and the first order is far from what it has measured, the first order is wrong, unless both
+    have the same forces: then it is what the filter took for its onset that costs so much.
     """
     contender, arrived_run, first = standing.contender, standing.run, standing.first_order
     if first.share > run.share:  # a jump turns out larger than its filter expects: it would hold on to what it knows
         return True
-    if _strays(standing):
+    there = first.lead_at(run.onset)
+    strays = run.fits and arrived_run is not None and abs(there - contender.lead) > _NEAR
+    if strays and not _of_one_size(first, contender):
         return False
+    if run.kicks:
+        wider = np.log(np.array(run.kicks) / np.array(first.kicks))
+        if float(np.sum(np.maximum(wider, 0.0))) > _TOO_WIDE:
+            return True
     other = first.onset != run.onset or first.share != run.share
-    elsewhere = arrived_run is not None and other and first.lead > contender.lead + _BETTER
-    if elsewhere or not run.kicks:
-        return elsewhere
-    wider = np.log(np.array(run.kicks) / np.array(contender.kicks))
-    return float(np.sum(np.maximum(wider, 0.0))) > _TOO_WIDE
+    return arrived_run is not None and not strays and other and first.lead > max(contender.lead, there) + _BETTER
+
+
+def _of_one_size(first: Contender, other: Contender) -> bool:
+    """Whether two have the same forces, to a half."""
+    return bool(first.force) and all(abs(f - g) <= 0.5 * abs(g) for f, g in zip(first.force, other.force, strict=True))
 
 
 def _opened(race: Race, contender: Contender) -> Runner:
