@@ -119,7 +119,7 @@ def _mixed(ahead: Predicted, beside: Compared, chance: float, taken: Array, para
     poor = params.pose.outliers if beside.poses.any() else 0.0
     ways = [(1.0 - chance - poor, _updated(covariance, beside, taken))]
     if chance > 0.0:
-        ways.append((chance, _updated(covariance + ahead.kick @ ahead.kick.T, beside, taken)))
+        ways.append((chance, _updated(covariance + ahead.kick @ np.swapaxes(ahead.kick, 1, 2), beside, taken)))
     if poor > 0.0:
         ways.append((poor, _updated(covariance, _noisier(beside, params.pose.outlier_scale), taken)))
     each = np.stack([np.log(weight) + way.likelihood for weight, way in ways])
