@@ -197,14 +197,15 @@ def _begins(readings: Readings, params: PoseParams) -> bool:
 
 
 def _readings(tracked: Array | None, rates: Array, velocities: Array, params: PoseFilterParams) -> Readings:
-    """Readings of all sensors, those in a fixed frame from their columns."""
+    """Readings of all sensors, those in a fixed frame from their columns; of a pose what its sensor measures alone."""
     row = np.full(7 * params.poses + 3 * params.velocities, np.nan) if tracked is None else tracked
     poses = row[: 7 * params.poses].reshape(-1, 7)
-    rotations = np.full((params.poses, 3, 3), np.nan)
-    for place in range(params.poses):
+    sensors, rotations = params.pose.pose, np.full((params.poses, 3, 3), np.nan)
+    positions = np.where(np.isfinite(sensors.position_variances)[:, None], poses[:, :3], np.nan)
+    for place in np.flatnonzero(np.isfinite(sensors.attitude_variances)):
         if np.isfinite(poses[place, 3:]).all():
             rotations[place] = rotation_matrix(poses[place, 3:] / np.sqrt(poses[place, 3:] @ poses[place, 3:]))
-    return Readings(poses[:, :3], rotations, row[7 * params.poses :].reshape(-1, 3), rates, velocities)
+    return Readings(positions, rotations, row[7 * params.poses :].reshape(-1, 3), rates, velocities)
 
 
 # ------------------------------------------------------------------------------------------ commands
