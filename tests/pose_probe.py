@@ -7,6 +7,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from massprop_drake.inputs.params import estimation_params
+from massprop_drake.inputs.scenario import resolved
+from massprop_drake.inputs.vehicle import Surroundings, Vehicle, load_vehicle
 from massprop_drake.maths.estimation.pose.layout import (
     Bank,
     Commands,
@@ -57,6 +60,7 @@ def small_params(sensors: Sensors = ONE_POSE, *, planar: bool = False, **changed
         "kinds": KINDS,
         "nominal_mass": MASS,
         "mass_std": 0.3,
+        "unseen_std": 0.0,
         "thrust_std": np.array([0.05, 0.03, 0.04, 0.02]),
         "longest_s": 1.0,
         "rate_noise": 0.0,
@@ -147,6 +151,96 @@ def nothing_read(params: PoseParams) -> Readings:
     return Readings(poses, np.full((counts[0], 3, 3), np.nan), velocities, gyros, accelerometers)
 
 
-def covers(values: Array, low: float, high: float) -> bool:
-    """Whether all are within bounds."""
-    return bool(((values >= low) & (values <= high)).all())
+# ------------------------------------------------------------------------------------------- flights
+
+
+class Truth(NamedTuple):
+    """What a flight in a plane is of.
+
+    Attributes:
+        factors: thrust of each jet over nominal.
+        open: (jet, share) that stands open, and since when; None: none.
+        push: acceleration along x, and since when.
+        mass: over nominal.
+    """
+
+    factors: Array
+    open: tuple[int, float, float] | None = None
+    push: tuple[float, float] = (0.0, np.inf)
+    mass: float = 1.0
+
+
+def bearing(**changed: Any) -> Vehicle:
+    """The bundled air-bearing satellite on a floor that does nothing, with valves that act as told."""
+    vehicle = load_vehicle("air_bearing")
+    valve = {"command_delay_s": 0.0, "command_delay_std_s": 0.0, "opening_delay_std_s": 0.0, "repeatability": 0.02}
+    kinds = {"nozzle": vehicle.jet_kinds["nozzle"].model_copy(update=valve)}
+    around = Surroundings(velocity_walk=2e-4, rate_walk=2e-3)
+    return again(vehicle, **({"jet_kinds": kinds, "surroundings": around} | changed))
+
+
+def again(vehicle: Vehicle, **changed: Any) -> Vehicle:
+    """The vehicle with other data, and nothing kept of what was worked out from those before."""
+    return Vehicle.model_validate(vehicle.model_copy(update=changed).model_dump())
+
+
+def params_of(vehicle: Vehicle, **settings: Any) -> PoseParams:
+    """Parameters of its estimator with hypotheses."""
+    scenario = resolved({"name": "flight", "vehicle": vehicle} | settings)
+    made: PoseParams = estimation_params(scenario).filter_params.pose
+    return made
+
+
+def told(vehicle: Vehicle, rows: int, seed: int = 0) -> Array:
+    """Commands of pulses of two to four samples, jets in turn, shape (rows, n_jets)."""
+    random, jets = np.random.default_rng(seed), len(vehicle.jets)
+    commands, row = np.zeros((rows, jets)), 4
+    while row < rows - 4:
+        length = int(random.integers(2, 5))
+        for jet in random.permutation(jets)[:2]:
+            commands[row : row + length, jet] = 1.0
+        row += length + int(random.integers(1, 3))
+    return commands
+
+
+def planar_poses(vehicle: Vehicle, commands: Array, truth: Truth, seed: int = 1) -> Array:
+    """x, y and heading at every sample, as a sensor without errors of its stamps reads them, shape (rows, 3).
+
+    By small steps, of a body in a plane whose valves follow through the nominal lag.
+    """
+    random, period, jets = np.random.default_rng(seed), vehicle.sample_period_s, len(vehicle.jets)
+    lag = np.array([vehicle.jet_kinds[jet.kind].time_constant_s for jet in vehicle.jets])
+    mass = vehicle.nominal.mass * truth.mass
+    turns = np.cross(vehicle.positions, vehicle.thrusts)[:, 2] / vehicle.nominal.inertia[2, 2]
+    place, speed, level = np.zeros(3), np.zeros(3), np.zeros(jets)
+    around, steps, rows = vehicle.surroundings, 16, []
+    step = period / steps
+    pose = vehicle.poses[0]
+    noise = np.array([pose.position_std, pose.position_std, pose.attitude_std], dtype=float)
+    for row, command in enumerate(commands):
+        rows.append(place + noise * random.standard_normal(3))
+        for part in range(steps):
+            now = (row + part / steps) * period
+            before = level
+            level = command + (level - command) * np.exp(-step / lag)
+            acts = 0.5 * (before + level)
+            if truth.open is not None and now >= truth.open[2]:
+                jet, share, _ = truth.open
+                acts[jet] += share * (1.0 - acts[jet])
+            force = (acts * truth.factors) @ vehicle.thrusts / mass
+            cosine, sine = np.cos(place[2]), np.sin(place[2])
+            gained = np.array([cosine * force[0] - sine * force[1], sine * force[0] + cosine * force[1], 0.0])
+            gained[0] += truth.push[0] if now >= truth.push[1] else 0.0
+            gained[2] = (acts * truth.factors) @ turns
+            white = np.array([around.velocity_walk, around.velocity_walk, around.rate_walk]) / np.sqrt(step)
+            gained = gained + white * random.standard_normal(3)
+            place = place + step * speed + 0.5 * step**2 * gained
+            speed = speed + step * gained
+    return np.array(rows)
+
+
+def pose_columns(read: Array) -> Array:
+    """x, y and headings as the seven columns of a pose sensor, shape (rows, 7)."""
+    half = 0.5 * read[:, 2]
+    flat = np.zeros(len(read))
+    return np.column_stack((read[:, :2], flat, np.cos(half), flat, flat, np.sin(half)))

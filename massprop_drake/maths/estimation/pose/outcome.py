@@ -43,6 +43,7 @@ def outcome(mean: Array, covariance: Array, healthy: np.ndarray, params: PosePar
     own = np.zeros(10)
     own[:6], own[9] = spin / params.nominal_mass, 1.0 / params.nominal_mass
     found = rows @ whole @ rows.T + left * np.outer(own, own)
+    found[9, 9] += (params.unseen_std / params.nominal_mass) ** 2
     values = np.concatenate((spin * scale / params.nominal_mass, mean[parts.center], [scale / params.nominal_mass]))
     return values, found
 
