@@ -44,7 +44,7 @@ from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES, JointPara
 from massprop_drake.maths.estimation.joint.payload import UNKNOWN, brought
 from massprop_drake.maths.estimation.joint.race import History, Race, Record
 from massprop_drake.maths.estimation.joint.screen import Contender
-from massprop_drake.maths.estimation.joint.sensitivity import Traces, link, traces
+from massprop_drake.maths.estimation.joint.sensitivity import Link, Traces, linked, traces
 from massprop_drake.maths.linear_algebra import Array
 
 _BEFORE_SETTLED = 8.0  # times the trigger: a start's own errors raise it by chance
@@ -457,7 +457,7 @@ def _anew(state: State, now: JointState, decision: Decision, joint: JointParams)
     quiet = without_increments(joint)
     for place, record in enumerate(records[len(records) - count :], start=1):
         after, report = step(restless(past, state.erratic, joint), record.sample, quiet)
-        over = _uncertain(link(past, report, record.sample, joint), past, state.erratic, joint)
+        over = linked(_uncertain(traces(past, report, record.sample), past, state.erratic, joint), joint)
         kept.append(Record(record.sample, over))
         bank = banks.taken(banks.advanced(bank, over, joint.places), over, after, cycle + place)
         past = after

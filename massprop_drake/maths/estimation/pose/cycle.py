@@ -155,7 +155,7 @@ def _step(
     poor = params.pose.outliers if beside.poses.any() else 0.0
     happened = [_Happened(1.0 - chance - poor, ahead.bank.covariance, beside)]
     if chance > 0.0:
-        happened.append(_Happened(chance, ahead.bank.covariance + ahead.kick @ ahead.kick.T, beside))
+        happened.append(_Happened(chance, ahead.bank.covariance + ahead.kick @ np.swapaxes(ahead.kick, 1, 2), beside))
     if poor > 0.0:
         noisy = _noisier(beside, params.pose.outlier_scale)
         happened.append(_Happened(poor, ahead.bank.covariance, noisy))

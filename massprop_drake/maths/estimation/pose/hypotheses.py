@@ -35,7 +35,7 @@ from massprop_drake.maths.linear_algebra import Array
 
 BEFORE = 0.01  # probability of a failure of each kind of each jet before the record begins
 AGAIN_S = 1900.0  # seconds in which a jet fails as probably as it has before
-RENEWAL_S = 5.0
+RENEWAL_S = 1.0
 PATIENCE_S = 10.0
 STEADY = 10  # samples
 _SIGMAS = 3.0  # that a size must have
@@ -146,7 +146,7 @@ def failing(bank: Bank, known: Array, params: PoseParams) -> Bank:
     opens = np.full(count, bank.opens[0])
     for jet in range(jets):
         others = np.flatnonzero(good & (np.arange(jets) != jet))
-        typical = float(np.mean(mean[0, others])) if others.size else 1.0
+        typical = float(np.mean(bank.mean[0, others])) if others.size else 1.0
         mean[jet, jet] = _MIDDLE * typical
         row = place.get(jet)
         if row is not None:
