@@ -62,7 +62,8 @@ class PoseEstimator(WholeFilterSystem):
             Unconnected: not known.
         replacement (in, abstract): hypotheses from which the filter is to go on, `maths.estimation.pose.hypotheses.
             Tried`, or an empty tuple for none. Unconnected: none.
-        published (in, abstract): of no effect; as `JointEstimator` has one.
+        published (in, abstract): likewise, whose first filter's estimates are its outputs, while it goes on from its
+            own.
         predicted (out, 10): the ten parameters before this sample's measurement.
         evidence (out, abstract): `maths.estimation.filters.pose.PoseEvidence`, for a detector.
         estimate (out, 10), standard_deviation (out, 10), covariance (out, 100), converged (out, 1): of the ten
@@ -106,14 +107,15 @@ class PoseEstimator(WholeFilterSystem):
         self._stamp = self._declare_input("record_time", 1)
         self._coming = self._declare_input("command", n_jets)
         self._replacement = self.DeclareAbstractInputPort("replacement", Value[object](NOTHING))
-        self.DeclareAbstractInputPort("published", Value[object](NOTHING))
+        self._published = self.DeclareAbstractInputPort("published", Value[object](NOTHING))
         start = Memory(pose.initial(params), None, None, -np.inf)
         self._memory = self.DeclareAbstractState(Value[object](start))
 
         inputs = {self.input_port_ticket(port.get_index()) for port in self._inputs}
         measured = {self.xa_ticket(), self.time_ticket(), *inputs}
         self._measurement = Cached(self, "measurement", self._measure_cycle, measured)
-        judged = {self._measurement.ticket, self.input_port_ticket(self._replacement.get_index())}
+        given = {self.input_port_ticket(port.get_index()) for port in (self._replacement, self._published)}
+        judged = {self._measurement.ticket, *given}
         self._cycle = Cached(self, "cycle", self._finish_cycle, judged)
         self.DeclareVectorOutputPort("predicted", 10, self._calc_predicted, prerequisites_of_calc={self.xa_ticket()})
         self.DeclareAbstractOutputPort(
@@ -163,8 +165,10 @@ class PoseEstimator(WholeFilterSystem):
             return memory.step
         measurement: Measurement = self._measurement.get(self, context)
         step = pose.finish(measurement.state, measurement, None, NO_ADAPTATION, self._params)
-        given = self._replacement.Eval(context) if self._replacement.HasValue(context) else NOTHING
-        return pose.replaced(step, given, self._params) if given else step
+        for port, taken in ((self._replacement, pose.replaced), (self._published, pose.published)):
+            given = port.Eval(context) if port.HasValue(context) else NOTHING
+            step = taken(step, given, self._params) if given else step
+        return step
 
     def _step(self, context: Any) -> FilterStep:
         step: FilterStep = self._cycle.get(self, context)

@@ -83,6 +83,7 @@ def judge(state: State, evidence: PoseEvidence, params: FactorParams) -> Judgmen
     odds = evidence.tried.likelihood[1 : 1 + 2 * jets]
     leads = np.maximum(odds[:jets], odds[jets:])
     tried, found = hypotheses.judged(evidence.tried, evidence.time_s, params.rules, params.pose)
+    ahead = hypotheses.ahead(tried, params.rules)
     if found is not None:
         members = np.zeros(1 + 2 * jets)
         members[list(found.members)] = 1.0
@@ -111,6 +112,7 @@ def judge(state: State, evidence: PoseEvidence, params: FactorParams) -> Judgmen
         likelihood=leads,
         magnitude=row["verdict_magnitude"],
         replacement=tried,
+        published=ahead,
         own=own,
     )
 

@@ -299,11 +299,20 @@ def _own(state: PoseFilterState, done: Cycled | None, params: PoseFilterParams) 
 def replaced(step: FilterStep, tried: Tried, params: PoseFilterParams) -> FilterStep:
     """A cycle that goes on from what the detector makes of the hypotheses."""
     state = _reporting(step.state._replace(tried=tried), params)
-    deviation = np.sqrt(state.covariance.diagonal())
-    mass = step.mass
+    return _telling(step, state)._replace(state=state)
+
+
+def published(step: FilterStep, tried: Tried, params: PoseFilterParams) -> FilterStep:
+    """A cycle that publishes the estimates of another filter, and goes on from its own."""
+    other = _reporting(step.state._replace(tried=tried), params)
+    return _telling(step, other)._replace(known=(other.estimate, other.covariance))
+
+
+def _telling(step: FilterStep, state: PoseFilterState) -> FilterStep:
+    """A cycle whose reports have the estimates of a state."""
+    deviation, mass = np.sqrt(state.covariance.diagonal()), step.mass
     assert mass is not None
     return step._replace(
-        state=state,
         rotation=step.rotation._replace(estimate=state.estimate[:9], standard_deviation=deviation[:9]),
         mass=mass._replace(
             mass_reciprocal=float(state.estimate[MASS_RECIPROCAL]),
@@ -398,5 +407,6 @@ FILTER = Filter(
     saved=saved,
     restored=restored,
     replaced=replaced,
+    published=published,
     report=POSE_REPORT,
 )

@@ -110,7 +110,7 @@ def step(
     with np.errstate(divide="ignore"):  # of what is impossible
         ways = np.stack((np.log1p(-doubt.share) + done.likelihood, np.log(doubt.share) + other.likelihood))
     total = np.logaddexp.reduce(ways)
-    share = np.exp(ways[1] - total)
+    share = np.where(np.isfinite(total), np.exp(ways[1] - np.where(np.isfinite(total), total, 0.0)), 0.0)
     of_first = done.of_first + share[0] * (other.of_first - done.of_first)
     kicked = done.kicked + share * (1.0 - done.kicked)
     both = merged(done.bank, other.bank, share, params)
@@ -145,12 +145,19 @@ def _step(
     bank: Bank, commands: Commands, span_s: tuple[float, float], readings: Readings, params: PoseParams
 ) -> Cycled:
     """A cycle without doubt of the last sample."""
-    ahead = predicted(bank, commands, *span_s, params)
-    beside = compared(ahead.bank, readings, params)
+    with np.errstate(all="ignore"):  # a filter that has run off is seen by what it expects
+        ahead = predicted(bank, commands, *span_s, params)
+        beside = compared(ahead.bank, readings, params)
     count = bank.mean.shape[0]
     if beside is None:
         nothing = np.zeros(count)
         return Cycled(ahead.bank, nothing, np.zeros((count, 0)), np.full(count, np.nan), nothing, np.zeros((2, 2)))
+    run_off = _run_off(ahead.bank, beside, span_s[1])
+    if run_off.any():  # what is left of it is the first filter, and no likelihood
+        ahead = ahead._replace(bank=_first_for(ahead.bank, run_off), kick=_of_first(ahead.kick, run_off))
+        beside = beside._replace(
+            **{name: _of_first(getattr(beside, name), run_off) for name in ("innovation", "jacobian", "variance")}
+        )
     chance = 1.0 - np.exp(-params.kicks_per_s * (span_s[1] - span_s[0]))
     poor = params.pose.outliers if beside.poses.any() else 0.0
     happened = [_Happened(1.0 - chance - poor, ahead.bank.covariance, beside)]
@@ -159,11 +166,7 @@ def _step(
     if poor > 0.0:
         noisy = _noisier(beside, params.pose.outlier_scale)
         happened.append(_Happened(poor, ahead.bank.covariance, noisy))
-    try:
-        ways = _updates(happened, ahead.bank.mean, params)
-    except np.linalg.LinAlgError:
-        worst = ahead.bank.covariance[np.argmin(np.linalg.eigvalsh(ahead.bank.covariance)[:, 0])]
-        raise NotPositiveDefiniteError(worst, "the pose estimator's covariance", span_s[1]) from None
+    ways = _updates(happened, ahead.bank.mean, params)
     each = np.stack([np.log(one.chance) + way.likelihood for one, way in zip(happened, ways, strict=True)])
     total = np.logaddexp.reduce(each)
     share = np.exp(each - total)
@@ -179,8 +182,39 @@ def _step(
         apart = way.correction - correction
         covariance += part[:, None, None] * (way.covariance + apart[:, :, None] * apart[:, None, :])
     after = shifted(ahead.bank, correction, covariance, params)
+    total = np.where(run_off, -np.inf, total)
     whitened = _whitened(ahead.bank.covariance, beside)
     return Cycled(after, total, beside.innovation, ways[0].nis, kicked, np.sum(nis, axis=0), doubt, whitened)
+
+
+def _run_off(bank: Bank, beside: Compared, time_s: float) -> np.ndarray:
+    """Which filters have run off: what they expect is no covariance, or no number, shape (n_filters,).
+
+    A hypothesis that is far from the truth may in its first seconds; the first filter may not.
+
+    Raises:
+        NotPositiveDefiniteError: when the first has, with the time.
+    """
+    by = beside.jacobian
+    expected = by @ bank.covariance @ np.swapaxes(by, 1, 2) + beside.variance
+    numbers = np.isfinite(expected).all(axis=(1, 2)) & np.isfinite(beside.innovation).all(axis=1)
+    numbers &= np.isfinite(bank.mean).all(axis=1) & np.isfinite(bank.covariance).all(axis=(1, 2))
+    least = np.linalg.eigvalsh(np.where(numbers[:, None, None], expected, np.eye(by.shape[1])))[:, 0]
+    run_off: np.ndarray = np.array(~(numbers & (least > 0.0)))
+    if run_off[0]:
+        raise NotPositiveDefiniteError(bank.covariance[0], "the pose estimator's covariance", time_s)
+    return run_off
+
+
+def _of_first(values: Array, chosen: np.ndarray) -> Array:
+    """Values by filter, those of the chosen ones as the first has them."""
+    return np.where(chosen.reshape(-1, *(1,) * (values.ndim - 1)), values[:1], values)
+
+
+def _first_for(bank: Bank, chosen: np.ndarray) -> Bank:
+    """The bank with the first filter in place of the chosen ones; which jet each supposes open stays."""
+    parts = {name: _of_first(getattr(bank, name), chosen) for name in bank._fields if name != "opens"}
+    return bank._replace(**parts)
 
 
 class _Happened(NamedTuple):

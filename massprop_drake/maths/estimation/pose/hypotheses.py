@@ -288,6 +288,20 @@ def sizes(tried: Tried, params: PoseParams) -> tuple[Array, Array]:
     return size, deviation
 
 
+def ahead(tried: Tried, rules: Rules) -> Tried | None:
+    """The likeliest hypothesis alone, where it leads that of no failure by enough; None: it does not.
+
+    What it has learned is right, or less wrong, even while nothing tells which one of several it is.
+    """
+    odds = np.where(_possible(tried), tried.likelihood[1:], _NEVER)
+    leader = int(np.argmax(odds))
+    if not odds[leader] > rules.lead_nothing:
+        return None
+    known = tried.known.copy()
+    known[leader] = float(leader < known.size - 1)
+    return alone(Bank(*(part[1 + leader : 2 + leader] for part in tried.bank)), known, tried.renewed_s)
+
+
 def _judged(tried: Tried, time_s: float, rules: Rules, params: PoseParams) -> tuple[Found | None, Tried]:
     size, deviation = sizes(tried, params)
     odds = np.where(_possible(tried), tried.likelihood[1:], _NEVER)
