@@ -21,6 +21,8 @@ def _shortened(name: str) -> Scenario:
     data = load_scenario(name, ["execution.engine=loop"]).model_dump(mode="json")
     if not data["failures"] and not data["jumps"]:
         return resolved(data | {"duration_s": 10.0})
+    if data["estimation"]["filter"] == "pose":  # what has failed did so before the record begins
+        return resolved(data | {"duration_s": 12.0})
     for failure in data["failures"]:
         failure["start_s"] -= EARLIER_S
         failure["end_s"] = failure["end_s"] and failure["end_s"] - EARLIER_S
