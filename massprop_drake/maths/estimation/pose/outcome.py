@@ -34,7 +34,7 @@ def outcome(mean: Array, covariance: Array, healthy: np.ndarray, params: PosePar
     gain = np.zeros(0)
     if jets.size and of_mass > 0.0:
         beforehand = of_mass + np.diag(params.thrust_std[jets] ** 2)
-        gain = np.linalg.solve(beforehand, np.full(jets.size, of_mass))
+        gain = np.linalg.pinv(beforehand, hermitian=True) @ np.full(jets.size, of_mass)  # thrusts may be known
         weights[jets] = gain
         weights[parts.common] = -gain.sum()
     scale = 1.0 + float(gain @ (mean[jets] - mean[parts.common] - 1.0)) if gain.size else 1.0
