@@ -284,9 +284,10 @@ def _levels(run: Run) -> Array:
 
 
 def _attitudes(run: Run) -> Array:
-    """Returns q_NB at every sample, the truth or else integrated from the gyro in use, shape (n, 4)."""
-    if "attitude" in run.signals:
-        return np.asarray(run["attitude"])
+    """Returns q_NB at every sample: the truth, or as estimated, or integrated from the gyro, shape (n, 4)."""
+    for name in ("attitude", "attitude_estimate"):
+        if name in run.signals:
+            return np.asarray(run[name])
     rate = np.nan_to_num(np.asarray(run[params.gyro(run.scenario).name]))
     attitudes = np.empty((rate.shape[0], 4))
     attitudes[0] = (1.0, 0.0, 0.0, 0.0)

@@ -31,7 +31,7 @@ def columns(run: Run) -> dict[str, Array]:
         `apart`.
     """
     scenario = run.scenario
-    rate = np.asarray(run["rate"] if "rate" in run.signals else run[params.gyro(scenario).name])
+    rate = np.asarray(run["rate"] if "rate" in run.signals else run[params.rate_signal(scenario)])
     used = np.asarray(run["rotation_used"]) > 0.0
     return {
         "rate": np.degrees(rate),
@@ -60,7 +60,7 @@ def apart(scenario: Scenario, time_s: Array, signals: Mapping[str, Array]) -> Ar
     """
     vehicle = scenario.vehicle_data
     period = vehicle.sample_period_s
-    rate = np.asarray(signals[params.gyro(scenario).name])
+    rate = np.asarray(signals[params.rate_signal(scenario)])
     worst = np.full(time_s.size, np.nan)
     if time_s.size < 2:
         return worst

@@ -92,16 +92,20 @@ def available(run: Source) -> dict[str, Callable[[Source], Plot]]:
     else:  # recorded telemetry: what was read, in place of what was true
         if run.vehicle.accelerometers:
             found["accelerometer_velocities"] = accelerometer_velocities
-        found |= {"gyro_readings": gyro_readings, "clusters": clusters, "jets": jets}
-    found |= {
-        "inverse_inertia_diagonal": inverse_inertia_diagonal,
-        "inverse_inertia_products": inverse_inertia_products,
-        "center_of_mass": center_of_mass,
-    }
+        if run.vehicle.gyros:
+            found["gyro_readings"] = gyro_readings
+        found |= {"clusters": clusters, "jets": jets}
+    for name, plot in (
+        ("inverse_inertia_diagonal", inverse_inertia_diagonal),
+        ("inverse_inertia_products", inverse_inertia_products),
+        ("center_of_mass", center_of_mass),
+    ):
+        if _estimated(run, _ELEMENTS[name]):
+            found[name] = plot
     if "mass_nis" in run.signals:  # there is an accelerometer
         found["mass_reciprocal"] = mass_reciprocal
     found["consistency"] = consistency
-    if "rotation_innovation" in run.signals:
+    if "rotation_innovation" in run.signals and run.scenario.estimation.filter != "pose":  # which has several kinds
         found["innovations"] = innovations
     if run.consistency is None:
         found["propellant"] = propellant
@@ -294,19 +298,32 @@ def _readings(run: Source, name: str, packages: Sequence[str], title: str, unit:
 # --------------------------------------------------------------------------------------- estimates
 
 
+_ELEMENTS = {"inverse_inertia_diagonal": (0, 1, 2), "inverse_inertia_products": (3, 4, 5), "center_of_mass": (6, 7, 8)}
+
+
+def _estimated(run: Source, elements: tuple[int, ...]) -> tuple[int, ...]:
+    """Those that are estimated; what is fixed has no sigma."""
+    known = np.isfinite(np.asarray(run.signals["standard_deviation"])[-1, list(elements)]).tolist()
+    return tuple(element for element, one in zip(elements, known, strict=True) if one)
+
+
 def inverse_inertia_diagonal(run: Source) -> Plot:
     """Errors of the diagonal of the inverse inertia (figure 5-6a)."""
-    return _parameters(run, "inverse_inertia_diagonal", (0, 1, 2), "Inverse inertia, diagonal")
+    return _parameters(
+        run, "inverse_inertia_diagonal", _ELEMENTS["inverse_inertia_diagonal"], "Inverse inertia, diagonal"
+    )
 
 
 def inverse_inertia_products(run: Source) -> Plot:
     """Errors of the products of the inverse inertia (figure 5-6b)."""
-    return _parameters(run, "inverse_inertia_products", (3, 4, 5), "Inverse inertia, products")
+    return _parameters(
+        run, "inverse_inertia_products", _ELEMENTS["inverse_inertia_products"], "Inverse inertia, products"
+    )
 
 
 def center_of_mass(run: Source) -> Plot:
     """Errors of the center of mass (figure 5-7)."""
-    return _parameters(run, "center_of_mass", (6, 7, 8), "Center of mass")
+    return _parameters(run, "center_of_mass", _ELEMENTS["center_of_mass"], "Center of mass")
 
 
 def mass_reciprocal(run: Source) -> Plot:
@@ -317,7 +334,7 @@ def mass_reciprocal(run: Source) -> Plot:
 def _parameters(run: Source, name: str, elements: tuple[int, ...], title: str) -> Plot:
     """Estimation errors with their 3-sigma band; without the truth the estimates with theirs."""
     panel, what = (_error, "estimation error") if run.simulated else (_estimate, "estimate")
-    return _plot(run, name, f"{title}: {what}", [panel(run, element) for element in elements])
+    return _plot(run, name, f"{title}: {what}", [panel(run, element) for element in _estimated(run, elements)])
 
 
 def _error(run: Source, element: int) -> Panel:
@@ -505,7 +522,7 @@ def failure_magnitude(run: Source) -> Plot:
 
 def detection_timeline(run: Source) -> Plot:
     """Tests, alarms and declarations beside the rates and the number of jets commanded."""
-    rate = _DEGREES * run.signals["rate" if run.simulated else params.gyro(run.scenario).name]
+    rate = _DEGREES * run.signals["rate" if run.simulated else params.rate_signal(run.scenario)]
     turning = tuple(Line(run.time_s, rate[:, axis], COLORS[axis], letter) for axis, letter in enumerate(AXES))
     count = (run.signals["command"] > 0.0).sum(axis=1).astype(float)
     commanded = Band(run.time_s, np.zeros_like(count), count, COLORS[0], opacity=0.6, steps=True)
