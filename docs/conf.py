@@ -20,7 +20,7 @@ extensions = [
     "docstring_sections",
     "mathml",
 ]
-exclude_patterns = ["tutorials/*.py"]
+exclude_patterns = ["tutorials/*.py", "tutorials/air_bearing/*"]
 templates_path: list[str] = []
 
 myst_enable_extensions = ["dollarmath", "deflist"]

@@ -69,7 +69,7 @@ class PoseEstimator(WholeFilterSystem):
             parameters, NaN for what has no sigma; see `ConvergenceMonitor`.
         rotation_report (out, 25), mass_report (out, 8): see `RotationEstimator` and `MassEstimator`; NIS is of
             attitudes and rates, and of positions, velocities and accelerometers, scaled to three components.
-        pose_report (out, 16 + 2 n_jets): packed as `layouts.POSE_REPORT`, for logs.
+        pose_report (out, 24 + 2 n_jets): packed as `layouts.POSE_REPORT`, for logs.
 
     State: abstract, `Memory`: of as many commands as still act.
 
