@@ -60,8 +60,8 @@ class PoseEstimator(WholeFilterSystem):
         record_time (in, 1): when the readings were taken, s. Unconnected: now.
         command (in, n_jets): fraction commanded from now on, which matters where jets act before their command.
             Unconnected: not known.
-        replacement (in, abstract): hypotheses from which the filter is to go on, `maths.estimation.pose.hypotheses.
-            Tried`, or an empty tuple for none. Unconnected: none.
+        replacement (in, abstract): hypotheses from which the filter is to go on, a `Tried` of
+            `maths.estimation.pose.hypotheses`, or an empty tuple for none. Unconnected: none.
         published (in, abstract): of no effect; as `JointEstimator` has one.
         predicted (out, 10): the ten parameters before this sample's measurement.
         evidence (out, abstract): `maths.estimation.filters.pose.PoseEvidence`, for a detector.
