@@ -57,9 +57,9 @@ def build(scenario: Scenario) -> Diagram:
         estimate (out, 10), standard_deviation (out, 10), covariance (out, 100), converged (out, 1): see
             `ConvergenceMonitor`.
         impulses (out, 8): see `ImpulseModel`.
-        rotation_innovation (out, 3), rotation_innovation_covariance (out, 9), rotation_report (out, 25): see
+        rotation_innovation (out, 3), rotation_innovation_covariance (out, 9), rotation_report (out, 28): see
             `RotationEstimator`.
-        mass_innovation (out, 3), mass_innovation_covariance (out, 9), mass_report (out, 8), with an
+        mass_innovation (out, 3), mass_innovation_covariance (out, 9), mass_report (out, 11), with an
             accelerometer: see `MassEstimator`.
         record_time (in, 1), command (in, n_jets), replacement, published (in, abstract), evidence (out, abstract),
             joint_report (out, 3), with the joint filter, which has neither innovations nor their covariances as

@@ -9,10 +9,13 @@ import runpy
 import shutil
 import sys
 import tempfile
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import NamedTuple
 
-from massprop_drake import load_scenario, simulate
+from massprop_drake import Run, load_scenario, simulate
 from massprop_drake.display import graphs, write_replay, write_report
+from massprop_drake.display.comparison import comparison_html
 
 DOCS = Path(__file__).parent
 IMAGES = DOCS / "images"
@@ -30,39 +33,71 @@ DIAGRAMS = ("closed_loop_overview", "estimation_overview", "autopilot_overview")
 
 
 def readme() -> None:
-    """The pictures of README.md: the sample maneuver, and a failure after it."""
+    """The figures of README.md and the gallery: the sample maneuver, and a failure after it."""
     plot = simulate(load_scenario("sample_maneuver")).plot
     failure = simulate(load_scenario("stuck_on_29")).plot
     failure.detection_timeline().savefig(IMAGES / "detection_timeline.png")
-    for name, figure in {"inverse_inertia_diagonal": plot.inverse_inertia_diagonal(), "rates": plot.rates()}.items():
-        figure.savefig(IMAGES / f"{name}.png")
+    for name in ("inverse_inertia_diagonal", "rates", "phase_plane", "innovations"):
+        getattr(plot, name)().savefig(IMAGES / f"{name}.png")
+
+
+class Shot(NamedTuple):
+    """A page of runs as a browser shows it.
+
+    Attributes:
+        name: of the picture.
+        scenarios: of the runs; of more than one it is the page that compares them.
+        write: writes the page of one.
+        act: what the reader does before.
+    """
+
+    name: str
+    scenarios: tuple[str, ...]
+    write: Callable[[Run, Path], Path] = write_report
+    act: str = "0"
+
+
+AT_FAILURE = "document.querySelectorAll('#jumps button')[1].click(); document.querySelector('#bar').scrollIntoView()"
+SHOTS = (
+    Shot("report", ("stuck_on_29",), act=AT_FAILURE),
+    Shot("verdict", ("two_failures",)),
+    Shot("injected", ("two_failures",), act="document.querySelector('#failures').scrollIntoView()"),
+    Shot("replay", ("stuck_on_29",), write_replay, "massprop.seek(51.3)"),
+    Shot("docking", ("payload_docking",), write_replay, "massprop.seek(72.5)"),
+    Shot("comparison", ("stuck_on_29", "two_failures"), act="document.querySelector('#bar').scrollIntoView()"),
+)
 
 
 def screenshots() -> None:
-    """The pages of a run as a browser shows them: report.jpg and replay.jpg.
+    """The pages of runs as a browser shows them.
 
     Raises:
         RuntimeError: when no Chromium is installed.
     """
-    from playwright.sync_api import sync_playwright  # noqa: PLC0415 (for these two alone)
+    from playwright.sync_api import sync_playwright  # noqa: PLC0415 (for these alone)
 
     chromium = shutil.which("chromium") or shutil.which("google-chrome")
     if chromium is None:
         raise RuntimeError("no Chromium is installed to show the report in")
-    run = simulate(load_scenario("stuck_on_29"))
+    runs = {name: simulate(load_scenario(name)) for shot in SHOTS for name in shot.scenarios}
     flags = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
     with tempfile.TemporaryDirectory() as folder, sync_playwright() as driver:
         page = driver.chromium.launch(executable_path=chromium, args=flags).new_page()
-        for name, write, act in (
-            ("report", write_report, "document.querySelector('#plots-heading').scrollIntoView()"),
-            ("replay", write_replay, "massprop.seek(51.3)"),
-        ):
+        for shot in SHOTS:
             page.set_viewport_size({"width": 900, "height": 560})
-            page.goto(write(run, Path(folder) / f"{name}.html").as_uri())
+            page.goto(_written(shot, runs, Path(folder) / f"{shot.name}.html").as_uri())
             page.wait_for_selector("body[data-ready=yes]", state="attached")
-            page.evaluate(act)
-            page.wait_for_timeout(1500)
-            page.screenshot(path=IMAGES / f"{name}.jpg", type="jpeg", quality=80)
+            page.evaluate(shot.act)
+            page.wait_for_timeout(2500)
+            page.screenshot(path=IMAGES / f"{shot.name}.jpg", type="jpeg", quality=80)
+
+
+def _written(shot: Shot, runs: Mapping[str, Run], path: Path) -> Path:
+    """Writes the page of a shot."""
+    if len(shot.scenarios) == 1:
+        return shot.write(runs[shot.scenarios[0]], path)
+    path.write_text(comparison_html([(name, runs[name]) for name in shot.scenarios]), encoding="utf-8")
+    return path
 
 
 def tutorials() -> None:

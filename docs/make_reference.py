@@ -1,4 +1,7 @@
-"""Writes the tables of keys in vehicle.md, scenario.md, campaign.md and records.md; the text above them is kept.
+"""Writes the tables of keys in vehicle.md, scenario.md, campaign.md and records.md, and the defaults in all pages.
+
+The text above the tables is kept, but for the defaults: what follows `<!-- default mass.jump -->` in a page, between
+backquotes, is the default of that key.
 
 python docs/make_reference.py
 """
@@ -6,7 +9,8 @@ python docs/make_reference.py
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+import re
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -25,6 +29,7 @@ PAGES: dict[str, Callable[[], list[Key]]] = {
 }
 MARK = "<!-- docs/make_reference.py writes what follows from the code: edit the descriptions there -->"
 HEADINGS = ("key", "type", "unit", "default", "range", "meaning")
+_TOLD = re.compile(r"<!-- default ([^>]+) -->`[^`\n]*`")
 _LONG = 12  # characters of a number beyond which its page shows six digits
 
 
@@ -85,11 +90,42 @@ def _default(key: Key) -> str:
     return f"`{value:.6g}`{degrees}"
 
 
+def told(text: str, defaults: Mapping[str, str]) -> str:
+    """A page's text with the defaults that its prose tells.
+
+    Args:
+        text: of the page.
+        defaults: as they are written, by key.
+
+    Raises:
+        ValueError: when it tells that of a key that is not there.
+    """
+    unknown = [name for name in _TOLD.findall(text) if name not in defaults]
+    if unknown:
+        raise ValueError(f"the page tells the default of '{unknown[0]}': there is no such key")
+    return _TOLD.sub(lambda found: f"<!-- default {found[1]} -->{defaults[found[1]]}", text)
+
+
+def all_defaults() -> dict[str, str]:
+    """The defaults of a vehicle's and a scenario's keys, as they are written."""
+    return {key.name: _default(key) for key in (*keys(Vehicle), *keys(Scenario))}
+
+
+def pages() -> list[Path]:
+    """All pages, and the README."""
+    return [*sorted(DOCS.rglob("*.md")), DOCS.parent / "README.md"]
+
+
 def main() -> None:
     """Writes the pages."""
-    for name, found in PAGES.items():
-        page = DOCS / name
-        page.write_text(updated(page.read_text(encoding="utf-8"), found()), encoding="utf-8")
+    defaults = all_defaults()
+    for page in pages():
+        before = page.read_text(encoding="utf-8")
+        text = told(before, defaults)
+        if page.parent == DOCS and page.name in PAGES:
+            text = updated(text, PAGES[page.name]())
+        if text != before:
+            page.write_text(text, encoding="utf-8")
 
 
 if __name__ == "__main__":

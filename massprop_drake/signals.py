@@ -76,11 +76,13 @@ SIGNALS = {
         Signal("standard_deviation", "1-sigma of the estimates", _MIXED, NAMES),
         Signal("converged", "estimates may be acted on", "-", ("converged",)),
         Signal("rotation_innovation", "innovation of the rotation filter", "rad/s", AXES),
+        Signal("rotation_innovation_std", "1-sigma of it by the filter's covariance", "rad/s", AXES),
         Signal("rotation_nis", "NIS of the rotation filter", "-", ("nis",)),
         Signal("rotation_used", "sample used by the rotation filter", "-", ("used",)),
         Signal("rotation_jump", "covariance incremented", "-", ("jump",)),
         Signal("coupling_subtracted", "dynamic coupling subtracted", "-", ("subtracted",)),
         Signal("mass_innovation", "innovation of the mass filter", "{length}/s", AXES),
+        Signal("mass_innovation_std", "1-sigma of it by the filter's covariance", "{length}/s", AXES),
         Signal("mass_nis", "NIS of the mass filter", "-", ("nis",)),
         Signal("mass_used", "sample used by the mass filter", "-", ("used",)),
         Signal("mass_jump", "jump of 1/m found", "-", ("jump",)),
@@ -143,6 +145,14 @@ def pose_signal(name: str) -> Signal:
 def velocity_signal(name: str) -> Signal:
     """Describes the readings of a sensor of velocity in a fixed frame."""
     return Signal(name, f"reading of {name}", "{length}/s", AXES)
+
+
+AGAINST = "against."  # begins the names of what a simulation beside a record reads
+
+
+def simulated_signal(package: Signal) -> Signal:
+    """Describes what a simulation beside a record reads in place of a package."""
+    return package._replace(name=AGAINST + package.name, label=f"{package.label} in the simulation")
 
 
 _OWN = re.compile(r"[^./\\]+\.[^./\\]+")

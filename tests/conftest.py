@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import gc
 import io
-import os
 import shutil
 import signal
+import subprocess
 import sys
+import tarfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 from command_probe import Massprop, Outcome
+from once_probe import shared
 from ruamel.yaml import YAML
 
 from massprop_drake import load_scenario, load_vehicle, simulate
@@ -117,8 +119,7 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of a short campaign, flown once for all tests; change nothing in it."""
     from campaign_probe import fly_once  # noqa: PLC0415 (beside the tests that use it)
 
-    shared = tmp_path_factory.getbasetemp()
-    return fly_once(shared.parent if "PYTEST_XDIST_WORKER" in os.environ else shared)
+    return fly_once(shared(tmp_path_factory))
 
 
 @pytest.fixture(autouse=True)
@@ -128,6 +129,42 @@ def signals_as_before() -> Iterator[None]:
     yield
     for number, handler in before.items():
         signal.signal(number, handler)
+
+
+# ------------------------------------------------------------------------------- the distributions
+
+LINKED = ("diagrams", "scenarios")
+BUILD = "import sys, setuptools.build_meta as b; getattr(b, f'build_{sys.argv[1]}')(sys.argv[2])"
+
+
+def _build(kind: str, source: Path, target: Path) -> Path:
+    """Builds a distribution with the environment's own setuptools."""
+    pytest.importorskip("setuptools", minversion="77")
+    command = [sys.executable, "-W", "ignore", "-c", BUILD, kind, str(target)]
+    subprocess.run(command, cwd=source, check=True, capture_output=True)
+    (built,) = target.iterdir()
+    return built
+
+
+@pytest.fixture(scope="session")
+def sdist(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The source distribution, built from a copy of the package."""
+    source = tmp_path_factory.mktemp("source")
+    for name in ("pyproject.toml", "MANIFEST.in", "README.md", "LICENSE"):
+        shutil.copy(REPOSITORY / name, source)
+    for name in ("massprop_drake", *LINKED):
+        shutil.copytree(REPOSITORY / name, source / name, symlinks=True, ignore=shutil.ignore_patterns("__pycache__"))
+    return _build("sdist", source, tmp_path_factory.mktemp("sdist"))
+
+
+@pytest.fixture(scope="session")
+def wheel(sdist: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The wheel, built from the source distribution."""
+    source = tmp_path_factory.mktemp("unpacked")
+    with tarfile.open(sdist) as archive:
+        archive.extractall(source, filter="data")
+    (unpacked,) = source.iterdir()
+    return _build("wheel", unpacked, tmp_path_factory.mktemp("wheel"))
 
 
 # --------------------------------------------------------------------------------- the command line

@@ -15,6 +15,7 @@ from massprop_drake import Scenario
 from massprop_drake.diagrams import replay
 from massprop_drake.inputs import params
 from massprop_drake.runners.logs import ESTIMATION, SavedState, estimation_signals, for_json, state_groups
+from massprop_drake.runners.recorded import _by_sensor
 from massprop_drake.telemetry.reader import Reader
 
 Array = NDArray[np.float64]
@@ -49,9 +50,12 @@ def replayed(telemetry: Path, scenario: Scenario) -> Opinion:
     }
     simulator = Simulator(builder.Build())
     source: Any = diagram.GetSubsystemByName("telemetry_source")
-    reader = Reader(telemetry, scenario.vehicle_data, gyro=params.gyro(scenario).name, after=None, stream=None)
+    vehicle = scenario.vehicle_data
+    gyro = params.gyro(scenario).name if vehicle.gyros else None
+    reader = Reader(telemetry, vehicle, gyro=gyro, after=None, stream=None)
     for number, rows in enumerate(reader):
-        last = source.extend(rows.time_s, rows.readings, rows.commands, rows.outside_wrench)
+        readings = {**rows.readings, **_by_sensor(rows, vehicle)}
+        last = source.extend(rows.time_s, readings, rows.commands, rows.outside_wrench)
         if number == 0:
             simulator.Initialize()
         simulator.AdvanceTo((last + _AHEAD) * period_s)

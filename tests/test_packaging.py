@@ -2,47 +2,14 @@
 
 from __future__ import annotations
 
-import shutil
-import subprocess
-import sys
 import tarfile
 import zipfile
 from pathlib import Path
 
-import pytest
-from conftest import REPOSITORY
+from conftest import LINKED, REPOSITORY
 
 PACKAGE = REPOSITORY / "massprop_drake"
 SHIPPED = (".py", ".yaml", ".html", ".css", ".js", ".typed")
-LINKED = ("diagrams", "scenarios")
-BUILD = "import sys, setuptools.build_meta as b; getattr(b, f'build_{sys.argv[1]}')(sys.argv[2])"
-
-
-def _build(kind: str, source: Path, target: Path) -> Path:
-    pytest.importorskip("setuptools", minversion="77")
-    command = [sys.executable, "-W", "ignore", "-c", BUILD, kind, str(target)]
-    subprocess.run(command, cwd=source, check=True, capture_output=True)
-    (built,) = target.iterdir()
-    return built
-
-
-@pytest.fixture(scope="module")
-def sdist(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    source = tmp_path_factory.mktemp("source")
-    for name in ("pyproject.toml", "MANIFEST.in", "README.md", "LICENSE"):
-        shutil.copy(REPOSITORY / name, source)
-    for name in ("massprop_drake", *LINKED):
-        shutil.copytree(REPOSITORY / name, source / name, symlinks=True, ignore=shutil.ignore_patterns("__pycache__"))
-    return _build("sdist", source, tmp_path_factory.mktemp("sdist"))
-
-
-@pytest.fixture(scope="module")
-def wheel(sdist: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    source = tmp_path_factory.mktemp("unpacked")
-    with tarfile.open(sdist) as archive:
-        archive.extractall(source, filter="data")
-    (unpacked,) = source.iterdir()
-    return _build("wheel", unpacked, tmp_path_factory.mktemp("wheel"))
 
 
 def _expected() -> dict[str, bytes]:

@@ -71,6 +71,22 @@ def test_page_has_every_key_once(name: str, found: list[Key]) -> None:
     assert sorted(shown) == sorted(key.name for key in found if not key.name.startswith("vehicle."))
 
 
+def test_prose_tells_the_defaults_of_the_code(make_reference: ModuleType) -> None:
+    defaults = make_reference.all_defaults()
+    texts = {page: page.read_text(encoding="utf-8") for page in make_reference.pages()}
+    assert sum(text.count("<!-- default ") for text in texts.values()) >= 10
+    stale = [page.name for page, text in texts.items() if make_reference.told(text, defaults) != text]
+    assert stale == [], "run 'python docs/make_reference.py' and commit what it writes"
+
+
+def test_a_default_in_prose_is_written_anew(make_reference: ModuleType) -> None:
+    text = "It is <!-- default autopilot.jet_kinds -->`[primary]`, which is `[primary]`."
+    written = make_reference.told(text, make_reference.all_defaults())
+    assert written == "It is <!-- default autopilot.jet_kinds -->`null`, which is `[primary]`."
+    with pytest.raises(ValueError, match="there is no such key"):
+        make_reference.told("<!-- default nope -->`1`", {"some": "`1`"})
+
+
 def test_page_without_its_mark_is_refused(make_reference: ModuleType) -> None:
     with pytest.raises(ValueError, match="the page has no line"):
         make_reference.updated("# A page\n", keys(Vehicle))

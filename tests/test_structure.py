@@ -31,7 +31,7 @@ FLOOR = {room: number for number, rooms in enumerate(FLOORS) for room in rooms}
 # a run shows itself: its figures, pages and notebook display are loaded when they are asked for
 EXCEPTIONS = {("results.run", "display")}
 MOST_ARROWS = 60  # between rooms at the top
-WITH_NUMBA = ("maths._holding",)
+WITH_NUMBA = ("maths._bundles", "maths._holding", "maths._linking")
 WITHOUT_DRAKE = ("inputs", "telemetry", "records", "results", "maths", "signals", "errors", "runners.estimator")
 
 
@@ -161,7 +161,7 @@ def test_few_arrows_join_the_rooms() -> None:
 @pytest.mark.parametrize("name", _of("maths"))
 def test_mathematics_knows_numpy_and_itself(name: str) -> None:
     # kernels are compiled where somebody asks for it
-    assert _outside(name) <= ({"numpy", "numba"} if name in {"maths.kernels", "maths._holding"} else {"numpy"})
+    assert _outside(name) <= ({"numpy", "numba"} if name in {"maths.kernels", *WITH_NUMBA} else {"numpy"})
 
 
 @pytest.mark.parametrize("name", _of("systems"))

@@ -18,7 +18,7 @@ CONSIDERED = "estimation.thrust_uncertainty=0.01"
 @cache
 def flown(*overrides: str) -> Run:
     """The sample maneuver and ten seconds more."""
-    return simulate(load_scenario("sample_maneuver", ["duration_s=60", *overrides]))
+    return simulate(load_scenario("sample_maneuver", ["duration_s=60", "execution.engine=loop", *overrides]))
 
 
 def errors_in_sigmas(run: Run) -> Array:

@@ -160,6 +160,10 @@ def estimate(
     resume_from: Annotated[
         Path | None, typer.Option(help="A run's folder: go on from the filter state at its end.")
     ] = None,
+    against: Annotated[
+        Path | None,
+        typer.Option(help="A run's folder: put the record beside a simulation of its vehicle, told the same commands."),
+    ] = None,
     out: Annotated[Path | None, typer.Option(help="Folder to write; default runs/<name of the file>.")] = None,
     overrides: Overrides = None,
     compiled: Compiled = False,
@@ -176,15 +180,24 @@ def estimate(
     from massprop_drake.inputs.scenario import bundled_scenarios
     from massprop_drake.inputs.vehicle import bundled_vehicles
     from massprop_drake.results.folder import require_writable
+    from massprop_drake.results.run import read_summary
+    from massprop_drake.runners.against import beside, require_comparable
     from massprop_drake.telemetry.reader import scenario_name
 
     name = scenario_name(telemetry)
     chosen = [*(overrides or []), *([] if start is None else [f"estimation.start={start}"])]
     chosen += ["execution.compiled=true"] if compiled else []
+    if against is not None:
+        read_summary(against)
+        like = like or (None if vehicle or resume_from else str(against))
     case = sources.case_of_a_record(name, vehicle, like, resume_from, chosen)
+    if against is not None:
+        require_comparable(case, against)  # before the work
     bundled = (*bundled_scenarios(), *bundled_vehicles(), "-", None)
     reads = [
-        source for source in (telemetry, record_map, vehicle, like, resume_from) if source not in bundled and source
+        source
+        for source in (telemetry, record_map, vehicle, like, resume_from, against)
+        if source not in bundled and source
     ]
     place = require_writable(out or Path("runs") / name, force=force, reads=reads)
     context.obj.watch(place.path / "summary.json", f"the run is saved in {place.shown}/")
@@ -207,6 +220,8 @@ def estimate(
             folder=place.path.parent,
             record_map=record_map,
         )
+        if against is not None:
+            result = beside(result, against, spool_folder=place.path.parent)
         folder = result.save(place, pictures=figures, report=report, replay=view)
     if as_json:
         show.as_json(result.summary)

@@ -25,6 +25,7 @@ from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.signals import SYMBOLS, mass_property_units
 
 if TYPE_CHECKING:
+    from massprop_drake.results.against import Against
     from massprop_drake.results.consistency import Consistency
     from massprop_drake.results.detections import DetectionRecord
     from massprop_drake.results.events import EventRecord
@@ -139,8 +140,24 @@ def estimated(results: Summary, vehicle: Vehicle, folder: Path) -> None:
     )
     console.say(f"samples:     {quality['rows']} rows; {counts['used']} used; skipped: {skipped or 'none'}")
     _say_found(console, results, vehicle)
+    if results.against is not None:
+        _print_against(console, results.against)
     console.say(f"speed:       {quality['rows'] / results.timing.wall_s:.0f} rows a second")
     _files(console, folder)
+
+
+def _print_against(console: Terminal, found: Against) -> None:
+    """Prints how far a record is from a simulation of its commands, and what would explain that."""
+    from massprop_drake.results import table  # noqa: PLC0415 (slow to load)
+
+    headings = ("", "unit", "RMS\ndifference", "largest", "at", "1-sigma of\na reading")
+    print_table(console, f"beside {found.run}", headings, table.residuals(found), spare=("at",))
+    console.say(f"against:     {found.in_words()}")
+    if found.causes:
+        columns = ("", "off by", "unit", "explains\nalone", "with those\nabove")
+        print_table(console, "what would explain it", columns, table.causes(found))
+        if found.causes[0].alike:
+            console.say(f"             by itself as good as the first: {', '.join(found.causes[0].alike)}")
 
 
 def as_compared(results: Summary) -> dict[str, dict[str, float | None]]:
@@ -322,6 +339,10 @@ def _say_found(console: Terminal, results: Summary, vehicle: Vehicle) -> None:
             console.say(("unconfirmed:", "bold yellow"), f" {in_words(one)}")
     if len(results.unconfirmed) > len(largest):
         console.say(f"             and {len(results.unconfirmed) - len(largest)} less likely ones in summary.json")
+    for lost in results.injected or ():
+        if lost.good is False:
+            acted = "" if lost.first_acted_s is None else f", acting since {lost.first_acted_s:.2f} s"
+            console.say(("missed:", "bold red"), f"      {lost.name} at {lost.start_s:.2f} s{acted}: {lost.became}")
     for group in results.untested:
         console.say(f"untested:    {', '.join(group.jets)}: {group.reason}")
 
@@ -412,7 +433,7 @@ def vehicle_lines(report: Mapping[str, Any], force: str) -> list[str]:
     )
     condition = "" if control["condition"] is None else f", condition {control['condition']:.1f}"
     lines = [f"control:     rank {control['rank']} of 6{condition}; {push}"]
-    lines.append(f"observable:  {seen['rank']} of the 10 mass properties by firing each jet alone")
+    lines.append(f"observable:  {seen['rank']} of the {seen['estimated']} mass properties by firing each jet alone")
     for combination in seen["unobservable"]:
         parts = " ".join(f"{weight:+.2g} {name}" for name, weight in combination.items())
         lines.append(f"             not: {next(iter(combination)) if len(combination) == 1 else parts}")

@@ -47,7 +47,7 @@ def comparison_html(runs: Sequence[tuple[str, Run]]) -> str:
         "title": " and ".join(name for name, _ in runs),
         "names": [name for name, _ in runs],
         "parameters": _parameters(runs),
-        "found": [[events.headline(entry) for entry in run.results.detections] for _, run in runs],
+        "found": [_found(run) for _, run in runs],
         "vehicle": runs[0][1].results.vehicle,
     }
     plotly = (resources.files("plotly") / "package_data" / "plotly.min.js").read_text(encoding="utf-8")
@@ -83,9 +83,11 @@ def _laid_over(same: Sequence[Plot], names: Sequence[str]) -> Plot:
             color = COLORS[number % len(COLORS)]
             marks += [mark for mark in (_of_run(mark, color, name) for mark in panel.marks) if mark is not None]
         panels.append(parts[0]._replace(marks=tuple(marks), scale=_scale(parts), limits=_limits(parts)))
-    windows = same[0].windows if all(plot.windows == same[0].windows for plot in same) else ()
+    windows = tuple(window for window in longest.windows if all(window in plot.windows for plot in same))
     moments = tuple(dict.fromkeys(moment for plot in same for moment in plot.moments))
-    return longest._replace(panels=tuple(panels), windows=windows, moments=moments)
+    banded = any(isinstance(mark, Band) for panel in panels for mark in panel.marks)
+    meaning = "3 sigma: shaded, or dashed where the scale is logarithmic" if banded else ""
+    return longest._replace(panels=tuple(panels), windows=windows, moments=moments, meaning=meaning)
 
 
 def _of_run(mark: Mark, color: str, name: str) -> Mark | None:
@@ -110,6 +112,13 @@ def _scale(parts: Sequence[Panel]) -> Any:
 def _limits(parts: Sequence[Panel]) -> tuple[float, float] | None:
     given = [panel.limits for panel in parts if panel.limits is not None]
     return (min(low for low, _ in given), max(high for _, high in given)) if len(given) == len(parts) else None
+
+
+def _found(run: Run) -> tuple[str, str, str]:
+    """Says how long a run is, whether its innovations are consistent, and what it found."""
+    results = run.results
+    declared = "; ".join(events.headline(entry) for entry in results.detections)
+    return f"{results.duration_s:.6g} s", results.consistency.verdict or "not judged", declared or "nothing"
 
 
 def _parameters(runs: Sequence[tuple[str, Run]]) -> list[dict[str, Any]]:

@@ -70,6 +70,7 @@ _STYLE: Any = {  # as `rc_context` takes it
 _WIDTH, _LEFT, _RIGHT = 9.0, 0.85, 0.2
 _TITLE, _BOTTOM = 0.34, 0.5
 _PANEL, _GAP, _ROW = 1.6, 0.17, 0.15  # height of a panel, space above it, height of one of many rows
+_SQUARE, _SAID = 2.1, 0.22  # height of a panel in a row of them, and of what is said below
 _MARKS = 5  # on a vertical axis at most
 _FEW_ROWS = 5  # that fit into an ordinary panel
 _KEY, _HANDLE, _LETTER = 0.19, 0.24, 0.063  # height of a row of a key, width of a symbol and of a letter
@@ -136,21 +137,45 @@ class Plots:
         """Angular rate as each gyro package read it."""
         return drawn(plots.gyro_readings(self._source))
 
+    def rates_estimated(self) -> Figure:
+        """Angular rate as the filter has it, of a vehicle without gyro."""
+        return drawn(plots.rates_estimated(self._source))
+
+    def thrust_factors(self) -> Figure:
+        """What each jet accelerates the vehicle by, over what it nominally would."""
+        return drawn(plots.thrust_factors(self._source))
+
     def accelerometer_velocities(self) -> Figure:
         """Integrated specific force as each accelerometer package read it."""
         return drawn(plots.accelerometer_velocities(self._source))
 
+    def against_rates(self) -> Figure:
+        """Angular rate as read, and as a simulation of the same commands has it."""
+        return drawn(plots.against_rates(self._source))
+
+    def against_velocities(self) -> Figure:
+        """Integrated specific force as read, and as a simulation of the same commands has it."""
+        return drawn(plots.against_velocities(self._source))
+
     def attitude_error(self) -> Figure:
         """Attitude error in hold."""
         return drawn(plots.attitude_error(self._source))
+
+    def phase_plane(self) -> Figure:
+        """Rate over attitude error of the axes in hold, with the lines beyond which the autopilot acts."""
+        return drawn(plots.phase_plane(self._source))
 
     def clusters(self) -> Figure:
         """Which cluster was commanded when, and what it gave."""
         return drawn(plots.clusters(self._source))
 
     def innovations(self) -> Figure:
-        """Innovations of the rotation filter, with 3 sigma of the readings alone."""
+        """Innovations of rotation, with 3 sigma by the filter's own covariance."""
         return drawn(plots.innovations(self._source))
+
+    def mass_innovations(self) -> Figure:
+        """Innovations of translation, with 3 sigma by the filter's own covariance."""
+        return drawn(plots.mass_innovations(self._source))
 
     def propellant(self) -> Figure:
         """Propellant used."""
@@ -209,7 +234,35 @@ class Plots:
 
 
 def drawn(plot: Plot) -> Figure:
-    """Draws a plot: its panels one above the other, each with its key above it."""
+    """Draws a plot: its panels over the time one above the other, each with its key above it; others in a row."""
+    return _row(plot) if plot.panels[0].over else _column(plot)
+
+
+def _row(plot: Plot) -> Figure:
+    """Draws panels beside each other, with the key of the first above them all."""
+    keys = _key_rows(plot.panels[0])
+    total = _TITLE + _GAP + _KEY * len(keys) + _SQUARE + _BOTTOM + _SAID
+    width = (_WIDTH - _RIGHT) / len(plot.panels) - _LEFT
+    with mpl.rc_context(_STYLE):
+        figure = Drawing(figsize=(_WIDTH, total), dpi=DOTS_PER_INCH)
+        figure.suptitle(f"{plot.title}   ({plot.caption})", fontsize=TITLE_SIZE, y=1.0 - 0.08 / total)
+        _draw_key(figure, keys, _SAID + _BOTTOM + _SQUARE + 0.03)
+        for number, panel in enumerate(plot.panels):
+            left = _LEFT + number * (width + _LEFT)
+            axes = figure.add_axes((left / _WIDTH, (_SAID + _BOTTOM) / total, width / _WIDTH, _SQUARE / total))
+            _draw_panel(axes, panel)
+            axes.locator_params(axis="x", nbins=_MARKS)
+            axes.yaxis.set_label_coords((0.26 - _LEFT) / width, 0.5)
+            if panel.over:
+                axes.set_xlabel(panel.over.axis_label)
+                axes.xaxis.set_label_coords(0.5, -0.32 / _SQUARE)
+                axes.set_xlim(*panel.over.limits)
+        figure.text(0.5, 0.08 / total, plot.meaning, fontsize=KEY_SIZE, ha="center", va="bottom")
+    return figure
+
+
+def _column(plot: Plot) -> Figure:
+    """Draws panels over the same time one above the other."""
     keys = [_key_rows(panel) for panel in plot.panels]
     left = _left(plot.panels)
     width = _WIDTH - left - _RIGHT

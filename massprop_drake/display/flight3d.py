@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_drake.display import events, instruments, interactive, plots, templates
+from massprop_drake.display import events, instruments, interactive, motion, plots, templates
 from massprop_drake.display.stage import Stage
 from massprop_drake.display.style import (
     ESTIMATE_COLOR,
@@ -25,7 +25,6 @@ from massprop_drake.display.style import (
     UNTOLD_COLOR,
     WITHHELD_COLOR,
 )
-from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.maths.attitude import propagated
 from massprop_drake.maths.mass_properties import CENTER_OF_MASS
@@ -284,11 +283,12 @@ def _levels(run: Run) -> Array:
 
 
 def _attitudes(run: Run) -> Array:
-    """Returns q_NB at every sample: the truth, or as estimated, or integrated from the gyro, shape (n, 4)."""
-    for name in ("attitude", "attitude_estimate"):
-        if name in run.signals:
-            return np.asarray(run[name])
-    rate = np.nan_to_num(np.asarray(run[params.gyro(run.scenario).name]))
+    """Returns q_NB at every sample, the truth or else integrated from the gyro in use, shape (n, 4)."""
+    if "attitude" in run.signals:
+        return np.asarray(run["attitude"])
+    if "attitude_estimate" in run.signals:
+        return np.asarray(run["attitude_estimate"])
+    rate = np.nan_to_num(motion.read(run.scenario, run.signals))
     attitudes = np.empty((rate.shape[0], 4))
     attitudes[0] = (1.0, 0.0, 0.0, 0.0)
     for row, (before, after) in enumerate(pairwise(rate)):

@@ -121,4 +121,65 @@ def svg_text(dot: str) -> str | None:
     if program is None:
         return None
     done = subprocess.run([program, "-Tsvg"], input=dot, capture_output=True, text=True, check=True)
-    return done.stdout
+    return framed(done.stdout, dot)
+
+
+_MARGIN = 4.0  # points between a wire and the frame around it
+_OPENED = re.compile(r"subgraph (\w+) \{|^(\w+) \[|^(\})$", re.MULTILINE)
+_WIRE = re.compile(r'class="edge">\s*<title>(\w+)\S*?&gt;(\w+)[^<]*</title>\s*<path[^>]* d="([^"]+)"')
+_FRAME = re.compile(r'(class="cluster">\s*<title>(cluster\d+diagram)</title>\s*<polygon[^>]*points=")([^"]+)')
+_SHEET = re.compile(r'class="graph"[^>]*>\s*<title>[^<]*</title>\s*<polygon[^>]*points="([^"]+)')
+
+
+def framed(svg: str, dot: str) -> str:
+    """Widens the frame of each diagram of a graph until the wires inside it are within, as far as the sheet goes.
+
+    Graphviz makes frames around systems, and leads wires around these.
+
+    Args:
+        svg: the graph as drawn.
+        dot: the same in Graphviz's language.
+    """
+    around = _diagrams_around(dot)
+    sheet = _SHEET.search(svg)
+    if sheet is None:
+        return svg
+    wires: dict[str, list[tuple[float, float]]] = {}
+    for source, to, path in _WIRE.findall(svg):
+        for diagram in set(around.get(source, ())) & set(around.get(to, ())):
+            wires.setdefault(diagram, []).extend(_points(path))
+    most = _box(_points(sheet[1]), -_MARGIN)
+
+    def widened(match: re.Match[str]) -> str:
+        own = _box(_points(match[3]), 0.0)
+        reach = _box(wires[match[2]], _MARGIN) if match[2] in wires else own
+        left, low = (max(min(own[k], reach[k]), most[k]) for k in (0, 1))
+        right, high = (min(max(own[k], reach[k]), most[k]) for k in (2, 3))
+        return f"{match[1]}{left:g},{high:g} {left:g},{low:g} {right:g},{low:g} {right:g},{high:g} {left:g},{high:g}"
+
+    return _FRAME.sub(widened, svg)
+
+
+def _diagrams_around(dot: str) -> dict[str, list[str]]:
+    """Finds the frames of the diagrams that each node of a graph stands in."""
+    found: dict[str, list[str]] = {}
+    within: list[str] = []
+    for group, node, closed in _OPENED.findall(dot):
+        if group:
+            within.append(group)
+        elif node:
+            found[node] = [name for name in within if name.endswith("diagram")]
+        elif closed and within:
+            within.pop()
+    return found
+
+
+def _points(text: str) -> list[tuple[float, float]]:
+    """Reads the points of a polygon or a path."""
+    return [(float(x), float(y)) for x, y in re.findall(r"(-?[\d.]+)[ ,](-?[\d.]+)", text)]
+
+
+def _box(points: list[tuple[float, float]], margin: float) -> tuple[float, float, float, float]:
+    """Makes the box around points: least x and y, greatest x and y."""
+    x, y = zip(*points, strict=True)
+    return min(x) - margin, min(y) - margin, max(x) + margin, max(y) + margin

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_drake.inputs import params
+from massprop_drake.display import motion
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.vehicle import SensorPackage
 
@@ -31,7 +31,7 @@ def columns(run: Run) -> dict[str, Array]:
         `apart`.
     """
     scenario = run.scenario
-    rate = np.asarray(run["rate"] if "rate" in run.signals else run[params.rate_signal(scenario)])
+    rate = motion.rate(scenario, run.signals)
     used = np.asarray(run["rotation_used"]) > 0.0
     return {
         "rate": np.degrees(rate),
@@ -60,10 +60,10 @@ def apart(scenario: Scenario, time_s: Array, signals: Mapping[str, Array]) -> Ar
     """
     vehicle = scenario.vehicle_data
     period = vehicle.sample_period_s
-    rate = np.asarray(signals[params.rate_signal(scenario)])
     worst = np.full(time_s.size, np.nan)
-    if time_s.size < 2:
+    if time_s.size < 2 or not vehicle.gyros:
         return worst
+    rate = motion.read(scenario, signals)
     gyros = [np.diff(np.asarray(signals[gyro.name]), axis=0) for gyro in vehicle.gyros]
     middle, turned = 0.5 * (rate[1:] + rate[:-1]), np.diff(rate, axis=0)
     velocities = []

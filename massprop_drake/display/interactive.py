@@ -20,6 +20,7 @@ from massprop_drake.display.spec import (
     Level,
     Line,
     Mark,
+    Over,
     Panel,
     Plot,
     Points,
@@ -35,8 +36,8 @@ _DIGITS = 6  # of a number in the page
 _PIXELS_PER_POINT = 4.0 / 3.0
 
 # Places, pixels
-_TOP, _BOTTOM = 6, 40
-_PANEL, _ONE_PANEL, _ROW, _GAP = 120, 190, 13, 8
+_TOP, _BOTTOM, _LEFT, _LABEL = 10, 40, 70, 58  # the last: of a vertical axis's label, left of it
+_PANEL, _ONE_PANEL, _ROW, _GAP = 120, 190, 13, 14
 _BAR = 6.0  # width of a bar as high as a row
 _KEY, _SYMBOL, _LETTER, _NARROW = 18, 40, 6, 430  # height of a row of a key, and the widths that fill it
 
@@ -47,14 +48,15 @@ def drawn(plot: Plot) -> Json:
     Returns:
         `name` and `title`; `traces` and `layout` as plotly takes them; and `views`, the vertical axes that the
         reader switches between a linear and a logarithmic view. A trace of one view names it in `view`, which the
-        page takes out.
+        page takes out. A path over a quantity says in `meta.over` what its horizontal axis shows; it has a point for
+        each sample time.
     """
     traces: list[Json] = []
     shapes: list[Json] = []
     axes: Json = {}
     views: list[str] = []
     heights = [_height(panel, alone=len(plot.panels) == 1) for panel in plot.panels]
-    spaces = [_GAP + _key_height(panel) for panel in plot.panels]
+    spaces = [_GAP + _key_height(panel) + _axis_height(panel, number) for number, panel in enumerate(plot.panels)]
     total = sum(heights) + sum(spaces)
     top = total
     for number, (panel, height, space) in enumerate(zip(plot.panels, heights, spaces, strict=True), 1):
@@ -68,22 +70,30 @@ def drawn(plot: Plot) -> Json:
             if "meta" in trace:
                 trace["meta"] |= {"label": f"{panel.label} {trace['meta']['label']}".strip(), "unit": panel.unit}
             traces.append({**trace, "yaxis": f"y{suffix}", "legend": f"legend{suffix}"})
-        shapes += _shapes(plot, panel, suffix)
-        axes[f"yaxis{suffix}"] = {**_vertical(panel), "domain": [(top - height) / total, top / total]}
+        vertical = {**_vertical(panel), "domain": [(top - height) / total, top / total]}
+        if panel.over:
+            axes[f"xaxis{suffix}"] = _horizontal(panel.over, suffix)
+            vertical["anchor"] = f"x{suffix}"
+            _run_over(traces[-len(marks) :], panel, panel.over, suffix)
+        else:
+            shapes += _shapes(plot, panel, suffix)
+        axes[f"yaxis{suffix}"] = vertical
         axes[f"legend{suffix}"] = {
             "orientation": "h", "x": 1.0, "xanchor": "right", "y": top / total, "yanchor": "bottom",
             "font": {"size": 10},
         }  # fmt: skip
         top -= height
-    axes["xaxis"] = {
-        "title": {"text": "time, s"},
-        "range": [_rounded(plot.time_s[0]), _rounded(plot.time_s[-1])],
-        "anchor": f"y{suffix}",  # of the lowest panel
-    }
+    if not plot.panels[-1].over:
+        axes["xaxis"] = {
+            "title": {"text": "time, s"},
+            "range": [_rounded(plot.time_s[0]), _rounded(plot.time_s[-1])],
+            "anchor": f"y{suffix}",  # of the lowest panel
+        }
     layout = {
         "height": total + _TOP + _BOTTOM,
-        "margin": {"l": 64, "r": 12, "t": _TOP, "b": _BOTTOM},
+        "margin": {"l": _LEFT, "r": 12, "t": _TOP, "b": _BOTTOM},
         "shapes": shapes,
+        "annotations": [_label(panel, number) for number, panel in enumerate(plot.panels, 1) if not panel.rows],
         **axes,
     }
     return {
@@ -104,7 +114,12 @@ def times(plot_time_s: Array) -> list[float]:
 
 def _height(panel: Panel, *, alone: bool) -> int:
     """Returns the height of a panel, pixels."""
-    return max(_ROW * len(panel.rows), _ONE_PANEL if alone else _PANEL)
+    return max(_ROW * len(panel.rows), _ONE_PANEL if alone or panel.over else _PANEL)
+
+
+def _axis_height(panel: Panel, number: int) -> int:
+    """Returns the height that the horizontal axis of the panel above needs, pixels."""
+    return _BOTTOM if panel.over and number else 0
 
 
 def _key_height(panel: Panel) -> int:
@@ -117,19 +132,44 @@ def _key_height(panel: Panel) -> int:
     return _KEY * math.ceil(sum(_SYMBOL + _LETTER * len(label) for label in labels) / _NARROW)
 
 
+def _horizontal(over: Over, suffix: str) -> Json:
+    """Describes the horizontal axis of a panel that is not over the time."""
+    return {
+        "title": {"text": plain(over.axis_label), "font": {"size": 10}},
+        "range": list(over.limits),
+        "anchor": f"y{suffix}",
+        "exponentformat": "power",
+    }
+
+
+def _run_over(traces: Sequence[Json], panel: Panel, over: Over, suffix: str) -> None:
+    """Puts the traces of a panel over its quantity; the first is the path, which alone is read at a time."""
+    for trace in traces:
+        trace["xaxis"] = f"x{suffix}"
+        trace.pop("meta", None)
+    traces[0]["meta"] = {"label": panel.label, "unit": panel.unit, "over": [over.label, over.unit]}
+
+
+def _label(panel: Panel, number: int) -> Json:
+    """Writes what a vertical axis shows beside it, in a fixed place: a title of plotly's moves into the numbers."""
+    suffix = "" if number == 1 else str(number)
+    return {
+        "text": plain(panel.axis_label), "textangle": -90, "showarrow": False, "font": {"size": 10},
+        "xref": f"x{suffix if panel.over else ''} domain", "x": 0.0, "xshift": -_LABEL,
+        "yref": f"y{suffix} domain", "y": 0.5,
+    }  # fmt: skip
+
+
 def _vertical(panel: Panel) -> Json:
     """Describes the vertical axis of a panel."""
-    axis: Json = {
-        "title": {"text": plain(panel.axis_label), "font": {"size": 10}},
-        "exponentformat": "power",
-        "automargin": True,
-    }
+    axis: Json = {"exponentformat": "power", "automargin": True, "nticks": 5}
     axis["type"] = "log" if panel.scale == "log" else "linear"
     if panel.limits is not None:
         limits = np.log10(panel.limits) if panel.scale == "log" else np.array(panel.limits)
         axis["range"] = limits.tolist()
     if panel.rows:
         names = [plain(row) for row in panel.rows]
+        axis["title"] = {"text": plain(panel.axis_label), "font": {"size": 10}}
         axis |= {"tickvals": list(range(len(names))), "ticktext": names, "tickfont": {"size": 9}}
         axis["range"] = [len(names) - 0.4, -0.6]
     return axis
@@ -166,7 +206,7 @@ def _views(plot: Plot, marks: Sequence[Mark]) -> list[Json]:
                 log.append(_line(plot, mark._replace(y=np.abs(mark.y))))
             case Band():
                 linear += _band(plot, mark)
-                log.append(_line(plot, Line(mark.x, mark.high, mark.color, mark.label)))
+                log.append(_line(plot, Line(mark.x, mark.high, mark.color, mark.label, dashed=True)))
             case _:
                 raise TypeError(f"{type(mark).__name__} has no logarithmic view")
     return [{**trace, "view": "linear"} for trace in linear] + [{**trace, "view": "log"} for trace in log]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,10 +13,10 @@ from massprop_drake.inputs.model import yaml_text
 from massprop_drake.maths.mass_properties import MASS_RECIPROCAL
 from massprop_drake.results import events as said
 from massprop_drake.results import table, unconfirmed
+from massprop_drake.results.against import Against
 from massprop_drake.results.detections import JUMP, DetectionRecord, remarks, size
 from massprop_drake.results.folder import write_page
 from massprop_drake.results.identifiability import in_words
-from massprop_drake.results.injected import InjectedRecord
 from massprop_drake.results.summary import Summary
 from massprop_drake.signals import SYMBOLS
 
@@ -79,6 +79,7 @@ def report_html(run: Run, *, replay: str | None = None) -> str:
         "injected": [_injected(run, number, shown_by) for number in range(len(results.injected or ()))],
         "detections": [_detection(entry, units) for entry in results.detections],
         "events": [(event.time_s, said.in_words(event, units)) for event in results.events],
+        "against": results.against and _against(results.against),
         "unconfirmed": [unconfirmed.in_words(one) for one in results.unconfirmed],
         "untested": [f"{', '.join(one.jets)}: {one.reason}" for one in results.untested],
         "autopilot": _autopilot(run),
@@ -119,11 +120,8 @@ def _verdict(results: Summary) -> list[dict[str, Any]]:
             say(False, f"{', '.join(of_it)}: {words}; the reasons stand below the table.")
     if not math.isfinite(results.estimates[MASS_RECIPROCAL]):
         say(None, "The mass is not observable: no accelerometer was read.")
-    declared = [entry for entry in results.detections if entry.withdrawn_s is None]
-    if declared:
-        say(False, "Found: " + "; ".join(events.headline(entry) for entry in declared) + ".")
-    else:
-        say(True, "No failed jet and no jump of the mass properties was found.")
+    for good, text in _of_failures(results):
+        say(good, text)
     lying = list(dict.fromkeys(f"{one.sensor}_{one.axis}" for one in results.events if one.kind == "false_reading"))
     if lying:
         say(False, f"Read falsely: {', '.join(lying)}.")
@@ -139,6 +137,18 @@ def _verdict(results: Summary) -> list[dict[str, Any]]:
     for warning in (results.data_quality or {}).get("warnings", []):
         say(False, warning)
     return sentences
+
+
+def _of_failures(results: Summary) -> Iterator[tuple[bool, str]]:
+    """What the verdict says of failures: those declared, and those injected that were not found as what they are."""
+    declared = [entry for entry in results.detections if entry.withdrawn_s is None]
+    if declared:
+        yield False, "Found: " + "; ".join(events.headline(entry) for entry in declared) + "."
+    else:
+        yield True, "No failed jet and no jump of the mass properties was found."
+    lost = [one.name for one in results.injected or () if one.good is False]
+    if lost:
+        yield False, f"Not found as what it is: {', '.join(lost)}; see below."
 
 
 _BEFORE_S, _AFTER_S = 2.0, 5.0  # that are shown around a failure
@@ -157,7 +167,7 @@ def _jumps(run: Run) -> tuple[list[dict[str, Any]], dict[int, int]]:
         if first <= one.start_s <= last:
             begun = one.start_s if one.first_acted_s is None else one.first_acted_s
             of_injected[number] = len(places)
-            places.append((begun, begun if one.declared_s is None else one.declared_s, _what(one)))
+            places.append((begun, begun if one.declared_s is None else one.declared_s, one.name))
     told = {until for _, until, _ in places}
     places += [
         (entry.onset_s, entry.time_s, f"declared: {events.headline(entry)}")
@@ -174,27 +184,10 @@ def _jumps(run: Run) -> tuple[list[dict[str, Any]], dict[int, int]]:
     return jumps, of_injected
 
 
-def _what(one: InjectedRecord) -> str:
-    """Names an injected failure or jump, such as 'R4R stuck on' or 'payload dock'."""
-    kind = one.kind.replace("_", " ")
-    return f"payload {kind}" if one.jet is None else f"{one.jet} {kind}"
-
-
-_OUTCOMES = {
-    "named": ("named", True),
-    "group": ("named in a group", True),
-    "wrong": ("taken for {}", False),
-    "missed": ("not found", False),
-    "never_acted": ("never acted", None),
-    "not_tested": ("not found: no sample was tested", False),
-}
-
-
 def _injected(run: Run, number: int, shown_by: Mapping[int, int]) -> dict[str, Any]:
     """Formats what became of an injected failure or jump."""
     results, units = run.results, run.scenario.vehicle_data.unit_names
     one = (results.injected or ())[number]
-    words, good = _OUTCOMES[one.outcome]
     said = (one.declared_s, one.magnitude)
     entry = next((each for each in results.detections if (each.time_s, each.magnitude) == said), None)
     if one.jet is None:
@@ -207,13 +200,13 @@ def _injected(run: Run, number: int, shown_by: Mapping[int, int]) -> dict[str, A
         found = "" if entry is None else size(entry, units)
     known = one.declared_s is not None and one.first_acted_s is not None
     return {
-        "what": _what(one),
+        "what": one.name,
         "times": [one.start_s, one.first_acted_s, one.first_alarm_s, one.declared_s],
         "delay": f"{(one.declared_s or 0.0) - (one.first_acted_s or 0.0):.2f} s" if known else "-",
         "true": true or "-",
         "found": found or "-",
-        "outcome": words.format(one.taken_for),
-        "good": good,
+        "outcome": one.became,
+        "good": one.good,
         "jump": shown_by.get(number),
     }
 
@@ -256,6 +249,17 @@ def _autopilot(run: Run) -> list[str]:
     if found.lp_infeasible:
         lines.append(f"{found.lp_infeasible} of {found.lp_solves} requests were beyond the jets' reach.")
     return lines
+
+
+def _against(found: Against) -> dict[str, Any]:
+    """Formats a record beside a simulation: residuals by signal, and what would explain them."""
+    return {
+        "run": found.run,
+        "words": found.in_words(),
+        "residuals": table.residuals(found),
+        "causes": table.causes(found),
+        "alike": found.causes[0].alike if found.causes else (),
+    }
 
 
 def _quality(quality: Mapping[str, Any]) -> list[tuple[str, str]]:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from massprop_drake.display import motion
 from massprop_drake.display.spec import (
     Band,
     Bars,
@@ -19,6 +20,7 @@ from massprop_drake.display.spec import (
     Line,
     Mark,
     Moment,
+    Over,
     Panel,
     Plot,
     Points,
@@ -27,11 +29,12 @@ from massprop_drake.display.spec import (
     Window,
     Zone,
 )
-from massprop_drake.display.style import BAND_COLOR, COLORS, FAILED_COLOR, POINT_SIZE, SHOWN, TRUTH_COLOR
+from massprop_drake.display.style import BAND_COLOR, COLORS, FAILED_COLOR, POINT_SIZE, SHOWN, THIN_LINE, TRUTH_COLOR
 from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.vehicle import Vehicle
-from massprop_drake.signals import AXES, SIGNALS, SYMBOLS, in_units, mass_property_units
+from massprop_drake.maths.autopilot.phase_space import PhaseSpaceParams, commanded_rate
+from massprop_drake.signals import AGAINST, AXES, SIGNALS, SYMBOLS, in_units, mass_property_units
 
 if TYPE_CHECKING:
     from massprop_drake.results.run import Run
@@ -43,6 +46,9 @@ _DEGREES = 180.0 / np.pi
 _FLOOR = 0.1  # of statistics on a logarithmic scale: what lies below says nothing
 PROMPT_S = 1.0  # a detector that tests as soon is armed from the start
 _NAMED = 5  # jets, or clusters, with a color of their own; the others are gray
+
+
+_DIAGONAL, _PRODUCTS, _CENTER = (0, 1, 2), (3, 4, 5), (6, 7, 8)  # of the ten parameters
 
 
 class Source(NamedTuple):
@@ -83,30 +89,12 @@ def source(run: Run) -> Source:
 
 def available(run: Source) -> dict[str, Callable[[Source], Plot]]:
     """The plots of a run by name, in the order to read them."""
-    found: dict[str, Callable[[Source], Plot]] = {}
-    if run.simulated:
-        found["rates"] = rates
-        if "attitude_error" in run.signals:
-            found["attitude_error"] = attitude_error
-        found |= {"velocities": velocities, "clusters": clusters, "jets": jets, "torques": torques, "forces": forces}
-    else:  # recorded telemetry: what was read, in place of what was true
+    found = _of_motion(run)
+    if any(name.startswith(AGAINST) for name in run.signals):
+        found["against_rates"] = against_rates
         if run.vehicle.accelerometers:
-            found["accelerometer_velocities"] = accelerometer_velocities
-        if run.vehicle.gyros:
-            found["gyro_readings"] = gyro_readings
-        found |= {"clusters": clusters, "jets": jets}
-    for name, plot in (
-        ("inverse_inertia_diagonal", inverse_inertia_diagonal),
-        ("inverse_inertia_products", inverse_inertia_products),
-        ("center_of_mass", center_of_mass),
-    ):
-        if _estimated(run, _ELEMENTS[name]):
-            found[name] = plot
-    if "mass_nis" in run.signals:  # there is an accelerometer
-        found["mass_reciprocal"] = mass_reciprocal
-    found["consistency"] = consistency
-    if "rotation_innovation" in run.signals and run.scenario.estimation.filter != "pose":  # which has several kinds
-        found["innovations"] = innovations
+            found["against_velocities"] = against_velocities
+    found |= _of_estimates(run)
     if run.consistency is None:
         found["propellant"] = propellant
     if "likelihood" in run.signals:
@@ -116,6 +104,43 @@ def available(run: Source) -> dict[str, Callable[[Source], Plot]]:
             "failure_magnitude": failure_magnitude,
             "detection_timeline": detection_timeline,
         }
+    return found
+
+
+def _of_motion(run: Source) -> dict[str, Callable[[Source], Plot]]:
+    """What the vehicle did; of recorded telemetry what was read in place of what was true."""
+    found: dict[str, Callable[[Source], Plot]] = {}
+    if not run.simulated:
+        if run.vehicle.accelerometers:
+            found["accelerometer_velocities"] = accelerometer_velocities
+        found |= {"gyro_readings": gyro_readings} if run.vehicle.gyros else {"rates_estimated": rates_estimated}
+        return found | {"clusters": clusters, "jets": jets}
+    found["rates"] = rates
+    if "attitude_error" in run.signals:
+        found["attitude_error"] = attitude_error
+    found |= {"velocities": velocities, "clusters": clusters, "jets": jets, "torques": torques, "forces": forces}
+    if "attitude_error" in run.signals:
+        found["phase_plane"] = phase_plane
+    return found
+
+
+def _of_estimates(run: Source) -> dict[str, Callable[[Source], Plot]]:
+    """What the filter made of it."""
+    estimates: dict[str, tuple[Callable[[Source], Plot], tuple[int, ...]]] = {
+        "inverse_inertia_diagonal": (inverse_inertia_diagonal, _DIAGONAL),
+        "inverse_inertia_products": (inverse_inertia_products, _PRODUCTS),
+        "center_of_mass": (center_of_mass, _CENTER),
+    }
+    found = {name: plot for name, (plot, elements) in estimates.items() if _estimated(run, elements)}
+    if "mass_nis" in run.signals:  # there is an accelerometer
+        found["mass_reciprocal"] = mass_reciprocal
+    if "thrust_factor" in run.signals:
+        return found | {"thrust_factors": thrust_factors, "consistency": consistency}
+    found["consistency"] = consistency
+    if "rotation_innovation" in run.signals:
+        found["innovations"] = innovations
+    if "mass_innovation" in run.signals:
+        found["mass_innovations"] = mass_innovations
     return found
 
 
@@ -136,6 +161,53 @@ def velocities(run: Source) -> Plot:
 def attitude_error(run: Source) -> Plot:
     """Attitude error in hold."""
     return _vector(run, "attitude_error", "attitude_error", "Attitude error in hold", "deg", scale=_DEGREES)
+
+
+def phase_plane(run: Source) -> Plot:
+    """Rate over attitude error of the axes in hold, with the lines beyond which the autopilot acts.
+
+    Both are as the autopilot sees them. An axis that does not hold its attitude has no error, and no path.
+    """
+    law = params.phase_space_params(run.scenario)
+    error = _DEGREES * np.where(run.signals["attitude_error"] == 0.0, np.nan, run.signals["attitude_error"])
+    rate = _DEGREES * motion.read(run.scenario, run.signals)
+    translates = any(window.controller == "thc" for window in run.scenario.maneuver)
+    deadbands = {"corrects beyond": law.rate_deadband} | ({"in a translation": law.resolve_rate} if translates else {})
+    panels = [_phase_panel(letter, error[:, axis], rate[:, axis], law, deadbands) for axis, letter in enumerate(AXES)]
+    meaning = "an axis beyond the dashed lines asks for a correction of all three"
+    return _plot(run, "phase_plane", "Phase plane: rate over attitude error, in hold", panels, meaning=meaning)
+
+
+def _phase_panel(
+    letter: str, error: Array, rate: Array, law: PhaseSpaceParams, deadbands: Mapping[str, float]
+) -> Panel:
+    """The path of an axis, deg and deg/s, among its switching lines; deadbands in rad/s by what they are for."""
+    held = np.where(np.isnan(error), np.nan, rate)
+    wide = _beyond(error, 0.0)
+    high = _beyond(held, _DEGREES * (law.hold_rate_limit + max(deadbands.values())))
+    corner = _DEGREES * law.hold_rate_limit / law.hold_gain if law.hold_gain > 0.0 else wide
+    x = np.unique(np.clip([-wide, -corner, corner, wide], -wide, wide))
+    wanted = np.array([_DEGREES * commanded_rate(np.zeros(3), np.full(3, at), law)[0] for at in x / _DEGREES])
+    key = letter == AXES[0]  # one for all
+    marks: list[Mark] = [
+        Line(error, held, COLORS[AXES.index(letter)], "path" if key else "", width=THIN_LINE),
+        Line(x, wanted, TRUTH_COLOR, "rate wanted" if key else ""),
+    ]
+    for (label, deadband), color in zip(deadbands.items(), (TRUTH_COLOR, BAND_COLOR), strict=False):
+        for sign, said in ((-1.0, ""), (1.0, label if key else "")):
+            marks.append(Line(x, wanted + sign * _DEGREES * deadband, color, said, dashed=True))
+    over = Over(f"attitude error {letter}", "deg", (-wide, wide))
+    return Panel(f"rate {letter}", "deg/s", tuple(marks), limits=(-high, high), over=over)
+
+
+def _beyond(values: Array, least: float) -> float:
+    """Half the width of a range around zero that holds all values with some margin."""
+    return 1.1 * max(float(np.nan_to_num(np.abs(values)).max()), least) or 1.0
+
+
+def rates_estimated(run: Source) -> Plot:
+    """Angular rate as the filter has it, of a vehicle without gyro."""
+    return _vector(run, "rates_estimated", "rate_estimate", "Angular rate, estimated", "deg/s", scale=_DEGREES)
 
 
 def torques(run: Source) -> Plot:
@@ -159,6 +231,34 @@ def accelerometer_velocities(run: Source) -> Plot:
     names = [package.name for package in run.vehicle.accelerometers]
     unit = f"{run.vehicle.unit_names['length']}/s"
     return _readings(run, "accelerometer_velocities", names, "Integrated specific force, as read", unit, 1.0)
+
+
+def against_rates(run: Source) -> Plot:
+    """Angular rate as the gyro in use read it, and as a simulation of the same commands has it."""
+    name = params.gyro(run.scenario).name
+    return _against(run, "against_rates", name, "Angular rate", "deg/s", _DEGREES)
+
+
+def against_velocities(run: Source) -> Plot:
+    """Integrated specific force as the accelerometer in use read it, and as a simulation has it."""
+    name = params.accelerometers(run.scenario)[0].name
+    unit = f"{run.vehicle.unit_names['length']}/s"
+    return _against(run, "against_velocities", name, "Integrated specific force", unit, 1.0)
+
+
+def _against(run: Source, name: str, package: str, title: str, unit: str, scale: float) -> Plot:
+    """Of each axis what was read and simulated, and the difference."""
+    read, simulated = scale * run.signals[package], scale * run.signals[AGAINST + package]
+    panels = []
+    for axis, letter in enumerate(AXES):
+        lines = (
+            Line(run.time_s, read[:, axis], COLORS[axis], f"{package}, as read"),
+            Line(run.time_s, simulated[:, axis], TRUTH_COLOR, "simulated", dashed=True),
+        )
+        left = Line(run.time_s, (read - simulated)[:, axis], COLORS[axis])
+        panels += [Panel(letter, unit, lines), Panel(f"{letter}, difference", unit, (left,))]
+    meaning = "difference: what was read less what the simulation reads"
+    return _plot(run, name, f"{title}, beside a simulation of the same commands", panels, meaning=meaning)
 
 
 def jets(run: Source) -> Plot:
@@ -298,32 +398,19 @@ def _readings(run: Source, name: str, packages: Sequence[str], title: str, unit:
 # --------------------------------------------------------------------------------------- estimates
 
 
-_ELEMENTS = {"inverse_inertia_diagonal": (0, 1, 2), "inverse_inertia_products": (3, 4, 5), "center_of_mass": (6, 7, 8)}
-
-
-def _estimated(run: Source, elements: tuple[int, ...]) -> tuple[int, ...]:
-    """Those that are estimated; what is fixed has no sigma."""
-    known = np.isfinite(np.asarray(run.signals["standard_deviation"])[-1, list(elements)]).tolist()
-    return tuple(element for element, one in zip(elements, known, strict=True) if one)
-
-
 def inverse_inertia_diagonal(run: Source) -> Plot:
     """Errors of the diagonal of the inverse inertia (figure 5-6a)."""
-    return _parameters(
-        run, "inverse_inertia_diagonal", _ELEMENTS["inverse_inertia_diagonal"], "Inverse inertia, diagonal"
-    )
+    return _parameters(run, "inverse_inertia_diagonal", _DIAGONAL, "Inverse inertia, diagonal")
 
 
 def inverse_inertia_products(run: Source) -> Plot:
     """Errors of the products of the inverse inertia (figure 5-6b)."""
-    return _parameters(
-        run, "inverse_inertia_products", _ELEMENTS["inverse_inertia_products"], "Inverse inertia, products"
-    )
+    return _parameters(run, "inverse_inertia_products", _PRODUCTS, "Inverse inertia, products")
 
 
 def center_of_mass(run: Source) -> Plot:
     """Errors of the center of mass (figure 5-7)."""
-    return _parameters(run, "center_of_mass", _ELEMENTS["center_of_mass"], "Center of mass")
+    return _parameters(run, "center_of_mass", _CENTER, "Center of mass")
 
 
 def mass_reciprocal(run: Source) -> Plot:
@@ -335,6 +422,27 @@ def _parameters(run: Source, name: str, elements: tuple[int, ...], title: str) -
     """Estimation errors with their 3-sigma band; without the truth the estimates with theirs."""
     panel, what = (_error, "estimation error") if run.simulated else (_estimate, "estimate")
     return _plot(run, name, f"{title}: {what}", [panel(run, element) for element in _estimated(run, elements)])
+
+
+def _estimated(run: Source, elements: tuple[int, ...]) -> list[int]:
+    """Those of some parameters that are estimated, and neither fixed nor of no effect in a plane."""
+    known = params.known_parameters(run.scenario)
+    return [element for element in elements if not known[element]]
+
+
+def thrust_factors(run: Source) -> Plot:
+    """What each jet accelerates the vehicle by, over what it nominally would: one panel a jet."""
+    factor, deviation = run.signals["thrust_factor"], run.signals["thrust_factor_std"]
+    panels = []
+    for jet, name in enumerate(run.vehicle.designations):
+        value, band = factor[:, jet], 3.0 * deviation[:, jet]
+        marks = (
+            Band(run.time_s, value - band, value + band, label=f"3-sigma, at the end {band[-1]:.2g}"),
+            Line(run.time_s, value, COLORS[jet % 3], f"{name}, at the end {value[-1]:.3g}"),
+        )
+        panels.append(Panel(name, "", marks, limits=_last_half(value, band)))
+    title = "Thrust factors: acceleration by each jet over nominal"
+    return _plot(run, "thrust_factors", title, panels)
 
 
 def _error(run: Source, element: int) -> Panel:
@@ -393,41 +501,53 @@ def consistency(run: Source) -> Plot:
             Zone(*NIS_LIMITS, label="95 % of chi-square, 3 degrees of freedom"),
             Points(run.time_s[used], nis, color, _mean_nis(run, name, nis)),
         )
-        panels.append(Panel(f"NIS, {name} filter", "", marks, scale="log"))
+        panels.append(Panel(f"{name} filter", "", marks, scale="log"))
     return _plot(run, "consistency", "Consistency: NIS at the samples used", panels)
 
 
 def innovations(run: Source) -> Plot:
-    """Innovations of the rotation filter at the samples used, with 3 sigma of the readings alone."""
-    used = run.where("rotation_used")
-    values = _DEGREES * run.signals["rotation_innovation"][used]
-    limit = 3.0 * _DEGREES * float(np.sqrt(2.0 * params.gyro(run.scenario).variance))  # of a difference of two readings
-    panels = [
-        Panel(
-            letter,
-            "deg/s",
-            (
-                Zone(-limit, limit, label="3 sigma of the readings alone" if axis == 0 else ""),
-                Points(run.time_s[used], values[:, axis], COLORS[axis], "innovation" if axis == 0 else ""),
-            ),
-            limits=_of_most(values[:, axis], limit),
-        )
-        for axis, letter in enumerate(AXES)
-    ]
-    return _plot(run, "innovations", "Innovations of the rotation filter at the samples used", panels)
+    """Innovations of rotation at the samples used, with 3 sigma by the filter's own covariance."""
+    return _innovations(run, "innovations", "rotation", _DEGREES, "deg/s")
 
 
-def _of_most(values: Array, limit: float) -> tuple[float, float]:
-    """Limits that show a range and nearly all values; a few during a failure may be far beyond."""
-    reach = 2.0 * limit if not values.size else max(2.0 * limit, 1.2 * float(np.quantile(np.abs(values), 0.98)))
-    return -reach, reach
+def mass_innovations(run: Source) -> Plot:
+    """Innovations of translation at the samples used, with 3 sigma by the filter's own covariance."""
+    return _innovations(run, "mass_innovations", "mass", 1.0, f"{run.vehicle.unit_names['length']}/s")
+
+
+_TURNED_OR_MOVED = {"rotation": "rotation", "mass": "translation"}  # by how a filter's signals begin
+
+
+def _innovations(run: Source, name: str, filtered: str, scale: float, unit: str) -> Plot:
+    """Innovations of a filter, a panel per axis."""
+    used = run.where(f"{filtered}_used")
+    time_s, values = run.time_s[used], scale * run.signals[f"{filtered}_innovation"][used]
+    bands = 3.0 * scale * run.signals.get(f"{filtered}_innovation_std", np.full((run.time_s.size, 3), np.nan))[used]
+    panels = []
+    for axis, letter in enumerate(AXES):
+        value, band = values[:, axis], bands[:, axis]
+        marks: list[Mark] = [Points(time_s, value, COLORS[axis], "innovation" if axis == 0 else "")]
+        if np.isfinite(band).any():  # not in runs made before it was logged
+            label = "3 sigma by the filter's own covariance" if axis == 0 else ""
+            marks.insert(0, Whiskers(time_s, -band, band, BAND_COLOR, label))
+        panels.append(Panel(letter, unit, tuple(marks), limits=_of_most(value, band)))
+    return _plot(run, name, f"Innovations of {_TURNED_OR_MOVED[filtered]} at the samples used", panels)
+
+
+def _of_most(values: Array, band: Array) -> tuple[float, float] | None:
+    """Limits that show most values and the usual band; some at the start or during a failure may be far beyond."""
+    there = [np.abs(part[np.isfinite(part)]) for part in (values, 3.0 * band)]
+    reach = max(
+        (float(np.quantile(part, q)) for part, q in zip(there, (0.9, 0.5), strict=True) if part.size), default=0
+    )
+    return (-reach, reach) if reach > 0.0 else None
 
 
 def _mean_nis(run: Source, name: str, nis: Array) -> str:
     if run.consistency is None:
-        return f"mean {nis.mean():.2f} of {nis.size} samples" if nis.size else "no sample used"
+        return f"NIS, mean {nis.mean():.2f} of {nis.size} samples" if nis.size else "NIS, no sample used"
     mean = run.consistency["rotation_nis_mean" if name == "rotation" else "translation_nis_mean"]
-    return "no sample used" if mean is None else f"mean {mean:.2f} of all samples used"
+    return "NIS, no sample used" if mean is None else f"NIS, mean {mean:.2f} of all samples used"
 
 
 # ---------------------------------------------------------------------------------------- detector
@@ -522,7 +642,7 @@ def failure_magnitude(run: Source) -> Plot:
 
 def detection_timeline(run: Source) -> Plot:
     """Tests, alarms and declarations beside the rates and the number of jets commanded."""
-    rate = _DEGREES * run.signals["rate" if run.simulated else params.rate_signal(run.scenario)]
+    rate = _DEGREES * motion.rate(run.scenario, run.signals)
     turning = tuple(Line(run.time_s, rate[:, axis], COLORS[axis], letter) for axis, letter in enumerate(AXES))
     count = (run.signals["command"] > 0.0).sum(axis=1).astype(float)
     commanded = Band(run.time_s, np.zeros_like(count), count, COLORS[0], opacity=0.6, steps=True)

@@ -12,9 +12,14 @@
     if (className) made.className = className;
     return made;
   };
+  const PAPER = 330; // width of a column of plots on paper, pixels
+  const onPaper = () => document.documentElement.dataset.print === "yes";
   const whole = () => range[0] <= first && range[1] >= last;
   const seen = trace => trace.view === undefined || (trace.view === "log") === logarithmic;
   const times = trace => trace.x || data.time;
+  // a path over a quantity in place of the time, and whether a figure has such
+  const over = trace => trace.meta && trace.meta.over;
+  const plane = figure => figure.traces.some(over);
 
   // ---- views: vertical axes follow the zoom in time
 
@@ -50,8 +55,21 @@
     return [low - margin, high + margin];
   }
 
-  // vertical ranges for the times that are shown, as `Plotly.relayout` takes them
+  // ranges of a path for the times that are shown
+  function around(figure) {
+    const changes = {};
+    for (const path of figure.traces.filter(over)) for (const letter of ["x", "y"]) {
+      const key = letter + "axis" + path[letter + "axis"].slice(1);
+      const values = whole() ? [] : part(path[letter]).filter(value => value !== null);
+      const low = Math.min(...values), high = Math.max(...values), margin = 0.1 * (high - low) || 1e-3;
+      changes[key + ".range"] = values.length ? [low - margin, high + margin] : figure.layout[key].range.slice();
+    }
+    return changes;
+  }
+
+  // ranges for the times that are shown, as `Plotly.relayout` takes them; axes of time apart
   function vertical(figure) {
+    if (plane(figure)) return around(figure);
     const changes = {};
     for (const key of Object.keys(figure.layout)) {
       if (!/^yaxis/.test(key) || figure.layout[key].tickvals) continue;
@@ -62,15 +80,43 @@
     return changes;
   }
 
+  // of values at the sample times, those at the times that are shown; others are null
+  const part = values => values.map((value, row) => data.time[row] < range[0] - 1e-9 || data.time[row] > range[1] + 1e-9 ? null : value);
+
+  // panels over quantities stand beside each other where there is room, else one above the other
+  function arrange(layout, width) {
+    const keys = Object.keys(layout).filter(key => /^yaxis/.test(key));
+    if (width < 230 * keys.length) return;
+    keys.forEach((key, number) => {
+      const left = number / keys.length;
+      layout[key.replace("y", "x")].domain = [left + (number ? 0.07 : 0), left + 1 / keys.length];
+      layout[key].domain = [0, 0.92];
+      layout[key.replace("yaxis", "legend")].y = 0.93;
+    });
+    layout.height = 270;
+  }
+
+  // where the paths of a figure are at a time: a trace each
+  function dots(figure, time) {
+    const row = Math.max(0, placeOf(data.time, time));
+    return figure.traces.filter(over).map(({ x, y, xaxis, yaxis }) => ({
+      x: [x[row]], y: [y[row]], xaxis, yaxis, mode: "markers", showlegend: false, hoverinfo: "skip",
+      marker: { size: 10, color: "#000000", symbol: "circle-open", line: { width: 2 } },
+    }));
+  }
+
   // a figure in the colors of the theme, showing one of its views
   function shown(figure) {
     const layout = themed.layout(figure.layout);
+    if (plane(figure)) arrange(layout, onPaper() ? 3 * PAPER : document.getElementById("plot-" + figure.name).clientWidth);
     const traces = figure.traces.map(({ view, meta, ...trace }) => {
       const visible = trace.visible !== false && (view === undefined || (view === "log") === logarithmic);
+      if (meta && meta.over) Object.assign(trace, { x: part(trace.x), y: part(trace.y) });
       return { x: data.time, ...themed.traces(trace), visible };
     });
+    traces.push(...themed.traces(dots(figure, Number(slider.value))));
     for (const key of figure.views) layout[key].type = logarithmic ? "log" : "linear";
-    layout.xaxis.range = range.slice();
+    if (!plane(figure)) layout.xaxis.range = range.slice();
     for (const [key, value] of Object.entries(vertical(figure))) {
       const [axis, what] = key.split(".");
       layout[axis][what] = value;
@@ -82,6 +128,11 @@
 
   function place(entry, time) {
     if (!entry.plot._fullLayout) return;
+    if (plane(entry.figure)) {
+      const now = dots(entry.figure, time), all = entry.figure.traces.length;
+      Plotly.restyle(entry.plot, { x: now.map(dot => dot.x), y: now.map(dot => dot.y) }, now.map((_, number) => all + number));
+      return;
+    }
     const axis = entry.plot._fullLayout.xaxis, area = entry.plot._fullLayout._size;
     const x = axis._offset + axis.l2p(time);
     const inside = x >= axis._offset - 1 && x <= axis._offset + axis._length + 1;
@@ -102,6 +153,11 @@
     for (const trace of figure.traces) {
       if (!trace.meta || trace.view === "log") continue;
       const { label, unit, bars, group } = trace.meta;
+      if (over(trace)) {
+        const at = Math.max(0, placeOf(data.time, time));
+        found.push([over(trace)[0], number(trace.x[at]), over(trace)[1]], [label, number(trace.y[at]), unit]);
+        continue;
+      }
       if (bars) {
         const on = [];
         for (let start = 0; start < trace.x.length; start += 3) {
@@ -118,7 +174,7 @@
     for (const [group, members] of groups) {
       if (members.length && Array.isArray(members[0])) {
         members.sort((one, other) => other[1] - one[1]);
-        for (const [label, value, unit] of members.slice(0, 5)) found.push([group + " " + label, number(value), unit]);
+        for (const [label, value, unit] of members.slice(0, 5)) found.push([label, number(value), unit]);
       } else found.push([group, members.length ? members.join(" ") : "none", ""]);
     }
     return found;
@@ -141,10 +197,16 @@
 
   // ---- zoom
 
+  function zoomed(entry) {
+    if (!plane(entry.figure)) return Plotly.relayout(entry.plot, { "xaxis.range": range.slice(), "xaxis.autorange": false, ...vertical(entry.figure) });
+    const drawing = shown(entry.figure);
+    return Plotly.react(entry.plot, drawing.traces, drawing.layout, themed.options);
+  }
+
   function zoom(from, to) {
     range = [Math.max(first, from), Math.min(last, to)];
     linking = true;
-    return Promise.all(drawn.map(entry => Plotly.relayout(entry.plot, { "xaxis.range": range.slice(), "xaxis.autorange": false, ...vertical(entry.figure) })))
+    return Promise.all(drawn.map(zoomed))
       .then(() => { linking = false; cursor(Number(slider.value)); });
   }
 
@@ -176,7 +238,7 @@
   // ---- figures
 
   function draw(figure) {
-    const card = make(figure.folded ? "details" : "section", "", "plot" + (figure.folded ? " folded" : figure.layout.height > 560 ? " tall" : ""));
+    const card = make(figure.folded ? "details" : "section", "", "plot" + (plane(figure) ? " broad" : figure.folded ? " folded" : figure.layout.height > 560 ? " tall" : ""));
     const plot = make("div"), line = make("div", "", "cursor"), readout = make("p", "", "readout");
     card.id = "plot-" + figure.name;
     if (figure.folded) {
@@ -190,9 +252,14 @@
     const entry = { figure, plot, line, readout };
     const begin = () => {
       const drawing = shown(figure);
-      plot.after(line);
+      if (!plane(figure)) plot.after(line);
       return Plotly.newPlot(plot, drawing.traces, drawing.layout, themed.options).then(() => {
         drawn.push(entry);
+        if (plane(figure)) {
+          plot.on("plotly_hover", ({ points: [at] }) => { if (over(figure.traces[at.curveNumber] || {})) cursor(data.time[at.pointNumber]); });
+          read(entry, Number(slider.value));
+          return;
+        }
         plot.on("plotly_hover", event => cursor(event.points[0].x));
         plot.on("plotly_relayout", link);
         plot.on("plotly_afterplot", () => place(entry, Number(slider.value)));
@@ -222,10 +289,13 @@
     redraw();
   });
   themed.onChange(redraw);
-  addEventListener("resize", () => requestAnimationFrame(() => cursor(Number(slider.value))));
+  addEventListener("resize", () => requestAnimationFrame(() => {
+    for (const entry of drawn) if (plane(entry.figure)) zoomed(entry);
+    cursor(Number(slider.value));
+  }));
   // on paper in the colors of paper, and as wide as it
-  const narrowed = width => Promise.all(drawn.map(entry => Plotly.relayout(entry.plot, { width, autosize: width === undefined })));
-  addEventListener("beforeprint", () => { document.documentElement.dataset.print = "yes"; redraw(); narrowed(330); });
+  const narrowed = width => Promise.all(drawn.map(entry => Plotly.relayout(entry.plot, { width: width && plane(entry.figure) ? 3 * width : width, autosize: width === undefined })));
+  addEventListener("beforeprint", () => { document.documentElement.dataset.print = "yes"; redraw(); narrowed(PAPER); });
   addEventListener("afterprint", () => { delete document.documentElement.dataset.print; redraw(); narrowed(undefined); });
   jumps();
 

@@ -1,4 +1,4 @@
-"""What a plot is: panels over time with marks in them, as data that any renderer can draw.
+"""What a plot is: panels with marks in them, over time or over a quantity, as data that any renderer can draw.
 
 A `Plot` says everything that its picture shows and nothing of how it is drawn: `figures` draws it with
 matplotlib, `interactive` with plotly.
@@ -27,7 +27,7 @@ class Line(NamedTuple):
     """A curve through values; NaN interrupts it.
 
     Attributes:
-        x: times, s, shape (n,).
+        x: times, s, or values of what the panel is drawn over, shape (n,).
         y: values in the unit of the panel, shape (n,).
         color: as '#rrggbb'.
         label: in the legend; empty for no entry. The same for every mark below.
@@ -157,6 +157,24 @@ class SymmetricLog(NamedTuple):
     large: float
 
 
+class Over(NamedTuple):
+    """A quantity along the horizontal axis of a panel, in place of the time.
+
+    Attributes:
+        label, unit: of it.
+        limits: low and high.
+    """
+
+    label: str
+    unit: str
+    limits: tuple[float, float]
+
+    @property
+    def axis_label(self) -> str:
+        """Label and unit, such as 'attitude error x, deg'."""
+        return f"{self.label}, {self.unit}"
+
+
 class Panel(NamedTuple):
     """One pair of axes of a plot.
 
@@ -167,6 +185,8 @@ class Panel(NamedTuple):
         scale: of the vertical axis.
         limits: of the vertical axis, low and high; None: as the marks need.
         rows: names of the rows 0, 1, ... from the top down, in place of numbers on the vertical axis.
+        over: what the horizontal axis shows, where it is not the time; its first mark is then a path over the sample
+            times of its plot.
     """
 
     label: str
@@ -175,6 +195,7 @@ class Panel(NamedTuple):
     scale: Literal["linear", "log"] | SymmetricLog = "linear"
     limits: tuple[float, float] | None = None
     rows: tuple[str, ...] = ()
+    over: Over | None = None
 
     @property
     def axis_label(self) -> str:
@@ -199,14 +220,14 @@ class Moment(NamedTuple):
 
 
 class Plot(NamedTuple):
-    """Panels one above the other over the same time.
+    """Panels one above the other over the same time; or beside each other, each over a quantity of its own.
 
     Attributes:
         name: of its file and of its place in a page.
         title: what it shows.
         caption: whose data it shows.
         time_s: sample times, s, shape (n,); the axis of time spans them.
-        panels: from the top down.
+        panels: from the top down, or from the left; over the time all, or none.
         windows, moments: shown in every panel.
         note: what shades and vertical lines mean.
         meaning: what its marks mean, where no label says it.

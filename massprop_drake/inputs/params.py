@@ -314,12 +314,6 @@ def main_sensor(scenario: Scenario) -> str:
     return packages[0].name if packages else scenario.vehicle_data.tracked[0].name
 
 
-def rate_signal(scenario: Scenario) -> str:
-    """Signal that shows how a recorded vehicle turns: the gyro in use; where there is none, the estimated rate."""
-    packages = gyros(scenario)
-    return packages[0].name if packages else "rate_estimate"
-
-
 def thrust_errors(scenario: Scenario) -> Array | None:
     """Impulses of one sigma of each jet's thrust error at full level over a sample, about the vehicle origin,
     shape (n_jets, 6); None where thrust is taken as known.

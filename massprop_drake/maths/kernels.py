@@ -10,7 +10,8 @@ numba there are functions that say what they mean in the other form, `idiom`: he
 
 Between Python and compiled code every array and number is converted, each way, which takes longer than the arithmetic.
 So a kernel that is called from Python takes a whole cycle, and what it keeps from one to the next stays in numba's own
-form within a `Holder`.
+form within a `Holder`. Within compiled code a bundle is passed as a reference (`_bundles`), and what compiled code
+alone calls is turned into machine code together with its caller (`_linking`).
 
 Compiled code is kept in a folder of the user's cache that is named by a digest of the sources of all kernels, since
 numba itself looks at the file of the outermost one alone.
@@ -176,6 +177,9 @@ def compiler() -> Compiler:
     home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     folder = home / "massprop_drake" / _digest()
     setattr(numba.config, "CACHE_DIR", str(folder))  # noqa: B010 (made at run time)
+    from massprop_drake.maths import _bundles, _linking  # noqa: F401, PLC0415 (load numba)
+
+    _linking.wait()
     _teach(extending)
     for function in _KERNELS:
         extending.register_jitable(**_BARE)(function)
@@ -187,7 +191,7 @@ def compiler() -> Compiler:
 def _digest() -> str:
     """Of the sources of all kernels, and of what compiles them."""
     functions = {*_KERNELS, *(function for function, _ in _IDIOMS)}
-    own = {__file__, str(Path(__file__).with_name("_holding.py"))}
+    own = {__file__, *(str(Path(__file__).with_name(f"_{name}.py")) for name in ("bundles", "holding", "linking"))}
     files = sorted({inspect.getfile(function) for function in functions} | own)
     content = hashlib.sha256()
     for file in files:
@@ -212,16 +216,22 @@ def _numbers(vector, _count):  # type: ignore[no-untyped-def] # of types
 
 def _fill(row, values):  # type: ignore[no-untyped-def] # of types
     lines = ["def filled(row, values):", "    begin = 0"]
-    for index, kind in enumerate(values.types):
+    fields = getattr(values, "field_dict", None)  # of a bundle, by name
+    named = (
+        {f"values[{index}]": kind for index, kind in enumerate(values.types)}
+        if fields is None
+        else {f"values.{name}": kind for name, kind in fields.items()}
+    )
+    for value, kind in named.items():
         rank = getattr(kind, "ndim", 0)
         if rank == 0:
-            lines += [f"    row[begin] = values[{index}]", "    begin += 1"]
+            lines += [f"    row[begin] = {value}", "    begin += 1"]
             continue
         places = ", ".join("ijk"[:rank])
         for depth in range(rank):
-            lines.append(f"{'    ' * (depth + 1)}for {'ijk'[depth]} in range(values[{index}].shape[{depth}]):")
+            lines.append(f"{'    ' * (depth + 1)}for {'ijk'[depth]} in range({value}.shape[{depth}]):")
         indent = "    " * (rank + 1)
-        lines += [f"{indent}row[begin] = values[{index}][{places}]", f"{indent}begin += 1"]
+        lines += [f"{indent}row[begin] = {value}[{places}]", f"{indent}begin += 1"]
     made: dict[str, Any] = {}
     exec("\n".join(lines), made)
     return made["filled"]

@@ -217,6 +217,19 @@ def log_determinants(stack: Array) -> Array:
     return np.linalg.slogdet(stack)[1]
 
 
+def _triangular_roots(stack):  # type: ignore[no-untyped-def] # compiled alone
+    result = np.empty(stack.shape)
+    for index in range(stack.shape[0]):
+        result[index] = np.linalg.cholesky(stack[index])
+    return result
+
+
+@idiom(_triangular_roots)
+def triangular_roots(stack: Array) -> Array:
+    """The lower triangular root of each positive definite matrix of a stack."""
+    return np.asarray(np.linalg.cholesky(stack), dtype=np.float64)
+
+
 def inverse(matrix: Array) -> Array:
     """The inverse of any square matrix; where time does not matter."""
     return np.asarray(np.linalg.inv(matrix), dtype=np.float64)

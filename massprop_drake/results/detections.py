@@ -170,6 +170,8 @@ def settled(
 ) -> tuple[DetectionRecord, ...]:
     """Brings detections to the end of a run: what has been followed since is given as it is known now.
 
+    What was withdrawn keeps the size that it had while it stood.
+
     Args:
         records: as `detection_entries` gives them.
         force, variance: known force of each jet at the end, lbf or N, and its variance, shape (n_jets,).
@@ -178,7 +180,7 @@ def settled(
 
     def at_the_end(record: DetectionRecord) -> DetectionRecord:
         jet = record.jet_index
-        followed_since = record.kind == "jet_on" and record.erratic_s is None
+        followed_since = record.kind == "jet_on" and record.erratic_s is None and record.withdrawn_s is None
         if followed_since and jet is not None and variance[jet] > 0.0:
             record = record._replace(magnitude=float(force[jet]), magnitude_std=float(np.sqrt(variance[jet])))
         return record._replace(jet_index=None, before=None)

@@ -142,6 +142,31 @@ def _windows(signals: Spool, *names: str) -> Iterator[dict[str, Array]]:
         yield waiting
 
 
+def _whole(scenario: Scenario, signals: Spool) -> list[Stretch]:
+    """All stretches, with the propellant counted to the end of the last."""
+    parts = list(stretches(scenario, signals))
+    used = max((-float(part.used_after[-1]) for part in parts), default=0.0)
+    return [part._replace(used_after=part.used_after + used) for part in parts]
+
+
+def _some(parts: Sequence[Stretch], until_s: float, made: Model) -> list[Stretch]:
+    """Pieces of stretches up to a time that are short enough to be regressed, evenly spread where they are many."""
+    every = [piece for part in parts for piece in _slow_enough(_until(part, until_s), made)]
+    return every[:: -(-len(every) // _STRETCHES) or 1]
+
+
+def pieces(scenario: Scenario, signals: Spool, until_s: float, made: Model) -> list[Stretch]:
+    """The parts of a record up to a time that regression takes.
+
+    Args:
+        scenario: as run.
+        signals: with `time_s`, commands and readings.
+        until_s: up to when, s; infinity: all of it.
+        made: see `model`.
+    """
+    return _some(_whole(scenario, signals), until_s, made)
+
+
 def _until(part: Stretch, time_s: float) -> Stretch:
     return _rows_of(part, slice(0, int(np.searchsorted(part.time_s, time_s))))
 
@@ -198,11 +223,8 @@ def looked_back(
     standing = [one for one in found if one.withdrawn_s is None]
     until_s = min((one.onset_s - made.period_s for one in standing), default=math.inf)
     with np.errstate(all="ignore"):
-        parts = list(stretches(scenario, signals))
-        used = max((-float(part.used_after[-1]) for part in parts), default=0.0)
-        parts = [part._replace(used_after=part.used_after + used) for part in parts]
-        pieces = [piece for part in parts for piece in _slow_enough(_until(part, until_s), made)]
-        chosen = pieces[:: -(-len(pieces) // _STRETCHES) or 1]
+        parts = _whole(scenario, signals)
+        chosen = _some(parts, until_s, made)
         begin = np.where(np.isnan(estimate), made.prior[:10], estimate)
         diagnoses, fit = diagnosed(chosen, begin, made, names_of(scenario))
         if resumed or any(one.kind == JUMP for one in standing) or not hindsight.possible(fit.at):

@@ -96,7 +96,7 @@ def identified(
 
     jacobian = observability.impulse_jacobian(vehicle.wrenches * FIRING_S, scaling, accelerometer=weighs)
     jacobian = jacobian.reshape(len(vehicle.jets), -1, 10)
-    noise = _noise(scenario)
+    noise = increments_noise(scenario)
     best = identifiability.foretold(covariance, jacobian, noise)
 
     entries = []
@@ -114,7 +114,7 @@ def identified(
     return tuple(entries)
 
 
-def _noise(scenario: Scenario) -> Array:
+def increments_noise(scenario: Scenario) -> Array:
     """Covariance of the increments of rate and, where it is measured, velocity over a sample, shape (3 or 6, ...).
 
     A position or an attitude shows them by the difference of two differences.
@@ -166,8 +166,7 @@ def in_words(found: Sequence[Identifiability], symbols: Sequence[str]) -> list[t
         found: of the ten parameters.
         symbols: of each.
     """
-    return [
-        (f"{symbol} {one.flag.replace('_', ' ')}", one.reason)
-        for one, symbol in zip(found, symbols, strict=False)
-        if one.flag != Flag.IDENTIFIED
-    ]
+    told = [(one, symbol) for one, symbol in zip(found, symbols, strict=False) if one.flag != Flag.IDENTIFIED]
+    said = [(f"{symbol} {one.flag.replace('_', ' ')}", one.reason) for one, symbol in told if one.flag != Flag.FIXED]
+    fixed = [(one.reason, symbol) for one, symbol in told if one.flag == Flag.FIXED]
+    return said + ([(f"{', '.join(symbol for _, symbol in fixed)} fixed", fixed[0][0])] if fixed else [])

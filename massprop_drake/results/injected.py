@@ -63,6 +63,31 @@ class InjectedRecord(NamedTuple):
         """Whether it is a payload that came or left."""
         return self.jet is None
 
+    @property
+    def name(self) -> str:
+        """What it is, such as 'R4R stuck on' or 'payload dock'."""
+        return f"{self.jet or 'payload'} {self.kind.replace('_', ' ')}"
+
+    @property
+    def became(self) -> str:
+        """What was made of it, in words."""
+        return _BECAME[self.outcome].format((self.taken_for or "").replace("_", " "))
+
+    @property
+    def good(self) -> bool | None:
+        """Whether it was found as what it is; None where nothing could be found."""
+        return None if self.outcome == "never_acted" else self.outcome in FOUND
+
+
+_BECAME: dict[InjectedOutcome, str] = {
+    "named": "named",
+    "group": "named in a group",
+    "wrong": "taken for {}",
+    "missed": "not found",
+    "never_acted": "never acted",
+    "not_tested": "not found: no sample was tested",
+}
+
 
 def what_became(
     scenario: Scenario, signals: Mapping[str, Array], found: Sequence[DetectionRecord]

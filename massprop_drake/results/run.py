@@ -32,6 +32,7 @@ from massprop_drake.signals import (
     is_own,
     own_signal,
     pose_signal,
+    simulated_signal,
     velocity_signal,
 )
 from massprop_drake.telemetry import reader as telemetry
@@ -42,7 +43,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 # signals that no figure of recorded telemetry shows
-_NOT_SHOWN = ("angular_impulse", "linear_impulse", "failure_magnitude", "rotation_innovation", "mass_innovation")
+_NOT_SHOWN = ("angular_impulse", "linear_impulse", "failure_magnitude")
 _MANY_ROWS = 5000  # longer runs are downsampled for plots and pages
 _END = "...\n"  # closes a YAML document: a file without it was cut short
 _PEAKS = ("rotation_nis", "mass_nis")  # signals whose maxima a plot must not lose
@@ -66,7 +67,8 @@ def read_summary(folder: Path) -> Summary:
 
 def _runs_like(folder: Path) -> str:
     """Suggests a run that is there, or how to make one of a bundled scenario."""
-    there = sorted(str(found.parent) for found in (*Path().glob("*/summary.json"), *Path().glob("runs/*/summary.json")))
+    found = (*Path().glob("*/history.npz"), *Path().glob("runs/*/history.npz"))  # which a campaign's folder lacks
+    there = sorted(str(path.parent) for path in found if exists(path.parent / "summary.json"))
     same = [name for name in there if Path(name).name == folder.name]
     if not same and str(folder) in bundled("scenario"):
         return f"; 'massprop run {folder}' makes one in runs/{folder}"
@@ -143,6 +145,7 @@ class Run:
         vehicle = self.scenario.vehicle_data
         packages = {gyro.name: gyro_signal(gyro.name) for gyro in vehicle.gyros}
         packages |= {package.name: accelerometer_signal(package.name) for package in vehicle.accelerometers}
+        packages |= {against.name: against for against in map(simulated_signal, packages.values())}
         packages |= {sensor.name: pose_signal(sensor.name) for sensor in vehicle.poses}
         packages |= {sensor.name: velocity_signal(sensor.name) for sensor in vehicle.velocities}
         own = {name: own_signal(name, np.shape(self.signals[name])[1]) for name in self.signals if is_own(name)}

@@ -202,15 +202,16 @@ def _differences(there: Any, here: Any, path: tuple[str | int, ...] = ()) -> Ite
 # ---------------------------------------------------------------------------------------- histories
 
 # signals that are there together or not at all; those of the first are in every run
+_LATER = {"rotation_innovation_std", "mass_innovation_std"}  # not in runs made before they were logged
 _ALWAYS = {
     *("estimate", "standard_deviation", "converged", "command"),
     *("angular_impulse", "linear_impulse", "usable", "firing"),
     *(name for name in ROTATION_REPORT if name in SIGNALS),
-}
+} - _LATER
 _TRUTH = {"rate", "attitude", "position", "velocity", "truth", "thrust", "torque", "force"}
 _AUTOPILOT = {"hand_controllers", "attitude_error", "request", "selection_counts", "out_of_use"}
 _JOINT = set(JOINT_REPORT.logged)
-_MASS = {name for name in MASS_REPORT if name in SIGNALS}
+_MASS = {name for name in MASS_REPORT if name in SIGNALS} - _LATER
 _DETECTOR = {*STATUS.logged, "likelihood", "failure_magnitude", "known_force", "known_force_variance"}
 _HEADER = re.compile(rb"\{'descr': '<f8', 'fortran_order': False, 'shape': \(([0-9]{1,15}), ?([0-9]{0,15})\), \} *\n")
 _AT_ONCE = 2**20  # bytes

@@ -18,6 +18,7 @@ from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.maths import mass_properties, possible_inertia
 from massprop_drake.maths.mass_properties import CENTER_OF_MASS, MASS_RECIPROCAL, N_ROTATION, Derived, six_elements
+from massprop_drake.results.against import Against
 from massprop_drake.results.consistency import COMPONENTS, Consistency, Tally, judged, used_nis
 from massprop_drake.results.detections import DetectionRecord
 from massprop_drake.results.events import EventRecord
@@ -165,6 +166,7 @@ class Summary:
             record, of which nobody knows.
         identifiability: what the run has told of each parameter; empty in what an earlier version wrote.
         events, unconfirmed, untested: see `Findings`; likewise.
+        against: a record beside a simulation of its commands; None: there is none.
     """
 
     version: str
@@ -190,6 +192,7 @@ class Summary:
     events: tuple[EventRecord, ...] = ()
     unconfirmed: tuple[UnconfirmedRecord, ...] = ()
     untested: tuple[UntestedRecord, ...] = ()
+    against: Against | None = None
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -211,7 +214,7 @@ class Summary:
     def as_json(self) -> dict[str, Any]:
         """The content of `summary.json`; NaN becomes null."""
         derived, nearest = self.derived, self.nearest_possible
-        content = {
+        content: dict[str, Any] = {
             "format": FORMAT,
             "version": self.version,
             "scenario": self.scenario,
@@ -244,7 +247,11 @@ class Summary:
             "provenance": {key: value for key, value in self.provenance._asdict().items() if value is not None},
             "timing": self.timing._asdict(),
         }
-        return content if self.data_quality is None else {**content, "data_quality": self.data_quality}
+        if self.data_quality is not None:
+            content["data_quality"] = self.data_quality
+        if self.against is not None:
+            content["against"] = self.against.as_json()
+        return content
 
     @staticmethod
     def from_json(content: Any, source: str = "the summary") -> Summary:
@@ -291,6 +298,7 @@ class Summary:
             events=read.events,
             unconfirmed=read.unconfirmed,
             untested=read.untested,
+            against=read.against,
         )
 
 
@@ -363,6 +371,7 @@ class SummaryFile(_Stored):
     events: tuple[Annotated[EventRecord, _known_to(EventRecord)], ...] = ()
     unconfirmed: tuple[Annotated[UnconfirmedRecord, _known_to(UnconfirmedRecord)], ...] = ()
     untested: tuple[Annotated[UntestedRecord, _known_to(UntestedRecord)], ...] = ()
+    against: Annotated[Against, _known_to(Against)] | None = None
 
     @field_validator("data_quality")
     @classmethod

@@ -1,4 +1,7 @@
-"""The table of ten parameters, and of the mass and inertia that follow: the same numbers on terminal and page."""
+"""The tables of a run: the ten parameters and what follows from them, a record beside a simulation.
+
+The same numbers stand on terminal and page.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +13,7 @@ import numpy as np
 
 from massprop_drake.maths import mass_properties
 from massprop_drake.maths.estimation.identifiability import Flag
+from massprop_drake.results.against import Against
 from massprop_drake.results.summary import Parameter, Summary
 from massprop_drake.signals import SYMBOLS, mass_property_units
 
@@ -83,6 +87,31 @@ def derived(results: Summary, units: Mapping[str, str]) -> list[Row]:
         for name, i, j in INERTIA:
             truth = None if true.inertia is None else float(true.inertia[i, j])
             rows.append(_of_derived(name, unit, float(found.inertia[i, j]), float(found.inertia_std[i, j]), truth))
+    return rows
+
+
+def residuals(found: Against) -> list[tuple[str, ...]]:
+    """Rows of a record beside a simulation: signal, unit, RMS and largest difference, when, 1-sigma of a reading."""
+    rows: list[tuple[str, ...]] = []
+    for one in found.residuals:
+        power = _power(one.rms or one.noise)
+        size, largest, noise = (
+            "-" if value is None else f"{value / 10.0**power:.4g}" for value in (one.rms, one.largest, one.noise)
+        )
+        when = "-" if one.largest_s is None else f"{one.largest_s:.2f} s"
+        rows.append((one.signal, _in_power(one.unit, power), size, largest, when, noise))
+    return rows
+
+
+def causes(found: Against) -> list[tuple[str, ...]]:
+    """Rows of what would explain differences: cause, size with its 1-sigma, unit, shares alone and together."""
+    rows: list[tuple[str, ...]] = []
+    for one in found.causes:
+        power = _power(one.size)
+        size, deviation = (_scaled(value, one.size_std, power) for value in (one.size, one.size_std))
+        sign = "+" if one.size >= 0.0 else ""
+        shares = (f"{100.0 * share:.1f} %" for share in (one.alone, one.together))
+        rows.append((one.what, f"{sign}{size} ± {deviation}", _in_power(one.unit, power), *shares))
     return rows
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,7 @@ from massprop_drake.maths.estimation.whole import Asked, Rows, Samples
 from massprop_drake.maths.kernels import chosen, held, released
 from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
 from massprop_drake.runners.logs import EstimationLog, timed_cycle
-from massprop_drake.systems.layouts import MASS_REPORT, ROTATION_REPORT
+from massprop_drake.systems.layouts import DETECTOR_REPORT, MASS_REPORT, ROTATION_REPORT
 
 Array = NDArray[np.float64]
 
@@ -178,14 +178,19 @@ class Whole:
         self.spent_s["estimators"] += time.perf_counter() - began
         return asked
 
-    def _last(self) -> tuple[Rows, int]:
+    def reports(self) -> tuple[Any, Any, Any]:
+        """What both filters and the detector said in the last cycle, as logged; None without a detector."""
         assert self._rows is not None
-        return self._rows, int(self._reached[0]) - 1
+        rows, last = self._rows, int(self._reached[0]) - 1
+        status = None
+        if self._has_detector:
+            jets = self._params.impulse_per_level.shape[0]
+            status = DETECTOR_REPORT.sized(jets=jets).read(rows.detector_report[last])
+        return ROTATION_REPORT.read(rows.rotation_report[last]), MASS_REPORT.read(rows.mass_report[last]), status
 
     def reported(self) -> tuple[Array, Array]:
         """Estimate and 1-sigma of the ten parameters that the last cycle published, shape (10,) each."""
-        rows, last = self._last()
-        rotation, mass = ROTATION_REPORT.read(rows.rotation_report[last]), MASS_REPORT.read(rows.mass_report[last])
+        rotation, mass, _ = self.reports()
         return (
             np.append(rotation.estimate, mass.mass_reciprocal),
             np.append(rotation.standard_deviation, np.sqrt(mass.variance)),
@@ -193,8 +198,7 @@ class Whole:
 
     def rotation_nis(self) -> float:
         """NIS of the rotation filter's innovation in the last cycle; NaN where the sample was not used."""
-        rows, last = self._last()
-        report = ROTATION_REPORT.read(rows.rotation_report[last])
+        report, _, _ = self.reports()
         return float(report.rotation_nis) if report.rotation_used else math.nan
 
     def known(self) -> tuple[Array, Array]:

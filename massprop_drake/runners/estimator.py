@@ -15,8 +15,8 @@ from massprop_drake.inputs import params
 from massprop_drake.inputs.model import validated
 from massprop_drake.inputs.scenario import Scenario, check_against_vehicle
 from massprop_drake.inputs.vehicle import SensorPackage, Vehicle
-from massprop_drake.maths.estimation import cycle
-from massprop_drake.maths.estimation.detector import Event, Judgment
+from massprop_drake.maths.estimation import cycle, whole
+from massprop_drake.maths.estimation.detector import Event
 from massprop_drake.maths.estimation.detectors.hypotheses import named
 from massprop_drake.maths.estimation.detectors.multi_hypothesis import Word
 from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
@@ -25,7 +25,8 @@ from massprop_drake.maths.possible_inertia import nearest_possible
 from massprop_drake.maths.vehicle.sensing import unsaturated
 from massprop_drake.results.stored import FORMAT, EstimatorState, FilterState, made_with, require_made_with
 from massprop_drake.results.summary import null_for_nan
-from massprop_drake.runners.logs import kept, restored
+from massprop_drake.runners.cycles import Whole
+from massprop_drake.runners.logs import EstimationLog, kept, restored
 from massprop_drake.signals import AXES
 from massprop_drake.telemetry.tables import LARGEST
 
@@ -104,6 +105,26 @@ class EstimatorStep(NamedTuple):
     removed: NDArray[np.bool_]
 
 
+class _Cycle(NamedTuple):
+    """What a cycle has said, however it was made.
+
+    Attributes:
+        known: estimate and 1-sigma of the ten parameters.
+        rotation, mass: reports of the filters.
+        status: of the detector, see `detector.STATUS`; None: there is none.
+        own: what this detector alone says, None: nothing.
+        force, removed: see `detector.Detector`, shape (n_jets,) each.
+    """
+
+    known: tuple[Array, Array]
+    rotation: Any
+    mass: Any
+    status: Any
+    own: Any
+    force: Array
+    removed: Array
+
+
 class Estimator:
     """Estimates mass properties and finds failed jets, cycle by cycle.
 
@@ -113,8 +134,8 @@ class Estimator:
 
     Args:
         vehicle: jets, sensors and nominal mass properties.
-        scenario: whose `sensors`, `estimation`, `rotation`, `mass`, `joint` and `detector` fields are used; default:
-            all at their defaults.
+        scenario: whose `sensors`, `estimation`, `rotation`, `mass`, `joint` and `detector` fields are used, and
+            `execution.compiled`; default: all at their defaults.
 
     Raises:
         InputError: (a ValueError) when the scenario names what the vehicle does not have, or it has no
@@ -134,7 +155,7 @@ class Estimator:
         self._params = params.estimation_params(scenario)
         self._not_estimated = params.known_parameters(scenario)
         self._unit_wrenches = params.unit_wrenches(vehicle)
-        self._state = cycle.initial_state(self._params)
+        self._begin(cycle.initial_state(self._params))
         self._published: tuple[Array, Array] | None = None  # where they are not those of the state
         self._command = np.zeros(len(vehicle.jets))  # of the interval that starts at the last sample
         self._outside = np.zeros(6)
@@ -144,6 +165,18 @@ class Estimator:
         at = "before its first sample" if self._time_s == -math.inf else f"at {self._time_s:g} s"
         detector = self._scenario.detector.kind
         return f"<Estimator of '{self._vehicle.name}', {self._scenario.estimation.filter} filter, {detector}, {at}>"
+
+    def _begin(self, state: cycle.EstimationState) -> None:
+        """Goes on from a state; compiled, as one kernel a cycle where there is such a one."""
+        self._kept, self._whole = state, None
+        if self._scenario.execution.compiled and whole.covers(self._params):
+            self._log = EstimationLog(self._scenario, self._params, 1)
+            self._whole = Whole(self._params, state, compiled=True)
+
+    @property
+    def _state(self) -> cycle.EstimationState:
+        """From which the next cycle goes on."""
+        return self._kept if self._whole is None else self._whole.state()
 
     @property
     def covariance(self) -> Array:
@@ -189,7 +222,8 @@ class Estimator:
         kind = FilterState if isinstance(state, Mapping) and "row" in state else EstimatorState
         kept = validated(kind, state, source="state")
         require_made_with(kept, self._scenario, "state")
-        self._state, self._published = restored(kept.states, self._params, "state"), None
+        self._begin(restored(kept.states, self._params, "state"))
+        self._published = None
         self._command = np.array(kept.command, dtype=float)
         self._outside = np.array(kept.outside_wrench)
         self._time_s = -math.inf if kept.time_s is None else kept.time_s
@@ -237,44 +271,55 @@ class Estimator:
         outside = np.zeros(6) if outside_wrench is None else _numbers(outside_wrench, (6,), "outside_wrench")
         if not np.isfinite(outside).all():
             raise ValueError("outside_wrench must be finite")
+        if outside.any() and self._scenario.estimation.filter == "pose":
+            raise ValueError("outside_wrench: not taken into account where a vehicle is followed in a fixed frame")
 
         seen = _seen(tracked, self._vehicle)
         sample = cycle.Sample(time_s, rates, velocities, self._command, self._outside, time_s, coming, seen)
-        try:
-            done = cycle.step(self._state, sample, self._params)
-        except NotPositiveDefiniteError as error:
-            raise error.at(time_s, "estimator") from None
-        self._state, self._published = done.state, done.filtered.known
+        done = self._one(sample)
         self._command, self._outside, self._time_s = coming, outside, time_s
         return self._told(time_s, done)
 
-    def _told(self, time_s: float, done: cycle.EstimationStep) -> EstimatorStep:
+    def _one(self, sample: cycle.Sample) -> _Cycle:
+        """A cycle."""
+        nothing = np.zeros(len(self._vehicle.jets))
+        if self._whole is not None:
+            asked = self._whole.one(sample, self._log, 0)
+            jets = (nothing, nothing) if asked is None else (asked.force, asked.removed)
+            return _Cycle(self._whole.reported(), *self._whole.reports(), None, *jets)
+        try:
+            done = cycle.step(self._kept, sample, self._params)
+        except NotPositiveDefiniteError as error:
+            raise error.at(sample.time_s, "estimator") from None
+        self._kept, self._published = done.state, done.filtered.known
+        filtered, judgment, detector = done.filtered, done.judgment, done.state.detector
+        seen = (cycle.reported(done), filtered.rotation, filtered.mass)
+        if judgment is None:
+            return _Cycle(*seen, None, None, nothing, nothing)
+        return _Cycle(*seen, judgment.status, judgment.own, detector.force, detector.removed)
+
+    def _told(self, time_s: float, done: _Cycle) -> EstimatorStep:
         """What is known after a cycle."""
-        rotation, mass, judgment = done.filtered.rotation, done.filtered.mass, done.judgment
-        assert mass is not None  # a vehicle without accelerometer is refused
-        ten, deviation = cycle.reported(done)
-        detector = done.state.detector
-        n_jets = len(self._vehicle.jets)
+        ten, deviation = done.known
         return EstimatorStep(
             time_s,
             ten,
             deviation,
             self._converged(ten, deviation),
-            rotation.rotation_used,
-            mass.mass_used,
-            rotation.rotation_nis,
-            mass.mass_nis,
-            judgment is not None and bool(judgment.status.alarm),
-            None if judgment is None else self._detection(judgment),
-            np.zeros(6) if detector is None else detector.force @ self._unit_wrenches,
-            np.zeros(n_jets, dtype=bool) if detector is None else detector.removed != 0.0,
+            bool(done.rotation.rotation_used),
+            bool(done.mass.mass_used),
+            done.rotation.rotation_nis,
+            done.mass.mass_nis,
+            done.status is not None and bool(done.status.alarm),
+            None if done.status is None else self._detection(done.status, done.own),
+            done.force @ self._unit_wrenches,
+            done.removed != 0.0,
         )
 
     def _converged(self, ten: Array, deviation: Array) -> bool:
         return bool(converged_rows(deviation[None], ten[None], self._params.limits, self._not_estimated)[0])
 
-    def _detection(self, judgment: Judgment) -> Detection | None:
-        status, own = judgment.status, judgment.own
+    def _detection(self, status: Any, own: Any) -> Detection | None:
         event = Event(int(status.detector_event))
         if event == Event.NOTHING:
             return None

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from massprop_drake.inputs import params
-from massprop_drake.inputs.scenario import CglrBlock, MassBlock, Scenario
+from massprop_drake.inputs.scenario import CglrBlock, MassBlock, Scenario, resolved
 from massprop_drake.inputs.vehicle import Accelerometer, Vehicle
 from massprop_drake.maths.autopilot.jet_selection import activity_vectors
 from massprop_drake.maths.estimation import observability
@@ -18,7 +18,7 @@ from massprop_drake.maths.estimation.detectors.jet_tests import signatures
 from massprop_drake.maths.estimation.filters.mass_filter import Rotation, compensated
 from massprop_drake.maths.mass_properties import NAMES
 from massprop_drake.maths.vehicle.sensing import increment_noise
-from massprop_drake.results.identifiability import unobservable
+from massprop_drake.results.identifiability import increments_noise, unobservable
 from massprop_drake.systems.autopilot.jet_selection_program import JetSelectionProgram
 
 Array = NDArray[np.float64]
@@ -42,8 +42,9 @@ def vehicle_report(vehicle: Vehicle, n_pairs: int = 5) -> dict[str, Any]:
 
         - `control`: `rank` and `condition` of the activity matrix (`observability.activity_rank`, arm: the jets'
           RMS arm), `reach` in each of `DIRECTIONS` (`reaches`), and those that are `missing`;
-        - `observability`: `rank` of ten, and the `unobservable` combinations of parameters
-          (`observability.unobservable`, in units of their 1-sigma at the start), each as weights by name;
+        - `observability`: `rank` of as many as are `estimated`, ten but for what is fixed, and the `unobservable`
+          combinations of parameters (`observability.unobservable`, in units of their 1-sigma at the start), each as
+          weights by name;
         - `notes`: sentences on what follows from the geometry;
         - `alike`: pairs of jets, `angle_rad` between their signatures, and whether they are `opposed`;
         - `isolable`: per jet the smallest force, lbf or N, that one sample assigns to it, `on` untold and `lost` while
@@ -53,7 +54,7 @@ def vehicle_report(vehicle: Vehicle, n_pairs: int = 5) -> dict[str, Any]:
     activity = activity_vectors(vehicle.wrenches, nominal)
     rank, condition = observability.activity_rank(activity, vehicle.rms_arm or 1.0)
     reach = dict(zip(DIRECTIONS, reaches(activity), strict=True))
-    hidden = _unobservable(vehicle)
+    hidden, free = _unobservable(vehicle), 10 - int(_not_estimated(vehicle).sum())
     seen = _whitened_signatures(vehicle)
     return {
         "control": {
@@ -62,7 +63,7 @@ def vehicle_report(vehicle: Vehicle, n_pairs: int = 5) -> dict[str, Any]:
             "reach": reach,
             "missing": [name for name, value in reach.items() if value == 0.0],
         },
-        "observability": {"rank": 10 - len(hidden), "unobservable": hidden},
+        "observability": {"rank": free - len(hidden), "estimated": free, "unobservable": hidden},
         "notes": _notes(vehicle),
         "alike": _alike(vehicle, seen, n_pairs),
         "isolable": _isolable(vehicle, seen),
@@ -91,8 +92,27 @@ def _unobservable(vehicle: Vehicle) -> list[dict[str, float]]:
     """The combinations that stay hidden, as weights by name."""
     return [
         {name: float(weight) for name, weight in zip(NAMES, row, strict=True) if weight != 0.0}
-        for row in unobservable(vehicle, accelerometer=_accelerometer(vehicle) is not None)
+        for row in _hidden(vehicle)
     ]
+
+
+def _hidden(vehicle: Vehicle) -> Array:
+    if not vehicle.needs_pose_filter:
+        return unobservable(vehicle, accelerometer=_accelerometer(vehicle) is not None)
+    return unobservable(vehicle, accelerometer=_weighs(vehicle), known=_not_estimated(vehicle))
+
+
+def _not_estimated(vehicle: Vehicle) -> NDArray[np.bool_]:
+    """Which of the ten parameters are fixed, or play no part in a plane, shape (10,)."""
+    if not vehicle.needs_pose_filter:
+        return np.zeros(10, dtype=bool)
+    return params.known_parameters(resolved({"vehicle": vehicle}))
+
+
+def _weighs(vehicle: Vehicle) -> bool:
+    """Whether anything shows how fast the vehicle moves."""
+    placed = any(pose.position_std is not None for pose in vehicle.poses)
+    return bool(vehicle.accelerometers or vehicle.velocities or placed)
 
 
 def _accelerometer(vehicle: Vehicle) -> Accelerometer | None:
@@ -110,6 +130,12 @@ def _whitened_signatures(vehicle: Vehicle) -> Array:
     period, nominal = vehicle.sample_period_s, vehicle.nominal.vector()
     unit = vehicle.wrenches / np.linalg.norm(vehicle.thrusts, axis=1)[:, None]
     effects = signatures(unit, nominal, period)
+    if vehicle.needs_pose_filter:
+        noise = increments_noise(resolved({"vehicle": vehicle}))
+        if not _weighs(vehicle):
+            return observability.whitened(effects[:, 3:], noise[:3, :3])
+        order = [3, 4, 5, 0, 1, 2]  # here of the velocity first
+        return observability.whitened(effects, noise[np.ix_(order, order)])
     rate = increment_noise(vehicle.gyros[0].variance)
     accelerometer = _accelerometer(vehicle)
     if accelerometer is None:
@@ -152,7 +178,7 @@ def _isolable(vehicle: Vehicle, seen: Array) -> list[dict[str, Any]]:
 
 def _notes(vehicle: Vehicle) -> list[str]:
     notes = []
-    if not vehicle.accelerometers:
+    if not _weighs(vehicle):
         notes.append("no accelerometer: the mass cannot be observed")
     forces = observability.span(vehicle.thrusts)
     if len(forces) == 1:

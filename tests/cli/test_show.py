@@ -19,6 +19,7 @@ from massprop_drake.inputs.scenario import Scenario, load_scenario
 from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.results import table
 from massprop_drake.results.detections import DetectionRecord
+from massprop_drake.results.injected import InjectedRecord
 
 STUCK_ON = DetectionRecord(
     onset_s=50.0,
@@ -38,6 +39,27 @@ QUALITY = {
     "warnings": ["acc[2] stands still"],
 }
 Capture = pytest.CaptureFixture[str]
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"outcome": "missed"}, "missed:      R4R stuck on at 50.00 s, acting since 50.08 s: not found\n"),
+        ({"outcome": "wrong", "taken_for": "mass_property_jump"}, ": taken for mass property jump\n"),
+        ({"outcome": "not_tested"}, ": not found: no sample was tested\n"),
+        ({"outcome": "never_acted", "first_acted_s": None}, None),
+        ({"outcome": "group"}, None),
+    ],
+)
+def test_what_was_injected_and_not_found_is_said(
+    capsys: Capture, stuck_run: Run, tmp_path: Path, changes: dict[str, Any], said: str | None
+) -> None:
+    one = InjectedRecord("stuck_on", "R4R", 50.0, 50.08, None, None, "missed")._replace(**changes)
+    results = replace(stuck_run.results, injected=(one,))
+    show.simulated(results, stuck_run.scenario.vehicle_data, tmp_path)
+    printed = capsys.readouterr().out
+    assert ("missed:" in printed) == (said is not None)
+    assert (said or "") in printed
 
 
 @pytest.mark.parametrize(
@@ -196,7 +218,7 @@ def _isolable(jet: str, on: float | None, rival: str | None) -> dict[str, Any]:
 def test_a_report_on_a_vehicle_is_lines() -> None:
     report = {
         "control": {"rank": 5, "condition": None, "missing": ["turn +x", "turn -x"]},
-        "observability": {"rank": 8, "unobservable": [{"z_cm": 1.0}, {"Ixx_inv": 0.7, "y_cm": -0.7}]},
+        "observability": {"rank": 8, "estimated": 10, "unobservable": [{"z_cm": 1.0}, {"Ixx_inv": 0.7, "y_cm": -0.7}]},
         "notes": ["all forces lie in one plane"],
         "alike": [{"jets": ["A", "B"], "angle_rad": np.radians(1.5), "opposed": True}],
         "isolable": [_isolable("A", 2.0, "B"), _isolable("B", 4.0, None), _isolable("C", None, None)],

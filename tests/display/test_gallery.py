@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from conftest import REPOSITORY
 
-from massprop_drake.display.graphs import DIAGRAMS, build, overview_text
+from massprop_drake.display.graphs import DIAGRAMS, build, framed, overview_text
 
 GALLERY = REPOSITORY / "diagrams" / "graphs"
 
@@ -61,3 +61,39 @@ def test_an_overview_has_every_part_and_one_arrow_for_each_pair(name: str) -> No
     pairs = {f'"{source.get_name()}" -> "{to.get_name()}"' for (to, _), (source, _) in diagram.connection_map().items()}
     assert sorted(arrows) == sorted(pairs)
     assert "massprop_drake" not in dot
+
+
+def curve(path: str) -> list[tuple[float, float]]:
+    """Points on the Bezier curves of a path."""
+    ends = [(float(x), float(y)) for x, y in re.findall(r"(-?[\d.]+)[ ,](-?[\d.]+)", path)]
+    found = []
+    for start in range(0, len(ends) - 3, 3):
+        for part in (step / 20.0 for step in range(21)):
+            weights = (1 - part) ** 3, 3 * part * (1 - part) ** 2, 3 * part**2 * (1 - part), part**3
+            x, y = (sum(w * end[axis] for w, end in zip(weights, ends[start:], strict=False)) for axis in (0, 1))
+            found.append((x, y))
+    return found
+
+
+@pytest.mark.parametrize("picture", sorted(path.name for path in GALLERY.glob("*.svg") if "overview" not in path.name))
+def test_wires_are_inside_the_frame(picture: str) -> None:
+    text = (GALLERY / picture).read_text("utf-8")
+    (frame,) = re.findall(r"<title>cluster0diagram</title>\s*<polygon[^>]*points=\"([^\"]+)", text)
+    corners = [tuple(map(float, corner.split(","))) for corner in frame.split()]
+    (left, right), (low, high) = ((min(values), max(values)) for values in zip(*corners, strict=True))
+    wires = re.findall(r'class="edge">.*?<path[^>]* d="([^"]+)"', text, flags=re.DOTALL)
+    assert len(wires) > 10
+    outside = [(x, y) for wire in wires for x, y in curve(wire) if not (left <= x <= right and low <= y <= high)]
+    assert outside == []
+
+
+def test_a_frame_is_widened_for_wires_of_its_own_diagram_alone() -> None:
+    dot = "digraph _0 {\nsubgraph cluster0diagram {\na [x];\nsubgraph cluster1diagram {\nb [x];\nc [x];\n}\n}\n}\n"
+    frame = '<g class="cluster">\n<title>{}</title>\n<polygon points="0,0 0,-50 50,-50 50,0 0,0"/>'
+    wire = '<g class="edge">\n<title>{}:e&#45;&gt;{}:w</title>\n<path d="M10,-10C20,{} 30,-10 40,-10"/>'
+    sheet = '<g class="graph">\n<title>_0</title>\n<polygon points="-90,90 -90,-90 90,-90 90,90"/>'
+    frames = frame.format("cluster0diagram") + frame.format("cluster1diagram")
+    svg = sheet + frames + wire.format("b", "c", 20) + wire.format("a", "b", -99)
+    outer, inner = re.findall(r'"cluster">\s*<title>\w+</title>\s*<polygon points="([^"]+)"', framed(svg, dot))
+    assert inner == "0,24 0,-50 50,-50 50,24 0,24"
+    assert outer == "0,24 0,-86 50,-86 50,24 0,24"  # at most to the margin of the sheet

@@ -187,7 +187,7 @@ def words(page: Any, selector: str) -> list[str]:
 HOVER = """for (const plot of document.querySelectorAll(".js-plotly-plot")) {
   plot.data.forEach((trace, number) => trace.visible !== false && trace.y.length
     && Plotly.Fx.hover(plot, [{ curveNumber: number, pointNumber: trace.y.findIndex(value => value !== null) }],
-                       ["x" + trace.yaxis]));
+                       [(trace.xaxis || "x") + trace.yaxis]));
 }"""
 
 

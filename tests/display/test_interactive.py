@@ -16,6 +16,7 @@ from massprop_drake.display.spec import (
     Line,
     Mark,
     Moment,
+    Over,
     Panel,
     Plot,
     Points,
@@ -115,6 +116,27 @@ def test_panels_stand_one_above_the_other_over_one_axis_of_time() -> None:
     assert (layout["xaxis"]["anchor"], layout["xaxis"]["range"]) == ("y3", [0.0, 10.0])
     assert [shape["x0"] for shape in layout["shapes"]] == [1.0, 3.0, 4.0] * 3
     assert {shape["yref"] for shape in layout["shapes"]} == {"y domain", "y2 domain", "y3 domain"}
+
+
+def test_panels_over_a_quantity_have_axes_of_their_own_and_a_path_to_read() -> None:
+    over = [Over(f"error {letter}", "deg", (-2.0, 2.0)) for letter in "xy"]
+    marks = (Line(TIME, TIME, BLUE, "path"), Line(TIME[:2], TIME[:2], BLUE, "wanted"))
+    panels = tuple(Panel(f"rate {letter}", "deg/s", marks, over=each) for letter, each in zip("xy", over, strict=True))
+    moments = (Moment(3.0, declared=False),)
+    figure = interactive.drawn(Plot("some", "T", "c", TIME, panels, (), moments))
+    assert [(trace["xaxis"], trace["yaxis"]) for trace in figure["traces"]] == [("x", "y")] * 2 + [("x2", "y2")] * 2
+    assert [trace.get("meta") for trace in figure["traces"]] == [
+        {"label": "rate x", "unit": "deg/s", "over": ["error x", "deg"]},
+        None,
+        {"label": "rate y", "unit": "deg/s", "over": ["error y", "deg"]},
+        None,
+    ]
+    layout = figure["layout"]
+    assert layout["shapes"] == []  # a moment in time has no place
+    places = [(label["text"], label["xref"], label["yref"]) for label in layout["annotations"]]
+    assert places == [("rate x, deg/s", "x domain", "y domain"), ("rate y, deg/s", "x2 domain", "y2 domain")]
+    assert [layout[axis]["title"]["text"] for axis in ("xaxis", "xaxis2")] == ["error x, deg", "error y, deg"]
+    assert layout["xaxis2"]["range"] == [-2.0, 2.0]
 
 
 def test_every_plot_of_a_run_can_be_drawn(stuck_run: Run) -> None:

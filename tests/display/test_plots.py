@@ -8,13 +8,16 @@ import numpy as np
 import pytest
 from scipy.special import chdtri
 
-from massprop_drake.display import plots
+from massprop_drake import load_scenario, simulate
+from massprop_drake.display import instruments, plots
+from massprop_drake.display.figures import drawn
+from massprop_drake.display.page import report_html
 from massprop_drake.display.plots import Source
 from massprop_drake.display.spec import Band, Bars, Level, Line, Panel, Points, SymmetricLog, Whiskers, Zone
 from massprop_drake.results.run import Run
 
-MOTION = ["rates", "attitude_error", "velocities", "clusters", "jets", "torques", "forces"]
-FILTER = ["consistency", "innovations", "propellant"]
+MOTION = ["rates", "attitude_error", "velocities", "clusters", "jets", "torques", "forces", "phase_plane"]
+FILTER = ["consistency", "innovations", "mass_innovations", "propellant"]
 ESTIMATES = ["inverse_inertia_diagonal", "inverse_inertia_products", "center_of_mass", "mass_reciprocal"]
 DETECTOR = ["likelihoods", "margins", "failure_magnitude", "detection_timeline"]
 TRUE = ("truth", "thrust", "rate", "velocity", "torque", "force", "attitude", "position")
@@ -147,10 +150,49 @@ def test_propellant_is_what_the_summary_says(stuck: Case) -> None:
     assert (np.diff(line.y) >= 0.0).all()
 
 
-def test_innovations_are_those_of_the_samples_used(stuck: Case) -> None:
-    used = stuck.run["rotation_used"][:, 0] != 0.0
-    (points,) = marks(plots.innovations(stuck.source).panels[1], Points)
-    np.testing.assert_allclose(points.y, np.degrees(stuck.run["rotation_innovation"][used, 1]), rtol=1e-14)
+def test_innovations_are_those_of_the_samples_used_with_their_own_three_sigma(stuck: Case) -> None:
+    for name, plot, scale in (("rotation", plots.innovations, 180.0 / np.pi), ("mass", plots.mass_innovations, 1.0)):
+        used = stuck.run[f"{name}_used"][:, 0] != 0.0
+        panel = plot(stuck.source).panels[1]
+        (points,), (band,) = marks(panel, Points), marks(panel, Whiskers)
+        np.testing.assert_allclose(points.y, scale * stuck.run[f"{name}_innovation"][used, 1], rtol=1e-14)
+        np.testing.assert_allclose(band.high, 3.0 * scale * stuck.run[f"{name}_innovation_std"][used, 1], rtol=1e-14)
+        np.testing.assert_array_equal(band.low, -band.high)
+        # by the whole covariance, each component is at most as far off as all of them together
+        share = stuck.run[f"{name}_innovation"] / stuck.run[f"{name}_innovation_std"]
+        assert (share[used] ** 2 <= stuck.run[f"{name}_nis"][used] * (1.0 + 1e-9)).all()
+
+
+def test_innovations_of_a_run_without_their_sigma_have_no_band(stuck: Case) -> None:
+    signals = {name: value for name, value in stuck.run.signals.items() if not name.endswith("innovation_std")}
+    panel = plots.innovations(stuck.source._replace(signals=signals)).panels[0]
+    assert [type(mark) for mark in panel.marks] == [Points]
+
+
+def test_the_autopilot_acts_where_the_phase_plane_says(stuck: Case) -> None:
+    """No translation is asked for: an axis in hold beyond the dashed lines asks for a correction, and only such do."""
+    panels = plots.phase_plane(stuck.source).panels
+    held = np.ones(stuck.run.time_s.size, dtype=bool)
+    beyond = np.zeros_like(held)
+    for axis, panel in enumerate(panels):
+        path, wanted, low, high = marks(panel, Line)
+        np.testing.assert_allclose(path.y, np.where(np.isnan(path.x), np.nan, np.degrees(stuck.run["gyro"][:, axis])))
+        assert path.y[np.isfinite(path.y)].size
+        held &= np.isfinite(path.x)
+        beyond |= (path.y > np.interp(path.x, high.x, high.y)) | (path.y < np.interp(path.x, low.x, low.y))
+        np.testing.assert_allclose(0.5 * (low.y + high.y), wanted.y, atol=1e-15)
+    asks = stuck.run["request"][:, 7] > 0.0
+    assert beyond[held].any()
+    assert not beyond[held].all()
+    np.testing.assert_array_equal(asks[held], beyond[held])
+
+
+def test_a_translation_has_switching_lines_of_its_own(stuck: Case) -> None:
+    moving = stuck.run.scenario.maneuver[0].model_copy(update={"controller": "thc"})
+    source = stuck.source._replace(scenario=stuck.run.scenario.model_copy(update={"maneuver": (moving,)}))
+    *_, low, high = marks(plots.phase_plane(source).panels[0], Line)
+    resolve_rate = np.degrees(stuck.run.scenario.autopilot.resolve_rate)
+    np.testing.assert_allclose(high.y - low.y, 2.0 * resolve_rate)
 
 
 def test_when_the_detector_is_not_armed_is_a_window(stuck: Case) -> None:
@@ -210,7 +252,7 @@ def test_nis_is_shown_where_it_was_used_beside_its_limits(stuck: Case) -> None:
     used = stuck.run["rotation_used"][:, 0] != 0.0
     np.testing.assert_array_equal(points.x, stuck.run.time_s[used])
     np.testing.assert_array_equal(points.y, stuck.run["rotation_nis"][used, 0])
-    assert points.label == f"mean {points.y.mean():.2f} of {used.sum()} samples"
+    assert points.label == f"NIS, mean {points.y.mean():.2f} of {used.sum()} samples"
     assert panel.scale == "log"
     np.testing.assert_allclose((zone.low, zone.high), chdtri(3, [0.975, 0.025]), rtol=1e-14)
 
@@ -219,7 +261,7 @@ def test_means_of_a_thinned_run_are_those_of_all_samples(stuck: Case) -> None:
     means = {"rotation_nis_mean": 2.5, "translation_nis_mean": None}
     panels = plots.consistency(stuck.source._replace(consistency=means)).panels
     labels = [marks(panel, Points)[0].label for panel in panels]
-    assert labels == ["mean 2.50 of all samples used", "no sample used"]
+    assert labels == ["NIS, mean 2.50 of all samples used", "NIS, no sample used"]
 
 
 # ---------------------------------------------------------------------------------------- detector
@@ -327,3 +369,33 @@ def test_what_lies_beyond_the_end_is_left_out(stuck: Case) -> None:
     signals = {name: values[until] for name, values in stuck.run.signals.items()}
     plot = plots.rates(stuck.source._replace(time_s=stuck.run.time_s[until], signals=signals))
     assert (plot.windows, plot.moments, plot.note) == ((), (), "")
+
+
+# --------------------------------------------------------------------- followed in a fixed frame
+
+
+@pytest.fixture(scope="module")
+def tracked() -> Run:
+    """A vehicle in a plane that is followed by motion capture: no gyro, and most parameters fixed."""
+    return simulate(load_scenario("air_bearing_pulses", ["duration_s=3"]))
+
+
+def test_parameters_that_are_fixed_have_no_panel(tracked: Run) -> None:
+    found = plots.available(plots.source(tracked))
+    assert not {"inverse_inertia_products", "innovations", "phase_plane", "gyro_readings"} & set(found)
+    (panel,) = found["inverse_inertia_diagonal"](plots.source(tracked)).panels
+    assert panel.label == "Izz⁻¹"
+
+
+def test_a_vehicle_without_gyro_has_pictures_and_pages(tracked: Run) -> None:
+    true = {*TRUE, "position"}
+    signals = {name: values for name, values in tracked.signals.items() if name not in true}
+    source = plots.source(tracked)
+    for each in (source, source._replace(signals=signals)):
+        for name, plot in plots.available(each).items():
+            assert plot(each).name == name
+            drawn(plot(each))
+    (rate, *_) = plots.detection_timeline(source._replace(signals=signals)).panels
+    np.testing.assert_allclose(rate.marks[2].y, np.degrees(tracked["rate_estimate"][:, 2]))  # type: ignore[union-attr]
+    assert "Izz" in report_html(tracked)
+    assert np.isnan(instruments.columns(tracked)["apart"]).all()

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from contrast_probe import faint
 from matplotlib.image import imread
 
 from massprop_drake import load_scenario, simulate
@@ -236,3 +237,13 @@ def test_a_live_view_shows_what_the_replay_shows(browser: Any, stuck_run: Run) -
     page.evaluate("massprop.seek(0.5)")  # and what has been seen can be played again
     assert page.inner_text("#mp-time") == "0.50 s"
     page.close()
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_text_beside_the_picture_stands_out_from_its_ground(
+    opened: Any, stuck_run: Run, tmp_path: Path, scheme: str
+) -> None:
+    page = opened(write_replay(stuck_run, tmp_path / "replay.html")).page
+    page.emulate_media(color_scheme=scheme)
+    page.evaluate("massprop.seek(3)")
+    assert faint(page, 15) == []

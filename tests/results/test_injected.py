@@ -105,7 +105,7 @@ def test_nothing_of_a_jet_that_lags_is_taken_for_its_failure(transient: str) -> 
 
 
 def test_a_payload_acts_when_it_leaves() -> None:
-    run = simulate(load_scenario("payload_release", ["duration_s=45.5"]))
+    run = simulate(load_scenario("payload_release", ["duration_s=45.5", "execution.engine=loop"]))
     (record,) = run.results.injected or ()
     assert (record.kind, record.jet, record.first_acted_s, record.force) == ("release", None, 45.0, None)
 

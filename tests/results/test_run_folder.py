@@ -22,6 +22,8 @@ FIGURES = {
     "attitude_error",
     "clusters",
     "innovations",
+    "mass_innovations",
+    "phase_plane",
     "propellant",
     "center_of_mass",
     "consistency",
@@ -314,7 +316,7 @@ def test_missing_readings_are_empty_cells(short_run: Run, tmp_path: Path) -> Non
     signals["gyro"] = signals["gyro"].copy()
     signals["gyro"][2, 1] = np.nan
     run = Run(short_run.scenario, short_run.results, short_run.time_s, signals)
-    run.save(tmp_path / "run", pictures=False)
+    run.save(tmp_path / "run", pictures=False, report=False)
     with (tmp_path / "run" / "telemetry.csv").open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
     assert rows[2]["gyro_y"] == ""
@@ -371,7 +373,7 @@ def test_a_failure_in_the_middle_leaves_nothing(
 
     monkeypatch.setattr(Run, method, fail)
     with pytest.raises(_BrokenError):
-        short_run.save(tmp_path / "run", pictures=False)
+        short_run.save(tmp_path / "run", pictures=False, report=False)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -383,14 +385,14 @@ def test_a_full_disk_is_told_and_leaves_nothing(
 
     monkeypatch.setattr(Run, "_write_history", fail)
     with pytest.raises(InputError, match=r"run: cannot be written: No space left on device"):
-        short_run.save(tmp_path / "run", pictures=False)
+        short_run.save(tmp_path / "run", pictures=False, report=False)
     assert list(tmp_path.iterdir()) == []
 
 
 def test_a_failure_leaves_the_earlier_run_as_it_was(
     short_run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    target = short_run.save(tmp_path / "run", pictures=False)
+    target = short_run.save(tmp_path / "run", pictures=False, report=False)
     before = _contents(target)
 
     def fail(*_: object) -> None:
@@ -398,7 +400,7 @@ def test_a_failure_leaves_the_earlier_run_as_it_was(
 
     monkeypatch.setattr(Run, "_write_history", fail)
     with pytest.raises(_BrokenError):
-        short_run.save(target, pictures=False)
+        short_run.save(target, pictures=False, report=False)
     assert _contents(target) == before
     assert [path.name for path in tmp_path.iterdir()] == ["run"]
 
@@ -412,23 +414,23 @@ def test_an_earlier_run_is_replaced_altogether(short_run: Run, tmp_path: Path) -
 
 def test_an_empty_folder_is_taken(short_run: Run, tmp_path: Path) -> None:
     (tmp_path / "run").mkdir()
-    short_run.save(tmp_path / "run", pictures=False)
-    assert {path.name for path in (tmp_path / "run").iterdir()} == FILES
+    short_run.save(tmp_path / "run", pictures=False, report=False)
+    assert {path.name for path in (tmp_path / "run").iterdir()} == FILES - {"report.html"}
 
 
 def test_missing_parents_are_made(short_run: Run, tmp_path: Path) -> None:
-    short_run.save(tmp_path / "a" / "b" / "run", pictures=False)
-    assert {path.name for path in (tmp_path / "a" / "b" / "run").iterdir()} == FILES
+    short_run.save(tmp_path / "a" / "b" / "run", pictures=False, report=False)
+    assert {path.name for path in (tmp_path / "a" / "b" / "run").iterdir()} == FILES - {"report.html"}
 
 
 def test_files_of_others_are_kept(short_run: Run, tmp_path: Path) -> None:
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "thesis.txt").write_text("years of work", encoding="utf-8")
     with pytest.raises(InputError, match=r"not of an earlier run.*: thesis.txt; give another folder, or --force"):
-        short_run.save(tmp_path / "mine", pictures=False)
+        short_run.save(tmp_path / "mine", pictures=False, report=False)
     assert [path.name for path in (tmp_path / "mine").iterdir()] == ["thesis.txt"]
-    short_run.save(tmp_path / "mine", force=True, pictures=False)
-    assert {path.name for path in (tmp_path / "mine").iterdir()} == FILES
+    short_run.save(tmp_path / "mine", force=True, pictures=False, report=False)
+    assert {path.name for path in (tmp_path / "mine").iterdir()} == FILES - {"report.html"}
     assert (tmp_path / "mine.1" / "thesis.txt").read_text(encoding="utf-8") == "years of work"
     assert {path.name for path in tmp_path.iterdir()} == {"mine", "mine.1"}
 
@@ -436,16 +438,16 @@ def test_files_of_others_are_kept(short_run: Run, tmp_path: Path) -> None:
 def test_a_file_is_no_folder(short_run: Run, tmp_path: Path) -> None:
     (tmp_path / "run").write_text("x", encoding="utf-8")
     with pytest.raises(InputError, match="run: is a file; give a folder to write to"):
-        short_run.save(tmp_path / "run", force=True, pictures=False)
+        short_run.save(tmp_path / "run", force=True, pictures=False, report=False)
     with pytest.raises(InputError, match=r"below: cannot be written: .*; give a folder you may write to"):
-        short_run.save(tmp_path / "run" / "below", pictures=False)
+        short_run.save(tmp_path / "run" / "below", pictures=False, report=False)
     assert (tmp_path / "run").read_text(encoding="utf-8") == "x"
 
 
 def test_files_have_the_permissions_of_other_files(short_run: Run, tmp_path: Path) -> None:
     # temporary folders are private to their owner: a run is not
     (tmp_path / "plain").mkdir()
-    target = short_run.save(tmp_path / "run", pictures=False)
+    target = short_run.save(tmp_path / "run", pictures=False, report=False)
     assert target.stat().st_mode == (tmp_path / "plain").stat().st_mode
 
 
@@ -462,7 +464,7 @@ def test_a_folder_without_a_run_is_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", ["summary.json", "history.npz", "scenario.yaml"])
 @pytest.mark.parametrize("share", [0.0, 0.5])
 def test_a_damaged_run_is_refused(short_run: Run, tmp_path: Path, name: str, share: float) -> None:
-    target = short_run.save(tmp_path / "run", pictures=False)
+    target = short_run.save(tmp_path / "run", pictures=False, report=False)
     content = (target / name).read_bytes()
     (target / name).write_bytes(content[: int(share * len(content))])
     raised: type[Exception] | None = None

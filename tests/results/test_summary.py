@@ -271,3 +271,5 @@ def test_the_force_of_a_jet_stuck_on_is_given_as_known_at_the_end() -> None:
     assert {record.jet_index for record in (followed, left, there)} == {None}
     (unknown,) = settled((STUCK_ON,), force, np.zeros(44))
     assert unknown.magnitude == 868.0
+    (withdrawn,) = settled((STUCK_ON._replace(withdrawn_s=51.0),), force, variance)
+    assert withdrawn.magnitude == 868.0  # that it had while it stood

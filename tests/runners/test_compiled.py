@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import builtins
+import gc
 import subprocess
 import sys
 from pathlib import Path
@@ -11,12 +12,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from massprop_drake import InputError, estimate, load_scenario, simulate
+from massprop_drake import Estimator, InputError, estimate, load_scenario, simulate
 from massprop_drake.inputs.params import thesis_params
 from massprop_drake.maths import kernels
+from massprop_drake.maths.autopilot.phase_space import Sensed
 from massprop_drake.maths.linear_algebra import cross
 from massprop_drake.maths.vehicle.rigid_body import step
 
+# the compiler takes no notice of it where it is made ready, which is in whatever test comes first
+pytestmark = pytest.mark.filterwarnings("ignore:.*is faster on contiguous arrays")
 # what is decided, not reckoned: the same to the last bit
 DECIDED = ("command", "rotation_used", "mass_used", "alarm", "tested", "detector_event", "suspected_jet", "out_of_use")
 OF_LIKELIHOOD = ("likelihood", "nis", "margin", "unexplained")  # sums of squares, or differences of such
@@ -71,6 +75,41 @@ def require_close(compiled: Any, plain: Any) -> None:
     ]
 
 
+def test_a_bundle_is_a_reference_in_compiled_code_and_the_same_named_tuple_in_python() -> None:
+    pytest.importorskip("numba")
+    compiler = kernels.compiler()
+
+    def turned(given: Sensed, rate: Any) -> Sensed:
+        other = Sensed(
+            given.rotation_command, given.translation_command, rate=rate, delivered=rate, attitude_error=rate
+        )
+        return other if rate[0] > given.rate[0] else given
+
+    import numba  # noqa: PLC0415 (optional)
+
+    first = Sensed(*(np.full(3, float(number)) for number in range(5)))
+    compiled = numba.njit(turned)
+    for rate in (np.full(3, 2.0), np.full(3, 4.0)):
+        made, expected = compiled(first, rate), turned(first, rate)
+        assert type(made) is Sensed
+        np.testing.assert_array_equal(made, expected)
+    (signature,) = compiled.signatures
+    assert signature[0].bundle is Sensed
+    assert len(numba.core.registry.cpu_target.target_context.get_value_type(signature[0]).elements) == 1
+    assert compiler.spent_s > 0.0
+
+
+def test_machine_code_is_made_of_what_python_calls_alone() -> None:
+    numba = pytest.importorskip("numba")
+    kernels.compiler()
+    inner = numba.njit(no_cpython_wrapper=True)(lambda x: 2.0 * x)
+    outer = numba.njit(lambda x: inner(x) + 1.0)
+    assert outer(3.0) == 7.0
+    assert gc.isenabled()  # again
+    made = {function: [one.library._waits for one in function.overloads.values()] for function in (inner, outer)}
+    assert made == {inner: [True], outer: [False]}
+
+
 FAILING = (  # so that a jet is suspected, declared and reckoned with
     "stuck_on_29",
     "duration_s=20",
@@ -100,6 +139,28 @@ def test_compiled_kernels_give_the_same_but_for_rounding(case: tuple[str, ...], 
     again = estimate(tmp_path / "run" / "telemetry.csv", load_scenario(tmp_path / "run"))
     np.testing.assert_array_equal(again["estimate"], compiled["estimate"])
     assert load_scenario(tmp_path / "run").execution.compiled
+
+
+def test_the_estimator_compiles_its_cycle_too() -> None:
+    pytest.importorskip("numba")
+    asked = load_scenario(FAILING[0], [*FAILING[1:], "execution={engine: loop, compiled: true}"])
+    run = simulate(asked)
+    steps = []
+    dut = Estimator(asked.vehicle_data, asked)
+    for row, time_s in enumerate(run.time_s):
+        readings = {name: run[name][row] for name in ("acc1", "acc2", "acc3")}
+        if row == 200:  # from its state as JSON has it
+            state, dut = dut.state, Estimator(asked.vehicle_data, asked)
+            dut.restore(state)
+        steps.append(dut.step(time_s, run["gyro"][row], readings, run["command"][row]))
+    np.testing.assert_array_equal([step.estimate for step in steps], run["estimate"])
+    np.testing.assert_array_equal([step.standard_deviation for step in steps], run["standard_deviation"])
+    np.testing.assert_array_equal([step.rotation_nis for step in steps], run["rotation_nis"][:, 0])
+    np.testing.assert_array_equal([step.alarm for step in steps], run["alarm"][:, 0])
+    np.testing.assert_array_equal(dut.covariance, run.covariance)
+    (found,) = [step.detection for step in steps if step.detection is not None]
+    assert (found.kind, found.jet) == ("jet", "R4R")
+    assert steps[-1].removed.any()
 
 
 def test_another_process_reads_compiled_code() -> None:

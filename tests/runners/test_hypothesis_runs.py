@@ -14,6 +14,7 @@ from massprop_drake import Estimator, InputError, Run, Scenario, estimate, load_
 from massprop_drake.runners.recorded import settings_alone
 
 ACCELEROMETERS = ("acc1", "acc2", "acc3")
+LOOP = "execution.engine=loop"  # the diagram's bits, sooner
 NEAR = [
     "estimation={filter: joint, start: nominal, std_fraction: 0.001}",
     "joint={settled_after: 10, tank_fraction: 0, thrust_uncertainty: 0}",
@@ -127,7 +128,7 @@ def test_a_payload_that_docks_is_weighed() -> None:
     run = simulate(
         load_scenario(
             "payload_docking",
-            ["duration_s=38", *NEAR, "jumps=[{kind: dock, time_s: 12, mass: 500, position: [60, 0, -3]}]"],
+            ["duration_s=38", LOOP, *NEAR, "jumps=[{kind: dock, time_s: 12, mass: 500, position: [60, 0, -3]}]"],
         )
     )
     (said,) = run.results.detections
@@ -161,7 +162,7 @@ def _sooner(name: str, by_s: float, *overrides: str) -> Run:
     failures = [one.model_dump(exclude_none=True) for one in load_scenario(name).failures]
     for one in failures:
         one.update({key: one[key] - by_s for key in ("start_s", "end_s") if key in one})
-    return simulate(load_scenario(name, [*NEAR, f"failures={json.dumps(failures)}", *overrides]))
+    return simulate(load_scenario(name, [LOOP, *NEAR, f"failures={json.dumps(failures)}", *overrides]))
 
 
 def test_a_leak_of_half_a_percent_is_named() -> None:
@@ -183,7 +184,7 @@ def test_two_leaks_at_once_are_both_named() -> None:
 
 
 def test_a_jet_that_comes_and_goes_is_said_to_be_erratic(tmp_path: Path) -> None:
-    run = simulate(load_scenario("intermittent_jet", ["duration_s=50"]))
+    run = simulate(load_scenario("intermittent_jet", ["duration_s=50", LOOP]))
     (said,) = run.results.detections
     assert (said.jet, said.pattern, said.withdrawn_s) == ("R4R", "intermittent", None)
     assert said.erratic_s is not None
@@ -202,7 +203,7 @@ def test_a_jet_that_comes_and_goes_is_said_to_be_erratic(tmp_path: Path) -> None
 
 def test_stated_dispersions_of_thrust_are_no_failure() -> None:
     near = "estimation={filter: joint, start: nominal, std_fraction: 0.05}"
-    run = simulate(load_scenario("dispersed_thrust", ["duration_s=16", near]))
+    run = simulate(load_scenario("dispersed_thrust", ["duration_s=16", LOOP, near]))
     results = run.results
     assert (results.detections, results.events, results.unconfirmed) == ((), (), ())
     (untested,) = results.untested

@@ -100,7 +100,7 @@ def _assert_equal_estimates(run: Run, replay: Run, last: int | None = None) -> N
 )
 def test_a_runs_telemetry_gives_the_runs_estimates(scenario: str, overrides: list[str], tmp_path: Path) -> None:
     run = simulate(load_scenario(scenario, overrides))
-    run.save(tmp_path / "run", pictures=False)
+    run.save(tmp_path / "run", pictures=False, report=False)
     replay = estimate(tmp_path / "run" / "telemetry.csv", load_scenario(tmp_path / "run"))
     _assert_equal_estimates(run, replay)
     np.testing.assert_array_equal(replay.time_s, run.time_s)
@@ -118,7 +118,7 @@ def test_a_failure_is_found_again(failed_run: Run, replayed: Run) -> None:
 def test_the_replay_of_a_replay_is_the_same(
     failed_run: Run, failed_folder: Path, replayed: Run, tmp_path: Path
 ) -> None:
-    replayed.save(tmp_path / "replay", pictures=False)
+    replayed.save(tmp_path / "replay", pictures=False, report=False)
     assert (tmp_path / "replay" / "telemetry.csv").read_bytes() == (failed_folder / "telemetry.csv").read_bytes()
     loaded = Run.load(tmp_path / "replay")
     _assert_equal_estimates(failed_run, loaded)
@@ -359,7 +359,7 @@ def test_a_record_may_be_split_anywhere(
 ) -> None:
     header, rows = _table(failed_folder)
     first = estimate(_write(tmp_path / "one.csv", header, rows[: cut + 1]), failed_run.scenario)
-    first.save(tmp_path / "one", pictures=False)
+    first.save(tmp_path / "one", pictures=False, report=False)
     rest = rows[cut:] if boundary == "in both" else rows[cut + 1 :]
     second = estimate(_write(tmp_path / "two.csv", header, rest), failed_run.scenario, resume_from=tmp_path / "one")
     assert second.time_s.size == len(rows) - cut - 1
@@ -373,7 +373,7 @@ def test_rows_that_an_earlier_part_had_are_skipped(
 ) -> None:
     header, rows = _table(failed_folder)
     path = _write(tmp_path / "one.csv", header, rows[:301])
-    estimate(path, failed_run.scenario).save(tmp_path / "one", pictures=False)
+    estimate(path, failed_run.scenario).save(tmp_path / "one", pictures=False, report=False)
     second = estimate(failed_folder / "telemetry.csv", failed_run.scenario, resume_from=tmp_path / "one")
     _assert_equal_estimates(replayed, second, last=112)
     assert second.summary["data_quality"]["before_start"] == 300
@@ -381,7 +381,7 @@ def test_rows_that_an_earlier_part_had_are_skipped(
 
 def test_a_simulated_run_can_be_gone_on_from(failed_folder: Path, replayed: Run, tmp_path: Path) -> None:
     scenario = load_scenario("stuck_on_29", [*FAILURE, "duration_s=24"])
-    simulate(scenario).save(tmp_path / "run", pictures=False)
+    simulate(scenario).save(tmp_path / "run", pictures=False, report=False)
     second = estimate(failed_folder / "telemetry.csv", scenario, resume_from=tmp_path / "run")
     _assert_equal_estimates(replayed, second, last=second.time_s.size)
 
@@ -400,7 +400,7 @@ def test_accelerations_and_outside_forces_go_on_as_well(toy_data: dict[str, Any]
     whole = estimate(log.write(tmp_path / "whole.csv"), scenario)
     rows = log.rows
     log.rows = rows[:31]
-    estimate(log.write(tmp_path / "one.csv"), scenario).save(tmp_path / "one", pictures=False)
+    estimate(log.write(tmp_path / "one.csv"), scenario).save(tmp_path / "one", pictures=False, report=False)
     log.rows = rows[30:]
     second = estimate(log.write(tmp_path / "two.csv"), scenario, resume_from=tmp_path / "one")
     _assert_equal_estimates(whole, second, last=29)

@@ -18,7 +18,7 @@ UNSEEN = {"leak_27"}  # below what the sensors resolve
 
 def _shortened(name: str) -> Scenario:
     """A bundled scenario cut short; one in which something happens has it early, and starts near the truth."""
-    data = load_scenario(name).model_dump(mode="json")
+    data = load_scenario(name, ["execution.engine=loop"]).model_dump(mode="json")
     if not data["failures"] and not data["jumps"]:
         return resolved(data | {"duration_s": 10.0})
     for failure in data["failures"]:
@@ -34,7 +34,7 @@ def _shortened(name: str) -> Scenario:
 
 @pytest.mark.parametrize("name", bundled_scenarios())
 def test_the_cycle_and_the_diagram_agree_bit_for_bit(name: str, tmp_path: Path) -> None:
-    run = simulate(_shortened(name))
+    run = simulate(_shortened(name))  # by the loop; test_loop.py compares it with the diagram
     telemetry = run.save(tmp_path / "run", pictures=False, report=False) / "telemetry.csv"
     found = estimate(telemetry, run.scenario)
     second = replayed(telemetry, settings_alone(run.scenario))

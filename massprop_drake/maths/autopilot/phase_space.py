@@ -131,7 +131,7 @@ def attitude_step(
         period_s: sample period, s.
         capture_rate: rate below which an axis in detent starts to hold, rad/s.
     """
-    attitude, reference, holding, previous_rate = memory
+    attitude, reference, holding, previous_rate = memory.attitude, memory.reference, memory.holding, memory.rate
     if math.isnan(previous_rate[0]):  # before the first reading no time has passed
         previous_rate, period_s = rate, 0.0
     attitude = propagated(attitude, 0.5 * (previous_rate + rate), period_s)
@@ -221,9 +221,8 @@ def phase_space_request(
         memory: of the sample before.
         params: see `PhaseSpaceParams`.
     """
-    rotation_command, translation_command, attitude_error, rate, delivered = sensed
-    period_s = params.period_s
-    rate_error = commanded_rate(rotation_command, attitude_error, params) - rate
+    translation_command, period_s = sensed.translation_command, params.period_s
+    rate_error = commanded_rate(sensed.rotation_command, sensed.attitude_error, params) - sensed.rate
     x, y, z = numbers(np.abs(rate_error), 3)
     largest = max(x, y, z)
     if not nonzero(translation_command):
@@ -235,7 +234,7 @@ def phase_space_request(
         )
 
     changed = nonzero(translation_command - memory.command)
-    velocity_left = memory.velocity_left - delivered
+    velocity_left = memory.velocity_left - sensed.delivered
     horizon_left = memory.horizon_left_s - period_s
     since = memory.since_selection_s + period_s
     urgency = Urgency.NONE

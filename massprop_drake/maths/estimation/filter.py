@@ -179,6 +179,7 @@ class RotationReport(NamedTuple):
     Attributes:
         estimate, standard_deviation: of inverse inertia and center of mass, after the measurement, shape (9,) each.
         rotation_innovation: measured minus predicted rate increment, rad/s, NaN where not measured, shape (3,).
+        rotation_innovation_std: 1-sigma of it by the filter's own covariance, before any increment, shape (3,).
         rotation_nis: of the innovation, before any covariance increment.
         rotation_used: whether the estimate was updated.
         rotation_jump: whether the covariance was incremented.
@@ -188,6 +189,7 @@ class RotationReport(NamedTuple):
     estimate: Array
     standard_deviation: Array
     rotation_innovation: Array
+    rotation_innovation_std: Array
     rotation_nis: float
     rotation_used: bool
     rotation_jump: bool
@@ -200,13 +202,14 @@ class MassReport(NamedTuple):
     Attributes:
         mass_reciprocal, variance: after the measurement.
         mass_innovation: measured minus predicted velocity increment, ft/s or m/s, NaN where not measured, shape (3,).
-        mass_nis, mass_used: as in `RotationReport`.
+        mass_innovation_std, mass_nis, mass_used: as in `RotationReport`.
         mass_jump: whether a jump of 1/m was found.
     """
 
     mass_reciprocal: float
     variance: float
     mass_innovation: Array
+    mass_innovation_std: Array
     mass_nis: float
     mass_used: bool
     mass_jump: bool
@@ -217,6 +220,7 @@ ROTATION_REPORT = Layout(
     estimate=9,
     standard_deviation=9,
     rotation_innovation=3,
+    rotation_innovation_std=3,
     rotation_nis=NUMBER,
     rotation_used=FLAG,
     rotation_jump=FLAG,
@@ -227,6 +231,7 @@ MASS_REPORT = Layout(
     mass_reciprocal=NUMBER,
     variance=NUMBER,
     mass_innovation=3,
+    mass_innovation_std=3,
     mass_nis=NUMBER,
     mass_used=FLAG,
     mass_jump=FLAG,

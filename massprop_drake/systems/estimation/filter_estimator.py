@@ -26,7 +26,7 @@ class FilterEstimator(WholeFilterSystem):
         predicted (out, 10), evidence (out, 213): see `MassEstimator`.
         estimate (out, 10), standard_deviation (out, 10), covariance (out, 100), converged (out, 1): of the ten
             parameters, after this sample's measurement; see `ConvergenceMonitor`.
-        rotation_report (out, 25), mass_report (out, 8): see `RotationEstimator` and `MassEstimator`.
+        rotation_report (out, 28), mass_report (out, 11): see `RotationEstimator` and `MassEstimator`.
 
     State: the filter's, the vectors that its `saved` gives one after the other.
 

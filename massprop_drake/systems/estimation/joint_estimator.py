@@ -38,7 +38,7 @@ class JointEstimator(WholeFilterSystem):
             replacement and published.
         estimate (out, 10), standard_deviation (out, 10), covariance (out, 100), converged (out, 1): of the ten
             parameters, after this sample's measurement; see `ConvergenceMonitor`.
-        rotation_report (out, 25), mass_report (out, 8): see `RotationEstimator` and `MassEstimator`; the innovation is
+        rotation_report (out, 28), mass_report (out, 11): see `RotationEstimator` and `MassEstimator`; the innovation is
             that of the first package, NIS is of all components of a kind that were used, scaled to three.
         joint_report (out, 3): packed as `layouts.JOINT_REPORT`, for logs: how many components of gyros and of
             accelerometers were used; 1 when the start is over.

@@ -43,8 +43,8 @@ class MassEstimator(FilterSystem):
             m/s, NaN where not measured.
         innovation_covariance (out, 9): row by row.
         estimate (out, 2): 1/m and its variance, after this sample's measurement.
-        report (out, 8): packed as `layouts.MASS_REPORT`, for logs: estimate (2); the innovation (3) again; its NIS,
-            NaN where not measured; 1 when the sample was used; 1 when a jump of 1/m was found.
+        report (out, 11): packed as `layouts.MASS_REPORT`, for logs: estimate (2); the innovation (3) again; its
+            1-sigma (3) and its NIS, NaN where not measured; 1 when the sample was used; 1 when a jump of 1/m was found.
 
     State (2 + 3 s + 3 n), packed as `thesis.MASS_STATE`: 1/m, its variance, the last reading of each of the s
     packages, NaN before the first, and the window of the jump test, n the samples that it looks back; sensitivity

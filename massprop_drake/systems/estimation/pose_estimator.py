@@ -67,7 +67,7 @@ class PoseEstimator(WholeFilterSystem):
         evidence (out, abstract): `maths.estimation.filters.pose.PoseEvidence`, for a detector.
         estimate (out, 10), standard_deviation (out, 10), covariance (out, 100), converged (out, 1): of the ten
             parameters, NaN for what has no sigma; see `ConvergenceMonitor`.
-        rotation_report (out, 25), mass_report (out, 8): see `RotationEstimator` and `MassEstimator`; NIS is of
+        rotation_report (out, 28), mass_report (out, 11): see `RotationEstimator` and `MassEstimator`; NIS is of
             attitudes and rates, and of positions, velocities and accelerometers, scaled to three components.
         pose_report (out, 24 + 2 n_jets): packed as `layouts.POSE_REPORT`, for logs.
 

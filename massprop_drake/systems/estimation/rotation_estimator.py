@@ -44,9 +44,9 @@ class RotationEstimator(FilterSystem):
         innovation_covariance (out, 9): row by row, rad^2/s^2.
         estimate (out, 9): x after this sample's measurement.
         covariance (out, 81): its covariance S, row by row.
-        report (out, 25): packed as `layouts.ROTATION_REPORT`, for logs: estimate (9); 1-sigma (9); the innovation
-            (3) again; its NIS before any covariance increment, NaN where not measured; 1 when the sample was used;
-            1 when the covariance was incremented; 1 when dynamic coupling was to be subtracted.
+        report (out, 28): packed as `layouts.ROTATION_REPORT`, for logs: estimate (9); 1-sigma (9); the innovation
+            (3) again; its 1-sigma (3) and its NIS before any covariance increment, NaN where not measured; 1 when the
+            sample was used; 1 when the covariance was incremented; 1 when dynamic coupling was to be subtracted.
 
     State (91 + 3 s), packed as `thesis.ROTATION_STATE`: estimate (9); covariance (81); the hybrid rule's last
     decision; the last reading of each of the s packages, NaN before the first; sensitivity (9 n_jets) to thrust

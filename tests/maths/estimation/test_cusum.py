@@ -153,7 +153,11 @@ def test_noise_is_declared_rarely(bench: Bench) -> None:
     [("stuck_on_29", "R4R", 1.0), ("stuck_off_11", "F2R", -1.0), ("leak_24", "L4D", 1.0)],
 )
 def test_it_finds_the_failures_of_the_bundled_scenarios(name: str, jet: str, sign: float, tmp_path: Path) -> None:
-    overrides = ["duration_s=53", "estimation={filter: thesis, start: nominal, std_fraction: 0.001}"]
+    overrides = [
+        "duration_s=53",
+        "execution.engine=loop",
+        "estimation={filter: thesis, start: nominal, std_fraction: 0.001}",
+    ]
     case = load_scenario(name, overrides)
     case = case.model_copy(update={"detector": load_scenario(name, ["detector={kind: cusum}"]).detector})
     run = simulate(case)

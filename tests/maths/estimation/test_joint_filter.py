@@ -13,7 +13,9 @@ from massprop_drake.maths.estimation.filter import Told
 from massprop_drake.maths.estimation.filters import joint
 from massprop_drake.maths.estimation.filters.joint import GROUP, JointFilterParams, JointFilterState, Measurement
 from massprop_drake.maths.estimation.filters.registry import FILTERS
+from massprop_drake.maths.estimation.joint.cycle import expect
 from massprop_drake.maths.estimation.joint.layout import RATE, make_places, state_layout
+from massprop_drake.maths.estimation.joint.prediction import drive
 
 PARAMS = JointFilterParams(small_params(), PERIOD)
 PLACES = PARAMS.joint.places
@@ -91,6 +93,12 @@ def test_reports_have_what_the_cycle_says() -> None:
     np.testing.assert_allclose(variances, report.covariance.diagonal())
     np.testing.assert_array_equal(step.rotation.rotation_innovation, report.innovation[:3])
     np.testing.assert_array_equal(step.mass.mass_innovation, report.innovation[6:9])
+    before, sample = measurement.evidence.before, measurement.evidence.sample
+    acting = drive(before, sample.durations_s, sample.commands, sample.outside, PARAMS.joint)
+    projected = expect(before, acting, sample, PARAMS.joint).projected  # before any increment
+    expected = np.sqrt((projected @ projected.T).diagonal() + PARAMS.joint.variances)
+    deviations = np.append(step.rotation.rotation_innovation_std, step.mass.mass_innovation_std)
+    np.testing.assert_allclose(deviations, expected[[0, 1, 2, 6, 7, 8]])
     assert (step.own.gyro_components, step.own.accelerometer_components) == (6, 6)
     assert step.rotation.rotation_nis == pytest.approx(3.0 * report.gyro_nis / 6)
     assert step.mass.mass_nis == pytest.approx(3.0 * report.accelerometer_nis / 6)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from joint_probe import small_params
@@ -33,7 +35,7 @@ from massprop_drake.maths.estimation.joint.hypotheses import (
     without_increments,
 )
 from massprop_drake.maths.estimation.joint.layout import JointParams, JointState
-from massprop_drake.maths.estimation.joint.sensitivity import carried, corrected, link, smeared
+from massprop_drake.maths.estimation.joint.sensitivity import Link, carried, corrected, link, smeared
 from massprop_drake.maths.linear_algebra import Array
 
 PARAMS = small_params(second_order=False, flows=np.zeros(6), thrust_sigma=0.0)
@@ -73,19 +75,34 @@ def run_of(flown: Flight, run: Runner, params: JointParams = QUIET) -> Runner:
     return run
 
 
+def _read(read: list[float], off: float = 0.0, spread: float = 0.0) -> tuple[Link, JointParams]:
+    """A cycle with readings, each so far off its prediction, which is known to a spread; exact but for their steps."""
+    nothing: Any = dict.fromkeys(Link._fields, np.zeros(0))
+    covariance = np.eye(len(read)) * (spread**2 + 1.0 / 12.0)
+    over = Link(**nothing)._replace(read=np.array(read), innovation=np.full(len(read), off), covariance=covariance)
+    return over, PARAMS._replace(quanta=np.array([1.0, 1.0, 0.0]), variances=np.full(len(read), 1.0 / 12.0))
+
+
 def test_counting_rule() -> None:
-    quanta = np.array([1.0, 1.0, 0.0])
     counting = Counting(np.array([0.0, 5.0, 0.0]), np.zeros(3))
-    mask, counting = counted(counting, np.array([0.4, 5.6, np.nan]), quanta)
+    still = _read([0.4, 5.6, np.nan])
+    mask, counting = counted(counting, *still)
     assert mask.tolist() == [False, True, False]
     assert counting.last.tolist() == [0.0, 5.6, 0.0]
     for _ in range(4):
-        mask, counting = counted(counting, np.array([0.4, 5.6, np.nan]), quanta)
+        mask, counting = counted(counting, *still)
         assert not mask.any()
-    mask, counting = counted(counting, np.array([0.4, 5.6, np.nan]), quanta)
+    mask, counting = counted(counting, *still)
     assert mask.tolist() == [True, False, False]  # six samples without it
-    mask, counting = counted(counting, np.array([0.4, 5.6, 0.0]), quanta)
+    mask, counting = counted(counting, *_read([0.4, 5.6, 0.0]))
     assert mask.tolist() == [False, True, True]  # what dithers itself always counts
+
+
+def test_a_reading_counts_that_ought_to_have_moved() -> None:
+    counting = Counting(np.array([0.4, 5.6, 0.0]), np.zeros(3))
+    for off, spread, expected in ((0.4, 0.0, False), (0.6, 0.0, True), (-3.4, 1.0, False), (-3.6, 1.0, True)):
+        mask, _ = counted(counting, *_read([0.4, 5.6, np.nan], off, spread))
+        assert mask.tolist() == [expected, expected, False]
 
 
 def test_score_is_the_gaussian_of_what_is_counted() -> None:

@@ -37,7 +37,7 @@ def test_a_late_reading_has_a_piece_of_the_command_that_comes_and_an_early_one_o
 
 
 def _record(stamps: np.ndarray, commands: np.ndarray, period_s: float) -> list[tuple[Clock, Elapsed]]:
-    clock, found = started(stamps[0], np.zeros(1), period_s), []
+    clock, found = started(stamps[0], np.zeros(commands.shape[1]), period_s), []
     for k in range(1, stamps.size):
         clock, interval = elapsed(clock, stamps[k], commands[k - 1], commands[k], period_s)
         found.append((clock, interval))
@@ -45,14 +45,18 @@ def _record(stamps: np.ndarray, commands: np.ndarray, period_s: float) -> list[t
 
 
 def test_jitter_neither_makes_nor_loses_impulse() -> None:
-    """Of a lag-free jet each interval gets what acted in it, to what the ticks are known; the sum is exact."""
+    """Of a lag-free jet each interval gets what acted in it, to what the ticks are known; the sum is exact.
+
+    What is not known of a tick counts as half.
+    """
     rng = np.random.default_rng(0)
     count, most = 400, 0.001
     ticks = 3.0 + T * np.arange(count)
     stamps = ticks + rng.uniform(-most, most, count)
     commands = (rng.uniform(size=(count, 1)) < 0.5).astype(float)
     found = _record(stamps, commands, T)
-    acted = np.array([float(interval.durations_s @ interval.commands[:, 0]) for _, interval in found])
+    told = [np.where(np.isnan(interval.commands[:, 0]), 0.5, interval.commands[:, 0]) for _, interval in found]
+    acted = np.array([float(each.durations_s @ one) for (_, each), one in zip(found, told, strict=True)])
     edges = np.concatenate([[-np.inf], ticks[1:], [np.inf]])
     true = np.empty(count - 1)
     for k in range(count - 1):
@@ -62,6 +66,29 @@ def test_jitter_neither_makes_nor_loses_impulse() -> None:
     assert abs((acted - true).sum()) < 2e-3
     error = np.array([clock.tick_s for clock, _ in found]) - ticks[1:]
     assert np.abs(error[100:]).max() < 4.0 * 2.0 * most / np.sqrt(3 * 100)  # the end of a line through as many stamps
+
+
+def test_what_is_not_known_of_a_tick_covers_its_error() -> None:
+    """Jets that switch together are early or late together: the sum of what they gave varies no more than stated."""
+    rng = np.random.default_rng(1)
+    count, jets = 60, 4
+    errors, stated = [], []
+    for _ in range(40):
+        ticks = T * np.arange(count)
+        stamps = ticks + np.clip(0.01 * T * rng.standard_normal(count), -0.02 * T, 0.02 * T)
+        on = (np.arange(count) // 3 % 2).astype(float)
+        found = _record(stamps, np.tile(on.reshape(-1, 1), jets), T)
+        for k in range(30, count - 1):
+            interval = found[k][1]
+            unknown = np.isnan(interval.commands)
+            mean = float(interval.durations_s @ np.where(unknown, 0.5, interval.commands).sum(axis=1))
+            shares = np.clip(np.minimum(ticks + T, stamps[k + 1]) - np.maximum(ticks, stamps[k]), 0.0, None)
+            errors.append(mean - jets * float(shares @ on))
+            stated.append(0.25 * jets * float((interval.durations_s**2) @ unknown[:, 0]))
+    switched = np.array(stated) > 0.0
+    ratio = np.mean(np.square(errors)[switched]) / np.mean(np.array(stated)[switched])
+    assert 0.3 < ratio < 1.5  # less than all of it: where a blur is cut by a reading, its parts count by themselves
+    assert np.abs(np.array(errors)[~switched]).max() < 1e-12
 
 
 def test_a_clock_that_runs_fast_is_followed() -> None:

@@ -302,3 +302,31 @@ def test_the_same_cycle_judged_again_gives_the_same_and_changes_nothing_that_cam
     for was, now in zip(kept, [pack(flown.filter, PLACES), pack(after, PLACES), flown.state.bank.learned], strict=True):
         np.testing.assert_array_equal(was, now)
     assert first.status.racing
+
+
+def test_what_a_jet_gives_too_much_while_it_is_told_to_fire_may_be_its_thrusts_error() -> None:
+    floors = {
+        (sign, told): detector._floor(0, sign, told, True, JOINT) / JOINT.thrusts[0]
+        for sign in (1, -1)
+        for told in (True, False)
+    }
+    assert floors[1, True] == floors[-1, True] == floors[-1, False] == pytest.approx(0.1)
+    assert floors[1, False] < 0.01
+    flight = Flight().fly(40)
+    over = flight.state.history.records[-1].link
+    on = over.amount > 0.5 * over.duration_s
+    assert [detector._told(jet, over) for jet in range(6)] == on.tolist()
+
+
+def test_what_began_shortly_before_a_decision_is_in_the_bank_after_it() -> None:
+    patient = PARAMS._replace(rules=PARAMS.rules._replace(lead_nothing=1e4))
+    flight = Flight(patient).fly(60)
+    flight.truth = failed(flight.truth, 0, 1, 0.004 * JOINT.thrusts[0])
+    while not flight.said:
+        flight.fly(1)
+    bank, history, since = flight.state.bank, flight.state.history, flight.cycle - 60
+    assert since > 4
+    assert 1 < len(bank.states) == len(history.records) <= since
+    np.testing.assert_array_equal(np.diff(bank.cycles), 1.0)
+    assert bank.cycles[-1] == history.last == flight.cycle
+    np.testing.assert_array_equal(bank.states[-1].mean, flight.filter.mean)  # on the winner's way

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from joint_probe import small_params, some_state
 
+from massprop_drake.maths.estimation.joint import bank as banks
 from massprop_drake.maths.estimation.joint import decision
 from massprop_drake.maths.estimation.joint import race as races
 from massprop_drake.maths.estimation.joint import screen as screens
@@ -208,3 +209,115 @@ def test_while_the_leader_does_not_fit_others_run_that_are_far_behind_to_first_o
     for nis, expected in ((12.0, {leak(0)}), (200.0, {leak(0), leak(1)})):
         now = race(running(leak(0), 1e6, nis=nis))
         assert set(causes(races.running(now, races.standings(now, some, PARAMS), 2))) == expected
+
+
+def surprised(cause: Cause, nis: float, likelihood: float = 100.0) -> Runner:
+    """A filter whose newest sample, of six components, has a NIS; so has all, if that is more than it explains."""
+    run = running(cause, likelihood, nis=max(12.0, nis))
+    return run._replace(newest=Score(0.0, 0.0, nis, 6.0))
+
+
+def judged(*runs: Runner, leading: tuple[Contender, ...], others: tuple[Contender, ...] = ()) -> decision.Decision:
+    now = race(*runs, leading=leading)
+    standing = races.standings(now, [*leading, *others], PARAMS)
+    return decision.decided(now, standing, True, decision.Rules(), PARAMS)
+
+
+def test_what_led_alone_is_named_when_something_new_begins() -> None:
+    led = (contender(leak(0), 100.0),)
+    rival = contender(leak(1), 95.0)  # close to first order: by itself a reason to wait
+    found = judged(surprised(leak(0), 60.0), leading=led, others=(rival,))
+    assert found.outcome == decision.Outcome.JETS
+    assert found.shaken
+    assert found.winner is not None
+    assert found.winner.contender.cause == leak(0)
+    assert judged(surprised(leak(0), 6.0), leading=led, others=(rival,)).outcome == decision.Outcome.OPEN
+    assert judged(surprised(leak(0), 60.0), leading=(), others=(*led, rival)).outcome == decision.Outcome.OPEN
+
+
+def test_what_led_was_wrong_where_another_explains_the_newest_sample() -> None:
+    led, runs = (contender(leak(0), 100.0),), (surprised(leak(0), 60.0), surprised(leak(1), 6.0, 99.0))
+    found = judged(*runs, leading=led, others=(contender(leak(1), 99.0),))
+    assert not found.shaken
+
+
+def test_what_led_was_wrong_where_it_had_not_explained_well_what_came_before() -> None:
+    led = (contender(leak(0), 100.0),)
+    for before, expected in ((15.0, True), (18.0, False)):  # of six components, 6 + 3 sqrt(12) = 16.4
+        run = running(leak(0), 100.0, nis=before + 60.0)._replace(newest=Score(0.0, 0.0, 60.0, 6.0))
+        assert judged(run, leading=led).shaken == expected
+
+
+def test_all_that_led_are_a_group_of_however_many_when_something_new_begins() -> None:
+    led = tuple(contender(leak(jet), 100.0 - 0.1 * jet) for jet in range(5))
+    found = judged(*(surprised(leak(jet), 60.0, 100.0 - 0.1 * jet) for jet in range(4)), leading=led)
+    assert found.outcome == decision.Outcome.GROUP
+    assert {failure.jet for failure in found.alternatives[0]} == {0, 1, 2, 3, 4}  # the last has no filter yet
+
+
+def test_jets_that_are_stuck_are_a_group_once_they_lead_all_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(decision, "_alike", lambda *_: True)
+    two = (contender(stuck(0), 100.0), contender(stuck(1), 99.0))
+    runs = (running(stuck(0), 100.0), running(stuck(1), 99.0))
+    for near, expected in ((90.0, decision.Outcome.OPEN), (80.0, decision.Outcome.GROUP)):
+        now = race(*runs)
+        standing = races.standings(now, [*two, contender(stuck(2), near)], PARAMS)
+        assert decision.decided(now, standing, True, decision.Rules(), PARAMS).outcome == expected
+
+
+def test_what_leads_is_remembered_with_whatever_is_not_behind() -> None:
+    now = race(running(leak(0), 100.0), running(leak(1), 96.0))
+    some = [contender(leak(0), 100.0), contender(leak(1), 96.0), contender(leak(2), 70.0)]
+    found = decision.decided(now, races.standings(now, some, PARAMS), True, decision.Rules(), PARAMS)
+    assert found.outcome == decision.Outcome.OPEN
+    assert [each.cause for each in found.group] == [leak(1)]
+    found = decision.decided(
+        now, races.standings(now, [*some, contender(JUMP, 98.0)], PARAMS), True, decision.Rules(), PARAMS
+    )
+    assert found.winner is None  # a jump is as likely: no jet leads
+
+
+def test_a_liar_is_heard_once_it_has_arrived_whatever_the_first_order_says() -> None:
+    lie = Cause(Kind.LIES, component=1)
+    late = running(lie, cycle=NOW - 3)._replace(lying=True)
+    for triggered, expected in ((NOW - 3, True), (NOW - 20, False)):
+        now = race(running(leak(0), 100.0), late)._replace(triggered=triggered)
+        found = races.running(now, races.standings(now, [contender(leak(0), 100.0)], PARAMS), 2)
+        assert (lie in causes(found)) == expected
+
+
+def test_a_race_moves_where_a_small_jump_leads_jets_by_more_than_their_onset_may_cost(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    elsewhere = race()._replace(screen=race().screen._replace(onsets=(ONSET - 1, ONSET)))
+    monkeypatch.setattr(races, "begin", lambda *_: elsewhere)
+    bank = banks.empty(PARAMS.places)._replace(cycles=np.array([float(ONSET)]))
+    some = [contender(JUMP, 100.0), contender(leak(0), 100.0)]
+    small, large = (running(JUMP, 100.0)._replace(share=share) for share in reversed(JUMP_SHARES))
+    for jump, jets, expected in ((small, 90.0, True), (small, 98.0, False), (large, 90.0, False)):
+        now = race(jump, running(leak(0), jets))
+        found = races.moved(now, races.standings(now, some, PARAMS), bank, History(NOW, ()), PARAMS)
+        assert (found is elsewhere) == expected
+    now = race()
+    assert races.moved(now, [], bank, History(NOW, ()), PARAMS) is now  # it has not arrived at the present
+
+
+def test_what_a_filter_took_for_its_onset_may_be_all_that_it_is_off_the_first_order_by() -> None:
+    """Where both have the same force it begins anew, though it fits and is far from the first order."""
+    narrow, wide = ((0.06,), (0.01,)), ((60.0,), (10.0,))
+    for force, expected in ((0.1, True), (0.3, False)):
+        run = running(leak(0), 100.0)._replace(kicks=wide)
+        some = [contender(leak(0), 122.0)._replace(force=(force * PARAMS.thrusts[0],), kicks=narrow)]
+        now = race(run)
+        found = races.running(now, races.standings(now, some, PARAMS), 2)
+        assert (found.runs[0].cycle == ONSET) == expected
+
+
+def test_onsets_are_compared_with_each_other_to_first_order() -> None:
+    other = contender(leak(0), 104.0)._replace(onset=ONSET + 1)
+    for there, expected in ((100.0, True), (103.5, False)):
+        now = race(running(leak(0), 101.0))
+        now = now._replace(screen=now.screen._replace(onsets=(ONSET, ONSET + 1)), states=(STATE,) * 3)
+        some = [other._replace(at_onsets=((ONSET, there), (ONSET + 1, 104.0)))]
+        found = races.running(now, races.standings(now, some, PARAMS), 2)
+        assert (found.runs[0].onset == ONSET + 1) == expected

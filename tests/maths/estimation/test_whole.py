@@ -60,7 +60,7 @@ def test_what_the_kernel_does_not_do_is_left_to_the_parts() -> None:
 
 
 def test_a_row_is_filled_as_its_layout_packs_it() -> None:
-    fields = [np.arange(float(size)) if size > 1 else float(size) for size in (9, 9, 3, 1, 1, 1, 1)]
+    fields = [np.arange(float(size)) if size > 1 else float(size) for size in (9, 9, 3, 3, 1, 1, 1, 1)]
     row = np.full(ROTATION_REPORT.size, np.nan)
     fill(row, fields)
     np.testing.assert_array_equal(row, ROTATION_REPORT.pack(fields))

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import fcntl
 import json
 import os
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import psutil
 import pyarrow as pa
 import pytest
+from once_probe import once
 
 from massprop_drake.studies.campaign import store
 from massprop_drake.studies.campaign.campaign import Campaign
@@ -109,16 +108,6 @@ def row(folder: Path, case_id: int) -> dict[str, Any]:
     [found] = outcome(folder).slice(case_id, 1).to_pylist()
     assert found["case_id"] == case_id
     return dict(found)
-
-
-def once(folder: Path, make: Callable[[Path], None]) -> Path:
-    """Makes something in a folder, unless another process of these tests has."""
-    folder.parent.mkdir(exist_ok=True)
-    with folder.with_suffix(".lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        if not folder.exists():
-            make(folder)
-    return folder
 
 
 def fly_once(shared: Path) -> Path:

@@ -85,7 +85,7 @@ def test_topology(counting: Scenario) -> None:
         "mean_level": 44,
     }
     sizes = {"predicted": 10, "evidence": 213, "estimate": 10, "standard_deviation": 10, "covariance": 100}
-    assert outputs(dut) == {**sizes, "converged": 1, "rotation_report": 25, "mass_report": 8}
+    assert outputs(dut) == {**sizes, "converged": 1, "rotation_report": 28, "mass_report": 11}
     depends = feedthrough(dut)
     assert depends["predicted"] == set()
     assert depends["evidence"] == set(inputs(dut)) - {"adaptation"}

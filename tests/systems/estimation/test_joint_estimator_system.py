@@ -37,7 +37,7 @@ def test_topology(scenario: Scenario) -> None:
     told = {"jet_commands": 44, "outside_wrench": 6, "record_time": 1, "command": 44}
     assert inputs(dut) == {**sensors, **told, "replacement": 0, "published": 0}
     ten = {"estimate": 10, "standard_deviation": 10, "covariance": 100, "converged": 1}
-    reports = {"rotation_report": 25, "mass_report": 8, "joint_report": 3}
+    reports = {"rotation_report": 28, "mass_report": 11, "joint_report": 3}
     assert outputs(dut) == {"predicted": 10, "evidence": 0, **ten, **reports}
     depends = feedthrough(dut)
     assert depends["predicted"] == set()
@@ -51,7 +51,7 @@ def test_ports_of_the_diagram(scenario: Scenario) -> None:
     told = {"jet_commands": 44, "outside_wrench": 6, "record_time": 1, "command": 44, "replacement": 0, "published": 0}
     assert inputs(dut) == {**told, **dict.fromkeys(("gyro", "acc1", "acc2", "acc3"), 3)}
     ten = {"estimate": 10, "standard_deviation": 10, "covariance": 100, "converged": 1}
-    reports = {"impulses": 8, "rotation_report": 25, "mass_report": 8, "joint_report": 3, "evidence": 0}
+    reports = {"impulses": 8, "rotation_report": 28, "mass_report": 11, "joint_report": 3, "evidence": 0}
     assert outputs(dut) == {**ten, **reports}
 
 

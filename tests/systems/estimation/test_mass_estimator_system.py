@@ -130,7 +130,7 @@ def test_topology() -> None:
         "innovation": 3,
         "innovation_covariance": 9,
         "estimate": 2,
-        "report": 8,
+        "report": 11,
     }
     # where one package is missing, the other is used; the prediction alone goes to `predicted` and nowhere else
     used = set(inputs(dut)) - {"predicted_estimate"}
@@ -163,6 +163,7 @@ def test_one_sample_by_hand() -> None:
     np.testing.assert_allclose(covariance, np.diag([0.02, 0.01, 0.01]), rtol=1e-14)
     report = _report(dut, context)
     np.testing.assert_array_equal(report.mass_innovation, dut.GetOutputPort("innovation").Eval(context))
+    np.testing.assert_allclose(report.mass_innovation_std, np.sqrt([0.02, 0.01, 0.01]), rtol=1e-14)
     np.testing.assert_allclose(report.mass_nis, 0.01 / 0.02 + 0.04 / 0.01, rtol=1e-13)
     assert (report.mass_used, report.mass_jump) == (True, False)
     # gain 4e-4 x 5 / 0.02 = 0.1, so 0.1 + 0.1 x 0.1; the variance halves

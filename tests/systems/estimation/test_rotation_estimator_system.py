@@ -83,7 +83,7 @@ def test_topology() -> None:
         "innovation_covariance": 9,
         "estimate": 9,
         "covariance": 81,
-        "report": 25,
+        "report": 28,
     }
     # the mass filter uses the prediction, which must not wait for the measurement
     # and the detector makes the adaptation from the innovation, which must not wait for it
@@ -131,6 +131,7 @@ def test_one_sample_by_hand() -> None:
     np.testing.assert_array_equal(turning.innovation_covariance.ravel(), _out(dut, context, "innovation_covariance"))
     report = _report(dut, context)
     np.testing.assert_array_equal(report.rotation_innovation, _out(dut, context, "innovation"))
+    np.testing.assert_allclose(report.rotation_innovation_std, [0.041**0.5] * 3, rtol=1e-14)
     np.testing.assert_allclose(report.rotation_nis, (0.04 + 0.01 + 0.0025) / 0.041, rtol=1e-13)
     assert (report.rotation_used, report.rotation_jump, report.coupling_subtracted) == (True, False, False)
     # gain 2 x 0.01 / 0.041 on Ixx^-1, Ixy^-1 and Ixz^-1, in that order of the innovation

@@ -12,6 +12,7 @@ restart the bank begins anew, so that a race that was under way begins anew with
 from __future__ import annotations
 
 import math
+from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -182,6 +183,18 @@ _EVENTS = {Word.FAILED: Event.DECLARED, Word.GROUP: Event.DECLARED, Word.WITHDRA
 
 def _own(said: tuple[Declaration, ...], status: Status, n_jets: int) -> Any:
     """What this detector logs, as `HYPOTHESIS_REPORT`."""
+    told = _told(said, n_jets) if said else _nothing_told(n_jets)
+    return told._replace(racing=float(status.racing), lead=status.lead if status.racing else math.nan)
+
+
+@cache
+def _nothing_told(n_jets: int) -> Any:
+    """`_told` of most cycles; nobody changes its arrays."""
+    return _told((), n_jets)
+
+
+def _told(said: tuple[Declaration, ...], n_jets: int) -> Any:
+    """What is logged of what is said."""
     verdict, group, place = (np.zeros(n_jets) for _ in range(3))
     magnitude, std, onset, by, after = (np.full(n_jets, np.nan) for _ in range(5))
     position, position_std = np.full(3, np.nan), np.full(3, np.nan)
@@ -205,11 +218,10 @@ def _own(said: tuple[Declaration, ...], status: Status, n_jets: int) -> Any:
                 row["lying_component"] = float(one.component)
             case Unexplained():
                 row["unexplained_since"] = one.onset_s
-    lead = status.lead if status.racing else math.nan
     of_jets = {"verdict": verdict, "verdict_magnitude": magnitude, "verdict_std": std, "verdict_onset": onset}
     of_jets |= {"verdict_group": group, "verdict_place": place, "verdict_apart_by": by, "verdict_apart_after": after}
     of_jets |= {"jump_position": position, "jump_position_std": position_std}
-    return HYPOTHESIS_REPORT.make(racing=float(status.racing), lead=lead, **row, **of_jets)
+    return HYPOTHESIS_REPORT.make(**row, **of_jets)
 
 
 def named(group: Array, place: Array) -> list[list[int]]:

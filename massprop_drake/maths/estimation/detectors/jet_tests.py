@@ -229,7 +229,7 @@ def uncertain_jet_tests(
         signatures: see `UncertainSignatures`.
         signs: see `Signs`.
     """
-    impossible_negative, impossible_positive = signs
+    impossible_negative, impossible_positive = signs.impossible_negative, signs.impossible_positive
     under = failed_covariance(tests.magnitude, covariance, signatures)
     # scaled: translation and rotation differ by many orders of magnitude
     scale = np.sqrt(np.diag(covariance))

@@ -44,7 +44,7 @@ from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES, JointPara
 from massprop_drake.maths.estimation.joint.payload import UNKNOWN, brought
 from massprop_drake.maths.estimation.joint.race import History, Race, Record
 from massprop_drake.maths.estimation.joint.screen import Contender
-from massprop_drake.maths.estimation.joint.sensitivity import Link, link
+from massprop_drake.maths.estimation.joint.sensitivity import Link, Traces, linked, traces
 from massprop_drake.maths.linear_algebra import Array
 
 _BEFORE_SETTLED = 8.0  # times the trigger: a start's own errors raise it by chance
@@ -272,7 +272,7 @@ def judge(
         NotPositiveDefiniteError: see `joint.cycle.step`.
     """
     joint = params.joint
-    told = np.nan_to_num(sample.commands, nan=0.0).max(axis=0) > 0.0
+    told = (sample.commands > 0.0).any(axis=0)
     state = state._replace(cycle=state.cycle + 1, commanded=state.commanded + told)
     if report.course is None:  # the first sample, or the first after a gap: nothing before it can be compared
         quiet = state._replace(bank=banks.empty(joint.places), history=History(state.cycle, ()), race=None)
@@ -316,11 +316,12 @@ def _raced(
 ) -> tuple[State, Decision, list[races.Standing], Status]:
     """Bank, alarm, race and decision."""
     joint = params.joint
-    over = _uncertain(link(before, report, sample, joint), before, state.erratic, joint)
+    seen = _uncertain(traces(before, report, sample), before, state.erratic, joint)
+    bank, least = state.bank, min(params.trigger_jet, params.trigger)
+    over, found, tested, after_it = banks.followed_on(bank, seen, after, state.cycle, least, joint)
+    if state.lying.any():
+        found, tested = None, False
     history = History(state.cycle, (*state.history.records, Record(sample, over)))
-    bank = banks.advanced(state.bank, over, joint.places)
-    tested = banks.testable(bank, over, joint.places) and not state.lying.any()
-    found = banks.tested(bank, over, min(params.trigger_jet, params.trigger), joint) if tested else None
     likelihood = float(found.likelihood.max()) if found is not None else 0.0
     total = float(found.total.max()) if found is not None else 0.0
     index = -1
@@ -339,7 +340,7 @@ def _raced(
             was_settled = settled(race.states[0], joint)
             decision = decided(race, standing, was_settled, params.rules, joint)
             leading = () if decision.winner is None else (decision.winner.contender, *decision.group)
-            race = race._replace(leading=leading if decision.group else ())
+            race = race._replace(leading=leading)
             second = max(standing[1].contender.lead, 0.0) if len(standing) > 1 else 0.0
             best = standing[0].contender
             status = status._replace(
@@ -350,7 +351,7 @@ def _raced(
     redrawn = race is not None and not race.leading and state.cycle - race.triggered in _REDRAWN
     if race is not None and redrawn and decision.outcome == Outcome.OPEN:
         race = races.moved(race, standing, bank, history, joint)
-    bank = banks.taken(bank, over, after, state.cycle)
+    bank = after_it
     oldest = int(bank.cycles[0]) if race is None else min(int(bank.cycles[0]), race.screen.began)
     history = History(state.cycle, history.records[-(state.cycle - oldest + 1) :])
     return state._replace(bank=bank, history=history, race=race), decision, standing, status
@@ -365,14 +366,14 @@ def _leads(standing: list[races.Standing]) -> tuple[tuple[int, float], ...]:
     return tuple(best.items())
 
 
-def _uncertain(over: Link, before: JointState, erratic: Array, params: JointParams) -> Link:
-    """The link with what erratic jets add to the noise of its interval."""
-    noise = over.noise
+def _uncertain(seen: Traces, before: JointState, erratic: Array, params: JointParams) -> Traces:
+    """What a link is made of, with what erratic jets add to the noise of its interval."""
+    noise = seen.noise
     for slot in np.flatnonzero(erratic):
         column = params.places.force + int(slot)
-        effect = np.concatenate((over.rate_rows[:, column], over.velocity_rows[:, column]))
+        effect = np.concatenate((seen.rate_rows[:, column], seen.velocity_rows[:, column]))
         noise = noise + params.thrusts[int(before.slot_jet[slot])] ** 2 * np.outer(effect, effect)
-    return over._replace(noise=noise)
+    return seen._replace(noise=noise)
 
 
 def _run(
@@ -441,17 +442,26 @@ def _concluded(
 def _anew(state: State, now: JointState, decision: Decision, joint: JointParams) -> tuple[Bank, History]:
     """Bank and history after a decision: what was learned before is of another filter.
 
-    Where something new began in the newest interval, the bank begins before that.
+    Of jets that have won, the last cycles of their filter are in it, from when it is known what they give: something
+    else may have begun there that has not shown yet. Where the newest sample has shown it, that is in it in any case.
     """
-    bank, newest = banks.empty(joint.places), state.history.records[-1]
+    bank, records = banks.empty(joint.places), state.history.records
     run = decision.winner.run if decision.winner is not None else None
-    if not decision.shaken or run is None or run.before is None:
-        return banks.taken(bank, newest.link, now, state.cycle), History(state.cycle, (newest,))
-    _, report = step(run.before, newest.sample, without_increments(joint))
-    over = link(run.before, report, newest.sample, joint)
-    bank = banks.taken(bank, newest.link, run.before, state.cycle - 1)
-    bank = banks.taken(banks.advanced(bank, over, joint.places), over, now, state.cycle)
-    return bank, History(state.cycle, (state.history.records[-2], Record(newest.sample, over)))
+    if decision.outcome not in (Outcome.JETS, Outcome.GROUP) or run is None:
+        return banks.taken(bank, records[-1].link, now, state.cycle), History(state.cycle, (records[-1],))
+    known_for = max(run.cycle - run.onset - len(run.kicks), int(decision.shaken))
+    count = min(len(run.earlier), known_for, len(records) - 1)
+    past = run.earlier[len(run.earlier) - count] if count > 0 else now
+    kept, cycle = [records[-1 - count]], state.cycle - count
+    bank = banks.taken(bank, kept[0].link, past, cycle)
+    quiet = without_increments(joint)
+    for place, record in enumerate(records[len(records) - count :], start=1):
+        after, report = step(restless(past, state.erratic, joint), record.sample, quiet)
+        over = linked(_uncertain(traces(past, report, record.sample), past, state.erratic, joint), joint)
+        kept.append(Record(record.sample, over))
+        bank = banks.taken(banks.advanced(bank, over, joint.places), over, after, cycle + place)
+        past = after
+    return bank, History(state.cycle, tuple(kept))
 
 
 def _onset_s(race: Race, contender: Contender) -> float:
@@ -459,12 +469,17 @@ def _onset_s(race: Race, contender: Contender) -> float:
     return race.states[1 + race.screen.onsets.index(contender.onset)].time_s
 
 
-def _floor(jet: int, sign: float, is_settled: bool, params: JointParams) -> float:
-    """The least force to be declared."""
+def _told(jet: int, over: Link) -> bool:
+    """Whether a jet was told to fire over most of an interval."""
+    return bool(over.amount[jet] > 0.5 * over.duration_s)
+
+
+def _floor(jet: int, sign: float, told: bool, is_settled: bool, params: JointParams) -> float:
+    """The least force to be declared: what a jet gives too much while it is told to fire may be its thrust's error."""
     thrust = float(params.thrusts[jet])
     if not is_settled:
         return UNSETTLED_FLOOR * thrust
-    if sign < 0:
+    if sign < 0 or told:
         return _LOSS_FLOOR * thrust
     return max(_LEAK_FLOOR * thrust, _LEAST_FLOOR * float(params.thrusts.max()))
 
@@ -508,7 +523,9 @@ def _jets(
             likely = list(zip(jets, signs, forces, strict=True))
             apart = told_apart(race.screen, over, contender.onset, likely, ALIKE, params)
         members[slot], aparts[slot] = _listed(jets, signs, params), apart
-        if force <= _floor(jet, sign, was_settled, params):
+        ways = zip(jets, signs, strict=True)
+        floors = (_floor(each, way, _told(each, over), was_settled, params) for each, way in ways)
+        if all(each <= floor for each, floor in zip(forces, floors, strict=True)):
             continue
         announced[slot], known[slot], onsets[slot] = force, sigma, np.nan
         word = Word.GROUP if others else Word.FAILED
@@ -547,8 +564,9 @@ def _known_now(state: State, now: JointState, params: JointParams) -> tuple[Stat
     for slot in np.flatnonzero(state.members.any(axis=1) & (state.erratic == 0.0)).tolist():
         jet, sign = int(now.slot_jet[slot]), int(now.slot_sign[slot])
         force, sigma = _force(now, slot, params)
-        floor = max(_floor(jet, sign, settled(now, params), params), SIGNIFICANT * sigma)
         had, had_sigma = state.announced[slot], state.sigmas[slot]
+        told = had == 0.0 and _told(jet, state.history.records[-1].link)
+        floor = max(_floor(jet, sign, told, settled(now, params), params), SIGNIFICANT * sigma)
         changes = state.changes[slot]
         if had == 0.0:
             if force < floor:

@@ -36,6 +36,8 @@ from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import MASS_RECIPROCAL
 
 GROUP = "pose_estimator"  # the system that holds the state in a diagram
+_ROUNDING = 1e-9  # of the largest variance, by which one may seem negative
+_TURNED = 1e-6  # by which a rotation's axes may be off after many products
 
 # what is logged of every cycle besides what all filters log
 POSE_REPORT = Layout(
@@ -201,14 +203,15 @@ def _begins(readings: Readings, params: PoseParams) -> bool:
 
 
 def _readings(tracked: Array | None, rates: Array, velocities: Array, params: PoseFilterParams) -> Readings:
-    """Readings of all sensors, those in a fixed frame from their columns."""
+    """Readings of all sensors, those in a fixed frame from their columns; of a pose what its sensor measures alone."""
     row = np.full(7 * params.poses + 3 * params.velocities, np.nan) if tracked is None else tracked
     poses = row[: 7 * params.poses].reshape(-1, 7)
-    rotations = np.full((params.poses, 3, 3), np.nan)
-    for place in range(params.poses):
+    sensors, rotations = params.pose.pose, np.full((params.poses, 3, 3), np.nan)
+    positions = np.where(np.isfinite(sensors.position_variances)[:, None], poses[:, :3], np.nan)
+    for place in np.flatnonzero(np.isfinite(sensors.attitude_variances)):
         if np.isfinite(poses[place, 3:]).all():
             rotations[place] = rotation_matrix(poses[place, 3:] / np.sqrt(poses[place, 3:] @ poses[place, 3:]))
-    return Readings(poses[:, :3], rotations, row[7 * params.poses :].reshape(-1, 3), rates, velocities)
+    return Readings(positions, rotations, row[7 * params.poses :].reshape(-1, 3), rates, velocities)
 
 
 # ------------------------------------------------------------------------------------------ commands
@@ -260,6 +263,7 @@ def finish(
         estimate=state.estimate[:9],
         standard_deviation=deviation[:9],
         rotation_innovation=nothing,
+        rotation_innovation_std=nothing,
         rotation_nis=3.0 * turning / n_turning if n_turning else math.nan,
         rotation_used=bool(n_turning),
         rotation_jump=False,
@@ -269,6 +273,7 @@ def finish(
         mass_reciprocal=float(state.estimate[MASS_RECIPROCAL]),
         variance=float(state.covariance[MASS_RECIPROCAL, MASS_RECIPROCAL]),
         mass_innovation=nothing,
+        mass_innovation_std=nothing,
         mass_nis=3.0 * moving / n_moving if n_moving else math.nan,
         mass_used=bool(n_moving),
         mass_jump=False,
@@ -358,6 +363,7 @@ def restored(groups: Groups, params: PoseFilterParams) -> PoseFilterState:
         raise ValueError(f"{GROUP}: only commands may be missing")
     if not (np.isin(read.known, (0.0, 1.0)).all() and read.opens[0] in range(-1, jets)):
         raise ValueError(f"{GROUP}: known must be 0 or 1, and opens a jet's index")
+    _require_possible(read)
     bank = Bank(
         read.mean[None].copy(),
         read.covariance[None].copy(),
@@ -374,6 +380,19 @@ def restored(groups: Groups, params: PoseFilterParams) -> PoseFilterState:
     if not begun:
         commands = Commands(np.zeros(0), np.zeros((0, jets)))
     return _reporting(PoseFilterState(tried, commands, time_s, begun, np.zeros(10), np.zeros((10, 10))), params)
+
+
+def _require_possible(read: Any) -> None:
+    """Refuses parts of a state that no filter leaves, as `restored` says."""
+    spread = np.linalg.eigvalsh(read.covariance)
+    if not np.array_equal(read.covariance, read.covariance.T) or spread[0] < -_ROUNDING * spread[-1]:
+        raise ValueError(f"{GROUP}: the covariance must be symmetric, and no variance negative")
+    if np.abs(read.rotation @ read.rotation.T - np.eye(3)).max() > _TURNED or np.linalg.det(read.rotation) < 0.0:
+        raise ValueError(f"{GROUP}: rotation must be a rotation matrix")
+    if ((read.level < 0.0) | (read.level > 1.0)).any():
+        raise ValueError(f"{GROUP}: commands must be fractions of 0 to 1")
+    if read.started[0] not in (0.0, 1.0):
+        raise ValueError(f"{GROUP}: started must be 0 or 1")
 
 
 FILTER = Filter(

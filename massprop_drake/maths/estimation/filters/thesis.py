@@ -364,6 +364,7 @@ def report_of_rotation(before: RotationInnovation, cycle: RotationCycle, deviati
         cycle.state.estimate,
         deviation,
         before.innovation,
+        np.sqrt(np.diag(before.covariance)),
         before.nis,
         cycle.used,
         cycle.jumped,
@@ -379,8 +380,10 @@ def mass_report(measurement: MassMeasurement, cycle: MassCycle) -> MassReport:
 @kernel
 def report_of_mass(before: MassInnovation, cycle: MassCycle) -> MassReport:
     """`mass_report` from the innovation."""
-    state = cycle.state
-    return MassReport(state.mass_reciprocal, state.variance, before.innovation, before.nis, cycle.used, cycle.jumped)
+    state, deviation = cycle.state, np.sqrt(np.diag(before.covariance))
+    return MassReport(
+        state.mass_reciprocal, state.variance, before.innovation, deviation, before.nis, cycle.used, cycle.jumped
+    )
 
 
 # ------------------------------------------------------------------------------------- as a `Filter`

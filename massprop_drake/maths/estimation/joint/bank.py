@@ -16,13 +16,22 @@ linearization (`sensitivity`), and e is the filter's innovation and H D. Mean ov
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from massprop_drake.maths.estimation.joint.layout import RATE, VELOCITY, JointParams, JointState, Places
-from massprop_drake.maths.estimation.joint.sensitivity import Link, carried
-from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.maths.estimation.joint.sensitivity import Link, Traces, carried, linked
+from massprop_drake.maths.kernels import Holder, compiled, kernel
+from massprop_drake.maths.linear_algebra import (
+    Array,
+    inverses,
+    stack_times,
+    stack_times_vectors,
+    times_stack,
+    triangular_roots,
+)
 
 ONSETS = 20  # held at most: with gaps of a third of their age they reach back 200 cycles
 OLDEST = 200  # cycles; a weaker failure has changed the state by less than the filter's own noise by then
@@ -30,6 +39,9 @@ _GAP = 1.0 / 3.0  # of the age: an onset known to a third of its age costs a lea
 _LEAST_GAP = 2.0  # cycles between neighbors of an entry that may go
 _KEPT_YOUNG = 2  # youngest that never go: the onset of what is found at once
 _ALLOWED = 0.5  # samples that a jet must have been on (off) in all for a loss (a leak) of it to show
+_LEAST_SECONDS = 1e-9
+_TINY = float(np.finfo(np.float64).tiny)
+_IDENTITY = np.eye(3)
 
 
 class Bank(NamedTuple):
@@ -48,6 +60,18 @@ class Bank(NamedTuple):
 
     states: tuple[JointState, ...]
     cycles: np.ndarray
+    learned: Array
+    rows: Array
+    noise: Array
+    elapsed_s: Array
+    missing: Array
+    given: Array
+
+
+class Since(NamedTuple):
+    """What has happened since each onset: all of a `Bank` but its states."""
+
+    cycles: Array
     learned: Array
     rows: Array
     noise: Array
@@ -87,47 +111,64 @@ def empty(places: Places) -> Bank:
 
 def advanced(bank: Bank, over: Link, places: Places) -> Bank:
     """The bank after one more interval, before what the filter learns from its readings."""
-    if not bank.states:
-        return bank
-    learned = carried(bank.learned.T, np.zeros((6, 1)), over, places).T
-    rate, gathered = bank.rows[:, :3], bank.rows[:, 3:]
+    return Bank(bank.states, *_advanced(Since(*bank[1:]), over, places)) if bank.states else bank
+
+
+@kernel
+def _advanced(since: Since, over: Link, places: Places) -> Since:
+    learned = carried(since.learned.T, np.zeros((6, 1)), over, places).T
+    rate, gathered = since.rows[:, :3], since.rows[:, 3:]
     by_parameters, by_velocity = over.rate_rows.copy(), over.velocity_rows.copy()
-    by_parameters[:, RATE] = by_velocity[:, RATE] = 0.0
-    rows = np.empty_like(bank.rows)
-    rows[:, :3] = rate + by_parameters + over.rate_rows[:, RATE] @ rate
-    rows[:, 3:] = gathered + by_velocity + over.velocity_rows[:, RATE] @ rate
+    by_parameters[:, RATE] = 0.0
+    by_velocity[:, RATE] = 0.0
+    rows = np.empty_like(since.rows)
+    rows[:, :3] = rate + by_parameters + times_stack(over.rate_rows[:, RATE], rate)
+    rows[:, 3:] = gathered + by_velocity + times_stack(over.velocity_rows[:, RATE], rate)
     duration = over.duration_s
-    return bank._replace(
-        learned=learned,
-        rows=rows,
-        noise=bank.noise + over.noise,
-        elapsed_s=bank.elapsed_s + duration,
-        missing=bank.missing + (duration - over.amount),
-        given=bank.given + over.amount,
+    return Since(
+        since.cycles,
+        learned,
+        rows,
+        since.noise + over.noise,
+        since.elapsed_s + duration,
+        since.missing + (duration - over.amount),
+        since.given + over.amount,
     )
 
 
 def taken(bank: Bank, over: Link, state: JointState, cycle: int) -> Bank:
     """The bank after the update of a cycle, with it as the youngest onset; one of the old goes if it is full."""
-    places_size, jets = bank.learned.shape[1], bank.given.shape[1]
-    ages = cycle - bank.cycles
+    since, keep = _taken(Since(*bank[1:]), over.correction, float(cycle))
+    return _with_states(bank, keep, state, since)
+
+
+def _with_states(bank: Bank, keep: np.ndarray, state: JointState, since: Since) -> Bank:
+    return Bank((*(bank.states[index] for index in keep.tolist()), state), *since)
+
+
+@kernel
+def _taken(since: Since, correction: Array, cycle: float) -> tuple[Since, np.ndarray]:
+    """What has happened since each onset that stays, and since a new one; and which stay."""
+    size, jets = since.learned.shape[1], since.given.shape[1]
+    ages = cycle - since.cycles
     keep = np.flatnonzero(ages <= OLDEST)
     if keep.shape[0] >= ONSETS:
         keep = np.delete(keep, _dispensable(ages[keep]))
-    start = np.zeros((1, 6, places_size))
-    start[0, :3, RATE] = np.eye(3)
-    return Bank(
-        states=(*(bank.states[index] for index in keep), state),
-        cycles=np.append(bank.cycles[keep], float(cycle)),
-        learned=np.vstack((bank.learned[keep] + over.correction, np.zeros((1, places_size)))),
-        rows=np.concatenate((bank.rows[keep], start)),
-        noise=np.concatenate((bank.noise[keep], np.zeros((1, 6, 6)))),
-        elapsed_s=np.append(bank.elapsed_s[keep], 0.0),
-        missing=np.vstack((bank.missing[keep], np.zeros((1, jets)))),
-        given=np.vstack((bank.given[keep], np.zeros((1, jets)))),
+    start = np.zeros((1, 6, size))
+    start[0, :3, RATE] = _IDENTITY
+    after = Since(
+        np.append(since.cycles[keep], cycle),
+        np.vstack((since.learned[keep] + correction, np.zeros((1, size)))),
+        np.concatenate((since.rows[keep], start)),
+        np.concatenate((since.noise[keep], np.zeros((1, 6, 6)))),
+        np.append(since.elapsed_s[keep], 0.0),
+        np.vstack((since.missing[keep], np.zeros((1, jets)))),
+        np.vstack((since.given[keep], np.zeros((1, jets)))),
     )
+    return after, keep
 
 
+@kernel
 def _dispensable(ages: Array) -> int:
     """Index of the entry that goes: the youngest that its neighbors can stand for, else the oldest."""
     for index in range(ages.shape[0] - 1 - _KEPT_YOUNG, 0, -1):
@@ -138,14 +179,25 @@ def _dispensable(ages: Array) -> int:
 
 def averaging(read: Array, places: Places) -> Array | None:
     """Means over the packages that read, rate first, shape (6, m); None where an axis has no reading."""
-    weights = np.zeros((6, read.shape[0]))
+    weights, complete = _averaging(read, places)
+    return weights if complete else None
+
+
+@kernel
+def _averaging(read: Array, places: Places) -> tuple[Array, bool]:
+    """The means, and whether every axis has a reading."""
+    weights, complete = np.zeros((6, read.shape[0])), True
     for row, begin, packages in ((0, 0, places.gyros), (3, 3 * places.gyros, places.accelerometers)):
         for axis in range(3):
-            present = [begin + 3 * k + axis for k in range(packages) if not np.isnan(read[begin + 3 * k + axis])]
-            if not present:
-                return None
-            weights[row + axis, present] = 1.0 / len(present)
-    return weights
+            present = 0
+            for package in range(packages):
+                if not np.isnan(read[begin + 3 * package + axis]):
+                    present += 1
+            complete = complete and present > 0
+            for package in range(packages):
+                if not np.isnan(read[begin + 3 * package + axis]):
+                    weights[row + axis, begin + 3 * package + axis] = 1.0 / present
+    return weights, complete
 
 
 def testable(bank: Bank, over: Link, places: Places) -> bool:
@@ -168,36 +220,54 @@ def tested(bank: Bank, over: Link, least: float, params: JointParams) -> Telesco
         least: e^T R^-1 e below which an onset is not looked at; T and l are smaller still.
         params: see `JointParams`.
     """
-    places = params.places
-    mean = averaging(over.read, places) if bank.states else None
-    if mean is None:
+    if not bank.states:
         return None
-    present = np.flatnonzero(mean.any(axis=0))
-    mean, jacobian = mean[:, present], mean[:, present] @ over.jacobian[present]
-    variances = mean**2 @ params.variances[present]
-    residual = mean @ over.innovation[present] + bank.learned @ jacobian.T
-    bounds = np.sum(residual**2 / variances, axis=1)
-    looked_at = np.flatnonzero((bounds >= least) & (bank.elapsed_s > 0.0))
-    if looked_at.shape[0] == 0:
-        return None
-    covariance = _covariances(bank, looked_at, jacobian, params) + np.diag(variances)
-    half = np.linalg.inv(np.linalg.cholesky(covariance))
-    whitened = np.einsum("kij,kj->ki", half, residual[looked_at])
-    on_outputs = _on_outputs(jacobian, places)
-    signature = half @ (on_outputs @ over.effects.T)
-    projection = np.einsum("kij,ki->kj", signature, whitened)
-    energy = np.maximum(np.sum(signature**2, axis=1), np.finfo(np.float64).tiny)
-    positive = projection > 0.0
-    seconds = np.where(positive, bank.missing[looked_at], bank.given[looked_at])
-    enough = seconds > _ALLOWED * over.duration_s
-    k, jets = bank.missing.shape
+    found, some = _tested(Since(*bank[1:]), _roots(bank), over, least, params)
+    return found if some else None
+
+
+def _roots(bank: Bank) -> tuple[Array, ...]:
+    """Roots of the covariances at the onsets, always as many: compiled code wants one type."""
+    roots = tuple(state.root for state in bank.states)
+    return roots + roots[-1:] * (ONSETS - len(roots))
+
+
+@kernel
+def _tested(
+    since: Since, roots: tuple[Array, ...], over: Link, least: float, params: JointParams
+) -> tuple[Telescoped, bool]:
+    """The test, and whether there is one."""
+    k, jets = since.missing.shape
     total, likelihood, force = np.zeros(k), np.zeros((k, jets)), np.zeros((k, jets))
+    nothing = Telescoped(total, likelihood, force)
+    mean, complete = _averaging(over.read, params.places)
+    if not complete:
+        return nothing, False
+    present = np.flatnonzero(~np.isnan(over.read))
+    mean = mean[:, present]
+    jacobian = mean @ over.jacobian[present]
+    variances = mean**2 @ params.variances[present]
+    residual = mean @ over.innovation[present] + since.learned @ jacobian.T
+    bounds = np.sum(residual**2 / variances, axis=1)
+    looked_at = np.flatnonzero((bounds >= least) & (since.elapsed_s > 0.0))
+    if looked_at.shape[0] == 0:
+        return nothing, False
+    on_outputs = _on_outputs(jacobian, params.places)
+    covariance = _covariances(since, roots, looked_at, (jacobian, on_outputs), params) + np.diag(variances)
+    half = inverses(triangular_roots(covariance))
+    whitened = stack_times_vectors(half, residual[looked_at])
+    signature = stack_times(half, on_outputs @ over.effects.T)
+    projection = stack_times_vectors(signature.transpose(0, 2, 1), whitened)
+    energy = np.maximum(np.sum(signature**2, axis=1), _TINY)
+    seconds = np.where(projection > 0.0, since.missing[looked_at], since.given[looked_at])
+    enough = seconds > _ALLOWED * over.duration_s
     total[looked_at] = np.sum(whitened**2, axis=1)
     likelihood[looked_at] = np.where(enough, projection**2 / energy, 0.0)
-    force[looked_at] = np.where(enough, projection / energy / np.maximum(seconds, 1e-9), 0.0)
-    return Telescoped(total, likelihood, np.clip(force, -params.thrusts, params.thrusts))
+    force[looked_at] = np.where(enough, projection / energy / np.maximum(seconds, _LEAST_SECONDS), 0.0)
+    return Telescoped(total, likelihood, np.minimum(np.maximum(force, -params.thrusts), params.thrusts)), True
 
 
+@kernel
 def _on_outputs(jacobian: Array, places: Places) -> Array:
     """Derivative of the averaged outputs by w and by what all c gather, shape (6, 6)."""
     result = np.zeros((6, 6))
@@ -209,26 +279,121 @@ def _on_outputs(jacobian: Array, places: Places) -> Array:
 
 def output_rows(bank: Bank, index: int, jacobian: Array, params: JointParams) -> Array:
     """M: derivative of the averaged outputs now by the state at an onset, shape (6, size)."""
+    return _output_rows(Since(*bank[1:]), index, jacobian, _on_outputs(jacobian, params.places), params)
+
+
+@kernel
+def _output_rows(since: Since, index: int, jacobian: Array, on_outputs: Array, params: JointParams) -> Array:
     places = params.places
     rows = jacobian.copy()
     rows[:, RATE] = 0.0
-    rows += _on_outputs(jacobian, places) @ bank.rows[index]
+    rows += on_outputs @ since.rows[index]
     if places.n_acceleration_bias > 0:
         for package in range(places.accelerometers):
             part = slice(VELOCITY + 3 * package, VELOCITY + 3 * package + 3)
             begin = places.acceleration_bias + 3 * package
-            rows[:, begin : begin + 3] += bank.elapsed_s[index] * params.acceleration_bias_sigma * jacobian[:, part]
+            rows[:, begin : begin + 3] += since.elapsed_s[index] * params.acceleration_bias_sigma * jacobian[:, part]
     return rows
 
 
-def _covariances(bank: Bank, looked_at: np.ndarray, jacobian: Array, params: JointParams) -> Array:
-    """Covariance of the prediction's averaged outputs from each onset, shape (number, 6, 6)."""
-    on_outputs = _on_outputs(jacobian, params.places)
+@kernel
+def _covariances(
+    since: Since,
+    roots: tuple[Array, ...],
+    looked_at: np.ndarray,
+    derivatives: tuple[Array, Array],
+    params: JointParams,
+) -> Array:
+    """Covariance of the prediction's averaged outputs from each onset, shape (number, 6, 6).
+
+    Args:
+        since, roots: of the onsets.
+        looked_at: which of them.
+        derivatives: of the averaged outputs by the state, and by w and what all c gather.
+        params: see `JointParams`.
+    """
+    jacobian, on_outputs = derivatives
     result = np.empty((looked_at.shape[0], 6, 6))
-    for place, index in enumerate(looked_at):
-        half = output_rows(bank, index, jacobian, params) @ bank.states[index].root
-        result[place] = half @ half.T + on_outputs @ bank.noise[index] @ on_outputs.T
+    for place in range(looked_at.shape[0]):
+        index = looked_at[place]
+        half = _output_rows(since, index, jacobian, on_outputs, params) @ roots[index]
+        result[place] = half @ half.T + on_outputs @ since.noise[index] @ on_outputs.T
     return result
+
+
+class Followed(NamedTuple):
+    """A bank over a whole cycle.
+
+    Attributes:
+        link: see `Link`.
+        tested: see `Telescoped`.
+        some: whether it says anything.
+        complete: whether there was a reading of every axis.
+        since: after the cycle.
+        keep: indices of the onsets that stay.
+    """
+
+    link: Link
+    tested: Telescoped
+    some: bool
+    complete: bool
+    since: Since
+    keep: np.ndarray
+
+
+@kernel
+def followed(since: Since, roots: tuple[Array, ...], seen: Traces, cycle: float, least: float, holder: Any) -> Followed:
+    """The link of a cycle, the bank over it, and the test before what the filter learns.
+
+    Args:
+        since, roots: of the bank before it.
+        seen: see `Traces`.
+        cycle: its number.
+        least: see `tested`.
+        holder: of the parameters.
+    """
+    params = holder.value
+    over = linked(seen, params)
+    reached = _advanced(since, over, params.places)
+    _, complete = _averaging(over.read, params.places)
+    found, some = _tested(reached, roots, over, least, params)
+    after, keep = _taken(reached, over.correction, cycle)
+    return Followed(over, found, some, complete, after, keep)
+
+
+def follower(params: JointParams, holder: Any) -> Callable[..., Followed]:
+    """`followed`, compiled for some parameters and their holder; now, and not in the midst of a flight."""
+    places = params.places
+    n, jets, m = places.size, places.jets, 3 * (places.gyros + places.accelerometers)
+    square, one = np.eye(n), np.zeros((1, jets))
+    none = Since(np.zeros(1), np.zeros((1, n)), np.zeros((1, 6, n)), np.zeros((1, 6, 6)), np.zeros(1), one, one)
+    rows, readings = np.zeros((3, n)), (np.zeros((places.gyros, 3)), np.zeros((places.accelerometers, 3)))
+    told = (np.zeros((m, n)), np.zeros((m, n)), np.zeros(m), np.zeros(m, dtype=np.bool_))
+    learned = (np.zeros((0, 0)), np.zeros((n, 0)), np.zeros(n))
+    seen = Traces(np.zeros(n), rows, rows, 1.0, np.zeros((6, 6)), 1.0, *told, *learned, np.zeros(jets), *readings)
+    made = compiled(followed)
+    made(none, (square,) * ONSETS, seen, 1.0, 1.0, holder)
+    return made
+
+
+def followed_on(
+    bank: Bank, seen: Traces, state: JointState, cycle: int, least: float, params: JointParams
+) -> tuple[Link, Telescoped | None, bool, Bank]:
+    """`followed`, compiled where it is to be: link, test, whether there was a reading of every axis, and the bank.
+
+    Args:
+        bank, seen, cycle, least: see `followed`.
+        state: after the cycle, the youngest onset then.
+        params: see `JointParams`.
+    """
+    if not bank.states:
+        over = linked(seen, params)
+        return over, None, False, taken(bank, over, state, cycle)
+    made = params.compiled
+    follow, holder = (followed, Holder(params)) if made is None else (made.followed, made.params)
+    done = follow(Since(*bank[1:]), _roots(bank), seen, float(cycle), float(least), holder)
+    after = _with_states(bank, done.keep, state, done.since)
+    return done.link, done.tested if done.some else None, done.complete, after
 
 
 def onset_of(total: Array, share: float) -> int:

@@ -107,6 +107,7 @@ class Report(NamedTuple):
         estimate: of the ten parameters, shape (10,).
         covariance: of their errors, shape (10, 10).
         innovation: of all components, before any increment, NaN where missing, shape (m,).
+        innovation_std: 1-sigma of each, by the covariance before any increment, shape (m,).
         used: which components counted, shape (m,).
         nis: of those that counted; chi-square with as many degrees of freedom.
         log_determinant: of the covariance of these innovations.
@@ -120,6 +121,7 @@ class Report(NamedTuple):
     estimate: Array
     covariance: Array
     innovation: Array
+    innovation_std: Array
     used: np.ndarray
     nis: float
     log_determinant: float
@@ -313,16 +315,21 @@ class Compiled(NamedTuple):
 
     Attributes:
         cycled: see there.
-        params: holder of the parameters that it was made for.
+        followed: see `bank.followed`.
+        params: holder of the parameters that they were made for.
     """
 
     cycled: Callable[..., Any]
+    followed: Callable[..., Any]
     params: Any
 
 
 def with_compiled(params: JointParams) -> JointParams:
     """Parameters of a cycle that is compiled."""
-    return params._replace(compiled=Compiled(compiled(cycled), held(params, compile_it=True)))
+    from massprop_drake.maths.estimation.joint.bank import follower  # noqa: PLC0415 (which knows cycles)
+
+    holder = held(params, compile_it=True)
+    return params._replace(compiled=Compiled(compiled(cycled), follower(params, holder), holder))
 
 
 def _step(state: JointState, sample: Sample, params: JointParams) -> tuple[JointState, Report]:
@@ -336,6 +343,7 @@ def _step(state: JointState, sample: Sample, params: JointParams) -> tuple[Joint
         estimate=done.estimate,
         covariance=done.covariance,
         innovation=done.innovation,
+        innovation_std=done.innovation_std,
         used=expected.used,
         nis=update.nis,
         log_determinant=update.log_determinant,
@@ -352,7 +360,9 @@ def _first(state: JointState, sample: Sample, params: JointParams) -> tuple[Join
     n_outputs = after.last.shape[0]
     estimate, rows = reported(after, params)
     nothing, unused = np.full(n_outputs, np.nan), np.zeros(n_outputs, dtype=np.bool_)
-    return after, Report(estimate, rows @ rows.T, nothing, unused, 0.0, 0.0, np.nan, np.nan, False, False, None)
+    return after, Report(
+        estimate, rows @ rows.T, nothing, nothing, unused, 0.0, 0.0, np.nan, np.nan, False, False, None
+    )
 
 
 def restart(state: JointState, sample: Sample, params: JointParams) -> tuple[JointState, Report]:
@@ -376,7 +386,7 @@ class Cycled(NamedTuple):
         state: after it.
         estimate: see `Report`, as all up to `incremented`.
         covariance: see there.
-        innovation, gyro_nis, accelerometer_nis, incremented: see there.
+        innovation, innovation_std, gyro_nis, accelerometer_nis, incremented: see there.
         acting, expected: see `Course`.
         update: of no meaning where no component counted.
     """
@@ -385,6 +395,7 @@ class Cycled(NamedTuple):
     estimate: Array
     covariance: Array
     innovation: Array
+    innovation_std: Array
     gyro_nis: float
     accelerometer_nis: float
     incremented: bool
@@ -409,6 +420,7 @@ def cycled(state: JointState, sample: Sample, thresholds: Array, holder: Any) ->
     commanded = firing.commanded or bool(np.any(sample.outside != 0.0))
     expected = expect(state, acting, sample, params)
     innovation, incremented = expected.innovation, False
+    deviation = np.sqrt((expected.projected**2).sum(axis=1) + params.variances)
     gyro_nis, accelerometer_nis = _nis_by_kind(expected, params)
     if commanded and not settled(state, params):
         count = int(expected.used[: 3 * params.places.gyros].sum())
@@ -454,6 +466,7 @@ def cycled(state: JointState, sample: Sample, thresholds: Array, holder: Any) ->
         estimate,
         rows @ rows.T,
         innovation,
+        deviation,
         gyro_nis,
         accelerometer_nis,
         incremented,

@@ -30,7 +30,7 @@ import numpy as np
 from massprop_drake.maths.estimation.joint import screen as screens
 from massprop_drake.maths.estimation.joint.hypotheses import FIT, Kind, Runner
 from massprop_drake.maths.estimation.joint.layout import INERTIA, MASS, JointParams
-from massprop_drake.maths.estimation.joint.race import OUT, Race, Standing, leads, rivals
+from massprop_drake.maths.estimation.joint.race import OUT, Race, Standing, leads, margin, rivals
 from massprop_drake.maths.estimation.joint.screen import Contender, FailedJet
 from massprop_drake.maths.mass_properties import ELEMENT
 
@@ -40,13 +40,14 @@ _LIE_AFTER = 6  # cycles: a lie that ends is told from a rate that has changed b
 _JUMP_AFTER = 2  # samples: in one of them a pair of jets explains as much
 _DOUBTFUL_JUMP_AFTER = 12  # samples: one that misfits may yet learn; a small one fits jets that began at another onset
 _SURPRISED, _SHAKEN = 2.3, 4.2  # normal deviates of a sample: one in a hundred, and one in a hundred thousand
+_WELL = 3.0  # standard deviations of chi-square: of who explains all so far, one in a thousand is above
 _LITTLE = 0.01  # of the misfit of nothing, left by a jump that does not fit
 _PAIR_AFTER = 3  # samples: two jets and their onsets explain nearly all of the six increments of one or two
 _JUMP_AT_LEAST = 1000.0  # nats before settled: less is a start that still learns
 _INCREMENT_AFTER = 25  # cycles: a filter that was a little off, no payload
 _NOTHING_AFTER, _NOTHING_NEAR, _NOTHING_LATE = 12, 8.0, 75
 _GROUP_AFTER = 100  # cycles: a leak that is not told apart in 8 s will not be soon
-_GROUP_SOON_AFTER = 4  # cycles: of jets that are stuck, on or off; what is told of them is needed at once
+_GROUP_SOON_AFTER = 4  # cycles: of jets that are stuck, on or off, and lead all others; it is needed at once
 _GROUP = 3  # jets at most
 ALIKE = 12.0  # separation below which jets look alike: twice the lead
 LAST = 250  # cycles of a race
@@ -87,8 +88,8 @@ class Decision(NamedTuple):
     Attributes:
         outcome: see `Outcome`.
         winner: see `Standing`; None where nothing has happened.
-        group: hypotheses with other jets that what has fired cannot tell from the winner's; of an open race those so
-            far.
+        group: hypotheses with other jets that what has fired cannot tell from the winner's; of an open race those that
+            are not behind the likeliest so far.
         alternatives: the failures that they differ in, each of the winner's and then those it may be instead.
         shaken: whether it was decided because none of them explains the newest sample: something new has begun.
     """
@@ -117,7 +118,7 @@ def decided(race: Race, standing: list[Standing], settled: bool, rules: Rules, p
     cycles = race.screen.cycle - race.triggered + 1
     jump = next((each for each in standing if each.contender.cause.kind == Kind.JUMP), None)
     best = standing[0]
-    lead = best.contender.lead
+    lead, found = best.contender.lead, Decision(Outcome.OPEN)
     kind = best.contender.cause.kind
     clear = lead > rules.lead_nothing and all(leads(best, other, rules.lead) for other in standing[1:])
     if (
@@ -126,8 +127,8 @@ def decided(race: Race, standing: list[Standing], settled: bool, rules: Rules, p
         and (jump is None or jump.run is not None or jump.contender.lead < lead - OUT)
     ):
         large = settled or _large(best.contender, params)
-        found = _of_jets(race, standing, cycles, clear, rules, params) if large else Decision(Outcome.OPEN)
-        if found.outcome != Outcome.OPEN or found.group:
+        found = _of_jets(race, standing, cycles, clear, rules, params) if large else found
+        if found.outcome != Outcome.OPEN:
             return found
     if kind == Kind.JUMP and best.run is not None and clear and _jump_explains(race, best.run, cycles):
         if settled and lead > rules.jump:
@@ -144,7 +145,7 @@ def decided(race: Race, standing: list[Standing], settled: bool, rules: Rules, p
         return Decision(Outcome.NOTHING)
     if cycles >= LAST:
         return _at_last(standing, rules, nothing_fits)
-    return Decision(Outcome.OPEN)
+    return found
 
 
 def _jump_explains(race: Race, run: Runner, cycles: int) -> bool:
@@ -180,10 +181,12 @@ def _of_jets(
         return Decision(Outcome.JETS, standing[0])
     near = _near(standing, rules)
     alternatives = _alternatives((best, *near), rules)
-    patience = _GROUP_AFTER if all(best.cause.on_top) else _GROUP_SOON_AFTER
+    cleared = all(leads(standing[0], other, rules.lead) for other in standing[1:] if other.contender not in near)
+    patience = _GROUP_SOON_AFTER if cleared and not all(best.cause.on_top) else _GROUP_AFTER
     if alternatives and cycles >= patience and _alike(race, best, alternatives, params):
         return Decision(Outcome.GROUP, standing[0], near, alternatives)
-    return Decision(Outcome.OPEN, standing[0], near) if alternatives else undecided
+    led = near or _not_cleared(standing, rules)
+    return Decision(Outcome.OPEN, standing[0], led) if all(each.cause.kind == Kind.JETS for each in led) else undecided
 
 
 def _alternatives(likely: tuple[Contender, ...], rules: Rules, most: int = _GROUP) -> tuple[tuple[FailedJet, ...], ...]:
@@ -229,26 +232,32 @@ def _alike(race: Race, best: Contender, alternatives: tuple[tuple[FailedJet, ...
 
 
 def _interrupted(race: Race, standing: list[Standing], rules: Rules) -> Decision | None:
-    """What becomes of a group that led: named where none of it explains the newest sample.
+    """What becomes of those that led, one or several: named where none of them explains the newest sample.
 
-    It waits for the next sample where that is in doubt, or where the newest alone has made another of it lead: what
-    begins in the midst of a sample favors one of them by chance. Where another explains that sample, too, it was the
-    group that was wrong.
+    They wait for the next sample where that is in doubt, or where the newest alone has made another of them lead: what
+    begins in the midst of a sample favors one of them by chance. Where another explains that sample, too, it was they
+    that were wrong, and so it was where none of them had explained all before it well: two failures at once look like
+    one for a while. Those of them that have no filter at the present cannot say; they are named with the others.
     """
     now = {each.contender.cause: each for each in standing}
-    of_group = [now[each.cause] for each in race.leading if each.cause in now]
-    surprises = [each.run.newest.surprise for each in of_group if each.run is not None]
-    if not race.leading or len(surprises) < len(race.leading):
+    led = [now[each.cause] for each in race.leading if each.cause in now]
+    runs = [each.run for each in led if each.run is not None]
+    if not runs or led[0].run is None or min(run.before_newest.misfit for run in runs) > _WELL:
         return None
-    others = [each for each in standing if each not in of_group]
+    surprises = [run.newest.surprise for run in runs]
+    others = [each for each in standing if each not in led]
     if min(surprises) >= _SURPRISED and any(each.run is not None and each.run.fits for each in others):
         return None
     if min(surprises) >= _SHAKEN:
-        return Decision(Outcome.GROUP, of_group[0], race.leading[1:], _alternatives(race.leading, rules), shaken=True)
+        if len(led) == 1:
+            return Decision(Outcome.JETS, led[0], shaken=True)
+        group = tuple(each.contender for each in led)
+        alternatives = _alternatives(group, rules, most=len(group))
+        return Decision(Outcome.GROUP, led[0], group[1:], alternatives, shaken=True) if alternatives else None
     if min(surprises) >= _SURPRISED:
-        return Decision(Outcome.OPEN, of_group[0], race.leading[1:])
-    if standing[0] in of_group[1:]:
-        return Decision(Outcome.OPEN, standing[0], tuple(e.contender for e in of_group if e is not standing[0]))
+        return Decision(Outcome.OPEN, led[0], tuple(each.contender for each in led[1:]))
+    if standing[0] in led[1:]:
+        return Decision(Outcome.OPEN, standing[0], tuple(e.contender for e in led if e is not standing[0]))
     return None
 
 
@@ -261,6 +270,11 @@ def _large(contender: Contender, params: JointParams) -> bool:
 def _near(standing: list[Standing], rules: Rules) -> tuple[Contender, ...]:
     """Those that the best does not lead by enough."""
     return tuple(each.contender for each in standing[1:] if each.odds > standing[0].odds - rules.lead)
+
+
+def _not_cleared(standing: list[Standing], rules: Rules) -> tuple[Contender, ...]:
+    """Those that the best does not lead by enough where what is known of them to first order counts, too."""
+    return tuple(each.contender for each in standing[1:] if margin(standing[0], each) <= rules.lead)
 
 
 def _at_last(standing: list[Standing], rules: Rules, nothing_fits: bool) -> Decision:

@@ -8,8 +8,9 @@ r"""What a hypothesis is: the joint filter's own cycle from another state, and h
     lies    one component is not read from the onset on, until it fits again
 
 *Log-likelihood*, L = -1/2 sum (e^T Y^-1 e + ln |Y|), over the components whose reading has moved by half a step since
-it was last counted, or that six samples ago was counted last: the same for every hypothesis, whatever its filter uses,
-or a hypothesis would choose its evidence. A reading that lies is one of 4e4 steps, each as likely.
+it was last counted, or ought to have moved as the filter that knows of nothing has it, or that six samples ago was
+counted last: the same for every hypothesis, whatever its filter uses, or a hypothesis would choose its evidence. A
+reading that lies is one of 4e4 steps, each as likely.
 
 *Cells.* L takes rounding for white noise. The rounding of a rate that is slow or goes in circles is the same again and
 again, and each time L counts it as new: a wrong hypothesis that bends a little toward the middle of its cells gains on
@@ -45,7 +46,9 @@ JUMP_SHARES = (
 KICK = 0.6  # 1-sigma of an onset's place, in intervals between onsets: uniform over two has 0.58
 SHARES = (1.0, 0.17)  # of it in the first interval and in the second: a lag of a fifth of an interval takes that much
 _MOVED = 0.5  # steps by which a reading has moved to be counted
+_STANDS = 3.0  # sigmas by which a prediction lies outside a reading's cell: it ought to have moved
 _PATIENCE = 6  # samples after which what has not moved counts: that a rate stands still is evidence, too
+KEPT = 6  # states of a filter: what began so many cycles before a decision may not have shown yet
 _RANGE = 4e4  # steps that a sensor's range has
 FIT = 6.0  # standard deviations of chi-square: rounding is not white, and six are never chance
 EXCESS = 6.0  # nats by which white noise may be likelier than cells: one in four hundred
@@ -157,7 +160,7 @@ class Runner(NamedTuple):
         state: after it.
         score: since the race's beginning.
         lying: whether its reading does not fit yet.
-        before: state before that cycle; None: it has done none.
+        earlier: states before the last cycles, oldest first, `KEPT` at most.
         newest: what that cycle added to the score.
         entry: the score at its onset.
         share: see `opened`.
@@ -170,7 +173,7 @@ class Runner(NamedTuple):
     state: JointState
     score: Score
     lying: bool
-    before: JointState | None = None
+    earlier: tuple[JointState, ...] = ()
     newest: Score = NO_SCORE
     entry: Score = NO_SCORE
     share: float = JUMP_SHARES[0]
@@ -181,22 +184,30 @@ class Runner(NamedTuple):
         return self.score.misfit < FIT and self.score.excess - self.entry.excess < EXCESS
 
     @property
+    def before_newest(self) -> Score:
+        """Its score before the last cycle."""
+        return Score(*(now - new for now, new in zip(self.score, self.newest, strict=True)))
+
+    @property
     def is_small(self) -> bool:
         """Whether it is a jump that expects little."""
         return self.cause.kind == Kind.JUMP and self.share < JUMP_SHARES[0]
 
 
-def counted(counting: Counting, read: Array, quanta: Array) -> tuple[np.ndarray, Counting]:
+def counted(counting: Counting, over: Link, params: JointParams) -> tuple[np.ndarray, Counting]:
     """Which components count for every hypothesis, shape (m,).
 
     Args:
         counting: see `Counting`.
-        read: readings, NaN where missing, shape (m,).
-        quanta: see `JointParams`, shape (m,).
+        over: the cycle of the filter that knows of nothing.
+        params: see `JointParams`.
     """
+    read, quanta = over.read, params.quanta
     present = ~np.isnan(read)
     moved = ~(np.abs(read - counting.last) < _MOVED * quanta)
-    counts = present & (moved | (counting.quiet + 1.0 >= _PATIENCE))
+    spread = np.sqrt(np.maximum(np.diagonal(over.covariance) - params.variances, 0.0))
+    unmoved = np.abs(over.innovation) > 0.5 * quanta + _STANDS * spread
+    counts = present & (moved | unmoved | (counting.quiet + 1.0 >= _PATIENCE))
     return counts, Counting(np.where(counts, read, counting.last), np.where(counts, 0.0, counting.quiet + 1.0))
 
 
@@ -372,4 +383,5 @@ def stepped(
     covariance = projected @ projected.T + np.diag(params.variances)
     score = scored(score, report.innovation, covariance, counts, params.quanta)
     newest = Score(*(now - had for now, had in zip(score, run.score, strict=True)))
-    return run._replace(cycle=run.cycle + 1, state=after, score=score, lying=lying, before=run.state, newest=newest)
+    earlier = (*run.earlier, run.state)[-KEPT:]
+    return run._replace(cycle=run.cycle + 1, state=after, score=score, lying=lying, earlier=earlier, newest=newest)

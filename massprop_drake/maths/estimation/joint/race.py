@@ -69,8 +69,7 @@ class Race(NamedTuple):
         states: after the beginning and after each onset of the screen.
         screen: see `Screen`.
         runs: see `Runner`.
-        leading: jets that explain everything so far and cannot be told apart, the likeliest first; empty: one leads, or
-            none is clear of all others.
+        leading: jets that explain everything so far and are not behind, the likeliest first; empty: none does.
         out: causes whose own filters have fallen too far behind, whatever the first order says of them.
     """
 
@@ -131,8 +130,8 @@ def begin(bank: Bank, index: int, triggered: int, history: History, params: Join
 def moved(race: Race, standing: list[Standing], bank: Bank, history: History, params: JointParams) -> Race:
     """The race anew about its likeliest onset, where that is the first or the last that it looks at and not the only.
 
-    A race whose leader fits stays: its onset is known well enough. But a small jump also fits jets that have failed at
-    another onset.
+    A race whose leader fits stays, or in which jets that fit are no more behind than their onset may cost: it is known
+    well enough. But a small jump also fits jets that have failed at another onset.
 
     Args:
         race: see `Race`.
@@ -142,8 +141,12 @@ def moved(race: Race, standing: list[Standing], bank: Bank, history: History, pa
         params: see `JointParams`.
     """
     onsets = race.screen.onsets
-    fitting = [each.run for each in standing if each.run is not None and each.run.fits]
-    if any(run.cause.kind == Kind.JETS or (run is standing[0].run and not run.is_small) for run in fitting):
+    if not standing:  # it has not arrived at the present
+        return race
+    near = standing[0].odds - _TOO_WIDE
+    fitting = [each for each in standing if each.run is not None and each.run.fits]
+    jets = any(each.contender.cause.kind == Kind.JETS and each.odds > near for each in fitting)
+    if jets or (standing[0] in fitting and not (standing[0].run is not None and standing[0].run.is_small)):
         return race
     best = next((each.contender.onset for each in standing if each.contender.cause.kind == Kind.JETS), None)
     if best not in (onsets[0], onsets[-1]) or best not in bank.cycles:
@@ -273,7 +276,8 @@ def margin(best: Standing, other: Standing) -> float:
     or before it must run as a filter before it is believed to be behind.
     """
     measured = best.odds - other.odds
-    if best.run is None or _arrived(other) or (_strays(best) and len(best.contender.cause.jets) == 1):
+    alone = len(best.contender.cause.jets) == 1 or best.contender.cause.kind == Kind.LIES
+    if best.run is None or _arrived(other) or (alone and _strays(best)):
         return measured
     return min(measured, best.linear + best.beforehand - other.linear - other.beforehand)
 
@@ -355,6 +359,9 @@ def running(race: Race, standing: list[Standing], free_slots: int) -> Race:
         elif near and contender.lead > 0.0 and len(wanted) < _RUNS and _fits(race, cause, free_slots):
             run = present.get(cause)
             wanted.append(_opened(race, each.first_order) if run is None or _begins_anew(run, each) else run)
+    known = {each.contender.cause for each in standing} | race.out
+    if young:  # its first order says nothing of a reading that lies for long, so it is heard once it has arrived
+        wanted[1:1] = [run for run in race.runs if run.cause.kind == Kind.LIES and run.cause not in known][:1]
     out = race.out | (behind - led)
     if leader.run is None or not leader.run.fits:  # a jump may yet be what is left
         out -= {Cause(Kind.JUMP)}
@@ -376,19 +383,27 @@ def _known(race: Race) -> set[tuple[int, int]]:
 def _begins_anew(run: Runner, standing: Standing) -> bool:
     """Whether a filter began with far more uncertainty of its onset than there now is, or another explains more.
 
-    Where a filter fits, and the first order is far from what it has measured, the first order is wrong.
+    Where a filter fits, and the first order is far from what it has measured, the first order is wrong, unless both
+    have the same forces: then it is what the filter took for its onset that costs so much.
     """
     contender, arrived_run, first = standing.contender, standing.run, standing.first_order
     if first.share > run.share:  # a jump turns out larger than its filter expects: it would hold on to what it knows
         return True
-    if _strays(standing):
+    there = first.lead_at(run.onset)
+    strays = run.fits and arrived_run is not None and abs(there - contender.lead) > _NEAR
+    if strays and not _of_one_size(first, contender):
         return False
+    if run.kicks:
+        wider = np.log(np.array(run.kicks) / np.array(first.kicks))
+        if float(np.sum(np.maximum(wider, 0.0))) > _TOO_WIDE:
+            return True
     other = first.onset != run.onset or first.share != run.share
-    elsewhere = arrived_run is not None and other and first.lead > contender.lead + _BETTER
-    if elsewhere or not run.kicks:
-        return elsewhere
-    wider = np.log(np.array(run.kicks) / np.array(contender.kicks))
-    return float(np.sum(np.maximum(wider, 0.0))) > _TOO_WIDE
+    return arrived_run is not None and not strays and other and first.lead > max(contender.lead, there) + _BETTER
+
+
+def _of_one_size(first: Contender, other: Contender) -> bool:
+    """Whether two have the same forces, to a half."""
+    return bool(first.force) and all(abs(f - g) <= 0.5 * abs(g) for f, g in zip(first.force, other.force, strict=True))
 
 
 def _opened(race: Race, contender: Contender) -> Runner:

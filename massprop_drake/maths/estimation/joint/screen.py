@@ -105,6 +105,7 @@ class Contender(NamedTuple):
         force, sigma: of each failed jet, lbf or N.
         kicks: 1-sigma of the impulse of each in the first and in the second interval, in intervals of force, lbf or N.
         share: of the start's uncertainty that a jump brings.
+        at_onsets: onsets at which it is possible to first order, and its lead at each.
     """
 
     cause: Cause
@@ -114,6 +115,11 @@ class Contender(NamedTuple):
     sigma: tuple[float, ...] = ()
     kicks: tuple[tuple[float, ...], ...] = ()
     share: float = JUMP_SHARES[0]
+    at_onsets: tuple[tuple[int, float], ...] = ()
+
+    def lead_at(self, onset: int) -> float:
+        """Its lead to first order at an onset; what it has at its own where it is not possible there."""
+        return dict(self.at_onsets).get(onset, self.lead)
 
     @property
     def failures(self) -> tuple[FailedJet, ...]:
@@ -184,7 +190,7 @@ def screened(screen: Screen, over: Link, params: JointParams) -> Screen:
     for index in first:
         shown[:, index * h + 5 * jets : (index + 1) * h] += np.eye(m)
     columns = corrected(columns, shown, over)
-    mask, counting = counted(screen.counting, over.read, params.quanta)
+    mask, counting = counted(screen.counting, over, params)
     score = scored(screen.scores[-1], over.innovation, over.covariance, mask, params.quanta)
     information, projection = screen.information, screen.projection
     jump_information, jump_projection = screen.jump_information, screen.jump_projection
@@ -273,8 +279,9 @@ def contenders(screen: Screen, allowed: np.ndarray, known: Array, params: JointP
         pairs = _pairs(screen, index, allowed, known, params)
         for contender in (*singles, *pairs, *_lies(screen, index, params)):
             best = found.get(contender.cause)
-            if best is None or contender.lead > best.lead:
-                found[contender.cause] = contender
+            tried = (*(best.at_onsets if best is not None else ()), (contender.onset, contender.lead))
+            better = contender if best is None or contender.lead > best.lead else best
+            found[contender.cause] = better._replace(at_onsets=tried)
     scales = np.array(JUMP_SHARES) / JUMP_SHARES[0]
     variances = np.repeat(scales.reshape(-1, 1) ** 2, N_PROPERTIES, axis=1)
     lead, _, _ = explained(screen.jump_information, screen.jump_projection, variances)

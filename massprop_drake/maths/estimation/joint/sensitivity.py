@@ -18,7 +18,6 @@ import numpy as np
 from massprop_drake.maths.estimation.joint.cycle import Report, Sample
 from massprop_drake.maths.estimation.joint.layout import (
     CENTER,
-    INERTIA,
     MASS,
     RATE,
     VELOCITY,
@@ -27,6 +26,7 @@ from massprop_drake.maths.estimation.joint.layout import (
     Places,
 )
 from massprop_drake.maths.estimation.joint.measurement import readings
+from massprop_drake.maths.kernels import kernel, picked
 from massprop_drake.maths.linear_algebra import Array, skew
 from massprop_drake.maths.mass_properties import ELEMENT
 
@@ -64,44 +64,110 @@ class Link(NamedTuple):
     read: Array
 
 
-def link(before: JointState, report: Report, sample: Sample, params: JointParams) -> Link:
-    """The link of a cycle that was not the first.
+class Traces(NamedTuple):
+    """What a link is made of.
+
+    Attributes:
+        mean: of the state before the cycle, shape (size,).
+        rate_rows, velocity_rows, mass_factor, noise, duration_s: see `prediction.Prediction`.
+        jacobian, projected, innovation, used: see `cycle.Expected`.
+        upper, half_gain, correction: see `covariance.Update`; empty, or zero, where no component counted.
+        amount: see `Link`.
+        rates, velocities: see `cycle.Sample`.
+    """
+
+    mean: Array
+    rate_rows: Array
+    velocity_rows: Array
+    mass_factor: float
+    noise: Array
+    duration_s: float
+    jacobian: Array
+    projected: Array
+    innovation: Array
+    used: np.ndarray
+    upper: Array
+    half_gain: Array
+    correction: Array
+    amount: Array
+    rates: Array
+    velocities: Array
+
+
+def traces(before: JointState, report: Report, sample: Sample) -> Traces:
+    """What the link of a cycle that was not the first is made of.
 
     Args:
         before: the state before it.
         report: of it.
         sample: of it.
-        params: see `JointParams`.
     """
     course = report.course
     assert course is not None, "the first sample is no cycle"
-    prediction, projected = course.expected.prediction, course.expected.projected
-    n_outputs = projected.shape[0]
-    gain, correction = np.zeros((params.places.size, n_outputs)), np.zeros(params.places.size)
-    if course.update is not None:
-        gain[:, course.expected.used] = np.linalg.solve(course.update.upper, course.update.half_gain.T).T
-        correction = course.update.correction
-    mean = before.mean
-    moments = params.wrenches[:, :3] + params.wrenches[:, 3:] @ skew(mean[CENTER])
-    effects = np.hstack((moments @ mean[INERTIA][ELEMENT], mean[MASS] * params.wrenches[:, 3:]))
-    return Link(
-        rate_rows=prediction.rate_rows,
-        velocity_rows=prediction.velocity_rows,
-        mass_factor=prediction.mass_factor,
-        duration_s=prediction.duration_s,
-        noise=prediction.noise,
-        bias_seconds=prediction.duration_s * params.acceleration_bias_sigma,
-        jacobian=course.expected.jacobian,
-        gain=gain,
-        innovation=course.expected.innovation,
-        covariance=projected @ projected.T + np.diag(params.variances),
-        correction=correction,
-        effects=effects / params.thrusts.reshape(-1, 1),
-        amount=course.acting.firing.amount,
-        read=readings(sample.rates, sample.velocities),
+    expected, prediction, update = course.expected, course.expected.prediction, course.update
+    size = before.mean.shape[0]
+    learned = (np.zeros((0, 0)), np.zeros((size, 0)), np.zeros(size))
+    if update is not None:
+        learned = (update.upper, update.half_gain, update.correction)
+    return Traces(
+        before.mean,
+        prediction.rate_rows,
+        prediction.velocity_rows,
+        prediction.mass_factor,
+        prediction.noise,
+        prediction.duration_s,
+        expected.jacobian,
+        expected.projected,
+        expected.innovation,
+        expected.used,
+        *learned,
+        course.acting.firing.amount,
+        sample.rates,
+        sample.velocities,
     )
 
 
+def link(before: JointState, report: Report, sample: Sample, params: JointParams) -> Link:
+    """The link of a cycle that was not the first.
+
+    Args:
+        before, report, sample: see `traces`.
+        params: see `JointParams`.
+    """
+    return linked(traces(before, report, sample), params)
+
+
+@kernel
+def linked(seen: Traces, params: JointParams) -> Link:
+    """The link that is made of something."""
+    gain = np.zeros((seen.mean.shape[0], seen.projected.shape[0]))
+    counts = np.flatnonzero(seen.used)
+    if counts.shape[0] > 0:
+        columns = np.linalg.solve(seen.upper, seen.half_gain.T)
+        for place in range(counts.shape[0]):
+            gain[:, counts[place]] = columns[place]
+    mean = seen.mean
+    moments = params.wrenches[:, :3] + params.wrenches[:, 3:] @ skew(mean[CENTER])
+    effects = np.hstack((moments @ picked(mean, ELEMENT), mean[MASS] * params.wrenches[:, 3:]))
+    return Link(
+        rate_rows=seen.rate_rows,
+        velocity_rows=seen.velocity_rows,
+        mass_factor=seen.mass_factor,
+        duration_s=seen.duration_s,
+        noise=seen.noise,
+        bias_seconds=seen.duration_s * params.acceleration_bias_sigma,
+        jacobian=seen.jacobian,
+        gain=gain,
+        innovation=seen.innovation,
+        covariance=seen.projected @ seen.projected.T + np.diag(params.variances),
+        correction=seen.correction,
+        effects=effects / params.thrusts.reshape(-1, 1),
+        amount=seen.amount,
+        read=readings(seen.rates, seen.velocities),
+    )
+
+
+@kernel
 def carried(columns: Array, forcing: Array, over: Link, places: Places) -> Array:
     """Errors before the update, shape (size, h).
 

@@ -6,6 +6,8 @@ command before, or end with the beginning of the one that comes, and its length 
 
 Ticks are not recorded. They are estimated from the stamps by a Kalman filter of two states, the tick and the period,
 that takes a stamp as its tick with an error of `_JITTER`. Stamps on a grid of the sample period are ticks themselves.
+Otherwise the filter says how well a tick is known, and over that time what switches at it has a command that is not
+known: a millisecond of a large jet moves a fine gyro by many steps.
 
 Rows that are missing: one or two in a row are bridged, with the command of both sides where these are equal, and as
 not known where they differ. After a longer gap, and over the interval that follows it, in which thrust settles, rate
@@ -24,6 +26,7 @@ from massprop_drake.maths.linear_algebra import Array
 
 _EXACT = 1e-6  # of the period: less is rounding of a stamp
 _NEAR = 0.05  # of the period: by so much a reading may be off the sample period after the one before
+_SHARP = 1e-5  # of the period: 1-sigma of a tick that is as good as known
 _JITTER = 0.01  # of the period: 1-sigma of a stamp about its tick
 _PERIOD = 1e-3  # relative 1-sigma of the period at the beginning
 _TICK_NOISE, _PERIOD_NOISE = 1e-6, 1e-7  # of the period: 1-sigma of what both change by at a tick
@@ -107,8 +110,33 @@ def elapsed(
     if coming is not None:
         ticks.append(after.tick_s)
         commands.append(coming)
-    durations, told = pieces(clock.stamp_s, stamp_s, np.array(ticks), np.stack(commands))
+    began_s, acting = np.array(ticks), np.stack(commands)
+    sigma = float(np.sqrt(after.variances[0]))
+    if sigma > _SHARP:
+        began_s, acting = _blurred(began_s, acting, sigma * period_s)
+    durations, told = pieces(clock.stamp_s, stamp_s, began_s, acting)
     return after, Elapsed(durations, told, clock.lost)
+
+
+def _blurred(ticks_s: Array, commands: Array, sigma_s: float) -> tuple[Array, Array]:
+    """Commands that are not known about each tick, where they differ, for as long as makes the variance that of a tick.
+
+    A level that is not known over 2 sigma has the variance sigma^2; all jets that switch at a tick are early or late
+    together, which as if each were by itself is covered by the root of their number times as long.
+
+    Args:
+        ticks_s: when each command began to act, ascending, shape (n,).
+        commands: which then acted until the next tick, shape (n, n_jets).
+        sigma_s: 1-sigma of a tick.
+    """
+    times, told = [ticks_s[:1]], [commands[:1]]
+    for tick_s, before, after in zip(ticks_s[1:], commands[:-1], commands[1:], strict=True):
+        differs = before != after
+        half_s = sigma_s * np.sqrt(np.count_nonzero(differs))
+        if differs.any():
+            times.append(np.array([tick_s - half_s, tick_s + half_s]))
+            told.append(np.stack((np.where(differs, np.nan, after), after)))
+    return np.concatenate(times), np.concatenate(told)
 
 
 def _ticked(clock: Clock, off_tick: float, period_s: float) -> Clock:

@@ -2,7 +2,8 @@
 
 With some probability something that the model does not have has pushed the vehicle in the interval: a second update,
 with the kick's covariance added, stands beside the first. So does a third in which the sample's poses are poor ones,
-many times as noisy. All are merged by their moments; the likelihood is that of all.
+many times as noisy. All are merged by their moments; the likelihood is that of all. Where a sample looks poor, what
+it would be after a kick is kept apart until the next one (`Doubt`).
 
 Where a correction would leave a K that is no body's, K is only considered at that sample (Schmidt), and not corrected:
 so it is in the first seconds of a hypothesis that is far from the truth.
@@ -16,11 +17,13 @@ import numpy as np
 
 from massprop_drake.maths.estimation.pose.layout import Bank, Commands, PoseParams, Readings
 from massprop_drake.maths.estimation.pose.measurement import Compared, compared
-from massprop_drake.maths.estimation.pose.prediction import Predicted, predicted
-from massprop_drake.maths.estimation.pose.turning import rotations, symmetric_matrices
+from massprop_drake.maths.estimation.pose.prediction import predicted
+from massprop_drake.maths.estimation.pose.turning import rotation_vectors, rotations, symmetric_matrices
 from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError
 
 _LEAST = 0.01  # of the nominal K, below which it is no body's
+_DOUBTFUL = 0.3  # probability of a poor sample from which on a kick is kept apart
+_TINY = 1e-300
 _TWO_PI = np.log(2.0 * np.pi)
 
 
@@ -35,6 +38,8 @@ class Cycled(NamedTuple):
         kicked: probability of a kick, shape (n_filters,).
         of_first: NIS of the first filter, of what has probably happened, and components that it is of: of attitude and
             rate, then of place and velocity, shape (2, 2).
+        doubt: what the next sample is to decide; None: nothing.
+        whitened: innovations in units of what the bank expects on average, shape (n_filters, m).
     """
 
     bank: Bank
@@ -43,6 +48,22 @@ class Cycled(NamedTuple):
     nis: Array
     kicked: Array
     of_first: Array
+    doubt: Doubt | None = None
+    whitened: Array | None = None
+
+
+class Doubt(NamedTuple):
+    """Filters as they are if readings that look poor were good ones, after a kick.
+
+    A single reading that is off looks the same after both, and the next one tells: until then they are kept apart.
+
+    Attributes:
+        bank: see `Bank`.
+        share: their probability, shape (n_filters,).
+    """
+
+    bank: Bank
+    share: Array
 
 
 class _Update(NamedTuple):
@@ -61,7 +82,14 @@ def shifted(bank: Bank, correction: Array, covariance: Array, params: PoseParams
     return bank._replace(mean=mean, covariance=covariance, rotation=bank.rotation @ rotations(turn))
 
 
-def step(bank: Bank, commands: Commands, span_s: tuple[float, float], readings: Readings, params: PoseParams) -> Cycled:
+def step(
+    bank: Bank,
+    commands: Commands,
+    span_s: tuple[float, float],
+    readings: Readings,
+    params: PoseParams,
+    doubt: Doubt | None = None,
+) -> Cycled:
     """A whole cycle.
 
     Args:
@@ -70,10 +98,53 @@ def step(bank: Bank, commands: Commands, span_s: tuple[float, float], readings: 
         span_s: time of the last sample and of this one.
         readings: at its end.
         params: see `PoseParams`.
+        doubt: of the last sample; None: there is none.
 
     Raises:
         NotPositiveDefiniteError: when an innovation's covariance loses definiteness, with the time.
     """
+    done = _step(bank, commands, span_s, readings, params)
+    if doubt is None:
+        return done
+    other = _step(doubt.bank, commands, span_s, readings, params)
+    with np.errstate(divide="ignore"):  # of what is impossible
+        ways = np.stack((np.log1p(-doubt.share) + done.likelihood, np.log(doubt.share) + other.likelihood))
+    total = np.logaddexp.reduce(ways)
+    share = np.exp(ways[1] - total)
+    of_first = done.of_first + share[0] * (other.of_first - done.of_first)
+    kicked = done.kicked + share * (1.0 - done.kicked)
+    both = merged(done.bank, other.bank, share, params)
+    return done._replace(bank=both, likelihood=total, kicked=kicked, of_first=of_first, doubt=None)
+
+
+def merged(one: Bank, other: Bank, share: Array, params: PoseParams) -> Bank:
+    """Two banks as one, by their moments.
+
+    Args:
+        one, other: of the same number of filters.
+        share: of the other in each, 0 to 1, shape (n_filters,).
+        params: see `PoseParams`.
+    """
+    parts, free = params.parts, params.free
+    apart = other.mean - one.mean
+    apart[:, parts.attitude] = rotation_vectors(np.swapaxes(one.rotation, 1, 2) @ other.rotation)
+    moved = share[:, None] * apart
+    mean = one.mean + moved
+    mean[:, parts.attitude] = 0.0
+    spread = apart[:, free]
+    covariance = (
+        (1.0 - share)[:, None, None] * one.covariance
+        + share[:, None, None] * other.covariance
+        + (share * (1.0 - share))[:, None, None] * spread[:, :, None] * spread[:, None, :]
+    )
+    rotation = one.rotation @ rotations(moved[:, parts.attitude])
+    return Bank(mean, covariance, rotation, other.opens, one.reference, one.turned)
+
+
+def _step(
+    bank: Bank, commands: Commands, span_s: tuple[float, float], readings: Readings, params: PoseParams
+) -> Cycled:
+    """A cycle without doubt of the last sample."""
     ahead = predicted(bank, commands, *span_s, params)
     beside = compared(ahead.bank, readings, params)
     count = bank.mean.shape[0]
@@ -81,59 +152,54 @@ def step(bank: Bank, commands: Commands, span_s: tuple[float, float], readings: 
         nothing = np.zeros(count)
         return Cycled(ahead.bank, nothing, np.zeros((count, 0)), np.full(count, np.nan), nothing, np.zeros((2, 2)))
     chance = 1.0 - np.exp(-params.kicks_per_s * (span_s[1] - span_s[0]))
+    poor = params.pose.outliers if beside.poses.any() else 0.0
+    happened = [_Happened(1.0 - chance - poor, ahead.bank.covariance, beside)]
+    if chance > 0.0:
+        happened.append(_Happened(chance, ahead.bank.covariance + ahead.kick @ np.swapaxes(ahead.kick, 1, 2), beside))
+    if poor > 0.0:
+        noisy = _noisier(beside, params.pose.outlier_scale)
+        happened.append(_Happened(poor, ahead.bank.covariance, noisy))
     try:
-        mixed = _mixed(ahead, beside, chance, np.ones(params.free.size), params)
-        possible = _possible(ahead.bank.mean, mixed.correction, params)
-        if not possible.all():
-            taken = np.where(possible[:, None] | ~_spin(params), 1.0, 0.0)
-            mixed = _mixed(ahead, beside, chance, taken, params)
+        ways = _updates(happened, ahead.bank.mean, params)
     except np.linalg.LinAlgError:
         worst = ahead.bank.covariance[np.argmin(np.linalg.eigvalsh(ahead.bank.covariance)[:, 0])]
         raise NotPositiveDefiniteError(worst, "the pose estimator's covariance", span_s[1]) from None
-    after = shifted(ahead.bank, mixed.correction, mixed.covariance, params)
-    return Cycled(after, mixed.likelihood, beside.innovation, mixed.nis, mixed.kicked, mixed.of_first)
-
-
-class _Mixed(NamedTuple):
-    """The updates by all that may have happened, merged; `nis` is that of nothing; for the rest see `Cycled`."""
-
-    correction: Array
-    covariance: Array
-    likelihood: Array
-    nis: Array
-    kicked: Array
-    of_first: Array
-
-
-def _mixed(ahead: Predicted, beside: Compared, chance: float, taken: Array, params: PoseParams) -> _Mixed:
-    """See `_Mixed`.
-
-    Args:
-        ahead: predicted.
-        beside: its readings.
-        chance: of a kick.
-        taken: 0 for what is only considered, and not corrected, else 1, shape (n_filters, n) or (n,).
-        params: see `PoseParams`.
-    """
-    covariance = ahead.bank.covariance
-    poor = params.pose.outliers if beside.poses.any() else 0.0
-    happened = [(1.0 - chance - poor, covariance, beside)]
-    if chance > 0.0:
-        happened.append((chance, covariance + ahead.kick @ ahead.kick.T, beside))
-    if poor > 0.0:
-        happened.append((poor, covariance, _noisier(beside, params.pose.outlier_scale)))
-    ways = [_updated(before, read, taken) for _, before, read in happened]
-    each = np.stack([np.log(weight) + way.likelihood for (weight, *_), way in zip(happened, ways, strict=True)])
+    each = np.stack([np.log(one.chance) + way.likelihood for one, way in zip(happened, ways, strict=True)])
     total = np.logaddexp.reduce(each)
     share = np.exp(each - total)
+    kicked = share[1] if chance > 0.0 else np.zeros(count)
+    nis = [part * _by_kind(one.covariance[0], one.beside) for part, one in zip(share[:, 0], happened, strict=True)]
+    doubt = None
+    if chance > 0.0 and poor > 0.0 and share[2].max() > _DOUBTFUL:
+        doubt = Doubt(shifted(ahead.bank, ways[1].correction, ways[1].covariance, params), kicked)
+        ways, share = [ways[0], ways[2]], share[[0, 2]] / np.maximum(1.0 - kicked, _TINY)
     correction = np.einsum("kh,khn->hn", share, np.stack([way.correction for way in ways]))
-    merged = np.zeros_like(covariance)
+    covariance = np.zeros_like(ahead.bank.covariance)
     for part, way in zip(share, ways, strict=True):
         apart = way.correction - correction
-        merged += part[:, None, None] * (way.covariance + apart[:, :, None] * apart[:, None, :])
-    kicked = share[1] if chance > 0.0 else np.zeros(total.shape[0])
-    nis = [part * _by_kind(before[0], read) for part, (_, before, read) in zip(share[:, 0], happened, strict=True)]
-    return _Mixed(correction, merged, total, ways[0].nis, kicked, np.sum(nis, axis=0))
+        covariance += part[:, None, None] * (way.covariance + apart[:, :, None] * apart[:, None, :])
+    after = shifted(ahead.bank, correction, covariance, params)
+    whitened = _whitened(ahead.bank.covariance, beside)
+    return Cycled(after, total, beside.innovation, ways[0].nis, kicked, np.sum(nis, axis=0), doubt, whitened)
+
+
+class _Happened(NamedTuple):
+    """What may have happened: its probability, the covariance before the readings, and what they are then."""
+
+    chance: float
+    covariance: Array
+    beside: Compared
+
+
+def _updates(happened: list[_Happened], mean: Array, params: PoseParams) -> list[_Update]:
+    """The update by each, which leaves every K that of a body."""
+    taken = np.ones(params.free.size)
+    ways = [_updated(one.covariance, one.beside, taken) for one in happened]
+    possible = np.logical_and.reduce([_possible(mean, way.correction, params) for way in ways])
+    if not possible.all():
+        taken = np.where(possible[:, None] | ~_spin(params), 1.0, 0.0)
+        ways = [_updated(one.covariance, one.beside, taken) for one in happened]
+    return ways
 
 
 def _spin(params: PoseParams) -> np.ndarray:
@@ -166,6 +232,13 @@ def _by_kind(covariance: Array, beside: Compared) -> Array:
         if chosen.any():
             result[row] = off[chosen] @ np.linalg.solve(expected[np.ix_(chosen, chosen)], off[chosen]), chosen.sum()
     return result
+
+
+def _whitened(covariance: Array, beside: Compared) -> Array:
+    """See `Cycled.whitened`."""
+    by = beside.jacobian
+    expected = np.mean(by @ covariance @ np.swapaxes(by, 1, 2) + beside.variance, axis=0)
+    return np.asarray(np.linalg.solve(np.linalg.cholesky(expected), beside.innovation.T).T, dtype=np.float64)
 
 
 def _updated(covariance: Array, beside: Compared, taken: Array) -> _Update:

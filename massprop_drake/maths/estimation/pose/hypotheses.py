@@ -10,6 +10,10 @@ they are merged by their moments. So the number of filters does not grow, and no
 it is pushed and turned by anything up to what a jet can do, N(0, (a/2)^2) on each axis. Beforehand that is as probable
 as all failures together. It is said as something unexplained.
 
+*Apart.* A weak jet and the open one against it foretell the same for as long as the weak one is told to fire; their
+likelihoods then differ by what was probable beforehand, and by how noisy each is taken to be. So a lead counts only
+over a hypothesis that has foretold something else, by sigmas whose squares sum up to twice the lead that is asked.
+
 A failure is named when its likelihood leads the next one and that of no failure by enough (`Rules`), and it is of a
 size: a loss, or an opening, above a tenth of the thrust and above three sigma, of what its own filter now knows and,
 of a loss, of what healthy jets differ by. Odds that were won while little was known are not given back, and odds alone
@@ -24,14 +28,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_drake.maths.estimation.pose.cycle import Cycled, step
+from massprop_drake.maths.estimation.pose.cycle import Cycled, Doubt, merged, step
 from massprop_drake.maths.estimation.pose.layout import Bank, Commands, PoseParams, Readings
-from massprop_drake.maths.estimation.pose.turning import rotation_vectors, rotations, symmetric_matrices
+from massprop_drake.maths.estimation.pose.turning import symmetric_matrices
 from massprop_drake.maths.linear_algebra import Array
 
 BEFORE = 0.01  # probability of a failure of each kind of each jet before the record begins
 AGAIN_S = 1900.0  # seconds in which a jet fails as probably as it has before
-RENEWAL_S = 5.0
+RENEWAL_S = 1.0
 PATIENCE_S = 10.0
 STEADY = 10  # samples
 _SIGMAS = 3.0  # that a size must have
@@ -51,6 +55,9 @@ class Tried(NamedTuple):
         led_s: since when one or several lead that of no failure; NaN: none does.
         leader: hypothesis that was to be named by the last sample, as an index of `known`; -1: none was.
         steady: samples in a row by which it was.
+        doubt: see `cycle.Doubt`.
+        apart: how far what two have foretold is apart, sum of squares in sigmas, shape (2 + 2 n_jets, 2 + 2 n_jets);
+            None: nothing has been foretold.
     """
 
     bank: Bank
@@ -61,6 +68,8 @@ class Tried(NamedTuple):
     led_s: float
     leader: int = -1
     steady: int = 0
+    doubt: Doubt | None = None
+    apart: Array | None = None
 
 
 class Rules(NamedTuple):
@@ -137,7 +146,7 @@ def failing(bank: Bank, known: Array, params: PoseParams) -> Bank:
     opens = np.full(count, bank.opens[0])
     for jet in range(jets):
         others = np.flatnonzero(good & (np.arange(jets) != jet))
-        typical = float(np.mean(mean[0, others])) if others.size else 1.0
+        typical = float(np.mean(bank.mean[0, others])) if others.size else 1.0
         mean[jet, jet] = _MIDDLE * typical
         row = place.get(jet)
         if row is not None:
@@ -173,30 +182,6 @@ def _stacked(first: Bank, rest: Bank) -> Bank:
     return Bank(*(np.concatenate((one[:1], many)) for one, many in zip(first, rest, strict=True)))
 
 
-def merged(one: Bank, other: Bank, share: Array, params: PoseParams) -> Bank:
-    """Two banks as one, by their moments.
-
-    Args:
-        one, other: of the same number of filters.
-        share: of the other in each, 0 to 1, shape (n_filters,).
-        params: see `PoseParams`.
-    """
-    parts, free = params.parts, params.free
-    apart = other.mean - one.mean
-    apart[:, parts.attitude] = rotation_vectors(np.swapaxes(one.rotation, 1, 2) @ other.rotation)
-    step_ = share[:, None] * apart
-    mean = one.mean + step_
-    mean[:, parts.attitude] = 0.0
-    spread = apart[:, free]
-    covariance = (
-        (1.0 - share)[:, None, None] * one.covariance
-        + share[:, None, None] * other.covariance
-        + (share * (1.0 - share))[:, None, None] * spread[:, :, None] * spread[:, None, :]
-    )
-    rotation = one.rotation @ rotations(step_[:, parts.attitude])
-    return Bank(mean, covariance, rotation, other.opens, one.reference, one.turned)
-
-
 def _renewed(tried: Tried, time_s: float, params: PoseParams) -> Tried:
     """Every hypothesis with its jet failing now as a further possibility."""
     chance = np.log(BEFORE * (time_s - tried.renewed_s) / AGAIN_S) + _beforehand(params)
@@ -209,8 +194,15 @@ def _renewed(tried: Tried, time_s: float, params: PoseParams) -> Tried:
     both = merged(rest, failing(tried.bank, tried.known, params), share, params)
     possible = _possible(tried)
     likelihood = np.concatenate((tried.likelihood[:1], np.where(possible, total, _NEVER)))
+    apart = tried.apart
+    if apart is not None:  # what fails now foretells as the first has
+        old = np.concatenate(([1.0], 1.0 - share))
+        apart = old[:, None] * apart + (1.0 - old)[:, None] * apart[0]
+        apart = old * apart + (1.0 - old) * apart[:, :1]
     onset = np.concatenate((tried.onset_s[:1], np.where(share > 0.5, time_s, tried.onset_s[1:])))
-    return tried._replace(bank=_stacked(tried.bank, both), likelihood=likelihood, onset_s=onset, renewed_s=time_s)
+    return tried._replace(
+        bank=_stacked(tried.bank, both), likelihood=likelihood, onset_s=onset, renewed_s=time_s
+    )._replace(apart=apart)
 
 
 def _possible(tried: Tried) -> np.ndarray:
@@ -231,9 +223,20 @@ def advanced(
         tried: after the last sample.
         commands, span_s, readings, params: see `cycle.step`.
     """
-    done = step(tried.bank, commands, span_s, readings, params)
+    done = step(tried.bank, commands, span_s, readings, params, tried.doubt)
     likelihood = tried.likelihood + done.likelihood
-    return tried._replace(bank=done.bank, likelihood=likelihood - likelihood[0]), done
+    after = tried._replace(bank=done.bank, likelihood=likelihood - likelihood[0], doubt=done.doubt)
+    return after._replace(apart=_further_apart(tried.apart, done.whitened)), done
+
+
+def _further_apart(apart: Array | None, whitened: Array | None) -> Array | None:
+    """See `Tried.apart`, with one more sample."""
+    if whitened is None:
+        return apart
+    products = whitened @ whitened.T
+    squares = products.diagonal()
+    more: Array = np.maximum(squares[:, None] + squares - 2.0 * products, 0.0)
+    return more if apart is None else apart + more
 
 
 def judged(tried: Tried, time_s: float, rules: Rules, params: PoseParams) -> tuple[Tried, Found | None]:
@@ -245,6 +248,8 @@ def judged(tried: Tried, time_s: float, rules: Rules, params: PoseParams) -> tup
         rules: see `Rules`.
         params: see `PoseParams`.
     """
+    if tried.doubt is not None:  # the next sample decides first
+        return tried, None
     if time_s - tried.renewed_s >= RENEWAL_S:
         tried = _renewed(tried, time_s, params)
     found, tried = _judged(tried, time_s, rules, params)
@@ -294,6 +299,8 @@ def _judged(tried: Tried, time_s: float, rules: Rules, params: PoseParams) -> tu
         tried = tried._replace(led_s=time_s)
     leads = best - odds
     behind = leads > rules.lead
+    if tried.apart is not None:
+        behind &= tried.apart[1 + leader, 1:] > 2.0 * rules.lead
     behind[leader] = False
     group = sorted(np.flatnonzero(~behind & np.isfinite(odds)).tolist(), key=lambda each: -odds[each])
     large = size[leader] > max(rules.least, _SIGMAS * deviation[leader])

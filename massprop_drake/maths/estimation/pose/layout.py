@@ -87,7 +87,11 @@ class PoseParams(NamedTuple):
         positions: of the jets, vehicle frame, ft or m, shape (n_jets, 3).
         kinds: index of each jet's kind, shape (n_jets,).
         nominal_mass: slug or kg.
-        mass_std, thrust_std: relative 1-sigma of the mass, and of each jet's thrust by itself, shape (n_jets,).
+        mass_std: relative 1-sigma of the mass, as far as readings may show it.
+        unseen_std: the same where nothing that moves with a force is read, as by a star tracker alone: then it plays
+            no part in the state, with g_j = 1 + b_j + c and K = m_0 I^-1, since of mass and thrust the turns show
+            the product with K alone.
+        thrust_std: relative 1-sigma of each jet's thrust by itself, shape (n_jets,).
         longest_s: how long after a command all that it did is over, s.
         rate_noise, velocity_noise: of white accelerations, rad/s^1.5 and m/s^1.5.
         push_walk, turn_walk: of s, m/s^2.5 and rad/s^2.5.
@@ -112,6 +116,7 @@ class PoseParams(NamedTuple):
     kinds: np.ndarray
     nominal_mass: float
     mass_std: float
+    unseen_std: float
     thrust_std: Array
     longest_s: float
     rate_noise: float

@@ -101,7 +101,7 @@ def compared(bank: Bank, readings: Readings, params: PoseParams) -> Compared | N
         arm = bank.mean[:, point : point + 3] - bank.mean[:, parts.center]
         moves = velocity + times(rotation, np.cross(rate, arm))
         jitter = sensors.jitter_variances[place]
-        variance = sensors.position_variances[place] * _EYE + jitter * moves[:, :, None] * moves[:, None, :]
+        variance = _white(sensors.position_variances[place]) + jitter * moves[:, :, None] * moves[:, None, :]
         by = {
             "position": _EYE,
             "attitude": -rotation @ skews(arm),
@@ -109,7 +109,7 @@ def compared(bank: Bank, readings: Readings, params: PoseParams) -> Compared | N
             f"point:{place}": rotation,
         }
         rows.add(readings.positions[place] - position - times(rotation, arm), by, variance, plane, (False, True))
-        variance = sensors.attitude_variances[place] * _EYE + jitter * rate[:, :, None] * rate[:, None, :]
+        variance = _white(sensors.attitude_variances[place]) + jitter * rate[:, :, None] * rate[:, None, :]
         off = np.full_like(rate, np.nan)
         if np.isfinite(readings.rotations[place]).all():
             off = rotation_vectors(np.swapaxes(rotation, 1, 2) @ readings.rotations[place])
@@ -140,3 +140,8 @@ def compared(bank: Bank, readings: Readings, params: PoseParams) -> Compared | N
             off = readings.gathered[place] - bank.mean[:, begin : begin + 3] - times(turn, arm)
             rows.add(off, by, variance * _EYE, plane, (False, False))
     return rows.compared()
+
+
+def _white(variance: float) -> Array:
+    """Covariance of three independent components, also where the variance is infinite."""
+    return np.diag(np.full(3, variance))

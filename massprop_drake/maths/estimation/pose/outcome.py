@@ -1,12 +1,12 @@
 r"""Mass properties of a state: mu = m_0/m by conditioning, J = K mu/m_0, r.
 
-The factors of the healthy jets, less what all share, are mu (1 + b_j): beforehand mu - 1 and the factors have the
-covariances sigma_M^2 and sigma_M^2 1 1^T + sigma_T^2, so that
+The factors of the healthy jets, less what all share, are mu (1 + b_j), and K = m J. With y these and K, the prior has
+cov (mu, g - c) = sigma_M^2 and cov (mu, K) = -K sigma_M^2, and C of y as `start` has it, so that
 
-    mu = 1 + k (g - c - 1),    k = sigma_M^2 1^T (sigma_M^2 1 1^T + sigma_T^2)^-1,
-    var mu = sigma_M^2 - k 1 sigma_M^2 + k P k^T
+    mu = 1 + k (y - y_0),    k = cov (mu, y) C^-1,    var mu = sigma_M^2 - k cov (y, mu) + k P k^T
 
-with P the covariance of g - c now, and mu goes with everything else as k (g - c) does.
+with P the covariance of y now, and mu goes with everything else as k y does: what is left of it is independent of the
+whole state.
 """
 
 from __future__ import annotations
@@ -15,6 +15,8 @@ import numpy as np
 
 from massprop_drake.maths.estimation.pose.layout import PoseParams
 from massprop_drake.maths.linear_algebra import Array
+
+_ROUNDING = 1e-12  # of the largest eigenvalue of a correlation: below it two things say the same
 
 
 def outcome(mean: Array, covariance: Array, healthy: np.ndarray, params: PoseParams) -> tuple[Array, Array]:
@@ -29,16 +31,8 @@ def outcome(mean: Array, covariance: Array, healthy: np.ndarray, params: PosePar
     parts, size = params.parts, params.parts.size
     whole = np.zeros((size, size))
     whole[np.ix_(params.free, params.free)] = covariance
-    weights, of_mass = np.zeros(size), params.mass_std**2
-    jets = np.flatnonzero(healthy)
-    gain = np.zeros(0)
-    if jets.size and of_mass > 0.0:
-        beforehand = of_mass + np.diag(params.thrust_std[jets] ** 2)
-        gain = np.linalg.pinv(beforehand, hermitian=True) @ np.full(jets.size, of_mass)  # thrusts may be known
-        weights[jets] = gain
-        weights[parts.common] = -gain.sum()
-    scale = 1.0 + float(gain @ (mean[jets] - mean[parts.common] - 1.0)) if gain.size else 1.0
-    left = of_mass * (1.0 - float(gain.sum()))
+    weights, left = _of_mass(healthy, params)
+    scale = 1.0 + float(weights @ (mean - params.start))
     spin = mean[parts.spin]
     rows = np.zeros((10, size))
     rows[:6] = np.outer(spin, weights)
@@ -49,5 +43,24 @@ def outcome(mean: Array, covariance: Array, healthy: np.ndarray, params: PosePar
     own = np.zeros(10)
     own[:6], own[9] = spin / params.nominal_mass, 1.0 / params.nominal_mass
     found = rows @ whole @ rows.T + left * np.outer(own, own)
+    found[9, 9] += (params.unseen_std / params.nominal_mass) ** 2
     values = np.concatenate((spin * scale / params.nominal_mass, mean[parts.center], [scale / params.nominal_mass]))
     return values, found
+
+
+def _of_mass(healthy: np.ndarray, params: PoseParams) -> tuple[Array, float]:
+    """How mu goes with the state, shape (size,), and the variance that no state takes from it."""
+    parts, of_mass = params.parts, params.mass_std**2
+    jets = np.flatnonzero(healthy)
+    spin = np.intersect1d(params.free, np.arange(parts.spin.start, parts.spin.stop))
+    told = np.zeros((jets.size + spin.size, parts.size))
+    told[np.arange(jets.size), jets] = 1.0
+    told[: jets.size, parts.common] = -1.0
+    told[np.arange(jets.size, len(told)), spin] = 1.0
+    with_mass = of_mass * np.concatenate((np.ones(jets.size), -params.start[spin]))
+    beforehand = told[:, params.free] @ params.covariance @ told[:, params.free].T
+    deviation = np.sqrt(beforehand.diagonal())
+    deviation[deviation == 0.0] = 1.0
+    correlation = beforehand / np.outer(deviation, deviation)
+    gain = np.linalg.pinv(correlation, _ROUNDING, hermitian=True) @ (with_mass / deviation) / deviation
+    return gain @ told, of_mass - float(gain @ with_mass)

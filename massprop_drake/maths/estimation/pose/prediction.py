@@ -16,11 +16,12 @@ sum_j P(K_ij, tau_j) besides, and the covariance sum_jl [P(K_ij, K_kl) P(tau_j, 
 without these the first seconds, in which both are unknown, are believed as if they were not.
 
 *Noise*: white accelerations; what each opening scatters, in proportion to J_j; walks of s and of c, which takes all
-g_j with it.
+g_j with it. Forces that the model does not have, white or as kicks, are felt by accelerometers, too.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -39,7 +40,7 @@ class Predicted(NamedTuple):
 
     Attributes:
         bank: see `Bank`.
-        kick: what a unit of each component of a kick does to what is free, shape (n, k).
+        kick: what 1 sigma of each component of a kick does to what is free, shape (n_filters, n, 6).
     """
 
     bank: Bank
@@ -52,6 +53,7 @@ class _Acting(NamedTuple):
     Attributes:
         openings: see `Openings`.
         once, twice: J and JJ with what stands open, shape (n_filters, n_jets).
+        shut: share of each jet that follows its commands, and does not stand open, shape (n_filters, n_jets).
         factor: g, shape (n_filters, n_jets).
         middle_turn: from the beginning to the middle of the interval, shape (n_filters, 3, 3).
         middle: R, shape (n_filters, 3, 3).
@@ -64,6 +66,7 @@ class _Acting(NamedTuple):
     openings: Openings
     once: Array
     twice: Array
+    shut: Array
     factor: Array
     middle_turn: Array
     middle: Array
@@ -111,16 +114,17 @@ def predicted(bank: Bank, commands: Commands, begin_s: float, end_s: float, para
     angle += 0.5 * acting.duration * bias
     covariance = through @ bank.covariance @ np.swapaxes(through, 1, 2) + _noise(acting, product, params)
     moved = Bank(after, covariance, bank.rotation @ rotations(angle), bank.opens, bank.reference, bank.turned + spun)
-    return Predicted(moved, _kick(acting.duration, params))
+    return Predicted(moved, _kick(acting, params))
 
 
 def _acting(bank: Bank, openings: Openings, duration: float, params: PoseParams) -> _Acting:
     parts, mean = params.parts, bank.mean
-    once, twice = openings.once.copy(), openings.twice.copy()
+    once, twice, shut = openings.once.copy(), openings.twice.copy(), np.ones_like(openings.once)
     which = np.flatnonzero(bank.opens >= 0)
     jets, share = bank.opens[which], mean[which, parts.open.start]
     once[which, jets] += share * (duration - openings.once[which, jets])
     twice[which, jets] += share * (0.5 * duration**2 - openings.twice[which, jets])
+    shut[which, jets] -= share
     middle_turn = rotations(0.5 * duration * mean[:, parts.rate])
     middle = bank.rotation @ middle_turn
     moments = np.cross(params.positions - mean[:, None, parts.center], params.pushes)
@@ -128,6 +132,7 @@ def _acting(bank: Bank, openings: Openings, duration: float, params: PoseParams)
         openings=openings,
         once=once,
         twice=twice,
+        shut=shut,
         factor=mean[:, parts.thrust],
         middle_turn=middle_turn,
         middle=middle,
@@ -216,10 +221,18 @@ def _coupling(rate: Array, spin: Array, params: PoseParams) -> tuple[Array, Arra
 # ---------------------------------------------------------------------------------- valves and sensors
 
 
-def _both(acting: _Acting, params: PoseParams) -> tuple[tuple[Array, slice, slice], ...]:
-    """Effects of the jets, with the parts that gather them once and twice."""
+def _effects(acting: _Acting, params: PoseParams) -> Iterator[tuple[Array, slice, bool]]:
+    """Effects of the jets, shape (n_filters, n_jets, 3), with the elements that gather them, and whether twice."""
     parts = params.parts
-    return (acting.forces, parts.velocity, parts.position), (acting.turns, parts.rate, parts.attitude)
+    yield from ((acting.forces, parts.velocity, False), (acting.forces, parts.position, True))
+    yield from ((acting.turns, parts.rate, False), (acting.turns, parts.attitude, True))
+    for rows in _triples(parts.gathered):
+        yield np.broadcast_to(params.pushes, acting.forces.shape), rows, False
+
+
+def _triples(part: slice) -> Iterator[slice]:
+    """Elements of each sensor's vector."""
+    return (slice(begin, begin + 3) for begin in range(part.start, part.stop, 3))
 
 
 def _by_timing(jacobian: Array, acting: _Acting, params: PoseParams) -> None:
@@ -227,11 +240,10 @@ def _by_timing(jacobian: Array, acting: _Acting, params: PoseParams) -> None:
     parts, openings = params.parts, acting.openings
     for place, part in enumerate((parts.delay, parts.lag, parts.opening)):
         for kind in range(part.stop - part.start):
-            own = params.kinds == kind
-            for effect, once_row, twice_row in _both(acting, params):
-                column = part.start + kind
-                jacobian[:, once_row, column] = acting.summed(own * openings.once_by[place], effect)
-                jacobian[:, twice_row, column] = acting.summed(own * openings.twice_by[place], effect)
+            own = acting.shut * (params.kinds == kind)
+            for effect, rows, twice in _effects(acting, params):
+                amount = (openings.twice_by if twice else openings.once_by)[place]
+                jacobian[:, rows, part.start + kind] = acting.summed(own * amount, effect)
 
 
 def _by_opening(jacobian: Array, acting: _Acting, bank: Bank, params: PoseParams) -> None:
@@ -241,9 +253,9 @@ def _by_opening(jacobian: Array, acting: _Acting, bank: Bank, params: PoseParams
     factor = acting.factor[which, jets]
     once = factor * (duration - acting.openings.once[which, jets])
     twice = factor * (0.5 * duration**2 - acting.openings.twice[which, jets])
-    for effect, once_row, twice_row in _both(acting, params):
-        jacobian[which, once_row, column] = once[:, None] * effect[which, jets]
-        jacobian[which, twice_row, column] = twice[:, None] * effect[which, jets]
+    for effect, rows, is_twice in _effects(acting, params):
+        amount = twice if is_twice else once
+        jacobian[which, rows, column] = amount[:, None] * effect[which, jets]
 
 
 def _gather(after: Array, jacobian: Array, acting: _Acting, bank: Bank, params: PoseParams) -> Array:
@@ -256,14 +268,13 @@ def _gather(after: Array, jacobian: Array, acting: _Acting, bank: Bank, params: 
     drag = mean[:, parts.drag.start, None]
     own = np.einsum("hji,hj->hi", bank.rotation, mean[:, parts.velocity])  # velocity in body axes
     gained = (acting.factor * acting.once) @ params.pushes - duration * drag * own
-    for begin in range(0, parts.gathered.stop - parts.gathered.start, 3):
-        rows = slice(parts.gathered.start + begin, parts.gathered.start + begin + 3)
-        bias = slice(parts.acceleration_bias.start + begin, parts.acceleration_bias.start + begin + 3)
+    for rows, bias in zip(_triples(parts.gathered), _triples(parts.acceleration_bias), strict=True):
         after[:, rows] += gained + duration * mean[:, bias]
         jacobian[:, rows, bias] = duration * _EYE
         jacobian[:, rows, parts.thrust] = np.swapaxes(acting.once[..., None] * params.pushes, 1, 2)
         jacobian[:, rows, parts.drag.start] = -duration * own
         jacobian[:, rows, parts.velocity] = -duration * drag[..., None] * np.swapaxes(bank.rotation, 1, 2)
+        jacobian[:, rows, parts.attitude] = -duration * drag[..., None] * skews(own)
     return spun
 
 
@@ -301,15 +312,14 @@ def _noise(acting: _Acting, product: Array, params: PoseParams) -> Array:
     """
     parts, free, duration = params.parts, params.free, acting.duration
     count, n_jets = acting.once.shape
+    felt = np.swapaxes(acting.middle, 1, 2)  # a force in the fixed frame, by accelerometers
     columns = np.zeros((count, parts.size, n_jets + 1))
     scatter = acting.factor * np.sqrt((params.scatter * acting.once) ** 2 + acting.openings.variance)
     fired = acting.once > 0.0
     since = np.where(fired, acting.twice / np.where(fired, acting.once, 1.0), 0.5 * duration)  # to the interval's end
-    for effect, once_row, twice_row in _both(acting, params):
-        columns[:, once_row, :n_jets] = np.swapaxes(scatter[..., None] * effect, 1, 2)
-        columns[:, twice_row, :n_jets] = np.swapaxes((scatter * since)[..., None] * effect, 1, 2)
-    for begin in range(parts.gathered.start, parts.gathered.stop, 3):
-        columns[:, begin : begin + 3, :n_jets] = np.swapaxes(scatter[..., None] * params.pushes, 1, 2)
+    for effect, rows, twice in _effects(acting, params):
+        amount = scatter * since if twice else scatter
+        columns[:, rows, :n_jets] = np.swapaxes(amount[..., None] * effect, 1, 2)
     shared = params.common_walk * np.sqrt(duration)
     columns[:, parts.thrust, n_jets] = shared * acting.factor
     columns[:, parts.common, n_jets] = shared
@@ -325,6 +335,12 @@ def _noise(acting: _Acting, product: Array, params: PoseParams) -> Array:
     for begin, walk in ((parts.push.start, params.push_walk), (parts.push.start + 3, params.turn_walk)):
         walks[begin : begin + 3, begin : begin + 3] = walk**2 * duration * _EYE
     whole = np.broadcast_to(walks, (count, parts.size, parts.size)).copy()
+    for rows in _triples(parts.gathered):
+        for with_part, moment in ((parts.velocity, duration), (parts.position, 0.5 * duration**2)):
+            whole[:, rows, with_part] = params.velocity_noise**2 * moment * felt
+            whole[:, with_part, rows] = np.swapaxes(whole[:, rows, with_part], 1, 2)
+        for others in _triples(parts.gathered):
+            whole[:, rows, others] = params.velocity_noise**2 * duration * _EYE
     share = 0.5 * duration
     whole[:, parts.rate, parts.rate] += product
     whole[:, parts.attitude, parts.rate] += share * product
@@ -334,14 +350,18 @@ def _noise(acting: _Acting, product: Array, params: PoseParams) -> Array:
     return noise
 
 
-def _kick(duration: float, params: PoseParams) -> Array:
-    """What 1 sigma of each component of a kick in the middle of the interval does, shape (n, 6)."""
-    parts = params.parts
-    effect = np.zeros((parts.size, 6))
+def _kick(acting: _Acting, params: PoseParams) -> Array:
+    """What 1 sigma of each component of a kick does, that comes at any time in the interval, (n_filters, n, 12)."""
+    parts, duration = params.parts, acting.duration
+    effect = np.zeros((acting.once.shape[0], parts.size, 12))
     for once_row, twice_row, size, column in (
         (parts.velocity, parts.position, params.kick_velocity, 0),
         (parts.rate, parts.attitude, params.kick_rate, 3),
     ):
-        effect[once_row, column : column + 3] = size * _EYE
-        effect[twice_row, column : column + 3] = 0.5 * duration * size * _EYE
-    return effect[params.free]
+        effect[:, once_row, column : column + 3] = size * _EYE
+        effect[:, twice_row, column : column + 3] = 0.5 * duration * size * _EYE
+        # a uniform time has this spread
+        effect[:, twice_row, column + 6 : column + 9] = duration / np.sqrt(12.0) * size * _EYE
+    for rows in _triples(parts.gathered):
+        effect[:, rows, :3] = params.kick_velocity * np.swapaxes(acting.middle, 1, 2)
+    return effect[:, params.free]

@@ -115,13 +115,13 @@ def make_params(setup: Setup, tracking: Tracking, *, hypotheses: bool) -> PosePa
     gyros, accelerometers = setup.gyros, setup.accelerometers
     counts = (n_poses, gyros.quanta.size, accelerometers.quanta.size)
     parts = make_parts(thrust.flows.size, valves.delays_s.size, *counts)
+    of_mass, unseen = _mass_stds(setup, tracking)
     known = _beforehand(setup, tracking, parts, mass)
-    if hypotheses:
-        known.rest_std[parts.open] = 1.0  # a place for it; zero but for the one that supposes it
+    supposed = _supposed(known, parts) if hypotheses else np.zeros(0, dtype=int)
+    known.rest_std[supposed] = 1.0  # a place for each; zero but for the hypothesis that supposes it
     start, covariance, free = prior(known, _fixed(parts, tracking, setup), parts)
-    if hypotheses:
-        place = int(np.flatnonzero(free == parts.open.start)[0])
-        covariance[place], covariance[:, place] = 0.0, 0.0
+    places = np.flatnonzero(np.isin(free, supposed))
+    covariance[places], covariance[:, places] = 0.0, 0.0
     around = tracking.around
     longest = _LAGS * np.max(valves.lags_s * np.exp(_SIGMAS * valves.lag_stds), initial=0.0) + np.max(
         np.abs(valves.delays_s) + np.abs(valves.openings_s) + _SIGMAS * (valves.delay_stds_s + valves.opening_stds_s),
@@ -136,7 +136,8 @@ def make_params(setup: Setup, tracking: Tracking, *, hypotheses: bool) -> PosePa
         positions=tracking.positions,
         kinds=thrust.kinds,
         nominal_mass=mass,
-        mass_std=0.0 if tracking.fixed[MASS_RECIPROCAL] else tracking.mass_std,
+        mass_std=of_mass,
+        unseen_std=unseen,
         thrust_std=thrust.uncertainty,
         longest_s=float(longest),
         rate_noise=around.rate_walk,
@@ -156,6 +157,12 @@ def make_params(setup: Setup, tracking: Tracking, *, hypotheses: bool) -> PosePa
         accelerometer_variances=setup.accelerometer_variances,
         planar=tracking.planar,
     )
+
+
+def _supposed(known: Beforehand, parts: Parts) -> np.ndarray:
+    """Elements that are zero unless a hypothesis supposes otherwise: how far a jet stands open, and a push."""
+    pushes = np.arange(parts.push.start, parts.push.stop)
+    return np.append(pushes[known.rest_std[pushes] == 0.0], parts.open.start)
 
 
 def _beforehand(setup: Setup, tracking: Tracking, parts: Parts, mass: float) -> Beforehand:
@@ -191,8 +198,15 @@ def _beforehand(setup: Setup, tracking: Tracking, parts: Parts, mass: float) -> 
     covariance = setup.covariance[:6, :6] * mass**2
     covariance[tracking.fixed[:6]] = 0.0
     covariance[:, tracking.fixed[:6]] = 0.0
-    of_mass = 0.0 if tracking.fixed[MASS_RECIPROCAL] else tracking.mass_std
+    of_mass, _ = _mass_stds(setup, tracking)
     return Beforehand(spin, covariance, of_mass, tracking.common_std, setup.thrust.uncertainty, rest, deviation)
+
+
+def _mass_stds(setup: Setup, tracking: Tracking) -> tuple[float, float]:
+    """See `PoseParams.mass_std` and `unseen_std`."""
+    whole = 0.0 if tracking.fixed[MASS_RECIPROCAL] else tracking.mass_std
+    moves = np.isfinite(tracking.position_stds).any() or tracking.velocity_stds.size
+    return (whole, 0.0) if moves or setup.accelerometer_variances.size else (0.0, whole)
 
 
 def _reading_std(packages: Instruments) -> Array:

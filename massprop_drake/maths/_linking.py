@@ -1,0 +1,92 @@
+"""Machine code once for each kernel that Python calls; changes numba, so only `kernels` loads it.
+
+numba optimizes a function together with all that it calls and makes machine code of them, for each function anew on
+every level of calls, though nobody but the function above calls it: more than half of the time that compiling takes.
+Here both wait until somebody asks for the address of a function, which is done for what Python calls alone.
+"""
+
+from __future__ import annotations
+
+import gc
+from functools import partial
+from typing import Any
+
+from numba.core.codegen import JITCodeLibrary
+from numba.core.event import Listener, register
+from numba.core.registry import cpu_target
+
+_environments: dict[str, Any] = {}  # of functions that have no machine code yet, by the name of their variable
+
+
+class _Library(JITCodeLibrary):
+    """Functions compiled together, as numba has them, without machine code until it is asked for."""
+
+    _waits = False
+
+    def finalize(self) -> None:
+        """Links what is called; the rest waits."""
+        self._waits = True
+        super().finalize()
+
+    def _optimize_final_module(self) -> None:
+        if not self._waits:
+            super()._optimize_final_module()
+
+    def _finalize_final_module(self) -> None:
+        if self._waits:
+            self._finalized = True
+            return
+        super()._finalize_final_module()
+        for variable in self._final_module.global_variables:
+            if variable.name in _environments:
+                self._codegen.set_env(variable.name, _environments.pop(variable.name))
+
+    def get_pointer_to_function(self, name: str) -> int:
+        """The address of a function; zero if it is not one of these."""
+        self._ensure_finalized()
+        if self._waits:
+            if not any(function.name == name for function in self.get_defined_functions()):
+                return 0
+            self._waits = False
+            self._optimize_final_module()
+            self._finalize_final_module()
+        return int(super().get_pointer_to_function(name))
+
+
+def _set_environment(codegen: Any, name: str, environment: Any) -> None:
+    """Tells compiled code where a function's environment is; later, where it has no machine code yet."""
+    if codegen._engine.is_symbol_defined(name):
+        type(codegen).set_env(codegen, name, environment)
+    else:
+        _environments[name] = environment
+
+
+class _Uncollected(Listener):
+    """No collection of garbage while something is compiled: it goes through all that the compiler has made so far."""
+
+    def __init__(self) -> None:
+        self._depth, self._collects = 0, False
+
+    def on_start(self, event: Any) -> None:
+        """Ends it when the outermost function begins."""
+        if self._depth == 0:
+            self._collects = gc.isenabled()
+            gc.disable()
+        self._depth += 1
+
+    def on_end(self, event: Any) -> None:
+        """Begins it again."""
+        self._depth -= 1
+        if self._depth == 0 and self._collects:
+            gc.enable()
+
+
+def wait() -> None:
+    """Has machine code of what this process compiles from now on wait; where numba is another, it is made as ever."""
+    register("numba:compile", _Uncollected())
+    codegen = cpu_target.target_context.codegen()
+    there = (JITCodeLibrary, ("_optimize_final_module", "_finalize_final_module", "_ensure_finalized"))
+    of_codegen = (codegen, ("_library_class", "_engine", "set_env"))
+    if all(hasattr(where, name) for where, names in (there, of_codegen) for name in names):
+        codegen._library_class = _Library
+        codegen.set_env = partial(_set_environment, codegen)

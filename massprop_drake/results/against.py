@@ -1,0 +1,296 @@
+"""A record beside a simulation of its commands: how far they are apart, and what would explain it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from massprop_drake.inputs import params
+from massprop_drake.inputs.model import Real, Text
+from massprop_drake.inputs.scenario import Scenario
+from massprop_drake.maths.estimation import hindsight
+from massprop_drake.maths.estimation.filters.joint import chi_square_limit
+from massprop_drake.maths.estimation.hindsight import Model, Normal, Stretch
+from massprop_drake.results.hindsight import RATE, Names, model, names_of, pieces
+from massprop_drake.results.spool import Spool
+from massprop_drake.signals import AGAINST, AXES, SYMBOLS, in_units, mass_property_units
+
+Array = NDArray[np.float64]
+
+_MOST = 5  # causes that are taken together
+_PASSES = 3  # in which causes are fitted
+_ALIKE = 0.9  # of what the best alone explains: what explains as much cannot be told from it
+_CHANCE = 1.3  # times the stated variance: no more than rounding may be
+
+
+class Residual(NamedTuple):
+    """What a component of a sensor read less what the simulation reads there.
+
+    Attributes:
+        signal: its column in telemetry, such as "gyro_x".
+        unit: of the numbers.
+        rms: root of the mean square; None where nothing was read.
+        largest: by magnitude, with its sign.
+        largest_s: when, s.
+        noise: 1-sigma of a reading as the vehicle's file has it.
+    """
+
+    signal: Text
+    unit: Text
+    rms: Real | None
+    largest: Real | None
+    largest_s: Real | None
+    noise: Real
+
+
+class Explanation(NamedTuple):
+    """An unknown that would explain residuals.
+
+    Attributes:
+        what: in words, such as "thrust of R4R".
+        size: by how much it is other than in the simulation, together with those before it.
+        size_std: its 1-sigma.
+        unit: of both.
+        alone: share of the residuals beyond noise that it explains by itself, 0 to 1.
+        together: the same with those before it.
+        alike: others that explain as much by themselves as it does.
+    """
+
+    what: Text
+    size: Real
+    size_std: Real
+    unit: Text
+    alone: Real
+    together: Real
+    alike: tuple[Text, ...] = ()
+
+
+class Simulated(NamedTuple):
+    """What a simulation has that a record may contradict.
+
+    Attributes:
+        properties: the ten parameters, shape (10,).
+        thrust: of each jet over the vehicle file's, shape (n_jets,).
+        time_constants_s: of each jet's lag, shape (n_jets,).
+    """
+
+    properties: Array
+    thrust: Array
+    time_constants_s: Array
+
+
+class Against(NamedTuple):
+    """A record beside a simulation.
+
+    Attributes:
+        run: the folder of the run whose vehicle was simulated.
+        until_s: what explains is sought in readings up to this time, when the first failure was declared; None: in all.
+        misfit: mean square of the residuals of readings from what the commands give, over the variance that is stated:
+            about 1 where the record is as simulated; None where there are too few readings.
+        residuals: of every component.
+        causes: the one that explains most first; empty where there is nothing to explain.
+    """
+
+    run: Text
+    until_s: Real | None
+    misfit: Real | None
+    residuals: tuple[Residual, ...]
+    causes: tuple[Explanation, ...]
+
+    def as_json(self) -> dict[str, Any]:
+        """The same as `summary.json` has it."""
+        residuals, causes = ([one._asdict() for one in part] for part in (self.residuals, self.causes))
+        return {**self._asdict(), "residuals": residuals, "causes": causes}
+
+    def in_words(self) -> str:
+        """What is to be explained, in a sentence."""
+        if self.misfit is None:
+            return "too few readings to say what would explain the difference"
+        if not self.causes:
+            return f"the readings are as simulated: {self.misfit:.3g} times the variance that is stated"
+        before = "" if self.until_s is None else f" before {self.until_s:.2f} s"
+        return f"readings{before} differ by {self.misfit:.3g} times the variance that is stated"
+
+
+def residuals(scenario: Scenario, signals: Spool) -> tuple[Residual, ...]:
+    """Sums up what a record read less what the simulation reads.
+
+    Args:
+        scenario: of the record.
+        signals: with readings, and what a simulation reads under `AGAINST`.
+    """
+    vehicle = scenario.vehicle_data
+    packages = (*params.gyros(scenario), *params.accelerometers(scenario))
+    variances = model(scenario).variances
+    found: list[Residual] = []
+    for number, package in enumerate(packages):
+        unit = in_units("rad/s" if package in vehicle.gyros else "{length}/s", vehicle.unit_names)
+        noise = math.sqrt(float(variances[number]))
+        sums, counts = np.zeros(3), np.zeros(3)
+        largest, when = np.zeros(3), np.full(3, np.nan)
+        for block in signals.blocks("time_s", package.name, AGAINST + package.name):
+            left = block[package.name] - block[AGAINST + package.name]
+            sums += np.nansum(left**2, axis=0)
+            counts += np.isfinite(left).sum(axis=0)
+            for axis, column in enumerate(np.nan_to_num(left).T):
+                row = int(np.argmax(np.abs(column)))
+                if abs(column[row]) > abs(largest[axis]):
+                    largest[axis], when[axis] = column[row], block["time_s"][row]
+        for axis, letter in enumerate(AXES):
+            there = counts[axis] > 0
+            found.append(
+                Residual(
+                    f"{package.name}_{letter}",
+                    unit,
+                    math.sqrt(sums[axis] / counts[axis]) if there else None,
+                    float(largest[axis]) if there else None,
+                    None if np.isnan(when[axis]) else float(when[axis]),
+                    noise,
+                )
+            )
+    return tuple(found)
+
+
+def explained(
+    scenario: Scenario, signals: Spool, reference: Simulated, until_s: float
+) -> tuple[float | None, tuple[Explanation, ...]]:
+    """Finds what explains that readings are not what the commands give in a simulation.
+
+    The unknown that explains most by itself is taken and fitted, and then the one that explains most besides, as long
+    as that is more than chance; all others stay as the simulation has them. What happens in the midst of a record is
+    no such unknown: readings after the first failure that was declared are left out.
+
+    Args:
+        scenario: of the record.
+        signals: with `time_s`, commands and readings.
+        reference: what the simulation has.
+        until_s: up to when, s.
+
+    Returns:
+        See `Against.misfit` and `Against.causes`.
+    """
+    made = model(scenario)._replace(time_constants_s=reference.time_constants_s)
+    places = hindsight.columns(made)
+    at = np.zeros_like(made.prior)
+    at[places.properties], at[places.thrust] = reference.properties, reference.thrust - 1.0
+    with np.errstate(all="ignore"):
+        parts = pieces(scenario, signals, until_s, made)
+        normal = _normal(parts, at, made)
+        if normal.readings < 1.0:
+            return None, ()
+        misfit = normal.misfit / normal.readings
+        if misfit <= _CHANCE:
+            return misfit, ()
+        return misfit, _causes(parts, normal, at, (scenario, made))
+
+
+def _normal(parts: Sequence[Stretch], at: Array, made: Model) -> Normal:
+    total = hindsight.empty(made)
+    for part in parts:
+        total = total.plus(hindsight.normal(part, at, made))
+    return total
+
+
+def _causes(
+    parts: Sequence[Stretch], first: Normal, reference: Array, of: tuple[Scenario, Model]
+) -> tuple[Explanation, ...]:
+    """The unknowns that explain, the best first and then what each adds."""
+    scenario, made = of
+    diagonal = first.information.diagonal()
+    there = np.flatnonzero(diagonal > 0.0)
+    alone = np.zeros_like(diagonal)
+    alone[there] = first.score[there] ** 2 / diagonal[there]
+    excess = max(first.misfit - first.readings, 1e-300)
+    limit = chi_square_limit(RATE / max(there.size, 1), 1)
+    called = _called(scenario, made, reference)
+    taken: list[int] = []
+    shares: list[float] = []
+    at, normal = reference, first
+    while len(taken) < _MOST:
+        gains = {place: _gain(normal, [*taken, place]) for place in there.tolist() if place not in taken}
+        best = max(gains, key=lambda place: gains[place], default=-1)
+        if best < 0 or gains[best] <= limit * max(normal.misfit / normal.readings, 1.0):
+            break
+        after, fit = _fitted(parts, at, [*taken, best], made)
+        if fit.misfit >= normal.misfit:
+            break
+        at, normal = after, fit
+        taken.append(best)
+        shares.append(min((first.misfit - fit.misfit) / excess, 1.0))
+    if not taken:
+        return ()
+    covariance = np.linalg.inv(normal.information[np.ix_(taken, taken)]) * max(normal.misfit / normal.readings, 1.0)
+    causes = []
+    for number, (place, deviation) in enumerate(zip(taken, np.sqrt(covariance.diagonal()), strict=True)):
+        what, unit, scale = called[place]
+        others = there[(alone[there] >= _ALIKE * alone[place]) & (there != place)] if number == 0 else ()
+        causes.append(
+            Explanation(
+                what,
+                float(scale * (at[place] - reference[place])),
+                float(scale * deviation),
+                unit,
+                min(float(alone[place]) / excess, 1.0),
+                shares[number],
+                tuple(called[other][0] for other in others),
+            )
+        )
+    return tuple(causes)
+
+
+def _fitted(parts: Sequence[Stretch], at: Array, places: list[int], made: Model) -> tuple[Array, Normal]:
+    """Fits some unknowns, by Gauss and Newton's passes; the others stay as they are."""
+    normal = _normal(parts, at, made)
+    for _ in range(_PASSES):
+        move = np.zeros_like(at)
+        move[places] = np.linalg.solve(normal.information[np.ix_(places, places)], normal.score[places])
+        while not hindsight.possible(at + move):
+            move *= 0.5
+        after = _normal(parts, at + move, made)
+        if not after.misfit < normal.misfit:
+            break
+        at, normal = at + move, after
+    return at, normal
+
+
+def _gain(normal: Normal, places: list[int]) -> float:
+    """What of the misfit some unknowns explain together; zero where they cannot be told apart."""
+    chosen = np.array(places)
+    information, score = normal.information[np.ix_(chosen, chosen)], normal.score[chosen]
+    scale = np.sqrt(information.diagonal())
+    unit = information / np.outer(scale, scale)
+    if np.linalg.cond(unit) > _TELLABLE:
+        return 0.0
+    return float((score / scale) @ np.linalg.solve(unit, score / scale))
+
+
+_TELLABLE = 1e8  # condition of unknowns beyond which they are one
+
+
+def _called(scenario: Scenario, made: Model, at: Array) -> list[tuple[str, str, float]]:
+    """What each unknown is called, the unit that it is told in, and what makes that unit of it."""
+    names: Names = names_of(scenario)
+    places = hindsight.columns(made)
+    torque, drag = (names.torque, f"{names.torque}-s/rad")
+    found: list[tuple[str, str, float]] = []
+    for symbol, unit, value in zip(SYMBOLS, mass_property_units(scenario.vehicle_data.unit_names), at, strict=False):
+        of_itself = symbol in _IN_PERCENT and value != 0.0
+        found.append((symbol, "%", 100.0 / float(abs(value))) if of_itself else (symbol, unit, 1.0))
+    found += [(f"thrust of {jet}", "%", 100.0) for jet in names.jets]
+    found += [(f"lag of {kind} jets", "ms", 1e3) for kind in names.kinds[: places.lag.stop - places.lag.start]]
+    found += [(f"gyro bias {letter}", "rad/s", 1.0) for letter in AXES]
+    found += [
+        (f"{name}: bias or steady force {a}", names.acceleration, 1.0) for name in names.accelerometers for a in AXES
+    ]
+    found += [(f"torque {letter} that nobody commands", torque, 1.0) for letter in AXES]
+    found += [(f"drag about {letter}", drag, 1.0) for letter in AXES]
+    sensors = (*names.gyros, *names.accelerometers)
+    found += [(f"scale of {name} {letter}", "%", 100.0) for name in sensors for letter in AXES]
+    return found
+
+
+_IN_PERCENT = ("Ixx⁻¹", "Iyy⁻¹", "Izz⁻¹", "1/m")

@@ -1,0 +1,197 @@
+"""A record beside a simulation of the same commands: the vehicle of another run, told what the record was told."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from massprop_drake.errors import InputError
+from massprop_drake.inputs import params
+from massprop_drake.inputs.scenario import Scenario, load_scenario
+from massprop_drake.inputs.vehicle import MassPropertiesModel
+from massprop_drake.maths.mass_properties import CENTER_OF_MASS, MASS_RECIPROCAL
+from massprop_drake.maths.vehicle import cycle
+from massprop_drake.maths.vehicle.rigid_body import RATE, OutOfMassError, SpunUpError
+from massprop_drake.results.against import Against, Simulated, explained, residuals
+from massprop_drake.results.run import Run, read_summary
+from massprop_drake.results.spool import Spool, blocks
+from massprop_drake.signals import AGAINST
+
+Array = NDArray[np.float64]
+
+
+def beside(record: Run, folder: str | Path, *, spool_folder: Path | None = None) -> Run:
+    """Puts a record beside a simulation of its commands, and says what would explain the difference.
+
+    The vehicle of the other run flies them: with its true mass properties, dispersions and failures where it was
+    simulated, with its estimates where it is a record itself. Its times count from the record's first row. It begins,
+    and begins anew after each gap, with the rate that the record read there, and is left to itself from then on.
+
+    Args:
+        record: estimated from telemetry.
+        folder: of the other run.
+        spool_folder: where a temporary file with the signals may lie; default the system's place for such.
+
+    Returns:
+        The record's run with `against` in its results and, as signals `against.<package>`, what the simulation reads.
+
+    Raises:
+        InputError: when the folder holds no run, its vehicle is another one, or cannot fly these commands.
+    """
+    require_comparable(record.scenario, folder)
+    other = Run.load(folder)
+    world = _world(other, str(folder))
+    twin = _Twin(record.scenario, world, str(folder))
+    names = record.scenario.vehicle_data.sensor_names()
+    spool = Spool(spool_folder, index="time_s")
+    signals = record.signals
+    stored = signals.names if isinstance(signals, Spool) else list(signals)
+    every = signals if isinstance(signals, Spool) else {"time_s": record.time_s, **signals}
+    for block in blocks(every, *dict.fromkeys(("time_s", *stored))):
+        read = twin.flown(block["command"], {name: block[name] for name in names}, block["time_s"])
+        spool.append({**block, **{AGAINST + name: values for name, values in read.items()}})
+    standing = [entry.onset_s for entry in record.results.detections if entry.withdrawn_s is None]
+    onset_s = min(standing, default=None)
+    reference = Simulated(_properties(other), params.thrust_factors(world), params.plant_time_constants(world))
+    misfit, causes = explained(record.scenario, spool, reference, math.inf if onset_s is None else onset_s)
+    said = Against(str(folder), onset_s, misfit, residuals(record.scenario, spool), causes)
+    return Run(record.scenario, replace(record.results, against=said), None, spool, record.state)
+
+
+def require_comparable(record: Scenario, folder: str | Path) -> None:
+    """Raises InputError where a record cannot be put beside a simulation of another run's vehicle.
+
+    Args:
+        record: the scenario that it is estimated by.
+        folder: of the other run.
+
+    Raises:
+        InputError: when the folder holds no run, its vehicle is another one, or gyros tell nothing of the record.
+    """
+    read_summary(Path(folder))
+    vehicle, other = record.vehicle_data, load_scenario(Path(folder) / "scenario.yaml").vehicle_data
+    if record.estimation.filter == "pose" or not params.gyros(record):
+        raise InputError(
+            f"{folder}: a simulation is put beside rates that gyros read; a record that is followed in a fixed frame "
+            "(estimation.filter: pose) cannot be compared so"
+        )
+    alike: dict[str, tuple[Any, Any]] = {
+        "jets": (vehicle.designations, other.designations),
+        "sensors": (vehicle.sensor_names(), other.sensor_names()),
+        "units": (vehicle.units, other.units),
+        "sample period": (vehicle.sample_period_s, other.sample_period_s),
+    }
+    unlike = [name for name, (here, there) in alike.items() if here != there]
+    if unlike:
+        raise InputError(
+            f"{folder}: is of vehicle '{other.name}', whose {' and '.join(unlike)} are not those of '{vehicle.name}'; "
+            "give a run of the vehicle that the record is of"
+        )
+
+
+def _properties(other: Run) -> Array:
+    """The ten parameters that a simulation of a run's vehicle has: its truth or, unknown, its estimates."""
+    found = other.results
+    known = np.where(np.isfinite(found.truth), found.truth, found.estimates)
+    return np.where(np.isfinite(known), known, params.setup(other.scenario).nominal)
+
+
+def _world(other: Run, folder: str) -> Scenario:
+    """The scenario to simulate: as the run was, or with the estimates of a record for the truth.
+
+    Raises:
+        InputError: when no rigid body can have these.
+    """
+    if np.isfinite(other.results.truth).all():
+        return other.scenario
+    derived, known = other.results.derived, _properties(other)
+    if derived.inertia is None or not derived.physically_possible:
+        raise InputError(f"{folder}: no rigid body can have the inertia that it estimated: nothing to simulate")
+    properties = MassPropertiesModel.model_construct(
+        mass=1.0 / float(known[MASS_RECIPROCAL]),
+        center_of_mass=tuple(known[CENTER_OF_MASS].tolist()),
+        inertia=tuple(map(tuple, np.asarray(derived.inertia).tolist())),
+    )
+    told = "vehicle" if params.estimator_time_constants(other.scenario).any() else "none"  # of the jets' lag
+    plant = other.scenario.plant.model_copy(update={"mass_properties": properties, "thrust_transient": told})
+    return other.scenario.model_copy(update={"plant": plant})
+
+
+class _Twin:
+    """A simulated vehicle that is told what a record was told.
+
+    Args:
+        record: for the gyros that its rate is taken from.
+        world: the scenario of the vehicle.
+        source: what to call it in messages.
+    """
+
+    def __init__(self, record: Scenario, world: Scenario, source: str):
+        self._true = params.vehicle_params(world)
+        self._names = [package.name for package in self._true.packages]
+        self._gyros = [package.name for package in params.gyros(record)]
+        self._rates = [package.name for package in record.vehicle_data.gyros]
+        self._state = cycle.initial_state(self._true)
+        self._source = source
+        self._sample = 0
+        self._follows = False  # whether it has begun with a rate of the record
+        self._offsets: dict[str, Array] = {}
+
+    def flown(self, commands: Array, readings: Mapping[str, Array], time_s: Array) -> dict[str, Array]:
+        """What the sensors of the simulation read in a block of rows, shape (n, 3) each; NaN before it has begun.
+
+        Args:
+            commands: from each row on, NaN where not known, shape (n, n_jets).
+            readings: of the record, by package.
+            time_s: of the rows.
+
+        Raises:
+            InputError: when it flies where nothing could follow.
+        """
+        read = {name: np.full((time_s.size, 3), np.nan) for name in self._names}
+        for row, command in enumerate(commands):
+            here = {name: values[row] for name, values in readings.items()}
+            if not self._follows:
+                self._begin(here)
+            simulated, memories = cycle.sense(self._state, self._sample, self._true)
+            for name, values in zip(self._names, simulated, strict=True):
+                offset = self._offset(name, values, here[name])
+                read[name][row] = values + offset if self._follows else np.nan
+            try:
+                stepped = cycle.step(self._state, np.nan_to_num(command), None, self._sample, self._true)
+            except (OutOfMassError, SpunUpError) as error:
+                raise InputError(
+                    f"{self._source}: its vehicle cannot fly the record's commands: at t = {time_s[row]:.6g} s it runs "
+                    "out of mass or makes more than a turn in a sample; give a run of the vehicle of the record"
+                ) from error
+            self._state = stepped.state._replace(memories=memories)
+            self._sample += 1
+            self._follows = self._follows and not np.isnan(command).all()
+        return read
+
+    def _begin(self, here: Mapping[str, Array]) -> None:
+        """Takes the rate that the record read, once there is one; accelerometers go on from what they read."""
+        rates = np.array([here[name] for name in self._gyros])
+        there = np.isfinite(rates).all(axis=1)
+        if there.any():
+            body = self._state.body.copy()
+            body[RATE] = rates[there][0]
+            self._state = self._state._replace(body=body)
+            self._follows, self._offsets = True, {}
+
+    def _offset(self, name: str, simulated: Array, read: Array) -> Array:
+        """What brings an accelerometer's integral to that of the record where the simulation begins."""
+        if name in self._rates or not self._follows:
+            return _NOTHING
+        if name not in self._offsets and np.isfinite(read).all():
+            self._offsets[name] = read - simulated
+        return self._offsets.get(name, _UNKNOWN)
+
+
+_NOTHING, _UNKNOWN = np.zeros(3), np.full(3, np.nan)

@@ -1,0 +1,84 @@
+"""The page of runs side by side."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from contrast_probe import faint
+
+from massprop_drake import simulate
+from massprop_drake.display import plots
+from massprop_drake.display.comparison import comparison_html, overlaid
+from massprop_drake.display.spec import Band, Line
+from massprop_drake.results.run import Run
+
+
+@pytest.fixture(scope="module")
+def healthy(stuck_run: Run) -> Run:
+    """The same flight without its failure, and shorter."""
+    scenario = stuck_run.scenario.model_copy(update={"failures": (), "duration_s": 4.0})
+    return simulate(scenario)
+
+
+@pytest.fixture(scope="module")
+def page(stuck_run: Run, healthy: Run) -> str:
+    return comparison_html([("runs/stuck", stuck_run), ("runs/healthy", healthy)])
+
+
+def test_a_run_has_one_color_and_what_is_common_is_shown_once(stuck_run: Run, healthy: Run) -> None:
+    drawn = {
+        plot.name: plot for plot in overlaid([(run.scenario.name, plots.source(run)) for run in (healthy, stuck_run)])
+    }
+    first, second = drawn["rates"].panels[1].marks
+    assert isinstance(first, Line)
+    assert isinstance(second, Line)
+    np.testing.assert_allclose(second.y, np.degrees(stuck_run["rate"][:, 1]))
+    assert first.color != second.color
+    assert drawn["rates"].time_s[-1] == stuck_run.time_s[-1]
+    assert [window.text for window in drawn["rates"].windows] == ["RHC +x"]
+    errors = drawn["center_of_mass"]
+    assert {mark.color for mark in errors.panels[0].marks if isinstance(mark, Band)} == {first.color, second.color}
+    assert "3 sigma" in errors.meaning
+    assert drawn["rates"].meaning == ""
+
+
+def test_the_table_has_the_numbers_of_both(page: str, stuck_run: Run) -> None:
+    (row,) = re.findall(r"<tr><th scope=\"row\">x_cm</th>(.*?)</tr>", page)
+    assert f"{stuck_run.results.parameters[6].percent_error:+.4f} %" in row
+    assert row.count("<td") == 1 + 2 * 3
+
+
+def test_how_long_each_is_and_what_it_found(page: str) -> None:
+    rows = re.findall(r"<tr><th scope=\"row\">runs/(\w+)</th><td>(.*?)</td><td>.*?</td><td.*?>(.*?)</td></tr>", page)
+    assert rows == [("stuck", "6 s", "jet R4R: on"), ("healthy", "4 s", "nothing")]
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_its_text_stands_out_from_its_ground(page: str, opened: Any, tmp_path: Path, scheme: str) -> None:
+    path = tmp_path / "comparison.html"
+    path.write_text(page, encoding="utf-8")
+    shown = opened(path)
+    shown.page.emulate_media(color_scheme=scheme)
+    ink = "getComputedStyle(document.body).color"
+    shown.until(f"getComputedStyle(document.querySelector('#plot-consistency .xtick text')).fill === {ink}")
+    assert faint(shown.page, 100) == []
+
+
+@pytest.mark.parametrize("width", [1400, 390])
+def test_it_fits_the_window_and_says_nothing_on_the_console(page: str, opened: Any, tmp_path: Path, width: int) -> None:
+    path = tmp_path / "comparison.html"
+    path.write_text(page, encoding="utf-8")
+    shown = opened(path)
+    shown.page.set_viewport_size({"width": width, "height": 800})
+    shown.until("document.documentElement.scrollWidth <= innerWidth")
+    assert shown.page.evaluate("innerWidth") == width
+    read = shown.page.evaluate("massprop.reading(massprop.figures.find(f => f.name === 'consistency'), 3)")
+    assert [label for label, _, _ in read][:2] == [
+        "rotation filter runs/stuck: NIS",
+        "rotation filter runs/healthy: NIS",
+    ]
+    assert shown.said == []

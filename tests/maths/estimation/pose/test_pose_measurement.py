@@ -1,0 +1,156 @@
+"""Readings in a fixed frame: what is expected by hand, every row against differences, what a plane leaves."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from pose_probe import Sensors, moved, nothing_read, small_params, some_bank
+from scipy.spatial.transform import Rotation
+
+from massprop_drake.maths.estimation.pose.layout import Bank, PoseParams, Poses, Readings
+from massprop_drake.maths.estimation.pose.measurement import Compared, compared
+from massprop_drake.maths.linear_algebra import Array
+
+ALL = Sensors(poses=2, velocities=2, gyros=2, accelerometers=2)
+# rows of each kind, in order: position and attitude of each pose, velocities, rates, gathered velocities
+KINDS = ["position", "attitude"] * 2 + ["velocity"] * 2 + ["rate"] * 2 + ["gathered"] * 2
+
+
+def seen(bank: Bank, params: PoseParams, row: int = 0) -> Readings:
+    """What all sensors read if a filter is right, written by hand."""
+    parts, mean, rotation = params.parts, bank.mean[row], bank.rotation[row]
+    center, position = mean[parts.center], mean[parts.position]
+    velocity, rate = mean[parts.velocity], mean[parts.rate]
+    points, biases = mean[parts.point].reshape(-1, 3), mean[parts.gyro_bias].reshape(-1, 3)
+    gathered = mean[parts.gathered].reshape(-1, 3)
+    turned, changed = bank.turned[row], rate - bank.reference[row]
+    swing = [
+        c + np.cross(changed, x - center) + turned @ (x - center) - np.trace(turned) * (x - center)
+        for c, x in zip(gathered, params.accelerometer_positions, strict=True)
+    ]
+    return Readings(
+        positions=np.array([position + rotation @ (point - center) for point in points]),
+        rotations=np.array([rotation for _ in points]),
+        velocities=np.array([velocity + rotation @ np.cross(rate, x - center) for x in params.velocity_positions]),
+        rates=rate + biases,
+        gathered=np.array(swing),
+    )
+
+
+def beside(bank: Bank, readings: Readings, params: PoseParams) -> Compared:
+    found = compared(bank, readings, params)
+    assert found is not None
+    return found
+
+
+def off(readings: Readings) -> Readings:
+    """Other readings, by some noise; attitudes by a small turn."""
+    random = np.random.default_rng(8)
+    turn = Rotation.from_rotvec(1e-3 * random.standard_normal((len(readings.rotations), 3))).as_matrix()
+    noisy = [part + 0.01 * random.standard_normal(part.shape) for part in readings]
+    return Readings(noisy[0], readings.rotations @ turn, *noisy[2:])
+
+
+def test_what_is_expected_is_what_a_right_filter_reads() -> None:
+    params = small_params(ALL)
+    bank = some_bank(params, opens=(-1, 1, 2))
+    for row in range(3):
+        found = beside(bank, seen(bank, params, row), params)
+        np.testing.assert_allclose(found.innovation[row], 0.0, atol=1e-14)
+        assert np.abs(found.innovation[(row + 1) % 3]).min() > 1e-9
+
+
+@pytest.mark.parametrize("planar", [False, True], ids=["free", "planar"])
+def test_every_row_is_a_difference_of_the_innovation(planar: bool) -> None:
+    params = small_params(ALL, planar=planar)
+    bank = some_bank(params)
+    readings = off(seen(bank, params))
+    if planar:
+        heading = Rotation.from_euler("z", 1e-3).as_matrix()
+        readings = readings._replace(rotations=bank.rotation[:1] @ np.stack([heading, heading.T]))
+    found, step = beside(bank, readings, params), 1e-6
+    for column, place in enumerate(params.free):
+        ahead, behind = (beside(moved(bank, params, place, by), readings, params).innovation for by in (step, -step))
+        expected = (behind - ahead) / (2.0 * step)  # the innovation is the reading less what is expected
+        # an attitude's innovation is of first order in itself: a thousandth of a radian
+        row = 0
+        attitude = params.parts.attitude.start <= place < params.parts.attitude.stop
+        tolerance = 2e-3 if attitude else 1e-8
+        np.testing.assert_allclose(found.jacobian[row, :, column], expected[row], atol=tolerance, err_msg=str(place))
+
+
+def _columns(block: Array, params: PoseParams, part: slice) -> Array:
+    return block[..., (params.free >= part.start) & (params.free < part.stop)]
+
+
+def test_of_a_plane_x_and_y_of_places_and_the_heading_are_compared() -> None:
+    params = small_params(ALL, planar=True)
+    bank = some_bank(params)
+    readings = off(seen(bank, params))
+    found = beside(bank, readings, params)
+    sizes = [2 if kind in ("position", "velocity", "gathered") else 1 for kind in KINDS]
+    assert found.innovation.shape == (2, sum(sizes))
+    turning = np.repeat([kind in ("attitude", "rate") for kind in KINDS], sizes)
+    np.testing.assert_array_equal(found.turning, turning)
+    np.testing.assert_array_equal(found.poses, np.repeat([kind in ("position", "attitude") for kind in KINDS], sizes))
+    expected = seen(bank, params)
+    np.testing.assert_allclose(found.innovation[0, :2], (readings.positions - expected.positions)[0, :2], atol=1e-14)
+    bearing = Rotation.from_matrix(bank.rotation[0].T @ readings.rotations[0]).as_rotvec()[2]
+    assert float(found.innovation[0, 2]) == pytest.approx(bearing, abs=1e-14)
+
+
+def test_what_is_missing_has_no_row_and_a_component_alone_has_one() -> None:
+    params = small_params(ALL)
+    bank = some_bank(params)
+    assert compared(bank, nothing_read(params), params) is None
+    readings = nothing_read(params)
+    readings.positions[1, 1] = 0.3
+    readings.rates[0] = 0.1, np.nan, 0.2
+    found = beside(bank, readings, params)
+    assert found.innovation.shape == (2, 3)
+    np.testing.assert_array_equal(found.turning, [False, True, True])
+    expected = seen(bank, params)
+    rates = (readings.rates[0] - expected.rates[0])[[0, 2]]
+    np.testing.assert_allclose(found.innovation[0], [0.3 - expected.positions[1, 1], *rates])
+
+
+def test_a_pose_without_attitude_or_position_gives_the_other_alone() -> None:
+    for variances, kept in (((np.inf, 1e-6), True), ((1e-6, np.inf), False)):
+        poses = Poses(np.array([variances[0]]), np.array([variances[1]]), np.zeros(1))
+        params = small_params(pose=poses)
+        bank = some_bank(params)
+        found = beside(bank, seen(bank, params), params)
+        assert found.innovation.shape == (2, 3)
+        assert found.turning.all() == kept
+        assert np.isfinite(found.variance).all()
+
+
+def test_noise_of_each_sensor_stands_in_its_rows() -> None:
+    params = small_params(ALL)
+    bank = some_bank(params)
+    found = beside(bank, seen(bank, params), params)
+    expected = np.repeat([1e-6, 1e-6, 2e-6, 2e-6, *[1e-6] * 6], 3)
+    np.testing.assert_allclose(found.variance, np.diag(expected) + np.zeros((2, 1, 1)), atol=1e-18)
+
+
+def test_a_stamps_jitter_shifts_a_position_by_the_points_velocity_and_an_attitude_by_the_rate() -> None:
+    """Against drawn stamps: what is read a little later, less what is expected now."""
+    jitter_s = 1e-3
+    poses = Poses(np.array([1e-12]), np.array([1e-12]), np.array([jitter_s**2]))
+    params = small_params(pose=poses)
+    bank, parts = some_bank(params, opens=(-1,)), params.parts
+    bank.mean[0, parts.rate] = 0.9, -1.3, 0.7
+    bank.mean[0, parts.point] = 0.8, -0.5, 0.3
+    found = beside(bank, seen(bank, params), params)
+    drawn = []
+    for late_s in jitter_s * np.random.default_rng(4).standard_normal(800):
+        turn = Rotation.from_rotvec(late_s * bank.mean[0, parts.rate]).as_matrix()
+        mean = bank.mean.copy()
+        mean[:, parts.position] += late_s * mean[:, parts.velocity]
+        late = seen(bank._replace(mean=mean, rotation=bank.rotation @ turn), params)
+        drawn.append(beside(bank, late, params).innovation[0])
+    sampled = np.array(drawn).T @ np.array(drawn) / len(drawn)
+    own = found.variance[0]
+    for block in (slice(0, 3), slice(3, 6)):
+        np.testing.assert_allclose(own[block, block], sampled[block, block], atol=0.2 * own[block, block].max())
+    assert np.abs(own[:3, :3] - np.diag(np.diag(own[:3, :3]))).max() > 0.1 * own[:3, :3].max()

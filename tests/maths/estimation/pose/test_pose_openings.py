@@ -1,0 +1,148 @@
+"""What valves let through: against integration of the level in small steps, and derivatives against differences."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from massprop_drake.maths.estimation.pose.layout import Commands
+from massprop_drake.maths.estimation.pose.openings import Openings, Timing, opened
+
+BEGIN_S, END_S = 1.0, 1.1
+SPAN_S = END_S - BEGIN_S
+
+
+def timing(delay_s: float = 0.0, lag_s: float = 0.02, opening_s: float = 0.0) -> Timing:
+    return Timing(*(np.array([[value]]) for value in (delay_s, lag_s, opening_s)))
+
+
+def one_jet(*switches: tuple[float, float]) -> Commands:
+    times, levels = zip(*switches, strict=True)
+    return Commands(np.array(times), np.array(levels)[:, None])
+
+
+def integrated(commands: Commands, valve: Timing) -> tuple[float, float]:
+    """J and JJ by an integrator that stops at every edge; the level begins closed long before."""
+    delay, lag, late = (float(part[0, 0]) for part in valve)
+    edges: list[tuple[float, float]] = []
+    before = 0.0
+    ends = [*commands.time_s[1:], np.inf]
+    for time_s, end_s, level in zip(commands.time_s, ends, commands.levels[:, 0], strict=True):
+        opens = level > 0.0 and before == 0.0
+        edges.append((min(time_s + delay + (late if opens else 0.0), end_s + delay), level))
+        before = level
+    marks = sorted({BEGIN_S, END_S, *(at for at, _ in edges if at < END_S)})
+    now, level, once, twice = min(marks) - 1.0, 0.0, 0.0, 0.0
+    for mark in marks:
+        wanted = 0.0
+        for at, target in edges:
+            if at <= now + 1e-12:
+                wanted = target
+        inside = now >= BEGIN_S - 1e-12
+
+        def slope(t: float, y: np.ndarray, wanted: float = wanted, inside: bool = inside) -> list[float]:
+            gain = y[0] if inside else 0.0
+            return [(wanted - y[0]) / lag, gain, (END_S - t) * gain]
+
+        done = solve_ivp(slope, (now, mark), [level, once, twice], rtol=1e-10, atol=1e-13)
+        now, (level, once, twice) = mark, done.y[:, -1]
+    return once, twice
+
+
+CASES = {
+    "a pulse before the interval, which still acts": one_jet((0.9, 1.0), (0.99, 0.0)),
+    "a pulse across its beginning": one_jet((0.95, 1.0), (1.03, 0.0)),
+    "a pulse inside": one_jet((1.01, 1.0), (1.04, 0.0)),
+    "two pulses": one_jet((0.95, 1.0), (0.99, 0.0), (1.02, 1.0)),
+    "fractions one after the other": one_jet((0.9, 0.3), (1.02, 0.7), (1.06, 0.2)),
+    "on for ever": one_jet((0.0, 1.0)),
+    "after the interval": one_jet((1.2, 1.0)),
+}
+
+
+@pytest.mark.parametrize("commands", CASES.values(), ids=CASES)
+@pytest.mark.parametrize("valve", [timing(), timing(0.03, 0.02, 0.01), timing(-0.013, 0.05, -0.004)])
+def test_impulses_are_the_integrals_of_the_level(commands: Commands, valve: Timing) -> None:
+    found = opened(commands, BEGIN_S, END_S, valve)
+    once, twice = integrated(commands, valve)
+    assert float(found.once[0, 0]) == pytest.approx(once, abs=1e-9)
+    assert float(found.twice[0, 0]) == pytest.approx(twice, abs=1e-10)
+    assert float(found.variance[0, 0]) == 0.0
+
+
+@pytest.mark.parametrize("commands", CASES.values(), ids=CASES)
+@pytest.mark.parametrize("place", range(3), ids=["delay", "ln lag", "opening"])
+def test_derivatives_are_central_differences(commands: Commands, place: int) -> None:
+    at, step = np.array([0.021, np.log(0.02), 0.007]), 1e-6
+
+    def value(by: float) -> Openings:
+        point = at.copy()
+        point[place] += by
+        return opened(commands, BEGIN_S, END_S, timing(point[0], np.exp(point[1]), point[2]))
+
+    found, ahead, behind = value(0.0), value(step), value(-step)
+    once = (ahead.once - behind.once) / (2.0 * step)
+    twice = (ahead.twice - behind.twice) / (2.0 * step)
+    np.testing.assert_allclose(found.once_by[place], once, atol=1e-8)
+    np.testing.assert_allclose(found.twice_by[place], twice, atol=1e-9)
+
+
+def test_without_lag_a_pulse_is_a_rectangle() -> None:
+    found = opened(one_jet((1.02, 1.0), (1.06, 0.0)), BEGIN_S, END_S, timing(0.01, 0.0))
+    assert float(found.once[0, 0]) == pytest.approx(0.04, abs=1e-8)
+    assert float(found.twice[0, 0]) == pytest.approx(0.04 * (1.1 - 1.05), abs=1e-8)
+    assert float(found.once_by[1, 0, 0]) == pytest.approx(0.0, abs=1e-8)
+
+
+def test_an_opening_later_than_the_pulse_is_long_leaves_it_out_and_moves_nothing() -> None:
+    found = opened(one_jet((1.02, 1.0), (1.04, 0.0)), BEGIN_S, END_S, timing(0.01, 0.02, 0.03))
+    assert float(found.once[0, 0]) == pytest.approx(0.0, abs=1e-15)
+    assert float(found.twice[0, 0]) == pytest.approx(0.0, abs=1e-15)
+    np.testing.assert_array_equal(found.once_by[2], 0.0)
+    np.testing.assert_allclose(found.once_by[0], 0.0, atol=1e-15)
+
+
+def test_a_jet_that_goes_on_from_a_fraction_does_not_open_again() -> None:
+    commands = one_jet((0.9, 0.3), (1.02, 0.7))
+    late, prompt = (opened(commands, BEGIN_S, END_S, timing(0.0, 1e-3, late)) for late in (0.02, 0.0))
+    np.testing.assert_allclose(late.once, prompt.once, atol=1e-12)  # it opened at .9 + .02 s, before the interval
+
+
+def test_an_unknown_command_is_half_open_with_the_variance_of_anything_between() -> None:
+    known = one_jet((0.9, 0.0), (1.03, 1.0), (1.07, 0.0))
+    unknown = one_jet((0.9, 0.0), (1.03, np.nan), (1.07, 0.0))
+    whole, found = (opened(commands, BEGIN_S, END_S, timing(0.0, 0.01)) for commands in (known, unknown))
+    np.testing.assert_allclose(found.once, 0.5 * whole.once, rtol=1e-12)
+    np.testing.assert_allclose(found.twice, 0.5 * whole.twice, rtol=1e-12)
+    drawn = np.random.default_rng(2).uniform(size=20_000) * float(whole.once[0, 0])
+    assert float(found.variance[0, 0]) == pytest.approx(drawn.var(), rel=0.03)
+
+
+def test_before_the_first_command_nothing_acts() -> None:
+    nothing = opened(Commands(np.zeros(0), np.zeros((0, 1))), BEGIN_S, END_S, timing())
+    assert all(not np.any(part) for part in nothing)
+    later = opened(one_jet((1.05, 1.0)), BEGIN_S, END_S, timing(0.0, 1e-6))
+    assert float(later.once[0, 0]) == pytest.approx(0.05, abs=1e-5)
+
+
+def test_intervals_that_follow_one_another_add_up() -> None:
+    commands, valve = CASES["fractions one after the other"], timing(0.013, 0.02, 0.004)
+    whole = opened(commands, 0.9, 1.2, valve)
+    first, second = opened(commands, 0.9, 1.03, valve), opened(commands, 1.03, 1.2, valve)
+    np.testing.assert_allclose(first.once + second.once, whole.once, rtol=1e-12)
+    # what the first gave acts on for the length of the second
+    np.testing.assert_allclose(first.twice + 0.17 * first.once + second.twice, whole.twice, rtol=1e-12)
+
+
+def test_jets_and_filters_side_by_side_are_as_each_alone() -> None:
+    commands = Commands(np.array([0.95, 1.02]), np.array([[1.0, 0.0], [0.0, 1.0]]))
+    valves = Timing(*(np.array(values) for values in ([[0.01, 0.03], [0.0, 0.02]], [[0.02, 0.05], [0.01, 0.03]])),
+                    np.array([[0.0, 0.01], [0.02, -0.01]]))  # fmt: skip
+    found = opened(commands, BEGIN_S, END_S, valves)
+    for row in range(2):
+        for jet in range(2):
+            own = Timing(*(part[row : row + 1, jet : jet + 1] for part in valves))
+            alone = opened(Commands(commands.time_s, commands.levels[:, [jet]]), BEGIN_S, END_S, own)
+            assert found.once[row, jet] == alone.once[0, 0]
+            np.testing.assert_array_equal(found.twice_by[:, row, jet], alone.twice_by[:, 0, 0])

@@ -1,0 +1,282 @@
+"""Prediction over an interval: its linearization against differences, its mean against an integrated rigid body.
+
+The linearization is read from the covariance: a covariance of x_i with the position's x, which nothing else depends
+on, and so small that no product of errors shows, is carried into column i.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from pose_probe import JETS, Sensors, moved, pulses, small_params, some_bank
+from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
+
+from massprop_drake.maths.estimation.pose.layout import Bank, Commands, PoseParams
+from massprop_drake.maths.estimation.pose.prediction import predicted
+from massprop_drake.maths.linear_algebra import Array
+
+BEGIN_S, END_S = 1.0, 1.1
+SPAN_S = END_S - BEGIN_S
+_SMALL = 1e-14
+
+
+def _after(bank: Bank, params: PoseParams) -> Bank:
+    return predicted(bank, pulses(), BEGIN_S, END_S, params).bank
+
+
+def jacobian(bank: Bank, params: PoseParams) -> Array:
+    """Derivatives of what is free by what was free before, shape (n_filters, n, n)."""
+    n, count = params.free.size, bank.mean.shape[0]
+    with_x = int(np.flatnonzero(params.free == params.parts.position.start)[0])
+    found = np.zeros((count, n, n))
+    for column in range(n):
+        covariance = np.zeros((n, n))
+        covariance[column, with_x] += _SMALL
+        covariance[with_x, column] += _SMALL
+        carried = _after(bank._replace(covariance=np.repeat(covariance[None], count, 0)), params).covariance / _SMALL
+        found[:, :, column] = carried[:, :, with_x]
+        found[:, with_x, column] *= 0.5
+    return found
+
+
+def differences(bank: Bank, params: PoseParams) -> Array:
+    """The same by central differences of the mean."""
+    turn, step = params.parts.attitude, 1e-6
+    still = bank._replace(covariance=np.zeros_like(bank.covariance))
+    columns = []
+    for place in params.free:
+        ahead, behind = (_after(moved(still, params, place, by), params) for by in (step, -step))
+        change = ahead.mean - behind.mean
+        between = np.swapaxes(behind.rotation, 1, 2) @ ahead.rotation
+        change[:, turn] = Rotation.from_matrix(between).as_rotvec()
+        columns.append(change[:, params.free] / (2.0 * step))
+    return np.stack(columns, axis=-1)
+
+
+@pytest.mark.parametrize("planar", [False, True], ids=["free", "planar"])
+def test_every_derivative_is_a_difference_of_the_mean(planar: bool) -> None:
+    params = small_params(Sensors(poses=2, gyros=1, accelerometers=2), planar=planar)
+    bank = some_bank(params, opens=(-1, 2, 0))
+    found, expected = jacobian(bank, params), differences(bank, params)
+    parts, free = params.parts, params.free
+    rows = {
+        name: (free >= part.start) & (free < part.stop) for name, part in zip(parts._fields, parts[:-1], strict=False)
+    }
+    checked = 0
+    for row, in_row in rows.items():
+        for column, in_column in rows.items():
+            if not (in_row.any() and in_column.any()):
+                continue
+            own, hand = found[:, in_row][..., in_column], expected[:, in_row][..., in_column]
+            # of the turn within an interval, .02 rad here, the first order is taken
+            turns = row in ("rate", "attitude") or column == "rate"
+            tolerance = 0.01 if turns else 1e-6
+            np.testing.assert_allclose(
+                own, hand, rtol=0, atol=tolerance * np.abs(hand).max() + 1e-8, err_msg=f"{row} by {column}"
+            )
+            checked += int(np.abs(hand).max() > 1e-6)
+    assert checked >= 60  # blocks that are not zero
+
+
+def test_a_jet_that_follows_no_command_in_part_does_so_later_by_as_much_less() -> None:
+    params = small_params()
+    bank = some_bank(params, opens=(2, -1))
+    wide = bank._replace(mean=np.repeat(bank.mean[:1], 2, 0), rotation=np.repeat(bank.rotation[:1], 2, 0))
+    shut = wide.mean.copy()
+    shut[0, params.parts.thrust.start + 2] /= 0.6  # of filter 0, whose jet 2 stands .4 open
+    own = jacobian(wide._replace(mean=shut), params)[:, :, params.parts.delay.start + 1]
+    # jets 2 and 3 are of that kind: a factor that is larger by 1/.6 makes up for what stands open
+    places = slice(params.parts.velocity.start, params.parts.velocity.stop)
+    np.testing.assert_allclose(own[0, places], own[1, places], rtol=1e-6, atol=1e-9)
+
+
+# --------------------------------------------------------------------------------------------- mean
+
+
+def _flown(params: PoseParams, bank: Bank, on: Array) -> tuple[Array, Array, Array, Array]:
+    """Position, velocity, rotation and rate of a rigid body with jets that are on all the time, finely integrated."""
+    parts, mean = params.parts, bank.mean[0]
+    spin = mean[parts.spin][[0, 5, 4, 5, 1, 3, 4, 3, 2]].reshape(3, 3)
+    inertia = np.linalg.inv(spin)
+    force = (on * mean[parts.thrust]) @ params.pushes
+    moment = np.cross(params.positions - mean[parts.center], params.pushes * (on * mean[parts.thrust])[:, None]).sum(0)
+    linear, angular = mean[parts.drag]
+
+    def rates(_: float, y: Array) -> Array:
+        rotation = Rotation.from_quat(y[6:10])
+        velocity, rate = y[3:6], y[10:]
+        acceleration = rotation.apply(force) - linear * velocity + mean[parts.push][:3]
+        heading = np.arctan2(rotation.as_matrix()[1, 0], rotation.as_matrix()[0, 0])
+        turned = mean[parts.push][3:] + np.eye(3)[2] * (mean[parts.tilt] @ (np.cos(heading), np.sin(heading)))
+        gyroscopic = spin @ np.cross(rate, inertia @ rate)
+        swing = 0.5 * (rotation * Rotation.from_quat([*rate, 0.0])).as_quat() * np.linalg.norm(rate)
+        return np.concatenate((velocity, acceleration, swing, spin @ moment - gyroscopic - angular * rate + turned))
+
+    first = np.concatenate(
+        (mean[parts.position], mean[parts.velocity], Rotation.from_matrix(bank.rotation[0]).as_quat(), mean[parts.rate])
+    )
+    last = solve_ivp(rates, (0.0, SPAN_S), first, rtol=1e-11, atol=1e-13).y[:, -1]
+    return last[:3], last[3:6], Rotation.from_quat(last[6:10]).as_matrix(), last[10:]
+
+
+def test_free_motion_is_that_of_an_integrated_rigid_body() -> None:
+    params = small_params(Sensors(poses=1))
+    bank = some_bank(params, opens=(-1,))
+    bank.mean[0, params.parts.rate] = 0.2, -0.15, 0.25  # 2 deg in the interval
+    bank.mean[0, params.parts.drag] = 0.06, 0.04  # of what jets add in the interval it takes nothing: 3 in 1000
+    bank = bank._replace(covariance=np.zeros_like(bank.covariance))
+    on = np.array([1.0, 0.0, 1.0, 0.0])
+    after = predicted(bank, Commands(np.array([-5.0]), on[None]), BEGIN_S, END_S, params).bank
+    position, velocity, rotation, rate = _flown(params, bank, on)
+    parts, mean = params.parts, after.mean[0]
+    first = bank.mean[0]
+    # what turns while it turns is of third order in a tenth of a second: some parts in a thousand of what changes
+    for found, true, before in (
+        (mean[parts.velocity], velocity, first[parts.velocity]),
+        (mean[parts.position], position, first[parts.position]),
+        (mean[parts.rate], rate, first[parts.rate]),
+    ):
+        np.testing.assert_allclose(found - before, true - before, rtol=0, atol=5e-3 * np.abs(true - before).max())
+    off = Rotation.from_matrix(after.rotation[0].T @ rotation).magnitude()
+    assert off < 5e-3 * Rotation.from_matrix(bank.rotation[0].T @ rotation).magnitude()
+
+
+def test_accelerometers_gather_what_is_no_gravity_in_body_axes() -> None:
+    params = small_params(Sensors(accelerometers=1))
+    bank = some_bank(params, opens=(-1,))
+    bank.mean[0, params.parts.drag] = 0.0
+    bank = bank._replace(covariance=np.zeros_like(bank.covariance))
+    bank.mean[0, params.parts.push] = 0.3  # of a table that is off level: not felt
+    on = np.array([1.0, 0.0, 0.0, 1.0])
+    after = predicted(bank, Commands(np.array([-5.0]), on[None]), BEGIN_S, END_S, params).bank
+    parts, mean = params.parts, bank.mean[0]
+    felt = SPAN_S * ((on * mean[parts.thrust]) @ params.pushes + mean[parts.acceleration_bias])
+    np.testing.assert_allclose(after.mean[0, parts.gathered] - mean[parts.gathered], felt, rtol=1e-12)
+    middle = 0.5 * (mean[parts.rate] + after.mean[0, parts.rate])
+    np.testing.assert_allclose(after.turned[0] - bank.turned[0], SPAN_S * np.outer(middle, middle), atol=1e-15)
+
+
+def test_products_of_errors_have_the_moments_of_drawn_ones() -> None:
+    random = np.random.default_rng(5)
+    params = small_params()
+    parts, free = params.parts, params.free
+    bank = some_bank(params, opens=(-1,))
+    bank.mean[0, parts.rate] = 0.0
+    spread = np.zeros((free.size, free.size))
+    uncertain = [*range(parts.spin.start, parts.spin.stop), *range(JETS)]  # K and thrusts, all correlated
+    root = random.standard_normal((len(uncertain), len(uncertain))) / np.sqrt(len(uncertain))
+    root[:6] *= 0.3 * params.start[parts.spin][:3].mean()
+    root[6:] *= 0.4
+    spread[np.ix_(uncertain, uncertain)] = root @ root.T
+    on = Commands(np.array([-5.0]), np.array([[1.0, 0.0, 1.0, 1.0]]))
+    done = predicted(bank._replace(covariance=spread[None]), on, BEGIN_S, END_S, params).bank
+
+    drawn = random.standard_normal((60_000, len(uncertain))) @ root.T
+    mean = bank.mean[0]
+    spins = (mean[parts.spin] + drawn[:, :6])[:, [0, 5, 4, 5, 1, 3, 4, 3, 2]].reshape(-1, 3, 3)
+    factors = (mean[parts.thrust] + drawn[:, 6:]) * on.levels[0] * SPAN_S
+    moments = factors @ np.cross(params.positions - mean[parts.center], params.pushes)
+    turned = np.einsum("nij,nj->ni", spins, moments)
+    certain = predicted(bank._replace(covariance=0.0 * spread[None]), on, BEGIN_S, END_S, params).bank
+    bias = (done.mean - certain.mean)[0, parts.rate]
+    sampled = turned.mean(axis=0) - (certain.mean[0, parts.rate] - mean[parts.rate] * np.exp(-0.2 * SPAN_S))
+    sampled = sampled + SPAN_S * mean[parts.push][3:]
+    deviation = turned.std(axis=0)
+    np.testing.assert_allclose(bias, sampled, atol=5.0 * deviation.max() / np.sqrt(drawn.shape[0]))
+    assert np.abs(bias).max() > 20.0 * deviation.max() / np.sqrt(drawn.shape[0])  # it shows
+    found = done.covariance[0][np.ix_(*[np.flatnonzero((free >= parts.rate.start) & (free < parts.rate.stop))] * 2)]
+    np.testing.assert_allclose(found, np.cov(turned.T), atol=0.02 * deviation.max() ** 2)
+    linear = jacobian(bank, params)[0]
+    first_order = (linear @ spread @ linear.T)[parts.rate, parts.rate]
+    assert np.abs(found - first_order).max() > 0.05 * deviation.max() ** 2  # without the products it is missed
+
+
+# -------------------------------------------------------------------------------------------- noise
+
+
+def _noisy(planar: bool = False, **more: Any) -> PoseParams:
+    settings: dict[str, Any] = {
+        "rate_noise": 0.01,
+        "velocity_noise": 0.02,
+        "push_walk": 1e-3,
+        "turn_walk": 2e-3,
+        "common_walk": 0.01,
+        "scatter": np.array([0.3, 0.1, 0.2, 0.4]),
+    }
+    return small_params(Sensors(accelerometers=2), planar=planar, **(settings | more))
+
+
+def _added(params: PoseParams, commands: Commands | None = None) -> Array:
+    """Covariance of the whole state after an interval, of one that was known exactly."""
+    bank = some_bank(params, opens=(-1, 2))
+    bank = bank._replace(covariance=np.zeros_like(bank.covariance))
+    return predicted(bank, pulses() if commands is None else commands, BEGIN_S, END_S, params).bank.covariance
+
+
+def test_noise_is_symmetric_and_no_variance_is_negative() -> None:
+    for planar in (False, True):
+        unknown = Commands(np.array([0.9, 1.03]), np.array([[1.0, np.nan, 0, 0], [np.nan, 0, 1, 0]]))
+        for commands in (pulses(), unknown, Commands(np.zeros(0), np.zeros((0, JETS)))):
+            found = _added(_noisy(planar=planar), commands)
+            np.testing.assert_allclose(found, np.swapaxes(found, 1, 2), rtol=1e-12)
+            assert np.linalg.eigvalsh(found).min() > -1e-12 * np.abs(found).max()
+
+
+def test_white_accelerations_are_those_of_a_wiener_process_and_its_integral() -> None:
+    params = _noisy(scatter=np.zeros(JETS), common_walk=0.0, push_walk=0.0, turn_walk=0.0)
+    found, parts = _added(params)[0], params.parts
+    for once, twice, density in ((parts.velocity, parts.position, 4e-4), (parts.rate, parts.attitude, 1e-4)):
+        np.testing.assert_allclose(found[once, once], density * SPAN_S * np.eye(3), rtol=1e-12)
+        np.testing.assert_allclose(found[once, twice], density * SPAN_S**2 / 2.0 * np.eye(3), rtol=1e-12)
+        np.testing.assert_allclose(found[twice, twice], density * SPAN_S**3 / 3.0 * np.eye(3), rtol=1e-12)
+
+
+def test_an_accelerometer_feels_what_changes_the_velocity() -> None:
+    params = _noisy(scatter=np.zeros(JETS), kicks_per_s=0.1, kick_velocity=0.3, kick_rate=0.1)
+    bank, parts = some_bank(params, opens=(-1,)), params.parts
+    bank = bank._replace(covariance=np.zeros_like(bank.covariance))
+    ahead = predicted(bank, pulses(), BEGIN_S, END_S, params)
+    turn = bank.rotation[0] @ Rotation.from_rotvec(0.5 * SPAN_S * bank.mean[0, parts.rate]).as_matrix()
+    for found in (ahead.bank.covariance[0], ahead.kick[0] @ ahead.kick[0].T):
+        first = slice(parts.gathered.start, parts.gathered.start + 3)
+        second = slice(parts.gathered.start + 3, parts.gathered.stop)
+        np.testing.assert_allclose(
+            turn @ found[first, first] @ turn.T, found[parts.velocity, parts.velocity], rtol=1e-9, atol=1e-12
+        )
+        np.testing.assert_allclose(
+            turn @ found[first, parts.velocity], found[parts.velocity, parts.velocity], rtol=1e-9, atol=1e-12
+        )
+        np.testing.assert_allclose(found[first, second], found[first, first], atol=1e-12)
+
+
+def test_openings_scatter_in_proportion_to_what_they_give_and_all_at_once() -> None:
+    quiet: dict[str, Any] = {
+        "rate_noise": 0.0,
+        "velocity_noise": 0.0,
+        "push_walk": 0.0,
+        "turn_walk": 0.0,
+        "common_walk": 0.0,
+    }
+    quiet |= {"scatter": np.zeros(JETS)}
+    params = _noisy(**quiet | {"scatter": np.array([0.3, 0.0, 0.0, 0.0])})
+    bank, parts = some_bank(params, opens=(-1,)), params.parts
+    bank = bank._replace(covariance=np.zeros_like(bank.covariance))
+    found = predicted(bank, pulses(), BEGIN_S, END_S, params).bank.covariance[0]
+    column = jacobian(bank, _noisy(**quiet))[0][:, 0] * 0.3 * bank.mean[0, 0]  # of g_0: what jet 0 gave
+    column[0] = 0.0
+    once = slice(parts.velocity.start, parts.velocity.stop)
+    np.testing.assert_allclose(found[once, once], np.outer(column, column)[once, once], rtol=1e-6)
+    assert np.linalg.matrix_rank(found, tol=1e-9 * np.abs(found).max()) == 1
+
+
+def test_the_common_scale_takes_all_factors_with_it() -> None:
+    quiet = {"rate_noise": 0.0, "velocity_noise": 0.0, "push_walk": 0.0, "turn_walk": 0.0, "scatter": np.zeros(JETS)}
+    params = _noisy(**quiet)
+    found, parts = _added(params, Commands(np.zeros(0), np.zeros((0, JETS))))[0], params.parts
+    factors = some_bank(params).mean[0, parts.thrust]
+    places = [*range(JETS), parts.common.start]
+    own = 0.01 * np.sqrt(SPAN_S) * np.append(factors, 1.0)
+    np.testing.assert_allclose(found[np.ix_(places, places)], np.outer(own, own), rtol=1e-12)

@@ -1,0 +1,246 @@
+"""An invented vehicle that is followed in a fixed frame, for tests: parameters, a bank in flight, commands."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from massprop_drake.inputs.params import estimation_params
+from massprop_drake.inputs.scenario import resolved
+from massprop_drake.inputs.vehicle import Surroundings, Vehicle, load_vehicle
+from massprop_drake.maths.estimation.pose.layout import (
+    Bank,
+    Commands,
+    PoseParams,
+    Poses,
+    Readings,
+    make_parts,
+)
+from massprop_drake.maths.linear_algebra import Array
+
+JETS = 4
+KINDS = np.array([0, 0, 1, 1])
+_POSITIONS = np.array([[0.5, 0.2, 0.1], [-0.4, 0.3, -0.2], [0.1, -0.5, 0.3], [0.2, 0.4, -0.4]])
+_PUSHES = np.array([[0.0, 0.02, 0.01], [0.015, 0.0, -0.02], [0.02, 0.01, 0.0], [-0.01, -0.015, 0.02]])
+MASS = 8.0
+SPIN = MASS * np.linalg.inv(np.array([[0.5, 0.03, -0.02], [0.03, 0.7, 0.04], [-0.02, 0.04, 0.9]]))
+
+
+class Sensors(NamedTuple):
+    """How many there are of each kind."""
+
+    poses: int = 1
+    velocities: int = 0
+    gyros: int = 0
+    accelerometers: int = 0
+
+
+ONE_POSE = Sensors()
+
+
+def small_params(sensors: Sensors = ONE_POSE, *, planar: bool = False, **changed: Any) -> PoseParams:
+    """Four jets of two kinds; everything that goes with the motion and the sensors is free."""
+    parts = make_parts(JETS, 2, sensors.poses, sensors.gyros, sensors.accelerometers)
+    pushes = _PUSHES * [1.0, 1.0, 0.0] if planar else _PUSHES
+    start = np.zeros(parts.size)
+    start[parts.thrust] = 1.0
+    start[parts.spin] = SPIN[[0, 1, 2, 1, 0, 0], [0, 1, 2, 2, 2, 1]]
+    start[parts.lag] = np.log(0.02)
+    free = np.arange(parts.size) if not planar else in_plane(parts)
+    many = np.ones(3)
+    settings: dict[str, Any] = {
+        "parts": parts,
+        "free": free,
+        "start": start,
+        "covariance": 1e-4 * np.eye(free.size),
+        "pushes": pushes,
+        "positions": _POSITIONS,
+        "kinds": KINDS,
+        "nominal_mass": MASS,
+        "mass_std": 0.3,
+        "unseen_std": 0.0,
+        "thrust_std": np.array([0.05, 0.03, 0.04, 0.02]),
+        "longest_s": 1.0,
+        "rate_noise": 0.0,
+        "velocity_noise": 0.0,
+        "push_walk": 0.0,
+        "turn_walk": 0.0,
+        "common_walk": 0.0,
+        "scatter": np.zeros(JETS),
+        "kicks_per_s": 0.0,
+        "kick_velocity": 0.0,
+        "kick_rate": 0.0,
+        "pose": Poses(*(1e-6 * (1.0 + np.arange(sensors.poses)) for _ in range(2)), np.zeros(sensors.poses)),
+        "gyro_variances": 1e-6 * many[: sensors.gyros],
+        "velocity_positions": np.array([[0.1, -0.2, 0.3], [0.0, 0.3, 0.1]])[: sensors.velocities],
+        "velocity_variances": 1e-6 * many[: sensors.velocities],
+        "accelerometer_positions": np.array([[0.3, 0.1, -0.2], [-0.4, 0.2, 0.1]])[: sensors.accelerometers],
+        "accelerometer_variances": 1e-6 * many[: sensors.accelerometers],
+        "planar": planar,
+    }
+    return PoseParams(**(settings | changed))
+
+
+def in_plane(parts: Any) -> np.ndarray:
+    """Places of what can move in a plane: x, y of places, z of turns, the element zz."""
+    kept: list[int] = []
+    for name, whole in zip(parts._fields[:-1], parts[:-1], strict=True):
+        places = np.arange(whole.start, whole.stop)
+        if name == "spin":
+            places = places[[2]]
+        elif name == "push":
+            places = places[[0, 1, 5]]
+        elif name in ("attitude", "rate", "gyro_bias"):
+            places = places[2::3]
+        elif name in ("center", "position", "velocity", "point", "gathered", "acceleration_bias"):
+            places = np.delete(places, slice(2, None, 3))
+        kept += places.tolist()
+    return np.array(kept)
+
+
+def some_bank(params: PoseParams, opens: tuple[int, ...] = (-1, 2), seed: int = 3) -> Bank:
+    """Filters in flight, each with a state and a covariance of its own."""
+    random, parts, count = np.random.default_rng(seed), params.parts, len(opens)
+    off = np.zeros((count, parts.size))
+    off[:, params.free] = random.standard_normal((count, params.free.size))
+    mean = params.start + 0.02 * off
+    mean[:, parts.spin] = params.start[parts.spin] * (1.0 + 0.05 * off[:, parts.spin])
+    mean[:, parts.delay], mean[:, parts.opening] = 0.03 + 0.005 * off[:, parts.delay], 0.01
+    mean[:, parts.drag] = 0.1, 0.2
+    mean[:, parts.rate] = 0.05 * off[:, parts.rate]
+    mean[:, parts.velocity] = 0.1 * off[:, parts.velocity]
+    mean[:, parts.attitude] = 0.0
+    mean[:, parts.tilt] = (0.03, -0.02) if params.planar else 0.0
+    mean[:, parts.open] = 0.4
+    turn = random.standard_normal((count, 3)) * ([0.0, 0.0, 1.0] if params.planar else [1.0, 1.0, 1.0])
+    root = 1e-3 * random.standard_normal((count, params.free.size, params.free.size))
+    spun = 0.01 * random.standard_normal((count, 3, 3))
+    return Bank(
+        mean,
+        root @ np.swapaxes(root, 1, 2),
+        Rotation.from_rotvec(turn).as_matrix(),
+        np.array(opens),
+        0.02 * random.standard_normal((count, 3)),
+        spun @ np.swapaxes(spun, 1, 2),
+    )
+
+
+def moved(bank: Bank, params: PoseParams, place: int, by: float) -> Bank:
+    """The bank with one element changed; the attitude by turning."""
+    mean, rotation, turn = bank.mean.copy(), bank.rotation, params.parts.attitude
+    if turn.start <= place < turn.stop:
+        rotation = rotation @ Rotation.from_rotvec(by * np.eye(3)[place - turn.start]).as_matrix()
+    else:
+        mean[:, place] += by
+    return bank._replace(mean=mean, rotation=rotation)
+
+
+def pulses() -> Commands:
+    """Pulses of all jets, some across the interval from 1 s to 1.1 s, some a fraction."""
+    levels = np.array([[0, 0, 1, 0], [1, 0, 0, 0.5], [1, 1, 0, 0.5], [0, 1, 1, 0]], dtype=float)
+    return Commands(np.array([0.8, 0.95, 1.0, 1.05]), levels)
+
+
+def nothing_read(params: PoseParams) -> Readings:
+    """No sensor has read anything."""
+    counts = (params.pose.position_variances.size, params.velocity_variances.size)
+    more = (params.gyro_variances.size, params.accelerometer_variances.size)
+    poses, velocities, gyros, accelerometers = (np.full((count, 3), np.nan) for count in (*counts, *more))
+    return Readings(poses, np.full((counts[0], 3, 3), np.nan), velocities, gyros, accelerometers)
+
+
+# ------------------------------------------------------------------------------------------- flights
+
+
+class Truth(NamedTuple):
+    """What a flight in a plane is of.
+
+    Attributes:
+        factors: thrust of each jet over nominal.
+        open: (jet, share) that stands open, and since when; None: none.
+        push: acceleration along x, and since when.
+        mass: over nominal.
+    """
+
+    factors: Array
+    open: tuple[int, float, float] | None = None
+    push: tuple[float, float] = (0.0, np.inf)
+    mass: float = 1.0
+
+
+def bearing(**changed: Any) -> Vehicle:
+    """The bundled air-bearing satellite on a floor that does nothing, with valves that act as told."""
+    vehicle = load_vehicle("air_bearing")
+    valve = {"command_delay_s": 0.0, "command_delay_std_s": 0.0, "opening_delay_std_s": 0.0, "repeatability": 0.02}
+    kinds = {"nozzle": vehicle.jet_kinds["nozzle"].model_copy(update=valve)}
+    around = Surroundings(velocity_walk=2e-4, rate_walk=2e-3)
+    return again(vehicle, **({"jet_kinds": kinds, "surroundings": around} | changed))
+
+
+def again(vehicle: Vehicle, **changed: Any) -> Vehicle:
+    """The vehicle with other data, and nothing kept of what was worked out from those before."""
+    return Vehicle.model_validate(vehicle.model_copy(update=changed).model_dump())
+
+
+def params_of(vehicle: Vehicle, **settings: Any) -> PoseParams:
+    """Parameters of its estimator with hypotheses."""
+    scenario = resolved({"name": "flight", "vehicle": vehicle} | settings)
+    made: PoseParams = estimation_params(scenario).filter_params.pose
+    return made
+
+
+def told(vehicle: Vehicle, rows: int, seed: int = 0) -> Array:
+    """Commands of pulses of two to four samples, jets in turn, shape (rows, n_jets)."""
+    random, jets = np.random.default_rng(seed), len(vehicle.jets)
+    commands, row = np.zeros((rows, jets)), 4
+    while row < rows - 4:
+        length = int(random.integers(2, 5))
+        for jet in random.permutation(jets)[:2]:
+            commands[row : row + length, jet] = 1.0
+        row += length + int(random.integers(1, 3))
+    return commands
+
+
+def planar_poses(vehicle: Vehicle, commands: Array, truth: Truth, seed: int = 1) -> Array:
+    """x, y and heading at every sample, as a sensor without errors of its stamps reads them, shape (rows, 3).
+
+    By small steps, of a body in a plane whose valves follow through the nominal lag.
+    """
+    random, period, jets = np.random.default_rng(seed), vehicle.sample_period_s, len(vehicle.jets)
+    lag = np.array([vehicle.jet_kinds[jet.kind].time_constant_s for jet in vehicle.jets])
+    mass = vehicle.nominal.mass * truth.mass
+    turns = np.cross(vehicle.positions, vehicle.thrusts)[:, 2] / vehicle.nominal.inertia[2, 2]
+    place, speed, level = np.zeros(3), np.zeros(3), np.zeros(jets)
+    around, steps, rows = vehicle.surroundings, 16, []
+    step = period / steps
+    pose = vehicle.poses[0]
+    noise = np.array([pose.position_std, pose.position_std, pose.attitude_std], dtype=float)
+    for row, command in enumerate(commands):
+        rows.append(place + noise * random.standard_normal(3))
+        for part in range(steps):
+            now = (row + part / steps) * period
+            before = level
+            level = command + (level - command) * np.exp(-step / lag)
+            acts = 0.5 * (before + level)
+            if truth.open is not None and now >= truth.open[2]:
+                jet, share, _ = truth.open
+                acts[jet] += share * (1.0 - acts[jet])
+            force = (acts * truth.factors) @ vehicle.thrusts / mass
+            cosine, sine = np.cos(place[2]), np.sin(place[2])
+            gained = np.array([cosine * force[0] - sine * force[1], sine * force[0] + cosine * force[1], 0.0])
+            gained[0] += truth.push[0] if now >= truth.push[1] else 0.0
+            gained[2] = (acts * truth.factors) @ turns
+            white = np.array([around.velocity_walk, around.velocity_walk, around.rate_walk]) / np.sqrt(step)
+            gained = gained + white * random.standard_normal(3)
+            place = place + step * speed + 0.5 * step**2 * gained
+            speed = speed + step * gained
+    return np.array(rows)
+
+
+def pose_columns(read: Array) -> Array:
+    """x, y and headings as the seven columns of a pose sensor, shape (rows, 7)."""
+    half = 0.5 * read[:, 2]
+    flat = np.zeros(len(read))
+    return np.column_stack((read[:, :2], flat, np.cos(half), flat, flat, np.sin(half)))

@@ -1,0 +1,178 @@
+"""A record beside a simulation of its commands: what differs, and what is said to explain it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from command_probe import Massprop
+
+from massprop_drake import Run, estimate, load_scenario, simulate
+from massprop_drake.display import plots
+from massprop_drake.display.page import report_html
+from massprop_drake.errors import InputError
+from massprop_drake.results import table
+from massprop_drake.results.against import Against
+from massprop_drake.results.summary import Summary
+from massprop_drake.runners.against import beside
+
+FLIGHT = [
+    "duration_s=30",
+    "detector.kind=off",
+    "execution.engine=loop",
+    "estimation={filter: thesis, start: nominal, std_fraction: 0.001, thrust_transient: gate}",
+]
+INERTIA = [[883308.0, -8120.0, -247270.0], [-8120.0, 6748840.0, -418.0], [-247270.0, -418.0, 7058020.0]]
+
+
+def flown(folder: Path, name: str, *overrides: str) -> Path:
+    simulate(load_scenario("sample_maneuver", [*FLIGHT, *overrides])).save(folder / name, pictures=False, report=False)
+    return folder / name
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Runs of the vehicle as it is known, with its center of mass elsewhere, and with a weak jet."""
+    folder = tmp_path_factory.mktemp("runs")
+    flown(folder, "known")
+    flown(folder, "weak", "failures=[{kind: degraded, jet: L4D, start_s: 0, fraction: 0.6}]")
+    moved = {"mass": 5910.0, "center_of_mass": [32.5, 0.06667, 2.13334], "inertia": INERTIA}
+    flown(folder, "moved", f"plant.mass_properties={json.dumps(moved)}")
+    return folder
+
+
+def said(run: Run) -> Against:
+    """What the run says of the record beside the simulation."""
+    assert run.results.against is not None
+    return run.results.against
+
+
+def put_beside(runs: Path, record: str, against: str = "known") -> Run:
+    """A record estimated with the settings of a run, beside its simulation."""
+    scenario = load_scenario(runs / against)
+    return beside(estimate(runs / record / "telemetry.csv", scenario), runs / against)
+
+
+def test_a_run_s_own_record_is_as_simulated(runs: Path) -> None:
+    run = put_beside(runs, "known")
+    found = said(run)
+    assert found.causes == ()
+    assert 0.3 < (found.misfit or 0.0) < 1.3
+    assert "are as simulated" in found.in_words()
+    # the reading that it begins with is rounded, which is all that is left
+    quantum = load_scenario(runs / "known").vehicle_data.gyro("gyro").quantum
+    assert np.abs(run["against.gyro"] - run["gyro"]).max() < 4.0 * quantum
+    assert [one.signal for one in found.residuals[:3]] == ["gyro_x", "gyro_y", "gyro_z"]
+
+
+def test_a_weak_jet_explains_all_of_it(runs: Path) -> None:
+    run = put_beside(runs, "weak")
+    found = said(run)
+    (cause,) = found.causes
+    assert cause.what == "thrust of L4D"
+    assert cause.size == pytest.approx(-40.0, abs=5.0 * cause.size_std)
+    assert cause.size_std < 0.1
+    assert cause.together > 0.999
+    left = run["gyro"] - run["against.gyro"]
+    np.testing.assert_allclose([one.rms for one in found.residuals[:3]], np.sqrt((left**2).mean(axis=0)), rtol=1e-9)
+    worst = found.residuals[1]
+    assert worst.largest == left[np.abs(left[:, 1]).argmax(), 1]
+    assert worst.largest_s == run.time_s[np.abs(left[:, 1]).argmax()]
+
+
+def test_a_center_of_mass_elsewhere_is_found_with_what_goes_along(runs: Path) -> None:
+    found = said(put_beside(runs, "moved"))
+    first = found.causes[0]
+    truth = load_scenario(runs / "known").vehicle_data.nominal.center_of_mass
+    assert first.what == "x_cm"
+    assert first.size == pytest.approx(32.5 - truth[0], abs=0.01)
+    assert [one.together for one in found.causes] == sorted(one.together for one in found.causes)
+
+
+def test_a_simulation_with_the_same_failure_explains_the_record(runs: Path) -> None:
+    run = put_beside(runs, "weak", "weak")
+    known = put_beside(runs, "weak", "known")
+    rms, of_known = (np.array([one.rms for one in said(each).residuals[:3]]) for each in (run, known))
+    assert (rms < 0.02 * of_known).all()
+
+
+def test_a_record_may_stand_in_for_the_simulated_run(runs: Path, tmp_path: Path) -> None:
+    record = estimate(runs / "moved" / "telemetry.csv", load_scenario(runs / "moved"))
+    record.save(tmp_path / "estimated", pictures=False, report=False)
+    run = beside(estimate(runs / "known" / "telemetry.csv", load_scenario(runs / "known")), tmp_path / "estimated")
+    first = said(run).causes[0]
+    assert (first.what, first.size < 0.0) == ("x_cm", True)
+
+
+def test_after_a_gap_it_begins_with_the_record_s_rate(runs: Path, tmp_path: Path) -> None:
+    rows = (runs / "weak" / "telemetry.csv").read_text("utf-8").splitlines()
+    (tmp_path / "gap.csv").write_text("\n".join([*rows[:150], *rows[190:]]) + "\n", encoding="utf-8")
+    run = beside(estimate(tmp_path / "gap.csv", load_scenario(runs / "known")), runs / "known")
+    gap = int(np.flatnonzero(run["gap"][:, 0])[0])
+    assert np.isnan(run["against.gyro"][gap + 1 :]).sum() == 0
+    np.testing.assert_array_equal(run["against.gyro"][gap + 1], run["gyro"][gap + 1])
+    np.testing.assert_allclose(run["against.acc2"][gap + 1], run["acc2"][gap + 1])
+
+
+def test_it_is_kept_shown_and_read_back(runs: Path, tmp_path: Path) -> None:
+    run = put_beside(runs, "weak")
+    run.save(tmp_path / "kept", pictures=False, report=False)
+    again = Run.load(tmp_path / "kept")
+    assert again.results.against == run.results.against
+    assert Summary.from_json(run.results.as_json()).against == run.results.against
+    assert again.units["against.gyro"] == "rad/s"
+    assert {"against_rates", "against_velocities"} <= set(plots.available(plots.source(again)))
+    read, simulated = plots.against_rates(plots.source(again)).panels[2].marks
+    np.testing.assert_allclose(simulated.y, np.degrees(run["against.gyro"][:, 1]))  # type: ignore[union-attr]
+    assert read.label == "gyro, as read"  # type: ignore[union-attr]
+    html = report_html(again)
+    (cells,) = table.causes(said(run))
+    for cell in cells:
+        assert cell in html
+
+
+def test_another_vehicle_is_refused(runs: Path, tmp_path: Path) -> None:
+    simulate(load_scenario("free_flyer_maneuver", ["duration_s=1"])).save(
+        tmp_path / "other", pictures=False, report=False
+    )
+    record = estimate(runs / "known" / "telemetry.csv", load_scenario(runs / "known"))
+    other = load_scenario(tmp_path / "other").vehicle_data.name
+    with pytest.raises(InputError, match=f"is of vehicle '{other}', whose .* are not those of 'orbiter'"):
+        beside(record, tmp_path / "other")
+
+
+def test_a_record_in_a_fixed_frame_is_refused_before_the_work(massprop: Massprop) -> None:
+    simulate(load_scenario("air_bearing_pulses", ["duration_s=1"])).save("air", pictures=False, report=False)
+    done = massprop("estimate", "air/telemetry.csv", "--against", "air")
+    assert (done.status, done.out, done.err.count("\n")) == (2, "", 1)
+    assert "cannot be compared so" in done.err
+    assert not Path("runs").exists()
+
+
+@pytest.mark.parametrize("name", ["nope", "torn"])
+def test_what_is_no_run_is_refused_before_the_work(massprop: Massprop, runs: Path, name: str) -> None:
+    Path("torn").mkdir()
+    Path("torn", "summary.json").write_text("{", encoding="utf-8")
+    done = massprop("estimate", runs / "known" / "telemetry.csv", "--against", name)
+    assert (done.status, done.out) == (2, "")
+    assert done.err.startswith(f"massprop: {name}")
+    assert not Path("runs").exists()
+
+
+def test_the_command_takes_vehicle_and_settings_of_the_run(massprop: Massprop, runs: Path) -> None:
+    arguments: tuple[Any, ...] = (
+        "estimate",
+        runs / "weak" / "telemetry.csv",
+        "--against",
+        runs / "known",
+        "--no-report",
+    )
+    done = massprop(*arguments)
+    assert done.status == 0, done.err
+    assert "thrust of L4D" in done.out
+    assert "with those" in done.out
+    done = massprop(*arguments, "--json", "--out", "again")
+    assert json.loads(done.out)["against"]["causes"][0]["what"] == "thrust of L4D"
