@@ -104,6 +104,19 @@ def test_your_own_vehicle(tutorial: Tutorial, tmp_path: Path) -> None:
     assert not last.removed.any()
 
 
+def test_a_real_vehicle(tutorial: Tutorial, tmp_path: Path) -> None:
+    left = tutorial("a_real_vehicle")
+    (found,) = left["hardware"].results.detections
+    assert (found.jet, found.isolated_to, found.onset_s) == ("T2", "jet", 0.0)
+    assert found.time_s < 30.0
+    assert not left["twin"].results.detections
+    scales = left["hardware"].results.derived
+    assert scales.mass == pytest.approx(23.09, abs=3.0 * scales.mass_std)
+    twin = left["twin"].results.derived
+    assert twin.inertia[2, 2] == pytest.approx(0.324, abs=3.0 * twin.inertia_std[2, 2])
+    assert (tmp_path / "hardware" / "report.html").exists()
+
+
 def test_consistency(tutorial: Tutorial, tmp_path: Path) -> None:
     results = tutorial("consistency")["results"]
     rotation, mass, nees_rotation, nees_mass, neighbors = results["Gaussian"]

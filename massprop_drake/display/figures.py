@@ -335,14 +335,14 @@ def _draw_panel(axes: Axes, panel: Panel) -> None:
             _mark_plainly(axes)
         case "linear":
             axes.locator_params(axis="y", nbins=_MARKS)
+    if panel.limits is not None:
+        axes.set_ylim(*panel.limits)
     for mark in panel.marks:
         _draw_mark(axes, mark)
     if panel.rows:
         size = LABEL_SIZE if len(panel.rows) <= _FEW_ROWS else ROW_SIZE
         axes.set_yticks(range(len(panel.rows)), panel.rows, fontsize=size)
         axes.set_ylim(len(panel.rows) - 0.4, -0.6)
-    if panel.limits is not None:
-        axes.set_ylim(*panel.limits)
     axes.set_ylabel(panel.axis_label)
 
 

@@ -581,7 +581,7 @@ class Vehicle(Model):
 
     @property
     def needs_pose_filter(self) -> bool:
-        """Whether `estimation.filter: pose` alone can make something of its sensors and motion."""
+        """Whether its sensors and motion need the estimator in a fixed frame, `estimation.filter` pose."""
         return bool(self.tracked) or self.motion == "planar" or not self.gyros
 
     @cached_property

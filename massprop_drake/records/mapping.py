@@ -889,8 +889,8 @@ def preview(record: Mapped, most: int = 5) -> list[dict[str, Any]]:
         For each `time_s`, `sensors` (values by component, by name; None where missing), and `jets` (fraction by
         designation, of those that are open; None where not known).
     """
-    places = row_places(record)
-    time_s = record.rows.time_s[places]
+    at_any_time = record.vehicle.needs_pose_filter  # each sample is a row then
+    time_s = record.rows.time_s if at_any_time else record.rows.time_s[row_places(record)]
     shown = time_s[:most]
     fractions = _fractions(record, time_s)[:most]
     at = {name: _at(channel, shown, record.vehicle.sample_period_s) for name, channel in record.channels.items()}

@@ -179,6 +179,10 @@ class _Search:
         self._here: tuple[str, dict[str, Any] | None] = "", None  # the topic that is looked at, and its time
         self._free = {"gyro": [one.name for one in vehicle.gyros]}
         self._free["accelerometer"] = [one.name for one in vehicle.accelerometers]
+        self._free |= {
+            "pose": [one.name for one in vehicle.poses],
+            "velocity": [one.name for one in vehicle.velocities],
+        }
 
     def _say(self, reason: str) -> None:
         self.reasons.append(reason)
@@ -189,6 +193,19 @@ class _Search:
         name = next((one for one in free if one.lower() in words), free[0] if free else "")
         if name:
             free.remove(name)
+        return name
+
+    def _tracker(self, kind: str, shown_as: str, what: str) -> str:
+        """Where a sensor in a fixed frame goes: one of the vehicle's, or, if it needs none, a name to show it under.
+
+        Args:
+            kind: of the vehicle's packages.
+            shown_as: name for a vehicle that is not followed so.
+            what: the columns, for the reason why there is no place, which is "".
+        """
+        name = self._package(kind) or ("" if self.vehicle.needs_pose_filter else shown_as)
+        if not name:
+            self._say(f"{what}: the vehicle has no further {kind} sensor")
         return name
 
     # ---------------------------------------------------------------------------------- tables
@@ -278,8 +295,10 @@ class _Search:
                 self._add_accelerometer(topic, members, kind == "increment")
         for members in found.get("velocity", []):
             unit = self._unit(members, "velocity", "m/s")
-            self._add("velocity", {"kind": "velocity", "columns": _columns(members), "unit": unit})
-            self._say(f"velocity: {_listed(members)}, by their names")
+            package = self._tracker("velocity", "velocity", f"{_listed(members)}, velocities by their names")
+            if package:
+                self._add(package, {"kind": "velocity", "columns": _columns(members), "unit": unit})
+                self._say(f"{package}: {_listed(members)}, by their names")
         quaternion = next((one for one in found.get("quaternion", []) if len(one) == 4), {})
         self._add_pose(position, angles, quaternion)
         if pairs:
@@ -415,14 +434,20 @@ class _Search:
             unit = self._unit(angles, "angle", "rad")
             entry |= {} if unit == "rad" else {"angle_unit": unit}
             why += f" in {unit}"
+        if not position and not entry:
+            return
+        kind = "pose" if position else "attitude"
+        name = self._tracker("pose", kind, f"{_listed(position)}, positions" if position else why)
+        if not name:
+            return
         if position:
             unit = self._unit(position, "length", "m")
-            entry = {"kind": "pose", "position": _columns(position), "unit": unit, **entry}
-            self._add("pose", entry)
-            self._say(f"pose: position {_listed(position)} in {unit}" + (f", {why}" if len(entry) > 3 else ""))
-        elif entry:
-            self._add("attitude", {"kind": "attitude", **entry})
-            self._say(f"attitude: {why}")
+            said = f"position {_listed(position)} in {unit}" + (f", {why}" if entry else "")
+            entry = {"position": _columns(position), "unit": unit, **entry}
+        else:
+            said = why
+        self._add(name, {"kind": kind, **entry})
+        self._say(f"{name}: {said}")
 
     # -------------------------------------------------------------------------------- commands
 
@@ -566,7 +591,10 @@ class _Search:
             )
         for base in _PX4_POSE:
             if base in topics and {"position[0]", "q[0]"} <= set(self.recording.topics[topics[base]].columns):
-                self.data["sensors"]["mocap"] = {
+                name = self._tracker("pose", "mocap", f"{topics[base]}, poses")
+                if not name:
+                    break
+                self.data["sensors"][name] = {
                     "kind": "pose",
                     "topic": topics[base],
                     "position": [f"position[{axis}]" for axis in range(3)],
@@ -574,7 +602,7 @@ class _Search:
                     "order": "wxyz",
                 }
                 self._say(
-                    f"mocap: {topics[base]}, position in m and a quaternion that turns body to world, scalar first"
+                    f"{name}: {topics[base]}, position in m and a quaternion that turns body to world, scalar first"
                 )
                 break
         count = len(self.vehicle.jets)
@@ -622,15 +650,17 @@ class _Search:
             names = ("position", "orientation")
             if kind == "TransformStamped":
                 before, names = "transform.", ("translation", "rotation")
-            if before is not None and "pose" not in self.data["sensors"]:
-                self.data["sensors"]["pose"] = {
+            known = any(one["kind"] == "pose" for one in self.data["sensors"].values())
+            sensor = "" if before is None or known else self._tracker("pose", "pose", f"{name}, poses")
+            if sensor:
+                self.data["sensors"][sensor] = {
                     "kind": "pose",
                     "topic": name,
                     "position": [f"{before}{names[0]}.{axis}" for axis in axes],
                     "quaternion": [f"{before}{names[1]}.{part}" for part in (*axes, "w")],
                     "order": "xyzw",
                 }
-                self._say(f"pose: {name}, a {kind}")
+                self._say(f"{sensor}: {name}, a {kind}")
             if "commands" not in self.data:
                 self._bag_commands(name, topic)
         if any(one["kind"] in ("gyro", "accelerometer") for one in self.data["sensors"].values()):

@@ -116,6 +116,7 @@ def causes(found: Against) -> list[tuple[str, ...]]:
 
 
 def _of_derived(name: str, unit: str, value: float | None, deviation: float | None, truth: float | None) -> Row:
+    deviation = deviation or None  # of what is fixed: there is none
     known, sigma, true = (math.nan if one is None else one for one in (value, deviation, truth))
     error = 100.0 * (known - true) / abs(true) if true else math.nan
     return _row(name, unit, Parameter(name, known, sigma, true, error))

@@ -11,10 +11,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import Massprop
+from conftest import REPOSITORY, Massprop
 from record_probe import Flight, flight, px4_topics, usual_columns, usual_map, write_bag, write_csv, write_ulog
 
 from massprop_drake import estimate, load_scenario, simulate
+from massprop_drake.inputs.record_map import load_map
 from massprop_drake.inputs.vehicle import load_vehicle
 from massprop_drake.results.run import Run
 
@@ -233,3 +234,12 @@ def test_readers_are_loaded_when_they_are_needed() -> None:
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize("name", ["hardware", "twin"])
+def test_the_bundled_records_have_the_maps_that_are_proposed(name: str, massprop: Massprop, tmp_path: Path) -> None:
+    folder = REPOSITORY / "docs" / "tutorials" / "air_bearing"
+    shown = ("map", str(folder / f"{name}.csv"), "--vehicle", "air_bearing", "--out", str(tmp_path / "map.yaml"))
+    assert massprop(*shown).status == 0
+    proposed, kept = load_map(tmp_path / "map.yaml"), load_map(folder / f"{name}_map.yaml")
+    assert proposed == kept

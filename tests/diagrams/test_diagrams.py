@@ -67,7 +67,7 @@ PORTS: dict[ModuleType, tuple[dict[str, int], dict[str, int]]] = {
 # with the joint filter, and with its detector
 JOINT_IN = {"record_time": 1, "command": 44, "replacement": 0, "published": 0}
 JOINT_OUT = {"joint_report": 3, "evidence": 0}
-POSE_OUT = {"pose_report": 16 + 2 * 44, "evidence": 0}
+POSE_OUT = {"pose_report": 24 + 2 * 44, "evidence": 0}
 THESIS_OUT = {f"{name}_innovation{part}" for name in ("rotation", "mass") for part in ("", "_covariance")}
 DETECTOR_OUT = {"reconfiguration", "closed", "held_closed", "detector_report"}
 HYPOTHESES_OUT = {"hypothesis_report": 13 + 8 * 44}
@@ -94,7 +94,7 @@ def _with_filter(
 def _ports_of(ports: dict[str, int], vehicle: Vehicle) -> dict[str, int]:
     """The orbiter's ports as another vehicle has them: its own sensors, and sizes by its number of jets."""
     n = len(vehicle.jets)
-    sizes = {44: n, 7 + 44: 7 + n, 14 + 4 * 44: 14 + 4 * n, 13 + 8 * 44: 13 + 8 * n, 16 + 2 * 44: 16 + 2 * n}
+    sizes = {44: n, 7 + 44: 7 + n, 14 + 4 * 44: 14 + 4 * n, 13 + 8 * 44: 13 + 8 * n, 24 + 2 * 44: 24 + 2 * n}
     # the autopilot has one gyro port, whatever the package is called
     sensors = dict.fromkeys(vehicle.sensor_names(), 3) if "acc1" in ports else {"gyro": 3} if "gyro" in ports else {}
     if "acc1" in ports:

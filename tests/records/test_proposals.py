@@ -22,6 +22,7 @@ from record_probe import (
 
 from massprop_drake.errors import InputError
 from massprop_drake.inputs.model import validated
+from massprop_drake.inputs.record_map import RecordMap
 from massprop_drake.inputs.vehicle import Vehicle, load_vehicle
 from massprop_drake.inputs.yaml import to_yaml
 from massprop_drake.records.proposal import Proposal, propose, read_name
@@ -284,3 +285,14 @@ def test_a_log_that_gives_no_vehicle(one: Flight, tmp_path: Path) -> None:
     assert "has no parameter CA_THRUSTER_CNT above zero" in refused({"CA_THRUSTER_CNT": None})
     assert "thruster 2 has no direction or no thrust" in refused({"CA_THRUSTER2_CT": 0.0})
     assert "mass_properties.mass" in refused({}, -1.0)
+
+
+def test_what_follows_a_vehicle_has_the_names_of_its_sensors(one: Flight, tmp_path: Path) -> None:
+    columns = planar(one, exact=False)
+    vehicle = load_vehicle("air_bearing")
+    commands = np.random.default_rng(5).random((200, 8)) < 0.3
+    columns |= {jet: commands[:, index].astype(int) for index, jet in enumerate(vehicle.designations)}
+    found = proposed(write_csv(tmp_path / "log.csv", columns), vehicle)
+    assert list(found.data["sensors"]) == ["mocap"]
+    assert "vx_mps, vy_mps, velocities by their names: the vehicle has no further velocity sensor" in said(found)
+    RecordMap.model_validate(found.data)

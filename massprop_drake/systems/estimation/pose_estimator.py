@@ -60,8 +60,8 @@ class PoseEstimator(WholeFilterSystem):
         record_time (in, 1): when the readings were taken, s. Unconnected: now.
         command (in, n_jets): fraction commanded from now on, which matters where jets act before their command.
             Unconnected: not known.
-        replacement (in, abstract): hypotheses from which the filter is to go on, `maths.estimation.pose.hypotheses.
-            Tried`, or an empty tuple for none. Unconnected: none.
+        replacement (in, abstract): hypotheses from which the filter is to go on, a `Tried` of
+            `maths.estimation.pose.hypotheses`, or an empty tuple for none. Unconnected: none.
         published (in, abstract): likewise, whose first filter's estimates are its outputs, while it goes on from its
             own.
         predicted (out, 10): the ten parameters before this sample's measurement.
@@ -70,7 +70,7 @@ class PoseEstimator(WholeFilterSystem):
             parameters, NaN for what has no sigma; see `ConvergenceMonitor`.
         rotation_report (out, 28), mass_report (out, 11): see `RotationEstimator` and `MassEstimator`; NIS is of
             attitudes and rates, and of positions, velocities and accelerometers, scaled to three components.
-        pose_report (out, 16 + 2 n_jets): packed as `layouts.POSE_REPORT`, for logs.
+        pose_report (out, 24 + 2 n_jets): packed as `layouts.POSE_REPORT`, for logs.
 
     State: abstract, `Memory`: of as many commands as still act.
 

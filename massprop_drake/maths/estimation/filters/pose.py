@@ -51,6 +51,10 @@ POSE_REPORT = Layout(
     rate_estimate=3,
     thrust_factor="jets",
     thrust_factor_std="jets",
+    drag_rate=2,
+    drag_rate_std=2,
+    heading_turn=2,
+    heading_turn_std=2,
 )
 
 
@@ -293,6 +297,10 @@ def _own(state: PoseFilterState, done: Cycled | None, params: PoseFilterParams) 
         rate_estimate=bank.mean[0, made.parts.rate],
         thrust_factor=bank.mean[0, :jets],
         thrust_factor_std=deviation[:jets],
+        drag_rate=bank.mean[0, made.parts.drag],
+        drag_rate_std=deviation[made.parts.drag],
+        heading_turn=bank.mean[0, made.parts.tilt],
+        heading_turn_std=deviation[made.parts.tilt],
     )
 
 

@@ -197,8 +197,8 @@ def _run_off(bank: Bank, beside: Compared, time_s: float) -> np.ndarray:
     """
     by = beside.jacobian
     expected = by @ bank.covariance @ np.swapaxes(by, 1, 2) + beside.variance
-    numbers = np.isfinite(expected).all(axis=(1, 2)) & np.isfinite(beside.innovation).all(axis=1)
-    numbers &= np.isfinite(bank.mean).all(axis=1) & np.isfinite(bank.covariance).all(axis=(1, 2))
+    parts = (expected, beside.innovation, bank.mean, bank.covariance)
+    numbers: np.ndarray = np.array([[np.isfinite(one).all() for one in part] for part in parts]).all(axis=0)
     least = np.linalg.eigvalsh(np.where(numbers[:, None, None], expected, np.eye(by.shape[1])))[:, 0]
     run_off: np.ndarray = np.array(~(numbers & (least > 0.0)))
     if run_off[0]:
