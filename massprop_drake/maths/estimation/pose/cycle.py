@@ -198,7 +198,7 @@ def _run_off(bank: Bank, beside: Compared, time_s: float) -> np.ndarray:
     by = beside.jacobian
     expected = by @ bank.covariance @ np.swapaxes(by, 1, 2) + beside.variance
     parts = (expected, beside.innovation, bank.mean, bank.covariance)
-    numbers: np.ndarray = np.array([[np.isfinite(one).all() for one in part] for part in parts]).all(axis=0)
+    numbers = np.array([all(bool(np.isfinite(part[each]).all()) for part in parts) for each in range(by.shape[0])])
     least = np.linalg.eigvalsh(np.where(numbers[:, None, None], expected, np.eye(by.shape[1])))[:, 0]
     run_off: np.ndarray = np.array(~(numbers & (least > 0.0)))
     if run_off[0]:
