@@ -780,7 +780,7 @@ def test_a_run_of_the_program_with_its_figures(tmp_path: Path) -> None:
     done = _python("run", "case.yaml", "--json", folder=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
     assert json.loads(done.stdout) == _summary(tmp_path / "runs" / "mine")
-    assert len(list((tmp_path / "runs" / "mine" / "figures").glob("*.png"))) == 18
+    assert len(list((tmp_path / "runs" / "mine" / "figures").glob("*.png"))) == 20
 
 
 def test_a_run_of_the_program_without_figures(tmp_path: Path) -> None:
