@@ -63,7 +63,7 @@ def test_topology(scenario: Scenario) -> None:
     told = {"jet_commands": JETS, "record_time": 1, "command": JETS}
     assert inputs(dut) == {"mocap": 7, **told, "replacement": 0, "published": 0}
     ten = {"estimate": 10, "standard_deviation": 10, "covariance": 100, "converged": 1}
-    reports = {"rotation_report": 28, "mass_report": 11, "pose_report": 16 + 2 * JETS}
+    reports = {"rotation_report": 28, "mass_report": 11, "pose_report": 24 + 2 * JETS}
     assert outputs(dut) == {"predicted": 10, "evidence": 0, **ten, **reports}
     depends = feedthrough(dut)
     assert depends["predicted"] == set()

@@ -3,7 +3,8 @@
 With some probability something that the model does not have has pushed the vehicle in the interval: a second update,
 with the kick's covariance added, stands beside the first. So does a third in which the sample's poses are poor ones,
 many times as noisy. All are merged by their moments; the likelihood is that of all. Where a sample looks poor, what
-it would be after a kick is kept apart until the next one (`Doubt`).
+it would be after a kick is kept apart until the next one (`Doubt`). Where less is known than even a poor reading would
+show, as in the first samples, each counts as a poor one.
 
 Where a correction would leave a K that is no body's, K is only considered at that sample (Schmidt), and not corrected:
 so it is in the first seconds of a hypothesis that is far from the truth.
@@ -160,6 +161,8 @@ def _step(
         )
     chance = 1.0 - np.exp(-params.kicks_per_s * (span_s[1] - span_s[0]))
     poor = params.pose.outliers if beside.poses.any() else 0.0
+    if poor > 0.0 and _cannot_tell(ahead.bank.covariance[0], beside, params.pose.outlier_scale):
+        beside, poor = _noisier(beside, params.pose.outlier_scale), 0.0
     happened = [_Happened(1.0 - chance - poor, ahead.bank.covariance, beside)]
     if chance > 0.0:
         happened.append(_Happened(chance, ahead.bank.covariance + ahead.kick @ np.swapaxes(ahead.kick, 1, 2), beside))
@@ -255,6 +258,13 @@ def _noisier(beside: Compared, scale: float) -> Compared:
     """The same with poses so many times as noisy."""
     grown = np.where(beside.poses, scale, 1.0)
     return beside._replace(variance=beside.variance * grown[:, None] * grown)
+
+
+def _cannot_tell(covariance: Array, beside: Compared, scale: float) -> bool:
+    """Whether a pose cannot be told from a poor one, as less is known of where the vehicle is than that would show."""
+    by = beside.jacobian[0][beside.poses]
+    expected = np.einsum("mi,ij,mj->m", by, covariance, by)
+    return bool((expected > scale**2 * beside.variance[0].diagonal()[beside.poses]).any())
 
 
 def _by_kind(covariance: Array, beside: Compared) -> Array:
