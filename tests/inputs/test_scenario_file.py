@@ -58,7 +58,10 @@ def test_every_bundled_scenario_loads_and_runs_shortened(name: str) -> None:
         of_hypotheses = scenario.detector.kind in ("multi_hypothesis", "thrust_factors") and signal in suspicion
         planar = scenario.vehicle_data.motion == "planar" and signal == "standard_deviation"
         values = logged[:, [2, 6, 7, 9]] if planar else logged  # what cannot move has none
-        at_times = signal.endswith(("innovation", "nis", "likelihood", "failure_magnitude")) or signal == "request"
+        at_times = (
+            signal.endswith(("innovation", "innovation_std", "nis", "likelihood", "failure_magnitude"))
+            or signal == "request"
+        )
         if not (at_times or of_hypotheses):
             assert np.isfinite(values).all(), signal
 
