@@ -17,6 +17,7 @@ from massprop_drake.maths.estimation.detector import KnownForce
 from massprop_drake.maths.estimation.impulses import Impulses
 from massprop_drake.maths.kernels import idiom
 from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.maths.mass_properties import MASS_RECIPROCAL
 
 Groups = Mapping[str, Array]  # a state as vectors, by the part of the diagram that holds each
 
@@ -263,6 +264,26 @@ def going_on_from(step: FilterStep, state: Any, _params: Any) -> FilterStep:
 def publishing_its_own(step: FilterStep, _state: Any, _params: Any) -> FilterStep:
     """A cycle of a filter that publishes nothing but its own estimates."""
     return step
+
+
+def telling(step: FilterStep, estimate: Array, covariance: Array) -> FilterStep:
+    """A cycle whose reports have other estimates; the innovations are what they were.
+
+    Args:
+        step: the cycle.
+        estimate, covariance: of the ten parameters, shapes (10,) and (10, 10).
+    """
+    n_rotation = step.rotation.estimate.shape[0]
+    rotation = step.rotation._replace(
+        estimate=estimate[:n_rotation], standard_deviation=np.sqrt(covariance.diagonal())[:n_rotation]
+    )
+    mass = step.mass
+    if mass is not None:
+        mass = mass._replace(
+            mass_reciprocal=float(estimate[MASS_RECIPROCAL]),
+            variance=float(covariance[MASS_RECIPROCAL, MASS_RECIPROCAL]),
+        )
+    return step._replace(rotation=rotation, mass=mass)
 
 
 class Filter(NamedTuple):

@@ -5,15 +5,16 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
+from pydrake.common.value import Value
 from pydrake.systems.framework import LeafSystem
 
 from massprop_drake.maths.estimation.adaptation import NO_ADAPTATION, Adaptation, unpacked
 from massprop_drake.maths.estimation.detector import NO_KNOWN_FORCE, known_force_of
-from massprop_drake.maths.estimation.filter import FilterStep, Interval
+from massprop_drake.maths.estimation.filter import Filter, FilterStep, Interval
 from massprop_drake.maths.estimation.impulses import Impulses
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import converged
-from massprop_drake.systems.caching import Cached, Stopwatch
+from massprop_drake.systems.caching import NOTHING, Cached, Stopwatch
 from massprop_drake.systems.estimation._readings import Package, Readings
 from massprop_drake.systems.layouts import ADAPTATION, IMPULSES, KNOWN_FORCE, MASS_REPORT, ROTATION_REPORT
 
@@ -139,6 +140,18 @@ class WholeFilterSystem(FilterSystem):
             ("rotation_report", ROTATION_REPORT.size, self._calc_rotation),
             ("mass_report", MASS_REPORT.size, self._calc_mass),
         )
+
+    def _declare_judged(self) -> None:
+        """Ports of what a detector that is made for the filter makes of its state."""
+        self._replacement = self.DeclareAbstractInputPort("replacement", Value[object](NOTHING))
+        self._published = self.DeclareAbstractInputPort("published", Value[object](NOTHING))
+
+    def _as_judged(self, context: Any, step: FilterStep, method: Filter, params: Any) -> FilterStep:
+        """The cycle as these ports have it; as it is where they say nothing."""
+        for port, taken in ((self._replacement, method.replaced), (self._published, method.published)):
+            given = port.Eval(context) if port.HasValue(context) else NOTHING
+            step = taken(step, given, params) if given else step
+        return step
 
     def _step(self, context: Any) -> FilterStep:
         raise NotImplementedError

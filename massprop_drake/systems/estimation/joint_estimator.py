@@ -69,8 +69,7 @@ class JointEstimator(WholeFilterSystem):
         self._outside = self._declare_input("outside_wrench", 6)
         self._stamp = self._declare_input("record_time", 1)
         self._coming = self._declare_input("command", n_jets)
-        self._replacement = self.DeclareAbstractInputPort("replacement", Value[object](NOTHING))
-        self._published = self.DeclareAbstractInputPort("published", Value[object](NOTHING))
+        self._declare_judged()
         self._state = self.DeclareDiscreteState(joint.packed(joint.initial(params), params))
 
         inputs = {self.input_port_ticket(port.get_index()) for port in self._inputs}
@@ -105,10 +104,7 @@ class JointEstimator(WholeFilterSystem):
     def _finish_cycle(self, context: Any) -> FilterStep:
         measurement: Measurement = self._measurement.get(self, context)
         step = joint.done(measurement, self._params)
-        for port, taken in ((self._replacement, joint.replaced), (self._published, joint.published)):
-            given = port.Eval(context) if port.HasValue(context) else NOTHING
-            step = taken(step, given, self._params) if given else step
-        return step
+        return self._as_judged(context, step, joint.FILTER, self._params)
 
     def _step(self, context: Any) -> FilterStep:
         step: FilterStep = self._cycle.get(self, context)

@@ -106,8 +106,7 @@ class PoseEstimator(WholeFilterSystem):
         self._command = self._declare_input("jet_commands", n_jets)
         self._stamp = self._declare_input("record_time", 1)
         self._coming = self._declare_input("command", n_jets)
-        self._replacement = self.DeclareAbstractInputPort("replacement", Value[object](NOTHING))
-        self._published = self.DeclareAbstractInputPort("published", Value[object](NOTHING))
+        self._declare_judged()
         start = Memory(pose.initial(params), None, None, -np.inf)
         self._memory = self.DeclareAbstractState(Value[object](start))
 
@@ -165,10 +164,7 @@ class PoseEstimator(WholeFilterSystem):
             return memory.step
         measurement: Measurement = self._measurement.get(self, context)
         step = pose.finish(measurement.state, measurement, None, NO_ADAPTATION, self._params)
-        for port, taken in ((self._replacement, pose.replaced), (self._published, pose.published)):
-            given = port.Eval(context) if port.HasValue(context) else NOTHING
-            step = taken(step, given, self._params) if given else step
-        return step
+        return self._as_judged(context, step, pose.FILTER, self._params)
 
     def _step(self, context: Any) -> FilterStep:
         step: FilterStep = self._cycle.get(self, context)

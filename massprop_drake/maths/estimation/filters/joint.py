@@ -27,6 +27,7 @@ from massprop_drake.maths.estimation.filter import (
     RotationReport,
     Setup,
     Told,
+    telling,
 )
 from massprop_drake.maths.estimation.joint import cycle, ticks
 from massprop_drake.maths.estimation.joint.cycle import JointEvidence, Sample
@@ -320,27 +321,15 @@ def done(measurement: Measurement, params: JointFilterParams) -> FilterStep:
 def replaced(step: FilterStep, joint: JointState, params: JointFilterParams) -> FilterStep:
     """A cycle that goes on from another state: its estimates are reported; the innovations are what they were."""
     after = _reporting(joint, step.state.clock, params)
-    return _telling(step, after)._replace(state=after, own=step.own._replace(settled=_settled(after, params)))
+    return telling(step, after.estimate, after.covariance)._replace(
+        state=after, own=step.own._replace(settled=_settled(after, params))
+    )
 
 
 def published(step: FilterStep, joint: JointState, params: JointFilterParams) -> FilterStep:
     """A cycle that publishes the estimates of another state, and goes on from its own."""
     other = _reporting(joint, step.state.clock, params)
-    return _telling(step, other)._replace(known=(other.estimate, other.covariance))
-
-
-def _telling(step: FilterStep, after: JointFilterState) -> FilterStep:
-    """A cycle whose reports have the estimates of a state."""
-    rotation = step.rotation._replace(
-        estimate=after.estimate[:N_ROTATION], standard_deviation=_deviation(after)[:N_ROTATION]
-    )
-    mass = step.mass
-    if mass is not None:
-        mass = mass._replace(
-            mass_reciprocal=float(after.estimate[MASS_RECIPROCAL]),
-            variance=float(after.covariance[MASS_RECIPROCAL, MASS_RECIPROCAL]),
-        )
-    return step._replace(rotation=rotation, mass=mass)
+    return telling(step, other.estimate, other.covariance)._replace(known=(other.estimate, other.covariance))
 
 
 def _per_three(nis: float, components: float) -> float:

@@ -23,6 +23,7 @@ from massprop_drake.maths.estimation.filter import (
     RotationReport,
     Setup,
     Told,
+    telling,
 )
 from massprop_drake.maths.estimation.pose import hypotheses, start
 from massprop_drake.maths.estimation.pose.cycle import Cycled
@@ -307,26 +308,13 @@ def _own(state: PoseFilterState, done: Cycled | None, params: PoseFilterParams) 
 def replaced(step: FilterStep, tried: Tried, params: PoseFilterParams) -> FilterStep:
     """A cycle that goes on from what the detector makes of the hypotheses."""
     state = _reporting(step.state._replace(tried=tried), params)
-    return _telling(step, state)._replace(state=state)
+    return telling(step, state.estimate, state.covariance)._replace(state=state)
 
 
 def published(step: FilterStep, tried: Tried, params: PoseFilterParams) -> FilterStep:
     """A cycle that publishes the estimates of another filter, and goes on from its own."""
     other = _reporting(step.state._replace(tried=tried), params)
-    return _telling(step, other)._replace(known=(other.estimate, other.covariance))
-
-
-def _telling(step: FilterStep, state: PoseFilterState) -> FilterStep:
-    """A cycle whose reports have the estimates of a state."""
-    deviation, mass = np.sqrt(state.covariance.diagonal()), step.mass
-    assert mass is not None
-    return step._replace(
-        rotation=step.rotation._replace(estimate=state.estimate[:9], standard_deviation=deviation[:9]),
-        mass=mass._replace(
-            mass_reciprocal=float(state.estimate[MASS_RECIPROCAL]),
-            variance=float(state.covariance[MASS_RECIPROCAL, MASS_RECIPROCAL]),
-        ),
-    )
+    return telling(step, other.estimate, other.covariance)._replace(known=(other.estimate, other.covariance))
 
 
 # --------------------------------------------------------------------------------------- kept states

@@ -200,17 +200,6 @@ def _averaging(read: Array, places: Places) -> tuple[Array, bool]:
     return weights, complete
 
 
-def testable(bank: Bank, over: Link, places: Places) -> bool:
-    """Whether there is an onset, and a reading of every axis.
-
-    Args:
-        bank: see `Bank`.
-        over: the interval that ends now.
-        places: see `Places`.
-    """
-    return bool(bank.states) and averaging(over.read, places) is not None
-
-
 def tested(bank: Bank, over: Link, least: float, params: JointParams) -> Telescoped | None:
     """The test of every onset after `advanced`; None where a reading is missing or nothing can reach a level.
 

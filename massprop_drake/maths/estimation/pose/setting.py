@@ -6,11 +6,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_drake.maths.estimation.filter import Instruments, Setup
+from massprop_drake.maths.estimation.filter import Setup
 from massprop_drake.maths.estimation.pose.layout import Parts, PoseParams, Poses, make_parts
 from massprop_drake.maths.estimation.pose.start import Beforehand, prior
 from massprop_drake.maths.linear_algebra import Array
-from massprop_drake.maths.mass_properties import CENTER_OF_MASS, MASS_RECIPROCAL
+from massprop_drake.maths.mass_properties import CENTER_OF_MASS, MASS_RECIPROCAL, symmetric
 
 _LAGS = 12.0  # time constants after which a lag is over
 _SIGMAS = 5.0  # by which a delay may be off
@@ -116,7 +116,7 @@ def make_params(setup: Setup, tracking: Tracking, *, hypotheses: bool) -> PosePa
     counts = (n_poses, gyros.quanta.size, accelerometers.quanta.size)
     parts = make_parts(thrust.flows.size, valves.delays_s.size, *counts)
     of_mass, unseen = _mass_stds(setup, tracking)
-    known = _beforehand(setup, tracking, parts, mass)
+    known = _beforehand(setup, tracking, parts, of_mass)
     supposed = _supposed(known, parts) if hypotheses else np.zeros(0, dtype=int)
     known.rest_std[supposed] = 1.0  # a place for each; zero but for the hypothesis that supposes it
     start, covariance, free = prior(known, _fixed(parts, tracking, setup), parts)
@@ -165,10 +165,10 @@ def _supposed(known: Beforehand, parts: Parts) -> np.ndarray:
     return np.append(pushes[known.rest_std[pushes] == 0.0], parts.open.start)
 
 
-def _beforehand(setup: Setup, tracking: Tracking, parts: Parts, mass: float) -> Beforehand:
-    valves, around = tracking.valves, tracking.around
+def _beforehand(setup: Setup, tracking: Tracking, parts: Parts, mass_std: float) -> Beforehand:
+    valves, around, mass = tracking.valves, tracking.around, 1.0 / float(setup.nominal[MASS_RECIPROCAL])
     rest, deviation = np.zeros(parts.size), np.zeros(parts.size)
-    inertia = np.linalg.inv(_symmetric(setup.nominal[:6]))
+    inertia = np.linalg.inv(symmetric(setup.nominal[:6]))
     turning = inertia[2, 2] if tracking.planar else np.trace(inertia) / 3.0
     rest[parts.center] = setup.estimate[CENTER_OF_MASS]
     deviation[parts.center] = np.sqrt(np.diag(setup.covariance)[CENTER_OF_MASS])
@@ -193,13 +193,12 @@ def _beforehand(setup: Setup, tracking: Tracking, parts: Parts, mass: float) -> 
     deviation[parts.point] = np.repeat(tracking.point_stds, 3)
     for part, packages in ((parts.gyro_bias, setup.gyros), (parts.acceleration_bias, setup.accelerometers)):
         deviation[part] = np.repeat(packages.bias_std, 3)
-    deviation[parts.gathered] = _reading_std(setup.accelerometers)
+    deviation[parts.gathered] = np.repeat(np.sqrt(setup.accelerometer_variances), 3)
     spin = setup.nominal[:6] * mass
     covariance = setup.covariance[:6, :6] * mass**2
     covariance[tracking.fixed[:6]] = 0.0
     covariance[:, tracking.fixed[:6]] = 0.0
-    of_mass, _ = _mass_stds(setup, tracking)
-    return Beforehand(spin, covariance, of_mass, tracking.common_std, setup.thrust.uncertainty, rest, deviation)
+    return Beforehand(spin, covariance, mass_std, tracking.common_std, setup.thrust.uncertainty, rest, deviation)
 
 
 def _mass_stds(setup: Setup, tracking: Tracking) -> tuple[float, float]:
@@ -207,14 +206,6 @@ def _mass_stds(setup: Setup, tracking: Tracking) -> tuple[float, float]:
     whole = 0.0 if tracking.fixed[MASS_RECIPROCAL] else tracking.mass_std
     moves = np.isfinite(tracking.position_stds).any() or tracking.velocity_stds.size
     return (whole, 0.0) if moves or setup.accelerometer_variances.size else (0.0, whole)
-
-
-def _reading_std(packages: Instruments) -> Array:
-    return np.repeat(np.sqrt(packages.quanta**2 / 12.0 + packages.noise_std**2), 3)
-
-
-def _symmetric(elements: Array) -> Array:
-    return elements[[0, 5, 4, 5, 1, 3, 4, 3, 2]].reshape(3, 3)
 
 
 def _fixed(parts: Parts, tracking: Tracking, setup: Setup) -> np.ndarray:
