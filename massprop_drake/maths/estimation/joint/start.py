@@ -12,7 +12,7 @@ from the state before them, with
 
 in place of the readings' prediction, x* the ten parameters where the last pass ended: then every sample errs by the
 second order of what is left of x - x*, not of what was known when it was taken. Passes are repeated until they end
-where they began, to a tenth of their sigma: the method of Gauss and Newton, by the filter. Rates in the product of arm
+where they began, to a third of their sigma: the method of Gauss and Newton, by the filter. Rates in the product of arm
 and turning are those that gyros show. What the passes end with is the filter's state, if the guard holds there, too;
 if not, the filter goes on from there, and they are made again when it does.
 
@@ -42,8 +42,8 @@ from massprop_drake.maths.linear_algebra import Array
 
 STEPS = 16  # in a cycle: 1 to 1.5 ms each
 LONGEST = 400  # cycles that are kept, 32 s of the orbiter
-_NEAR = 0.1  # sigmas from where a pass began to where it ends: what remains is of second order in that
-_PASSES = 8  # at most; two or three as a rule
+_NEAR = 0.3  # sigmas from where a pass began to where it ends: what remains is of second order in that
+_PASSES = 5  # at most; two or three as a rule
 _MISFIT = 10.0  # standard deviations of chi-square: thrust errors that are only considered take up to five
 
 
