@@ -19,6 +19,8 @@ from numpy.typing import NDArray
 from massprop_drake import Run, load_scenario, simulate
 from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import Scenario
+from massprop_drake.maths.estimation.filter import Told
+from massprop_drake.maths.estimation.filters import joint as filters
 from massprop_drake.maths.estimation.joint import bound, cycle
 from massprop_drake.maths.estimation.joint.thrust_scale import reported
 from massprop_drake.signals import SYMBOLS
@@ -80,21 +82,23 @@ def compared(scenario: Scenario, run: Run) -> Result:
     errors[joint.places.lag - first : joint.places.lag - first + joint.places.n_lag] = lag_error
     nis = np.zeros((2, 2))
     n_gyros = 3 * joint.places.gyros
-    for row, time_s in enumerate(run.time_s):
-        command = run["command"][max(row - 1, 0)].reshape(1, -1)
-        sample = cycle.Sample(float(time_s), period, command, np.zeros(6), rates[row], velocities[row])
+    state = filters.initial(of_filter)
+    for row, time_s in enumerate(run.time_s.tolist()):
+        command = run["command"][max(row - 1, 0)]
+        told = Told(time_s, time_s, command, None, np.zeros(6))
         truth = bound.true_mean(run["truth"][row], run["rate"][row], errors, joint)
+        made = filters.step(state, rates[row], velocities[row], told, of_filter)
+        state, report = made.state, made.evidence.report
+        sample = cycle.Sample(time_s, period, command.reshape(1, -1), np.zeros(6), rates[row], velocities[row])
         if row == 0:
-            state, report = cycle.step(cycle.initial(joint), sample, joint)
             least = bound.start(sample, truth, joint)
             continue
-        state, report = cycle.step(state, sample, joint)
         least = bound.step(least, sample, truth, report.used, joint)
         counts = report.used[:n_gyros].sum(), report.used[n_gyros:].sum()
         for kind, (one, count) in enumerate(zip((report.gyro_nis, report.accelerometer_nis), counts, strict=True)):
             if count:
                 nis[kind] += one, count
-    estimate, rows = reported(state, joint)
+    estimate, rows = reported(state.joint, joint)
     truth = run["truth"][-1]
     error = estimate - truth
     scale = np.where(np.abs(truth) > 1e-9 * np.abs(truth[[0, 0, 0, 0, 0, 0, 6, 6, 6, 9]]), np.abs(truth), np.nan)

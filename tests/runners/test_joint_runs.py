@@ -19,7 +19,7 @@ LOOP = "execution.engine=loop"  # the diagram's bits, sooner
 
 @pytest.fixture(scope="module")
 def scenario() -> Scenario:
-    return load_scenario("orbiter_maneuver", ["duration_s=12"])
+    return load_scenario("orbiter_maneuver", ["duration_s=14"])
 
 
 @pytest.fixture(scope="module")
@@ -35,6 +35,11 @@ def folder(flown: Run, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def stepped(dut: Estimator, run: Run, row: int) -> Any:
     readings = {name: run[name][row] for name in ACCELEROMETERS}
     return dut.step(run.time_s[row], run["gyro"][row], readings, run["command"][row])
+
+
+def over(run: Run) -> int:
+    """A row where the start has been gone over: before, a restart loses its samples."""
+    return int(np.flatnonzero(run["tested"])[0]) + 5
 
 
 def test_record_and_replay_diagram_give_the_bits_of_the_flight(flown: Run, folder: Path) -> None:
@@ -54,12 +59,13 @@ def test_record_and_replay_diagram_give_the_bits_of_the_flight(flown: Run, folde
 
 def test_the_estimator_gives_them_too_and_goes_on_after_a_restart(scenario: Scenario, flown: Run) -> None:
     dut = Estimator(scenario.vehicle_data, scenario)
+    row_of_restart = over(flown)
     for row in range(len(flown.time_s)):
         step = stepped(dut, flown, row)
         np.testing.assert_array_equal(step.estimate, flown["estimate"][row])
         np.testing.assert_array_equal(step.standard_deviation, flown["standard_deviation"][row])
         assert step.used == bool(flown["rotation_used"][row, 0])
-        if row == 70:
+        if row == row_of_restart:
             kept = dut.state
             dut = Estimator(scenario.vehicle_data, scenario)
             dut.restore(kept)
@@ -93,11 +99,11 @@ def _written(path: Path, rows: list[list[str]]) -> Path:
 
 def test_estimating_goes_on_from_a_saved_state(flown: Run, folder: Path, tmp_path: Path) -> None:
     heading, *rows = _rows(folder)
-    scenario = load_scenario(folder)
-    first = estimate(_written(tmp_path / "first.csv", [heading, *rows[:80]]), scenario)
+    scenario, many = load_scenario(folder), over(flown)
+    first = estimate(_written(tmp_path / "first.csv", [heading, *rows[:many]]), scenario)
     first.save(tmp_path / "first", pictures=False, report=False)
     rest = estimate(folder / "telemetry.csv", scenario, resume_from=tmp_path / "first")
-    np.testing.assert_array_equal(rest["estimate"], flown["estimate"][80:])
+    np.testing.assert_array_equal(rest["estimate"], flown["estimate"][many:])
     assert rest.state["states"] == flown.state["states"]
 
 
@@ -112,7 +118,7 @@ def test_missing_rows_and_cells_cost_little(flown: Run, folder: Path, tmp_path: 
     assert found.summary["data_quality"]["gaps"]["count"] == 3
     error = found["estimate"][-1] - flown["truth"][-1]
     assert (np.abs(error) < 4.0 * found["standard_deviation"][-1]).all()
-    assert (found["standard_deviation"][-1, :3] < 2.0 * flown["standard_deviation"][-1, :3]).all()
+    assert (found["standard_deviation"][-1, :3] < 3.0 * flown["standard_deviation"][-1, :3]).all()
 
 
 def test_a_record_that_is_not_commanded_to_the_stamps_is_read_right(tmp_path: Path) -> None:

@@ -186,3 +186,115 @@ class WholeFilterSystem(FilterSystem):
     def _calc_mass(self, context: Any, output: Any) -> None:
         report = self._step(context).mass
         output.SetFromVector(np.full(MASS_REPORT.size, np.nan) if report is None else MASS_REPORT.pack(report))
+
+
+class Memory(NamedTuple):
+    """What a system remembers whose filter's state is no vector. Never changed; a cycle makes a new one.
+
+    Attributes:
+        before: state before the newest sample.
+        measurement: of it, before the detector has judged it; None: there has been none.
+        step: the whole cycle; None: there has been none.
+        time_s: of that sample.
+    """
+
+    before: Any
+    measurement: Any
+    step: FilterStep | None
+    time_s: float
+
+    @property
+    def state(self) -> Any:
+        """After it."""
+        return self.before if self.step is None else self.step.state
+
+    def __deepcopy__(self, _memo: Any) -> Memory:
+        """Itself: a clone of a context shares what is never changed."""
+        return self
+
+
+class RememberingFilterSystem(WholeFilterSystem):
+    """A filter of all ten mass properties whose state is no vector, in one system.
+
+    A system that derives from it calls `_declare_memory` once its input ports are declared, and gives
+    `_measure_sample(context, state)`, `_finish_sample(context, measurement) -> FilterStep` and
+    `_evidence_of(measurement)`.
+    Its filter's state has the `estimate` and the `covariance` of the ten parameters.
+    """
+
+    def _declare_memory(self, initial: Any, period_s: float, own: Ports) -> None:
+        """State, cache entries, output ports and the update.
+
+        Args:
+            initial: state of the filter before the first sample.
+            period_s: sample period, s.
+            own: output ports of the cycle besides those of `_reports`.
+        """
+        self._declare_judged()
+        self._memory = self.DeclareAbstractState(Value[object](Memory(initial, None, None, -np.inf)))
+        inputs = {self.input_port_ticket(port.get_index()) for port in self._inputs}
+        measured = {self.xa_ticket(), self.time_ticket(), *inputs}
+        self._measurement = Cached(self, "measurement", self._measure_cycle, measured)
+        given = {self.input_port_ticket(port.get_index()) for port in (self._replacement, self._published)}
+        judged = {self._measurement.ticket, *given}
+        self._cycle = Cached(self, "cycle", self._finish_cycle, judged)
+        self.DeclareVectorOutputPort("predicted", 10, self._calc_predicted, prerequisites_of_calc={self.xa_ticket()})
+        self.DeclareAbstractOutputPort(
+            "evidence",
+            alloc=lambda: Value[object](NOTHING),
+            calc=self._calc_evidence,
+            prerequisites_of_calc={self._measurement.ticket},
+        )
+        for name, size, calc in (*self._reports(), *own):
+            self.DeclareVectorOutputPort(name, size, calc, prerequisites_of_calc={self._cycle.ticket})
+        self.DeclarePeriodicUnrestrictedUpdateEvent(period_sec=period_s, offset_sec=0.0, update=self._update)
+
+    def _measure_sample(self, context: Any, state: Any) -> Any:
+        raise NotImplementedError
+
+    def _finish_sample(self, context: Any, measurement: Any) -> FilterStep:
+        raise NotImplementedError
+
+    def _evidence_of(self, measurement: Any) -> Any:
+        raise NotImplementedError
+
+    def _remembered(self, context: Any) -> Memory:
+        memory: Memory = context.get_abstract_state(self._memory).get_value()
+        return memory
+
+    def _is_now(self, context: Any) -> bool:
+        """Whether the newest cycle is of this time."""
+        memory = self._remembered(context)
+        return memory.step is not None and memory.time_s == context.get_time()
+
+    def _measure_cycle(self, context: Any) -> Any:
+        memory = self._remembered(context)
+        return memory.measurement if self._is_now(context) else self._measure_sample(context, memory.state)
+
+    def _finish_cycle(self, context: Any) -> FilterStep:
+        if self._is_now(context):
+            step = self._remembered(context).step
+            assert step is not None
+            return step
+        return self._finish_sample(context, self._measurement.get(self, context))
+
+    def _step(self, context: Any) -> FilterStep:
+        step: FilterStep = self._cycle.get(self, context)
+        return step
+
+    def _known_of(self, state: Any) -> tuple[Array, Array]:
+        return state.estimate, state.covariance
+
+    def _calc_predicted(self, context: Any, output: Any) -> None:
+        memory = self._remembered(context)
+        known = memory.before if self._is_now(context) else memory.state
+        output.SetFromVector(known.estimate)
+
+    def _calc_evidence(self, context: Any, output: Any) -> None:
+        output.set_value(self._evidence_of(self._measurement.get(self, context)))
+
+    def _update(self, context: Any, state: Any) -> None:
+        memory = self._remembered(context)
+        before = memory.before if self._is_now(context) else memory.state
+        newest = Memory(before, self._measurement.get(self, context), self._step(context), context.get_time())
+        state.get_mutable_abstract_state(self._memory).set_value(newest)

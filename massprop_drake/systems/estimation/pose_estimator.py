@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from pydrake.common.value import Value
 
 from massprop_drake.maths.estimation.adaptation import NO_ADAPTATION
 from massprop_drake.maths.estimation.detector import NO_KNOWN_FORCE
@@ -15,41 +14,14 @@ from massprop_drake.maths.estimation.filters.pose import Measurement, PoseFilter
 from massprop_drake.maths.estimation.impulses import Impulses
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import converged_rows
-from massprop_drake.systems.caching import NOTHING, Cached
-from massprop_drake.systems.estimation._filter import WholeFilterSystem
+from massprop_drake.systems.estimation._filter import RememberingFilterSystem
 from massprop_drake.systems.estimation._readings import Package
 from massprop_drake.systems.layouts import POSE_REPORT
 
 _NOT_MADE = Impulses(np.zeros(3), np.zeros(3), False, False, np.empty(0), np.empty(0))  # the filter makes its own
 
 
-class Memory(NamedTuple):
-    """What the system remembers. Never changed; a cycle makes a new one.
-
-    Attributes:
-        before: state before the newest sample.
-        measurement: of it, before the detector has judged it; None: there has been none.
-        step: the whole cycle; None: there has been none.
-        time_s: of that sample.
-    """
-
-    before: PoseFilterState
-    measurement: Measurement | None
-    step: FilterStep | None
-    time_s: float
-
-    @property
-    def state(self) -> PoseFilterState:
-        """After it."""
-        after: PoseFilterState = self.before if self.step is None else self.step.state
-        return after
-
-    def __deepcopy__(self, _memo: Any) -> Memory:
-        """Itself: a clone of a context shares what is never changed."""
-        return self
-
-
-class PoseEstimator(WholeFilterSystem):
+class PoseEstimator(RememberingFilterSystem):
     r"""The estimator in a fixed frame, see `massprop_drake.maths.estimation.filters.pose`.
 
     Ports:
@@ -106,45 +78,15 @@ class PoseEstimator(WholeFilterSystem):
         self._command = self._declare_input("jet_commands", n_jets)
         self._stamp = self._declare_input("record_time", 1)
         self._coming = self._declare_input("command", n_jets)
-        self._declare_judged()
-        start = Memory(pose.initial(params), None, None, -np.inf)
-        self._memory = self.DeclareAbstractState(Value[object](start))
-
-        inputs = {self.input_port_ticket(port.get_index()) for port in self._inputs}
-        measured = {self.xa_ticket(), self.time_ticket(), *inputs}
-        self._measurement = Cached(self, "measurement", self._measure_cycle, measured)
-        given = {self.input_port_ticket(port.get_index()) for port in (self._replacement, self._published)}
-        judged = {self._measurement.ticket, *given}
-        self._cycle = Cached(self, "cycle", self._finish_cycle, judged)
-        self.DeclareVectorOutputPort("predicted", 10, self._calc_predicted, prerequisites_of_calc={self.xa_ticket()})
-        self.DeclareAbstractOutputPort(
-            "evidence",
-            alloc=lambda: Value[object](NOTHING),
-            calc=self._calc_evidence,
-            prerequisites_of_calc={self._measurement.ticket},
-        )
-        for name, size, calc in (*self._reports(), ("pose_report", self._report.size, self._calc_pose)):
-            self.DeclareVectorOutputPort(name, size, calc, prerequisites_of_calc={self._cycle.ticket})
-        self.DeclarePeriodicUnrestrictedUpdateEvent(period_sec=period_s, offset_sec=0.0, update=self._update)
+        own = (("pose_report", self._report.size, self._calc_pose),)
+        self._declare_memory(pose.initial(params), period_s, own)
 
     def kept(self, context: Any) -> Array:
         """The state as a vector, see `filters.pose.saved`."""
         return pose.saved(self._remembered(context).state, self._params)[pose.GROUP]
 
-    def _remembered(self, context: Any) -> Memory:
-        memory: Memory = context.get_abstract_state(self._memory).get_value()
-        return memory
-
-    def _is_now(self, context: Any) -> bool:
-        """Whether the newest cycle is of this time."""
-        memory = self._remembered(context)
-        return memory.step is not None and memory.time_s == context.get_time()
-
-    def _measure_cycle(self, context: Any) -> Measurement:
-        memory, time_s = self._remembered(context), context.get_time()
-        if self._is_now(context):
-            assert memory.measurement is not None
-            return memory.measurement
+    def _measure_sample(self, context: Any, state: PoseFilterState) -> Measurement:
+        time_s = context.get_time()
         stamp_s = float(self._stamp.Eval(context)[0]) if self._stamp.HasValue(context) else time_s
         coming = self._coming.Eval(context) if self._coming.HasValue(context) else None
         tracked = [
@@ -155,23 +97,14 @@ class PoseEstimator(WholeFilterSystem):
         rates = self._gyros.eval(context) if self._gyros.ports else np.empty((0, 3))
         velocities = self._accelerometers.eval(context) if self._accelerometers.ports else np.empty((0, 3))
         interval = Interval(_NOT_MADE, NO_KNOWN_FORCE, told)
-        return self.stopwatch.measure(pose.measure, memory.state, rates, velocities, interval, self._params)
+        return self.stopwatch.measure(pose.measure, state, rates, velocities, interval, self._params)
 
-    def _finish_cycle(self, context: Any) -> FilterStep:
-        if self._is_now(context):
-            memory = self._remembered(context)
-            assert memory.step is not None
-            return memory.step
-        measurement: Measurement = self._measurement.get(self, context)
+    def _finish_sample(self, context: Any, measurement: Measurement) -> FilterStep:
         step = pose.finish(measurement.state, measurement, None, NO_ADAPTATION, self._params)
         return self._as_judged(context, step, pose.FILTER, self._params)
 
-    def _step(self, context: Any) -> FilterStep:
-        step: FilterStep = self._cycle.get(self, context)
-        return step
-
-    def _known_of(self, state: PoseFilterState) -> tuple[Array, Array]:
-        return state.estimate, state.covariance
+    def _evidence_of(self, measurement: Measurement) -> Any:
+        return pose.evidence(None, measurement, None)
 
     def _calc_converged(self, context: Any, output: Any) -> None:
         estimate, covariance = self._known_now(context)
@@ -179,19 +112,5 @@ class PoseEstimator(WholeFilterSystem):
         good = converged_rows(deviation[None], estimate[None], self._limits, self._params.known)
         output.SetFromVector(good.astype(float))
 
-    def _calc_predicted(self, context: Any, output: Any) -> None:
-        memory = self._remembered(context)
-        known = memory.before if self._is_now(context) else memory.state
-        output.SetFromVector(known.estimate)
-
-    def _calc_evidence(self, context: Any, output: Any) -> None:
-        output.set_value(pose.evidence(None, self._measurement.get(self, context), None))
-
     def _calc_pose(self, context: Any, output: Any) -> None:
         output.SetFromVector(self._report.pack(self._step(context).own))
-
-    def _update(self, context: Any, state: Any) -> None:
-        memory = self._remembered(context)
-        before = memory.before if self._is_now(context) else memory.state
-        newest = Memory(before, self._measurement.get(self, context), self._step(context), context.get_time())
-        state.get_mutable_abstract_state(self._memory).set_value(newest)

@@ -30,6 +30,7 @@ from massprop_drake.maths.estimation.filter import (
     telling,
 )
 from massprop_drake.maths.estimation.joint import cycle, ticks
+from massprop_drake.maths.estimation.joint import start as starts
 from massprop_drake.maths.estimation.joint.cycle import JointEvidence, Sample
 from massprop_drake.maths.estimation.joint.layout import (
     JointParams,
@@ -40,6 +41,7 @@ from massprop_drake.maths.estimation.joint.layout import (
     state_layout,
     unpack,
 )
+from massprop_drake.maths.estimation.joint.start import Kept, Start
 from massprop_drake.maths.estimation.joint.thrust_scale import reported
 from massprop_drake.maths.estimation.joint.ticks import CLOCK, Clock
 from massprop_drake.maths.linear_algebra import Array
@@ -79,12 +81,14 @@ class JointFilterState(NamedTuple):
         clock: see `Clock`.
         estimate, covariance: what is reported of it: the ten parameters and the covariance of their errors, NaN for
             the mass reciprocal where it is not observed, shapes (10,) and (10, 10).
+        start: what is kept of a start that is under way; neither packed nor saved.
     """
 
     joint: JointState
     clock: Clock
     estimate: Array
     covariance: Array
+    start: Start = starts.OVER
 
 
 class Measurement(NamedTuple):
@@ -214,7 +218,7 @@ def _chi_square_tail(value: float, degrees: int) -> float:
 def initial(params: JointFilterParams) -> JointFilterState:
     """Before the first sample."""
     clock = ticks.started(0.0, np.zeros(params.joint.places.jets), params.period_s)
-    return _reporting(cycle.initial(params.joint), clock, params)
+    return _reporting(cycle.initial(params.joint), clock, params)._replace(start=starts.BEGUN)
 
 
 def _reporting(joint: JointState, clock: Clock, params: JointFilterParams) -> JointFilterState:
@@ -264,10 +268,14 @@ def step(
     outside = told.outside_wrench * float(interval.durations_s.sum())
     sample = Sample(told.time_s, interval.durations_s, interval.commands, outside, rates, velocities)
     made = cycle.restart if interval.anew else cycle.step
-    after, report = made(before, sample, params.joint)
+    own, report = made(before, sample, params.joint)
+    start, after = starts.followed(state.start, before, (own, report), Kept(sample, interval.anew), params.joint)
     evidence = JointEvidence(before, after, report, sample, interval.anew)
-    known = _with_report(after, clock, report.estimate.copy(), report.covariance.copy(), params)
-    return Measurement(known, evidence)
+    if after.mean is own.mean:
+        known = _with_report(after, clock, report.estimate.copy(), report.covariance.copy(), params)
+    else:
+        known = _reporting(after, clock, params)
+    return Measurement(known._replace(start=start), evidence)
 
 
 def evidence(_state: JointFilterState, measurement: Measurement, _interval: Interval) -> JointEvidence:

@@ -15,6 +15,7 @@ import numpy as np
 
 from massprop_drake.maths.estimation.joint.covariance import Update, compressed, updated, upper_factor
 from massprop_drake.maths.estimation.joint.guard import guarded
+from massprop_drake.maths.estimation.joint.impulses import Firing
 from massprop_drake.maths.estimation.joint.layout import (
     N_PROPERTIES,
     RATE,
@@ -316,11 +317,13 @@ class Compiled(NamedTuple):
     Attributes:
         cycled: see there.
         followed: see `bank.followed`.
+        gone_over: see there.
         params: holder of the parameters that they were made for.
     """
 
     cycled: Callable[..., Any]
     followed: Callable[..., Any]
+    gone_over: Callable[..., Any]
     params: Any
 
 
@@ -329,7 +332,16 @@ def with_compiled(params: JointParams) -> JointParams:
     from massprop_drake.maths.estimation.joint.bank import follower  # noqa: PLC0415 (which knows cycles)
 
     holder = held(params, compile_it=True)
-    return params._replace(compiled=Compiled(compiled(cycled), follower(params, holder), holder))
+    made = Compiled(compiled(cycled), follower(params, holder), _goer(params, holder), holder)
+    return params._replace(compiled=made)
+
+
+def _goer(params: JointParams, holder: Any) -> Callable[..., Any]:
+    """`gone_over`, compiled now, and not in the midst of a flight."""
+    places, made = params.places, compiled(gone_over)
+    nothing = np.zeros((1, places.jets)), np.zeros(6), np.zeros((places.gyros, 3)), np.zeros((places.accelerometers, 3))
+    made(initial(params), Sample(0.0, np.ones(1), *nothing), params.start, holder)
+    return made
 
 
 def _step(state: JointState, sample: Sample, params: JointParams) -> tuple[JointState, Report]:
@@ -429,18 +441,51 @@ def cycled(state: JointState, sample: Sample, thresholds: Array, holder: Any) ->
             state = relearned(state, state.mean, incremented_root(state.root, params))
             expected = _counting(expect(state, acting, sample, params), expected.used)
 
-    mean, root, last = expected.prediction.mean, expected.root, state.last
-    change = Update(np.zeros(0), root, 0.0, 0.0, np.zeros((0, 0)), np.zeros((0, 0)))
+    change = Update(np.zeros(0), expected.root, 0.0, 0.0, np.zeros((0, 0)), np.zeros((0, 0)))
     if expected.used.any():
-        change = _update(expected, root, gained(state, params), params)
+        change = _update(expected, expected.root, gained(state, params), params)
         if params.places.n_thrust > 0 and not state.freed and params.second_order:
             change = _update_again(state, acting, expected, change, params)
-        mean, root = mean + change.correction, change.root
+    after = _learned(state, sample, (firing, expected), change, params)
+    after = guarded(after, commanded, params)
+    estimate, rows = reported(after, params)
+    return Cycled(
+        after,
+        estimate,
+        rows @ rows.T,
+        innovation,
+        deviation,
+        gyro_nis,
+        accelerometer_nis,
+        incremented,
+        acting,
+        expected,
+        change,
+    )
+
+
+@kernel
+def _learned(
+    state: JointState, sample: Sample, course: tuple[Firing, Expected], change: Update, params: JointParams
+) -> JointState:
+    """The state after a cycle, before the guard.
+
+    Args:
+        state: before it.
+        sample: of it.
+        course: what the jets did, and what was expected.
+        change: of no meaning where no component counted.
+        params: see `JointParams`.
+    """
+    firing, expected = course
+    mean, root, last = expected.prediction.mean, change.root, state.last
+    if expected.used.any():
+        mean = mean + change.correction
         filtered, _ = outputs(mean, state.reference, expected.spin, params)
         last = np.where(expected.used, filtered, last)
-    elif root.shape[1] > root.shape[0]:
-        root = compressed(root)
-    after = JointState(
+    else:
+        root = compressed(root) if root.shape[1] > root.shape[0] else root
+    return JointState(
         mean,
         root,
         _relinearized(firing.level, firing.slope, state.mean, mean, params),
@@ -459,21 +504,76 @@ def cycled(state: JointState, sample: Sample, thresholds: Array, holder: Any) ->
         state.rescaled,
         state.firing_count,
     )
-    after = guarded(after, commanded, params)
-    estimate, rows = reported(after, params)
-    return Cycled(
-        after,
-        estimate,
-        rows @ rows.T,
-        innovation,
-        deviation,
-        gyro_nis,
-        accelerometer_nis,
-        incremented,
-        acting,
-        expected,
-        change,
+
+
+@kernel
+def gone_over(state: JointState, sample: Sample, about: Array, holder: Any) -> tuple[JointState, float, float]:
+    """A cycle linearized at other mass properties than those of the state, of a start that is gone over again.
+
+    Args:
+        state: after the last sample, not guarded.
+        sample: see `Sample`.
+        about: the ten parameters there, shape (10,).
+        holder: of the parameters.
+
+    Returns:
+        The state after it, the NIS of the components that counted, and how many these were.
+    """
+    params = holder.value
+    there = relearned(state, state.mean.copy(), state.root.copy())
+    there.mean[:N_PROPERTIES] = about
+    there.root[:N_PROPERTIES] = 0.0  # nothing of second order is left
+    acting = drive(state, sample.durations_s, sample.commands, sample.outside, params)
+    read = rate_read(sample.rates, state.mean, params)
+    at = predict(there, acting, read, params)
+    away = state.mean[:N_PROPERTIES] - about
+    mean = at.mean.copy()
+    mean[:N_PROPERTIES] += away
+    mean[RATE] += at.rate_rows[:, :N_PROPERTIES] @ away
+    for package in range(params.places.accelerometers):
+        part = slice(VELOCITY + 3 * package, VELOCITY + 3 * package + 3)
+        mean[part] += at.velocity_rows[:, :N_PROPERTIES] @ away
+    prediction = Prediction(
+        mean,
+        at.rate_rows,
+        at.velocity_rows,
+        at.mass_factor,
+        at.noise,
+        at.drift,
+        at.spin,
+        at.duration_s,
+        at.coupled,
     )
+    root = propagated(state.root, prediction, params)
+    expected = _expected_about(state, (prediction, root), (about, read.rate), sample, params)
+    change = Update(np.zeros(0), root, 0.0, 0.0, np.zeros((0, 0)), np.zeros((0, 0)))
+    if expected.used.any():
+        change = _update(expected, root, gained(state, params), params)
+    after = _learned(state, sample, (acting.firing, expected), change, params)
+    return after, change.nis, float(expected.used.sum())
+
+
+@kernel
+def _expected_about(
+    state: JointState,
+    predicted: tuple[Prediction, Array],
+    about: tuple[Array, Array],
+    sample: Sample,
+    params: JointParams,
+) -> Expected:
+    """What is expected, with outputs linearized at other mass properties and at the rate that gyros show."""
+    prediction, root = predicted
+    spin = state.spin + prediction.spin
+    there = prediction.mean.copy()
+    there[:N_PROPERTIES] = about[0]
+    there[RATE] = np.where(np.isnan(about[1]), there[RATE], about[1])
+    values, jacobian = outputs(there, state.reference, spin, params)
+    values = values + jacobian @ (prediction.mean - there)
+    projected = jacobian @ root
+    deviation = np.sqrt(np.sum(projected * projected, axis=1))
+    read = readings(sample.rates, sample.velocities)
+    counts = used(read, values, state.last, deviation, params.quanta)
+    return Expected(prediction, root, spin, jacobian, projected, read - values, counts)
 
 
 @kernel

@@ -1,0 +1,174 @@
+r"""The start, gone over again: linearized where its end knows the mass properties to be.
+
+Readings are linear in J and in J [r x], so in J and r together they are not: while a start from zero still errs by as
+much as these are, the product of the errors of J and r is as large as what it learns from. Its second order, b2 and D,
+counts as fresh noise in every sample, but it is that of the same unknown constants each time: averaged away too fast,
+it leaves the filter sure of a wrong trade between inertia and center of mass, and no single sample shows it.
+
+Samples of the start are kept, from the first in which anything acts. When the guard first holds they are gone over
+from the state before them, with
+
+    y = y(x*) + H(x*) (x - x*)
+
+in place of the readings' prediction, x* the ten parameters where the last pass ended: then every sample errs by the
+second order of what is left of x - x*, not of what was known when it was taken. Passes are repeated until they end
+where they began, to a third of their sigma: the method of Gauss and Newton, by the filter. Rates in the product of arm
+and turning are those that gyros show. What the passes end with is the filter's state, if the guard holds there, too;
+if not, the filter goes on from there, and they are made again when it does.
+
+An increment on the way says that the start was stated too well: the passes then begin with what it adds. A cycle makes
+`STEPS` of their steps; until they have arrived the estimates have not converged. If they do not explain the readings,
+or the start is longer than `LONGEST` cycles, the filter's own state stands.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_drake.maths.estimation.joint.covariance import compressed
+from massprop_drake.maths.estimation.joint.cycle import (
+    Report,
+    Sample,
+    gone_over,
+    incremented_root,
+    restart,
+)
+from massprop_drake.maths.estimation.joint.guard import guarded, unguarded
+from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES, JointParams, JointState
+from massprop_drake.maths.kernels import Holder
+from massprop_drake.maths.linear_algebra import Array
+
+STEPS = 16  # in a cycle: 1 to 1.5 ms each
+LONGEST = 400  # cycles that are kept, 32 s of the orbiter
+_NEAR = 0.3  # sigmas from where a pass began to where it ends: what remains is of second order in that
+_PASSES = 5  # at most; two or three as a rule
+_MISFIT = 10.0  # standard deviations of chi-square: thrust errors that are only considered take up to five
+
+
+class Kept(NamedTuple):
+    """A sample of the start, and whether rate and velocity began anew with it."""
+
+    sample: Sample
+    anew: bool
+
+
+class Pass(NamedTuple):
+    """A pass over the start.
+
+    Attributes:
+        about: the ten parameters at which it is linearized, shape (10,).
+        state: after what it has gone over.
+        done: number of samples of these.
+        nis, components: sums of the NIS and of the components that counted.
+        number: of the pass, from 1 on.
+    """
+
+    about: Array
+    state: JointState
+    done: int
+    nis: float
+    components: float
+    number: int
+
+
+class Start(NamedTuple):
+    """What is kept of a start. Never changed; a cycle makes a new one.
+
+    Attributes:
+        under_way: whether it is; nothing is kept once it is over.
+        entry: state before the first sample that is kept; None: nothing has acted yet.
+        kept: samples since.
+        incremented: whether the covariance has been, since then.
+        under_pass: None: the guard has not held.
+    """
+
+    under_way: bool = False
+    entry: JointState | None = None
+    kept: tuple[Kept, ...] = ()
+    incremented: bool = False
+    under_pass: Pass | None = None
+
+
+BEGUN, OVER = Start(under_way=True), Start()
+
+
+def followed(
+    start: Start, before: JointState, done: tuple[JointState, Report], latest: Kept, params: JointParams
+) -> tuple[Start, JointState]:
+    """What is kept after a cycle, and the filter's state after it.
+
+    Args:
+        start: before the cycle.
+        before: the filter's state before it.
+        done: its own state after it, and what it says.
+        latest: its sample.
+        params: see `JointParams`.
+    """
+    after, report = done
+    acts = bool((latest.sample.commands > 0.0).any() or latest.sample.outside.any())
+    if not start.under_way or not before.started or not (acts or start.kept):
+        return start, after
+    if len(start.kept) >= LONGEST:
+        return OVER, after
+    start = start._replace(
+        entry=before if start.entry is None else start.entry,
+        kept=(*start.kept, latest),
+        incremented=start.incremented or report.incremented,
+    )
+    under_pass = start.under_pass
+    if under_pass is None:
+        if not after.guarded:
+            return start, after
+        under_pass = _begun(start, after.mean[:N_PROPERTIES], 1, params)
+    under_pass, arrived = _gone_on(start, under_pass, params)
+    if not arrived:
+        return start._replace(under_pass=under_pass), unguarded(after)
+    if not _explains(under_pass):
+        return OVER, after
+    found = guarded(under_pass.state, acts, params)
+    return (OVER if found.guarded else start._replace(under_pass=None)), found
+
+
+def _begun(start: Start, about: Array, number: int, params: JointParams) -> Pass:
+    entry = start.entry
+    assert entry is not None, "something is kept"
+    root = compressed(incremented_root(entry.root, params)) if start.incremented else entry.root
+    return Pass(about.copy(), entry._replace(root=root), 0, 0.0, 0.0, number)
+
+
+def _gone_on(start: Start, under_pass: Pass, params: JointParams) -> tuple[Pass, bool]:
+    """The pass after a cycle's steps, and whether it is the last and has arrived."""
+    made = params.compiled
+    holder, step = (Holder(params), gone_over) if made is None else (made.params, made.gone_over)
+    for _ in range(STEPS):
+        sample, anew = start.kept[under_pass.done]
+        if anew:
+            state, _report = restart(under_pass.state, sample, params)
+            under_pass = under_pass._replace(state=state, done=under_pass.done + 1)
+        else:
+            with np.errstate(over="ignore", invalid="ignore"):
+                state, nis, components = step(under_pass.state, sample, under_pass.about, holder)
+            under_pass = under_pass._replace(
+                state=state,
+                done=under_pass.done + 1,
+                nis=under_pass.nis + nis,
+                components=under_pass.components + components,
+            )
+        if under_pass.done == len(start.kept):
+            if _stays(under_pass) or under_pass.number == _PASSES:
+                return under_pass, True
+            under_pass = _begun(start, under_pass.state.mean[:N_PROPERTIES], under_pass.number + 1, params)
+    return under_pass, False
+
+
+def _stays(under_pass: Pass) -> bool:
+    """Whether a pass ends where it began."""
+    mean, rows = under_pass.state.mean[:N_PROPERTIES], under_pass.state.root[:N_PROPERTIES]
+    return bool((np.abs(mean - under_pass.about) <= _NEAR * np.sqrt(np.sum(rows * rows, axis=1))).all())
+
+
+def _explains(under_pass: Pass) -> bool:
+    """Whether a pass explains the readings."""
+    return under_pass.nis - under_pass.components < _MISFIT * np.sqrt(2.0 * under_pass.components)
