@@ -282,11 +282,8 @@ def main() -> None:
                 print(f"{kind} {number}: {verdict}; {'; '.join(said)}; z {most:.1f}, {consistency}", flush=True)
         every = np.abs(errors)
         counts = ", ".join(f"{name} {count}" for name, count in verdicts.most_common())
-        print(
-            f"{kind}: {counts}; beyond {FAR:g} sigma {int((every.max(axis=1) > FAR).sum())}, of these called consistent "
-            f"{unsaid}; coverage of 3 sigma {100.0 * (every <= 3.0).mean():.1f} %",
-            flush=True,
-        )
+        far = f"beyond {FAR:g} sigma {int((every.max(axis=1) > FAR).sum())}, of these called consistent {unsaid}"
+        print(f"{kind}: {counts}; {far}; coverage of 3 sigma {100.0 * (every <= 3.0).mean():.1f} %", flush=True)
 
 
 if __name__ == "__main__":
