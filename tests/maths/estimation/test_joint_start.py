@@ -54,13 +54,13 @@ def nees(state: JointState, run: Run, params: JointFilterParams) -> float:
     return float(scaled @ np.linalg.solve(half @ half.T, scaled))
 
 
-def test_a_start_that_locks_on_wrongly_is_put_right(flown: Run, params: JointFilterParams) -> None:
-    *_, before = cycles(flown, params, OVER)
-    *_, after = cycles(flown, params)
-    assert nees(before.joint, flown, params) > 100.0
-    assert nees(after.joint, flown, params) < 30.0
-    assert after.joint.guarded
-    assert after.start == OVER
+def test_a_start_from_zero_does_not_lock_on_wrongly(flown: Run, params: JointFilterParams) -> None:
+    *_, alone = cycles(flown, params, OVER)
+    *_, gone_over_again = cycles(flown, params)
+    assert nees(alone.joint, flown, params) < 30.0  # 200 where outputs are linearized at the rate that was predicted
+    assert nees(gone_over_again.joint, flown, params) < 30.0
+    assert gone_over_again.joint.guarded
+    assert gone_over_again.start == OVER
 
 
 def test_a_pass_is_spread_over_cycles_and_nothing_has_converged_meanwhile(

@@ -17,9 +17,20 @@ from massprop_drake.maths.estimation.detectors.multi_hypothesis import (
     ReadingDeclared,
     Word,
 )
+from massprop_drake.maths.estimation.joint import race as races
 from massprop_drake.maths.estimation.joint.cycle import Sample, step
 from massprop_drake.maths.estimation.joint.decision import Decision, Outcome
-from massprop_drake.maths.estimation.joint.hypotheses import FIT, Kind
+from massprop_drake.maths.estimation.joint.hypotheses import (
+    FIT,
+    NO_SCORE,
+    Cause,
+    Kind,
+    Runner,
+    Score,
+    jumping,
+    opened,
+    without_increments,
+)
 from massprop_drake.maths.estimation.joint.layout import JointParams, JointState, make_places, pack
 from massprop_drake.maths.estimation.joint.measurement import outputs, rebased
 from massprop_drake.maths.estimation.joint.prediction import drive, predict
@@ -253,21 +264,60 @@ def loaded() -> Flight:
     return flown
 
 
-def test_a_jump_whose_filter_does_not_fit_yet_is_said_without_a_size() -> None:
+def test_a_jump_is_said_with_a_size_only_if_its_filter_fits_and_the_mass_shows() -> None:
     flown = loaded()
     while flown.state.race is None or not any(run.cause.kind == Kind.JUMP for run in flown.state.race.runs):
         flown.fly(1)
     race, joint = flown.state.race, flown.params.joint
     run = next(run for run in race.runs if run.cause.kind == Kind.JUMP)
-    for misfit, known in ((FIT - 0.1, True), (FIT + 0.1, False)):
+    weighed = loaded().fly(110).filter
+    for misfit, state, known in (
+        (FIT - 0.1, weighed, True),
+        (FIT + 0.1, weighed, False),
+        (FIT - 0.1, run.state, False),
+    ):
         score = run.score._replace(nis=run.score.degrees + misfit * np.sqrt(2.0 * run.score.degrees))
         contender = Contender(run.cause, run.onset, 500.0)
-        standing = Standing(contender, run._replace(score=score), contender, 500.0, 0.0)
-        state, now, (said,) = detector._concluded(flown.state, flown.filter, Decision(Outcome.JUMP, standing), joint)
+        standing = Standing(contender, run._replace(score=score, state=state), contender, 500.0, 0.0)
+        after, now, (said,) = detector._concluded(flown.state, flown.filter, Decision(Outcome.JUMP, standing), joint)
         assert isinstance(said, JumpDeclared)
         assert [np.isfinite(said.mass), np.isfinite(said.mass_sigma)] == [known, known]
-        assert now is run.state
-        assert state.earlier is race.states[0]  # its size is measured later in either case
+        assert now is state
+        assert after.earlier is race.states[0]  # its size is measured later in either case
+
+
+def test_a_jump_learns_nothing_while_it_may_not_have_happened() -> None:
+    flown = loaded()
+    while flown.state.race is None:
+        flown.fly(1)
+    race, history, quiet = flown.state.race, flown.state.history, without_increments(flown.params.joint)
+    onset, still = race.screen.began, np.zeros(PLACES.n_force)
+    run = Runner(Cause(Kind.JUMP), onset, (), onset, race.states[0], NO_SCORE, False)
+    (within,) = races.stepped_on(race._replace(runs=(run,)), 1, history, still, quiet)[0].runs
+    before, sample = opened(race.states[0], run.cause, quiet), history.at(onset + 1).sample
+    np.testing.assert_allclose(within.state.mean[:10], before.mean[:10], rtol=1e-12)
+    widths = [np.sqrt(np.sum(state.root[:10] ** 2, axis=1)) for state in (within.state, before)]
+    np.testing.assert_allclose(*widths, rtol=1e-9)
+    np.testing.assert_allclose(within.state.mean[10:13], sample.rates.mean(axis=0), atol=1e-5)
+
+    over = race.screen.onsets[-1]  # one cycle after the last onset it learns
+    (now,) = races.stepped_on(race._replace(runs=(run,)), over + 1 - onset, history, still, quiet)[0].runs
+    assert now.cycle == over + 1
+    np.testing.assert_allclose(now.state.mean[:10], before.mean[:10], rtol=1e-12)
+    assert now.entry == now.score
+
+
+def test_until_a_jump_happens_nothing_has() -> None:
+    flown = loaded()
+    while flown.state.race is None:
+        flown.fly(1)
+    race, history, quiet = flown.state.race, flown.state.history, without_increments(flown.params.joint)
+    onset = race.screen.began
+    run = Runner(Cause(Kind.JUMP), onset, (), onset, race.states[0], NO_SCORE, False)
+    sample, counts = history.at(onset + 1).sample, np.ones(12, dtype=bool)
+    likely, unlikely = Score(1e6, 1e6, 1.0, 3.0), Score(-1e6, -1e6, 1.0, 3.0)
+    assert jumping(run, sample, likely, counts, quiet).score == likely
+    assert jumping(run, sample, unlikely, counts, quiet).score.degrees == 12.0
 
 
 def test_a_jump_is_announced_once_with_its_size() -> None:

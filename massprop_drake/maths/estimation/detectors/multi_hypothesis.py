@@ -97,7 +97,8 @@ class JumpDeclared(NamedTuple):
     Attributes:
         measured: whether this is the second time.
         onset_s: when it had not happened yet.
-        mass, mass_sigma: gained (released: negative), NaN while the jump's filter does not fit, slug or kg.
+        mass, mass_sigma: gained (released: negative), NaN while the jump's filter does not fit, or when it is first
+            said the mass is not significant, slug or kg.
         position, position_sigma: where, vehicle frame, NaN while the mass is not significant, ft or m, shape (3,).
     """
 
@@ -421,6 +422,8 @@ def _concluded(
         assert winner is not None
         assert winner.run is not None
         size = brought(race.states[0], now, joint) if winner.run.fits else UNKNOWN
+        if not abs(size.mass) > SIGNIFICANT * size.mass_sigma:  # nothing has pushed it yet
+            size = UNKNOWN
         declared.append(JumpDeclared(False, began, *size))
         state = state._replace(earlier=race.states[0])
     elif decision.outcome == Outcome.LIES:

@@ -235,20 +235,36 @@ def begun(state: JointState, sample: Sample, params: JointParams) -> JointState:
 @kernel
 def expect(state: JointState, acting: Drive, sample: Sample, params: JointParams) -> Expected:
     """Predicts the state and its outputs, and says which components count."""
-    prediction = predict(state, acting, rate_read(sample.rates, state.mean, params), params)
+    read = rate_read(sample.rates, state.mean, params)
+    prediction = predict(state, acting, read, params)
     root = propagated(state.root, prediction, params)
-    return _expected(state, prediction, root, sample, params)
+    return _expected(state, (prediction, root), (prediction.mean[:N_PROPERTIES], read.rate), sample, params)
 
 
 @kernel
-def _expected(state: JointState, prediction: Prediction, root: Array, sample: Sample, params: JointParams) -> Expected:
+def _expected(
+    state: JointState,
+    predicted: tuple[Prediction, Array],
+    about: tuple[Array, Array],
+    sample: Sample,
+    params: JointParams,
+) -> Expected:
+    """What is expected, with outputs linearized at some mass properties and at the rate that gyros show.
+
+    At the rate that was predicted, its error times that of the center of mass would be taken for an error of this.
+    """
+    prediction, root = predicted
     spin = state.spin + prediction.spin
-    predicted, jacobian = outputs(prediction.mean, state.reference, spin, params)
+    there = prediction.mean.copy()
+    there[:N_PROPERTIES] = about[0]
+    there[RATE] = np.where(np.isnan(about[1]), there[RATE], about[1])
+    values, jacobian = outputs(there, state.reference, spin, params)
+    values = values + jacobian @ (prediction.mean - there)
     projected = jacobian @ root
     deviation = np.sqrt(np.sum(projected * projected, axis=1))
     read = readings(sample.rates, sample.velocities)
-    counts = used(read, predicted, state.last, deviation, params.quanta)
-    return Expected(prediction, root, spin, jacobian, projected, read - predicted, counts)
+    counts = used(read, values, state.last, deviation, params.quanta)
+    return Expected(prediction, root, spin, jacobian, projected, read - values, counts)
 
 
 @kernel
@@ -545,35 +561,12 @@ def gone_over(state: JointState, sample: Sample, about: Array, holder: Any) -> t
         at.coupled,
     )
     root = propagated(state.root, prediction, params)
-    expected = _expected_about(state, (prediction, root), (about, read.rate), sample, params)
+    expected = _expected(state, (prediction, root), (about, read.rate), sample, params)
     change = Update(np.zeros(0), root, 0.0, 0.0, np.zeros((0, 0)), np.zeros((0, 0)))
     if expected.used.any():
         change = _update(expected, root, gained(state, params), params)
     after = _learned(state, sample, (acting.firing, expected), change, params)
     return after, change.nis, float(expected.used.sum())
-
-
-@kernel
-def _expected_about(
-    state: JointState,
-    predicted: tuple[Prediction, Array],
-    about: tuple[Array, Array],
-    sample: Sample,
-    params: JointParams,
-) -> Expected:
-    """What is expected, with outputs linearized at other mass properties and at the rate that gyros show."""
-    prediction, root = predicted
-    spin = state.spin + prediction.spin
-    there = prediction.mean.copy()
-    there[:N_PROPERTIES] = about[0]
-    there[RATE] = np.where(np.isnan(about[1]), there[RATE], about[1])
-    values, jacobian = outputs(there, state.reference, spin, params)
-    values = values + jacobian @ (prediction.mean - there)
-    projected = jacobian @ root
-    deviation = np.sqrt(np.sum(projected * projected, axis=1))
-    read = readings(sample.rates, sample.velocities)
-    counts = used(read, values, state.last, deviation, params.quanta)
-    return Expected(prediction, root, spin, jacobian, projected, read - values, counts)
 
 
 @kernel

@@ -4,7 +4,8 @@ r"""What a hypothesis is: the joint filter's own cycle from another state, and h
             when in its interval it began, P += g g^T, g = 0.6 f x (interval) x (effect of a unit force), f the
             most that it may be; and once more in the second interval, 0.17 of that: it builds up with a lag
     jump    rebased, the ten parameters uncertain again: P_xx += s^2 S0, s the likeliest of `JUMP_SHARES`; guard and
-            settling begin anew
+            settling begin anew; it learns nothing until one cycle after the last onset that the race looks at, since
+            what fired before the jump would be taken for what it has become
     lies    one component is not read from the onset on, until it fits again
 
 *Log-likelihood*, L = -1/2 sum (e^T Y^-1 e + ln |Y|), over the components whose reading has moved by half a step since
@@ -32,7 +33,7 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_drake.maths.estimation.joint.covariance import compressed
-from massprop_drake.maths.estimation.joint.cycle import Report, Sample, step
+from massprop_drake.maths.estimation.joint.cycle import Report, Sample, restart, step
 from massprop_drake.maths.estimation.joint.guard import unguarded
 from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES, JointParams, JointState
 from massprop_drake.maths.estimation.joint.measurement import rebased
@@ -347,6 +348,27 @@ def misfits(report: Report, component: int, params: JointParams) -> bool:
     return not bool(abs(course.expected.innovation[component]) <= _LIES * deviation)
 
 
+def jumping(run: Runner, sample: Sample, nothing: Score, counts: np.ndarray, params: JointParams) -> Runner:
+    """A jump after one more cycle of those in which it may have happened.
+
+    The filter learns nothing: what fired may have fired before the jump, or in the midst of it. Rate and gathered
+    velocity begin anew with each reading, and the ten parameters stay as uncertain as they are. The jump is as likely
+    as it is at the likeliest time: until then nothing has happened.
+
+    Args:
+        run: before; it opens when its onset is the last cycle done.
+        sample: of the cycle.
+        nothing: score after it of the hypothesis that nothing has happened.
+        counts: which components count, shape (m,).
+        params: without increments.
+    """
+    state = opened(run.state, run.cause, params, run.share) if run.cycle == run.onset else run.state
+    _, report = step(state, sample, params)
+    score = max(_after(run.score, report, counts, params), nothing, key=lambda each: each.likelihood)
+    after, _ = restart(state, sample, params)
+    return _stepped(run, after, score)._replace(entry=score)
+
+
 def stepped(
     run: Runner, sample: Sample, over: Link, counts: np.ndarray, erratic: np.ndarray, params: JointParams
 ) -> Runner:
@@ -377,11 +399,19 @@ def stepped(
                 score = score._replace(likelihood=score.likelihood - cost, cells=score.cells - cost)
                 counts = counts.copy()
                 counts[component] = False
+    return _stepped(run, after, _after(score, report, counts, params))._replace(lying=lying)
+
+
+def _after(score: Score, report: Report, counts: np.ndarray, params: JointParams) -> Score:
+    """The score after a cycle of a filter."""
     course = report.course
     assert course is not None, "a race begins after the first sample"
     projected = course.expected.projected
     covariance = projected @ projected.T + np.diag(params.variances)
-    score = scored(score, report.innovation, covariance, counts, params.quanta)
+    return scored(score, report.innovation, covariance, counts, params.quanta)
+
+
+def _stepped(run: Runner, after: JointState, score: Score) -> Runner:
     newest = Score(*(now - had for now, had in zip(score, run.score, strict=True)))
     earlier = (*run.earlier, run.state)[-KEPT:]
-    return run._replace(cycle=run.cycle + 1, state=after, score=score, lying=lying, earlier=earlier, newest=newest)
+    return run._replace(cycle=run.cycle + 1, state=after, score=score, earlier=earlier, newest=newest)

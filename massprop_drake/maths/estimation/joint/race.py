@@ -14,7 +14,7 @@ import numpy as np
 from massprop_drake.maths.estimation.joint import screen as screens
 from massprop_drake.maths.estimation.joint.bank import Bank
 from massprop_drake.maths.estimation.joint.cycle import Sample
-from massprop_drake.maths.estimation.joint.hypotheses import Cause, Kind, Named, Runner, slot_of, stepped
+from massprop_drake.maths.estimation.joint.hypotheses import Cause, Kind, Named, Runner, jumping, slot_of, stepped
 from massprop_drake.maths.estimation.joint.layout import JointParams, JointState
 from massprop_drake.maths.estimation.joint.screen import Contender, Screen
 from massprop_drake.maths.estimation.joint.sensitivity import Link
@@ -442,8 +442,11 @@ def stepped_on(race: Race, left: int, history: History, erratic: np.ndarray, par
         now = runs[place]
         while left > 0 and now.cycle < screen.cycle:
             record = history.at(now.cycle + 1)
-            counts = screen.masks[now.cycle - screen.began]
-            now = stepped(now, record.sample, record.link, counts, erratic, params)
+            done = now.cycle - screen.began
+            if now.cause.kind == Kind.JUMP and now.cycle <= screen.onsets[-1]:
+                now = jumping(now, record.sample, screen.scores[done + 1], screen.masks[done], params)
+            else:
+                now = stepped(now, record.sample, record.link, screen.masks[done], erratic, params)
             left -= 1
         runs[place] = now
         if _impossible(now, params):
