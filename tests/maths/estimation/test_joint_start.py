@@ -98,7 +98,7 @@ def test_a_pass_about_what_is_known_is_the_filters_own_cycle(flown: Run, params:
     command = flown["command"][fired].reshape(1, -1)
     sample = Sample(known.time_s + 0.08, np.array([0.08]), command, np.zeros(6), flown["gyro"][-1:], velocities)
     expected = cycled(known, sample, np.full_like(own.thresholds, np.inf), Holder(own))
-    after, nis, components = gone_over(known, sample, known.mean[:N_PROPERTIES], Holder(own))
+    after, nis, components = gone_over(known, sample, known.mean, Holder(own))
     np.testing.assert_allclose(after.mean, expected.state.mean, rtol=1e-6, atol=1e-12)
     np.testing.assert_allclose(after.root @ after.root.T, expected.state.root @ expected.state.root.T, atol=1e-10)
     assert components == expected.expected.used.sum()
@@ -146,7 +146,8 @@ def test_passes_that_do_not_explain_the_readings_change_nothing(flown: Run, para
 
 def test_an_increment_on_the_way_widens_what_passes_begin_with(flown: Run, params: JointFilterParams) -> None:
     kept = next(state.start for state in cycles(flown, params) if len(state.start.kept) > 3)
-    about = kept.entry.mean[:N_PROPERTIES] if kept.entry is not None else np.zeros(N_PROPERTIES)
+    assert kept.entry is not None
+    about = kept.entry.mean
     plain = start._begun(kept, about, 1, params.joint)
     wide = start._begun(kept._replace(incremented=True), about, 1, params.joint)
     added = (wide.state.root @ wide.state.root.T - plain.state.root @ plain.state.root.T)[:10, :10]
@@ -159,7 +160,7 @@ def test_a_gap_in_the_start_is_gone_over_as_a_gap(flown: Run, params: JointFilte
     assert entry is not None
     last = kept.kept[3].sample
     gap = kept._replace(kept=(*kept.kept[:3], Kept(last, anew=True)))
-    under_pass, arrived = start._begun(gap, entry.mean[:N_PROPERTIES], 1, params.joint), False
+    under_pass, arrived = start._begun(gap, entry.mean, 1, params.joint), False
     while not arrived:
         under_pass, arrived = start._gone_on(gap, under_pass, params.joint)
     np.testing.assert_allclose(under_pass.state.mean[RATE], last.rates[0], rtol=1e-12)
