@@ -105,6 +105,31 @@ def test_a_pass_about_what_is_known_is_the_filters_own_cycle(flown: Run, params:
     assert nis == pytest.approx(expected.update.nis, rel=1e-2)
 
 
+def test_a_pass_is_linear_in_what_it_estimates(flown: Run) -> None:
+    """However far mass properties and biases are from where it is linearized, and the rates that go with them."""
+    own = inputs.joint_params(load_scenario("orbiter_maneuver", ["vehicle.gyros[0].bias_std=5e-4"])).joint
+    own = own._replace(quanta=np.zeros_like(own.quanta))  # so that all components count
+    places, row = own.places, int(np.flatnonzero(flown["command"].any(axis=1))[4])
+    velocities = np.stack([flown[name][row + 1] for name in ("acc1", "acc2", "acc3")])
+    readings = flown["gyro"][row + 1].reshape(1, 3), velocities
+    sample = Sample(0.08, np.array([0.08]), flown["command"][row].reshape(1, -1), np.zeros(6), *readings)
+    state = cycle.begun(cycle.initial(own), sample, own)
+    about = state.mean.copy()
+    about[:N_PROPERTIES] = flown["truth"][0]
+    about[places.gyro_bias : places.gyro_bias + 3] = (1.0, -0.5, 2.0)
+    there = state.mean.copy()
+    there[:N_PROPERTIES] = 1.5 * flown["truth"][0]
+    there[places.gyro_bias : places.gyro_bias + 3] = (-2.0, 1.0, 0.5)
+    there[RATE] -= own.gyro_bias_sigma * there[places.gyro_bias : places.gyro_bias + 3]
+
+    def after(share: float) -> np.ndarray:
+        mean = (1.0 - share) * state.mean + share * there
+        return gone_over(state._replace(mean=mean), sample, about, Holder(own))[0].mean
+
+    scale = np.maximum(np.abs(after(1.0) - after(0.0)), 1e-9)
+    np.testing.assert_allclose((after(0.3) - 0.7 * after(0.0) - 0.3 * after(1.0)) / scale, 0.0, atol=1e-6)
+
+
 def test_nothing_is_kept_before_anything_acts(flown: Run, params: JointFilterParams) -> None:
     first = int(np.flatnonzero(flown["command"].any(axis=1))[0])
     for row, state in enumerate(cycles(flown, params)):

@@ -10,7 +10,7 @@ from the state before them, with
 
     y = y(x*) + H(x*) (x - x*)
 
-in place of the readings' prediction, x* the ten parameters, and the gyros' biases, where the last pass ended: then every
+in place of the readings' prediction, x* the ten parameters and the gyros' biases where the last pass ended: then every
 sample errs by the second order of what is left of x - x*, not of what was known when it was taken. Passes are repeated
 until they end where they began, to a third of their sigma: the method of Gauss and Newton, by the filter. Rates in the
 product of arm and turning are those that gyros show. What the passes end with is the filter's state, if the guard holds
