@@ -94,7 +94,7 @@ def some_sample(params: JointParams, **changed: Any) -> Sample:
 
 def read_as(rate: Array, params: JointParams) -> RateRead:
     """A rate read without biases."""
-    return RateRead(rate, np.zeros((3, params.places.size)))
+    return RateRead(rate, np.zeros((3, params.places.size)), np.zeros(3))
 
 
 def unread(params: JointParams) -> RateRead:

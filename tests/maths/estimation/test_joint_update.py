@@ -104,6 +104,8 @@ def test_rate_read_is_weighted_and_free_of_bias() -> None:
     found = rate_read(rates, mean, PARAMS)
     np.testing.assert_allclose(found.rate[:2], [0.0, (2 * 0.02 + 0.05) / 3], atol=1e-15)  # variances 1 and 2
     assert np.isnan(found.rate[2])
+    assert found.variance[2] == np.inf
+    np.testing.assert_allclose(found.variance[:2] * (1.0 / PARAMS.variances[:2] + 1.0 / PARAMS.variances[3:5]), 1.0)
     steps = np.full(PLACES.size, 1e-3)
     rows = central_differences(lambda mean: rate_read(rates, mean, PARAMS).rate[:2], mean, steps)
     np.testing.assert_allclose(found.rows[:2], rows, atol=1e-12)

@@ -235,29 +235,23 @@ def begun(state: JointState, sample: Sample, params: JointParams) -> JointState:
 @kernel
 def expect(state: JointState, acting: Drive, sample: Sample, params: JointParams) -> Expected:
     """Predicts the state and its outputs, and says which components count."""
-    read = rate_read(sample.rates, state.mean, params)
-    prediction = predict(state, acting, read, params)
+    prediction = predict(state, acting, rate_read(sample.rates, state.mean, params), params)
     root = propagated(state.root, prediction, params)
-    return _expected(state, (prediction, root), (prediction.mean[:N_PROPERTIES], read.rate), sample, params)
+    return _expected(state, prediction, root, prediction.mean[:N_PROPERTIES], (sample, params))
 
 
 @kernel
 def _expected(
-    state: JointState,
-    predicted: tuple[Prediction, Array],
-    about: tuple[Array, Array],
-    sample: Sample,
-    params: JointParams,
+    state: JointState, prediction: Prediction, root: Array, about: Array, given: tuple[Sample, JointParams]
 ) -> Expected:
-    """What is expected, with outputs linearized at some mass properties and at the rate that gyros show.
+    """What is expected of a sample; outputs are linearized at some mass properties and at the rate that gyros correct.
 
     At the rate that was predicted, its error times that of the center of mass would be taken for an error of this.
     """
-    prediction, root = predicted
+    sample, params = given
     spin = state.spin + prediction.spin
     there = prediction.mean.copy()
-    there[:N_PROPERTIES] = about[0]
-    there[RATE] = np.where(np.isnan(about[1]), there[RATE], about[1])
+    there[:N_PROPERTIES], there[RATE] = about, prediction.end
     values, jacobian = outputs(there, state.reference, spin, params)
     values = values + jacobian @ (prediction.mean - there)
     projected = jacobian @ root
@@ -541,8 +535,7 @@ def gone_over(state: JointState, sample: Sample, about: Array, holder: Any) -> t
     there = relearned(state, mean, state.root.copy())
     there.root[:N_PROPERTIES] = 0.0  # nothing of second order is left
     acting = drive(state, sample.durations_s, sample.commands, sample.outside, params)
-    read = rate_read(sample.rates, mean, params)
-    at = predict(there, acting, read, params)
+    at = predict(there, acting, rate_read(sample.rates, mean, params), params)
     away = state.mean - mean
     mean = at.mean + away
     mean[RATE] += at.rate_rows @ away
@@ -557,11 +550,12 @@ def gone_over(state: JointState, sample: Sample, about: Array, holder: Any) -> t
         at.noise,
         at.drift,
         at.spin,
+        at.end,
         at.duration_s,
         at.coupled,
     )
     root = propagated(state.root, prediction, params)
-    expected = _expected(state, (prediction, root), (about[:N_PROPERTIES], read.rate), sample, params)
+    expected = _expected(state, prediction, root, about[:N_PROPERTIES], (sample, params))
     change = Update(np.zeros(0), root, 0.0, 0.0, np.zeros((0, 0)), np.zeros((0, 0)))
     if expected.used.any():
         change = _update(expected, root, gained(state, params), params)
@@ -631,6 +625,7 @@ def _update_again(state: JointState, acting: Drive, expected: Expected, first: U
         before.noise,
         before.drift,
         before.spin,
+        before.end,
         before.duration_s,
         before.coupled,
     )

@@ -49,7 +49,7 @@ def rate_read(rates: Array, mean: Array, params: JointParams) -> RateRead:
         params: see `JointParams`.
     """
     places = params.places
-    rate, rows = np.full(3, np.nan), np.zeros((3, places.size))
+    rate, rows, variance = np.full(3, np.nan), np.zeros((3, places.size)), np.full(3, np.inf)
     for axis in range(3):
         total = weighted = 0.0
         for package in range(places.gyros):
@@ -59,7 +59,7 @@ def rate_read(rates: Array, mean: Array, params: JointParams) -> RateRead:
                 weighted += weight * rates[package, axis]
         if total == 0.0:
             continue
-        rate[axis] = weighted / total
+        rate[axis], variance[axis] = weighted / total, 1.0 / total
         if places.n_gyro_bias > 0:
             for package in range(places.gyros):
                 if not np.isnan(rates[package, axis]):
@@ -67,7 +67,7 @@ def rate_read(rates: Array, mean: Array, params: JointParams) -> RateRead:
                     share = 1.0 / (params.variances[3 * package + axis] * total)
                     rows[axis, column] = -share * params.gyro_bias_sigma
                     rate[axis] += rows[axis, column] * mean[column]
-    return RateRead(rate, rows)
+    return RateRead(rate, rows, variance)
 
 
 @kernel

@@ -24,8 +24,9 @@ sum g_j^2 P_bb N_j P_xx N_j^T.
 Thrust that builds up or tails off bows the rate: on average it lies J dL off that line, dL the angular impulse of the
 bows, so t += w_mean x dL + J dL x l_mean. It counts from when the diagonal of J is known to half its size; before, the
 most that it can be for any body, |w|^2 T, is noise on w: else what an open-loop drift does would be taken for what J
-and r are to explain. w1 is the reading less its bias, and its rounding counts as none; where it is missing, the rate
-that is predicted with the coupling. The derivatives follow.
+and r are to explain. w1 is the predicted rate as the reading less its bias corrects it, axis by axis; where that is
+missing, as it is. The derivatives follow. What w1 is still off by, of the variance v, turns what accelerometers read by
+T |w| |rho| v^1/2 at the most; that is noise on c.
 
 *The common thrust scale* s (`thrust_scale`) is not seen by what jets do, but known outside forces are not scaled with
 them: they enter by 1 - sigma_T s.
@@ -56,6 +57,7 @@ from massprop_drake.maths.mass_properties import ELEMENT
 
 _IDENTITY = np.eye(3)
 _PAIRS = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
+_NEARLY_ALL = 0.99  # share of a reading from which on the coupling in what it corrects does not matter
 _MOST_LIGHT = 3.0  # times the nominal 1/m: beyond, an estimate is none, and nothing flows
 
 
@@ -79,10 +81,12 @@ class RateRead(NamedTuple):
     Attributes:
         rate: weighted mean of the packages, biases taken off, NaN where none reads, rad/s, shape (3,).
         rows: its derivative by the state: by the biases, shape (3, size).
+        variance: of its error, (rad/s)^2, shape (3,).
     """
 
     rate: Array
     rows: Array
+    variance: Array
 
 
 class Prediction(NamedTuple):
@@ -96,6 +100,7 @@ class Prediction(NamedTuple):
         noise: covariance added to w and to every c_s alike, shape (6, 6).
         drift: variances added to the ten parameters, shape (10,).
         spin: integral of w w^T dt over the interval, six elements, rad^2/s, shape (6,).
+        end: w1, rad/s, shape (3,).
         duration_s: T.
         coupled: whether dynamic coupling counts.
     """
@@ -107,6 +112,7 @@ class Prediction(NamedTuple):
     noise: Array
     drift: Array
     spin: Array
+    end: Array
     duration_s: float
     coupled: bool
 
@@ -258,22 +264,24 @@ def predict(state: JointState, acting: Drive, rate_read: RateRead, params: Joint
     change = inverse @ moment + bias[:3]
     velocity_change = linear * reciprocal * (1.0 + 0.5 * reciprocal * flow) + bias[3:]
 
-    end, bowed = mean[RATE] + change, np.zeros(3)
+    end_rows = rate_rows.copy()
+    end_rows[:, RATE] += _IDENTITY
+    share, left = _share_of_reading(end_rows @ state.root, noise, rate_read)
+    end, bowed = _corrected(mean[RATE] + change, rate_read, share), np.zeros(3)
     coupled = _knows_inertia(mean, covariance)
     if coupled:
-        through, end, bowed = _coupled(state, acting, change, rate_read, params)
-        end_rows = rate_rows.copy()
-        end_rows[:, RATE] += _IDENTITY
+        through, end, bowed = _coupled(state, acting, change, (rate_read, share), params)
         for axis in range(3):
-            if not np.isnan(rate_read.rate[axis]):
-                end_rows[axis] = rate_read.rows[axis]
+            end_rows[axis] += share[axis] * (rate_read.rows[axis] - end_rows[axis])
         rate_rows += through.by_end @ end_rows
         rate_rows[:, RATE] += through.by_start
         rate_rows[:, INERTIA] += through.by_inertia
         change = change + through.change
     else:
-        end = np.where(np.isnan(rate_read.rate), end, rate_read.rate)
         noise[:3, :3] += largest_coupling(mean[RATE], end, duration) ** 2 * _IDENTITY
+
+    fastest = max(float(mean[RATE] @ mean[RATE]), float(end @ end))
+    noise[3:, 3:] += duration**2 * fastest * left.max() * _longest_arm(mean, params) * _IDENTITY
 
     after = mean.copy()
     after[RATE] += change
@@ -292,6 +300,7 @@ def predict(state: JointState, acting: Drive, rate_read: RateRead, params: Joint
         noise=noise,
         drift=propellant_drift(mean, flow, params.tank_fraction, params.arm),
         spin=spin_integral(mean[RATE], end, bowed, duration),
+        end=end,
         duration_s=duration,
         coupled=coupled,
     )
@@ -314,23 +323,61 @@ def _second_order(
 
 @kernel
 def _coupled(
-    state: JointState, acting: Drive, change: Array, rate_read: RateRead, params: JointParams
+    state: JointState, acting: Drive, change: Array, read: tuple[RateRead, Array], params: JointParams
 ) -> tuple[Coupling, Array, Array]:
-    """Dynamic coupling with the rate that is read, or predicted where none is; that rate; and the bow of the rate."""
+    """Dynamic coupling with the rate as a reading corrects it, by its share; that rate; and the bow of the rate."""
     mean, firing = state.mean, acting.firing
     inverse = picked(mean, ELEMENT)
     inertias = inverse, inverse_positive_definite(inverse, "inverse inertia")
     _, lagged = _thrust_factors(state, params)
     bow = (firing.bow * lagged) @ params.wrenches
     bow_moment = bow[:3] + cross(bow[3:], mean[CENTER])
-    missing = np.isnan(rate_read.rate)
     line = mean[RATE] + change
-    end = np.where(missing, line, rate_read.rate)
+    end = _corrected(line, read[0], read[1])
     found = coupling(inertias, mean[RATE], end, bow_moment, firing.duration_s)
-    if missing.any():  # once more with the coupling in the rate at the end
-        end = np.where(missing, line + found.change, rate_read.rate)
+    if (read[1] < _NEARLY_ALL).any():  # once more with the coupling in the rate at the end
+        end = _corrected(line + found.change, read[0], read[1])
         found = coupling(inertias, mean[RATE], end, bow_moment, firing.duration_s)
     return found, end, inverse @ bow_moment
+
+
+@kernel
+def _share_of_reading(half: Array, noise: Array, read: RateRead) -> tuple[Array, Array]:
+    """Share by which a reading corrects the predicted rate, and the variance that is left, shape (3,) each.
+
+    Args:
+        half: root of the covariance of the predicted rate but for the noise, shape (3, k).
+        noise: of the interval, shape (6, 6).
+        read: see `RateRead`.
+    """
+    share, left = np.zeros(3), np.empty(3)
+    for axis in range(3):
+        variance = half[axis] @ half[axis] + noise[axis, axis]
+        if not np.isnan(read.rate[axis]):
+            total = variance + read.variance[axis]
+            share[axis] = variance / total if total > 0.0 else 1.0
+        left[axis] = (1.0 - share[axis]) * variance
+    return share, left
+
+
+@kernel
+def _corrected(rate: Array, read: RateRead, share: Array) -> Array:
+    """The rate as a reading corrects it."""
+    result = rate.copy()
+    for axis in range(3):
+        if share[axis] > 0.0:
+            result[axis] += share[axis] * (read.rate[axis] - rate[axis])
+    return result
+
+
+@kernel
+def _longest_arm(mean: Array, params: JointParams) -> float:
+    """Square of the distance from the center of mass to the farthest accelerometer."""
+    longest = 0.0
+    for package in range(params.places.accelerometers):
+        arm = params.accelerometer_positions[package] - mean[CENTER]
+        longest = max(longest, float(arm @ arm))
+    return longest
 
 
 @kernel
