@@ -1,16 +1,17 @@
 """Accuracy of the joint estimator over seeds, beside the Cramér-Rao bound: RMS errors, coverage, z and NIS.
 
-    python benchmarks/joint_accuracy.py [--seeds 20] [--first 0] [--case NAME ...]
+    python benchmarks/joint_accuracy.py [--seeds 20] [--first 0] [--case NAME ...] [--compiled]
 
-Each case is flown by Drake, once a seed, and the joint estimator is run over its telemetry together with the recursion
-of the bound at the truth, which counts the components that the estimator used. Jets lag by the vehicle file's time
-constants, of which the estimator is told 5 % too much.
+Each case is flown once a seed, by Drake or, compiled, by the plain loop, and the joint estimator is run over its
+telemetry together with the recursion of the bound at the truth, which counts the components that the estimator used.
+Jets lag by the vehicle file's time constants, of which the estimator is told 5 % too much.
 """
 
 from __future__ import annotations
 
 import argparse
 import time
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -59,14 +60,14 @@ class Result(NamedTuple):
     nis: Array
 
 
-def measure(case: str, seed: int) -> Result:
-    """Flies one case with one seed."""
+def measure(case: str, seed: int, how: Sequence[str] = ()) -> Result:
+    """Flies one case with one seed; `how` are settings of the execution."""
     name, settings = CASES[case]
     drawn = ()
     if "bias" in case:
         bias = _BIAS * np.random.default_rng(seed).standard_normal(3)
         drawn = (f"sensors.errors=[{{sensor: gyro, bias: {bias.tolist()}}}]",)
-    scenario = load_scenario(name, [*settings, *drawn, f"seed={seed}"])
+    scenario = load_scenario(name, [*settings, *drawn, *how, f"seed={seed}"])
     return compared(scenario, simulate(scenario))
 
 
@@ -130,11 +131,13 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--case", nargs="*", default=list(CASES), choices=list(CASES))
+    parser.add_argument("--compiled", action="store_true", help="compiled kernels: the extra `fast`")
     arguments = parser.parse_args()
+    how = ["execution.engine=loop", "execution.compiled=true"] if arguments.compiled else []
     for case in arguments.case:
         began = time.perf_counter()
         seeds = range(arguments.first, arguments.first + arguments.seeds)
-        report(case, [measure(case, seed) for seed in seeds], time.perf_counter() - began)
+        report(case, [measure(case, seed, how) for seed in seeds], time.perf_counter() - began)
 
 
 if __name__ == "__main__":

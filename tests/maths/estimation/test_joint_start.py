@@ -98,11 +98,36 @@ def test_a_pass_about_what_is_known_is_the_filters_own_cycle(flown: Run, params:
     command = flown["command"][fired].reshape(1, -1)
     sample = Sample(known.time_s + 0.08, np.array([0.08]), command, np.zeros(6), flown["gyro"][-1:], velocities)
     expected = cycled(known, sample, np.full_like(own.thresholds, np.inf), Holder(own))
-    after, nis, components = gone_over(known, sample, known.mean[:N_PROPERTIES], Holder(own))
+    after, nis, components = gone_over(known, sample, known.mean, Holder(own))
     np.testing.assert_allclose(after.mean, expected.state.mean, rtol=1e-6, atol=1e-12)
     np.testing.assert_allclose(after.root @ after.root.T, expected.state.root @ expected.state.root.T, atol=1e-10)
     assert components == expected.expected.used.sum()
     assert nis == pytest.approx(expected.update.nis, rel=1e-2)
+
+
+def test_a_pass_is_linear_in_what_it_estimates(flown: Run) -> None:
+    """However far mass properties and biases are from where it is linearized, and the rates that go with them."""
+    own = inputs.joint_params(load_scenario("orbiter_maneuver", ["vehicle.gyros[0].bias_std=5e-4"])).joint
+    own = own._replace(quanta=np.zeros_like(own.quanta))  # so that all components count
+    places, row = own.places, int(np.flatnonzero(flown["command"].any(axis=1))[4])
+    velocities = np.stack([flown[name][row + 1] for name in ("acc1", "acc2", "acc3")])
+    readings = flown["gyro"][row + 1].reshape(1, 3), velocities
+    sample = Sample(0.08, np.array([0.08]), flown["command"][row].reshape(1, -1), np.zeros(6), *readings)
+    state = cycle.begun(cycle.initial(own), sample, own)
+    about = state.mean.copy()
+    about[:N_PROPERTIES] = flown["truth"][0]
+    about[places.gyro_bias : places.gyro_bias + 3] = (1.0, -0.5, 2.0)
+    there = state.mean.copy()
+    there[:N_PROPERTIES] = 1.5 * flown["truth"][0]
+    there[places.gyro_bias : places.gyro_bias + 3] = (-2.0, 1.0, 0.5)
+    there[RATE] -= own.gyro_bias_sigma * there[places.gyro_bias : places.gyro_bias + 3]
+
+    def after(share: float) -> np.ndarray:
+        mean = (1.0 - share) * state.mean + share * there
+        return gone_over(state._replace(mean=mean), sample, about, Holder(own))[0].mean
+
+    scale = np.maximum(np.abs(after(1.0) - after(0.0)), 1e-9)
+    np.testing.assert_allclose((after(0.3) - 0.7 * after(0.0) - 0.3 * after(1.0)) / scale, 0.0, atol=1e-6)
 
 
 def test_nothing_is_kept_before_anything_acts(flown: Run, params: JointFilterParams) -> None:
@@ -146,7 +171,8 @@ def test_passes_that_do_not_explain_the_readings_change_nothing(flown: Run, para
 
 def test_an_increment_on_the_way_widens_what_passes_begin_with(flown: Run, params: JointFilterParams) -> None:
     kept = next(state.start for state in cycles(flown, params) if len(state.start.kept) > 3)
-    about = kept.entry.mean[:N_PROPERTIES] if kept.entry is not None else np.zeros(N_PROPERTIES)
+    assert kept.entry is not None
+    about = kept.entry.mean
     plain = start._begun(kept, about, 1, params.joint)
     wide = start._begun(kept._replace(incremented=True), about, 1, params.joint)
     added = (wide.state.root @ wide.state.root.T - plain.state.root @ plain.state.root.T)[:10, :10]
@@ -159,7 +185,7 @@ def test_a_gap_in_the_start_is_gone_over_as_a_gap(flown: Run, params: JointFilte
     assert entry is not None
     last = kept.kept[3].sample
     gap = kept._replace(kept=(*kept.kept[:3], Kept(last, anew=True)))
-    under_pass, arrived = start._begun(gap, entry.mean[:N_PROPERTIES], 1, params.joint), False
+    under_pass, arrived = start._begun(gap, entry.mean, 1, params.joint), False
     while not arrived:
         under_pass, arrived = start._gone_on(gap, under_pass, params.joint)
     np.testing.assert_allclose(under_pass.state.mean[RATE], last.rates[0], rtol=1e-12)

@@ -350,7 +350,8 @@ def _goer(params: JointParams, holder: Any) -> Callable[..., Any]:
     """`gone_over`, compiled now, and not in the midst of a flight."""
     places, made = params.places, compiled(gone_over)
     nothing = np.zeros((1, places.jets)), np.zeros(6), np.zeros((places.gyros, 3)), np.zeros((places.accelerometers, 3))
-    made(initial(params), Sample(0.0, np.ones(1), *nothing), params.start, holder)
+    state = initial(params)
+    made(state, Sample(0.0, np.ones(1), *nothing), state.mean, holder)
     return made
 
 
@@ -518,30 +519,29 @@ def _learned(
 
 @kernel
 def gone_over(state: JointState, sample: Sample, about: Array, holder: Any) -> tuple[JointState, float, float]:
-    """A cycle linearized at other mass properties than those of the state, of a start that is gone over again.
+    """A cycle linearized at other mass properties and biases than the state's, of a start that is gone over again.
 
     Args:
         state: after the last sample, not guarded.
         sample: see `Sample`.
-        about: the ten parameters there, shape (10,).
+        about: a state's estimate with these, shape (size,).
         holder: of the parameters.
 
     Returns:
         The state after it, the NIS of the components that counted, and how many these were.
     """
     params = holder.value
-    there = relearned(state, state.mean.copy(), state.root.copy())
-    there.mean[:N_PROPERTIES] = about
+    mean = _about(state.mean, about, params)
+    there = relearned(state, mean, state.root.copy())
     there.root[:N_PROPERTIES] = 0.0  # nothing of second order is left
     acting = drive(state, sample.durations_s, sample.commands, sample.outside, params)
-    at = predict(there, acting, rate_read(sample.rates, state.mean, params), params)
-    away = state.mean[:N_PROPERTIES] - about
-    mean = at.mean.copy()
-    mean[:N_PROPERTIES] += away
-    mean[RATE] += at.rate_rows[:, :N_PROPERTIES] @ away
+    at = predict(there, acting, rate_read(sample.rates, mean, params), params)
+    away = state.mean - mean
+    mean = at.mean + away
+    mean[RATE] += at.rate_rows @ away
     for package in range(params.places.accelerometers):
         part = slice(VELOCITY + 3 * package, VELOCITY + 3 * package + 3)
-        mean[part] += at.velocity_rows[:, :N_PROPERTIES] @ away
+        mean[part] += at.velocity_rows @ away
     prediction = Prediction(
         mean,
         at.rate_rows,
@@ -555,12 +555,34 @@ def gone_over(state: JointState, sample: Sample, about: Array, holder: Any) -> t
         at.coupled,
     )
     root = propagated(state.root, prediction, params)
-    expected = _expected(state, prediction, root, about, (sample, params))
+    expected = _expected(state, prediction, root, about[:N_PROPERTIES], (sample, params))
     change = Update(np.zeros(0), root, 0.0, 0.0, np.zeros((0, 0)), np.zeros((0, 0)))
     if expected.used.any():
         change = _update(expected, root, gained(state, params), params)
     after = _learned(state, sample, (acting.firing, expected), change, params)
     return after, change.nis, float(expected.used.sum())
+
+
+@kernel
+def _about(mean: Array, about: Array, params: JointParams) -> Array:
+    """An estimate with the mass properties and the gyros' biases of another, and the rate that goes with its readings.
+
+    Args:
+        mean: the estimate, shape (size,).
+        about: the other, shape (size,).
+        params: see `JointParams`.
+    """
+    places = params.places
+    result = mean.copy()
+    result[:N_PROPERTIES] = about[:N_PROPERTIES]
+    if places.n_gyro_bias > 0:
+        biases = slice(places.gyro_bias, places.gyro_bias + places.n_gyro_bias)
+        result[biases] = about[biases]
+        for package in range(places.gyros):
+            begin = places.gyro_bias + 3 * package
+            own = slice(begin, begin + 3)
+            result[RATE] += params.gyro_bias_sigma / places.gyros * (mean[own] - about[own])
+    return result
 
 
 @kernel

@@ -10,11 +10,11 @@ from the state before them, with
 
     y = y(x*) + H(x*) (x - x*)
 
-in place of the readings' prediction, x* the ten parameters where the last pass ended: then every sample errs by the
-second order of what is left of x - x*, not of what was known when it was taken. Passes are repeated until they end
-where they began, to a third of their sigma: the method of Gauss and Newton, by the filter. Rates in the product of arm
-and turning are those that gyros show. What the passes end with is the filter's state, if the guard holds there, too;
-if not, the filter goes on from there, and they are made again when it does.
+in place of the readings' prediction, x* the ten parameters and the gyros' biases where the last pass ended: then every
+sample errs by the second order of what is left of x - x*, not of what was known when it was taken. Passes are repeated
+until they end where they began, to a third of their sigma: the method of Gauss and Newton, by the filter. Rates in the
+product of arm and turning are those that gyros show. What the passes end with is the filter's state, if the guard holds
+there, too; if not, the filter goes on from there, and they are made again when it does.
 
 An increment on the way says that the start was stated too well: the passes then begin with what it adds. A cycle makes
 `STEPS` of their steps; until they have arrived the estimates have not converged. If they do not explain the readings,
@@ -58,7 +58,7 @@ class Pass(NamedTuple):
     """A pass over the start.
 
     Attributes:
-        about: the ten parameters at which it is linearized, shape (10,).
+        about: the estimate at whose mass properties and biases it is linearized, shape (size,).
         state: after what it has gone over.
         done: number of samples of these.
         nis, components: sums of the NIS and of the components that counted.
@@ -121,7 +121,7 @@ def followed(
     if under_pass is None:
         if not after.guarded:
             return start, after
-        under_pass = _begun(start, after.mean[:N_PROPERTIES], 1, params)
+        under_pass = _begun(start, after.mean, 1, params)
     under_pass, arrived = _gone_on(start, under_pass, params)
     if not arrived:
         return start._replace(under_pass=under_pass), unguarded(after)
@@ -159,14 +159,14 @@ def _gone_on(start: Start, under_pass: Pass, params: JointParams) -> tuple[Pass,
         if under_pass.done == len(start.kept):
             if _stays(under_pass) or under_pass.number == _PASSES:
                 return under_pass, True
-            under_pass = _begun(start, under_pass.state.mean[:N_PROPERTIES], under_pass.number + 1, params)
+            under_pass = _begun(start, under_pass.state.mean, under_pass.number + 1, params)
     return under_pass, False
 
 
 def _stays(under_pass: Pass) -> bool:
     """Whether a pass ends where it began."""
     mean, rows = under_pass.state.mean[:N_PROPERTIES], under_pass.state.root[:N_PROPERTIES]
-    return bool((np.abs(mean - under_pass.about) <= _NEAR * np.sqrt(np.sum(rows * rows, axis=1))).all())
+    return bool((np.abs(mean - under_pass.about[:N_PROPERTIES]) <= _NEAR * np.sqrt(np.sum(rows * rows, axis=1))).all())
 
 
 def _explains(under_pass: Pass) -> bool:
