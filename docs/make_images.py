@@ -24,6 +24,7 @@ IMAGES = DOCS / "images"
 TUTORIALS = {
     "first_run": ["mass_reciprocal.png"],
     "build_a_diagram": ["my_loop.dot"],
+    "own_estimator": ["own_estimator.png"],
     "add_a_sensor": ["with_radio_gyro.dot"],
     "add_a_failure": ["failure_magnitude.png"],
     "your_own_vehicle": ["tug_center_of_mass.png"],

@@ -284,10 +284,7 @@ def _print_parameters(console: Terminal, title: str, results: Summary, vehicle: 
 
 
 def _consistency(found: Consistency) -> str:
-    return (
-        f"consistency: {found.verdict}; mean NIS {_number(found.rotation_nis_mean)} rotation, "
-        f"{_number(found.translation_nis_mean)} translation, over {found.samples} samples used"
-    )
+    return f"consistency: {found.verdict}; {found.in_words()}"
 
 
 def _say_doubts(console: Terminal, results: Summary) -> None:
@@ -305,11 +302,14 @@ def _say_doubts(console: Terminal, results: Summary) -> None:
     ]
     if bounded:
         (least, _), (most, symbol) = min(bounded), max(bounded)
-        console.say(f"bound:       1-sigma is {least:.2g} to {most:.2g} ({symbol}) times the least this flight allows")
+        console.say(
+            f"bound:       1-sigma is {_times(least)} to {_times(most)} ({symbol}) times the least this flight allows"
+        )
 
 
-def _number(value: float | None) -> str:
-    return "-" if value is None else f"{value:.2f}"
+def _times(value: float) -> str:
+    """Formats a ratio to two digits, without a power of ten where it is below a million."""
+    return f"{value:.2g}" if not 99.5 <= value < 1e6 else f"{float(f'{value:.2g}'):.0f}"
 
 
 def _shortfalls(autopilot: AutopilotSummary) -> list[str | tuple[str, str]]:

@@ -25,11 +25,14 @@ _OVERLAID = (
     "velocities",
     "gyro_readings",
     "accelerometer_velocities",
+    "rates_estimated",
     "inverse_inertia_diagonal",
     "inverse_inertia_products",
     "center_of_mass",
     "mass_reciprocal",
     "consistency",
+    "thrust_factors",
+    "surroundings",
 )
 
 

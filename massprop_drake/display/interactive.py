@@ -33,6 +33,7 @@ from massprop_drake.display.style import DECLARED_COLOR, TRUTH_COLOR, UNARMED_CO
 Json = dict[str, Any]
 
 _DIGITS = 6  # of a number in the page
+_LEAST = 0.01  # of the 3-sigma at the end: below it a logarithmic view does not begin
 _PIXELS_PER_POINT = 4.0 / 3.0
 
 # Places, pixels
@@ -47,14 +48,14 @@ def drawn(plot: Plot) -> Json:
 
     Returns:
         `name` and `title`; `traces` and `layout` as plotly takes them; and `views`, the vertical axes that the
-        reader switches between a linear and a logarithmic view. A trace of one view names it in `view`, which the
-        page takes out. A path over a quantity says in `meta.over` what its horizontal axis shows; it has a point for
-        each sample time.
+        reader switches between a linear and a logarithmic view, with the least value of the latter. A trace of one
+        view names it in `view`, which the page takes out. A path over a quantity says in `meta.over` what its
+        horizontal axis shows; it has a point for each sample time.
     """
     traces: list[Json] = []
     shapes: list[Json] = []
     axes: Json = {}
-    views: list[str] = []
+    views: dict[str, float] = {}
     heights = [_height(panel, alone=len(plot.panels) == 1) for panel in plot.panels]
     spaces = [_GAP + _key_height(panel) + _axis_height(panel, number) for number, panel in enumerate(plot.panels)]
     total = sum(heights) + sum(spaces)
@@ -63,10 +64,10 @@ def drawn(plot: Plot) -> Json:
         top -= space
         suffix = "" if number == 1 else str(number)
         marks = [mark for mark in panel.marks if not isinstance(mark, Level | Zone)]
-        symmetric = isinstance(panel.scale, SymmetricLog)
-        if symmetric:
-            views.append(f"yaxis{suffix}")
-        for trace in _views(plot, marks) if symmetric else _traces(plot, marks, panel):
+        scale = panel.scale
+        if isinstance(scale, SymmetricLog):
+            views[f"yaxis{suffix}"] = _LEAST * scale.small
+        for trace in _views(plot, marks) if isinstance(scale, SymmetricLog) else _traces(plot, marks, panel):
             if "meta" in trace:
                 trace["meta"] |= {"label": f"{panel.label} {trace['meta']['label']}".strip(), "unit": panel.unit}
             traces.append({**trace, "yaxis": f"y{suffix}", "legend": f"legend{suffix}"})
@@ -253,7 +254,8 @@ def _band(plot: Plot, mark: Band) -> list[Json]:
     face = {"fill": "tonexty", "fillcolor": f"{mark.color}{round(255 * mark.opacity):02x}"}
     low = _trace("", {**edge, "y": numbers(mark.low), "hoverinfo": "skip"})
     high = {**edge, "y": numbers(mark.high), **face}
-    return [low, _trace(mark.label, {**high, "meta": _read_as(mark.label)} if mark.label else high)]
+    meta = {"meta": _read_as(mark.label, half=True)} if mark.label else {}  # read as half of what lies between
+    return [low, _trace(mark.label, high | meta)]
 
 
 def _bars(mark: Bars, rows: Sequence[str]) -> Json:

@@ -67,12 +67,15 @@ def report_html(run: Run, *, replay: str | None = None) -> str:
         "jumps": jumps,
     }
     units = scenario.vehicle_data.unit_names
+    rows = table.parameters(results, units, truth=source.simulated)
     content = {
         "title": f"{results.vehicle}: {results.scenario}",
         "summary": run.summary,
+        "innovations": results.consistency.in_words(),
         "units": units,
         "verdict": [*_verdict(results), *_armed(source, results)],
-        "parameters": table.parameters(results, units, truth=source.simulated),
+        "parameters": rows,
+        "bounded": any(row.bound != "-" for row in rows),
         "derived": table.derived(results, units),
         "simulated": source.simulated,
         "unidentified": in_words(results.identifiability, SYMBOLS),

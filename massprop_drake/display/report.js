@@ -12,6 +12,7 @@
     if (className) made.className = className;
     return made;
   };
+  const ROW = 400; // height of a row of plots that a tall one counts for, pixels
   const PAPER = 330; // width of a column of plots on paper, pixels
   const onPaper = () => document.documentElement.dataset.print === "yes";
   const whole = () => range[0] <= first && range[1] >= last;
@@ -35,7 +36,7 @@
 
   // least and greatest value of the traces of an axis within the times that are shown; null for none
   function extent(figure, axis) {
-    const log = figure.layout[axis].type === "log" || figure.views.includes(axis) && logarithmic;
+    const log = figure.layout[axis].type === "log" || axis in figure.views && logarithmic;
     let low = Infinity, high = -Infinity;
     for (const trace of figure.traces) {
       if (trace.visible === false || !seen(trace) || "yaxis" + trace.yaxis.slice(1) !== axis) continue;
@@ -50,6 +51,7 @@
       }
     }
     if (low > high) return null;
+    if (log && axis in figure.views) low = Math.min(high, Math.max(low, figure.views[axis]));
     if (log) return [Math.log10(low) - 0.1, Math.log10(high) + 0.1];
     const margin = 0.06 * (high - low) || 0.05 * Math.abs(high) || 1;
     return [low - margin, high + margin];
@@ -73,7 +75,8 @@
     const changes = {};
     for (const key of Object.keys(figure.layout)) {
       if (!/^yaxis/.test(key) || figure.layout[key].tickvals) continue;
-      const found = whole() ? figure.layout[key].range || null : extent(figure, key);
+      const bounded = key in figure.views && logarithmic;
+      const found = whole() && !bounded ? figure.layout[key].range || null : extent(figure, key);
       if (found) changes[key + ".range"] = found.slice();
       else changes[key + ".autorange"] = true;
     }
@@ -115,7 +118,7 @@
       return { x: data.time, ...themed.traces(trace), visible };
     });
     traces.push(...themed.traces(dots(figure, Number(slider.value))));
-    for (const key of figure.views) layout[key].type = logarithmic ? "log" : "linear";
+    for (const key of Object.keys(figure.views)) layout[key].type = logarithmic ? "log" : "linear";
     if (!plane(figure)) layout.xaxis.range = range.slice();
     for (const [key, value] of Object.entries(vertical(figure))) {
       const [axis, what] = key.split(".");
@@ -150,9 +153,9 @@
   // what a figure shows at a time: label, value and unit of each signal, in the order in which they are drawn
   function reading(figure, time) {
     const found = [], groups = new Map();
-    for (const trace of figure.traces) {
+    for (const [place, trace] of figure.traces.entries()) {
       if (!trace.meta || trace.view === "log") continue;
-      const { label, unit, bars, group } = trace.meta;
+      const { label, unit, bars, group, half } = trace.meta;
       if (over(trace)) {
         const at = Math.max(0, placeOf(data.time, time));
         found.push([over(trace)[0], number(trace.x[at]), over(trace)[1]], [label, number(trace.y[at]), unit]);
@@ -167,7 +170,9 @@
         else if (!groups.has(label)) groups.set(label, []);
         continue;
       }
-      const at = placeOf(times(trace), time), value = at < 0 ? null : trace.y[at];
+      const at = placeOf(times(trace), time);
+      let value = at < 0 ? null : trace.y[at];
+      if (half && value !== null) value = (value - figure.traces[place - 1].y[at]) / 2; // the lower edge stands before
       if (!group) { found.push([label, number(value), unit]); continue; }
       if (value !== null) groups.set(group, [...(groups.get(group) || []), [label, value, unit]]);
     }
@@ -241,6 +246,7 @@
     const card = make(figure.folded ? "details" : "section", "", "plot" + (plane(figure) ? " broad" : figure.folded ? " folded" : figure.layout.height > 560 ? " tall" : ""));
     const plot = make("div"), line = make("div", "", "cursor"), readout = make("p", "", "readout");
     card.id = "plot-" + figure.name;
+    card.style.setProperty("--rows", Math.ceil(figure.layout.height / ROW));
     if (figure.folded) {
       const summary = make("summary");
       summary.append(make("h3", figure.title));

@@ -97,7 +97,7 @@ def test_a_symmetric_logarithmic_panel_has_a_linear_view_and_one_of_magnitudes()
     line, band = Line(TIME, -TIME, BLUE, "error"), Band(TIME, -TIME - 1.0, TIME + 1.0, label="3-sigma")
     panel = Panel("label", "%", (band, line), scale=SymmetricLog(1.0, 10.0))
     figure = interactive.drawn(Plot("some", "Title", "caption", TIME, (panel,)))
-    assert figure["views"] == ["yaxis"]
+    assert list(figure["views"]) == ["yaxis"]
     linear = [trace for trace in figure["traces"] if trace["view"] == "linear"]
     log = [trace for trace in figure["traces"] if trace["view"] == "log"]
     np.testing.assert_allclose(linear[-1]["y"], -TIME)
