@@ -196,6 +196,16 @@ def side_by_side(found: Iterable[tuple[str, Summary]], vehicle: Vehicle) -> None
     print_table(Terminal(160), "estimates side by side", headings, rows, spare=("unit", *spare))
 
 
+def found_by_each(runs: Iterable[tuple[str, Summary]]) -> None:
+    """Prints a line for each run: how long it is, whether it is consistent, and what it found."""
+    from massprop_drake.display import events  # noqa: PLC0415 (slow to load)
+
+    for name, results in runs:
+        what = "; ".join(map(events.headline, results.detections)) or "no failure"
+        verdict = results.consistency.verdict or "not judged"
+        say(f"{visible(name)}: {results.duration_s:.6g} s, {verdict}; found: {what}")
+
+
 def _compared(one: Parameter, results: Summary) -> tuple[str, str]:
     """Error, or the estimate where the truth is not known, and 1-sigma in percent of either."""
     if math.isnan(one.estimate):

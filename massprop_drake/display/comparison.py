@@ -57,7 +57,7 @@ def comparison_html(runs: Sequence[tuple[str, Run]]) -> str:
     return templates.page(
         _HERE / "comparison.html",
         content,
-        data={"time": interactive.times(longest), "plots": drawn, "jumps": []},
+        data={"time": interactive.times(longest), **interactive.packed(drawn), "jumps": []},
         styles=[(_HERE / "report.css").read_text(encoding="utf-8")],
         scripts=[plotly, *((_HERE / name).read_text(encoding="utf-8") for name in ("themed.js", "report.js"))],
         needs=_PLOTLY,

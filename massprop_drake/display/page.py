@@ -63,7 +63,7 @@ def report_html(run: Run, *, replay: str | None = None) -> str:
     jumps, shown_by = _jumps(run)
     described = {
         "time": interactive.times(run.time_s),
-        "plots": [interactive.drawn(plot(source)) for plot in plots.available(source).values()],
+        **interactive.packed([interactive.drawn(plot(source)) for plot in plots.available(source).values()]),
         "jumps": jumps,
     }
     units = scenario.vehicle_data.unit_names

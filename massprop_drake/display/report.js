@@ -1,6 +1,12 @@
 (function () {
   "use strict";
   const data = JSON.parse(document.getElementById("data").textContent);
+  // every list of numbers is there once, and every shape
+  const does = { minus: value => -value, abs: Math.abs };
+  const listed = at => typeof at === "number" ? data.lists[at] : data.lists[at[0]].map(value => value === null ? null : does[at[1]](value));
+  for (const figure of data.plots) for (const trace of figure.traces) for (const key of ["x", "y"]) if (key in trace) trace[key] = listed(trace[key]);
+  for (const { layout } of data.plots) layout.shapes = layout.shapes.map(shape => data.shapes[shape]);
+
   const host = document.getElementById("plots"), slider = document.getElementById("cursor-slider");
   const first = data.time[0], last = data.time[data.time.length - 1];
   const drawn = [];
@@ -108,10 +114,13 @@
     }));
   }
 
+  const columns = figure => plane(figure) ? 3 : 1; // of plots on paper that a figure spans
+
   // a figure in the colors of the theme, showing one of its views
   function shown(figure) {
     const layout = themed.layout(figure.layout);
-    if (plane(figure)) arrange(layout, onPaper() ? 3 * PAPER : document.getElementById("plot-" + figure.name).clientWidth);
+    if (onPaper()) layout.width = columns(figure) * PAPER;
+    if (plane(figure)) arrange(layout, onPaper() ? layout.width : document.getElementById("plot-" + figure.name).clientWidth);
     const traces = figure.traces.map(({ view, meta, ...trace }) => {
       const visible = trace.visible !== false && (view === undefined || (view === "log") === logarithmic);
       if (meta && meta.over) Object.assign(trace, { x: part(trace.x), y: part(trace.y) });
@@ -242,7 +251,8 @@
 
   // ---- figures
 
-  function draw(figure) {
+  const waiting = []; // figures that are not drawn yet
+  function add(figure) {
     const card = make(figure.folded ? "details" : "section", "", "plot" + (plane(figure) ? " broad" : figure.folded ? " folded" : figure.layout.height > 560 ? " tall" : ""));
     const plot = make("div"), line = make("div", "", "cursor"), readout = make("p", "", "readout");
     card.id = "plot-" + figure.name;
@@ -254,6 +264,7 @@
     } else card.append(make("h3", figure.title));
     card.append(readout, plot);
     if (figure.note) card.append(make("p", figure.note, "note"));
+    plot.style.minHeight = figure.folded || plane(figure) ? "" : figure.layout.height + "px";
     host.append(card);
     const entry = { figure, plot, line, readout };
     const begin = () => {
@@ -273,9 +284,15 @@
         read(entry, Number(slider.value));
       });
     };
-    if (!figure.folded) return begin();
-    card.addEventListener("toggle", begin, { once: true });
-    return null;
+    if (figure.folded) card.addEventListener("toggle", begin, { once: true });
+    else waiting.push({ card, begin });
+  }
+
+  // the next figure to draw: what is in the window first
+  function next() {
+    const seen = waiting.findIndex(({ card }) => { const box = card.getBoundingClientRect(); return box.bottom > 0 && box.top < innerHeight; });
+    if (seen < 0) document.body.dataset.shown = "yes";
+    return waiting.splice(Math.max(0, seen), 1)[0];
   }
 
   function redraw() {
@@ -300,14 +317,16 @@
     cursor(Number(slider.value));
   }));
   // on paper in the colors of paper, and as wide as it
-  const narrowed = width => Promise.all(drawn.map(entry => Plotly.relayout(entry.plot, { width: width && plane(entry.figure) ? 3 * width : width, autosize: width === undefined })));
-  addEventListener("beforeprint", () => { document.documentElement.dataset.print = "yes"; redraw(); narrowed(PAPER); });
+  const narrowed = width => Promise.all(drawn.map(entry => Plotly.relayout(entry.plot, { width: width && columns(entry.figure) * width, autosize: width === undefined })));
+  addEventListener("beforeprint", () => { document.documentElement.dataset.print = "yes"; waiting.splice(0).forEach(({ begin }) => begin()); redraw(); narrowed(PAPER); });
   addEventListener("afterprint", () => { delete document.documentElement.dataset.print; redraw(); narrowed(undefined); });
   jumps();
 
   (async () => {
-    for (const figure of data.plots) { await draw(figure); await new Promise(done => setTimeout(done)); }
-    cursor(first);
+    data.plots.forEach(add);
+    while (waiting.length) { await next().begin(); await new Promise(done => setTimeout(done)); }
+    cursor(Number(slider.value));
+    document.body.dataset.shown = "yes";
     document.body.dataset.ready = "yes";
   })();
   window.massprop = { cursor, zoom, reading, figures: data.plots };

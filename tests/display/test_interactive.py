@@ -164,3 +164,25 @@ def test_a_key_of_many_entries_has_room_above_its_panel() -> None:
         for marks in ((), few, many)
     ]
     assert heights[0] < heights[1] < heights[2]
+
+
+def test_a_page_holds_every_list_of_numbers_once(stuck_run: Run) -> None:
+    source = plots.source(stuck_run)
+    figures = [interactive.drawn(plot(source)) for plot in plots.available(source).values()]
+    whole = json.loads(json.dumps(figures))
+    page = interactive.packed(figures)
+    assert len(set(map(tuple, page["lists"]))) == len(page["lists"])
+    for figure, expected in zip(page["plots"], whole, strict=True):
+        assert [page["shapes"][shape] for shape in figure["layout"]["shapes"]] == expected["layout"]["shapes"]
+        for trace, before in zip(figure["traces"], expected["traces"], strict=True):
+            for key in {"x", "y"} & set(before):
+                assert unfolded(page["lists"], trace[key]) == before[key]
+    assert len(json.dumps(page)) < 0.85 * len(json.dumps(whole))
+
+
+def unfolded(lists: list[list[float | None]], at: int | tuple[int, str]) -> list[float | None]:
+    """As the page does it."""
+    if isinstance(at, int):
+        return lists[at]
+    sign = {"minus": lambda value: -value, "abs": abs}[at[1]]
+    return [None if value is None else sign(value) for value in lists[at[0]]]
