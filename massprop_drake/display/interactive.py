@@ -34,11 +34,11 @@ from massprop_drake.display.style import DECLARED_COLOR, TRUTH_COLOR, UNARMED_CO
 Json = dict[str, Any]
 
 _DIGITS, _DIGITS_READ = 6, 4  # of a number in the page, and of one that is only read
-_LEAST = 0.01  # of the 3-sigma at the end: below it a logarithmic view does not begin
+_LEAST = 0.001  # of the 3-sigma at the end: below it a logarithmic view does not begin
 _PIXELS_PER_POINT = 4.0 / 3.0
 
 # Places, pixels
-_TOP, _BOTTOM, _LEFT, _LABEL = 10, 40, 70, 58  # the last: of a vertical axis's label, left of it
+_TOP, _BOTTOM, _LEFT, _LABEL = 10, 40, 80, 67  # the last: of a vertical axis's label, left of it
 _PANEL, _ONE_PANEL, _ROW, _GAP = 120, 190, 13, 14
 _BAR = 6.0  # width of a bar as high as a row
 _KEY, _SYMBOL, _LETTER, _NARROW = 18, 40, 6, 430  # height of a row of a key, and the widths that fill it

@@ -29,7 +29,7 @@ from massprop_drake.display.spec import (
     Window,
     Zone,
 )
-from massprop_drake.display.style import BAND_COLOR, COLORS, FAILED_COLOR, POINT_SIZE, SHOWN, THIN_LINE, TRUTH_COLOR
+from massprop_drake.display.style import BAND_COLOR, COLORS, FAILED_COLOR, POINT_SIZE, THIN_LINE, TRUTH_COLOR
 from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.vehicle import Vehicle
@@ -355,10 +355,10 @@ def _firings(run: Source, name: str, title: str, label: str, rows: Sequence[_Row
     ]
     meaning = ""
     if run.simulated:
-        thrust = run.signals["thrust"] / np.linalg.norm(run.vehicle.thrusts, axis=1) > SHOWN
-        untold = thrust & ~command & failing(run.time_s, run.scenario)
-        marks.append(_bars(run, rows, thrust & ~untold, 0.2, TRUTH_COLOR, "thrust"))
-        marks.append(_bars(run, rows, untold, 0.2, FAILED_COLOR, "thrust untold"))
+        level = run.signals["thrust"] / np.linalg.norm(run.vehicle.thrusts, axis=1)
+        seen = motion.plumes(level, command, failing(run.time_s, run.scenario))
+        marks.append(_bars(run, rows, seen["given"], 0.2, TRUTH_COLOR, "thrust"))
+        marks.append(_bars(run, rows, seen["untold"], 0.2, FAILED_COLOR, "thrust untold"))
         meaning = "upper bar: commanded; lower bar: true thrust, orange: of a failed jet, untold"
     every = tuple(mark for part in marks for mark in part)
     return _plot(run, name, title, [Panel(label, "", every, rows=tuple(row.name for row in rows))], meaning=meaning)
@@ -682,16 +682,16 @@ def _highest(time_s: Array, values: Array, names: Sequence[str], label: str, dec
     What was declared is drawn last, and so on top. All are there to be read.
     """
     shown = np.maximum(values, _FLOOR)
-    limits = (_FLOOR, max(10.0, 2.0 * float(shown.max(initial=1.0))))
+    limits = (_FLOOR, max(10.0, 2.0 * float(np.fmax.reduce(shown, axis=None, initial=1.0))))
     if not time_s.size:
         return Panel(label, "", (), scale="log", limits=limits)
-    order = np.argsort(-shown.max(axis=0))
-    reaching = int((shown.max(axis=0) > _FLOOR).sum())
+    most = np.fmax.reduce(shown, axis=0, initial=_FLOOR)  # of what there is: a detector need not judge all at all times
+    order, reaching = np.argsort(-most), int((most > _FLOOR).sum())
     top, rest = np.split(order, [min(_NAMED, max(1, reaching))])
     top = top[np.argsort(declared[top], kind="stable")]
     marks: list[Mark] = []
     if rest.size:
-        low, high = shown[:, rest].min(axis=1), shown[:, rest].max(axis=1)
+        low, high = (reduced(shown[:, rest], axis=1) for reduced in (np.fmin.reduce, np.fmax.reduce))
         marks.append(Whiskers(time_s, low, high, BAND_COLOR, "range of the others"))
     marks += [Points(time_s, shown[:, column], BAND_COLOR, names[column], drawn=False, group=label) for column in rest]
     for column, color in zip(top, COLORS, strict=False):
@@ -727,12 +727,12 @@ def failure_magnitude(run: Source) -> Plot:
         failed = [run.vehicle.jet_index(failure.jet) for failure in run.scenario.failures]
         for jet, color in zip(dict.fromkeys(suspected + failed), (TRUTH_COLOR, *COLORS[2:]), strict=False):
             expected = run.vehicle.jets[jet].thrust * run.signals["command"][:, jet]
-            label = f"truth, {run.vehicle.designations[jet]}"
+            label = f"truth of {run.vehicle.designations[jet]}"
             marks.append(Line(run.time_s, run.signals["thrust"][:, jet] - expected, color, label, steps=True))
     known = run.signals["known_force_variance"] > 0.0
     for jet in np.flatnonzero(known.any(axis=0)):
         force = np.where(known[:, jet], run.signals["known_force"][:, jet], np.nan)
-        label = f"known force, {run.vehicle.designations[jet]}"
+        label = f"known force of {run.vehicle.designations[jet]}"
         marks.append(Line(run.time_s, force, COLORS[1], label, width=1.4, dashed=True))
     if alarm.size:
         time_s, magnitude = run.time_s[alarm], run.signals["suspected_magnitude"][alarm, 0]

@@ -321,7 +321,7 @@ def test_the_magnitude_is_shown_at_alarms_beside_the_truth_and_the_known_force(s
     np.testing.assert_array_equal(points.y, run["suspected_magnitude"][alarm, 0])
     np.testing.assert_allclose(spread.high - points.y, run["suspected_magnitude_std"][alarm, 0], rtol=1e-6)
     truth, known = marks(panel, Line)
-    assert (truth.label, known.label, panel.unit) == ("truth, R4R", "known force, R4R", "lbf")
+    assert (truth.label, known.label, panel.unit) == ("truth of R4R", "known force of R4R", "lbf")
     jet = run.scenario.vehicle_data.jet_index("R4R")
     np.testing.assert_allclose(truth.y, run["thrust"][:, jet] - 868.8 * run["command"][:, jet], atol=1e-6)
     assert truth.y[-2] == pytest.approx(known.y[-1], rel=1e-3)
@@ -331,7 +331,7 @@ def test_the_magnitude_is_shown_at_alarms_beside_the_truth_and_the_known_force(s
 def test_the_truth_of_a_failure_without_an_alarm_is_shown_too(stuck: Case) -> None:
     signals = {**stuck.run.signals, "alarm": np.zeros_like(stuck.run["alarm"])}
     (panel,) = plots.failure_magnitude(stuck.source._replace(signals=signals)).panels
-    assert "truth, R4R" in [mark.label for mark in panel.marks]
+    assert "truth of R4R" in [mark.label for mark in panel.marks]
     assert not marks(panel, Points)
 
 
@@ -454,3 +454,20 @@ def test_other_signals_of_ones_own_have_a_panel_each(stuck: Case) -> None:
     source = stuck.source._replace(signals={**stuck.run.signals, **mine, "against.gyro": stuck.run["rate"]})
     (panel,) = plots.available(source)["own_signals"](source).panels
     assert (panel.label, [line.label for line in marks(panel, Line)]) == ("mine.pair", ["0", "1"])
+
+
+def test_a_leak_of_a_hundredth_is_a_bar(stuck: Case) -> None:
+    jet = stuck.run.scenario.vehicle_data.jet_index("R4R")
+    thrust = stuck.run["thrust"].copy()
+    thrust[:, jet] *= 0.01
+    panel = plots.clusters(stuck.source._replace(signals={**stuck.run.signals, "thrust": thrust})).panels[0]
+    (untold,) = (bars for bars in marks(panel, Bars) if bars.label == "thrust untold")
+    np.testing.assert_allclose(untold.begin, [1.0, 1.0], atol=0.081)  # its own row, and that of its cluster
+
+
+def test_what_the_detector_does_not_judge_hides_nobody(stuck: Case) -> None:
+    likelihood = stuck.run["likelihood"].copy()
+    tested = stuck.source.where("tested")
+    likelihood[tested[0]] = np.nan
+    panel = plots.likelihoods(stuck.source._replace(signals={**stuck.run.signals, "likelihood": likelihood})).panels[0]
+    assert "R4R" in [points.label for points in marks(panel, Points) if points.drawn]
