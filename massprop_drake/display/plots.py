@@ -34,7 +34,7 @@ from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.maths.autopilot.phase_space import PhaseSpaceParams, commanded_rate
-from massprop_drake.results.consistency import mean_in_words
+from massprop_drake.results.consistency import ruled
 from massprop_drake.signals import AGAINST, AXES, SIGNALS, SYMBOLS, in_units, is_own, mass_property_units
 
 if TYPE_CHECKING:
@@ -641,19 +641,16 @@ def _of_most(values: Array, band: Array) -> tuple[float, float] | None:
 def _mean_nis(run: Source, name: str, nis: Array) -> str:
     means = run.consistency
     if means is None:
-        if not nis.size:
-            return "NIS, no sample used"
-        inside = nis <= _RARE_NIS
-        within = float(nis[inside].mean()) if inside.any() else None
-        return f"NIS, mean {mean_in_words(float(nis.mean()), within, 1.0 - inside.mean())} of {nis.size} samples"
-    mean, within, beyond = (
-        means.get(f"{_TURNED_OR_MOVED[name]}_nis_{which}") for which in ("mean", "within", "beyond")
-    )
-    return (
-        "NIS, no sample used"
-        if mean is None
-        else f"NIS, mean {mean_in_words(mean, within, beyond)} of all samples used"
-    )
+        mean = float(nis.mean()) if nis.size else None
+        within, of = float(nis[nis <= _RARE_NIS].mean()) if (nis <= _RARE_NIS).any() else None, f"{nis.size}"
+    else:
+        mean, within = (means.get(f"{_TURNED_OR_MOVED[name]}_nis_{which}") for which in ("mean", "within"))
+        of = "all"
+    if mean is None:
+        return "NIS, no sample used"
+    if within is None or not ruled(mean, within):
+        return f"NIS, mean {mean:.2f} of {of} samples{'' if means is None else ' used'}"
+    return f"NIS, mean {within:.2f} ({mean:.4g} with those beyond 99 %)"
 
 
 # ---------------------------------------------------------------------------------------- detector

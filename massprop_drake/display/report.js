@@ -18,6 +18,7 @@
     if (className) made.className = className;
     return made;
   };
+  const NARROW = 430; // card, pixels
   const ROW = 400; // height of a row of plots that a tall one counts for, pixels
   const PAPER = 330; // width of a column of plots on paper, pixels
   const onPaper = () => document.documentElement.dataset.print === "yes";
@@ -121,7 +122,10 @@
     const layout = themed.layout(figure.layout);
     if (onPaper()) layout.width = columns(figure) * PAPER;
     if (plane(figure)) arrange(layout, onPaper() ? layout.width : document.getElementById("plot-" + figure.name).clientWidth);
+    const narrow = document.getElementById("plot-" + figure.name).clientWidth < NARROW;
     const traces = figure.traces.map(({ view, meta, ...trace }) => {
+      // a narrow card has room for one entry of a key; that of 3 sigma stands above all plots
+      if (narrow && /^3[- ]sigma/.test(trace.name)) trace.showlegend = false;
       const visible = trace.visible !== false && (view === undefined || (view === "log") === logarithmic);
       if (meta && meta.over) Object.assign(trace, { x: part(trace.x), y: part(trace.y) });
       return { x: data.time, ...themed.traces(trace), visible };

@@ -94,9 +94,14 @@ def mean_in_words(mean: float | None, within: float | None, beyond: float | None
     """
     if mean is None:
         return "-"
-    if within is None or beyond is None or mean < _RULED * within:
+    if within is None or beyond is None or not ruled(mean, within):
         return f"{mean:.2f}"
     return f"{within:.2f} ({mean:.4g} with the {100.0 * beyond:.2g} % beyond their 99 % point)"
+
+
+def ruled(mean: float, within: float) -> bool:
+    """Whether the few samples beyond the 99 % point rule a mean NIS, given that of the others."""
+    return mean >= _RULED * within
 
 
 class Tally:

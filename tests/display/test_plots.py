@@ -253,8 +253,12 @@ def test_nis_is_shown_where_it_was_used_beside_its_limits(stuck: Case) -> None:
     np.testing.assert_array_equal(points.x, stuck.run.time_s[used])
     np.testing.assert_array_equal(points.y, stuck.run["rotation_nis"][used, 0])
     within = points.y[points.y < chdtri(3, 0.01)].mean()  # without those of the jet until it is declared
-    assert points.label.startswith(f"NIS, mean {within:.2f} ({points.y.mean():.4g} with the ")
-    assert points.label.endswith(f" % beyond their 99 % point) of {used.sum()} samples")
+    assert points.label == f"NIS, mean {within:.2f} ({points.y.mean():.4g} with those beyond 99 %)"
+    quiet = stuck.source._replace(
+        signals={**stuck.run.signals, "rotation_nis": np.full((stuck.run.time_s.size, 1), 2.5)}
+    )
+    (points,) = marks(plots.consistency(quiet).panels[0], Points)
+    assert points.label == f"NIS, mean 2.50 of {used.sum()} samples"
     assert panel.scale == "log"
     np.testing.assert_allclose((zone.low, zone.high), chdtri(3, [0.975, 0.025]), rtol=1e-14)
 
