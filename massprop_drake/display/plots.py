@@ -34,6 +34,7 @@ from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.maths.autopilot.phase_space import PhaseSpaceParams, commanded_rate
+from massprop_drake.maths.estimation.detectors.multi_hypothesis import Word
 from massprop_drake.results.consistency import ruled
 from massprop_drake.signals import AGAINST, AXES, SIGNALS, SYMBOLS, in_units, is_own, mass_property_units
 
@@ -332,6 +333,8 @@ def clusters(run: Source) -> Plot:
     }
     if "known_force_variance" in run.signals:
         alone |= set(np.flatnonzero((run.signals["known_force_variance"] > 0.0).any(axis=0)).tolist())
+    if "verdict" in run.signals:
+        alone |= set(np.flatnonzero((run.signals["verdict"] == Word.FAILED).any(axis=0)).tolist())
     rows = [_Row(f"jet {every[jet].designation}", every[jet].cluster, (jet,)) for jet in sorted(alone)]
     for cluster in sorted({jet.cluster for jet in every}):
         members = tuple(index for index, jet in enumerate(every) if jet.cluster == cluster)

@@ -475,3 +475,10 @@ def test_what_the_detector_does_not_judge_hides_nobody(stuck: Case) -> None:
     likelihood[tested[0]] = np.nan
     panel = plots.likelihoods(stuck.source._replace(signals={**stuck.run.signals, "likelihood": likelihood})).panels[0]
     assert "R4R" in [points.label for points in marks(panel, Points) if points.drawn]
+
+
+def test_a_jet_that_is_named_has_a_row_of_its_own_in_a_record(recorded: Source, stuck: Case) -> None:
+    verdict = np.zeros_like(stuck.run["command"])
+    verdict[50, stuck.run.scenario.vehicle_data.jet_index("F2R")] = 1.0
+    panel = plots.clusters(recorded._replace(signals={**recorded.signals, "verdict": verdict})).panels[0]
+    assert "jet F2R" in panel.rows
