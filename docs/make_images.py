@@ -30,7 +30,7 @@ TUTORIALS = {
     "your_own_vehicle": ["tug_center_of_mass.png"],
     "consistency": ["nis.png"],
 }
-DIAGRAMS = ("closed_loop_overview", "estimation_overview", "autopilot_overview")
+DIAGRAMS = tuple(f"{name}_overview" for name in graphs.DIAGRAMS)
 
 
 def readme() -> None:
@@ -65,6 +65,7 @@ SHOTS = (
     Shot("injected", ("two_failures",), act="document.querySelector('#failures').scrollIntoView()"),
     Shot("replay", ("stuck_on_29",), write_replay, "massprop.seek(51.3)"),
     Shot("docking", ("payload_docking",), write_replay, "massprop.seek(72.5)"),
+    Shot("followed", ("air_bearing_pulses",), act="document.querySelector('#plot-thrust_factors').scrollIntoView()"),
     Shot("comparison", ("stuck_on_29", "two_failures"), act="document.querySelector('#bar').scrollIntoView()"),
 )
 
