@@ -197,16 +197,17 @@ def positions(run: Source) -> Plot:
     panels = []
     for axis in run.moving:
         marks: list[Mark] = [
-            Points(run.time_s, run.signals[sensor.name][:, axis], BAND_COLOR, f"{sensor.name}, as read", size=2.0)
+            Points(run.time_s, run.signals[sensor.name][:, axis], BAND_COLOR, f"{sensor.name} as read", size=2.0)
             for sensor in run.vehicle.poses
             if sensor.name in run.signals
         ]
         if run.simulated:
-            marks.append(Line(run.time_s, run.signals["position"][:, axis], TRUTH_COLOR, "truth"))
+            marks.append(Line(run.time_s, run.signals["position"][:, axis], TRUTH_COLOR, "true center of mass"))
         estimate = run.signals["position_estimate"][:, axis]
-        marks.append(Line(run.time_s, estimate, COLORS[axis], "estimate", dashed=run.simulated))
+        marks.append(Line(run.time_s, estimate, COLORS[axis], "estimated center of mass", dashed=run.simulated))
         panels.append(Panel(AXES[axis], run.vehicle.unit_names["length"], tuple(marks)))
-    return _plot(run, "positions", "Position of the center of mass in the fixed frame", panels)
+    meaning = "what is read is the place of the point that is followed"
+    return _plot(run, "positions", "Position in the fixed frame", panels, meaning=meaning)
 
 
 def phase_plane(run: Source) -> Plot:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import re
 from dataclasses import replace
@@ -35,6 +36,13 @@ def without_plotly(html: str) -> str:
 
 def test_the_verdict_comes_first_and_names_the_failed_jet(html: str) -> None:
     assert html.index("Found: jet R4R: on.") < html.index("What was learned") < html.index('id="plots"')
+
+
+def test_an_inconsistent_flight_is_said_in_the_verdict(stuck_run: Run) -> None:
+    judged = stuck_run.results.consistency._replace(verdict="inconsistent", reasons=["the lag is off", "so is a jet"])
+    summary = dataclasses.replace(stuck_run.results, consistency=judged)
+    said = [sentence["text"] for sentence in page._verdict(summary)]
+    assert "Inconsistent, so that a 1-sigma may say too little: the lag is off and 1 more, below." in said
 
 
 def test_every_parameter_has_its_row(html: str, stuck_run: Run) -> None:
