@@ -30,7 +30,17 @@ TUTORIALS = {
     "your_own_vehicle": ["tug_center_of_mass.png"],
     "consistency": ["nis.png"],
 }
-DIAGRAMS = tuple(f"{name}_overview" for name in graphs.DIAGRAMS)
+DIAGRAMS = (
+    "closed_loop_overview",
+    "open_loop_overview",
+    "vehicle_overview",
+    "vehicle_tracked_overview",
+    "autopilot_overview",
+    "estimation_overview",
+    "estimation_joint_overview",
+    "estimation_pose_overview",
+    "replay_overview",
+)
 
 
 def readme() -> None:
