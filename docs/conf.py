@@ -19,6 +19,7 @@ extensions = [
     "sphinx.ext.napoleon",
     "docstring_sections",
     "mathml",
+    "own_names",
 ]
 exclude_patterns = ["tutorials/*.py", "tutorials/air_bearing/*"]
 templates_path: list[str] = []
@@ -34,7 +35,6 @@ nitpick_ignore_regex = [
     ("py:class", r"massprop_drake\.(.*\._|inputs\.model\.M$|systems\.caching\.T$|maths\.kernels\.F$).*"),  # private
     ("py:class", r"massprop_drake\.(.*race\.Record$).*"),
 ]
-suppress_warnings = ["ref.python"]  # types of fields whose name several modules have, such as Bank
 autodoc_member_order = "bysource"
 autodoc_typehints_format = "short"
 autodoc_type_aliases = {"Array": "Array", "ArrayLike": "ArrayLike"}

@@ -24,12 +24,23 @@ IMAGES = DOCS / "images"
 TUTORIALS = {
     "first_run": ["mass_reciprocal.png"],
     "build_a_diagram": ["my_loop.dot"],
+    "own_estimator": ["own_estimator.png"],
     "add_a_sensor": ["with_radio_gyro.dot"],
     "add_a_failure": ["failure_magnitude.png"],
     "your_own_vehicle": ["tug_center_of_mass.png"],
     "consistency": ["nis.png"],
 }
-DIAGRAMS = ("closed_loop_overview", "estimation_overview", "autopilot_overview")
+DIAGRAMS = (
+    "closed_loop_overview",
+    "open_loop_overview",
+    "vehicle_overview",
+    "vehicle_tracked_overview",
+    "autopilot_overview",
+    "estimation_overview",
+    "estimation_joint_overview",
+    "estimation_pose_overview",
+    "replay_overview",
+)
 
 
 def readme() -> None:
@@ -64,6 +75,7 @@ SHOTS = (
     Shot("injected", ("two_failures",), act="document.querySelector('#failures').scrollIntoView()"),
     Shot("replay", ("stuck_on_29",), write_replay, "massprop.seek(51.3)"),
     Shot("docking", ("payload_docking",), write_replay, "massprop.seek(72.5)"),
+    Shot("followed", ("air_bearing_pulses",), act="document.querySelector('#plot-thrust_factors').scrollIntoView()"),
     Shot("comparison", ("stuck_on_29", "two_failures"), act="document.querySelector('#bar').scrollIntoView()"),
 )
 

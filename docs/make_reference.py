@@ -55,13 +55,19 @@ def reference(found: Sequence[Key]) -> str:
     meanings = {key.name: key.meaning for key in shown}
     groups: dict[str, list[Key]] = {}
     for key in shown:
-        groups.setdefault(key.name.rpartition(".")[0], []).append(key)
+        groups.setdefault(_parent(key.name), []).append(key)
     parts = []
     for parent, members in groups.items():
         meaning = meanings.get(parent.removesuffix("[]").removesuffix("{}"), "")
         heading = f"`{parent}`: {_escaped(meaning.partition(';')[0])}" if parent else "Top level"
         parts.append("\n".join([f"### {heading}", "", *_table(members)]))
     return "\n\n".join(parts) + "\n"
+
+
+def _parent(name: str) -> str:
+    """The mapping that a key stands in; what is in parentheses may have dots of its own."""
+    head, _, inside = name.partition(" (")
+    return head if inside.endswith(")") and "." in inside else name.rpartition(".")[0]
 
 
 def _table(members: list[Key]) -> list[str]:

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
 from params_probe import PERIOD_S
 from pydrake.systems.framework import InputPortIndex, LeafSystem, OutputPortIndex, System
+
+from massprop_drake import Run
 
 
 def inputs(dut: System) -> dict[str, int]:
@@ -43,3 +47,27 @@ def advance(dut: LeafSystem, context: Any) -> None:
     """The update at a sample, and the time of the next sample."""
     update(dut, context)
     context.SetTime(PERIOD_S * (round(context.get_time() / PERIOD_S) + 1))
+
+
+def fed(dut: LeafSystem, run: Run, row: int, names: Sequence[str], context: Any = None) -> Any:
+    """A context in which an estimator has a row of a run: its time, some signals, and the command until then.
+
+    Args:
+        dut: the estimator.
+        run: to take it from.
+        row: of it.
+        names: of the signals, which are those of the ports.
+        context: to change; None: a new one.
+    """
+    context = dut.CreateDefaultContext() if context is None else context
+    for name in names:
+        dut.GetInputPort(name).FixValue(context, run[name][row])
+    before = run["command"][row - 1] if row else np.zeros_like(run["command"][0])
+    dut.GetInputPort("jet_commands").FixValue(context, before)
+    context.SetTime(run.time_s[row])
+    return context
+
+
+def output(dut: System, context: Any, name: str) -> Any:
+    """What an output port says."""
+    return dut.GetOutputPort(name).Eval(context)

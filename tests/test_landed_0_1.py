@@ -53,7 +53,7 @@ def test_its_run_is_loaded_with_the_same_numbers(stored: dict[str, np.ndarray], 
         run = Run.load(RUN)
     assert len(caught) == 1
     consistency = {"verdict": "", "reasons": (), "diagnoses": []}
-    consistency |= {"rotation_nis_beyond": None, "translation_nis_beyond": None}
+    consistency |= {f"{kind}_nis_{what}": None for kind in ("rotation", "translation") for what in ("beyond", "within")}
     later = {name: [] for name in ("identifiability", "events", "unconfirmed", "untested")} | {"injected": None}
     expected = {**summary, **later, "consistency": {**summary["consistency"], **consistency}}
     expected["derived"] = {**summary["derived"], "nearest_possible": None}

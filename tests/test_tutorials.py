@@ -67,6 +67,19 @@ def test_build_a_diagram(tutorial: Tutorial, tmp_path: Path, sample_run: Run) ->
     assert (deviation[:3] < 0.85 * sample_run["standard_deviation"][-1][:3]).all()
 
 
+def test_own_estimator(tutorial: Tutorial, tmp_path: Path, sample_run: Run) -> None:
+    lines = (TUTORIALS / "own_estimator.py").read_text(encoding="utf-8").splitlines()
+    assert len([line for line in lines if line]) <= 40
+    run = tutorial("own_estimator")["run"]
+    np.testing.assert_array_equal(run["estimate"], sample_run["estimate"])  # ours is undisturbed
+    mine = run["least_squares.estimate"][-1]
+    np.testing.assert_allclose(mine[:3], run["truth"][-1, :3], rtol=1e-3)
+    assert np.isnan(mine[6:]).all()
+    report = (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
+    assert "least_squares, at the end" in report
+    assert (tmp_path / "own_estimator.png").stat().st_size > 0
+
+
 def test_add_a_sensor(tutorial: Tutorial, tmp_path: Path) -> None:
     left = tutorial("add_a_sensor")
     assert left["lost"] == pytest.approx(0.3 * 626, abs=4.0 * np.sqrt(626 * 0.3 * 0.7))

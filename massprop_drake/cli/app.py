@@ -364,17 +364,26 @@ def graph(
         list[str] | None,
         typer.Argument(help="Names as `massprop list` shows; default all.", autocompletion=completion.diagrams),
     ] = None,
+    like: Annotated[
+        str | None,
+        typer.Option(
+            metavar="SCENARIO",
+            help="Draw them as they are for this scenario, a name, file or run's folder.",
+            autocompletion=completion.named("scenario"),
+        ),
+    ] = None,
     out: Annotated[Path, typer.Option(help="Folder to write.")] = Path("runs/graphs"),
     force: Force = False,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
     """Exports graphs of diagrams as DOT and SVG."""
-    from massprop_drake.cli import show
+    from massprop_drake.cli import show, sources
     from massprop_drake.display import graphs
     from massprop_drake.results.folder import require_files, write_files
 
-    names = diagrams or list(graphs.DIAGRAMS)
+    case = None if like is None else sources.recovered(like, [])
+    names = diagrams or graphs.names_for(case)
     for name in names:
         if name not in graphs.DIAGRAMS:
             raise InputError(f"'{name}' is no diagram{suggestion(name, list(graphs.DIAGRAMS))}")
@@ -385,7 +394,7 @@ def graph(
     )
     files, drawn = {}, True
     for name in names:
-        diagram = graphs.build(name)
+        diagram = graphs.build(name, case)
         shallow = graphs.dot_text(diagram, 1)
         deep = graphs.dot_text(diagram, 2)
         drawings = {"": shallow, "_overview": graphs.overview_text(diagram)}

@@ -196,6 +196,16 @@ def side_by_side(found: Iterable[tuple[str, Summary]], vehicle: Vehicle) -> None
     print_table(Terminal(160), "estimates side by side", headings, rows, spare=("unit", *spare))
 
 
+def found_by_each(runs: Iterable[tuple[str, Summary]]) -> None:
+    """Prints a line for each run: how long it is, whether it is consistent, and what it found."""
+    from massprop_drake.display import events  # noqa: PLC0415 (slow to load)
+
+    for name, results in runs:
+        what = "; ".join(map(events.headline, results.detections)) or "no failure"
+        verdict = results.consistency.verdict or "not judged"
+        say(f"{visible(name)}: {results.duration_s:.6g} s, {verdict}; found: {what}")
+
+
 def _compared(one: Parameter, results: Summary) -> tuple[str, str]:
     """Error, or the estimate where the truth is not known, and 1-sigma in percent of either."""
     if math.isnan(one.estimate):
@@ -284,10 +294,7 @@ def _print_parameters(console: Terminal, title: str, results: Summary, vehicle: 
 
 
 def _consistency(found: Consistency) -> str:
-    return (
-        f"consistency: {found.verdict}; mean NIS {_number(found.rotation_nis_mean)} rotation, "
-        f"{_number(found.translation_nis_mean)} translation, over {found.samples} samples used"
-    )
+    return f"consistency: {found.verdict}; {found.in_words()}"
 
 
 def _say_doubts(console: Terminal, results: Summary) -> None:
@@ -305,11 +312,14 @@ def _say_doubts(console: Terminal, results: Summary) -> None:
     ]
     if bounded:
         (least, _), (most, symbol) = min(bounded), max(bounded)
-        console.say(f"bound:       1-sigma is {least:.2g} to {most:.2g} ({symbol}) times the least this flight allows")
+        console.say(
+            f"bound:       1-sigma is {_times(least)} to {_times(most)} ({symbol}) times the least this flight allows"
+        )
 
 
-def _number(value: float | None) -> str:
-    return "-" if value is None else f"{value:.2f}"
+def _times(value: float) -> str:
+    """Formats a ratio to two digits, without a power of ten where it is below a million."""
+    return f"{value:.2g}" if not 99.5 <= value < 1e6 else f"{float(f'{value:.2g}'):.0f}"
 
 
 def _shortfalls(autopilot: AutopilotSummary) -> list[str | tuple[str, str]]:

@@ -12,6 +12,7 @@ from massprop_drake.display import events, interactive, plots, templates
 from massprop_drake.display.plots import Source
 from massprop_drake.display.spec import Band, Line, Mark, Panel, Plot, Points, SymmetricLog
 from massprop_drake.display.style import COLORS
+from massprop_drake.results.summary import Parameter
 from massprop_drake.signals import SYMBOLS, mass_property_units
 
 if TYPE_CHECKING:
@@ -25,11 +26,14 @@ _OVERLAID = (
     "velocities",
     "gyro_readings",
     "accelerometer_velocities",
+    "rates_estimated",
     "inverse_inertia_diagonal",
     "inverse_inertia_products",
     "center_of_mass",
     "mass_reciprocal",
     "consistency",
+    "thrust_factors",
+    "surroundings",
 )
 
 
@@ -54,7 +58,7 @@ def comparison_html(runs: Sequence[tuple[str, Run]]) -> str:
     return templates.page(
         _HERE / "comparison.html",
         content,
-        data={"time": interactive.times(longest), "plots": drawn, "jumps": []},
+        data={"time": interactive.times(longest), **interactive.packed(drawn), "jumps": []},
         styles=[(_HERE / "report.css").read_text(encoding="utf-8")],
         scripts=[plotly, *((_HERE / name).read_text(encoding="utf-8") for name in ("themed.js", "report.js"))],
         needs=_PLOTLY,
@@ -122,16 +126,25 @@ def _found(run: Run) -> tuple[str, str, str]:
 
 
 def _parameters(runs: Sequence[tuple[str, Run]]) -> list[dict[str, Any]]:
-    """Formats the ten parameters: of each run error, or estimate where the truth is unknown, and 1-sigma in percent."""
+    """Formats the ten parameters, a row for each with the cells of every run."""
     units = mass_property_units(runs[0][1].scenario.vehicle_data.unit_names)
     rows = []
     for index, (symbol, unit) in enumerate(zip(SYMBOLS, units, strict=True)):
-        cells = []
-        for _, run in runs:
-            one = run.results.parameters[index]
-            error = "" if math.isnan(one.percent_error) else f"{one.percent_error:+.4f} %"
-            sigma = "" if math.isnan(one.percent_deviation) else f"{one.percent_deviation:.4f} %"
-            estimate = "not observable" if math.isnan(one.estimate) else f"{one.estimate:.6g}"
-            cells.append((estimate, error, sigma))
+        cells = [_cells(run.results.parameters[index], unit) for _, run in runs]
         rows.append({"symbol": symbol, "unit": unit, "cells": cells})
     return rows
+
+
+def _cells(one: Parameter, unit: str) -> tuple[str, str, str]:
+    """Estimate, error and 1-sigma in words: in percent or, of what is about zero, in the parameter's unit."""
+    if math.isnan(one.estimate):
+        return "not observable", "", ""
+    if math.isnan(one.standard_deviation):
+        return f"{one.estimate:.6g}", "fixed", ""
+    error = "" if math.isnan(one.truth) else f"{one.estimate - one.truth:+.3g} {unit}"
+    if not math.isnan(one.percent_error):
+        error = f"{one.percent_error:+.4f} %"
+    sigma = f"{one.standard_deviation:.2g} {unit}"
+    if not math.isnan(one.percent_deviation):
+        sigma = f"{one.percent_deviation:.4f} %"
+    return f"{one.estimate:.6g}", error, sigma

@@ -43,16 +43,14 @@ def failures(scenario: Scenario, end_s: float) -> list[Mark]:
 
 
 def found(run: Run) -> list[Mark]:
-    """Lists the jets, or whole clusters, that the detector declared failed."""
+    """Lists the jets, or whole clusters, that the detector declared failed, and jumps, which have no jets."""
     vehicle, marks = run.scenario.vehicle_data, []
     for entry in run.results.detections:
-        if entry.cluster is None:
-            continue
         named = (entry.jet,) if entry.jet else entry.jets
         jets = tuple(
             index
             for index, jet in enumerate(vehicle.jets)
-            if (jet.designation in named if named else jet.cluster == entry.cluster)
+            if entry.cluster is not None and (jet.designation in named if named else jet.cluster == entry.cluster)
         )
         until = math.inf if entry.withdrawn_s is None else entry.withdrawn_s
         marks.append(Mark(jets, entry.time_s, until, headline(entry)))

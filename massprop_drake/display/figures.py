@@ -145,6 +145,18 @@ class Plots:
         """What each jet accelerates the vehicle by, over what it nominally would."""
         return drawn(plots.thrust_factors(self._source))
 
+    def surroundings(self) -> Figure:
+        """The delay of commands, drag, and the turning that goes with the heading."""
+        return drawn(plots.surroundings(self._source))
+
+    def positions(self) -> Figure:
+        """Position in the fixed frame: as read, as estimated and, in a simulation, as it is."""
+        return drawn(plots.positions(self._source))
+
+    def own_signals(self) -> Figure:
+        """Signals of systems of your own that nothing else shows."""
+        return drawn(plots.own_signals(self._source))
+
     def accelerometer_velocities(self) -> Figure:
         """Integrated specific force as each accelerometer package read it."""
         return drawn(plots.accelerometer_velocities(self._source))

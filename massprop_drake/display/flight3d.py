@@ -19,7 +19,6 @@ from massprop_drake.display.style import (
     FAILED_COLOR,
     PAYLOAD_COLOR,
     PLUME_COLOR,
-    SHOWN,
     SUSPECT_COLOR,
     TRUTH_COLOR,
     UNTOLD_COLOR,
@@ -160,22 +159,6 @@ def described(scenario: Scenario, stage: Stage, *, truth: bool) -> dict[str, Any
     }
 
 
-def plumes(level: Array, asked: NDArray[np.bool_], fails: NDArray[np.bool_]) -> dict[str, NDArray[np.bool_]]:
-    """Which jets have which plume: thrust as it should be, of a failed jet untold, and none where one was asked for.
-
-    Args:
-        level: thrust over full thrust, of any shape.
-        asked: whether the jet is commanded.
-        fails: whether it truly fails.
-    """
-    given = level > SHOWN
-    return {
-        "given": given & (asked | ~fails),
-        "untold": given & ~asked & fails,
-        "withheld": asked & ~given & fails,
-    }
-
-
 def _flight(run: Run, stage: Stage) -> dict[str, Any]:
     """Collects what the page shows and says, and when.
 
@@ -186,7 +169,7 @@ def _flight(run: Run, stage: Stage) -> dict[str, Any]:
     failed, found = events.failures(scenario, float(time_s[-1])), events.found(run)
     asked = np.nan_to_num(np.asarray(run["command"])) > 0.0
     lists = {
-        **plumes(_levels(run), asked, plots.failing(time_s, scenario)),
+        **motion.plumes(_levels(run), asked, plots.failing(time_s, scenario)),
         "failed": _marked(run, failed),
         "found": _marked(run, found),
     }

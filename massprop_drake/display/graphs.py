@@ -9,33 +9,68 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from typing import NamedTuple
 
 from pydrake.systems.framework import Diagram
 
-from massprop_drake.inputs.scenario import load_scenario
+from massprop_drake.inputs.scenario import Scenario, load_scenario
 
-# the diagrams by name, and the bundled scenario that each is drawn for
+
+class Drawn(NamedTuple):
+    """A diagram of the gallery.
+
+    Attributes:
+        module: that builds it.
+        scenario: bundled, for which it is drawn.
+        said: what it is, where the module's documentation does not say it.
+    """
+
+    module: str
+    scenario: str
+    said: str = ""
+
+
 DIAGRAMS = {
-    "vehicle": "sample_maneuver",
-    "autopilot": "sample_maneuver",
-    "estimation": "sample_maneuver",
-    "closed_loop": "sample_maneuver",
-    "open_loop": "jet_pulses",
-    "replay": "sample_maneuver",
+    "vehicle": Drawn("vehicle", "sample_maneuver"),
+    "vehicle_tracked": Drawn("vehicle", "air_bearing_pulses", "The vehicle with sensors in a fixed frame."),
+    "autopilot": Drawn("autopilot", "sample_maneuver"),
+    "estimation": Drawn("estimation", "sample_maneuver"),
+    "estimation_joint": Drawn("estimation", "leak_named", "The estimators, with the joint filter and its detector."),
+    "estimation_pose": Drawn(
+        "estimation", "air_bearing_pulses", "The estimators, with the filter in a fixed frame and its detector."
+    ),
+    "closed_loop": Drawn("closed_loop", "sample_maneuver"),
+    "open_loop": Drawn("open_loop", "jet_pulses"),
+    "replay": Drawn("replay", "sample_maneuver"),
 }
 
 
-def build(name: str) -> Diagram:
-    """Builds a bundled diagram, given its name."""
-    module = importlib.import_module(f"massprop_drake.diagrams.{name}")
-    diagram: Diagram = module.build(load_scenario(DIAGRAMS[name]))
+def build(name: str, scenario: Scenario | None = None) -> Diagram:
+    """Builds a diagram of the gallery.
+
+    Args:
+        name: of it.
+        scenario: to build it for; None: the one that it is drawn for.
+    """
+    drawn = DIAGRAMS[name]
+    module = importlib.import_module(f"massprop_drake.diagrams.{drawn.module}")
+    diagram: Diagram = module.build(scenario or load_scenario(drawn.scenario))
     return diagram
 
 
+def names_for(scenario: Scenario | None) -> list[str]:
+    """Names the diagrams that a scenario has, those that fly it last; None: the whole gallery."""
+    if scenario is None:
+        return list(DIAGRAMS)
+    flown = ["open_loop"] if scenario.jet_schedule else ["autopilot", "closed_loop"]
+    return ["vehicle", "estimation", "replay", *flown]
+
+
 def describe(name: str) -> str:
-    """Returns the first line of a diagram's documentation."""
-    module = importlib.import_module(f"massprop_drake.diagrams.{name}")
-    return (module.__doc__ or "").strip().splitlines()[0]
+    """Returns a line about a diagram of the gallery."""
+    drawn = DIAGRAMS[name]
+    module = importlib.import_module(f"massprop_drake.diagrams.{drawn.module}")
+    return drawn.said or (module.__doc__ or "").strip().splitlines()[0]
 
 
 def dot_text(diagram: Diagram, depth: int) -> str:

@@ -7,6 +7,7 @@ trace without `x` is drawn over the sample times, which the page holds once.
 from __future__ import annotations
 
 import html
+import json
 import math
 from collections.abc import Sequence
 from typing import Any
@@ -32,11 +33,12 @@ from massprop_drake.display.style import DECLARED_COLOR, TRUTH_COLOR, UNARMED_CO
 
 Json = dict[str, Any]
 
-_DIGITS = 6  # of a number in the page
+_DIGITS, _DIGITS_READ = 6, 4  # of a number in the page, and of one that is only read
+_LEAST = 0.001  # of the 3-sigma at the end: below it a logarithmic view does not begin
 _PIXELS_PER_POINT = 4.0 / 3.0
 
 # Places, pixels
-_TOP, _BOTTOM, _LEFT, _LABEL = 10, 40, 70, 58  # the last: of a vertical axis's label, left of it
+_TOP, _BOTTOM, _LEFT, _LABEL = 10, 40, 80, 67  # the last: of a vertical axis's label, left of it
 _PANEL, _ONE_PANEL, _ROW, _GAP = 120, 190, 13, 14
 _BAR = 6.0  # width of a bar as high as a row
 _KEY, _SYMBOL, _LETTER, _NARROW = 18, 40, 6, 430  # height of a row of a key, and the widths that fill it
@@ -47,14 +49,14 @@ def drawn(plot: Plot) -> Json:
 
     Returns:
         `name` and `title`; `traces` and `layout` as plotly takes them; and `views`, the vertical axes that the
-        reader switches between a linear and a logarithmic view. A trace of one view names it in `view`, which the
-        page takes out. A path over a quantity says in `meta.over` what its horizontal axis shows; it has a point for
-        each sample time.
+        reader switches between a linear and a logarithmic view, with the least value of the latter. A trace of one
+        view names it in `view`, which the page takes out. A path over a quantity says in `meta.over` what its
+        horizontal axis shows; it has a point for each sample time.
     """
     traces: list[Json] = []
     shapes: list[Json] = []
     axes: Json = {}
-    views: list[str] = []
+    views: dict[str, float] = {}
     heights = [_height(panel, alone=len(plot.panels) == 1) for panel in plot.panels]
     spaces = [_GAP + _key_height(panel) + _axis_height(panel, number) for number, panel in enumerate(plot.panels)]
     total = sum(heights) + sum(spaces)
@@ -63,10 +65,10 @@ def drawn(plot: Plot) -> Json:
         top -= space
         suffix = "" if number == 1 else str(number)
         marks = [mark for mark in panel.marks if not isinstance(mark, Level | Zone)]
-        symmetric = isinstance(panel.scale, SymmetricLog)
-        if symmetric:
-            views.append(f"yaxis{suffix}")
-        for trace in _views(plot, marks) if symmetric else _traces(plot, marks, panel):
+        scale = panel.scale
+        if isinstance(scale, SymmetricLog):
+            views[f"yaxis{suffix}"] = _LEAST * scale.small
+        for trace in _views(plot, marks) if isinstance(scale, SymmetricLog) else _traces(plot, marks, panel):
             if "meta" in trace:
                 trace["meta"] |= {"label": f"{panel.label} {trace['meta']['label']}".strip(), "unit": panel.unit}
             traces.append({**trace, "yaxis": f"y{suffix}", "legend": f"legend{suffix}"})
@@ -105,6 +107,63 @@ def drawn(plot: Plot) -> Json:
         "layout": layout,
         "views": views,
     }
+
+
+class _Lists:
+    """Lists of numbers that a page holds once each.
+
+    Attributes:
+        found: the lists.
+    """
+
+    def __init__(self) -> None:
+        self.found: list[list[float | None]] = []
+        self._places: dict[tuple[float | None, ...], int | list[Any]] = {}
+
+    def place(self, values: list[float | None], *, mirrored: bool) -> int | list[Any]:
+        """Keeps a list, and returns its number; or that of another one with what is to be done to its values.
+
+        Args:
+            values: the list.
+            mirrored: whether one with these magnitudes, or with the other sign, may be kept in its place.
+        """
+        key = tuple(values)
+        if key not in self._places:
+            number = len(self.found)
+            self.found.append(values)
+            self._places[key] = number
+            if mirrored:
+                for what, made in (("minus", _minus), ("abs", _magnitude)):
+                    self._places.setdefault(tuple(map(made, values)), [number, what])
+        return self._places[key]
+
+
+def _minus(value: float | None) -> float | None:
+    return None if value is None else -value
+
+
+def _magnitude(value: float | None) -> float | None:
+    return None if value is None else abs(value)
+
+
+def packed(figures: Sequence[Json]) -> Json:
+    """Puts figures into the form in which a page holds them: every list of numbers and every shape once.
+
+    Args:
+        figures: as `drawn` makes them, which are changed.
+
+    Returns:
+        `lists`, `shapes`, and `plots` in which a shape is its number, and the values of a trace are the number of
+        their list, or that and "minus" or "abs".
+    """
+    lists, shapes = _Lists(), dict[str, int]()
+    for figure in figures:
+        for trace in figure["traces"]:
+            for key in {"x", "y"} & set(trace):
+                trace[key] = lists.place(trace[key], mirrored=key == "y" and bool(figure["views"]))
+        layout = figure["layout"]
+        layout["shapes"] = [shapes.setdefault(json.dumps(shape), len(shapes)) for shape in layout["shapes"]]
+    return {"lists": lists.found, "shapes": [json.loads(shape) for shape in shapes], "plots": list(figures)}
 
 
 def times(plot_time_s: Array) -> list[float]:
@@ -232,7 +291,8 @@ def _points(mark: Points) -> Json:
     marker: Json = {"color": mark.color, "size": mark.size}
     if mark.symbol == "tick":
         marker["symbol"] = "line-ns-open"
-    content: Json = {"x": numbers(mark.x), "y": numbers(mark.y), "mode": "markers", "marker": marker}
+    y = numbers(mark.y, digits=_DIGITS if mark.drawn else _DIGITS_READ)
+    content: Json = {"x": numbers(mark.x), "y": y, "mode": "markers", "marker": marker}
     if mark.symbol == "dot":
         content["meta"] = _read_as(mark.label, **({"group": mark.group} if mark.group else {}))
     if not mark.drawn:
@@ -253,7 +313,8 @@ def _band(plot: Plot, mark: Band) -> list[Json]:
     face = {"fill": "tonexty", "fillcolor": f"{mark.color}{round(255 * mark.opacity):02x}"}
     low = _trace("", {**edge, "y": numbers(mark.low), "hoverinfo": "skip"})
     high = {**edge, "y": numbers(mark.high), **face}
-    return [low, _trace(mark.label, {**high, "meta": _read_as(mark.label)} if mark.label else high)]
+    meta = {"meta": _read_as(mark.label, half=True)} if mark.label else {}  # read as half of what lies between
+    return [low, _trace(mark.label, high | meta)]
 
 
 def _bars(mark: Bars, rows: Sequence[str]) -> Json:

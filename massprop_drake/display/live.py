@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_drake.display import events, flight3d, instruments, interactive, plots
+from massprop_drake.display import events, flight3d, instruments, interactive, motion, plots
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.maths.mass_properties import CENTER_OF_MASS
 
@@ -86,7 +86,7 @@ class Live:
         failing = plots.failing(now, self._scenario)[0]
         asked = np.nan_to_num(moment.command) > 0.0
         lists = {
-            **flight3d.plumes(moment.thrust / self._full, asked, failing),
+            **motion.plumes(moment.thrust / self._full, asked, failing),
             "failed": failing,
             "found": moment.removed,
         }

@@ -1,4 +1,4 @@
-"""How a vehicle turns and moves, as far as a run tells: the truth, what a gyro reads, or what a filter makes of it."""
+"""How a vehicle turns and what its jets do, as far as a run tells: the truth, a reading, or an estimate."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from massprop_drake.display.style import LEAKS, SHOWN
 from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import Scenario
 
@@ -29,3 +30,19 @@ def read(scenario: Scenario, signals: Mapping[str, Array]) -> Array:
     """Angular rate as it is known aboard, rad/s, shape (n, 3): by the gyro in use, or where there is none estimated."""
     packages = params.gyros(scenario)
     return np.asarray(signals[packages[0].name if packages else "rate_estimate"])
+
+
+def plumes(level: Array, asked: NDArray[np.bool_], fails: NDArray[np.bool_]) -> dict[str, NDArray[np.bool_]]:
+    """Which jets have which plume: thrust as it should be, of a failed jet untold, and none where one was asked for.
+
+    Args:
+        level: thrust over full thrust, of any shape.
+        asked: whether the jet is commanded.
+        fails: whether it truly fails; such a jet is shown to fire if it only leaks.
+    """
+    given = level > SHOWN
+    return {
+        "given": given & (asked | ~fails),
+        "untold": (level > LEAKS) & ~asked & fails,
+        "withheld": asked & ~given & fails,
+    }

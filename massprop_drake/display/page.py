@@ -14,6 +14,7 @@ from massprop_drake.maths.mass_properties import MASS_RECIPROCAL
 from massprop_drake.results import events as said
 from massprop_drake.results import table, unconfirmed
 from massprop_drake.results.against import Against
+from massprop_drake.results.consistency import INCONSISTENT
 from massprop_drake.results.detections import JUMP, DetectionRecord, remarks, size
 from massprop_drake.results.folder import write_page
 from massprop_drake.results.identifiability import in_words
@@ -63,16 +64,19 @@ def report_html(run: Run, *, replay: str | None = None) -> str:
     jumps, shown_by = _jumps(run)
     described = {
         "time": interactive.times(run.time_s),
-        "plots": [interactive.drawn(plot(source)) for plot in plots.available(source).values()],
+        **interactive.packed([interactive.drawn(plot(source)) for plot in plots.available(source).values()]),
         "jumps": jumps,
     }
     units = scenario.vehicle_data.unit_names
+    rows = table.parameters(results, units, truth=source.simulated)
     content = {
         "title": f"{results.vehicle}: {results.scenario}",
         "summary": run.summary,
+        "innovations": results.consistency.in_words(),
         "units": units,
         "verdict": [*_verdict(results), *_armed(source, results)],
-        "parameters": table.parameters(results, units, truth=source.simulated),
+        "parameters": rows,
+        "bounded": any(row.bound != "-" for row in rows),
         "derived": table.derived(results, units),
         "simulated": source.simulated,
         "unidentified": in_words(results.identifiability, SYMBOLS),
@@ -118,6 +122,10 @@ def _verdict(results: Summary) -> list[dict[str, Any]]:
         of_it = [symbol for symbol, one in zip(SYMBOLS, results.identifiability, strict=False) if one.flag == flag]
         if of_it:
             say(False, f"{', '.join(of_it)}: {words}; the reasons stand below the table.")
+    if results.consistency.verdict == INCONSISTENT:
+        reasons = results.consistency.reasons
+        more = f" and {len(reasons) - 1} more, below" if len(reasons) > 1 else ""
+        say(False, f"Inconsistent, so that a 1-sigma may say too little: {reasons[0]}{more}.")
     if not math.isfinite(results.estimates[MASS_RECIPROCAL]):
         say(None, "The mass is not observable: no accelerometer was read.")
     for good, text in _of_failures(results):

@@ -29,12 +29,14 @@ from massprop_drake.display.spec import (
     Window,
     Zone,
 )
-from massprop_drake.display.style import BAND_COLOR, COLORS, FAILED_COLOR, POINT_SIZE, SHOWN, THIN_LINE, TRUTH_COLOR
+from massprop_drake.display.style import BAND_COLOR, COLORS, FAILED_COLOR, POINT_SIZE, THIN_LINE, TRUTH_COLOR
 from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.maths.autopilot.phase_space import PhaseSpaceParams, commanded_rate
-from massprop_drake.signals import AGAINST, AXES, SIGNALS, SYMBOLS, in_units, mass_property_units
+from massprop_drake.maths.estimation.detectors.multi_hypothesis import Word
+from massprop_drake.results.consistency import ruled
+from massprop_drake.signals import AGAINST, AXES, SIGNALS, SYMBOLS, in_units, is_own, mass_property_units
 
 if TYPE_CHECKING:
     from massprop_drake.results.run import Run
@@ -42,6 +44,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 NIS_LIMITS = (0.21579528262389802, 9.348403604496148)  # 2.5 and 97.5 % of chi-square, 3 degrees of freedom
+_RARE_NIS = 11.344866730144373  # 99 % of chi-square, 3 degrees of freedom
 _DEGREES = 180.0 / np.pi
 _FLOOR = 0.1  # of statistics on a logarithmic scale: what lies below says nothing
 PROMPT_S = 1.0  # a detector that tests as soon is armed from the start
@@ -77,9 +80,24 @@ class Source(NamedTuple):
         """Whether the truth is known; if not, the signals come from telemetry."""
         return "truth" in self.signals
 
+    @property
+    def turning(self) -> tuple[int, ...]:
+        """The axes about which the vehicle turns."""
+        return (2,) if self.vehicle.motion == "planar" else (0, 1, 2)
+
+    @property
+    def moving(self) -> tuple[int, ...]:
+        """The axes along which it moves."""
+        return (0, 1) if self.vehicle.motion == "planar" else (0, 1, 2)
+
+    @property
+    def clustered(self) -> bool:
+        """Whether any cluster has more than one jet."""
+        return len({jet.cluster for jet in self.vehicle.jets}) < len(self.vehicle.jets)
+
     def where(self, name: str) -> NDArray[np.int_]:
-        """Rows at which a signal of one component is not zero, shape (k,)."""
-        return np.flatnonzero(self.signals[name][:, 0] != 0.0)
+        """Rows at which a signal of one component is there and not zero, shape (k,)."""
+        return np.flatnonzero(np.nan_to_num(self.signals[name][:, 0]) != 0.0)
 
 
 def source(run: Run) -> Source:
@@ -98,12 +116,12 @@ def available(run: Source) -> dict[str, Callable[[Source], Plot]]:
     if run.consistency is None:
         found["propellant"] = propellant
     if "likelihood" in run.signals:
-        found |= {
-            "likelihoods": likelihoods,
-            "margins": margins,
-            "failure_magnitude": failure_magnitude,
-            "detection_timeline": detection_timeline,
-        }
+        found["likelihoods"] = likelihoods
+        if any(np.isfinite(run.signals[name]).any() for name in ("jet_margin", "cluster_margin")):
+            found["margins"] = margins
+        found |= {"failure_magnitude": failure_magnitude, "detection_timeline": detection_timeline}
+    if _own(run):
+        found["own_signals"] = own_signals
     return found
 
 
@@ -114,14 +132,24 @@ def _of_motion(run: Source) -> dict[str, Callable[[Source], Plot]]:
         if run.vehicle.accelerometers:
             found["accelerometer_velocities"] = accelerometer_velocities
         found |= {"gyro_readings": gyro_readings} if run.vehicle.gyros else {"rates_estimated": rates_estimated}
-        return found | {"clusters": clusters, "jets": jets}
+        return found | _of_place(run) | _of_jets(run)
     found["rates"] = rates
     if "attitude_error" in run.signals:
         found["attitude_error"] = attitude_error
-    found |= {"velocities": velocities, "clusters": clusters, "jets": jets, "torques": torques, "forces": forces}
+    found |= {"velocities": velocities, **_of_place(run), **_of_jets(run), "torques": torques, "forces": forces}
     if "attitude_error" in run.signals:
         found["phase_plane"] = phase_plane
     return found
+
+
+def _of_place(run: Source) -> dict[str, Callable[[Source], Plot]]:
+    """Where a vehicle is that is followed in a fixed frame."""
+    return {"positions": positions} if "position_estimate" in run.signals else {}
+
+
+def _of_jets(run: Source) -> dict[str, Callable[[Source], Plot]]:
+    """Which jets fired; one by one too, where clusters have several."""
+    return {"clusters": clusters, "jets": jets} if run.clustered else {"jets": jets}
 
 
 def _of_estimates(run: Source) -> dict[str, Callable[[Source], Plot]]:
@@ -135,7 +163,7 @@ def _of_estimates(run: Source) -> dict[str, Callable[[Source], Plot]]:
     if "mass_nis" in run.signals:  # there is an accelerometer
         found["mass_reciprocal"] = mass_reciprocal
     if "thrust_factor" in run.signals:
-        return found | {"thrust_factors": thrust_factors, "consistency": consistency}
+        return found | {"consistency": consistency, "thrust_factors": thrust_factors, "surroundings": surroundings}
     found["consistency"] = consistency
     if "rotation_innovation" in run.signals:
         found["innovations"] = innovations
@@ -149,18 +177,37 @@ def _of_estimates(run: Source) -> dict[str, Callable[[Source], Plot]]:
 
 def rates(run: Source) -> Plot:
     """Angular velocity (figure 5-2)."""
-    return _vector(run, "rates", "rate", "Angular rate", "deg/s", scale=_DEGREES)
+    return _vector(run, "rates", "rate", "Angular rate", "deg/s", scale=_DEGREES, axes=run.turning)
 
 
 def velocities(run: Source) -> Plot:
     """Velocity of the center of mass relative to the start, inertial axes (figure 5-3)."""
     title = "Velocity of the center of mass, relative to the start, inertial axes"
-    return _vector(run, "velocities", "velocity", title)
+    return _vector(run, "velocities", "velocity", title, axes=run.moving)
 
 
 def attitude_error(run: Source) -> Plot:
     """Attitude error in hold."""
-    return _vector(run, "attitude_error", "attitude_error", "Attitude error in hold", "deg", scale=_DEGREES)
+    title = "Attitude error in hold"
+    return _vector(run, "attitude_error", "attitude_error", title, "deg", scale=_DEGREES, axes=run.turning)
+
+
+def positions(run: Source) -> Plot:
+    """Position in the fixed frame: as read, as estimated and, in a simulation, as it is."""
+    panels = []
+    for axis in run.moving:
+        marks: list[Mark] = [
+            Points(run.time_s, run.signals[sensor.name][:, axis], BAND_COLOR, f"{sensor.name} as read", size=2.0)
+            for sensor in run.vehicle.poses
+            if sensor.name in run.signals
+        ]
+        if run.simulated:
+            marks.append(Line(run.time_s, run.signals["position"][:, axis], TRUTH_COLOR, "true center of mass"))
+        estimate = run.signals["position_estimate"][:, axis]
+        marks.append(Line(run.time_s, estimate, COLORS[axis], "estimated center of mass", dashed=run.simulated))
+        panels.append(Panel(AXES[axis], run.vehicle.unit_names["length"], tuple(marks)))
+    meaning = "what is read is the place of the point that is followed"
+    return _plot(run, "positions", "Position in the fixed frame", panels, meaning=meaning)
 
 
 def phase_plane(run: Source) -> Plot:
@@ -173,24 +220,28 @@ def phase_plane(run: Source) -> Plot:
     rate = _DEGREES * motion.read(run.scenario, run.signals)
     translates = any(window.controller == "thc" for window in run.scenario.maneuver)
     deadbands = {"corrects beyond": law.rate_deadband} | ({"in a translation": law.resolve_rate} if translates else {})
-    panels = [_phase_panel(letter, error[:, axis], rate[:, axis], law, deadbands) for axis, letter in enumerate(AXES)]
+    panels = [
+        _phase_panel(axis, (error[:, axis], rate[:, axis]), law, deadbands, key=axis == run.turning[0])
+        for axis in run.turning
+    ]
     meaning = "an axis beyond the dashed lines asks for a correction of all three"
     return _plot(run, "phase_plane", "Phase plane: rate over attitude error, in hold", panels, meaning=meaning)
 
 
 def _phase_panel(
-    letter: str, error: Array, rate: Array, law: PhaseSpaceParams, deadbands: Mapping[str, float]
+    axis: int, path: tuple[Array, Array], law: PhaseSpaceParams, deadbands: Mapping[str, float], *, key: bool
 ) -> Panel:
     """The path of an axis, deg and deg/s, among its switching lines; deadbands in rad/s by what they are for."""
+    error, rate = path
     held = np.where(np.isnan(error), np.nan, rate)
     wide = _beyond(error, 0.0)
     high = _beyond(held, _DEGREES * (law.hold_rate_limit + max(deadbands.values())))
     corner = _DEGREES * law.hold_rate_limit / law.hold_gain if law.hold_gain > 0.0 else wide
     x = np.unique(np.clip([-wide, -corner, corner, wide], -wide, wide))
     wanted = np.array([_DEGREES * commanded_rate(np.zeros(3), np.full(3, at), law)[0] for at in x / _DEGREES])
-    key = letter == AXES[0]  # one for all
+    letter = AXES[axis]
     marks: list[Mark] = [
-        Line(error, held, COLORS[AXES.index(letter)], "path" if key else "", width=THIN_LINE),
+        Line(error, held, COLORS[axis], "path" if key else "", width=THIN_LINE),
         Line(x, wanted, TRUTH_COLOR, "rate wanted" if key else ""),
     ]
     for (label, deadband), color in zip(deadbands.items(), (TRUTH_COLOR, BAND_COLOR), strict=False):
@@ -207,17 +258,18 @@ def _beyond(values: Array, least: float) -> float:
 
 def rates_estimated(run: Source) -> Plot:
     """Angular rate as the filter has it, of a vehicle without gyro."""
-    return _vector(run, "rates_estimated", "rate_estimate", "Angular rate, estimated", "deg/s", scale=_DEGREES)
+    title = "Angular rate, estimated"
+    return _vector(run, "rates_estimated", "rate_estimate", title, "deg/s", scale=_DEGREES, axes=run.turning)
 
 
 def torques(run: Source) -> Plot:
     """Applied torque about the center of mass (figure 5-4)."""
-    return _vector(run, "torques", "torque", "Applied torque about the center of mass", steps=True)
+    return _vector(run, "torques", "torque", "Applied torque about the center of mass", steps=True, axes=run.turning)
 
 
 def forces(run: Source) -> Plot:
     """Applied force (figure 5-5)."""
-    return _vector(run, "forces", "force", "Applied force", steps=True)
+    return _vector(run, "forces", "force", "Applied force", steps=True, axes=run.moving)
 
 
 def gyro_readings(run: Source) -> Plot:
@@ -265,6 +317,9 @@ def jets(run: Source) -> Plot:
     """Which jet was commanded when, a row per jet, by cluster."""
     every = run.vehicle.jets
     order = sorted(range(len(every)), key=lambda index: (every[index].cluster, index))
+    if not run.clustered:
+        rows = [_Row(every[index].designation, every[index].cluster, (index,)) for index in order]
+        return _firings(run, "jets", "Jets", "", rows)
     rows = [
         _Row(f"{every[index].designation} ({every[index].cluster})", every[index].cluster, (index,)) for index in order
     ]
@@ -279,6 +334,8 @@ def clusters(run: Source) -> Plot:
     }
     if "known_force_variance" in run.signals:
         alone |= set(np.flatnonzero((run.signals["known_force_variance"] > 0.0).any(axis=0)).tolist())
+    if "verdict" in run.signals:
+        alone |= set(np.flatnonzero((run.signals["verdict"] == Word.FAILED).any(axis=0)).tolist())
     rows = [_Row(f"jet {every[jet].designation}", every[jet].cluster, (jet,)) for jet in sorted(alone)]
     for cluster in sorted({jet.cluster for jet in every}):
         members = tuple(index for index, jet in enumerate(every) if jet.cluster == cluster)
@@ -302,10 +359,10 @@ def _firings(run: Source, name: str, title: str, label: str, rows: Sequence[_Row
     ]
     meaning = ""
     if run.simulated:
-        thrust = run.signals["thrust"] / np.linalg.norm(run.vehicle.thrusts, axis=1) > SHOWN
-        untold = thrust & ~command & failing(run.time_s, run.scenario)
-        marks.append(_bars(run, rows, thrust & ~untold, 0.2, TRUTH_COLOR, "thrust"))
-        marks.append(_bars(run, rows, untold, 0.2, FAILED_COLOR, "thrust untold"))
+        level = run.signals["thrust"] / np.linalg.norm(run.vehicle.thrusts, axis=1)
+        seen = motion.plumes(level, command, failing(run.time_s, run.scenario))
+        marks.append(_bars(run, rows, seen["given"], 0.2, TRUTH_COLOR, "thrust"))
+        marks.append(_bars(run, rows, seen["untold"], 0.2, FAILED_COLOR, "thrust untold"))
         meaning = "upper bar: commanded; lower bar: true thrust, orange: of a failed jet, untold"
     every = tuple(mark for part in marks for mark in part)
     return _plot(run, name, title, [Panel(label, "", every, rows=tuple(row.name for row in rows))], meaning=meaning)
@@ -367,14 +424,12 @@ def _vector(
     *,
     scale: float = 1.0,
     steps: bool = False,
+    axes: Sequence[int] = (0, 1, 2),
 ) -> Plot:
-    """A vector signal, a panel per axis."""
+    """A vector signal, a panel for each of some axes."""
     values = scale * run.signals[signal]
     unit = unit or in_units(SIGNALS[signal].unit, run.vehicle.unit_names)
-    panels = [
-        Panel(letter, unit, (Line(run.time_s, values[:, axis], COLORS[axis], steps=steps),))
-        for axis, letter in enumerate(AXES)
-    ]
+    panels = [Panel(AXES[axis], unit, (Line(run.time_s, values[:, axis], COLORS[axis], steps=steps),)) for axis in axes]
     return _plot(run, name, title, panels)
 
 
@@ -419,9 +474,20 @@ def mass_reciprocal(run: Source) -> Plot:
 
 
 def _parameters(run: Source, name: str, elements: tuple[int, ...], title: str) -> Plot:
-    """Estimation errors with their 3-sigma band; without the truth the estimates with theirs."""
+    """Estimation errors with their 3-sigma band; without the truth the estimates with theirs.
+
+    Another estimate, an output `estimate` of ten numbers of a system of the user's own, is drawn beside.
+    """
     panel, what = (_error, "estimation error") if run.simulated else (_estimate, "estimate")
     return _plot(run, name, f"{title}: {what}", [panel(run, element) for element in _estimated(run, elements)])
+
+
+def _other_estimates(run: Source, element: int) -> dict[str, tuple[Array, str]]:
+    """Estimates of a parameter by systems of the user's own, by the system's name, each with its color."""
+    names = [name for name in run.signals if is_own(name) and name.endswith(".estimate")]
+    found = {name.rpartition(".")[0]: run.signals[name] for name in names if run.signals[name].shape[1] == len(SYMBOLS)}
+    there = {name: values[:, element] for name, values in found.items() if np.isfinite(values[:, element]).any()}
+    return {name: (values, COLORS[3 + number % 3]) for number, (name, values) in enumerate(there.items())}
 
 
 def _estimated(run: Source, elements: tuple[int, ...]) -> list[int]:
@@ -438,11 +504,31 @@ def thrust_factors(run: Source) -> Plot:
         value, band = factor[:, jet], 3.0 * deviation[:, jet]
         marks = (
             Band(run.time_s, value - band, value + band, label=f"3-sigma, at the end {band[-1]:.2g}"),
-            Line(run.time_s, value, COLORS[jet % 3], f"{name}, at the end {value[-1]:.3g}"),
+            Line(run.time_s, value, COLORS[jet % 3], f"factor, at the end {value[-1]:.3g}"),
         )
         panels.append(Panel(name, "", marks, limits=_last_half(value, band)))
     title = "Thrust factors: acceleration by each jet over nominal"
     return _plot(run, "thrust_factors", title, panels)
+
+
+def surroundings(run: Source) -> Plot:
+    """What is estimated beside the vehicle: the delay of commands, drag, and the turning that goes with the heading."""
+    shown = [("command_delay", 0, "delay of commands", "s")]
+    shown += [("drag_rate", 0, "drag", "1/s"), ("drag_rate", 1, "angular drag", "1/s")]
+    shown += [("heading_turn", part, f"turning, {name}", "rad/s^2") for part, name in enumerate(("cosine", "sine"))]
+    panels = []
+    for number, (signal, column, label, unit) in enumerate(shown):
+        value, deviation = (run.signals[name][:, column] for name in (signal, f"{signal}_std"))
+        if not deviation.max(initial=0.0) > 0.0:  # known, or of no effect
+            continue
+        band = 3.0 * deviation
+        marks = (
+            Band(run.time_s, value - band, value + band, label=f"3-sigma, at the end {band[-1]:.2g} {unit}"),
+            Line(run.time_s, value, COLORS[number % 3], f"estimate, at the end {value[-1]:.3g} {unit}"),
+        )
+        panels.append(Panel(label, unit, marks, limits=_last_half(value, band)))
+    meaning = "drag over mass, angular drag over inertia; turning: angular acceleration that goes with the heading"
+    return _plot(run, "surroundings", "Delay of commands, and surroundings", panels, meaning=meaning)
 
 
 def _error(run: Source, element: int) -> Panel:
@@ -454,12 +540,16 @@ def _error(run: Source, element: int) -> Panel:
         unit, scale = "%", 100.0 / np.abs(true)
     error = scale * (run.signals["estimate"][:, element] - true)
     band = scale * 3.0 * run.signals["standard_deviation"][:, element]
+    others = {
+        name: (scale * (values - true), color) for name, (values, color) in _other_estimates(run, element).items()
+    }
     return Panel(
         SYMBOLS[element],
         unit,
         (
             Band(run.time_s, -band, band, label=f"3-sigma, at the end {band[-1]:.3g} {unit}"),
             Line(run.time_s, error, COLORS[element % 3], f"error, at the end {error[-1]:.3g} {unit}"),
+            *_beside(run, others, unit, 3),
         ),
         scale=SymmetricLog(float(band[-1]), float(np.nanmax(np.abs([error, band])))),
     )
@@ -476,9 +566,18 @@ def _estimate(run: Source, element: int) -> Panel:
         (
             Band(run.time_s, value - band, value + band, label=f"3-sigma, at the end {band[-1]:.3g} {unit}"),
             Line(run.time_s, value, COLORS[element % 3], f"estimate, at the end {value[-1]:.5g} {unit}"),
+            *_beside(run, _other_estimates(run, element), unit, 5),
         ),
         limits=_last_half(value, band),
     )
+
+
+def _beside(run: Source, others: Mapping[str, tuple[Array, str]], unit: str, digits: int) -> list[Line]:
+    """Lines of others' estimates or errors, by name, each with its color."""
+    return [
+        Line(run.time_s, values, color, f"{name}, at the end {values[-1]:.{digits}g} {unit}", width=THIN_LINE)
+        for name, (values, color) in others.items()
+    ]
 
 
 def _last_half(value: Array, band: Array) -> tuple[float, float]:
@@ -544,10 +643,18 @@ def _of_most(values: Array, band: Array) -> tuple[float, float] | None:
 
 
 def _mean_nis(run: Source, name: str, nis: Array) -> str:
-    if run.consistency is None:
-        return f"NIS, mean {nis.mean():.2f} of {nis.size} samples" if nis.size else "NIS, no sample used"
-    mean = run.consistency["rotation_nis_mean" if name == "rotation" else "translation_nis_mean"]
-    return "NIS, no sample used" if mean is None else f"NIS, mean {mean:.2f} of all samples used"
+    means = run.consistency
+    if means is None:
+        mean = float(nis.mean()) if nis.size else None
+        within, of = float(nis[nis <= _RARE_NIS].mean()) if (nis <= _RARE_NIS).any() else None, f"{nis.size}"
+    else:
+        mean, within = (means.get(f"{_TURNED_OR_MOVED[name]}_nis_{which}") for which in ("mean", "within"))
+        of = "all"
+    if mean is None:
+        return "NIS, no sample used"
+    if within is None or not ruled(mean, within):
+        return f"NIS, mean {mean:.2f} of {of} samples{'' if means is None else ' used'}"
+    return f"NIS, mean {within:.2f} ({mean:.4g} with those beyond 99 %)"
 
 
 # ---------------------------------------------------------------------------------------- detector
@@ -563,12 +670,10 @@ def likelihoods(run: Source) -> Plot:
     declared = np.zeros(clusters.size, dtype=bool)
     if "known_force_variance" in run.signals:
         declared = np.asarray((run.signals["known_force_variance"] > 0.0).any(axis=0))
-    groups = [f"cluster {number}" for number in numbers]
-    found = np.isin(numbers, clusters[declared])
-    panels = [
-        _highest(run.time_s[tested], of_jets, run.vehicle.designations, "of the jets", declared),
-        _highest(run.time_s[tested], of_clusters, groups, "of the clusters", found),
-    ]
+    panels = [_highest(run.time_s[tested], of_jets, run.vehicle.designations, "of the jets", declared)]
+    if run.clustered:
+        groups, found = [f"cluster {number}" for number in numbers], np.isin(numbers, clusters[declared])
+        panels.append(_highest(run.time_s[tested], of_clusters, groups, "of the clusters", found))
     return _plot(run, "likelihoods", "Likelihood arguments of a failed jet", panels)
 
 
@@ -578,15 +683,16 @@ def _highest(time_s: Array, values: Array, names: Sequence[str], label: str, dec
     What was declared is drawn last, and so on top. All are there to be read.
     """
     shown = np.maximum(values, _FLOOR)
-    limits = (_FLOOR, max(10.0, 2.0 * float(shown.max(initial=1.0))))
+    limits = (_FLOOR, max(10.0, 2.0 * float(np.fmax.reduce(shown, axis=None, initial=1.0))))
     if not time_s.size:
         return Panel(label, "", (), scale="log", limits=limits)
-    order = np.argsort(-shown.max(axis=0))
-    top, rest = order[:_NAMED], order[_NAMED:]
+    most = np.fmax.reduce(shown, axis=0, initial=_FLOOR)  # of what there is: a detector need not judge all at all times
+    order, reaching = np.argsort(-most), int((most > _FLOOR).sum())
+    top, rest = np.split(order, [min(_NAMED, max(1, reaching))])
     top = top[np.argsort(declared[top], kind="stable")]
     marks: list[Mark] = []
     if rest.size:
-        low, high = shown[:, rest].min(axis=1), shown[:, rest].max(axis=1)
+        low, high = (reduced(shown[:, rest], axis=1) for reduced in (np.fmin.reduce, np.fmax.reduce))
         marks.append(Whiskers(time_s, low, high, BAND_COLOR, "range of the others"))
     marks += [Points(time_s, shown[:, column], BAND_COLOR, names[column], drawn=False, group=label) for column in rest]
     for column, color in zip(top, COLORS, strict=False):
@@ -622,12 +728,12 @@ def failure_magnitude(run: Source) -> Plot:
         failed = [run.vehicle.jet_index(failure.jet) for failure in run.scenario.failures]
         for jet, color in zip(dict.fromkeys(suspected + failed), (TRUTH_COLOR, *COLORS[2:]), strict=False):
             expected = run.vehicle.jets[jet].thrust * run.signals["command"][:, jet]
-            label = f"truth, {run.vehicle.designations[jet]}"
+            label = f"truth of {run.vehicle.designations[jet]}"
             marks.append(Line(run.time_s, run.signals["thrust"][:, jet] - expected, color, label, steps=True))
     known = run.signals["known_force_variance"] > 0.0
     for jet in np.flatnonzero(known.any(axis=0)):
         force = np.where(known[:, jet], run.signals["known_force"][:, jet], np.nan)
-        label = f"known force, {run.vehicle.designations[jet]}"
+        label = f"known force of {run.vehicle.designations[jet]}"
         marks.append(Line(run.time_s, force, COLORS[1], label, width=1.4, dashed=True))
     if alarm.size:
         time_s, magnitude = run.time_s[alarm], run.signals["suspected_magnitude"][alarm, 0]
@@ -643,7 +749,7 @@ def failure_magnitude(run: Source) -> Plot:
 def detection_timeline(run: Source) -> Plot:
     """Tests, alarms and declarations beside the rates and the number of jets commanded."""
     rate = _DEGREES * motion.rate(run.scenario, run.signals)
-    turning = tuple(Line(run.time_s, rate[:, axis], COLORS[axis], letter) for axis, letter in enumerate(AXES))
+    turning = tuple(Line(run.time_s, rate[:, axis], COLORS[axis], AXES[axis]) for axis in run.turning)
     count = (run.signals["command"] > 0.0).sum(axis=1).astype(float)
     commanded = Band(run.time_s, np.zeros_like(count), count, COLORS[0], opacity=0.6, steps=True)
     rows = {
@@ -661,6 +767,37 @@ def detection_timeline(run: Source) -> Plot:
         Panel("", "", tuple(ticks), rows=tuple(label for label, _ in rows.values())),
     ]
     return _plot(run, "detection_timeline", "Detection", panels)
+
+
+def own_signals(run: Source) -> Plot:
+    """Signals of the user's own systems that nothing else shows, a panel for each."""
+    panels = []
+    for name in _own(run):
+        values = run.signals[name]
+        components = range(values.shape[1])
+        marks = [
+            Line(run.time_s, values[:, at], COLORS[at % len(COLORS)], f"{at}" if len(components) > 1 else "")
+            for at in components
+        ]
+        panels.append(Panel(name, "", tuple(marks)))
+    return _plot(run, "own_signals", "Signals of your own", panels)
+
+
+_READABLE = 12  # components of a signal that are drawn, at the most
+
+
+def _own(run: Source) -> list[str]:
+    """Names of the user's own signals that no other plot shows; long vectors are left out."""
+    drawn = {f"{name}.estimate" for element in range(len(SYMBOLS)) for name in _other_estimates(run, element)}
+    return [
+        name
+        for name, values in run.signals.items()
+        if is_own(name)
+        and not name.startswith(AGAINST)
+        and name not in drawn
+        and values.shape[1] <= _READABLE
+        and np.isfinite(values).any()
+    ]
 
 
 # ------------------------------------------------------------------------------------ what all show

@@ -27,6 +27,7 @@
   }
 
   function ticks() {
+    element("mp-events").replaceChildren();
     for (const event of story.events) {
       const tick = document.createElement("button");
       tick.type = "button";
@@ -213,12 +214,18 @@
     source.onmessage = message => {
       const { row, lists } = JSON.parse(message.data);
       rows.push(row);
-      for (const [name, jets] of Object.entries(lists)) story.lists[name].push(jets);
+      for (const [name, jets] of Object.entries(lists)) {
+        const before = story.lists[name].at(-1) || [], fresh = jets.filter(jet => !before.includes(jet));
+        if (fresh.length && (name === "failed" || name === "found"))
+          story.events.push({ at: row[column.time], kind: name, text: (name === "failed" ? "fails: " : "taken out of use: ") + fresh.map(jet => "jet " + scene.jets[jet].name).join(", ") });
+        story.lists[name].push(jets);
+      }
       if (!ready) return;
       last = slider.max = row[column.time];
+      if (story.events.length) ticks();
       if (following) seek(last);
     };
-    source.onerror = () => source.close();  // the run has ended: what has been seen stays
+    source.onerror = () => { source.close(); following = false; if (ready) say(); };  // the run has ended: what has been seen stays
   }
   if (story.live) listen();
 

@@ -1,6 +1,12 @@
 (function () {
   "use strict";
   const data = JSON.parse(document.getElementById("data").textContent);
+  // every list of numbers is there once, and every shape
+  const does = { minus: value => -value, abs: Math.abs };
+  const listed = at => typeof at === "number" ? data.lists[at] : data.lists[at[0]].map(value => value === null ? null : does[at[1]](value));
+  for (const figure of data.plots) for (const trace of figure.traces) for (const key of ["x", "y"]) if (key in trace) trace[key] = listed(trace[key]);
+  for (const { layout } of data.plots) layout.shapes = layout.shapes.map(shape => data.shapes[shape]);
+
   const host = document.getElementById("plots"), slider = document.getElementById("cursor-slider");
   const first = data.time[0], last = data.time[data.time.length - 1];
   const drawn = [];
@@ -12,6 +18,8 @@
     if (className) made.className = className;
     return made;
   };
+  const NARROW = 430; // card, pixels
+  const ROW = 400; // height of a row of plots that a tall one counts for, pixels
   const PAPER = 330; // width of a column of plots on paper, pixels
   const onPaper = () => document.documentElement.dataset.print === "yes";
   const whole = () => range[0] <= first && range[1] >= last;
@@ -35,7 +43,7 @@
 
   // least and greatest value of the traces of an axis within the times that are shown; null for none
   function extent(figure, axis) {
-    const log = figure.layout[axis].type === "log" || figure.views.includes(axis) && logarithmic;
+    const log = figure.layout[axis].type === "log" || axis in figure.views && logarithmic;
     let low = Infinity, high = -Infinity;
     for (const trace of figure.traces) {
       if (trace.visible === false || !seen(trace) || "yaxis" + trace.yaxis.slice(1) !== axis) continue;
@@ -50,6 +58,7 @@
       }
     }
     if (low > high) return null;
+    if (log && axis in figure.views) low = Math.min(high, Math.max(low, figure.views[axis]));
     if (log) return [Math.log10(low) - 0.1, Math.log10(high) + 0.1];
     const margin = 0.06 * (high - low) || 0.05 * Math.abs(high) || 1;
     return [low - margin, high + margin];
@@ -73,7 +82,8 @@
     const changes = {};
     for (const key of Object.keys(figure.layout)) {
       if (!/^yaxis/.test(key) || figure.layout[key].tickvals) continue;
-      const found = whole() ? figure.layout[key].range || null : extent(figure, key);
+      const bounded = key in figure.views && logarithmic;
+      const found = whole() && !bounded ? figure.layout[key].range || null : extent(figure, key);
       if (found) changes[key + ".range"] = found.slice();
       else changes[key + ".autorange"] = true;
     }
@@ -105,17 +115,23 @@
     }));
   }
 
+  const columns = figure => plane(figure) ? 3 : 1; // of plots on paper that a figure spans
+
   // a figure in the colors of the theme, showing one of its views
   function shown(figure) {
     const layout = themed.layout(figure.layout);
-    if (plane(figure)) arrange(layout, onPaper() ? 3 * PAPER : document.getElementById("plot-" + figure.name).clientWidth);
+    if (onPaper()) layout.width = columns(figure) * PAPER;
+    if (plane(figure)) arrange(layout, onPaper() ? layout.width : document.getElementById("plot-" + figure.name).clientWidth);
+    const narrow = document.getElementById("plot-" + figure.name).clientWidth < NARROW;
     const traces = figure.traces.map(({ view, meta, ...trace }) => {
+      // a narrow card has room for one entry of a key; that of 3 sigma stands above all plots
+      if (narrow && /^3[- ]sigma/.test(trace.name)) trace.showlegend = false;
       const visible = trace.visible !== false && (view === undefined || (view === "log") === logarithmic);
       if (meta && meta.over) Object.assign(trace, { x: part(trace.x), y: part(trace.y) });
       return { x: data.time, ...themed.traces(trace), visible };
     });
     traces.push(...themed.traces(dots(figure, Number(slider.value))));
-    for (const key of figure.views) layout[key].type = logarithmic ? "log" : "linear";
+    for (const key of Object.keys(figure.views)) layout[key].type = logarithmic ? "log" : "linear";
     if (!plane(figure)) layout.xaxis.range = range.slice();
     for (const [key, value] of Object.entries(vertical(figure))) {
       const [axis, what] = key.split(".");
@@ -144,15 +160,15 @@
   function number(value) {
     if (value === null || value === undefined) return "-";
     const size = Math.abs(value);
-    return size !== 0 && (size < 1e-3 || size >= 1e6) ? value.toExponential(3) : String(Number(value.toPrecision(5)));
+    return size > 1e-30 && (size < 1e-3 || size >= 1e6) ? value.toExponential(3) : String(Number(value.toPrecision(5)));
   }
 
   // what a figure shows at a time: label, value and unit of each signal, in the order in which they are drawn
   function reading(figure, time) {
     const found = [], groups = new Map();
-    for (const trace of figure.traces) {
+    for (const [place, trace] of figure.traces.entries()) {
       if (!trace.meta || trace.view === "log") continue;
-      const { label, unit, bars, group } = trace.meta;
+      const { label, unit, bars, group, half } = trace.meta;
       if (over(trace)) {
         const at = Math.max(0, placeOf(data.time, time));
         found.push([over(trace)[0], number(trace.x[at]), over(trace)[1]], [label, number(trace.y[at]), unit]);
@@ -167,7 +183,9 @@
         else if (!groups.has(label)) groups.set(label, []);
         continue;
       }
-      const at = placeOf(times(trace), time), value = at < 0 ? null : trace.y[at];
+      const at = placeOf(times(trace), time);
+      let value = at < 0 ? null : trace.y[at];
+      if (half && value !== null) value = (value - figure.traces[place - 1].y[at]) / 2; // the lower edge stands before
       if (!group) { found.push([label, number(value), unit]); continue; }
       if (value !== null) groups.set(group, [...(groups.get(group) || []), [label, value, unit]]);
     }
@@ -237,10 +255,12 @@
 
   // ---- figures
 
-  function draw(figure) {
+  const waiting = []; // figures that are not drawn yet
+  function add(figure) {
     const card = make(figure.folded ? "details" : "section", "", "plot" + (plane(figure) ? " broad" : figure.folded ? " folded" : figure.layout.height > 560 ? " tall" : ""));
     const plot = make("div"), line = make("div", "", "cursor"), readout = make("p", "", "readout");
     card.id = "plot-" + figure.name;
+    card.style.setProperty("--rows", Math.ceil(figure.layout.height / ROW));
     if (figure.folded) {
       const summary = make("summary");
       summary.append(make("h3", figure.title));
@@ -248,6 +268,7 @@
     } else card.append(make("h3", figure.title));
     card.append(readout, plot);
     if (figure.note) card.append(make("p", figure.note, "note"));
+    plot.style.minHeight = figure.folded || plane(figure) ? "" : figure.layout.height + "px";
     host.append(card);
     const entry = { figure, plot, line, readout };
     const begin = () => {
@@ -267,9 +288,15 @@
         read(entry, Number(slider.value));
       });
     };
-    if (!figure.folded) return begin();
-    card.addEventListener("toggle", begin, { once: true });
-    return null;
+    if (figure.folded) card.addEventListener("toggle", begin, { once: true });
+    else waiting.push({ card, begin });
+  }
+
+  // the next figure to draw: what is in the window first
+  function next() {
+    const seen = waiting.findIndex(({ card }) => { const box = card.getBoundingClientRect(); return box.bottom > 0 && box.top < innerHeight; });
+    if (seen < 0) document.body.dataset.shown = "yes";
+    return waiting.splice(Math.max(0, seen), 1)[0];
   }
 
   function redraw() {
@@ -294,14 +321,16 @@
     cursor(Number(slider.value));
   }));
   // on paper in the colors of paper, and as wide as it
-  const narrowed = width => Promise.all(drawn.map(entry => Plotly.relayout(entry.plot, { width: width && plane(entry.figure) ? 3 * width : width, autosize: width === undefined })));
-  addEventListener("beforeprint", () => { document.documentElement.dataset.print = "yes"; redraw(); narrowed(PAPER); });
+  const narrowed = width => Promise.all(drawn.map(entry => Plotly.relayout(entry.plot, { width: width && columns(entry.figure) * width, autosize: width === undefined })));
+  addEventListener("beforeprint", () => { document.documentElement.dataset.print = "yes"; waiting.splice(0).forEach(({ begin }) => begin()); redraw(); narrowed(PAPER); });
   addEventListener("afterprint", () => { delete document.documentElement.dataset.print; redraw(); narrowed(undefined); });
   jumps();
 
   (async () => {
-    for (const figure of data.plots) { await draw(figure); await new Promise(done => setTimeout(done)); }
-    cursor(first);
+    data.plots.forEach(add);
+    while (waiting.length) { await next().begin(); await new Promise(done => setTimeout(done)); }
+    cursor(Number(slider.value));
+    document.body.dataset.shown = "yes";
     document.body.dataset.ready = "yes";
   })();
   window.massprop = { cursor, zoom, reading, figures: data.plots };

@@ -36,7 +36,7 @@ _OPACITY = 0.6  # of the body: the centers of mass lie inside
 _EXTENT = 4.0  # of the vehicle in Meshcat's lengths, which its lights are made for
 _VIEW = np.array([0.46, -0.64, 0.36])  # direction of the camera
 _FIELD = np.radians(75.0)  # of Meshcat's camera, from top to bottom
-_CLOSE = 0.92  # distance of the camera over that from which a ball around the vehicle fits
+_CLOSE = 1.15  # distance of the camera over that from which a ball around the vehicle fits: room for what is beside
 _BODY = "/world/body"
 _STRUCTURE = f"{_BODY}/structure"  # the vehicle frame
 _MARKS = {"failed": (FAILED_COLOR, 1.0), "found": (SUSPECT_COLOR, 1.5)}  # color and size
@@ -78,7 +78,7 @@ class Stage:
     def add_payload(self, number: int, mass: float, position: Array) -> None:
         """Adds a payload, slug or kg, at a point of the vehicle frame, ft or m, shape (3,)."""
         share = mass / self._vehicle.nominal.mass
-        radius = 0.08 * self._extent * min(max(share, 0.02), 2.0) ** (1.0 / 3.0)
+        radius = 0.1 * self._extent * min(max(share, 0.02), 2.0) ** (1.0 / 3.0)
         path = f"{_STRUCTURE}/payloads/{number}"
         self.meshcat.SetObject(path, Sphere(radius), _rgba(PAYLOAD_COLOR, 0.6))
         self.meshcat.SetTransform(path, RigidTransform(position))
@@ -148,18 +148,19 @@ def _extent(vehicle: Vehicle) -> float:
 
 
 def _radius(vehicle: Vehicle) -> float:
-    """Returns the distance from the nominal center of mass of the farthest corner of a box around the vehicle."""
-    corners = _corners(vehicle) - vehicle.nominal.center_of_mass
-    return float(np.linalg.norm(np.abs(corners).max(axis=0))) or 1.0
+    """Returns the distance from the nominal center of mass of the farthest point of the vehicle, ft or m."""
+    return float(np.linalg.norm(_corners(vehicle) - vehicle.nominal.center_of_mass, axis=1).max()) or 1.0
 
 
 def _corners(vehicle: Vehicle) -> Array:
     """Returns points on the outside of the vehicle, jets and solids, ft or m, shape (n, 3)."""
-    corners = [vehicle.positions.min(axis=0), vehicle.positions.max(axis=0)]
-    for solid in vehicle.shape:
-        reach = _reach(solid)
-        corners += [np.array(solid.position) - reach, np.array(solid.position) + reach]
-    return np.array(corners)
+    solids = [_turned(solid).multiply(_outside(solid).T).T for solid in vehicle.shape]
+    return np.vstack([vehicle.positions, *solids])
+
+
+def _turned(solid: Solid) -> RigidTransform:
+    """Returns where a solid stands in the vehicle frame."""
+    return RigidTransform(RollPitchYaw(np.radians(solid.rotation_deg)), np.array(solid.position))
 
 
 def round_length(length: float) -> float:
@@ -168,17 +169,20 @@ def round_length(length: float) -> float:
     return float(power * np.floor(length / power * (1.0 + 1e-9)))
 
 
-def _reach(solid: Solid) -> float:
-    """Returns about the distance from a solid's center to its farthest point, ft or m."""
+def _outside(solid: Solid) -> Array:
+    """Returns corners of a solid, or of a box around it, in its own axes, ft or m, shape (n, 3)."""
     match solid:
-        case BoxSolid():
-            return 0.5 * max(solid.size)
-        case EllipsoidSolid():
-            return max(solid.radii)
-        case CylinderSolid() | ConeSolid():
-            return max(0.5 * solid.length, *solid.radii)
         case PlateSolid():
-            return 0.5 * max(np.ptp(np.array(solid.outline), axis=0).tolist())
+            outline = np.array(solid.outline)
+            return np.column_stack([outline, np.zeros(len(outline))])
+        case BoxSolid():
+            half = 0.5 * np.array(solid.size)
+        case EllipsoidSolid():
+            return np.vstack([np.diag(solid.radii), -np.diag(solid.radii)])
+        case CylinderSolid() | ConeSolid():
+            half = np.array([0.5 * solid.length, *solid.radii])
+    signs = np.stack(np.meshgrid(*[(-1.0, 1.0)] * 3), axis=-1).reshape(-1, 3)
+    return np.asarray(signs * half)
 
 
 def _box(vehicle: Vehicle) -> tuple[Solid, ...]:
@@ -190,7 +194,7 @@ def _box(vehicle: Vehicle) -> tuple[Solid, ...]:
 
 
 def _draw_solid(meshcat: Meshcat, path: str, solid: Solid) -> None:
-    place = RigidTransform(RollPitchYaw(np.radians(solid.rotation_deg)), np.array(solid.position))
+    place = _turned(solid)
     color = _rgba(solid.color, _OPACITY)
     match solid:
         case BoxSolid():

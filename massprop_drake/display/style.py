@@ -17,7 +17,8 @@ WINDOW_COLOR = "#E69F00"  # a hand controller is out of detent
 UNARMED_COLOR = "#56636F"  # the detector is not armed
 DECLARED_COLOR = "#D55E00"  # the detector declares a failure or a jump
 
-SHOWN = 0.02  # of the full thrust; below it no jet is shown to fire
+SHOWN = 0.02  # of the full thrust; below it no healthy jet is shown to fire
+LEAKS = 1e-4  # the same of a failed one
 
 BAND_OPACITY = 0.35
 WINDOW_OPACITY = 0.10

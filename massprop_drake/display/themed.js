@@ -5,7 +5,7 @@ const themed = (() => {
 
   // a copy in which black, as a color, is the ink of the theme
   function inked(part, ink) {
-    if (Array.isArray(part)) return part.map(item => inked(item, ink));
+    if (Array.isArray(part)) return part.some(item => item !== null && typeof item === "object") ? part.map(item => inked(item, ink)) : part;
     if (part === null || typeof part !== "object") return part;
     const copy = {};
     for (const [key, value] of Object.entries(part)) {

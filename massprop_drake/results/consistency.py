@@ -30,6 +30,7 @@ _TAIL, _QUARTER = 0.01, 0.25  # probabilities of the two points
 _TAIL_ALLOWED, _QUARTER_ALLOWED = 0.025, 0.5  # shares of a flight
 _DOUBT = 0.001  # probability of calling a flight inconsistent that is at the limit
 _FEWEST = 20  # samples of the rotation filter, below which nothing is said
+_RULED = 2.0  # times the mean of the other samples: such a mean is ruled by the few beyond the 99 % point
 _FAR = 5.0  # sigma: of ten parameters one in 170,000 consistent flights has an error like this
 
 
@@ -61,6 +62,8 @@ class Consistency(NamedTuple):
         reasons: for "inconsistent".
         rotation_nis_beyond, translation_nis_beyond: share of the samples beyond the 99 % point; None like the means.
         diagnoses: what the readings contradict, see `results.hindsight`; their words are among the reasons.
+        rotation_nis_within, translation_nis_within: mean NIS of the other samples, those within the 99 % point, which
+            is not ruled by those of a failure until it is declared; None like the means.
     """
 
     rotation_nis_mean: Real | None
@@ -71,6 +74,34 @@ class Consistency(NamedTuple):
     rotation_nis_beyond: Real | None = None
     translation_nis_beyond: Real | None = None
     diagnoses: tuple[Diagnosis, ...] = ()
+    rotation_nis_within: Real | None = None
+    translation_nis_within: Real | None = None
+
+    def in_words(self) -> str:
+        """Says how large the innovations are, and how large without those few that rule a mean."""
+        rotation = mean_in_words(self.rotation_nis_mean, self.rotation_nis_within, self.rotation_nis_beyond)
+        translation = mean_in_words(self.translation_nis_mean, self.translation_nis_within, self.translation_nis_beyond)
+        return f"mean NIS {rotation} rotation, {translation} translation, over {self.samples} samples used"
+
+
+def mean_in_words(mean: float | None, within: float | None, beyond: float | None) -> str:
+    """Formats a mean NIS, without those samples beyond the 99 % point where they rule it.
+
+    Args:
+        mean: of all samples; None without any.
+        within: of those within the 99 % point.
+        beyond: share of the others.
+    """
+    if mean is None:
+        return "-"
+    if within is None or beyond is None or not ruled(mean, within):
+        return f"{mean:.2f}"
+    return f"{within:.2f} ({mean:.4g} with the {100.0 * beyond:.2g} % beyond their 99 % point)"
+
+
+def ruled(mean: float, within: float) -> bool:
+    """Whether the few samples beyond the 99 % point rule a mean NIS, given that of the others."""
+    return mean >= _RULED * within
 
 
 class Tally:
@@ -78,7 +109,7 @@ class Tally:
 
     def __init__(self) -> None:
         self.n = 0
-        self._sum = 0.0
+        self._sum = self._sum_within = 0.0
         self._beyond = [0, 0]
 
     def add(self, nis: Array, components: Array) -> None:
@@ -88,6 +119,7 @@ class Tally:
         self.n += nis.size
         self._sum += float(nis.sum())
         chance = chdtrc(components, nis * components / 3.0)
+        self._sum_within += float(nis[chance >= _TAIL].sum())
         self._beyond = [
             count + int((chance < least).sum()) for count, least in zip(self._beyond, (_TAIL, _QUARTER), strict=True)
         ]
@@ -101,6 +133,12 @@ class Tally:
     def beyond(self) -> float | None:
         """Share beyond the 99 % point; None without a sample."""
         return self._beyond[0] / self.n if self.n else None
+
+    @property
+    def within(self) -> float | None:
+        """Mean of the samples within the 99 % point; None without any."""
+        left = self.n - self._beyond[0]
+        return self._sum_within / left if left else None
 
     def faults(self, name: str) -> list[str]:
         """What cannot be chance, in words."""
@@ -160,4 +198,6 @@ def judged(
         rotation.beyond,
         translation.beyond,
         tuple(diagnoses),
+        rotation.within,
+        translation.within,
     )

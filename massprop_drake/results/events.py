@@ -219,10 +219,11 @@ def in_words(event: EventRecord, units: Mapping[str, str]) -> str:
             return f"{which} is erratic: its failure {how}, now {force}; {relied}"
         case "jump" | "jump_measured":
             of = "a jump of the mass properties" if event.kind == "jump" else "the jump of the mass properties"
-            size = gained(event.mass, event.mass_std, units)
+            unknown = event.mass is not None and event.mass_std is not None and abs(event.mass) < event.mass_std
+            size = "" if unknown else gained(event.mass, event.mass_std, units)
             where = place(event.position, event.position_std, units)
             told = f": {size}{f' at {where}' if where else ''}" if size else ""
-            return f"{of} {since}{told}"
+            return f"{of} {since}{told}{'; how large it is will show' if unknown else ''}"
         case "false_reading":
             return f"{event.sensor}_{event.axis} reads falsely {since}; it is left out until it fits again"
         case _:

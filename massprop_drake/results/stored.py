@@ -34,7 +34,7 @@ from massprop_drake.maths.estimation.filters.joint import JOINT_REPORT
 from massprop_drake.results.detections import DetectionRecord
 from massprop_drake.results.events import EventRecord
 from massprop_drake.results.unconfirmed import UnconfirmedRecord
-from massprop_drake.signals import AXES, SIGNALS, is_own
+from massprop_drake.signals import AXES, SIGNALS, is_own, pose_signal, velocity_signal
 
 Array = NDArray[np.float64]
 
@@ -234,6 +234,8 @@ def read_history(path: Path, vehicle: Vehicle) -> tuple[Array, dict[str, Array]]
     """
     columns = {name: len(signal.components) or len(vehicle.jets) for name, signal in SIGNALS.items()}
     columns |= {name: len(AXES) for name in vehicle.sensor_names()}
+    for followed, described in ((vehicle.poses, pose_signal), (vehicle.velocities, velocity_signal)):
+        columns |= {sensor.name: len(described(sensor.name).components) for sensor in followed}
     try:
         with path.open("rb") as file, zipfile.ZipFile(file) as archive:
             members = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}

@@ -69,10 +69,10 @@ def parameters(results: Summary, units: Mapping[str, str], *, truth: bool = True
             row = _row(symbol, unit, one)
             inside = "yes" if one.within_three_sigma else "no"
             if flag == Flag.FIXED:
-                inside = "fixed"
+                inside, row = "fixed", row._replace(error="-")
             row = row._replace(inside="not excited" if flag == "not_excited" and inside == "yes" else inside)
             if bound is not None:
-                power = _power(one.estimate, one.truth, one.standard_deviation)
+                power = _power(_larger(one), one.truth)
                 row = row._replace(bound=_scaled(bound, bound, power))
         rows.append(row._replace(flag=flag.replace("_", " ")))
     return rows
@@ -116,18 +116,24 @@ def causes(found: Against) -> list[tuple[str, ...]]:
 
 
 def _of_derived(name: str, unit: str, value: float | None, deviation: float | None, truth: float | None) -> Row:
-    deviation = deviation or None  # of what is fixed: there is none
+    fixed = deviation == 0.0
     known, sigma, true = (math.nan if one is None else one for one in (value, deviation, truth))
-    error = 100.0 * (known - true) / abs(true) if true else math.nan
-    return _row(name, unit, Parameter(name, known, sigma, true, error))
+    error = 100.0 * (known - true) / abs(true) if true and not fixed else math.nan
+    row = _row(name, unit, Parameter(name, known, math.nan if fixed else sigma, true, error))
+    return row._replace(inside="fixed") if fixed else row
 
 
 def _row(symbol: str, unit: str, one: Parameter) -> Row:
-    power = _power(one.estimate, one.truth, one.standard_deviation)
+    power = _power(_larger(one), one.truth)
     numbers = (one.estimate, one.truth, one.standard_deviation)
     estimate, truth, sigma = (_scaled(number, one.standard_deviation, power) for number in numbers)
     error, percent = _percent(one.percent_error, "+"), _percent(one.percent_deviation)
     return Row(symbol, _in_power(unit, power), estimate, truth, error, sigma, percent)
+
+
+def _larger(one: Parameter) -> float:
+    """The larger of an estimate and its 1-sigma, whichever are known, in magnitude; NaN for neither."""
+    return float(np.fmax(abs(one.estimate), one.standard_deviation))
 
 
 def _power(*values: float) -> int:

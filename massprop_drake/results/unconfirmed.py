@@ -13,7 +13,7 @@ A declaration takes with it the suspicions of its jets.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -243,8 +243,12 @@ class Suspicions:
             return f"some jet has failed beyond doubt, but single samples do not tell which ({_alarms(one.alarms)})"
         return f"{_count(one.alarms, 'alarm')}, never {block.reconfigure_after} of one cluster in a row"
 
-    def untested(self) -> tuple[UntestedRecord, ...]:
-        """Jets of which nothing could have shown that they do not fire."""
+    def untested(self, declared: Collection[str | None] = ()) -> tuple[UntestedRecord, ...]:
+        """Jets of which nothing could have shown that they do not fire.
+
+        Args:
+            declared: designations of jets that have been found to fail, which are left out.
+        """
         if not self._detects:
             return ()
         block = self._block
@@ -259,7 +263,8 @@ class Suspicions:
                 "tested: that they do not fire could not have been declared",
             ),
         ):
-            jets = tuple(self._vehicle.designations[jet] for jet in np.flatnonzero(chosen))
+            names = (self._vehicle.designations[jet] for jet in np.flatnonzero(chosen))
+            jets = tuple(name for name in names if name not in declared)
             if jets:
                 found.append(UntestedRecord(jets, why))
         return tuple(found)

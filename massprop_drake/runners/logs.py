@@ -203,11 +203,12 @@ class Intake:
         none = np.zeros(len(self._vehicle.jets))
         forces = self.last("known_force", none), self.last("known_force_variance", none)
         mass = tuple(float(self.spool.last(name)[MASS_RECIPROCAL]) for name in ("estimate", "standard_deviation"))
+        entries = settled(self._entries, *forces, *mass)
         return Findings(
-            settled(self._entries, *forces, *mass),
+            entries,
             tuple(event._replace(jet_index=None) for event in self._events),
             self._suspicions.found(),
-            self._suspicions.untested(),
+            self._suspicions.untested([entry.jet for entry in entries if entry.withdrawn_s is None]),
         )
 
     def state(self, row: int, states: SavedState, command: Array) -> dict[str, Any]:

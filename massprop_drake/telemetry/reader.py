@@ -28,6 +28,7 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 JITTER = 0.05  # of the sample period: by so much rows may be early or late
+_FEW = 5  # missing columns that a message names
 _EXACT = 1e-3  # of the sample period: less is not counted as jitter
 _SAME = 1e-6  # of the sample period: rows closer than this have one time
 _FRACTION_TOLERANCE = 1e-9  # of a commanded fraction
@@ -338,12 +339,13 @@ class Reader:
             missing.insert(1, sensors[0].columns[0])
         if not missing:
             return []
-        shown = ", ".join(missing[:5]) + (f" and {len(missing) - 5} more" if len(missing) > 5 else "")
+        shown = ", ".join(missing[:_FEW]) + (f" and {len(missing) - _FEW} more" if len(missing) > _FEW else "")
         strange = present - set(columns(self._vehicle))
         hint = next((hint for hint in (_meant(name, strange) for name in missing) if hint), "")
         return [
             f"{self.source}: no column{'s' if len(missing) > 1 else ''} {shown}{hint}; vehicle "
             f"'{self._vehicle.name}' needs time_s, {self._own_sensor} and a column for each jet"
+            + ("; 'massprop map' proposes what another program's columns mean" if len(missing) > _FEW else "")
         ]
 
     # -------------------------------------------------------------------------------------- rows

@@ -690,7 +690,8 @@ def test_compare_writes_a_page_of_plots_over_each_other(massprop: Massprop) -> N
     rates = data["plots"][0]
     assert [trace["name"] for trace in rates["traces"]] == ["seed1", "seed2"] * 3
     for trace, name in zip(rates["traces"], ["seed1", "seed2"], strict=False):
-        np.testing.assert_allclose(trace["y"], np.degrees(Run.load(name)["rate"][:, 0]), rtol=1e-5, atol=1e-9)
+        shown = data["lists"][trace["y"]]
+        np.testing.assert_allclose(shown, np.degrees(Run.load(name)["rate"][:, 0]), rtol=1e-5, atol=1e-9)
     assert massprop("compare", "seed1", "seed2", "--out", "mine.html", "-q") == (0, "", "")
     Path("mine.html").write_text("mine", encoding="utf-8")
     _assert_refused(massprop("compare", "seed1", "seed2", "--out", "mine.html"), "mine.html: is there already")
@@ -712,6 +713,7 @@ def test_compare_prints_two_runs_side_by_side(massprop: Massprop) -> None:
     rows = [line for line in done.out.splitlines() if line.startswith("│")]
     assert len(rows) == 10
     assert f"{found['other']['Iyy_inv']['percent_error']:+.5f}" in rows[1]
+    assert re.search(r"^one: 2 s, [a-z ]+; found: no failure$", done.out, flags=re.MULTILINE)
 
 
 def test_compare_of_a_record_shows_estimates(massprop: Massprop) -> None:

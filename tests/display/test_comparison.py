@@ -12,9 +12,10 @@ from contrast_probe import faint
 
 from massprop_drake import simulate
 from massprop_drake.display import plots
-from massprop_drake.display.comparison import comparison_html, overlaid
+from massprop_drake.display.comparison import _cells, comparison_html, overlaid
 from massprop_drake.display.spec import Band, Line
 from massprop_drake.results.run import Run
+from massprop_drake.results.summary import Parameter
 
 
 @pytest.fixture(scope="module")
@@ -82,3 +83,14 @@ def test_it_fits_the_window_and_says_nothing_on_the_console(page: str, opened: A
         "rotation filter runs/healthy: NIS",
     ]
     assert shown.said == []
+
+
+def test_what_is_about_zero_has_its_error_in_its_unit() -> None:
+    def cells(*numbers: float) -> tuple[str, ...]:
+        return _cells(Parameter("x_cm", *numbers), "m")
+
+    nan = float("nan")
+    assert cells(-0.0005, 0.0042, 0.0, nan) == ("-0.0005", "-0.0005 m", "0.0042 m")
+    assert cells(2.0, 0.5, 1.0, 100.0)[1:] == ("+100.0000 %", "25.0000 %")
+    assert cells(0.0, nan, 0.0, nan) == ("0", "fixed", "")
+    assert cells(nan, nan, 0.1, nan) == ("not observable", "", "")

@@ -182,7 +182,10 @@ DRAWN = sorted(name for name in vars(figures.Plots) if not name.startswith("_") 
 def test_a_method_draws_the_plot_of_its_name(stuck_run: Run, name: str) -> None:
     simulated = {f"against.{sensor}": stuck_run[sensor] for sensor in stuck_run.scenario.vehicle_data.sensor_names()}
     followed = {"rate_estimate": stuck_run["rate"]}  # as of a vehicle that is followed in a fixed frame
-    followed |= {f"thrust_factor{what}": np.ones_like(stuck_run["command"]) for what in ("", "_std")}
+    for what in ("", "_std"):
+        followed |= {f"thrust_factor{what}": np.ones_like(stuck_run["command"])}
+        followed |= {f"{name}{what}": stuck_run["rate"] for name in ("command_delay", "drag_rate", "heading_turn")}
+    followed |= {"position_estimate": stuck_run["position"], "mine.doubled": 2.0 * stuck_run["rate"]}
     run = Run(stuck_run.scenario, stuck_run.results, stuck_run.time_s, {**stuck_run.signals, **simulated, **followed})
     title = getattr(run.plot, name)().get_suptitle()
     assert title.startswith(getattr(plots, name)(plots.source(run)).title)

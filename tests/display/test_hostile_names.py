@@ -209,7 +209,7 @@ def test_the_report(visited: Any, stuck_run: Run, tmp_path: Path, first: int) ->
     page.wait_for_selector("#plot-jets .ytick text")
     assert set(words(page, "#plot-jets .ytick text")) == {shown(f"{jet.designation} ({jet.cluster})") for jet in jets}
     known = words(page, "#plot-failure_magnitude .legendtext")
-    assert {shown(f"truth, {jet.designation}") for jet in (jets[28], *jets[:3])} <= set(known)
+    assert {shown(f"truth of {jet.designation}") for jet in (jets[28], *jets[:3])} <= set(known)
     (line,) = [line for line in words(page, "#verdict li") if line.startswith("Found")]
     assert all(shown(f"jet {jet.designation}: on") in line for jet in jets)
 

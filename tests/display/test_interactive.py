@@ -97,7 +97,7 @@ def test_a_symmetric_logarithmic_panel_has_a_linear_view_and_one_of_magnitudes()
     line, band = Line(TIME, -TIME, BLUE, "error"), Band(TIME, -TIME - 1.0, TIME + 1.0, label="3-sigma")
     panel = Panel("label", "%", (band, line), scale=SymmetricLog(1.0, 10.0))
     figure = interactive.drawn(Plot("some", "Title", "caption", TIME, (panel,)))
-    assert figure["views"] == ["yaxis"]
+    assert list(figure["views"]) == ["yaxis"]
     linear = [trace for trace in figure["traces"] if trace["view"] == "linear"]
     log = [trace for trace in figure["traces"] if trace["view"] == "log"]
     np.testing.assert_allclose(linear[-1]["y"], -TIME)
@@ -164,3 +164,25 @@ def test_a_key_of_many_entries_has_room_above_its_panel() -> None:
         for marks in ((), few, many)
     ]
     assert heights[0] < heights[1] < heights[2]
+
+
+def test_a_page_holds_every_list_of_numbers_once(stuck_run: Run) -> None:
+    source = plots.source(stuck_run)
+    figures = [interactive.drawn(plot(source)) for plot in plots.available(source).values()]
+    whole = json.loads(json.dumps(figures))
+    page = interactive.packed(figures)
+    assert len(set(map(tuple, page["lists"]))) == len(page["lists"])
+    for figure, expected in zip(page["plots"], whole, strict=True):
+        assert [page["shapes"][shape] for shape in figure["layout"]["shapes"]] == expected["layout"]["shapes"]
+        for trace, before in zip(figure["traces"], expected["traces"], strict=True):
+            for key in {"x", "y"} & set(before):
+                assert unfolded(page["lists"], trace[key]) == before[key]
+    assert len(json.dumps(page)) < 0.85 * len(json.dumps(whole))
+
+
+def unfolded(lists: list[list[float | None]], at: int | tuple[int, str]) -> list[float | None]:
+    """As the page does it."""
+    if isinstance(at, int):
+        return lists[at]
+    sign = {"minus": lambda value: -value, "abs": abs}[at[1]]
+    return [None if value is None else sign(value) for value in lists[at[0]]]

@@ -252,13 +252,19 @@ def test_nis_is_shown_where_it_was_used_beside_its_limits(stuck: Case) -> None:
     used = stuck.run["rotation_used"][:, 0] != 0.0
     np.testing.assert_array_equal(points.x, stuck.run.time_s[used])
     np.testing.assert_array_equal(points.y, stuck.run["rotation_nis"][used, 0])
-    assert points.label == f"NIS, mean {points.y.mean():.2f} of {used.sum()} samples"
+    within = points.y[points.y < chdtri(3, 0.01)].mean()  # without those of the jet until it is declared
+    assert points.label == f"NIS, mean {within:.2f} ({points.y.mean():.4g} with those beyond 99 %)"
+    quiet = stuck.source._replace(
+        signals={**stuck.run.signals, "rotation_nis": np.full((stuck.run.time_s.size, 1), 2.5)}
+    )
+    (points,) = marks(plots.consistency(quiet).panels[0], Points)
+    assert points.label == f"NIS, mean 2.50 of {used.sum()} samples"
     assert panel.scale == "log"
     np.testing.assert_allclose((zone.low, zone.high), chdtri(3, [0.975, 0.025]), rtol=1e-14)
 
 
 def test_means_of_a_thinned_run_are_those_of_all_samples(stuck: Case) -> None:
-    means = {"rotation_nis_mean": 2.5, "translation_nis_mean": None}
+    means = {"rotation_nis_mean": 2.5, "rotation_nis_within": 2.4, "rotation_nis_beyond": 0.01}
     panels = plots.consistency(stuck.source._replace(consistency=means)).panels
     labels = [marks(panel, Points)[0].label for panel in panels]
     assert labels == ["NIS, mean 2.50 of all samples used", "NIS, no sample used"]
@@ -319,7 +325,7 @@ def test_the_magnitude_is_shown_at_alarms_beside_the_truth_and_the_known_force(s
     np.testing.assert_array_equal(points.y, run["suspected_magnitude"][alarm, 0])
     np.testing.assert_allclose(spread.high - points.y, run["suspected_magnitude_std"][alarm, 0], rtol=1e-6)
     truth, known = marks(panel, Line)
-    assert (truth.label, known.label, panel.unit) == ("truth, R4R", "known force, R4R", "lbf")
+    assert (truth.label, known.label, panel.unit) == ("truth of R4R", "known force of R4R", "lbf")
     jet = run.scenario.vehicle_data.jet_index("R4R")
     np.testing.assert_allclose(truth.y, run["thrust"][:, jet] - 868.8 * run["command"][:, jet], atol=1e-6)
     assert truth.y[-2] == pytest.approx(known.y[-1], rel=1e-3)
@@ -329,7 +335,7 @@ def test_the_magnitude_is_shown_at_alarms_beside_the_truth_and_the_known_force(s
 def test_the_truth_of_a_failure_without_an_alarm_is_shown_too(stuck: Case) -> None:
     signals = {**stuck.run.signals, "alarm": np.zeros_like(stuck.run["alarm"])}
     (panel,) = plots.failure_magnitude(stuck.source._replace(signals=signals)).panels
-    assert "truth, R4R" in [mark.label for mark in panel.marks]
+    assert "truth of R4R" in [mark.label for mark in panel.marks]
     assert not marks(panel, Points)
 
 
@@ -396,6 +402,83 @@ def test_a_vehicle_without_gyro_has_pictures_and_pages(tracked: Run) -> None:
             assert plot(each).name == name
             drawn(plot(each))
     (rate, *_) = plots.detection_timeline(source._replace(signals=signals)).panels
-    np.testing.assert_allclose(rate.marks[2].y, np.degrees(tracked["rate_estimate"][:, 2]))  # type: ignore[union-attr]
+    (turning,) = rate.marks  # about the only axis there is
+    np.testing.assert_allclose(turning.y, np.degrees(tracked["rate_estimate"][:, 2]))  # type: ignore[union-attr]
     assert "Izz" in report_html(tracked)
     assert np.isnan(instruments.columns(tracked)["apart"]).all()
+
+
+def test_what_cannot_move_in_a_plane_has_no_panel(tracked: Run) -> None:
+    source = plots.source(tracked)
+    for name, axes in {"rates": "z", "torques": "z", "velocities": "xy", "forces": "xy", "positions": "xy"}.items():
+        assert "".join(panel.label for panel in plots.available(source)[name](source).panels) == axes
+
+
+def test_clusters_of_one_jet_are_jets(tracked: Run) -> None:
+    source = plots.source(tracked)
+    found = plots.available(source)
+    assert "clusters" not in found
+    (panel,) = found["jets"](source).panels
+    assert panel.rows == tracked.scenario.vehicle_data.designations
+    assert not found["jets"](source).folded
+    assert len(found["likelihoods"](source).panels) == 1
+
+
+def test_delay_and_surroundings_are_shown_with_their_sigma(tracked: Run) -> None:
+    panels = plots.surroundings(plots.source(tracked)).panels
+    assert [panel.label for panel in panels][:3] == ["delay of commands", "drag", "angular drag"]
+    (line,), (band,) = marks(panels[0], Line), marks(panels[0], Band)
+    np.testing.assert_array_equal(line.y, tracked["command_delay"][:, 0])
+    np.testing.assert_allclose(band.high - line.y, 3.0 * tracked["command_delay_std"][:, 0], atol=1e-15)
+
+
+def test_what_is_not_said_is_no_event(stuck: Case) -> None:
+    names = np.where(np.arange(stuck.run.time_s.size) == 9, 1.0, np.nan)[:, None]
+    source = stuck.source._replace(signals={**stuck.run.signals, "jet_isolated": names})
+    ticks = marks(plots.detection_timeline(source).panels[-1], Points)
+    np.testing.assert_array_equal(ticks[2].x, stuck.run.time_s[9:10])
+
+
+# ------------------------------------------------------------------------------------ of the user's own
+
+
+def test_an_estimate_of_ones_own_is_beside_ours(stuck: Case, recorded: Source) -> None:
+    mine = 1.01 * stuck.run["truth"]
+    mine[:, 9] = np.nan
+    for source, shown in ((stuck.source, 1.0), (recorded, mine[:, 0])):
+        more = source._replace(signals={**source.signals, "mine.estimate": mine})
+        own = [line for line in marks(plots.inverse_inertia_diagonal(more).panels[0], Line) if "mine" in line.label]
+        np.testing.assert_allclose(own[0].y, shown)  # the error in percent, or the estimate
+        assert "own_signals" not in plots.available(more)
+        assert len(marks(plots.mass_reciprocal(more).panels[0], Line)) == 1  # which it does not estimate
+
+
+def test_other_signals_of_ones_own_have_a_panel_each(stuck: Case) -> None:
+    mine = {"mine.pair": stuck.run["rate"][:, :2], "mine.long": np.ones((stuck.run.time_s.size, 40))}
+    source = stuck.source._replace(signals={**stuck.run.signals, **mine, "against.gyro": stuck.run["rate"]})
+    (panel,) = plots.available(source)["own_signals"](source).panels
+    assert (panel.label, [line.label for line in marks(panel, Line)]) == ("mine.pair", ["0", "1"])
+
+
+def test_a_leak_of_a_hundredth_is_a_bar(stuck: Case) -> None:
+    jet = stuck.run.scenario.vehicle_data.jet_index("R4R")
+    thrust = stuck.run["thrust"].copy()
+    thrust[:, jet] *= 0.01
+    panel = plots.clusters(stuck.source._replace(signals={**stuck.run.signals, "thrust": thrust})).panels[0]
+    (untold,) = (bars for bars in marks(panel, Bars) if bars.label == "thrust untold")
+    np.testing.assert_allclose(untold.begin, [1.0, 1.0], atol=0.081)  # its own row, and that of its cluster
+
+
+def test_what_the_detector_does_not_judge_hides_nobody(stuck: Case) -> None:
+    likelihood = stuck.run["likelihood"].copy()
+    tested = stuck.source.where("tested")
+    likelihood[tested[0]] = np.nan
+    panel = plots.likelihoods(stuck.source._replace(signals={**stuck.run.signals, "likelihood": likelihood})).panels[0]
+    assert "R4R" in [points.label for points in marks(panel, Points) if points.drawn]
+
+
+def test_a_jet_that_is_named_has_a_row_of_its_own_in_a_record(recorded: Source, stuck: Case) -> None:
+    verdict = np.zeros_like(stuck.run["command"])
+    verdict[50, stuck.run.scenario.vehicle_data.jet_index("F2R")] = 1.0
+    panel = plots.clusters(recorded._replace(signals={**recorded.signals, "verdict": verdict})).panels[0]
+    assert "jet F2R" in panel.rows

@@ -234,6 +234,8 @@ def test_a_live_view_shows_what_the_replay_shows(browser: Any, stuck_run: Run) -
     assert "failed: jet R4R: stuck on" in page.inner_text("#mp-now")
     assert "found: jet R4R" in page.inner_text("#mp-now")
     assert "sigma apart" in page.inner_text("#mp-apart")
+    ticks = page.locator("#mp-events button").evaluate_all("all => all.map(tick => tick.title)")
+    assert [tick.partition(": ")[2] for tick in ticks] == ["fails: jet R4R", "taken out of use: jet R4R"]
     page.evaluate("massprop.seek(0.5)")  # and what has been seen can be played again
     assert page.inner_text("#mp-time") == "0.50 s"
     page.close()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import re
 from dataclasses import replace
@@ -35,6 +36,13 @@ def without_plotly(html: str) -> str:
 
 def test_the_verdict_comes_first_and_names_the_failed_jet(html: str) -> None:
     assert html.index("Found: jet R4R: on.") < html.index("What was learned") < html.index('id="plots"')
+
+
+def test_an_inconsistent_flight_is_said_in_the_verdict(stuck_run: Run) -> None:
+    judged = stuck_run.results.consistency._replace(verdict="inconsistent", reasons=["the lag is off", "so is a jet"])
+    summary = dataclasses.replace(stuck_run.results, consistency=judged)
+    said = [sentence["text"] for sentence in page._verdict(summary)]
+    assert "Inconsistent, so that a 1-sigma may say too little: the lag is off and 1 more, below." in said
 
 
 def test_every_parameter_has_its_row(html: str, stuck_run: Run) -> None:
@@ -149,11 +157,18 @@ def test_it_is_small_for_a_minute(sample_run: Run) -> None:
     assert len(report_html(sample_run).encode()) < 8_000_000
 
 
+def test_it_is_small_for_five_minutes() -> None:
+    run = simulate(load_scenario("healthy_long", ["duration_s=300", "execution.engine=loop"]))
+    assert not run.shown().thinned  # the most that a page shows is not much more
+    assert len(report_html(run).encode()) < 8_000_000
+
+
 def test_the_page_has_the_plots_of_the_run(html: str, stuck_run: Run) -> None:
     data = json.loads(re.search(r'id="data">(.*?)</script>', html, re.DOTALL).group(1))  # type: ignore[union-attr]
     source = plots.source(stuck_run)
     assert [figure["name"] for figure in data["plots"]] == list(plots.available(source))
-    assert data["plots"][0] == interactive.drawn(plots.rates(source))
+    expected = interactive.packed([interactive.drawn(plot(source)) for plot in plots.available(source).values()])
+    assert {part: data[part] for part in expected} == expected
     np.testing.assert_allclose(data["time"], stuck_run.time_s, rtol=1e-8)
 
 
@@ -287,6 +302,23 @@ def test_it_opens_from_disk_without_a_word_on_the_console(opened: Any, stuck_run
     assert page.said == []
     assert "jet R4R: on" in page.page.inner_text("#verdict")
     assert page.page.locator(".plot .main-svg").count() > 10
+
+
+def test_what_is_in_the_window_is_drawn_first(opened: Any, stuck_run: Run, tmp_path: Path) -> None:
+    """It is there to be read before the other plots are."""
+    count = """
+        new MutationObserver(() => {
+            if (document.body && document.body.dataset.shown && window.drawnThen === undefined)
+                window.drawnThen = document.querySelectorAll(".main-svg").length;
+        }).observe(document, { attributes: true, subtree: true });
+        window.scrolled = setInterval(() => {
+            const last = document.querySelector("#plot-detection_timeline");
+            if (last) { last.scrollIntoView(); clearInterval(window.scrolled); }
+        }, 1);
+    """
+    page = opened(write_report(stuck_run, tmp_path / "report.html"), before=count).page
+    whole = page.evaluate("document.querySelectorAll('.main-svg').length")
+    assert 0 < page.evaluate("window.drawnThen") < 0.5 * whole
 
 
 def test_one_cursor_moves_all_plots(opened: Any, stuck_run: Run, tmp_path: Path) -> None:

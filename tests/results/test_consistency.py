@@ -96,3 +96,14 @@ def test_a_flight_tells_what_its_thrusts_are_worth(sample_run: Run) -> None:
     found = simulate(load_scenario("sample_maneuver", wrong)).results.consistency
     assert found.verdict == "inconsistent"
     assert any("rotation innovations" in reason for reason in found.reasons)
+
+
+def test_words_are_not_ruled_by_a_few_samples() -> None:
+    values = _drawn(200, 8)
+    assert _verdict(values).in_words().startswith(f"mean NIS {values.mean():.2f} rotation, - translation, over 200 ")
+    values[:2] = 1e6
+    within = values[values < stats.chi2.isf(0.01, 3)]
+    found = _verdict(values)
+    assert found.rotation_nis_within == pytest.approx(within.mean())
+    share = f"{100.0 * (1.0 - within.size / 200):.2g} % beyond their 99 % point"
+    assert found.in_words().startswith(f"mean NIS {within.mean():.2f} ({values.mean():.4g} with the {share}) rotation")

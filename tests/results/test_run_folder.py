@@ -104,6 +104,8 @@ SUMMARY: dict[str, Any] = {
         "rotation_nis_beyond": MAYBE,
         "translation_nis_beyond": MAYBE,
         "diagnoses": list,
+        "rotation_nis_within": MAYBE,
+        "translation_nis_within": MAYBE,
     },
     "identifiability": (
         10,

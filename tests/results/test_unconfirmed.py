@@ -134,6 +134,7 @@ def test_jets_that_nothing_could_have_shown() -> None:
     signals["tested"][5:7] = 1.0
     untested = taken(case(CGLR), signals).untested()
     assert [one.jets for one in untested] == [("R1U",), ("F1U",)]
+    assert [one.jets for one in taken(case(CGLR), signals).untested(["R1U", None])] == [("F1U",)]  # it is known
     assert untested[0].reason.startswith("never commanded")
     assert untested[1].reason.startswith("commanded, but in fewer than 2 of the samples")
     assert taken(case("detector={kind: off}"), signals).untested() == ()

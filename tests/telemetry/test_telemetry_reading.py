@@ -333,6 +333,10 @@ REFUSED: dict[str, tuple[Callable[[Log], str], str]] = {
         _with(lambda log: log.drop("time_s")),
         "no column time_s; vehicle 'toy' needs time_s, its",
     ),
+    "all": (
+        lambda log: log.text().replace("jet_", "valve_"),
+        r"and 1?\d more.*; 'massprop map' proposes what another program's columns mean$",
+    ),
     "no jet": (_with(lambda log: log.drop("jet_J7")), "no column jet_J7; vehicle"),
     "no gyro": (_with(lambda log: [log.drop(f"gyro_{a}") for a in "xyz"]), "no columns gyro_x, gyro_y, gyro_z; vehi"),
     "part of a gyro": (_with(lambda log: log.drop("gyro_y")), "no column gyro_y; vehicle"),

@@ -89,6 +89,10 @@ def test_a_jump_gets_its_mass_when_it_is_known(orbiter: Vehicle) -> None:
     (event,) = heard(orbiter, (unknown,))
     assert (event.kind, event.onset_s, event.mass, event.mass_std, event.position) == ("jump", 4.0, None, None, None)
     assert in_words(event, orbiter.unit_names) == "a jump of the mass properties since 4.00 s"
+    (vague,) = heard(orbiter, (JumpDeclared(False, 4.0, -0.2, 353.0, NOWHERE, NOWHERE),))
+    assert in_words(vague, orbiter.unit_names).endswith(
+        "jump of the mass properties since 4.00 s; how large it is will show"
+    )
     assert recorded(orbiter, (unknown,)) == [early]
     (late,) = recorded(orbiter, (unknown,), (size,))
     assert (late.time_s, late.mass, late.mass_std) == (5.0, -1003.0, 12.0)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from pydrake.common.value import Value
 from pydrake.systems.analysis import Simulator
-from systems_probe import feedthrough, inputs, outputs
+from systems_probe import fed, feedthrough, inputs, output, outputs
 
 from massprop_drake import Run, Scenario, load_scenario, simulate
 from massprop_drake.diagrams import closed_loop, estimation
@@ -56,16 +56,7 @@ def test_ports_of_the_diagram(scenario: Scenario) -> None:
 
 
 def _connected(dut: JointEstimator, run: Run, row: int) -> Any:
-    context = dut.CreateDefaultContext()
-    for name in ("gyro", "acc1", "acc2", "acc3"):
-        dut.GetInputPort(name).FixValue(context, run[name][row])
-    dut.GetInputPort("jet_commands").FixValue(context, run["command"][row - 1] if row else np.zeros(44))
-    context.SetTime(run.time_s[row])
-    return context
-
-
-def _output(dut: JointEstimator, context: Any, name: str) -> Any:
-    return dut.GetOutputPort(name).Eval(context)
+    return fed(dut, run, row, ("gyro", "acc1", "acc2", "acc3"))
 
 
 def _go_on(dut: JointEstimator, context: Any) -> None:
@@ -77,38 +68,38 @@ def _go_on(dut: JointEstimator, context: Any) -> None:
 def test_a_replacement_is_what_is_reported_and_what_the_next_cycle_begins_with(scenario: Scenario, flown: Run) -> None:
     dut = system(scenario)
     context = _connected(dut, flown, 0)
-    evidence = _output(dut, context, "evidence")
+    evidence = output(dut, context, "evidence")
     assert isinstance(evidence, JointEvidence)
-    own = _output(dut, context, "estimate")
+    own = output(dut, context, "estimate")
     other = evidence.after._replace(mean=evidence.after.mean + 1e-9)
     dut.GetInputPort("replacement").FixValue(context, Value[object](other))
-    np.testing.assert_allclose(_output(dut, context, "estimate"), own + 1e-9, rtol=1e-15)
-    assert _output(dut, context, "evidence").after is evidence.after
+    np.testing.assert_allclose(output(dut, context, "estimate"), own + 1e-9, rtol=1e-15)
+    assert output(dut, context, "evidence").after is evidence.after
     _go_on(dut, context)
-    np.testing.assert_array_equal(_output(dut, context, "predicted"), _output(dut, context, "predicted"))
-    np.testing.assert_allclose(_output(dut, context, "predicted"), own + 1e-9, rtol=1e-15)
+    np.testing.assert_array_equal(output(dut, context, "predicted"), output(dut, context, "predicted"))
+    np.testing.assert_allclose(output(dut, context, "predicted"), own + 1e-9, rtol=1e-15)
 
 
 def test_what_is_published_is_reported_and_the_filter_goes_on_from_its_own(scenario: Scenario, flown: Run) -> None:
     dut = system(scenario)
     context = _connected(dut, flown, 0)
-    own, evidence = _output(dut, context, "estimate"), _output(dut, context, "evidence")
+    own, evidence = output(dut, context, "estimate"), output(dut, context, "evidence")
     other = evidence.after._replace(mean=evidence.after.mean + 1e-9, root=2.0 * evidence.after.root)
-    deviation = _output(dut, context, "standard_deviation")
+    deviation = output(dut, context, "standard_deviation")
     dut.GetInputPort("published").FixValue(context, Value[object](other))
-    np.testing.assert_allclose(_output(dut, context, "estimate"), own + 1e-9, rtol=1e-15)
-    np.testing.assert_allclose(_output(dut, context, "standard_deviation"), 2.0 * deviation)
-    np.testing.assert_allclose(_output(dut, context, "rotation_report")[:9], own[:9] + 1e-9, rtol=1e-15)
+    np.testing.assert_allclose(output(dut, context, "estimate"), own + 1e-9, rtol=1e-15)
+    np.testing.assert_allclose(output(dut, context, "standard_deviation"), 2.0 * deviation)
+    np.testing.assert_allclose(output(dut, context, "rotation_report")[:9], own[:9] + 1e-9, rtol=1e-15)
     _go_on(dut, context)
-    np.testing.assert_array_equal(_output(dut, context, "predicted"), own)
+    np.testing.assert_array_equal(output(dut, context, "predicted"), own)
 
 
 def test_nothing_as_a_replacement_is_none(scenario: Scenario, flown: Run) -> None:
     dut = system(scenario)
     context = _connected(dut, flown, 0)
-    own = _output(dut, context, "covariance")
+    own = output(dut, context, "covariance")
     dut.GetInputPort("replacement").FixValue(context, Value[object](()))
-    np.testing.assert_array_equal(_output(dut, context, "covariance"), own)
+    np.testing.assert_array_equal(output(dut, context, "covariance"), own)
 
 
 def test_what_is_logged_at_a_sample_is_what_the_next_one_begins_with(scenario: Scenario, flown: Run) -> None:
@@ -119,7 +110,7 @@ def test_what_is_logged_at_a_sample_is_what_the_next_one_begins_with(scenario: S
         simulator.AdvanceTo(flown.time_s[row] - 0.01)  # after the update at the sample before
         dut: Any = diagram.GetSubsystemByName("estimation").GetSubsystemByName("joint_estimator")
         context = dut.GetMyContextFromRoot(simulator.get_context())
-        np.testing.assert_array_equal(_output(dut, context, "predicted"), flown["estimate"][row - 1])
+        np.testing.assert_array_equal(output(dut, context, "predicted"), flown["estimate"][row - 1])
 
 
 def test_a_cloned_and_a_reset_context_repeat_the_run(scenario: Scenario, flown: Run) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from pydrake.common.value import Value
 from pydrake.systems.analysis import Simulator
-from systems_probe import feedthrough, inputs, outputs
+from systems_probe import fed, feedthrough, inputs, output, outputs
 
 from massprop_drake import Run, Scenario, load_scenario, simulate
 from massprop_drake.diagrams import estimation, open_loop
@@ -19,6 +19,7 @@ from massprop_drake.systems.estimation.pose_estimator import PoseEstimator
 from massprop_drake.systems.vehicle.trackers import PoseTracker, VelocityTracker
 
 JETS = 8
+SEEN = ("mocap", "command")
 
 
 @pytest.fixture(scope="module")
@@ -37,25 +38,13 @@ def system(scenario: Scenario) -> PoseEstimator:
 
 
 def _connected(dut: PoseEstimator, run: Run, row: int) -> Any:
-    context = dut.CreateDefaultContext()
-    dut.GetInputPort("mocap").FixValue(context, run["mocap"][row])
-    dut.GetInputPort("jet_commands").FixValue(context, run["command"][row - 1] if row else np.zeros(JETS))
-    dut.GetInputPort("command").FixValue(context, run["command"][row])
-    context.SetTime(run.time_s[row])
-    return context
-
-
-def _output(dut: Any, context: Any, name: str) -> Any:
-    return dut.GetOutputPort(name).Eval(context)
+    return fed(dut, run, row, SEEN)
 
 
 def _advanced(dut: PoseEstimator, context: Any, run: Run, row: int) -> None:
     """The update at a row, and the readings of the next one."""
     dut._update(context, context)
-    dut.GetInputPort("mocap").FixValue(context, run["mocap"][row + 1])
-    dut.GetInputPort("jet_commands").FixValue(context, run["command"][row])
-    dut.GetInputPort("command").FixValue(context, run["command"][row + 1])
-    context.SetTime(run.time_s[row + 1])
+    fed(dut, run, row + 1, SEEN, context)
 
 
 def test_topology(scenario: Scenario) -> None:
@@ -75,9 +64,9 @@ def test_topology(scenario: Scenario) -> None:
 def test_a_replacement_is_what_is_reported_and_what_the_next_cycle_begins_with(scenario: Scenario, flown: Run) -> None:
     dut = system(scenario)
     context = _connected(dut, flown, 0)
-    evidence = _output(dut, context, "evidence")
+    evidence = output(dut, context, "evidence")
     assert isinstance(evidence, PoseEvidence)
-    own = _output(dut, context, "estimate")
+    own = output(dut, context, "estimate")
     bank = evidence.tried.bank
     center = dut._params.pose.parts.center
     mean = bank.mean.copy()
@@ -85,34 +74,34 @@ def test_a_replacement_is_what_is_reported_and_what_the_next_cycle_begins_with(s
     other = evidence.tried._replace(bank=bank._replace(mean=mean))
     dut.GetInputPort("replacement").FixValue(context, Value[object](other))
     expected = own + 1e-3 * np.eye(10)[6]
-    np.testing.assert_allclose(_output(dut, context, "estimate"), expected, rtol=1e-12)
+    np.testing.assert_allclose(output(dut, context, "estimate"), expected, rtol=1e-12)
     dut.GetInputPort("replacement").FixValue(context, Value[object](()))
-    np.testing.assert_array_equal(_output(dut, context, "estimate"), own)
+    np.testing.assert_array_equal(output(dut, context, "estimate"), own)
     dut.GetInputPort("replacement").FixValue(context, Value[object](other))
     _advanced(dut, context, flown, 0)
-    np.testing.assert_allclose(_output(dut, context, "predicted"), expected, rtol=1e-12)
+    np.testing.assert_allclose(output(dut, context, "predicted"), expected, rtol=1e-12)
 
 
 def test_what_is_published_is_what_is_reported_alone(scenario: Scenario, flown: Run) -> None:
     dut = system(scenario)
     context = _connected(dut, flown, 0)
-    tried = _output(dut, context, "evidence").tried
-    own = _output(dut, context, "estimate")
+    tried = output(dut, context, "evidence").tried
+    own = output(dut, context, "estimate")
     mean = tried.bank.mean.copy()
     mean[:, dut._params.pose.parts.center.start] += 1e-3
     other = tried._replace(bank=tried.bank._replace(mean=mean))
     dut.GetInputPort("published").FixValue(context, Value[object](other))
-    np.testing.assert_allclose(_output(dut, context, "estimate"), own + 1e-3 * np.eye(10)[6], rtol=1e-12)
+    np.testing.assert_allclose(output(dut, context, "estimate"), own + 1e-3 * np.eye(10)[6], rtol=1e-12)
     _advanced(dut, context, flown, 0)
-    np.testing.assert_array_equal(_output(dut, context, "predicted"), own)
+    np.testing.assert_array_equal(output(dut, context, "predicted"), own)
 
 
 def test_a_sensor_that_is_not_connected_reads_nothing(scenario: Scenario, flown: Run) -> None:
     dut = system(scenario)
     context = dut.CreateDefaultContext()
     dut.GetInputPort("jet_commands").FixValue(context, np.zeros(JETS))
-    assert not _output(dut, context, "evidence").tested
-    np.testing.assert_allclose(_output(dut, context, "estimate")[9], 1.0 / 23.09)
+    assert not output(dut, context, "evidence").tested
+    np.testing.assert_allclose(output(dut, context, "estimate")[9], 1.0 / 23.09)
 
 
 def test_what_is_logged_at_a_sample_is_what_was_used_at_it(scenario: Scenario, flown: Run) -> None:
@@ -123,11 +112,11 @@ def test_what_is_logged_at_a_sample_is_what_was_used_at_it(scenario: Scenario, f
         simulator.AdvanceTo(flown.time_s[row] - 0.01)  # after the update at the sample before
         dut: Any = diagram.GetSubsystemByName("estimation").GetSubsystemByName("pose_estimator")
         context = dut.GetMyContextFromRoot(simulator.get_context())
-        np.testing.assert_array_equal(_output(dut, context, "predicted"), flown["estimate"][row - 1])
+        np.testing.assert_array_equal(output(dut, context, "predicted"), flown["estimate"][row - 1])
         simulator.AdvanceTo(flown.time_s[row])
         context = dut.GetMyContextFromRoot(simulator.get_context())
         np.testing.assert_array_equal(dut.GetInputPort("mocap").Eval(context), flown["mocap"][row])
-        np.testing.assert_array_equal(_output(dut, context, "estimate"), flown["estimate"][row])
+        np.testing.assert_array_equal(output(dut, context, "estimate"), flown["estimate"][row])
 
 
 def test_a_cloned_and_a_reset_context_repeat_the_run(scenario: Scenario, flown: Run) -> None:
@@ -169,4 +158,4 @@ def test_a_tracker_reads_the_true_body_from_its_structure(kind: str) -> None:
     dut.GetInputPort("structure").FixValue(context, structure)
     dut.GetInputPort("noise").FixValue(context, np.eye(dut.n_noise)[0])
     expected = [1.21, 2.0, 3.0, 1.0, 0.0, 0.0, 0.0] if kind == "pose" else [0.1, 0.0, 0.0]
-    np.testing.assert_allclose(_output(dut, context, "reading"), expected, atol=1e-12)
+    np.testing.assert_allclose(output(dut, context, "reading"), expected, atol=1e-12)
