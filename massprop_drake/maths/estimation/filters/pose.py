@@ -25,7 +25,7 @@ from massprop_drake.maths.estimation.filter import (
     Told,
     telling,
 )
-from massprop_drake.maths.estimation.pose import hypotheses, start
+from massprop_drake.maths.estimation.pose import delays, hypotheses, start
 from massprop_drake.maths.estimation.pose.cycle import Cycled
 from massprop_drake.maths.estimation.pose.hypotheses import Tried
 from massprop_drake.maths.estimation.pose.layout import Bank, Commands, PoseParams, Readings
@@ -181,17 +181,18 @@ def measure(
         return Measurement(_reporting(PoseFilterState(tried, commands, now_s, True, *state[4:]), params), None, told)
     kept = _with(_before(state.commands, state.time_s), state.time_s, told.command)
     acting = _with(kept, now_s, told.coming)
-    tried, done = hypotheses.advanced(state.tried, acting, (state.time_s, now_s), readings, made)
+    tried, done = delays.advanced(state.tried, acting, (state.time_s, now_s), readings, made)
     commands = _trimmed(acting, now_s - made.longest_s)
     after = _reporting(PoseFilterState(tried, commands, now_s, True, *state[4:]), params)
     return Measurement(after, done, told)
 
 
 def _fresh(first: Bank, now_s: float, params: PoseFilterParams) -> Tried:
+    """What is followed from the first sample on: every delay that may be, with all hypotheses of a detector."""
+    none, banks = np.zeros(1 + 2 * params.pose.pushes.shape[0]), delays.split(first, params.pose)
     if params.hypotheses:
-        return hypotheses.begun(first, now_s, params.pose)
-    jets = params.pose.pushes.shape[0]
-    return hypotheses.alone(first, np.zeros(1 + 2 * jets), now_s)
+        return delays.gathered([hypotheses.begun(bank, now_s, params.pose) for bank in banks], params.pose)
+    return delays.gathered([hypotheses.alone(bank, none, now_s) for bank in banks], params.pose)
 
 
 def _begins(readings: Readings, params: PoseParams) -> bool:

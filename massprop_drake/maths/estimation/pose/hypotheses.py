@@ -30,7 +30,7 @@ import numpy as np
 
 from massprop_drake.maths.estimation.pose.cycle import Cycled, Doubt, merged, step
 from massprop_drake.maths.estimation.pose.layout import Bank, Commands, PoseParams, Readings
-from massprop_drake.maths.estimation.pose.turning import symmetric_matrices
+from massprop_drake.maths.estimation.pose.turning import cross, symmetric_matrices
 from massprop_drake.maths.linear_algebra import Array
 
 BEFORE = 0.01  # probability of a failure of each kind of each jet before the record begins
@@ -58,6 +58,9 @@ class Tried(NamedTuple):
         doubt: see `cycle.Doubt`.
         apart: how far what two have foretold is apart, sum of squares in sigmas, shape (2 + 2 n_jets, 2 + 2 n_jets);
             None: nothing has been foretold.
+        total: logarithm of the density of all readings if nothing has failed, and of what was probable beforehand;
+            likelihoods are over it, nats.
+        elsewhere: the same with other delays of the commands, see `delays`.
     """
 
     bank: Bank
@@ -70,6 +73,8 @@ class Tried(NamedTuple):
     steady: int = 0
     doubt: Doubt | None = None
     apart: Array | None = None
+    total: float = 0.0
+    elsewhere: tuple[Tried, ...] = ()
 
 
 class Rules(NamedTuple):
@@ -173,7 +178,7 @@ def failing(bank: Bank, known: Array, params: PoseParams) -> Bank:
 def _largest(params: PoseParams) -> Array:
     """The largest acceleration that a jet gives the nominal vehicle, and turn, on every axis, shape (6,)."""
     spin = symmetric_matrices(params.start[params.parts.spin])
-    moments = np.cross(params.positions - params.start[params.parts.center], params.pushes)
+    moments = cross(params.positions - params.start[params.parts.center], params.pushes)
     turns = np.linalg.norm(moments @ spin, axis=1)
     return np.repeat((np.linalg.norm(params.pushes, axis=1).max(), turns.max()), 3)
 
@@ -182,8 +187,14 @@ def _stacked(first: Bank, rest: Bank) -> Bank:
     return Bank(*(np.concatenate((one[:1], many)) for one, many in zip(first, rest, strict=True)))
 
 
+def renewed(tried: Tried, time_s: float, params: PoseParams) -> Tried:
+    """Every hypothesis with its jet failing now as a further possibility, where it is time."""
+    if tried.doubt is not None or time_s - tried.renewed_s < RENEWAL_S:
+        return tried
+    return _renewed(tried, time_s, params)
+
+
 def _renewed(tried: Tried, time_s: float, params: PoseParams) -> Tried:
-    """Every hypothesis with its jet failing now as a further possibility."""
     chance = np.log(BEFORE * (time_s - tried.renewed_s) / AGAIN_S) + _beforehand(params)
     now = tried.likelihood[0] + chance
     before = tried.likelihood[1:]
@@ -225,7 +236,8 @@ def advanced(
     """
     done = step(tried.bank, commands, span_s, readings, params, tried.doubt)
     likelihood = tried.likelihood + done.likelihood
-    after = tried._replace(bank=done.bank, likelihood=likelihood - likelihood[0], doubt=done.doubt)
+    first = float(likelihood[0])
+    after = tried._replace(bank=done.bank, likelihood=likelihood - first, doubt=done.doubt, total=tried.total + first)
     return after._replace(apart=_further_apart(tried.apart, done.whitened)), done
 
 
@@ -239,7 +251,9 @@ def _further_apart(apart: Array | None, whitened: Array | None) -> Array | None:
     return more if apart is None else apart + more
 
 
-def judged(tried: Tried, time_s: float, rules: Rules, params: PoseParams) -> tuple[Tried, Found | None]:
+def judged(
+    tried: Tried, time_s: float, rules: Rules, params: PoseParams, *, waits: bool = False
+) -> tuple[Tried, Found | None]:
     """What is made of a sample: hypotheses that go on, and what is named by it.
 
     Args:
@@ -247,11 +261,13 @@ def judged(tried: Tried, time_s: float, rules: Rules, params: PoseParams) -> tup
         time_s: of it.
         rules: see `Rules`.
         params: see `PoseParams`.
+        waits: whether nothing is to be named yet.
     """
     if tried.doubt is not None:  # the next sample decides first
         return tried, None
-    if time_s - tried.renewed_s >= RENEWAL_S:
-        tried = _renewed(tried, time_s, params)
+    tried = renewed(tried, time_s, params)
+    if waits:
+        return tried._replace(leader=-1, steady=0), None
     found, tried = _judged(tried, time_s, rules, params)
     if found is not None and len(found.members) == 1:
         tried = _taken(tried, found.members[0], time_s, params)

@@ -43,6 +43,7 @@ class Openings(NamedTuple):
         once, twice: J and JJ.
         once_by, twice_by: their derivatives by d, ln tau and delta, shape (3, n_filters, n_jets).
         variance: of J where commands are not known, s^2.
+        begins: whether a pulse begins in the interval.
     """
 
     once: Array
@@ -50,6 +51,7 @@ class Openings(NamedTuple):
     once_by: Array
     twice_by: Array
     variance: Array
+    begins: np.ndarray
 
 
 class _Grown(NamedTuple):
@@ -123,4 +125,5 @@ def opened(commands: Commands, begin_s: float, end_s: float, timing: Timing) -> 
         np.stack((delay_once, lag_once, late_once)),
         np.stack((delay_twice, lag_twice, late_twice)),
         variance,
+        np.any(opens & ~clipped & (on > begin_s) & (on <= end_s), axis=1),
     )

@@ -28,7 +28,7 @@ import numpy as np
 
 from massprop_drake.maths.estimation.pose.layout import Bank, Commands, PoseParams
 from massprop_drake.maths.estimation.pose.openings import Openings, Timing, opened
-from massprop_drake.maths.estimation.pose.turning import by_elements, rotations, skews, symmetric_matrices, times
+from massprop_drake.maths.estimation.pose.turning import by_elements, cross, rotations, skews, symmetric_matrices, times
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import ELEMENT
 
@@ -54,7 +54,8 @@ class _Acting(NamedTuple):
         openings: see `Openings`.
         once, twice: J and JJ with what stands open, shape (n_filters, n_jets).
         shut: share of each jet that follows its commands, and does not stand open, shape (n_filters, n_jets).
-        factor: g, shape (n_filters, n_jets).
+        factor: g (1 + e), shape (n_filters, n_jets).
+        strength: 1 + e, likewise.
         middle_turn: from the beginning to the middle of the interval, shape (n_filters, 3, 3).
         middle: R, shape (n_filters, 3, 3).
         forces: accelerations in the fixed frame, shape (n_filters, n_jets, 3).
@@ -68,6 +69,7 @@ class _Acting(NamedTuple):
     twice: Array
     shut: Array
     factor: Array
+    strength: Array
     middle_turn: Array
     middle: Array
     forces: Array
@@ -98,7 +100,9 @@ def predicted(bank: Bank, commands: Commands, begin_s: float, end_s: float, para
         begin_s, end_s: of the interval.
         params: see `PoseParams`.
     """
-    acting = _acting(bank, opened(commands, begin_s, end_s, timing(bank.mean, params)), end_s - begin_s, params)
+    openings = opened(commands, begin_s, end_s, timing(bank.mean, params))
+    bank = _pulsed(bank, openings, params)
+    acting = _acting(bank, openings, end_s - begin_s, params)
     size, count = params.parts.size, bank.mean.shape[0]
     after = bank.mean.copy()
     jacobian = np.broadcast_to(np.eye(size), (count, size, size)).copy()
@@ -106,6 +110,8 @@ def predicted(bank: Bank, commands: Commands, begin_s: float, end_s: float, para
     angle = _turn(after, jacobian, acting, bank, params)
     _by_timing(jacobian, acting, params)
     _by_opening(jacobian, acting, bank, params)
+    if params.free[-1] >= params.parts.pulse.start:
+        _by_pulse(jacobian, acting, bank, params)
     spun = _gather(after, jacobian, acting, bank, params)
     free = params.free
     through = jacobian[:, free[:, None], free]
@@ -117,9 +123,26 @@ def predicted(bank: Bank, commands: Commands, begin_s: float, end_s: float, para
     return Predicted(moved, _kick(acting, params))
 
 
+def _pulsed(bank: Bank, openings: Openings, params: PoseParams) -> Bank:
+    """The bank with nothing known of the pulses that begin: each is independent of all before."""
+    scattered = np.flatnonzero(params.pulse_scatter > 0.0)
+    begins = openings.begins[:, scattered]
+    if not begins.any():
+        return bank
+    places = params.parts.pulse.start + scattered
+    rows = np.searchsorted(params.free, places)
+    mean, kept = bank.mean.copy(), np.ones((bank.mean.shape[0], params.free.size))
+    mean[:, places] *= ~begins
+    kept[:, rows] = ~begins
+    covariance = bank.covariance * kept[:, :, None] * kept[:, None, :]
+    covariance[:, rows, rows] += begins * params.pulse_scatter[scattered] ** 2
+    return bank._replace(mean=mean, covariance=covariance)
+
+
 def _acting(bank: Bank, openings: Openings, duration: float, params: PoseParams) -> _Acting:
     parts, mean = params.parts, bank.mean
     once, twice, shut = openings.once.copy(), openings.twice.copy(), np.ones_like(openings.once)
+    strength = 1.0 + mean[:, parts.pulse]
     which = np.flatnonzero(bank.opens >= 0)
     jets, share = bank.opens[which], mean[which, parts.open.start]
     once[which, jets] += share * (duration - openings.once[which, jets])
@@ -127,13 +150,14 @@ def _acting(bank: Bank, openings: Openings, duration: float, params: PoseParams)
     shut[which, jets] -= share
     middle_turn = rotations(0.5 * duration * mean[:, parts.rate])
     middle = bank.rotation @ middle_turn
-    moments = np.cross(params.positions - mean[:, None, parts.center], params.pushes)
+    moments = cross(params.positions - mean[:, None, parts.center], params.pushes)
     return _Acting(
         openings=openings,
         once=once,
         twice=twice,
         shut=shut,
-        factor=mean[:, parts.thrust],
+        factor=mean[:, parts.thrust] * strength,
+        strength=strength,
         middle_turn=middle_turn,
         middle=middle,
         forces=np.einsum("hij,nj->hni", middle, params.pushes),
@@ -159,7 +183,7 @@ def _move(after: Array, jacobian: Array, acting: _Acting, bank: Bank, params: Po
         by_turn = -acting.middle @ skews((acting.factor * amount) @ params.pushes)
         jacobian[:, rows, parts.attitude] = by_turn @ back
         jacobian[:, rows, parts.rate] = 0.5 * duration * by_turn
-        jacobian[:, rows, parts.thrust] = np.swapaxes(amount[..., None] * acting.forces, 1, 2)
+        jacobian[:, rows, parts.thrust] = np.swapaxes((acting.strength * amount)[..., None] * acting.forces, 1, 2)
         jacobian[:, rows, parts.push][:, :, :3] = over * _EYE
     jacobian[:, parts.velocity, parts.velocity] = left[..., None] * _EYE
     jacobian[:, parts.velocity, parts.drag.start] = -duration * velocity * left
@@ -188,7 +212,7 @@ def _turn(after: Array, jacobian: Array, acting: _Acting, bank: Bank, params: Po
         moment = acting.summed(amount, acting.moments)
         jacobian[:, rows, parts.spin] = by_elements(moment) + over * coupled_by_spin
         jacobian[:, rows, parts.center] = spin @ skews((acting.factor * amount) @ params.pushes)
-        jacobian[:, rows, parts.thrust] = np.swapaxes(amount[..., None] * acting.turns, 1, 2)
+        jacobian[:, rows, parts.thrust] = np.swapaxes((acting.strength * amount)[..., None] * acting.turns, 1, 2)
         jacobian[:, rows, parts.push][:, :, 3:] = over * _EYE
         jacobian[:, rows, parts.rate] = over * coupled_by_rate
         jacobian[:, rows.start + 2, parts.tilt.start] = over * cosine
@@ -211,7 +235,7 @@ def _coupling(rate: Array, spin: Array, params: PoseParams) -> tuple[Array, Arra
         return np.zeros((count, 3)), np.zeros((count, 3, 3)), np.zeros((count, 3, 6))
     inertia: Array = np.asarray(np.linalg.inv(spin), dtype=np.float64)
     momentum = times(inertia, rate)
-    turn = np.cross(rate, momentum)
+    turn = cross(rate, momentum)
     over = skews(rate) @ inertia
     by_rate = -spin @ (over - skews(momentum))
     by_spin = -by_elements(turn) + spin @ over @ by_elements(momentum)
@@ -258,6 +282,14 @@ def _by_opening(jacobian: Array, acting: _Acting, bank: Bank, params: PoseParams
         jacobian[which, rows, column] = amount[:, None] * effect[which, jets]
 
 
+def _by_pulse(jacobian: Array, acting: _Acting, bank: Bank, params: PoseParams) -> None:
+    """Fills in the derivatives by how strong the present pulses are."""
+    factor = bank.mean[:, params.parts.thrust]
+    for effect, rows, twice in _effects(acting, params):
+        amount = factor * (acting.twice if twice else acting.once)
+        jacobian[:, rows, params.parts.pulse] = np.swapaxes(amount[..., None] * effect, 1, 2)
+
+
 def _gather(after: Array, jacobian: Array, acting: _Acting, bank: Bank, params: PoseParams) -> Array:
     """Fills in what accelerometers gather, and its derivatives; the integral of w w^T, shape (n_filters, 3, 3)."""
     parts, mean, duration = params.parts, bank.mean, acting.duration
@@ -271,7 +303,7 @@ def _gather(after: Array, jacobian: Array, acting: _Acting, bank: Bank, params: 
     for rows, bias in zip(_triples(parts.gathered), _triples(parts.acceleration_bias), strict=True):
         after[:, rows] += gained + duration * mean[:, bias]
         jacobian[:, rows, bias] = duration * _EYE
-        jacobian[:, rows, parts.thrust] = np.swapaxes(acting.once[..., None] * params.pushes, 1, 2)
+        jacobian[:, rows, parts.thrust] = np.swapaxes((acting.strength * acting.once)[..., None] * params.pushes, 1, 2)
         jacobian[:, rows, parts.drag.start] = -duration * own
         jacobian[:, rows, parts.velocity] = -duration * drag[..., None] * np.swapaxes(bank.rotation, 1, 2)
         jacobian[:, rows, parts.attitude] = -duration * drag[..., None] * skews(own)
@@ -285,7 +317,9 @@ def _second_order(acting: _Acting, bank: Bank, params: PoseParams) -> tuple[Arra
     """Mean and covariance on the rate of the product of errors of K and of the angular impulse, shapes (., 3[, 3])."""
     parts, free = params.parts, params.free
     rows = np.zeros((bank.mean.shape[0], 3, parts.size))  # of the angular impulse over the mass
-    rows[:, :, parts.thrust] = np.swapaxes(acting.once[..., None] * acting.moments, 1, 2)
+    rows[:, :, parts.thrust] = np.swapaxes((acting.strength * acting.once)[..., None] * acting.moments, 1, 2)
+    factor = bank.mean[:, parts.thrust]
+    rows[:, :, parts.pulse] = np.swapaxes((factor * acting.once)[..., None] * acting.moments, 1, 2)
     rows[:, :, parts.center] = skews((acting.factor * acting.once) @ params.pushes)
     rows = rows[:, :, free]
     place = np.full(parts.size, -1)
@@ -321,7 +355,7 @@ def _noise(acting: _Acting, product: Array, params: PoseParams) -> Array:
         amount = scatter * since if twice else scatter
         columns[:, rows, :n_jets] = np.swapaxes(amount[..., None] * effect, 1, 2)
     shared = params.common_walk * np.sqrt(duration)
-    columns[:, parts.thrust, n_jets] = shared * acting.factor
+    columns[:, parts.thrust, n_jets] = shared * acting.factor / acting.strength
     columns[:, parts.common, n_jets] = shared
     columns = columns[:, free]
     walks = np.zeros((parts.size, parts.size))

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_drake.maths.estimation.filter import Setup
+from massprop_drake.maths.estimation.pose.delays import parts_of
 from massprop_drake.maths.estimation.pose.layout import Parts, PoseParams, Poses, make_parts
 from massprop_drake.maths.estimation.pose.start import Beforehand, prior
 from massprop_drake.maths.linear_algebra import Array
@@ -26,6 +27,7 @@ class Valves(NamedTuple):
         delays_s, delay_stds_s: after a command.
         lags_s, lag_stds: time constants, and their relative 1-sigma.
         openings_s, opening_stds_s: by how much later they open than they close.
+        pulse_scatters: relative 1-sigma of a pulse as a whole.
     """
 
     delays_s: Array
@@ -34,6 +36,7 @@ class Valves(NamedTuple):
     lag_stds: Array
     openings_s: Array
     opening_stds_s: Array
+    pulse_scatters: Array
 
 
 class Around(NamedTuple):
@@ -123,9 +126,16 @@ def make_params(setup: Setup, tracking: Tracking, *, hypotheses: bool) -> PosePa
     places = np.flatnonzero(np.isin(free, supposed))
     covariance[places], covariance[:, places] = 0.0, 0.0
     around = tracking.around
-    longest = _LAGS * np.max(valves.lags_s * np.exp(_SIGMAS * valves.lag_stds), initial=0.0) + np.max(
-        np.abs(valves.delays_s) + np.abs(valves.openings_s) + _SIGMAS * (valves.delay_stds_s + valves.opening_stds_s),
-        initial=_NEVER_S,
+    delays = parts_of(valves.delays_s, valves.delay_stds_s, setup.period_s)
+    longest = (
+        np.max(delays.shifts_s)
+        + _LAGS * np.max(valves.lags_s * np.exp(_SIGMAS * valves.lag_stds), initial=0.0)
+        + np.max(
+            np.abs(valves.delays_s)
+            + np.abs(valves.openings_s)
+            + _SIGMAS * (valves.delay_stds_s + valves.opening_stds_s),
+            initial=_NEVER_S,
+        )
     )
     return PoseParams(
         parts=parts,
@@ -146,6 +156,7 @@ def make_params(setup: Setup, tracking: Tracking, *, hypotheses: bool) -> PosePa
         turn_walk=around.turn_walk,
         common_walk=tracking.common_walk,
         scatter=thrust.repeatability,
+        pulse_scatter=valves.pulse_scatters[thrust.kinds],
         kicks_per_s=around.kicks_per_minute / 60.0,
         kick_velocity=around.kick_velocity,
         kick_rate=around.kick_rate,
@@ -156,6 +167,7 @@ def make_params(setup: Setup, tracking: Tracking, *, hypotheses: bool) -> PosePa
         accelerometer_positions=setup.accelerometer_positions,
         accelerometer_variances=setup.accelerometer_variances,
         planar=tracking.planar,
+        delays=delays,
     )
 
 
@@ -177,6 +189,7 @@ def _beforehand(setup: Setup, tracking: Tracking, parts: Parts, mass_std: float)
     rest[parts.lag] = np.log(np.where(lagging, valves.lags_s, 1e-9))
     deviation[parts.lag] = np.where(lagging, valves.lag_stds, 0.0)
     rest[parts.opening], deviation[parts.opening] = valves.openings_s, valves.opening_stds_s
+    deviation[parts.pulse] = valves.pulse_scatters[setup.thrust.kinds]
     rest[parts.drag] = around.drag / mass, around.angular_drag / turning
     deviation[parts.drag] = around.drag_std / mass, around.angular_drag_std / turning
     deviation[parts.push] = np.repeat((around.slope_std, around.turn_std), 3)
