@@ -81,6 +81,7 @@ def small_params(sensors: Sensors = ONE_POSE, *, planar: bool = False, **changed
         "accelerometer_positions": np.array([[0.3, 0.1, -0.2], [-0.4, 0.2, 0.1]])[: sensors.accelerometers],
         "accelerometer_variances": 1e-6 * many[: sensors.accelerometers],
         "planar": planar,
+        "of_mass": np.zeros(parts.size),
         "delays": Delays(np.zeros(1), np.zeros(1), np.zeros((2, 2)), 1.0),
     }
     return PoseParams(**(settings | changed))

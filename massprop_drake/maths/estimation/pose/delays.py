@@ -124,6 +124,21 @@ def settled(tried: Tried, lead: float) -> bool:
     return all(best - weight(one) > lead for one in tried.elsewhere)
 
 
+def overall(tried: Tried, params: PoseParams) -> Bank:
+    """The first filters of all delays as one, by moments: what is known while several may be."""
+    first = _first(tried.bank)
+    total = weight(tried)
+    for one in tried.elsewhere:
+        own = weight(one)
+        both = float(np.logaddexp(total, own))
+        first, total = merged(first, _first(one.bank), np.array([np.exp(own - both)]), params), both
+    return first
+
+
+def _first(bank: Bank) -> Bank:
+    return Bank(*(part[:1] for part in bank))
+
+
 def weight(tried: Tried) -> float:
     """Logarithm of the probability of a part with all its hypotheses, but for what all have in common."""
     return tried.total + float(np.logaddexp.reduce(tried.likelihood))

@@ -29,7 +29,7 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_drake.maths.estimation.pose.cycle import Cycled, Doubt, merged, step
-from massprop_drake.maths.estimation.pose.layout import Bank, Commands, PoseParams, Readings
+from massprop_drake.maths.estimation.pose.layout import PUSHED, Bank, Commands, PoseParams, Readings
 from massprop_drake.maths.estimation.pose.turning import cross, symmetric_matrices
 from massprop_drake.maths.linear_algebra import Array
 
@@ -37,6 +37,7 @@ BEFORE = 0.01  # probability of a failure of each kind of each jet before the re
 AGAIN_S = 1900.0  # seconds in which a jet fails as probably as it has before
 RENEWAL_S = 1.0
 PATIENCE_S = 10.0
+SETTLING_S = 3.0  # from the first sample on, in which a poor reading must stand out from good and poor alike
 STEADY = 10  # samples
 _SIGMAS = 3.0  # that a size must have
 _MIDDLE, _SPREAD = 0.5, 0.3  # of a factor of which nothing is known
@@ -165,12 +166,14 @@ def failing(bank: Bank, known: Array, params: PoseParams) -> Bank:
             opens[opened] = jet
             mean[opened, parts.open] = _MIDDLE
             added[opened, place[parts.open.start]] = _SPREAD**2
+    if bank.opens[0] < 0:
+        opens[-1] = PUSHED
     for axis, size in enumerate(_largest(params)):
         row = place.get(parts.push.start + axis)
         if row is not None:
             added[-1, row] = (_MIDDLE * size) ** 2
     covariance = through @ bank.covariance[:1] @ np.swapaxes(through, 1, 2)
-    covariance = covariance + added[:, :, None] * np.eye(free.size)
+    covariance = 0.5 * (covariance + np.swapaxes(covariance, 1, 2)) + added[:, :, None] * np.eye(free.size)
     same = [np.repeat(part[:1], count, axis=0) for part in (bank.rotation, bank.reference, bank.turned)]
     return Bank(mean, covariance, same[0], opens, same[1], same[2])
 
@@ -234,6 +237,8 @@ def advanced(
         tried: after the last sample.
         commands, span_s, readings, params: see `cycle.step`.
     """
+    if span_s[1] - tried.onset_s[0] < SETTLING_S:
+        params = params._replace(pose=params.pose._replace(tells=params.pose.outlier_scale))
     done = step(tried.bank, commands, span_s, readings, params, tried.doubt)
     likelihood = tried.likelihood + done.likelihood
     first = float(likelihood[0])

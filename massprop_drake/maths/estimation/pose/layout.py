@@ -29,6 +29,7 @@ import numpy as np
 from massprop_drake.maths.linear_algebra import Array
 
 Places = np.ndarray  # of integers
+PUSHED = -2  # see `Bank.opens`
 
 
 class Parts(NamedTuple):
@@ -108,6 +109,7 @@ class PoseParams(NamedTuple):
             (n_velocities,).
         accelerometer_positions, accelerometer_variances: shapes (n_accelerometers, 3) and (n_accelerometers,).
         planar: whether x, y and heading alone are free.
+        of_mass: how m_0/m goes with the state while no jet has failed, see `outcome`, shape (size,).
         delays: see `Delays`.
     """
 
@@ -140,6 +142,7 @@ class PoseParams(NamedTuple):
     accelerometer_positions: Array
     accelerometer_variances: Array
     planar: bool
+    of_mass: Array
     delays: Delays
 
 
@@ -167,6 +170,8 @@ class Poses(NamedTuple):
         jitter_variances: of their stamps, s^2, shape (n,).
         outliers: share of samples whose readings are poor.
         outlier_scale: how many times as noisy they are then.
+        tells: what is expected of a reading, as a multiple of its variance, beyond which it cannot be told whether it
+            is a poor one.
     """
 
     position_variances: Array
@@ -174,6 +179,7 @@ class Poses(NamedTuple):
     jitter_variances: Array
     outliers: float = 0.0
     outlier_scale: float = 10.0
+    tells: float = 100.0
 
 
 class Bank(NamedTuple):
@@ -183,7 +189,8 @@ class Bank(NamedTuple):
         mean: of the whole state, zero for phi, shape (n_filters, size).
         covariance: of what is free, shape (n_filters, n, n).
         rotation: body to fixed frame, shape (n_filters, 3, 3).
-        opens: jet that h is of, -1: none, shape (n_filters,).
+        opens: jet that h is of, -1: none, `PUSHED`: none, and what else accelerates is a push, which accelerometers
+            feel, and no slope, which they do not, shape (n_filters,).
         reference: rate when accelerometers began to gather, shape (n_filters, 3).
         turned: integral of w w^T since, shape (n_filters, 3, 3).
     """
@@ -197,15 +204,18 @@ class Bank(NamedTuple):
 
 
 class Commands(NamedTuple):
-    """What the jets were told, as far back as it still acts.
+    """What the jets were told, as far back as it still acts, and what else is known to act now.
 
     Attributes:
         time_s: from when on each row holds, until the next one does; the last one for ever, increasing, shape (k,).
         levels: commanded, NaN where not known, shape (k, n_jets).
+        outside: mean torque about the vehicle origin and force over the interval that is followed, body axes, shape
+            (6,); None: none.
     """
 
     time_s: Array
     levels: Array
+    outside: Array | None = None
 
 
 class Readings(NamedTuple):

@@ -9,6 +9,7 @@ import numpy as np
 from massprop_drake.maths.estimation.filter import Setup
 from massprop_drake.maths.estimation.pose.delays import parts_of
 from massprop_drake.maths.estimation.pose.layout import Parts, PoseParams, Poses, make_parts
+from massprop_drake.maths.estimation.pose.outcome import of_mass
 from massprop_drake.maths.estimation.pose.start import Beforehand, prior
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import CENTER_OF_MASS, MASS_RECIPROCAL, symmetric
@@ -118,8 +119,8 @@ def make_params(setup: Setup, tracking: Tracking, *, hypotheses: bool) -> PosePa
     gyros, accelerometers = setup.gyros, setup.accelerometers
     counts = (n_poses, gyros.quanta.size, accelerometers.quanta.size)
     parts = make_parts(thrust.flows.size, valves.delays_s.size, *counts)
-    of_mass, unseen = _mass_stds(setup, tracking)
-    known = _beforehand(setup, tracking, parts, of_mass)
+    shown, unseen = _mass_stds(setup, tracking)
+    known = _beforehand(setup, tracking, parts, shown)
     supposed = _supposed(known, parts) if hypotheses else np.zeros(0, dtype=int)
     known.rest_std[supposed] = 1.0  # a place for each; zero but for the hypothesis that supposes it
     start, covariance, free = prior(known, _fixed(parts, tracking, setup), parts)
@@ -137,7 +138,7 @@ def make_params(setup: Setup, tracking: Tracking, *, hypotheses: bool) -> PosePa
             initial=_NEVER_S,
         )
     )
-    return PoseParams(
+    made = PoseParams(
         parts=parts,
         free=free,
         start=start,
@@ -146,7 +147,7 @@ def make_params(setup: Setup, tracking: Tracking, *, hypotheses: bool) -> PosePa
         positions=tracking.positions,
         kinds=thrust.kinds,
         nominal_mass=mass,
-        mass_std=of_mass,
+        mass_std=shown,
         unseen_std=unseen,
         thrust_std=thrust.uncertainty,
         longest_s=float(longest),
@@ -167,8 +168,10 @@ def make_params(setup: Setup, tracking: Tracking, *, hypotheses: bool) -> PosePa
         accelerometer_positions=setup.accelerometer_positions,
         accelerometer_variances=setup.accelerometer_variances,
         planar=tracking.planar,
+        of_mass=np.zeros(parts.size),
         delays=delays,
     )
+    return made._replace(of_mass=of_mass(np.ones(thrust.flows.size, dtype=bool), made)[0])
 
 
 def _supposed(known: Beforehand, parts: Parts) -> np.ndarray:

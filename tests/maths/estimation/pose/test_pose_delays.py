@@ -183,5 +183,16 @@ def test_a_delay_that_is_far_off_is_found_within_its_sigma() -> None:
     assert tried.elsewhere == ()
     place = int(np.flatnonzero(params.free == params.parts.delay.start)[0])
     sigma = np.sqrt(tried.bank.covariance[0, place, place])
-    assert sigma < 0.006
+    assert sigma < 0.01
     assert abs(tried.bank.mean[0, params.parts.delay.start] - 3 * vehicle.sample_period_s) < 3.0 * sigma + 0.001
+
+
+def test_what_is_known_of_several_delays_is_that_of_all_by_moments() -> None:
+    parts, params = _parts((0.0, 0.1), std=0.02)
+    alone = [one._replace(likelihood=np.append(0.0, np.full(1 + 2 * JETS, -np.inf))) for one in parts]
+    both = alone[0]._replace(elsewhere=(alone[1]._replace(total=-np.log(3.0)),))
+    found, at = delays.overall(both, params), params.parts.delay.start
+    assert found.mean.shape[0] == 1
+    assert found.mean[0, at] == pytest.approx(parts[0].bank.mean[0, at] + 0.025)
+    place = int(np.flatnonzero(params.free == at)[0])
+    assert found.covariance[0, place, place] == pytest.approx(0.02**2 + 0.25 * 0.75 * 0.1**2)
