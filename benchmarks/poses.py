@@ -219,11 +219,11 @@ class Flight:
         truth, around, random = self.truth, self.vehicle.surroundings, self._random
         force = rotation @ gives.sum(axis=0) - self._drag * velocity + truth.mass * self._slope
         arms = self.vehicle.positions - truth.center
-        torque = np.cross(arms, gives).sum(axis=0) - self._angular_drag * rate
+        torque = _crossed(arms, gives).sum(axis=0) - self._angular_drag * rate
         turn = self._turn.copy()
         heading = np.arctan2(rotation[1, 0], rotation[0, 0])
         turn[2] += self._tilt @ (np.cos(heading), np.sin(heading))
-        spin = self._inverse @ (torque - np.cross(rate, truth.inertia @ rate)) + turn
+        spin = self._inverse @ (torque - _crossed(rate, truth.inertia @ rate)) + turn
         if self._planar:
             force[2] = 0.0
             spin = np.array([0.0, 0.0, torque[2] / truth.inertia[2, 2] + turn[2]])
@@ -283,7 +283,7 @@ class Flight:
         for pose, point in zip(vehicle.poses, self._points, strict=True):
             arm = point - truth.center
             late = pose.time_std_s * random.standard_normal()
-            where = position + rotation @ arm + late * (velocity + rotation @ np.cross(rate, arm))
+            where = position + rotation @ arm + late * (velocity + rotation @ _crossed(rate, arm))
             poor = self.case.noise * (10.0 if random.random() < pose.outliers else 1.0)
             if pose.position_std is None:
                 where = np.full(3, np.nan)
@@ -331,6 +331,12 @@ def _at(switches: list[tuple[float, Array]], time_s: float, jet: int) -> bool:
         if since_s <= time_s:
             return bool(command[jet] > 0.0)
     return False
+
+
+def _crossed(a: Array, b: Array) -> Array:
+    """As `numpy.cross`, and faster."""
+    parts = ((1, 2), (2, 0), (0, 1))
+    return np.stack([a[..., i] * b[..., j] - a[..., j] * b[..., i] for i, j in parts], axis=-1)
 
 
 def _turned(vector: Array) -> Array:
