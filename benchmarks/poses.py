@@ -6,6 +6,9 @@ The simulator is one of its own, of a rigid body in small steps with valves that
 floor that is not level, and a controller that answers what the pose sensor reads. It draws mass properties, thrusts,
 valves and surroundings as the vehicle's file says they may be; in half of the flights a jet is dead from the start, or
 gives less than a third. What it writes is a record, and what is measured is what `estimate` makes of it.
+
+The vehicles are the bundled ones, or drawn, too: four to sixteen jets anywhere on a body of 2 to 500 kg that they can
+hold, in a plane or free, with sensors and surroundings of a size that such a body can be held by.
 """
 
 from __future__ import annotations
@@ -19,6 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import nnls
 
 from massprop_drake.inputs.scenario import resolved
 from massprop_drake.inputs.vehicle import Vehicle, load_vehicle
@@ -40,13 +44,23 @@ class Case(NamedTuple):
         pressure_loss: share of all thrusts that is lost in the flight, evenly.
         failures: whether a jet is dead from the start in half of the flights.
         walk: of what all thrusts share that the vehicle's file states, 1-sigma in one second.
+        late: whether the jet dies in the flight, at a time that is drawn.
+        noise: by which everything that the file calls noise is larger than it says.
+        whole: whether pulses scatter as a whole, by what the file says of a sample.
+        told: of each kind of jet, instead of what its file says.
+        rough: whether quaternions change their sign, poses are missing for up to a second, and stamps are off.
     """
 
-    vehicle: str
+    vehicle: str = ""  # drawn
     delay_off: float = 0.0
     pressure_loss: float = 0.0
     failures: bool = True
     walk: float = 0.0
+    late: bool = False
+    noise: float = 1.0
+    whole: bool = False
+    told: tuple[tuple[str, float], ...] = ()
+    rough: bool = False
 
 
 CASES = {
@@ -56,6 +70,15 @@ CASES = {
     "delay_2": Case("air_bearing", delay_off=2.0, failures=False),
     "delay_3": Case("air_bearing", delay_off=3.0, failures=False),
     "pressure": Case("air_bearing", pressure_loss=0.1, failures=False, walk=0.013),  # 10 % in a minute
+    "planar_late": Case("air_bearing", late=True),
+    "free_late": Case("tracked_flyer", late=True),
+    "drawn": Case(),
+    "rough": Case(rough=True),
+    "noisy": Case(noise=2.0),
+    "quiet": Case(noise=0.5),
+    "whole": Case("air_bearing", whole=True),  # and told to be of samples
+    "whole_told": Case("air_bearing", whole=True, told=(("repeatability", 0.0), ("pulse_scatter", 0.36))),
+    "samples_told_whole": Case("air_bearing", told=(("repeatability", 0.0), ("pulse_scatter", 0.36))),
 }
 
 
@@ -66,6 +89,8 @@ class Truth(NamedTuple):
         mass, center, inertia: of the body.
         thrusts: forces of the jets, body axes, shape (n_jets, 3).
         dead: index of the jet that is, -1: none.
+        left: what it gives then, of its thrust.
+        since_s: from when on.
     """
 
     mass: float
@@ -73,6 +98,21 @@ class Truth(NamedTuple):
     inertia: Array
     thrusts: Array
     dead: int
+    left: float
+    since_s: float
+
+
+class _Body(NamedTuple):
+    position: Array
+    velocity: Array
+    rotation: Array
+    rate: Array
+
+
+class _Valves(NamedTuple):
+    level: Array
+    wanted: Array
+    strength: Array
 
 
 class Flight:
@@ -102,16 +142,19 @@ class Flight:
         factors = 1.0 + vehicle.thrust_uncertainties * normal(n_jets)
         factors *= 1.0 + vehicle.common_scale_uncertainty * normal()
         dead = int(random.integers(n_jets)) if case.failures and random.random() < 0.5 else -1
+        left, since_s = 1.0, 0.0
         if dead >= 0:
-            factors[dead] *= 0.0 if random.random() < 0.5 else random.uniform(0.0, 0.3)
-        self.truth = Truth(mass, center, inertia, vehicle.thrusts * factors[:, None], dead)
+            left = 0.0 if random.random() < 0.5 else random.uniform(0.0, 0.3)
+        if case.late:
+            since_s = duration_s * random.uniform(0.15, 0.6)
+        self.truth = Truth(mass, center, inertia, vehicle.thrusts * factors[:, None], dead, left, since_s)
         kinds, of = list(vehicle.jet_kinds.values()), vehicle.kind_indices
         errors = normal((3, len(kinds)))
         delays = np.array([kind.command_delay_s for kind in kinds])
         delays = delays + errors[0] * [kind.command_delay_std_s for kind in kinds]
         delays = np.maximum(delays, 0.0) + case.delay_off * vehicle.sample_period_s
         lags = np.array([kind.time_constant_s for kind in kinds])
-        lags = lags * np.exp(errors[1] * [kind.lag_uncertainty for kind in kinds])
+        lags = np.maximum(lags, 1e-6) * np.exp(errors[1] * [kind.lag_uncertainty for kind in kinds])
         late = np.array([kind.opening_delay_s for kind in kinds])
         late = late + errors[2] * [kind.opening_delay_std_s for kind in kinds]
         self.delays, self._lags, self._late = delays[of], lags[of], late[of]
@@ -124,56 +167,90 @@ class Flight:
             self._slope[2] = 0.0
             self._turn[:2] = 0.0
         self._points = [np.array(pose.point) + pose.point_std * normal(3) for pose in vehicle.poses]
+        self._blind_s, self._inverse = (-1.0, -1.0), np.linalg.inv(inertia)
         self._repeat = np.array([kind.repeatability for kind in kinds])[of]
 
     def rows(self) -> tuple[Array, Array]:
         """Columns of telemetry, and the truth's rotation at their times."""
-        vehicle, random, truth = self.vehicle, self._random, self.truth
-        n_jets, period = len(vehicle.jets), vehicle.sample_period_s
-        position, velocity = np.zeros(3), np.zeros(3)
-        rotation, rate = np.eye(3), np.zeros(3)
-        level = np.zeros(n_jets)
+        period, n_jets = self.vehicle.sample_period_s, len(self.vehicle.jets)
+        body = _Body(np.zeros(3), np.zeros(3), np.eye(3), np.zeros(3))
+        valves = _Valves(np.zeros(n_jets), np.zeros(n_jets), np.ones(n_jets))
         switches: list[tuple[float, Array]] = [(-1.0, np.zeros(n_jets))]
-        around, now = vehicle.surroundings, 0.0
-        rows = []
-        before = position, np.zeros(3)
-        inverse = np.linalg.inv(truth.inertia)
-        count = int(self.duration_s / period)
-        for sample in range(count):
+        rows: list[Array] = []
+        before, now = (body.position, np.zeros(3)), 0.0
+        for sample in range(int(self.duration_s / period)):
             sample_s = sample * period
-            strength = 1.0 + self._repeat * random.standard_normal(n_jets)
+            drawn = 1.0 + self.case.noise * self._repeat * self._random.standard_normal(n_jets)
+            if not self.case.whole:
+                valves = valves._replace(strength=drawn)
             while now < sample_s - 1e-9:
                 step = min(_STEP_S, sample_s - now)
-                wanted = self._wanted(switches, now + 0.5 * step)
-                level = wanted + (level - wanted) * np.exp(-step / np.maximum(self._lags, 1e-9))
-                loss = 1.0 - self.case.pressure_loss * now / self.duration_s
-                gives = (level * strength * loss)[:, None] * truth.thrusts
-                force = rotation @ gives.sum(axis=0) - self._drag * velocity + truth.mass * self._slope
-                torque = np.cross(vehicle.positions - truth.center, gives).sum(axis=0) - self._angular_drag * rate
-                turn = self._turn.copy()
-                heading = np.arctan2(rotation[1, 0], rotation[0, 0])
-                turn[2] += self._tilt @ (np.cos(heading), np.sin(heading))
-                spin = inverse @ (torque - np.cross(rate, truth.inertia @ rate)) + turn
-                if self._planar:
-                    force[2] = 0.0
-                    spin = np.array([0.0, 0.0, torque[2] / truth.inertia[2, 2] + turn[2]])
-                white = np.sqrt(step) * random.standard_normal(6)
-                velocity = velocity + step * force / truth.mass + around.velocity_walk * white[:3] * self._moves
-                middle = rate + 0.5 * step * spin
-                rate = rate + step * spin + around.rate_walk * white[3:] * self._turns
-                if random.random() < around.kicks_per_minute / 60.0 * step:
-                    velocity = velocity + around.kick_velocity * random.standard_normal(3) * self._moves
-                    rate = rate + around.kick_rate * random.standard_normal(3) * self._turns
-                position = position + step * velocity
-                rotation = rotation @ _turned(step * middle)
+                valves, mean = self._opened(valves, self._wanted(switches, now + 0.5 * step), drawn, step)
+                body = self._moved(body, (mean * valves.strength)[:, None] * self._thrusts(now), step)
                 now += step
-            read = self._read(position, velocity, rotation, rate)
+            read = self._read(*body)
             command = self._commanded(read, before, sample_s, period)
             before = read[0], read[1]
-            switches.append((sample_s, command))
-            switches = switches[-_BEHIND:]
-            rows.append(np.concatenate(([sample_s], read[2], command)))
-        return np.array(rows), rotation
+            switches = [*switches, (sample_s, command)][-_BEHIND:]
+            rows.append(np.concatenate(([sample_s], self._roughened(read[2], sample_s), command)))
+            if self.case.rough:
+                rows[-1][0] += 0.02 * period * np.clip(self._random.standard_normal(), -3.0, 3.0)
+        return np.array(rows), body.rotation
+
+    def _thrusts(self, time_s: float) -> Array:
+        """What jets give at full thrust, shape (n_jets, 3)."""
+        truth = self.truth
+        thrusts = truth.thrusts * (1.0 - self.case.pressure_loss * time_s / self.duration_s)
+        if truth.dead >= 0 and time_s >= truth.since_s:
+            thrusts[truth.dead] *= truth.left
+        return thrusts
+
+    def _opened(self, valves: _Valves, wanted: Array, drawn: Array, step: float) -> tuple[_Valves, Array]:
+        """Valves after a step, and their levels' mean over it."""
+        strength = valves.strength
+        if self.case.whole:
+            strength = np.where((wanted > 0.0) & (valves.wanted == 0.0), drawn, strength)
+        left, off = np.exp(-step / self._lags), valves.level - wanted
+        return _Valves(wanted + off * left, wanted, strength), wanted + off * (1.0 - left) * self._lags / step
+
+    def _moved(self, body: _Body, gives: Array, step: float) -> _Body:
+        """The body after a step with forces of its jets."""
+        position, velocity, rotation, rate = body
+        truth, around, random = self.truth, self.vehicle.surroundings, self._random
+        force = rotation @ gives.sum(axis=0) - self._drag * velocity + truth.mass * self._slope
+        arms = self.vehicle.positions - truth.center
+        torque = _crossed(arms, gives).sum(axis=0) - self._angular_drag * rate
+        turn = self._turn.copy()
+        heading = np.arctan2(rotation[1, 0], rotation[0, 0])
+        turn[2] += self._tilt @ (np.cos(heading), np.sin(heading))
+        spin = self._inverse @ (torque - _crossed(rate, truth.inertia @ rate)) + turn
+        if self._planar:
+            force[2] = 0.0
+            spin = np.array([0.0, 0.0, torque[2] / truth.inertia[2, 2] + turn[2]])
+        white = self.case.noise * np.sqrt(step) * random.standard_normal(6)
+        faster = velocity + step * force / truth.mass + around.velocity_walk * white[:3] * self._moves
+        turning = rate + step * spin + around.rate_walk * white[3:] * self._turns
+        if random.random() < around.kicks_per_minute / 60.0 * step:
+            kick = self.case.noise * random.standard_normal(6)
+            faster = faster + around.kick_velocity * kick[:3] * self._moves
+            turning = turning + around.kick_rate * kick[3:] * self._turns
+        middle = rate + 0.5 * step * spin
+        return _Body(position + 0.5 * step * (velocity + faster), faster, rotation @ _turned(step * middle), turning)
+
+    def _roughened(self, read: Array, time_s: float) -> Array:
+        """Columns of sensors as a rough record has them."""
+        if not self.case.rough:
+            return read
+        random, first = self._random, 3 * len(self.vehicle.gyros)
+        poses = slice(first, first + 7 * len(self.vehicle.poses))
+        result = read.copy()
+        if random.random() < 0.5:
+            result[poses].reshape(-1, 7)[:, 3:] *= -1.0
+        if time_s > self._blind_s[1] and random.random() < 0.1 * self.vehicle.sample_period_s:  # every ten seconds
+            self._blind_s = time_s, time_s + random.uniform(0.0, 1.0)
+        if self._blind_s[0] <= time_s < self._blind_s[1] and time_s > 1.0:
+            result[poses] = np.nan
+        return result
 
     @property
     def _moves(self) -> Array:
@@ -202,12 +279,12 @@ class Flight:
         vehicle, random, truth = self.vehicle, self._random, self.truth
         columns_, seen, turned = [], position, np.zeros(3)
         for gyro in vehicle.gyros:
-            columns_.append(rate + np.sqrt(gyro.variance) * random.standard_normal(3))
+            columns_.append(rate + self.case.noise * np.sqrt(gyro.variance) * random.standard_normal(3))
         for pose, point in zip(vehicle.poses, self._points, strict=True):
             arm = point - truth.center
             late = pose.time_std_s * random.standard_normal()
-            where = position + rotation @ arm + late * (velocity + rotation @ np.cross(rate, arm))
-            poor = 10.0 if random.random() < pose.outliers else 1.0
+            where = position + rotation @ arm + late * (velocity + rotation @ _crossed(rate, arm))
+            poor = self.case.noise * (10.0 if random.random() < pose.outliers else 1.0)
             if pose.position_std is None:
                 where = np.full(3, np.nan)
             else:
@@ -221,7 +298,7 @@ class Flight:
                 quaternion, turned = _quaternion(read), _vector(read)
             columns_ += [where, quaternion]
         for speed in vehicle.velocities:
-            columns_.append(velocity + speed.noise_std * random.standard_normal(3))
+            columns_.append(velocity + self.case.noise * speed.noise_std * random.standard_normal(3))
         return seen, turned, np.concatenate(columns_)
 
     def _commanded(
@@ -254,6 +331,12 @@ def _at(switches: list[tuple[float, Array]], time_s: float, jet: int) -> bool:
         if since_s <= time_s:
             return bool(command[jet] > 0.0)
     return False
+
+
+def _crossed(a: Array, b: Array) -> Array:
+    """As `numpy.cross`, and faster."""
+    parts = ((1, 2), (2, 0), (0, 1))
+    return np.stack([a[..., i] * b[..., j] - a[..., j] * b[..., i] for i, j in parts], axis=-1)
 
 
 def _turned(vector: Array) -> Array:
@@ -301,6 +384,104 @@ def _quaternion(rotation: Array) -> Array:
     return found if found[0] >= 0.0 else -found
 
 
+def drawn_vehicle(seed: int) -> Vehicle:
+    """A vehicle that its jets can hold: mass, shape, jets, valves, sensors and surroundings are drawn."""
+    random = np.random.default_rng([seed, 4])
+    planar = bool(random.random() < 0.5)
+    mass = float(np.exp(random.uniform(np.log(2.0), np.log(500.0))))
+    sides = (mass / random.uniform(200.0, 1000.0)) ** (1 / 3) * random.uniform(0.7, 1.4, 3)
+    inertia = np.diag((mass / 12.0) * (np.sum(sides**2) - sides**2))
+    period = float(random.choice([0.05, 0.1, 0.2]))
+    arm = 0.5 * float(np.linalg.norm(sides[:2]))
+    acceleration = arm * float(random.uniform(0.06, 0.3))
+    turning = acceleration * mass * arm / inertia[2, 2]
+    thrust = acceleration * mass
+    jets = _drawn_jets(random, sides, planar)
+
+    def size(least: float, most: float) -> float:
+        return float(np.exp(random.uniform(np.log(least), np.log(most))))
+
+    kind = {
+        "nominal_thrust": thrust,
+        "specific_impulse_s": 60.0,
+        "thrust_uncertainty": random.uniform(0.01, 0.05),
+        "repeatability": size(0.01, 0.3),
+        "time_constant_s": random.uniform(0.05, 0.4) * period,
+        "lag_uncertainty": 0.5,
+        "command_delay_s": random.uniform(0.0, 1.5) * period,
+        "command_delay_std_s": random.uniform(0.1, 0.6) * period,
+        "opening_delay_std_s": random.uniform(0.0, 0.2) * period,
+        "minimum_on_time_s": period,
+    }
+    camera = {
+        "name": "cameras",
+        "position_std": acceleration * period * size(0.02, 0.15),
+        "attitude_std": turning * period * size(0.02, 0.15),
+        "time_std_s": 0.02 * period,
+        "outliers": 0.01,
+        "point_std": 0.03 * arm,
+    }
+    around = {
+        "drag_std": 0.05 * mass,
+        "angular_drag_std": 0.05 * float(inertia[2, 2]),
+        "slope_std": 0.1 * acceleration,
+        "turn_std": 0.1 * turning,
+        "velocity_walk": acceleration * size(0.004, 0.05),
+        "rate_walk": turning * size(0.004, 0.1),
+        "kicks_per_minute": float(random.choice([0.0, 5.0])),
+        "kick_velocity": 0.2 * acceleration,
+        "kick_rate": 0.5 * turning,
+    }
+    data = {
+        "name": f"drawn_{seed}",
+        "units": "si",
+        "sample_period_s": period,
+        "mass_properties": {"mass": mass, "center_of_mass": [0.0, 0.0, 0.0], "inertia": inertia.tolist()},
+        "center_of_mass_std": 0.03 * arm,
+        "common_scale_uncertainty": 0.03,
+        "motion": "planar" if planar else "free",
+        "surroundings": around,
+        "gyros": [],
+        "poses": [camera],
+        "jet_kinds": {"jet": kind},
+        "jets": [
+            {
+                "number": number,
+                "designation": f"J{number}",
+                "cluster": number,
+                "kind": "jet",
+                "position": place.tolist(),
+                "direction": direction.tolist(),
+                "thrust": thrust * random.uniform(0.9, 1.1),
+            }
+            for number, (place, direction) in enumerate(jets, start=1)
+        ],
+    }
+    return Vehicle.model_validate(data)
+
+
+def _drawn_jets(random: np.random.Generator, sides: Array, planar: bool) -> list[tuple[Array, Array]]:
+    """Places on a body's surface and directions along its axes, such that pushes hold it in all that it can move."""
+    scale = 2.0 / float(np.linalg.norm(sides))
+    while True:
+        count = int(random.integers(4, 13) if planar else random.integers(8, 17))
+        jets, wrenches = [], []
+        for _ in range(count):
+            axis = int(random.integers(2 if planar else 3))
+            sign = float(random.choice([-1.0, 1.0]))
+            place = 0.5 * sides * random.uniform(-1.0, 1.0, 3)
+            place[axis] = -sign * 0.5 * sides[axis]  # the plume leaves the body
+            if planar:
+                place[2] = 0.0
+            direction = sign * np.eye(3)[axis]
+            jets.append((place, direction))
+            wrenches.append(np.concatenate((direction, scale * np.cross(place, direction))))
+        effects = np.array(wrenches).T[[0, 1, 5]] if planar else np.array(wrenches).T
+        goals = np.vstack((np.eye(len(effects)), -np.eye(len(effects))))
+        if all(nnls(effects, goal)[1] < 1e-6 and nnls(effects, goal)[0].sum() < 8.0 for goal in goals):
+            return jets
+
+
 class Outcome(NamedTuple):
     """What became of a flight.
 
@@ -323,7 +504,8 @@ class Outcome(NamedTuple):
 
 def fly(case: Case, seed: int, duration_s: float) -> Outcome:
     """Flies one, and estimates from its record."""
-    vehicle = load_vehicle(case.vehicle).model_copy(update={"common_scale_walk": case.walk})
+    vehicle = load_vehicle(case.vehicle) if case.vehicle else drawn_vehicle(seed)
+    vehicle = vehicle.model_copy(update={"common_scale_walk": case.walk})
     flight = Flight(vehicle, case, seed, duration_s)
     rows, _ = flight.rows()
     with tempfile.TemporaryDirectory() as folder:
@@ -332,7 +514,12 @@ def fly(case: Case, seed: int, duration_s: float) -> Outcome:
             writer = csv.writer(file)
             writer.writerow(columns(vehicle))
             writer.writerows([["" if np.isnan(cell) else repr(float(cell)) for cell in row] for row in rows])
-        run = estimate(path, resolved({"name": "flight", "vehicle": vehicle}))
+        told = vehicle.model_copy(
+            update={
+                "jet_kinds": {name: kind.model_copy(update=dict(case.told)) for name, kind in vehicle.jet_kinds.items()}
+            }
+        )
+        run = estimate(path, resolved({"name": "flight", "vehicle": told}))
     truth = flight.truth
     inverse = np.linalg.inv(truth.inertia)
     if vehicle.motion == "planar":
@@ -345,8 +532,9 @@ def fly(case: Case, seed: int, duration_s: float) -> Outcome:
     dead = "" if truth.dead < 0 else vehicle.designations[truth.dead]
     first_s = np.nan
     if dead:
-        told = np.flatnonzero(np.diff(rows[:, -len(vehicle.jets) + truth.dead], prepend=0.0) > 0.0)
-        first_s = float(rows[told[9], 0]) if told.size > 9 else np.inf
+        fires = rows[:, -len(vehicle.jets) + truth.dead] * (rows[:, 0] >= truth.since_s)
+        begins = np.flatnonzero(np.diff(fires, prepend=0.0) > 0.0)
+        first_s = float(rows[begins[9], 0]) if begins.size > 9 else np.inf
     off = float(run["command_delay"][-1, 0]) - float(flight.delays[0])
     delay = off, off / float(run["command_delay_std"][-1, 0])
     return Outcome(dead, named, grouped, sigmas[np.isfinite(sigmas)], first_s, delay)

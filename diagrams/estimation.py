@@ -164,7 +164,7 @@ def _add_joint(builder: DiagramBuilder, scenario: Scenario, _impulses: ImpulseMo
 
 
 def _add_pose(builder: DiagramBuilder, scenario: Scenario, _impulses: ImpulseModel) -> tuple[LeafSystem, ...]:
-    """The filter in a fixed frame; commands and outside forces, which it does not take, are exported already."""
+    """The filter in a fixed frame; commands and outside forces are exported already."""
     vehicle, cycle = scenario.vehicle_data, params.estimation_params(scenario)
     estimator = builder.AddNamedSystem(
         "pose_estimator",
@@ -178,7 +178,8 @@ def _add_pose(builder: DiagramBuilder, scenario: Scenario, _impulses: ImpulseMod
             period_s=vehicle.sample_period_s,
         ),
     )
-    builder.ConnectInput("jet_commands", estimator.GetInputPort("jet_commands"))
+    for name in ("jet_commands", "outside_wrench"):
+        builder.ConnectInput(name, estimator.GetInputPort(name))
     replaced = () if cycle.detector is not None else ("replacement", "published")
     sensors = (*vehicle.sensor_names(), *(sensor.name for sensor in vehicle.tracked))
     for name in (*sensors, "record_time", "command", *replaced):

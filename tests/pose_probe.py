@@ -13,6 +13,7 @@ from massprop_drake.inputs.vehicle import Surroundings, Vehicle, load_vehicle
 from massprop_drake.maths.estimation.pose.layout import (
     Bank,
     Commands,
+    Delays,
     PoseParams,
     Poses,
     Readings,
@@ -69,6 +70,7 @@ def small_params(sensors: Sensors = ONE_POSE, *, planar: bool = False, **changed
         "turn_walk": 0.0,
         "common_walk": 0.0,
         "scatter": np.zeros(JETS),
+        "pulse_scatter": np.zeros(JETS),
         "kicks_per_s": 0.0,
         "kick_velocity": 0.0,
         "kick_rate": 0.0,
@@ -79,6 +81,8 @@ def small_params(sensors: Sensors = ONE_POSE, *, planar: bool = False, **changed
         "accelerometer_positions": np.array([[0.3, 0.1, -0.2], [-0.4, 0.2, 0.1]])[: sensors.accelerometers],
         "accelerometer_variances": 1e-6 * many[: sensors.accelerometers],
         "planar": planar,
+        "of_mass": np.zeros(parts.size),
+        "delays": Delays(np.zeros(1), np.zeros(1), np.zeros((2, 2)), 1.0),
     }
     return PoseParams(**(settings | changed))
 
@@ -114,6 +118,7 @@ def some_bank(params: PoseParams, opens: tuple[int, ...] = (-1, 2), seed: int = 
     mean[:, parts.attitude] = 0.0
     mean[:, parts.tilt] = (0.03, -0.02) if params.planar else 0.0
     mean[:, parts.open] = 0.4
+    mean[:, parts.pulse] = 0.0
     turn = random.standard_normal((count, 3)) * ([0.0, 0.0, 1.0] if params.planar else [1.0, 1.0, 1.0])
     root = 1e-3 * random.standard_normal((count, params.free.size, params.free.size))
     spun = 0.01 * random.standard_normal((count, 3, 3))

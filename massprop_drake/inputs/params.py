@@ -121,6 +121,7 @@ def tracking(scenario: Scenario) -> Tracking:
             lag_stds=each("lag_uncertainty"),
             openings_s=each("opening_delay_s"),
             opening_stds_s=each("opening_delay_std_s"),
+            pulse_scatters=each("pulse_scatter"),
         ),
         around=Around(**{name: getattr(around, name) for name in Around._fields}),
         mass_std=(vehicle.mass_std or 0.0) / vehicle.nominal.mass if own else relative,

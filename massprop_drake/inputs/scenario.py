@@ -936,8 +936,6 @@ def _not_followed(scenario: Scenario, vehicle: Vehicle) -> Iterator[tuple[FieldP
     if vehicle.needs_pose_filter != (named == "pose"):
         needs = "which needs pose" if vehicle.needs_pose_filter else "which has no pose or velocity sensor; use joint"
         yield ("estimation", "filter"), f"{named} does not go with vehicle '{vehicle.name}', {needs}"
-    if named == "pose" and scenario.execution.engine == "loop":
-        yield ("execution", "engine"), "loop does not cover a vehicle that is followed in a fixed frame; use diagram"
 
 
 def _impossible_jumps(scenario: Scenario, vehicle: Vehicle) -> list[tuple[FieldPath, str]]:

@@ -155,6 +155,9 @@ class JetKind(Model):
     opening_delay_std_s: Real = described(
         0.0, "1-sigma of it, one error for the kind; 0: known", "s", ge=0.0, span=plausible.VALVE
     )
+    pulse_scatter: Real = described(
+        0.0, "1-sigma of a whole pulse's impulse, relative, one error from opening to closing", "-", ge=0.0, le=1.0
+    )
 
 
 class Jet(Model):

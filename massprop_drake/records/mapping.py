@@ -690,15 +690,20 @@ def table(record: Mapped, gyro: str | None) -> MappedTable:
     fractions = _fractions(record, time_s)
     parts.append(fractions)
     notes += _about_commands(record, time_s, fractions)
-    for what, held in (("force", record.known_force), ("torque", record.known_torque)):
-        if held is not None:
-            names += [name for name in WRENCH if name.startswith(f"known_{what}")]
-            parts.append(_over(held, time_s))
+    _add_known(record, time_s, names, parts)
     values = np.hstack(parts)
     topic = record.recording.topic(record.by.topic_of(record.by.sensors[record.by.row_sensor]))
     rows = record.rows.places[places]
     lines = rows + 1 if topic.lines is None else topic.lines[rows]
     return MappedTable(names, values, lines, record, list(dict.fromkeys(notes)))
+
+
+def _add_known(record: Mapped, time_s: Array, names: list[str], parts: list[Array]) -> None:
+    """Adds columns of known outside forces and torques."""
+    for what, held in (("force", record.known_force), ("torque", record.known_torque)):
+        if held is not None:
+            names += [name for name in WRENCH if name.startswith(f"known_{what}")]
+            parts.append(_over(held, time_s))
 
 
 def _at_any_time(record: Mapped) -> MappedTable:
@@ -725,11 +730,7 @@ def _at_any_time(record: Mapped) -> MappedTable:
     place = np.searchsorted(held.begin_s, time_s + _SAME_S, side="right") - 1
     known = (place >= 0) & (time_s < held.end_s[np.maximum(place, 0)] - _SAME_S)
     parts.append(np.where(known[:, None], held.values[np.maximum(place, 0)], np.nan))
-    if record.known_force is not None or record.known_torque is not None:
-        raise InputError(
-            f"{record.source}: known_force and known_torque are not taken into account where a vehicle is followed in "
-            "a fixed frame; leave them out"
-        )
+    _add_known(record, time_s, names, parts)
     rows = np.clip(np.searchsorted(record.rows.time_s, time_s + _SAME_S, side="right") - 1, 0, None)
     topic = record.recording.topic(record.by.topic_of(record.by.sensors[record.by.row_sensor]))
     places = record.rows.places[rows]

@@ -271,8 +271,6 @@ class Estimator:
         outside = np.zeros(6) if outside_wrench is None else _numbers(outside_wrench, (6,), "outside_wrench")
         if not np.isfinite(outside).all():
             raise ValueError("outside_wrench must be finite")
-        if outside.any() and self._scenario.estimation.filter == "pose":
-            raise ValueError("outside_wrench: not taken into account where a vehicle is followed in a fixed frame")
 
         seen = _seen(tracked, self._vehicle)
         sample = cycle.Sample(time_s, rates, velocities, self._command, self._outside, time_s, coming, seen)

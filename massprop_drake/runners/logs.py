@@ -262,7 +262,7 @@ def restored(states: SavedState, params: EstimationParams, source: str) -> Estim
         InputError: when they are of other parameters, or no run can have left them.
     """
     like = cycle.saved(cycle.initial_state(params), params)
-    groups = from_json(states, like, source)
+    groups = from_json(states, like, source, params.filter.growing)
     try:
         return cycle.restored(groups, params)
     except ValueError as error:
@@ -274,13 +274,14 @@ def for_json(groups: Groups) -> SavedState:
     return {name: [null_for_nan(vector)] for name, vector in groups.items()}
 
 
-def from_json(states: SavedState, like: Groups, source: str) -> Groups:
+def from_json(states: SavedState, like: Groups, source: str, growing: str = "") -> Groups:
     """The inverse of `for_json`; a part may be in several pieces, as version 0.1 kept it.
 
     Args:
         states: as a file has them.
         like: a state of the same parameters, for the sizes.
         source: where they come from, for messages.
+        growing: a part that may have more numbers than there.
 
     Raises:
         InputError: when they are of another vehicle or other settings.
@@ -288,7 +289,7 @@ def from_json(states: SavedState, like: Groups, source: str) -> Groups:
     for name in sorted(set(like) | set(states)):
         saved = sum(map(len, states.get(name, ())))
         here = like[name].size if name in like else 0
-        if saved != here:
+        if saved != here and not (name == growing and saved > here):
             raise InputError(
                 f"{source}: the saved state of {name} has sizes {[saved] if saved else 'none'}, but these settings "
                 f"make it {[here] if here else 'none'}; go on with the vehicle and the settings of that run"

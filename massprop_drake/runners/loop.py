@@ -25,6 +25,7 @@ from massprop_drake.maths.vehicle.sensing import unsaturated
 from massprop_drake.runners.cycles import Cycles, cycles
 from massprop_drake.runners.logs import EstimationLog
 from massprop_drake.runners.moment import Moment
+from massprop_drake.runners.trackers import Trackers
 from massprop_drake.systems.autopilot.selector import Selector
 from massprop_drake.systems.layouts import HAND_CONTROLLERS, RECONFIGURATION, REQUEST, SELECTION_COUNTS
 
@@ -99,7 +100,8 @@ class Loop:
         self._known = cycles(scenario, self._params)
         self._asked: Asked | None = None
         names = vehicle.sensor_names()
-        self._gyro, *_ = self._gyros = [names.index(package.name) for package in params.gyros(scenario)]
+        self._trackers = Trackers(scenario)
+        self._gyros = [names.index(package.name) for package in params.gyros(scenario)]
         self._accelerometers = [names.index(package.name) for package in params.accelerometers(scenario)]
         self._limits = [package.limit for package in vehicle.sensors]
         self._sample = 0  # the next one
@@ -109,6 +111,7 @@ class Loop:
             "command": len(vehicle.jets),
             "thrust": len(vehicle.jets),
             **dict.fromkeys(names, 3),
+            **self._trackers.sizes,
         }
         if self._pilot is not None:
             sizes = (HAND_CONTROLLERS.size, 3, REQUEST.size, SELECTION_COUNTS.size, len(vehicle.jets))
@@ -138,22 +141,27 @@ class Loop:
         state, sample = self._vehicle, self._sample
         readings, memories = vehicle_cycle.sense(state, sample, self._true)
         index, columns, log = self._row()
+        tracked = self._trackers.read(state.body, state.structure, sample)
+        coming = None if self._pilot is not None else self._scheduled(sample)
         seen = estimation.Sample(
             time_s,
             self._stacked(readings, self._gyros),
             self._stacked(readings, self._accelerometers),
             state.command,
+            coming=coming,
+            tracked=np.concatenate(list(tracked.values())) if tracked else None,
         )
         asked = self._known.one(seen, log, index)
         rows: tuple[Array, ...] = ()
-        if self._pilot is not None:
-            command, rows = self._pilot.decide(time_s, readings[self._gyro], self._known, asked)
+        if coming is None:
+            assert self._pilot is not None
+            command, rows = self._pilot.decide(time_s, readings[self._gyros[0]], self._known, asked)
         else:
-            command = self._scheduled(sample)
+            command = coming
         closed = asked.closed if self._closes and asked is not None else None
         stepped = vehicle_cycle.step(state, command, closed, sample, self._true)
         self._vehicle = stepped.state._replace(memories=memories)
-        row = (state.body, state.structure, command, stepped.thrust, *readings, *rows)
+        row = (state.body, state.structure, command, stepped.thrust, *readings, *tracked.values(), *rows)
         for column, values in zip(columns.values(), row, strict=True):
             column[index] = values
         self._logged += 1

@@ -315,11 +315,6 @@ class Reader:
             axes = [name for name in outside if name.startswith(f"known_{what}")]
             if axes and len(axes) < 3:
                 problems.append(f"{self.source}: has column '{axes[0]}' but not all of known_{what}_x, _y, _z")
-        if outside and self._any_time:
-            problems.append(
-                f"{self.source}: column '{outside[0]}': known forces and torques are not taken into account where a "
-                "vehicle is followed in a fixed frame; leave them out"
-            )
         if problems:
             raise InputError(*problems)
         self._outside = [WRENCH.index(name) for name in outside]

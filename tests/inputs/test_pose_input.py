@@ -109,10 +109,6 @@ MISMATCHED: dict[str, tuple[dict[str, Any], str]] = {
         {"vehicle": "orbiter", "estimation": {"filter": "pose"}},
         "pose does not go with vehicle 'orbiter', which has no pose or velocity sensor; use joint",
     ),
-    "loop": (
-        {"execution": {"engine": "loop"}},
-        "loop does not cover a vehicle that is followed in a fixed frame; use diagram",
-    ),
     "detector": ({"detector": {"kind": "multi_hypothesis"}}, "detector"),
 }
 

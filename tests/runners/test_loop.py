@@ -57,7 +57,7 @@ def require_same(diagram: Run, loop: Run) -> None:
     assert summaries[0] == summaries[1]
 
 
-@pytest.mark.parametrize("name", sorted(set(bundled_scenarios()) - {"air_bearing_pulses"}))  # which the loop refuses
+@pytest.mark.parametrize("name", sorted(bundled_scenarios()))
 def test_every_bundled_scenario_gives_the_diagrams_bits(name: str) -> None:
     require_same(*both(name, "duration_s=2"))
 

@@ -126,7 +126,7 @@ def test_accelerations_are_integrated_over_what_has_passed(tmp_path: Path) -> No
 @pytest.mark.parametrize(
     ("changed", "message"),
     [
-        ({"known_force_x": 0.0, "known_force_y": 0.0, "known_force_z": 1.0}, "known forces and torques are not taken"),
+        ({"known_force_x": 0.0}, "has column 'known_force_x' but not all of known_force_x, _y, _z"),
         ({"jet_T3": None}, "no column jet_T3"),
     ],
 )
@@ -165,3 +165,12 @@ def test_a_record_at_odd_times_with_gaps_is_estimated_to_its_end(flyer: Vehicle,
     assert quality["gaps"]["count"] == 1
     assert np.isfinite(run["estimate"]).all()
     assert run.results.detections == ()
+
+
+def test_known_outside_forces_are_read(flyer: Vehicle, tmp_path: Path) -> None:
+    force = {"known_force_x": 0.1, "known_force_y": 0.0, "known_force_z": -0.2}
+    values = dict(zip(columns(flyer), table(0.1 * np.arange(5), flyer).T, strict=True))
+    values |= {name: np.full(5, value) for name, value in force.items()}
+    rows, _ = read(written(tmp_path / "log.csv", np.column_stack(list(values.values())), flyer, list(values)), flyer)
+    assert rows.outside_wrench is not None
+    np.testing.assert_array_equal(rows.outside_wrench, np.tile([0.0, 0.0, 0.0, 0.1, 0.0, -0.2], (5, 1)))

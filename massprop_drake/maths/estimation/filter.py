@@ -307,6 +307,7 @@ class Filter(NamedTuple):
         published: (`FilterStep`, state, params) -> `FilterStep` whose reports are of what the detector gives, while it
             goes on from its own.
         report: fields of `FilterStep.own`, of which each is a signal; None: it logs no more than every filter.
+        growing: which of the vectors it is kept by has more numbers than at the start; "": none has.
     """
 
     params: Callable[[Setup, Any], Any]
@@ -321,3 +322,4 @@ class Filter(NamedTuple):
     replaced: Callable[[FilterStep, Any, Any], FilterStep] = going_on_from
     published: Callable[[FilterStep, Any, Any], FilterStep] = publishing_its_own
     report: Layout | None = None
+    growing: str = ""

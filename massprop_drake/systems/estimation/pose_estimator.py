@@ -32,6 +32,7 @@ class PoseEstimator(RememberingFilterSystem):
         record_time (in, 1): when the readings were taken, s. Unconnected: now.
         command (in, n_jets): fraction commanded from now on, which matters where jets act before their command.
             Unconnected: not known.
+        outside_wrench (in, 6): see `ImpulseModel`. Unconnected: none.
         replacement (in, abstract): hypotheses from which the filter is to go on, a `Tried` of
             `maths.estimation.pose.hypotheses`, or an empty tuple for none. Unconnected: none.
         published (in, abstract): likewise, whose first filter's estimates are its outputs, while it goes on from its
@@ -78,6 +79,7 @@ class PoseEstimator(RememberingFilterSystem):
         self._command = self._declare_input("jet_commands", n_jets)
         self._stamp = self._declare_input("record_time", 1)
         self._coming = self._declare_input("command", n_jets)
+        self._outside = self._declare_input("outside_wrench", 6)
         own = (("pose_report", self._report.size, self._calc_pose),)
         self._declare_memory(pose.initial(params), period_s, own)
 
@@ -93,7 +95,8 @@ class PoseEstimator(RememberingFilterSystem):
             port.Eval(context) if port.HasValue(context) else np.full(port.size(), np.nan) for port in self._tracked
         ]
         row = np.concatenate(tracked) if tracked else None
-        told = Told(time_s, stamp_s, self._command.Eval(context).copy(), coming, np.zeros(6), row)
+        outside = self._outside.Eval(context).copy() if self._outside.HasValue(context) else np.zeros(6)
+        told = Told(time_s, stamp_s, self._command.Eval(context).copy(), coming, outside, row)
         rates = self._gyros.eval(context) if self._gyros.ports else np.empty((0, 3))
         velocities = self._accelerometers.eval(context) if self._accelerometers.ports else np.empty((0, 3))
         interval = Interval(_NOT_MADE, NO_KNOWN_FORCE, told)

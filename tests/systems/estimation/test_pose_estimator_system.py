@@ -49,7 +49,7 @@ def _advanced(dut: PoseEstimator, context: Any, run: Run, row: int) -> None:
 
 def test_topology(scenario: Scenario) -> None:
     dut = system(scenario)
-    told = {"jet_commands": JETS, "record_time": 1, "command": JETS}
+    told = {"jet_commands": JETS, "record_time": 1, "command": JETS, "outside_wrench": 6}
     assert inputs(dut) == {"mocap": 7, **told, "replacement": 0, "published": 0}
     ten = {"estimate": 10, "standard_deviation": 10, "covariance": 100, "converged": 1}
     reports = {"rotation_report": 28, "mass_report": 11, "pose_report": 24 + 2 * JETS}
@@ -71,7 +71,7 @@ def test_a_replacement_is_what_is_reported_and_what_the_next_cycle_begins_with(s
     center = dut._params.pose.parts.center
     mean = bank.mean.copy()
     mean[:, center.start] += 1e-3
-    other = evidence.tried._replace(bank=bank._replace(mean=mean))
+    other = evidence.tried._replace(bank=bank._replace(mean=mean), elsewhere=())
     dut.GetInputPort("replacement").FixValue(context, Value[object](other))
     expected = own + 1e-3 * np.eye(10)[6]
     np.testing.assert_allclose(output(dut, context, "estimate"), expected, rtol=1e-12)
@@ -89,7 +89,7 @@ def test_what_is_published_is_what_is_reported_alone(scenario: Scenario, flown: 
     own = output(dut, context, "estimate")
     mean = tried.bank.mean.copy()
     mean[:, dut._params.pose.parts.center.start] += 1e-3
-    other = tried._replace(bank=tried.bank._replace(mean=mean))
+    other = tried._replace(bank=tried.bank._replace(mean=mean), elsewhere=())
     dut.GetInputPort("published").FixValue(context, Value[object](other))
     np.testing.assert_allclose(output(dut, context, "estimate"), own + 1e-3 * np.eye(10)[6], rtol=1e-12)
     _advanced(dut, context, flown, 0)

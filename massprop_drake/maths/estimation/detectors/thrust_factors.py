@@ -16,7 +16,7 @@ from massprop_drake.maths.estimation.detector import NO_KNOWN_FORCE, STATUS, Det
 from massprop_drake.maths.estimation.detectors.hypotheses import HYPOTHESIS_REPORT
 from massprop_drake.maths.estimation.detectors.multi_hypothesis import Word
 from massprop_drake.maths.estimation.filters.pose import PoseEvidence, PoseFilterParams
-from massprop_drake.maths.estimation.pose import hypotheses
+from massprop_drake.maths.estimation.pose import delays, hypotheses
 from massprop_drake.maths.estimation.pose.hypotheses import Found, Rules
 from massprop_drake.maths.estimation.pose.layout import PoseParams
 from massprop_drake.maths.linear_algebra import Array
@@ -82,7 +82,7 @@ def judge(state: State, evidence: PoseEvidence, params: FactorParams) -> Judgmen
         return Judgment(state, NO_ADAPTATION, _status(None, None, 0.0, params), nothing, nothing, own=own)
     odds = evidence.tried.likelihood[1 : 1 + 2 * jets]
     leads = np.maximum(odds[:jets], odds[jets:])
-    tried, found = hypotheses.judged(evidence.tried, evidence.time_s, params.rules, params.pose)
+    tried, found = delays.judged(evidence.tried, evidence.time_s, params.rules, params.pose)
     ahead = hypotheses.ahead(tried, params.rules)
     if found is not None:
         members = np.zeros(1 + 2 * jets)

@@ -25,15 +25,15 @@ from massprop_drake.maths.estimation.filter import (
     Told,
     telling,
 )
-from massprop_drake.maths.estimation.pose import hypotheses, start
+from massprop_drake.maths.estimation.pose import delays, hypotheses, keeping, start
 from massprop_drake.maths.estimation.pose.cycle import Cycled
 from massprop_drake.maths.estimation.pose.hypotheses import Tried
-from massprop_drake.maths.estimation.pose.layout import Bank, Commands, PoseParams, Readings
+from massprop_drake.maths.estimation.pose.layout import PUSHED, Bank, Commands, PoseParams, Readings
 from massprop_drake.maths.estimation.pose.outcome import outcome
 from massprop_drake.maths.estimation.pose.setting import known_parameters
 from massprop_drake.maths.estimation.pose.setting import make_params as params_of
 from massprop_drake.maths.estimation.pose.turning import rotation_vectors
-from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.maths.linear_algebra import Array, nonzero
 from massprop_drake.maths.mass_properties import MASS_RECIPROCAL
 
 GROUP = "pose_estimator"  # the system that holds the state in a diagram
@@ -155,7 +155,7 @@ def initial(params: PoseFilterParams) -> PoseFilterState:
 
 
 def _reporting(state: PoseFilterState, params: PoseFilterParams) -> PoseFilterState:
-    bank, jets = state.tried.bank, params.pose.pushes.shape[0]
+    bank, jets = delays.overall(state.tried, params.pose), params.pose.pushes.shape[0]
     healthy = state.tried.known[:jets] == 0.0
     estimate, covariance = outcome(bank.mean[0], bank.covariance[0], healthy, params.pose)
     estimate[params.known] = params.nominal[params.known]
@@ -181,17 +181,20 @@ def measure(
         return Measurement(_reporting(PoseFilterState(tried, commands, now_s, True, *state[4:]), params), None, told)
     kept = _with(_before(state.commands, state.time_s), state.time_s, told.command)
     acting = _with(kept, now_s, told.coming)
-    tried, done = hypotheses.advanced(state.tried, acting, (state.time_s, now_s), readings, made)
+    if nonzero(told.outside_wrench):
+        acting = acting._replace(outside=told.outside_wrench)
+    tried, done = delays.advanced(state.tried, acting, (state.time_s, now_s), readings, made)
     commands = _trimmed(acting, now_s - made.longest_s)
     after = _reporting(PoseFilterState(tried, commands, now_s, True, *state[4:]), params)
     return Measurement(after, done, told)
 
 
 def _fresh(first: Bank, now_s: float, params: PoseFilterParams) -> Tried:
+    """What is followed from the first sample on: every delay that may be, with all hypotheses of a detector."""
+    none, banks = np.zeros(1 + 2 * params.pose.pushes.shape[0]), delays.split(first, params.pose)
     if params.hypotheses:
-        return hypotheses.begun(first, now_s, params.pose)
-    jets = params.pose.pushes.shape[0]
-    return hypotheses.alone(first, np.zeros(1 + 2 * jets), now_s)
+        return delays.gathered([hypotheses.begun(bank, now_s, params.pose) for bank in banks], params.pose)
+    return delays.gathered([hypotheses.alone(bank, none, now_s) for bank in banks], params.pose)
 
 
 def _begins(readings: Readings, params: PoseParams) -> bool:
@@ -284,7 +287,7 @@ def finish(
 
 def _own(state: PoseFilterState, done: Cycled | None, params: PoseFilterParams) -> Any:
     """What this filter logs, as `POSE_REPORT`."""
-    made, bank = params.pose, state.tried.bank
+    made, bank = params.pose, delays.overall(state.tried, params.pose)
     jets = made.pushes.shape[0]
     deviation = np.zeros(made.parts.size)
     deviation[made.free] = np.sqrt(bank.covariance[0].diagonal())
@@ -335,30 +338,33 @@ def _layout(params: PoseFilterParams) -> Layout:
         level=jets,
         time_s=1,
         started=1,
-    )
+    )  # and then `keeping.packed`
 
 
 def saved(state: PoseFilterState, params: PoseFilterParams) -> Groups:
-    """What is known, without hypotheses that are not decided, and the command that is in force."""
+    """What is known, and the command that is in force; then commands that still act, and all hypotheses."""
     bank = state.tried.bank
     level = state.commands.levels[-1] if state.commands.levels.size else np.zeros(params.pose.pushes.shape[0])
     parts = [bank.mean[0], bank.covariance[0], bank.rotation[0], bank.opens[:1].astype(float), bank.reference[0]]
     parts += [bank.turned[0], state.tried.known, level, np.array([state.time_s]), np.array([float(state.started)])]
+    if state.started:
+        parts.append(keeping.packed(state.tried, state.commands))
     return {GROUP: np.concatenate([np.ravel(part) for part in parts])}
 
 
 def restored(groups: Groups, params: PoseFilterParams) -> PoseFilterState:
-    """The inverse of `saved`; hypotheses begin anew.
+    """The inverse of `saved`.
 
     Raises:
         ValueError: when the state holds what the filter cannot leave.
     """
-    read = _layout(params).read(groups[GROUP])
+    layout = _layout(params)
+    read, more = layout.read(groups[GROUP][: layout.size]), groups[GROUP][layout.size :]
     jets = params.pose.pushes.shape[0]
-    finite = (part for name, part in zip(_layout(params), read, strict=True) if name != "level")
+    finite = (part for name, part in zip(layout, read, strict=True) if name != "level")
     if not all(np.isfinite(part).all() for part in finite):
         raise ValueError(f"{GROUP}: only commands may be missing")
-    if not (np.isin(read.known, (0.0, 1.0)).all() and read.opens[0] in range(-1, jets)):
+    if not (np.isin(read.known, (0.0, 1.0)).all() and read.opens[0] in range(PUSHED, jets)):
         raise ValueError(f"{GROUP}: known must be 0 or 1, and opens a jet's index")
     _require_possible(read)
     bank = Bank(
@@ -370,12 +376,15 @@ def restored(groups: Groups, params: PoseFilterParams) -> PoseFilterState:
         read.turned[None].copy(),
     )
     time_s, begun = float(read.time_s[0]), bool(read.started[0])
-    tried = hypotheses.alone(bank, read.known.copy(), time_s)
-    if params.hypotheses and begun:
-        tried = hypotheses.anew(bank, read.known.copy(), time_s, params.pose)
-    commands = Commands(np.array([time_s - params.pose.longest_s]), read.level[None].copy())
-    if not begun:
-        commands = Commands(np.zeros(0), np.zeros((0, jets)))
+    tried, commands = hypotheses.alone(bank, read.known.copy(), time_s), Commands(np.zeros(0), np.zeros((0, jets)))
+    if begun:
+        try:
+            tried, commands = keeping.unpacked(more, params.pose)
+        except ValueError as error:
+            raise ValueError(f"{GROUP}: {error}") from None
+        first = (tried.bank.mean[0], tried.bank.covariance[0], tried.known)
+        if not all(map(np.array_equal, first, (read.mean, read.covariance, read.known))):
+            raise ValueError(f"{GROUP}: the first hypothesis must be the filter's own")
     return _reporting(PoseFilterState(tried, commands, time_s, begun, np.zeros(10), np.zeros((10, 10))), params)
 
 
@@ -405,4 +414,5 @@ FILTER = Filter(
     replaced=replaced,
     published=published,
     report=POSE_REPORT,
+    growing=GROUP,
 )

@@ -4,7 +4,8 @@ With some probability something that the model does not have has pushed the vehi
 with the kick's covariance added, stands beside the first. So does a third in which the sample's poses are poor ones,
 many times as noisy. All are merged by their moments; the likelihood is that of all. Where a sample looks poor, what
 it would be after a kick is kept apart until the next one (`Doubt`). Where less is known than even a poor reading would
-show, as in the first samples, each counts as a poor one.
+show, as in the first samples, each counts as a poor one; how likely it was is still reckoned as for any other, since
+filters that differ in what they know are compared by it.
 
 Where a correction would leave a K that is no body's, K is only considered at that sample (Schmidt), and not corrected:
 so it is in the first seconds of a hypothesis that is far from the truth.
@@ -161,8 +162,11 @@ def _step(
         )
     chance = 1.0 - np.exp(-params.kicks_per_s * (span_s[1] - span_s[0]))
     poor = params.pose.outliers if beside.poses.any() else 0.0
-    if poor > 0.0 and _cannot_tell(ahead.bank.covariance[0], beside, params.pose.outlier_scale):
-        beside, poor = _noisier(beside, params.pose.outlier_scale), 0.0
+    fair = None
+    if poor > 0.0 and _cannot_tell(ahead.bank.covariance[0], beside, params.pose.tells):
+        noisy = _noisier(beside, params.pose.outlier_scale)
+        fair = _either(_density(ahead.bank.covariance, beside), _density(ahead.bank.covariance, noisy), poor)
+        beside, poor = noisy, 0.0
     happened = [_Happened(1.0 - chance - poor, ahead.bank.covariance, beside)]
     if chance > 0.0:
         happened.append(_Happened(chance, ahead.bank.covariance + ahead.kick @ np.swapaxes(ahead.kick, 1, 2), beside))
@@ -185,7 +189,7 @@ def _step(
         apart = way.correction - correction
         covariance += part[:, None, None] * (way.covariance + apart[:, :, None] * apart[:, None, :])
     after = shifted(ahead.bank, correction, covariance, params)
-    total = np.where(run_off, -np.inf, total)
+    total = np.where(run_off, -np.inf, total if fair is None else fair)
     whitened = _whitened(ahead.bank.covariance, beside)
     return Cycled(after, total, beside.innovation, ways[0].nis, kicked, np.sum(nis, axis=0), doubt, whitened)
 
@@ -201,7 +205,7 @@ def _run_off(bank: Bank, beside: Compared, time_s: float) -> np.ndarray:
     by = beside.jacobian
     expected = by @ bank.covariance @ np.swapaxes(by, 1, 2) + beside.variance
     parts = (expected, beside.innovation, bank.mean, bank.covariance)
-    numbers = np.array([all(bool(np.isfinite(part[each]).all()) for part in parts) for each in range(by.shape[0])])
+    numbers = np.logical_and.reduce([np.isfinite(part).reshape(by.shape[0], -1).all(axis=1) for part in parts])
     least = np.linalg.eigvalsh(np.where(numbers[:, None, None], expected, np.eye(by.shape[1])))[:, 0]
     run_off: np.ndarray = np.array(~(numbers & (least > 0.0)))
     if run_off[0]:
@@ -260,11 +264,25 @@ def _noisier(beside: Compared, scale: float) -> Compared:
     return beside._replace(variance=beside.variance * grown[:, None] * grown)
 
 
-def _cannot_tell(covariance: Array, beside: Compared, scale: float) -> bool:
-    """Whether a pose cannot be told from a poor one, as less is known of where the vehicle is than that would show."""
+def _cannot_tell(covariance: Array, beside: Compared, tells: float) -> bool:
+    """Whether a pose cannot be told from a poor one, as less is known of where the vehicle is, see `Poses.tells`."""
     by = beside.jacobian[0][beside.poses]
     expected = np.einsum("mi,ij,mj->m", by, covariance, by)
-    return bool((expected > scale**2 * beside.variance[0].diagonal()[beside.poses]).any())
+    return bool((expected > tells * beside.variance[0].diagonal()[beside.poses]).any())
+
+
+def _density(covariance: Array, beside: Compared) -> Array:
+    """Logarithm of the density of the readings, shape (n_filters,)."""
+    by = beside.jacobian
+    half = np.linalg.cholesky(by @ covariance @ np.swapaxes(by, 1, 2) + beside.variance)
+    whitened = np.linalg.solve(half, beside.innovation[..., None])[..., 0]
+    determinant = 2.0 * np.sum(np.log(np.diagonal(half, axis1=1, axis2=2)), axis=1)
+    return np.asarray(-0.5 * (np.sum(whitened**2, axis=1) + determinant + whitened.shape[1] * _TWO_PI))
+
+
+def _either(one: Array, other: Array, chance: float) -> Array:
+    """Of two densities that which has the second one by some chance, logarithms."""
+    return np.asarray(np.logaddexp(np.log1p(-chance) + one, np.log(chance) + other))
 
 
 def _by_kind(covariance: Array, beside: Compared) -> Array:

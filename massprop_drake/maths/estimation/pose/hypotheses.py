@@ -29,14 +29,15 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_drake.maths.estimation.pose.cycle import Cycled, Doubt, merged, step
-from massprop_drake.maths.estimation.pose.layout import Bank, Commands, PoseParams, Readings
-from massprop_drake.maths.estimation.pose.turning import symmetric_matrices
+from massprop_drake.maths.estimation.pose.layout import PUSHED, Bank, Commands, PoseParams, Readings
+from massprop_drake.maths.estimation.pose.turning import cross, symmetric_matrices
 from massprop_drake.maths.linear_algebra import Array
 
 BEFORE = 0.01  # probability of a failure of each kind of each jet before the record begins
 AGAIN_S = 1900.0  # seconds in which a jet fails as probably as it has before
 RENEWAL_S = 1.0
 PATIENCE_S = 10.0
+SETTLING_S = 3.0  # from the first sample on, in which a poor reading must stand out from good and poor alike
 STEADY = 10  # samples
 _SIGMAS = 3.0  # that a size must have
 _MIDDLE, _SPREAD = 0.5, 0.3  # of a factor of which nothing is known
@@ -58,6 +59,9 @@ class Tried(NamedTuple):
         doubt: see `cycle.Doubt`.
         apart: how far what two have foretold is apart, sum of squares in sigmas, shape (2 + 2 n_jets, 2 + 2 n_jets);
             None: nothing has been foretold.
+        total: logarithm of the density of all readings if nothing has failed, and of what was probable beforehand;
+            likelihoods are over it, nats.
+        elsewhere: the same with other delays of the commands, see `delays`.
     """
 
     bank: Bank
@@ -70,6 +74,8 @@ class Tried(NamedTuple):
     steady: int = 0
     doubt: Doubt | None = None
     apart: Array | None = None
+    total: float = 0.0
+    elsewhere: tuple[Tried, ...] = ()
 
 
 class Rules(NamedTuple):
@@ -160,12 +166,14 @@ def failing(bank: Bank, known: Array, params: PoseParams) -> Bank:
             opens[opened] = jet
             mean[opened, parts.open] = _MIDDLE
             added[opened, place[parts.open.start]] = _SPREAD**2
+    if bank.opens[0] < 0:
+        opens[-1] = PUSHED
     for axis, size in enumerate(_largest(params)):
         row = place.get(parts.push.start + axis)
         if row is not None:
             added[-1, row] = (_MIDDLE * size) ** 2
     covariance = through @ bank.covariance[:1] @ np.swapaxes(through, 1, 2)
-    covariance = covariance + added[:, :, None] * np.eye(free.size)
+    covariance = 0.5 * (covariance + np.swapaxes(covariance, 1, 2)) + added[:, :, None] * np.eye(free.size)
     same = [np.repeat(part[:1], count, axis=0) for part in (bank.rotation, bank.reference, bank.turned)]
     return Bank(mean, covariance, same[0], opens, same[1], same[2])
 
@@ -173,7 +181,7 @@ def failing(bank: Bank, known: Array, params: PoseParams) -> Bank:
 def _largest(params: PoseParams) -> Array:
     """The largest acceleration that a jet gives the nominal vehicle, and turn, on every axis, shape (6,)."""
     spin = symmetric_matrices(params.start[params.parts.spin])
-    moments = np.cross(params.positions - params.start[params.parts.center], params.pushes)
+    moments = cross(params.positions - params.start[params.parts.center], params.pushes)
     turns = np.linalg.norm(moments @ spin, axis=1)
     return np.repeat((np.linalg.norm(params.pushes, axis=1).max(), turns.max()), 3)
 
@@ -182,8 +190,14 @@ def _stacked(first: Bank, rest: Bank) -> Bank:
     return Bank(*(np.concatenate((one[:1], many)) for one, many in zip(first, rest, strict=True)))
 
 
+def renewed(tried: Tried, time_s: float, params: PoseParams) -> Tried:
+    """Every hypothesis with its jet failing now as a further possibility, where it is time."""
+    if tried.doubt is not None or time_s - tried.renewed_s < RENEWAL_S:
+        return tried
+    return _renewed(tried, time_s, params)
+
+
 def _renewed(tried: Tried, time_s: float, params: PoseParams) -> Tried:
-    """Every hypothesis with its jet failing now as a further possibility."""
     chance = np.log(BEFORE * (time_s - tried.renewed_s) / AGAIN_S) + _beforehand(params)
     now = tried.likelihood[0] + chance
     before = tried.likelihood[1:]
@@ -223,9 +237,12 @@ def advanced(
         tried: after the last sample.
         commands, span_s, readings, params: see `cycle.step`.
     """
+    if span_s[1] - tried.onset_s[0] < SETTLING_S:
+        params = params._replace(pose=params.pose._replace(tells=params.pose.outlier_scale))
     done = step(tried.bank, commands, span_s, readings, params, tried.doubt)
     likelihood = tried.likelihood + done.likelihood
-    after = tried._replace(bank=done.bank, likelihood=likelihood - likelihood[0], doubt=done.doubt)
+    first = float(likelihood[0])
+    after = tried._replace(bank=done.bank, likelihood=likelihood - first, doubt=done.doubt, total=tried.total + first)
     return after._replace(apart=_further_apart(tried.apart, done.whitened)), done
 
 
@@ -239,7 +256,9 @@ def _further_apart(apart: Array | None, whitened: Array | None) -> Array | None:
     return more if apart is None else apart + more
 
 
-def judged(tried: Tried, time_s: float, rules: Rules, params: PoseParams) -> tuple[Tried, Found | None]:
+def judged(
+    tried: Tried, time_s: float, rules: Rules, params: PoseParams, *, waits: bool = False
+) -> tuple[Tried, Found | None]:
     """What is made of a sample: hypotheses that go on, and what is named by it.
 
     Args:
@@ -247,11 +266,13 @@ def judged(tried: Tried, time_s: float, rules: Rules, params: PoseParams) -> tup
         time_s: of it.
         rules: see `Rules`.
         params: see `PoseParams`.
+        waits: whether nothing is to be named yet.
     """
     if tried.doubt is not None:  # the next sample decides first
         return tried, None
-    if time_s - tried.renewed_s >= RENEWAL_S:
-        tried = _renewed(tried, time_s, params)
+    tried = renewed(tried, time_s, params)
+    if waits:
+        return tried._replace(leader=-1, steady=0), None
     found, tried = _judged(tried, time_s, rules, params)
     if found is not None and len(found.members) == 1:
         tried = _taken(tried, found.members[0], time_s, params)

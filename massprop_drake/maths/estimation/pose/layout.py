@@ -5,13 +5,14 @@ The state, of which only what is free has a place,
     g_j | c | K (6: xx, yy, zz, yz, xz, xy) | r (3) | delay, ln lag and opening per kind | k_v, k_w | s (6) | t (2)
     | p (3) | phi (3) | v (3) | w (3) | p_s (3 per tracked point) | gyro bias (3 per package)
     | gathered velocity (3 per accelerometer) | acceleration bias (3 per package) | h
+    | e (per jet)
 
 with g_j = (F_j/F_j0)(m_0/m), what jet j accelerates over what it nominally would; c the part of it that all jets
 share, as a supply's pressure; K = m I^-1; r the center of mass; k_v and k_w drag over mass and over inertia; s what
 else accelerates, in the fixed frame, and turns, in body axes; t torque that goes as cosine and sine of the heading,
 over inertia; p the center of mass in the fixed frame, phi the error of the attitude in body axes, v the velocity in
 the fixed frame, w the rate in body axes; p_s the points that are tracked, vehicle frame; h how far one jet, which a
-hypothesis names, stands open.
+hypothesis names, stands open; e by how much the present pulse of each jet is stronger than its pulses are.
 
 The mass is no element. With mu = m_0/m and independent b_j of each jet, g_j = mu (1 + b_j) + c is linear, so that no
 linearization can make the common scale of all thrusts look observed: mu follows by conditioning (`outcome`).
@@ -28,6 +29,7 @@ import numpy as np
 from massprop_drake.maths.linear_algebra import Array
 
 Places = np.ndarray  # of integers
+PUSHED = -2  # see `Bank.opens`
 
 
 class Parts(NamedTuple):
@@ -35,7 +37,7 @@ class Parts(NamedTuple):
 
     Attributes:
         thrust, common, spin, center, delay, lag, opening, drag, push, tilt, position, attitude, velocity, rate, point,
-            gyro_bias, gathered, acceleration_bias, open: see the module.
+            gyro_bias, gathered, acceleration_bias, open, pulse: see the module.
         size: of all.
     """
 
@@ -58,6 +60,7 @@ class Parts(NamedTuple):
     gathered: slice
     acceleration_bias: slice
     open: slice
+    pulse: slice
     size: int
 
 
@@ -69,7 +72,7 @@ def make_parts(jets: int, kinds: int, points: int, gyros: int, accelerometers: i
         points, gyros, accelerometers: number of packages.
     """
     sensors = [3 * points, 3 * gyros, 3 * accelerometers, 3 * accelerometers]
-    sizes = [jets, 1, 6, 3, kinds, kinds, kinds, 2, 6, 2, 3, 3, 3, 3, *sensors, 1]
+    sizes = [jets, 1, 6, 3, kinds, kinds, kinds, 2, 6, 2, 3, 3, 3, 3, *sensors, 1, jets]
     ends = np.cumsum(sizes).tolist()
     slices = {name: slice(end - size, end) for name, end, size in zip(Parts._fields, ends, sizes, strict=False)}
     return Parts(**slices, size=ends[-1])
@@ -96,7 +99,8 @@ class PoseParams(NamedTuple):
         rate_noise, velocity_noise: of white accelerations, rad/s^1.5 and m/s^1.5.
         push_walk, turn_walk: of s, m/s^2.5 and rad/s^2.5.
         common_walk: of c, 1/s^.5.
-        scatter: relative 1-sigma of what each opening gives, shape (n_jets,).
+        scatter: relative 1-sigma of what each jet gives over a sample, white, shape (n_jets,).
+        pulse_scatter: relative 1-sigma of a pulse as a whole, shape (n_jets,).
         kicks_per_s: how often something pushes the vehicle that the model does not have.
         kick_velocity, kick_rate: 1-sigma of it, m/s and rad/s.
         pose: see `Poses`.
@@ -105,6 +109,8 @@ class PoseParams(NamedTuple):
             (n_velocities,).
         accelerometer_positions, accelerometer_variances: shapes (n_accelerometers, 3) and (n_accelerometers,).
         planar: whether x, y and heading alone are free.
+        of_mass: how m_0/m goes with the state while no jet has failed, see `outcome`, shape (size,).
+        delays: see `Delays`.
     """
 
     parts: Parts
@@ -125,6 +131,7 @@ class PoseParams(NamedTuple):
     turn_walk: float
     common_walk: float
     scatter: Array
+    pulse_scatter: Array
     kicks_per_s: float
     kick_velocity: float
     kick_rate: float
@@ -135,6 +142,24 @@ class PoseParams(NamedTuple):
     accelerometer_positions: Array
     accelerometer_variances: Array
     planar: bool
+    of_mass: Array
+    delays: Delays
+
+
+class Delays(NamedTuple):
+    """The parts of what is possible of the delay of commands, see `delays`.
+
+    Attributes:
+        shifts_s: of each, from the stated delay, that of the stated one first, shape (n,).
+        chances: logarithm of the probability of each beforehand, shape (n,).
+        stds_s: 1-sigma within the stated one and within the others, by kind of jet, shape (2, n_kinds).
+        reach_s: what one filter can hold, 1-sigma.
+    """
+
+    shifts_s: Array
+    chances: Array
+    stds_s: Array
+    reach_s: float
 
 
 class Poses(NamedTuple):
@@ -145,6 +170,8 @@ class Poses(NamedTuple):
         jitter_variances: of their stamps, s^2, shape (n,).
         outliers: share of samples whose readings are poor.
         outlier_scale: how many times as noisy they are then.
+        tells: what is expected of a reading, as a multiple of its variance, beyond which it cannot be told whether it
+            is a poor one.
     """
 
     position_variances: Array
@@ -152,6 +179,7 @@ class Poses(NamedTuple):
     jitter_variances: Array
     outliers: float = 0.0
     outlier_scale: float = 10.0
+    tells: float = 100.0
 
 
 class Bank(NamedTuple):
@@ -161,7 +189,8 @@ class Bank(NamedTuple):
         mean: of the whole state, zero for phi, shape (n_filters, size).
         covariance: of what is free, shape (n_filters, n, n).
         rotation: body to fixed frame, shape (n_filters, 3, 3).
-        opens: jet that h is of, -1: none, shape (n_filters,).
+        opens: jet that h is of, -1: none, `PUSHED`: none, and what else accelerates is a push, which accelerometers
+            feel, and no slope, which they do not, shape (n_filters,).
         reference: rate when accelerometers began to gather, shape (n_filters, 3).
         turned: integral of w w^T since, shape (n_filters, 3, 3).
     """
@@ -175,15 +204,18 @@ class Bank(NamedTuple):
 
 
 class Commands(NamedTuple):
-    """What the jets were told, as far back as it still acts.
+    """What the jets were told, as far back as it still acts, and what else is known to act now.
 
     Attributes:
         time_s: from when on each row holds, until the next one does; the last one for ever, increasing, shape (k,).
         levels: commanded, NaN where not known, shape (k, n_jets).
+        outside: mean torque about the vehicle origin and force over the interval that is followed, body axes, shape
+            (6,); None: none.
     """
 
     time_s: Array
     levels: Array
+    outside: Array | None = None
 
 
 class Readings(NamedTuple):

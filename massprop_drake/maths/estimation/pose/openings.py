@@ -8,6 +8,10 @@ t_(i+1) + d. With L(t) = 1 - e^(-t/tau) and its integrals S and SS, zero before 
 
 J is what velocity gathers of a unit of acceleration, JJ what position does. Derivatives by d, ln tau and delta are
 exact.
+
+J is straight in d only until an edge leaves the interval, and then does not go with it at all. Where d is not known to
+a fraction of the interval, it is taken as what is linear on average over what is known of d (statistical
+linearization, by three nodes of Gauss and Hermite), and what is left of it is noise.
 """
 
 from __future__ import annotations
@@ -20,6 +24,9 @@ from massprop_drake.maths.estimation.pose.layout import Commands
 from massprop_drake.maths.linear_algebra import Array
 
 _INSTANT_S = 1e-9  # a lag below this is none
+_OVER = 40.0  # lags after which a command is over, to the last bit
+_SURE = 0.02  # of the interval: a delay that is known to that is linear enough
+_NODES, _WEIGHTS = np.sqrt(3.0) * np.array([-1.0, 0.0, 1.0]), np.array([1.0, 4.0, 1.0]) / 6.0
 
 
 class Timing(NamedTuple):
@@ -43,6 +50,9 @@ class Openings(NamedTuple):
         once, twice: J and JJ.
         once_by, twice_by: their derivatives by d, ln tau and delta, shape (3, n_filters, n_jets).
         variance: of J where commands are not known, s^2.
+        begins: whether a pulse begins in the interval.
+        unsure: of J what is not linear in the delay, at several delays, each times the root of its probability,
+            shape (n_nodes, n_filters, n_jets); empty: nothing.
     """
 
     once: Array
@@ -50,6 +60,8 @@ class Openings(NamedTuple):
     once_by: Array
     twice_by: Array
     variance: Array
+    begins: np.ndarray
+    unsure: Array
 
 
 class _Grown(NamedTuple):
@@ -71,6 +83,41 @@ def _grown(since_s: Array, lag_s: Array) -> _Grown:
     once_by = lag_s * (time_s / lag_s * left - level)
     twice_by = -lag_s * once - lag_s * once_by
     return _Grown(level, once, twice, once_by, twice_by)
+
+
+def opened_on_average(commands: Commands, span_s: tuple[float, float], timing: Timing, delay_std_s: Array) -> Openings:
+    """What jets gave between two moments, linear in the delay on average over what is known of it.
+
+    Args:
+        commands: see `Commands`.
+        span_s: begin and end of the interval.
+        timing: see `Timing`.
+        delay_std_s: 1-sigma of the delays, shape (n_filters, n_jets).
+    """
+    latest_s = float(timing.delay_s.max() + _NODES[-1] * delay_std_s.max() + _OVER * timing.lag_s.max())
+    commands = _since(commands, span_s[0] - latest_s)
+    if not (delay_std_s > _SURE * (span_s[1] - span_s[0])).any():
+        return opened(commands, *span_s, timing)
+    count, nodes = delay_std_s.shape[0], _NODES.size
+    spread = np.concatenate([timing.delay_s + node * delay_std_s for node in _NODES])
+    others = (np.tile(part, (nodes, 1)) for part in timing[1:])
+    every = opened(commands, *span_s, Timing(spread, *others))
+    stacked = [part.reshape(*part.shape[:-2], nodes, count, -1) for part in every[:5]]
+    once, twice, once_by, twice_by, variance = (np.tensordot(_WEIGHTS, part, (0, part.ndim - 3)) for part in stacked)
+    begins = every.begins.reshape(nodes, count, -1)[nodes // 2]
+    known = delay_std_s > 0.0
+    over = np.where(known, delay_std_s, 1.0)
+    for mean, part in ((once_by, stacked[0]), (twice_by, stacked[1])):
+        mean[0] = np.where(known, np.tensordot(_WEIGHTS * _NODES, part, 1) / over, mean[0])
+    straight = once + _NODES[:, None, None] * (delay_std_s * once_by[0])
+    unsure = np.sqrt(_WEIGHTS)[:, None, None] * (stacked[0] - straight)
+    return Openings(once, twice, once_by, twice_by, variance, begins, unsure)
+
+
+def _since(commands: Commands, time_s: float) -> Commands:
+    """Commands that end after a time, and the one before them."""
+    first = max(int(np.searchsorted(commands.time_s[1:], time_s)) - 1, 0)
+    return Commands(commands.time_s[first:], commands.levels[first:])
 
 
 def opened(commands: Commands, begin_s: float, end_s: float, timing: Timing) -> Openings:
@@ -123,4 +170,6 @@ def opened(commands: Commands, begin_s: float, end_s: float, timing: Timing) -> 
         np.stack((delay_once, lag_once, late_once)),
         np.stack((delay_twice, lag_twice, late_twice)),
         variance,
+        np.any(opens & ~clipped & (on > begin_s) & (on <= end_s), axis=1),
+        np.zeros((0, *once.shape)),
     )

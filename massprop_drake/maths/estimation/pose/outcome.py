@@ -31,7 +31,7 @@ def outcome(mean: Array, covariance: Array, healthy: np.ndarray, params: PosePar
     parts, size = params.parts, params.parts.size
     whole = np.zeros((size, size))
     whole[np.ix_(params.free, params.free)] = covariance
-    weights, left = _of_mass(healthy, params)
+    weights, left = of_mass(healthy, params)
     scale = 1.0 + float(weights @ (mean - params.start))
     spin = mean[parts.spin]
     rows = np.zeros((10, size))
@@ -48,19 +48,24 @@ def outcome(mean: Array, covariance: Array, healthy: np.ndarray, params: PosePar
     return values, found
 
 
-def _of_mass(healthy: np.ndarray, params: PoseParams) -> tuple[Array, float]:
-    """How mu goes with the state, shape (size,), and the variance that no state takes from it."""
-    parts, of_mass = params.parts, params.mass_std**2
+def of_mass(healthy: np.ndarray, params: PoseParams) -> tuple[Array, float]:
+    """How mu goes with the state, shape (size,), and the variance that no state takes from it.
+
+    Args:
+        healthy: which jets' factors say something of the mass, shape (n_jets,).
+        params: see `PoseParams`.
+    """
+    parts, variance = params.parts, params.mass_std**2
     jets = np.flatnonzero(healthy)
     spin = np.intersect1d(params.free, np.arange(parts.spin.start, parts.spin.stop))
     told = np.zeros((jets.size + spin.size, parts.size))
     told[np.arange(jets.size), jets] = 1.0
     told[: jets.size, parts.common] = -1.0
     told[np.arange(jets.size, len(told)), spin] = 1.0
-    with_mass = of_mass * np.concatenate((np.ones(jets.size), -params.start[spin]))
+    with_mass = variance * np.concatenate((np.ones(jets.size), -params.start[spin]))
     beforehand = told[:, params.free] @ params.covariance @ told[:, params.free].T
     deviation = np.sqrt(beforehand.diagonal())
     deviation[deviation == 0.0] = 1.0
     correlation = beforehand / np.outer(deviation, deviation)
     gain = np.linalg.pinv(correlation, _ROUNDING, hermitian=True) @ (with_mass / deviation) / deviation
-    return gain @ told, of_mass - float(gain @ with_mass)
+    return gain @ told, variance - float(gain @ with_mass)

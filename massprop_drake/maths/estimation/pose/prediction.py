@@ -11,6 +11,9 @@ middle of the interval, b = sum g_j J_j a_j and tau = sum g_j J_j (x_j - r) x a_
 with t = t_c cos + t_s sin of the heading about z. K^-1 is m times smaller than the inertia, which the dynamic coupling
 does not feel.
 
+A known outside force f and torque n, about the vehicle's origin, do as a jet of one unit of thrust would, with mu in
+place of g: mu f/m_0 and K mu (n - r x f)/m_0.
+
 *Second order.* K tau is a product of two things that are not known yet. With P their covariances, it has the mean
 sum_j P(K_ij, tau_j) besides, and the covariance sum_jl [P(K_ij, K_kl) P(tau_j, tau_l) + P(K_ij, tau_l) P(tau_j, K_kl)]:
 without these the first seconds, in which both are unknown, are believed as if they were not.
@@ -26,9 +29,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_drake.maths.estimation.pose.layout import Bank, Commands, PoseParams
-from massprop_drake.maths.estimation.pose.openings import Openings, Timing, opened
-from massprop_drake.maths.estimation.pose.turning import by_elements, rotations, skews, symmetric_matrices, times
+from massprop_drake.maths.estimation.pose.layout import PUSHED, Bank, Commands, PoseParams
+from massprop_drake.maths.estimation.pose.openings import Openings, Timing, opened_on_average
+from massprop_drake.maths.estimation.pose.turning import by_elements, cross, rotations, skews, symmetric_matrices, times
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import ELEMENT
 
@@ -54,7 +57,8 @@ class _Acting(NamedTuple):
         openings: see `Openings`.
         once, twice: J and JJ with what stands open, shape (n_filters, n_jets).
         shut: share of each jet that follows its commands, and does not stand open, shape (n_filters, n_jets).
-        factor: g, shape (n_filters, n_jets).
+        factor: g (1 + e), shape (n_filters, n_jets).
+        strength: 1 + e, likewise.
         middle_turn: from the beginning to the middle of the interval, shape (n_filters, 3, 3).
         middle: R, shape (n_filters, 3, 3).
         forces: accelerations in the fixed frame, shape (n_filters, n_jets, 3).
@@ -68,12 +72,19 @@ class _Acting(NamedTuple):
     twice: Array
     shut: Array
     factor: Array
+    strength: Array
     middle_turn: Array
     middle: Array
     forces: Array
     moments: Array
     turns: Array
     duration: float
+
+    @property
+    def since(self) -> Array:
+        """Mean time from when they give it to the interval's end, shape (n_filters, n_jets)."""
+        fired = self.once > 0.0
+        return np.where(fired, self.twice / np.where(fired, self.once, 1.0), 0.5 * self.duration)
 
     def summed(self, amount: Array, each: Array) -> Array:
         """Sum over the jets of g times an amount times an effect, shape (n_filters, 3)."""
@@ -89,6 +100,13 @@ def timing(mean: Array, params: PoseParams) -> Timing:
     )
 
 
+def _delay_stds(bank: Bank, params: PoseParams) -> Array:
+    """1-sigma of the delay of each jet's kind, s, shape (n_filters, n_jets)."""
+    part, found = params.parts.delay, np.zeros((bank.mean.shape[0], params.parts.size))
+    found[:, params.free] = np.sqrt(np.maximum(np.diagonal(bank.covariance, axis1=1, axis2=2), 0.0))
+    return found[:, part][:, params.kinds]
+
+
 def predicted(bank: Bank, commands: Commands, begin_s: float, end_s: float, params: PoseParams) -> Predicted:
     """The bank over an interval.
 
@@ -98,28 +116,61 @@ def predicted(bank: Bank, commands: Commands, begin_s: float, end_s: float, para
         begin_s, end_s: of the interval.
         params: see `PoseParams`.
     """
-    acting = _acting(bank, opened(commands, begin_s, end_s, timing(bank.mean, params)), end_s - begin_s, params)
+    openings = opened_on_average(commands, (begin_s, end_s), timing(bank.mean, params), _delay_stds(bank, params))
+    bank = _pulsed(bank, openings, params)
+    acting = _acting(bank, openings, end_s - begin_s, params)
     size, count = params.parts.size, bank.mean.shape[0]
     after = bank.mean.copy()
     jacobian = np.broadcast_to(np.eye(size), (count, size, size)).copy()
     _move(after, jacobian, acting, bank, params)
     angle = _turn(after, jacobian, acting, bank, params)
+    if commands.outside is not None:
+        angle += _pushed(after, jacobian, acting, (bank, commands.outside), params)
     _by_timing(jacobian, acting, params)
     _by_opening(jacobian, acting, bank, params)
+    if params.free[-1] >= params.parts.pulse.start:
+        _by_pulse(jacobian, acting, bank, params)
     spun = _gather(after, jacobian, acting, bank, params)
+    if commands.outside is not None:
+        _felt(after, jacobian, acting, (bank, commands.outside), params)
     free = params.free
     through = jacobian[:, free[:, None], free]
     bias, product = _second_order(acting, bank, params)
     after[:, params.parts.rate] += bias
     angle += 0.5 * acting.duration * bias
-    covariance = through @ bank.covariance @ np.swapaxes(through, 1, 2) + _noise(acting, product, params)
+    gained, spread = _timing_products(acting, bank, params)
+    for effect, rows, twice in _effects(acting, params):
+        more = np.einsum("hn,hni->hi", gained * acting.since if twice else gained, effect)
+        if rows == params.parts.attitude:
+            angle += more
+        else:
+            after[:, rows] += more
+    covariance = through @ bank.covariance @ np.swapaxes(through, 1, 2) + _noise(acting, product, spread, params)
+    covariance = 0.5 * (covariance + np.swapaxes(covariance, 1, 2))
     moved = Bank(after, covariance, bank.rotation @ rotations(angle), bank.opens, bank.reference, bank.turned + spun)
     return Predicted(moved, _kick(acting, params))
+
+
+def _pulsed(bank: Bank, openings: Openings, params: PoseParams) -> Bank:
+    """The bank with nothing known of the pulses that begin: each is independent of all before."""
+    scattered = np.flatnonzero(params.pulse_scatter > 0.0)
+    begins = openings.begins[:, scattered]
+    if not begins.any():
+        return bank
+    places = params.parts.pulse.start + scattered
+    rows = np.searchsorted(params.free, places)
+    mean, kept = bank.mean.copy(), np.ones((bank.mean.shape[0], params.free.size))
+    mean[:, places] *= ~begins
+    kept[:, rows] = ~begins
+    covariance = bank.covariance * kept[:, :, None] * kept[:, None, :]
+    covariance[:, rows, rows] += begins * params.pulse_scatter[scattered] ** 2
+    return bank._replace(mean=mean, covariance=covariance)
 
 
 def _acting(bank: Bank, openings: Openings, duration: float, params: PoseParams) -> _Acting:
     parts, mean = params.parts, bank.mean
     once, twice, shut = openings.once.copy(), openings.twice.copy(), np.ones_like(openings.once)
+    strength = 1.0 + mean[:, parts.pulse]
     which = np.flatnonzero(bank.opens >= 0)
     jets, share = bank.opens[which], mean[which, parts.open.start]
     once[which, jets] += share * (duration - openings.once[which, jets])
@@ -127,13 +178,14 @@ def _acting(bank: Bank, openings: Openings, duration: float, params: PoseParams)
     shut[which, jets] -= share
     middle_turn = rotations(0.5 * duration * mean[:, parts.rate])
     middle = bank.rotation @ middle_turn
-    moments = np.cross(params.positions - mean[:, None, parts.center], params.pushes)
+    moments = cross(params.positions - mean[:, None, parts.center], params.pushes)
     return _Acting(
         openings=openings,
         once=once,
         twice=twice,
         shut=shut,
-        factor=mean[:, parts.thrust],
+        factor=mean[:, parts.thrust] * strength,
+        strength=strength,
         middle_turn=middle_turn,
         middle=middle,
         forces=np.einsum("hij,nj->hni", middle, params.pushes),
@@ -159,7 +211,7 @@ def _move(after: Array, jacobian: Array, acting: _Acting, bank: Bank, params: Po
         by_turn = -acting.middle @ skews((acting.factor * amount) @ params.pushes)
         jacobian[:, rows, parts.attitude] = by_turn @ back
         jacobian[:, rows, parts.rate] = 0.5 * duration * by_turn
-        jacobian[:, rows, parts.thrust] = np.swapaxes(amount[..., None] * acting.forces, 1, 2)
+        jacobian[:, rows, parts.thrust] = np.swapaxes((acting.strength * amount)[..., None] * acting.forces, 1, 2)
         jacobian[:, rows, parts.push][:, :, :3] = over * _EYE
     jacobian[:, parts.velocity, parts.velocity] = left[..., None] * _EYE
     jacobian[:, parts.velocity, parts.drag.start] = -duration * velocity * left
@@ -188,7 +240,7 @@ def _turn(after: Array, jacobian: Array, acting: _Acting, bank: Bank, params: Po
         moment = acting.summed(amount, acting.moments)
         jacobian[:, rows, parts.spin] = by_elements(moment) + over * coupled_by_spin
         jacobian[:, rows, parts.center] = spin @ skews((acting.factor * amount) @ params.pushes)
-        jacobian[:, rows, parts.thrust] = np.swapaxes(amount[..., None] * acting.turns, 1, 2)
+        jacobian[:, rows, parts.thrust] = np.swapaxes((acting.strength * amount)[..., None] * acting.turns, 1, 2)
         jacobian[:, rows, parts.push][:, :, 3:] = over * _EYE
         jacobian[:, rows, parts.rate] = over * coupled_by_rate
         jacobian[:, rows.start + 2, parts.tilt.start] = over * cosine
@@ -204,6 +256,52 @@ def _turn(after: Array, jacobian: Array, acting: _Acting, bank: Bank, params: Po
     return angle
 
 
+def _pushed(after: Array, jacobian: Array, acting: _Acting, known: tuple[Bank, Array], params: PoseParams) -> Array:
+    """Adds what known outside forces do, and their derivatives; the angle turned, shape (n_filters, 3).
+
+    Args:
+        after, jacobian: filled in so far.
+        acting: see there.
+        known: the bank before, and torque and force.
+        params: see `PoseParams`.
+    """
+    parts, duration, (bank, outside) = params.parts, acting.duration, known
+    torque, force = np.split(outside / params.nominal_mass, 2)
+    inverse = _inverse_mass(bank, params)
+    spin, half = symmetric_matrices(bank.mean[:, parts.spin]), 0.5 * duration**2
+    moment = torque - cross(bank.mean[:, parts.center], force)
+    moves, turns = acting.middle @ force, times(spin, moment)
+    back = np.swapaxes(acting.middle_turn, 1, 2)
+    by_turn = inverse[..., None] * (-acting.middle @ skews(force))
+    for rows, over in ((parts.velocity, duration), (parts.position, half)):
+        after[:, rows] += over * inverse * moves
+        jacobian[:, rows] += over * moves[..., None] * params.of_mass
+        jacobian[:, rows, parts.attitude] += over * by_turn @ back
+        jacobian[:, rows, parts.rate] += 0.5 * duration * over * by_turn
+    for rows, over in ((parts.rate, duration), (parts.attitude, half)):
+        jacobian[:, rows] += over * turns[..., None] * params.of_mass
+        jacobian[:, rows, parts.spin] += over * inverse[..., None] * by_elements(moment)
+        jacobian[:, rows, parts.center] += over * inverse[..., None] * (spin @ skews(force))
+    after[:, parts.rate] += duration * inverse * turns
+    angle: Array = half * inverse * turns
+    return angle
+
+
+def _inverse_mass(bank: Bank, params: PoseParams) -> Array:
+    """What m_0/m is, shape (n_filters, 1)."""
+    return 1.0 + ((bank.mean - params.start) @ params.of_mass)[:, None]
+
+
+def _felt(after: Array, jacobian: Array, acting: _Acting, known: tuple[Bank, Array], params: PoseParams) -> None:
+    """Adds what accelerometers gather of known outside forces; arguments as those of `_pushed`."""
+    bank, outside = known
+    force = acting.duration * outside[3:] / params.nominal_mass
+    inverse = _inverse_mass(bank, params)
+    for rows in _triples(params.parts.gathered):
+        after[:, rows] += inverse * force
+        jacobian[:, rows] += force[:, None] * params.of_mass
+
+
 def _coupling(rate: Array, spin: Array, params: PoseParams) -> tuple[Array, Array, Array]:
     """-K (w x K^-1 w), and its derivatives by w and by the elements of K."""
     if params.planar:
@@ -211,7 +309,7 @@ def _coupling(rate: Array, spin: Array, params: PoseParams) -> tuple[Array, Arra
         return np.zeros((count, 3)), np.zeros((count, 3, 3)), np.zeros((count, 3, 6))
     inertia: Array = np.asarray(np.linalg.inv(spin), dtype=np.float64)
     momentum = times(inertia, rate)
-    turn = np.cross(rate, momentum)
+    turn = cross(rate, momentum)
     over = skews(rate) @ inertia
     by_rate = -spin @ (over - skews(momentum))
     by_spin = -by_elements(turn) + spin @ over @ by_elements(momentum)
@@ -258,6 +356,14 @@ def _by_opening(jacobian: Array, acting: _Acting, bank: Bank, params: PoseParams
         jacobian[which, rows, column] = amount[:, None] * effect[which, jets]
 
 
+def _by_pulse(jacobian: Array, acting: _Acting, bank: Bank, params: PoseParams) -> None:
+    """Fills in the derivatives by how strong the present pulses are."""
+    factor = bank.mean[:, params.parts.thrust]
+    for effect, rows, twice in _effects(acting, params):
+        amount = factor * (acting.twice if twice else acting.once)
+        jacobian[:, rows, params.parts.pulse] = np.swapaxes(amount[..., None] * effect, 1, 2)
+
+
 def _gather(after: Array, jacobian: Array, acting: _Acting, bank: Bank, params: PoseParams) -> Array:
     """Fills in what accelerometers gather, and its derivatives; the integral of w w^T, shape (n_filters, 3, 3)."""
     parts, mean, duration = params.parts, bank.mean, acting.duration
@@ -271,11 +377,25 @@ def _gather(after: Array, jacobian: Array, acting: _Acting, bank: Bank, params: 
     for rows, bias in zip(_triples(parts.gathered), _triples(parts.acceleration_bias), strict=True):
         after[:, rows] += gained + duration * mean[:, bias]
         jacobian[:, rows, bias] = duration * _EYE
-        jacobian[:, rows, parts.thrust] = np.swapaxes(acting.once[..., None] * params.pushes, 1, 2)
+        jacobian[:, rows, parts.thrust] = np.swapaxes((acting.strength * acting.once)[..., None] * params.pushes, 1, 2)
         jacobian[:, rows, parts.drag.start] = -duration * own
         jacobian[:, rows, parts.velocity] = -duration * drag[..., None] * np.swapaxes(bank.rotation, 1, 2)
         jacobian[:, rows, parts.attitude] = -duration * drag[..., None] * skews(own)
+    _feel_push(after, jacobian, acting, bank, params)
     return spun
+
+
+def _feel_push(after: Array, jacobian: Array, acting: _Acting, bank: Bank, params: PoseParams) -> None:
+    """Adds what accelerometers gather of a push, where a filter supposes one."""
+    parts, which, duration = params.parts, np.flatnonzero(bank.opens == PUSHED), acting.duration
+    back = np.swapaxes(acting.middle[which], 1, 2)
+    felt = times(back, bank.mean[which, parts.push][:, :3])
+    turned = skews(felt) @ np.swapaxes(acting.middle_turn[which], 1, 2)
+    for rows in _triples(parts.gathered):
+        after[which, rows] += duration * felt
+        jacobian[which, rows, parts.push.start : parts.push.start + 3] += duration * back
+        jacobian[which, rows, parts.attitude] += duration * turned
+        jacobian[which, rows, parts.rate] += 0.5 * duration**2 * skews(felt)
 
 
 # --------------------------------------------------------------------------------------------- noise
@@ -285,8 +405,13 @@ def _second_order(acting: _Acting, bank: Bank, params: PoseParams) -> tuple[Arra
     """Mean and covariance on the rate of the product of errors of K and of the angular impulse, shapes (., 3[, 3])."""
     parts, free = params.parts, params.free
     rows = np.zeros((bank.mean.shape[0], 3, parts.size))  # of the angular impulse over the mass
-    rows[:, :, parts.thrust] = np.swapaxes(acting.once[..., None] * acting.moments, 1, 2)
+    rows[:, :, parts.thrust] = np.swapaxes((acting.strength * acting.once)[..., None] * acting.moments, 1, 2)
+    factor = bank.mean[:, parts.thrust]
+    rows[:, :, parts.pulse] = np.swapaxes((factor * acting.once)[..., None] * acting.moments, 1, 2)
     rows[:, :, parts.center] = skews((acting.factor * acting.once) @ params.pushes)
+    for part, by in zip((parts.delay, parts.lag, parts.opening), acting.openings.once_by, strict=True):
+        for kind in range(part.stop - part.start):
+            rows[:, :, part.start + kind] = acting.summed(acting.shut * (params.kinds == kind) * by, acting.moments)
     rows = rows[:, :, free]
     place = np.full(parts.size, -1)
     place[free] = np.arange(free.size)
@@ -302,28 +427,54 @@ def _second_order(acting: _Acting, bank: Bank, params: PoseParams) -> tuple[Arra
     return bias, product
 
 
-def _noise(acting: _Acting, product: Array, params: PoseParams) -> Array:
+def _timing_products(acting: _Acting, bank: Bank, params: PoseParams) -> tuple[Array, Array]:
+    """Mean and covariance of what is not linear in g and in valves' timing, shapes (n_filters, n_jets[, n_jets]).
+
+    These are products of errors of g and of J, and of J what is not linear itself.
+    """
+    parts, free, openings = params.parts, params.free, acting.openings
+    count, jets = acting.once.shape
+    by_timing = np.zeros((count, jets, parts.size))
+    for place, part in enumerate((parts.delay, parts.lag, parts.opening)):
+        by_timing[:, np.arange(jets), part.start + params.kinds] = acting.shut * openings.once_by[place]
+    by_timing = by_timing[:, :, free]
+    by_factor = np.zeros((jets, parts.size))
+    by_factor[:, parts.thrust] = np.eye(jets)
+    with_timing = by_timing @ bank.covariance
+    times_ = with_timing @ np.swapaxes(by_timing, 1, 2)
+    factors = by_factor[:, free] @ bank.covariance @ by_factor[:, free].T
+    crossed = with_timing @ by_factor[:, free].T  # J_j with g_l
+    mean = np.diagonal(crossed, axis1=1, axis2=2)
+    left = acting.shut * acting.factor * openings.unsure  # of what is not linear in the delay
+    curved = np.einsum("khi,khj->hij", left, left) * (params.kinds[:, None] == params.kinds)
+    return mean, factors * times_ + crossed * np.swapaxes(crossed, 1, 2) + curved
+
+
+def _noise(acting: _Acting, product: Array, spread: Array, params: PoseParams) -> Array:
     """Covariance that the interval adds to what is free, shape (n_filters, n, n).
 
     Args:
         acting: see there.
         product: covariance on the rate of products of errors, shape (n_filters, 3, 3).
+        spread: of products of errors of g and of J, shape (n_filters, n_jets, n_jets).
         params: see `PoseParams`.
     """
     parts, free, duration = params.parts, params.free, acting.duration
     count, n_jets = acting.once.shape
     felt = np.swapaxes(acting.middle, 1, 2)  # a force in the fixed frame, by accelerometers
     columns = np.zeros((count, parts.size, n_jets + 1))
-    scatter = acting.factor * np.sqrt((params.scatter * acting.once) ** 2 + acting.openings.variance)
-    fired = acting.once > 0.0
-    since = np.where(fired, acting.twice / np.where(fired, acting.once, 1.0), 0.5 * duration)  # to the interval's end
     for effect, rows, twice in _effects(acting, params):
-        amount = scatter * since if twice else scatter
-        columns[:, rows, :n_jets] = np.swapaxes(amount[..., None] * effect, 1, 2)
+        each = acting.since[..., None] * effect if twice else effect
+        columns[:, rows, :n_jets] = np.swapaxes(each, 1, 2)
     shared = params.common_walk * np.sqrt(duration)
-    columns[:, parts.thrust, n_jets] = shared * acting.factor
+    columns[:, parts.thrust, n_jets] = shared * acting.factor / acting.strength
     columns[:, parts.common, n_jets] = shared
     columns = columns[:, free]
+    drawn = np.zeros((count, n_jets + 1, n_jets + 1))
+    drawn[:, :n_jets, :n_jets] = spread
+    scatter = acting.factor**2 * ((params.scatter * acting.once) ** 2 + acting.openings.variance)
+    drawn[:, np.arange(n_jets), np.arange(n_jets)] += scatter
+    drawn[:, n_jets, n_jets] = 1.0
     walks = np.zeros((parts.size, parts.size))
     for once_row, twice_row, density in (
         (parts.velocity, parts.position, params.velocity_noise**2),
@@ -346,7 +497,7 @@ def _noise(acting: _Acting, product: Array, params: PoseParams) -> Array:
     whole[:, parts.attitude, parts.rate] += share * product
     whole[:, parts.rate, parts.attitude] += share * product
     whole[:, parts.attitude, parts.attitude] += share**2 * product
-    noise: Array = columns @ np.swapaxes(columns, 1, 2) + whole[:, free[:, None], free]
+    noise: Array = columns @ drawn @ np.swapaxes(columns, 1, 2) + whole[:, free[:, None], free]
     return noise
 
 

@@ -7,7 +7,9 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_drake.maths.estimation.filter import Setup
+from massprop_drake.maths.estimation.pose.delays import parts_of
 from massprop_drake.maths.estimation.pose.layout import Parts, PoseParams, Poses, make_parts
+from massprop_drake.maths.estimation.pose.outcome import of_mass
 from massprop_drake.maths.estimation.pose.start import Beforehand, prior
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import CENTER_OF_MASS, MASS_RECIPROCAL, symmetric
@@ -26,6 +28,7 @@ class Valves(NamedTuple):
         delays_s, delay_stds_s: after a command.
         lags_s, lag_stds: time constants, and their relative 1-sigma.
         openings_s, opening_stds_s: by how much later they open than they close.
+        pulse_scatters: relative 1-sigma of a pulse as a whole.
     """
 
     delays_s: Array
@@ -34,6 +37,7 @@ class Valves(NamedTuple):
     lag_stds: Array
     openings_s: Array
     opening_stds_s: Array
+    pulse_scatters: Array
 
 
 class Around(NamedTuple):
@@ -115,19 +119,26 @@ def make_params(setup: Setup, tracking: Tracking, *, hypotheses: bool) -> PosePa
     gyros, accelerometers = setup.gyros, setup.accelerometers
     counts = (n_poses, gyros.quanta.size, accelerometers.quanta.size)
     parts = make_parts(thrust.flows.size, valves.delays_s.size, *counts)
-    of_mass, unseen = _mass_stds(setup, tracking)
-    known = _beforehand(setup, tracking, parts, of_mass)
+    shown, unseen = _mass_stds(setup, tracking)
+    known = _beforehand(setup, tracking, parts, shown)
     supposed = _supposed(known, parts) if hypotheses else np.zeros(0, dtype=int)
     known.rest_std[supposed] = 1.0  # a place for each; zero but for the hypothesis that supposes it
     start, covariance, free = prior(known, _fixed(parts, tracking, setup), parts)
     places = np.flatnonzero(np.isin(free, supposed))
     covariance[places], covariance[:, places] = 0.0, 0.0
     around = tracking.around
-    longest = _LAGS * np.max(valves.lags_s * np.exp(_SIGMAS * valves.lag_stds), initial=0.0) + np.max(
-        np.abs(valves.delays_s) + np.abs(valves.openings_s) + _SIGMAS * (valves.delay_stds_s + valves.opening_stds_s),
-        initial=_NEVER_S,
+    delays = parts_of(valves.delays_s, valves.delay_stds_s, setup.period_s)
+    longest = (
+        np.max(delays.shifts_s)
+        + _LAGS * np.max(valves.lags_s * np.exp(_SIGMAS * valves.lag_stds), initial=0.0)
+        + np.max(
+            np.abs(valves.delays_s)
+            + np.abs(valves.openings_s)
+            + _SIGMAS * (valves.delay_stds_s + valves.opening_stds_s),
+            initial=_NEVER_S,
+        )
     )
-    return PoseParams(
+    made = PoseParams(
         parts=parts,
         free=free,
         start=start,
@@ -136,7 +147,7 @@ def make_params(setup: Setup, tracking: Tracking, *, hypotheses: bool) -> PosePa
         positions=tracking.positions,
         kinds=thrust.kinds,
         nominal_mass=mass,
-        mass_std=of_mass,
+        mass_std=shown,
         unseen_std=unseen,
         thrust_std=thrust.uncertainty,
         longest_s=float(longest),
@@ -146,6 +157,7 @@ def make_params(setup: Setup, tracking: Tracking, *, hypotheses: bool) -> PosePa
         turn_walk=around.turn_walk,
         common_walk=tracking.common_walk,
         scatter=thrust.repeatability,
+        pulse_scatter=valves.pulse_scatters[thrust.kinds],
         kicks_per_s=around.kicks_per_minute / 60.0,
         kick_velocity=around.kick_velocity,
         kick_rate=around.kick_rate,
@@ -156,7 +168,10 @@ def make_params(setup: Setup, tracking: Tracking, *, hypotheses: bool) -> PosePa
         accelerometer_positions=setup.accelerometer_positions,
         accelerometer_variances=setup.accelerometer_variances,
         planar=tracking.planar,
+        of_mass=np.zeros(parts.size),
+        delays=delays,
     )
+    return made._replace(of_mass=of_mass(np.ones(thrust.flows.size, dtype=bool), made)[0])
 
 
 def _supposed(known: Beforehand, parts: Parts) -> np.ndarray:
@@ -177,6 +192,7 @@ def _beforehand(setup: Setup, tracking: Tracking, parts: Parts, mass_std: float)
     rest[parts.lag] = np.log(np.where(lagging, valves.lags_s, 1e-9))
     deviation[parts.lag] = np.where(lagging, valves.lag_stds, 0.0)
     rest[parts.opening], deviation[parts.opening] = valves.openings_s, valves.opening_stds_s
+    deviation[parts.pulse] = valves.pulse_scatters[setup.thrust.kinds]
     rest[parts.drag] = around.drag / mass, around.angular_drag / turning
     deviation[parts.drag] = around.drag_std / mass, around.angular_drag_std / turning
     deviation[parts.push] = np.repeat((around.slope_std, around.turn_std), 3)

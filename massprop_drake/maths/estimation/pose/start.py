@@ -97,6 +97,7 @@ def begun(readings: Readings, params: PoseParams) -> Bank:
     gathered = readings.gathered.ravel()
     mean[parts.gathered] = np.where(np.isnan(gathered), 0.0, gathered)
     covariance = whole[np.ix_(params.free, params.free)]
+    covariance = 0.5 * (covariance + covariance.T)
     rate = mean[parts.rate]
     return Bank(
         mean[None],

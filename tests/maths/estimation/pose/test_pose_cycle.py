@@ -9,6 +9,7 @@ import pytest
 from pose_probe import Sensors, nothing_read, pulses, small_params, some_bank
 from scipy.stats import norm
 
+from massprop_drake.maths.estimation.pose import hypotheses
 from massprop_drake.maths.estimation.pose.cycle import Cycled, merged, shifted, step
 from massprop_drake.maths.estimation.pose.layout import Bank, Commands, PoseParams, Poses
 from massprop_drake.maths.estimation.pose.measurement import compared
@@ -92,6 +93,30 @@ def test_the_estimate_has_the_moments_of_the_posterior(read: float) -> None:
     ]
     nis = sum(weight * each for weight, each in weighed) / sum(weight for weight, _ in weighed)
     np.testing.assert_allclose(found.of_first, [[0.0, 0.0], [nis, 1.0]], rtol=1e-9)
+
+
+def test_a_reading_that_cannot_be_told_from_a_poor_one_counts_as_poor_but_is_as_likely_as_it_is() -> None:
+    wide = {"covariance": np.array([[0.2**2]]), "kicks_per_s": 0.0, "kick_velocity": 0.0}
+    for read in (0.0, 0.3):
+        found = cycled(read, **wide)
+        hand = sum(
+            chance * norm.pdf(read, scale=np.hypot(0.2, noise)) for chance, noise in ((0.9, NOISE), (0.1, 5 * NOISE))
+        )
+        assert float(found.likelihood[0]) == pytest.approx(np.log(hand), rel=1e-12)
+        assert float(found.bank.covariance[0, 0, 0]) == pytest.approx(1.0 / (0.2**-2 + (5.0 * NOISE) ** -2), rel=1e-9)
+
+
+@pytest.mark.parametrize(("since_s", "noise"), [(0.0, 5.0 * NOISE), (2.0, NOISE)])
+def test_in_the_first_seconds_a_reading_must_stand_out_more(since_s: float, noise: float) -> None:
+    """Of a spread between a good reading's and a poor one's; since_s: by so much the record began earlier."""
+    bank, params = one_dimension(covariance=np.array([[0.03**2]]), kicks_per_s=0.0, kick_velocity=0.0)
+    readings = nothing_read(params)
+    readings.positions[0, 0] = 0.0
+    tried = hypotheses.alone(bank, np.zeros(9), 1.0 - hypotheses.SETTLING_S + 0.5 - since_s)
+    after, _ = hypotheses.advanced(tried, NOTHING, SPAN, readings, params)
+    variance = float(after.bank.covariance[0, 0, 0])
+    counted = 1.0 / (0.03**-2 + noise**-2)
+    assert variance == pytest.approx(counted, rel=0.5)  # later on a poor one is possible
 
 
 def test_without_kicks_and_poor_readings_it_is_a_kalman_filter() -> None:

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.maths.estimation.pose import hypotheses, start
 from massprop_drake.maths.estimation.pose.hypotheses import Found, Rules, Tried
-from massprop_drake.maths.estimation.pose.layout import Commands, PoseParams, Readings
+from massprop_drake.maths.estimation.pose.layout import PUSHED, Commands, PoseParams, Readings
 from massprop_drake.maths.linear_algebra import Array
 
 RULES = Rules()
@@ -68,7 +68,7 @@ def test_a_weak_jet_gives_anything_of_what_the_healthy_ones_give_and_varies_with
 def test_a_jet_that_stands_open_and_a_push_have_what_they_may_be_of() -> None:
     tried, params = fresh()
     opening = params.parts.open.start
-    np.testing.assert_array_equal(tried.bank.opens, [-1, *[-1] * JETS, *range(JETS), -1])
+    np.testing.assert_array_equal(tried.bank.opens, [-1, *[-1] * JETS, *range(JETS), PUSHED])
     assert tried.bank.mean[1 + JETS + 2, opening] == 0.5
     grown = tried.bank.covariance - tried.bank.covariance[0]
     assert float(grown[1 + JETS + 2, opening, opening]) == pytest.approx(0.09, rel=1e-9)

@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from massprop_drake.maths.estimation.pose.layout import Commands
-from massprop_drake.maths.estimation.pose.openings import Openings, Timing, opened
+from massprop_drake.maths.estimation.pose.openings import Openings, Timing, opened, opened_on_average
 
 BEGIN_S, END_S = 1.0, 1.1
 SPAN_S = END_S - BEGIN_S
@@ -146,3 +146,59 @@ def test_jets_and_filters_side_by_side_are_as_each_alone() -> None:
             alone = opened(Commands(commands.time_s, commands.levels[:, [jet]]), BEGIN_S, END_S, own)
             assert found.once[row, jet] == alone.once[0, 0]
             np.testing.assert_array_equal(found.twice_by[:, row, jet], alone.twice_by[:, 0, 0])
+
+
+# ------------------------------------------------------------------------- a delay that is not known
+
+
+@pytest.mark.parametrize("std_s", [0.02, 0.05])
+def test_a_delay_that_is_not_known_is_taken_on_average(std_s: float) -> None:
+    """Mean, slope and what is left, against many draws of a smooth enough level."""
+    commands, valve = one_jet((0.93, 1.0), (1.02, 0.0)), timing(0.04, lag_s=0.05)
+    found = opened_on_average(commands, (BEGIN_S, END_S), valve, np.array([[std_s]]))
+    drawn = np.random.default_rng(2).standard_normal(20_000)
+    many = Timing(*(np.repeat(part, drawn.size, 0) for part in valve))
+    many = many._replace(delay_s=many.delay_s + std_s * drawn[:, None])
+    every = opened(commands, BEGIN_S, END_S, many)
+    for own, part in (("once", every.once), ("twice", every.twice)):
+        size = part.max()
+        assert getattr(found, own)[0, 0] == pytest.approx(part.mean(), abs=0.05 * size)
+        slope = (drawn @ part[:, 0]) / drawn.size / std_s
+        assert getattr(found, f"{own}_by")[0, 0, 0] == pytest.approx(slope, abs=0.1 * size / std_s)
+    left = every.once[:, 0].var() - (std_s * found.once_by[0, 0, 0]) ** 2
+    assert 0.5 * left - 1e-7 < np.sum(found.unsure**2) < 2.0 * left + 1e-7
+
+
+def test_a_delay_that_is_known_is_taken_as_it_is() -> None:
+    commands, valve = one_jet((0.93, 1.0), (1.02, 0.0)), timing(0.04)
+    found = opened_on_average(commands, (BEGIN_S, END_S), valve, np.zeros((1, 1)))
+    for own, other in zip(found, opened(commands, BEGIN_S, END_S, valve), strict=True):
+        np.testing.assert_array_equal(own, other)
+    assert found.unsure.size == 0
+
+
+def test_of_two_jets_one_alone_may_have_a_delay_that_is_not_known() -> None:
+    commands = Commands(np.array([0.93, 1.02]), np.array([[1.0, 1.0], [0.0, 0.0]]))
+    valves = Timing(*(np.repeat(part, 2, 1) for part in timing(0.04)))
+    found = opened_on_average(commands, (BEGIN_S, END_S), valves, np.array([[0.05, 0.0]]))
+    plain = opened(commands, BEGIN_S, END_S, valves)
+    assert found.once[0, 1] == pytest.approx(plain.once[0, 1], rel=1e-12)
+    assert found.once_by[0, 0, 1] == pytest.approx(plain.once_by[0, 0, 1], rel=1e-12)
+    assert np.abs(found.unsure[:, 0, 1]).max() < 1e-12 < np.abs(found.unsure[:, 0, 0]).max()
+
+
+def test_commands_long_past_are_left_out_and_change_nothing() -> None:
+    past = [(0.01 * index, float(index % 2)) for index in range(80)]
+    whole = one_jet(*past, (0.93, 1.0), (1.02, 0.0))
+    valve = timing(0.01, lag_s=0.002)
+    found = opened_on_average(whole, (BEGIN_S, END_S), valve, np.full((1, 1), 0.004))
+    short = opened_on_average(one_jet((0.93, 1.0), (1.02, 0.0)), (BEGIN_S, END_S), valve, np.full((1, 1), 0.004))
+    for own, other in zip(found, short, strict=True):
+        np.testing.assert_allclose(own, other, atol=1e-11)
+
+
+@pytest.mark.parametrize(("opens_s", "begins"), [(0.97, False), (0.99, True), (1.05, True), (1.08, False)])
+def test_a_pulse_begins_in_the_interval_in_which_it_opens(opens_s: float, begins: bool) -> None:
+    valve = timing(0.01, opening_s=0.015)
+    found = opened(one_jet((0.5, 0.0), (opens_s, 1.0), (1.3, 0.0)), BEGIN_S, END_S, valve)
+    assert found.begins.tolist() == [[begins]]

@@ -14,7 +14,7 @@ from pose_probe import JETS, Sensors, moved, pulses, small_params, some_bank
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from massprop_drake.maths.estimation.pose.layout import Bank, Commands, PoseParams
+from massprop_drake.maths.estimation.pose.layout import PUSHED, Bank, Commands, PoseParams
 from massprop_drake.maths.estimation.pose.prediction import predicted
 from massprop_drake.maths.linear_algebra import Array
 
@@ -23,8 +23,12 @@ SPAN_S = END_S - BEGIN_S
 _SMALL = 1e-14
 
 
+OUTSIDE = np.array([0.03, -0.05, 0.08, 0.2, -0.3, 0.1])
+
+
 def _after(bank: Bank, params: PoseParams) -> Bank:
-    return predicted(bank, pulses(), BEGIN_S, END_S, params).bank
+    outside = OUTSIDE if params.of_mass.any() else None
+    return predicted(bank, pulses()._replace(outside=outside), BEGIN_S, END_S, params).bank
 
 
 def jacobian(bank: Bank, params: PoseParams) -> Array:
@@ -56,10 +60,16 @@ def differences(bank: Bank, params: PoseParams) -> Array:
     return np.stack(columns, axis=-1)
 
 
+@pytest.mark.parametrize("outside", [False, True], ids=["alone", "pushed"])
 @pytest.mark.parametrize("planar", [False, True], ids=["free", "planar"])
-def test_every_derivative_is_a_difference_of_the_mean(planar: bool) -> None:
+def test_every_derivative_is_a_difference_of_the_mean(planar: bool, outside: bool) -> None:
     params = small_params(Sensors(poses=2, gyros=1, accelerometers=2), planar=planar)
-    bank = some_bank(params, opens=(-1, 2, 0))
+    if outside:
+        weights = np.zeros(params.parts.size)
+        weights[params.parts.thrust], weights[params.parts.common] = 0.2, -0.8
+        params = params._replace(of_mass=weights)
+    bank = some_bank(params, opens=(-1, 2, 0, PUSHED))
+    bank.mean[:, params.parts.pulse] = 0.1, -0.2, 0.05, 0.15
     found, expected = jacobian(bank, params), differences(bank, params)
     parts, free = params.parts, params.free
     rows = {
@@ -96,7 +106,7 @@ def test_a_jet_that_follows_no_command_in_part_does_so_later_by_as_much_less() -
 # --------------------------------------------------------------------------------------------- mean
 
 
-def _flown(params: PoseParams, bank: Bank, on: Array) -> tuple[Array, Array, Array, Array]:
+def _flown(params: PoseParams, bank: Bank, on: Array, outside: Array) -> tuple[Array, Array, Array, Array]:
     """Position, velocity, rotation and rate of a rigid body with jets that are on all the time, finely integrated."""
     parts, mean = params.parts, bank.mean[0]
     spin = mean[parts.spin][[0, 5, 4, 5, 1, 3, 4, 3, 2]].reshape(3, 3)
@@ -104,6 +114,9 @@ def _flown(params: PoseParams, bank: Bank, on: Array) -> tuple[Array, Array, Arr
     force = (on * mean[parts.thrust]) @ params.pushes
     moment = np.cross(params.positions - mean[parts.center], params.pushes * (on * mean[parts.thrust])[:, None]).sum(0)
     linear, angular = mean[parts.drag]
+    inverse = (1.0 + (mean - params.start) @ params.of_mass) / params.nominal_mass
+    force = force + inverse * outside[3:]
+    moment = moment + inverse * (outside[:3] - np.cross(mean[parts.center], outside[3:]))
 
     def rates(_: float, y: Array) -> Array:
         rotation = Rotation.from_quat(y[6:10])
@@ -122,15 +135,19 @@ def _flown(params: PoseParams, bank: Bank, on: Array) -> tuple[Array, Array, Arr
     return last[:3], last[3:6], Rotation.from_quat(last[6:10]).as_matrix(), last[10:]
 
 
-def test_free_motion_is_that_of_an_integrated_rigid_body() -> None:
+@pytest.mark.parametrize("outside", [np.zeros(6), OUTSIDE], ids=["alone", "pushed"])
+def test_free_motion_is_that_of_an_integrated_rigid_body(outside: Array) -> None:
     params = small_params(Sensors(poses=1))
+    weights = np.zeros(params.parts.size)
+    weights[params.parts.thrust] = 0.2
+    params = params._replace(of_mass=weights)
     bank = some_bank(params, opens=(-1,))
     bank.mean[0, params.parts.rate] = 0.2, -0.15, 0.25  # 2 deg in the interval
     bank.mean[0, params.parts.drag] = 0.06, 0.04  # of what jets add in the interval it takes nothing: 3 in 1000
     bank = bank._replace(covariance=np.zeros_like(bank.covariance))
     on = np.array([1.0, 0.0, 1.0, 0.0])
-    after = predicted(bank, Commands(np.array([-5.0]), on[None]), BEGIN_S, END_S, params).bank
-    position, velocity, rotation, rate = _flown(params, bank, on)
+    after = predicted(bank, Commands(np.array([-5.0]), on[None], outside), BEGIN_S, END_S, params).bank
+    position, velocity, rotation, rate = _flown(params, bank, on, outside)
     parts, mean = params.parts, after.mean[0]
     first = bank.mean[0]
     # what turns while it turns is of third order in a tenth of a second: some parts in a thousand of what changes
@@ -192,6 +209,31 @@ def test_products_of_errors_have_the_moments_of_drawn_ones() -> None:
     linear = jacobian(bank, params)[0]
     first_order = (linear @ spread @ linear.T)[parts.rate, parts.rate]
     assert np.abs(found - first_order).max() > 0.05 * deviation.max() ** 2  # without the products it is missed
+
+
+def test_products_of_errors_of_thrust_and_timing_are_those_of_a_gaussian() -> None:
+    """A jet that opens in the interval gives g (T - d - delta): the product's mean is a covariance."""
+    params = small_params()
+    parts = params.parts
+    bank = some_bank(params, opens=(-1,))
+    bank.mean[0, parts.rate] = 0.0
+    bank.mean[0, parts.lag] = np.log(1e-3)
+    own = np.array([[0.3**2, 0.9 * 0.3 * 0.002], [0.9 * 0.3 * 0.002, 0.002**2]])
+    spread = np.zeros((params.free.size, params.free.size))
+    spread[np.ix_([0, parts.opening.start], [0, parts.opening.start])] = own
+    opens = Commands(np.array([0.0, 1.01]), np.array([np.zeros(JETS), np.eye(JETS)[0]]))
+    done, still = (
+        predicted(bank._replace(covariance=part[None]), opens, BEGIN_S, END_S, params).bank
+        for part in (spread, 0.0 * spread)
+    )
+    push = bank.rotation[0] @ params.pushes[0]
+    gained = (done.mean - still.mean)[0]
+    np.testing.assert_allclose(gained[parts.velocity], -own[0, 1] * push, rtol=1e-6)
+    given_s = END_S - 1.01 - bank.mean[0, parts.delay.start] - 0.01 - 1e-3
+    by = np.array([given_s, -bank.mean[0, 0]])
+    variance = by @ own @ by + own[0, 0] * own[1, 1] + own[0, 1] ** 2
+    found = done.covariance[0][parts.velocity, parts.velocity]
+    np.testing.assert_allclose(found, variance * np.outer(push, push), rtol=1e-4, atol=1e-12)
 
 
 # -------------------------------------------------------------------------------------------- noise
@@ -270,6 +312,32 @@ def test_openings_scatter_in_proportion_to_what_they_give_and_all_at_once() -> N
     once = slice(parts.velocity.start, parts.velocity.stop)
     np.testing.assert_allclose(found[once, once], np.outer(column, column)[once, once], rtol=1e-6)
     assert np.linalg.matrix_rank(found, tol=1e-9 * np.abs(found).max()) == 1
+
+
+def test_a_pulse_scatters_as_a_whole_until_the_next_one_opens() -> None:
+    """Of what one jet gives in two intervals: errors add up within a pulse, and are independent of the next one."""
+    params = small_params(pulse_scatter=np.full(JETS, 0.2))
+    parts = params.parts
+    bank = some_bank(params, opens=(-1,))
+    bank.mean[0, parts.rate] = 0.0
+    bank = bank._replace(covariance=np.zeros_like(bank.covariance))
+    whole, two = ([(0.0, 1), (0.9, 0)], [(0.0, 1), (0.37, 0), (0.45, 1), (0.9, 0)])
+    spreads = []
+    for switches in (whole, two):
+        levels = np.outer([level for _, level in switches], np.eye(JETS)[0])
+        commands = Commands(np.array([time_s for time_s, _ in switches]), levels)
+        now = predicted(bank, commands, -0.1, 0.4, params).bank
+        now = predicted(now, commands, 0.4, 0.8, params).bank
+        spreads.append(np.sqrt(np.trace(now.covariance[0][parts.velocity, parts.velocity])))
+    size = np.linalg.norm(bank.mean[0, 0] * params.pushes[0])
+    lag_s, delay_s, late_s = (
+        np.exp(bank.mean[0, parts.lag.start]),
+        *bank.mean[0, [parts.delay.start, parts.opening.start]],
+    )
+    on_s = 0.8 - delay_s - late_s - lag_s  # of what has been given by then
+    assert spreads[0] == pytest.approx(0.2 * size * on_s, rel=0.02)
+    first_s, second_s = 0.37 - late_s, 0.35 - delay_s - late_s - lag_s
+    assert spreads[1] == pytest.approx(0.2 * size * np.hypot(first_s, second_s), rel=0.06)
 
 
 def test_the_common_scale_takes_all_factors_with_it() -> None:

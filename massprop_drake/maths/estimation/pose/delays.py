@@ -1,0 +1,193 @@
+r"""Delays of commands that a filter cannot hold at once: the hypotheses again for each part of what is possible.
+
+What a reading says of a delay is linear only as far as a pulse reaches: with pulses of one sample, within about half a
+sample. A filter that begins further off sees no way to go, and grows sure of where it is. So what is known beforehand,
+
+    d ~ (1 - FAR) N(d_0, sigma^2) + FAR (anything within `REACH` samples of d_0),
+
+is a sum of parts a sample apart, each N(d_0 + k T, (T/2)^2), or of the stated sigma where that is less: nearly flat
+where they join. The part FAR is for a file that is not right. Each part has all hypotheses about jets, from the first
+sample on. One whose likelihood falls behind by `BEHIND` is given up; two become one, by moments, when a filter can hold
+what both leave open. Several kinds of jets are late together, as by a radio or by a clock that is off.
+
+A failure is named when its part leads every other one, too, since with a delay that is wrong some jet is to blame.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from massprop_drake.maths.estimation.pose import hypotheses
+from massprop_drake.maths.estimation.pose.cycle import Cycled, merged
+from massprop_drake.maths.estimation.pose.hypotheses import Rules, Tried
+from massprop_drake.maths.estimation.pose.layout import Bank, Commands, Delays, PoseParams, Readings
+from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError
+
+FAR = 0.01  # probability that a delay is not as stated
+REACH = 5  # samples by which it may be off then
+BEHIND = 15.0  # nats
+
+
+def parts_of(delays_s: Array, stds_s: Array, period_s: float) -> Delays:
+    """The parts.
+
+    Args:
+        delays_s, stds_s: as stated, by kind of jet, zero: exact, shape (n_kinds,).
+        period_s: sample period.
+    """
+    half = 0.5 * period_s
+    known = not (stds_s > 0.0).any()
+    single = stds_s.size == 1
+    steps = np.arange(-REACH, REACH + 1)
+    steps = steps[[0]] * 0 if known else steps[np.argsort(np.abs(steps), kind="stable")]
+    # what was commanded later than a sample from now is not known yet
+    steps = steps[(steps == 0) | (delays_s.min() + steps * period_s >= -period_s)]
+    weights = np.full(steps.size, FAR / max(steps.size, 1))
+    left = float(stds_s.max()) ** 2 - half**2 if single else 0.0
+    stated = np.exp(-0.5 * (steps * period_s) ** 2 / left) if left > 0.0 else np.where(steps == 0, 1.0, 0.0)
+    weights += (1.0 - FAR) * stated / stated.sum()
+    weights /= weights.sum()
+    own = np.minimum(stds_s, half) if single else stds_s
+    others = np.where(stds_s > 0.0, half if single else np.maximum(stds_s, half), 0.0)
+    return Delays(steps * period_s, np.log(weights), np.stack((own, others)), half)
+
+
+def split(bank: Bank, params: PoseParams) -> list[Bank]:
+    """One filter as it is at the first sample, once for each part."""
+    delays, part = params.delays, params.parts.delay
+    places = np.flatnonzero(np.isin(params.free, np.arange(part.start, part.stop)))
+    kinds = params.free[places] - part.start
+    result = []
+    for number, shift in enumerate(delays.shifts_s):
+        mean, covariance = bank.mean.copy(), bank.covariance.copy()
+        mean[:, part.start + kinds] += shift
+        covariance[:, places, places] = delays.stds_s[min(number, 1), kinds] ** 2
+        result.append(bank._replace(mean=mean, covariance=covariance))
+    return result
+
+
+def gathered(parts: list[Tried], params: PoseParams) -> Tried:
+    """Hypotheses of each part as one, the likeliest first.
+
+    Args:
+        parts: of each, as at the first sample.
+        params: see `PoseParams`.
+    """
+    return _ordered(
+        [one._replace(total=float(chance)) for one, chance in zip(parts, params.delays.chances, strict=True)]
+    )
+
+
+def advanced(
+    tried: Tried, commands: Commands, span_s: tuple[float, float], readings: Readings, params: PoseParams
+) -> tuple[Tried, Cycled]:
+    """A sample for the hypotheses of every delay.
+
+    Args:
+        tried: after the last sample.
+        commands, span_s, readings, params: see `cycle.step`.
+
+    Raises:
+        NotPositiveDefiniteError: see `cycle.step`; of the likeliest where none is left.
+    """
+    parts, done, trouble = [], [], None
+    for one in (tried._replace(elsewhere=()), *tried.elsewhere):
+        try:
+            after, cycled = hypotheses.advanced(one, commands, span_s, readings, params)
+        except NotPositiveDefiniteError as error:
+            trouble = trouble or error
+            continue
+        parts.append(after)
+        done.append(cycled)
+    if not parts:
+        assert trouble is not None
+        raise trouble
+    if len(parts) == 1:
+        return parts[0], done[0]
+    likeliest = int(np.argmax([weight(one) for one in parts]))
+    return _ordered(_merged(parts, params)), done[likeliest]
+
+
+def judged(tried: Tried, time_s: float, rules: Rules, params: PoseParams) -> tuple[Tried, hypotheses.Found | None]:
+    """What is made of a sample, see `hypotheses.judged`; nothing is named while another delay is as likely."""
+    others = tuple(hypotheses.renewed(one, time_s, params) for one in tried.elsewhere)
+    alone = tried._replace(elsewhere=())
+    after, found = hypotheses.judged(alone, time_s, rules, params, waits=not settled(tried, rules.lead))
+    if found is not None and len(found.members) == 1:
+        return after, found  # the other delays are given up with what was not named
+    return after._replace(elsewhere=others), found
+
+
+def settled(tried: Tried, lead: float) -> bool:
+    """Whether the likeliest delay leads every other one, by so many nats."""
+    best = weight(tried)
+    return all(best - weight(one) > lead for one in tried.elsewhere)
+
+
+def overall(tried: Tried, params: PoseParams) -> Bank:
+    """The first filters of all delays as one, by moments: what is known while several may be."""
+    first = _first(tried.bank)
+    total = weight(tried)
+    for one in tried.elsewhere:
+        own = weight(one)
+        both = float(np.logaddexp(total, own))
+        first, total = merged(first, _first(one.bank), np.array([np.exp(own - both)]), params), both
+    return first
+
+
+def _first(bank: Bank) -> Bank:
+    return Bank(*(part[:1] for part in bank))
+
+
+def weight(tried: Tried) -> float:
+    """Logarithm of the probability of a part with all its hypotheses, but for what all have in common."""
+    return tried.total + float(np.logaddexp.reduce(tried.likelihood))
+
+
+def _ordered(parts: list[Tried]) -> Tried:
+    """Parts as one, without those that are far behind."""
+    weights = np.array([weight(one) for one in parts])
+    order = np.argsort(-weights, kind="stable")
+    kept = [parts[place] for place in order if weights[order[0]] - weights[place] < BEHIND]
+    return kept[0]._replace(elsewhere=tuple(kept[1:]))
+
+
+def _merged(parts: list[Tried], params: PoseParams) -> list[Tried]:
+    """Parts of which those that one filter can hold have become one."""
+    if any(one.doubt is not None for one in parts):
+        return parts
+    result: list[Tried] = []
+    for one in parts:
+        same = [place for place, other in enumerate(result) if _one_holds(one, other, params)]
+        if same:
+            result[same[0]] = _both(result[same[0]], one, params)
+        else:
+            result.append(one)
+    return result
+
+
+def _one_holds(one: Tried, other: Tried, params: PoseParams) -> bool:
+    """Whether one filter can hold what two leave open of the delay, as if both were as likely."""
+    part = params.parts.delay
+    places = np.flatnonzero(np.isin(params.free, np.arange(part.start, part.stop)))
+    if not np.array_equal(one.known, other.known):
+        return False
+    apart = (one.bank.mean[0] - other.bank.mean[0])[params.free[places]]
+    own = [each.bank.covariance[0][places, places] for each in (one, other)]
+    return bool((np.maximum(*own) + 0.25 * apart**2 <= params.delays.reach_s**2).all())
+
+
+def _both(one: Tried, other: Tried, params: PoseParams) -> Tried:
+    """Two parts as one, hypothesis by hypothesis, by moments; what leads by how long is that of the likelier."""
+    first, second = one.total + one.likelihood, other.total + other.likelihood
+    total = np.logaddexp(first, second)
+    share = np.where(np.isfinite(total), np.exp(second - np.where(np.isfinite(total), total, 0.0)), 0.0)
+    likelier = one if weight(one) >= weight(other) else other
+    apart = likelier.apart
+    return likelier._replace(
+        bank=merged(one.bank, other.bank, share, params),
+        likelihood=total - total[0],
+        onset_s=np.where(share > 0.5, other.onset_s, one.onset_s),
+        apart=apart,
+        total=float(total[0]),
+    )

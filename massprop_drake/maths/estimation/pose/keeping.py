@@ -1,0 +1,170 @@
+"""Commands that still act and hypotheses as a vector, from which a filter goes on to the bit after a restart.
+
+In order: how many commands and parts there are; times and levels of the commands; of each part, which is a delay that
+may be (`delays`), the numbers of `_Numbers`, likelihoods, onsets, what is known, the filters, and where there is such
+what has been foretold apart and what the next sample is to decide. Of covariances the lower triangle. A likelihood of
+minus infinity is kept as NaN.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_drake.maths.estimation.pose.cycle import Doubt
+from massprop_drake.maths.estimation.pose.hypotheses import Tried
+from massprop_drake.maths.estimation.pose.layout import PUSHED, Bank, Commands, PoseParams
+from massprop_drake.maths.linear_algebra import Array
+
+_MOST = 4096  # of anything that is counted
+
+
+class _Numbers(NamedTuple):
+    filters: float
+    renewed_s: float
+    led_s: float
+    leader: float
+    steady: float
+    total: float
+    has_apart: float
+    has_doubt: float
+
+
+class _Reader:
+    """A vector that is read from its beginning."""
+
+    def __init__(self, vector: Array):
+        self._vector, self._at = vector, 0
+
+    def take(self, *shape: int) -> Array:
+        """The next numbers, with a shape.
+
+        Raises:
+            ValueError: when there are not as many.
+        """
+        end = self._at + int(np.prod(shape))
+        if end > self._vector.size:
+            raise ValueError("hypotheses are cut short")
+        found = self._vector[self._at : end].reshape(shape).copy()
+        self._at = end
+        return found
+
+    def count(self) -> int:
+        """The next number, which counts something.
+
+        Raises:
+            ValueError: when it counts nothing.
+        """
+        (number,) = self.take(1)
+        if not (0.0 <= number <= _MOST and number == int(number)):
+            raise ValueError("hypotheses must be counted by whole numbers")
+        return int(number)
+
+    def ends(self) -> bool:
+        """Whether all has been read."""
+        return self._at == self._vector.size
+
+
+def packed(tried: Tried, commands: Commands) -> Array:
+    """All of it; empty parts where nothing has begun."""
+    parts = [tried._replace(elsewhere=()), *tried.elsewhere]
+    blocks: list[Array] = [np.array([commands.time_s.size, len(parts)], dtype=float)]
+    blocks += [commands.time_s, commands.levels.ravel()]
+    for part in parts:
+        blocks += _part(part)
+    return np.concatenate(blocks)
+
+
+def unpacked(vector: Array, params: PoseParams) -> tuple[Tried, Commands]:
+    """The inverse of `packed`.
+
+    Raises:
+        ValueError: when the vector is not of these parameters, or holds what no run leaves.
+    """
+    read, jets = _Reader(vector), params.pushes.shape[0]
+    count, parts = read.count(), read.count()
+    commands = Commands(read.take(count), read.take(count, jets))
+    found = [_taken(read, params) for _ in range(parts)]
+    if not found or not read.ends():
+        raise ValueError("hypotheses are of another number")
+    _require_possible(commands, found)
+    return found[0]._replace(elsewhere=tuple(found[1:])), commands
+
+
+def _part(part: Tried) -> list[Array]:
+    numbers = _Numbers(
+        part.bank.mean.shape[0],
+        part.renewed_s,
+        part.led_s,
+        part.leader,
+        part.steady,
+        part.total,
+        part.apart is not None,
+        part.doubt is not None,
+    )
+    likelihood = np.where(np.isneginf(part.likelihood), np.nan, part.likelihood)
+    blocks = [np.array(numbers, dtype=float), likelihood, part.onset_s, part.known, *_bank(part.bank)]
+    if part.apart is not None:
+        blocks.append(part.apart.ravel())
+    if part.doubt is not None:
+        blocks += [*_bank(part.doubt.bank), part.doubt.share]
+    return blocks
+
+
+def _taken(read: _Reader, params: PoseParams) -> Tried:
+    numbers = _Numbers(*read.take(len(_Numbers._fields)).tolist())
+    jets = params.pushes.shape[0]
+    if numbers.filters not in (1.0, 2.0 + 2.0 * jets):
+        raise ValueError("hypotheses are of another number of jets")
+    count = int(numbers.filters)
+    likelihood = read.take(count)
+    onset_s, known, bank = read.take(count), read.take(1 + 2 * jets), _bank_taken(read, count, params)
+    apart = read.take(count, count) if numbers.has_apart else None
+    doubt = Doubt(_bank_taken(read, count, params), read.take(count)) if numbers.has_doubt else None
+    return Tried(
+        bank,
+        np.where(np.isnan(likelihood), -np.inf, likelihood),
+        onset_s,
+        known,
+        numbers.renewed_s,
+        numbers.led_s,
+        int(numbers.leader),
+        int(numbers.steady),
+        doubt,
+        apart,
+        numbers.total,
+    )
+
+
+def _bank(bank: Bank) -> list[Array]:
+    rows, columns = np.tril_indices(bank.covariance.shape[1])
+    lower = bank.covariance[:, rows, columns]
+    parts = (bank.mean, lower, bank.rotation, bank.opens.astype(float), bank.reference, bank.turned)
+    return [part.ravel() for part in parts]
+
+
+def _bank_taken(read: _Reader, count: int, params: PoseParams) -> Bank:
+    n = params.free.size
+    rows, columns = np.tril_indices(n)
+    mean, lower = read.take(count, params.parts.size), read.take(count, rows.size)
+    covariance = np.empty((count, n, n))
+    covariance[:, rows, columns] = covariance[:, columns, rows] = lower
+    rotation, opens = read.take(count, 3, 3), read.take(count)
+    if not np.isin(opens, np.arange(PUSHED, params.pushes.shape[0])).all():
+        raise ValueError("hypotheses are of jets that there are not")
+    return Bank(mean, covariance, rotation, opens.astype(int), read.take(count, 3), read.take(count, 3, 3))
+
+
+def _require_possible(commands: Commands, parts: list[Tried]) -> None:
+    """Refuses what no run leaves."""
+    if not np.isfinite(commands.time_s).all() or (np.diff(commands.time_s) <= 0.0).any():
+        raise ValueError("commands must be in order of time")
+    if ((commands.levels < 0.0) | (commands.levels > 1.0)).any():
+        raise ValueError("commands must be fractions of 0 to 1")
+    for part in parts:
+        numbers = (part.onset_s, part.bank.reference, part.bank.turned, part.renewed_s, part.total)
+        if not all(np.isfinite(each).all() for each in numbers) or not np.isin(part.known, (0.0, 1.0)).all():
+            raise ValueError("hypotheses must be numbers")
+        if not (np.isfinite(part.bank.mean[0]).all() and np.isfinite(part.bank.covariance[0]).all()):
+            raise ValueError("the first hypothesis must be numbers")
