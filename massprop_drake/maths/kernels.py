@@ -150,10 +150,10 @@ class Compiler(NamedTuple):
 
 def _gathered() -> None:
     """Loads every module that holds kernels, so that all are known."""
-    from massprop_drake.maths import attitude, linear_algebra, mass_properties  # noqa: F401, PLC0415
+    from massprop_drake.maths import attitude, flight, linear_algebra, mass_properties  # noqa: F401, PLC0415
     from massprop_drake.maths.autopilot import phase_space  # noqa: F401, PLC0415
     from massprop_drake.maths.estimation import whole  # noqa: F401, PLC0415
-    from massprop_drake.maths.vehicle import cycle, reaction_jets, rigid_body, sensing, thrust  # noqa: F401, PLC0415
+    from massprop_drake.maths.vehicle import reaction_jets, rigid_body, sensing, thrust  # noqa: F401, PLC0415
 
 
 @cache
@@ -264,12 +264,22 @@ def chosen(function: F, compile_it: bool) -> F:
 
 def held(value: Any, compile_it: bool) -> Any:
     """A `Holder`, or compiled code's own, of a bundle."""
+    return shared(_own(plain(value)), compile_it) if compile_it else Holder(value)
+
+
+def shared(value: Any, compile_it: bool) -> Any:
+    """The same of a bundle whose arrays stay the caller's: what either writes into them the other reads.
+
+    Args:
+        value: with contiguous arrays that may be written to, and no enumeration members.
+        compile_it: whether compiled code is to have it.
+    """
     if not compile_it:
         return Holder(value)
     compiler()
     from massprop_drake.maths._holding import hold  # noqa: PLC0415 (loads numba)
 
-    return hold(_own(plain(value)))
+    return hold(value)
 
 
 def _own(value: Any) -> Any:
