@@ -6,7 +6,7 @@ compiled unasked, so no bit of a result depends on what is installed.
 
 A kernel keeps to the subset of numpy that numba compiles; for the few idioms that are fast in numpy and unknown to
 numba there are functions that say what they mean in the other form, `idiom`: here `numbers`, `rows3`, `picked`,
-`fill`.
+`listed`, `fill`.
 
 Between Python and compiled code every array and number is converted, each way, which takes longer than the arithmetic.
 So a kernel that is called from Python takes a whole cycle, and what it keeps from one to the next stays in numba's own
@@ -112,6 +112,16 @@ def _picked(vector, places):  # type: ignore[no-untyped-def] # compiled alone
 def picked(vector: Array, places: NDArray[np.int_]) -> Array:
     """Elements of a vector at a table of places, in the table's shape."""
     return vector[places]
+
+
+def _itself(vector):  # type: ignore[no-untyped-def] # compiled alone
+    return vector
+
+
+@idiom(_itself)
+def listed(vector: NDArray[Any]) -> Any:
+    """A vector of any length that is gone through element by element."""
+    return vector.tolist()
 
 
 def fill(row: Array, values: Any) -> None:

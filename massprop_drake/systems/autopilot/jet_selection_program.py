@@ -73,6 +73,7 @@ class JetSelectionProgram:
         self._solver = ClpSolver()
         self._rows_of: Array | None = None  # the activity vectors whose scaled rows are kept
         self._rows = self._sizes = np.empty(0)
+        self._exact_has: Array | None = None  # the scaled rows that the first program holds
         self.solves = 0  # programs solved so far, for statistics
 
         self._exact = MathematicalProgram()
@@ -156,10 +157,14 @@ class JetSelectionProgram:
 
     def _scaled(self, activity: Array, request: Array) -> tuple[Array, Array, float]:
         """Rows of a largest element 1 on both sides, and what to multiply the on-times by; the rows are kept."""
-        if self._rows_of is None or self._rows_of.tobytes() != activity.tobytes():
+        if not self._is_kept(activity):
             self._rows_of, self._sizes = activity.copy(), _row_sizes(activity)
             self._rows = activity / self._sizes[:, None]
         return self._rows, *_target(request, self._sizes)
+
+    def _is_kept(self, activity: Array) -> bool:
+        """Whether the scaled rows of these activity vectors are kept."""
+        return self._rows_of is not None and self._rows_of.tobytes() == activity.tobytes()
 
     def _check(self, activity: Array, request: Array, limits_s: Array) -> None:
         for name, array, shape in (
@@ -169,7 +174,8 @@ class JetSelectionProgram:
         ):
             if array.shape != shape:
                 raise ValueError(f"{name} must have shape {shape}, got {array.shape}")
-        if not (np.isfinite(activity).all() and np.isfinite(request).all()):
+        known = self._is_kept(activity)
+        if not ((known or np.isfinite(activity).all()) and np.isfinite(request).all()):
             raise ValueError(f"activity vectors and request must be finite, got {activity} and {request}")
         if not (limits_s >= 0.0).all():  # NaN fails too
             raise ValueError(f"limits_s must be zero or positive, got {limits_s}")
@@ -178,7 +184,11 @@ class JetSelectionProgram:
         rows, target, scale = self._scaled(activity, request)
         if scale == 0.0:
             return np.zeros(self._n)
-        self._exact_rows.UpdateCoefficients(rows, target)
+        if self._exact_has is rows:
+            self._exact_rows.set_bounds(target, target)
+        else:
+            self._exact_rows.UpdateCoefficients(rows, target)
+            self._exact_has = rows
         self._exact_box.set_bounds(np.zeros(self._n), limits_s / scale)
         result = self._solve(self._exact)
         if result is None:

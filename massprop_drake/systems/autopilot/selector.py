@@ -78,6 +78,10 @@ class Selector:
         selectable: which jets may be selected, boolean, shape (n_jets,).
         mass_properties: nominal, the ten parameters, shape (10,).
         period_s: control period, s.
+
+    Attributes:
+        stopwatch: of the linear program.
+        initial: nothing asked for yet.
     """
 
     def __init__(
@@ -90,7 +94,7 @@ class Selector:
         mass_properties: Array,
         period_s: float,
     ):
-        self.stopwatch = Stopwatch()  # of the linear program
+        self.stopwatch = Stopwatch()
         self._wrenches = wrenches
         self._forces = np.ascontiguousarray(wrenches[:, 3:].T)
         self._minimum = minimum_on_times_s
@@ -99,14 +103,9 @@ class Selector:
         self._nominal_activity = activity_vectors(wrenches, mass_properties)
         self._program = JetSelectionProgram(mass_flows)
         self._period_s = period_s
-
-    @property
-    def initial(self) -> SelectionState:
-        """Nothing asked for yet."""
-        n_jets = self._selectable.size
-        off = np.zeros(n_jets)
+        off = np.zeros(selectable.size)
         counts = SELECTION_COUNTS.pack((0.0, 0.0, 0.0, 1.0))
-        return SelectionState(off, off, np.zeros(3), counts, np.zeros(REFUSED.size), off)
+        self.initial = SelectionState(off, off, np.zeros(3), counts, np.zeros(REFUSED.size), off)
 
     def decide(self, state: SelectionState, request: Any, properties: Array | None, asked_for: Any) -> Burst:
         """The burst in force from a sample on.
