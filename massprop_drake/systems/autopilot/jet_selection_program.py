@@ -110,17 +110,17 @@ class JetSelectionProgram:
             ArithmeticError: when the solver finds nothing even for a relaxed request.
         """
         self._check(activity, request, limits_s)
-        on_times = self._least_propellant(activity, request, limits_s)
+        on_times = self._least_propellant(request, limits_s)
         outcome = Outcome.EXACT
         if on_times is None:
             outcome = Outcome.REDUCED
-            relaxed = self._largest_share(activity, request, limits_s)
+            relaxed = self._largest_share(request, limits_s)
             if relaxed is None:
                 outcome = Outcome.CLOSEST
                 relaxed = self._closest(activity, request, limits_s)
             target, within_reach = relaxed
             # at the very edge of what can be reached rounding may leave no room to save propellant
-            saving = self._least_propellant(activity, target, limits_s)
+            saving = self._least_propellant(target, limits_s)
             on_times = within_reach if saving is None else saving
         return Selection(on_times, float(self._cost @ on_times), outcome, activity @ on_times)
 
@@ -155,16 +155,22 @@ class JetSelectionProgram:
         share = 0.0 if result is None else float(result.get_x_val()[-1])
         return max(share, 0.0) * abs(float(far[row]))
 
-    def _scaled(self, activity: Array, request: Array) -> tuple[Array, Array, float]:
-        """Rows of a largest element 1 on both sides, and what to multiply the on-times by; the rows are kept."""
-        if not self._is_kept(activity):
-            self._rows_of, self._sizes = activity.copy(), _row_sizes(activity)
-            self._rows = activity / self._sizes[:, None]
-        return self._rows, *_target(request, self._sizes)
+    def _keep(self, activity: Array) -> None:
+        """Keeps the rows scaled to a largest element of 1, unless they are those of the last activity vectors.
 
-    def _is_kept(self, activity: Array) -> bool:
-        """Whether the scaled rows of these activity vectors are kept."""
-        return self._rows_of is not None and self._rows_of.tobytes() == activity.tobytes()
+        Raises:
+            ValueError: when an activity vector is not finite.
+        """
+        if self._rows_of is not None and self._rows_of.tobytes() == activity.tobytes():
+            return
+        if not np.isfinite(activity).all():
+            raise ValueError(f"activity vectors must be finite, got {activity}")
+        self._rows_of, self._sizes = activity.copy(), _row_sizes(activity)
+        self._rows = activity / self._sizes[:, None]
+
+    def _scaled(self, request: Array) -> tuple[Array, Array, float]:
+        """Rows of a largest element 1 on both sides, and what to multiply the on-times by."""
+        return self._rows, *_target(request, self._sizes)
 
     def _check(self, activity: Array, request: Array, limits_s: Array) -> None:
         for name, array, shape in (
@@ -174,14 +180,14 @@ class JetSelectionProgram:
         ):
             if array.shape != shape:
                 raise ValueError(f"{name} must have shape {shape}, got {array.shape}")
-        known = self._is_kept(activity)
-        if not ((known or np.isfinite(activity).all()) and np.isfinite(request).all()):
-            raise ValueError(f"activity vectors and request must be finite, got {activity} and {request}")
+        self._keep(activity)
+        if not np.isfinite(request).all():
+            raise ValueError(f"a request must be finite, got {request}")
         if not (limits_s >= 0.0).all():  # NaN fails too
             raise ValueError(f"limits_s must be zero or positive, got {limits_s}")
 
-    def _least_propellant(self, activity: Array, request: Array, limits_s: Array) -> Array | None:
-        rows, target, scale = self._scaled(activity, request)
+    def _least_propellant(self, request: Array, limits_s: Array) -> Array | None:
+        rows, target, scale = self._scaled(request)
         if scale == 0.0:
             return np.zeros(self._n)
         if self._exact_has is rows:
@@ -195,9 +201,9 @@ class JetSelectionProgram:
             return None
         return np.clip(result.get_x_val() * scale, 0.0, limits_s)
 
-    def _largest_share(self, activity: Array, request: Array, limits_s: Array) -> tuple[Array, Array] | None:
+    def _largest_share(self, request: Array, limits_s: Array) -> tuple[Array, Array] | None:
         """The largest part [dw; s dv] of a request, and on-times that give it; None without dw."""
-        rows, target, scale = self._scaled(activity, request)
+        rows, target, scale = self._scaled(request)
         column = np.concatenate([np.zeros(3), -target[VELOCITY]])
         self._share_rows.UpdateCoefficients(
             np.column_stack([rows, column]), np.concatenate([target[RATE], np.zeros(3)])
@@ -213,7 +219,7 @@ class JetSelectionProgram:
 
     def _closest(self, activity: Array, request: Array, limits_s: Array) -> tuple[Array, Array]:
         """The closest request that can be reached, and on-times that give it."""
-        rows, target, scale = self._scaled(activity, request)
+        rows, target, scale = self._scaled(request)
         self._near_rows.UpdateCoefficients(np.hstack([rows, np.eye(6), -np.eye(6)]), target)
         limits = np.concatenate([limits_s / scale, np.full(12, np.inf)])
         self._near_box.set_bounds(np.zeros(self._n + 12), limits)

@@ -139,10 +139,10 @@ class Selector:
             if not nonzero(remaining):
                 least = least_change(wanted, selection.on_times_s, self._period_s)
                 refused = REFUSED.pack((wanted[RATE], least))
-            size = float(np.linalg.norm(wanted[VELOCITY]))
+            size = _length(wanted[VELOCITY])
             reduced += selection.outcome == Outcome.REDUCED
             closest += selection.outcome == Outcome.CLOSEST
-            granted = float(np.linalg.norm(selection.reached[VELOCITY])) / size if size > 0.0 else 1.0
+            granted = _length(selection.reached[VELOCITY]) / size if size > 0.0 else 1.0
         counts = (solved + self._program.solves - before, reduced, closest, granted)
         return Burst(remaining, firing(remaining), (SELECTION_COUNTS.pack(counts), refused, out_of_use))
 
@@ -208,3 +208,8 @@ class Selector:
         """Largest rate change per second of firing about each axis, both ways, without some jets."""
         limits = np.where(self._selectable & (out_of_use <= 0.0), 1.0, 0.0)
         return [self._program.reach(activity, row, sign, limits) for row in range(3) for sign in (1.0, -1.0)]
+
+
+def _length(vector: Array) -> float:
+    """Of a short vector."""
+    return math.sqrt(float(vector @ vector))
