@@ -348,7 +348,9 @@ def _cross(left: Array, right: Array) -> Array:
     """Cross products along the last axis, which numpy's own does slowly."""
     x, y, z = left[..., 0], left[..., 1], left[..., 2]
     u, v, w = right[..., 0], right[..., 1], right[..., 2]
-    return np.stack((y * w - z * v, z * u - x * w, x * v - y * u), axis=-1)
+    result = np.empty(np.broadcast_shapes(left.shape, right.shape))
+    result[..., 0], result[..., 1], result[..., 2] = y * w - z * v, z * u - x * w, x * v - y * u
+    return result
 
 
 def _gathered(properties: Array, bias: Array, sums: _Sums) -> Array:

@@ -199,7 +199,7 @@ class JetSelectionProgram:
         result = self._solve(self._exact)
         if result is None:
             return None
-        return np.clip(result.get_x_val() * scale, 0.0, limits_s)
+        return _within(result.get_x_val() * scale, limits_s)
 
     def _largest_share(self, request: Array, limits_s: Array) -> tuple[Array, Array] | None:
         """The largest part [dw; s dv] of a request, and on-times that give it; None without dw."""
@@ -214,7 +214,7 @@ class JetSelectionProgram:
             return None
         solution = result.get_x_val()
         share = float(solution[-1]) * (1.0 - _TINY)
-        on_times = np.clip(solution[:-1] * scale, 0.0, limits_s)
+        on_times = _within(solution[:-1] * scale, limits_s)
         return np.concatenate([request[RATE], share * request[VELOCITY]]), on_times
 
     def _closest(self, activity: Array, request: Array, limits_s: Array) -> tuple[Array, Array]:
@@ -226,7 +226,7 @@ class JetSelectionProgram:
         result = self._solve(self._near)
         if result is None:
             raise ArithmeticError(f"jet selection: the solver finds no on-times close to the request {request}")
-        on_times = np.clip(result.get_x_val()[: self._n] * scale, 0.0, limits_s)
+        on_times = _within(result.get_x_val()[: self._n] * scale, limits_s)
         return activity @ on_times, on_times
 
     def _solve(self, program: MathematicalProgram) -> MathematicalProgramResult | None:
@@ -248,3 +248,8 @@ def _target(request: Array, size: Array) -> tuple[Array, float]:
     target = request / size
     scale = float(np.abs(target).max())
     return target / scale if scale > 0.0 else target, scale
+
+
+def _within(on_times_s: Array, limits_s: Array) -> Array:
+    """On-times between zero and their limits."""
+    return np.minimum(np.maximum(on_times_s, 0.0), limits_s)
