@@ -24,6 +24,7 @@ from massprop_drake.inputs.scenario import (
     jump_terms,
 )
 from massprop_drake.inputs.vehicle import Accelerometer, Gyro, PoseSensor, SensorPackage, Vehicle
+from massprop_drake.maths.autopilot.jet_selection import forces_of
 from massprop_drake.maths.autopilot.phase_space import PhaseSpaceParams, Window
 from massprop_drake.maths.estimation.cycle import EstimationParams
 from massprop_drake.maths.estimation.detector import Detector, Jets
@@ -417,7 +418,7 @@ def flight_params(scenario: Scenario, true: VehicleParams) -> FlightParams:
     flies = not scenario.jet_schedule
     pilot = PilotParams(
         phase_space_params(scenario),
-        np.ascontiguousarray(vehicle.wrenches[:, 3:].T),
+        forces_of(vehicle.wrenches),
         unit_wrenches(vehicle),
         float(vehicle.nominal.vector()[MASS_RECIPROCAL]),
         flies and scenario.autopilot.mass_properties == "estimated",

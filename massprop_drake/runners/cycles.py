@@ -156,7 +156,7 @@ class Whole:
         self._params, self._compiled = made, compiled
         self._advance = chosen(whole.advance, compiled)
         self._holder, self._held = held(state, compiled), held(whole.params_of(made), compiled)
-        self._reached = np.zeros(2, dtype=np.int64)
+        self._next = 0  # row
         self._has_detector = made.detector is not None
         self._rows: Rows | None = None
 
@@ -172,27 +172,27 @@ class Whole:
             rows["impulses"], rows["rotation_report"], rows["mass_report"], rows.get("detector_report", _NO_ROWS)
         )
         self._block = shared(whole.Block(samples, self._rows, self.asked), self._compiled)
-        self._times_s = samples.time_s
-        self._reached[0] = 0
+        self._times_s, self._next = samples.time_s, 0
 
     def advance(self, until: int) -> None:
         """Goes on to a row, which is not taken any more."""
-        self._reached[1] = until
+        reached = np.array((self._next, until))
         began = time.perf_counter()
         try:
-            self._advance(self._holder, self._block, self._reached, self._held)
+            self._advance(self._holder, self._block, reached, self._held)
         except NotPositiveDefiniteError as error:
-            raise error.at(float(self._times_s[self._reached[0]]), _ESTIMATOR) from None
+            raise error.at(float(self._times_s[reached[0]]), _ESTIMATOR) from None
+        self._next = until
         self.spent_s["estimators"] += time.perf_counter() - began
 
     def restart(self) -> None:
         """Goes back to the first of the rows, whose samples may be others by now."""
-        self._reached[0] = 0
+        self._next = 0
 
     def reports(self) -> tuple[Any, Any, Any]:
         """What both filters and the detector said in the last cycle, as logged; None without a detector."""
         assert self._rows is not None
-        rows, last = self._rows, int(self._reached[0]) - 1
+        rows, last = self._rows, self._next - 1
         status = None
         if self._has_detector:
             jets = self._params.impulse_per_level.shape[0]

@@ -30,6 +30,11 @@ def activity_vectors(wrenches: Array, mass_properties: Array) -> Array:
     return np.vstack([inverse_inertia @ torque.T, wrenches[:, 3:].T * mass_properties[9]])
 
 
+def forces_of(wrenches: Array) -> Array:
+    """Forces of all jets as columns, shape (3, n_jets); argument as in `activity_vectors`."""
+    return np.ascontiguousarray(wrenches[:, 3:].T)
+
+
 def burst_cycles(on_times_s: Array, period_s: float, minimum_s: Array) -> Array:
     """On-times as whole cycles, the nearest, shape (n_jets,).
 

@@ -13,6 +13,7 @@ from massprop_drake.maths.autopilot.jet_selection import (
     burst_cycles,
     delivered_velocity,
     firing,
+    forces_of,
     least_change,
     must_select,
 )
@@ -96,7 +97,7 @@ class Selector:
     ):
         self.stopwatch = Stopwatch()
         self._wrenches = wrenches
-        self._forces = np.ascontiguousarray(wrenches[:, 3:].T)
+        self._forces = forces_of(wrenches)
         self._minimum = minimum_on_times_s
         self._selectable = selectable
         self._nominal = mass_properties
