@@ -57,13 +57,12 @@ def used(expected: Array, read: Array, quantum: float) -> NDArray[np.int_]:
     there = np.flatnonzero(~np.isnan(read))
     if quantum == 0.0 or there.size == 0:
         return there
-    found = [there[0]]
+    found, least = [there[0]], _MOVED * quantum
     forward, back = expected[there[0]], read[there[0]]
-    rows, ones, others = listed(there), listed(expected[there]), listed(read[there])
-    for place in range(there.size):
-        one, other = ones[place], others[place]
-        if abs(one - forward) >= quantum or abs(other - back) >= _MOVED * quantum:
-            found.append(rows[place])
+    for row, one, other in zip(listed(there), listed(expected[there]), listed(read[there])):  # noqa: B905 (for numba)
+        ahead, off = one - forward, other - back
+        if ahead >= quantum or ahead <= -quantum or off >= least or off <= -least:
+            found.append(row)
             forward, back = one, other
     return np.array(found)
 

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_drake.maths.kernels import kernel
-from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.maths.linear_algebra import Array, cross
 
 
 class DisturbanceModel(NamedTuple):
@@ -58,7 +58,7 @@ def about_origin(disturbance: Array, center_of_mass: Array) -> Array:
         center_of_mass: in the vehicle frame, ft or m, shape (3,).
     """
     torque, force = disturbance[:3], disturbance[3:]
-    return np.concatenate((torque + np.cross(center_of_mass, force), force))
+    return np.concatenate((torque + cross(center_of_mass, force), force))
 
 
 def disturbed(wrench: Array, disturbance: Array, center_of_mass: Array) -> Array:
