@@ -35,6 +35,8 @@ CASES: dict[str, dict[str, Any]] = {
     "stuck_on_29": {"scenario": "stuck_on_29"},
 }
 JOINT = ("orbiter_maneuver", "dispersed_thrust")
+CAMPAIGNS = {"sample_maneuver": ("thesis, CGLR", 25), "orbiter_maneuver": ("joint, multi_hypothesis", 250)}
+CAMPAIGN_CASES = 12
 RECORD = {"numpy": [], "compiled": ["execution.compiled=true"]}
 TARGETS = {
     ("sample_maneuver", LOOP): 3.0,
@@ -167,10 +169,10 @@ class _Timed:
     def __getattr__(self, name: str) -> Any:
         return getattr(self._cycles, name)
 
-    def one(self, *arguments: Any) -> Any:
+    def advance(self, until: int) -> None:
         began = time.process_time()
         try:
-            return self._cycles.one(*arguments)
+            self._cycles.advance(until)
         finally:
             self.each_s.append(time.process_time() - began)
 
@@ -194,6 +196,32 @@ def joint_cycles() -> list[dict[str, Any]]:
             print(
                 f"{name:18} {way:18} {rows[-1]['mean']:8.2f} ms a cycle   {max(each_ms):8.1f} at the most", flush=True
             )
+    return rows
+
+
+# -------------------------------------------------------------------------------------- campaigns
+
+
+def campaign_cases() -> list[dict[str, Any]]:
+    """Processor time of a case of a campaign, compiled, with a body drawn anew each time, ms: median and largest."""
+    from massprop_drake.inputs.campaign import load_campaign  # noqa: PLC0415
+    from massprop_drake.studies.campaign.flight import Flights  # noqa: PLC0415
+    from massprop_drake.studies.campaign.plan import planned  # noqa: PLC0415
+
+    rows = []
+    for base, (title, target) in CAMPAIGNS.items():
+        overrides = [f"base={base}", "sweep={}", f"cases={CAMPAIGN_CASES + 1}", "execution.compiled=true"]
+        campaign = load_campaign("healthy_maneuver", overrides)
+        setup = {"base": campaign.base.model_dump(mode="json"), "campaign": title, "times_s": [], "keep": "none"}
+        flights = Flights({**setup, "folder": "", "token": None})
+        each_ms = []
+        for case in planned(campaign):
+            began = time.process_time()
+            flights.fly({**case._asdict(), "keep": False})
+            each_ms.append(1e3 * (time.process_time() - began))
+        each_ms = each_ms[1:]  # the first one compiles
+        rows.append({"case": title, "median": statistics.median(each_ms), "most": max(each_ms), "target": target})
+        print(f"{title:30} {rows[-1]['median']:8.0f} ms a case   {max(each_ms):8.0f} at the most", flush=True)
     return rows
 
 
@@ -252,9 +280,9 @@ def scaling(here: Version, repeats: int) -> dict[str, Any]:
 
 
 def write_page(
-    folder: Path, against: str, rows: list[dict[str, Any]], joint: list[dict[str, Any]], grown: dict[str, Any]
+    folder: Path, against: str, rows: list[dict[str, Any]], tables: dict[str, str], grown: dict[str, Any]
 ) -> None:
-    """Writes `speed.md` and its plots."""
+    """Writes `speed.md` and its plots; ``tables``: rows of the other tables by their names in the template."""
     import matplotlib as mpl  # noqa: PLC0415 (slow to load)
 
     mpl.use("svg")
@@ -288,11 +316,18 @@ def write_page(
         for row in rows
     )
     page = (REPOSITORY / "benchmarks" / "speed.md").read_text(encoding="utf-8")
-    of_joint = "\n".join(
-        f"| {row['case']} | {row['way']} | {row['mean']:.2f} | {row['longest']:.1f} |" for row in joint
-    )
-    page = page.replace("{against}", against).replace("{table}", table).replace("{joint}", of_joint)
+    for name, text in {"against": against, "table": table, **tables}.items():
+        page = page.replace(f"{{{name}}}", text)
     (folder / "speed.md").write_text(page, encoding="utf-8")
+
+
+def _table(rows: list[dict[str, Any]], columns: tuple[str, ...]) -> str:
+    """Rows of a table as the page has them."""
+
+    def cell(value: Any) -> str:
+        return f"{value:.3g}" if isinstance(value, float) else str(value)
+
+    return "\n".join(f"| {' | '.join(cell(row[name]) for name in columns)} |" for row in rows)
 
 
 def main() -> None:
@@ -314,9 +349,13 @@ def main() -> None:
         there.close()
         grown = scaling(here, max(1, arguments.repeats // 2)) if arguments.scaling else {}
         here.close()
-        joint = joint_cycles()
+        joint, campaigns = joint_cycles(), campaign_cases()
         if arguments.write is not None:
-            write_page(arguments.write, arguments.against, rows, joint, grown)
+            tables = {
+                "joint": _table(joint, ("case", "way", "mean", "longest")),
+                "campaigns": _table(campaigns, ("case", "median", "most", "target")),
+            }
+            write_page(arguments.write, arguments.against, rows, tables, grown)
 
 
 if __name__ == "__main__":

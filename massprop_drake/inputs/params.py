@@ -24,6 +24,7 @@ from massprop_drake.inputs.scenario import (
     jump_terms,
 )
 from massprop_drake.inputs.vehicle import Accelerometer, Gyro, PoseSensor, SensorPackage, Vehicle
+from massprop_drake.maths.autopilot.jet_selection import forces_of
 from massprop_drake.maths.autopilot.phase_space import PhaseSpaceParams, Window
 from massprop_drake.maths.estimation.cycle import EstimationParams
 from massprop_drake.maths.estimation.detector import Detector, Jets
@@ -37,14 +38,13 @@ from massprop_drake.maths.estimation.filters.rotation_filter import RotationPara
 from massprop_drake.maths.estimation.filters.thesis import ThesisParams
 from massprop_drake.maths.estimation.pose import setting as pose_setting
 from massprop_drake.maths.estimation.pose.setting import Around, Tracking, Valves
-from massprop_drake.maths.kernels import held
+from massprop_drake.maths.flight import FlightParams, PilotParams
 from massprop_drake.maths.mass_properties import MASS_RECIPROCAL, NAMES, MassProperties, initial_standard_deviation
 from massprop_drake.maths.noise import normal_sample, uniform_phase
-from massprop_drake.maths.vehicle import cycle as vehicle_cycle
 from massprop_drake.maths.vehicle import true_failures as failures
-from massprop_drake.maths.vehicle.cycle import Motion, VehicleParams
+from massprop_drake.maths.vehicle.cycle import VehicleParams, truth
 from massprop_drake.maths.vehicle.disturbance import DisturbanceModel, kept_share
-from massprop_drake.maths.vehicle.reaction_jets import jets_params, thrusters
+from massprop_drake.maths.vehicle.reaction_jets import jets_params
 from massprop_drake.maths.vehicle.rigid_body import RATE, Jump, initial_state, jumps_by_sample, packed_structure
 from massprop_drake.maths.vehicle.sensing import (
     SensorModel,
@@ -401,7 +401,6 @@ def vehicle_params(scenario: Scenario) -> VehicleParams:
         )
         for sensor in vehicle.sensors
     )
-    exact, places = vehicle_cycle.exact_packages(packages)
     return VehicleParams(
         period_s=period,
         seed=scenario.seed,
@@ -411,10 +410,28 @@ def vehicle_params(scenario: Scenario) -> VehicleParams:
         jumps=jumps_by_sample(mass_jumps(scenario), period),
         body=body,
         structure=packed_structure(properties),
-        exact=held(exact, scenario.execution.compiled),
-        places=places,
-        motion=held(Motion(thrusters(jets), period), scenario.execution.compiled),
-        kernels=vehicle_cycle.kernels(compiled=scenario.execution.compiled),
+    )
+
+
+def flight_params(scenario: Scenario, true: VehicleParams) -> FlightParams:
+    """Parameters of vehicle and autopilot from sample to sample; ``true``: see `vehicle_params`."""
+    vehicle, names = scenario.vehicle_data, scenario.vehicle_data.sensor_names()
+    flies = not scenario.jet_schedule
+    pilot = PilotParams(
+        phase_space_params(scenario),
+        forces_of(vehicle.wrenches),
+        unit_wrenches(vehicle),
+        float(vehicle.nominal.vector()[MASS_RECIPROCAL]),
+        flies and scenario.autopilot.mass_properties == "estimated",
+        convergence_limits(scenario),
+    )
+    return FlightParams(
+        truth(true),
+        pilot,
+        flies,
+        flies and closes_manifolds(scenario),
+        np.array([names.index(package.name) for package in gyros(scenario)], dtype=np.int_),
+        np.array([names.index(package.name) for package in accelerometers(scenario)], dtype=np.int_),
     )
 
 

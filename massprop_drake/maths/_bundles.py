@@ -128,13 +128,34 @@ def _construct(context: Any, builder: Any, sig: Any, args: Any) -> Any:
     return _filled(context, builder, kind, fields)
 
 
+def _at_hand(c: Any, value: Any) -> Any:
+    """A reference, which is borrowed, to an object of Python among the constants of compiled code."""
+    return c.env_manager.read_const(c.env_manager.add_const(value))
+
+
+def _boxed(kind: Any, value: Any, c: Any) -> Any:
+    """A field in Python's form; numba would unpickle the class of an array each time."""
+    if not isinstance(kind, types.Array):
+        return c.box(kind, value)
+    c.pyapi.serialize_object, c.pyapi.unserialize = lambda found: found, lambda found: _at_hand(c, found)
+    try:
+        return c.box(kind, value)
+    finally:
+        del c.pyapi.serialize_object, c.pyapi.unserialize
+
+
 @box(BundleType)  # type: ignore[untyped-decorator]
 def _to_python(kind: BundleType, value: Any, c: Any) -> Any:
     data = structref._Utils(c.context, c.builder, kind).get_data_struct(value)
-    fields = [getattr(data, name) for name in kind.field_dict]
-    for own, field in zip(kind.kinds, fields, strict=True):
+    parts = []
+    for name, own in kind.field_dict.items():
+        field = getattr(data, name)
         c.context.nrt.incref(c.builder, own, field)
-    found = c.box(kind.as_tuple, c.context.make_tuple(c.builder, kind.as_tuple, fields))
+        parts.append(_boxed(own, field, c))
+    there = c.pyapi.tuple_pack(parts)
+    found = c.pyapi.call_function_objargs(_at_hand(c, tuple.__new__), (_at_hand(c, kind.bundle), there))
+    for part in (*parts, there):
+        c.pyapi.decref(part)
     c.context.nrt.decref(c.builder, kind, value)
     return found
 

@@ -6,7 +6,7 @@ compiled unasked, so no bit of a result depends on what is installed.
 
 A kernel keeps to the subset of numpy that numba compiles; for the few idioms that are fast in numpy and unknown to
 numba there are functions that say what they mean in the other form, `idiom`: here `numbers`, `rows3`, `picked`,
-`fill`.
+`listed`, `fill`.
 
 Between Python and compiled code every array and number is converted, each way, which takes longer than the arithmetic.
 So a kernel that is called from Python takes a whole cycle, and what it keeps from one to the next stays in numba's own
@@ -114,6 +114,16 @@ def picked(vector: Array, places: NDArray[np.int_]) -> Array:
     return vector[places]
 
 
+def _itself(vector):  # type: ignore[no-untyped-def] # compiled alone
+    return vector
+
+
+@idiom(_itself)
+def listed(vector: NDArray[Any]) -> Any:
+    """A vector of any length that is gone through element by element."""
+    return vector.tolist()
+
+
 def fill(row: Array, values: Any) -> None:
     """Puts arrays and numbers into a vector one after the other, as `Layout.pack` does with fields in their order."""
     begin = 0
@@ -150,10 +160,10 @@ class Compiler(NamedTuple):
 
 def _gathered() -> None:
     """Loads every module that holds kernels, so that all are known."""
-    from massprop_drake.maths import attitude, linear_algebra, mass_properties  # noqa: F401, PLC0415
+    from massprop_drake.maths import attitude, flight, linear_algebra, mass_properties  # noqa: F401, PLC0415
     from massprop_drake.maths.autopilot import phase_space  # noqa: F401, PLC0415
     from massprop_drake.maths.estimation import whole  # noqa: F401, PLC0415
-    from massprop_drake.maths.vehicle import cycle, reaction_jets, rigid_body, sensing, thrust  # noqa: F401, PLC0415
+    from massprop_drake.maths.vehicle import reaction_jets, rigid_body, sensing, thrust  # noqa: F401, PLC0415
 
 
 @cache
@@ -264,12 +274,22 @@ def chosen(function: F, compile_it: bool) -> F:
 
 def held(value: Any, compile_it: bool) -> Any:
     """A `Holder`, or compiled code's own, of a bundle."""
+    return shared(_own(plain(value)), compile_it) if compile_it else Holder(value)
+
+
+def shared(value: Any, compile_it: bool) -> Any:
+    """The same of a bundle whose arrays stay the caller's: what either writes into them the other reads.
+
+    Args:
+        value: with contiguous arrays that may be written to, and no enumeration members.
+        compile_it: whether compiled code is to have it.
+    """
     if not compile_it:
         return Holder(value)
     compiler()
     from massprop_drake.maths._holding import hold  # noqa: PLC0415 (loads numba)
 
-    return hold(_own(plain(value)))
+    return hold(value)
 
 
 def _own(value: Any) -> Any:

@@ -69,6 +69,17 @@ def nonzero(vector: Array) -> bool:
     return any(vector.tolist())
 
 
+def _deviations(covariance):  # type: ignore[no-untyped-def] # compiled alone
+    return np.sqrt(np.diag(covariance))
+
+
+@idiom(_deviations)
+def deviations(covariance: Array) -> Array:
+    """1-sigma of each element: the roots of a covariance's diagonal."""
+    result: Array = np.sqrt(covariance.diagonal())
+    return result
+
+
 @kernel
 def inverse_positive_definite(matrix: Array, what: str = "matrix") -> Array:
     """Inverse of a symmetric positive definite 3x3 matrix, by its Cholesky factor.

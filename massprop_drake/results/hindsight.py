@@ -87,6 +87,7 @@ def model(scenario: Scenario) -> Model:
         gyros=gyros.quanta.size,
         prior=prior,
         sigma=sigma,
+        compute=hindsight.compute(compiled=scenario.execution.compiled),
     )
     places = hindsight.columns(made)
     sigma[places.properties] = _PRIOR * setup.widest

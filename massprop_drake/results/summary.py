@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from importlib.metadata import version
+from functools import cache
+from importlib import metadata
 from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
@@ -499,6 +500,12 @@ def composed(
         unconfirmed=found.unconfirmed,
         untested=found.untested,
     )
+
+
+@cache
+def version(package: str) -> str:
+    """Version of a package as installed; looked for once, which takes as long as a hundred cycles."""
+    return metadata.version(package)
 
 
 def _executed(scenario: Scenario, *, simulated: bool) -> str | None:

@@ -137,7 +137,9 @@ class _Twin:
         self._names = [package.name for package in self._true.packages]
         self._gyros = [package.name for package in params.gyros(record)]
         self._rates = [package.name for package in record.vehicle_data.gyros]
+        self._truth = cycle.truth(self._true)
         self._state = cycle.initial_state(self._true)
+        self._open = np.zeros(self._true.jets.forces.size)  # no manifold is closed
         self._source = source
         self._sample = 0
         self._follows = False  # whether it has begun with a rate of the record
@@ -155,22 +157,26 @@ class _Twin:
             InputError: when it flies where nothing could follow.
         """
         read = {name: np.full((time_s.size, 3), np.nan) for name in self._names}
+        coming = cycle.ahead(self._sample, time_s.size, self._true)
         for row, command in enumerate(commands):
             here = {name: values[row] for name, values in readings.items()}
             if not self._follows:
                 self._begin(here)
-            simulated, memories = cycle.sense(self._state, self._sample, self._true)
+            simulated, memories = cycle.sense(self._state, row, coming, self._truth)
             for name, values in zip(self._names, simulated, strict=True):
                 offset = self._offset(name, values, here[name])
                 read[name][row] = values + offset if self._follows else np.nan
             try:
-                stepped = cycle.step(self._state, np.nan_to_num(command), None, self._sample, self._true)
+                if coming.jumps[row]:
+                    self._state = cycle.jumped(self._state, self._sample, self._true)
+                told = (np.nan_to_num(command), self._open)
+                after, _ = cycle.step(self._state, told, self._sample, (coming, row), self._truth)
             except (OutOfMassError, SpunUpError) as error:
                 raise InputError(
                     f"{self._source}: its vehicle cannot fly the record's commands: at t = {time_s[row]:.6g} s it runs "
                     "out of mass or makes more than a turn in a sample; give a run of the vehicle of the record"
                 ) from error
-            self._state = stepped.state._replace(memories=memories)
+            self._state = after._replace(memories=memories)
             self._sample += 1
             self._follows = self._follows and not np.isnan(command).all()
         return read

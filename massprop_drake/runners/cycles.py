@@ -14,7 +14,7 @@ from massprop_drake.maths.estimation import cycle, whole
 from massprop_drake.maths.estimation.cycle import EstimationParams, EstimationState, EstimationStep, Sample
 from massprop_drake.maths.estimation.detector import Event
 from massprop_drake.maths.estimation.whole import Asked, Rows, Samples
-from massprop_drake.maths.kernels import chosen, held, released
+from massprop_drake.maths.kernels import chosen, held, released, shared
 from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
 from massprop_drake.runners.logs import EstimationLog, timed_cycle
 from massprop_drake.systems.layouts import DETECTOR_REPORT, MASS_REPORT, ROTATION_REPORT
@@ -30,14 +30,14 @@ class RecordRows(NamedTuple):
 
     Attributes:
         samples: see `whole.Samples`.
-        stamps_s: by the record's clock, s, shape (n,).
-        coming: fraction commanded from each row on, NaN where not known, shape (n, n_jets).
+        stamps_s: by the record's clock, s, shape (n,); None: as in `samples`.
+        coming: fraction commanded from each row on, NaN where not known, shape (n, n_jets); None: never known.
         tracked: readings in a fixed frame, see `filter.Told`, shape (n, columns); None: the vehicle has none.
     """
 
     samples: Samples
-    stamps_s: Array
-    coming: Array
+    stamps_s: Array | None = None
+    coming: Array | None = None
     tracked: Array | None = None
 
 
@@ -46,18 +46,20 @@ class Cycles(Protocol):
 
     Attributes:
         spent_s: time spent in "estimators" and "detector"; in the former alone where they are not apart.
+        asked: what the detector has others do after the last cycle, written in place.
     """
 
     spent_s: dict[str, float]
+    asked: Asked
 
     def state(self) -> EstimationState:
         """What the next cycle begins with."""
 
-    def one(self, sample: Sample, log: EstimationLog, index: int) -> Asked | None:
-        """A cycle, which fills in a row of the log; what the detector has others do, None without one."""
+    def begin(self, record: RecordRows, log: EstimationLog) -> None:
+        """Takes rows that cycles are to go through, and the log whose rows they fill in."""
 
-    def many(self, record: RecordRows, log: EstimationLog) -> None:
-        """A cycle for every row."""
+    def advance(self, until: int) -> None:
+        """Goes on to a row, which is not taken any more."""
 
     def reported(self) -> tuple[Array, Array]:
         """Estimate and 1-sigma of the ten parameters that the last cycle published, shape (10,) each."""
@@ -79,36 +81,38 @@ class Stepped:
 
     def __init__(self, made: EstimationParams, state: EstimationState):
         self.spent_s = {"estimators": 0.0, "detector": 0.0}
+        self.asked = whole.nothing_asked(state.level.size)
         self._params, self._state = made, state
         self._done: EstimationStep | None = None
+        self._next = 0
 
     def state(self) -> EstimationState:
         """What the next cycle begins with."""
         return self._state
 
-    def one(self, sample: Sample, log: EstimationLog, index: int) -> Asked | None:
-        """A cycle, which fills in a row of the log; what the detector has others do, None without one."""
+    def begin(self, record: RecordRows, log: EstimationLog) -> None:
+        """Takes rows that cycles are to go through, and the log whose rows they fill in."""
+        self._record, self._log, self._next = record, log, 0
+
+    def advance(self, until: int) -> None:
+        """Goes on to a row, which is not taken any more."""
+        for row in range(self._next, until):
+            self._one(_sample(self._record, row), row)
+        self._next = until
+
+    def _one(self, sample: Sample, row: int) -> None:
         before = self._state.detector
         try:
             done = timed_cycle(self._state, sample, self._params, self.spent_s)
         except NotPositiveDefiniteError as error:
             raise error.at(sample.time_s, _ESTIMATOR) from None
-        log.put(index, done, before)
+        self._log.put(row, done, before)
         self._state, self._done = done.state, done
-        if done.judgment is None:
-            return None
-        after = done.judgment.state
-        declared = done.judgment.status.detector_event == Event.DECLARED
-        return Asked(bool(declared), after.force, after.removed, after.closed)
-
-    def many(self, record: RecordRows, log: EstimationLog) -> None:
-        """A cycle for every row."""
-        samples = record.samples
-        for index, (coming, stamp_s) in enumerate(zip(record.coming, record.stamps_s.tolist(), strict=True)):
-            time_s, rates, velocities, command, outside = (part[index] for part in samples)
-            tracked = None if record.tracked is None else record.tracked[index]
-            read = Sample(float(time_s), rates, velocities, command, outside, stamp_s, coming, tracked)
-            self.one(read, log, index)
+        if done.judgment is not None:
+            after = done.judgment.state
+            declared = done.judgment.status.detector_event == Event.DECLARED
+            for place, value in zip(self.asked, (declared, after.force, after.removed, after.closed), strict=True):
+                place[:] = value
 
     def reported(self) -> tuple[Array, Array]:
         """Estimate and 1-sigma of the ten parameters that the last cycle published, shape (10,) each."""
@@ -127,6 +131,16 @@ class Stepped:
         return published or cycle.known(self._state, self._params)
 
 
+def _sample(record: RecordRows, row: int) -> Sample:
+    """A row of a record."""
+    time_s, rates, velocities, command, outside = (part[row] for part in record.samples)
+    stamp_s, coming, tracked = (
+        None if part is None else part[row] for part in (record.stamps_s, record.coming, record.tracked)
+    )
+    stamped = None if stamp_s is None else float(stamp_s)
+    return Sample(float(time_s), rates, velocities, command, outside, stamped, coming, tracked)
+
+
 class Whole:
     """Cycles by the kernel of `maths.estimation.whole`, where it covers them, see `Cycles`.
 
@@ -138,11 +152,11 @@ class Whole:
 
     def __init__(self, made: EstimationParams, state: EstimationState, *, compiled: bool):
         self.spent_s = {"estimators": 0.0}
-        self._params = made
+        self.asked = whole.nothing_asked(state.level.size)
+        self._params, self._compiled = made, compiled
         self._advance = chosen(whole.advance, compiled)
         self._holder, self._held = held(state, compiled), held(whole.params_of(made), compiled)
-        self._no_outside = np.zeros((1, 6))
-        self._reached = np.zeros(1, dtype=np.int64)
+        self._next = 0  # row
         self._has_detector = made.detector is not None
         self._rows: Rows | None = None
 
@@ -151,37 +165,34 @@ class Whole:
         state: EstimationState = released(self._holder)
         return state
 
-    def one(self, sample: Sample, log: EstimationLog, index: int) -> Asked | None:
-        """A cycle, which fills in a row of the log; what the detector has others do, None without one."""
-        outside = self._no_outside if sample.outside_wrench is None else sample.outside_wrench[None]
-        samples = Samples(
-            np.array([sample.time_s]), sample.rates[None], sample.velocities[None], sample.command[None], outside
-        )
-        asked = self._made(samples, log, index)
-        return asked if self._has_detector else None
-
-    def many(self, record: RecordRows, log: EstimationLog) -> None:
-        """A cycle for every row."""
-        self._made(Samples(*map(np.ascontiguousarray, record.samples)), log, 0)
-
-    def _made(self, samples: Samples, log: EstimationLog, first: int) -> Asked:
-        rows = log.rows
+    def begin(self, record: RecordRows, log: EstimationLog) -> None:
+        """Takes rows that cycles are to go through, and the log whose rows they fill in."""
+        samples, rows = Samples(*(np.require(part, requirements=["C", "W"]) for part in record.samples)), log.rows
         self._rows = Rows(
             rows["impulses"], rows["rotation_report"], rows["mass_report"], rows.get("detector_report", _NO_ROWS)
         )
-        self._reached[0] = first
+        self._block = shared(whole.Block(samples, self._rows, self.asked), self._compiled)
+        self._times_s, self._next = samples.time_s, 0
+
+    def advance(self, until: int) -> None:
+        """Goes on to a row, which is not taken any more."""
+        reached = np.array((self._next, until))
         began = time.perf_counter()
         try:
-            asked: Asked = self._advance(self._holder, samples, self._rows, self._reached, self._held)
+            self._advance(self._holder, self._block, reached, self._held)
         except NotPositiveDefiniteError as error:
-            raise error.at(float(samples.time_s[self._reached[0] - first]), _ESTIMATOR) from None
+            raise error.at(float(self._times_s[reached[0]]), _ESTIMATOR) from None
+        self._next = until
         self.spent_s["estimators"] += time.perf_counter() - began
-        return asked
+
+    def restart(self) -> None:
+        """Goes back to the first of the rows, whose samples may be others by now."""
+        self._next = 0
 
     def reports(self) -> tuple[Any, Any, Any]:
         """What both filters and the detector said in the last cycle, as logged; None without a detector."""
         assert self._rows is not None
-        rows, last = self._rows, int(self._reached[0]) - 1
+        rows, last = self._rows, self._next - 1
         status = None
         if self._has_detector:
             jets = self._params.impulse_per_level.shape[0]

@@ -25,7 +25,7 @@ from massprop_drake.maths.possible_inertia import nearest_possible
 from massprop_drake.maths.vehicle.sensing import unsaturated
 from massprop_drake.results.stored import FORMAT, EstimatorState, FilterState, made_with, require_made_with
 from massprop_drake.results.summary import null_for_nan
-from massprop_drake.runners.cycles import Whole
+from massprop_drake.runners.cycles import RecordRows, Whole
 from massprop_drake.runners.logs import EstimationLog, kept, restored
 from massprop_drake.signals import AXES
 from massprop_drake.telemetry.tables import LARGEST
@@ -170,8 +170,9 @@ class Estimator:
         """Goes on from a state; compiled, as one kernel a cycle where there is such a one."""
         self._kept, self._whole = state, None
         if self._scenario.execution.compiled and whole.covers(self._params):
-            self._log = EstimationLog(self._scenario, self._params, 1)
+            self._row = whole.one_sample(len(self._gyros), len(self._accelerometers), state.level.size)
             self._whole = Whole(self._params, state, compiled=True)
+            self._whole.begin(RecordRows(self._row), EstimationLog(self._scenario, self._params, 1))
 
     @property
     def _state(self) -> cycle.EstimationState:
@@ -282,9 +283,12 @@ class Estimator:
         """A cycle."""
         nothing = np.zeros(len(self._vehicle.jets))
         if self._whole is not None:
-            asked = self._whole.one(sample, self._log, 0)
-            jets = (nothing, nothing) if asked is None else (asked.force, asked.removed)
-            return _Cycle(self._whole.reported(), *self._whole.reports(), None, *jets)
+            for part, value in zip(self._row, sample[: len(self._row)], strict=True):
+                part[0] = value
+            self._whole.restart()
+            self._whole.advance(1)
+            _, force, removed, _ = self._whole.asked
+            return _Cycle(self._whole.reported(), *self._whole.reports(), None, force.copy(), removed.copy())
         try:
             done = cycle.step(self._kept, sample, self._params)
         except NotPositiveDefiniteError as error:

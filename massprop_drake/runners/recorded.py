@@ -180,7 +180,8 @@ class _Estimation:
         if self._at_any_time:
             time_s = rows.time_s
         samples = Samples(time_s, rates, velocities, coming[:-1], outside[:-1])
-        self._known.many(RecordRows(samples, rows.time_s, coming[1:], rows.tracked), log)
+        self._known.begin(RecordRows(samples, rows.time_s, coming[1:], rows.tracked), log)
+        self._known.advance(count)
         self._command, self._outside = coming[-1], outside[-1]
         self._next_row += count
         return log.rows

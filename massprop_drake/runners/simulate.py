@@ -6,6 +6,7 @@ import contextlib
 import math
 import time
 from collections.abc import Callable, Iterator, Sequence
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -221,17 +222,21 @@ def _authority(scenario: Scenario, signals: Spool) -> dict[str, Any] | None:
     if "out_of_use" not in signals:
         return None
     vehicle = scenario.vehicle_data
-    program = JetSelectionProgram(vehicle.mass_flows)
-    activity = activity_vectors(vehicle.wrenches, vehicle.nominal.vector())
-    left = params.selectable(scenario) & (signals.last("out_of_use") <= 0.0)
+    usable = params.selectable(scenario)
+    left = usable & (signals.last("out_of_use") <= 0.0)
+    told = tuple(array.tobytes() for array in (vehicle.wrenches, vehicle.nominal.vector(), vehicle.mass_flows))
+    before = dict(_reach(*told, usable.tobytes()))
+    return {"before": before, "after": before if left.sum() == usable.sum() else dict(_reach(*told, left.tobytes()))}
 
-    def reach(available: NDArray[np.bool_]) -> dict[str, float]:
-        limits = np.where(available, 1.0, 0.0)
-        return {
-            f"{quantity}_{sign}{axis}": program.reach(activity, row, 1.0 if sign == "+" else -1.0, limits)
-            for row, (quantity, axis) in enumerate((q, a) for q in ("rotation", "translation") for a in "xyz")
-            for sign in "+-"
-        }
 
-    before = reach(params.selectable(scenario))
-    return {"before": before, "after": before if left.sum() == params.selectable(scenario).sum() else reach(left)}
+@lru_cache(maxsize=64)
+def _reach(wrenches: bytes, properties: bytes, flows: bytes, available: bytes) -> dict[str, float]:
+    """Reach of the jets that are available, by axis and direction; the same again in each run of a campaign."""
+    program = JetSelectionProgram(np.frombuffer(flows))
+    activity = activity_vectors(np.frombuffer(wrenches).reshape(-1, 6), np.frombuffer(properties))
+    limits = np.where(np.frombuffer(available, dtype=np.bool_), 1.0, 0.0)
+    return {
+        f"{quantity}_{sign}{axis}": program.reach(activity, row, 1.0 if sign == "+" else -1.0, limits)
+        for row, (quantity, axis) in enumerate((q, a) for q in ("rotation", "translation") for a in "xyz")
+        for sign in "+-"
+    }

@@ -73,6 +73,8 @@ def require_close(compiled: Any, plain: Any) -> None:
     assert [entry["jets"] for entry in compiled.summary["detections"]] == [
         entry["jets"] for entry in plain.summary["detections"]
     ]
+    bounds, expected = ([entry["bound"] for entry in run.summary["identifiability"]] for run in (compiled, plain))
+    assert bounds == pytest.approx(expected, rel=1e-8)  # by regression upon all readings
 
 
 def test_a_bundle_is_a_reference_in_compiled_code_and_the_same_named_tuple_in_python() -> None:
@@ -118,6 +120,34 @@ FAILING = (  # so that a jet is suspected, declared and reckoned with
     "failures=[{kind: stuck_on, jet: R4R, start_s: 12}]",
 )
 CASES = (("sample_maneuver", "duration_s=50"), FAILING, ("orbiter_maneuver", "duration_s=6"))
+# one each of what the kernel from sample to sample does besides
+FLOWN = {
+    "sensors that are noisy, late and shaken, thrust that lags, a disturbance": (
+        "sample_maneuver",
+        "duration_s=8",
+        "plant.thrust_transient=vehicle",
+        "plant.disturbance={torque_std: [1, 1, 1], force: [1, 0, 0]}",
+        "sensors.errors=[{sensor: gyro, bias_random_walk: 1.0e-7, noise_std: 2.0e-6}, {sensor: acc1, bandwidth_hz: 5}, "
+        "{sensor: acc2, noise_std: 0.01, bias: [1.0e-3, 0, 0], delay_samples: 1, "
+        "vibration: [{frequency_hz: 9, amplitude: [1, 0, 0]}]}]",
+    ),
+    "a jump of mass properties": ("payload_release", "duration_s=6", "jumps[0].time_s=3"),
+    "a schedule of jets": ("jet_pulses", "duration_s=6"),
+    "jets that fail each in its way": (
+        "sample_maneuver",
+        "duration_s=8",
+        "failures=[{kind: leak, jet: R4R, start_s: 1, force: 20}, "
+        "{kind: intermittent, jet: L3L, start_s: 1, level: 0.5, probability: 0.3}, "
+        "{kind: drift, jet: F3F, start_s: 2, rate_per_s: -0.1}, {kind: degraded, jet: F1F, "
+        "start_s: 0.5, fraction: 0.4}, {kind: stuck_off, jet: F2F, start_s: 2, end_s: 5}]",
+    ),
+    "estimates that are acted upon, manifolds that are closed": (
+        *FAILING[:2],
+        *FAILING[2:],
+        "detector.close_manifold=true",
+        "autopilot.mass_properties=estimated",
+    ),
+}
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -139,6 +169,17 @@ def test_compiled_kernels_give_the_same_but_for_rounding(case: tuple[str, ...], 
     again = estimate(tmp_path / "run" / "telemetry.csv", load_scenario(tmp_path / "run"))
     np.testing.assert_array_equal(again["estimate"], compiled["estimate"])
     assert load_scenario(tmp_path / "run").execution.compiled
+
+
+@pytest.mark.parametrize("what", FLOWN)
+def test_all_that_a_vehicle_may_meet_is_compiled_alike(what: str) -> None:
+    pytest.importorskip("numba")
+    name, *overrides = FLOWN[what]
+    plain, compiled = (
+        simulate(load_scenario(name, [*overrides, f"execution={{engine: loop, compiled: {asked}}}"]))
+        for asked in ("false", "true")
+    )
+    require_close(compiled, plain)
 
 
 def test_the_estimator_compiles_its_cycle_too() -> None:

@@ -10,6 +10,7 @@ import pytest
 
 from massprop_drake import InputError, Run, load_scenario, simulate
 from massprop_drake.inputs.scenario import bundled_scenarios
+from massprop_drake.runners.loop import Loop
 
 NOT_COMPARED = {"timing", "provenance"}
 # what no bundled scenario turns on, and what happens later than their first seconds
@@ -73,6 +74,21 @@ def test_the_saved_state_is_the_same(tmp_path: Path) -> None:
         run.save(tmp_path / "run", pictures=False, report=False)
         saved.append(json.loads((tmp_path / "run" / "filter_state.json").read_text()))
     assert saved[0] == saved[1]
+
+
+def test_logs_may_be_emptied_at_any_row() -> None:
+    case = load_scenario(*VARIANTS["noisy"][:1], [*VARIANTS["noisy"][1:], "duration_s=30", "execution.engine=loop"])
+    whole, parts = Loop(case), Loop(case)
+    whole.advance(30.0)
+    pieces = []
+    for reached_s in (0.0, 10.0, 20.41, 20.49, 30.0):  # row 255 is the last of a block, 256 the next one's first
+        parts.advance(reached_s)
+        assert 0.0 <= reached_s - parts.moment().time_s < 0.08
+        pieces.append(parts.emptied())
+        assert parts.logged == 0
+    assert whole.logged == 376
+    for name, values in whole.emptied().items():
+        np.testing.assert_array_equal(np.concatenate([piece[name] for piece in pieces]), values, err_msg=name)
 
 
 def test_a_watcher_sees_the_same() -> None:

@@ -12,7 +12,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from massprop_drake.maths.linear_algebra import Array, skew
+from massprop_drake.maths.autopilot.phase_space import Request, Urgency
+from massprop_drake.maths.kernels import kernel, numbers
+from massprop_drake.maths.linear_algebra import Array, nonzero, skew
 from massprop_drake.maths.mass_properties import symmetric
 
 
@@ -26,6 +28,11 @@ def activity_vectors(wrenches: Array, mass_properties: Array) -> Array:
     inverse_inertia = symmetric(mass_properties[:6])
     torque = wrenches[:, :3] - wrenches[:, 3:] @ skew(mass_properties[6:9]).T
     return np.vstack([inverse_inertia @ torque.T, wrenches[:, 3:].T * mass_properties[9]])
+
+
+def forces_of(wrenches: Array) -> Array:
+    """Forces of all jets as columns, shape (3, n_jets); argument as in `activity_vectors`."""
+    return np.ascontiguousarray(wrenches[:, 3:].T)
 
 
 def burst_cycles(on_times_s: Array, period_s: float, minimum_s: Array) -> Array:
@@ -62,3 +69,48 @@ def least_change(request: Array, on_times_s: Array, period_s: float) -> float:
     if longest == 0.0:
         return 0.0
     return float(np.abs(request[:3]).max()) * (0.5 * period_s / longest - 1.0)
+
+
+@kernel
+def must_select(remaining: Array, request: Request, refused: Array, acts: bool, declared: bool) -> bool:
+    """Whether there is anything to solve at a sample.
+
+    Args:
+        remaining: cycles that each jet has still to fire, shape (n_jets,).
+        request: of the controller.
+        refused: rate change of the last request if it rounded to no firing at all, and by how much it must change to
+            be asked again, rad/s, shape (4,).
+        acts: whether a known force acts, which is to be undone.
+        declared: whether a failure was declared in this cycle.
+    """
+    if declared or request.urgency == Urgency.AT_ONCE:
+        return True
+    if nonzero(remaining):
+        return False
+    if acts:
+        return True
+    if request.urgency != Urgency.WHEN_IDLE:
+        return False
+    x, y, z = numbers(np.abs(request.rate_change - refused[:3]), 3)
+    return max(x, y, z) >= refused[3]
+
+
+@kernel
+def firing(remaining: Array) -> Array:
+    """1 for each jet that has cycles left to fire, shape (n_jets,)."""
+    return np.where(remaining > 0.0, 1.0, 0.0)
+
+
+@kernel
+def delivered_velocity(command: Array, forces: Array, mass_reciprocal: float, period_s: float) -> Array:
+    """The change of velocity that a command gives in a sample, ft/s or m/s, shape (3,).
+
+    Args:
+        command: 1 for each jet that fires, shape (n_jets,).
+        forces: of the jets, shape (3, n_jets).
+        mass_reciprocal: 1/slug or 1/kg.
+        period_s: sample period, s.
+    """
+    if not command.any():
+        return np.zeros(3)
+    return (forces * mass_reciprocal) @ command * period_s

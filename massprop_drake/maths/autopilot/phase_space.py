@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from enum import IntEnum
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -258,27 +258,27 @@ class PilotMemory(NamedTuple):
 
 
 @kernel
-def piloted(holder: Any, rate: Array, controllers: Array, delivered: Array, settings: Any) -> tuple[Request, Array]:
+def piloted(
+    memory: PilotMemory, rate: Array, controllers: Array, delivered: Array, params: PhaseSpaceParams
+) -> tuple[Request, Array, PilotMemory]:
     """The attitude by the gyro, then the request.
 
     Args:
-        holder: of `PilotMemory`, which is changed.
+        memory: of the sample before.
         rate: reading of the gyro, rad/s, shape (3,).
         controllers: see `hand_controllers`, shape (6,).
         delivered: see `Sensed`, shape (3,).
-        settings: holder of `PhaseSpaceParams`.
+        params: see `PhaseSpaceParams`.
 
     Returns:
-        The request, and the rotation vector from the held attitude, rad, shape (3,).
+        The request, the rotation vector from the held attitude, rad, shape (3,), and what to remember.
     """
-    memory, params = holder.value, settings.value
     rotation, translation = controllers[:3], controllers[3:]
     turned = attitude_step(memory.attitude, rate, rotation, params.period_s, params.capture_rate)
     sensed = Sensed(rotation, translation, turned.error, rate, delivered)
     request, moving = phase_space_request(sensed, memory.translation, params)
     attitude = AttitudeMemory(turned.attitude, turned.reference, turned.holding, rate)
-    holder.value = PilotMemory(attitude, moving)
-    return request, turned.error
+    return request, turned.error, PilotMemory(attitude, moving)
 
 
 def initial_memory() -> PilotMemory:

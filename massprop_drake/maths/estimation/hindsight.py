@@ -20,13 +20,14 @@ nothing new and is left out, as in the joint estimator. Coupling is taken with t
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from massprop_drake.maths.estimation.joint.impulses import fire
+from massprop_drake.maths.kernels import chosen, kernel, listed
 from massprop_drake.maths.linear_algebra import Array, is_positive_definite
 from massprop_drake.maths.mass_properties import ELEMENT
 
@@ -42,6 +43,57 @@ _MOVED = 2.0  # quanta that a reading moves before it counts although none was e
 _EXACT = 1e-6  # of the period: less is rounding of a stamp
 _PASSES = 8
 _SETTLED = 1e-2  # squared sigmas that a pass would still gain
+
+
+@kernel
+def used(expected: Array, read: Array, quantum: float) -> NDArray[np.int_]:
+    """Which readings of a component say something new: that are to have moved by a quantum, or have by more.
+
+    Args:
+        expected: outputs, shape (m,).
+        read: readings, NaN where missing, shape (m,).
+        quantum: zero: all that are not missing.
+    """
+    there = np.flatnonzero(~np.isnan(read))
+    if quantum == 0.0 or there.size == 0:
+        return there
+    found, least = [there[0]], _MOVED * quantum
+    forward, back = expected[there[0]], read[there[0]]
+    for row, one, other in zip(listed(there), listed(expected[there]), listed(read[there])):  # noqa: B905 (for numba)
+        ahead, off = one - forward, other - back
+        if ahead >= quantum or ahead <= -quantum or off >= least or off <= -least:
+            found.append(row)
+            forward, back = one, other
+    return np.array(found)
+
+
+@kernel
+def lagging(level: Array, slope: Array, remaining: Array, by_logarithm: Array) -> None:
+    """Lets levels lag behind what they tend to.
+
+    Args:
+        level: at the beginning, then what each tends to over each interval, which the levels at its end replace, shape
+            (m, n_jets).
+        slope: their derivatives by the logarithm of the time constant, zero at the beginning, likewise filled in.
+        remaining: share of an initial difference that is left at the end, shape (n_jets,).
+        by_logarithm: its derivative, shape (n_jets,).
+    """
+    for k in range(level.shape[0] - 1):
+        off = level[k] - level[k + 1]
+        level[k + 1] = level[k + 1] + off * remaining
+        slope[k + 1] = slope[k] * remaining + off * by_logarithm
+
+
+class Compute(NamedTuple):
+    """The functions that go through a record row by row, or their compiled forms."""
+
+    used: Callable[[Array, Array, float], NDArray[np.int_]] = used
+    lagging: Callable[[Array, Array, Array, Array], None] = lagging
+
+
+def compute(*, compiled: bool) -> Compute:
+    """These functions."""
+    return Compute(chosen(used, compiled), chosen(lagging, compiled))
 
 
 class Columns(NamedTuple):
@@ -73,6 +125,7 @@ class Model(NamedTuple):
         gyros: how many of the packages are gyros.
         prior: mean of all unknowns, shape (n,).
         sigma: their 1-sigma; zero: not reckoned with, shape (n,).
+        compute: see `Compute`.
     """
 
     period_s: float
@@ -86,6 +139,7 @@ class Model(NamedTuple):
     gyros: int
     prior: Array
     sigma: Array
+    compute: Compute = Compute()
 
 
 class Stretch(NamedTuple):
@@ -210,18 +264,18 @@ class _Course(NamedTuple):
 def _course(stretch: Stretch, lag_error: Array, model: Model) -> _Course:
     m, n_jets = stretch.commands.shape
     intervals = m - 1
-    commands = stretch.commands[:intervals]
+    told = (stretch.commands[:intervals] != 0.0).any(axis=0)
+    on = np.flatnonzero(told | (stretch.before != 0.0))  # any other jet gives nothing at all
+    commands = np.ascontiguousarray(stretch.commands[:intervals, on])
     period, late = _ticks(stretch.time_s, model.period_s)
-    given = model.time_constants_s
+    given, lag_error = model.time_constants_s[on], lag_error[on]
     constants = np.where(given > 0.0, np.maximum(given + lag_error, 0.05 * given), 0.0)
     remaining = np.exp(-period / np.where(constants > 0.0, constants, np.inf)) * (constants > 0.0)
     by_logarithm = remaining * period / np.where(constants > 0.0, constants, 1.0)
-    level, slope = np.empty((m, n_jets)), np.zeros((m, n_jets))
-    level[0] = stretch.before
-    for k in range(intervals):
-        off = level[k] - commands[k]
-        level[k + 1] = commands[k] + off * remaining
-        slope[k + 1] = slope[k] * remaining + off * by_logarithm
+    level, slope = np.zeros((2, m, on.size))
+    level[0], level[1:] = stretch.before[on], commands
+    if remaining.any():
+        model.compute.lagging(level, slope, remaining, by_logarithm)
     firing = fire(
         level[:-1].ravel(),
         slope[:-1].ravel(),
@@ -229,14 +283,22 @@ def _course(stretch: Stretch, lag_error: Array, model: Model) -> _Course:
         np.array([period]),
         commands.reshape(1, -1),
     )
-    amount, by_log, bow = (part.reshape(intervals, n_jets) for part in (firing.amount, firing.amount_slope, firing.bow))
+    amount, by_log, bow = (
+        part.reshape(intervals, on.size) for part in (firing.amount, firing.amount_slope, firing.bow)
+    )
     off = level[:-1] - commands
     lagged = constants > 0.0
     by_lag = np.where(lagged, by_log / np.where(lagged, constants, 1.0), off)
     amount = amount + np.where(lagged, 0.0, off * lag_error)
-    sided = np.where((late > 0.0)[:, None] & (np.arange(m) < intervals)[:, None], stretch.commands, level)
+    sided = np.where((late > 0.0)[:, None] & (np.arange(m) < intervals)[:, None], stretch.commands[:, on], level)
     at_stamp = np.where(lagged, level, np.nan_to_num(sided))
-    return _Course(np.full(intervals, period), amount, by_lag, bow, late, at_stamp)
+
+    def of_all(part: Array) -> Array:
+        whole = np.zeros((part.shape[0], n_jets))
+        whole[:, on] = part
+        return whole
+
+    return _Course(np.full(intervals, period), of_all(amount), of_all(by_lag), of_all(bow), late, of_all(at_stamp))
 
 
 def _ticks(time_s: Array, period_s: float) -> tuple[float, Array]:
@@ -285,7 +347,9 @@ def _cross(left: Array, right: Array) -> Array:
     """Cross products along the last axis, which numpy's own does slowly."""
     x, y, z = left[..., 0], left[..., 1], left[..., 2]
     u, v, w = right[..., 0], right[..., 1], right[..., 2]
-    return np.stack((y * w - z * v, z * u - x * w, x * v - y * u), axis=-1)
+    result = np.empty(np.broadcast_shapes(left.shape, right.shape))
+    result[..., 0], result[..., 1], result[..., 2] = y * w - z * v, z * u - x * w, x * v - y * u
+    return result
 
 
 def _gathered(properties: Array, bias: Array, sums: _Sums) -> Array:
@@ -314,26 +378,6 @@ def _turning(whole: Array, durations_s: Array) -> Array:
     return np.array(rows).transpose(2, 0, 1)
 
 
-def used(expected: Array, read: Array, quantum: float) -> NDArray[np.int_]:
-    """Which readings of a component say something new: that are to have moved by a quantum, or have by more.
-
-    Args:
-        expected: outputs, shape (m,).
-        read: readings, NaN where missing, shape (m,).
-        quantum: zero: all that are not missing.
-    """
-    there = np.flatnonzero(~np.isnan(read))
-    if quantum == 0.0 or there.size == 0:
-        return there
-    found = [int(there[0])]
-    forward, back = expected[there[0]], read[there[0]]
-    for row, one, other in zip(there.tolist(), expected[there].tolist(), read[there].tolist(), strict=True):
-        if abs(one - forward) >= quantum or abs(other - back) >= _MOVED * quantum:
-            found.append(row)
-            forward, back = one, other
-    return np.array(found)
-
-
 class _Expected(NamedTuple):
     """What is expected of a stretch at a point."""
 
@@ -344,9 +388,8 @@ class _Expected(NamedTuple):
     velocity: Array
 
 
-def _expected(stretch: Stretch, at: Array, model: Model) -> _Expected:
+def _expected(stretch: Stretch, at: Array, course: _Course, model: Model) -> _Expected:
     places = columns(model)
-    course = _course(stretch, at[places.lag][model.kinds], model)
     factor = 1.0 + at[places.thrust]
     rate = _interpolated(stretch.readings[:, : model.gyros])
     impulse = (course.amount * factor) @ model.wrenches + stretch.outside[:-1] * model.period_s
@@ -405,18 +448,18 @@ def _design(expected: _Expected, at: Array, model: Model) -> _Design:
 
 
 class _Component(NamedTuple):
-    """A component of a sensor."""
+    """A component of a sensor where it says something new, in r rows."""
 
     package: int
-    read: Array  # (m,)
-    expected: Array
-    design: Array  # (k, m)
+    rows: NDArray[np.int_]  # (r,)
+    left: Array  # what is read less what is expected, (r,)
+    design: Array  # (k, r)
 
 
 def _components(
     stretch: Stretch, expected: _Expected, design: _Design, at: Array, model: Model
 ) -> Iterator[_Component]:
-    """Yields every component, gyros first."""
+    """Yields every component of which there are two rows, gyros first."""
     places, sums = columns(model), expected.sums
     turn = _turning(expected.rate + np.mean(sums.rate - expected.rate, axis=0), sums.durations_s)
     ramp = stretch.time_s - stretch.time_s[0]
@@ -425,22 +468,27 @@ def _components(
         arm = model.positions[number] - at[_CENTER] if number >= 0 else np.zeros(3)
         shown = expected.rate if number < 0 else expected.velocity + turn @ arm
         for axis in range(3):
-            if number < 0:
-                gain, x = places.gyro_gain.start + 3 * package + axis, design.rate[:, :, axis].copy()
-            else:
-                gain = places.accelerometer_gain.start + 3 * number + axis
-                first, second = (axis + 1) % 3, (axis + 2) % 3
-                x = design.velocity[:, :, axis] + design.rate[:, :, first] * arm[second]
-                x -= design.rate[:, :, second] * arm[first]
-                x[_CENTER] -= turn[:, axis].T
-            x *= 1.0 + at[gain]
-            x[design.place[gain]] = shown[:, axis]
+            gains = places.gyro_gain.start + 3 * package if number < 0 else places.accelerometer_gain.start + 3 * number
+            gain, own = gains + axis, places.acceleration_bias.start + 3 * number + axis
             wanted = shown[:, axis] * (1.0 + at[gain])
             if number >= 0:
-                own = places.acceleration_bias.start + 3 * number + axis
-                x[design.place[own]] = ramp
                 wanted = wanted + at[own] * ramp
-            yield _Component(package, stretch.readings[:, package, axis], wanted, x)
+            read = stretch.readings[:, package, axis]
+            rows = model.compute.used(wanted, np.ascontiguousarray(read), float(model.quanta[package]))
+            if rows.shape[0] < 2:
+                continue
+            if number < 0:
+                x = design.rate[:, :, axis][:, rows]
+            else:
+                first, second = (axis + 1) % 3, (axis + 2) % 3
+                x = design.velocity[:, :, axis][:, rows] + design.rate[:, :, first][:, rows] * arm[second]
+                x -= design.rate[:, :, second][:, rows] * arm[first]
+                x[_CENTER] -= turn[rows, axis].T
+            x *= 1.0 + at[gain]
+            x[design.place[gain]] = shown[rows, axis]
+            if number >= 0:
+                x[design.place[own]] = ramp[rows]
+            yield _Component(package, rows, read[rows] - wanted[rows], x)
 
 
 def normal(stretch: Stretch, at: Array, model: Model) -> Normal:
@@ -451,7 +499,16 @@ def normal(stretch: Stretch, at: Array, model: Model) -> Normal:
         at: all unknowns, shape (n,); the inverse inertia positive definite.
         model: see `Model`.
     """
-    expected = _expected(stretch, at, model)
+    return _normal(stretch, at, course_of(stretch, at, model), model)
+
+
+def course_of(stretch: Stretch, at: Array, model: Model) -> _Course:
+    """What acted over the intervals of a stretch, which depends on the lag alone; arguments as `normal`."""
+    return _course(stretch, at[columns(model).lag][model.kinds], model)
+
+
+def _normal(stretch: Stretch, at: Array, course: _Course, model: Model) -> Normal:
+    expected = _expected(stretch, at, course, model)
     changes = np.zeros((expected.rate.shape[0] + 1, 3))
     changes[1:-1] = np.diff(expected.rate, axis=0) / model.period_s
     squares = np.sum(changes**2, axis=1)
@@ -460,14 +517,10 @@ def normal(stretch: Stretch, at: Array, model: Model) -> Normal:
     kept = design.kept
     information, vector = np.zeros((kept.shape[0], kept.shape[0])), np.zeros(kept.shape[0])
     total = empty(model)
-    for package, read, output, derivatives in _components(stretch, expected, design, at, model):
-        rows = used(output, read, float(model.quanta[package]))
-        if rows.shape[0] < 2:
-            continue
+    for package, rows, difference, derivatives in _components(stretch, expected, design, at, model):
         scale = 1.0 / np.sqrt(model.variances[package])
-        x, left = derivatives[:, rows], read[rows] - output[rows]
-        x = (x - x.mean(axis=1, keepdims=True)) * scale
-        left = (left - left.mean()) * scale
+        x = (derivatives - derivatives.mean(axis=1, keepdims=True)) * scale
+        left = (difference - difference.mean()) * scale
         information += x @ x.T
         vector += x @ left
         total.by_package[package] += left @ left, rows.shape[0] - 1.0, left[1:] @ left[:-1]
@@ -501,9 +554,13 @@ def fitted(stretches: Sequence[Stretch], start: Array, model: Model) -> Fit:
     """
     at = start.copy()
     free = np.flatnonzero(model.sigma > 0.0)
-    sigma = model.sigma[free]
+    sigma, lag = model.sigma[free], columns(model).lag
+    told: list[_Course] = []
+    told_for = at
     for _ in range(_PASSES):
-        parts = [normal(stretch, at, model) for stretch in stretches]
+        if not told or (at[lag] != told_for[lag]).any():
+            told, told_for = [course_of(stretch, at, model) for stretch in stretches], at
+        parts = [_normal(stretch, at, course, model) for stretch, course in zip(stretches, told, strict=True)]
         total = empty(model)
         for part in parts:
             total = total.plus(part)

@@ -74,18 +74,43 @@ class Samples(NamedTuple):
     outside: Array
 
 
+def one_sample(gyros: int, accelerometers: int, n_jets: int) -> Samples:
+    """Room for a sample; arguments are numbers of each."""
+    velocities = np.zeros((1, accelerometers, 3))
+    return Samples(np.zeros(1), np.zeros((1, gyros, 3)), velocities, np.zeros((1, n_jets)), np.zeros((1, 6)))
+
+
 class Asked(NamedTuple):
-    """What the detector has the autopilot and the jets do; empty arrays without one.
+    """What the detector has the autopilot and the jets do, written in place; zeros without one.
 
     Attributes:
-        declared: whether a failure was declared in the last cycle.
+        declared: 1 when a failure was declared in the last cycle, shape (1,).
         force, removed, closed: see `detector.Detector`, shape (n_jets,) each.
     """
 
-    declared: bool
+    declared: Array
     force: Array
     removed: Array
     closed: Array
+
+
+def nothing_asked(n_jets: int) -> Asked:
+    """Nothing, and where it will be written."""
+    return Asked(np.zeros(1), np.zeros(n_jets), np.zeros(n_jets), np.zeros(n_jets))
+
+
+class Block(NamedTuple):
+    """Rows that cycles go through one after the other.
+
+    Attributes:
+        samples: one a row.
+        rows: to be filled in.
+        asked: after the last cycle.
+    """
+
+    samples: Samples
+    rows: Rows
+    asked: Asked
 
 
 def covers(params: EstimationParams) -> bool:
@@ -108,25 +133,24 @@ def params_of(params: EstimationParams) -> WholeParams:
 
 
 @kernel
-def advance(holder: Any, samples: Samples, rows: Rows, reached: NDArray[np.int_], params: Any) -> Asked:
+def advance(holder: Any, rows: Any, reached: NDArray[np.int_], params: Any) -> None:
     """Some cycles.
 
     Args:
         holder: of the state, see `cycle.EstimationState`.
-        samples: of the cycles.
-        rows: to be filled in from `reached[0]` on.
-        reached: the row that is being made, shape (1,).
+        rows: holder of a `Block`.
+        reached: the row that is being made, and that before which to stop, shape (2,).
         params: holder of `WholeParams`.
 
     Raises:
         NotPositiveDefiniteError: when a covariance loses definiteness.
     """
-    state, given = holder.value, params.value
-    for index in range(samples.time_s.size):
-        state = one(state, samples, index, (rows, reached[0]), given)
+    state, block, given = holder.value, rows.value, params.value
+    while reached[0] < reached[1]:
+        state = one(state, block.samples, reached[0], (block.rows, reached[0]), given)
         holder.value = state
         reached[0] += 1
-    return _asked(state.detector, rows.detector_report, reached[0] - 1)
+    _ask(block.asked, state.detector, block.rows.detector_report, reached[0] - 1)
 
 
 @kernel
@@ -141,8 +165,8 @@ def one(
         logged: rows, and which of them is filled in.
         params: see `WholeParams`.
     """
-    filters, command = state.filter, samples.commands[index]
-    rates, velocities = samples.rates[index], samples.velocities[index]
+    filters, command = state.filter, samples.commands[index].copy()  # rows may be written to again
+    rates, velocities = samples.rates[index].copy(), samples.velocities[index].copy()
     # measure
     outside = samples.outside[index] * params.period_s
     impulses = interval_impulses(command, state.command, state.level, params.impulse_per_level, params.lag, outside)
@@ -228,7 +252,10 @@ def _judged(state: Any, seen: Evidence, rows: Array, row: int, params: CglrParam
 
 
 @kernel
-def _asked(state: DetectorState | None, rows: Array, last: int) -> Asked:
+def _ask(asked: Asked, state: DetectorState | None, rows: Array, last: int) -> None:
     if state is None:
-        return Asked(False, np.empty(0), np.empty(0), np.empty(0))
-    return Asked(rows[last, _EVENT] == _DECLARED, state.force, state.removed, state.closed)
+        return
+    asked.declared[0] = rows[last, _EVENT] == _DECLARED
+    asked.force[:] = state.force
+    asked.removed[:] = state.removed
+    asked.closed[:] = state.closed

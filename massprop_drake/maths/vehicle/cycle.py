@@ -1,133 +1,108 @@
 """One sample of the true vehicle: what its sensors read, then what its jets make of it.
 
 The parts are those that the systems of the `vehicle` diagram call one by one; a plain loop calls `sense` and `step`.
+What is drawn by chance, and what is a function of time alone, is made for many samples ahead, see `Ahead`.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple
+from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_drake.maths.kernels import chosen, kernel
+from massprop_drake.maths.kernels import kernel
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.noise import normal_sample
-from massprop_drake.maths.vehicle import reaction_jets, rigid_body
+from massprop_drake.maths.vehicle import reaction_jets, rigid_body, true_failures
 from massprop_drake.maths.vehicle.disturbance import DisturbanceModel, about_origin, next_deviation
 from massprop_drake.maths.vehicle.reaction_jets import JetsParams, Thrusters
 from massprop_drake.maths.vehicle.rigid_body import ORIGIN_VELOCITY, RATE, SPIN_INTEGRAL, STRUCTURE, Body, Jump
-from massprop_drake.maths.vehicle.sensing import Package, point_velocity, quantized, sense_now
-from massprop_drake.maths.vehicle.sensing import sense as sense_and_remember
+from massprop_drake.maths.vehicle.sensing import (
+    Package,
+    SensorErrors,
+    at_once,
+    held_within,
+    point_velocity,
+    quantized,
+    remembering,
+    vibrating,
+)
+from massprop_drake.maths.vehicle.true_failures import FailureTable
 
 _QUIET = np.zeros(6)
-_NO_PUSH = np.empty(0)
 _DISTURBANCE = "disturbance"  # stream of its noise
 _CENTER = STRUCTURE.slice("center_of_mass")
+_MEMORY = 10  # numbers that a package remembers besides late readings
 
 
-class ExactPackages(NamedTuple):
-    """The packages of sensors whose readings are the truth but for quantum and range.
+class Packages(NamedTuple):
+    """All packages of sensors as arrays, see `sensing.Package` and `sensing.SensorModel`, shape (n, ...)."""
 
-    Attributes:
-        integrates: whether each is an accelerometer, shape (n,).
-        positions: of those, vehicle frame, ft or m, shape (n, 3).
-        quanta: steps of their readings, shape (n,).
-        phases: where the marks lie, in quanta, shape (n, 3).
-        limits: largest reading either way, shape (n,).
-    """
-
+    exact: NDArray[np.bool_]
+    remembers: NDArray[np.bool_]
+    shakes: NDArray[np.bool_]
     integrates: NDArray[np.bool_]
     positions: Array
+    scale_factors: Array
+    smoothings: Array
+    biases: Array
+    walk_stds: Array
+    noise_stds: Array
     quanta: Array
     phases: Array
+    delays: NDArray[np.int_]
     limits: Array
 
 
-@kernel
-def exact_readings(body: Array, holder: Any) -> Array:
-    """Readings of the exact packages, shape (n, 3).
+def packed_packages(packages: tuple[Package, ...]) -> Packages:
+    """The arrays of some packages."""
+    models = [package.model for package in packages]
+    nowhere = np.zeros(3)
 
-    Args:
-        body: state of the body, see `rigid_body`, shape (23,).
-        holder: of `ExactPackages`.
-    """
-    packages = holder.value
-    readings = np.empty(packages.positions.shape)
-    rate, origin, spin = body[RATE], body[ORIGIN_VELOCITY], body[SPIN_INTEGRAL]
-    for index in range(packages.quanta.size):
-        signal, limit = rate, packages.limits[index]
-        if packages.integrates[index]:
-            signal = point_velocity(origin, rate, spin, packages.positions[index])
-        reading = quantized(signal, packages.quanta[index], packages.phases[index])
-        readings[index] = reading if limit == math.inf else np.minimum(np.maximum(reading, -limit), limit)
-    return readings
+    def vectors(name: str) -> Array:
+        return np.array([getattr(model, name) for model in models], dtype=float).reshape(-1, 3)
+
+    def numbers(name: str) -> Array:
+        return np.array([getattr(model, name) for model in models], dtype=float)
+
+    return Packages(
+        np.array([package.exact and not package.remembers for package in packages], dtype=np.bool_),
+        np.array([package.remembers for package in packages], dtype=np.bool_),
+        np.array([model.vibration is not None for model in models], dtype=np.bool_),
+        np.array([package.position is not None for package in packages], dtype=np.bool_),
+        np.array([nowhere if one.position is None else one.position for one in packages]).reshape(-1, 3),
+        vectors("scale_factor"),
+        numbers("smoothing"),
+        vectors("bias"),
+        numbers("walk_std"),
+        numbers("noise_std"),
+        numbers("quantum"),
+        vectors("phase"),
+        np.array([model.delay for model in models], dtype=np.int_),
+        numbers("limit"),
+    )
 
 
-class Motion(NamedTuple):
-    """What the arithmetic of a sample takes that does not change from one to the next.
+class Truth(NamedTuple):
+    """The true vehicle, as the arithmetic of a sample takes it.
 
     Attributes:
+        period_s: sample period, s, and step of the body.
         jets: see `Thrusters`.
-        period_s: length of a sample, s.
+        failures: what jets deliver in place of what they are told.
+        packages: see `Packages`.
+        pushed: whether something pushes besides the jets.
+        push: what does; its numbers are of no meaning where nothing does.
     """
 
-    jets: Thrusters
     period_s: float
-
-
-class Moved(NamedTuple):
-    """Body and jets a sample later.
-
-    Attributes:
-        body: see `rigid_body`, shape (23,).
-        level: thrust levels at the beginning of the sample, shape (n_jets,).
-        thrust: mean forces over it, lbf or N, shape (n_jets,).
-    """
-
-    body: Array
-    level: Array
-    thrust: Array
-
-
-@kernel
-def moved(body: Array, level: Array, targets: Array, push: Array, constants: Body, holder: Any) -> Moved:
-    """One sample of jets and body.
-
-    Args:
-        body: state at its beginning, shape (23,).
-        level: thrust levels a sample before, shape (n_jets,).
-        targets: of the levels over the sample before and this one, shape (2, n_jets).
-        push: torque about the vehicle origin and force besides the jets', shape (6,); empty: none.
-        constants: of the body's motion.
-        holder: of `Motion`.
-
-    Raises:
-        OutOfMassError: when the jets use up the vehicle's mass.
-        SpunUpError: when the vehicle makes more than a turn in it.
-    """
-    motion = holder.value
-    jets, coming = motion.jets, targets[1]
-    now = level if jets.lag.instantaneous else reaction_jets.level_now(level, targets[0], jets)
-    profile = reaction_jets.wrench_profile(now, coming, jets)
-    if push.size:
-        profile[0, :6] += push
-    after = rigid_body.step(body, profile[0], profile[1:], jets.class_constants_s, motion.period_s, constants)
-    return Moved(after, now, reaction_jets.mean_force(now, coming, jets))
-
-
-class Kernels(NamedTuple):
-    """The functions that do the arithmetic: those above, or their compiled forms."""
-
-    exact_readings: Callable[[Array, Any], Array]
-    moved: Callable[[Array, Array, Array, Array, Body, Any], Moved]
-
-
-def kernels(*, compiled: bool = False) -> Kernels:
-    """The kernels of a vehicle's sample."""
-    return Kernels(chosen(exact_readings, compiled), chosen(moved, compiled))
+    jets: Thrusters
+    failures: FailureTable
+    packages: Packages
+    pushed: bool
+    push: DisturbanceModel
 
 
 class VehicleParams(NamedTuple):
@@ -141,9 +116,6 @@ class VehicleParams(NamedTuple):
         disturbance: what pushes besides the jets; None: nothing.
         jumps: of the mass properties, by sample.
         body, structure: at the start, see `VehicleState`.
-        exact, places: holder of the exact packages, and their places among all.
-        motion: holder of `Motion`.
-        kernels: see `Kernels`.
     """
 
     period_s: float
@@ -154,27 +126,65 @@ class VehicleParams(NamedTuple):
     jumps: Mapping[int, tuple[Jump, ...]]
     body: Array
     structure: Array
-    exact: Any
-    places: tuple[int, ...]
-    motion: Any
-    kernels: Kernels
 
 
-def exact_packages(packages: tuple[Package, ...]) -> tuple[ExactPackages, tuple[int, ...]]:
-    """The exact ones among some packages, and their places."""
-    places = tuple(index for index, package in enumerate(packages) if package.exact and not package.remembers)
-    found = [packages[place] for place in places]
-    nowhere = np.zeros(3)
-    return (
-        ExactPackages(
-            np.array([one.position is not None for one in found], dtype=bool),
-            np.array([nowhere if one.position is None else one.position for one in found]).reshape(-1, 3),
-            np.array([one.model.quantum for one in found]),
-            np.array([one.model.phase for one in found]).reshape(-1, 3),
-            np.array([one.model.limit for one in found]),
-        ),
-        places,
+def truth(params: VehicleParams) -> Truth:
+    """The arrays of a vehicle."""
+    push = DisturbanceModel(_QUIET, _QUIET, 0.0, _QUIET) if params.disturbance is None else params.disturbance
+    return Truth(
+        params.period_s,
+        reaction_jets.thrusters(params.jets),
+        true_failures.failure_table(params.jets.failures),
+        packed_packages(params.packages),
+        params.disturbance is not None,
+        push,
     )
+
+
+class Ahead(NamedTuple):
+    """What chance and time bring to some samples, a row each.
+
+    Attributes:
+        noise: of the packages, standard normal, shape (n, n_packages, 6).
+        shaking: vibration in their readings, shape (n, n_packages, 3).
+        push: standard normal, shape (n, 6).
+        strikes: see `true_failures.struck`, shape (n, n_failures).
+        jumps: whether mass properties jump, shape (n,).
+    """
+
+    noise: Array
+    shaking: Array
+    push: Array
+    strikes: NDArray[np.bool_]
+    jumps: NDArray[np.bool_]
+
+
+def ahead(first: int, count: int, params: VehicleParams) -> Ahead:
+    """What is to come.
+
+    Args:
+        first: sample.
+        count: of samples.
+        params: see `VehicleParams`.
+    """
+    packages, failures = params.packages, params.jets.failures
+    made = Ahead(
+        np.zeros((count, len(packages), 6)),
+        np.zeros((count, len(packages), 3)),
+        np.zeros((count, 6)),
+        np.zeros((count, len(failures)), dtype=np.bool_),
+        np.array([first + row in params.jumps for row in range(count)], dtype=np.bool_),
+    )
+    for index, package in enumerate(packages):
+        for row in range(count if package.model.noisy else 0):
+            made.noise[row, index] = normal_sample(params.seed, package.name, first + row, 6)
+        for row in range(count if package.model.vibration is not None else 0):
+            made.shaking[row, index] = vibrating(package.model, (first + row) * params.period_s)
+    for row in range(count if params.disturbance is not None else 0):
+        made.push[row] = normal_sample(params.seed, _DISTURBANCE, first + row, 6)
+    for row in range(count if failures else 0):
+        made.strikes[row] = true_failures.struck(failures, first + row, params.period_s, params.seed)
+    return made
 
 
 class VehicleState(NamedTuple):
@@ -183,100 +193,130 @@ class VehicleState(NamedTuple):
     Attributes:
         body: see `rigid_body`, shape (23,).
         structure: packed as `rigid_body.STRUCTURE`.
+        constants: of the body's motion.
         level: thrust level of each jet a sample ago, shape (n_jets,).
-        command: fraction commanded over the sample that ends, shape (n_jets,).
-        closed: 1 for each jet whose manifold was closed over it, shape (n_jets,); None: none can be.
+        target: what it has tended to since, shape (n_jets,).
         deviation: of the disturbance, see `Disturbance`, shape (6,).
-        memories: of the packages.
+        memories: of the packages, a row each, shape (n_packages, 10 + 3 times the longest delay).
     """
 
     body: Array
     structure: Array
+    constants: Body
     level: Array
-    command: Array
-    closed: Array | None
+    target: Array
     deviation: Array
-    memories: tuple[Array, ...]
+    memories: Array
 
 
-def initial_state(params: VehicleParams, *, closes: bool = False) -> VehicleState:
-    """The vehicle at the first sample: jets off.
-
-    Args:
-        params: see `VehicleParams`.
-        closes: whether manifolds can be closed.
-    """
+def initial_state(params: VehicleParams) -> VehicleState:
+    """Before the first sample: jets off."""
     off = np.zeros(params.jets.forces.size)
-    deviation = _QUIET if params.disturbance is None else params.disturbance.before
-    memories = tuple(np.zeros(package.model.memory_size) for package in params.packages)
-    return VehicleState(params.body, params.structure, off, off, off if closes else None, deviation, memories)
+    longest = max((package.model.delay for package in params.packages), default=0)
+    return VehicleState(
+        params.body,
+        params.structure,
+        rigid_body.body_of_structure(params.structure),
+        off,
+        reaction_jets.target(off, None, -1, params.jets),
+        _QUIET if params.disturbance is None else params.disturbance.before,
+        np.zeros((len(params.packages), _MEMORY + 3 * longest)),
+    )
 
 
-def sense(state: VehicleState, sample: int, params: VehicleParams) -> tuple[list[Array], tuple[Array, ...]]:
-    """Readings of every package at a sample, shape (3,) each, and what they remember.
+@kernel
+def sense(state: VehicleState, row: int, coming: Ahead, params: Truth) -> tuple[Array, Array]:
+    """Readings of every package, shape (n_packages, 3), and what they remember.
 
     Args:
         state: at the sample.
-        sample: its number.
-        params: see `VehicleParams`.
+        row: of the sample in `coming`.
+        coming: see `Ahead`.
+        params: see `Truth`.
     """
-    body, memories = state.body, state.memories
-    readings = dict(zip(params.places, params.kernels.exact_readings(body, params.exact), strict=True))
-    for index, (name, model, position, _, remembers) in enumerate(params.packages):
-        if index in readings:
+    packages, memories = params.packages, state.memories
+    rate, origin, spin = state.body[RATE], state.body[ORIGIN_VELOCITY], state.body[SPIN_INTEGRAL]
+    readings = np.empty(packages.positions.shape)
+    if packages.remembers.any():
+        memories = memories.copy()
+    for index in range(packages.quanta.size):
+        signal = rate
+        if packages.integrates[index]:
+            signal = point_velocity(origin, rate, spin, packages.positions[index])
+        if packages.exact[index]:
+            reading = quantized(signal, packages.quanta[index], packages.phases[index])
+            readings[index] = held_within(reading, packages.limits[index])
             continue
-        signal, time_s = body[RATE], sample * params.period_s
-        if position is not None:
-            signal = point_velocity(body[ORIGIN_VELOCITY], signal, body[SPIN_INTEGRAL], position)
-        noise = normal_sample(params.seed, name, sample, 6) if model.noisy else _QUIET
-        if remembers:
-            reading, memory = sense_and_remember(signal, memories[index], noise, model, time_s)
-            memories = (*memories[:index], memory, *memories[index + 1 :])
+        errors, noise = _errors(index, params), coming.noise[row, index]
+        shaking = coming.shaking[row, index, : 3 * int(packages.shakes[index])]
+        if packages.remembers[index]:
+            size = _MEMORY + 3 * packages.delays[index]
+            readings[index], memories[index, :size] = remembering(
+                signal, memories[index, :size], noise, shaking, errors
+            )
         else:
-            reading = sense_now(signal, noise, model, time_s)
-        readings[index] = reading
-    return [readings[index] for index in range(len(params.packages))], memories
+            readings[index] = at_once(signal, noise, shaking, errors)
+    return readings, memories
 
 
-class VehicleStep(NamedTuple):
-    """A sample of the vehicle.
+@kernel
+def _errors(index: int, params: Truth) -> SensorErrors:
+    """Of a package."""
+    packages = params.packages
+    return SensorErrors(
+        params.period_s,
+        packages.scale_factors[index],
+        packages.smoothings[index],
+        packages.biases[index],
+        packages.walk_stds[index],
+        packages.integrates[index],
+        packages.noise_stds[index],
+        packages.quanta[index],
+        packages.phases[index],
+        packages.delays[index],
+        packages.limits[index],
+    )
 
-    Attributes:
-        state: at the next sample; memories are those given.
-        thrust: mean force of each jet over the sample, lbf or N, shape (n_jets,).
-    """
 
-    state: VehicleState
-    thrust: Array
-
-
-def step(state: VehicleState, command: Array, closed: Array | None, sample: int, params: VehicleParams) -> VehicleStep:
-    """The vehicle from one sample to the next.
+@kernel
+def step(
+    state: VehicleState, told: tuple[Array, Array], sample: int, luck: tuple[Ahead, int], params: Truth
+) -> tuple[VehicleState, Array]:
+    """The vehicle from one sample to the next, with the memories given, and the mean force of each jet over it.
 
     Args:
         state: at the sample.
-        command: fraction commanded over it, 0 to 1, shape (n_jets,).
-        closed: 1 for each jet whose manifold is closed over it, shape (n_jets,); None: none can be.
-        sample: number of the sample.
-        params: see `VehicleParams`.
+        told: fraction commanded over it, 0 to 1, and 1 for each jet whose manifold is closed, shape (n_jets,) each.
+        sample: its number.
+        luck: what is to come, and which row of it is the sample's.
+        params: see `Truth`.
 
     Raises:
         OutOfMassError: when the jets use up the vehicle's mass.
         SpunUpError: when the vehicle makes more than a turn in it.
     """
-    jets, body, structure = params.jets, state.body, state.structure
-    coming = held = reaction_jets.target(command, closed, sample, jets)
-    if not jets.lag.instantaneous:
-        held = reaction_jets.target(state.command, state.closed, sample - 1, jets)
-    if sample in params.jumps:
-        body, structure = rigid_body.jumped(body, structure, params.jumps[sample])
-    deviation, push = state.deviation, _NO_PUSH
-    if params.disturbance is not None:
-        noise = normal_sample(params.seed, _DISTURBANCE, sample, 6)
-        deviation = next_deviation(deviation, noise, params.disturbance)
-        push = about_origin(params.disturbance.mean + deviation, structure[_CENTER])
-    constants = rigid_body.body_of_structure(structure)
-    after = params.kernels.moved(body, state.level, np.array([held, coming]), push, constants, params.motion)
-    return VehicleStep(
-        VehicleState(after.body, structure, after.level, command, closed, deviation, state.memories), after.thrust
+    jets, (coming, row) = params.jets, luck
+    command, closed = told
+    target = command
+    if params.failures.jets.size:
+        target = true_failures.failed(
+            command, sample * params.period_s, params.period_s, coming.strikes[row], params.failures
+        )
+    target = target * (1.0 - closed)
+    level = state.level if jets.lag.instantaneous else reaction_jets.level_now(state.level, state.target, jets)
+    profile = reaction_jets.wrench_profile(level, target, jets)
+    deviation = state.deviation
+    if params.pushed:
+        deviation = next_deviation(deviation, coming.push[row], params.push)
+        profile[0, :6] += about_origin(params.push.mean + deviation, state.structure[_CENTER])
+    body = rigid_body.step(
+        state.body, profile[0], profile[1:], jets.class_constants_s, params.period_s, state.constants
     )
+    after = VehicleState(body, state.structure, state.constants, level, target, deviation, state.memories)
+    return after, reaction_jets.mean_force(level, target, jets)
+
+
+def jumped(state: VehicleState, sample: int, params: VehicleParams) -> VehicleState:
+    """The vehicle after the jumps of its mass properties at a sample."""
+    body, structure = rigid_body.jumped(state.body, state.structure, params.jumps[sample])
+    return state._replace(body=body, structure=structure, constants=rigid_body.body_of_structure(structure))

@@ -12,7 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.maths.kernels import kernel
+from massprop_drake.maths.linear_algebra import Array, cross
 
 
 class DisturbanceModel(NamedTuple):
@@ -36,6 +37,7 @@ def kept_share(correlation_time_s: float, period_s: float) -> float:
     return math.exp(-period_s / correlation_time_s)
 
 
+@kernel
 def next_deviation(deviation: Array, noise: Array, model: DisturbanceModel) -> Array:
     """The deviation in the next sample; its 1-sigma stays what it is.
 
@@ -47,6 +49,7 @@ def next_deviation(deviation: Array, noise: Array, model: DisturbanceModel) -> A
     return model.kept * deviation + math.sqrt(1.0 - model.kept**2) * model.std * noise
 
 
+@kernel
 def about_origin(disturbance: Array, center_of_mass: Array) -> Array:
     """The same with the torque about the vehicle origin, shape (6,).
 
@@ -55,7 +58,7 @@ def about_origin(disturbance: Array, center_of_mass: Array) -> Array:
         center_of_mass: in the vehicle frame, ft or m, shape (3,).
     """
     torque, force = disturbance[:3], disturbance[3:]
-    return np.concatenate([torque + np.cross(center_of_mass, force), force])
+    return np.concatenate((torque + cross(center_of_mass, force), force))
 
 
 def disturbed(wrench: Array, disturbance: Array, center_of_mass: Array) -> Array:

@@ -32,7 +32,7 @@ import numpy as np
 from massprop_drake.maths.arrays import Layout
 from massprop_drake.maths.attitude import rotation_matrix
 from massprop_drake.maths.kernels import kernel, numbers
-from massprop_drake.maths.linear_algebra import Array, inverse, nonzero
+from massprop_drake.maths.linear_algebra import Array, cross, inverse, nonzero
 from massprop_drake.maths.mass_properties import MassProperties, joined, six_elements, symmetric
 from massprop_drake.maths.vehicle.thrust import decay_integral
 
@@ -199,7 +199,7 @@ def initial_state(mass: float) -> Array:
 @kernel
 def torque_about_center(wrench: Array, center_of_mass: Array) -> Array:
     """Torque about the center of mass of a wrench about the vehicle origin, shape (3,)."""
-    return wrench[:3] - np.cross(center_of_mass, wrench[3:6])
+    return wrench[:3] - cross(center_of_mass, wrench[3:6])
 
 
 def derivative(state: Array, wrench: Array, body: Body) -> Array:
@@ -414,7 +414,7 @@ def _add_transient(state: Array, gathered: Array, body: Body) -> None:
     rotation = rotation_matrix(state[QUATERNION] / np.linalg.norm(state[QUATERNION]))
     state[RATE] += rate_change
     state[VELOCITY] += rotation @ velocity_change
-    state[ORIGIN_VELOCITY] += velocity_change - np.cross(rate_change, center)
+    state[ORIGIN_VELOCITY] += velocity_change - cross(rate_change, center)
 
 
 def with_properties(state: Array, before: MassProperties, after: MassProperties) -> Array:

@@ -30,6 +30,7 @@ def increment_noise(reading_variance: float) -> Array:
     return 2.0 * reading_variance * np.eye(3)
 
 
+@kernel
 def unsaturated(reading: Array, limit: float) -> Array:
     """A reading, or NaN throughout where a component has reached the sensor's range.
 
@@ -64,21 +65,22 @@ def smoothing_factor(bandwidth_hz: float | None, period_s: float) -> float:
     return 0.0 if bandwidth_hz is None else math.exp(-2.0 * math.pi * bandwidth_hz * period_s)
 
 
-def low_passed(value: Array, before: Array | None, smoothing: float) -> tuple[Array, Array]:
+@kernel
+def low_passed(value: Array, before: Array, started: bool, smoothing: float) -> tuple[Array, Array]:
     """What a first-order low-pass gives of a signal that is linear between samples, and its memory after it.
 
     Exact for such a signal: at a corner of w rad/s and a period T the answer to a ramp is late by 1 / w.
 
     Args:
         value: of the signal now, shape (3,).
-        before: the memory, shape (3,): the answer now, had the signal gone to zero since the last sample. None: there
-            was no sample yet, and the signal is taken to have been steady.
+        before: the memory, shape (3,): the answer now, had the signal gone to zero since the last sample.
+        started: whether there was a sample before; if not, the signal is taken to have been steady.
         smoothing: share of the old value that is kept over one period, exp(-w T); 0: unlimited.
     """
     if smoothing == 0.0:
         return value, np.zeros(3)
     mean = (smoothing - 1.0) / math.log(smoothing)  # of the share that is kept, over the period
-    answer = value if before is None else before + (1.0 - mean) * value
+    answer = before + (1.0 - mean) * value if started else value
     return answer, smoothing * answer + (mean - smoothing) * value
 
 
@@ -187,10 +189,39 @@ class SensorModel(NamedTuple):
         """Whether a reading is the signal itself, quantized and within the range, where nothing is remembered."""
         return not (self.scale_factor.any() or self.bias.any() or self.noisy or self.vibration)
 
+    @property
+    def errors(self) -> SensorErrors:
+        """The numbers that make a reading."""
+        return SensorErrors._make(getattr(self, name) for name in SensorErrors._fields)
+
     def read(self, value: Array) -> Array:
         """A noisy value quantized and held within the range, shape (3,)."""
-        reading = quantized(value, self.quantum, self.phase)
-        return reading if self.limit == math.inf else np.clip(reading, -self.limit, self.limit)
+        return held_within(quantized(value, self.quantum, self.phase), self.limit)
+
+
+class SensorErrors(NamedTuple):
+    """The part of a `SensorModel` that makes a reading once vibration is known; attributes as there."""
+
+    period_s: float
+    scale_factor: Array
+    smoothing: float
+    bias: Array
+    walk_std: float
+    integrates: bool
+    noise_std: float
+    quantum: float
+    phase: Array
+    delay: int
+    limit: float
+
+
+_STILL = np.empty(0)  # vibration where there is none
+
+
+@kernel
+def held_within(reading: Array, limit: float) -> Array:
+    """A reading within a sensor's range."""
+    return reading if limit == math.inf else np.minimum(np.maximum(reading, -limit), limit)
 
 
 def sense(signal: Array, memory: Array, noise: Array, model: SensorModel, time_s: float = 0.0) -> tuple[Array, Array]:
@@ -204,38 +235,68 @@ def sense(signal: Array, memory: Array, noise: Array, model: SensorModel, time_s
         model: see `SensorModel`.
         time_s: of the sample, s; matters to vibration alone.
     """
-    started = bool(memory[0])
-    value = (1.0 + model.scale_factor) * signal
-    after = memory.copy()
-    after[0] = 1.0
-    value, after[1:4] = low_passed(value, memory[1:4] if started else None, model.smoothing)
-    if model.vibration is not None:
-        value = value + model.vibration.at(time_s)
-    walk = memory[4:7]
-    if model.integrates:
-        value = value + memory[7:10]
-        after[7:10] = memory[7:10] + (model.bias + walk) * model.period_s
-    else:
-        value = value + (model.bias + walk)
-    after[4:7] = walk + model.walk_std * noise[3:]
-    reading = model.read(value + model.noise_std * noise[:3])
-    if model.delay:
-        # before the start the reading is taken to have been the first
-        line = memory[10:] if started else np.tile(reading, model.delay)
-        after[10:] = np.concatenate([line[3:], reading])
-        reading = line[:3]
-    return reading, after
+    return remembering(signal, memory, noise, vibrating(model, time_s), model.errors)
 
 
 def sense_now(signal: Array, noise: Array | None, model: SensorModel, time_s: float) -> Array:
     """One reading of a package that remembers nothing and is not exact; arguments as `sense`."""
-    value = (1.0 + model.scale_factor) * signal
-    if model.vibration is not None:
-        value += model.vibration.at(time_s)
-    value += model.bias
-    if model.noisy and noise is not None:
-        value += model.noise_std * noise[:3]
-    return model.read(value)
+    heard = _SILENCE if noise is None else noise
+    return at_once(signal, heard, vibrating(model, time_s), model.errors)
+
+
+_SILENCE = np.zeros(6)
+
+
+def vibrating(model: SensorModel, time_s: float) -> Array:
+    """Vibration in a reading at a time, shape (3,); empty where there is none."""
+    return _STILL if model.vibration is None else model.vibration.at(time_s)
+
+
+@kernel
+def remembering(
+    signal: Array, memory: Array, noise: Array, shaking: Array, errors: SensorErrors
+) -> tuple[Array, Array]:
+    """`sense` where vibration, ``shaking``, is known, shape (3,), or empty."""
+    started = memory[0] != 0.0
+    value = (1.0 + errors.scale_factor) * signal
+    after = memory.copy()
+    after[0] = 1.0
+    value, after[1:4] = low_passed(value, memory[1:4], started, errors.smoothing)
+    if shaking.size:
+        value = value + shaking
+    walk = memory[4:7]
+    if errors.integrates:
+        value = value + memory[7:10]
+        after[7:10] = memory[7:10] + (errors.bias + walk) * errors.period_s
+    else:
+        value = value + (errors.bias + walk)
+    after[4:7] = walk + errors.walk_std * noise[3:]
+    reading = _read(value + errors.noise_std * noise[:3], errors)
+    if not errors.delay:
+        return reading, after
+    line = memory[10:].copy()
+    if not started:  # before the start the reading is taken to have been the first
+        for begin in range(0, line.size, 3):
+            line[begin : begin + 3] = reading
+    after[10:-3], after[-3:] = line[3:], reading
+    return line[:3], after
+
+
+@kernel
+def at_once(signal: Array, noise: Array, shaking: Array, errors: SensorErrors) -> Array:
+    """`sense_now` where vibration, ``shaking``, is known, shape (3,), or empty."""
+    value = (1.0 + errors.scale_factor) * signal
+    if shaking.size:
+        value = value + shaking
+    value = value + errors.bias
+    if errors.noise_std > 0.0:
+        value = value + errors.noise_std * noise[:3]
+    return _read(value, errors)
+
+
+@kernel
+def _read(value: Array, errors: SensorErrors) -> Array:
+    return held_within(quantized(value, errors.quantum, errors.phase), errors.limit)
 
 
 class Package(NamedTuple):

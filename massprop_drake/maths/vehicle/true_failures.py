@@ -6,12 +6,17 @@ The truth's side of a failure; how one is found stands in `maths.estimation.dete
 from __future__ import annotations
 
 from enum import IntEnum
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from massprop_drake.maths.kernels import kernel
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.noise import uniform_sample
+
+_LEAST_SHARE = 1e-9  # of a sample that a failure covers
 
 
 class FailureKind(IntEnum):
@@ -49,6 +54,28 @@ class Failure(NamedTuple):
     stream: str = ""
 
 
+class FailureTable(NamedTuple):
+    """Failures one after the other, as arrays; see `Failure`, shape (n,) each."""
+
+    jets: NDArray[np.int_]
+    kinds: NDArray[np.int_]
+    starts_s: Array
+    ends_s: Array
+    amounts: Array
+
+
+@lru_cache(maxsize=64)
+def failure_table(failures: tuple[Failure, ...]) -> FailureTable:
+    """The arrays of some failures; made once for each."""
+    return FailureTable(
+        np.array([failure.jet for failure in failures], dtype=np.int_),
+        np.array([int(failure.kind) for failure in failures], dtype=np.int_),
+        np.array([failure.start_s for failure in failures], dtype=float),
+        np.array([failure.end_s for failure in failures], dtype=float),
+        np.array([failure.amount for failure in failures], dtype=float),
+    )
+
+
 def delivered(command: Array, sample: int, period_s: float, failures: tuple[Failure, ...], seed: int) -> Array:
     """What each jet's level tends to over a sample, 1: full thrust; the command itself without failures.
 
@@ -63,30 +90,57 @@ def delivered(command: Array, sample: int, period_s: float, failures: tuple[Fail
     """
     if not failures:
         return command
-    level = np.array(command)
+    table = failure_table(failures)
+    return failed(command, sample * period_s, period_s, struck(failures, sample, period_s, seed), table)
+
+
+def struck(failures: tuple[Failure, ...], sample: int, period_s: float, seed: int) -> NDArray[np.bool_]:
+    """Which intermittent failures strike in a sample, shape (n,); arguments as `delivered`."""
+    result = np.zeros(len(failures), dtype=np.bool_)
     begins = sample * period_s
-    for failure in failures:
-        covered = min(failure.end_s, begins + period_s) - max(failure.start_s, begins)
+    for index, failure in enumerate(failures):
+        acts = failure.start_s < begins + period_s and failure.end_s > begins
+        if failure.kind == FailureKind.INTERMITTENT and acts:
+            result[index] = uniform_sample(seed, failure.stream, sample) < failure.probability
+    return result
+
+
+@kernel
+def failed(
+    command: Array, begins_s: float, period_s: float, strikes: NDArray[np.bool_], failures: FailureTable
+) -> Array:
+    """`delivered` by failures of which is known whether they strike.
+
+    Args:
+        command: fraction commanded over the sample, 0 to 1, shape (n_jets,).
+        begins_s: when the sample does, s.
+        period_s: sample period, s.
+        strikes: see `struck`, shape (n,).
+        failures: see `FailureTable`.
+    """
+    level = np.copy(command)
+    for index in range(failures.jets.size):
+        start, jet = failures.starts_s[index], failures.jets[index]
+        covered = min(failures.ends_s[index], begins_s + period_s) - max(start, begins_s)
         share = min(max(covered / period_s, 0.0), 1.0)
-        if share <= 1e-9:
-            continue
-        told = float(command[failure.jet])
-        level[failure.jet] += share * (_failed_level(told, sample, begins, failure, seed) - told)
+        if share > _LEAST_SHARE:
+            told, kind, amount = command[jet], failures.kinds[index], failures.amounts[index]
+            late = max(0.0, begins_s - start)
+            level[jet] += share * (_failed_level(told, kind, amount, strikes[index], late) - told)
     return level
 
 
-def _failed_level(told: float, sample: int, begins_s: float, failure: Failure, seed: int) -> float:
-    match failure.kind:
-        case FailureKind.STUCK_ON:
-            return 1.0
-        case FailureKind.STUCK_OFF:
-            return 0.0
-        case FailureKind.DEGRADED:
-            return told * failure.amount
-        case FailureKind.LEAK:
-            return told + failure.amount
-        case FailureKind.INTERMITTENT:
-            struck = uniform_sample(seed, failure.stream, sample) < failure.probability
-            return failure.amount if struck else told
-        case _:
-            return told * max(0.0, 1.0 + failure.amount * max(0.0, begins_s - failure.start_s))
+@kernel
+def _failed_level(told: float, kind: int, amount: float, strikes: bool, late_s: float) -> float:
+    """The level that a failed jet shows; ``late_s``: time since the failure began."""
+    if kind == FailureKind.STUCK_ON:
+        return 1.0
+    if kind == FailureKind.STUCK_OFF:
+        return 0.0
+    if kind == FailureKind.DEGRADED:
+        return told * amount
+    if kind == FailureKind.LEAK:
+        return told + amount
+    if kind == FailureKind.INTERMITTENT:
+        return amount if strikes else told
+    return told * max(0.0, 1.0 + amount * late_s)

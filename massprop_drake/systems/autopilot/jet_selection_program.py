@@ -73,6 +73,7 @@ class JetSelectionProgram:
         self._solver = ClpSolver()
         self._rows_of: Array | None = None  # the activity vectors whose scaled rows are kept
         self._rows = self._sizes = np.empty(0)
+        self._exact_has: Array | None = None  # the scaled rows that the first program holds
         self.solves = 0  # programs solved so far, for statistics
 
         self._exact = MathematicalProgram()
@@ -109,17 +110,17 @@ class JetSelectionProgram:
             ArithmeticError: when the solver finds nothing even for a relaxed request.
         """
         self._check(activity, request, limits_s)
-        on_times = self._least_propellant(activity, request, limits_s)
+        on_times = self._least_propellant(request, limits_s)
         outcome = Outcome.EXACT
         if on_times is None:
             outcome = Outcome.REDUCED
-            relaxed = self._largest_share(activity, request, limits_s)
+            relaxed = self._largest_share(request, limits_s)
             if relaxed is None:
                 outcome = Outcome.CLOSEST
                 relaxed = self._closest(activity, request, limits_s)
             target, within_reach = relaxed
             # at the very edge of what can be reached rounding may leave no room to save propellant
-            saving = self._least_propellant(activity, target, limits_s)
+            saving = self._least_propellant(target, limits_s)
             on_times = within_reach if saving is None else saving
         return Selection(on_times, float(self._cost @ on_times), outcome, activity @ on_times)
 
@@ -154,11 +155,21 @@ class JetSelectionProgram:
         share = 0.0 if result is None else float(result.get_x_val()[-1])
         return max(share, 0.0) * abs(float(far[row]))
 
-    def _scaled(self, activity: Array, request: Array) -> tuple[Array, Array, float]:
-        """Rows of a largest element 1 on both sides, and what to multiply the on-times by; the rows are kept."""
-        if self._rows_of is None or self._rows_of.tobytes() != activity.tobytes():
-            self._rows_of, self._sizes = activity.copy(), _row_sizes(activity)
-            self._rows = activity / self._sizes[:, None]
+    def _keep(self, activity: Array) -> None:
+        """Keeps the rows scaled to a largest element of 1, unless they are those of the last activity vectors.
+
+        Raises:
+            ValueError: when an activity vector is not finite.
+        """
+        if self._rows_of is not None and self._rows_of.tobytes() == activity.tobytes():
+            return
+        if not np.isfinite(activity).all():
+            raise ValueError(f"activity vectors must be finite, got {activity}")
+        self._rows_of, self._sizes = activity.copy(), _row_sizes(activity)
+        self._rows = activity / self._sizes[:, None]
+
+    def _scaled(self, request: Array) -> tuple[Array, Array, float]:
+        """Rows of a largest element 1 on both sides, and what to multiply the on-times by."""
         return self._rows, *_target(request, self._sizes)
 
     def _check(self, activity: Array, request: Array, limits_s: Array) -> None:
@@ -169,25 +180,30 @@ class JetSelectionProgram:
         ):
             if array.shape != shape:
                 raise ValueError(f"{name} must have shape {shape}, got {array.shape}")
-        if not (np.isfinite(activity).all() and np.isfinite(request).all()):
-            raise ValueError(f"activity vectors and request must be finite, got {activity} and {request}")
+        self._keep(activity)
+        if not np.isfinite(request).all():
+            raise ValueError(f"a request must be finite, got {request}")
         if not (limits_s >= 0.0).all():  # NaN fails too
             raise ValueError(f"limits_s must be zero or positive, got {limits_s}")
 
-    def _least_propellant(self, activity: Array, request: Array, limits_s: Array) -> Array | None:
-        rows, target, scale = self._scaled(activity, request)
+    def _least_propellant(self, request: Array, limits_s: Array) -> Array | None:
+        rows, target, scale = self._scaled(request)
         if scale == 0.0:
             return np.zeros(self._n)
-        self._exact_rows.UpdateCoefficients(rows, target)
+        if self._exact_has is rows:
+            self._exact_rows.set_bounds(target, target)
+        else:
+            self._exact_rows.UpdateCoefficients(rows, target)
+            self._exact_has = rows
         self._exact_box.set_bounds(np.zeros(self._n), limits_s / scale)
         result = self._solve(self._exact)
         if result is None:
             return None
-        return np.clip(result.get_x_val() * scale, 0.0, limits_s)
+        return _within(result.get_x_val() * scale, limits_s)
 
-    def _largest_share(self, activity: Array, request: Array, limits_s: Array) -> tuple[Array, Array] | None:
+    def _largest_share(self, request: Array, limits_s: Array) -> tuple[Array, Array] | None:
         """The largest part [dw; s dv] of a request, and on-times that give it; None without dw."""
-        rows, target, scale = self._scaled(activity, request)
+        rows, target, scale = self._scaled(request)
         column = np.concatenate([np.zeros(3), -target[VELOCITY]])
         self._share_rows.UpdateCoefficients(
             np.column_stack([rows, column]), np.concatenate([target[RATE], np.zeros(3)])
@@ -198,19 +214,19 @@ class JetSelectionProgram:
             return None
         solution = result.get_x_val()
         share = float(solution[-1]) * (1.0 - _TINY)
-        on_times = np.clip(solution[:-1] * scale, 0.0, limits_s)
+        on_times = _within(solution[:-1] * scale, limits_s)
         return np.concatenate([request[RATE], share * request[VELOCITY]]), on_times
 
     def _closest(self, activity: Array, request: Array, limits_s: Array) -> tuple[Array, Array]:
         """The closest request that can be reached, and on-times that give it."""
-        rows, target, scale = self._scaled(activity, request)
+        rows, target, scale = self._scaled(request)
         self._near_rows.UpdateCoefficients(np.hstack([rows, np.eye(6), -np.eye(6)]), target)
         limits = np.concatenate([limits_s / scale, np.full(12, np.inf)])
         self._near_box.set_bounds(np.zeros(self._n + 12), limits)
         result = self._solve(self._near)
         if result is None:
             raise ArithmeticError(f"jet selection: the solver finds no on-times close to the request {request}")
-        on_times = np.clip(result.get_x_val()[: self._n] * scale, 0.0, limits_s)
+        on_times = _within(result.get_x_val()[: self._n] * scale, limits_s)
         return activity @ on_times, on_times
 
     def _solve(self, program: MathematicalProgram) -> MathematicalProgramResult | None:
@@ -232,3 +248,8 @@ def _target(request: Array, size: Array) -> tuple[Array, float]:
     target = request / size
     scale = float(np.abs(target).max())
     return target / scale if scale > 0.0 else target, scale
+
+
+def _within(on_times_s: Array, limits_s: Array) -> Array:
+    """On-times between zero and their limits."""
+    return np.minimum(np.maximum(on_times_s, 0.0), limits_s)

@@ -8,9 +8,17 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_drake.maths.autopilot.jet_selection import activity_vectors, burst_cycles, least_change
-from massprop_drake.maths.autopilot.phase_space import Urgency
+from massprop_drake.maths.autopilot.jet_selection import (
+    activity_vectors,
+    burst_cycles,
+    delivered_velocity,
+    firing,
+    forces_of,
+    least_change,
+    must_select,
+)
 from massprop_drake.maths.linear_algebra import nonzero
+from massprop_drake.maths.mass_properties import MASS_RECIPROCAL
 from massprop_drake.systems.autopilot.jet_selection_program import (
     RATE,
     VELOCITY,
@@ -24,7 +32,7 @@ from massprop_drake.systems.layouts import REFUSED, SELECTION_COUNTS
 Array = NDArray[np.float64]
 
 _LONGEST_BURST_S = 2.0  # against a force that acts all along
-_NOT_REFUSED = (np.zeros(3), 0.0)
+_NOT_REFUSED = np.zeros(REFUSED.size)
 _LEAST_CONTROL = 0.01  # share of the reach about an axis that must be left when jets are taken out
 
 
@@ -71,6 +79,10 @@ class Selector:
         selectable: which jets may be selected, boolean, shape (n_jets,).
         mass_properties: nominal, the ten parameters, shape (10,).
         period_s: control period, s.
+
+    Attributes:
+        stopwatch: of the linear program.
+        initial: nothing asked for yet.
     """
 
     def __init__(
@@ -83,22 +95,18 @@ class Selector:
         mass_properties: Array,
         period_s: float,
     ):
-        self.stopwatch = Stopwatch()  # of the linear program
+        self.stopwatch = Stopwatch()
         self._wrenches = wrenches
+        self._forces = forces_of(wrenches)
         self._minimum = minimum_on_times_s
         self._selectable = selectable
         self._nominal = mass_properties
         self._nominal_activity = activity_vectors(wrenches, mass_properties)
         self._program = JetSelectionProgram(mass_flows)
         self._period_s = period_s
-
-    @property
-    def initial(self) -> SelectionState:
-        """Nothing asked for yet."""
-        n_jets = self._selectable.size
-        off = np.zeros(n_jets)
+        off = np.zeros(selectable.size)
         counts = SELECTION_COUNTS.pack((0.0, 0.0, 0.0, 1.0))
-        return SelectionState(off, off, np.zeros(3), counts, np.zeros(REFUSED.size), off)
+        self.initial = SelectionState(off, off, np.zeros(3), counts, np.zeros(REFUSED.size), off)
 
     def decide(self, state: SelectionState, request: Any, properties: Array | None, asked_for: Any) -> Burst:
         """The burst in force from a sample on.
@@ -109,48 +117,40 @@ class Selector:
             properties: mass properties to reckon with, the ten parameters, shape (10,); None: the nominal ones.
             asked_for: fields of `layouts.RECONFIGURATION`; None: there is no detector.
         """
-        remaining = state.remaining
         wrench, declared = None, False
         if asked_for is not None:
             declared = asked_for.declared
             if nonzero(asked_for.known_wrench):
                 wrench = asked_for.known_wrench
-        if declared:
-            remaining = np.zeros_like(remaining)
-        urgency = request.urgency
-        asked = urgency == Urgency.WHEN_IDLE or wrench is not None
-        if urgency != Urgency.AT_ONCE and not declared and (not asked or nonzero(remaining)):
-            return Burst(remaining, np.where(remaining > 0.0, 1.0, 0.0), None)
+        remaining = np.zeros_like(state.remaining) if declared else state.remaining
+        if not must_select(remaining, request, state.refused, wrench is not None, declared):
+            return Burst(remaining, firing(remaining), None)
 
         solved, reduced, closest, granted = SELECTION_COUNTS.read(state.counts)
-        refused = REFUSED.read(state.refused)
+        refused = state.refused
         out_of_use = state.out_of_use
         before = self._program.solves
         if declared:
             out_of_use = self._reduced(properties, out_of_use, asked_for.removed)
-        if wrench is None and urgency == Urgency.WHEN_IDLE:
-            change = max(abs(element) for element in (request.rate_change - refused.rate_change).tolist())
-            asked = change >= refused.least_change
-        if urgency == Urgency.AT_ONCE or asked:
+        if not declared or must_select(remaining, request, refused, wrench is not None, False):
             available = self._selectable & (out_of_use <= 0.0)
             wanted, selection = self._selected(properties, request, wrench, available)
             remaining = burst_cycles(selection.on_times_s, self._period_s, self._minimum)
             refused = _NOT_REFUSED
             if not nonzero(remaining):
-                refused = (wanted[RATE], least_change(wanted, selection.on_times_s, self._period_s))
-            size = float(np.linalg.norm(wanted[VELOCITY]))
+                least = least_change(wanted, selection.on_times_s, self._period_s)
+                refused = REFUSED.pack((wanted[RATE], least))
+            size = _length(wanted[VELOCITY])
             reduced += selection.outcome == Outcome.REDUCED
             closest += selection.outcome == Outcome.CLOSEST
-            granted = float(np.linalg.norm(selection.reached[VELOCITY])) / size if size > 0.0 else 1.0
+            granted = _length(selection.reached[VELOCITY]) / size if size > 0.0 else 1.0
         counts = (solved + self._program.solves - before, reduced, closest, granted)
-        changed = SELECTION_COUNTS.pack(counts), REFUSED.pack(refused), out_of_use
-        return Burst(remaining, np.where(remaining > 0.0, 1.0, 0.0), changed)
+        return Burst(remaining, firing(remaining), (SELECTION_COUNTS.pack(counts), refused, out_of_use))
 
     def after(self, state: SelectionState, burst: Burst, properties: Array | None) -> SelectionState:
         """What to remember after a sample; arguments as `decide`."""
-        delivered = np.zeros(3)
-        if nonzero(burst.command):
-            delivered = self._activity(properties)[VELOCITY] @ burst.command * self._period_s
+        reciprocal = float((self._nominal if properties is None else properties)[MASS_RECIPROCAL])
+        delivered = delivered_velocity(burst.command, self._forces, reciprocal, self._period_s)
         kept = (state.counts, state.refused, state.out_of_use) if burst.changed is None else burst.changed
         return SelectionState(np.maximum(burst.remaining - 1.0, 0.0), burst.command, delivered, *kept)
 
@@ -209,3 +209,8 @@ class Selector:
         """Largest rate change per second of firing about each axis, both ways, without some jets."""
         limits = np.where(self._selectable & (out_of_use <= 0.0), 1.0, 0.0)
         return [self._program.reach(activity, row, sign, limits) for row in range(3) for sign in (1.0, -1.0)]
+
+
+def _length(vector: Array) -> float:
+    """Of a short vector."""
+    return math.sqrt(float(vector @ vector))

@@ -6,7 +6,16 @@ import numpy as np
 import pytest
 
 from massprop_drake.inputs.vehicle import Vehicle
-from massprop_drake.maths.autopilot.jet_selection import activity_vectors, burst_cycles, least_change
+from massprop_drake.maths.autopilot.jet_selection import (
+    activity_vectors,
+    burst_cycles,
+    delivered_velocity,
+    firing,
+    forces_of,
+    least_change,
+    must_select,
+)
+from massprop_drake.maths.autopilot.phase_space import Request, Urgency
 from massprop_drake.maths.mass_properties import MassProperties
 from massprop_drake.maths.vehicle.thrust import thrust_wrenches
 
@@ -65,3 +74,44 @@ def test_least_change_is_what_lifts_the_longest_on_time_to_half_a_cycle() -> Non
 
 def test_answer_without_any_firing_may_be_asked_for_again_at_once() -> None:
     assert least_change(np.array([1e-4, 0.0, 0.0, 0.0, 0.0, 0.0]), np.zeros(3), PERIOD) == 0.0
+
+
+NOTHING, FIRING, MOVED = np.zeros(4), np.array([0.0, 2.0, 0.0, 1.0]), np.array([0.02, 0.0, 0.0])
+REFUSED = np.array([0.0, 0.0, 0.0, 0.01])  # asked before, and to change by so much
+
+
+@pytest.mark.parametrize(
+    ("urgency", "remaining", "acts", "declared", "expected"),
+    [
+        (Urgency.NONE, NOTHING, False, False, False),
+        (Urgency.NONE, NOTHING, True, False, True),  # a known force is undone in every idle cycle
+        (Urgency.NONE, FIRING, True, False, False),
+        (Urgency.NONE, FIRING, False, True, True),  # whatever runs, a failure stops it
+        (Urgency.WHEN_IDLE, NOTHING, False, False, True),
+        (Urgency.WHEN_IDLE, FIRING, False, False, False),
+        (Urgency.AT_ONCE, FIRING, False, False, True),
+    ],
+)
+def test_when_jets_are_selected(
+    urgency: Urgency, remaining: np.ndarray, acts: bool, declared: bool, expected: bool
+) -> None:
+    request = Request(MOVED, np.zeros(3), np.inf, urgency)
+    assert must_select(remaining, request, REFUSED, acts, declared) == expected
+
+
+def test_a_request_that_came_to_nothing_waits_until_it_has_changed() -> None:
+    near = Request(np.array([0.0, -0.009, 0.0]), np.zeros(3), np.inf, Urgency.WHEN_IDLE)
+    assert not must_select(NOTHING, near, REFUSED, acts=False, declared=False)
+    assert must_select(NOTHING, near, REFUSED, acts=True, declared=False)
+
+
+def test_what_a_command_gives_is_what_its_activity_vectors_say(orbiter: Vehicle) -> None:
+    properties = orbiter.nominal.vector()
+    remaining = np.zeros(44)
+    remaining[[3, 17, 40]] = 1.0, 5.0, 2.0
+    command = firing(remaining)
+    assert command.sum() == 3.0
+    given = delivered_velocity(command, forces_of(orbiter.wrenches), properties[9], PERIOD)
+    expected = activity_vectors(orbiter.wrenches, properties)[3:] @ command * PERIOD
+    np.testing.assert_array_equal(given, expected)
+    assert not delivered_velocity(np.zeros(44), forces_of(orbiter.wrenches), properties[9], PERIOD).any()

@@ -203,7 +203,7 @@ def test_bandwidth_of_any_broken_line_is_that_of_fine_steps() -> None:
 def test_a_bandwidth_far_above_the_samples_is_none() -> None:
     # late by 1 / w, a 690th of a sample, in which the signal changes by 7 at the most
     np.testing.assert_allclose(readings(model(smoothing=1e-300), SIGNALS), SIGNALS, rtol=0.0, atol=7.0 / 690.0)
-    answer, memory = low_passed(SIGNALS[0], SIGNALS[1], 0.0)
+    answer, memory = low_passed(SIGNALS[0], SIGNALS[1], True, 0.0)
     np.testing.assert_array_equal(answer, SIGNALS[0])
     np.testing.assert_array_equal(memory, np.zeros(3))
 

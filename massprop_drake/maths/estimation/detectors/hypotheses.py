@@ -132,6 +132,8 @@ def _declared(method: multi_hypothesis.State, now: JointState, params: Hypothesi
     """Force and variance of each declared jet that pushes untold, shape (n_jets,) each; what is off pushes nobody."""
     places = params.joint.places
     force, variance = np.zeros(places.jets), np.zeros(places.jets)
+    if not method.announced.any():
+        return force, variance
     for slot in np.flatnonzero((now.slot_jet >= 0) & (now.slot_sign > 0.0) & (method.announced > 0.0)).tolist():
         jet, row = int(now.slot_jet[slot]), now.root[places.force + slot]
         force[jet] = max(float(now.mean[places.force + slot]), 0.0)

@@ -43,6 +43,7 @@ from massprop_drake.maths.kernels import idiom, kernel, numbers, picked
 from massprop_drake.maths.linear_algebra import (
     Array,
     NotPositiveDefiniteError,
+    deviations,
     inverse_positive_definite,
     inverses,
     log_determinants,
@@ -97,7 +98,7 @@ def testable(evidence: Evidence, limits: Array) -> bool:
     innovation = evidence.innovation
     if not (evidence.usable and math.isfinite(innovation[0]) and math.isfinite(innovation[3])):
         return False
-    return converged(np.sqrt(np.diag(evidence.estimate_covariance)), evidence.estimate, limits)
+    return converged(deviations(evidence.estimate_covariance), evidence.estimate, limits)
 
 
 @kernel
@@ -232,7 +233,7 @@ def uncertain_jet_tests(
     impossible_negative, impossible_positive = signs.impossible_negative, signs.impossible_positive
     under = failed_covariance(tests.magnitude, covariance, signatures)
     # scaled: translation and rotation differ by many orders of magnitude
-    scale = np.sqrt(np.diag(covariance))
+    scale = deviations(covariance)
     under /= scale[:, None] * scale
     c, e = signatures.coefficients / scale, innovation / scale
     weight = inverses(under)

@@ -564,6 +564,8 @@ def _known_now(state: State, now: JointState, params: JointParams) -> tuple[Stat
         if size.mass_sigma < _MEASURED * abs(size.mass):
             said.append(JumpDeclared(True, state.earlier.time_s, *size))
             state = state._replace(earlier=None)
+    if not state.members.any():
+        return state, tuple(said)
     for slot in np.flatnonzero(state.members.any(axis=1) & (state.erratic == 0.0)).tolist():
         jet, sign = int(now.slot_jet[slot]), int(now.slot_sign[slot])
         force, sigma = _force(now, slot, params)

@@ -11,6 +11,7 @@ on from, whose estimates are then reported, or one whose estimates are reported 
 from __future__ import annotations
 
 import math
+from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -183,6 +184,7 @@ def _root(covariance: Array) -> Array:
     return np.ascontiguousarray(np.asarray(np.linalg.qr(root.T, mode="r")).T)
 
 
+@cache
 def chi_square_limit(rate: float, degrees: int) -> float:
     """The value that chi-square exceeds at a given rate.
 

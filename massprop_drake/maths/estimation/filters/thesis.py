@@ -54,7 +54,7 @@ from massprop_drake.maths.estimation.filters.rotation_filter import (
 from massprop_drake.maths.estimation.impulses import Impulses
 from massprop_drake.maths.estimation.redundancy import Rule
 from massprop_drake.maths.kernels import kernel
-from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.maths.linear_algebra import Array, deviations
 from massprop_drake.maths.mass_properties import N_ROTATION
 
 _ROUNDING = 1e-6  # by so much a part of a variance may exceed it
@@ -364,7 +364,7 @@ def report_of_rotation(before: RotationInnovation, cycle: RotationCycle, deviati
         cycle.state.estimate,
         deviation,
         before.innovation,
-        np.sqrt(np.diag(before.covariance)),
+        deviations(before.covariance),
         before.nis,
         cycle.used,
         cycle.jumped,
@@ -380,7 +380,7 @@ def mass_report(measurement: MassMeasurement, cycle: MassCycle) -> MassReport:
 @kernel
 def report_of_mass(before: MassInnovation, cycle: MassCycle) -> MassReport:
     """`mass_report` from the innovation."""
-    state, deviation = cycle.state, np.sqrt(np.diag(before.covariance))
+    state, deviation = cycle.state, deviations(before.covariance)
     return MassReport(
         state.mass_reciprocal, state.variance, before.innovation, deviation, before.nis, cycle.used, cycle.jumped
     )
@@ -548,7 +548,7 @@ def finished(
     learning = interval[0] and interval[1]
     rotation = rotation_filter.finish_one(known[0], (turned, turning), learning, adaptation, params[0])
     mass = mass_filter.finish_one(known[1], (moved, moving), interval, adaptation, params[1])
-    return rotation, mass, np.sqrt(np.diag(rotation.state.covariance))
+    return rotation, mass, deviations(rotation.state.covariance)
 
 
 def evidence(state: ThesisState, measurement: Measurement, interval: Interval) -> Joint:

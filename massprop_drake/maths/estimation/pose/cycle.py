@@ -154,8 +154,10 @@ def _step(
     if beside is None:
         nothing = np.zeros(count)
         return Cycled(ahead.bank, nothing, np.zeros((count, 0)), np.full(count, np.nan), nothing, np.zeros((2, 2)))
-    run_off = _run_off(ahead.bank, beside, span_s[1])
+    shown = _shown(ahead.bank.covariance, beside)
+    run_off = _run_off(ahead.bank, beside, shown, span_s[1])
     if run_off.any():  # what is left of it is the first filter, and no likelihood
+        shown = _of_first(shown, run_off)
         ahead = ahead._replace(bank=_first_for(ahead.bank, run_off), kick=_of_first(ahead.kick, run_off))
         beside = beside._replace(
             **{name: _of_first(getattr(beside, name), run_off) for name in ("innovation", "jacobian", "variance")}
@@ -167,12 +169,12 @@ def _step(
         noisy = _noisier(beside, params.pose.outlier_scale)
         fair = _either(_density(ahead.bank.covariance, beside), _density(ahead.bank.covariance, noisy), poor)
         beside, poor = noisy, 0.0
-    happened = [_Happened(1.0 - chance - poor, ahead.bank.covariance, beside)]
+    happened = [_happened(1.0 - chance - poor, ahead.bank.covariance, beside)]
     if chance > 0.0:
-        happened.append(_Happened(chance, ahead.bank.covariance + ahead.kick @ np.swapaxes(ahead.kick, 1, 2), beside))
+        happened.append(_happened(chance, ahead.bank.covariance + ahead.kick @ np.swapaxes(ahead.kick, 1, 2), beside))
     if poor > 0.0:
         noisy = _noisier(beside, params.pose.outlier_scale)
-        happened.append(_Happened(poor, ahead.bank.covariance, noisy))
+        happened.append(happened[0]._replace(chance=poor, beside=noisy))
     ways = _updates(happened, ahead.bank.mean, params)
     each = np.stack([np.log(one.chance) + way.likelihood for one, way in zip(happened, ways, strict=True)])
     total = np.logaddexp.reduce(each)
@@ -190,11 +192,16 @@ def _step(
         covariance += part[:, None, None] * (way.covariance + apart[:, :, None] * apart[:, None, :])
     after = shifted(ahead.bank, correction, covariance, params)
     total = np.where(run_off, -np.inf, total if fair is None else fair)
-    whitened = _whitened(ahead.bank.covariance, beside)
+    whitened = _whitened(shown, beside)
     return Cycled(after, total, beside.innovation, ways[0].nis, kicked, np.sum(nis, axis=0), doubt, whitened)
 
 
-def _run_off(bank: Bank, beside: Compared, time_s: float) -> np.ndarray:
+def _shown(covariance: Array, beside: Compared) -> Array:
+    """What the covariance of the state shows in the readings, shape (n_filters, m, m)."""
+    return np.asarray(beside.jacobian @ covariance @ np.swapaxes(beside.jacobian, 1, 2), dtype=np.float64)
+
+
+def _run_off(bank: Bank, beside: Compared, shown: Array, time_s: float) -> np.ndarray:
     """Which filters have run off: what they expect is no covariance, or no number, shape (n_filters,).
 
     A hypothesis that is far from the truth may in its first seconds; the first filter may not.
@@ -202,11 +209,10 @@ def _run_off(bank: Bank, beside: Compared, time_s: float) -> np.ndarray:
     Raises:
         NotPositiveDefiniteError: when the first has, with the time.
     """
-    by = beside.jacobian
-    expected = by @ bank.covariance @ np.swapaxes(by, 1, 2) + beside.variance
+    expected = shown + beside.variance
     parts = (expected, beside.innovation, bank.mean, bank.covariance)
-    numbers = np.logical_and.reduce([np.isfinite(part).reshape(by.shape[0], -1).all(axis=1) for part in parts])
-    least = np.linalg.eigvalsh(np.where(numbers[:, None, None], expected, np.eye(by.shape[1])))[:, 0]
+    numbers = np.logical_and.reduce([np.isfinite(part).reshape(shown.shape[0], -1).all(axis=1) for part in parts])
+    least = np.linalg.eigvalsh(np.where(numbers[:, None, None], expected, np.eye(shown.shape[1])))[:, 0]
     run_off: np.ndarray = np.array(~(numbers & (least > 0.0)))
     if run_off[0]:
         raise NotPositiveDefiniteError(bank.covariance[0], "the pose estimator's covariance", time_s)
@@ -225,21 +231,37 @@ def _first_for(bank: Bank, chosen: np.ndarray) -> Bank:
 
 
 class _Happened(NamedTuple):
-    """What may have happened: its probability, the covariance before the readings, and what they are then."""
+    """What may have happened.
+
+    Attributes:
+        chance: its probability.
+        covariance: before the readings.
+        beside: what they are then.
+        crossed: covariance of the state with them.
+        shown: what the state's covariance shows in them, by way of `crossed`.
+    """
 
     chance: float
     covariance: Array
     beside: Compared
+    crossed: Array
+    shown: Array
+
+
+def _happened(chance: float, covariance: Array, beside: Compared) -> _Happened:
+    """What may have happened; arguments as its attributes."""
+    crossed = covariance @ np.swapaxes(beside.jacobian, 1, 2)
+    return _Happened(chance, covariance, beside, crossed, beside.jacobian @ crossed)
 
 
 def _updates(happened: list[_Happened], mean: Array, params: PoseParams) -> list[_Update]:
     """The update by each, which leaves every K that of a body."""
     taken = np.ones(params.free.size)
-    ways = [_updated(one.covariance, one.beside, taken) for one in happened]
+    ways = [_updated(one, taken) for one in happened]
     possible = np.logical_and.reduce([_possible(mean, way.correction, params) for way in ways])
     if not possible.all():
         taken = np.where(possible[:, None] | ~_spin(params), 1.0, 0.0)
-        ways = [_updated(one.covariance, one.beside, taken) for one in happened]
+        ways = [_updated(one, taken) for one in happened]
     return ways
 
 
@@ -296,20 +318,18 @@ def _by_kind(covariance: Array, beside: Compared) -> Array:
     return result
 
 
-def _whitened(covariance: Array, beside: Compared) -> Array:
+def _whitened(shown: Array, beside: Compared) -> Array:
     """See `Cycled.whitened`."""
-    by = beside.jacobian
-    expected = np.mean(by @ covariance @ np.swapaxes(by, 1, 2) + beside.variance, axis=0)
+    expected = np.mean(shown + beside.variance, axis=0)
     return np.asarray(np.linalg.solve(np.linalg.cholesky(expected), beside.innovation.T).T, dtype=np.float64)
 
 
-def _updated(covariance: Array, beside: Compared, taken: Array) -> _Update:
+def _updated(one: _Happened, taken: Array) -> _Update:
     """The update by Joseph's form, which holds for any gain."""
-    by = beside.jacobian
-    crossed = covariance @ np.swapaxes(by, 1, 2)
-    expected = by @ crossed + beside.variance
+    covariance, beside = one.covariance, one.beside
+    by, expected = beside.jacobian, one.shown + beside.variance
     half = np.linalg.cholesky(expected)
-    gain = np.swapaxes(np.linalg.solve(expected, np.swapaxes(crossed, 1, 2)), 1, 2)
+    gain = np.swapaxes(np.linalg.solve(expected, np.swapaxes(one.crossed, 1, 2)), 1, 2)
     gain = gain * taken[..., None]
     left = np.eye(covariance.shape[1]) - gain @ by
     after = left @ covariance @ np.swapaxes(left, 1, 2) + gain @ beside.variance @ np.swapaxes(gain, 1, 2)

@@ -1,0 +1,287 @@
+"""The vehicle and its autopilot from sample to sample as one kernel; estimation comes in between.
+
+Of a sample come its readings, then the estimators, see `estimation.whole` and `estimation.cycle`, then the autopilot,
+jet selection, which is a linear program that Python solves, and the jets and the body up to the next sample. `fly` goes
+from the autopilot to the next readings, and stops on the way where Python has to do something. What it keeps is in a
+holder; what Python reads and writes is in arrays that both have, see `Desk` and `Rows`.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from massprop_drake.maths.autopilot.jet_selection import delivered_velocity, firing, must_select
+from massprop_drake.maths.autopilot.phase_space import PhaseSpaceParams, PilotMemory, initial_memory, piloted
+from massprop_drake.maths.estimation.whole import Asked
+from massprop_drake.maths.kernels import fill, kernel
+from massprop_drake.maths.linear_algebra import Array, nonzero
+from massprop_drake.maths.mass_properties import MASS_RECIPROCAL, converged
+from massprop_drake.maths.vehicle import cycle
+from massprop_drake.maths.vehicle.cycle import Ahead, Truth, VehicleState
+from massprop_drake.maths.vehicle.rigid_body import N_STATE, STRUCTURE
+from massprop_drake.maths.vehicle.sensing import unsaturated
+
+ROW, PHASE, SAMPLE = range(3)  # of what is reached
+SENSING, PILOTING, JUMPING, STEPPING = range(4)  # phases: what comes next
+ON, SELECT, JUMP = range(3)  # why `fly` stops: at the next readings, to select jets, or for a jump of mass properties
+
+
+class PilotParams(NamedTuple):
+    """The autopilot.
+
+    Attributes:
+        settings: of the phase-space controller.
+        forces: of the jets, lbf or N, shape (3, n_jets).
+        unit_wrenches: torque about the vehicle origin and force of a unit force along each jet, shape (n_jets, 6).
+        mass_reciprocal: nominal.
+        adapts: whether estimates are in use once they have converged.
+        limits: see `mass_properties.converged`, shape (3,).
+    """
+
+    settings: PhaseSpaceParams
+    forces: Array
+    unit_wrenches: Array
+    mass_reciprocal: float
+    adapts: bool
+    limits: Array
+
+
+class FlightParams(NamedTuple):
+    """What does not change in a flight.
+
+    Attributes:
+        truth: the vehicle.
+        pilot: the autopilot; of no meaning where none flies.
+        flies: whether the autopilot commands; else commands are prescribed.
+        closes: whether manifolds can be closed.
+        gyros, accelerometers: places of the estimators' packages among all, the preferred one first.
+    """
+
+    truth: Truth
+    pilot: PilotParams
+    flies: bool
+    closes: bool
+    gyros: NDArray[np.int_]
+    accelerometers: NDArray[np.int_]
+
+
+class FlightState(NamedTuple):
+    """What is kept from one sample to the next.
+
+    Attributes:
+        vehicle: see `VehicleState`.
+        pilot: see `PilotMemory`.
+        command: fraction commanded over the sample that ends, shape (n_jets,).
+        delivered: velocity change that it gives by the autopilot's mass properties, ft/s or m/s, shape (3,).
+    """
+
+    vehicle: VehicleState
+    pilot: PilotMemory
+    command: Array
+    delivered: Array
+
+
+class Rows(NamedTuple):
+    """What is logged, a row per sample; `hand_controllers`, and `command` where it is prescribed, are given.
+
+    Attributes:
+        body_state, structure, command, thrust, hand_controllers, attitude_error, request, selection_counts,
+        out_of_use: ports of these names.
+        readings: of all packages, shape (n, n_packages, 3).
+        rates, velocities: those that the estimators use, NaN where saturated, shape (n, s, 3) each.
+        told: fraction commanded over the sample that ends, shape (n, n_jets).
+    """
+
+    body_state: Array
+    structure: Array
+    command: Array
+    thrust: Array
+    hand_controllers: Array
+    attitude_error: Array
+    request: Array
+    selection_counts: Array
+    out_of_use: Array
+    readings: Array
+    rates: Array
+    velocities: Array
+    told: Array
+
+
+class Desk(NamedTuple):
+    """What kernel and Python hand each other, written in place.
+
+    Attributes:
+        remaining: cycles that each jet has still to fire, shape (n_jets,).
+        counts, refused, out_of_use: of jet selection, see `systems.autopilot.selector.SelectionState`.
+        wrench: known force of failed jets, torque about the vehicle origin first, shape (6,).
+        estimate, deviation: the ten parameters as published, and their 1-sigma, shape (10,) each.
+        asked: what the detector asks for.
+    """
+
+    remaining: Array
+    counts: Array
+    refused: Array
+    out_of_use: Array
+    wrench: Array
+    estimate: Array
+    deviation: Array
+    asked: Asked
+
+
+def desk(n_jets: int, asked: Asked) -> Desk:
+    """An empty desk.
+
+    Args:
+        n_jets: number of jets.
+        asked: what the detector asks for.
+    """
+    remaining, out_of_use = np.zeros((2, n_jets))
+    return Desk(remaining, np.zeros(4), np.zeros(4), out_of_use, np.zeros(6), np.zeros(10), np.zeros(10), asked)
+
+
+def rows(count: int, sizes: tuple[int, int], params: FlightParams) -> Rows:
+    """Rows to be filled in.
+
+    Args:
+        count: of rows.
+        sizes: numbers of jets and of packages.
+        params: see `FlightParams`.
+    """
+    jets, packages = sizes
+    used = (packages, params.gyros.size, params.accelerometers.size)
+    readings, rates, velocities = (np.zeros((count, number, 3)) for number in used)
+    body, structure = np.zeros((count, N_STATE)), np.zeros((count, STRUCTURE.size))
+    command, thrust, out_of_use, told = (np.zeros((count, jets)) for _ in range(4))
+    controllers, error, request, counts = (np.zeros((count, size)) for size in (6, 3, 8, 4))
+    of_pilot = (controllers, error, request, counts, out_of_use)
+    return Rows(body, structure, command, thrust, *of_pilot, readings, rates, velocities, told)
+
+
+class FlightBlock(NamedTuple):
+    """Rows, what chance brings to each, and the desk."""
+
+    rows: Rows
+    coming: Ahead
+    desk: Desk
+
+
+def initial_state(vehicle: VehicleState) -> FlightState:
+    """Before the first sample."""
+    return FlightState(vehicle, initial_memory(), np.zeros(vehicle.level.size), np.zeros(3))
+
+
+@kernel
+def fly(holder: Any, block: Any, reached: NDArray[np.int_], params: Any) -> int:
+    """Goes on to the next readings, or to where Python has to do something, which it says.
+
+    Args:
+        holder: of `FlightState`.
+        block: holder of a `FlightBlock`; it ends with the last row's sample, and the next one's readings are the first
+            thing of the next block.
+        reached: row, phase and number of the sample, shape (3,).
+        params: holder of `FlightParams`.
+
+    Raises:
+        OutOfMassError: when the jets use up the vehicle's mass.
+        SpunUpError: when the vehicle makes more than a turn in a sample.
+    """
+    state, given = holder.value, params.value
+    rows, coming, desk = block.value.rows, block.value.coming, block.value.desk
+    row = reached[ROW]
+    if reached[PHASE] == PILOTING:
+        reached[PHASE] = JUMPING
+        if given.flies:
+            state, selects = _piloted(state, row, rows, desk, given)
+            if selects:
+                holder.value = state
+                return SELECT
+    if reached[PHASE] == JUMPING:
+        reached[PHASE] = STEPPING
+        if coming.jumps[row]:
+            holder.value = state
+            return JUMP
+    if reached[PHASE] == STEPPING:
+        state = _stepped(state, (row, reached[SAMPLE]), (rows, coming), desk, given)
+        row += 1
+        reached[ROW], reached[PHASE] = row, SENSING
+        reached[SAMPLE] += 1
+    if row < rows.told.shape[0]:
+        state = _sensed(state, row, rows, coming, given)
+        reached[PHASE] = PILOTING
+    holder.value = state
+    return ON
+
+
+@kernel
+def _sensed(state: FlightState, row: int, rows: Rows, coming: Ahead, params: FlightParams) -> FlightState:
+    """The readings of a sample, as they are and as the estimators see them."""
+    vehicle, truth = state.vehicle, params.truth
+    readings, memories = cycle.sense(vehicle, row, coming, truth)
+    rows.body_state[row] = vehicle.body
+    rows.structure[row] = vehicle.structure
+    rows.readings[row] = readings
+    rows.told[row] = state.command
+    for place in range(params.gyros.size):
+        package = params.gyros[place]
+        rows.rates[row, place] = unsaturated(readings[package], truth.packages.limits[package])
+    for place in range(params.accelerometers.size):
+        package = params.accelerometers[place]
+        rows.velocities[row, place] = unsaturated(readings[package], truth.packages.limits[package])
+    after = VehicleState(
+        vehicle.body,
+        vehicle.structure,
+        vehicle.constants,
+        vehicle.level,
+        vehicle.target,
+        vehicle.deviation,
+        memories,
+    )
+    return FlightState(after, state.pilot, state.command, state.delivered)
+
+
+@kernel
+def _piloted(state: FlightState, row: int, rows: Rows, desk: Desk, params: FlightParams) -> tuple[FlightState, bool]:
+    """The autopilot's request, and whether jets are to be selected for it."""
+    pilot, asked = params.pilot, desk.asked
+    rate = rows.readings[row, params.gyros[0]]
+    request, error, memory = piloted(state.pilot, rate, rows.hand_controllers[row], state.delivered, pilot.settings)
+    changes = (request.rate_change, request.velocity_change, request.time_limit_s, float(request.urgency.value))
+    fill(rows.request[row], changes)
+    rows.attitude_error[row] = error
+    rows.selection_counts[row] = desk.counts
+    rows.out_of_use[row] = desk.out_of_use
+    desk.wrench[:] = 0.0
+    if nonzero(asked.force):
+        desk.wrench[:] = asked.force @ pilot.unit_wrenches
+    declared = asked.declared[0] != 0.0
+    if declared:
+        desk.remaining[:] = 0.0
+    selects = must_select(desk.remaining, request, desk.refused, nonzero(desk.wrench), declared)
+    return FlightState(state.vehicle, memory, state.command, state.delivered), selects
+
+
+@kernel
+def _stepped(
+    state: FlightState, at: tuple[int, int], given: tuple[Rows, Ahead], desk: Desk, params: FlightParams
+) -> FlightState:
+    """Jets and body up to the next sample; ``at``: the row, and the number of the sample."""
+    row, sample = at
+    rows, coming = given
+    vehicle, pilot, delivered = state.vehicle, params.pilot, state.delivered
+    if params.flies:
+        command = firing(desk.remaining)
+        rows.command[row] = command
+        reciprocal = pilot.mass_reciprocal
+        if pilot.adapts and converged(desk.deviation, desk.estimate, pilot.limits):
+            reciprocal = desk.estimate[MASS_RECIPROCAL]
+        delivered = delivered_velocity(command, pilot.forces, reciprocal, pilot.settings.period_s)
+        desk.remaining[:] = np.maximum(desk.remaining - 1.0, 0.0)
+    else:
+        command = rows.command[row].copy()
+    closed = desk.asked.closed if params.closes else np.zeros(command.size)
+    after, thrust = cycle.step(vehicle, (command, closed), sample, (coming, row), params.truth)
+    rows.thrust[row] = thrust
+    return FlightState(after, state.pilot, command, delivered)
