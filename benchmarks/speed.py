@@ -212,7 +212,7 @@ def campaign_cases() -> list[dict[str, Any]]:
     for base, (title, target) in CAMPAIGNS.items():
         overrides = [f"base={base}", "sweep={}", f"cases={CAMPAIGN_CASES + 1}", "execution.compiled=true"]
         campaign = load_campaign("healthy_maneuver", overrides)
-        setup = {"base": campaign.base.model_dump(mode="json"), "campaign": title, "times_s": [], "keep": "none"}
+        setup = {"base": campaign.base.model_dump(mode="json"), "campaign": "speed", "times_s": [], "keep": "none"}
         flights = Flights({**setup, "folder": "", "token": None})
         each_ms = []
         for case in planned(campaign):
