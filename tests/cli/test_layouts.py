@@ -46,7 +46,7 @@ def quick(monkeypatch: pytest.MonkeyPatch, ready_run: Run) -> None:
     """What takes long costs nothing; everything that is read and written is real."""
     monkeypatch.setattr("massprop_drake.runners.simulate.simulate", lambda *_, **__: ready_run)
     monkeypatch.setattr(flight3d, "replay_html", lambda _: "<!DOCTYPE html>")
-    monkeypatch.setattr(graphs, "build", lambda name: name)
+    monkeypatch.setattr(graphs, "build", lambda name, *_: name)
     monkeypatch.setattr(graphs, "dot_text", lambda name, _: f"digraph {name}")
     monkeypatch.setattr(graphs, "overview_text", lambda name: f"digraph {name}")
     monkeypatch.setattr(graphs, "svg_text", lambda _: None)
