@@ -179,7 +179,9 @@ def maneuver(random: Random) -> list[dict[str, Any]]:
     return windows
 
 
-def happens(kind: str, random: Random, ship: Drawn) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+def happens(
+    kind: str, random: Random, ship: Drawn, true: MassProperties
+) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
     """Failures and jumps of a kind."""
     start_s = float(random.uniform(*HAPPENS_S))
     jet = str(random.choice([one["designation"] for one in ship.vehicle["jets"]]))
@@ -196,7 +198,7 @@ def happens(kind: str, random: Random, ship: Drawn) -> tuple[list[dict[str, Any]
     }
     jumps = {
         "dock": [docks],
-        "release": [{**docks, "kind": "release", "mass": 0.4 * docks["mass"], "position": near(ship, position)}],
+        "release": [leaves(random, true, start_s)],
         "off_then_dock": [{**docks, "time_s": start_s + float(random.uniform(5.0, 15.0))}],
     }
     return failures.get(kind, []), jumps.get(kind, [])
@@ -207,11 +209,16 @@ def arm(ship: Drawn) -> float:
     return float(np.sqrt(np.trace(ship.nominal.inertia) / ship.nominal.mass))
 
 
-def near(ship: Drawn, position: list[float]) -> list[float]:
-    """A place from which a payload may leave: what is left must be a body."""
-    center = ship.nominal.center_of_mass
-    found: list[float] = (center + 0.5 * (np.array(position) - center)).tolist()
-    return found
+def leaves(random: Random, true: MassProperties, start_s: float) -> dict[str, Any]:
+    """A payload that leaves, from where half of what could be a body's there is left."""
+    mass = true.mass * float(random.uniform(0.03, 0.15))
+    second = 0.5 * np.trace(true.inertia) * np.eye(3) - true.inertia
+    way = random.standard_normal(3)
+    reduced = mass * true.mass / (true.mass - mass)
+    arm = way * np.sqrt(0.5 / (reduced * way @ np.linalg.solve(second, way)))
+    # what leaves is as far from the whole's center of mass as the rest allows
+    position = true.center_of_mass + arm * (true.mass - mass) / true.mass
+    return {"kind": "release", "time_s": start_s, "mass": mass, "position": position.tolist()}
 
 
 def fly(kind: str, number: int, compiled: bool) -> tuple[str, list[str], Array, str]:
@@ -225,7 +232,7 @@ def fly(kind: str, number: int, compiled: bool) -> tuple[str, list[str], Array, 
         second_moment_factors=np.exp(0.3 * random.standard_normal(3)),
         rotation=0.1 * random.standard_normal(3),
     )
-    failures, jumps = happens(kind, random, ship)
+    failures, jumps = happens(kind, random, ship, true)
     body = {"mass": true.mass, "center_of_mass": true.center_of_mass.tolist(), "inertia": true.inertia.tolist()}
     off = 0.01 if number % 2 else 0.0
     settings = [

@@ -52,18 +52,20 @@ def test_the_rate_at_the_end_is_the_mean_of_prediction_and_reading_by_their_vari
     assert np.abs(found.end - alone.end)[:2].min() > 0.02
 
 
-def test_a_rate_that_is_poorly_known_makes_what_accelerometers_gather_uncertain() -> None:
-    state = some_state(PARAMS)
+@pytest.mark.parametrize("second_order", [False, True])
+def test_a_rate_that_is_poorly_known_makes_what_accelerometers_gather_uncertain(second_order: bool) -> None:
+    state, params = some_state(PARAMS), PARAMS._replace(second_order=second_order)
     acting = drive(state, SAMPLE.durations_s, SAMPLE.commands, SAMPLE.outside, PARAMS)
     rate = state.mean[10:13] + np.array([0.003, -0.001, 0.002])
-    sure = predict(state, acting, read_as(rate, PARAMS), PARAMS)
-    poor = predict(state, acting, read_as(rate, PARAMS)._replace(variance=np.full(3, 1e-4)), PARAMS)
+    sure = predict(state, acting, read_as(rate, PARAMS), params)
+    poor = predict(state, acting, read_as(rate, PARAMS)._replace(variance=np.full(3, 1e-4)), params)
     arm = np.linalg.norm(PARAMS.accelerometer_positions - state.mean[6:9], axis=1).max()
     spread = np.sum(propagated(state.root, sure, PARAMS)[10:13] ** 2, axis=1)
     left = (1.0 / (1.0 / spread + 1e4)).max()
     fastest = max(state.mean[10:13] @ state.mean[10:13], poor.end @ poor.end)
     added = (poor.noise - sure.noise)[3:, 3:]
-    np.testing.assert_allclose(added, PERIOD**2 * fastest * left * arm**2 * np.eye(3), rtol=0.02)
+    unknown = PERIOD**2 * fastest * arm**2 + second_order * np.sum(state.root[6:9] ** 2)
+    np.testing.assert_allclose(added, left * unknown * np.eye(3), rtol=0.02)
 
 
 def predicted_mean(mean: Array, state: JointState, rate_read: RateRead) -> Array:
@@ -207,8 +209,9 @@ def test_second_order_terms_are_the_moments_of_the_products() -> None:
     mean[10:] = 0.0
     state = state._replace(mean=mean)
     acting = drive(state, SAMPLE.durations_s, SAMPLE.commands, np.zeros(6), params)
-    first = predict(state, acting, UNREAD, params._replace(second_order=False))
-    second = predict(state, acting, UNREAD, params)
+    read = read_as(np.zeros(3), params)  # what is not known of the rate is noise, too
+    first = predict(state, acting, read, params._replace(second_order=False))
+    second = predict(state, acting, read, params)
     draws = sampled(state, acting.firing, 40_000)
     bias = (second.mean - first.mean)[10:16]
     spread = np.sqrt(np.diag(second.noise))

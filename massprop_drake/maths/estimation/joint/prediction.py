@@ -26,7 +26,7 @@ bows, so t += w_mean x dL + J dL x l_mean. It counts from when the diagonal of J
 most that it can be for any body, |w|^2 T, is noise on w: else what an open-loop drift does would be taken for what J
 and r are to explain. w1 is the predicted rate as the reading less its bias corrects it, axis by axis; where that is
 missing, as it is. The derivatives follow. What w1 is still off by, of the variance v, turns what accelerometers read by
-T |w| |rho| v^1/2 at the most; that is noise on c.
+T |w| |rho| v^1/2 at the most, and by its product with the error of r, v^1/2 (tr P_rr)^1/2; both are noise on c.
 
 *The common thrust scale* s (`thrust_scale`) is not seen by what jets do, but known outside forces are not scaled with
 them: they enter by 1 - sigma_T s.
@@ -281,7 +281,10 @@ def predict(state: JointState, acting: Drive, rate_read: RateRead, params: Joint
         noise[:3, :3] += largest_coupling(mean[RATE], end, duration) ** 2 * _IDENTITY
 
     fastest = max(float(mean[RATE] @ mean[RATE]), float(end @ end))
-    noise[3:, 3:] += duration**2 * fastest * left.max() * _longest_arm(mean, params) * _IDENTITY
+    unknown = duration**2 * fastest * _longest_arm(mean, params)
+    if params.second_order:
+        unknown += np.trace(covariance[CENTER, CENTER])
+    noise[3:, 3:] += left.max() * unknown * _IDENTITY
 
     after = mean.copy()
     after[RATE] += change
