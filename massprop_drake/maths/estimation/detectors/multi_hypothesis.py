@@ -91,14 +91,14 @@ class JetsDeclared(NamedTuple):
 
 
 class JumpDeclared(NamedTuple):
-    """A jump of the mass properties; first when it is found, with its size if its filter fits by then, and again when
+    """A jump of the mass properties; first when it is found, with its size if that is known by then, and again when
     the filter has settled after it and knows the mass to a tenth.
 
     Attributes:
         measured: whether this is the second time.
         onset_s: when it had not happened yet.
-        mass, mass_sigma: gained (released: negative), NaN while the jump's filter does not fit, or when it is first
-            said the mass is not significant, slug or kg.
+        mass, mass_sigma: gained (released: negative), NaN when it is first said while the jump's filter does
+            not fit or the mass is not known to a tenth, slug or kg.
         position, position_sigma: where, vehicle frame, NaN while the mass is not significant, ft or m, shape (3,).
     """
 
@@ -422,7 +422,7 @@ def _concluded(
         assert winner is not None
         assert winner.run is not None
         size = brought(race.states[0], now, joint) if winner.run.fits else UNKNOWN
-        if not abs(size.mass) > SIGNIFICANT * size.mass_sigma:  # nothing has pushed it yet
+        if not size.mass_sigma < _MEASURED * abs(size.mass):  # nothing has pushed it enough
             size = UNKNOWN
         declared.append(JumpDeclared(False, began, *size))
         state = state._replace(earlier=race.states[0])
