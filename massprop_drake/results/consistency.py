@@ -120,7 +120,8 @@ class Tally:
         self._sum += float(nis.sum())
         chance = chdtrc(components, nis * components / 3.0)
         # one by one, so that it does not depend on how the samples come in blocks
-        self._sum_within = sum(nis[chance >= _TAIL].tolist(), self._sum_within)
+        for value in nis[chance >= _TAIL].tolist():
+            self._sum_within += value
         self._beyond = [
             count + int((chance < least).sum()) for count, least in zip(self._beyond, (_TAIL, _QUARTER), strict=True)
         ]
