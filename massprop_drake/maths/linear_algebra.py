@@ -59,6 +59,15 @@ def cross(left: Array, right: Array) -> Array:
     return np.array([b * z - c * y, c * x - a * z, a * y - b * x])
 
 
+def crosses(left: Array, right: Array) -> Array:
+    """The cross products of stacks of vectors along their last axis; several times faster than numpy's."""
+    result = np.empty(np.broadcast_shapes(left.shape, right.shape))
+    a, b, c = left[..., 0], left[..., 1], left[..., 2]
+    x, y, z = right[..., 0], right[..., 1], right[..., 2]
+    result[..., 0], result[..., 1], result[..., 2] = b * z - c * y, c * x - a * z, a * y - b * x
+    return result
+
+
 def _any_nonzero(vector):  # type: ignore[no-untyped-def] # compiled alone
     return np.any(vector != 0.0)
 
@@ -250,6 +259,12 @@ def inverse(matrix: Array) -> Array:
 def symmetrized(matrix: Array) -> Array:
     """The symmetric part of a square matrix."""
     return 0.5 * (matrix + matrix.T)
+
+
+def symmetrized_stack(stack: Array) -> Array:
+    """The symmetric part of each matrix of a stack."""
+    result: Array = 0.5 * (stack + np.swapaxes(stack, -1, -2))
+    return result
 
 
 def is_covariance(matrix: Array, tolerance: float = 1e-9) -> bool:

@@ -73,7 +73,7 @@ class _Block(NamedTuple):
     """Rows of the logs that are filled in together."""
 
     rows: Rows
-    tracked: dict[str, Array]  # readings in a fixed frame, by sensor: parts of what the estimators take
+    tracked: Array  # readings in a fixed frame, see `Trackers`
     log: EstimationLog
     shared: Any  # what the kernel has of it
 
@@ -126,10 +126,8 @@ class Loop:
         if row == 0:
             self._begin()
         rows, tracked, _, shared_rows = self._blocks[-1]
-        if tracked:
-            read = self._trackers.read(rows.body_state[row], rows.structure[row], self._sample)
-            for name, values in read.items():
-                tracked[name][row] = values
+        if self._trackers.size:
+            tracked[row] = self._trackers.read(rows.body_state[row], rows.structure[row], self._sample)
         self._known.advance(row + 1)
         if self._made.pilot.adapts:
             self._desk.estimate[:], self._desk.deviation[:] = self._known.reported()
@@ -155,33 +153,30 @@ class Loop:
             for row, time_s in enumerate(times_s.tolist()):
                 rows.hand_controllers[row] = hand_controllers(self._windows, time_s)
         ahead = vehicle_cycle.ahead(first, _ROWS, self._true)
-        log, sizes = EstimationLog(self._scenario, self._params, _ROWS), self._trackers.sizes
-        seen = np.full((_ROWS, sum(sizes.values())), np.nan)
-        tracked = (
-            dict(zip(sizes, np.split(seen, np.cumsum(list(sizes.values()))[:-1], axis=1), strict=True)) if sizes else {}
-        )
+        log, tracked = EstimationLog(self._scenario, self._params, _ROWS), np.empty((_ROWS, self._trackers.size))
         self._blocks.append(_Block(rows, tracked, log, shared(FlightBlock(rows, ahead, self._desk), self._compiled)))
         samples = Samples(times_s, rows.rates, rows.velocities, rows.told, np.zeros((_ROWS, 6)))
         coming = None if self._schedule is None else rows.command
-        self._known.begin(RecordRows(samples, coming=coming, tracked=seen if tracked else None), log)
+        self._known.begin(RecordRows(samples, coming=coming, tracked=tracked if tracked.size else None), log)
         self._reached[[ROW, PHASE, SAMPLE]] = 0, SENSING, first
         self._fly(self._holder, self._blocks[-1].shared, self._reached, self._given)
 
     def emptied(self) -> dict[str, Array]:
         """What has been logged, by port, and the times; the logs are empty then."""
         taken, filled = self._taken, self._filled
-        blocks = [{**self._ports(block.rows), **block.tracked, **block.log.rows} for block in self._blocks]
+        blocks = [{**self._ports(block), **block.log.rows} for block in self._blocks]
         logs = {name: np.concatenate([block[name] for block in blocks])[taken:filled] for name in blocks[0]}
         times_s = np.arange(self._sample - filled + taken, self._sample) * self._period_s
         self._filled = self._taken = filled - _ROWS * (len(self._blocks) - 1)
         self._blocks = self._blocks[-1:]  # whose other rows are still to be filled in
         return {"time_s": times_s, **logs}
 
-    def _ports(self, rows: Rows) -> dict[str, Array]:
+    def _ports(self, block: _Block) -> dict[str, Array]:
         """The logged ports of the vehicle and the autopilot."""
+        rows = block.rows
         logged = ("body_state", "structure", "command", "thrust", *(() if self._selection is None else _PILOTED))
         readings = {name: rows.readings[:, place] for place, name in enumerate(self._names)}
-        return {**{name: getattr(rows, name) for name in logged}, **readings}
+        return {**{name: getattr(rows, name) for name in logged}, **readings, **self._trackers.ports(block.tracked)}
 
     def moment(self) -> Moment:
         """What there is to see at the last sample."""

@@ -22,20 +22,22 @@ class Trackers:
         scenario: for the vehicle, and the seed of their noise.
 
     Attributes:
-        sizes: numbers that each reads, by name.
+        size: numbers that all of them read.
     """
 
     def __init__(self, scenario: Scenario):
         sensors = scenario.vehicle_data.tracked
-        self.sizes = {sensor.name: len(sensor.columns) for sensor in sensors}
+        ends = np.cumsum([0, *(len(sensor.columns) for sensor in sensors)]).tolist()
+        self._parts = {sensor.name: slice(*ends[k : k + 2]) for k, sensor in enumerate(sensors)}
+        self.size: int = ends[-1]
         self._seed = scenario.seed
         self._poses = {one.name: params.pose_model(scenario, one) for one in sensors if isinstance(one, PoseSensor)}
         self._points = {
             one.name: (np.array(one.position), one.noise_std) for one in sensors if not isinstance(one, PoseSensor)
         }
 
-    def read(self, body: Array, structure: Array, sample: int) -> dict[str, Array]:
-        """What each reads of the true vehicle at a sample, NaN where it measures nothing.
+    def read(self, body: Array, structure: Array, sample: int) -> Array:
+        """What they read of the true vehicle at a sample, NaN where one measures nothing, shape (size,).
 
         Args:
             body: state, see `maths.vehicle.rigid_body`, shape (23,).
@@ -43,12 +45,16 @@ class Trackers:
             sample: its number.
         """
         center = STRUCTURE.read(structure).center_of_mass
-        readings = {}
-        for name in self.sizes:
+        readings = np.empty(self.size)
+        for name, part in self._parts.items():
             if name in self._poses:
                 noise = normal_sample(self._seed, name, sample, N_NOISE)
-                readings[name] = pose_read(body, center, noise, self._poses[name])
+                readings[part] = pose_read(body, center, noise, self._poses[name])
             else:
                 noise = normal_sample(self._seed, name, sample, 3)
-                readings[name] = velocity_read(body, center, noise, *self._points[name])
+                readings[part] = velocity_read(body, center, noise, *self._points[name])
         return readings
+
+    def ports(self, rows: Array) -> dict[str, Array]:
+        """The readings of each by its name, of rows as `read` gives them, shape (n, size)."""
+        return {name: rows[:, part] for name, part in self._parts.items()}

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from massprop_drake.maths.estimation.joint.impulses import fire
 from massprop_drake.maths.kernels import chosen, kernel, listed
-from massprop_drake.maths.linear_algebra import Array, is_positive_definite
+from massprop_drake.maths.linear_algebra import Array, crosses, is_positive_definite
 from massprop_drake.maths.mass_properties import ELEMENT
 
 _N = 10  # mass properties
@@ -328,8 +328,8 @@ def _coupling(inverse: Array, rate: Array, bow_moment: Array, durations_s: Array
     """Dynamic coupling over each interval, see `joint.prediction`, shape (m - 1, 3)."""
     momentum = rate @ np.linalg.inv(inverse)
     start, end, at_start, at_end = rate[:-1], rate[1:], momentum[:-1], momentum[1:]
-    turn = (_cross(start, 2.0 * at_start + at_end) + _cross(end, at_start + 2.0 * at_end)) / 6.0
-    bent = _cross(0.5 * (start + end), bow_moment) + _cross(bow_moment @ inverse, 0.5 * (at_start + at_end))
+    turn = (crosses(start, 2.0 * at_start + at_end) + crosses(end, at_start + 2.0 * at_end)) / 6.0
+    bent = crosses(0.5 * (start + end), bow_moment) + crosses(bow_moment @ inverse, 0.5 * (at_start + at_end))
     return -durations_s[:, None] * ((turn + bent) @ inverse)
 
 
@@ -343,24 +343,15 @@ class _Sums(NamedTuple):
     durations_s: Array
 
 
-def _cross(left: Array, right: Array) -> Array:
-    """Cross products along the last axis, which numpy's own does slowly."""
-    x, y, z = left[..., 0], left[..., 1], left[..., 2]
-    u, v, w = right[..., 0], right[..., 1], right[..., 2]
-    result = np.empty(np.broadcast_shapes(left.shape, right.shape))
-    result[..., 0], result[..., 1], result[..., 2] = y * w - z * v, z * u - x * w, x * v - y * u
-    return result
-
-
 def _gathered(properties: Array, bias: Array, sums: _Sums) -> Array:
     """The rate that has been gained since the beginning, shape (m, 3)."""
     inverse, center = properties[ELEMENT], properties[_CENTER]
-    change = (sums.impulse[:, :3] + _cross(sums.impulse[:, 3:], center)) @ inverse
-    bow_moment = sums.bow[:, :3] + _cross(sums.bow[:, 3:], center)
+    change = (sums.impulse[:, :3] + crosses(sums.impulse[:, 3:], center)) @ inverse
+    bow_moment = sums.bow[:, :3] + crosses(sums.bow[:, 3:], center)
     gained = np.zeros_like(sums.rate)
     np.cumsum(change + _coupling(inverse, sums.rate - bias, bow_moment, sums.durations_s), axis=0, out=gained[1:])
     if sums.late.any():
-        gained += (sums.late[:, :3] + _cross(sums.late[:, 3:], center)) @ inverse
+        gained += (sums.late[:, :3] + crosses(sums.late[:, 3:], center)) @ inverse
     return gained
 
 
@@ -430,7 +421,7 @@ def _design(expected: _Expected, at: Array, model: Model) -> _Design:
         rate[place[element]] = (_gathered(moved[:_N], moved[places.gyro_bias], sums) - expected.rate) / step
     np.cumsum(sums.impulse[:, 3:] * (expected.lightness / at[_MASS]) ** 2, axis=0, out=velocity[_MASS, 1:])
     inverse, forces = at[:6][ELEMENT], model.wrenches[:, 3:]
-    moments = (model.wrenches[:, :3] + _cross(forces, at[_CENTER])) @ inverse
+    moments = (model.wrenches[:, :3] + crosses(forces, at[_CENTER])) @ inverse
     for jet in active.tolist():
         amount, column = course.amount[:, jet, None], place[jets[jet]]
         np.cumsum(amount * moments[jet], axis=0, out=rate[column, 1:])

@@ -41,7 +41,7 @@ from massprop_drake.maths.estimation.joint.hypotheses import (
     without_increments,
 )
 from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES, JointParams, JointState, Places, settled
-from massprop_drake.maths.estimation.joint.payload import UNKNOWN, brought
+from massprop_drake.maths.estimation.joint.payload import UNKNOWN, Payload, brought
 from massprop_drake.maths.estimation.joint.race import History, Race, Record
 from massprop_drake.maths.estimation.joint.screen import Contender
 from massprop_drake.maths.estimation.joint.sensitivity import Link, Traces, linked, traces
@@ -422,7 +422,7 @@ def _concluded(
         assert winner is not None
         assert winner.run is not None
         size = brought(race.states[0], now, joint) if winner.run.fits else UNKNOWN
-        if not size.mass_sigma < _MEASURED * abs(size.mass):  # nothing has pushed it enough
+        if not _is_measured(size):  # nothing has pushed it enough
             size = UNKNOWN
         declared.append(JumpDeclared(False, began, *size))
         state = state._replace(earlier=race.states[0])
@@ -440,6 +440,11 @@ def _concluded(
         declared.append(Unexplained(began))
     bank, history = _anew(state, now, decision, joint)
     return state._replace(bank=bank, history=history, race=None), now, declared
+
+
+def _is_measured(size: Payload) -> bool:
+    """Whether a mass is known well enough to be told."""
+    return size.mass_sigma < _MEASURED * abs(size.mass)
 
 
 def _anew(state: State, now: JointState, decision: Decision, joint: JointParams) -> tuple[Bank, History]:
@@ -561,7 +566,7 @@ def _known_now(state: State, now: JointState, params: JointParams) -> tuple[Stat
     said: list[Declaration] = []
     if state.earlier is not None and settled(now, params):
         size = brought(state.earlier, now, params)
-        if size.mass_sigma < _MEASURED * abs(size.mass):
+        if _is_measured(size):
             said.append(JumpDeclared(True, state.earlier.time_s, *size))
             state = state._replace(earlier=None)
     if not state.members.any():

@@ -237,18 +237,17 @@ def expect(state: JointState, acting: Drive, sample: Sample, params: JointParams
     """Predicts the state and its outputs, and says which components count."""
     prediction = predict(state, acting, rate_read(sample.rates, state.mean, params), params)
     root = propagated(state.root, prediction, params)
-    return _expected(state, prediction, root, prediction.mean[:N_PROPERTIES], (sample, params))
+    return _expected(state, prediction, root, prediction.mean[:N_PROPERTIES], sample, params)
 
 
 @kernel
 def _expected(
-    state: JointState, prediction: Prediction, root: Array, about: Array, given: tuple[Sample, JointParams]
+    state: JointState, prediction: Prediction, root: Array, about: Array, sample: Sample, params: JointParams
 ) -> Expected:
     """What is expected of a sample; outputs are linearized at some mass properties and at the rate that gyros correct.
 
     At the rate that was predicted, its error times that of the center of mass would be taken for an error of this.
     """
-    sample, params = given
     spin = state.spin + prediction.spin
     there = prediction.mean.copy()
     there[:N_PROPERTIES], there[RATE] = about, prediction.end
@@ -457,7 +456,7 @@ def cycled(state: JointState, sample: Sample, thresholds: Array, holder: Any) ->
         change = _update(expected, expected.root, gained(state, params), params)
         if params.places.n_thrust > 0 and not state.freed and params.second_order:
             change = _update_again(state, acting, expected, change, params)
-    after = _learned(state, sample, (firing, expected), change, params)
+    after = _learned(state, sample, firing, expected, change, params)
     after = guarded(after, commanded, params)
     estimate, rows = reported(after, params)
     return Cycled(
@@ -477,25 +476,25 @@ def cycled(state: JointState, sample: Sample, thresholds: Array, holder: Any) ->
 
 @kernel
 def _learned(
-    state: JointState, sample: Sample, course: tuple[Firing, Expected], change: Update, params: JointParams
+    state: JointState, sample: Sample, firing: Firing, expected: Expected, change: Update, params: JointParams
 ) -> JointState:
     """The state after a cycle, before the guard.
 
     Args:
         state: before it.
         sample: of it.
-        course: what the jets did, and what was expected.
+        firing: what the jets did.
+        expected: see `Expected`.
         change: of no meaning where no component counted.
         params: see `JointParams`.
     """
-    firing, expected = course
     mean, root, last = expected.prediction.mean, change.root, state.last
     if expected.used.any():
         mean = mean + change.correction
         filtered, _ = outputs(mean, state.reference, expected.spin, params)
         last = np.where(expected.used, filtered, last)
-    else:
-        root = compressed(root) if root.shape[1] > root.shape[0] else root
+    elif root.shape[1] > root.shape[0]:
+        root = compressed(root)
     return JointState(
         mean,
         root,
@@ -555,11 +554,11 @@ def gone_over(state: JointState, sample: Sample, about: Array, holder: Any) -> t
         at.coupled,
     )
     root = propagated(state.root, prediction, params)
-    expected = _expected(state, prediction, root, about[:N_PROPERTIES], (sample, params))
+    expected = _expected(state, prediction, root, about[:N_PROPERTIES], sample, params)
     change = Update(np.zeros(0), root, 0.0, 0.0, np.zeros((0, 0)), np.zeros((0, 0)))
     if expected.used.any():
         change = _update(expected, root, gained(state, params), params)
-    after = _learned(state, sample, (acting.firing, expected), change, params)
+    after = _learned(state, sample, acting.firing, expected, change, params)
     return after, change.nis, float(expected.used.sum())
 
 

@@ -12,9 +12,9 @@ from the state before them, with
 
 in place of the readings' prediction, x* the ten parameters and the gyros' biases where the last pass ended: then every
 sample errs by the second order of what is left of x - x*, not of what was known when it was taken. Passes are repeated
-until they end where they began, to a third of their sigma: the method of Gauss and Newton, by the filter. Rates in the
-product of arm and turning are those that gyros show. What the passes end with is the filter's state, if the guard holds
-there, too; if not, the filter goes on from there, and they are made again when it does.
+until they end where they began, to a third of their sigma: the method of Gauss and Newton, by the filter. What the
+passes end with is the filter's state, if the guard holds there, too; if not, the filter goes on from there, and they
+are made again when it does.
 
 An increment on the way says that the start was stated too well: the passes then begin with what it adds. A cycle makes
 `STEPS` of their steps; until they have arrived the estimates have not converged. If they do not explain the readings,

@@ -21,7 +21,7 @@ from massprop_drake.maths.estimation.pose.layout import Bank, Commands, PosePara
 from massprop_drake.maths.estimation.pose.measurement import Compared, compared
 from massprop_drake.maths.estimation.pose.prediction import predicted
 from massprop_drake.maths.estimation.pose.turning import rotation_vectors, rotations, symmetric_matrices
-from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError
+from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError, symmetrized_stack
 
 _LEAST = 0.01  # of the nominal K, below which it is no body's
 _DOUBTFUL = 0.3  # probability of a poor sample from which on a kick is kept apart
@@ -164,23 +164,21 @@ def _step(
         )
     chance = 1.0 - np.exp(-params.kicks_per_s * (span_s[1] - span_s[0]))
     poor = params.pose.outliers if beside.poses.any() else 0.0
-    fair = None
-    if poor > 0.0 and _cannot_tell(ahead.bank.covariance[0], beside, params.pose.tells):
-        noisy = _noisier(beside, params.pose.outlier_scale)
-        fair = _either(_density(ahead.bank.covariance, beside), _density(ahead.bank.covariance, noisy), poor)
+    fair, noisy = None, _noisier(beside, params.pose.outlier_scale) if poor > 0.0 else beside
+    if poor > 0.0 and _cannot_tell(shown[0], beside, params.pose.tells):
+        fair = _either(_density(shown, beside), _density(shown, noisy), poor)
         beside, poor = noisy, 0.0
     happened = [_happened(1.0 - chance - poor, ahead.bank.covariance, beside)]
     if chance > 0.0:
         happened.append(_happened(chance, ahead.bank.covariance + ahead.kick @ np.swapaxes(ahead.kick, 1, 2), beside))
     if poor > 0.0:
-        noisy = _noisier(beside, params.pose.outlier_scale)
         happened.append(happened[0]._replace(chance=poor, beside=noisy))
     ways = _updates(happened, ahead.bank.mean, params)
     each = np.stack([np.log(one.chance) + way.likelihood for one, way in zip(happened, ways, strict=True)])
     total = np.logaddexp.reduce(each)
     share = np.exp(each - total)
     kicked = share[1] if chance > 0.0 else np.zeros(count)
-    nis = [part * _by_kind(one.covariance[0], one.beside) for part, one in zip(share[:, 0], happened, strict=True)]
+    nis = [part * _by_kind(one.shown[0], one.beside) for part, one in zip(share[:, 0], happened, strict=True)]
     doubt = None
     if chance > 0.0 and poor > 0.0 and share[2].max() > _DOUBTFUL:
         doubt = Doubt(shifted(ahead.bank, ways[1].correction, ways[1].covariance, params), kicked)
@@ -286,17 +284,14 @@ def _noisier(beside: Compared, scale: float) -> Compared:
     return beside._replace(variance=beside.variance * grown[:, None] * grown)
 
 
-def _cannot_tell(covariance: Array, beside: Compared, tells: float) -> bool:
+def _cannot_tell(shown: Array, beside: Compared, tells: float) -> bool:
     """Whether a pose cannot be told from a poor one, as less is known of where the vehicle is, see `Poses.tells`."""
-    by = beside.jacobian[0][beside.poses]
-    expected = np.einsum("mi,ij,mj->m", by, covariance, by)
-    return bool((expected > tells * beside.variance[0].diagonal()[beside.poses]).any())
+    return bool((shown.diagonal() > tells * beside.variance[0].diagonal())[beside.poses].any())
 
 
-def _density(covariance: Array, beside: Compared) -> Array:
+def _density(shown: Array, beside: Compared) -> Array:
     """Logarithm of the density of the readings, shape (n_filters,)."""
-    by = beside.jacobian
-    half = np.linalg.cholesky(by @ covariance @ np.swapaxes(by, 1, 2) + beside.variance)
+    half = np.linalg.cholesky(shown + beside.variance)
     whitened = np.linalg.solve(half, beside.innovation[..., None])[..., 0]
     determinant = 2.0 * np.sum(np.log(np.diagonal(half, axis1=1, axis2=2)), axis=1)
     return np.asarray(-0.5 * (np.sum(whitened**2, axis=1) + determinant + whitened.shape[1] * _TWO_PI))
@@ -307,11 +302,10 @@ def _either(one: Array, other: Array, chance: float) -> Array:
     return np.asarray(np.logaddexp(np.log1p(-chance) + one, np.log(chance) + other))
 
 
-def _by_kind(covariance: Array, beside: Compared) -> Array:
+def _by_kind(shown: Array, beside: Compared) -> Array:
     """See `Cycled.of_first`."""
     result = np.zeros((2, 2))
-    by, off = beside.jacobian[0], beside.innovation[0]
-    expected = by @ covariance @ by.T + beside.variance[0]
+    off, expected = beside.innovation[0], shown + beside.variance[0]
     for row, chosen in enumerate((beside.turning, ~beside.turning)):
         if chosen.any():
             result[row] = off[chosen] @ np.linalg.solve(expected[np.ix_(chosen, chosen)], off[chosen]), chosen.sum()
@@ -333,7 +327,7 @@ def _updated(one: _Happened, taken: Array) -> _Update:
     gain = gain * taken[..., None]
     left = np.eye(covariance.shape[1]) - gain @ by
     after = left @ covariance @ np.swapaxes(left, 1, 2) + gain @ beside.variance @ np.swapaxes(gain, 1, 2)
-    after = 0.5 * (after + np.swapaxes(after, 1, 2))
+    after = symmetrized_stack(after)
     whitened = np.linalg.solve(half, beside.innovation[..., None])[..., 0]
     nis = np.sum(whitened**2, axis=1)
     determinant = 2.0 * np.sum(np.log(np.diagonal(half, axis1=1, axis2=2)), axis=1)

@@ -54,16 +54,21 @@ def parts_of(delays_s: Array, stds_s: Array, period_s: float) -> Delays:
 
 def split(bank: Bank, params: PoseParams) -> list[Bank]:
     """One filter as it is at the first sample, once for each part."""
-    delays, part = params.delays, params.parts.delay
-    places = np.flatnonzero(np.isin(params.free, np.arange(part.start, part.stop)))
-    kinds = params.free[places] - part.start
+    delays, places = params.delays, _places(params)
+    kinds = params.free[places] - params.parts.delay.start
     result = []
     for number, shift in enumerate(delays.shifts_s):
         mean, covariance = bank.mean.copy(), bank.covariance.copy()
-        mean[:, part.start + kinds] += shift
+        mean[:, params.free[places]] += shift
         covariance[:, places, places] = delays.stds_s[min(number, 1), kinds] ** 2
         result.append(bank._replace(mean=mean, covariance=covariance))
     return result
+
+
+def _places(params: PoseParams) -> np.ndarray:
+    """Where delays stand among what is free."""
+    part = params.parts.delay
+    return np.flatnonzero((params.free >= part.start) & (params.free < part.stop))
 
 
 def gathered(parts: list[Tried], params: PoseParams) -> Tried:
@@ -168,8 +173,7 @@ def _merged(parts: list[Tried], params: PoseParams) -> list[Tried]:
 
 def _one_holds(one: Tried, other: Tried, params: PoseParams) -> bool:
     """Whether one filter can hold what two leave open of the delay, as if both were as likely."""
-    part = params.parts.delay
-    places = np.flatnonzero(np.isin(params.free, np.arange(part.start, part.stop)))
+    places = _places(params)
     if not np.array_equal(one.known, other.known):
         return False
     apart = (one.bank.mean[0] - other.bank.mean[0])[params.free[places]]
@@ -183,11 +187,9 @@ def _both(one: Tried, other: Tried, params: PoseParams) -> Tried:
     total = np.logaddexp(first, second)
     share = np.where(np.isfinite(total), np.exp(second - np.where(np.isfinite(total), total, 0.0)), 0.0)
     likelier = one if weight(one) >= weight(other) else other
-    apart = likelier.apart
     return likelier._replace(
         bank=merged(one.bank, other.bank, share, params),
         likelihood=total - total[0],
         onset_s=np.where(share > 0.5, other.onset_s, one.onset_s),
-        apart=apart,
         total=float(total[0]),
     )

@@ -30,8 +30,8 @@ import numpy as np
 
 from massprop_drake.maths.estimation.pose.cycle import Cycled, Doubt, merged, step
 from massprop_drake.maths.estimation.pose.layout import PUSHED, Bank, Commands, PoseParams, Readings
-from massprop_drake.maths.estimation.pose.turning import cross, symmetric_matrices
-from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.maths.estimation.pose.turning import symmetric_matrices
+from massprop_drake.maths.linear_algebra import Array, crosses, symmetrized_stack
 
 BEFORE = 0.01  # probability of a failure of each kind of each jet before the record begins
 AGAIN_S = 1900.0  # seconds in which a jet fails as probably as it has before
@@ -173,7 +173,7 @@ def failing(bank: Bank, known: Array, params: PoseParams) -> Bank:
         if row is not None:
             added[-1, row] = (_MIDDLE * size) ** 2
     covariance = through @ bank.covariance[:1] @ np.swapaxes(through, 1, 2)
-    covariance = 0.5 * (covariance + np.swapaxes(covariance, 1, 2)) + added[:, :, None] * np.eye(free.size)
+    covariance = symmetrized_stack(covariance) + added[:, :, None] * np.eye(free.size)
     same = [np.repeat(part[:1], count, axis=0) for part in (bank.rotation, bank.reference, bank.turned)]
     return Bank(mean, covariance, same[0], opens, same[1], same[2])
 
@@ -181,7 +181,7 @@ def failing(bank: Bank, known: Array, params: PoseParams) -> Bank:
 def _largest(params: PoseParams) -> Array:
     """The largest acceleration that a jet gives the nominal vehicle, and turn, on every axis, shape (6,)."""
     spin = symmetric_matrices(params.start[params.parts.spin])
-    moments = cross(params.positions - params.start[params.parts.center], params.pushes)
+    moments = crosses(params.positions - params.start[params.parts.center], params.pushes)
     turns = np.linalg.norm(moments @ spin, axis=1)
     return np.repeat((np.linalg.norm(params.pushes, axis=1).max(), turns.max()), 3)
 

@@ -17,8 +17,8 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_drake.maths.estimation.pose.layout import Bank, PoseParams, Readings
-from massprop_drake.maths.estimation.pose.turning import cross, rotation_vectors, skews, times
-from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.maths.estimation.pose.turning import rotation_vectors, skews, times
+from massprop_drake.maths.linear_algebra import Array, crosses
 
 _EYE = np.eye(3)
 _PLANE = np.array([0, 1])  # of what is in the fixed frame, where motion is planar
@@ -99,7 +99,7 @@ def compared(bank: Bank, readings: Readings, params: PoseParams) -> Compared | N
     for place in range(readings.positions.shape[0]):
         point = parts.point.start + 3 * place
         arm = bank.mean[:, point : point + 3] - bank.mean[:, parts.center]
-        moves = velocity + times(rotation, cross(rate, arm))
+        moves = velocity + times(rotation, crosses(rate, arm))
         jitter = sensors.jitter_variances[place]
         variance = _white(sensors.position_variances[place]) + jitter * moves[:, :, None] * moves[:, None, :]
         by = {
@@ -116,7 +116,7 @@ def compared(bank: Bank, readings: Readings, params: PoseParams) -> Compared | N
         rows.add(off, {"attitude": _EYE}, variance, about, (True, True))
     for place, variance in enumerate(params.velocity_variances):
         arm = params.velocity_positions[place] - bank.mean[:, parts.center]
-        swing = cross(rate, arm)
+        swing = crosses(rate, arm)
         by = {
             "velocity": _EYE,
             "attitude": -rotation @ skews(swing),

@@ -31,8 +31,8 @@ import numpy as np
 
 from massprop_drake.maths.estimation.pose.layout import PUSHED, Bank, Commands, PoseParams
 from massprop_drake.maths.estimation.pose.openings import Openings, Timing, opened_on_average
-from massprop_drake.maths.estimation.pose.turning import by_elements, cross, rotations, skews, symmetric_matrices, times
-from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.maths.estimation.pose.turning import by_elements, rotations, skews, symmetric_matrices, times
+from massprop_drake.maths.linear_algebra import Array, crosses, symmetrized_stack
 from massprop_drake.maths.mass_properties import ELEMENT
 
 _EYE = np.eye(3)
@@ -146,7 +146,7 @@ def predicted(bank: Bank, commands: Commands, begin_s: float, end_s: float, para
         else:
             after[:, rows] += more
     covariance = through @ bank.covariance @ np.swapaxes(through, 1, 2) + _noise(acting, product, spread, params)
-    covariance = 0.5 * (covariance + np.swapaxes(covariance, 1, 2))
+    covariance = symmetrized_stack(covariance)
     moved = Bank(after, covariance, bank.rotation @ rotations(angle), bank.opens, bank.reference, bank.turned + spun)
     return Predicted(moved, _kick(acting, params))
 
@@ -178,7 +178,7 @@ def _acting(bank: Bank, openings: Openings, duration: float, params: PoseParams)
     shut[which, jets] -= share
     middle_turn = rotations(0.5 * duration * mean[:, parts.rate])
     middle = bank.rotation @ middle_turn
-    moments = cross(params.positions - mean[:, None, parts.center], params.pushes)
+    moments = crosses(params.positions - mean[:, None, parts.center], params.pushes)
     return _Acting(
         openings=openings,
         once=once,
@@ -269,7 +269,7 @@ def _pushed(after: Array, jacobian: Array, acting: _Acting, known: tuple[Bank, A
     torque, force = np.split(outside / params.nominal_mass, 2)
     inverse = _inverse_mass(bank, params)
     spin, half = symmetric_matrices(bank.mean[:, parts.spin]), 0.5 * duration**2
-    moment = torque - cross(bank.mean[:, parts.center], force)
+    moment = torque - crosses(bank.mean[:, parts.center], force)
     moves, turns = acting.middle @ force, times(spin, moment)
     back = np.swapaxes(acting.middle_turn, 1, 2)
     by_turn = inverse[..., None] * (-acting.middle @ skews(force))
@@ -309,7 +309,7 @@ def _coupling(rate: Array, spin: Array, params: PoseParams) -> tuple[Array, Arra
         return np.zeros((count, 3)), np.zeros((count, 3, 3)), np.zeros((count, 3, 6))
     inertia: Array = np.asarray(np.linalg.inv(spin), dtype=np.float64)
     momentum = times(inertia, rate)
-    turn = cross(rate, momentum)
+    turn = crosses(rate, momentum)
     over = skews(rate) @ inertia
     by_rate = -spin @ (over - skews(momentum))
     by_spin = -by_elements(turn) + spin @ over @ by_elements(momentum)

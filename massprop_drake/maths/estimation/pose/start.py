@@ -15,7 +15,7 @@ import numpy as np
 
 from massprop_drake.maths.estimation.pose.layout import Bank, Parts, PoseParams, Readings
 from massprop_drake.maths.estimation.pose.turning import skews
-from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.maths.linear_algebra import Array, symmetrized
 
 
 class Beforehand(NamedTuple):
@@ -96,8 +96,7 @@ def begun(readings: Readings, params: PoseParams) -> Bank:
             break
     gathered = readings.gathered.ravel()
     mean[parts.gathered] = np.where(np.isnan(gathered), 0.0, gathered)
-    covariance = whole[np.ix_(params.free, params.free)]
-    covariance = 0.5 * (covariance + covariance.T)
+    covariance = symmetrized(whole[np.ix_(params.free, params.free)])
     rate = mean[parts.rate]
     return Bank(
         mean[None],
