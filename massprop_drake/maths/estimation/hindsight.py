@@ -27,6 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from massprop_drake.maths.estimation.joint.impulses import fire
+from massprop_drake.maths.estimation.joint.prediction import PARABOLA
 from massprop_drake.maths.kernels import chosen, kernel, listed
 from massprop_drake.maths.linear_algebra import Array, crosses, is_positive_definite
 from massprop_drake.maths.mass_properties import ELEMENT
@@ -256,7 +257,7 @@ class _Course(NamedTuple):
     durations_s: Array
     amount: Array  # seconds of full thrust, (m - 1, n_jets)
     by_lag: Array  # its derivative by the time constant
-    bow: Array
+    bow: Array  # see `Firing`, s, (3, m - 1, n_jets)
     late_s: Array  # of each stamp after its tick, (m,)
     level: Array  # at each stamp, (m, n_jets)
 
@@ -283,9 +284,8 @@ def _course(stretch: Stretch, lag_error: Array, model: Model) -> _Course:
         np.array([period]),
         commands.reshape(1, -1),
     )
-    amount, by_log, bow = (
-        part.reshape(intervals, on.size) for part in (firing.amount, firing.amount_slope, firing.bow)
-    )
+    amount, by_log = (part.reshape(intervals, on.size) for part in (firing.amount, firing.amount_slope))
+    bow = firing.bow.reshape(3, intervals, on.size)
     off = level[:-1] - commands
     lagged = constants > 0.0
     by_lag = np.where(lagged, by_log / np.where(lagged, constants, 1.0), off)
@@ -294,8 +294,8 @@ def _course(stretch: Stretch, lag_error: Array, model: Model) -> _Course:
     at_stamp = np.where(lagged, level, np.nan_to_num(sided))
 
     def of_all(part: Array) -> Array:
-        whole = np.zeros((part.shape[0], n_jets))
-        whole[:, on] = part
+        whole = np.zeros((*part.shape[:-1], n_jets))
+        whole[..., on] = part
         return whole
 
     return _Course(np.full(intervals, period), of_all(amount), of_all(by_lag), of_all(bow), late, of_all(at_stamp))
@@ -324,12 +324,24 @@ def _interpolated(readings: Array) -> Array:
     return rate
 
 
-def _coupling(inverse: Array, rate: Array, bow_moment: Array, durations_s: Array) -> Array:
+def _bows(properties: Array, rate: Array, sums: _Sums) -> Array:
+    """Angular impulses of the bows of the rate, see `joint.prediction`, shape (3, m - 1, 3)."""
+    bows = sums.bow[..., :3] + crosses(sums.bow[..., 3:], properties[_CENTER])
+    torque = crosses(rate, rate @ np.linalg.inv(properties[ELEMENT]))
+    own = np.diff(torque, axis=0) * (sums.durations_s[:, None] / 12.0)
+    bows[0] += own
+    bows[2] += PARABOLA * own
+    return bows
+
+
+def _coupling(inverse: Array, rate: Array, bows: Array, durations_s: Array) -> Array:
     """Dynamic coupling over each interval, see `joint.prediction`, shape (m - 1, 3)."""
     momentum = rate @ np.linalg.inv(inverse)
     start, end, at_start, at_end = rate[:-1], rate[1:], momentum[:-1], momentum[1:]
     turn = (crosses(start, 2.0 * at_start + at_end) + crosses(end, at_start + 2.0 * at_end)) / 6.0
-    bent = crosses(0.5 * (start + end), bow_moment) + crosses(bow_moment @ inverse, 0.5 * (at_start + at_end))
+    bowed = bows @ inverse
+    bent = crosses(0.5 * (start + end), bows[0]) + crosses(bowed[0], 0.5 * (at_start + at_end))
+    bent += crosses(end - start, bows[1]) + crosses(bowed[1], at_end - at_start) + crosses(bowed[2], bows[2])
     return -durations_s[:, None] * ((turn + bent) @ inverse)
 
 
@@ -337,7 +349,7 @@ class _Sums(NamedTuple):
     """Impulses over the intervals of a stretch, about the vehicle origin, and how rates were."""
 
     impulse: Array  # (m - 1, 6)
-    bow: Array
+    bow: Array  # (3, m - 1, 6)
     late: Array  # at each stamp besides, (m, 6)
     rate: Array  # (m, 3)
     durations_s: Array
@@ -347,22 +359,24 @@ def _gathered(properties: Array, bias: Array, sums: _Sums) -> Array:
     """The rate that has been gained since the beginning, shape (m, 3)."""
     inverse, center = properties[ELEMENT], properties[_CENTER]
     change = (sums.impulse[:, :3] + crosses(sums.impulse[:, 3:], center)) @ inverse
-    bow_moment = sums.bow[:, :3] + crosses(sums.bow[:, 3:], center)
-    gained = np.zeros_like(sums.rate)
-    np.cumsum(change + _coupling(inverse, sums.rate - bias, bow_moment, sums.durations_s), axis=0, out=gained[1:])
+    gained, rate = np.zeros_like(sums.rate), sums.rate - bias
+    bows = _bows(properties, rate, sums)
+    np.cumsum(change + _coupling(inverse, rate, bows, sums.durations_s), axis=0, out=gained[1:])
     if sums.late.any():
         gained += (sums.late[:, :3] + crosses(sums.late[:, 3:], center)) @ inverse
     return gained
 
 
-def _turning(whole: Array, durations_s: Array) -> Array:
-    """O = [(w - w_0) x] + the integral of [w x]^2, of rates at the rows, shape (m, 3, 3)."""
-    start, end = whole[:-1], whole[1:]
+def _turning(whole: Array, bowed: Array, durations_s: Array) -> Array:
+    """O = [(w - w_0) x] + the integral of [w x]^2, of rates at the rows and their bows between, shape (m, 3, 3)."""
+    start, end = whole[:-1].T, whole[1:].T
+    middle, gained, bow = 0.5 * (start + end), end - start, bowed.transpose(0, 2, 1)
     spin = np.zeros((whole.shape[0], 6))
     for k, (i, j) in enumerate(_PAIRS):
-        straight = (start[:, i] * start[:, j] + end[:, i] * end[:, j]) / 3.0
-        straight = straight + (start[:, i] * end[:, j] + end[:, i] * start[:, j]) / 6.0
-        np.cumsum(straight * durations_s, out=spin[1:, k])
+        straight = (start[i] * start[j] + end[i] * end[j]) / 3.0 + (start[i] * end[j] + end[i] * start[j]) / 6.0
+        bent = middle[i] * bow[0, j] + middle[j] * bow[0, i] + bow[2, i] * bow[2, j]
+        bent += gained[i] * bow[1, j] + gained[j] * bow[1, i]
+        np.cumsum((straight + bent) * durations_s, out=spin[1:, k])
     xx, yy, zz, yz, xz, xy = spin.T
     x, y, z = (whole - whole[0]).T
     rows = [[-(yy + zz), xy - z, xz + y], [xy + z, -(xx + zz), yz - x], [xz - y, yz + x, -(xx + yy)]]
@@ -452,7 +466,8 @@ def _components(
 ) -> Iterator[_Component]:
     """Yields every component of which there are two rows, gyros first."""
     places, sums = columns(model), expected.sums
-    turn = _turning(expected.rate + np.mean(sums.rate - expected.rate, axis=0), sums.durations_s)
+    whole = expected.rate + np.mean(sums.rate - expected.rate, axis=0)
+    turn = _turning(whole, _bows(at[:_N], whole, sums) @ at[:6][ELEMENT], sums.durations_s)
     ramp = stretch.time_s - stretch.time_s[0]
     for package in range(stretch.readings.shape[1]):
         number = package - model.gyros

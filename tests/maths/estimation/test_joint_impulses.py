@@ -13,31 +13,40 @@ DURATIONS = np.array([0.03, 0.05])
 COMMANDS = np.array([[1.0, 1, 0, 1], [1, 0, 0.5, 0]])
 
 
-def finely(level: float, constant: float) -> tuple[float, float, float]:
-    """Amount, moment (the integral of what was given so far) and last level, by the midpoint rule."""
-    amount = moment = 0.0
-    for duration, command in zip(DURATIONS, COMMANDS.T[list(CONSTANTS).index(constant)], strict=True):
+def finely(jet: int) -> tuple[float, tuple[float, float, float], float]:
+    """Amount, bow and last level, by the midpoint rule."""
+    level, constant = LEVEL[jet], CONSTANTS[jet]
+    amount, steps, so_far = 0.0, [], []
+    for duration, command in zip(DURATIONS, COMMANDS[:, jet], strict=True):
         n = 20_000
-        time = (np.arange(n) + 0.5) * duration / n
-        levels = command + (level - command) * np.exp(-time / constant)
-        so_far = amount + np.cumsum(levels) * duration / n
-        moment += float(np.sum(so_far - 0.5 * levels * duration / n)) * duration / n
-        amount = float(so_far[-1])
-        level = command + (level - command) * float(np.exp(-duration / constant))
-    return amount, moment, level
+        step = duration / n
+        time = (np.arange(n) + 0.5) * step
+        levels = command + (level - command) * np.exp(-time / constant) if constant else np.full(n, command)
+        so_far.append(amount + (np.cumsum(levels) - 0.5 * levels) * step)
+        steps.append(np.full(n, step))
+        amount += float(levels.sum() * step)
+        level = command + (level - command) * float(np.exp(-duration / constant)) if constant else float(command)
+    weights = np.concatenate(steps) / DURATIONS.sum()
+    along = np.cumsum(weights) - 0.5 * weights
+    off = np.concatenate(so_far) - amount * along
+    mean, moment = float(off @ weights), float(off * (along - 0.5) @ weights)
+    return amount, (mean, moment, float(np.sqrt(off**2 @ weights) * np.sign(mean))), level
 
 
-def test_amount_bow_and_level_agree_with_fine_integration() -> None:
+@pytest.mark.parametrize("jet", range(4))
+def test_amount_bow_and_level_agree_with_fine_integration(jet: int) -> None:
     firing = fire(LEVEL, np.zeros(4), CONSTANTS, DURATIONS, COMMANDS)
-    for jet in range(3):
-        amount, moment, level = finely(LEVEL[jet], CONSTANTS[jet])
-        assert firing.amount[jet] == pytest.approx(amount, rel=1e-7)
-        assert firing.bow[jet] == pytest.approx(moment / DURATIONS.sum() - 0.5 * amount, rel=1e-6)
-        assert firing.level[jet] == pytest.approx(level, rel=1e-12)
-    # no lag: on for 0.03 s, then off
-    assert firing.amount[3] == pytest.approx(0.03)
-    assert firing.bow[3] == pytest.approx((0.03**2 / 2 + 0.03 * 0.05) / 0.08 - 0.015)
-    assert firing.level[3] == 0.0
+    amount, bow, level = finely(jet)
+    assert firing.amount[jet] == pytest.approx(amount, rel=1e-7)
+    assert firing.bow[:, jet] == pytest.approx(bow, rel=1e-6)
+    assert firing.level[jet] == pytest.approx(level, rel=1e-12)
+
+
+def test_steady_thrust_is_not_bowed() -> None:
+    firing = fire(
+        np.array([0.0, 1.0, 0.5]), np.zeros(3), np.full(3, 0.02), np.array([0.08]), np.array([[0.0, 1.0, 0.5]])
+    )
+    np.testing.assert_allclose(firing.bow, 0.0, atol=2e-9)
 
 
 def test_derivatives_by_the_logarithm_of_the_time_constant() -> None:
@@ -93,7 +102,7 @@ def test_pieces_of_one_command_are_the_whole() -> None:
     whole = fire(LEVEL, np.ones(4), CONSTANTS, np.array([0.08]), COMMANDS[:1])
     cut = fire(LEVEL, np.ones(4), CONSTANTS, np.array([0.01, 0.05, 0.02]), COMMANDS[[0, 0, 0]])
     for one, other in zip(whole, cut, strict=True):
-        np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-15)
+        np.testing.assert_allclose(one, other, rtol=1e-9, atol=2e-9)  # the root of what is left of a difference
 
 
 def test_time_constants_follow_their_kind_linearly_and_never_vanish() -> None:

@@ -12,8 +12,20 @@ and their derivatives by ln tau, with the level's own l', e' = e h/tau and k' = 
     L' = h (d k' + l' k),    l' <- l' e + d e'.
 
 An interval is as many pieces as the commands that share in it: where a time stamp is off its tick, the piece before
-the tick still has the command before. The *bow* of an interval of length T is the mean of what the level has given so
-far, less its share if it gave all evenly, m/T - L/2, in seconds: that much the rate is off a straight line on average.
+the tick still has the command before.
+
+The *bow* of a jet over an interval of length T is what it has given so far, p(t), less its share if it gave all of L
+evenly: as far as that the rate is off a straight line. It is known by its mean, by its first moment about the middle,
+which counts where the rate changes, and by its root mean square with the sign of the mean,
+
+    m0/T - L/2,    m1/T^2 - m0/2T - L/12,    (m2/T - 2 L m1/T^2 + L^2/3)^1/2
+
+with m0, m1, m2 the integrals of p, p t, p^2. Over a single piece, p is L t/T and h d times a function of x = t/h alone,
+whose integral with 1, x and itself are
+
+    E0 - k/2,    E1 - E0/2 - k/12,    E2 - 2 k E1 + k^2/3
+
+with E0, E1, E2 those of E = (tau/h)(1 - exp(-x h/tau)), of E x and of E^2.
 """
 
 from __future__ import annotations
@@ -35,7 +47,7 @@ class Firing(NamedTuple):
         duration_s: length of the interval, T.
         amount: L of each jet, s, shape (n_jets,).
         amount_slope: its derivative by ln tau, s, shape (n_jets,).
-        bow: m/T - L/2 of each jet, s, shape (n_jets,).
+        bow: of each jet, its mean, first moment, and root mean square, s, shape (3, n_jets).
         variance: of L where the command is not known, s^2, shape (n_jets,).
         level, slope: at the end of the interval, shape (n_jets,) each.
         commanded: whether any jet was commanded, or may have been.
@@ -63,8 +75,8 @@ def fire(level: Array, slope: Array, time_constants_s: Array, durations_s: Array
         commands: fraction commanded in each, NaN where not known, shape (n_pieces, n_jets).
     """
     n_jets = level.shape[0]
-    amount, amount_slope, moment = np.zeros(n_jets), np.zeros(n_jets), np.zeros(n_jets)
-    variance = np.zeros(n_jets)
+    amount, amount_slope, variance = np.zeros(n_jets), np.zeros(n_jets), np.zeros(n_jets)
+    moments = np.zeros((3, n_jets))
     total = 0.0
     commanded = False
     for piece in range(durations_s.shape[0]):
@@ -77,7 +89,11 @@ def fire(level: Array, slope: Array, time_constants_s: Array, durations_s: Array
         remaining = np.exp(-1.0 / np.where(lagged, ratio, 1.0)) * lagged
         mean = ratio * (1.0 - remaining)
         d = level - u
-        moment += h * amount + h * h * (0.5 * u + d * ratio * (1.0 - mean))
+        parts = _parts(ratio, mean)
+        if durations_s.shape[0] == 1:
+            moments = _bow_of_piece(h * d, parts, mean)
+        else:
+            moments += _moments_of_piece(total, h, (amount, u, d), parts)
         amount += h * (u + d * mean)
         amount_slope += h * (d * (mean - remaining) + slope * mean)
         remaining_slope = remaining / np.where(lagged, ratio, 1.0)
@@ -85,7 +101,64 @@ def fire(level: Array, slope: Array, time_constants_s: Array, durations_s: Array
         level = u + d * remaining
         variance += UNKNOWN_LEVEL_VARIANCE * h * h * unknown
         total += h
-    return Firing(total, amount, amount_slope, moment / total - 0.5 * amount, variance, level, slope, commanded)
+    bow = moments if durations_s.shape[0] == 1 else _bow(moments, amount, total)
+    return Firing(total, amount, amount_slope, bow, variance, level, slope, commanded)
+
+
+@kernel
+def _parts(ratio: Array, mean: Array) -> tuple[Array, Array, Array]:
+    """E0, E1 and E2 of each jet, from tau/h and k, shape (n_jets,) each."""
+    rest = ratio * (1.0 - mean)
+    return rest, ratio * (0.5 - mean + rest), ratio * (rest - 0.5 * mean * mean)
+
+
+@kernel
+def _bow_of_piece(lacking: Array, parts: tuple[Array, Array, Array], mean: Array) -> Array:
+    """The bow of each jet over an interval of one piece, see `Firing`, shape (3, n_jets).
+
+    Args:
+        lacking: h d, s, shape (n_jets,).
+        parts, mean: E0, E1, E2, and k, shape (n_jets,) each.
+    """
+    plain, by_time, square = parts
+    bow = np.empty((3, lacking.shape[0]))
+    bow[0] = lacking * (plain - 0.5 * mean)
+    bow[1] = lacking * (by_time - 0.5 * plain - mean / 12.0)
+    bow[2] = lacking * np.sqrt(np.maximum(square - mean * (2.0 * by_time - mean / 3.0), 0.0))
+    return bow
+
+
+@kernel
+def _moments_of_piece(
+    since_s: float, h: float, given: tuple[Array, Array, Array], parts: tuple[Array, Array, Array]
+) -> Array:
+    """Integrals over a piece of p, p t and p^2, t since the interval began, shape (3, n_jets).
+
+    Args:
+        since_s: from the beginning of the interval to that of the piece, s.
+        h: length of the piece, s.
+        given: what was given before the piece, s; the command u; and d; shape (n_jets,) each.
+        parts: E0, E1, E2, shape (n_jets,) each.
+    """
+    before, u, d = given
+    plain, by_time, square = parts
+    first = before + h * (0.5 * u + d * plain)
+    result = np.empty((3, before.shape[0]))
+    result[0] = h * first
+    result[1] = h * (since_s * first + h * (0.5 * before + h * (u / 3.0 + d * by_time)))
+    result[2] = h * (before * (2.0 * first - before) + h * h * (u * (u / 3.0 + 2.0 * d * by_time) + d * d * square))
+    return result
+
+
+@kernel
+def _bow(moments: Array, amount: Array, total: float) -> Array:
+    """The bow of each jet from the integrals of p, p t and p^2 over the interval, shape (3, n_jets)."""
+    bow = np.empty_like(moments)
+    bow[0] = moments[0] / total - 0.5 * amount
+    bow[1] = (moments[1] / total - 0.5 * moments[0]) / total - amount / 12.0
+    square = (moments[2] - 2.0 * amount * moments[1] / total) / total + amount * amount / 3.0
+    bow[2] = np.sqrt(np.maximum(square, 0.0)) * np.sign(bow[0])
+    return bow
 
 
 def pieces(start_s: float, end_s: float, ticks_s: Array, commands: Array) -> tuple[Array, Array]:

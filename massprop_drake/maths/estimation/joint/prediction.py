@@ -21,8 +21,15 @@ sum g_j^2 P_bb N_j P_xx N_j^T.
 
     g = -T J t,    t = w0 x u0 + w1 x u1,    u0 = (2 l0 + l1)/6,    u1 = (l0 + 2 l1)/6.
 
-Thrust that builds up or tails off bows the rate: on average it lies J dL off that line, dL the angular impulse of the
-bows, so t += w_mean x dL + J dL x l_mean. It counts from when the diagonal of J is known to half its size; before, the
+Thrust that builds up or tails off bows the rate. With dL, dL' and dL" the angular impulses of the bows' mean, first
+moment and root mean square (`impulses`), the mean of w w^T over the interval grows by that of the products with the
+line and with each other, so
+
+    t += w_mean x dL + J dL x l_mean + (w1 - w0) x dL' + J dL' x (l1 - l0) + J dL" x dL".
+
+The last is exact where all jets that switch are bowed alike, and close to that otherwise. Coupling itself, whose torque
+is close to linear in time, bows the rate to a parabola: dL += (w1 x l1 - w0 x l0) T/12, dL" by (6/5)^1/2 of that.
+Coupling counts from when the diagonal of J is known to half its size; before, the
 most that it can be for any body, |w|^2 T, is noise on w: else what an open-loop drift does would be taken for what J
 and r are to explain. w1 is the predicted rate as the reading less its bias corrects it, axis by axis; where that is
 missing, as it is. The derivatives follow. What w1 is still off by, of the variance v, turns what accelerometers read by
@@ -57,6 +64,7 @@ from massprop_drake.maths.mass_properties import ELEMENT
 
 _IDENTITY = np.eye(3)
 _PAIRS = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
+PARABOLA = 1.2**0.5  # root mean square over mean
 _NEARLY_ALL = 0.99  # share of a reading from which on the coupling in what it corrects does not matter
 _MOST_LIGHT = 3.0  # times the nominal 1/m: beyond, an estimate is none, and nothing flows
 
@@ -267,7 +275,7 @@ def predict(state: JointState, acting: Drive, rate_read: RateRead, params: Joint
     end_rows = rate_rows.copy()
     end_rows[:, RATE] += _IDENTITY
     share, left = _share_of_reading(end_rows @ state.root, noise, rate_read)
-    end, bowed = _corrected(mean[RATE] + change, rate_read, share), np.zeros(3)
+    end, bowed = _corrected(mean[RATE] + change, rate_read, share), np.zeros((3, 3))
     coupled = _knows_inertia(mean, covariance)
     if coupled:
         through, end, bowed = _coupled(state, acting, change, (rate_read, share), params)
@@ -328,20 +336,21 @@ def _second_order(
 def _coupled(
     state: JointState, acting: Drive, change: Array, read: tuple[RateRead, Array], params: JointParams
 ) -> tuple[Coupling, Array, Array]:
-    """Dynamic coupling with the rate as a reading corrects it, by its share; that rate; and the bow of the rate."""
-    mean, firing = state.mean, acting.firing
+    """Dynamic coupling with the rate as a reading corrects it, by its share; that rate; and the bows of the rate."""
+    mean, firing, duration = state.mean, acting.firing, acting.firing.duration_s
     inverse = picked(mean, ELEMENT)
     inertias = inverse, inverse_positive_definite(inverse, "inverse inertia")
     _, lagged = _thrust_factors(state, params)
-    bow = (firing.bow * lagged) @ params.wrenches
-    bow_moment = bow[:3] + cross(bow[3:], mean[CENTER])
+    of_thrust = _moments(mean, (firing.bow * lagged) @ params.wrenches)
     line = mean[RATE] + change
     end = _corrected(line, read[0], read[1])
-    found = coupling(inertias, mean[RATE], end, bow_moment, firing.duration_s)
+    bows = of_thrust + bows_of_coupling(inertias[1], mean[RATE], end, duration)
+    found = coupling(inertias, mean[RATE], end, bows, duration)
     if (read[1] < _NEARLY_ALL).any():  # once more with the coupling in the rate at the end
         end = _corrected(line + found.change, read[0], read[1])
-        found = coupling(inertias, mean[RATE], end, bow_moment, firing.duration_s)
-    return found, end, inverse @ bow_moment
+        bows = of_thrust + bows_of_coupling(inertias[1], mean[RATE], end, duration)
+        found = coupling(inertias, mean[RATE], end, bows, duration)
+    return found, end, bows @ inverse
 
 
 @kernel
@@ -384,13 +393,28 @@ def _longest_arm(mean: Array, params: JointParams) -> float:
 
 
 @kernel
-def coupling(inertias: tuple[Array, Array], start: Array, end: Array, bow_moment: Array, duration_s: float) -> Coupling:
-    """The change g of the rate by dynamic coupling, and its derivatives; those of the bow are left out.
+def bows_of_coupling(inertia: Array, start: Array, end: Array, duration_s: float) -> Array:
+    """Angular impulses of the bow that coupling itself gives the rate: mean, first moment, root mean square.
+
+    Args:
+        inertia: about the center of mass, shape (3, 3).
+        start, end: w0 and w1, rad/s, shape (3,).
+        duration_s: T.
+    """
+    bows = np.zeros((3, 3))
+    bows[0] = (cross(end, inertia @ end) - cross(start, inertia @ start)) * (duration_s / 12.0)
+    bows[2] = PARABOLA * bows[0]
+    return bows
+
+
+@kernel
+def coupling(inertias: tuple[Array, Array], start: Array, end: Array, bows: Array, duration_s: float) -> Coupling:
+    """The change g of the rate by dynamic coupling, and its derivatives; those of the bows are left out.
 
     Args:
         inertias: J and its inverse, shape (3, 3) each.
         start, end: w0 and w1, rad/s, shape (3,).
-        bow_moment: dL, angular impulse about the center of mass of the bows, shape (3,).
+        bows: dL, dL' and dL", angular impulses about the center of mass, shape (3, 3).
         duration_s: T.
     """
     inverse, inertia = inertias
@@ -401,7 +425,9 @@ def coupling(inertias: tuple[Array, Array], start: Array, end: Array, bow_moment
     by_inertia = angular_block(turn) - inverse @ (over_start @ angular_block(first) + over_end @ angular_block(second))
     by_start = inverse @ (over_start / 3.0 + over_end / 6.0 - skew(first))
     by_end = inverse @ (over_start / 6.0 + over_end / 3.0 - skew(second))
-    bent = cross(0.5 * (start + end), bow_moment) + cross(inverse @ bow_moment, 0.5 * (at_start + at_end))
+    bowed = bows @ inverse
+    bent = cross(0.5 * (start + end), bows[0]) + cross(bowed[0], 0.5 * (at_start + at_end))
+    bent += cross(end - start, bows[1]) + cross(bowed[1], at_end - at_start) + cross(bowed[2], bows[2])
     through = inverse @ (turn + bent) * -duration_s
     return Coupling(through, -duration_s * by_inertia, -duration_s * by_start, -duration_s * by_end)
 
@@ -425,13 +451,14 @@ def spin_integral(start: Array, end: Array, bowed: Array, duration_s: float) -> 
 
     Args:
         start, end: rates, rad/s, shape (3,).
-        bowed: what the rate lies off the line on average, rad/s, shape (3,).
+        bowed: what the rate lies off the line, by mean, first moment and root mean square, rad/s, shape (3, 3).
         duration_s: of the interval.
     """
-    result = np.empty(6)
+    result, middle, gained = np.empty(6), 0.5 * (start + end), end - start
     for k, (i, j) in enumerate(_PAIRS):
         straight = (start[i] * start[j] + end[i] * end[j]) / 3.0 + (start[i] * end[j] + end[i] * start[j]) / 6.0
-        bent = 0.5 * ((start[i] + end[i]) * bowed[j] + (start[j] + end[j]) * bowed[i])
+        bent = middle[i] * bowed[0, j] + middle[j] * bowed[0, i] + bowed[2, i] * bowed[2, j]
+        bent += gained[i] * bowed[1, j] + gained[j] * bowed[1, i]
         result[k] = duration_s * (straight + bent)
     return result
 
