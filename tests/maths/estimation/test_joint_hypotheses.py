@@ -24,6 +24,7 @@ from massprop_drake.maths.estimation.joint.hypotheses import (
     cell_likelihood,
     cost_of_a_lie,
     counted,
+    jump_sigma,
     kicked,
     masked,
     misfits,
@@ -218,7 +219,7 @@ def test_a_column_agrees_with_a_filter_that_has_the_force_in_a_slot(
 
 
 def test_a_jump_agrees_with_a_filter_that_expects_one(flown: Flight) -> None:
-    params = PARAMS._replace(increment_sigma=1e-3 * PARAMS.increment_sigma)
+    params = PARAMS._replace(increment_sigma=1e-3 * PARAMS.increment_sigma, arm=1e-3 * PARAMS.arm)
     screen = screen_of(flown, (3,), params)
     lead, _, _ = screens.explained(screen.jump_information, screen.jump_projection, np.ones(10))
     none = Runner(Cause(Kind.NOTHING), 0, (), 0, flown.states[0], NO_SCORE, False)
@@ -238,6 +239,14 @@ def test_a_jump_is_expected_as_large_as_it_is_likeliest(flown: Flight) -> None:
     before = flown.states[3].root[:10]
     added = [np.diag(root @ root.T - before @ before.T) for root in (small, large)]
     assert added[0] / added[1] == pytest.approx(0.04 * np.ones(10), rel=1e-6)
+
+
+def test_a_jump_shifts_the_center_of_mass_by_the_share_of_the_vehicles_size() -> None:
+    """However small its coordinates are where the vehicle's frame begins."""
+    sigma = jump_sigma(PARAMS._replace(increment_sigma=1e-6 * PARAMS.increment_sigma, arm=2.0), 0.3)
+    assert np.linalg.norm(sigma[6:9]) == pytest.approx(0.6)
+    assert np.ptp(sigma[6:9]) == 0.0
+    np.testing.assert_allclose(np.delete(sigma, slice(6, 9)), 3e-7 * np.delete(PARAMS.increment_sigma, slice(6, 9)))
 
 
 def test_a_reading_that_lies_once(flown: Flight) -> None:

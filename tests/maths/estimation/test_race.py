@@ -91,6 +91,20 @@ def test_the_jump_runs_before_rivals_that_are_nearer() -> None:
     assert len(causes(found)) == 6
 
 
+def test_the_jump_runs_however_far_behind_the_first_order_has_it() -> None:
+    """Once it has run what it has measured counts, and nothing is decided about jets before."""
+    led, late = running(leak(0), 1000.0), contender(JUMP, 10.0)
+    now = race(led)
+    standing = races.standings(now, [contender(leak(0), 1000.0), late], PARAMS)
+    assert JUMP in causes(races.running(now, standing, 2))
+    rules = decision.Rules()
+    assert decision.decided(now, standing, True, rules, PARAMS).outcome == decision.Outcome.OPEN
+    heard = race(led, running(JUMP, 10.0))
+    standing = races.standings(heard, [contender(leak(0), 1000.0), late], PARAMS)
+    assert JUMP not in causes(races.running(heard, standing, 2))
+    assert decision.decided(heard, standing, True, rules, PARAMS).outcome == decision.Outcome.JETS
+
+
 def test_what_led_is_kept_for_the_sample_that_surprises_it() -> None:
     first, second = running(leak(0), 100.0), running(leak(1), 99.0)
     far = [contender(leak(2, 3), 400.0), contender(leak(0), 100.0), contender(leak(1), 99.0)]

@@ -34,6 +34,7 @@ from massprop_drake.maths.estimation.joint.decision import (
 from massprop_drake.maths.estimation.joint.guard import unguarded
 from massprop_drake.maths.estimation.joint.hypotheses import (
     JUMP_SHARES,
+    jump_sigma,
     masked,
     misfits,
     restless,
@@ -435,7 +436,7 @@ def _concluded(
         declared.append(ReadingDeclared(winner.contender.cause.component, _onset_s(race, winner.contender)))
     elif decision.outcome == Outcome.UNEXPLAINED:
         columns = np.zeros((joint.places.size, N_PROPERTIES))
-        np.fill_diagonal(columns, JUMP_SHARES[0] * joint.increment_sigma)
+        np.fill_diagonal(columns, jump_sigma(joint, JUMP_SHARES[0]))
         now = unguarded(now._replace(root=compressed(np.hstack((now.root, columns)))))
         declared.append(Unexplained(began))
     bank, history = _anew(state, now, decision, joint)

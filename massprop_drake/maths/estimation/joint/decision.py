@@ -30,7 +30,7 @@ import numpy as np
 from massprop_drake.maths.estimation.joint import screen as screens
 from massprop_drake.maths.estimation.joint.hypotheses import FIT, Kind, Runner
 from massprop_drake.maths.estimation.joint.layout import INERTIA, MASS, JointParams
-from massprop_drake.maths.estimation.joint.race import OUT, Race, Standing, leads, margin, rivals
+from massprop_drake.maths.estimation.joint.race import Race, Standing, leads, margin, rivals
 from massprop_drake.maths.estimation.joint.screen import Contender, FailedJet
 from massprop_drake.maths.mass_properties import ELEMENT
 
@@ -124,7 +124,7 @@ def decided(race: Race, standing: list[Standing], settled: bool, rules: Rules, p
     if (
         kind == Kind.JETS
         and best.run is not None
-        and (jump is None or jump.run is not None or jump.contender.lead < lead - OUT)
+        and (jump is None or jump.run is not None or jump.contender.lead <= 0.0)
     ):
         large = settled or _large(best.contender, params)
         found = _of_jets(race, standing, cycles, clear, rules, params) if large else found

@@ -3,7 +3,7 @@ r"""What a hypothesis is: the joint filter's own cycle from another state, and h
     jets    from the onset on each has a force in a slot, prior N(0, T^2) about what is known of it; since nobody knows
             when in its interval it began, P += g g^T, g = 0.6 f x (interval) x (effect of a unit force), f the
             most that it may be; and once more in the second interval, 0.17 of that: it builds up with a lag
-    jump    rebased, the ten parameters uncertain again: P_xx += s^2 S0, s the likeliest of `JUMP_SHARES`; guard and
+    jump    rebased, the ten parameters uncertain again, see `jump_sigma`, s the likeliest of `JUMP_SHARES`; guard and
             settling begin anew; it learns nothing until one cycle after the last onset that the race looks at, since
             what fired before the jump would be taken for what it has become
     lies    one component is not read from the onset on, until it fits again
@@ -35,15 +35,12 @@ import numpy as np
 from massprop_drake.maths.estimation.joint.covariance import compressed
 from massprop_drake.maths.estimation.joint.cycle import Report, Sample, restart, step
 from massprop_drake.maths.estimation.joint.guard import unguarded
-from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES, JointParams, JointState
+from massprop_drake.maths.estimation.joint.layout import CENTER, N_PROPERTIES, JointParams, JointState
 from massprop_drake.maths.estimation.joint.measurement import rebased
 from massprop_drake.maths.estimation.joint.sensitivity import Link, smeared
 from massprop_drake.maths.linear_algebra import Array
 
-JUMP_SHARES = (
-    0.3,
-    0.06,
-)  # of the uncertainty of the start (1 sigma): a payload, large or small
+JUMP_SHARES = (0.3, 0.06)  # of the vehicle's mass (1 sigma): a payload, large or small
 KICK = 0.6  # 1-sigma of an onset's place, in intervals between onsets: uniform over two has 0.58
 SHARES = (1.0, 0.17)  # of it in the first interval and in the second: a lag of a fifth of an interval takes that much
 _MOVED = 0.5  # steps by which a reading has moved to be counted
@@ -266,6 +263,21 @@ def slot_of(state: JointState, jet: int, sign: int) -> int:
     return int(own[0]) if own.shape[0] else int(free[0]) if free.shape[0] else -1
 
 
+def jump_sigma(params: JointParams, share: float) -> Array:
+    """What a jump of the mass properties adds to the 1-sigma of the ten parameters, in quadrature, shape (10,).
+
+    A payload of some share of the vehicle's mass, as far from the center of mass as the jets are: that much of the
+    uncertainty of a start from zero, but of the center of mass the share of that distance, equally in every direction.
+
+    Args:
+        params: see `JointParams`.
+        share: of the mass, 1 sigma.
+    """
+    sigma = share * params.increment_sigma
+    sigma[CENTER] = share * params.arm / np.sqrt(3.0)
+    return sigma
+
+
 def opened(state: JointState, cause: Cause, params: JointParams, share: float = JUMP_SHARES[0]) -> JointState:
     """The state at the onset with what the cause brings.
 
@@ -273,12 +285,12 @@ def opened(state: JointState, cause: Cause, params: JointParams, share: float = 
         state: before the first interval that it bears on.
         cause: see `Cause`.
         params: see `JointParams`.
-        share: of the start's uncertainty that a jump brings.
+        share: see `jump_sigma`.
     """
     if cause.kind == Kind.JUMP:
         fresh = rebased(state, params)
         columns = np.zeros((fresh.root.shape[0], N_PROPERTIES))
-        np.fill_diagonal(columns, share * params.increment_sigma)
+        np.fill_diagonal(columns, jump_sigma(params, share))
         return unguarded(fresh._replace(root=compressed(np.hstack((fresh.root, columns)))))
     if cause.kind != Kind.JETS:
         return state

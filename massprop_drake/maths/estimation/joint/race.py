@@ -1,8 +1,10 @@
 r"""The race of hypotheses: from a snapshot of the past on, who explains the recorded readings best.
 
 All hypotheses are compared to first order (`screen`); the jump and whoever comes near the best also run as filters of
-their own (`hypotheses`), and nothing is decided for one that does not. What a cycle may cost is bounded: links of the
-screen and steps of filters that are left over are made up for in the next cycles, the likeliest first.
+their own (`hypotheses`), and nothing is decided for one that does not. The jump does so whatever the first order says:
+that has it happen between two samples, which with what fires in its very interval may be thousands of nats off. What a
+cycle may cost is bounded: links of the screen and steps of filters that are left over are made up for in the next
+cycles, the likeliest first.
 """
 
 from __future__ import annotations
@@ -352,7 +354,8 @@ def running(race: Race, standing: list[Standing], free_slots: int) -> Race:
 
     for each in (leader, *sorted(standing[1:], key=place)):
         contender, cause = each.contender, each.contender.cause
-        stays = (cause.kind == Kind.JUMP or cause in present) and contender.lead > best - OUT
+        unheard = cause.kind == Kind.JUMP and each.run is None
+        stays = unheard or (cause in present and contender.lead > best - OUT)
         near = stays or each is leader or cause in close or (young and cause == liar)
         if cause in led:
             wanted.append(present[cause])

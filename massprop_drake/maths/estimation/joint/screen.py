@@ -32,6 +32,7 @@ from massprop_drake.maths.estimation.joint.hypotheses import (
     Score,
     cost_of_a_lie,
     counted,
+    jump_sigma,
     scored,
 )
 from massprop_drake.maths.estimation.joint.layout import CENTER, N_PROPERTIES, VELOCITY, JointParams, JointState
@@ -144,7 +145,7 @@ def begin(
     h = 5 * places.jets + read.shape[0]
     columns = np.zeros((places.size, len(onsets) * h + N_PROPERTIES))
     jump = np.zeros((places.size, N_PROPERTIES))
-    jump[:N_PROPERTIES] = np.diag(JUMP_SHARES[0] * params.increment_sigma)
+    jump[:N_PROPERTIES] = np.diag(jump_sigma(params, JUMP_SHARES[0]))
     turn = turning(state.mean[slice(10, 13)], state.reference, state.spin)
     for package in range(places.accelerometers):
         part = slice(VELOCITY + 3 * package, VELOCITY + 3 * package + 3)
