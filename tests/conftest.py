@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import io
+import os
 import shutil
 import signal
 import subprocess
@@ -18,6 +19,7 @@ import pytest
 from command_probe import Massprop, Outcome
 from once_probe import shared
 from ruamel.yaml import YAML
+from threadpoolctl import threadpool_limits
 
 from massprop_drake import load_scenario, load_vehicle, simulate
 from massprop_drake.cli import main as cli
@@ -27,6 +29,12 @@ from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.results.run import Run
 
 REPOSITORY = Path(__file__).parent.parent
+
+# matrices here are small: further threads of the linear algebra do nothing but wait, for each other and on the cores
+# on which the other tests run
+ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+threadpool_limits(1, user_api="blas")
+os.environ.update(ONE_THREAD)  # for libraries that are loaded later, and for processes that tests start
 
 
 def pytest_collection_finish() -> None:
