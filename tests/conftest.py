@@ -37,6 +37,12 @@ threadpool_limits(1, user_api="blas")
 os.environ.update(ONE_THREAD)  # for libraries that are loaded later, and for processes that tests start
 
 
+def pytest_sessionstart() -> None:
+    """Lets Ctrl-C through to what tests start: a shell has it ignored by what runs in the background."""
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
 def pytest_collection_finish() -> None:
     """Takes what the tests themselves are out of the collection of garbage, which else goes through it every time."""
     gc.collect()
