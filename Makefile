@@ -23,6 +23,8 @@ PACKAGE := $(shell find -L massprop_drake -name __pycache__ -prune -o -print)
 
 # what else is on the search path could shadow the environment
 unexport PYTHONPATH PYTHONHOME
+# tests start the program again and again: where nothing is kept, compiling it is a third of each start
+unexport PYTHONDONTWRITEBYTECODE
 
 .DELETE_ON_ERROR:
 .NOTPARALLEL:

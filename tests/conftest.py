@@ -4,19 +4,22 @@ from __future__ import annotations
 
 import gc
 import io
+import os
 import shutil
 import signal
 import subprocess
 import sys
 import tarfile
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import pytest
 from command_probe import Massprop, Outcome
 from once_probe import shared
 from ruamel.yaml import YAML
+from threadpoolctl import threadpool_limits
 
 from massprop_drake import load_scenario, load_vehicle, simulate
 from massprop_drake.cli import main as cli
@@ -26,6 +29,18 @@ from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.results.run import Run
 
 REPOSITORY = Path(__file__).parent.parent
+
+# matrices here are small: further threads of the linear algebra do nothing but wait, for each other and on the cores
+# on which the other tests run
+ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+threadpool_limits(1, user_api="blas")
+os.environ.update(ONE_THREAD)  # for libraries that are loaded later, and for processes that tests start
+
+
+def pytest_sessionstart() -> None:
+    """Lets Ctrl-C through to what tests start: a shell has it ignored by what runs in the background."""
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def pytest_collection_finish() -> None:
@@ -217,6 +232,7 @@ def browser() -> Iterator[Any]:
         pytest.skip("no Chromium is installed")
     with playwright.sync_playwright() as driver:
         flags = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-quic"]
+        flags.append("--disable-gpu-compositing")  # there is no graphics card: the scene alone is drawn as by one
         chromium = driver.chromium.launch(
             executable_path=CHROMIUM, args=[*flags, "--disable-background-networking"], timeout=120_000
         )
@@ -227,8 +243,10 @@ def browser() -> Iterator[Any]:
 class Page:
     """A page opened from disk, and what its console said."""
 
+    VIEWPORT: ClassVar = {"width": 1000, "height": 700}
+
     def __init__(self, browser: Any, path: Path, before: str, ready: str):
-        self.page = browser.new_page(viewport={"width": 1000, "height": 700})
+        self.page = browser.new_page(viewport=self.VIEWPORT)
         self.page.set_default_timeout(120_000)
         self.said: list[str] = []
         self.page.on("console", lambda message: self.said.append(f"{message.type}: {message.text}"))
@@ -247,13 +265,20 @@ class Page:
             self.page.wait_for_timeout(100)
         raise TimeoutError(expression)
 
+    def as_opened(self, script: str) -> Page:
+        """The page for the next test: its window and colors as at first, and the rest by a script of its own."""
+        self.page.set_viewport_size(self.VIEWPORT)
+        self.page.emulate_media(color_scheme="light")
+        self.page.evaluate(script)
+        return self
 
-@pytest.fixture
-def opened(browser: Any) -> Iterator[Any]:
-    """A function that opens a file in the browser.
+    def close(self) -> None:
+        """Closes it."""
+        self.page.context.close()
 
-    `before` is a script to run before the page's own; the page is ready when it has what `ready` selects.
-    """
+
+@contextmanager
+def _opening(browser: Any) -> Iterator[Any]:
     pages: list[Page] = []
 
     def open_page(path: Path, before: str = "", ready: str = "body[data-ready=yes]") -> Page:
@@ -262,4 +287,21 @@ def opened(browser: Any) -> Iterator[Any]:
 
     yield open_page
     for page in pages:
-        page.page.context.close()
+        page.close()
+
+
+@pytest.fixture
+def opened(browser: Any) -> Iterator[Any]:
+    """A function that opens a file in the browser.
+
+    `before` is a script to run before the page's own; the page is ready when it has what `ready` selects.
+    """
+    with _opening(browser) as open_page:
+        yield open_page
+
+
+@pytest.fixture(scope="module")
+def opened_once(browser: Any) -> Iterator[Any]:
+    """The same for a page that all tests of a file look at; whoever changes it brings it back by `Page.as_opened`."""
+    with _opening(browser) as open_page:
+        yield open_page

@@ -51,7 +51,7 @@ CELLS = [
 NAMES = ["time_s", "gyro_x", "acc_z", "jet_J1", "jet_", "", " ", "known_force_x", "acc_accel_x", "GYRO_X", "é", "1"]
 
 quick = settings(
-    max_examples=400 * TIMES,
+    max_examples=200 * TIMES,
     derandomize=True,
     deadline=None,
     database=None,

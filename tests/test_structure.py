@@ -9,6 +9,7 @@ from functools import cache
 from pathlib import Path
 
 import pytest
+from threadpoolctl import threadpool_info
 
 REPOSITORY = Path(__file__).parent.parent
 PACKAGE = "massprop_drake"
@@ -296,3 +297,7 @@ def test_packed_vectors_are_read_by_their_layouts(name: str) -> None:
 def test_a_test_that_hangs_fails(pytestconfig: pytest.Config) -> None:
     assert pytestconfig.pluginmanager.hasplugin("timeout")
     assert float(pytestconfig.getini("timeout")) > 0.0
+
+
+def test_tests_use_one_thread_each() -> None:
+    assert {library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"} == {1}

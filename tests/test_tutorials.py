@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from massprop_drake import load_vehicle
+from massprop_drake.display import figures
 from massprop_drake.display.graphs import svg_text
 from massprop_drake.results.run import Run
 
@@ -30,7 +31,11 @@ def promised(name: str) -> list[str]:
 
 @pytest.fixture
 def tutorial(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Tutorial:
-    """Runs a tutorial as a user would, with a folder to write into; gives the names it leaves behind."""
+    """Runs a tutorial as a user would, with a folder to write into; gives the names it leaves behind.
+
+    Runs that it saves have no figures, which are two dozen each and drawn by other tests; its own pictures are drawn.
+    """
+    monkeypatch.setattr(figures.Plots, "all", lambda _: {})
 
     def run(name: str) -> dict[str, Any]:
         path = TUTORIALS / f"{name}.py"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -58,11 +57,20 @@ def test_how_long_each_is_and_what_it_found(page: str) -> None:
     assert rows == [("stuck", "6 s", "jet R4R: on"), ("healthy", "4 s", "nothing")]
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_its_text_stands_out_from_its_ground(page: str, opened: Any, tmp_path: Path, scheme: str) -> None:
-    path = tmp_path / "comparison.html"
+@pytest.fixture(scope="module")
+def once(page: str, opened_once: Any, tmp_path_factory: pytest.TempPathFactory) -> Any:
+    path = tmp_path_factory.mktemp("comparison") / "comparison.html"
     path.write_text(page, encoding="utf-8")
-    shown = opened(path)
+    return opened_once(path)
+
+
+@pytest.fixture
+def shown(once: Any) -> Any:
+    return once.as_opened("0")
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_its_text_stands_out_from_its_ground(shown: Any, scheme: str) -> None:
     shown.page.emulate_media(color_scheme=scheme)
     ink = "getComputedStyle(document.body).color"
     shown.until(f"getComputedStyle(document.querySelector('#plot-consistency .xtick text')).fill === {ink}")
@@ -70,10 +78,7 @@ def test_its_text_stands_out_from_its_ground(page: str, opened: Any, tmp_path: P
 
 
 @pytest.mark.parametrize("width", [1400, 390])
-def test_it_fits_the_window_and_says_nothing_on_the_console(page: str, opened: Any, tmp_path: Path, width: int) -> None:
-    path = tmp_path / "comparison.html"
-    path.write_text(page, encoding="utf-8")
-    shown = opened(path)
+def test_it_fits_the_window_and_says_nothing_on_the_console(shown: Any, width: int) -> None:
     shown.page.set_viewport_size({"width": width, "height": 800})
     shown.until("document.documentElement.scrollWidth <= innerWidth")
     assert shown.page.evaluate("innerWidth") == width

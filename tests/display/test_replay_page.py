@@ -104,6 +104,19 @@ def docking_run() -> Run:
     )
 
 
+@pytest.fixture(scope="module")
+def once(opened_once: Any, stuck_run: Run, tmp_path_factory: pytest.TempPathFactory) -> Any:
+    """The replay, opened once."""
+    return opened_once(write_replay(stuck_run, tmp_path_factory.mktemp("replay") / "replay.html"))
+
+
+@pytest.fixture
+def replay(once: Any) -> Any:
+    """The same as it was opened: at its start, with the pointer on nothing."""
+    once.page.mouse.move(0, 0)
+    return once.as_opened("location.hash = ''; massprop.seek(0)")
+
+
 def test_what_is_shown_is_what_the_log_says_at_that_time(opened: Any, docking_run: Run, tmp_path: Path) -> None:
     """Positions read back from the scene at 20 times, most of them between two samples."""
     page = opened(write_replay(docking_run, tmp_path / "replay.html")).page
@@ -180,11 +193,6 @@ def picture(page: Any, time_s: float) -> np.ndarray:
     return pixels
 
 
-@pytest.fixture
-def replay(opened: Any, stuck_run: Run, tmp_path: Path) -> Any:
-    return opened(write_replay(stuck_run, tmp_path / "replay.html"))
-
-
 def test_it_opens_from_disk_and_plays(replay: Any) -> None:
     page = replay.page
     assert replay.said == []
@@ -242,10 +250,8 @@ def test_a_live_view_shows_what_the_replay_shows(browser: Any, stuck_run: Run) -
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_text_beside_the_picture_stands_out_from_its_ground(
-    opened: Any, stuck_run: Run, tmp_path: Path, scheme: str
-) -> None:
-    page = opened(write_replay(stuck_run, tmp_path / "replay.html")).page
+def test_text_beside_the_picture_stands_out_from_its_ground(replay: Any, scheme: str) -> None:
+    page = replay.page
     page.emulate_media(color_scheme=scheme)
     page.evaluate("massprop.seek(3)")
     assert faint(page, 15) == []

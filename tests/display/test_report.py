@@ -201,9 +201,25 @@ def test_names_from_files_do_no_harm(tmp_path: Path, toy_data: dict[str, Any]) -
 # ------------------------------------------------------------------------------------ in a browser
 
 
+@pytest.fixture(scope="module")
+def once(opened_once: Any, html: str, tmp_path_factory: pytest.TempPathFactory) -> Any:
+    """The report, opened once; its console has said nothing."""
+    path = tmp_path_factory.mktemp("report") / "report.html"
+    path.write_text(html, encoding="utf-8")
+    return opened_once(path)
+
+
 @pytest.fixture
-def report(opened: Any, stuck_run: Run, tmp_path: Path) -> Any:
-    return opened(write_report(stuck_run, tmp_path / "report.html"))
+def report(once: Any, stuck_run: Run) -> Any:
+    """The same as it was opened: the whole run, the cursor at its start."""
+    inked(once.as_opened(f"massprop.zoom(0, {stuck_run.time_s[-1]}).then(() => massprop.cursor(0))"))
+    return once
+
+
+def inked(report: Any) -> None:
+    """Waits until the plots are in the colors of the page."""
+    ink = "getComputedStyle(document.body).color"
+    report.until(f"getComputedStyle(document.querySelector('#plot-detection_timeline .xtick text')).fill === {ink}")
 
 
 def test_a_failure_is_a_button_away_and_values_fill_their_panels(report: Any, stuck_run: Run) -> None:
@@ -246,8 +262,14 @@ def test_the_cursor_reads_every_signal_with_its_unit(report: Any, stuck_run: Run
     assert of_jets[0] == pytest.approx(stuck_run["likelihood"][tested].max(), rel=1e-3)
 
 
-def test_jets_one_by_one_open_when_they_are_asked_for(report: Any) -> None:
-    page = report.page
+@pytest.fixture
+def fresh(opened: Any, stuck_run: Run, tmp_path: Path) -> Any:
+    """A report of one's own, for what cannot be taken back."""
+    return opened(write_report(stuck_run, tmp_path / "report.html"))
+
+
+def test_jets_one_by_one_open_when_they_are_asked_for(fresh: Any) -> None:
+    page = fresh.page
     assert page.locator("#plot-jets .main-svg").count() == 0
     page.click("#plot-jets summary")
     page.wait_for_selector("#plot-jets .main-svg")
@@ -278,8 +300,7 @@ def test_the_phase_plane_follows_cursor_and_zoom(report: Any, stuck_run: Run) ->
 def test_text_stands_out_from_its_ground(report: Any, scheme: str) -> None:
     page = report.page
     page.emulate_media(color_scheme=scheme)
-    ink = "getComputedStyle(document.body).color"
-    report.until(f"getComputedStyle(document.querySelector('#plot-detection_timeline .xtick text')).fill === {ink}")
+    inked(report)
     assert faint(page, 100) == []
 
 
@@ -290,18 +311,17 @@ def test_nothing_is_wider_than_the_window(report: Any, width: int) -> None:
     assert report.page.evaluate("innerWidth") == width
 
 
-def test_on_paper_it_has_four_pages_at_the_most(report: Any) -> None:
-    page = report.page
+def test_on_paper_it_has_four_pages_at_the_most(fresh: Any) -> None:
+    page = fresh.page
     page.evaluate("dispatchEvent(new Event('beforeprint'))")
     page.wait_for_timeout(500)
     assert 1 <= len(re.findall(rb"/Type\s*/Page\b", page.pdf(format="A4"))) <= 4
 
 
-def test_it_opens_from_disk_without_a_word_on_the_console(opened: Any, stuck_run: Run, tmp_path: Path) -> None:
-    page = opened(write_report(stuck_run, tmp_path / "report.html"))
-    assert page.said == []
-    assert "jet R4R: on" in page.page.inner_text("#verdict")
-    assert page.page.locator(".plot .main-svg").count() > 10
+def test_it_opens_from_disk_without_a_word_on_the_console(report: Any) -> None:
+    assert report.said == []
+    assert "jet R4R: on" in report.page.inner_text("#verdict")
+    assert report.page.locator(".plot .main-svg").count() > 10
 
 
 def test_what_is_in_the_window_is_drawn_first(opened: Any, stuck_run: Run, tmp_path: Path) -> None:
@@ -321,8 +341,8 @@ def test_what_is_in_the_window_is_drawn_first(opened: Any, stuck_run: Run, tmp_p
     assert 0 < page.evaluate("window.drawnThen") < 0.5 * whole
 
 
-def test_one_cursor_moves_all_plots(opened: Any, stuck_run: Run, tmp_path: Path) -> None:
-    page = opened(write_report(stuck_run, tmp_path / "report.html")).page
+def test_one_cursor_moves_all_plots(report: Any) -> None:
+    page = report.page
 
     def places() -> list[float]:
         return page.evaluate("[...document.querySelectorAll('.cursor')].map(e => parseFloat(e.style.left))")
@@ -337,9 +357,8 @@ def test_one_cursor_moves_all_plots(opened: Any, stuck_run: Run, tmp_path: Path)
     assert "4.00 s" in page.inner_text("#cursor-time")
 
 
-def test_a_zoom_in_one_plot_is_a_zoom_in_all(opened: Any, stuck_run: Run, tmp_path: Path) -> None:
-    opening = opened(write_report(stuck_run, tmp_path / "report.html"))
+def test_a_zoom_in_one_plot_is_a_zoom_in_all(report: Any) -> None:
     zoom = "{'xaxis.range[0]': 1, 'xaxis.range[1]': 2}"
-    opening.page.evaluate(f"Plotly.relayout(document.querySelector('#plot-rates .js-plotly-plot'), {zoom})")
+    report.page.evaluate(f"Plotly.relayout(document.querySelector('#plot-rates .js-plotly-plot'), {zoom})")
     zoomed = "p => Math.abs(p._fullLayout.xaxis.range[1] - 2) < 1e-6"
-    opening.until(f"[...document.querySelectorAll('.plot:not(.broad) .js-plotly-plot')].every({zoomed})")
+    report.until(f"[...document.querySelectorAll('.plot:not(.broad) .js-plotly-plot')].every({zoomed})")

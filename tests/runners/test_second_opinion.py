@@ -13,7 +13,8 @@ from massprop_drake.inputs.scenario import bundled_scenarios, resolved
 from massprop_drake.runners.recorded import settings_alone
 
 EARLIER_S = 42.0
-UNSEEN = {"leak_27"}  # below what the sensors resolve
+# below what the sensors resolve, and later than there is time for here: test_pose_runs.py flies on to it
+UNSEEN = {"leak_27", "air_bearing_pulses"}
 
 
 def _shortened(name: str) -> Scenario:
@@ -23,7 +24,7 @@ def _shortened(name: str) -> Scenario:
     if not data["failures"] and not data["jumps"]:
         return resolved(data | {"duration_s": 10.0})
     if data["estimation"]["filter"] == "pose":  # what has failed did so before the record begins
-        return resolved(data | {"duration_s": 12.0})
+        return resolved(data | {"duration_s": 4.0})
     for failure in data["failures"]:
         failure["start_s"] -= EARLIER_S
         failure["end_s"] = failure["end_s"] and failure["end_s"] - EARLIER_S

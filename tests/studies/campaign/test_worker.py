@@ -11,6 +11,7 @@ from typing import Any
 import psutil
 import pytest
 from campaign_probe import CHILD, environment, study
+from conftest import ONE_THREAD
 from distributed.comm import CommClosedError
 
 from massprop_drake import InputError
@@ -30,6 +31,8 @@ def test_a_child_is_replaced_after_some_cases_and_has_one_thread_of_blas(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(worker, "_LIFE", 3)
+    for name in ONE_THREAD:
+        monkeypatch.setenv(name, "01")  # as many, so that this process stays as it is, and yet not what is asked for
     campaign = Campaign.load(study(tmp_path, 4))
     child, pids = Child(setup_of(campaign)), []
     try:
@@ -38,7 +41,7 @@ def test_a_child_is_replaced_after_some_cases_and_has_one_thread_of_blas(
             assert child._process is not None
             pids.append(child._process.pid)
             environ = psutil.Process(pids[-1]).environ()
-            assert (environ["OMP_NUM_THREADS"], environ["OPENBLAS_NUM_THREADS"]) == ("1", "1")
+            assert {name: environ[name] for name in ONE_THREAD} == ONE_THREAD
         assert pids[0] == pids[1] == pids[2] != pids[3]
         assert not psutil.pid_exists(pids[0])
         child.end()
