@@ -278,7 +278,7 @@ def test_a_jump_is_said_with_a_size_only_if_its_filter_fits_and_the_mass_shows()
     ):
         score = run.score._replace(nis=run.score.degrees + misfit * np.sqrt(2.0 * run.score.degrees))
         contender = Contender(run.cause, run.onset, 500.0)
-        standing = Standing(contender, run._replace(score=score, state=state), contender, 500.0, 0.0)
+        standing = Standing(contender, run._replace(score=score, state=state), contender, 500.0, 0.0, 500.0)
         after, now, (said,) = detector._concluded(flown.state, flown.filter, Decision(Outcome.JUMP, standing), joint)
         assert isinstance(said, JumpDeclared)
         assert [np.isfinite(said.mass), np.isfinite(said.mass_sigma)] == [known, known]

@@ -91,18 +91,20 @@ def test_the_jump_runs_before_rivals_that_are_nearer() -> None:
     assert len(causes(found)) == 6
 
 
-def test_the_jump_runs_however_far_behind_the_first_order_has_it() -> None:
-    """Once it has run what it has measured counts, and nothing is decided about jets before."""
-    led, late = running(leak(0), 1000.0), contender(JUMP, 10.0)
-    now = race(led)
-    standing = races.standings(now, [contender(leak(0), 1000.0), late], PARAMS)
-    assert JUMP in causes(races.running(now, standing, 2))
-    rules = decision.Rules()
-    assert decision.decided(now, standing, True, rules, PARAMS).outcome == decision.Outcome.OPEN
-    heard = race(led, running(JUMP, 10.0))
-    standing = races.standings(heard, [contender(leak(0), 1000.0), late], PARAMS)
-    assert JUMP not in causes(races.running(heard, standing, 2))
-    assert decision.decided(heard, standing, True, rules, PARAMS).outcome == decision.Outcome.JETS
+def test_a_jump_is_heard_before_jets_are_named_where_jets_fired_as_it_may_have_happened() -> None:
+    """However far behind the first order has it; once it has run what it has measured counts."""
+    led, late, rules = running(leak(0), 1000.0), contender(JUMP, 10.0), decision.Rules()
+
+    def both(fired: bool, *runs: Runner) -> tuple[bool, decision.Outcome]:
+        now = race(led, *runs)
+        now = now._replace(screen=now.screen._replace(fired=fired))
+        standing = races.standings(now, [contender(leak(0), 1000.0), late], PARAMS)
+        runs_on = JUMP in causes(races.running(now, standing, 2))
+        return runs_on, decision.decided(now, standing, True, rules, PARAMS).outcome
+
+    assert both(True) == (True, decision.Outcome.OPEN)
+    assert both(False) == (False, decision.Outcome.JETS)
+    assert both(True, running(JUMP, 10.0)) == (False, decision.Outcome.JETS)
 
 
 def test_what_led_is_kept_for_the_sample_that_surprises_it() -> None:
@@ -314,6 +316,45 @@ def test_a_race_moves_where_a_small_jump_leads_jets_by_more_than_their_onset_may
         assert (found is elsewhere) == expected
     now = race()
     assert races.moved(now, [], bank, History(NOW, ()), PARAMS) is now  # it has not arrived at the present
+
+
+def test_what_led_begins_anew_at_a_better_onset_unless_the_newest_sample_surprises_it() -> None:
+    for nis, expected in ((6.0, True), (60.0, False)):
+        run = surprised(leak(0), nis)._replace(onset=ONSET - 1)
+        better = contender(leak(0), 105.0)._replace(at_onsets=((ONSET - 1, 100.0), (ONSET, 105.0)))
+        now = race(run, leading=(contender(leak(0), 100.0),))
+        now = now._replace(screen=now.screen._replace(onsets=(ONSET - 1, ONSET)), states=(STATE, STATE, STATE))
+        found = races.running(now, races.standings(now, [better], PARAMS), 2)
+        assert (found.runs[0].cycle == ONSET) == expected
+
+
+def test_a_lead_must_show_by_cells_and_by_noise() -> None:
+    for likelihood, cells, expected in ((100.0, 90.0, False), (90.0, 100.0, False), (90.0, 90.0, True)):
+        now = race(running(leak(0), 100.0), running(leak(1), likelihood, cells=cells))
+        standing = races.standings(now, [contender(leak(0), 100.0), contender(leak(1), 90.0)], PARAMS)
+        first = next(each for each in standing if each.contender.cause == leak(0))
+        other = next(each for each in standing if each.contender.cause == leak(1))
+        assert (races.ahead(first, other) > 6.0) == expected
+
+
+def test_that_a_known_force_changes_must_show_at_first_and_not_only_be_likelier(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(races, "_known", lambda _: {(0, 1)})
+    for rival, cycles, expected in ((97.0, 20, False), (90.0, 20, True), (97.0, 25, True)):
+        now = race(running(leak(0), 100.0), running(leak(1), rival))._replace(triggered=NOW + 1 - cycles)
+        standing = races.standings(now, [contender(leak(0), 100.0), contender(leak(1), rival)], PARAMS)
+        assert standing[0].beforehand > 5.0
+        found = decision.decided(now, standing, True, decision.Rules(), PARAMS)
+        assert (found.outcome == decision.Outcome.JETS) == expected
+
+
+def test_for_half_a_second_nothing_is_named_because_something_new_begins() -> None:
+    now = race(surprised(leak(0), 60.0), leading=(contender(leak(0), 100.0),))
+    for cycles, expected in ((6, False), (7, True)):
+        young = now._replace(triggered=NOW + 1 - cycles)
+        standing = races.standings(young, [contender(leak(0), 100.0), contender(leak(1), 95.0)], PARAMS)
+        assert decision.decided(young, standing, True, decision.Rules(), PARAMS).shaken == expected
 
 
 def test_what_a_filter_took_for_its_onset_may_be_all_that_it_is_off_the_first_order_by() -> None:

@@ -4,7 +4,8 @@ With L_0, L_J, L_S of nothing, jump and a reading that lies, L_1 of the likelies
 set of jets, in nats, and cycles counted from the alarm:
 
     jets     L_1 - L_2 > 6, L_1 - L_J > 6, L_1 - L_S > 6, L_1 - L_0 > 12, f > 3 sigma of a single one, and they fit; a
-             pair after three samples; before settled only forces of a tenth of full thrust
+             pair after three samples; before settled only forces of a tenth of full thrust; that a known force changes
+             for two seconds only by what is read, later also as it is likelier beforehand
     group    the same against all but those that differ in one jet, which what has fired cannot tell apart, and are two
              at most or of one cluster; or differ in jets of the same clusters; and at once where something new begins
              that none of them explains
@@ -30,7 +31,17 @@ import numpy as np
 from massprop_drake.maths.estimation.joint import screen as screens
 from massprop_drake.maths.estimation.joint.hypotheses import FIT, Kind, Runner
 from massprop_drake.maths.estimation.joint.layout import INERTIA, MASS, JointParams
-from massprop_drake.maths.estimation.joint.race import Race, Standing, leads, margin, rivals
+from massprop_drake.maths.estimation.joint.race import (
+    OUT,
+    SURPRISED,
+    Race,
+    Standing,
+    ahead,
+    is_unheard,
+    leads,
+    margin,
+    rivals,
+)
 from massprop_drake.maths.estimation.joint.screen import Contender, FailedJet
 from massprop_drake.maths.mass_properties import ELEMENT
 
@@ -39,7 +50,8 @@ UNSETTLED_FLOOR = 0.1  # of full thrust: before settled a start that still learn
 _LIE_AFTER = 6  # cycles: a lie that ends is told from a rate that has changed by what follows it
 _JUMP_AFTER = 2  # samples: in one of them a pair of jets explains as much
 _DOUBTFUL_JUMP_AFTER = 12  # samples: one that misfits may yet learn; a small one fits jets that began at another onset
-_SURPRISED, _SHAKEN = 2.3, 4.2  # normal deviates of a sample: one in a hundred, and one in a hundred thousand
+_SHAKEN = 4.2  # normal deviate of a sample that one in a hundred thousand exceeds
+_LED_AFTER = 6  # cycles: for half a second one jet may explain what two do that failed in one instant
 _WELL = 3.0  # standard deviations of chi-square: of who explains all so far, one in a thousand is above
 _LITTLE = 0.01  # of the misfit of nothing, left by a jump that does not fit
 _PAIR_AFTER = 3  # samples: two jets and their onsets explain nearly all of the six increments of one or two
@@ -48,6 +60,7 @@ _INCREMENT_AFTER = 25  # cycles: a filter that was a little off, no payload
 _NOTHING_AFTER, _NOTHING_NEAR, _NOTHING_LATE = 12, 8.0, 75
 _GROUP_AFTER = 100  # cycles: a leak that is not told apart in 8 s will not be soon
 _GROUP_SOON_AFTER = 4  # cycles: of jets that are stuck, on or off, and lead all others; it is needed at once
+_CHANGE_AFTER = 25  # cycles: until then readings must show that a known force has changed; it is not only likelier
 _GROUP = 3  # jets at most
 ALIKE = 12.0  # separation below which jets look alike: twice the lead
 LAST = 250  # cycles of a race
@@ -112,10 +125,10 @@ def decided(race: Race, standing: list[Standing], settled: bool, rules: Rules, p
         params: see `JointParams`.
     """
     standing = rivals(standing)
-    interrupted = _interrupted(race, standing, rules)
+    cycles = race.screen.cycle - race.triggered + 1
+    interrupted = _interrupted(race, standing, rules) if cycles > _LED_AFTER else None
     if interrupted is not None:
         return interrupted
-    cycles = race.screen.cycle - race.triggered + 1
     jump = next((each for each in standing if each.contender.cause.kind == Kind.JUMP), None)
     best = standing[0]
     lead, found = best.contender.lead, Decision(Outcome.OPEN)
@@ -124,7 +137,7 @@ def decided(race: Race, standing: list[Standing], settled: bool, rules: Rules, p
     if (
         kind == Kind.JETS
         and best.run is not None
-        and (jump is None or jump.run is not None or jump.contender.lead <= 0.0)
+        and (jump is None or jump.run is not None or _is_behind(race, jump, lead))
     ):
         large = settled or _large(best.contender, params)
         found = _of_jets(race, standing, cycles, clear, rules, params) if large else found
@@ -146,6 +159,11 @@ def decided(race: Race, standing: list[Standing], settled: bool, rules: Rules, p
     if cycles >= LAST:
         return _at_last(standing, rules, nothing_fits)
     return found
+
+
+def _is_behind(race: Race, jump: Standing, lead: float) -> bool:
+    """Whether a jump need not be heard before jets are named."""
+    return jump.contender.lead <= 0.0 or (jump.contender.lead < lead - OUT and not is_unheard(race, jump))
 
 
 def _jump_explains(race: Race, run: Runner, cycles: int) -> bool:
@@ -177,8 +195,10 @@ def _of_jets(
         return undecided
     if pair and cycles < _PAIR_AFTER:
         return undecided
-    if clear:
+    if clear and (cycles >= _CHANGE_AFTER or _shown_by_readings(standing, rules)):
         return Decision(Outcome.JETS, standing[0])
+    if clear:
+        return Decision(Outcome.OPEN, standing[0])
     near = _near(standing, rules)
     alternatives = _alternatives((best, *near), rules)
     cleared = all(leads(standing[0], other, rules.lead) for other in standing[1:] if other.contender not in near)
@@ -187,6 +207,13 @@ def _of_jets(
         return Decision(Outcome.GROUP, standing[0], near, alternatives)
     led = near or _not_cleared(standing, rules)
     return Decision(Outcome.OPEN, standing[0], led) if all(each.cause.kind == Kind.JETS for each in led) else undecided
+
+
+def _shown_by_readings(standing: list[Standing], rules: Rules) -> bool:
+    """Whether the best leads all that were less likely beforehand by what was read since, too."""
+    best = standing[0]
+    unlikelier = [each for each in standing[1:] if each.beforehand < best.beforehand]
+    return all(best.contender.lead - each.contender.lead > rules.lead for each in unlikelier)
 
 
 def _alternatives(likely: tuple[Contender, ...], rules: Rules, most: int = _GROUP) -> tuple[tuple[FailedJet, ...], ...]:
@@ -246,7 +273,7 @@ def _interrupted(race: Race, standing: list[Standing], rules: Rules) -> Decision
         return None
     surprises = [run.newest.surprise for run in runs]
     others = [each for each in standing if each not in led]
-    if min(surprises) >= _SURPRISED and any(each.run is not None and each.run.fits for each in others):
+    if min(surprises) >= SURPRISED and any(each.run is not None and each.run.fits for each in others):
         return None
     if min(surprises) >= _SHAKEN:
         if len(led) == 1:
@@ -254,7 +281,7 @@ def _interrupted(race: Race, standing: list[Standing], rules: Rules) -> Decision
         group = tuple(each.contender for each in led)
         alternatives = _alternatives(group, rules, most=len(group))
         return Decision(Outcome.GROUP, led[0], group[1:], alternatives, shaken=True) if alternatives else None
-    if min(surprises) >= _SURPRISED:
+    if min(surprises) >= SURPRISED:
         return Decision(Outcome.OPEN, led[0], tuple(each.contender for each in led[1:]))
     if standing[0] in led[1:]:
         return Decision(Outcome.OPEN, standing[0], tuple(e.contender for e in led if e is not standing[0]))
@@ -269,7 +296,7 @@ def _large(contender: Contender, params: JointParams) -> bool:
 
 def _near(standing: list[Standing], rules: Rules) -> tuple[Contender, ...]:
     """Those that the best does not lead by enough."""
-    return tuple(each.contender for each in standing[1:] if each.odds > standing[0].odds - rules.lead)
+    return tuple(each.contender for each in standing[1:] if ahead(standing[0], each) < rules.lead)
 
 
 def _not_cleared(standing: list[Standing], rules: Rules) -> tuple[Contender, ...]:

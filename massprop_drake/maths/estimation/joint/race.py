@@ -1,8 +1,8 @@
 r"""The race of hypotheses: from a snapshot of the past on, who explains the recorded readings best.
 
 All hypotheses are compared to first order (`screen`); the jump and whoever comes near the best also run as filters of
-their own (`hypotheses`), and nothing is decided for one that does not. The jump does so whatever the first order says:
-that has it happen between two samples, which with what fires in its very interval may be thousands of nats off. What a
+their own (`hypotheses`), and nothing is decided for one that does not. The jump does so whatever the first order says
+where jets fire as it happens: that has it happen between two samples, and may be thousands of nats off. What a
 cycle may cost is bounded: links of the screen and steps of filters that are left over are made up for in the next
 cycles, the likeliest first.
 """
@@ -32,6 +32,7 @@ _LIE_RUNS = 12  # cycles in which the likeliest liar runs, however the first ord
 _BETTER = 1.0  # nats at another onset, that a filter begins anew there
 _AGAIN = 30.0  # times likelier that a jet known to be wrong changes than that any other fails, in whichever of two ways
 _TOO_WIDE = 3.0  # nats that the uncertainty of an onset may cost at most: half of what decides; a filter begins anew
+SURPRISED = 2.3  # normal deviate of a sample that one in a hundred exceeds
 OUT = 60.0  # nats behind the best: out of the race
 
 
@@ -94,6 +95,7 @@ class Standing(NamedTuple):
         linear: lead to first order of whichever way of the same failures explains most.
         beforehand: nats by which it is likelier than new failures before any reading: a force that is known to be wrong
             changes sooner than a further jet fails, and it is one where these are many.
+        as_noise: lead of its filter with rounding taken for white noise; of the contender where none has arrived.
     """
 
     contender: Contender
@@ -101,6 +103,7 @@ class Standing(NamedTuple):
     first_order: Contender
     linear: float
     beforehand: float
+    as_noise: float
 
     @property
     def odds(self) -> float:
@@ -190,12 +193,13 @@ def standings(race: Race, contenders: list[Contender], params: JointParams) -> l
         run = by_cause.pop(contender.cause, None)
         measured = _measured(contender, run, nothing, params) if run else contender
         linear = ways[contender.cause.named]
-        result.append(Standing(measured, run, contender, linear, _beforehand(race, contender.cause)))
+        beforehand = _beforehand(race, contender.cause)
+        result.append(Standing(measured, run, contender, linear, beforehand, measured.lead))
     for cause, run in by_cause.items():  # what is not possible to first order may be so by its filter
         contender = Contender(cause, run.onset, 0.0, kicks=run.kicks, share=run.share)
         measured = _measured(contender, run, nothing, params)
         linear = ways.get(cause.named, measured.lead)
-        result.append(Standing(measured, run, measured, linear, _beforehand(race, cause)))
+        result.append(Standing(measured, run, measured, linear, _beforehand(race, cause), measured.lead))
     result = _by_cells(result, params)
     result.sort(key=lambda standing: -standing.odds)
     explains = next((each for each in result if each.run is not None and each.run.fits), None)
@@ -268,6 +272,18 @@ def _beforehand(race: Race, cause: Cause) -> float:
     return float(np.log(2.0 * jets * _AGAIN)) * len(_known(race) & cause.failures)
 
 
+def ahead(best: Standing, other: Standing) -> float:
+    """Lead over another hypothesis as each is measured, nats: of two filters the least by cells and by noise.
+
+    Cells are what rounding is, but the filters have learned from it as from noise, and chance favors another of two
+    neighbors in either: what decides must show in both.
+    """
+    by_cells = best.odds - other.odds
+    if best.run is None or other.run is None:
+        return by_cells
+    return min(by_cells, best.as_noise + best.beforehand - other.as_noise - other.beforehand)
+
+
 def margin(best: Standing, other: Standing) -> float:
     """Lead over another hypothesis, nats: of filters, or of the first order where one has no filter that has arrived.
 
@@ -277,7 +293,7 @@ def margin(best: Standing, other: Standing) -> float:
     Of an effect that is not small the first order is off by far more than hypotheses differ: what it puts near the best
     or before it must run as a filter before it is believed to be behind.
     """
-    measured = best.odds - other.odds
+    measured = ahead(best, other)
     alone = len(best.contender.cause.jets) == 1 or best.contender.cause.kind == Kind.LIES
     if best.run is None or _arrived(other) or (alone and _strays(best)):
         return measured
@@ -354,10 +370,10 @@ def running(race: Race, standing: list[Standing], free_slots: int) -> Race:
 
     for each in (leader, *sorted(standing[1:], key=place)):
         contender, cause = each.contender, each.contender.cause
-        unheard = cause.kind == Kind.JUMP and each.run is None
-        stays = unheard or (cause in present and contender.lead > best - OUT)
+        stays = (cause.kind == Kind.JUMP or cause in present) and contender.lead > best - OUT
+        stays = stays or is_unheard(race, each)
         near = stays or each is leader or cause in close or (young and cause == liar)
-        if cause in led:
+        if cause in led and not _may_begin_anew(present[cause], each):
             wanted.append(present[cause])
         elif near and contender.lead > 0.0 and len(wanted) < _RUNS and _fits(race, cause, free_slots):
             run = present.get(cause)
@@ -371,6 +387,11 @@ def running(race: Race, standing: list[Standing], free_slots: int) -> Race:
     return race._replace(runs=tuple(wanted), out=out)
 
 
+def is_unheard(race: Race, standing: Standing) -> bool:
+    """Whether it is a jump of which only the first order speaks, while jets fired when it may have happened."""
+    return standing.contender.cause.kind == Kind.JUMP and standing.run is None and race.screen.fired
+
+
 def _fits(race: Race, cause: Cause, free_slots: int) -> bool:
     """Whether the state has a slot for each of its jets."""
     taken = _known(race)
@@ -381,6 +402,11 @@ def _known(race: Race) -> set[tuple[int, int]]:
     """Jets and signs of the failures that are known."""
     base = race.states[0]
     return set(zip(base.slot_jet.astype(np.intp).tolist(), base.slot_sign.astype(np.intp).tolist(), strict=True))
+
+
+def _may_begin_anew(led: Runner, standing: Standing) -> bool:
+    """Whether a filter that led begins anew: not where something new may have begun in the newest sample."""
+    return led.newest.surprise < SURPRISED and _begins_anew(led, standing)
 
 
 def _begins_anew(run: Runner, standing: Standing) -> bool:

@@ -42,6 +42,7 @@ from massprop_drake.maths.linear_algebra import Array
 
 MOST_FORCE = 1.05  # of full thrust: a jet gives no more
 PAIR_PRIOR = 12.0  # nats against two failures at once: 1e-5 of one
+_FIRES = 0.01  # of an interval: less is the rest of a tail-off
 _LEAK = 0.5  # of full thrust: below, a jet leaks; above, it is stuck on and gives no more when it is told to fire
 _LEAST_KICK = 1e-6  # of the largest, so that a variance has an inverse
 BOUND = 3.0  # sigmas within which a force lies
@@ -65,6 +66,8 @@ class Screen(NamedTuple):
         counting: see `Counting`.
         masks: components counted at each cycle since the beginning.
         scores: of no failure, after each cycle from the beginning on.
+        fired: whether a jet fired in an interval in which what the race is about may have happened: the first order,
+            which has a jump happen between two samples, may then be far off.
     """
 
     onsets: tuple[int, ...]
@@ -79,6 +82,7 @@ class Screen(NamedTuple):
     counting: Counting
     masks: tuple[np.ndarray, ...]
     scores: tuple[Score, ...]
+    fired: bool = False
 
     @property
     def began(self) -> int:
@@ -206,8 +210,10 @@ def screened(screen: Screen, over: Link, params: JointParams) -> Screen:
         projection = projection + innovation @ of_onsets
         jump_information = jump_information + of_jump.T @ of_jump
         jump_projection = jump_projection + innovation @ of_jump
+    fires = screen.cycle <= screen.onsets[-1] and bool((over.amount > _FIRES * over.duration_s).any())
     return screen._replace(
         cycle=screen.cycle + 1,
+        fired=screen.fired or fires,
         columns=columns,
         acting=acting,
         information=information,
