@@ -328,6 +328,18 @@ def test_what_led_begins_anew_at_a_better_onset_unless_the_newest_sample_surpris
         assert (found.runs[0].cycle == ONSET) == expected
 
 
+def test_a_filter_at_a_wrong_onset_begins_anew_and_is_not_out() -> None:
+    far = running(leak(0), 100.0, nis=200.0)._replace(onset=ONSET - 1)
+    for at_the_other, expected in ((1000.0, False), (90.0, True)):
+        some = contender(leak(0), max(at_the_other, 100.0))
+        some = some._replace(at_onsets=((ONSET - 1, 100.0), (ONSET, at_the_other)))
+        now = race(far)
+        now = now._replace(screen=now.screen._replace(onsets=(ONSET - 1, ONSET)), states=(STATE, STATE, STATE))
+        standing = races.standings(now, [contender(leak(1, 2), 1000.0), some], PARAMS)
+        found = races.running(now, standing, 2)
+        assert (leak(0) in found.out) == expected
+
+
 def test_a_lead_must_show_by_cells_and_by_noise() -> None:
     for likelihood, cells, expected in ((100.0, 90.0, False), (90.0, 100.0, False), (90.0, 90.0, True)):
         now = race(running(leak(0), 100.0), running(leak(1), likelihood, cells=cells))

@@ -357,7 +357,11 @@ def running(race: Race, standing: list[Standing], free_slots: int) -> Race:
     wanted: list[Runner] = []
     liar = next((each.contender.cause for each in standing if each.contender.cause.kind == Kind.LIES), None)
     young = race.screen.cycle - race.triggered < _LIE_RUNS
-    behind = {each.contender.cause for each in standing if each.run is not None and each.contender.lead < best - OUT}
+    behind = {
+        each.contender.cause
+        for each in standing
+        if each.run is not None and each.contender.lead < best - OUT and not _at_a_wrong_onset(each)
+    }
     fits = leader.run is None or leader.run.fits
     reach = _NEAR if fits else max(_NEAR, _FIRST_ORDER * best)  # what it leads by to first order may be none
     others = [each for each in standing[1:] if each.contender.cause.kind != Kind.JUMP]
@@ -428,6 +432,14 @@ def _begins_anew(run: Runner, standing: Standing) -> bool:
             return True
     other = first.onset != run.onset or first.share != run.share
     return arrived_run is not None and not strays and other and first.lead > max(contender.lead, there) + _BETTER
+
+
+def _at_a_wrong_onset(standing: Standing) -> bool:
+    """Whether a filter does not fit, while the first order explains more at another onset."""
+    run, first = standing.run, standing.first_order
+    if run is None or run.fits or first.onset == run.onset:
+        return False
+    return first.lead > max(first.lead_at(run.onset), standing.contender.lead) + _BETTER
 
 
 def _of_one_size(first: Contender, other: Contender) -> bool:
