@@ -19,7 +19,7 @@ import numpy as np
 
 from massprop_drake.maths.estimation.pose.layout import Bank, Commands, PoseParams, Readings
 from massprop_drake.maths.estimation.pose.measurement import Compared, compared
-from massprop_drake.maths.estimation.pose.prediction import predicted
+from massprop_drake.maths.estimation.pose.prediction import Predicted, predicted
 from massprop_drake.maths.estimation.pose.turning import rotation_vectors, rotations, symmetric_matrices
 from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError, symmetrized_stack
 
@@ -68,11 +68,21 @@ class Doubt(NamedTuple):
     share: Array
 
 
-class _Update(NamedTuple):
+class Update(NamedTuple):
+    """What readings make of a bank.
+
+    Attributes:
+        correction, covariance: of what is free, after it, shapes (n_filters, n) and (n_filters, n, n).
+        likelihood: logarithm of the readings' density, shape (n_filters,).
+        nis: of the innovation, shape (n_filters,).
+        gain: shape (n_filters, n, m).
+    """
+
     correction: Array
     covariance: Array
     likelihood: Array
     nis: Array
+    gain: Array
 
 
 def shifted(bank: Bank, correction: Array, covariance: Array, params: PoseParams) -> Bank:
@@ -162,18 +172,13 @@ def _step(
         beside = beside._replace(
             **{name: _of_first(getattr(beside, name), run_off) for name in ("innovation", "jacobian", "variance")}
         )
-    chance = 1.0 - np.exp(-params.kicks_per_s * (span_s[1] - span_s[0]))
-    poor = params.pose.outliers if beside.poses.any() else 0.0
-    fair, noisy = None, _noisier(beside, params.pose.outlier_scale) if poor > 0.0 else beside
+    chance, poor = chances(beside, span_s, params)
+    fair, noisy = None, noisier(beside, params.pose.outlier_scale) if poor > 0.0 else beside
     if poor > 0.0 and _cannot_tell(shown[0], beside, params.pose.tells):
         fair = _either(_density(shown, beside), _density(shown, noisy), poor)
         beside, poor = noisy, 0.0
-    happened = [_happened(1.0 - chance - poor, ahead.bank.covariance, beside)]
-    if chance > 0.0:
-        happened.append(_happened(chance, ahead.bank.covariance + ahead.kick @ np.swapaxes(ahead.kick, 1, 2), beside))
-    if poor > 0.0:
-        happened.append(happened[0]._replace(chance=poor, beside=noisy))
-    ways = _updates(happened, ahead.bank.mean, params)
+    happened = happenings(ahead, (beside, noisy), (chance, poor))
+    ways = updates(happened, ahead.bank.mean, params)
     each = np.stack([np.log(one.chance) + way.likelihood for one, way in zip(happened, ways, strict=True)])
     total = np.logaddexp.reduce(each)
     share = np.exp(each - total)
@@ -183,12 +188,7 @@ def _step(
     if chance > 0.0 and poor > 0.0 and share[2].max() > _DOUBTFUL:
         doubt = Doubt(shifted(ahead.bank, ways[1].correction, ways[1].covariance, params), kicked)
         ways, share = [ways[0], ways[2]], share[[0, 2]] / np.maximum(1.0 - kicked, _TINY)
-    correction = np.einsum("kh,khn->hn", share, np.stack([way.correction for way in ways]))
-    covariance = np.zeros_like(ahead.bank.covariance)
-    for part, way in zip(share, ways, strict=True):
-        apart = way.correction - correction
-        covariance += part[:, None, None] * (way.covariance + apart[:, :, None] * apart[:, None, :])
-    after = shifted(ahead.bank, correction, covariance, params)
+    after = shifted(ahead.bank, *mixed(ways, share), params)
     total = np.where(run_off, -np.inf, total if fair is None else fair)
     whitened = _whitened(shown, beside)
     return Cycled(after, total, beside.innovation, ways[0].nis, kicked, np.sum(nis, axis=0), doubt, whitened)
@@ -228,7 +228,7 @@ def _first_for(bank: Bank, chosen: np.ndarray) -> Bank:
     return bank._replace(**parts)
 
 
-class _Happened(NamedTuple):
+class Happened(NamedTuple):
     """What may have happened.
 
     Attributes:
@@ -246,13 +246,46 @@ class _Happened(NamedTuple):
     shown: Array
 
 
-def _happened(chance: float, covariance: Array, beside: Compared) -> _Happened:
+def _happened(chance: float, covariance: Array, beside: Compared) -> Happened:
     """What may have happened; arguments as its attributes."""
     crossed = covariance @ np.swapaxes(beside.jacobian, 1, 2)
-    return _Happened(chance, covariance, beside, crossed, beside.jacobian @ crossed)
+    return Happened(chance, covariance, beside, crossed, beside.jacobian @ crossed)
 
 
-def _updates(happened: list[_Happened], mean: Array, params: PoseParams) -> list[_Update]:
+def chances(beside: Compared, span_s: tuple[float, float], params: PoseParams) -> tuple[float, float]:
+    """Probabilities of a kick in an interval, and of poor readings at its end."""
+    kick = 1.0 - np.exp(-params.kicks_per_s * (span_s[1] - span_s[0]))
+    return float(kick), params.pose.outliers if beside.poses.any() else 0.0
+
+
+def happenings(ahead: Predicted, besides: tuple[Compared, Compared], chances: tuple[float, float]) -> list[Happened]:
+    """What may have happened in an interval: nothing but what the model has; a kick; poor readings.
+
+    Args:
+        ahead: the bank before the readings.
+        besides: readings as good ones and as poor ones.
+        chances: of a kick and of poor readings; zero: it is not among them.
+    """
+    (good, noisy), (kick, poor) = besides, chances
+    happened = [_happened(1.0 - kick - poor, ahead.bank.covariance, good)]
+    if kick > 0.0:
+        happened.append(_happened(kick, ahead.bank.covariance + ahead.kick @ np.swapaxes(ahead.kick, 1, 2), good))
+    if poor > 0.0:
+        happened.append(happened[0]._replace(chance=poor, beside=noisy))
+    return happened
+
+
+def mixed(ways: list[Update], share: Array) -> tuple[Array, Array]:
+    """Correction and covariance of several updates together, by their moments; shares of shape (n_ways, n_filters)."""
+    correction = np.einsum("kh,khn->hn", share, np.stack([way.correction for way in ways]))
+    covariance = np.zeros_like(ways[0].covariance)
+    for part, way in zip(share, ways, strict=True):
+        apart = way.correction - correction
+        covariance += part[:, None, None] * (way.covariance + apart[:, :, None] * apart[:, None, :])
+    return correction, covariance
+
+
+def updates(happened: list[Happened], mean: Array, params: PoseParams) -> list[Update]:
     """The update by each, which leaves every K that of a body."""
     taken = np.ones(params.free.size)
     ways = [_updated(one, taken) for one in happened]
@@ -278,7 +311,7 @@ def _possible(mean: Array, correction: Array, params: PoseParams) -> np.ndarray:
     return np.asarray(np.linalg.eigvalsh(spin)[:, 0] > _LEAST * least)
 
 
-def _noisier(beside: Compared, scale: float) -> Compared:
+def noisier(beside: Compared, scale: float) -> Compared:
     """The same with poses so many times as noisy."""
     grown = np.where(beside.poses, scale, 1.0)
     return beside._replace(variance=beside.variance * grown[:, None] * grown)
@@ -318,7 +351,7 @@ def _whitened(shown: Array, beside: Compared) -> Array:
     return np.asarray(np.linalg.solve(np.linalg.cholesky(expected), beside.innovation.T).T, dtype=np.float64)
 
 
-def _updated(one: _Happened, taken: Array) -> _Update:
+def _updated(one: Happened, taken: Array) -> Update:
     """The update by Joseph's form, which holds for any gain."""
     covariance, beside = one.covariance, one.beside
     by, expected = beside.jacobian, one.shown + beside.variance
@@ -333,4 +366,4 @@ def _updated(one: _Happened, taken: Array) -> _Update:
     determinant = 2.0 * np.sum(np.log(np.diagonal(half, axis1=1, axis2=2)), axis=1)
     likelihood = -0.5 * (nis + determinant + beside.innovation.shape[1] * _TWO_PI)
     correction = (gain @ beside.innovation[..., None])[..., 0]
-    return _Update(correction, after, likelihood, nis)
+    return Update(correction, after, likelihood, nis, gain)

@@ -43,11 +43,13 @@ class Predicted(NamedTuple):
 
     Attributes:
         bank: see `Bank`.
-        kick: what 1 sigma of each component of a kick does to what is free, shape (n_filters, n, 6).
+        kick: what 1 sigma of each component of a kick does to what is free, shape (n_filters, n, 12).
+        through: how what is free goes with what was free before, shape (n_filters, n, n).
     """
 
     bank: Bank
     kick: Array
+    through: Array
 
 
 class _Acting(NamedTuple):
@@ -117,7 +119,7 @@ def predicted(bank: Bank, commands: Commands, begin_s: float, end_s: float, para
         params: see `PoseParams`.
     """
     openings = opened_on_average(commands, (begin_s, end_s), timing(bank.mean, params), _delay_stds(bank, params))
-    bank = _pulsed(bank, openings, params)
+    bank, kept = _pulsed(bank, openings, params)
     acting = _acting(bank, openings, end_s - begin_s, params)
     size, count = params.parts.size, bank.mean.shape[0]
     after = bank.mean.copy()
@@ -148,15 +150,18 @@ def predicted(bank: Bank, commands: Commands, begin_s: float, end_s: float, para
     covariance = through @ bank.covariance @ np.swapaxes(through, 1, 2) + _noise(acting, product, spread, params)
     covariance = symmetrized_stack(covariance)
     moved = Bank(after, covariance, bank.rotation @ rotations(angle), bank.opens, bank.reference, bank.turned + spun)
-    return Predicted(moved, _kick(acting, params))
+    return Predicted(moved, _kick(acting, params), through if kept is None else through * kept[:, None, :])
 
 
-def _pulsed(bank: Bank, openings: Openings, params: PoseParams) -> Bank:
-    """The bank with nothing known of the pulses that begin: each is independent of all before."""
+def _pulsed(bank: Bank, openings: Openings, params: PoseParams) -> tuple[Bank, Array | None]:
+    """The bank with nothing known of the pulses that begin: each is independent of all before.
+
+    And what of the state goes on, zero for those, shape (n_filters, n); None: all of it.
+    """
     scattered = np.flatnonzero(params.pulse_scatter > 0.0)
     begins = openings.begins[:, scattered]
     if not begins.any():
-        return bank
+        return bank, None
     places = params.parts.pulse.start + scattered
     rows = np.searchsorted(params.free, places)
     mean, kept = bank.mean.copy(), np.ones((bank.mean.shape[0], params.free.size))
@@ -164,7 +169,7 @@ def _pulsed(bank: Bank, openings: Openings, params: PoseParams) -> Bank:
     kept[:, rows] = ~begins
     covariance = bank.covariance * kept[:, :, None] * kept[:, None, :]
     covariance[:, rows, rows] += begins * params.pulse_scatter[scattered] ** 2
-    return bank._replace(mean=mean, covariance=covariance)
+    return bank._replace(mean=mean, covariance=covariance), kept
 
 
 def _acting(bank: Bank, openings: Openings, duration: float, params: PoseParams) -> _Acting:

@@ -256,6 +256,17 @@ def _fixed(parts: Parts, tracking: Tracking, setup: Setup) -> np.ndarray:
     return fixed
 
 
+def movable(setup: Setup, parts: Parts) -> np.ndarray:
+    """Places of all that may be other than the vehicle's file says, and of the motion, whatever its sigma, in order."""
+    assert setup.tracking is not None, "made for a vehicle that is followed in a fixed frame"
+    fixed, valves = _fixed(parts, setup.tracking, setup), setup.tracking.valves
+    fixed[parts.open] = True
+    fixed[parts.lag] |= valves.lags_s == 0.0
+    fixed[parts.pulse] |= valves.pulse_scatters[setup.thrust.kinds] == 0.0
+    fixed[parts.spin] |= setup.tracking.fixed[:6]
+    return np.flatnonzero(~fixed)
+
+
 def known_parameters(tracking: Tracking) -> np.ndarray:
     """Which of the ten parameters have no sigma: those that are fixed, or play no part in a plane, shape (10,)."""
     known = np.asarray(tracking.fixed, dtype=bool).copy()
