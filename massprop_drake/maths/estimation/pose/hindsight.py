@@ -23,7 +23,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_drake.maths.estimation.pose.cycle import Happened, Update, chances, happenings, mixed, noisier, shifted
+from massprop_drake.maths.estimation.pose.cycle import Happened, Update, chances, happenings, mixed, noisier
 from massprop_drake.maths.estimation.pose.cycle import updates as updates_of
 from massprop_drake.maths.estimation.pose.layout import Bank, Commands, Parts, Places, PoseParams, Readings
 from massprop_drake.maths.estimation.pose.measurement import compared
@@ -219,7 +219,7 @@ def _sample(
     precisions = np.linalg.inv([one.shown[0] + one.beside.variance[0] for one in happened])
     precision, gain = (np.tensordot(share, part, 1) for part in (precisions, [way.gain[0] for way in ways]))
     weighed = shows.T @ precision
-    bank = shifted(ahead.bank, *mixed(ways, share[:, None]), params)
+    bank = mixed(ahead.bank, happened, ways, share[:, None], params)
     return bank, by - gain @ shows, Equations(weighed @ shows, weighed @ off, misfit, float(off.size))
 
 

@@ -466,7 +466,6 @@ def _noise(acting: _Acting, product: Array, spread: Array, params: PoseParams) -
     """
     parts, free, duration = params.parts, params.free, acting.duration
     count, n_jets = acting.once.shape
-    felt = np.swapaxes(acting.middle, 1, 2)  # a force in the fixed frame, by accelerometers
     columns = np.zeros((count, parts.size, n_jets + 1))
     for effect, rows, twice in _effects(acting, params):
         each = acting.since[..., None] * effect if twice else effect
@@ -490,19 +489,28 @@ def _noise(acting: _Acting, product: Array, spread: Array, params: PoseParams) -
         walks[once_row, twice_row] = walks[twice_row, once_row] = density * duration**2 / 2.0 * _EYE
     for begin, walk in ((parts.push.start, params.push_walk), (parts.push.start + 3, params.turn_walk)):
         walks[begin : begin + 3, begin : begin + 3] = walk**2 * duration * _EYE
-    whole = np.broadcast_to(walks, (count, parts.size, parts.size)).copy()
-    for rows in _triples(parts.gathered):
-        for with_part, moment in ((parts.velocity, duration), (parts.position, 0.5 * duration**2)):
-            whole[:, rows, with_part] = params.velocity_noise**2 * moment * felt
-            whole[:, with_part, rows] = np.swapaxes(whole[:, rows, with_part], 1, 2)
-        for others in _triples(parts.gathered):
-            whole[:, rows, others] = params.velocity_noise**2 * duration * _EYE
-    share = 0.5 * duration
-    whole[:, parts.rate, parts.rate] += product
-    whole[:, parts.attitude, parts.rate] += share * product
-    whole[:, parts.rate, parts.attitude] += share * product
-    whole[:, parts.attitude, parts.attitude] += share**2 * product
-    noise: Array = columns @ drawn @ np.swapaxes(columns, 1, 2) + whole[:, free[:, None], free]
+    noise: Array = columns @ drawn @ np.swapaxes(columns, 1, 2)
+    if parts.gathered.stop == parts.gathered.start:
+        noise += walks[np.ix_(free, free)]
+    else:
+        whole = np.broadcast_to(walks, (count, parts.size, parts.size)).copy()
+        felt = np.swapaxes(acting.middle, 1, 2)  # a force in the fixed frame, by accelerometers
+        for rows in _triples(parts.gathered):
+            for with_part, moment in ((parts.velocity, duration), (parts.position, 0.5 * duration**2)):
+                whole[:, rows, with_part] = params.velocity_noise**2 * moment * felt
+                whole[:, with_part, rows] = np.swapaxes(whole[:, rows, with_part], 1, 2)
+            for others in _triples(parts.gathered):
+                whole[:, rows, others] = params.velocity_noise**2 * duration * _EYE
+        noise += whole[:, free[:, None], free]
+    turning = np.concatenate((np.full(3, 1.0), np.full(3, 0.5 * duration)))  # of rate and of attitude
+    axes = np.concatenate(
+        (np.arange(parts.rate.start, parts.rate.stop), np.arange(*parts.attitude.indices(parts.size)))
+    )
+    there = np.isin(axes, free)
+    places, axis = np.searchsorted(free, axes[there]), np.tile(np.arange(3), 2)[there]
+    noise[:, places[:, None], places] += (
+        np.outer(turning, turning)[np.ix_(there, there)] * product[:, axis[:, None], axis]
+    )
     return noise
 
 
