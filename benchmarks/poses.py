@@ -19,6 +19,7 @@ from __future__ import annotations
 import argparse
 import csv
 import json
+import math
 import tempfile
 import time
 from collections.abc import Sequence
@@ -71,12 +72,16 @@ class Case(NamedTuple):
 
 
 _WHOLE = (("repeatability", 0.0), ("pulse_scatter", 0.36))
+_EXACT = (("command_delay_std_s", 0.0),)
 CASES = {
     "planar": Case("air-bearing satellite", "air_bearing"),
     "free": Case("free flyer by cameras", "tracked_flyer"),
     "delay_1": Case("commands one sample late", "air_bearing", delay_off=1.0, failures=False),
     "delay_2": Case("commands two samples late", "air_bearing", delay_off=2.0, failures=False),
     "delay_3": Case("commands three samples late", "air_bearing", delay_off=3.0, failures=False),
+    "exact": Case(
+        "delay off by .05 s 1-sigma and a sample, stated as exact", "air_bearing", delay_off=1.0, told=_EXACT
+    ),
     "pressure": Case("supply that falls by 10 %", "air_bearing", pressure_loss=0.1, failures=False, walk=0.013),
     "planar_late": Case("air-bearing satellite, jet dies in flight", "air_bearing", late=True),
     "free_late": Case("free flyer, jet dies in flight", "tracked_flyer", late=True),
@@ -554,7 +559,7 @@ def fly(name: str, seed: int, duration_s: float) -> Outcome:
     spent_s = time.perf_counter() - began
     found, truth = run.results, flight.truth
     sigmas = (found.estimates - _true(truth, vehicle)) / found.standard_deviations
-    off = float(run["command_delay"][-1, 0]) - float(flight.delays[0])
+    off, std = float(run["command_delay"][-1, 0]) - float(flight.delays[0]), float(run["command_delay_std"][-1, 0])
     return Outcome(
         name,
         seed,
@@ -564,7 +569,7 @@ def fly(name: str, seed: int, duration_s: float) -> Outcome:
         [one.jets for one in found.detections if one.isolated_to == "group"],
         sigmas[np.isfinite(sigmas)].tolist(),
         _tenth_pulse(rows, truth, vehicle),
-        (off, off / float(run["command_delay_std"][-1, 0])),
+        (off, off / std if std > 0.0 else math.copysign(math.inf, off)),
         found.consistency.verdict,
         round(spent_s, 2),
     )

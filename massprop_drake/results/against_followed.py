@@ -12,7 +12,7 @@ from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.vehicle import PoseSensor
 from massprop_drake.maths import attitude
 from massprop_drake.maths.estimation.pose import hindsight, setting
-from massprop_drake.maths.estimation.pose.hindsight import Record, Vehicle
+from massprop_drake.maths.estimation.pose.hindsight import Assumed, Record
 from massprop_drake.maths.estimation.pose.layout import PoseParams
 from massprop_drake.results import against
 from massprop_drake.results.against import Called, Explanation, Residual, called_mass_property
@@ -73,7 +73,7 @@ def turned(read: Array, simulated: Array) -> Array:
 
 
 def explained(
-    scenario: Scenario, record: Record, vehicle: Vehicle, made: PoseParams
+    scenario: Scenario, record: Record, vehicle: Assumed, made: PoseParams
 ) -> tuple[float | None, tuple[Explanation, ...]]:
     """Finds what explains that readings are not what the commands give in a simulation.
 

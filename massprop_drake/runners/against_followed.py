@@ -19,7 +19,7 @@ from massprop_drake.inputs.vehicle import SensorPackage
 from massprop_drake.maths import attitude
 from massprop_drake.maths.estimation.filters.pose import PoseFilterParams, readings_of
 from massprop_drake.maths.estimation.pose import delays, hindsight, setting
-from massprop_drake.maths.estimation.pose.hindsight import Record, Vehicle
+from massprop_drake.maths.estimation.pose.hindsight import Assumed, Record
 from massprop_drake.maths.estimation.pose.hypotheses import SETTLING_S
 from massprop_drake.maths.estimation.pose.layout import Bank, PoseParams, Readings
 from massprop_drake.maths.estimation.pose.measurement import expected
@@ -81,7 +81,7 @@ def _until(record: Run, time_s: Array) -> float:
 # ------------------------------------------------------------------------------ what is simulated
 
 
-def _vehicle(other: Run, scenario: Scenario, made: PoseParams, folder: str) -> Vehicle:
+def _vehicle(other: Run, scenario: Scenario, made: PoseParams, folder: str) -> Assumed:
     """The vehicle of another run, in terms of the record's file.
 
     Raises:
@@ -94,7 +94,7 @@ def _vehicle(other: Run, scenario: Scenario, made: PoseParams, folder: str) -> V
     return found._replace(at=at)
 
 
-def _true(other: Run, made: PoseParams, folder: str) -> Vehicle:
+def _true(other: Run, made: PoseParams, folder: str) -> Assumed:
     """That of a simulated run, whose valves act at once and whose surroundings are still."""
     if other.scenario.jumps:
         raise InputError(
@@ -109,10 +109,10 @@ def _true(other: Run, made: PoseParams, folder: str) -> Vehicle:
     )
     at[parts.lag][made.kinds] = params.plant_time_constants(other.scenario)
     at[parts.point] = np.ravel([pose.point for pose in other.scenario.vehicle_data.poses])
-    return Vehicle(at)
+    return Assumed(at)
 
 
-def _learned(other: Run, folder: str) -> Vehicle:
+def _learned(other: Run, folder: str) -> Assumed:
     """That of a record, as the estimator knew it at its end."""
     if other.scenario.estimation.filter != "pose" or not other.state:
         raise InputError(
@@ -123,7 +123,7 @@ def _learned(other: Run, folder: str) -> Vehicle:
     state = restored(other.state["states"], own, f"{folder}/{STATE_FILE}").filter
     bank = delays.overall(state.tried, own.filter_params.pose)
     at = hindsight.vehicle_of(bank.mean[0], float(state.estimate[MASS_RECIPROCAL]), own.filter_params.pose)
-    return Vehicle(at, max(int(bank.opens[0]), -1))
+    return Assumed(at, max(int(bank.opens[0]), -1))
 
 
 def _record(record: Run, made: PoseFilterParams, other: Run) -> Record:
@@ -161,7 +161,7 @@ def _delivered(commands: Array, time_s: Array, other: Run) -> Array:
 # ------------------------------------------------------------------------------ what it then reads
 
 
-def _simulated(told: Record, vehicle: Vehicle, made: PoseParams, record: Run) -> dict[str, Array]:
+def _simulated(told: Record, vehicle: Assumed, made: PoseParams, record: Run) -> dict[str, Array]:
     """What every sensor reads in a simulation, NaN before it has begun."""
     scenario, rows = record.scenario, told.time_s.size
     movable = setting.movable(params.setup(scenario), made.parts)
@@ -183,7 +183,7 @@ def _simulated(told: Record, vehicle: Vehicle, made: PoseParams, record: Run) ->
     return read
 
 
-def _begun(motion: list[Array], readings: Readings, vehicle: Vehicle, known: PoseParams) -> Bank:
+def _begun(motion: list[Array], readings: Readings, vehicle: Assumed, known: PoseParams) -> Bank:
     """One filter with a motion, sure of it; a point that is tracked stands where it is read."""
     (position, quaternion, velocity, rate), parts = motion, known.parts
     mean, rotation, size = known.start.copy(), attitude.rotation_matrix(quaternion), known.free.size

@@ -64,7 +64,7 @@ class Record(NamedTuple):
         return Record(self.time_s[:rows], self.levels[:rows], self.readings[:rows], outside)
 
 
-class Vehicle(NamedTuple):
+class Assumed(NamedTuple):
     """A vehicle that is taken as known.
 
     Attributes:
@@ -149,11 +149,11 @@ def possible(at: Array, parts: Parts) -> bool:
     return bool(at[parts.common] > 0.0 and np.linalg.eigvalsh(inverse)[0] > 0.0 and (at[parts.lag] >= 0.0).all())
 
 
-def taken_as_known(vehicle: Vehicle, movable: Places, params: PoseParams) -> PoseParams:
+def taken_as_known(vehicle: Assumed, movable: Places, params: PoseParams) -> PoseParams:
     """Parameters of a filter that knows a vehicle and follows its motion.
 
     Args:
-        vehicle: see `Vehicle`.
+        vehicle: see `Assumed`.
         movable: places of all that may be other than thought, and of the motion, in order.
         params: see `PoseParams`.
     """
@@ -167,7 +167,7 @@ def taken_as_known(vehicle: Vehicle, movable: Places, params: PoseParams) -> Pos
     return params._replace(free=movable, start=start, covariance=np.diag(np.where(follows, variances, 0.0)[movable]))
 
 
-def equations(record: Record, vehicle: Vehicle, movable: Places, params: PoseParams) -> Equations:
+def equations(record: Record, vehicle: Assumed, movable: Places, params: PoseParams) -> Equations:
     """How a record's readings go with the unknowns.
 
     Args:

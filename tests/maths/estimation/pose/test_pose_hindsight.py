@@ -9,7 +9,7 @@ import pytest
 from pose_probe import JETS, MASS, Sensors, small_params
 
 from massprop_drake.maths.estimation.pose import hindsight
-from massprop_drake.maths.estimation.pose.hindsight import Record, Vehicle
+from massprop_drake.maths.estimation.pose.hindsight import Assumed, Record
 from massprop_drake.maths.estimation.pose.layout import Bank, PoseParams, Readings
 from massprop_drake.maths.estimation.pose.measurement import compared, expected
 from massprop_drake.maths.estimation.pose.prediction import predicted
@@ -43,7 +43,7 @@ def body(made: PoseParams) -> Array:
 def flown(at: Array, made: PoseParams) -> Record:
     """What a vehicle reads that is told some pulses, without noise."""
     movable = np.setdiff1d(np.arange(made.parts.size), np.arange(made.parts.size)[made.parts.open])
-    known = hindsight.taken_as_known(Vehicle(at), movable, made)
+    known = hindsight.taken_as_known(Assumed(at), movable, made)
     random = np.random.default_rng(4)
     levels = np.repeat((random.random((ROWS // 3, JETS)) < 0.3).astype(float), 3, axis=0)
     record = Record(PERIOD_S * np.arange(ROWS), levels, [])
@@ -89,7 +89,7 @@ def test_derivatives_of_the_state() -> None:
 def test_what_ideal_sensors_read_is_what_is_expected_of_them() -> None:
     made = make()
     record = flown(body(made), made)
-    known = hindsight.taken_as_known(Vehicle(body(made)), np.arange(made.parts.size), made)
+    known = hindsight.taken_as_known(Assumed(body(made)), np.arange(made.parts.size), made)
     mean = known.start.copy()
     mean[made.parts.rate], mean[made.parts.velocity] = [0.05, -0.02, 0.03], [0.1, 0.0, -0.05]
     n = made.parts.size
@@ -105,7 +105,7 @@ def test_what_ideal_sensors_read_is_what_is_expected_of_them() -> None:
 def test_a_vehicles_own_record_has_no_misfit_and_no_score() -> None:
     made = make()
     at = body(made)
-    found = hindsight.equations(flown(at, made), Vehicle(at), np.arange(made.parts.size), made)
+    found = hindsight.equations(flown(at, made), Assumed(at), np.arange(made.parts.size), made)
     assert found.readings == (ROWS - 1) * (2 * 6 + 3 + 3 + 3)
     assert found.misfit < 0.01 * found.readings  # what is not linear in the first samples
     told = found.information.diagonal() > 0.0
@@ -127,14 +127,14 @@ def test_the_score_is_the_slope_of_the_misfit(seldom: str) -> None:
         for one in record.readings
     ]
     record = record._replace(readings=noisy)
-    here = hindsight.equations(record, Vehicle(truth), movable, made)
+    here = hindsight.equations(record, Assumed(truth), movable, made)
     parts = [part for part in made.parts[:-1] if hindsight.unknown(made.parts)[part].all()]
     for place in [part.stop - 1 for part in parts if part.stop > part.start]:  # one of each kind
         sigma = 1.0 / np.sqrt(here.information[place, place])
         step = np.zeros_like(truth)
         step[place] = 1e-3 * sigma
         up, down = (
-            hindsight.equations(record, Vehicle(truth + way * step), movable, made).misfit for way in (1.0, -1.0)
+            hindsight.equations(record, Assumed(truth + way * step), movable, made).misfit for way in (1.0, -1.0)
         )
         slope = -(up - down) / (4.0 * step[place]) * sigma
         assert slope == pytest.approx(here.score[place] * sigma, rel=0.05, abs=0.05), place
@@ -147,7 +147,7 @@ def test_one_pass_finds_what_is_a_little_other_than_thought() -> None:
     wrong = truth.copy()
     chosen = [made.parts.thrust.start + 1, made.parts.center.start, made.parts.delay.start]
     wrong[chosen] += [0.01, 2e-3, 1e-3]
-    found = hindsight.equations(record, Vehicle(wrong), movable, made)
+    found = hindsight.equations(record, Assumed(wrong), movable, made)
     move = np.linalg.solve(found.information[np.ix_(chosen, chosen)], found.score[chosen])
     np.testing.assert_allclose(move, truth[chosen] - wrong[chosen], rtol=0.05)
 
@@ -166,5 +166,5 @@ def test_nothing_read_says_nothing() -> None:
     made = make()
     nothing = Readings(*(np.full_like(part, np.nan) for part in flown(body(made), made).readings[0]))
     record = Record(PERIOD_S * np.arange(3), np.zeros((3, JETS)), [nothing] * 3)
-    found = hindsight.equations(record, Vehicle(body(made)), np.arange(made.parts.size), made)
+    found = hindsight.equations(record, Assumed(body(made)), np.arange(made.parts.size), made)
     assert (found.readings, found.misfit) == (0.0, 0.0)
