@@ -1,6 +1,6 @@
 """Drawn flights of vehicles that are followed in a fixed frame: what is named, and whether estimates keep their sigmas.
 
-    python benchmarks/poses.py [--case NAME ...] [--count 100] [--first 0] [--seconds 60]
+    python benchmarks/poses.py [--case NAME ...] [--count 100] [--first 0] [--seconds 60] [--write FILE]
 
 The simulator is one of its own, of a rigid body in small steps with valves that act late and through a lag, drag, a
 floor that is not level, and a controller that answers what the pose sensor reads. It draws mass properties, thrusts,
@@ -9,14 +9,20 @@ gives less than a third. What it writes is a record, and what is measured is wha
 
 The vehicles are the bundled ones, or drawn, too: four to sixteen jets anywhere on a body of 2 to 500 kg that they can
 hold, in a plane or free, with sensors and surroundings of a size that such a body can be held by.
+
+With --write every flight is a line of a file as soon as it has been flown, and those in it are not flown again: a
+campaign may be interrupted, and goes on where it was. At the end, the table of docs/limits.md.
 """
 
 from __future__ import annotations
 
 import argparse
 import csv
+import json
+import math
 import tempfile
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -39,7 +45,8 @@ class Case(NamedTuple):
     """A kind of flight.
 
     Attributes:
-        vehicle: a bundled one, or a file.
+        title: in a table.
+        vehicle: a bundled one, or a file; "": drawn.
         delay_off: samples by which commands act later than the file says.
         pressure_loss: share of all thrusts that is lost in the flight, evenly.
         failures: whether a jet is dead from the start in half of the flights.
@@ -51,7 +58,8 @@ class Case(NamedTuple):
         rough: whether quaternions change their sign, poses are missing for up to a second, and stamps are off.
     """
 
-    vehicle: str = ""  # drawn
+    title: str
+    vehicle: str = ""
     delay_off: float = 0.0
     pressure_loss: float = 0.0
     failures: bool = True
@@ -63,23 +71,29 @@ class Case(NamedTuple):
     rough: bool = False
 
 
+_WHOLE = (("repeatability", 0.0), ("pulse_scatter", 0.36))
+_EXACT = (("command_delay_std_s", 0.0),)
 CASES = {
-    "planar": Case("air_bearing"),
-    "free": Case("tracked_flyer"),
-    "delay_1": Case("air_bearing", delay_off=1.0, failures=False),
-    "delay_2": Case("air_bearing", delay_off=2.0, failures=False),
-    "delay_3": Case("air_bearing", delay_off=3.0, failures=False),
-    "pressure": Case("air_bearing", pressure_loss=0.1, failures=False, walk=0.013),  # 10 % in a minute
-    "planar_late": Case("air_bearing", late=True),
-    "free_late": Case("tracked_flyer", late=True),
-    "drawn": Case(),
-    "rough": Case(rough=True),
-    "noisy": Case(noise=2.0),
-    "quiet": Case(noise=0.5),
-    "whole": Case("air_bearing", whole=True),  # and told to be of samples
-    "whole_told": Case("air_bearing", whole=True, told=(("repeatability", 0.0), ("pulse_scatter", 0.36))),
-    "samples_told_whole": Case("air_bearing", told=(("repeatability", 0.0), ("pulse_scatter", 0.36))),
+    "planar": Case("air-bearing satellite", "air_bearing"),
+    "free": Case("free flyer by cameras", "tracked_flyer"),
+    "delay_1": Case("commands one sample late", "air_bearing", delay_off=1.0, failures=False),
+    "delay_2": Case("commands two samples late", "air_bearing", delay_off=2.0, failures=False),
+    "delay_3": Case("commands three samples late", "air_bearing", delay_off=3.0, failures=False),
+    "exact": Case(
+        "delay off by .05 s 1-sigma and a sample, stated as exact", "air_bearing", delay_off=1.0, told=_EXACT
+    ),
+    "pressure": Case("supply that falls by 10 %", "air_bearing", pressure_loss=0.1, failures=False, walk=0.013),
+    "planar_late": Case("air-bearing satellite, jet dies in flight", "air_bearing", late=True),
+    "free_late": Case("free flyer, jet dies in flight", "tracked_flyer", late=True),
+    "drawn": Case("drawn vehicles of 4 to 16 jets and 2 to 500 kg"),
+    "rough": Case("such, signs of quaternions flip, gaps of up to 1 s, stamps off by 2 % of a sample", rough=True),
+    "noisy": Case("such, with twice the stated noise", noise=2.0),
+    "quiet": Case("such, with half the stated noise", noise=0.5),
+    "whole": Case("pulses of .36 as a whole, stated as of samples", "air_bearing", whole=True),
+    "whole_told": Case("likewise, stated as `pulse_scatter`", "air_bearing", whole=True, told=_WHOLE),
+    "samples_told_whole": Case("pulses of .36 by samples, stated as `pulse_scatter`", "air_bearing", told=_WHOLE),
 }
+_NAMES = ", ".join(CASES)
 
 
 class Truth(NamedTuple):
@@ -486,93 +500,163 @@ class Outcome(NamedTuple):
     """What became of a flight.
 
     Attributes:
+        case, seed, seconds: which it was.
         dead: designation of the jet that is, "": none.
         named: jets that were named alone, in order, with their times.
         grouped: jets of groups.
         sigmas: errors of the free parameters in their sigmas.
-        first_s: when the dead jet had been told to fire ten times.
+        first_s: when the dead jet had been told to fire ten times; None: it never had.
         delay: error of the estimated command delay, s and sigmas.
+        verdict: of consistency.
+        spent_s: time that the estimate took.
     """
 
+    case: str
+    seed: int
+    seconds: float
     dead: str
-    named: tuple[tuple[str, float], ...]
-    grouped: tuple[tuple[str, ...], ...]
-    sigmas: Array
-    first_s: float
+    named: Sequence[tuple[str, float]]
+    grouped: Sequence[Sequence[str]]
+    sigmas: Sequence[float]
+    first_s: float | None
     delay: tuple[float, float]
+    verdict: str
+    spent_s: float
+
+    @property
+    def right(self) -> bool:
+        """Whether the dead jet has been named alone."""
+        return bool(self.dead) and self.dead in [jet for jet, _ in self.named]
+
+    @property
+    def wrong(self) -> bool:
+        """Whether a healthy jet has."""
+        return any(jet != self.dead for jet, _ in self.named)
+
+    @property
+    def odd(self) -> bool:
+        """Whether one would look at it."""
+        return self.wrong or bool(self.grouped) or self.right != bool(self.dead) or max(map(abs, self.sigmas)) > 4.0
 
 
-def fly(case: Case, seed: int, duration_s: float) -> Outcome:
+def fly(name: str, seed: int, duration_s: float) -> Outcome:
     """Flies one, and estimates from its record."""
+    case = CASES[name]
     vehicle = load_vehicle(case.vehicle) if case.vehicle else drawn_vehicle(seed)
     vehicle = vehicle.model_copy(update={"common_scale_walk": case.walk})
     flight = Flight(vehicle, case, seed, duration_s)
     rows, _ = flight.rows()
+    kinds = {kind: told.model_copy(update=dict(case.told)) for kind, told in vehicle.jet_kinds.items()}
+    told = vehicle.model_copy(update={"jet_kinds": kinds})
+    began = time.perf_counter()
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "record.csv"
         with path.open("w", newline="") as file:
             writer = csv.writer(file)
             writer.writerow(columns(vehicle))
             writer.writerows([["" if np.isnan(cell) else repr(float(cell)) for cell in row] for row in rows])
-        told = vehicle.model_copy(
-            update={
-                "jet_kinds": {name: kind.model_copy(update=dict(case.told)) for name, kind in vehicle.jet_kinds.items()}
-            }
-        )
         run = estimate(path, resolved({"name": "flight", "vehicle": told}))
-    truth = flight.truth
+    spent_s = time.perf_counter() - began
+    found, truth = run.results, flight.truth
+    sigmas = (found.estimates - _true(truth, vehicle)) / found.standard_deviations
+    off, std = float(run["command_delay"][-1, 0]) - float(flight.delays[0]), float(run["command_delay_std"][-1, 0])
+    return Outcome(
+        name,
+        seed,
+        duration_s,
+        "" if truth.dead < 0 else vehicle.designations[truth.dead],
+        [(one.jets[0], one.time_s) for one in found.detections if one.isolated_to == "jet"],
+        [one.jets for one in found.detections if one.isolated_to == "group"],
+        sigmas[np.isfinite(sigmas)].tolist(),
+        _tenth_pulse(rows, truth, vehicle),
+        (off, off / std if std > 0.0 else math.copysign(math.inf, off)),
+        found.consistency.verdict,
+        round(spent_s, 2),
+    )
+
+
+def _true(truth: Truth, vehicle: Vehicle) -> Array:
+    """The ten parameters."""
     inverse = np.linalg.inv(truth.inertia)
     if vehicle.motion == "planar":
         inverse[2, 2] = 1.0 / truth.inertia[2, 2]
-    true = np.concatenate((inverse[[0, 1, 2, 1, 0, 0], [0, 1, 2, 2, 2, 1]], truth.center, [1.0 / truth.mass]))
-    found = run.results
-    sigmas = (found.estimates - true) / found.standard_deviations
-    named = tuple((one.jets[0], one.time_s) for one in found.detections if one.isolated_to == "jet")
-    grouped = tuple(one.jets for one in found.detections if one.isolated_to == "group")
-    dead = "" if truth.dead < 0 else vehicle.designations[truth.dead]
-    first_s = np.nan
-    if dead:
-        fires = rows[:, -len(vehicle.jets) + truth.dead] * (rows[:, 0] >= truth.since_s)
-        begins = np.flatnonzero(np.diff(fires, prepend=0.0) > 0.0)
-        first_s = float(rows[begins[9], 0]) if begins.size > 9 else np.inf
-    off = float(run["command_delay"][-1, 0]) - float(flight.delays[0])
-    delay = off, off / float(run["command_delay_std"][-1, 0])
-    return Outcome(dead, named, grouped, sigmas[np.isfinite(sigmas)], first_s, delay)
+    return np.concatenate((inverse[[0, 1, 2, 1, 0, 0], [0, 1, 2, 2, 2, 1]], truth.center, [1.0 / truth.mass]))
+
+
+def _tenth_pulse(rows: Array, truth: Truth, vehicle: Vehicle) -> float | None:
+    """When the dead jet, dead already, is told to fire for the tenth time, s; None: never."""
+    if truth.dead < 0:
+        return None
+    fires = rows[:, -len(vehicle.jets) + truth.dead] * (rows[:, 0] >= truth.since_s)
+    begins = np.flatnonzero(np.diff(fires, prepend=0.0) > 0.0)
+    return float(rows[begins[9], 0]) if begins.size > 9 else None
+
+
+def flown_before(path: Path | None) -> list[Outcome]:
+    """Flights in the file."""
+    if path is None or not path.exists():
+        return []
+    return [Outcome(**json.loads(line)) for line in path.read_text().splitlines()]
+
+
+def row(name: str, done: Sequence[Outcome]) -> str:
+    """A row of the table of docs/limits.md."""
+    dead = [one for one in done if one.dead]
+    right = [one for one in dead if one.right]
+    seldom = sum(one.first_s is None for one in dead if not one.right)
+    seen = f"{len(right)} of {len(dead)}" + (f" ({seldom} fired less than ten times)" if seldom else "")
+    sigmas = np.abs(np.concatenate([one.sigmas for one in done]))
+    off, off_sigmas = np.array([one.delay for one in done]).T
+    return (
+        f"| {CASES[name].title}, {len(done)} | {seen if dead else '-'} | {sum(one.wrong for one in done) or 'none'} | "
+        f"{100.0 * (sigmas <= 3.0).mean():.1f} % | "
+        f"{1e3 * np.sqrt(np.mean(off**2)):.1f} ms; {np.abs(off_sigmas).max():.1f} sigma |"
+    )
+
+
+def besides(name: str, done: Sequence[Outcome]) -> str:
+    """What the table does not say of a case."""
+    after = [time_s for one in done for jet, time_s in one.named if jet == one.dead]
+    silent = sum(not one.named and not one.grouped for one in done if one.dead)
+    sigmas = np.concatenate([one.sigmas for one in done])
+    said = sum(one.verdict == "inconsistent" for one in done)
+    return (
+        f"{name}: named after {np.median(after) if after else np.nan:.1f} s (median), {max(after, default=np.nan):.1f} "
+        f"s at the most; {silent} silent; {sum(bool(one.grouped) for one in done)} with a group; sigmas' RMS "
+        f"{np.sqrt(np.mean(sigmas**2)):.2f}, largest {np.abs(sigmas).max():.1f}; {said} inconsistent; "
+        f"{np.mean([one.spent_s for one in done]):.1f} s each"
+    )
 
 
 def main() -> None:
-    """Prints a line a case, and one for every flight that ends wrong."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--case", nargs="*", default=list(CASES), choices=list(CASES))
-    parser.add_argument("--count", type=int, default=100)
-    parser.add_argument("--first", type=int, default=0)
-    parser.add_argument("--seconds", type=float, default=60.0)
+    """Flies, prints a line for every flight that one would look at, and the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--case", nargs="*", default=list(CASES), choices=list(CASES), metavar="CASE", help=_NAMES)
+    parser.add_argument("--count", type=int, default=100, help="flights of each case")
+    parser.add_argument("--first", type=int, default=0, help="number of the first flight, its seed")
+    parser.add_argument("--seconds", type=float, default=60.0, help="of a flight")
+    parser.add_argument("--write", type=Path, help="file of flights, one a line; those in it are not flown again")
     arguments = parser.parse_args()
+    before = [one for one in flown_before(arguments.write) if one.seconds == arguments.seconds]
+    table: list[str] = []
     for name in arguments.case:
-        began, done = time.perf_counter(), []
+        done = [one for one in before if one.case == name]
+        flown = {one.seed for one in done}
         for seed in range(arguments.first, arguments.first + arguments.count):
-            one = fly(CASES[name], seed, arguments.seconds)
-            done.append(one)
-            right = [one.dead] if one.dead else []
-            if [jet for jet, _ in one.named] != right or np.abs(one.sigmas).max() > 4.0:
+            if seed in flown:
+                continue
+            done.append(one := fly(name, seed, arguments.seconds))
+            if arguments.write is not None:
+                with arguments.write.open("a") as file:
+                    print(json.dumps(one._asdict()), file=file)
+            if one.odd:
                 print(f"  {name} {seed}: dead {one.dead or '-'}, named {one.named}, grouped {one.grouped}, ", end="")
-                print(f"ten pulses at {one.first_s:.1f} s, sigmas {np.round(one.sigmas, 1).tolist()}", flush=True)
-        dead = [one for one in done if one.dead]
-        right = [one for one in dead if one.dead in [jet for jet, _ in one.named]]
-        wrong = [one for one in done if any(jet != one.dead for jet, _ in one.named)]
-        silent = [one for one in dead if not one.named and not one.grouped]
-        delays = [time_s for one in right for jet, time_s in one.named if jet == one.dead]
-        sigmas = np.concatenate([one.sigmas for one in done])
-        delays_off, delay_sigmas = np.array([one.delay for one in done]).T
-        print(
-            f"{name}: {len(done)} flights, {len(dead)} with a dead jet: {len(right)} right, {len(silent)} silent; "
-            f"{len(wrong)} flights with a wrong jet; named after {np.median(delays) if delays else np.nan:.1f} s "
-            f"(median), {max(delays, default=np.nan):.1f} s at the most; within 3 sigma "
-            f"{100.0 * (np.abs(sigmas) <= 3.0).mean():.1f} %, RMS {np.sqrt(np.mean(sigmas**2)):.2f}; delay off by "
-            f"{1e3 * np.sqrt(np.mean(delays_off**2)):.1f} ms RMS, {np.abs(delay_sigmas).max():.1f} sigma at the most; "
-            f"{(time.perf_counter() - began) / len(done):.1f} s each",
-            flush=True,
-        )
+                print(f"ten pulses at {one.first_s} s, sigmas {np.round(one.sigmas, 1).tolist()}", flush=True)
+        if done:
+            print(besides(name, done), flush=True)
+            table.append(row(name, done))
+    print("\n| flights | dead jets named | a wrong jet | errors within 3 sigma | delay, RMS; at most |")
+    print("| --- | --- | --- | --- | --- |", *table, sep="\n")
 
 
 if __name__ == "__main__":

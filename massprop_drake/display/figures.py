@@ -161,6 +161,14 @@ class Plots:
         """Integrated specific force as each accelerometer package read it."""
         return drawn(plots.accelerometer_velocities(self._source))
 
+    def against_positions(self) -> Figure:
+        """Position as read and as simulated; see `plots.against_positions`."""
+        return drawn(plots.against_positions(self._source))
+
+    def against_attitudes(self) -> Figure:
+        """Attitude beside a simulation; see `plots.against_attitudes`."""
+        return drawn(plots.against_attitudes(self._source))
+
     def against_rates(self) -> Figure:
         """Angular rate as read, and as a simulation of the same commands has it."""
         return drawn(plots.against_rates(self._source))

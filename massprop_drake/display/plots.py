@@ -35,6 +35,7 @@ from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.maths.autopilot.phase_space import PhaseSpaceParams, commanded_rate
 from massprop_drake.maths.estimation.detectors.multi_hypothesis import Word
+from massprop_drake.results.against_followed import turned
 from massprop_drake.results.consistency import ruled
 from massprop_drake.signals import AGAINST, AXES, SIGNALS, SYMBOLS, in_units, is_own, mass_property_units
 
@@ -109,9 +110,7 @@ def available(run: Source) -> dict[str, Callable[[Source], Plot]]:
     """The plots of a run by name, in the order to read them."""
     found = _of_motion(run)
     if any(name.startswith(AGAINST) for name in run.signals):
-        found["against_rates"] = against_rates
-        if run.vehicle.accelerometers:
-            found["against_velocities"] = against_velocities
+        found |= _of_comparison(run)
     found |= _of_estimates(run)
     if run.consistency is None:
         found["propellant"] = propellant
@@ -123,6 +122,18 @@ def available(run: Source) -> dict[str, Callable[[Source], Plot]]:
     if _own(run):
         found["own_signals"] = own_signals
     return found
+
+
+def _of_comparison(run: Source) -> dict[str, Callable[[Source], Plot]]:
+    """A record beside a simulation of its commands."""
+    vehicle, found = run.vehicle, dict[str, Callable[[Source], Plot]]()
+    if any(pose.position_std is not None for pose in vehicle.poses) and "position_estimate" in run.signals:
+        found["against_positions"] = against_positions
+    if any(pose.attitude_std is not None for pose in vehicle.poses) and "attitude_estimate" in run.signals:
+        found["against_attitudes"] = against_attitudes
+    if vehicle.gyros:
+        found["against_rates"] = against_rates
+    return found | ({"against_velocities": against_velocities} if vehicle.accelerometers else {})
 
 
 def _of_motion(run: Source) -> dict[str, Callable[[Source], Plot]]:
@@ -298,11 +309,29 @@ def against_velocities(run: Source) -> Plot:
     return _against(run, "against_velocities", name, "Integrated specific force", unit, 1.0)
 
 
+def against_positions(run: Source) -> Plot:
+    """Position of the first point that is followed, as read and as a simulation of the same commands has it."""
+    name = next(pose.name for pose in run.vehicle.poses if pose.position_std is not None)
+    return _against(run, "against_positions", name, "Position", run.vehicle.unit_names["length"], 1.0)
+
+
+def against_attitudes(run: Source) -> Plot:
+    """How far the first attitude that is read is turned from that of a simulation of the same commands."""
+    name = next(pose.name for pose in run.vehicle.poses if pose.attitude_std is not None)
+    left = _DEGREES * turned(run.signals[name][:, 3:], run.signals[AGAINST + name][:, 3:])
+    panels = [Panel(AXES[axis], "deg", (Line(run.time_s, left[:, axis], COLORS[axis]),)) for axis in run.turning]
+    meaning = "from the attitude that the simulation has to the one that was read, body axes"
+    title = "Attitude, beside a simulation of the same commands: difference"
+    return _plot(run, "against_attitudes", title, panels, meaning=meaning)
+
+
 def _against(run: Source, name: str, package: str, title: str, unit: str, scale: float) -> Plot:
-    """Of each axis what was read and simulated, and the difference."""
+    """Of each axis that moves what was read and simulated, and the difference."""
     read, simulated = scale * run.signals[package], scale * run.signals[AGAINST + package]
     panels = []
-    for axis, letter in enumerate(AXES):
+    turns = any(gyro.name == package for gyro in run.vehicle.gyros)
+    for axis in run.turning if turns else run.moving:
+        letter = AXES[axis]
         lines = (
             Line(run.time_s, read[:, axis], COLORS[axis], f"{package}, as read"),
             Line(run.time_s, simulated[:, axis], TRUTH_COLOR, "simulated", dashed=True),

@@ -144,7 +144,11 @@ class JetKind(Model):
         span=plausible.VALVE,
     )
     command_delay_std_s: Real = described(
-        0.0, "1-sigma of it, one error for the kind; 0: known", "s", ge=0.0, span=plausible.VALVE
+        0.0,
+        "1-sigma of it, one error for the kind; 0: known, unless a record contradicts it",
+        "s",
+        ge=0.0,
+        span=plausible.VALVE,
     )
     opening_delay_s: Real = described(
         0.0,

@@ -22,7 +22,7 @@ from massprop_drake.maths.linear_algebra import Array, is_positive_definite, sym
 
 NAMES = ("Ixx_inv", "Iyy_inv", "Izz_inv", "Iyz_inv", "Ixz_inv", "Ixy_inv", "x_cm", "y_cm", "z_cm", "m_inv")
 N_ROTATION = 9  # elements of the rotational state
-CENTER_OF_MASS, MASS_RECIPROCAL = slice(6, 9), 9  # places in the ten parameters
+INVERSE_INERTIA, CENTER_OF_MASS, MASS_RECIPROCAL = slice(0, 6), slice(6, 9), 9  # places in the ten parameters
 
 # element (i, j) of the inverse inertia is x[ELEMENT[i, j]]
 ELEMENT = np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])

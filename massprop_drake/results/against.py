@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,7 @@ Array = NDArray[np.float64]
 
 _MOST = 5  # causes that are taken together
 _PASSES = 3  # in which causes are fitted
+_SETTLED = 1e-2  # squared sigmas that a pass would still gain
 _ALIKE = 0.9  # of what the best alone explains: what explains as much cannot be told from it
 _CHANCE = 1.3  # times the stated variance: no more than rounding may be
 
@@ -130,29 +131,45 @@ def residuals(scenario: Scenario, signals: Spool) -> tuple[Residual, ...]:
     for number, package in enumerate(packages):
         unit = in_units("rad/s" if package in vehicle.gyros else "{length}/s", vehicle.unit_names)
         noise = math.sqrt(float(variances[number]))
-        sums, counts = np.zeros(3), np.zeros(3)
-        largest, when = np.zeros(3), np.full(3, np.nan)
-        for block in signals.blocks("time_s", package.name, AGAINST + package.name):
-            left = block[package.name] - block[AGAINST + package.name]
-            sums += np.nansum(left**2, axis=0)
-            counts += np.isfinite(left).sum(axis=0)
-            for axis, column in enumerate(np.nan_to_num(left).T):
-                row = int(np.argmax(np.abs(column)))
-                if abs(column[row]) > abs(largest[axis]):
-                    largest[axis], when[axis] = column[row], block["time_s"][row]
-        for axis, letter in enumerate(AXES):
-            there = counts[axis] > 0
-            found.append(
-                Residual(
-                    f"{package.name}_{letter}",
-                    unit,
-                    math.sqrt(sums[axis] / counts[axis]) if there else None,
-                    float(largest[axis]) if there else None,
-                    None if np.isnan(when[axis]) else float(when[axis]),
-                    noise,
-                )
-            )
+        named = [f"{package.name}_{letter}" for letter in AXES]
+        found += summed_up(named, unit, noise, differences(signals, package.name))
     return tuple(found)
+
+
+def differences(signals: Spool, name: str) -> Iterator[tuple[Array, Array]]:
+    """Yields times, and what was read less what the simulation reads, block by block."""
+    for block in signals.blocks("time_s", name, AGAINST + name):
+        yield block["time_s"], block[name] - block[AGAINST + name]
+
+
+def summed_up(named: Sequence[str], unit: str, noise: float, left: Iterable[tuple[Array, Array]]) -> Iterator[Residual]:
+    """Yields the residual of each component of a sensor.
+
+    Args:
+        named: the components' columns, n of them.
+        unit: of the numbers.
+        noise: 1-sigma of a reading.
+        left: times, s, and what is left, NaN where nothing was read, shapes (m,) and (m, n), block by block.
+    """
+    sums, counts = np.zeros(len(named)), np.zeros(len(named))
+    largest, when = np.zeros(len(named)), np.full(len(named), np.nan)
+    for time_s, off in left:
+        sums += np.nansum(off**2, axis=0)
+        counts += np.isfinite(off).sum(axis=0)
+        for axis, column in enumerate(np.nan_to_num(off).T):
+            row = int(np.argmax(np.abs(column)))
+            if abs(column[row]) > abs(largest[axis]):
+                largest[axis], when[axis] = column[row], time_s[row]
+    for axis, name in enumerate(named):
+        there = counts[axis] > 0
+        yield Residual(
+            name,
+            unit,
+            math.sqrt(sums[axis] / counts[axis]) if there else None,
+            float(largest[axis]) if there else None,
+            None if np.isnan(when[axis]) else float(when[axis]),
+            noise,
+        )
 
 
 def explained(
@@ -179,13 +196,8 @@ def explained(
     at[places.properties], at[places.thrust] = reference.properties, reference.thrust - 1.0
     with np.errstate(all="ignore"):
         parts = pieces(scenario, signals, until_s, made)
-        normal = _normal(parts, at, made)
-        if normal.readings < 1.0:
-            return None, ()
-        misfit = normal.misfit / normal.readings
-        if misfit <= _CHANCE:
-            return misfit, ()
-        return misfit, _causes(parts, normal, at, (scenario, made))
+        called = _called(scenario, made, at)
+        return causes(lambda there: _normal(parts, there, made), (at, called), hindsight.possible, chance=_CHANCE)
 
 
 def _normal(parts: Sequence[Stretch], at: Array, made: Model) -> Normal:
@@ -195,18 +207,75 @@ def _normal(parts: Sequence[Stretch], at: Array, made: Model) -> Normal:
     return total
 
 
-def _causes(
-    parts: Sequence[Stretch], first: Normal, reference: Array, of: tuple[Scenario, Model]
+class Equations(Protocol):
+    """How readings go with unknowns, about a point."""
+
+    @property
+    def information(self) -> Array:
+        """Shape (n, n)."""
+
+    @property
+    def score(self) -> Array:
+        """Shape (n,)."""
+
+    @property
+    def misfit(self) -> float:
+        """Sum of squared residuals over the variance that is stated."""
+
+    @property
+    def readings(self) -> float:
+        """How many there are."""
+
+
+class Called(NamedTuple):
+    """What an unknown is called, the unit that it is told in, and what makes that unit of it."""
+
+    what: str
+    unit: str
+    scale: float
+
+
+def causes(
+    about: Callable[[Array], Equations],
+    of: tuple[Array, Sequence[Called | None]],
+    possible: Callable[[Array], bool],
+    *,
+    chance: float = 0.0,
+) -> tuple[float | None, tuple[Explanation, ...]]:
+    """How far readings are from a simulation, and the unknowns that explain it, the best first and then what each adds.
+
+    Args:
+        about: the equations about a point.
+        of: the unknowns as the simulation has them, shape (n,), and what each is called; None: it is none.
+        possible: whether a vehicle can have such unknowns.
+        chance: misfit for each reading up to which nothing is to be explained.
+
+    Returns:
+        See `Against.misfit` and `Against.causes`.
+    """
+    first = about(of[0])
+    if first.readings < 1.0:
+        return None, ()
+    misfit = first.misfit / first.readings
+    if misfit <= chance:
+        return misfit, ()
+    return misfit, _explaining(first, about, of, possible)
+
+
+def _explaining(
+    first: Equations,
+    about: Callable[[Array], Equations],
+    of: tuple[Array, Sequence[Called | None]],
+    possible: Callable[[Array], bool],
 ) -> tuple[Explanation, ...]:
-    """The unknowns that explain, the best first and then what each adds."""
-    scenario, made = of
-    diagonal = first.information.diagonal()
+    """The unknowns that explain; arguments as those of `causes`."""
+    reference, called = of
+    diagonal = np.where([one is not None for one in called], first.information.diagonal(), 0.0)
     there = np.flatnonzero(diagonal > 0.0)
     alone = np.zeros_like(diagonal)
     alone[there] = first.score[there] ** 2 / diagonal[there]
     excess = max(first.misfit - first.readings, 1e-300)
     limit = chi_square_limit(RATE / max(there.size, 1), 1)
-    called = _called(scenario, made, reference)
     taken: list[int] = []
     shares: list[float] = []
     at, normal = reference, first
@@ -215,7 +284,7 @@ def _causes(
         best = max(gains, key=lambda place: gains[place], default=-1)
         if best < 0 or gains[best] <= limit * max(normal.misfit / normal.readings, 1.0):
             break
-        after, fit = _fitted(parts, at, [*taken, best], made)
+        after, fit = _fitted(about, (at, normal), [*taken, best], possible)
         if fit.misfit >= normal.misfit:
             break
         at, normal = after, fit
@@ -224,11 +293,11 @@ def _causes(
     if not taken:
         return ()
     covariance = np.linalg.inv(normal.information[np.ix_(taken, taken)]) * max(normal.misfit / normal.readings, 1.0)
-    causes = []
+    found = []
     for number, (place, deviation) in enumerate(zip(taken, np.sqrt(covariance.diagonal()), strict=True)):
-        what, unit, scale = called[place]
+        what, unit, scale = _known(called[place])
         others = there[(alone[there] >= _ALIKE * alone[place]) & (there != place)] if number == 0 else ()
-        causes.append(
+        found.append(
             Explanation(
                 what,
                 float(scale * (at[place] - reference[place])),
@@ -236,28 +305,40 @@ def _causes(
                 unit,
                 min(float(alone[place]) / excess, 1.0),
                 shares[number],
-                tuple(called[other][0] for other in others),
+                tuple(_known(called[other]).what for other in others),
             )
         )
-    return tuple(causes)
+    return tuple(found)
 
 
-def _fitted(parts: Sequence[Stretch], at: Array, places: list[int], made: Model) -> tuple[Array, Normal]:
-    """Fits some unknowns, by Gauss and Newton's passes; the others stay as they are."""
-    normal = _normal(parts, at, made)
+def _known(one: Called | None) -> Called:
+    assert one is not None, "what is no unknown explains nothing"
+    return one
+
+
+def _fitted(
+    about: Callable[[Array], Equations],
+    begin: tuple[Array, Equations],
+    places: list[int],
+    possible: Callable[[Array], bool],
+) -> tuple[Array, Equations]:
+    """Fits some unknowns, by Gauss and Newton's passes from where they are; the others stay as they are."""
+    at, normal = begin
     for _ in range(_PASSES):
         move = np.zeros_like(at)
         move[places] = np.linalg.solve(normal.information[np.ix_(places, places)], normal.score[places])
-        while not hindsight.possible(at + move):
+        if float(move @ normal.score) < _SETTLED:
+            break
+        while not possible(at + move):
             move *= 0.5
-        after = _normal(parts, at + move, made)
+        after = about(at + move)
         if not after.misfit < normal.misfit:
             break
         at, normal = at + move, after
     return at, normal
 
 
-def _gain(normal: Normal, places: list[int]) -> float:
+def _gain(normal: Equations, places: list[int]) -> float:
     """What of the misfit some unknowns explain together; zero where they cannot be told apart."""
     chosen = np.array(places)
     information, score = normal.information[np.ix_(chosen, chosen)], normal.score[chosen]
@@ -271,16 +352,20 @@ def _gain(normal: Normal, places: list[int]) -> float:
 _TELLABLE = 1e8  # condition of unknowns beyond which they are one
 
 
-def _called(scenario: Scenario, made: Model, at: Array) -> list[tuple[str, str, float]]:
-    """What each unknown is called, the unit that it is told in, and what makes that unit of it."""
+def called_mass_property(symbol: str, unit: str, value: float) -> Called:
+    """What a mass property is called, with the value that a percentage is of."""
+    of_itself = symbol in _IN_PERCENT and value != 0.0
+    return Called(symbol, "%", 100.0 / float(abs(value))) if of_itself else Called(symbol, unit, 1.0)
+
+
+def _called(scenario: Scenario, made: Model, at: Array) -> list[Called]:
+    """What each unknown is called."""
     names: Names = names_of(scenario)
     places = hindsight.columns(made)
     torque, drag = (names.torque, f"{names.torque}-s/rad")
-    found: list[tuple[str, str, float]] = []
-    for symbol, unit, value in zip(SYMBOLS, mass_property_units(scenario.vehicle_data.unit_names), at, strict=False):
-        of_itself = symbol in _IN_PERCENT and value != 0.0
-        found.append((symbol, "%", 100.0 / float(abs(value))) if of_itself else (symbol, unit, 1.0))
-    found += [(f"thrust of {jet}", "%", 100.0) for jet in names.jets]
+    units = mass_property_units(scenario.vehicle_data.unit_names)
+    named = [called_mass_property(*one) for one in zip(SYMBOLS, units, at.tolist(), strict=False)]
+    found: list[tuple[str, str, float]] = [(f"thrust of {jet}", "%", 100.0) for jet in names.jets]
     found += [(f"lag of {kind} jets", "ms", 1e3) for kind in names.kinds[: places.lag.stop - places.lag.start]]
     found += [(f"gyro bias {letter}", "rad/s", 1.0) for letter in AXES]
     found += [
@@ -290,7 +375,7 @@ def _called(scenario: Scenario, made: Model, at: Array) -> list[tuple[str, str, 
     found += [(f"drag about {letter}", drag, 1.0) for letter in AXES]
     sensors = (*names.gyros, *names.accelerometers)
     found += [(f"scale of {name} {letter}", "%", 100.0) for name in sensors for letter in AXES]
-    return found
+    return named + [Called(*one) for one in found]
 
 
 _IN_PERCENT = ("Ixx⁻¹", "Iyy⁻¹", "Izz⁻¹", "1/m")

@@ -145,9 +145,9 @@ class Run:
         vehicle = self.scenario.vehicle_data
         packages = {gyro.name: gyro_signal(gyro.name) for gyro in vehicle.gyros}
         packages |= {package.name: accelerometer_signal(package.name) for package in vehicle.accelerometers}
-        packages |= {against.name: against for against in map(simulated_signal, packages.values())}
         packages |= {sensor.name: pose_signal(sensor.name) for sensor in vehicle.poses}
         packages |= {sensor.name: velocity_signal(sensor.name) for sensor in vehicle.velocities}
+        packages |= {against.name: against for against in map(simulated_signal, packages.values())}
         own = {name: own_signal(name, np.shape(self.signals[name])[1]) for name in self.signals if is_own(name)}
         return {name: SIGNALS.get(name) or packages.get(name) or own[name] for name in self.signals}
 

@@ -14,13 +14,14 @@ from numpy.typing import NDArray
 from massprop_drake.errors import InputError
 from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import Scenario, load_scenario
-from massprop_drake.inputs.vehicle import MassPropertiesModel
+from massprop_drake.inputs.vehicle import MassPropertiesModel, Vehicle
 from massprop_drake.maths.mass_properties import CENTER_OF_MASS, MASS_RECIPROCAL
 from massprop_drake.maths.vehicle import cycle
 from massprop_drake.maths.vehicle.rigid_body import RATE, OutOfMassError, SpunUpError
 from massprop_drake.results.against import Against, Simulated, explained, residuals
 from massprop_drake.results.run import Run, read_summary
 from massprop_drake.results.spool import Spool, blocks
+from massprop_drake.runners import against_followed
 from massprop_drake.signals import AGAINST
 
 Array = NDArray[np.float64]
@@ -31,7 +32,8 @@ def beside(record: Run, folder: str | Path, *, spool_folder: Path | None = None)
 
     The vehicle of the other run flies them: with its true mass properties, dispersions and failures where it was
     simulated, with its estimates where it is a record itself. Its times count from the record's first row. It begins,
-    and begins anew after each gap, with the rate that the record read there, and is left to itself from then on.
+    and begins anew after each gap, with the rate that the record read there, and is left to itself from then on; of a
+    vehicle that is followed in a fixed frame it begins anew every ten seconds, with the motion that was estimated.
 
     Args:
         record: estimated from telemetry.
@@ -42,10 +44,15 @@ def beside(record: Run, folder: str | Path, *, spool_folder: Path | None = None)
         The record's run with `against` in its results and, as signals `against.<package>`, what the simulation reads.
 
     Raises:
-        InputError: when the folder holds no run, its vehicle is another one, or cannot fly these commands.
+        InputError: when the folder holds no run, its vehicle is another one, or cannot fly these commands, or nothing
+            tells what it is like.
     """
     require_comparable(record.scenario, folder)
     other = Run.load(folder)
+    if record.scenario.estimation.filter == "pose":
+        spool = Spool(spool_folder, index="time_s")
+        found = against_followed.beside(record, other, str(folder), spool)
+        return Run(record.scenario, replace(record.results, against=found), None, spool, record.state)
     world = _world(other, str(folder))
     twin = _Twin(record.scenario, world, str(folder))
     names = record.scenario.vehicle_data.sensor_names()
@@ -72,27 +79,34 @@ def require_comparable(record: Scenario, folder: str | Path) -> None:
         folder: of the other run.
 
     Raises:
-        InputError: when the folder holds no run, its vehicle is another one, or gyros tell nothing of the record.
+        InputError: when the folder holds no run, or its vehicle is another one.
     """
     read_summary(Path(folder))
     vehicle, other = record.vehicle_data, load_scenario(Path(folder) / "scenario.yaml").vehicle_data
-    if record.estimation.filter == "pose" or not params.gyros(record):
-        raise InputError(
-            f"{folder}: a simulation is put beside rates that gyros read; a record that is followed in a fixed frame "
-            "(estimation.filter: pose) cannot be compared so"
-        )
     alike: dict[str, tuple[Any, Any]] = {
         "jets": (vehicle.designations, other.designations),
-        "sensors": (vehicle.sensor_names(), other.sensor_names()),
+        "sensors": (_sensors(vehicle), _sensors(other)),
         "units": (vehicle.units, other.units),
         "sample period": (vehicle.sample_period_s, other.sample_period_s),
     }
+    if record.estimation.filter == "pose":
+        alike |= {"motion": (vehicle.motion, other.motion), "places of jets": (_places(vehicle), _places(other))}
     unlike = [name for name, (here, there) in alike.items() if here != there]
     if unlike:
         raise InputError(
             f"{folder}: is of vehicle '{other.name}', whose {' and '.join(unlike)} are not those of '{vehicle.name}'; "
             "give a run of the vehicle that the record is of"
         )
+
+
+def _sensors(vehicle: Vehicle) -> list[str]:
+    """Names of all of them."""
+    return vehicle.sensor_names() + [sensor.name for sensor in vehicle.tracked]
+
+
+def _places(vehicle: Vehicle) -> list[Any]:
+    """Where jets are, and which way they push."""
+    return [(jet.position, jet.direction) for jet in vehicle.jets]
 
 
 def _properties(other: Run) -> Array:

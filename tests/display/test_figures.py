@@ -29,6 +29,7 @@ from massprop_drake.display.spec import (
     Window,
     Zone,
 )
+from massprop_drake.inputs.vehicle import PoseSensor
 from massprop_drake.results.run import Run
 
 TIME = np.linspace(0.0, 10.0, 11)
@@ -186,7 +187,12 @@ def test_a_method_draws_the_plot_of_its_name(stuck_run: Run, name: str) -> None:
         followed |= {f"thrust_factor{what}": np.ones_like(stuck_run["command"])}
         followed |= {f"{name}{what}": stuck_run["rate"] for name in ("command_delay", "drag_rate", "heading_turn")}
     followed |= {"position_estimate": stuck_run["position"], "mine.doubled": 2.0 * stuck_run["rate"]}
-    run = Run(stuck_run.scenario, stuck_run.results, stuck_run.time_s, {**stuck_run.signals, **simulated, **followed})
+    pose = PoseSensor(name="camera", position_std=1.0, attitude_std=1.0)
+    vehicle = stuck_run.scenario.vehicle_data.model_copy(update={"poses": (pose,)})
+    read = np.hstack((stuck_run["position"], np.ones((len(stuck_run.time_s), 4)) / 2.0))
+    followed |= {"camera": read, "against.camera": read}
+    scenario = stuck_run.scenario.model_copy(update={"vehicle": vehicle})
+    run = Run(scenario, stuck_run.results, stuck_run.time_s, {**stuck_run.signals, **simulated, **followed})
     title = getattr(run.plot, name)().get_suptitle()
     assert title.startswith(getattr(plots, name)(plots.source(run)).title)
 

@@ -144,14 +144,6 @@ def test_another_vehicle_is_refused(runs: Path, tmp_path: Path) -> None:
         beside(record, tmp_path / "other")
 
 
-def test_a_record_in_a_fixed_frame_is_refused_before_the_work(massprop: Massprop) -> None:
-    simulate(load_scenario("air_bearing_pulses", ["duration_s=1"])).save("air", pictures=False, report=False)
-    done = massprop("estimate", "air/telemetry.csv", "--against", "air")
-    assert (done.status, done.out, done.err.count("\n")) == (2, "", 1)
-    assert "cannot be compared so" in done.err
-    assert not Path("runs").exists()
-
-
 @pytest.mark.parametrize("name", ["nope", "torn"])
 def test_what_is_no_run_is_refused_before_the_work(massprop: Massprop, runs: Path, name: str) -> None:
     Path("torn").mkdir()

@@ -170,10 +170,10 @@ def measure(
     """The whole cycle."""
     assert interval.told is not None  # what is told is all that this filter takes of an interval
     told, made = interval.told, params.pose
-    readings = _readings(told.tracked, rates, velocities, params)
+    readings = readings_of(told.tracked, rates, velocities, params)
     now_s = told.stamp_s
     if not state.started:
-        if not _begins(readings, made):
+        if not start.begins(readings, made):
             return Measurement(state._replace(time_s=now_s), None, told)
         first = start.begun(readings, made)
         tried = _fresh(first, now_s, params)
@@ -197,17 +197,14 @@ def _fresh(first: Bank, now_s: float, params: PoseFilterParams) -> Tried:
     return delays.gathered([hypotheses.alone(bank, none, now_s) for bank in banks], params.pose)
 
 
-def _begins(readings: Readings, params: PoseParams) -> bool:
-    """Whether there is what position and attitude can begin with, as far as they are measured."""
-    turned = np.isfinite(readings.rotations).all(axis=(1, 2)).any()
-    placed = np.isfinite(readings.positions[:, :2]).all(axis=1).any()
-    needs_turn = np.isfinite(params.pose.attitude_variances).any()
-    needs_place = np.isfinite(params.pose.position_variances).any()
-    return bool((turned or not needs_turn) and (placed or not needs_place))
+def readings_of(tracked: Array | None, rates: Array, velocities: Array, params: PoseFilterParams) -> Readings:
+    """Readings of all sensors, those in a fixed frame from their columns; of a pose what its sensor measures alone.
 
-
-def _readings(tracked: Array | None, rates: Array, velocities: Array, params: PoseFilterParams) -> Readings:
-    """Readings of all sensors, those in a fixed frame from their columns; of a pose what its sensor measures alone."""
+    Args:
+        tracked: see `Told.tracked`.
+        rates, velocities: of gyros and accelerometers, shapes (n_gyros, 3) and (n_accelerometers, 3).
+        params: see `PoseFilterParams`.
+    """
     row = np.full(7 * params.poses + 3 * params.velocities, np.nan) if tracked is None else tracked
     poses = row[: 7 * params.poses].reshape(-1, 7)
     sensors, rotations = params.pose.pose, np.full((params.poses, 3, 3), np.nan)

@@ -19,9 +19,9 @@ import numpy as np
 
 from massprop_drake.maths.estimation.pose.layout import Bank, Commands, PoseParams, Readings
 from massprop_drake.maths.estimation.pose.measurement import Compared, compared
-from massprop_drake.maths.estimation.pose.prediction import predicted
+from massprop_drake.maths.estimation.pose.prediction import Predicted, predicted
 from massprop_drake.maths.estimation.pose.turning import rotation_vectors, rotations, symmetric_matrices
-from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError, symmetrized_stack
+from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError
 
 _LEAST = 0.01  # of the nominal K, below which it is no body's
 _DOUBTFUL = 0.3  # probability of a poor sample from which on a kick is kept apart
@@ -68,11 +68,22 @@ class Doubt(NamedTuple):
     share: Array
 
 
-class _Update(NamedTuple):
+class Update(NamedTuple):
+    """What readings make of a bank.
+
+    Attributes:
+        correction: of what is free, shape (n_filters, n).
+        likelihood: logarithm of the readings' density, shape (n_filters,).
+        nis: of the innovation, shape (n_filters,).
+        gain: K, shape (n_filters, n, m).
+        learned: L of what is taken from the covariance, L K^T + K L^T, shape (n_filters, n, m).
+    """
+
     correction: Array
-    covariance: Array
     likelihood: Array
     nis: Array
+    gain: Array
+    learned: Array
 
 
 def shifted(bank: Bank, correction: Array, covariance: Array, params: PoseParams) -> Bank:
@@ -162,18 +173,13 @@ def _step(
         beside = beside._replace(
             **{name: _of_first(getattr(beside, name), run_off) for name in ("innovation", "jacobian", "variance")}
         )
-    chance = 1.0 - np.exp(-params.kicks_per_s * (span_s[1] - span_s[0]))
-    poor = params.pose.outliers if beside.poses.any() else 0.0
-    fair, noisy = None, _noisier(beside, params.pose.outlier_scale) if poor > 0.0 else beside
+    chance, poor = chances(beside, span_s, params)
+    fair, noisy = None, noisier(beside, params.pose.outlier_scale) if poor > 0.0 else beside
     if poor > 0.0 and _cannot_tell(shown[0], beside, params.pose.tells):
         fair = _either(_density(shown, beside), _density(shown, noisy), poor)
         beside, poor = noisy, 0.0
-    happened = [_happened(1.0 - chance - poor, ahead.bank.covariance, beside)]
-    if chance > 0.0:
-        happened.append(_happened(chance, ahead.bank.covariance + ahead.kick @ np.swapaxes(ahead.kick, 1, 2), beside))
-    if poor > 0.0:
-        happened.append(happened[0]._replace(chance=poor, beside=noisy))
-    ways = _updates(happened, ahead.bank.mean, params)
+    happened = happenings(ahead, (beside, noisy), (chance, poor))
+    ways = updates(happened, ahead.bank.mean, params)
     each = np.stack([np.log(one.chance) + way.likelihood for one, way in zip(happened, ways, strict=True)])
     total = np.logaddexp.reduce(each)
     share = np.exp(each - total)
@@ -181,14 +187,9 @@ def _step(
     nis = [part * _by_kind(one.shown[0], one.beside) for part, one in zip(share[:, 0], happened, strict=True)]
     doubt = None
     if chance > 0.0 and poor > 0.0 and share[2].max() > _DOUBTFUL:
-        doubt = Doubt(shifted(ahead.bank, ways[1].correction, ways[1].covariance, params), kicked)
-        ways, share = [ways[0], ways[2]], share[[0, 2]] / np.maximum(1.0 - kicked, _TINY)
-    correction = np.einsum("kh,khn->hn", share, np.stack([way.correction for way in ways]))
-    covariance = np.zeros_like(ahead.bank.covariance)
-    for part, way in zip(share, ways, strict=True):
-        apart = way.correction - correction
-        covariance += part[:, None, None] * (way.covariance + apart[:, :, None] * apart[:, None, :])
-    after = shifted(ahead.bank, correction, covariance, params)
+        doubt = Doubt(mixed(ahead.bank, happened[1:2], ways[1:2], np.ones((1, count)), params), kicked)
+        happened, ways, share = happened[::2], ways[::2], share[::2] / np.maximum(1.0 - kicked, _TINY)
+    after = mixed(ahead.bank, happened, ways, share, params)
     total = np.where(run_off, -np.inf, total if fair is None else fair)
     whitened = _whitened(shown, beside)
     return Cycled(after, total, beside.innovation, ways[0].nis, kicked, np.sum(nis, axis=0), doubt, whitened)
@@ -228,38 +229,85 @@ def _first_for(bank: Bank, chosen: np.ndarray) -> Bank:
     return bank._replace(**parts)
 
 
-class _Happened(NamedTuple):
+class Happened(NamedTuple):
     """What may have happened.
 
     Attributes:
         chance: its probability.
-        covariance: before the readings.
-        beside: what they are then.
+        kick: root of what a kick adds to the covariance of the state, shape (n_filters, n, 12); None: there was none.
+        beside: what the readings are then.
         crossed: covariance of the state with them.
         shown: what the state's covariance shows in them, by way of `crossed`.
     """
 
     chance: float
-    covariance: Array
+    kick: Array | None
     beside: Compared
     crossed: Array
     shown: Array
 
 
-def _happened(chance: float, covariance: Array, beside: Compared) -> _Happened:
-    """What may have happened; arguments as its attributes."""
-    crossed = covariance @ np.swapaxes(beside.jacobian, 1, 2)
-    return _Happened(chance, covariance, beside, crossed, beside.jacobian @ crossed)
+def chances(beside: Compared, span_s: tuple[float, float], params: PoseParams) -> tuple[float, float]:
+    """Probabilities of a kick in an interval, and of poor readings at its end."""
+    kick = 1.0 - np.exp(-params.kicks_per_s * (span_s[1] - span_s[0]))
+    return float(kick), params.pose.outliers if beside.poses.any() else 0.0
 
 
-def _updates(happened: list[_Happened], mean: Array, params: PoseParams) -> list[_Update]:
+def happenings(ahead: Predicted, besides: tuple[Compared, Compared], chances: tuple[float, float]) -> list[Happened]:
+    """What may have happened in an interval: nothing but what the model has; a kick; poor readings.
+
+    Args:
+        ahead: the bank before the readings.
+        besides: readings as good ones and as poor ones.
+        chances: of a kick and of poor readings; zero: it is not among them.
+    """
+    (good, noisy), (of_kick, of_poor) = besides, chances
+    by = np.swapaxes(good.jacobian, 1, 2)
+    crossed = ahead.bank.covariance @ by
+    happened = [Happened(1.0 - of_kick - of_poor, None, good, crossed, good.jacobian @ crossed)]
+    if of_kick > 0.0:
+        seen = good.jacobian @ ahead.kick
+        back = np.swapaxes(seen, 1, 2)
+        kicked = crossed + ahead.kick @ back, happened[0].shown + seen @ back
+        happened.append(Happened(of_kick, ahead.kick, good, *kicked))
+    if of_poor > 0.0:
+        happened.append(happened[0]._replace(chance=of_poor, beside=noisy))
+    return happened
+
+
+def mixed(bank: Bank, happened: list[Happened], ways: list[Update], share: Array, params: PoseParams) -> Bank:
+    """A bank after what may have happened, by moments.
+
+    Args:
+        bank: before the readings.
+        happened, ways: what may have, and the update by each, n of them.
+        share: probability of each, shape (n, n_filters).
+        params: see `PoseParams`.
+    """
+    each = np.stack([way.correction for way in ways])
+    correction = np.einsum("kh,khn->hn", share, each)
+    covariance = bank.covariance
+    for part, one in zip(share[:, :, None, None], happened, strict=True):
+        if one.kick is not None:
+            covariance = covariance + (part * one.kick) @ np.swapaxes(one.kick, 1, 2)
+    apart = np.moveaxis(each - correction, 0, -1)
+    left = [part * way.learned for part, way in zip(share[:, :, None, None], ways, strict=True)]
+    left.append(-0.5 * share.T[:, None, :] * apart)
+    taken = np.concatenate(left, axis=2) @ np.swapaxes(
+        np.concatenate([*(way.gain for way in ways), apart], axis=2), 1, 2
+    )
+    return shifted(bank, correction, covariance - (taken + np.swapaxes(taken, 1, 2)), params)
+
+
+def updates(happened: list[Happened], mean: Array, params: PoseParams) -> list[Update]:
     """The update by each, which leaves every K that of a body."""
-    taken = np.ones(params.free.size)
-    ways = [_updated(one, taken) for one in happened]
-    possible = np.logical_and.reduce([_possible(mean, way.correction, params) for way in ways])
+    taken = np.ones((mean.shape[0], params.free.size))
+    ways = _updated(happened, taken)
+    corrections = np.stack([way.correction for way in ways])
+    possible = np.all(_possible(mean, corrections, params), axis=0)
     if not possible.all():
         taken = np.where(possible[:, None] | ~_spin(params), 1.0, 0.0)
-        ways = [_updated(one, taken) for one in happened]
+        ways = _updated(happened, taken)
     return ways
 
 
@@ -270,15 +318,16 @@ def _spin(params: PoseParams) -> np.ndarray:
 
 
 def _possible(mean: Array, correction: Array, params: PoseParams) -> np.ndarray:
-    """Whether each filter's K would be that of a body: positive definite, shape (n_filters,)."""
-    after = mean.copy()
-    after[:, params.free] += correction
-    spin = symmetric_matrices(after[:, params.parts.spin])
-    least = np.linalg.eigvalsh(symmetric_matrices(params.start[params.parts.spin]))[0]
-    return np.asarray(np.linalg.eigvalsh(spin)[:, 0] > _LEAST * least)
+    """Whether each filter's K would be that of a body, positive definite, by each correction, shape (k, n_filters)."""
+    part, chosen = params.parts.spin, _spin(params)
+    after = np.repeat(mean[None, :, part], len(correction), axis=0)
+    after[..., params.free[chosen] - part.start] += correction[..., chosen]
+    start = np.broadcast_to(params.start[part], (1, *after.shape[1:]))
+    least = np.linalg.eigvalsh(symmetric_matrices(np.concatenate((after, start))))[..., 0]
+    return np.asarray(least[:-1] > _LEAST * least[-1])
 
 
-def _noisier(beside: Compared, scale: float) -> Compared:
+def noisier(beside: Compared, scale: float) -> Compared:
     """The same with poses so many times as noisy."""
     grown = np.where(beside.poses, scale, 1.0)
     return beside._replace(variance=beside.variance * grown[:, None] * grown)
@@ -318,19 +367,24 @@ def _whitened(shown: Array, beside: Compared) -> Array:
     return np.asarray(np.linalg.solve(np.linalg.cholesky(expected), beside.innovation.T).T, dtype=np.float64)
 
 
-def _updated(one: _Happened, taken: Array) -> _Update:
-    """The update by Joseph's form, which holds for any gain."""
-    covariance, beside = one.covariance, one.beside
-    by, expected = beside.jacobian, one.shown + beside.variance
+def _updated(happened: list[Happened], taken: Array) -> list[Update]:
+    """The update by each, of all of them at once, by a form which holds for any gain.
+
+    It is Joseph's, (1 - K H) P (1 - K H)^T + K R K^T, multiplied out: P - K C^T - C K^T + K S K^T with C = P H^T, which
+    are products of few columns, as many as there are readings.
+    """
+    count = len(happened)
+    crossed = np.concatenate([one.crossed for one in happened])
+    expected = np.concatenate([one.shown + one.beside.variance for one in happened])
+    innovation = np.tile(happened[0].beside.innovation, (count, 1))
     half = np.linalg.cholesky(expected)
-    gain = np.swapaxes(np.linalg.solve(expected, np.swapaxes(one.crossed, 1, 2)), 1, 2)
-    gain = gain * taken[..., None]
-    left = np.eye(covariance.shape[1]) - gain @ by
-    after = left @ covariance @ np.swapaxes(left, 1, 2) + gain @ beside.variance @ np.swapaxes(gain, 1, 2)
-    after = symmetrized_stack(after)
-    whitened = np.linalg.solve(half, beside.innovation[..., None])[..., 0]
+    gain = np.swapaxes(np.linalg.solve(expected, np.swapaxes(crossed, 1, 2)), 1, 2)
+    gain = gain * np.tile(taken, (count, 1))[..., None]
+    learned = crossed - 0.5 * gain @ expected
+    whitened = np.linalg.solve(half, innovation[..., None])[..., 0]
     nis = np.sum(whitened**2, axis=1)
     determinant = 2.0 * np.sum(np.log(np.diagonal(half, axis1=1, axis2=2)), axis=1)
-    likelihood = -0.5 * (nis + determinant + beside.innovation.shape[1] * _TWO_PI)
-    correction = (gain @ beside.innovation[..., None])[..., 0]
-    return _Update(correction, after, likelihood, nis)
+    likelihood = -0.5 * (nis + determinant + innovation.shape[1] * _TWO_PI)
+    correction = (gain @ innovation[..., None])[..., 0]
+    parts = (np.split(part, count) for part in (correction, likelihood, nis, gain, learned))
+    return [Update(*one) for one in zip(*parts, strict=True)]

@@ -6,9 +6,10 @@ sample. A filter that begins further off sees no way to go, and grows sure of wh
     d ~ (1 - FAR) N(d_0, sigma^2) + FAR (anything within `REACH` samples of d_0),
 
 is a sum of parts a sample apart, each N(d_0 + k T, (T/2)^2), or of the stated sigma where that is less: nearly flat
-where they join. The part FAR is for a file that is not right. Each part has all hypotheses about jets, from the first
-sample on. One whose likelihood falls behind by `BEHIND` is given up; two become one, by moments, when a filter can hold
-what both leave open. Several kinds of jets are late together, as by a radio or by a clock that is off.
+where they join. The part FAR is for a file that is not right, also where it states a delay as exact, or none. Each part
+has all hypotheses about jets, from the first sample on. One whose likelihood falls behind by `BEHIND` is given up; two
+become one, by moments, when a filter can hold what both leave open and neither is lost in that. Several kinds of jets
+are late together, as by a radio or by a clock that is off.
 
 A failure is named when its part leads every other one, too, since with a delay that is wrong some jet is to blame.
 """
@@ -26,6 +27,7 @@ from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError
 FAR = 0.01  # probability that a delay is not as stated
 REACH = 5  # samples by which it may be off then
 BEHIND = 15.0  # nats
+_KEPT = 0.5  # of the wider of two variances, that becoming one must leave
 
 
 def parts_of(delays_s: Array, stds_s: Array, period_s: float) -> Delays:
@@ -36,10 +38,9 @@ def parts_of(delays_s: Array, stds_s: Array, period_s: float) -> Delays:
         period_s: sample period.
     """
     half = 0.5 * period_s
-    known = not (stds_s > 0.0).any()
     single = stds_s.size == 1
     steps = np.arange(-REACH, REACH + 1)
-    steps = steps[[0]] * 0 if known else steps[np.argsort(np.abs(steps), kind="stable")]
+    steps = steps[np.argsort(np.abs(steps), kind="stable")]
     # what was commanded later than a sample from now is not known yet
     steps = steps[(steps == 0) | (delays_s.min() + steps * period_s >= -period_s)]
     weights = np.full(steps.size, FAR / max(steps.size, 1))
@@ -48,7 +49,7 @@ def parts_of(delays_s: Array, stds_s: Array, period_s: float) -> Delays:
     weights += (1.0 - FAR) * stated / stated.sum()
     weights /= weights.sum()
     own = np.minimum(stds_s, half) if single else stds_s
-    others = np.where(stds_s > 0.0, half if single else np.maximum(stds_s, half), 0.0)
+    others = np.full(1, half) if single else np.maximum(stds_s, half)
     return Delays(steps * period_s, np.log(weights), np.stack((own, others)), half)
 
 
@@ -172,13 +173,21 @@ def _merged(parts: list[Tried], params: PoseParams) -> list[Tried]:
 
 
 def _one_holds(one: Tried, other: Tried, params: PoseParams) -> bool:
-    """Whether one filter can hold what two leave open of the delay, as if both were as likely."""
+    """Whether one filter can hold what two leave open of the delay, as if both were as likely, and loses neither.
+
+    A filter that is sure of its delay does not become one with a wide one that is much less likely: together they would
+    be nearly as sure, and the way to what the wide one leaves open would be lost.
+    """
     places = _places(params)
     if not np.array_equal(one.known, other.known):
         return False
     apart = (one.bank.mean[0] - other.bank.mean[0])[params.free[places]]
     own = [each.bank.covariance[0][places, places] for each in (one, other)]
-    return bool((np.maximum(*own) + 0.25 * apart**2 <= params.delays.reach_s**2).all())
+    wider = np.maximum(*own)
+    share = float(np.exp(weight(other) - np.logaddexp(weight(one), weight(other))))
+    both = (1.0 - share) * own[0] + share * own[1] + share * (1.0 - share) * apart**2
+    holds = (wider + 0.25 * apart**2 <= params.delays.reach_s**2) & (both >= _KEPT * wider)
+    return bool(holds.all())
 
 
 def _both(one: Tried, other: Tried, params: PoseParams) -> Tried:

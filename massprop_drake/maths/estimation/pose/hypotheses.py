@@ -324,12 +324,12 @@ def ahead(tried: Tried, rules: Rules) -> Tried | None:
 
 
 def _judged(tried: Tried, time_s: float, rules: Rules, params: PoseParams) -> tuple[Found | None, Tried]:
-    size, deviation = sizes(tried, params)
     odds = np.where(_possible(tried), tried.likelihood[1:], _NEVER)
     leader = int(np.argmax(odds))
     best = float(odds[leader])
     if best <= rules.lead_nothing:
         return None, tried._replace(led_s=np.nan, leader=-1, steady=0)
+    size, deviation = sizes(tried, params)
     if np.isnan(tried.led_s):
         tried = tried._replace(led_s=time_s)
     leads = best - odds

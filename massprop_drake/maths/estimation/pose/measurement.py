@@ -145,3 +145,22 @@ def compared(bank: Bank, readings: Readings, params: PoseParams) -> Compared | N
 def _white(variance: float) -> Array:
     """Covariance of three independent components, also where the variance is infinite."""
     return np.diag(np.full(3, variance))
+
+
+def expected(bank: Bank, params: PoseParams) -> Readings:
+    """What ideal sensors read of the first filter of a bank."""
+    parts, rotation = params.parts, bank.rotation[0]
+    mean = bank.mean[0]
+    center, rate, velocity = mean[parts.center], mean[parts.rate], mean[parts.velocity]
+    points = mean[parts.point].reshape(-1, 3) - center
+    arms = params.velocity_positions - center
+    biases = mean[parts.gyro_bias].reshape(-1, 3)
+    turn = skews(rate - bank.reference[0]) + bank.turned[0] - np.trace(bank.turned[0]) * _EYE
+    reach = params.accelerometer_positions - center
+    return Readings(
+        positions=mean[parts.position] + points @ rotation.T,
+        rotations=np.repeat(rotation[None], len(points), axis=0),
+        velocities=velocity + crosses(rate, arms) @ rotation.T,
+        rates=rate + biases,
+        gathered=mean[parts.gathered].reshape(-1, 3) + reach @ turn.T,
+    )

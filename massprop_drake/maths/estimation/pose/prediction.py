@@ -43,11 +43,13 @@ class Predicted(NamedTuple):
 
     Attributes:
         bank: see `Bank`.
-        kick: what 1 sigma of each component of a kick does to what is free, shape (n_filters, n, 6).
+        kick: what 1 sigma of each component of a kick does to what is free, shape (n_filters, n, 12).
+        through: how what is free goes with what was free before, shape (n_filters, n, n).
     """
 
     bank: Bank
     kick: Array
+    through: Array
 
 
 class _Acting(NamedTuple):
@@ -117,7 +119,7 @@ def predicted(bank: Bank, commands: Commands, begin_s: float, end_s: float, para
         params: see `PoseParams`.
     """
     openings = opened_on_average(commands, (begin_s, end_s), timing(bank.mean, params), _delay_stds(bank, params))
-    bank = _pulsed(bank, openings, params)
+    bank, kept = _pulsed(bank, openings, params)
     acting = _acting(bank, openings, end_s - begin_s, params)
     size, count = params.parts.size, bank.mean.shape[0]
     after = bank.mean.copy()
@@ -148,15 +150,18 @@ def predicted(bank: Bank, commands: Commands, begin_s: float, end_s: float, para
     covariance = through @ bank.covariance @ np.swapaxes(through, 1, 2) + _noise(acting, product, spread, params)
     covariance = symmetrized_stack(covariance)
     moved = Bank(after, covariance, bank.rotation @ rotations(angle), bank.opens, bank.reference, bank.turned + spun)
-    return Predicted(moved, _kick(acting, params))
+    return Predicted(moved, _kick(acting, params), through if kept is None else through * kept[:, None, :])
 
 
-def _pulsed(bank: Bank, openings: Openings, params: PoseParams) -> Bank:
-    """The bank with nothing known of the pulses that begin: each is independent of all before."""
+def _pulsed(bank: Bank, openings: Openings, params: PoseParams) -> tuple[Bank, Array | None]:
+    """The bank with nothing known of the pulses that begin: each is independent of all before.
+
+    And what of the state goes on, zero for those, shape (n_filters, n); None: all of it.
+    """
     scattered = np.flatnonzero(params.pulse_scatter > 0.0)
     begins = openings.begins[:, scattered]
     if not begins.any():
-        return bank
+        return bank, None
     places = params.parts.pulse.start + scattered
     rows = np.searchsorted(params.free, places)
     mean, kept = bank.mean.copy(), np.ones((bank.mean.shape[0], params.free.size))
@@ -164,7 +169,7 @@ def _pulsed(bank: Bank, openings: Openings, params: PoseParams) -> Bank:
     kept[:, rows] = ~begins
     covariance = bank.covariance * kept[:, :, None] * kept[:, None, :]
     covariance[:, rows, rows] += begins * params.pulse_scatter[scattered] ** 2
-    return bank._replace(mean=mean, covariance=covariance)
+    return bank._replace(mean=mean, covariance=covariance), kept
 
 
 def _acting(bank: Bank, openings: Openings, duration: float, params: PoseParams) -> _Acting:
@@ -461,7 +466,6 @@ def _noise(acting: _Acting, product: Array, spread: Array, params: PoseParams) -
     """
     parts, free, duration = params.parts, params.free, acting.duration
     count, n_jets = acting.once.shape
-    felt = np.swapaxes(acting.middle, 1, 2)  # a force in the fixed frame, by accelerometers
     columns = np.zeros((count, parts.size, n_jets + 1))
     for effect, rows, twice in _effects(acting, params):
         each = acting.since[..., None] * effect if twice else effect
@@ -485,19 +489,28 @@ def _noise(acting: _Acting, product: Array, spread: Array, params: PoseParams) -
         walks[once_row, twice_row] = walks[twice_row, once_row] = density * duration**2 / 2.0 * _EYE
     for begin, walk in ((parts.push.start, params.push_walk), (parts.push.start + 3, params.turn_walk)):
         walks[begin : begin + 3, begin : begin + 3] = walk**2 * duration * _EYE
-    whole = np.broadcast_to(walks, (count, parts.size, parts.size)).copy()
-    for rows in _triples(parts.gathered):
-        for with_part, moment in ((parts.velocity, duration), (parts.position, 0.5 * duration**2)):
-            whole[:, rows, with_part] = params.velocity_noise**2 * moment * felt
-            whole[:, with_part, rows] = np.swapaxes(whole[:, rows, with_part], 1, 2)
-        for others in _triples(parts.gathered):
-            whole[:, rows, others] = params.velocity_noise**2 * duration * _EYE
-    share = 0.5 * duration
-    whole[:, parts.rate, parts.rate] += product
-    whole[:, parts.attitude, parts.rate] += share * product
-    whole[:, parts.rate, parts.attitude] += share * product
-    whole[:, parts.attitude, parts.attitude] += share**2 * product
-    noise: Array = columns @ drawn @ np.swapaxes(columns, 1, 2) + whole[:, free[:, None], free]
+    noise: Array = columns @ drawn @ np.swapaxes(columns, 1, 2)
+    if parts.gathered.stop == parts.gathered.start:
+        noise += walks[np.ix_(free, free)]
+    else:
+        whole = np.broadcast_to(walks, (count, parts.size, parts.size)).copy()
+        felt = np.swapaxes(acting.middle, 1, 2)  # a force in the fixed frame, by accelerometers
+        for rows in _triples(parts.gathered):
+            for with_part, moment in ((parts.velocity, duration), (parts.position, 0.5 * duration**2)):
+                whole[:, rows, with_part] = params.velocity_noise**2 * moment * felt
+                whole[:, with_part, rows] = np.swapaxes(whole[:, rows, with_part], 1, 2)
+            for others in _triples(parts.gathered):
+                whole[:, rows, others] = params.velocity_noise**2 * duration * _EYE
+        noise += whole[:, free[:, None], free]
+    turning = np.concatenate((np.full(3, 1.0), np.full(3, 0.5 * duration)))  # of rate and of attitude
+    axes = np.concatenate(
+        (np.arange(parts.rate.start, parts.rate.stop), np.arange(*parts.attitude.indices(parts.size)))
+    )
+    there = np.isin(axes, free)
+    places, axis = np.searchsorted(free, axes[there]), np.tile(np.arange(3), 2)[there]
+    noise[:, places[:, None], places] += (
+        np.outer(turning, turning)[np.ix_(there, there)] * product[:, axis[:, None], axis]
+    )
     return noise
 
 

@@ -121,7 +121,7 @@ def make_params(setup: Setup, tracking: Tracking, *, hypotheses: bool) -> PosePa
     parts = make_parts(thrust.flows.size, valves.delays_s.size, *counts)
     shown, unseen = _mass_stds(setup, tracking)
     known = _beforehand(setup, tracking, parts, shown)
-    supposed = _supposed(known, parts) if hypotheses else np.zeros(0, dtype=int)
+    supposed = _supposed(known, parts, hypotheses=hypotheses)
     known.rest_std[supposed] = 1.0  # a place for each; zero but for the hypothesis that supposes it
     start, covariance, free = prior(known, _fixed(parts, tracking, setup), parts)
     places = np.flatnonzero(np.isin(free, supposed))
@@ -174,10 +174,13 @@ def make_params(setup: Setup, tracking: Tracking, *, hypotheses: bool) -> PosePa
     return made._replace(of_mass=of_mass(np.ones(thrust.flows.size, dtype=bool), made)[0])
 
 
-def _supposed(known: Beforehand, parts: Parts) -> np.ndarray:
-    """Elements that are zero unless a hypothesis supposes otherwise: how far a jet stands open, and a push."""
-    pushes = np.arange(parts.push.start, parts.push.stop)
-    return np.append(pushes[known.rest_std[pushes] == 0.0], parts.open.start)
+def _supposed(known: Beforehand, parts: Parts, *, hypotheses: bool) -> np.ndarray:
+    """Elements that are sure unless a hypothesis supposes otherwise: delays, how far a jet stands open, and a push."""
+    others = np.arange(parts.delay.start, parts.delay.stop)
+    if hypotheses:
+        others = np.append(others, np.arange(parts.push.start, parts.push.stop))
+    exact = others[known.rest_std[others] == 0.0]
+    return np.append(exact, parts.open.start) if hypotheses else exact
 
 
 def _beforehand(setup: Setup, tracking: Tracking, parts: Parts, mass_std: float) -> Beforehand:
@@ -254,6 +257,17 @@ def _fixed(parts: Parts, tracking: Tracking, setup: Setup) -> np.ndarray:
             fixed[part.start : part.stop : 3] = True
             fixed[part.start + 1 : part.stop : 3] = True
     return fixed
+
+
+def movable(setup: Setup, parts: Parts) -> np.ndarray:
+    """Places of all that may be other than the vehicle's file says, and of the motion, whatever its sigma, in order."""
+    assert setup.tracking is not None, "made for a vehicle that is followed in a fixed frame"
+    fixed, valves = _fixed(parts, setup.tracking, setup), setup.tracking.valves
+    fixed[parts.open] = True
+    fixed[parts.lag] |= valves.lags_s == 0.0
+    fixed[parts.pulse] |= valves.pulse_scatters[setup.thrust.kinds] == 0.0
+    fixed[parts.spin] |= setup.tracking.fixed[:6]
+    return np.flatnonzero(~fixed)
 
 
 def known_parameters(tracking: Tracking) -> np.ndarray:

@@ -77,23 +77,18 @@ def begun(readings: Readings, params: PoseParams) -> Bank:
             rotation = read.copy()
             _own(whole, parts.attitude, poor * params.pose.attitude_variances[place])
             break
-    for place, read in enumerate(readings.positions):
-        known = np.isfinite(read)
-        if known.any():
-            columns = slice(parts.point.start + 3 * place, parts.point.start + 3 * place + 3)
-            arm = mean[columns] - mean[parts.center]
-            mean[parts.position] = np.where(known, read - rotation @ arm, 0.0)
-            rows = np.zeros((3, size))  # p = reading - R (p_s - r)
-            rows[:, columns], rows[:, parts.center], rows[:, parts.attitude] = (
-                -rotation,
-                rotation,
-                rotation @ skews(arm),
-            )
-            whole[parts.position] = rows @ whole
-            whole[:, parts.position] = whole[parts.position].T
-            own = rows @ whole[:, :] @ rows.T
-            whole[parts.position, parts.position] = own + poor * params.pose.position_variances[place] * np.eye(3)
-            break
+    located = first_place(readings)
+    if located is not None:
+        columns, read = tracked_point(located, parts), readings.positions[located]
+        arm = mean[columns] - mean[parts.center]
+        mean[parts.position] = np.where(np.isfinite(read), read - rotation @ arm, 0.0)
+        rows = np.zeros((3, size))  # p = reading - R (p_s - r)
+        rows[:, columns], rows[:, parts.center] = -rotation, rotation
+        rows[:, parts.attitude] = rotation @ skews(arm)
+        whole[parts.position] = rows @ whole
+        whole[:, parts.position] = whole[parts.position].T
+        own = rows @ whole[:, :] @ rows.T
+        whole[parts.position, parts.position] = own + poor * params.pose.position_variances[located] * np.eye(3)
     gathered = readings.gathered.ravel()
     mean[parts.gathered] = np.where(np.isnan(gathered), 0.0, gathered)
     covariance = symmetrized(whole[np.ix_(params.free, params.free)])
@@ -106,6 +101,25 @@ def begun(readings: Readings, params: PoseParams) -> Bank:
         rate[None].copy(),
         np.zeros((1, 3, 3)),
     )
+
+
+def begins(readings: Readings, params: PoseParams) -> bool:
+    """Whether there is what position and attitude can begin with, as far as they are measured."""
+    turned = np.isfinite(readings.rotations).all(axis=(1, 2)).any()
+    placed = np.isfinite(readings.positions[:, :2]).all(axis=1).any()
+    needs_turn = np.isfinite(params.pose.attitude_variances).any()
+    needs_place = np.isfinite(params.pose.position_variances).any()
+    return bool((turned or not needs_turn) and (placed or not needs_place))
+
+
+def first_place(readings: Readings) -> int | None:
+    """The pose sensor that the position begins with; None: none has read one."""
+    return next((place for place, read in enumerate(readings.positions) if np.isfinite(read).any()), None)
+
+
+def tracked_point(place: int, parts: Parts) -> slice:
+    """Where the point that a pose sensor tracks stands in the state."""
+    return slice(parts.point.start + 3 * place, parts.point.start + 3 * place + 3)
 
 
 def _own(whole: Array, part: slice, variance: float) -> None:

@@ -40,18 +40,22 @@ def rotation_vectors(matrices: Array) -> Array:
     best = np.argmax(squares, axis=-1)[..., None]
     m = matrices
     odd = np.stack((m[..., 2, 1] - m[..., 1, 2], m[..., 0, 2] - m[..., 2, 0], m[..., 1, 0] - m[..., 0, 1]), axis=-1)
-    even = np.stack((m[..., 0, 1] + m[..., 1, 0], m[..., 0, 2] + m[..., 2, 0], m[..., 1, 2] + m[..., 2, 1]), axis=-1)
-    w, (xy, xz, yz) = squares[..., 0], np.moveaxis(even, -1, 0)
-    rows = np.stack(
-        (
-            np.concatenate((w[..., None], odd), axis=-1),
-            np.stack((odd[..., 0], squares[..., 1], xy, xz), axis=-1),
-            np.stack((odd[..., 1], xy, squares[..., 2], yz), axis=-1),
-            np.stack((odd[..., 2], xz, yz, squares[..., 3]), axis=-1),
-        ),
-        axis=-2,
-    )
-    chosen = np.take_along_axis(rows, best[..., None], axis=-2)[..., 0, :]
+    chosen = np.concatenate((squares[..., :1], odd), axis=-1)
+    if best.any():  # some have turned far
+        even = np.stack(
+            (m[..., 0, 1] + m[..., 1, 0], m[..., 0, 2] + m[..., 2, 0], m[..., 1, 2] + m[..., 2, 1]), axis=-1
+        )
+        xy, xz, yz = np.moveaxis(even, -1, 0)
+        rows = np.stack(
+            (
+                chosen,
+                np.stack((odd[..., 0], squares[..., 1], xy, xz), axis=-1),
+                np.stack((odd[..., 1], xy, squares[..., 2], yz), axis=-1),
+                np.stack((odd[..., 2], xz, yz, squares[..., 3]), axis=-1),
+            ),
+            axis=-2,
+        )
+        chosen = np.take_along_axis(rows, best[..., None], axis=-2)[..., 0, :]
     chosen = chosen / np.sqrt(np.sum(chosen**2, axis=-1, keepdims=True))
     chosen = np.where(chosen[..., :1] < 0.0, -chosen, chosen)
     sine = np.sqrt(np.sum(chosen[..., 1:] ** 2, axis=-1, keepdims=True))

@@ -53,15 +53,16 @@ def test_no_part_is_before_what_has_been_commanded() -> None:
 
 
 @pytest.mark.parametrize("kinds", [1, 2])
-def test_a_delay_that_is_known_has_one_part(kinds: int) -> None:
-    made = parts_of(np.full(kinds, 0.06), np.zeros(kinds), PERIOD)
-    np.testing.assert_array_equal(made.shifts_s, [0.0])
-    np.testing.assert_array_equal(made.stds_s, np.zeros((2, kinds)))
+def test_a_delay_that_is_stated_as_exact_is_so_but_for_a_file_that_is_not_right(kinds: int) -> None:
+    made = parts_of(np.full(kinds, 0.6), np.zeros(kinds), PERIOD)
+    assert made.shifts_s[0] == 0.0
+    assert np.exp(made.chances[0]) == pytest.approx(1.0 - FAR * 10 / 11)
+    np.testing.assert_array_equal(made.stds_s, [np.zeros(kinds), np.full(kinds, 0.05)])
 
 
-def test_several_kinds_keep_their_own_and_what_is_known_stays_known() -> None:
+def test_several_kinds_keep_their_own() -> None:
     made = parts_of(np.array([0.06, 0.3, 0.1]), np.array([0.08, 0.01, 0.0]), PERIOD)
-    np.testing.assert_array_equal(made.stds_s, [[0.08, 0.01, 0.0], [0.08, 0.05, 0.0]])
+    np.testing.assert_array_equal(made.stds_s, [[0.08, 0.01, 0.0], [0.08, 0.05, 0.05]])
 
 
 # --------------------------------------------------------------------------------------- made up ones
@@ -175,9 +176,11 @@ def _followed(vehicle: Vehicle, late: int, rows: int = 200) -> tuple[Tried, Pose
     return tried, params
 
 
-def test_a_delay_that_is_far_off_is_found_within_its_sigma() -> None:
+@pytest.mark.parametrize("stated_s", [0.01, 0.0])
+def test_a_delay_that_is_far_off_is_found_within_its_sigma(stated_s: float) -> None:
     vehicle = bearing()
-    kind = vehicle.jet_kinds["nozzle"].model_copy(update={"command_delay_s": 0.0, "command_delay_std_s": 0.01})
+    update = {"command_delay_s": 0.0, "command_delay_std_s": stated_s}
+    kind = vehicle.jet_kinds["nozzle"].model_copy(update=update)
     vehicle = vehicle.model_copy(update={"jet_kinds": {"nozzle": kind}})
     tried, params = _followed(vehicle, 3)
     assert tried.elsewhere == ()
@@ -185,6 +188,24 @@ def test_a_delay_that_is_far_off_is_found_within_its_sigma() -> None:
     sigma = np.sqrt(tried.bank.covariance[0, place, place])
     assert sigma < 0.01
     assert abs(tried.bank.mean[0, params.parts.delay.start] - 3 * vehicle.sample_period_s) < 3.0 * sigma + 0.001
+
+
+def test_a_delay_that_is_exact_stays_so() -> None:
+    tried, params = _followed(bearing(), 0)
+    place = int(np.flatnonzero(params.free == params.parts.delay.start)[0])
+    assert delays.settled(tried, 6.0)
+    assert tried.bank.mean[0, params.parts.delay.start] == 0.0
+    assert tried.bank.covariance[0, place, place] == 0.0
+
+
+def test_one_that_is_sure_does_not_swallow_a_wide_one_that_is_less_likely() -> None:
+    parts, params = _parts((0.0, 0.02), std=0.02)
+    places = delays._places(params)
+    covariance = parts[0].bank.covariance.copy()
+    covariance[:, places, :], covariance[:, :, places] = 0.0, 0.0
+    sure = parts[0]._replace(bank=parts[0].bank._replace(covariance=covariance))
+    for ahead, left in ((-5.0, 2), (5.0, 1)):  # of the wide one
+        assert len(delays._merged([sure._replace(total=0.0), parts[1]._replace(total=ahead)], params)) == left
 
 
 def test_what_is_known_of_several_delays_is_that_of_all_by_moments() -> None:

@@ -1,0 +1,232 @@
+r"""A record beside one vehicle: how probable its readings are, and how that goes with what may be other than thought.
+
+The vehicle is taken as known but for its motion, which one filter follows; what walks by its nature, as what else
+accelerates, walks from where it begins. Of its innovations e, with covariances S, a column of sensitivities for each
+unknown theta is carried along, X = d state/d theta, by the filter's own linearization,
+
+    X <- F X,    de/dtheta = -H X,    X <- (1 - K H) X,
+
+so that information A = sum (H X)^T S^-1 H X and score h = sum (H X)^T S^-1 e are those of the readings' likelihood,
+however the motion came about. A sample may be one after a kick, or a poor one: its likelihood is that of a mixture, in
+which S^-1 and K are means over what has probably happened. The misfit of a sample is twice the logarithm of what its
+likelihood is below that of e = 0, which is e^T S^-1 e where nothing is mixed.
+
+The unknowns stand where the state has them (`layout.Parts`), but in their own terms: of each jet the thrust over that
+of the vehicle's file, in place of what all jets share 1/m, in place of K the inverse inertia, in place of ln tau the
+lag.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from massprop_drake.maths.estimation.pose.cycle import Happened, Update, chances, happenings, mixed, noisier
+from massprop_drake.maths.estimation.pose.cycle import updates as updates_of
+from massprop_drake.maths.estimation.pose.layout import Bank, Commands, Parts, Places, PoseParams, Readings
+from massprop_drake.maths.estimation.pose.measurement import compared
+from massprop_drake.maths.estimation.pose.prediction import Predicted, predicted
+from massprop_drake.maths.estimation.pose.start import begins, begun, first_place, tracked_point
+from massprop_drake.maths.estimation.pose.turning import symmetric_matrices
+from massprop_drake.maths.linear_algebra import Array
+
+_INSTANT_S = 1e-9  # a lag that is none
+_MOTION = ("position", "attitude", "velocity", "rate", "gathered")  # what the filter follows
+_OTHER = ("open", "pulse")  # what is of one hypothesis, or of one pulse
+
+
+class Record(NamedTuple):
+    """What was read and told, of n rows.
+
+    Attributes:
+        time_s: of the rows, increasing, shape (n,).
+        levels: commanded from each row on, NaN where not known, shape (n, n_jets).
+        readings: at each row.
+        outside: known torque about the vehicle origin and force from each row on, shape (n, 6); None: none.
+    """
+
+    time_s: Array
+    levels: Array
+    readings: Sequence[Readings]
+    outside: Array | None = None
+
+    def commands(self, row: int) -> Commands:
+        """What acts up to a row's time, and what is told at it."""
+        outside = None if self.outside is None else self.outside[row - 1]
+        return Commands(self.time_s[: row + 1], self.levels[: row + 1], outside)
+
+    def until(self, time_s: float) -> Record:
+        """The rows before a time."""
+        rows = int(np.searchsorted(self.time_s, time_s))
+        outside = None if self.outside is None else self.outside[:rows]
+        return Record(self.time_s[:rows], self.levels[:rows], self.readings[:rows], outside)
+
+
+class Assumed(NamedTuple):
+    """A vehicle that is taken as known.
+
+    Attributes:
+        at: the unknowns as it has them, see the module, shape (size,).
+        opens: jet that stands open by `at[parts.open]`, -1: none.
+    """
+
+    at: Array
+    opens: int = -1
+
+
+class Equations(NamedTuple):
+    """How readings go with unknowns, about a point.
+
+    Attributes:
+        information, score: see the module, shapes (size, size) and (size,).
+        misfit: of all samples.
+        readings: components that were read.
+    """
+
+    information: Array
+    score: Array
+    misfit: float
+    readings: float
+
+    def plus(self, other: Equations) -> Equations:
+        """Both together."""
+        return Equations(
+            self.information + other.information,
+            self.score + other.score,
+            self.misfit + other.misfit,
+            self.readings + other.readings,
+        )
+
+
+def vehicle_of(state: Array, mass_reciprocal: float, params: PoseParams) -> Array:
+    """The unknowns of a state of the estimator with a mass, shape (size,)."""
+    parts, at = params.parts, state.copy()
+    scale = mass_reciprocal * params.nominal_mass
+    at[parts.thrust] = state[parts.thrust] / scale
+    at[parts.common] = mass_reciprocal
+    at[parts.spin] = state[parts.spin] * mass_reciprocal
+    at[parts.lag] = np.exp(state[parts.lag])
+    return at
+
+
+def state_of(at: Array, params: PoseParams) -> Array:
+    """The inverse of `vehicle_of`: the estimator's state, shape (size,)."""
+    parts, state = params.parts, at.copy()
+    reciprocal = at[parts.common]
+    state[parts.thrust] = at[parts.thrust] * reciprocal * params.nominal_mass
+    state[parts.common] = 0.0
+    state[parts.spin] = at[parts.spin] / reciprocal
+    state[parts.lag] = np.log(np.maximum(at[parts.lag], _INSTANT_S))
+    return state
+
+
+def derivatives(at: Array, params: PoseParams) -> Array:
+    """How the state goes with the unknowns, shape (size, size); zero for what is none."""
+    parts, result = params.parts, np.diag(unknown(params.parts).astype(float))
+    reciprocal, mass = float(at[parts.common.start]), params.nominal_mass
+    result[parts.thrust, parts.thrust] *= reciprocal * mass
+    result[parts.thrust, parts.common] = mass * at[parts.thrust, None]
+    result[parts.common, parts.common] = 0.0
+    result[parts.spin, parts.spin] /= reciprocal
+    result[parts.spin, parts.common] = -at[parts.spin, None] / reciprocal**2
+    result[parts.lag, parts.lag] /= np.maximum(at[parts.lag], _INSTANT_S)
+    return result
+
+
+def unknown(parts: Parts) -> np.ndarray:
+    """Which elements are unknowns, shape (size,)."""
+    result = np.ones(parts.size, dtype=bool)
+    for name in (*_MOTION, *_OTHER):
+        result[getattr(parts, name)] = False
+    return result
+
+
+def possible(at: Array, parts: Parts) -> bool:
+    """Whether a body can have these unknowns."""
+    inverse = symmetric_matrices(at[parts.spin])
+    return bool(at[parts.common] > 0.0 and np.linalg.eigvalsh(inverse)[0] > 0.0 and (at[parts.lag] >= 0.0).all())
+
+
+def taken_as_known(vehicle: Assumed, movable: Places, params: PoseParams) -> PoseParams:
+    """Parameters of a filter that knows a vehicle and follows its motion.
+
+    Args:
+        vehicle: see `Assumed`.
+        movable: places of all that may be other than thought, and of the motion, in order.
+        params: see `PoseParams`.
+    """
+    parts, variances = params.parts, np.zeros(params.parts.size)
+    variances[params.free] = params.covariance.diagonal()
+    follows = np.zeros(parts.size, dtype=bool)
+    for name in _MOTION:
+        follows[getattr(parts, name)] = True
+    start = state_of(vehicle.at, params)
+    start[follows] = params.start[follows]
+    return params._replace(free=movable, start=start, covariance=np.diag(np.where(follows, variances, 0.0)[movable]))
+
+
+def equations(record: Record, vehicle: Assumed, movable: Places, params: PoseParams) -> Equations:
+    """How a record's readings go with the unknowns.
+
+    Args:
+        record: see `Record`.
+        vehicle: that is taken as known.
+        movable: see `taken_as_known`.
+        params: of the estimator.
+    """
+    known = taken_as_known(vehicle, movable, params)
+    size = params.parts.size
+    total = Equations(np.zeros((size, size)), np.zeros(size), 0.0, 0.0)
+    rows = len(record.readings)
+    first = next((row for row in range(rows) if begins(record.readings[row], known)), rows)
+    if first == rows:
+        return total
+    bank = begun(record.readings[first], known)._replace(opens=np.array([vehicle.opens]))
+    by = _at_the_beginning(record.readings[first], bank, derivatives(vehicle.at, params), known)
+    for row in range(first + 1, rows):
+        span_s = float(record.time_s[row - 1]), float(record.time_s[row])
+        ahead = predicted(bank, record.commands(row), *span_s, known)
+        bank, by, sample = _sample(ahead, ahead.through[0] @ by, record.readings[row], span_s, known)
+        if sample is not None:
+            total = total.plus(sample)
+    return total
+
+
+def _at_the_beginning(readings: Readings, bank: Bank, by: Array, params: PoseParams) -> Array:
+    """Sensitivities of what is free at the first sample, where the position follows from a point that is tracked."""
+    parts, place = params.parts, first_place(readings)
+    if place is not None:
+        by = by.copy()
+        by[parts.position] = bank.rotation[0] @ (by[parts.center] - by[tracked_point(place, parts)])
+    return by[params.free]
+
+
+def _sample(
+    ahead: Predicted, by: Array, readings: Readings, span_s: tuple[float, float], params: PoseParams
+) -> tuple[Bank, Array, Equations | None]:
+    """The filter and its sensitivities after a sample, and what the sample says; None: nothing was read."""
+    beside = compared(ahead.bank, readings, params)
+    if beside is None:
+        return ahead.bank, by, None
+    of_kick, of_poor = chances(beside, span_s, params)
+    noisy = noisier(beside, params.pose.outlier_scale)
+    happened = happenings(ahead, (beside, noisy), (of_kick, of_poor))
+    ways = updates_of(happened, ahead.bank.mean, params)
+    share, misfit = _shares(happened, ways)
+    shows, off = beside.jacobian[0] @ by, beside.innovation[0]
+    precisions = np.linalg.inv([one.shown[0] + one.beside.variance[0] for one in happened])
+    precision, gain = (np.tensordot(share, part, 1) for part in (precisions, [way.gain[0] for way in ways]))
+    weighed = shows.T @ precision
+    bank = mixed(ahead.bank, happened, ways, share[:, None], params)
+    return bank, by - gain @ shows, Equations(weighed @ shows, weighed @ off, misfit, float(off.size))
+
+
+def _shares(happened: list[Happened], ways: list[Update]) -> tuple[Array, float]:
+    """Probabilities of what may have happened, shape (n_ways,), and the misfit of the sample."""
+    chance = np.log([one.chance for one in happened])
+    each = chance + [way.likelihood[0] for way in ways]
+    best = chance + [way.likelihood[0] + 0.5 * way.nis[0] for way in ways]  # of no innovation at all
+    total = np.logaddexp.reduce(each)
+    return np.exp(each - total), 2.0 * float(np.logaddexp.reduce(best) - total)

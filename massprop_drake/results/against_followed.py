@@ -1,0 +1,137 @@
+"""A record that is followed in a fixed frame beside a simulation: what differs, and what would explain it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from massprop_drake.inputs import params
+from massprop_drake.inputs.scenario import Scenario
+from massprop_drake.inputs.vehicle import PoseSensor
+from massprop_drake.maths import attitude
+from massprop_drake.maths.estimation.pose import hindsight, setting
+from massprop_drake.maths.estimation.pose.hindsight import Assumed, Record
+from massprop_drake.maths.estimation.pose.layout import PoseParams
+from massprop_drake.results import against
+from massprop_drake.results.against import Called, Explanation, Residual, called_mass_property
+from massprop_drake.results.spool import Spool
+from massprop_drake.signals import AGAINST, AXES, SYMBOLS, mass_property_units
+
+Array = NDArray[np.float64]
+
+
+def residuals(scenario: Scenario, signals: Spool) -> tuple[Residual, ...]:
+    """Sums up what a record read less what the simulation reads, of an attitude as a rotation vector.
+
+    Args:
+        scenario: of the record.
+        signals: with readings, and what a simulation reads under `AGAINST`.
+    """
+    vehicle, found = scenario.vehicle_data, list[Residual]()
+    moving, turning = ((0, 1), (2,)) if vehicle.motion == "planar" else ((0, 1, 2), (0, 1, 2))
+    length = vehicle.unit_names["length"]
+
+    def add(name: str, axes: Sequence[int], unit: str, noise: float, left: Iterable[tuple[Array, Array]]) -> None:
+        some = ((time_s, off[:, list(axes)]) for time_s, off in left)
+        found.extend(against.summed_up([name + AXES[axis] for axis in axes], unit, noise, some))
+
+    for sensor in vehicle.tracked:
+        left, name = against.differences(signals, sensor.name), f"{sensor.name}_"
+        if not isinstance(sensor, PoseSensor):
+            add(name, moving, f"{length}/s", sensor.noise_std, left)
+            continue
+        if sensor.position_std is not None:
+            add(name, moving, length, sensor.position_std, left)
+        if sensor.attitude_std is not None:
+            add(f"{sensor.name} turned, ", turning, "rad", sensor.attitude_std, _turned(signals, sensor.name))
+    for package in (*params.gyros(scenario), *params.accelerometers(scenario)):
+        axes, unit = (turning, "rad/s") if package in vehicle.gyros else (moving, f"{length}/s")
+        add(f"{package.name}_", axes, unit, package.variance**0.5, against.differences(signals, package.name))
+    return tuple(found)
+
+
+def _turned(signals: Spool, name: str) -> Iterator[tuple[Array, Array]]:
+    """Yields times, and rotation vectors from the simulated attitude to the one that was read, body axes."""
+    for block in signals.blocks("time_s", name, AGAINST + name):
+        yield block["time_s"], turned(block[name][:, 3:], block[AGAINST + name][:, 3:])
+
+
+def turned(read: Array, simulated: Array) -> Array:
+    """Rotation vectors from simulated attitudes to those that were read, body axes, rad, shape (n, 3).
+
+    Args:
+        read: quaternions from body to fixed frame, of any length, NaN where there is none, shape (n, 4).
+        simulated: unit ones, likewise.
+    """
+    found = np.full((len(read), 3), np.nan)
+    for row in np.flatnonzero(np.isfinite(read).all(axis=1) & np.isfinite(simulated).all(axis=1)):
+        one = read[row] / np.sqrt(read[row] @ read[row])
+        found[row] = attitude.to_rotation_vector(attitude.multiply(attitude.conjugate(simulated[row]), one))
+    return found
+
+
+def explained(
+    scenario: Scenario, record: Record, vehicle: Assumed, made: PoseParams
+) -> tuple[float | None, tuple[Explanation, ...]]:
+    """Finds what explains that readings are not what the commands give in a simulation.
+
+    Args:
+        scenario: of the record.
+        record: what was read and told, up to the first failure in its midst.
+        vehicle: that is simulated.
+        made: parameters of the estimator.
+
+    Returns:
+        See `Against.misfit` and `Against.causes`.
+    """
+    movable = setting.movable(params.setup(scenario), made.parts)
+    with np.errstate(all="ignore"):
+        return against.causes(
+            lambda at: hindsight.equations(record, vehicle._replace(at=at), movable, made),
+            (vehicle.at, _called(scenario, made, vehicle.at)),
+            lambda at: hindsight.possible(at, made.parts),
+        )
+
+
+def _called(scenario: Scenario, made: PoseParams, at: Array) -> list[Called | None]:
+    """What each unknown is called; None: it is none."""
+    vehicle, parts = scenario.vehicle_data, made.parts
+    length = vehicle.unit_names["length"]
+    found: list[Called | None] = [None] * parts.size
+    values = np.concatenate((at[parts.spin], at[parts.center], at[parts.common]))
+    units = mass_property_units(vehicle.unit_names)
+    places = [*range(*parts.spin.indices(parts.size)), *range(*parts.center.indices(parts.size)), parts.common.start]
+    known = params.known_parameters(scenario)
+    for place, fixed, *one in zip(places, known, SYMBOLS, units, values.tolist(), strict=True):
+        found[place] = None if fixed else called_mass_property(*one)
+    kinds, poses = list(vehicle.jet_kinds), [pose.name for pose in vehicle.poses]
+    gyros, accelerometers = ([one.name for one in few(scenario)] for few in (params.gyros, params.accelerometers))
+    nobody, turn = "that nobody commands", "angular acceleration"
+    named: list[tuple[slice, list[str], str, float]] = [
+        (parts.thrust, [f"thrust of {jet}" for jet in vehicle.designations], "%", 100.0),
+        (parts.delay, [f"delay of {kind} jets" for kind in kinds], "ms", 1e3),
+        (parts.lag, [f"lag of {kind} jets" for kind in kinds], "ms", 1e3),
+        (parts.opening, [f"later opening of {kind} jets" for kind in kinds], "ms", 1e3),
+        (parts.drag, ["drag over mass", "drag over moment of inertia"], "1/s", 1.0),
+        (_half(parts.push, 0), [f"acceleration {axis} {nobody}" for axis in AXES], f"{length}/s^2", 1.0),
+        (_half(parts.push, 1), [f"{turn} {axis} {nobody}" for axis in AXES], "rad/s^2", 1.0),
+        (parts.tilt, [f"{turn} by the {way} of the heading" for way in ("cosine", "sine")], "rad/s^2", 1.0),
+        (parts.point, [f"point of {name}, {axis}" for name in poses for axis in AXES], length, 1.0),
+        (parts.gyro_bias, [f"{name}: bias {axis}" for name in gyros for axis in AXES], "rad/s", 1.0),
+        (
+            parts.acceleration_bias,
+            [f"{name}: bias {axis}" for name in accelerometers for axis in AXES],
+            f"{length}/s^2",
+            1.0,
+        ),
+    ]
+    for part, of_part, unit, scale in named:
+        found[part] = [Called(what, unit, scale) for what in of_part]
+    return found
+
+
+def _half(part: slice, which: int) -> slice:
+    """Three of six elements."""
+    return slice(part.start + 3 * which, part.start + 3 * which + 3)

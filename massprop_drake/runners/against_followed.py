@@ -1,0 +1,217 @@
+"""A record that is followed in a fixed frame beside a simulation of its commands.
+
+The simulation is the estimator's own prediction with another run's vehicle: its truth where it was simulated, what was
+learned of it where it is a record. A position is the sum of a sum of what jets give, so small errors grow fast: the
+simulation begins anew every few seconds, where the record's own reading is and with the motion that it estimates there.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from massprop_drake.errors import InputError
+from massprop_drake.inputs import params
+from massprop_drake.inputs.scenario import Scenario
+from massprop_drake.inputs.vehicle import SensorPackage
+from massprop_drake.maths import attitude
+from massprop_drake.maths.estimation.filters.pose import PoseFilterParams, readings_of
+from massprop_drake.maths.estimation.pose import delays, hindsight, setting
+from massprop_drake.maths.estimation.pose.hindsight import Assumed, Record
+from massprop_drake.maths.estimation.pose.hypotheses import SETTLING_S
+from massprop_drake.maths.estimation.pose.layout import Bank, PoseParams, Readings
+from massprop_drake.maths.estimation.pose.measurement import expected
+from massprop_drake.maths.estimation.pose.prediction import predicted
+from massprop_drake.maths.estimation.pose.start import begins, first_place, tracked_point
+from massprop_drake.maths.estimation.pose.turning import rotation_vectors
+from massprop_drake.maths.mass_properties import CENTER_OF_MASS, INVERSE_INERTIA, MASS_RECIPROCAL
+from massprop_drake.maths.vehicle import true_failures
+from massprop_drake.results.against import Against
+from massprop_drake.results.against_followed import explained, residuals
+from massprop_drake.results.run import Run
+from massprop_drake.results.spool import Spool, blocks
+from massprop_drake.results.stored import STATE_FILE
+from massprop_drake.runners.logs import restored
+from massprop_drake.signals import AGAINST
+
+Array = NDArray[np.float64]
+
+SPAN_S = 10.0  # after which the simulation begins anew
+_MOST_ROWS = 5_000  # in which an explanation is sought
+
+
+def beside(record: Run, other: Run, folder: str, spool: Spool) -> Against:
+    """Puts a record beside a simulation of its commands.
+
+    Args:
+        record: estimated from telemetry.
+        other: the run whose vehicle is simulated.
+        folder: of it.
+        spool: takes the record's signals, and what the simulation reads.
+
+    Raises:
+        InputError: when the other run does not tell what to simulate.
+    """
+    scenario = record.scenario
+    made: PoseFilterParams = params.estimation_params(scenario).filter_params
+    vehicle = _vehicle(other, scenario, made.pose, folder)
+    told = _record(record, made, other)
+    read = _simulated(told, vehicle, made.pose, record)
+    signals, first = record.signals, 0
+    stored = signals.names if isinstance(signals, Spool) else list(signals)
+    every = signals if isinstance(signals, Spool) else {"time_s": record.time_s, **signals}
+    for block in blocks(every, *dict.fromkeys(("time_s", *stored))):
+        rows = slice(first, first + block["time_s"].size)
+        spool.append({**block, **{AGAINST + name: values[rows] for name, values in read.items()}})
+        first = rows.stop
+    until_s = _until(record, told.time_s)
+    misfit, causes = explained(scenario, told.until(until_s), vehicle, made.pose)
+    return Against(folder, until_s if math.isfinite(until_s) else None, misfit, residuals(scenario, spool), causes)
+
+
+def _until(record: Run, time_s: Array) -> float:
+    """When the first failure in the record's midst began, or its rows are too many; infinity: never."""
+    begun_s = [one.onset_s for one in record.results.detections if one.withdrawn_s is None]
+    late = [onset_s for onset_s in begun_s if onset_s > time_s[0]]  # what was so all along is to be explained
+    return float(min([*late, *time_s[_MOST_ROWS : _MOST_ROWS + 1]], default=math.inf))
+
+
+# ------------------------------------------------------------------------------ what is simulated
+
+
+def _vehicle(other: Run, scenario: Scenario, made: PoseParams, folder: str) -> Assumed:
+    """The vehicle of another run, in terms of the record's file.
+
+    Raises:
+        InputError: when nothing tells it.
+    """
+    found = _true(other, made, folder) if np.isfinite(other.results.truth).all() else _learned(other, folder)
+    ratio = np.linalg.norm(other.scenario.vehicle_data.thrusts, axis=1)
+    at = found.at.copy()
+    at[made.parts.thrust] *= ratio / np.linalg.norm(scenario.vehicle_data.thrusts, axis=1)
+    return found._replace(at=at)
+
+
+def _true(other: Run, made: PoseParams, folder: str) -> Assumed:
+    """That of a simulated run, whose valves act at once and whose surroundings are still."""
+    if other.scenario.jumps:
+        raise InputError(
+            f"{folder}: payloads come or leave in its simulation (jumps), which cannot be simulated beside a record "
+            "that is followed in a fixed frame; give a run without"
+        )
+    parts, truth = made.parts, other.results.truth
+    at = np.zeros(parts.size)
+    at[parts.thrust] = params.thrust_factors(other.scenario)
+    at[parts.common], at[parts.spin], at[parts.center] = (
+        truth[part] for part in (MASS_RECIPROCAL, INVERSE_INERTIA, CENTER_OF_MASS)
+    )
+    at[parts.lag][made.kinds] = params.plant_time_constants(other.scenario)
+    at[parts.point] = np.ravel([pose.point for pose in other.scenario.vehicle_data.poses])
+    return Assumed(at)
+
+
+def _learned(other: Run, folder: str) -> Assumed:
+    """That of a record, as the estimator knew it at its end."""
+    if other.scenario.estimation.filter != "pose" or not other.state:
+        raise InputError(
+            f"{folder}: neither simulated nor estimated by the filter of vehicles that are followed in a fixed frame "
+            "(estimation.filter: pose), with its filter state beside it: nothing tells what to simulate"
+        )
+    own = params.estimation_params(other.scenario)
+    state = restored(other.state["states"], own, f"{folder}/{STATE_FILE}").filter
+    bank = delays.overall(state.tried, own.filter_params.pose)
+    at = hindsight.vehicle_of(bank.mean[0], float(state.estimate[MASS_RECIPROCAL]), own.filter_params.pose)
+    return Assumed(at, max(int(bank.opens[0]), -1))
+
+
+def _record(record: Run, made: PoseFilterParams, other: Run) -> Record:
+    """What a record read, and what the other run's vehicle would make of its commands."""
+    scenario, time_s = record.scenario, record.time_s
+    sensors = scenario.vehicle_data.tracked
+    tracked = np.hstack([record[sensor.name] for sensor in sensors]) if sensors else np.empty((time_s.size, 0))
+    rates, velocities = (
+        np.stack([_within(record[one.name], one) for one in few], axis=1) if few else np.empty((time_s.size, 0, 3))
+        for few in (params.gyros(scenario), params.accelerometers(scenario))
+    )
+    readings = [readings_of(*row, made) for row in zip(tracked, rates, velocities, strict=True)]
+    outside = record["outside_wrench"] if "outside_wrench" in record.signals else None
+    return Record(time_s, _delivered(record["command"], time_s, other), readings, outside)
+
+
+def _within(readings: Array, package: SensorPackage) -> Array:
+    """Readings, NaN where they are saturated."""
+    return np.where(np.all(np.abs(readings) < package.limit, axis=1, keepdims=True), readings, np.nan)
+
+
+def _delivered(commands: Array, time_s: Array, other: Run) -> Array:
+    """Levels that the jets of a simulated vehicle show when told some commands, with its failures."""
+    failures = params.vehicle_params(other.scenario).jets.failures if other.scenario.failures else ()
+    if not failures:
+        return commands
+    table, levels = true_failures.failure_table(failures), commands.copy()
+    period_s = other.scenario.vehicle_data.sample_period_s
+    for row, since_s in enumerate(time_s - time_s[0]):
+        strikes = true_failures.struck(failures, row, period_s, other.scenario.seed)
+        levels[row] = true_failures.failed(commands[row], float(since_s), period_s, strikes, table)
+    return levels
+
+
+# ------------------------------------------------------------------------------ what it then reads
+
+
+def _simulated(told: Record, vehicle: Assumed, made: PoseParams, record: Run) -> dict[str, Array]:
+    """What every sensor reads in a simulation, NaN before it has begun."""
+    scenario, rows = record.scenario, told.time_s.size
+    movable = setting.movable(params.setup(scenario), made.parts)
+    known = hindsight.taken_as_known(vehicle, movable, made)
+    first = next((row for row in range(rows) if begins(told.readings[row], known)), rows)
+    first = int(np.searchsorted(told.time_s, told.time_s[min(first, rows - 1)] + SETTLING_S))
+    motion = [record[f"{name}_estimate"] for name in ("position", "attitude", "velocity", "rate")]
+    lost: np.ndarray = np.array(np.isnan(told.levels).any(axis=1))
+    read = _empty(scenario, rows)
+    began_s = -math.inf
+    for row in range(first, rows):
+        now_s = float(told.time_s[row])
+        if row == first or now_s - began_s >= SPAN_S or lost[row - 1]:
+            bank = _begun([part[row] for part in motion], told.readings[row], vehicle, known)
+            began_s = now_s
+        else:
+            bank = predicted(bank, told.commands(row), float(told.time_s[row - 1]), now_s, known).bank
+        _fill(read, row, expected(bank, known), scenario)
+    return read
+
+
+def _begun(motion: list[Array], readings: Readings, vehicle: Assumed, known: PoseParams) -> Bank:
+    """One filter with a motion, sure of it; a point that is tracked stands where it is read."""
+    (position, quaternion, velocity, rate), parts = motion, known.parts
+    mean, rotation, size = known.start.copy(), attitude.rotation_matrix(quaternion), known.free.size
+    mean[parts.position], mean[parts.velocity], mean[parts.rate] = position, velocity, rate
+    place = first_place(readings)
+    if place is not None:
+        seen = readings.positions[place] - rotation @ (mean[tracked_point(place, parts)] - mean[parts.center])
+        mean[parts.position] = np.where(np.isfinite(seen), seen, position)
+    mean[parts.gathered] = readings.gathered.ravel()
+    opens = np.array([vehicle.opens])
+    return Bank(mean[None], np.zeros((1, size, size)), rotation[None], opens, rate[None].copy(), np.zeros((1, 3, 3)))
+
+
+def _empty(scenario: Scenario, rows: int) -> dict[str, Array]:
+    """Readings of every sensor, none yet."""
+    vehicle = scenario.vehicle_data
+    found = {sensor.name: np.full((rows, len(sensor.columns)), np.nan) for sensor in vehicle.tracked}
+    return found | {package.name: np.full((rows, 3), np.nan) for package in vehicle.sensors}
+
+
+def _fill(read: dict[str, Array], row: int, ideal: Readings, scenario: Scenario) -> None:
+    """Fills in what ideal sensors read; a pose sensor what it measures alone."""
+    vehicle = scenario.vehicle_data
+    for place, pose in enumerate(vehicle.poses):
+        turn = attitude.from_rotation_vector(rotation_vectors(ideal.rotations[place : place + 1])[0])
+        measured = np.repeat((pose.position_std is not None, pose.attitude_std is not None), (3, 4))
+        read[pose.name][row] = np.where(measured, np.concatenate((ideal.positions[place], turn)), np.nan)
+    packages = [one.name for one in (*params.gyros(scenario), *params.accelerometers(scenario))]
+    names = [one.name for one in vehicle.velocities] + packages
+    for name, reading in zip(names, (*ideal.velocities, *ideal.rates, *ideal.gathered), strict=True):
+        read[name][row] = reading

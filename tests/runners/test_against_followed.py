@@ -1,0 +1,164 @@
+"""A record that is followed in a fixed frame beside a simulation of its commands."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from command_probe import Massprop
+
+from massprop_drake import Run, estimate, load_scenario, simulate
+from massprop_drake.display import plots
+from massprop_drake.display.page import report_html
+from massprop_drake.errors import InputError
+from massprop_drake.results import table
+from massprop_drake.results.against import Against
+from massprop_drake.results.against_followed import turned
+from massprop_drake.results.stored import STATE_FILE
+from massprop_drake.results.summary import Summary
+from massprop_drake.runners import against_followed
+from massprop_drake.runners.against import beside
+
+FLIGHT = ["duration_s=14", "detector.kind=off", "execution.engine=loop", "plant.thrust_dispersion=0"]
+WEAK = "failures=[{kind: degraded, jet: T6, start_s: 0, fraction: 0.4}]"
+
+
+def flown(folder: Path, name: str, *overrides: str) -> Path:
+    run = simulate(load_scenario("air_bearing_pulses", [*FLIGHT, *overrides]))
+    run.save(folder / name, pictures=False, report=False)
+    return folder / name
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Runs of the vehicle as it is known, and with a weak jet."""
+    folder = tmp_path_factory.mktemp("runs")
+    flown(folder, "known", "failures=[]")
+    flown(folder, "weak", WEAK)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def weak(runs: Path) -> Run:
+    """The record of a weak jet beside the vehicle as it is known."""
+    return put_beside(runs, "weak", "known")
+
+
+def put_beside(runs: Path, record: str, against: str) -> Run:
+    return beside(estimate(runs / record / "telemetry.csv", load_scenario(runs / against)), runs / against)
+
+
+def said(run: Run) -> Against:
+    assert run.results.against is not None
+    return run.results.against
+
+
+def test_a_weak_jet_explains_the_record(weak: Run) -> None:
+    found = said(weak)
+    first = found.causes[0]
+    assert first.what == "thrust of T6"
+    assert first.size == pytest.approx(-60.0, abs=3.0 * first.size_std)
+    assert first.size_std < 10.0
+    assert found.until_s is None
+    assert [one.signal for one in found.residuals] == ["mocap_x", "mocap_y", "mocap turned, z"]
+
+
+def test_residuals_are_those_of_what_was_simulated(weak: Run) -> None:
+    left = weak["mocap"][:, :2] - weak["against.mocap"][:, :2]
+    rms = np.sqrt(np.nanmean(left**2, axis=0))
+    found = said(weak).residuals
+    np.testing.assert_allclose([one.rms for one in found[:2]], rms, rtol=1e-9)
+    assert found[0].noise == 7e-5
+    assert (rms > 40.0 * 7e-5).all()
+    about_z = turned(weak["mocap"][:, 3:], weak["against.mocap"][:, 3:])[:, 2]
+    assert found[2].rms == pytest.approx(np.sqrt(np.nanmean(about_z**2)))
+
+
+def test_it_begins_where_the_record_is_and_begins_anew(weak: Run) -> None:
+    there = np.flatnonzero(np.isfinite(weak["against.mocap"][:, 0]))
+    assert weak.time_s[there[0]] == pytest.approx(against_followed.SETTLING_S, abs=0.07)
+    anew = int(np.searchsorted(weak.time_s, weak.time_s[there[0]] + against_followed.SPAN_S))
+    for row in (there[0], anew):
+        assert np.abs((weak["mocap"] - weak["against.mocap"])[row, :2]).max() < 1e-12
+    assert np.abs((weak["mocap"] - weak["against.mocap"])[anew - 1, :2]).max() > 4e-3
+
+
+def test_a_runs_own_record_is_as_simulated(runs: Path) -> None:
+    found = said(put_beside(runs, "known", "known"))
+    assert found.causes == ()
+    assert 0.7 < (found.misfit or 0.0) < 1.2
+    assert "are as simulated" in found.in_words()
+    assert max(one.rms or 0.0 for one in found.residuals) < 0.02
+
+
+def test_a_simulation_with_the_same_failure_explains_the_record(runs: Path, weak: Run) -> None:
+    found = said(put_beside(runs, "weak", "weak"))
+    assert found.causes == ()
+    rms, of_known = (np.array([one.rms for one in each.residuals]) for each in (found, said(weak)))
+    assert (rms < 0.5 * of_known).all()
+
+
+def test_a_record_may_stand_in_for_the_simulated_run(runs: Path, tmp_path: Path) -> None:
+    scenario = load_scenario(runs / "known")
+    learned = estimate(runs / "known" / "telemetry.csv", scenario)
+    learned.save(tmp_path / "learned", pictures=False, report=False)
+    found = said(beside(estimate(runs / "weak" / "telemetry.csv", scenario), tmp_path / "learned"))
+    assert found.causes[0].what == "thrust of T6"
+    bare = json.loads((tmp_path / "learned" / STATE_FILE).read_text("utf-8"))
+    (tmp_path / "learned" / STATE_FILE).unlink()
+    with pytest.raises(InputError, match="nothing tells what to simulate"):
+        beside(estimate(runs / "weak" / "telemetry.csv", scenario), tmp_path / "learned")
+    assert bare["states"]
+
+
+def test_it_is_kept_shown_and_read_back(weak: Run, tmp_path: Path) -> None:
+    weak.save(tmp_path / "kept", pictures=False, report=False)
+    again = Run.load(tmp_path / "kept")
+    assert again.results.against == weak.results.against
+    assert Summary.from_json(weak.results.as_json()).against == weak.results.against
+    assert again.units["against.mocap"] == "m (3); - (4)"
+    shown = plots.available(plots.source(again))
+    assert {"against_positions", "against_attitudes"} <= set(shown)
+    assert not {"against_rates", "against_velocities"} & set(shown)
+    read, simulated = plots.against_positions(plots.source(again)).panels[2].marks
+    np.testing.assert_array_equal(simulated.y, weak["against.mocap"][:, 1])  # type: ignore[union-attr]
+    assert read.label == "mocap, as read"  # type: ignore[union-attr]
+    (panel,) = plots.against_attitudes(plots.source(again)).panels
+    assert panel.label == "z"
+    html = report_html(again)
+    for cell in table.causes(said(weak))[0]:
+        assert cell in html
+
+
+def test_what_cannot_be_simulated_is_refused(runs: Path, tmp_path: Path) -> None:
+    record = estimate(runs / "known" / "telemetry.csv", load_scenario(runs / "known"))
+    flown(
+        tmp_path,
+        "heavier",
+        "failures=[]",
+        "duration_s=2",
+        "jumps=[{kind: dock, time_s: 1, mass: 1, position: [0, 0, 0]}]",
+    )
+    with pytest.raises(InputError, match="payloads come or leave"):
+        beside(record, tmp_path / "heavier")
+    flown(tmp_path, "other", "failures=[]", "duration_s=1", "vehicle.jets[0].position=[0.145, 0.07, 0.0]")
+    with pytest.raises(InputError, match="whose places of jets are not those of 'air_bearing'"):
+        beside(record, tmp_path / "other")
+
+
+def test_rotation_vectors_from_one_attitude_to_another() -> None:
+    half = np.sqrt(0.5)
+    read = np.array([[half, 0.0, 0.0, half], [-2.0, 0.0, 0.0, -2.0], [np.nan] * 4])
+    still = np.array([[1.0, 0.0, 0.0, 0.0]] * 3)
+    found = turned(read, still)
+    np.testing.assert_allclose(found[:2], [[0.0, 0.0, np.pi / 2.0]] * 2)
+    assert np.isnan(found[2]).all()
+
+
+def test_the_command_says_what_explains_it(massprop: Massprop, runs: Path) -> None:
+    done = massprop("estimate", str(runs / "weak/telemetry.csv"), "--against", str(runs / "known"), "--out", "here")
+    assert done.status == 0
+    assert "thrust of T6" in done.out
+    assert "mocap turned, z" in done.out
