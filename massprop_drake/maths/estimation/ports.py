@@ -289,7 +289,7 @@ class MassSeen(NamedTuple):
     """What it takes to finish a cycle.
 
     Attributes:
-        innovation, covariance, information, nis: see `MassInnovation`; `spread` is its `noise`.
+        innovation, information, nis, covariance: see `MassInnovation`; `spread` is its `noise`.
         measured, noise, linear_impulse: see `MassSample`.
         usable, firing: see `Acted`.
         mass_reciprocal, variance, window: before it, see `MassState`.
