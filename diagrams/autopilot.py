@@ -33,17 +33,17 @@ def build(scenario: Scenario) -> Diagram:
     """
     vehicle = scenario.vehicle_data
     period = vehicle.sample_period_s
-    control = params.phase_space_params(scenario)
+    control, compiled = params.phase_space_params(scenario), scenario.execution.compiled
     builder = DiagramBuilder()
 
     controllers = builder.AddNamedSystem("hand_controllers", HandControllers(params.windows(scenario)))
     reference = builder.AddNamedSystem(
-        "attitude_reference", AttitudeReference(period_s=period, capture_rate=control.capture_rate)
+        "attitude_reference", AttitudeReference(period_s=period, capture_rate=control.capture_rate, compiled=compiled)
     )
-    controller = builder.AddNamedSystem("phase_space_controller", PhaseSpaceController(control))
+    controller = builder.AddNamedSystem("phase_space_controller", PhaseSpaceController(control, compiled=compiled))
     selection = builder.AddNamedSystem(
         "jet_selection",
-        JetSelection(**params.selection(scenario)),
+        JetSelection(**params.selection(scenario), compiled=compiled),
     )
 
     for system in (reference, controller):

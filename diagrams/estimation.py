@@ -78,6 +78,7 @@ def build(scenario: Scenario) -> Diagram:
             wrenches=vehicle.wrenches,
             time_constants_s=params.estimator_time_constants(scenario),
             period_s=vehicle.sample_period_s,
+            compiled=scenario.execution.compiled,
         ),
     )
     commands = builder.ExportInput(impulses.GetInputPort("jet_commands"), "jet_commands")
@@ -105,6 +106,7 @@ def _add_thesis(builder: DiagramBuilder, scenario: Scenario, impulses: ImpulseMo
             gyros=_packages(params.gyros(scenario)),
             params=filters.rotation,
             thrust_errors=filters.thrust_errors,
+            compiled=scenario.execution.compiled,
         ),
     )
     monitor = builder.AddNamedSystem("convergence_monitor", ConvergenceMonitor(params.convergence_limits(scenario)))
@@ -128,6 +130,7 @@ def _add_thesis(builder: DiagramBuilder, scenario: Scenario, impulses: ImpulseMo
             accelerometers=_packages(params.accelerometers(scenario)),
             params=filters.mass,
             thrust_errors=filters.thrust_errors,
+            compiled=scenario.execution.compiled,
         ),
     )
     _connect_impulses(builder, impulses, mass)
@@ -244,7 +247,13 @@ def _add_detector(
     """
     impulses, *filters = estimators
     detector = builder.AddNamedSystem(
-        "failure_detector", FailureDetector(method, params.detector_params(scenario), jets=params.jets(scenario))
+        "failure_detector",
+        FailureDetector(
+            method,
+            params.detector_params(scenario),
+            jets=params.jets(scenario),
+            compiled=scenario.execution.compiled,
+        ),
     )
     builder.ConnectInput(commands, detector.GetInputPort("jet_commands"))
     builder.Connect(impulses.GetOutputPort("impulses"), detector.GetInputPort("impulses"))

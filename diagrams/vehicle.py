@@ -51,6 +51,7 @@ def build(scenario: Scenario) -> Diagram:
             period_s=period,
             failures=params.jet_failures(scenario),
             seed=scenario.seed,
+            compiled=scenario.execution.compiled,
         ),
     )
     body = builder.AddNamedSystem(
@@ -62,6 +63,7 @@ def build(scenario: Scenario) -> Diagram:
             initial_rate=np.array(scenario.plant.initial_rate),
             jumps=params.mass_jumps(scenario),
             period_s=period,
+            compiled=scenario.execution.compiled,
         ),
     )
     stepped = params.time_step(scenario) != 0.0
@@ -84,7 +86,7 @@ def build(scenario: Scenario) -> Diagram:
 
     for package in vehicle.sensors:
         model = params.sensor_model(scenario, package)
-        sensor = builder.AddNamedSystem(package.name, _sensor(package, model))
+        sensor = builder.AddNamedSystem(package.name, _sensor(package, model, compiled=scenario.execution.compiled))
         builder.Connect(body.GetOutputPort("body_state"), sensor.GetInputPort("body_state"))
         builder.ExportOutput(sensor.GetOutputPort("reading"), package.name)
         if model.noisy:
@@ -115,7 +117,8 @@ def _tracker(sensor: PoseSensor | VelocitySensor, scenario: Scenario) -> Tracker
     return VelocityTracker(sensor.name, position=np.array(sensor.position), noise_std=sensor.noise_std)
 
 
-def _sensor(package: SensorPackage, model: SensorModel) -> Sensor:
+def _sensor(package: SensorPackage, model: SensorModel, *, compiled: bool) -> Sensor:
     if isinstance(package, Accelerometer):
-        return IntegratingAccelerometer(package.name, model, position=np.array(package.position))
-    return RateGyro(package.name, model)
+        position = np.array(package.position)
+        return IntegratingAccelerometer(package.name, model, position=position, compiled=compiled)
+    return RateGyro(package.name, model, compiled=compiled)

@@ -689,7 +689,7 @@ class ExecutionBlock(Model):
     )
     compiled: Flag = described(
         False,
-        "whether kernels are compiled, by numba of the extra `fast`, in the loop and where records are read; "
+        "whether kernels are compiled, by numba of the extra `fast`, in either engine and where records are read; "
         "results differ by rounding alone",
     )
 

@@ -12,7 +12,7 @@ import hashlib
 import inspect
 from typing import Any
 
-from numba.core import cgutils, types
+from numba.core import boxing, cgutils, pythonapi, types
 from numba.core.datamodel import models
 from numba.core.typing import signature
 from numba.core.typing.typeof import typeof_impl
@@ -133,15 +133,17 @@ def _at_hand(c: Any, value: Any) -> Any:
     return c.env_manager.read_const(c.env_manager.add_const(value))
 
 
-def _boxed(kind: Any, value: Any, c: Any) -> Any:
-    """A field in Python's form; numba would unpickle the class of an array each time."""
-    if not isinstance(kind, types.Array):
-        return c.box(kind, value)
+def _array_to_python(kind: Any, value: Any, c: Any) -> Any:
+    """An array in Python's form; numba would unpickle the class of arrays each time."""
     c.pyapi.serialize_object, c.pyapi.unserialize = lambda found: found, lambda found: _at_hand(c, found)
     try:
-        return c.box(kind, value)
+        return boxing.box_array(kind, value, c)
     finally:
         del c.pyapi.serialize_object, c.pyapi.unserialize
+
+
+if types.Array in pythonapi._boxers.functions:  # else numba is another, and does as it ever did
+    pythonapi._boxers.functions[types.Array] = _array_to_python
 
 
 @box(BundleType)  # type: ignore[untyped-decorator]
@@ -151,7 +153,7 @@ def _to_python(kind: BundleType, value: Any, c: Any) -> Any:
     for name, own in kind.field_dict.items():
         field = getattr(data, name)
         c.context.nrt.incref(c.builder, own, field)
-        parts.append(_boxed(own, field, c))
+        parts.append(c.box(own, field))
     there = c.pyapi.tuple_pack(parts)
     found = c.pyapi.call_function_objargs(_at_hand(c, tuple.__new__), (_at_hand(c, kind.bundle), there))
     for part in (*parts, there):

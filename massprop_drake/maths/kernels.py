@@ -6,7 +6,7 @@ compiled unasked, so no bit of a result depends on what is installed.
 
 A kernel keeps to the subset of numpy that numba compiles; for the few idioms that are fast in numpy and unknown to
 numba there are functions that say what they mean in the other form, `idiom`: here `numbers`, `rows3`, `picked`,
-`listed`, `fill`.
+`listed`, `fill`, `taken`.
 
 Between Python and compiled code every array and number is converted, each way, which takes longer than the arithmetic.
 So a kernel that is called from Python takes a whole cycle, and what it keeps from one to the next stays in numba's own
@@ -136,6 +136,24 @@ def fill(row: Array, values: Any) -> None:
             begin += 1
 
 
+def taken(vector: Array, like: Any) -> Any:
+    """A bundle of the kind of another from the beginning of a vector, its arrays views of it: the inverse of `fill`.
+
+    Args:
+        vector: with the fields in their order.
+        like: a bundle of arrays and numbers.
+    """
+    values, begin = [], 0
+    for field in like:
+        if isinstance(field, np.ndarray):
+            values.append(vector[begin : begin + field.size].reshape(field.shape))
+            begin += field.size
+        else:
+            values.append(type(field)(vector[begin]))
+            begin += 1
+    return type(like)(*values)
+
+
 # --------------------------------------------------------------------------------------- compiling
 
 
@@ -162,7 +180,10 @@ def _gathered() -> None:
     """Loads every module that holds kernels, so that all are known."""
     from massprop_drake.maths import attitude, flight, linear_algebra, mass_properties  # noqa: F401, PLC0415
     from massprop_drake.maths.autopilot import phase_space  # noqa: F401, PLC0415
+    from massprop_drake.maths.autopilot import ports as of_autopilot  # noqa: F401, PLC0415
+    from massprop_drake.maths.estimation import ports as of_estimation  # noqa: F401, PLC0415
     from massprop_drake.maths.estimation import whole  # noqa: F401, PLC0415
+    from massprop_drake.maths.vehicle import ports as of_vehicle  # noqa: F401, PLC0415
     from massprop_drake.maths.vehicle import reaction_jets, rigid_body, sensing, thrust  # noqa: F401, PLC0415
 
 
@@ -217,6 +238,7 @@ def _teach(extending: Any) -> None:
         teach(extending)
     extending.overload(numbers, jit_options=_BARE, prefer_literal=True)(_numbers)
     extending.overload(fill, jit_options=_BARE)(_fill)
+    extending.overload(taken, jit_options=_BARE)(_taken)
 
 
 def _numbers(vector, _count):  # type: ignore[no-untyped-def] # of types
@@ -245,6 +267,21 @@ def _fill(row, values):  # type: ignore[no-untyped-def] # of types
     made: dict[str, Any] = {}
     exec("\n".join(lines), made)
     return made["filled"]
+
+
+def _taken(vector, like):  # type: ignore[no-untyped-def] # of types
+    lines = ["def taken(vector, like):", "    begin = 0"]
+    for name, kind in like.field_dict.items():
+        if getattr(kind, "ndim", 0):
+            lines += [f"    end = begin + like.{name}.size"]
+            lines += [f"    _{name} = vector[begin:end].reshape(like.{name}.shape)", "    begin = end"]
+        else:
+            number = {"bool": "vector[begin] != 0.0", "int64": "int(vector[begin])"}.get(str(kind), "vector[begin]")
+            lines += [f"    _{name} = {number}", "    begin += 1"]
+    lines.append(f"    return bundle({', '.join(f'_{name}' for name in like.field_dict)})")
+    made: dict[str, Any] = {"bundle": like.bundle}
+    exec("\n".join(lines), made)
+    return made["taken"]
 
 
 def _always(meaning: Callable[..., Any]) -> Callable[..., Any]:

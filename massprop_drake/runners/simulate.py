@@ -75,11 +75,6 @@ def _engine(scenario: Scenario, diagram: Any, log: Sequence[Any]) -> Engine:
         from massprop_drake.runners.loop import Loop  # noqa: PLC0415 (each engine loads what it needs)
 
         return Loop(scenario)
-    if scenario.execution.compiled:
-        raise InputError(
-            f"scenario '{scenario.name}': execution.compiled: the systems of the diagram are not compiled; give "
-            "execution.engine: loop with it"
-        )
     from massprop_drake.runners.simulated import Simulated  # noqa: PLC0415 (loads the whole of Drake's framework)
 
     return Simulated(scenario, diagram, log)

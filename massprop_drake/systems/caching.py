@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 from pydrake.common.value import Value
 from pydrake.systems.framework import DependencyTicket, LeafSystem, ValueProducer
 
-from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
+from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError
 
 T = TypeVar("T")
 
@@ -72,4 +72,10 @@ class Cached:
 
     def get(self, system: LeafSystem, context: Any) -> Any:
         """The result for a context."""
-        return system.get_cache_entry(self._index).Eval(context)[0]
+        return system.get_cache_entry(self._index).EvalAbstract(context).get_value()[0]
+
+
+def state_of(context: Any) -> Array:
+    """The discrete state of a system that has one group of it; a copy, since Drake's own changes."""
+    vector: Array = context.get_discrete_state_vector().CopyToVector()
+    return vector

@@ -8,7 +8,14 @@ from __future__ import annotations
 
 from typing import Any
 
-from massprop_drake.maths.arrays import FLAG, NUMBER, Array, Layout
+from massprop_drake.maths.arrays import NUMBER, Array, Layout
+from massprop_drake.maths.autopilot.ports import (
+    ATTITUDE_MEMORY,
+    HAND_CONTROLLERS,
+    RECONFIGURATION,
+    REQUEST,
+    TRANSLATION_MEMORY,
+)
 from massprop_drake.maths.estimation.adaptation import LAYOUT as ADAPTATION
 from massprop_drake.maths.estimation.cycle import MEMORY as IMPULSE_MEMORY
 from massprop_drake.maths.estimation.detector import KNOWN_FORCE, STATUS, Judgment
@@ -18,6 +25,7 @@ from massprop_drake.maths.estimation.filter import MASS_REPORT, ROTATION_REPORT
 from massprop_drake.maths.estimation.filters.joint import JOINT_REPORT
 from massprop_drake.maths.estimation.filters.pose import POSE_REPORT
 from massprop_drake.maths.estimation.filters.thesis import TURNING
+from massprop_drake.maths.estimation.impulses import LAYOUT as IMPULSES
 from massprop_drake.maths.estimation.impulses import Impulses
 from massprop_drake.maths.vehicle.rigid_body import STRUCTURE
 
@@ -55,19 +63,11 @@ WRENCH = Layout("wrench", torque=3, force=3, mass_flow=NUMBER)
 NOISE = Layout("noise", white=3, walk=3)
 
 # the autopilot
-HAND_CONTROLLERS = Layout("hand_controllers", rotation=3, translation=3)
-ATTITUDE_MEMORY = Layout("attitude_memory", attitude=4, reference=4, holding=3, rate=3)
-TRANSLATION_MEMORY = Layout(
-    "translation_memory", command=3, velocity_left=3, horizon_left_s=NUMBER, since_selection_s=NUMBER
-)
-REQUEST = Layout("request", rate_change=3, velocity_change=3, time_limit_s=NUMBER, urgency=NUMBER)
 SELECTION_COUNTS = Layout("selection_counts", solved=NUMBER, reduced=NUMBER, closest=NUMBER, granted=NUMBER)
 REFUSED = Layout("refused", rate_change=3, least_change=NUMBER)
 
 # the estimators
-IMPULSES = Layout("impulses", angular_impulse=3, linear_impulse=3, usable=FLAG, firing=FLAG)
 MASS_ESTIMATE = Layout("mass_estimate", mass_reciprocal=NUMBER, variance=NUMBER)
-RECONFIGURATION = Layout("reconfiguration", declared=FLAG, known_wrench=6, removed="jets")
 DETECTOR_REPORT = Layout(
     "detector_report",
     **STATUS.logged,

@@ -11,8 +11,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from pydrake.systems.analysis import Simulator
 
 from massprop_drake import Estimator, InputError, estimate, load_scenario, simulate
+from massprop_drake.diagrams import closed_loop
 from massprop_drake.inputs.params import thesis_params
 from massprop_drake.maths import kernels
 from massprop_drake.maths.autopilot.phase_space import Sensed
@@ -53,11 +55,6 @@ def test_without_numba_it_is_said_what_to_install(monkeypatch: pytest.MonkeyPatc
     case = load_scenario("sample_maneuver", ["duration_s=1", "execution={engine: loop, compiled: true}"])
     with pytest.raises(InputError, match=r"execution\.compiled: needs numba: pip install 'massprop-drake\[fast\]'"):
         simulate(case)
-
-
-def test_the_diagram_is_not_compiled_and_says_so() -> None:
-    with pytest.raises(InputError, match=r"execution\.compiled: .* give execution\.engine: loop"):
-        simulate(load_scenario("sample_maneuver", ["duration_s=1", "execution.compiled=true"]))
 
 
 def require_close(compiled: Any, plain: Any) -> None:
@@ -180,6 +177,42 @@ def test_all_that_a_vehicle_may_meet_is_compiled_alike(what: str) -> None:
         for asked in ("false", "true")
     )
     require_close(compiled, plain)
+
+
+@pytest.mark.parametrize("case", [CASES[0], *FLOWN.values()], ids=["sample_maneuver", *FLOWN])
+def test_the_systems_of_the_diagram_are_compiled_alike(case: tuple[str, ...]) -> None:
+    pytest.importorskip("numba")
+    name, *overrides = case
+    plain = simulate(load_scenario(name, [*overrides, "execution={engine: loop}"]))
+    compiled = simulate(load_scenario(name, [*overrides, "execution={engine: diagram, compiled: true}"]))
+    require_close(compiled, plain)
+    assert compiled.summary["provenance"]["engine"].startswith("diagram, compiled by numba ")
+
+
+@pytest.mark.parametrize(
+    "case",
+    [("orbiter_maneuver", "duration_s=6"), ("stuck_on_29", "plant.time_step=0", "duration_s=6")],
+    ids=["the joint filter", "a continuous plant"],
+)
+def test_what_the_loop_has_otherwise_is_compiled_in_the_diagram(case: tuple[str, ...]) -> None:
+    pytest.importorskip("numba")
+    name, *overrides = case
+    plain, compiled = (simulate(load_scenario(name, [*overrides, f"execution.compiled={it}"])) for it in (False, True))
+    require_close(compiled, plain)
+
+
+def test_a_copy_of_a_context_repeats_a_compiled_run() -> None:
+    pytest.importorskip("numba")
+    diagram = closed_loop.build(load_scenario(FAILING[0], [*FAILING[1:], "execution.compiled=true"]))
+    simulator = Simulator(diagram)
+    simulator.AdvanceTo(14.0)
+    again = Simulator(diagram, simulator.get_context().Clone())
+    ends = []
+    for one in (simulator, again):
+        one.AdvanceTo(16.0)
+        ends.append([diagram.GetOutputPort(name).Eval(one.get_context()) for name in ("covariance", "body_state")])
+    for first, second in zip(*ends, strict=True):
+        np.testing.assert_array_equal(first, second)
 
 
 def test_the_estimator_compiles_its_cycle_too() -> None:

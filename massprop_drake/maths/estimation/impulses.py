@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from massprop_drake.maths.arrays import FLAG, Layout
 from massprop_drake.maths.kernels import idiom, kernel
 from massprop_drake.maths.linear_algebra import Array, nonzero
 from massprop_drake.maths.vehicle.thrust import LagFactors, level_after, mean_level
@@ -39,6 +40,10 @@ class Impulses(NamedTuple):
     firing: bool
     level: Array
     mean_level: Array
+
+
+# what is told of them
+LAYOUT = Layout("impulses", angular_impulse=3, linear_impulse=3, usable=FLAG, firing=FLAG)
 
 
 def _steadiness(command, previous_command):  # type: ignore[no-untyped-def] # compiled alone

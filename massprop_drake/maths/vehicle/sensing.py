@@ -194,10 +194,6 @@ class SensorModel(NamedTuple):
         """The numbers that make a reading."""
         return SensorErrors._make(getattr(self, name) for name in SensorErrors._fields)
 
-    def read(self, value: Array) -> Array:
-        """A noisy value quantized and held within the range, shape (3,)."""
-        return held_within(quantized(value, self.quantum, self.phase), self.limit)
-
 
 class SensorErrors(NamedTuple):
     """The part of a `SensorModel` that makes a reading once vibration is known; attributes as there."""
@@ -238,15 +234,6 @@ def sense(signal: Array, memory: Array, noise: Array, model: SensorModel, time_s
     return remembering(signal, memory, noise, vibrating(model, time_s), model.errors)
 
 
-def sense_now(signal: Array, noise: Array | None, model: SensorModel, time_s: float) -> Array:
-    """One reading of a package that remembers nothing and is not exact; arguments as `sense`."""
-    heard = _SILENCE if noise is None else noise
-    return at_once(signal, heard, vibrating(model, time_s), model.errors)
-
-
-_SILENCE = np.zeros(6)
-
-
 def vibrating(model: SensorModel, time_s: float) -> Array:
     """Vibration in a reading at a time, shape (3,); empty where there is none."""
     return _STILL if model.vibration is None else model.vibration.at(time_s)
@@ -284,7 +271,7 @@ def remembering(
 
 @kernel
 def at_once(signal: Array, noise: Array, shaking: Array, errors: SensorErrors) -> Array:
-    """`sense_now` where vibration, ``shaking``, is known, shape (3,), or empty."""
+    """One reading of a package that remembers nothing; ``shaking``: vibration in it, shape (3,), or empty."""
     value = (1.0 + errors.scale_factor) * signal
     if shaking.size:
         value = value + shaking

@@ -4,12 +4,17 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
 from pydrake.systems.framework import LeafSystem
 
-from massprop_drake.maths.autopilot.phase_space import AttitudeMemory, AttitudeStep, attitude_step
-from massprop_drake.systems.caching import Cached
+from massprop_drake.maths.autopilot import ports
+from massprop_drake.maths.autopilot.phase_space import initial_memory
+from massprop_drake.maths.autopilot.ports import Reference
+from massprop_drake.maths.kernels import chosen, held
+from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.systems.caching import Cached, state_of
 from massprop_drake.systems.layouts import ATTITUDE_MEMORY, HAND_CONTROLLERS
+
+_ERROR, _AFTER = slice(0, 3), slice(3, None)  # of what the kernel gives
 
 
 class AttitudeReference(LeafSystem):
@@ -32,31 +37,29 @@ class AttitudeReference(LeafSystem):
     Args:
         period_s: sample period, s.
         capture_rate: see `maths.phase_space.PhaseSpaceParams`.
+        compiled: whether its kernel is.
     """
 
-    def __init__(self, *, period_s: float, capture_rate: float):
+    def __init__(self, *, period_s: float, capture_rate: float, compiled: bool = False):
         super().__init__()
         self.set_name("attitude_reference")
-        self._period_s = period_s
-        self._capture_rate = capture_rate
+        start = initial_memory().attitude
+        self._kernel = chosen(ports.attitude, compiled)
+        self._held = held(Reference(period_s, capture_rate, start), compiled)
         self._gyro = self.DeclareVectorInputPort("gyro", 3)
         self._controllers = self.DeclareVectorInputPort("hand_controllers", HAND_CONTROLLERS.size)
-        level = np.array([1.0, 0.0, 0.0, 0.0])
-        start = (level, level, np.ones(3), np.full(3, np.nan))
-        self._memory = self.DeclareDiscreteState(ATTITUDE_MEMORY.pack(start))
+        self.DeclareDiscreteState(ATTITUDE_MEMORY.pack(start))
         self._step = Cached(self, "step", self._compute, {self.xd_ticket(), self.all_input_ports_ticket()})
         self.DeclareVectorOutputPort("attitude_error", 3, self._calc_error, prerequisites_of_calc={self._step.ticket})
         self.DeclarePeriodicDiscreteUpdateEvent(period_sec=period_s, offset_sec=0.0, update=self._update)
 
-    def _compute(self, context: Any) -> AttitudeStep:
-        memory = AttitudeMemory._make(ATTITUDE_MEMORY.read(context.get_discrete_state(self._memory).CopyToVector()))
-        command = HAND_CONTROLLERS.read(self._controllers.Eval(context)).rotation
-        return attitude_step(memory, self._gyro.Eval(context), command, self._period_s, self._capture_rate)
+    def _compute(self, context: Any) -> Array:
+        gyro, controllers = self._gyro.Eval(context), self._controllers.Eval(context)
+        row: Array = self._kernel(state_of(context), gyro, controllers, self._held)
+        return row
 
     def _calc_error(self, context: Any, output: Any) -> None:
-        output.SetFromVector(self._step.get(self, context).error)
+        output.SetFromVector(self._step.get(self, context)[_ERROR])
 
     def _update(self, context: Any, state: Any) -> None:
-        step = self._step.get(self, context)
-        memory = (step.attitude, step.reference, step.holding, self._gyro.Eval(context))
-        state.set_value(self._memory, ATTITUDE_MEMORY.pack(memory))
+        state.set_value(self._step.get(self, context)[_AFTER])

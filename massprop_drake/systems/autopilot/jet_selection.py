@@ -8,11 +8,19 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import LeafSystem
 
-from massprop_drake.systems.autopilot.selector import Burst, SelectionState, Selector
+from massprop_drake.maths.autopilot import ports
+from massprop_drake.maths.autopilot.jet_selection import forces_of
+from massprop_drake.maths.autopilot.phase_space import Request, Urgency
+from massprop_drake.maths.autopilot.ports import Burning
+from massprop_drake.maths.kernels import chosen, held
+from massprop_drake.maths.mass_properties import MASS_RECIPROCAL
+from massprop_drake.systems.autopilot.selector import SelectionState, Selector
 from massprop_drake.systems.caching import Cached
 from massprop_drake.systems.layouts import RECONFIGURATION, REQUEST
 
 Array = NDArray[np.float64]
+
+_SELECTS, _FIRED = 0, slice(1, None)  # of what `ports.going_on` gives
 
 
 class JetSelection(LeafSystem):
@@ -55,6 +63,7 @@ class JetSelection(LeafSystem):
         selectable: which jets may be selected, boolean, shape (n_jets,).
         mass_properties: nominal, the ten parameters, shape (10,).
         period_s: control period, s.
+        compiled: whether its kernels are; the linear program is Drake's.
     """
 
     def __init__(
@@ -66,6 +75,7 @@ class JetSelection(LeafSystem):
         selectable: NDArray[np.bool_],
         mass_properties: Array,
         period_s: float,
+        compiled: bool = False,
     ):
         super().__init__()
         self.set_name("jet_selection")
@@ -79,7 +89,14 @@ class JetSelection(LeafSystem):
             period_s=period_s,
         )
         self.stopwatch = self._selector.stopwatch
+        self._going_on, self._fired = chosen(ports.going_on, compiled), chosen(ports.fired, compiled)
+        some_request = Request(np.zeros(3), np.zeros(3), np.inf, Urgency.NONE)
+        self._held = held(Burning(forces_of(wrenches), period_s, some_request), compiled)
+        self._nominal = float(mass_properties[MASS_RECIPROCAL])
+        self._command = slice(n_jets, 2 * n_jets)
+        self._rows = (slice(0, n_jets), self._command, slice(2 * n_jets, None))
         self._layout = RECONFIGURATION.sized(jets=n_jets)
+        self._nothing_told = np.zeros(self._layout.size)
         self._request = self.DeclareVectorInputPort("request", REQUEST.size)
         self._estimate = self.DeclareVectorInputPort("estimate", 10)
         self._converged = self.DeclareVectorInputPort("converged", 1)
@@ -100,24 +117,34 @@ class JetSelection(LeafSystem):
         return None
 
     def _state(self, context: Any) -> SelectionState:
-        return SelectionState._make(context.get_discrete_state(group).CopyToVector() for group in self._groups)
+        return SelectionState._make(_group(context, group) for group in self._groups)
 
-    def _compute(self, context: Any) -> tuple[Burst, SelectionState]:
-        """The burst, and what to remember of it."""
-        state, properties = self._state(context), self._properties(context)
-        request = REQUEST.read(self._request.Eval(context))
-        asked_for = None
-        if self._reconfiguration.HasValue(context):
-            asked_for = self._layout.read(self._reconfiguration.Eval(context))
-        burst = self._selector.decide(state, request, properties, asked_for)
-        return burst, self._selector.after(state, burst, properties)
+    def _compute(self, context: Any) -> tuple[Array, tuple[Array, ...]]:
+        """The sample of the burst as `ports.fired` has it, and states that change besides."""
+        remaining, refused = _group(context, self._groups.remaining), _group(context, self._groups.refused)
+        request, properties = self._request.Eval(context), self._properties(context)
+        there = self._reconfiguration.HasValue(context)
+        told = self._reconfiguration.Eval(context) if there else self._nothing_told
+        reciprocal = self._nominal if properties is None else float(properties[MASS_RECIPROCAL])
+        row = self._going_on(remaining, request, refused, told, reciprocal, self._held)
+        if row[_SELECTS] == 0.0:
+            return row[_FIRED], ()
+        asked_for = self._layout.read(told) if there else None
+        burst = self._selector.decide(self._state(context), REQUEST.read(request), properties, asked_for)
+        return self._fired(burst.remaining, reciprocal, self._held), burst.changed or ()
 
     def _calc_command(self, context: Any, output: Any) -> None:
-        burst, _ = self._burst.get(self, context)
-        output.SetFromVector(burst.command)
+        row, _ = self._burst.get(self, context)
+        output.SetFromVector(row[self._command])
 
     def _update(self, context: Any, state: Any) -> None:
-        burst, after = self._burst.get(self, context)
-        changing = 3 if burst.changed is None else len(self._groups)
-        for group, value in zip(self._groups[:changing], after[:changing], strict=True):
+        row, changed = self._burst.get(self, context)
+        values = (*(row[part] for part in self._rows), *changed)
+        for group, value in zip(self._groups, values, strict=False):
             state.set_value(group, value)
+
+
+def _group(context: Any, group: Any) -> Array:
+    """A group of the discrete state."""
+    vector: Array = context.get_discrete_state(group).CopyToVector()
+    return vector

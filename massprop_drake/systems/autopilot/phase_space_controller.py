@@ -6,14 +6,12 @@ from typing import Any
 
 from pydrake.systems.framework import LeafSystem
 
-from massprop_drake.maths.autopilot.phase_space import (
-    PhaseSpaceParams,
-    Request,
-    Sensed,
-    TranslationMemory,
-    phase_space_request,
-)
-from massprop_drake.systems.caching import Cached
+from massprop_drake.maths.autopilot import ports
+from massprop_drake.maths.autopilot.phase_space import PhaseSpaceParams, initial_memory
+from massprop_drake.maths.autopilot.ports import Control
+from massprop_drake.maths.kernels import chosen, held
+from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.systems.caching import Cached, state_of
 from massprop_drake.systems.layouts import HAND_CONTROLLERS, REQUEST, TRANSLATION_MEMORY
 
 
@@ -38,39 +36,38 @@ class PhaseSpaceController(LeafSystem):
 
     Args:
         params: gains and limits.
+        compiled: whether its kernel is.
     """
 
-    def __init__(self, params: PhaseSpaceParams):
+    def __init__(self, params: PhaseSpaceParams, *, compiled: bool = False):
         super().__init__()
         self.set_name("phase_space_controller")
-        self._params = params
+        start = initial_memory().translation
+        self._kernel, self._held = chosen(ports.request, compiled), held(Control(params, start), compiled)
         self._controllers = self.DeclareVectorInputPort("hand_controllers", HAND_CONTROLLERS.size)
         self._error = self.DeclareVectorInputPort("attitude_error", 3)
         self._gyro = self.DeclareVectorInputPort("gyro", 3)
         self._delivered = self.DeclareVectorInputPort("delivered", 3)
-        self._translation = self.DeclareDiscreteState(TRANSLATION_MEMORY.size)
+        self.DeclareDiscreteState(TRANSLATION_MEMORY.pack(start))
         self._step = Cached(self, "step", self._compute, {self.xd_ticket(), self.all_input_ports_ticket()})
         self.DeclareVectorOutputPort(
             "request", REQUEST.size, self._calc_request, prerequisites_of_calc={self._step.ticket}
         )
         self.DeclarePeriodicDiscreteUpdateEvent(period_sec=params.period_s, offset_sec=0.0, update=self._update)
 
-    def _compute(self, context: Any) -> tuple[Request, TranslationMemory]:
-        controllers = HAND_CONTROLLERS.read(self._controllers.Eval(context))
-        remembered = TRANSLATION_MEMORY.read(context.get_discrete_state(self._translation).CopyToVector())
-        sensed = Sensed(
-            controllers.rotation,
-            controllers.translation,
+    def _compute(self, context: Any) -> Array:
+        row: Array = self._kernel(
+            state_of(context),
+            self._controllers.Eval(context),
             self._error.Eval(context),
             self._gyro.Eval(context),
             self._delivered.Eval(context),
+            self._held,
         )
-        return phase_space_request(sensed, TranslationMemory._make(remembered), self._params)
+        return row
 
     def _calc_request(self, context: Any, output: Any) -> None:
-        request, _ = self._step.get(self, context)
-        output.SetFromVector(REQUEST.pack(request))
+        output.SetFromVector(self._step.get(self, context)[: REQUEST.size])
 
     def _update(self, context: Any, state: Any) -> None:
-        _, memory = self._step.get(self, context)
-        state.set_value(self._translation, TRANSLATION_MEMORY.pack(memory))
+        state.set_value(self._step.get(self, context)[REQUEST.size :])

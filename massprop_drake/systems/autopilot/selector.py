@@ -11,14 +11,11 @@ from numpy.typing import NDArray
 from massprop_drake.maths.autopilot.jet_selection import (
     activity_vectors,
     burst_cycles,
-    delivered_velocity,
     firing,
-    forces_of,
     least_change,
     must_select,
 )
 from massprop_drake.maths.linear_algebra import nonzero
-from massprop_drake.maths.mass_properties import MASS_RECIPROCAL
 from massprop_drake.systems.autopilot.jet_selection_program import (
     RATE,
     VELOCITY,
@@ -97,7 +94,6 @@ class Selector:
     ):
         self.stopwatch = Stopwatch()
         self._wrenches = wrenches
-        self._forces = forces_of(wrenches)
         self._minimum = minimum_on_times_s
         self._selectable = selectable
         self._nominal = mass_properties
@@ -146,13 +142,6 @@ class Selector:
             granted = _length(selection.reached[VELOCITY]) / size if size > 0.0 else 1.0
         counts = (solved + self._program.solves - before, reduced, closest, granted)
         return Burst(remaining, firing(remaining), (SELECTION_COUNTS.pack(counts), refused, out_of_use))
-
-    def after(self, state: SelectionState, burst: Burst, properties: Array | None) -> SelectionState:
-        """What to remember after a sample; arguments as `decide`."""
-        reciprocal = float((self._nominal if properties is None else properties)[MASS_RECIPROCAL])
-        delivered = delivered_velocity(burst.command, self._forces, reciprocal, self._period_s)
-        kept = (state.counts, state.refused, state.out_of_use) if burst.changed is None else burst.changed
-        return SelectionState(np.maximum(burst.remaining - 1.0, 0.0), burst.command, delivered, *kept)
 
     def _activity(self, properties: Array | None) -> Array:
         """Activity vectors by the mass properties in use."""

@@ -8,7 +8,7 @@ import numpy as np
 from pydrake.common.value import Value
 from pydrake.systems.framework import LeafSystem
 
-from massprop_drake.maths.estimation.adaptation import NO_ADAPTATION, Adaptation, unpacked
+from massprop_drake.maths.estimation.adaptation import NO_ADAPTATION, Adaptation, packed, unpacked
 from massprop_drake.maths.estimation.detector import NO_KNOWN_FORCE, known_force_of
 from massprop_drake.maths.estimation.filter import Filter, FilterStep, Interval
 from massprop_drake.maths.estimation.impulses import Impulses
@@ -21,6 +21,7 @@ from massprop_drake.systems.layouts import ADAPTATION, IMPULSES, KNOWN_FORCE, MA
 Ports = tuple[tuple[str, int, Any], ...]  # name, size and callback of output ports
 
 _NO_LEVEL = np.empty(0)
+_NO_FORCE, _NOTHING_ASKED = np.zeros(KNOWN_FORCE.size), packed(NO_ADAPTATION)
 
 
 class Measured(NamedTuple):
@@ -100,6 +101,16 @@ class FilterSystem(LeafSystem):
         """What the detector asks for; nothing where there is none."""
         return unpacked(self._adaptation.Eval(context)) if self._adaptation.HasValue(context) else NO_ADAPTATION
 
+    def _told(self, context: Any) -> tuple[Array, Array]:
+        """Impulses and known force as they are packed, for compiled kernels."""
+        known = self._known_force.Eval(context) if self._known_force.HasValue(context) else _NO_FORCE
+        return self._impulses.Eval(context), known
+
+    def _asked(self, context: Any) -> Array:
+        """What the detector asks for as it is packed, for compiled kernels."""
+        asked: Array = self._adaptation.Eval(context) if self._adaptation.HasValue(context) else _NOTHING_ASKED
+        return asked
+
     def _measured(self, context: Any) -> Measured:
         measured: Measured = self._measurement.get(self, context)
         return measured
@@ -112,7 +123,8 @@ class FilterSystem(LeafSystem):
     def _measure(self, context: Any) -> Measured:
         raise NotImplementedError
 
-    def _compute_cycle(self, context: Any) -> tuple[Measured, Any]:
+    def _compute_cycle(self, context: Any) -> Any:
+        """The measurement, and what became of it; what a system wants that has ports of its own for it."""
         adaptation = self._adapted(context)
         measured = self._measured(context)
         return measured, self._finish(measured, adaptation)

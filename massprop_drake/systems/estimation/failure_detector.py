@@ -7,12 +7,15 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import LeafSystem
 
-from massprop_drake.maths.estimation import adaptation
+from massprop_drake.maths.estimation import adaptation, ports
 from massprop_drake.maths.estimation.cycle import evidence_of
 from massprop_drake.maths.estimation.detector import Detector, Event, Jets, Judgment
+from massprop_drake.maths.estimation.detectors import cglr
 from massprop_drake.maths.estimation.filter import NOT_MEASURED
+from massprop_drake.maths.kernels import compiled as compiled_form
+from massprop_drake.maths.kernels import held
 from massprop_drake.maths.linear_algebra import Array, nonzero
-from massprop_drake.systems.caching import Cached, Stopwatch
+from massprop_drake.systems.caching import Cached, Stopwatch, state_of
 from massprop_drake.systems.layouts import (
     ADAPTATION,
     DETECTOR_REPORT,
@@ -24,6 +27,7 @@ from massprop_drake.systems.layouts import (
 )
 
 _NO_KNOWN_FORCE = np.zeros(KNOWN_FORCE.size)
+_NOT_MEASURED, _USABLE = EVIDENCE.pack(NOT_MEASURED), IMPULSES.slice("usable").start
 _NO_ADAPTATION = adaptation.packed(adaptation.NO_ADAPTATION)
 
 
@@ -60,9 +64,10 @@ class FailureDetector(LeafSystem):
         detector: the method.
         params: its parameters.
         jets: see `maths.estimation.detector.Jets`.
+        compiled: whether its kernels are, where the method is `cglr`.
     """
 
-    def __init__(self, detector: Detector, params: Any, *, jets: Jets):
+    def __init__(self, detector: Detector, params: Any, *, jets: Jets, compiled: bool = False):
         super().__init__()
         self.set_name("failure_detector")
         self._detector = detector
@@ -80,8 +85,14 @@ class FailureDetector(LeafSystem):
         self._state_of = type(initial)
         assert detector.layout is not None, "a state that is no vector needs a system of its own"
         self._layout = detector.layout(params)
-        self._variance = self._layout.slice("variance")
-        self._memory = self.DeclareDiscreteState(self._layout.pack(initial))
+        self._variance, self._removed, self._closed = map(self._layout.slice, ("variance", "removed", "closed"))
+        self.DeclareDiscreteState(self._layout.pack(initial))
+        after = ADAPTATION.size + self._reconfiguration.slice("removed").start
+        self._after, self._report = slice(after, after + self._layout.size), slice(after + self._layout.size, None)
+        self._compiled = compiled and detector is cglr.DETECTOR
+        if self._compiled:
+            self._kernel, self._acting = compiled_form(ports.judged), compiled_form(ports.known_force)
+            self._held = held(ports.judging(params), compile_it=True)
 
         self._judgment = Cached(
             self, "judgment", self._judge, {self.xd_ticket(), self.all_input_ports_ticket(), self.time_ticket()}
@@ -106,56 +117,64 @@ class FailureDetector(LeafSystem):
         )
         self.DeclarePeriodicDiscreteUpdateEvent(period_sec=jets.period_s, offset_sec=0.0, update=self._update)
 
-    def _packed(self, context: Any) -> Array:
-        vector: Array = context.get_discrete_state(self._memory).CopyToVector()
-        return vector
+    def _state(self, vector: Array) -> Any:
+        return self._state_of._make(self._layout.read(vector))
 
-    def _state(self, context: Any) -> Any:
-        return self._state_of._make(self._layout.read(self._packed(context)))
+    def _judge(self, context: Any) -> Array:
+        """What the method makes of the sample, as `ports.judged` has it."""
+        vector, command, told = state_of(context), self._command.Eval(context), self._impulses.Eval(context)
+        # a sample that is not steady is not looked at, so that nothing need be gathered
+        seen = self._evidence.Eval(context) if told[_USABLE] else _NOT_MEASURED
+        time_s = context.get_time()
+        if self._compiled:
+            row: Array = self.stopwatch.measure(self._kernel, vector, time_s, command, told, seen, self._held)
+            return row
+        before, impulses = self._state(vector), IMPULSES.read(told)
+        evidence = evidence_of(time_s, command, impulses, EVIDENCE.read(seen) if impulses.usable else NOT_MEASURED)
+        judgment: Judgment = self.stopwatch.measure(self._detector.judge, before, evidence, self._params)
+        state, todo = judgment.state, judgment.adaptation
+        return np.concatenate(
+            (
+                _NO_ADAPTATION if todo is adaptation.NO_ADAPTATION else adaptation.packed(todo),
+                (judgment.status.detector_event == Event.DECLARED,),
+                state.force @ self._jets.unit_wrenches,
+                vector if state is before else self._layout.pack(state),
+                detector_row(judgment, before),
+            )
+        )
 
-    def _judge(self, context: Any) -> tuple[Judgment, Any]:
-        """What the method makes of the sample, and the state before."""
-        impulses = IMPULSES.read(self._impulses.Eval(context))
-        # a sample that is not steady is not looked at, so that nothing need be unpacked
-        seen = EVIDENCE.read(self._evidence.Eval(context)) if impulses.usable else NOT_MEASURED
-        evidence = evidence_of(context.get_time(), self._command.Eval(context), impulses, seen)
-        state = self._state(context)
-        judgment: Judgment = self.stopwatch.measure(self._detector.judge, state, evidence, self._params)
-        return judgment, state
-
-    def _judged(self, context: Any) -> Judgment:
-        judgment: Judgment
-        judgment, _ = self._judgment.get(self, context)
-        return judgment
+    def _judged(self, context: Any) -> Array:
+        row: Array = self._judgment.get(self, context)
+        return row
 
     def _calc_known_force(self, context: Any, output: Any) -> None:
-        if not nonzero(self._packed(context)[self._variance]):
+        vector = state_of(context)
+        if not nonzero(vector[self._variance]):
             output.SetFromVector(_NO_KNOWN_FORCE)
             return
         predicted, command = self._predicted.Eval(context), self._command.Eval(context)
-        known = self._detector.known_force(self._state(context), predicted, command, self._params)
+        if self._compiled:
+            output.SetFromVector(self._acting(vector, predicted, command, self._held))
+            return
+        known = self._detector.known_force(self._state(vector), predicted, command, self._params)
         output.SetFromVector(KNOWN_FORCE.pack(known))
 
     def _calc_adaptation(self, context: Any, output: Any) -> None:
-        todo = self._judged(context).adaptation
-        output.SetFromVector(_NO_ADAPTATION if todo is adaptation.NO_ADAPTATION else adaptation.packed(todo))
+        output.SetFromVector(self._judged(context)[: ADAPTATION.size])
 
     def _calc_reconfiguration(self, context: Any, output: Any) -> None:
-        judgment = self._judged(context)
-        declared = judgment.status.detector_event == Event.DECLARED
-        wrench = judgment.state.force @ self._jets.unit_wrenches
-        output.SetFromVector(self._reconfiguration.pack((declared, wrench, judgment.state.removed)))
+        row = self._judged(context)
+        begins, removed = row[ADAPTATION.size : self._after.start], row[self._after][self._removed]
+        output.SetFromVector(np.concatenate((begins, removed)))
 
     def _calc_closed(self, context: Any, output: Any) -> None:
-        output.SetFromVector(self._judged(context).state.closed)
+        output.SetFromVector(self._judged(context)[self._after][self._closed])
 
     def _calc_held_closed(self, context: Any, output: Any) -> None:
-        output.SetFromVector(self._state(context).closed)
+        output.SetFromVector(state_of(context)[self._closed])
 
     def _calc_report(self, context: Any, output: Any) -> None:
-        output.SetFromVector(detector_row(*self._judgment.get(self, context)))
+        output.SetFromVector(self._judged(context)[self._report])
 
     def _update(self, context: Any, state: Any) -> None:
-        judgment, before = self._judgment.get(self, context)
-        if judgment.state is not before:  # else it stays as it is
-            state.set_value(self._memory, self._layout.pack(judgment.state))
+        state.set_value(self._judged(context)[self._after])

@@ -8,14 +8,19 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import LeafSystem
 
+from massprop_drake.maths.estimation import ports
 from massprop_drake.maths.estimation.detector import known_force_of
-from massprop_drake.maths.estimation.impulses import Impulses, interval_impulses, with_wrench
+from massprop_drake.maths.estimation.ports import Lagging
+from massprop_drake.maths.kernels import chosen, held
 from massprop_drake.maths.vehicle.thrust import lag_factors
 from massprop_drake.systems.arguments import rows, vector
-from massprop_drake.systems.caching import Cached, Stopwatch
-from massprop_drake.systems.layouts import IMPULSE_MEMORY, IMPULSES, KNOWN_FORCE, impulse_row
+from massprop_drake.systems.caching import Cached, Stopwatch, state_of
+from massprop_drake.systems.layouts import IMPULSE_MEMORY, IMPULSES, KNOWN_FORCE
 
 Array = NDArray[np.float64]
+
+_NOTHING_OUTSIDE = np.zeros(6)
+_IMPULSE = slice(IMPULSES.slice("angular_impulse").start, IMPULSES.slice("linear_impulse").stop)
 
 
 class ImpulseModel(LeafSystem):
@@ -42,23 +47,24 @@ class ImpulseModel(LeafSystem):
         wrenches: torque about the vehicle origin and force of each jet, shape (n_jets, 6).
         time_constants_s: of the thrust lag, s, zero: instantaneous, shape (n_jets,).
         period_s: sample period, s.
+        compiled: whether its kernel is.
     """
 
-    def __init__(self, *, wrenches: Array, time_constants_s: Array, period_s: float):
+    def __init__(self, *, wrenches: Array, time_constants_s: Array, period_s: float, compiled: bool = False):
         super().__init__()
         self.set_name("impulse_model")
         wrenches = rows("impulse model: wrenches", wrenches, 6)
         n_jets = wrenches.shape[0]
         time_constants_s = vector("impulse model: time_constants_s", time_constants_s, n_jets)
         self.stopwatch = Stopwatch()
-        self._impulse_per_level = wrenches * period_s
-        self._lag = lag_factors(time_constants_s, period_s)
+        lagging = Lagging(wrenches * period_s, lag_factors(time_constants_s, period_s), period_s)
+        self._kernel, self._held = chosen(ports.impulses, compiled), held(lagging, compiled)
         self._command = self.DeclareVectorInputPort("jet_commands", n_jets)
         self._known_force = self.DeclareVectorInputPort("known_force", KNOWN_FORCE.size)
         self._outside = self.DeclareVectorInputPort("outside_wrench", 6)
         self._period_s = period_s
-        self._layout = IMPULSE_MEMORY.sized(jets=n_jets)
-        self._memory = self.DeclareDiscreteState(self._layout.size)
+        self._n_jets = n_jets
+        self.DeclareDiscreteState(IMPULSE_MEMORY.sized(jets=n_jets).size)
         inputs = {self.input_port_ticket(port.get_index()) for port in (self._command, self._outside)}
         self._impulses = Cached(self, "impulses", self._compute, {self.xd_ticket(), *inputs})
         self.DeclareVectorOutputPort(
@@ -72,30 +78,25 @@ class ImpulseModel(LeafSystem):
         )
         self.DeclarePeriodicDiscreteUpdateEvent(period_sec=period_s, offset_sec=0.0, update=self._update)
 
-    def _compute(self, context: Any) -> Impulses:
-        memory = self._layout.read(context.get_discrete_state(self._memory).CopyToVector())
-        outside = self._outside.Eval(context) * self._period_s if self._outside.HasValue(context) else None
-        return self.stopwatch.measure(
-            interval_impulses,
-            self._command.Eval(context),
-            memory.command,
-            memory.level,
-            self._impulse_per_level,
-            self._lag,
-            outside,
-        )
+    def _compute(self, context: Any) -> Array:
+        """As `ports.impulses` has it."""
+        outside = self._outside.Eval(context) if self._outside.HasValue(context) else _NOTHING_OUTSIDE
+        given = state_of(context), self._command.Eval(context), outside, self._held
+        row: Array = self.stopwatch.measure(self._kernel, *given)
+        return row
 
     def _calc_impulses(self, context: Any, output: Any) -> None:
-        impulses = self._impulses.get(self, context)
+        told = self._impulses.get(self, context)[: IMPULSES.size]
         if self._known_force.HasValue(context):
             known = known_force_of(self._known_force.Eval(context))
             if known.acts:
-                impulses = with_wrench(impulses, known.wrench, self._period_s)
-        output.SetFromVector(impulse_row(impulses))
+                told = told.copy()
+                told[_IMPULSE] += known.wrench * self._period_s
+        output.SetFromVector(told)
 
     def _calc_mean_level(self, context: Any, output: Any) -> None:
-        output.SetFromVector(self._impulses.get(self, context).mean_level)
+        output.SetFromVector(self._impulses.get(self, context)[IMPULSES.size :][: self._n_jets])
 
     def _update(self, context: Any, state: Any) -> None:
-        level = self._impulses.get(self, context).level
-        state.set_value(self._memory, self._layout.pack((self._command.Eval(context), level)))
+        level = self._impulses.get(self, context)[IMPULSES.size + self._n_jets :]
+        state.set_value(np.concatenate((self._command.Eval(context), level)))

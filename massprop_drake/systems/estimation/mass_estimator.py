@@ -6,18 +6,24 @@ from typing import Any
 
 import numpy as np
 
+from massprop_drake.maths.estimation import ports
 from massprop_drake.maths.estimation.adaptation import Adaptation
 from massprop_drake.maths.estimation.filter import NOT_MEASURED
 from massprop_drake.maths.estimation.filters import mass_filter, thesis
 from massprop_drake.maths.estimation.filters.mass_filter import MassCycle, MassParams, MassState
 from massprop_drake.maths.estimation.filters.thesis import Turning
+from massprop_drake.maths.estimation.ports import MassVector
+from massprop_drake.maths.kernels import compiled as compiled_form
+from massprop_drake.maths.kernels import held
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import N_ROTATION
+from massprop_drake.systems.caching import state_of
 from massprop_drake.systems.estimation._filter import FilterSystem, Measured
 from massprop_drake.systems.estimation._readings import Package
 from massprop_drake.systems.layouts import EVIDENCE, MASS_ESTIMATE, MASS_REPORT, TURNING
 
 _NOT_MEASURED = EVIDENCE.pack(NOT_MEASURED)
+_INNOVATION, _COVARIANCE = slice(0, 3), slice(3, 12)
 
 
 class MassEstimator(FilterSystem):
@@ -58,6 +64,7 @@ class MassEstimator(FilterSystem):
         params: see `MassParams`.
         thrust_errors: impulses of one sigma of each jet's thrust error at full level over a sample, about
             the vehicle origin, shape (n_jets, 6); None: thrust is taken as known.
+        compiled: whether its kernels are, where one accelerometer counts at a time and thrust is taken as known.
     """
 
     def __init__(
@@ -68,6 +75,7 @@ class MassEstimator(FilterSystem):
         accelerometers: tuple[Package, ...],
         params: MassParams,
         thrust_errors: Array | None = None,
+        compiled: bool = False,
     ):
         n_errors = 0 if thrust_errors is None else thrust_errors.shape[0]
         super().__init__("mass_estimator", n_errors)
@@ -79,7 +87,13 @@ class MassEstimator(FilterSystem):
         self._prediction = self.DeclareVectorInputPort("predicted_estimate", N_ROTATION)
         self._layout = thesis.mass_layout(params, n_errors)
         start = thesis.mass_start(mass_reciprocal, variance, params, n_errors)
-        self._state = self.DeclareDiscreteState(thesis.pack_mass(*start, self._layout))
+        vector = thesis.pack_mass(*start, self._layout)
+        self.DeclareDiscreteState(vector)
+        self._compiled = compiled and thrust_errors is None and mass_filter.counts_one(params)
+        if self._compiled:
+            made = ports.weighing(params, MassVector._make(self._layout.read(vector)[:-1]))
+            self._move, self._weigh = compiled_form(ports.evidence), compiled_form(ports.weighed)
+            self._held = held(made, compile_it=True)
         predictions = {self.xd_ticket(), self.input_port_ticket(self._prediction.get_index())}
         self.DeclareVectorOutputPort("predicted", 10, self._calc_predicted, prerequisites_of_calc=predictions)
         self._declare_cycle(
@@ -96,14 +110,18 @@ class MassEstimator(FilterSystem):
         self.DeclarePeriodicDiscreteUpdateEvent(period_sec=params.period_s, offset_sec=0.0, update=self._update)
 
     def _known(self, context: Any) -> tuple[MassState, Array]:
-        return thesis.read_mass(context.get_discrete_state(self._state).CopyToVector(), self._layout)
+        return thesis.read_mass(state_of(context), self._layout)
 
     def _seen(self, context: Any) -> Turning:
         """What the rotation filter says of the sample."""
         turning = Turning._make(self._turning_layout.read(self._turning.Eval(context)))
         return turning if self._linear_errors is not None else turning._replace(effects=None, sensitivity=None)
 
-    def _measure(self, context: Any) -> Measured:
+    def _measure(self, context: Any) -> Any:
+        """What it makes of the sample: `Measured`, or as `ports.evidence` has it, where that is compiled."""
+        if self._compiled:
+            given = state_of(context), self._accelerometers.eval(context), self._turning.Eval(context)
+            return self.stopwatch.measure(self._move, *given, *self._told(context), self._held)
         state, before = self._known(context)
         velocities, interval, turning = self._accelerometers.eval(context), self._interval(context), self._seen(context)
         measurement = self.stopwatch.measure(
@@ -125,32 +143,56 @@ class MassEstimator(FilterSystem):
         )
         return cycle
 
+    def _compute_cycle(self, context: Any) -> Any:
+        """The report and the state after it, one after the other."""
+        measured: Any = self._measurement.get(self, context)
+        if self._compiled:
+            return self.stopwatch.measure(self._weigh, measured, self._asked(context), self._held)
+        cycle = self._finish(measured, self._adapted(context))
+        velocities, _ = measured.readings
+        report = MASS_REPORT.pack(thesis.mass_report(measured.measurement, cycle))
+        return np.concatenate((report, thesis.pack_mass(cycle.state, velocities, self._layout)))
+
     def _calc_predicted(self, context: Any, output: Any) -> None:
         state, _ = self._known(context)
         output.SetFromVector(np.append(self._prediction.Eval(context), state.mass_reciprocal))
 
     def _calc_evidence(self, context: Any, output: Any) -> None:
-        state, interval, measurement, (_, turning) = self._measured(context)
+        measured: Any = self._measurement.get(self, context)
+        if self._compiled:
+            output.SetFromVector(measured[: EVIDENCE.size])
+            return
+        state, interval, measurement, (_, turning) = measured
         if interval.impulses.usable:
             output.SetFromVector(EVIDENCE.pack(thesis.joint(turning, measurement, state)))
         else:
             output.SetFromVector(_NOT_MEASURED)
 
+    def _innovation(self, context: Any) -> Array:
+        """The innovation (3) and its covariance (9)."""
+        measured: Any = self._measurement.get(self, context)
+        if self._compiled:
+            row: Array = measured[EVIDENCE.size :]
+            return row
+        innovation = measured.measurement.innovation
+        return np.append(innovation.innovation, innovation.covariance)
+
     def _calc_innovation(self, context: Any, output: Any) -> None:
-        output.SetFromVector(self._measured(context).measurement.innovation.innovation)
+        output.SetFromVector(self._innovation(context)[_INNOVATION])
 
     def _calc_innovation_covariance(self, context: Any, output: Any) -> None:
-        output.SetFromVector(self._measured(context).measurement.innovation.covariance.ravel())
+        output.SetFromVector(self._innovation(context)[_COVARIANCE])
+
+    def _after(self, context: Any) -> Array:
+        """The state after the sample."""
+        row: Array = self._cycle.get(self, context)
+        return row[MASS_REPORT.size :]
 
     def _calc_estimate(self, context: Any, output: Any) -> None:
-        _, cycle = self._cycled(context)
-        output.SetFromVector(MASS_ESTIMATE.pack((cycle.state.mass_reciprocal, cycle.state.variance)))
+        output.SetFromVector(self._after(context)[: MASS_ESTIMATE.size])
 
     def _calc_report(self, context: Any, output: Any) -> None:
-        measured, cycle = self._cycled(context)
-        output.SetFromVector(MASS_REPORT.pack(thesis.mass_report(measured.measurement, cycle)))
+        output.SetFromVector(self._cycle.get(self, context)[: MASS_REPORT.size])
 
     def _update(self, context: Any, state: Any) -> None:
-        measured, cycle = self._cycled(context)
-        velocities, _ = measured.readings
-        state.set_value(self._state, thesis.pack_mass(cycle.state, velocities, self._layout))
+        state.set_value(self._after(context))

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from massprop_drake.maths.estimation import ports
 from massprop_drake.maths.estimation.adaptation import Adaptation
 from massprop_drake.maths.estimation.filters import rotation_filter, thesis
 from massprop_drake.maths.estimation.filters.rotation_filter import (
@@ -14,8 +15,12 @@ from massprop_drake.maths.estimation.filters.rotation_filter import (
     RotationParams,
     RotationState,
 )
+from massprop_drake.maths.estimation.ports import RotationVector
+from massprop_drake.maths.kernels import compiled as compiled_form
+from massprop_drake.maths.kernels import held
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import N_ROTATION
+from massprop_drake.systems.caching import state_of
 from massprop_drake.systems.estimation._filter import FilterSystem, Measured
 from massprop_drake.systems.estimation._readings import Package
 from massprop_drake.systems.layouts import ROTATION_REPORT, TURNING
@@ -65,6 +70,7 @@ class RotationEstimator(FilterSystem):
         params: see `RotationParams`.
         thrust_errors: impulses of one sigma of each jet's thrust error at full level over a sample, about
             the vehicle origin, shape (n_jets, 6); None: thrust is taken as known.
+        compiled: whether its kernels are, where one gyro counts at a time and thrust is taken as known.
     """
 
     def __init__(
@@ -75,6 +81,7 @@ class RotationEstimator(FilterSystem):
         gyros: tuple[Package, ...],
         params: RotationParams,
         thrust_errors: Array | None = None,
+        compiled: bool = False,
     ):
         n_errors = 0 if thrust_errors is None else thrust_errors.shape[0]
         super().__init__("rotation_estimator", n_errors)
@@ -85,7 +92,13 @@ class RotationEstimator(FilterSystem):
         self._no_effects, self._insensitive = np.zeros((3, n_errors)), np.zeros((N_ROTATION, n_errors))
         self._layout = thesis.rotation_layout(params, n_errors)
         start = thesis.rotation_start(estimate, covariance, params, n_errors)
-        self._state = self.DeclareDiscreteState(thesis.pack_rotation(*start, self._layout))
+        vector = thesis.pack_rotation(*start, self._layout)
+        self.DeclareDiscreteState(vector)
+        self._compiled = compiled and thrust_errors is None and rotation_filter.counts_one(params)
+        if self._compiled:
+            made = ports.rotating(params, RotationVector._make(self._layout.read(vector)[:-1]))
+            self._turn, self._rotate = compiled_form(ports.turning), compiled_form(ports.rotated)
+            self._held = held(made, compile_it=True)
         self.DeclareVectorOutputPort(
             "predicted_estimate", N_ROTATION, self._calc_predicted, prerequisites_of_calc={self.xd_ticket()}
         )
@@ -104,9 +117,13 @@ class RotationEstimator(FilterSystem):
         self.DeclarePeriodicDiscreteUpdateEvent(period_sec=params.period_s, offset_sec=0.0, update=self._update)
 
     def _known(self, context: Any) -> tuple[RotationState, RotationMemory]:
-        return thesis.read_rotation(context.get_discrete_state(self._state).CopyToVector(), self._layout)
+        return thesis.read_rotation(state_of(context), self._layout)
 
-    def _measure(self, context: Any) -> Measured:
+    def _measure(self, context: Any) -> Any:
+        """What it makes of the sample: `Measured`, or as `ports.turning` has it, where that is compiled."""
+        if self._compiled:
+            given = state_of(context), self._gyros.eval(context), *self._told(context), self._held
+            return self.stopwatch.measure(self._turn, *given)
         state, memory = self._known(context)
         rates, interval = self._gyros.eval(context), self._interval(context)
         known = thesis.rotation_interval(interval, self._thrust_errors)
@@ -121,36 +138,54 @@ class RotationEstimator(FilterSystem):
         )
         return cycle
 
+    def _compute_cycle(self, context: Any) -> Any:
+        """The report and the state after it, one after the other."""
+        measured: Any = self._measurement.get(self, context)
+        if self._compiled:
+            return self.stopwatch.measure(self._rotate, measured, self._asked(context), self._held)
+        cycle = self._finish(measured, self._adapted(context))
+        memory = thesis.rotation_memory(measured.measurement, measured.readings)
+        report = ROTATION_REPORT.pack(thesis.rotation_report(measured.measurement, cycle))
+        return np.concatenate((report, thesis.pack_rotation(cycle.state, memory, self._layout)))
+
     def _calc_predicted(self, context: Any, output: Any) -> None:
         state, _ = self._known(context)
         output.SetFromVector(state.estimate)
 
-    def _calc_turning(self, context: Any, output: Any) -> None:
-        state, _, measurement, _ = self._measured(context)
+    def _turned(self, context: Any) -> Array:
+        """What it says of the sample, packed as `TURNING`."""
+        measured: Any = self._measurement.get(self, context)
+        if self._compiled:
+            row: Array = measured[: self._turning.size]
+            return row
+        state, _, measurement, _ = measured
         turning = thesis.turning_of(state, measurement)
         effects = self._no_effects if turning.effects is None else turning.effects
         sensitivity = self._insensitive if turning.sensitivity is None else turning.sensitivity
-        output.SetFromVector(self._turning.pack(turning._replace(effects=effects, sensitivity=sensitivity)))
+        return self._turning.pack(turning._replace(effects=effects, sensitivity=sensitivity))
+
+    def _calc_turning(self, context: Any, output: Any) -> None:
+        output.SetFromVector(self._turned(context))
 
     def _calc_innovation(self, context: Any, output: Any) -> None:
-        output.SetFromVector(self._measured(context).measurement.innovation.innovation)
+        output.SetFromVector(self._turned(context)[self._turning.slice("innovation")])
 
     def _calc_innovation_covariance(self, context: Any, output: Any) -> None:
-        output.SetFromVector(self._measured(context).measurement.innovation.covariance.ravel())
+        output.SetFromVector(self._turned(context)[self._turning.slice("innovation_covariance")])
+
+    def _after(self, context: Any) -> Array:
+        """The state after the sample."""
+        row: Array = self._cycle.get(self, context)
+        return row[ROTATION_REPORT.size :]
 
     def _calc_estimate(self, context: Any, output: Any) -> None:
-        _, cycle = self._cycled(context)
-        output.SetFromVector(cycle.state.estimate)
+        output.SetFromVector(self._after(context)[self._layout.slice("estimate")])
 
     def _calc_covariance(self, context: Any, output: Any) -> None:
-        _, cycle = self._cycled(context)
-        output.SetFromVector(cycle.state.covariance.ravel())
+        output.SetFromVector(self._after(context)[self._layout.slice("covariance")])
 
     def _calc_report(self, context: Any, output: Any) -> None:
-        measured, cycle = self._cycled(context)
-        output.SetFromVector(ROTATION_REPORT.pack(thesis.rotation_report(measured.measurement, cycle)))
+        output.SetFromVector(self._cycle.get(self, context)[: ROTATION_REPORT.size])
 
     def _update(self, context: Any, state: Any) -> None:
-        measured, cycle = self._cycled(context)
-        memory = thesis.rotation_memory(measured.measurement, measured.readings)
-        state.set_value(self._state, thesis.pack_rotation(cycle.state, memory, self._layout))
+        state.set_value(self._after(context))

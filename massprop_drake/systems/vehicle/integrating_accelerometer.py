@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from massprop_drake.maths.vehicle.rigid_body import ORIGIN_VELOCITY, RATE, SPIN_INTEGRAL
-from massprop_drake.maths.vehicle.sensing import SensorModel, point_velocity
+from massprop_drake.maths.vehicle.sensing import SensorModel
 from massprop_drake.systems.arguments import vector
 from massprop_drake.systems.vehicle.sensor import Sensor, StatedPackage
-
-Array = NDArray[np.float64]
 
 
 class IntegratingAccelerometer(Sensor):
@@ -26,19 +22,23 @@ class IntegratingAccelerometer(Sensor):
         package: its name, or a package of a vehicle, such as `vehicle.accelerometer("acc1")`; see `Sensor`.
         model: its errors; default those that the package states.
         position: in the vehicle frame, ft or m, shape (3,); default that of the package.
+        compiled: whether its kernel is.
 
     Raises:
         ValueError: when it is no vector, or there is none.
     """
 
     def __init__(
-        self, package: str | StatedPackage, model: SensorModel | None = None, *, position: ArrayLike | None = None
+        self,
+        package: str | StatedPackage,
+        model: SensorModel | None = None,
+        *,
+        position: ArrayLike | None = None,
+        compiled: bool = False,
     ):
-        super().__init__(package, model)
+        name = package if isinstance(package, str) else package.name
         place = getattr(package, "position", None) if position is None else position
         if place is None:
-            raise ValueError(f"accelerometer '{self.get_name()}': where does it stand? Give its position")
-        self._position = vector(f"accelerometer '{self.get_name()}': position", place, 3)
-
-    def _signal(self, body_state: Array) -> Array:
-        return point_velocity(body_state[ORIGIN_VELOCITY], body_state[RATE], body_state[SPIN_INTEGRAL], self._position)
+            raise ValueError(f"accelerometer '{name}': where does it stand? Give its position")
+        made = vector(f"accelerometer '{name}': position", place, 3)
+        super().__init__(package, model, made, compiled=compiled)

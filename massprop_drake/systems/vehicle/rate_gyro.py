@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
-
-from massprop_drake.maths.vehicle.rigid_body import RATE
-from massprop_drake.systems.vehicle.sensor import Sensor
+from massprop_drake.maths.vehicle.sensing import SensorModel
+from massprop_drake.systems.vehicle.sensor import Sensor, StatedPackage
 
 
 class RateGyro(Sensor):
@@ -15,5 +12,5 @@ class RateGyro(Sensor):
     Assumptions and limitations: the package's axes are the body's; its position does not matter.
     """
 
-    def _signal(self, body_state: NDArray[np.float64]) -> NDArray[np.float64]:
-        return body_state[RATE]
+    def __init__(self, package: str | StatedPackage, model: SensorModel | None = None, *, compiled: bool = False):
+        super().__init__(package, model, compiled=compiled)

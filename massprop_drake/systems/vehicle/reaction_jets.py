@@ -8,19 +8,18 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import LeafSystem
 
-from massprop_drake.maths.vehicle.reaction_jets import (
-    jets_params,
-    level_now,
-    mean_force,
-    target,
-    thrusters,
-    wrench_profile,
-)
+from massprop_drake.maths.kernels import chosen, held
+from massprop_drake.maths.vehicle import ports
+from massprop_drake.maths.vehicle.ports import Jets
+from massprop_drake.maths.vehicle.reaction_jets import jets_params, level_now, thrusters
 from massprop_drake.maths.vehicle.rigid_body import N_WRENCH
 from massprop_drake.maths.vehicle.thrust import level_at
-from massprop_drake.maths.vehicle.true_failures import Failure
+from massprop_drake.maths.vehicle.true_failures import Failure, failure_table, struck
+from massprop_drake.systems.caching import Cached
 
 Array = NDArray[np.float64]
+
+_NONE = np.zeros(0)
 
 
 class ReactionJets(LeafSystem):
@@ -55,6 +54,7 @@ class ReactionJets(LeafSystem):
         period_s: sample period, s.
         failures: what jets deliver in place of what they are told; see `maths.vehicle.true_failures`.
         seed: of intermittent failures.
+        compiled: whether its kernels are.
     """
 
     def __init__(
@@ -65,27 +65,33 @@ class ReactionJets(LeafSystem):
         period_s: float,
         failures: tuple[Failure, ...] = (),
         seed: int = 0,
+        compiled: bool = False,
     ):
         super().__init__()
         self.set_name("reaction_jets")
         n_jets = wrenches.shape[0]
         self._params = jets_params(wrenches, time_constants_s, period_s, failures, seed)
         self._jets = thrusters(self._params)
+        self._kernel, self._failed = chosen(ports.thrust, compiled), chosen(ports.failed_target, compiled)
+        self._given = held(Jets(self._jets, failure_table(failures), period_s), compiled)
+        self._n_jets = n_jets
         self._time_constants_s = time_constants_s
         self._instantaneous = self._params.lag.instantaneous
         self._period_s = period_s
 
         command = self._command = self.DeclareVectorInputPort("command", n_jets)
-        held = self._held = self.DeclareVectorInputPort("held_command", n_jets)
+        before = self._held = self.DeclareVectorInputPort("held_command", n_jets)
         closed = self._closed = self.DeclareVectorInputPort("closed", n_jets)
         held_closed = self._held_closed = self.DeclareVectorInputPort("held_closed", n_jets)
         self._level = self.DeclareDiscreteState(n_jets)
         self._updated_s = self.DeclareDiscreteState([-period_s])
         # `wrench` must not depend on `command`: with a continuous plant that would close an algebraic
         # loop through the sensors and the autopilot
-        running = {self.input_port_ticket(port.get_index()) for port in (held, held_closed)}
+        running = {self.input_port_ticket(port.get_index()) for port in (before, held_closed)}
         running |= {self.xd_ticket(), self.time_ticket()}
         coming = running | {self.input_port_ticket(port.get_index()) for port in (command, closed)}
+        self._coming = Cached(self, "thrust", self._compute, coming)
+        coming = {self._coming.ticket}
         self.DeclareVectorOutputPort("thrust", n_jets, self._calc_thrust, prerequisites_of_calc=coming)
         self.DeclareVectorOutputPort("wrench", N_WRENCH, self._calc_wrench, prerequisites_of_calc=running)
         self.DeclareVectorOutputPort(
@@ -102,15 +108,21 @@ class ReactionJets(LeafSystem):
         """The distinct positive time constants, s, in the order of `wrench_profile`."""
         return self._params.classes.time_constants_s
 
-    def _target(self, context: Any) -> Array:
-        """What each jet's level tends to over the coming sample."""
-        sample = round(context.get_time() / self._period_s)
-        return target(self._command.Eval(context), _value(self._closed, context), sample, self._params)
+    def _shown(self, command: Any, closed: Any, sample: int, context: Any) -> Array:
+        """What each jet's level tends to over a sample, by the ports of what it is told and of what is closed."""
+        told, shut = command.Eval(context), closed.Eval(context) if closed.HasValue(context) else None
+        failures = self._params.failures
+        if not failures:
+            return told if shut is None else told * (1.0 - shut)
+        strikes = struck(failures, sample, self._period_s, self._params.seed)
+        shut = _NONE if shut is None else shut
+        shown: Array = self._failed(told, shut, sample * self._period_s, strikes, self._given)
+        return shown
 
     def _held_target(self, context: Any) -> Array:
         """What it tends to over the sample that the last update began."""
         sample = round(context.get_discrete_state(self._updated_s).GetAtIndex(0) / self._period_s)
-        return target(self._held.Eval(context), _value(self._held_closed, context), sample, self._params)
+        return self._shown(self._held, self._held_closed, sample, context)
 
     def _level_now(self, context: Any) -> Array:
         """Level at this sample, before the update: a period after the level in the state."""
@@ -121,8 +133,15 @@ class ReactionJets(LeafSystem):
         """The same; anything where no jet lags."""
         return self._params.forces if self._instantaneous else self._level_now(context)
 
+    def _compute(self, context: Any) -> Array:
+        """Mean forces, then the wrench profile, over the coming sample."""
+        sample = round(context.get_time() / self._period_s)
+        coming = self._shown(self._command, self._closed, sample, context)
+        row: Array = self._kernel(self._level_that_matters(context), coming, self._given)
+        return row
+
     def _calc_thrust(self, context: Any, output: Any) -> None:
-        output.SetFromVector(mean_force(self._level_that_matters(context), self._target(context), self._jets))
+        output.SetFromVector(self._coming.get(self, context)[: self._n_jets])
 
     def _calc_wrench(self, context: Any, output: Any) -> None:
         elapsed = context.get_time() - context.get_discrete_state(self._updated_s).GetAtIndex(0)
@@ -131,14 +150,8 @@ class ReactionJets(LeafSystem):
         output.SetFromVector(reached @ self._params.wrenches)
 
     def _calc_profile(self, context: Any, output: Any) -> None:
-        profile = wrench_profile(self._level_that_matters(context), self._target(context), self._jets)
-        output.SetFromVector(profile.ravel())
+        output.SetFromVector(self._coming.get(self, context)[self._n_jets :])
 
     def _update(self, context: Any, state: Any) -> None:
         state.set_value(self._level, self._level_now(context))
         state.set_value(self._updated_s, [context.get_time()])
-
-
-def _value(port: Any, context: Any) -> Array | None:
-    """The value of an optional input; None where it is not connected."""
-    return port.Eval(context) if port.HasValue(context) else None

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-import contextlib
-from collections.abc import Iterator
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import BasicVector, LeafSystem
 
+from massprop_drake.maths.kernels import chosen, held
 from massprop_drake.maths.mass_properties import MassProperties
-from massprop_drake.maths.vehicle import rigid_body
+from massprop_drake.maths.vehicle import ports, rigid_body
+from massprop_drake.maths.vehicle.ports import Motion
 from massprop_drake.maths.vehicle.rigid_body import MASS, N_WRENCH, RATE, Jump, OutOfMassError, SpunUpError
 
 Array = NDArray[np.float64]
@@ -46,6 +47,7 @@ class RigidBodyPlant(LeafSystem):
         initial_rate: rad/s, body axes, shape (3,).
         jumps: of the mass properties.
         period_s: sample period, s; needed with jumps.
+        compiled: whether the step's kernel is.
     """
 
     def __init__(
@@ -57,11 +59,14 @@ class RigidBodyPlant(LeafSystem):
         initial_rate: Array | None = None,
         jumps: tuple[Jump, ...] = (),
         period_s: float = 0.0,
+        compiled: bool = False,
     ):
         super().__init__()
         self.set_name("rigid_body")
         self._time_step = time_step
-        self._lags = lag_time_constants_s
+        self._compiled = compiled
+        motion = Motion(np.array(lag_time_constants_s, dtype=float), time_step)
+        self._kernel, self._held = chosen(ports.stepped, compiled), held(motion, compiled)
         start = rigid_body.initial_state(properties.mass)
         if initial_rate is not None:
             start[RATE] = initial_rate
@@ -105,8 +110,10 @@ class RigidBodyPlant(LeafSystem):
         if self._time_step == 0.0:
             wrench = self._wrench.Eval(context)
             body, state = self._body(context), self._body_state(context)
-            with _timed(context):
+            try:
                 rigid_body.require_mass(float(state[MASS]), _LEAST_TIME_S * float(wrench[-1]))
+            except OutOfMassError as error:
+                raise error.at(context.get_time()) from None
             derivatives.get_mutable_vector().SetFromVector(rigid_body.derivative(state, wrench, body))
 
     def _jump(self, context: Any, state: Any) -> None:
@@ -120,17 +127,17 @@ class RigidBodyPlant(LeafSystem):
             state.get_mutable_discrete_state(self._state).SetFromVector(body_state)
 
     def _update(self, context: Any, state: Any) -> None:
-        profile = self._wrench.Eval(context).reshape(-1, N_WRENCH)
-        before, body = self._body_state(context), self._body(context)
-        with _timed(context):
-            after = rigid_body.step(before, profile[0], profile[1:], self._lags, self._time_step, body)
+        profile, before = self._wrench.Eval(context), self._body_state(context)
+        structure = context.get_discrete_state(self._structure).CopyToVector()
+        constants = _constants(structure.tobytes(), self._compiled)
+        try:
+            after = self._kernel(before, profile, constants, self._held)
+        except (OutOfMassError, SpunUpError) as error:
+            raise error.at(context.get_time()) from None
         state.set_value(self._state, after)
 
 
-@contextlib.contextmanager
-def _timed(context: Any) -> Iterator[None]:
-    """Adds the time to the error of a vehicle that runs out of mass, or turns too fast."""
-    try:
-        yield
-    except (OutOfMassError, SpunUpError) as error:
-        raise error.at(context.get_time()) from None
+@lru_cache(maxsize=256)
+def _constants(structure: bytes, compiled: bool) -> Any:
+    """A holder of the constants of motion for a structure."""
+    return held(rigid_body.body_of_structure(np.frombuffer(structure)), compiled)

@@ -10,13 +10,20 @@ from numpy.typing import NDArray
 from pydrake.common import RandomDistribution
 from pydrake.systems.framework import LeafSystem
 
+from massprop_drake.maths.kernels import chosen, held
+from massprop_drake.maths.vehicle import ports
+from massprop_drake.maths.vehicle.ports import Sensing
 from massprop_drake.maths.vehicle.rigid_body import N_STATE
-from massprop_drake.maths.vehicle.sensing import SensorModel, sense, sense_now
+from massprop_drake.maths.vehicle.sensing import SensorModel, vibrating
 from massprop_drake.systems.arguments import vector
-from massprop_drake.systems.caching import Cached
+from massprop_drake.systems.caching import Cached, state_of
 from massprop_drake.systems.layouts import NOISE
 
 Array = NDArray[np.float64]
+
+
+_QUIET = np.zeros(NOISE.size)
+_READING, _AFTER = slice(0, 3), slice(3, None)  # of what the kernel gives of a package that remembers
 
 
 class StatedPackage(Protocol):
@@ -73,12 +80,21 @@ class Sensor(LeafSystem):
     Args:
         package: its name, which is that of the system; or a package of a vehicle, such as `vehicle.gyro("gyro")`.
         model: its errors; default those that the package states, which then must be one: quantum, noise and range.
+        position: of integrating accelerometers, vehicle frame, ft or m, shape (3,); None: they are rate gyros.
+        compiled: whether its kernel is.
 
     Raises:
         ValueError: when a vector of the model has not three elements.
     """
 
-    def __init__(self, package: str | StatedPackage, model: SensorModel | None = None):
+    def __init__(
+        self,
+        package: str | StatedPackage,
+        model: SensorModel | None = None,
+        position: Array | None = None,
+        *,
+        compiled: bool = False,
+    ):
         super().__init__()
         self.set_name(package if isinstance(package, str) else package.name)
         if model is None:
@@ -89,6 +105,11 @@ class Sensor(LeafSystem):
             vector(f"sensor '{self.get_name()}': {name}", getattr(model, name), 3)
         self._model = model
         self._exact = model.exact
+        read: Any = ports.exact_reading if self._exact else ports.reading
+        read = ports.remembered_reading if model.remembers else read
+        self._kernel = chosen(read, compiled)
+        place = np.zeros(3) if position is None else position
+        self._held = held(Sensing(model.errors, position is not None, place), compiled)
         self._body_state = self.DeclareVectorInputPort("body_state", N_STATE)
         self._noise = self.DeclareVectorInputPort("noise", NOISE.size, RandomDistribution.kGaussian)
         inputs = {self.input_port_ticket(self._body_state.get_index())}
@@ -97,7 +118,7 @@ class Sensor(LeafSystem):
         if model.vibration is not None:
             inputs.add(self.time_ticket())
         if model.remembers:
-            self._memory = self.DeclareDiscreteState(model.memory_size)
+            self.DeclareDiscreteState(model.memory_size)
             self._step = Cached(self, "step", self._compute, {self.xd_ticket(), *inputs})
             self.DeclareVectorOutputPort(
                 "reading", 3, self._calc_remembering, prerequisites_of_calc={self._step.ticket}
@@ -106,28 +127,25 @@ class Sensor(LeafSystem):
         else:
             self.DeclareVectorOutputPort("reading", 3, self._calc_direct, prerequisites_of_calc=inputs)
 
-    def _signal(self, body_state: Array) -> Array:
-        """The true quantity, shape (3,)."""
-        raise NotImplementedError
+    def _chance(self, context: Any) -> tuple[Array, Array]:
+        """Noise and vibration at a sample."""
+        noise = self._noise.Eval(context) if self._model.noisy else _QUIET
+        return noise, vibrating(self._model, context.get_time())
 
     def _calc_direct(self, context: Any, output: Any) -> None:
-        model = self._model
-        signal = self._signal(self._body_state.Eval(context))
+        body = self._body_state.Eval(context)
         if self._exact:
-            output.SetFromVector(model.read(signal))
-            return
-        noise = self._noise.Eval(context) if model.noisy else None
-        output.SetFromVector(sense_now(signal, noise, model, context.get_time()))
+            output.SetFromVector(self._kernel(body, self._held))
+        else:
+            output.SetFromVector(self._kernel(body, *self._chance(context), self._held))
 
-    def _compute(self, context: Any) -> tuple[Array, Array]:
-        noise = self._noise.Eval(context) if self._model.noisy else np.zeros(6)
-        memory = context.get_discrete_state(self._memory).CopyToVector()
-        return sense(self._signal(self._body_state.Eval(context)), memory, noise, self._model, context.get_time())
+    def _compute(self, context: Any) -> Array:
+        body = self._body_state.Eval(context)
+        row: Array = self._kernel(body, state_of(context), *self._chance(context), self._held)
+        return row
 
     def _calc_remembering(self, context: Any, output: Any) -> None:
-        reading, _ = self._step.get(self, context)
-        output.SetFromVector(reading)
+        output.SetFromVector(self._step.get(self, context)[_READING])
 
     def _update(self, context: Any, state: Any) -> None:
-        _, memory = self._step.get(self, context)
-        state.set_value(self._memory, memory)
+        state.set_value(self._step.get(self, context)[_AFTER])

@@ -500,6 +500,11 @@ class MassInterval(NamedTuple):
     thrust_errors: Array | None = None
 
 
+def counts_one(params: MassParams) -> bool:
+    """Whether one accelerometer counts at a time."""
+    return params.rule == Rule.SINGLE or params.variances.size == 1
+
+
 def measure(
     state: MassState,
     velocities_before: Array,
@@ -518,7 +523,7 @@ def measure(
         rotation: see `Rotation`.
         params: see `MassParams`.
     """
-    if params.rule == Rule.SINGLE or params.variances.size == 1:
+    if counts_one(params):
         return MassMeasurement(*measure_one(state, (velocities_before, velocities), interval, rotation, params))
     increments = velocities - velocities_before
     turns = params.compensation == Compensation.NONE or _is_there(rotation.increment)

@@ -660,6 +660,11 @@ class RotationInterval(NamedTuple):
     thrust_errors: Array | None = None
 
 
+def counts_one(params: RotationParams) -> bool:
+    """Whether one gyro counts at a time."""
+    return params.rule == Rule.SINGLE or params.gyro_variances.size == 1
+
+
 def measure(
     state: RotationState, memory: RotationMemory, rates: Array, interval: RotationInterval, params: RotationParams
 ) -> RotationMeasurement:
@@ -672,7 +677,7 @@ def measure(
         interval: see `RotationInterval`.
         params: see `RotationParams`.
     """
-    if params.rule == Rule.SINGLE or params.gyro_variances.size == 1:
+    if counts_one(params):
         sample, innovation = measure_one(state, memory, rates, interval, params)
         return RotationMeasurement(sample, innovation)
     increments, means = rates - memory.rates, 0.5 * (rates + memory.rates)

@@ -432,17 +432,8 @@ def make_params(setup: Setup, options: Any) -> ThesisParams:
             small_gain=mass.jump == "single_sample_thesis",
             disturbance_covariance=mass.disturbance_std**2 * np.eye(3),
         )
-    alone = (
-        moving is not None
-        and _one_package(turning.rule, setup.gyro_variances)
-        and _one_package(moving.rule, setup.accelerometer_variances)
-    )
+    alone = moving is not None and rotation_filter.counts_one(turning) and mass_filter.counts_one(moving)
     return ThesisParams(turning, moving, setup.estimate, setup.covariance, setup.thrust_errors, alone)
-
-
-def _one_package(rule: Rule, variances: Array) -> bool:
-    """Whether a filter uses one package at a time."""
-    return rule == Rule.SINGLE or variances.size == 1
 
 
 def initial_state(params: ThesisParams) -> ThesisState:

@@ -1,0 +1,149 @@
+"""The autopilot's systems as kernels: the vectors of their ports and states in, such vectors out.
+
+Each is called by one system of a diagram, with what does not change in a `kernels.Holder`. They pack and unpack; what
+they do with it stands in the other files here.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from massprop_drake.maths.arrays import FLAG, NUMBER, Layout
+from massprop_drake.maths.autopilot.jet_selection import delivered_velocity, firing, must_select
+from massprop_drake.maths.autopilot.phase_space import (
+    AttitudeMemory,
+    PhaseSpaceParams,
+    Request,
+    Sensed,
+    TranslationMemory,
+    attitude_step,
+    phase_space_request,
+)
+from massprop_drake.maths.kernels import fill, kernel, taken
+from massprop_drake.maths.linear_algebra import Array, nonzero
+
+HAND_CONTROLLERS = Layout("hand_controllers", rotation=3, translation=3)
+ATTITUDE_MEMORY = Layout("attitude_memory", attitude=4, reference=4, holding=3, rate=3)
+TRANSLATION_MEMORY = Layout(
+    "translation_memory", command=3, velocity_left=3, horizon_left_s=NUMBER, since_selection_s=NUMBER
+)
+REQUEST = Layout("request", rate_change=3, velocity_change=3, time_limit_s=NUMBER, urgency=NUMBER)
+RECONFIGURATION = Layout("reconfiguration", declared=FLAG, known_wrench=6, removed="jets")
+_ROTATION, _TRANSLATION = HAND_CONTROLLERS.slice("rotation"), HAND_CONTROLLERS.slice("translation")
+_REQUEST = REQUEST.size
+_DECLARED = RECONFIGURATION.sized(jets=0).slice("declared").start
+_KNOWN_WRENCH = RECONFIGURATION.sized(jets=0).slice("known_wrench")
+
+
+class Reference(NamedTuple):
+    """How the attitude to hold is found.
+
+    Attributes:
+        period_s: sample period, s.
+        capture_rate: see `PhaseSpaceParams`.
+        memory: before the first sample.
+    """
+
+    period_s: float
+    capture_rate: float
+    memory: AttitudeMemory
+
+
+@kernel
+def attitude(memory: Array, rate: Array, controllers: Array, held: Any) -> Array:
+    """The attitude error, rad, shape (3,), then what is remembered.
+
+    Args:
+        memory: packed as `ATTITUDE_MEMORY`.
+        rate: reading of the gyro, rad/s, shape (3,).
+        controllers: packed as `HAND_CONTROLLERS`.
+        held: holder of `Reference`.
+    """
+    given = held.value
+    before = taken(memory, given.memory)
+    step = attitude_step(before, rate, controllers[_ROTATION], given.period_s, given.capture_rate)
+    row = np.empty(3 + memory.size)
+    fill(row, (step.error, step.attitude, step.reference, step.holding, rate))
+    return row
+
+
+class Control(NamedTuple):
+    """The control law.
+
+    Attributes:
+        settings: see `PhaseSpaceParams`.
+        memory: before the first sample.
+    """
+
+    settings: PhaseSpaceParams
+    memory: TranslationMemory
+
+
+@kernel
+def request(memory: Array, controllers: Array, error: Array, rate: Array, delivered: Array, held: Any) -> Array:
+    """The request, packed as `REQUEST`, then what is remembered.
+
+    Args:
+        memory: packed as `TRANSLATION_MEMORY`.
+        controllers: packed as `HAND_CONTROLLERS`.
+        error: of the attitude, rad, shape (3,).
+        rate, delivered: see `Sensed`.
+        held: holder of `Control`.
+    """
+    given = held.value
+    sensed = Sensed(controllers[_ROTATION], controllers[_TRANSLATION], error, rate, delivered)
+    asked, after = phase_space_request(sensed, taken(memory, given.memory), given.settings)
+    row = np.empty(_REQUEST + memory.size)
+    changes = (asked.rate_change, asked.velocity_change, asked.time_limit_s, float(asked.urgency.value))
+    fill(row[:_REQUEST], changes)
+    fill(row[_REQUEST:], after)
+    return row
+
+
+class Burning(NamedTuple):
+    """What it takes to go on with a burst.
+
+    Attributes:
+        forces: of the jets, shape (3, n_jets).
+        period_s: control period, s.
+        request: any.
+    """
+
+    forces: Array
+    period_s: float
+    request: Request
+
+
+@kernel
+def going_on(remaining: Array, asked: Array, refused: Array, told: Array, mass_reciprocal: float, held: Any) -> Array:
+    """Whether jets are to be selected at a sample, 1 or 0, and what `fired` gives where they are not.
+
+    Args:
+        remaining, mass_reciprocal, held: as in `fired`.
+        asked: packed as `REQUEST`.
+        refused: see `must_select`.
+        told: by the detector, packed as `RECONFIGURATION`.
+    """
+    wanted, declared = taken(asked, held.value.request), told[_DECLARED] != 0.0
+    row = np.empty(2 * remaining.size + 4)
+    row[0] = must_select(remaining, wanted, refused, nonzero(told[_KNOWN_WRENCH]), declared)
+    row[1:] = fired(remaining, mass_reciprocal, held)
+    return row
+
+
+@kernel
+def fired(remaining: Array, mass_reciprocal: float, held: Any) -> Array:
+    """A sample of a burst, shape (2 n_jets + 3,): cycles left after it, the command, and the velocity change it gives.
+
+    Args:
+        remaining: cycles that each jet has still to fire, this one included, shape (n_jets,).
+        mass_reciprocal: 1/slug or 1/kg.
+        held: holder of `Burning`.
+    """
+    given, command = held.value, firing(remaining)
+    delivered = delivered_velocity(command, given.forces, mass_reciprocal, given.period_s)
+    row = np.empty(2 * remaining.size + 3)
+    fill(row, (np.maximum(remaining - 1.0, 0.0), command, delivered))
+    return row

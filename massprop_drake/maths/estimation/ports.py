@@ -1,0 +1,513 @@
+"""The estimators' systems as kernels: the vectors of their ports and states in, such vectors out.
+
+Each is called by one system of a diagram, with what does not change in a `kernels.Holder`. They pack and unpack; what
+they do with it stands in the other files here, in the order of `cycle`. What a filter has measured waits, packed, for
+what the detector makes of it.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from massprop_drake.maths.estimation.adaptation import LAYOUT as ADAPTATION
+from massprop_drake.maths.estimation.adaptation import NO_ADAPTATION, Adaptation
+from massprop_drake.maths.estimation.detector import KNOWN_FORCE, NO_KNOWN_FORCE, STATUS, Event, Evidence, KnownForce
+from massprop_drake.maths.estimation.detectors import cglr
+from massprop_drake.maths.estimation.detectors.cglr import CglrParams, DetectorState
+from massprop_drake.maths.estimation.detectors.known_forces import acting_force
+from massprop_drake.maths.estimation.filter import (
+    JOINT,
+    MASS_REPORT,
+    NOT_MEASURED,
+    ROTATION_REPORT,
+    Joint,
+    not_measured,
+)
+from massprop_drake.maths.estimation.filters import mass_filter, rotation_filter, thesis
+from massprop_drake.maths.estimation.filters.mass_filter import (
+    MassInnovation,
+    MassInterval,
+    MassParams,
+    MassSample,
+    MassState,
+)
+from massprop_drake.maths.estimation.filters.rotation_filter import (
+    RotationInnovation,
+    RotationInterval,
+    RotationMemory,
+    RotationParams,
+    RotationSample,
+    RotationState,
+)
+from massprop_drake.maths.estimation.filters.thesis import TURNING, Turning
+from massprop_drake.maths.estimation.impulses import LAYOUT as IMPULSES
+from massprop_drake.maths.estimation.impulses import interval_impulses
+from massprop_drake.maths.kernels import fill, kernel, taken
+from massprop_drake.maths.linear_algebra import Array, deviations
+from massprop_drake.maths.mass_properties import N_ROTATION
+from massprop_drake.maths.vehicle.thrust import LagFactors
+
+_IMPULSES, _ROTATION_REPORT, _MASS_REPORT = IMPULSES.size, ROTATION_REPORT.size, MASS_REPORT.size
+_TURNING, _EVIDENCE, _ADAPTATION, _STATUS = TURNING.sized(jets=0).size, JOINT.size, ADAPTATION.size, STATUS.size
+_PREDICTION = TURNING.sized(jets=0).slice("estimate").start
+_ROTATION_STATE = thesis.ROTATION_STATE.sized(gyros=0, errors=0).size
+_WRENCH, _KNOWN = 6, KNOWN_FORCE.size
+_DECLARED = int(Event.DECLARED)
+
+
+# ---------------------------------------------------------------------------------------- impulses
+
+
+class Lagging(NamedTuple):
+    """What turns commands into impulses; attributes as `cycle.EstimationParams`."""
+
+    impulse_per_level: Array
+    lag: LagFactors
+    period_s: float
+
+
+@kernel
+def impulses(memory: Array, command: Array, outside: Array, held: Any) -> Array:
+    """What is told of an interval's impulses (8), then mean and last level of each jet, shape (8 + 2 n_jets,).
+
+    Args:
+        memory: packed as `cycle.MEMORY`.
+        command: see `interval_impulses`.
+        outside: wrench of known outside forces, shape (6,).
+        held: holder of `Lagging`.
+    """
+    given, jets = held.value, command.size
+    done = interval_impulses(
+        command, memory[:jets], memory[jets:], given.impulse_per_level, given.lag, outside * given.period_s
+    )
+    row = np.empty(_IMPULSES + 2 * jets)
+    angular, linear = done.angular_impulse, done.linear_impulse
+    fill(row, (angular, linear, done.usable, done.firing, done.mean_level, done.level))
+    return row
+
+
+# ----------------------------------------------------------------------------------------- filters
+
+
+class Acted(NamedTuple):
+    """What is told of an interval, packed as `impulses.LAYOUT`; see `Impulses`."""
+
+    angular_impulse: Array
+    linear_impulse: Array
+    usable: bool
+    firing: bool
+
+
+class Heard(NamedTuple):
+    """Of each vector that a filter gets one that is like it.
+
+    Attributes:
+        acted, known, adaptation: see `Acted`, `KnownForce` and `Adaptation`.
+    """
+
+    acted: Acted
+    known: KnownForce
+    adaptation: Adaptation
+
+
+def heard() -> Heard:
+    """Of each one."""
+    return Heard(Acted(np.zeros(3), np.zeros(3), False, False), NO_KNOWN_FORCE, NO_ADAPTATION)
+
+
+class RotationVector(NamedTuple):
+    """State and memory of the rotation filter, packed as `thesis.ROTATION_STATE` where thrust is taken as known."""
+
+    estimate: Array
+    covariance: Array
+    subtract_coupling: bool
+    rates: Array
+
+
+class Turned(NamedTuple):
+    """What the rotation filter says of a sample, packed as `thesis.TURNING` where thrust is taken as known."""
+
+    innovation: Array
+    innovation_covariance: Array
+    increment: Array
+    rate: Array
+    rate_variance: float
+    estimate: Array
+    covariance: Array
+    cross_covariance: Array
+
+
+class RotationSeen(NamedTuple):
+    """What it takes besides to finish a cycle.
+
+    Attributes:
+        noise, angular_impulse, linear_impulse: see `RotationSample`; `acting` is its `firing`.
+        information, jacobian, subtract_coupling, nis: see `RotationInnovation`; `spread` is its `noise`.
+        learning: whether the filter is to learn of the sample.
+        rates: readings of the gyros, shape (s, 3).
+    """
+
+    noise: Array
+    angular_impulse: Array
+    linear_impulse: Array
+    acting: bool
+    information: Array
+    jacobian: Array
+    spread: Array
+    subtract_coupling: bool
+    nis: float
+    learning: bool
+    rates: Array
+
+
+class Rotating(NamedTuple):
+    """The rotation filter.
+
+    Attributes:
+        params: see `RotationParams`.
+        state: at the start.
+        turned, seen, heard: of what is packed, each one that is like it.
+    """
+
+    params: RotationParams
+    state: RotationVector
+    turned: Turned
+    seen: RotationSeen
+    heard: Heard
+
+
+def rotating(params: RotationParams, state: RotationVector) -> Rotating:
+    """The rotation filter with some parameters, and its state at the start."""
+    return Rotating(params, state, _turned(), _rotation_seen(state.rates), heard())
+
+
+def _rotation_seen(rates: Array) -> RotationSeen:
+    three, square, jacobian = np.zeros(3), np.zeros((3, 3)), np.zeros((3, N_ROTATION))
+    return RotationSeen(square, three, three, False, square, jacobian, square, False, 0.0, False, rates)
+
+
+def _turned() -> Turned:
+    three, square = np.zeros(3), np.zeros((3, 3))
+    covariance, cross = np.zeros((N_ROTATION, N_ROTATION)), np.zeros((3, N_ROTATION))
+    return Turned(three, square, three, three, 0.0, np.zeros(N_ROTATION), covariance, cross)
+
+
+@kernel
+def turning(vector: Array, rates: Array, told: Array, force: Array, held: Any) -> Array:
+    """What the rotation filter says of a sample, packed as `Turned`, then `RotationSeen`.
+
+    Args:
+        vector: state, packed as `thesis.ROTATION_STATE`.
+        rates: readings of the gyros, shape (s, 3), of which the first that is there counts.
+        told: impulses, packed as `impulses.LAYOUT`.
+        force: that is known, packed as `detector.KNOWN_FORCE`.
+        held: holder of `Rotating`.
+
+    Raises:
+        NotPositiveDefiniteError: when a covariance loses definiteness.
+    """
+    given = held.value
+    before, acted, known = taken(vector, given.state), taken(told, given.heard.acted), taken(force, given.heard.known)
+    state = RotationState(before.estimate, before.covariance, None)
+    acting = acted.firing or bool(known.wrench.any() or known.translation_spread.any())
+    angular, linear = acted.angular_impulse, acted.linear_impulse
+    interval = RotationInterval(angular, linear, acting, known.rotation_spread, None)
+    memory = RotationMemory(before.rates, before.subtract_coupling)
+    sample, innovation = rotation_filter.measure_one(state, memory, rates, interval, given.params)
+    said = thesis.turning_from(state, sample, innovation)
+    row = np.empty(_TURNING + _ROTATION_SEEN + rates.size)
+    fill(row, (said.innovation, said.innovation_covariance, said.increment, said.rate, said.rate_variance))
+    fill(row[_PREDICTION:], (said.estimate, said.covariance, said.cross_covariance))
+    seen = RotationSeen(
+        sample.noise,
+        angular,
+        linear,
+        acting,
+        innovation.information,
+        innovation.jacobian,
+        innovation.noise,
+        innovation.subtract_coupling,
+        innovation.nis,
+        acted.usable and acted.firing,
+        rates,
+    )
+    fill(row[_TURNING:], seen)
+    return row
+
+
+@kernel
+def rotated(measured: Array, adaptation: Array, held: Any) -> Array:
+    """The rotation filter's report, packed as `ROTATION_REPORT`, and its state, after a cycle.
+
+    Args:
+        measured: what `turning` gave.
+        adaptation: packed as `adaptation.LAYOUT`.
+        held: holder of `Rotating`.
+    """
+    given = held.value
+    said, seen = taken(measured, given.turned), taken(measured[_TURNING:], given.seen)
+    sample = RotationSample(
+        said.increment,
+        said.rate,
+        seen.noise,
+        said.rate_variance,
+        seen.angular_impulse,
+        seen.linear_impulse,
+        seen.acting,
+        None,
+    )
+    innovation = RotationInnovation(
+        said.innovation,
+        said.innovation_covariance,
+        seen.information,
+        seen.jacobian,
+        seen.spread,
+        None,
+        seen.subtract_coupling,
+        seen.nis,
+    )
+    todo, state = taken(adaptation, given.heard.adaptation), RotationState(said.estimate, said.covariance, None)
+    cycle = rotation_filter.finish_one(state, (sample, innovation), seen.learning, todo, given.params)
+    after, row = cycle.state, np.empty(_ROTATION_REPORT + _ROTATION_STATE + seen.rates.size)
+    fill(row, thesis.report_of_rotation(innovation, cycle, deviations(after.covariance)))
+    fill(row[_ROTATION_REPORT:], (after.estimate, after.covariance, seen.subtract_coupling, seen.rates))
+    return row
+
+
+class MassVector(NamedTuple):
+    """State and memory of the mass filter, packed as `thesis.MASS_STATE` where thrust is taken as known."""
+
+    mass_reciprocal: float
+    variance: float
+    velocities: Array
+    window: Array
+
+
+class MassSeen(NamedTuple):
+    """What it takes to finish a cycle.
+
+    Attributes:
+        innovation, information, nis, covariance: see `MassInnovation`; `spread` is its `noise`.
+        measured, noise, linear_impulse: see `MassSample`.
+        usable, firing: see `Acted`.
+        mass_reciprocal, variance, window: before it, see `MassState`.
+        velocities: readings of the accelerometers, shape (s, 3).
+    """
+
+    innovation: Array
+    covariance: Array
+    information: Array
+    spread: Array
+    nis: float
+    measured: Array
+    noise: Array
+    linear_impulse: Array
+    usable: bool
+    firing: bool
+    mass_reciprocal: float
+    variance: float
+    window: Array
+    velocities: Array
+
+
+class Weighing(NamedTuple):
+    """The mass filter.
+
+    Attributes:
+        params: see `MassParams`.
+        state: at the start.
+        turned, seen, heard: of what is packed, each one that is like it.
+    """
+
+    params: MassParams
+    state: MassVector
+    turned: Turned
+    seen: MassSeen
+    heard: Heard
+
+
+def weighing(params: MassParams, state: MassVector) -> Weighing:
+    """The mass filter with some parameters, and its state at the start."""
+    return Weighing(params, state, _turned(), _mass_seen(state.window, state.velocities), heard())
+
+
+def _mass_seen(window: Array, velocities: Array) -> MassSeen:
+    three, square, last = np.zeros(3), np.zeros((3, 3)), (0.0, 0.0, window, velocities)
+    return MassSeen(three, square, square, square, 0.0, three, square, three, False, False, *last)
+
+
+def _size(bundle: tuple[Any, ...]) -> int:
+    """How many numbers a bundle has."""
+    return sum(np.size(field) for field in bundle)
+
+
+# besides readings and the window
+_ROTATION_SEEN, _MASS_SEEN = _size(_rotation_seen(np.empty(0))), _size(_mass_seen(np.empty(0), np.empty(0)))
+
+
+@kernel
+def evidence(vector: Array, velocities: Array, turned: Array, told: Array, force: Array, held: Any) -> Array:
+    """What the detector sees, packed as `filter.JOINT`, then `MassSeen`.
+
+    Args:
+        vector: state, packed as `thesis.MASS_STATE`.
+        velocities: readings of the accelerometers, shape (s, 3), of which the first that is there counts.
+        turned: what the rotation filter says, packed as `Turned`.
+        told, force: as in `turning`.
+        held: holder of `Weighing`.
+
+    Raises:
+        NotPositiveDefiniteError: when a covariance loses definiteness.
+    """
+    given = held.value
+    before, said = taken(vector, given.state), taken(turned, given.turned)
+    acted, known = taken(told, given.heard.acted), taken(force, given.heard.known)
+    state = MassState(before.mass_reciprocal, before.variance, before.window, None)
+    turning = Turning(
+        said.innovation,
+        said.innovation_covariance,
+        said.increment,
+        said.rate,
+        said.rate_variance,
+        said.estimate,
+        said.covariance,
+        said.cross_covariance,
+        None,
+        None,
+    )
+    interval = MassInterval(acted.linear_impulse, known.translation_spread, None)
+    both, rotation = (before.velocities, velocities), thesis.rotation_of(turning)
+    sample, innovation = mass_filter.measure_one(state, both, interval, rotation, given.params)
+    row = np.empty(_EVIDENCE + _MASS_SEEN + before.window.size + before.velocities.size)
+    if acted.usable:
+        fill(row, thesis.joint_of(turning, sample, innovation, state))
+    else:
+        fill(row, not_measured())
+    seen = MassSeen(
+        innovation.innovation,
+        innovation.covariance,
+        innovation.information,
+        innovation.noise,
+        innovation.nis,
+        sample.measured,
+        sample.noise,
+        acted.linear_impulse,
+        acted.usable,
+        acted.firing,
+        state.mass_reciprocal,
+        state.variance,
+        state.window,
+        velocities,
+    )
+    fill(row[_EVIDENCE:], seen)
+    return row
+
+
+@kernel
+def weighed(measured: Array, adaptation: Array, held: Any) -> Array:
+    """The mass filter's report, packed as `MASS_REPORT`, and its state, after a cycle.
+
+    Args:
+        measured: what `evidence` gave.
+        adaptation: packed as `adaptation.LAYOUT`.
+        held: holder of `Weighing`.
+    """
+    given = held.value
+    seen, todo = taken(measured[_EVIDENCE:], given.seen), taken(adaptation, given.heard.adaptation)
+    sample = MassSample(seen.measured, seen.noise, seen.linear_impulse, None)
+    innovation = MassInnovation(seen.innovation, seen.covariance, seen.information, seen.spread, None, seen.nis)
+    state = MassState(seen.mass_reciprocal, seen.variance, seen.window, None)
+    cycle = mass_filter.finish_one(state, (sample, innovation), (seen.usable, seen.firing), todo, given.params)
+    after, row = cycle.state, np.empty(_MASS_REPORT + 2 + seen.velocities.size + seen.window.size)
+    fill(row, thesis.report_of_mass(innovation, cycle))
+    fill(row[_MASS_REPORT:], (after.mass_reciprocal, after.variance, seen.velocities, after.window))
+    return row
+
+
+# ---------------------------------------------------------------------------------------- detector
+
+
+class Judging(NamedTuple):
+    """The detector.
+
+    Attributes:
+        params: see `CglrParams`.
+        state: at the start.
+        joint, acted: of vectors that it gets, each one that is like it.
+    """
+
+    params: CglrParams
+    state: DetectorState
+    joint: Joint
+    acted: Acted
+
+
+def judging(params: CglrParams) -> Judging:
+    """The detector with some parameters."""
+    return Judging(params, cglr.DETECTOR.initial(params), NOT_MEASURED, heard().acted)
+
+
+@kernel
+def known_force(vector: Array, predicted: Array, command: Array, held: Any) -> Array:
+    """What known forces do, packed as `detector.KNOWN_FORCE`, where there are any.
+
+    Args:
+        vector: state, packed as `cglr.LAYOUT`.
+        predicted: the ten parameters, shape (10,).
+        command: see `known_forces.known_force`.
+        held: holder of `Judging`.
+    """
+    given = held.value
+    row = np.empty(_KNOWN)
+    fill(row, acting_force(taken(vector, given.state), predicted, command, given.params))
+    return row
+
+
+@kernel
+def judged(vector: Array, time_s: float, command: Array, told: Array, seen: Array, held: Any) -> Array:
+    """What the detector makes of a sample.
+
+    Args:
+        vector: state, packed as `cglr.LAYOUT`.
+        time_s, command: see `detector.Evidence`.
+        told: impulses, packed as `impulses.LAYOUT`.
+        seen: by the filters, packed as `filter.JOINT`.
+        held: holder of `Judging`.
+
+    Returns:
+        One after the other: adaptation, packed as its layout; whether a failure was declared; wrench of known forces
+        (6); the state; the fields of `STATUS`; likelihood, magnitude, and known force before the sample and its
+        variance, of each jet.
+
+    Raises:
+        NotPositiveDefiniteError: when a covariance loses definiteness.
+    """
+    given = held.value
+    state, acted, joint = taken(vector, given.state), taken(told, given.acted), taken(seen, given.joint)
+    evidence = Evidence(
+        time_s,
+        command,
+        acted.usable,
+        acted.firing,
+        joint.innovation,
+        joint.covariance,
+        joint.coupled,
+        joint.estimate,
+        joint.estimate_covariance,
+        joint.cross_covariance,
+    )
+    done = cglr.judged(state, evidence, given.params)
+    after, jets = done.state, command.size
+    row = np.empty(_ADAPTATION + 1 + _WRENCH + vector.size + _STATUS + 4 * jets)
+    fill(row, done.adaptation)
+    begin = _ADAPTATION
+    row[begin] = done.finding.event == _DECLARED
+    fill(row[begin + 1 :], (after.force @ given.params.unit_wrenches,))
+    begin += 1 + _WRENCH
+    fill(row[begin:], after)
+    begin += vector.size
+    fill(row[begin:], cglr.status_values(done))
+    fill(row[begin + _STATUS :], (done.tests.likelihood, done.tests.magnitude, state.force, state.variance))
+    return row

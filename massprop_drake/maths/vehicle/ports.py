@@ -1,0 +1,162 @@
+"""The vehicle's systems as kernels: the vectors of their ports and states in, such vectors out.
+
+Each is called by one system of a diagram, with what does not change in a `kernels.Holder`. They pack and unpack; what
+they do with it stands in the other files here.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from massprop_drake.maths.kernels import fill, kernel
+from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.maths.vehicle import reaction_jets, rigid_body, true_failures
+from massprop_drake.maths.vehicle.reaction_jets import Thrusters
+from massprop_drake.maths.vehicle.rigid_body import N_WRENCH, ORIGIN_VELOCITY, RATE, SPIN_INTEGRAL
+from massprop_drake.maths.vehicle.sensing import (
+    SensorErrors,
+    at_once,
+    held_within,
+    point_velocity,
+    quantized,
+    remembering,
+)
+from massprop_drake.maths.vehicle.true_failures import FailureTable
+
+
+class Sensing(NamedTuple):
+    """A package of sensors.
+
+    Attributes:
+        errors: see `SensorErrors`.
+        gathers: whether it is one of integrating accelerometers; else of rate gyros.
+        position: vehicle frame, ft or m, shape (3,); of no meaning to gyros.
+    """
+
+    errors: SensorErrors
+    gathers: bool
+    position: Array
+
+
+@kernel
+def _signal(body: Array, sensing: Sensing) -> Array:
+    """The true quantity, shape (3,)."""
+    if sensing.gathers:
+        return point_velocity(body[ORIGIN_VELOCITY], body[RATE], body[SPIN_INTEGRAL], sensing.position)
+    return body[RATE]
+
+
+@kernel
+def exact_reading(body: Array, held: Any) -> Array:
+    """The reading, shape (3,), of a package that does no more than quantize, within its range.
+
+    Args:
+        body: see `rigid_body`, shape (23,).
+        held: holder of `Sensing`.
+    """
+    sensing = held.value
+    errors = sensing.errors
+    return held_within(quantized(_signal(body, sensing), errors.quantum, errors.phase), errors.limit)
+
+
+@kernel
+def reading(body: Array, noise: Array, shaking: Array, held: Any) -> Array:
+    """The reading, shape (3,), of a package that remembers nothing.
+
+    Args:
+        body, held: as in `exact_reading`.
+        noise: standard normal, shape (6,).
+        shaking: vibration in the reading, shape (3,), or empty.
+    """
+    sensing = held.value
+    return at_once(_signal(body, sensing), noise, shaking, sensing.errors)
+
+
+@kernel
+def remembered_reading(body: Array, memory: Array, noise: Array, shaking: Array, held: Any) -> Array:
+    """The reading (3), then what is remembered, shape (3 + memory,); other arguments as `reading`.
+
+    Args:
+        memory: see `sensing.sense`.
+    """
+    sensing = held.value
+    row = np.empty(3 + memory.size)
+    row[:3], row[3:] = remembering(_signal(body, sensing), memory, noise, shaking, sensing.errors)
+    return row
+
+
+class Jets(NamedTuple):
+    """The true jets.
+
+    Attributes:
+        thrusters: see `Thrusters`.
+        failures: what they deliver in place of what they are told.
+        period_s: sample period, s.
+    """
+
+    thrusters: Thrusters
+    failures: FailureTable
+    period_s: float
+
+
+@kernel
+def failed_target(command: Array, closed: Array, begins_s: float, strikes: NDArray[np.bool_], held: Any) -> Array:
+    """What each jet's level tends to over a sample where jets fail, shape (n_jets,).
+
+    Args:
+        command: fraction commanded over it, shape (n_jets,).
+        closed: 1 for each jet whose manifold is closed over it, shape (n_jets,); empty: none can be.
+        begins_s: when the sample does, s.
+        strikes: see `true_failures.struck`.
+        held: holder of `Jets`.
+    """
+    jets = held.value
+    level = true_failures.failed(command, begins_s, jets.period_s, strikes, jets.failures)
+    return level * (1.0 - closed) if closed.size else level
+
+
+@kernel
+def thrust(level: Array, coming: Array, held: Any) -> Array:
+    """Mean force of each jet, then the wrench profile row by row; arguments as `reaction_jets.mean_force`.
+
+    Args:
+        level, coming: levels now, and what they tend to, shape (n_jets,) each.
+        held: holder of `Jets`.
+    """
+    thrusters = held.value.thrusters
+    profile = reaction_jets.wrench_profile(level, coming, thrusters)
+    row = np.empty(level.size + profile.size)
+    fill(row, (reaction_jets.mean_force(level, coming, thrusters), profile))
+    return row
+
+
+class Motion(NamedTuple):
+    """A step of the body.
+
+    Attributes:
+        constants_s: time constants of the profile's dying parts, s, shape (n,).
+        duration_s: s.
+    """
+
+    constants_s: Array
+    duration_s: float
+
+
+@kernel
+def stepped(body: Array, profile: Array, constants: Any, held: Any) -> Array:
+    """The body after a step, shape (23,).
+
+    Args:
+        body: before it.
+        profile: of the wrench, row by row.
+        constants: holder of `rigid_body.Body`.
+        held: holder of `Motion`.
+
+    Raises:
+        OutOfMassError, SpunUpError: see `rigid_body.step`.
+    """
+    motion, rows = held.value, profile.reshape((-1, N_WRENCH))
+    return rigid_body.step(body, rows[0], rows[1:], motion.constants_s, motion.duration_s, constants.value)

@@ -1,0 +1,109 @@
+"""The kernels of the estimators' systems give the bits of a cycle: packed, and one after the other."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from massprop_drake import Run, Scenario, load_scenario, simulate
+from massprop_drake.inputs import params
+from massprop_drake.maths.estimation import cycle, ports
+from massprop_drake.maths.estimation.adaptation import NO_ADAPTATION, packed
+from massprop_drake.maths.estimation.cycle import EstimationParams, Sample
+from massprop_drake.maths.estimation.detector import KNOWN_FORCE, NO_KNOWN_FORCE, known_force_of
+from massprop_drake.maths.estimation.filters import thesis
+from massprop_drake.maths.estimation.impulses import LAYOUT as IMPULSES
+from massprop_drake.maths.kernels import Holder, fill, taken
+from massprop_drake.systems.layouts import MASS_REPORT, ROTATION_REPORT
+
+Array = NDArray[np.float64]
+FAILING = (
+    "duration_s=20",
+    "estimation.start=nominal",
+    "estimation.std_fraction=0.05",
+    "failures=[{kind: stuck_on, jet: R4R, start_s: 12}]",
+)
+
+
+@pytest.fixture(scope="module", params=[(), ("detector={kind: off}",)], ids=["with the detector", "without"])
+def flown(request: pytest.FixtureRequest) -> tuple[Scenario, Run]:
+    scenario = load_scenario("stuck_on_29", [*FAILING, *request.param, "execution.engine=loop"])
+    return scenario, simulate(scenario)
+
+
+def samples(scenario: Scenario, run: Run) -> list[Sample]:
+    """What the estimators got."""
+    accelerometers = [package.name for package in params.accelerometers(scenario)]
+    before = np.vstack([np.zeros(run["command"].shape[1]), run["command"][:-1]])
+    return [
+        Sample(time_s, run["gyro"][row : row + 1], np.array([run[name][row] for name in accelerometers]), before[row])
+        for row, time_s in enumerate(run.time_s.tolist())
+    ]
+
+
+class Systems:
+    """The kernels, called as the systems of a diagram call them."""
+
+    def __init__(self, made: EstimationParams):
+        groups = cycle.saved(cycle.initial_state(made), made)
+        rotation, mass = made.filter_params.rotation, made.filter_params.mass
+        turned = thesis.rotation_layout(rotation, 0).read(groups["rotation_estimator"])[:-1]
+        moved = thesis.mass_layout(mass, 0).read(groups["mass_estimator"])[:-1]
+        self.groups, self._made = groups, made
+        self._lagging = Holder(ports.Lagging(made.impulse_per_level, made.lag, made.period_s))
+        self._rotating = Holder(ports.rotating(rotation, ports.RotationVector(*turned)))
+        self._weighing = Holder(ports.weighing(mass, ports.MassVector(*moved)))
+        self._judging = None if made.detector is None else Holder(ports.judging(made.detector_params))
+
+    def step(self, sample: Sample) -> Array:
+        """One cycle; the reports of both filters."""
+        groups, command = self.groups, sample.command
+        row = ports.impulses(groups["impulse_model"], command, np.zeros(6), self._lagging)
+        told, force = row[: IMPULSES.size].copy(), KNOWN_FORCE.pack(NO_KNOWN_FORCE)
+        if self._judging is not None:
+            detector = groups["failure_detector"]
+            state = taken(detector, self._judging.value.state)
+            if state.variance.any():
+                predicted = np.append(groups["rotation_estimator"][:9], groups["mass_estimator"][0])
+                force = ports.known_force(detector, predicted, command, self._judging)
+        if known_force_of(force).acts:
+            told[:6] += force[:6] * self._made.period_s
+        turned = ports.turning(groups["rotation_estimator"], sample.rates, told, force, self._rotating)
+        said = turned[: thesis.TURNING.sized(jets=0).size]
+        moved = ports.evidence(groups["mass_estimator"], sample.velocities, said, told, force, self._weighing)
+        asked = packed(NO_ADAPTATION)
+        if self._judging is not None:
+            judged = ports.judged(detector, sample.time_s, command, told, moved[:213], self._judging)
+            asked, groups["failure_detector"] = judged[:26], judged[33 : 33 + detector.size]
+        rotation, mass = ports.rotated(turned, asked, self._rotating), ports.weighed(moved, asked, self._weighing)
+        groups["impulse_model"] = np.append(command, row[IMPULSES.size + command.size :])
+        groups["rotation_estimator"] = rotation[ROTATION_REPORT.size :]
+        groups["mass_estimator"] = mass[MASS_REPORT.size :]
+        return np.append(rotation[: ROTATION_REPORT.size], mass[: MASS_REPORT.size])
+
+
+def test_systems_one_after_the_other_are_a_cycle_bit_by_bit(flown: tuple[Scenario, Run]) -> None:
+    scenario, run = flown
+    made = params.estimation_params(scenario)
+    dut, state = Systems(made), cycle.initial_state(made)
+    for sample in samples(scenario, run):
+        step = cycle.step(state, sample, made)
+        report, filtered = dut.step(sample), step.filtered
+        assert filtered.mass is not None
+        expected = np.append(ROTATION_REPORT.pack(filtered.rotation), MASS_REPORT.pack(filtered.mass))
+        np.testing.assert_array_equal(report, expected)
+        state = step.state
+        for name, vector in cycle.saved(state, made).items():
+            np.testing.assert_array_equal(dut.groups[name], vector, err_msg=f"{name} at {sample.time_s}")
+    assert made.detector is None or state.detector.variance.any()
+
+
+def test_what_is_filled_in_is_taken_out_again() -> None:
+    acted = ports.Acted(np.arange(3.0), np.arange(3.0, 6.0), usable=True, firing=False)
+    row = np.full(9, np.nan)
+    fill(row, acted)
+    again = taken(row, ports.Acted(np.zeros(3), np.zeros(3), usable=False, firing=True))
+    assert type(again) is ports.Acted
+    assert (again.usable, again.firing) == (True, False)
+    np.testing.assert_array_equal(again.linear_impulse, [3.0, 4.0, 5.0])
