@@ -237,7 +237,7 @@ class Whole:
         self._params, self._compiled = made, compiled
         self._advance = chosen(whole.advance, compiled)
         self._holder, self._held = held(state, compiled), held(whole.params_of(made), compiled)
-        self._next = 0  # row
+        self._next, self._reached = 0, np.zeros(2, dtype=np.int_)  # rows
         self._has_detector = made.detector is not None
         self._rows: Rows | None = None
 
@@ -257,7 +257,8 @@ class Whole:
 
     def advance(self, until: int) -> None:
         """Goes on to a row, which is not taken any more."""
-        reached = np.array((self._next, until))
+        reached = self._reached
+        reached[0], reached[1] = self._next, until
         began = time.perf_counter()
         try:
             self._advance(self._holder, self._block, reached, self._held)

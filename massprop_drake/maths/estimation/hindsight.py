@@ -324,13 +324,19 @@ def _interpolated(readings: Array) -> Array:
     return rate
 
 
-def _coupling(inverse: Array, rate: Array, bow_moment: Array, durations_s: Array) -> Array:
-    """Dynamic coupling over each interval, see `joint.prediction`, shape (m - 1, 3)."""
+class _Turned(NamedTuple):
+    """Dynamic coupling of the rates alone over each interval, see `joint.prediction`, shape (m - 1, 3) each."""
+
+    change: Array  # over its length, by the inverse inertia
+    rate: Array  # on average
+    momentum: Array
+
+
+def _turned(inverse: Array, rate: Array) -> _Turned:
     momentum = rate @ np.linalg.inv(inverse)
     start, end, at_start, at_end = rate[:-1], rate[1:], momentum[:-1], momentum[1:]
     turn = (crosses(start, 2.0 * at_start + at_end) + crosses(end, at_start + 2.0 * at_end)) / 6.0
-    bent = crosses(0.5 * (start + end), bow_moment) + crosses(bow_moment @ inverse, 0.5 * (at_start + at_end))
-    return -durations_s[:, None] * ((turn + bent) @ inverse)
+    return _Turned(turn, 0.5 * (start + end), 0.5 * (at_start + at_end))
 
 
 class _Sums(NamedTuple):
@@ -343,15 +349,30 @@ class _Sums(NamedTuple):
     durations_s: Array
 
 
-def _gathered(properties: Array, bias: Array, sums: _Sums) -> Array:
+class _Moments(NamedTuple):
+    """The same about a center of mass, shape (m - 1, 3), of what is late (m, 3)."""
+
+    angular: Array
+    bow: Array
+    late: Array | None  # where nothing is
+
+
+def _moments(center: Array, sums: _Sums) -> _Moments:
+    def about(wrenches: Array) -> Array:
+        moment: Array = wrenches[:, :3] + crosses(wrenches[:, 3:], center)
+        return moment
+
+    return _Moments(about(sums.impulse), about(sums.bow), about(sums.late) if sums.late.any() else None)
+
+
+def _gathered(inverse: Array, moments: _Moments, turned: _Turned, durations_s: Array) -> Array:
     """The rate that has been gained since the beginning, shape (m, 3)."""
-    inverse, center = properties[ELEMENT], properties[_CENTER]
-    change = (sums.impulse[:, :3] + crosses(sums.impulse[:, 3:], center)) @ inverse
-    bow_moment = sums.bow[:, :3] + crosses(sums.bow[:, 3:], center)
-    gained = np.zeros_like(sums.rate)
-    np.cumsum(change + _coupling(inverse, sums.rate - bias, bow_moment, sums.durations_s), axis=0, out=gained[1:])
-    if sums.late.any():
-        gained += (sums.late[:, :3] + crosses(sums.late[:, 3:], center)) @ inverse
+    bent = crosses(turned.rate, moments.bow) + crosses(moments.bow @ inverse, turned.momentum)
+    coupling = -durations_s[:, None] * ((turned.change + bent) @ inverse)
+    gained = np.zeros((durations_s.size + 1, 3))
+    np.cumsum(moments.angular @ inverse + coupling, axis=0, out=gained[1:])
+    if moments.late is not None:
+        gained += moments.late @ inverse
     return gained
 
 
@@ -375,6 +396,8 @@ class _Expected(NamedTuple):
     course: _Course
     sums: _Sums
     lightness: Array  # of each interval, (m - 1, 1)
+    moments: _Moments
+    turned: _Turned
     rate: Array  # since the beginning, (m, 3)
     velocity: Array
 
@@ -393,7 +416,10 @@ def _expected(stretch: Stretch, at: Array, course: _Course, model: Model) -> _Ex
     velocity = np.zeros_like(rate)
     np.cumsum(impulse[:, 3:] * lightness, axis=0, out=velocity[1:])
     velocity += late[:, 3:] / mass[:, None]
-    return _Expected(course, sums, lightness, _gathered(at[:_N], at[places.gyro_bias], sums), velocity)
+    inverse, moments = at[:6][ELEMENT], _moments(at[_CENTER], sums)
+    turned = _turned(inverse, rate - at[places.gyro_bias])
+    gained = _gathered(inverse, moments, turned, sums.durations_s)
+    return _Expected(course, sums, lightness, moments, turned, gained, velocity)
 
 
 class _Design(NamedTuple):
@@ -415,10 +441,8 @@ def _design(expected: _Expected, at: Array, model: Model) -> _Design:
     place[kept] = np.arange(kept.shape[0])
     rate, velocity = np.zeros((2, kept.shape[0], m, 3))
     for element in (*range(_MASS), *range(places.gyro_bias.start, places.gyro_bias.stop)):
-        moved = at.copy()
         step = _STEP * model.sigma[element] if element < _N else _SMALL_RATE
-        moved[element] += step
-        rate[place[element]] = (_gathered(moved[:_N], moved[places.gyro_bias], sums) - expected.rate) / step
+        rate[place[element]] = (_moved(element, step, expected, at, places) - expected.rate) / step
     np.cumsum(sums.impulse[:, 3:] * (expected.lightness / at[_MASS]) ** 2, axis=0, out=velocity[_MASS, 1:])
     inverse, forces = at[:6][ELEMENT], model.wrenches[:, 3:]
     moments = (model.wrenches[:, :3] + crosses(forces, at[_CENTER])) @ inverse
@@ -436,6 +460,18 @@ def _design(expected: _Expected, at: Array, model: Model) -> _Design:
         np.cumsum(np.broadcast_to(turned, (m - 1, 3)), axis=0, out=rate[place[places.torque.start + axis], 1:])
         np.cumsum(-middle[:, axis, None] * turned, axis=0, out=rate[place[places.drag.start + axis], 1:])
     return _Design(kept, place, rate, velocity)
+
+
+def _moved(element: int, step: float, expected: _Expected, at: Array, places: Columns) -> Array:
+    """The rate that would have been gained with one of the unknowns that it is not linear in another, shape (m, 3)."""
+    moved, sums, moments, turned = at.copy(), expected.sums, expected.moments, expected.turned
+    moved[element] += step
+    inverse = moved[:6][ELEMENT]
+    if _CENTER.start <= element < _CENTER.stop:
+        moments = _moments(moved[_CENTER], sums)
+    else:
+        turned = _turned(inverse, sums.rate - moved[places.gyro_bias])
+    return _gathered(inverse, moments, turned, sums.durations_s)
 
 
 class _Component(NamedTuple):
