@@ -182,7 +182,7 @@ class Watched(Stepped):
         began = time.perf_counter()
         reached = self._watch.advance(self._next, until)
         if reached > self._next:
-            self._done, self.asked.declared[0] = None, 0.0
+            self._done, self.asked.declared[:] = None, 0.0
         if not self._watch.on:
             self._state = self._watch.state()
         self._next = reached
@@ -258,7 +258,7 @@ class Whole:
     def advance(self, until: int) -> None:
         """Goes on to a row, which is not taken any more."""
         reached = self._reached
-        reached[0], reached[1] = self._next, until
+        reached[:] = self._next, until
         began = time.perf_counter()
         try:
             self._advance(self._holder, self._block, reached, self._held)
