@@ -298,7 +298,7 @@ def write_page(
     axes.invert_yaxis()
     axes.set_xlabel(f"times as fast as {against}; red: the target; black: spread")
     figure.tight_layout()
-    (folder / "images").mkdir(exist_ok=True)
+    (folder / "images").mkdir(parents=True, exist_ok=True)
     figure.savefig(folder / "images" / "speed.svg")
     if grown:
         figure, panels = plt.subplots(1, len(grown), figsize=(3.4 * len(grown), 3), sharey=True)

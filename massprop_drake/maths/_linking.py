@@ -12,6 +12,7 @@ from functools import partial
 from typing import Any
 
 from numba.core.codegen import JITCodeLibrary
+from numba.core.codegen import ll as llvm
 from numba.core.event import Listener, register
 from numba.core.registry import cpu_target
 
@@ -81,9 +82,17 @@ class _Uncollected(Listener):
             gc.enable()
 
 
+def _unheard() -> None:
+    """Ends the events of LLVM's lock, two at each call of LLVM, which nobody listens to."""
+    ffi = llvm.ffi
+    for callbacks in list(getattr(getattr(ffi.lib, "_lock", None), "_cblist", ())):
+        ffi.unregister_lock_callback(*callbacks)
+
+
 def wait() -> None:
     """Has machine code of what this process compiles from now on wait; where numba is another, it is made as ever."""
     register("numba:compile", _Uncollected())
+    _unheard()
     codegen = cpu_target.target_context.codegen()
     there = (JITCodeLibrary, ("_optimize_final_module", "_finalize_final_module", "_ensure_finalized"))
     of_codegen = (codegen, ("_library_class", "_engine", "set_env"))

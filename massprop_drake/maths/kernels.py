@@ -182,7 +182,7 @@ def _gathered() -> None:
     from massprop_drake.maths.autopilot import phase_space  # noqa: F401, PLC0415
     from massprop_drake.maths.autopilot import ports as of_autopilot  # noqa: F401, PLC0415
     from massprop_drake.maths.estimation import ports as of_estimation  # noqa: F401, PLC0415
-    from massprop_drake.maths.estimation import whole  # noqa: F401, PLC0415
+    from massprop_drake.maths.estimation import whole, whole_joint  # noqa: F401, PLC0415
     from massprop_drake.maths.vehicle import ports as of_vehicle  # noqa: F401, PLC0415
     from massprop_drake.maths.vehicle import reaction_jets, rigid_body, sensing, thrust  # noqa: F401, PLC0415
 
@@ -208,7 +208,7 @@ def compiler() -> Compiler:
     home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     folder = home / "massprop_drake" / _digest()
     setattr(numba.config, "CACHE_DIR", str(folder))  # noqa: B010 (made at run time)
-    from massprop_drake.maths import _bundles, _linking  # noqa: F401, PLC0415 (load numba)
+    from massprop_drake.maths import _bundles, _lapack, _linking  # noqa: F401, PLC0415 (load numba)
 
     _linking.wait()
     _teach(extending)
@@ -222,7 +222,10 @@ def compiler() -> Compiler:
 def _digest() -> str:
     """Of the sources of all kernels, and of what compiles them."""
     functions = {*_KERNELS, *(function for function, _ in _IDIOMS)}
-    own = {__file__, *(str(Path(__file__).with_name(f"_{name}.py")) for name in ("bundles", "holding", "linking"))}
+    own = {
+        __file__,
+        *(str(Path(__file__).with_name(f"_{name}.py")) for name in ("bundles", "holding", "lapack", "linking")),
+    }
     files = sorted({inspect.getfile(function) for function in functions} | own)
     content = hashlib.sha256()
     for file in files:

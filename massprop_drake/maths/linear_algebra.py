@@ -250,6 +250,11 @@ def triangular_roots(stack: Array) -> Array:
     return np.asarray(np.linalg.cholesky(stack), dtype=np.float64)
 
 
+def lower_factor(columns: Array) -> Array:
+    """L of L Q, a lower triangular and an orthogonal factor, by reflections; shape (n, min(n, k)) of one of (n, k)."""
+    return np.ascontiguousarray(np.asarray(np.linalg.qr(columns.T, mode="r")).T)
+
+
 def inverse(matrix: Array) -> Array:
     """The inverse of any square matrix; where time does not matter."""
     return np.asarray(np.linalg.inv(matrix), dtype=np.float64)

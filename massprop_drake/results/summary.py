@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from importlib import metadata
 from typing import Annotated, Any, Literal, NamedTuple
@@ -20,7 +20,7 @@ from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.maths import mass_properties, possible_inertia
 from massprop_drake.maths.mass_properties import CENTER_OF_MASS, MASS_RECIPROCAL, N_ROTATION, Derived, six_elements
 from massprop_drake.results.against import Against
-from massprop_drake.results.consistency import COMPONENTS, Consistency, Tally, judged, used_nis
+from massprop_drake.results.consistency import COMPONENTS, Consistency, Diagnosis, Tally, judged, used_nis
 from massprop_drake.results.detections import DetectionRecord
 from massprop_drake.results.events import EventRecord
 from massprop_drake.results.hindsight import looked_back
@@ -394,7 +394,7 @@ def summarize(
     timing: Timing,
     control_authority: Mapping[str, Mapping[str, float]] | None,
 ) -> Summary:
-    """Sums up a simulated run.
+    """Sums up a simulated run, but for what `looked_back_on` adds.
 
     Args:
         scenario: as run.
@@ -406,9 +406,6 @@ def summarize(
     """
     vehicle = scenario.vehicle_data
     estimate, deviation, truth = (signals.last(name) for name in ("estimate", "standard_deviation", "truth"))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        ratios = (estimate - truth) / deviation
-    back = looked_back(scenario, signals, estimate, found.detections)
     return composed(
         scenario,
         duration_s=float(signals.last("time_s")),
@@ -417,8 +414,8 @@ def summarize(
         covariance=covariance,
         truth=truth,
         found=found,
-        consistency=judged(_tallied(signals, "rotation"), _tallied(signals, "mass"), ratios, SYMBOLS, back.diagnoses),
-        bound=back.bound,
+        consistency=_judged(signals, estimate, deviation, truth),
+        bound=None,
         autopilot=AutopilotSummary(
             firings=_firings(signals),
             propellant_mass=_propellant(scenario, signals),
@@ -431,6 +428,27 @@ def summarize(
     )
 
 
+def looked_back_on(results: Summary, scenario: Scenario, signals: Spool) -> Summary:
+    """What is known of a simulated run in hindsight besides: diagnoses in its verdict, and what it has identified.
+
+    Args:
+        results: see `summarize`.
+        scenario, signals: of the run.
+    """
+    estimate, covariance = results.estimates, results.covariance
+    back = looked_back(scenario, signals, estimate, results.detections)
+    verdict = _judged(signals, estimate, results.standard_deviations, results.truth, back.diagnoses)
+    return replace(results, consistency=verdict, identifiability=identified(scenario, estimate, covariance, back.bound))
+
+
+def _judged(
+    signals: Spool, estimate: Array, deviation: Array, truth: Array, diagnoses: Sequence[Diagnosis] = ()
+) -> Consistency:
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratios = (estimate - truth) / deviation
+    return judged(_tallied(signals, "rotation"), _tallied(signals, "mass"), ratios, SYMBOLS, diagnoses)
+
+
 def composed(
     scenario: Scenario,
     *,
@@ -441,7 +459,7 @@ def composed(
     truth: Array,
     found: Findings,
     consistency: Consistency,
-    bound: Array,
+    bound: Array | None,
     autopilot: AutopilotSummary,
     timing: Timing,
     telemetry: str | None = None,
@@ -458,7 +476,8 @@ def composed(
         covariance: at the end, shape (10, 10).
         truth: at the end, NaN where unknown, shape (10,).
         found: what the detector made of it.
-        bound: least 1-sigma that the run allows, NaN where not known, shape (10,).
+        bound: least 1-sigma that the run allows, NaN where not known, shape (10,); None: what is identified will
+            be said later.
         consistency, autopilot, timing: taken as they are.
         telemetry, telemetry_sha256, data_quality: of a record, its name, its digest and what it is worth.
         injected: of a simulated run, what became of its failures and jumps.
@@ -495,7 +514,7 @@ def composed(
         timing=timing,
         data_quality=data_quality,
         injected=injected,
-        identifiability=identified(scenario, estimate, covariance, bound),
+        identifiability=() if bound is None else identified(scenario, estimate, covariance, bound),
         events=found.events,
         unconfirmed=found.unconfirmed,
         untested=found.untested,

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from massprop_drake.inputs.scenario import Scenario
-from massprop_drake.maths.estimation import cycle, whole
+from massprop_drake.maths.estimation import cycle, whole, whole_joint
 from massprop_drake.maths.estimation.cycle import EstimationParams, EstimationState, EstimationStep, Sample
 from massprop_drake.maths.estimation.detector import Event
 from massprop_drake.maths.estimation.whole import Asked, Rows, Samples
@@ -141,6 +141,87 @@ def _sample(record: RecordRows, row: int) -> Sample:
     return Sample(float(time_s), rates, velocities, command, outside, stamped, coming, tracked)
 
 
+class Watched(Stepped):
+    """Cycles by the kernel of `maths.estimation.whole_joint`, and by `cycle.step` where something happens.
+
+    Args:
+        made: parameters of the cycle.
+        state: to begin with.
+        compiled: whether the kernel is.
+    """
+
+    def __init__(self, made: EstimationParams, state: EstimationState, *, compiled: bool):
+        super().__init__(made, state)
+        self._watch = whole_joint.Watch(made, compiled=compiled)
+        self._watch.take_up(state)
+
+    def state(self) -> EstimationState:
+        """What the next cycle begins with."""
+        return self._watch.state() if self._watch.on else super().state()
+
+    def begin(self, record: RecordRows, log: EstimationLog) -> None:
+        """Takes rows that cycles are to go through, and the log whose rows they fill in."""
+        super().begin(record, log)
+        samples = _writable(record.samples)
+        stamps_s = samples.time_s if record.stamps_s is None else np.require(record.stamps_s, requirements=["C", "W"])
+        rows = whole_joint.Rows(*(log.rows[name] for name in whole_joint.Rows._fields))
+        self._watch.begin(samples, stamps_s, rows)
+
+    def advance(self, until: int) -> None:
+        """Goes on to a row, which is not taken any more."""
+        while self._next < until:
+            if self._watch.on:
+                self._watch_on(until)
+                continue
+            self._one(_sample(self._record, self._next), self._next)
+            self._next += 1
+            self._watch.take_up(self._state)
+
+    def _watch_on(self, until: int) -> None:
+        """Goes on as far as nothing happens."""
+        began = time.perf_counter()
+        reached = self._watch.advance(self._next, until)
+        if reached > self._next:
+            self._done, self.asked.declared[:] = None, 0.0
+        if not self._watch.on:
+            self._state = self._watch.state()
+        self._next = reached
+        self.spent_s["estimators"] += time.perf_counter() - began
+
+    def reported(self) -> tuple[Array, Array]:
+        """Estimate and 1-sigma of the ten parameters that the last cycle published, shape (10,) each."""
+        if self._done is not None:
+            return super().reported()
+        rows, last = self._log.rows, self._next - 1
+        return _reported(
+            ROTATION_REPORT.read(rows["rotation_report"][last]), MASS_REPORT.read(rows["mass_report"][last])
+        )
+
+    def rotation_nis(self) -> float:
+        """NIS of the rotation filter's innovation in the last cycle; NaN where the sample was not used."""
+        if self._done is not None:
+            return super().rotation_nis()
+        report = ROTATION_REPORT.read(self._log.rows["rotation_report"][self._next - 1])
+        return float(report.rotation_nis) if report.rotation_used else math.nan
+
+    def known(self) -> tuple[Array, Array]:
+        """Estimate and covariance of the ten parameters that the last cycle published, shapes (10,) and (10, 10)."""
+        return super().known() if self._done is not None else cycle.known(self.state(), self._params)
+
+
+def _writable(samples: Samples) -> Samples:
+    """Samples as compiled code takes them."""
+    return Samples(*(np.require(part, requirements=["C", "W"]) for part in samples))
+
+
+def _reported(rotation: Any, mass: Any) -> tuple[Array, Array]:
+    """Estimate and 1-sigma of the ten parameters in two reports, shape (10,) each."""
+    return (
+        np.append(rotation.estimate, mass.mass_reciprocal),
+        np.append(rotation.standard_deviation, np.sqrt(mass.variance)),
+    )
+
+
 class Whole:
     """Cycles by the kernel of `maths.estimation.whole`, where it covers them, see `Cycles`.
 
@@ -156,7 +237,7 @@ class Whole:
         self._params, self._compiled = made, compiled
         self._advance = chosen(whole.advance, compiled)
         self._holder, self._held = held(state, compiled), held(whole.params_of(made), compiled)
-        self._next = 0  # row
+        self._next, self._reached = 0, np.zeros(2, dtype=np.int_)  # rows
         self._has_detector = made.detector is not None
         self._rows: Rows | None = None
 
@@ -167,7 +248,7 @@ class Whole:
 
     def begin(self, record: RecordRows, log: EstimationLog) -> None:
         """Takes rows that cycles are to go through, and the log whose rows they fill in."""
-        samples, rows = Samples(*(np.require(part, requirements=["C", "W"]) for part in record.samples)), log.rows
+        samples, rows = _writable(record.samples), log.rows
         self._rows = Rows(
             rows["impulses"], rows["rotation_report"], rows["mass_report"], rows.get("detector_report", _NO_ROWS)
         )
@@ -176,7 +257,8 @@ class Whole:
 
     def advance(self, until: int) -> None:
         """Goes on to a row, which is not taken any more."""
-        reached = np.array((self._next, until))
+        reached = self._reached
+        reached[:] = self._next, until
         began = time.perf_counter()
         try:
             self._advance(self._holder, self._block, reached, self._held)
@@ -202,10 +284,7 @@ class Whole:
     def reported(self) -> tuple[Array, Array]:
         """Estimate and 1-sigma of the ten parameters that the last cycle published, shape (10,) each."""
         rotation, mass, _ = self.reports()
-        return (
-            np.append(rotation.estimate, mass.mass_reciprocal),
-            np.append(rotation.standard_deviation, np.sqrt(mass.variance)),
-        )
+        return _reported(rotation, mass)
 
     def rotation_nis(self) -> float:
         """NIS of the rotation filter's innovation in the last cycle; NaN where the sample was not used."""
@@ -228,4 +307,6 @@ def cycles(scenario: Scenario, made: EstimationParams, state: EstimationState | 
     begin = cycle.initial_state(made) if state is None else state
     if whole.covers(made):
         return Whole(made, begin, compiled=scenario.execution.compiled)
+    if whole_joint.covers(made):
+        return Watched(made, begin, compiled=scenario.execution.compiled)
     return Stepped(made, begin)

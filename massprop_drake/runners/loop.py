@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.maths import flight
-from massprop_drake.maths.autopilot.phase_space import hand_controllers
+from massprop_drake.maths.autopilot.phase_space import hand_controller_rows
 from massprop_drake.maths.estimation import cycle as estimation
 from massprop_drake.maths.estimation.filter import Groups
 from massprop_drake.maths.estimation.whole import Samples
@@ -150,8 +150,7 @@ class Loop:
             given = self._schedule[first : first + _ROWS]
             rows.command[: len(given)] = given
         else:
-            for row, time_s in enumerate(times_s.tolist()):
-                rows.hand_controllers[row] = hand_controllers(self._windows, time_s)
+            rows.hand_controllers[:] = hand_controller_rows(self._windows, times_s)
         ahead = vehicle_cycle.ahead(first, _ROWS, self._true)
         log, tracked = EstimationLog(self._scenario, self._params, _ROWS), np.empty((_ROWS, self._trackers.size))
         self._blocks.append(_Block(rows, tracked, log, shared(FlightBlock(rows, ahead, self._desk), self._compiled)))

@@ -31,7 +31,7 @@ from massprop_drake.maths.vehicle.rigid_body import (
 )
 from massprop_drake.results.run import Run
 from massprop_drake.results.spool import Spool
-from massprop_drake.results.summary import Timing, summarize
+from massprop_drake.results.summary import Timing, looked_back_on, summarize
 from massprop_drake.runners.logs import Intake, estimation_signals, for_json
 from massprop_drake.runners.moment import Moment
 from massprop_drake.signals import is_own
@@ -88,6 +88,7 @@ def simulate(
     progress: Callable[[float], None] | None = None,
     watch: Callable[[Moment], None] | None = None,
     folder: Path | None = None,
+    look_back: bool = True,
 ) -> Run:
     """Simulates a scenario from start to end, of any length in bounded memory.
 
@@ -102,6 +103,8 @@ def simulate(
         progress: called now and then with the simulated time, s.
         watch: called at every sample with what there is to see.
         folder: where a temporary file with the signals of a long run may lie; default the system's place for such.
+        look_back: whether the summary says what hindsight shows, `identifiability` and diagnoses in the verdict; where
+            it does not, `looked_back_on` makes up for it.
 
     Raises:
         InputError: when what its `execution` asks for cannot be had; when the vehicle uses up its mass, or a covariance
@@ -136,6 +139,8 @@ def simulate(
     results = summarize(scenario, signals, intake.found(), covariance, timing, _authority(scenario, signals))
     not_commanded = np.full(len(vehicle.jets), np.nan)  # beyond the end
     state = intake.state(signals.n_rows - 1, for_json(groups), not_commanded)
+    if look_back:
+        results = looked_back_on(results, scenario, signals)
     return Run(scenario, results, None, signals, state)
 
 

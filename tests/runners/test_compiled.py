@@ -116,7 +116,7 @@ FAILING = (  # so that a jet is suspected, declared and reckoned with
     "estimation.std_fraction=0.05",
     "failures=[{kind: stuck_on, jet: R4R, start_s: 12}]",
 )
-CASES = (("sample_maneuver", "duration_s=50"), FAILING, ("orbiter_maneuver", "duration_s=6"))
+CASES = (("sample_maneuver", "duration_s=50"), FAILING, ("orbiter_maneuver", "duration_s=10"))
 # one each of what the kernel from sample to sample does besides
 FLOWN = {
     "sensors that are noisy, late and shaken, thrust that lags, a disturbance": (

@@ -51,11 +51,16 @@ class Window(NamedTuple):
 
 def hand_controllers(windows: tuple[Window, ...], time_s: float) -> Array:
     """Both hand controllers at a time: -1, 0 or 1 per axis, rotation x, y, z, translation x, y, z, shape (6,)."""
-    command = np.zeros(6)
-    for window in windows:
-        if window.start_s <= time_s < window.end_s:
-            command[window.channel] = window.sign
+    command: Array = hand_controller_rows(windows, np.array([time_s]))[0]
     return command
+
+
+def hand_controller_rows(windows: tuple[Window, ...], times_s: Array) -> Array:
+    """`hand_controllers` at several times, shape (n, 6)."""
+    rows = np.zeros((times_s.size, 6))
+    for window in windows:
+        rows[(window.start_s <= times_s) & (times_s < window.end_s), window.channel] = window.sign
+    return rows
 
 
 class PhaseSpaceParams(NamedTuple):

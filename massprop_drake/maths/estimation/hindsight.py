@@ -324,25 +324,28 @@ def _interpolated(readings: Array) -> Array:
     return rate
 
 
-def _bows(properties: Array, rate: Array, sums: _Sums) -> Array:
-    """Angular impulses of the bows of the rate, see `joint.prediction`, shape (3, m - 1, 3)."""
-    bows = sums.bow[..., :3] + crosses(sums.bow[..., 3:], properties[_CENTER])
-    torque = crosses(rate, rate @ np.linalg.inv(properties[ELEMENT]))
-    own = np.diff(torque, axis=0) * (sums.durations_s[:, None] / 12.0)
-    bows[0] += own
-    bows[2] += PARABOLA * own
-    return bows
+class _Turned(NamedTuple):
+    """Dynamic coupling of the rates alone over each interval, see `joint.prediction`, shape (m - 1, 3) each."""
+
+    change: Array  # over its length, by the inverse inertia
+    rate: Array  # on average
+    momentum: Array
+    rate_change: Array
+    momentum_change: Array
+    bow: Array  # mean that coupling itself gives, over the length
 
 
-def _coupling(inverse: Array, rate: Array, bows: Array, durations_s: Array) -> Array:
-    """Dynamic coupling over each interval, see `joint.prediction`, shape (m - 1, 3)."""
+def _turned(inverse: Array, rate: Array) -> _Turned:
     momentum = rate @ np.linalg.inv(inverse)
     start, end, at_start, at_end = rate[:-1], rate[1:], momentum[:-1], momentum[1:]
-    turn = (crosses(start, 2.0 * at_start + at_end) + crosses(end, at_start + 2.0 * at_end)) / 6.0
-    bowed = bows @ inverse
-    bent = crosses(0.5 * (start + end), bows[0]) + crosses(bowed[0], 0.5 * (at_start + at_end))
-    bent += crosses(end - start, bows[1]) + crosses(bowed[1], at_end - at_start) + crosses(bowed[2], bows[2])
-    return -durations_s[:, None] * ((turn + bent) @ inverse)
+    return _Turned(
+        change=(crosses(start, 2.0 * at_start + at_end) + crosses(end, at_start + 2.0 * at_end)) / 6.0,
+        rate=0.5 * (start + end),
+        momentum=0.5 * (at_start + at_end),
+        rate_change=end - start,
+        momentum_change=at_end - at_start,
+        bow=np.diff(crosses(rate, momentum), axis=0) / 12.0,
+    )
 
 
 class _Sums(NamedTuple):
@@ -355,15 +358,39 @@ class _Sums(NamedTuple):
     durations_s: Array
 
 
-def _gathered(properties: Array, bias: Array, sums: _Sums) -> Array:
+class _Moments(NamedTuple):
+    """The same about a center of mass, shape (m - 1, 3), of what is late (m, 3)."""
+
+    angular: Array
+    bows: Array  # (3, m - 1, 3)
+    late: Array | None  # where nothing is
+
+
+def _moments(center: Array, sums: _Sums) -> _Moments:
+    def about(wrenches: Array) -> Array:
+        moment: Array = wrenches[..., :3] + crosses(wrenches[..., 3:], center)
+        return moment
+
+    return _Moments(about(sums.impulse), about(sums.bow), about(sums.late) if sums.late.any() else None)
+
+
+def _bows(moments: _Moments, turned: _Turned, durations_s: Array) -> Array:
+    """Angular impulses of the bows of the rate, see `joint.prediction`, shape (3, m - 1, 3)."""
+    own = turned.bow * durations_s[:, None]
+    return moments.bows + np.stack((own, np.zeros_like(own), PARABOLA * own))
+
+
+def _gathered(inverse: Array, moments: _Moments, turned: _Turned, durations_s: Array) -> Array:
     """The rate that has been gained since the beginning, shape (m, 3)."""
-    inverse, center = properties[ELEMENT], properties[_CENTER]
-    change = (sums.impulse[:, :3] + crosses(sums.impulse[:, 3:], center)) @ inverse
-    gained, rate = np.zeros_like(sums.rate), sums.rate - bias
-    bows = _bows(properties, rate, sums)
-    np.cumsum(change + _coupling(inverse, rate, bows, sums.durations_s), axis=0, out=gained[1:])
-    if sums.late.any():
-        gained += (sums.late[:, :3] + crosses(sums.late[:, 3:], center)) @ inverse
+    bows = _bows(moments, turned, durations_s)
+    bowed = bows @ inverse
+    bent = crosses(turned.rate, bows[0]) + crosses(bowed[0], turned.momentum) + crosses(bowed[2], bows[2])
+    bent += crosses(turned.rate_change, bows[1]) + crosses(bowed[1], turned.momentum_change)
+    coupling = -durations_s[:, None] * ((turned.change + bent) @ inverse)
+    gained = np.zeros((durations_s.size + 1, 3))
+    np.cumsum(moments.angular @ inverse + coupling, axis=0, out=gained[1:])
+    if moments.late is not None:
+        gained += moments.late @ inverse
     return gained
 
 
@@ -389,6 +416,8 @@ class _Expected(NamedTuple):
     course: _Course
     sums: _Sums
     lightness: Array  # of each interval, (m - 1, 1)
+    moments: _Moments
+    turned: _Turned
     rate: Array  # since the beginning, (m, 3)
     velocity: Array
 
@@ -407,7 +436,10 @@ def _expected(stretch: Stretch, at: Array, course: _Course, model: Model) -> _Ex
     velocity = np.zeros_like(rate)
     np.cumsum(impulse[:, 3:] * lightness, axis=0, out=velocity[1:])
     velocity += late[:, 3:] / mass[:, None]
-    return _Expected(course, sums, lightness, _gathered(at[:_N], at[places.gyro_bias], sums), velocity)
+    inverse, moments = at[:6][ELEMENT], _moments(at[_CENTER], sums)
+    turned = _turned(inverse, rate - at[places.gyro_bias])
+    gained = _gathered(inverse, moments, turned, sums.durations_s)
+    return _Expected(course, sums, lightness, moments, turned, gained, velocity)
 
 
 class _Design(NamedTuple):
@@ -429,10 +461,8 @@ def _design(expected: _Expected, at: Array, model: Model) -> _Design:
     place[kept] = np.arange(kept.shape[0])
     rate, velocity = np.zeros((2, kept.shape[0], m, 3))
     for element in (*range(_MASS), *range(places.gyro_bias.start, places.gyro_bias.stop)):
-        moved = at.copy()
         step = _STEP * model.sigma[element] if element < _N else _SMALL_RATE
-        moved[element] += step
-        rate[place[element]] = (_gathered(moved[:_N], moved[places.gyro_bias], sums) - expected.rate) / step
+        rate[place[element]] = (_moved(element, step, expected, at, places) - expected.rate) / step
     np.cumsum(sums.impulse[:, 3:] * (expected.lightness / at[_MASS]) ** 2, axis=0, out=velocity[_MASS, 1:])
     inverse, forces = at[:6][ELEMENT], model.wrenches[:, 3:]
     moments = (model.wrenches[:, :3] + crosses(forces, at[_CENTER])) @ inverse
@@ -452,6 +482,18 @@ def _design(expected: _Expected, at: Array, model: Model) -> _Design:
     return _Design(kept, place, rate, velocity)
 
 
+def _moved(element: int, step: float, expected: _Expected, at: Array, places: Columns) -> Array:
+    """The rate that would have been gained with one of the unknowns that it is not linear in another, shape (m, 3)."""
+    moved, sums, moments, turned = at.copy(), expected.sums, expected.moments, expected.turned
+    moved[element] += step
+    inverse = moved[:6][ELEMENT]
+    if _CENTER.start <= element < _CENTER.stop:
+        moments = _moments(moved[_CENTER], sums)
+    else:
+        turned = _turned(inverse, sums.rate - moved[places.gyro_bias])
+    return _gathered(inverse, moments, turned, sums.durations_s)
+
+
 class _Component(NamedTuple):
     """A component of a sensor where it says something new, in r rows."""
 
@@ -467,7 +509,9 @@ def _components(
     """Yields every component of which there are two rows, gyros first."""
     places, sums = columns(model), expected.sums
     whole = expected.rate + np.mean(sums.rate - expected.rate, axis=0)
-    turn = _turning(whole, _bows(at[:_N], whole, sums) @ at[:6][ELEMENT], sums.durations_s)
+    inverse = at[:6][ELEMENT]
+    bows = _bows(expected.moments, _turned(inverse, whole), sums.durations_s)
+    turn = _turning(whole, bows @ inverse, sums.durations_s)
     ramp = stretch.time_s - stretch.time_s[0]
     for package in range(stretch.readings.shape[1]):
         number = package - model.gyros

@@ -8,6 +8,8 @@ from typing import Any
 
 from massprop_drake.inputs.scenario import Scenario, resolved
 from massprop_drake.results.run import Run
+from massprop_drake.results.spool import Spool
+from massprop_drake.results.summary import looked_back_on
 from massprop_drake.studies.campaign.measure import ended_wrong, measured
 from massprop_drake.studies.campaign.plan import PlannedCase, case_name
 from massprop_drake.studies.campaign.worker import require_shared
@@ -46,12 +48,14 @@ class Flights:
         row["failing"] = ended_wrong(row)
         if request["keep"] or self._setup["keep"] == "all" or (self._setup["keep"] == "failing" and row["failing"]):
             folder = Path(self._setup["folder"]) / "cases" / case_name(case.case_id)
+            if isinstance(run.signals, Spool) and case.record is None:  # a row needs no hindsight; a folder has it
+                run.results = looked_back_on(run.results, run.scenario, run.signals)
             run.save(folder, pictures=False, report=False)
         return row
 
 
 def flown(case: PlannedCase, base: Scenario, campaign: str) -> Run:
-    """One case, simulated or estimated from its record: the run that `massprop run` makes of it."""
+    """One case, simulated or estimated from its record: the run that `massprop run` makes of it, less hindsight."""
     scenario = case.scenario(base, campaign)
     if case.record is not None:
         from massprop_drake.runners.recorded import estimate  # noqa: PLC0415 (the other cases need it not)
@@ -59,4 +63,4 @@ def flown(case: PlannedCase, base: Scenario, campaign: str) -> Run:
         return estimate(case.record, scenario)
     from massprop_drake.runners.simulate import simulate  # noqa: PLC0415 (loads Drake)
 
-    return simulate(scenario)
+    return simulate(scenario, look_back=False)

@@ -14,10 +14,9 @@ from massprop_drake.maths.estimation.filters import joint
 from massprop_drake.maths.estimation.filters.joint import JointFilterParams, JointFilterState
 from massprop_drake.maths.estimation.joint import cycle, start
 from massprop_drake.maths.estimation.joint.cycle import Sample, cycled, gone_over
-from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES, RATE, JointState
+from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES, RATE, JointParams, JointState
 from massprop_drake.maths.estimation.joint.start import BEGUN, LONGEST, OVER, STEPS, Kept
 from massprop_drake.maths.estimation.joint.thrust_scale import reported
-from massprop_drake.maths.kernels import Holder
 
 END_S = 8.0
 
@@ -68,9 +67,9 @@ def test_a_pass_is_spread_over_cycles_and_nothing_has_converged_meanwhile(
 ) -> None:
     made: list[int] = []
 
-    def counting(state: JointState, sample: Sample, about: np.ndarray, holder: Holder) -> object:
+    def counting(state: JointState, sample: Sample, about: np.ndarray, own: JointParams) -> object:
         made[-1] += 1
-        return gone_over(state, sample, about, holder)
+        return gone_over(state, sample, about, own)
 
     monkeypatch.setattr(start, "gone_over", counting)
     under_pass = 0
@@ -97,8 +96,8 @@ def test_a_pass_about_what_is_known_is_the_filters_own_cycle(flown: Run, params:
     velocities = np.stack([flown[name][-1] for name in ("acc1", "acc2", "acc3")])
     command = flown["command"][fired].reshape(1, -1)
     sample = Sample(known.time_s + 0.08, np.array([0.08]), command, np.zeros(6), flown["gyro"][-1:], velocities)
-    expected = cycled(known, sample, np.full_like(own.thresholds, np.inf), Holder(own))
-    after, nis, components = gone_over(known, sample, known.mean, Holder(own))
+    expected = cycled(known, sample, np.full_like(own.thresholds, np.inf), own)
+    after, nis, components = gone_over(known, sample, known.mean, own)
     np.testing.assert_allclose(after.mean, expected.state.mean, rtol=1e-6, atol=1e-12)
     np.testing.assert_allclose(after.root @ after.root.T, expected.state.root @ expected.state.root.T, atol=1e-10)
     assert components == expected.expected.used.sum()
@@ -124,7 +123,7 @@ def test_a_pass_is_linear_in_what_it_estimates(flown: Run) -> None:
 
     def after(share: float) -> np.ndarray:
         mean = (1.0 - share) * state.mean + share * there
-        return gone_over(state._replace(mean=mean), sample, about, Holder(own))[0].mean
+        return gone_over(state._replace(mean=mean), sample, about, own)[0].mean
 
     scale = np.maximum(np.abs(after(1.0) - after(0.0)), 1e-9)
     np.testing.assert_allclose((after(0.3) - 0.7 * after(0.0) - 0.3 * after(1.0)) / scale, 0.0, atol=1e-6)

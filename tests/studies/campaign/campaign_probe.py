@@ -51,7 +51,7 @@ if sys.orig_argv[-1].endswith("studies.campaign.child"):
     from massprop_drake.runners import simulate as module
     bad, slow, right = json.loads(os.environ["PROBE_BAD"]), float(os.environ["PROBE_SLOW_S"]), module.simulate
 
-    def simulate(scenario):
+    def simulate(scenario, **options):
         time.sleep(slow)
         print("words on standard output")
         what = bad.get(str(int(scenario.name.rpartition("_")[2])))
@@ -69,7 +69,7 @@ if sys.orig_argv[-1].endswith("studies.campaign.child"):
             os.abort()
         if what == "raise":
             raise ArithmeticError("no number")
-        return right(scenario)
+        return right(scenario, **options)
 
     module.simulate = simulate
 """

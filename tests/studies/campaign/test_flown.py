@@ -13,6 +13,7 @@ from campaign_probe import BAD, CASES, GOOD, LIMITS, are_gone, outcome, row, stu
 
 from massprop_drake import InputError, load_scenario, simulate
 from massprop_drake.inputs.scenario import Scenario
+from massprop_drake.results.run import Run
 from massprop_drake.studies.campaign import engine, store
 from massprop_drake.studies.campaign.campaign import Campaign
 from massprop_drake.studies.campaign.measure import measured
@@ -112,9 +113,13 @@ def test_cases_flown_alone_keep_their_runs_and_what_failed_gets_another_row(flow
     for case_id in (5, 39):
         kept = here / store.CASES / f"{case_id:04d}"
         assert load_scenario(kept) == scenario_of(here, case_id)
-        again = measured(simulate(load_scenario(kept)), [0.5])
-        stored = row(here, case_id)
+        run = simulate(load_scenario(kept))
+        again, stored = measured(run, [0.5]), row(here, case_id)
         assert {name: stored[name] for name in again} == again
+        summary = Run.load(kept).summary  # with hindsight, which no row needs
+        assert len(summary["identifiability"]) == 10
+        for part in ("identifiability", "consistency", "detections"):
+            assert summary[part] == run.summary[part]
 
 
 def test_a_folder_with_results_is_gone_on_with_only_where_asked(flown: Path, tmp_path: Path) -> None:

@@ -195,6 +195,17 @@ def _nothing_told(n_jets: int) -> Any:
     return _told((), n_jets)
 
 
+def nothing_said(n_jets: int) -> Any:
+    """What this detector logs of a cycle in which nothing happens, as `HYPOTHESIS_REPORT`."""
+    return _own((), Status(), n_jets)
+
+
+def unremarkable(state: State) -> tuple[Any, ...]:
+    """What all detectors log of such a cycle: of `STATUS`, and of each jet."""
+    nothing = np.full(state.force.size, np.nan)
+    return (*_status((), Status(), 0), nothing, nothing, state.force, state.variance)
+
+
 def _told(said: tuple[Declaration, ...], n_jets: int) -> Any:
     """What is logged of what is said."""
     verdict, group, place = (np.zeros(n_jets) for _ in range(3))

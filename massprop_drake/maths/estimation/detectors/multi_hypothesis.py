@@ -46,6 +46,7 @@ from massprop_drake.maths.estimation.joint.payload import UNKNOWN, Payload, brou
 from massprop_drake.maths.estimation.joint.race import History, Race, Record
 from massprop_drake.maths.estimation.joint.screen import Contender
 from massprop_drake.maths.estimation.joint.sensitivity import Link, Traces, linked, traces
+from massprop_drake.maths.kernels import kernel
 from massprop_drake.maths.linear_algebra import Array
 
 _BEFORE_SETTLED = 8.0  # times the trigger: a start's own errors raise it by chance
@@ -327,10 +328,9 @@ def _raced(
     likelihood = float(found.likelihood.max()) if found is not None else 0.0
     total = float(found.total.max()) if found is not None else 0.0
     index = -1
-    if found is not None:
-        factor = 1.0 if settled(after, joint) else _BEFORE_SETTLED
-        if likelihood > params.trigger_jet * factor or total > params.trigger * factor:
-            index = banks.onset_of(found.total, _ONSET_SHARE)
+    triggers = (params.trigger_jet, params.trigger)
+    if found is not None and alarming(likelihood, total, settled(after, joint), triggers):
+        index = banks.onset_of(found.total, _ONSET_SHARE)
     race, decision = state.race, Decision(Outcome.OPEN)
     standing: list[races.Standing] = []
     if race is None and index >= 0:
@@ -357,6 +357,19 @@ def _raced(
     oldest = int(bank.cycles[0]) if race is None else min(int(bank.cycles[0]), race.screen.began)
     history = History(state.cycle, history.records[-(state.cycle - oldest + 1) :])
     return state._replace(bank=bank, history=history, race=race), decision, standing, status
+
+
+@kernel
+def alarming(likelihood: float, total: float, is_settled: bool, triggers: tuple[float, float]) -> bool:
+    """Whether a race begins.
+
+    Args:
+        likelihood, total: largest l and T.
+        is_settled: whether the start is over.
+        triggers: `HypothesisParams.trigger_jet` and `trigger`.
+    """
+    factor = 1.0 if is_settled else _BEFORE_SETTLED
+    return likelihood > triggers[0] * factor or total > triggers[1] * factor
 
 
 def _leads(standing: list[races.Standing]) -> tuple[tuple[int, float], ...]:

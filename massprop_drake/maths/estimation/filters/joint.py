@@ -45,6 +45,7 @@ from massprop_drake.maths.estimation.joint.layout import (
 from massprop_drake.maths.estimation.joint.start import Kept, Start
 from massprop_drake.maths.estimation.joint.thrust_scale import reported
 from massprop_drake.maths.estimation.joint.ticks import CLOCK, Clock
+from massprop_drake.maths.kernels import kernel
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import MASS_RECIPROCAL, N_ROTATION
 
@@ -156,7 +157,11 @@ def make_params(setup: Setup, options: Any) -> JointFilterParams:
         settled_after=float(block.settled_after),
         second_order=True,
     )
-    return JointFilterParams(cycle.with_compiled(joint) if options.execution.compiled else joint, setup.period_s)
+    if options.execution.compiled:
+        from massprop_drake.maths.estimation.whole_joint import with_compiled  # noqa: PLC0415 (which knows this filter)
+
+        joint = with_compiled(joint)
+    return JointFilterParams(joint, setup.period_s)
 
 
 def _chosen(one: float | None, each: Array) -> Array:
@@ -299,33 +304,71 @@ def finish(
 def done(measurement: Measurement, params: JointFilterParams) -> FilterStep:
     """The cycle's state, and what logs keep of it."""
     after, report = measurement.state, measurement.evidence.report
-    n_gyros = 3 * params.joint.places.gyros
-    counts = (float(report.used[:n_gyros].sum()), float(report.used[n_gyros:].sum()))
-    rotation = RotationReport(
-        estimate=after.estimate[:N_ROTATION],
-        standard_deviation=_deviation(after)[:N_ROTATION],
-        rotation_innovation=report.innovation[:3],
-        rotation_innovation_std=report.innovation_std[:3],
-        rotation_nis=_per_three(report.gyro_nis, counts[0]),
-        rotation_used=bool(report.used[:n_gyros].any()),
-        rotation_jump=report.incremented,
-        coupling_subtracted=report.coupled,
-    )
+    gyros = 3 * params.joint.places.gyros
+    seen = Seen(*(getattr(report, name) for name in Seen._fields))
+    rotation = rotation_report(after.estimate, after.covariance, seen, gyros)
+    of_gyros, of_accelerometers = components(report.used, gyros)
     own = JOINT_REPORT.make(
-        gyro_components=counts[0], accelerometer_components=counts[1], settled=_settled(after, params)
+        gyro_components=of_gyros, accelerometer_components=of_accelerometers, settled=_settled(after, params)
     )
     if params.joint.places.accelerometers == 0:
         return FilterStep(after, rotation, None, own)
-    mass = MassReport(
-        mass_reciprocal=float(after.estimate[MASS_RECIPROCAL]),
-        variance=float(after.covariance[MASS_RECIPROCAL, MASS_RECIPROCAL]),
-        mass_innovation=report.innovation[n_gyros : n_gyros + 3],
-        mass_innovation_std=report.innovation_std[n_gyros : n_gyros + 3],
-        mass_nis=_per_three(report.accelerometer_nis, counts[1]),
-        mass_used=bool(report.used[n_gyros:].any()),
-        mass_jump=False,
+    return FilterStep(after, rotation, mass_report(after.estimate, after.covariance, seen, gyros), own)
+
+
+class Seen(NamedTuple):
+    """What is logged of a cycle's readings, see `cycle.Report`."""
+
+    innovation: Array
+    innovation_std: Array
+    used: np.ndarray
+    gyro_nis: float
+    accelerometer_nis: float
+    incremented: bool
+    coupled: bool
+
+
+@kernel
+def rotation_report(estimate: Array, covariance: Array, seen: Seen, gyros: int) -> RotationReport:
+    """What logs keep of a cycle's rotation.
+
+    Args:
+        estimate, covariance: see `JointFilterState`.
+        seen: see `Seen`.
+        gyros: number of their components.
+    """
+    used = seen.used[:gyros]
+    return RotationReport(
+        estimate[:N_ROTATION],
+        np.sqrt(np.diag(covariance))[:N_ROTATION],
+        seen.innovation[:3],
+        seen.innovation_std[:3],
+        _per_three(seen.gyro_nis, float(used.sum())),
+        bool(used.any()),
+        seen.incremented,
+        seen.coupled,
     )
-    return FilterStep(after, rotation, mass, own)
+
+
+@kernel
+def mass_report(estimate: Array, covariance: Array, seen: Seen, gyros: int) -> MassReport:
+    """What logs keep of a cycle's translation; arguments as those of `rotation_report`."""
+    used = seen.used[gyros:]
+    return MassReport(
+        float(estimate[MASS_RECIPROCAL]),
+        float(covariance[MASS_RECIPROCAL, MASS_RECIPROCAL]),
+        seen.innovation[gyros : gyros + 3],
+        seen.innovation_std[gyros : gyros + 3],
+        _per_three(seen.accelerometer_nis, float(used.sum())),
+        bool(used.any()),
+        False,
+    )
+
+
+@kernel
+def components(used: np.ndarray, gyros: int) -> tuple[float, float]:
+    """How many components of gyros and of accelerometers count."""
+    return float(used[:gyros].sum()), float(used[gyros:].sum())
 
 
 def replaced(step: FilterStep, joint: JointState, params: JointFilterParams) -> FilterStep:
@@ -342,17 +385,14 @@ def published(step: FilterStep, joint: JointState, params: JointFilterParams) ->
     return telling(step, other.estimate, other.covariance)._replace(known=(other.estimate, other.covariance))
 
 
-def _per_three(nis: float, components: float) -> float:
+@kernel
+def _per_three(nis: float, count: float) -> float:
     """NIS of some components on the scale of three, as other filters have it: of mean three."""
-    return 3.0 * nis / components if components > 0.0 else math.nan
+    return 3.0 * nis / count if count > 0.0 else np.nan
 
 
 def _settled(state: JointFilterState, params: JointFilterParams) -> float:
     return float(settled(state.joint, params.joint))
-
-
-def _deviation(state: JointFilterState) -> Array:
-    return np.sqrt(state.covariance.diagonal())
 
 
 # --------------------------------------------------------------------------------------- kept states

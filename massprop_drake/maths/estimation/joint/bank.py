@@ -16,14 +16,13 @@ linearization (`sensitivity`), and e is the filter's innovation and H D. Mean ov
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from massprop_drake.maths.estimation.joint.layout import RATE, VELOCITY, JointParams, JointState, Places
 from massprop_drake.maths.estimation.joint.sensitivity import Link, Traces, carried, linked
-from massprop_drake.maths.kernels import Holder, compiled, kernel
+from massprop_drake.maths.kernels import kernel
 from massprop_drake.maths.linear_algebra import (
     Array,
     inverses,
@@ -78,6 +77,18 @@ class Since(NamedTuple):
     elapsed_s: Array
     missing: Array
     given: Array
+
+
+class Roots(NamedTuple):
+    """Roots of the covariances at the onsets.
+
+    Attributes:
+        stack: shape (n, size, size).
+        places: of each onset's among them, shape (k,) or more.
+    """
+
+    stack: Any
+    places: Any
 
 
 class Telescoped(NamedTuple):
@@ -215,16 +226,13 @@ def tested(bank: Bank, over: Link, least: float, params: JointParams) -> Telesco
     return found if some else None
 
 
-def _roots(bank: Bank) -> tuple[Array, ...]:
-    """Roots of the covariances at the onsets, always as many: compiled code wants one type."""
-    roots = tuple(state.root for state in bank.states)
-    return roots + roots[-1:] * (ONSETS - len(roots))
+def _roots(bank: Bank) -> Roots:
+    """As they are, without a copy."""
+    return Roots(tuple(state.root for state in bank.states), range(len(bank.states)))
 
 
 @kernel
-def _tested(
-    since: Since, roots: tuple[Array, ...], over: Link, least: float, params: JointParams
-) -> tuple[Telescoped, bool]:
+def _tested(since: Since, roots: Roots, over: Link, least: float, params: JointParams) -> tuple[Telescoped, bool]:
     """The test, and whether there is one."""
     k, jets = since.missing.shape
     total, likelihood, force = np.zeros(k), np.zeros((k, jets)), np.zeros((k, jets))
@@ -288,7 +296,7 @@ def _output_rows(since: Since, index: int, jacobian: Array, on_outputs: Array, p
 @kernel
 def _covariances(
     since: Since,
-    roots: tuple[Array, ...],
+    roots: Roots,
     looked_at: np.ndarray,
     derivatives: tuple[Array, Array],
     params: JointParams,
@@ -305,9 +313,19 @@ def _covariances(
     result = np.empty((looked_at.shape[0], 6, 6))
     for place in range(looked_at.shape[0]):
         index = looked_at[place]
-        half = _output_rows(since, index, jacobian, on_outputs, params) @ roots[index]
+        half = _output_rows(since, index, jacobian, on_outputs, params) @ roots.stack[roots.places[index]]
         result[place] = half @ half.T + on_outputs @ since.noise[index] @ on_outputs.T
     return result
+
+
+class Following(NamedTuple):
+    """What `followed` takes besides the parameters, see there."""
+
+    since: Since
+    roots: Roots
+    seen: Traces
+    cycle: float
+    least: float
 
 
 class Followed(NamedTuple):
@@ -331,7 +349,7 @@ class Followed(NamedTuple):
 
 
 @kernel
-def followed(since: Since, roots: tuple[Array, ...], seen: Traces, cycle: float, least: float, holder: Any) -> Followed:
+def followed(since: Since, roots: Roots, seen: Traces, cycle: float, least: float, params: JointParams) -> Followed:
     """The link of a cycle, the bank over it, and the test before what the filter learns.
 
     Args:
@@ -339,30 +357,14 @@ def followed(since: Since, roots: tuple[Array, ...], seen: Traces, cycle: float,
         seen: see `Traces`.
         cycle: its number.
         least: see `tested`.
-        holder: of the parameters.
+        params: see `JointParams`.
     """
-    params = holder.value
     over = linked(seen, params)
     reached = _advanced(since, over, params.places)
     _, complete = _averaging(over.read, params.places)
     found, some = _tested(reached, roots, over, least, params)
     after, keep = _taken(reached, over.correction, cycle)
     return Followed(over, found, some, complete, after, keep)
-
-
-def follower(params: JointParams, holder: Any) -> Callable[..., Followed]:
-    """`followed`, compiled for some parameters and their holder; now, and not in the midst of a flight."""
-    places = params.places
-    n, jets, m = places.size, places.jets, 3 * (places.gyros + places.accelerometers)
-    square, one = np.eye(n), np.zeros((1, jets))
-    none = Since(np.zeros(1), np.zeros((1, n)), np.zeros((1, 6, n)), np.zeros((1, 6, 6)), np.zeros(1), one, one)
-    rows, readings = np.zeros((3, n)), (np.zeros((places.gyros, 3)), np.zeros((places.accelerometers, 3)))
-    told = (np.zeros((m, n)), np.zeros((m, n)), np.zeros(m), np.zeros(m, dtype=np.bool_))
-    learned = (np.zeros((0, 0)), np.zeros((n, 0)), np.zeros(n))
-    seen = Traces(np.zeros(n), rows, rows, 1.0, np.zeros((6, 6)), 1.0, *told, *learned, np.zeros(jets), *readings)
-    made = compiled(followed)
-    made(none, (square,) * ONSETS, seen, 1.0, 1.0, holder)
-    return made
 
 
 def followed_on(
@@ -378,9 +380,12 @@ def followed_on(
     if not bank.states:
         over = linked(seen, params)
         return over, None, False, taken(bank, over, state, cycle)
-    made = params.compiled
-    follow, holder = (followed, Holder(params)) if made is None else (made.followed, made.params)
-    done = follow(Since(*bank[1:]), _roots(bank), seen, float(cycle), float(least), holder)
+    since, roots, made = Since(*bank[1:]), _roots(bank), params.compiled
+    if made is None:
+        done = followed(since, roots, seen, float(cycle), float(least), params)
+    else:
+        roots = Roots(np.stack(roots.stack), np.arange(len(bank.states)))
+        done = made.followed(Following(since, roots, seen, float(cycle), float(least)))
     after = _with_states(bank, done.keep, state, done.since)
     return done.link, done.tested if done.some else None, done.complete, after
 

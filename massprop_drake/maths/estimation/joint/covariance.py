@@ -18,8 +18,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_drake.maths.kernels import idiom, kernel
-from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.maths.kernels import kernel
+from massprop_drake.maths.linear_algebra import Array, lower_factor
 
 
 class Update(NamedTuple):
@@ -42,21 +42,17 @@ class Update(NamedTuple):
     upper: Array
 
 
-def _upper(matrix):  # type: ignore[no-untyped-def] # compiled alone
-    _, upper = np.linalg.qr(matrix)
-    return np.ascontiguousarray(upper)
-
-
-@idiom(_upper)
-def upper_factor(matrix: Array) -> Array:
-    """U of Q U, an orthogonal and an upper triangular factor."""
-    return np.asarray(np.linalg.qr(matrix, mode="r"))
+@kernel
+def nothing_learned(root: Array) -> Update:
+    """The update where no component counts; the root is as it was."""
+    n = root.shape[0]
+    return Update(np.zeros(n), root, 0.0, 0.0, np.zeros((n, 0)), np.zeros((0, 0)))
 
 
 @kernel
 def compressed(columns: Array) -> Array:
     """The lower triangular root of the same covariance, shape (n, n), of one with any number of columns."""
-    return np.ascontiguousarray(upper_factor(columns.T).T)
+    return lower_factor(columns)
 
 
 @kernel

@@ -8,12 +8,16 @@ with a force in a slot, or rebased and with a larger covariance.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from massprop_drake.maths.estimation.joint.covariance import Update, compressed, updated, upper_factor
+from massprop_drake.maths.estimation.joint.covariance import (
+    Update,
+    compressed,
+    nothing_learned,
+    updated,
+)
 from massprop_drake.maths.estimation.joint.guard import guarded
 from massprop_drake.maths.estimation.joint.impulses import Firing
 from massprop_drake.maths.estimation.joint.layout import (
@@ -36,8 +40,8 @@ from massprop_drake.maths.estimation.joint.prediction import (
     propagated,
 )
 from massprop_drake.maths.estimation.joint.thrust_scale import reported
-from massprop_drake.maths.kernels import Holder, compiled, held, kernel
-from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError
+from massprop_drake.maths.kernels import kernel
+from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError, lower_factor
 
 _WHAT = "the joint estimator's covariance"
 _UNREAD = 1e6  # sigmas of a reading that what was not read at the start may be off
@@ -272,9 +276,8 @@ def _nis_by_kind(expected: Expected, params: JointParams) -> tuple[float, float]
 def _nis(expected: Expected, counts: np.ndarray, params: JointParams) -> float:
     if counts.shape[0] == 0:
         return np.nan
-    stacked = np.vstack((expected.projected[counts].T, np.diag(np.sqrt(params.variances[counts]))))
-    upper = upper_factor(stacked)
-    whitened = np.linalg.solve(upper.T, expected.innovation[counts])
+    stacked = np.hstack((expected.projected[counts], np.diag(np.sqrt(params.variances[counts]))))
+    whitened = np.linalg.solve(lower_factor(stacked), expected.innovation[counts])
     return float(whitened @ whitened)
 
 
@@ -320,46 +323,13 @@ def step(state: JointState, sample: Sample, params: JointParams) -> tuple[JointS
     return after, report
 
 
-class Compiled(NamedTuple):
-    """What is compiled of a cycle.
-
-    Attributes:
-        cycled: see there.
-        followed: see `bank.followed`.
-        gone_over: see there.
-        params: holder of the parameters that they were made for.
-    """
-
-    cycled: Callable[..., Any]
-    followed: Callable[..., Any]
-    gone_over: Callable[..., Any]
-    params: Any
-
-
-def with_compiled(params: JointParams) -> JointParams:
-    """Parameters of a cycle that is compiled."""
-    from massprop_drake.maths.estimation.joint.bank import follower  # noqa: PLC0415 (which knows cycles)
-
-    holder = held(params, compile_it=True)
-    made = Compiled(compiled(cycled), follower(params, holder), _goer(params, holder), holder)
-    return params._replace(compiled=made)
-
-
-def _goer(params: JointParams, holder: Any) -> Callable[..., Any]:
-    """`gone_over`, compiled now, and not in the midst of a flight."""
-    places, made = params.places, compiled(gone_over)
-    nothing = np.zeros((1, places.jets)), np.zeros(6), np.zeros((places.gyros, 3)), np.zeros((places.accelerometers, 3))
-    state = initial(params)
-    made(state, Sample(0.0, np.ones(1), *nothing), state.mean, holder)
-    return made
-
-
 def _step(state: JointState, sample: Sample, params: JointParams) -> tuple[JointState, Report]:
     made = params.compiled
-    if made is None:
-        done = cycled(state, sample, params.thresholds, Holder(params))
-    else:
-        done = made.cycled(state, sample, params.thresholds, made.params)
+    done: Cycled = (
+        cycled(state, sample, params.thresholds, params)
+        if made is None
+        else made.cycled(Cycling(state, sample, params.thresholds))
+    )
     expected, update = done.expected, done.update
     return done.state, Report(
         estimate=done.estimate,
@@ -426,17 +396,30 @@ class Cycled(NamedTuple):
     update: Update
 
 
+class Cycling(NamedTuple):
+    """What compiled code takes of a cycle besides the parameters.
+
+    Attributes:
+        state: see `cycled`.
+        sample: see `cycled`.
+        thresholds: see `JointParams`; of all parameters these alone may be others than those that it was compiled for.
+    """
+
+    state: JointState
+    sample: Sample
+    thresholds: Array
+
+
 @kernel
-def cycled(state: JointState, sample: Sample, thresholds: Array, holder: Any) -> Cycled:
+def cycled(state: JointState, sample: Sample, thresholds: Array, params: JointParams) -> Cycled:
     """A cycle after the first.
 
     Args:
         state: after the last sample.
         sample: see `Sample`.
-        thresholds: see `JointParams`.
-        holder: of the parameters.
+        thresholds: in place of those of the parameters.
+        params: see `JointParams`.
     """
-    params = holder.value
     acting = drive(state, sample.durations_s, sample.commands, sample.outside, params)
     firing = acting.firing
     commanded = firing.commanded or bool(np.any(sample.outside != 0.0))
@@ -451,7 +434,7 @@ def cycled(state: JointState, sample: Sample, thresholds: Array, holder: Any) ->
             state = relearned(state, state.mean, incremented_root(state.root, params))
             expected = _counting(expect(state, acting, sample, params), expected.used)
 
-    change = Update(np.zeros(0), expected.root, 0.0, 0.0, np.zeros((0, 0)), np.zeros((0, 0)))
+    change = nothing_learned(expected.root)
     if expected.used.any():
         change = _update(expected, expected.root, gained(state, params), params)
         if params.places.n_thrust > 0 and not state.freed and params.second_order:
@@ -517,19 +500,18 @@ def _learned(
 
 
 @kernel
-def gone_over(state: JointState, sample: Sample, about: Array, holder: Any) -> tuple[JointState, float, float]:
+def gone_over(state: JointState, sample: Sample, about: Array, params: JointParams) -> tuple[JointState, float, float]:
     """A cycle linearized at other mass properties and biases than the state's, of a start that is gone over again.
 
     Args:
         state: after the last sample, not guarded.
         sample: see `Sample`.
         about: a state's estimate with these, shape (size,).
-        holder: of the parameters.
+        params: see `JointParams`.
 
     Returns:
         The state after it, the NIS of the components that counted, and how many these were.
     """
-    params = holder.value
     mean = _about(state.mean, about, params)
     there = relearned(state, mean, state.root.copy())
     there.root[:N_PROPERTIES] = 0.0  # nothing of second order is left
@@ -555,7 +537,7 @@ def gone_over(state: JointState, sample: Sample, about: Array, holder: Any) -> t
     )
     root = propagated(state.root, prediction, params)
     expected = _expected(state, prediction, root, about[:N_PROPERTIES], sample, params)
-    change = Update(np.zeros(0), root, 0.0, 0.0, np.zeros((0, 0)), np.zeros((0, 0)))
+    change = nothing_learned(root)
     if expected.used.any():
         change = _update(expected, root, gained(state, params), params)
     after = _learned(state, sample, acting.firing, expected, change, params)

@@ -15,7 +15,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_drake.maths.estimation.joint.cycle import Report, Sample
+from massprop_drake.maths.arrays import NUMBER, Layout
+from massprop_drake.maths.estimation.joint.covariance import Update, nothing_learned
+from massprop_drake.maths.estimation.joint.cycle import Expected, Report, Sample
 from massprop_drake.maths.estimation.joint.layout import (
     CENTER,
     MASS,
@@ -64,6 +66,25 @@ class Link(NamedTuple):
     read: Array
 
 
+LINK = Layout(
+    "link",
+    rate_rows=(3, "size"),
+    velocity_rows=(3, "size"),
+    mass_factor=NUMBER,
+    duration_s=NUMBER,
+    noise=(6, 6),
+    bias_seconds=NUMBER,
+    jacobian=("outputs", "size"),
+    gain=("size", "outputs"),
+    innovation="outputs",
+    covariance=("outputs", "outputs"),
+    correction="size",
+    effects=("jets", 6),
+    amount="jets",
+    read="outputs",
+)
+
+
 class Traces(NamedTuple):
     """What a link is made of.
 
@@ -104,13 +125,25 @@ def traces(before: JointState, report: Report, sample: Sample) -> Traces:
     """
     course = report.course
     assert course is not None, "the first sample is no cycle"
-    expected, prediction, update = course.expected, course.expected.prediction, course.update
-    size = before.mean.shape[0]
-    learned = (np.zeros((0, 0)), np.zeros((size, 0)), np.zeros(size))
-    if update is not None:
-        learned = (update.upper, update.half_gain, update.correction)
+    expected = course.expected
+    update = nothing_learned(expected.root) if course.update is None else course.update
+    return traced(before.mean, course.acting.firing.amount, expected, update, sample)
+
+
+@kernel
+def traced(mean: Array, amount: Array, expected: Expected, update: Update, sample: Sample) -> Traces:
+    """What a link is made of.
+
+    Args:
+        mean: of the state before the cycle, shape (size,).
+        amount: see `Link`.
+        expected: see there.
+        update: `nothing_learned` where no component counted.
+        sample: of the cycle.
+    """
+    prediction = expected.prediction
     return Traces(
-        before.mean,
+        mean,
         prediction.rate_rows,
         prediction.velocity_rows,
         prediction.mass_factor,
@@ -120,8 +153,10 @@ def traces(before: JointState, report: Report, sample: Sample) -> Traces:
         expected.projected,
         expected.innovation,
         expected.used,
-        *learned,
-        course.acting.firing.amount,
+        update.upper,
+        update.half_gain,
+        update.correction,
+        amount,
         sample.rates,
         sample.velocities,
     )

@@ -37,7 +37,6 @@ from massprop_drake.maths.estimation.joint.cycle import (
 )
 from massprop_drake.maths.estimation.joint.guard import guarded, unguarded
 from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES, JointParams, JointState
-from massprop_drake.maths.kernels import Holder
 from massprop_drake.maths.linear_algebra import Array
 
 STEPS = 16  # in a cycle: 1 to 1.5 ms each
@@ -141,7 +140,6 @@ def _begun(start: Start, about: Array, number: int, params: JointParams) -> Pass
 def _gone_on(start: Start, under_pass: Pass, params: JointParams) -> tuple[Pass, bool]:
     """The pass after a cycle's steps, and whether it is the last and has arrived."""
     made = params.compiled
-    holder, step = (Holder(params), gone_over) if made is None else (made.params, made.gone_over)
     for _ in range(STEPS):
         sample, anew = start.kept[under_pass.done]
         if anew:
@@ -149,7 +147,10 @@ def _gone_on(start: Start, under_pass: Pass, params: JointParams) -> tuple[Pass,
             under_pass = under_pass._replace(state=state, done=under_pass.done + 1)
         else:
             with np.errstate(over="ignore", invalid="ignore"):
-                state, nis, components = step(under_pass.state, sample, under_pass.about, holder)
+                if made is None:
+                    state, nis, components = gone_over(under_pass.state, sample, under_pass.about, params)
+                else:
+                    state, nis, components = made.gone_over(under_pass.state, sample, under_pass.about)
             under_pass = under_pass._replace(
                 state=state,
                 done=under_pass.done + 1,

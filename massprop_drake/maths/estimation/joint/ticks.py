@@ -22,6 +22,7 @@ import numpy as np
 
 from massprop_drake.maths.arrays import FLAG, NUMBER, Layout
 from massprop_drake.maths.estimation.joint.impulses import pieces
+from massprop_drake.maths.kernels import kernel
 from massprop_drake.maths.linear_algebra import Array
 
 _EXACT = 1e-6  # of the period: less is rounding of a stamp
@@ -99,7 +100,7 @@ def elapsed(
     if bridged and coming is not None:
         known = np.where(np.isnan(command) & (clock.earlier == coming), coming, command)
     off_period, off_tick = abs(length - period_s), stamp_s - (clock.tick_s + clock.period_s)
-    if max(off_period, abs(off_tick)) <= _EXACT * period_s:
+    if on_time(clock, stamp_s, period_s):
         after = clock._replace(stamp_s=stamp_s, tick_s=stamp_s, lost=False, earlier=known)
         return after, Elapsed(np.array([period_s]), known.reshape(1, -1), clock.lost)
     if off_period > _NEAR * period_s * (1.0 + 1e-9):
@@ -116,6 +117,13 @@ def elapsed(
         began_s, acting = _blurred(began_s, acting, sigma * period_s)
     durations, told = pieces(clock.stamp_s, stamp_s, began_s, acting)
     return after, Elapsed(durations, told, clock.lost)
+
+
+@kernel
+def on_time(clock: Clock, stamp_s: float, period_s: float) -> bool:
+    """Whether a stamp is a sample period after the last one, and at its tick; arguments as those of `elapsed`."""
+    off_period, off_tick = abs(stamp_s - clock.stamp_s - period_s), stamp_s - (clock.tick_s + clock.period_s)
+    return max(off_period, abs(off_tick)) <= _EXACT * period_s
 
 
 def _blurred(ticks_s: Array, commands: Array, sigma_s: float) -> tuple[Array, Array]:

@@ -1,0 +1,519 @@
+"""A whole cycle of the joint filter and of its detector as one kernel, as long as nothing happens that is to be judged.
+
+Nothing happens in most cycles: the filter goes on, the bank of onsets is carried with it, and the test finds nothing.
+What such a cycle keeps stays within a `kernels.Holder` and in arrays that are written in place, and what is logged of
+it goes straight into rows. A cycle that is anything else is not taken: it is left to the parts, `cycle.step`, which
+begin with what `Watch.state` makes of these.
+
+All compiled code of the joint filter is one function, `work`, of whose parts Python asks for one at a time: machine
+code is made of each kernel once, and not for each of its callers.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from contextlib import suppress
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from massprop_drake.maths.arrays import Layout
+from massprop_drake.maths.estimation.cycle import EstimationParams, EstimationState
+from massprop_drake.maths.estimation.detector import STATUS
+from massprop_drake.maths.estimation.detectors import hypotheses
+from massprop_drake.maths.estimation.detectors.multi_hypothesis import alarming
+from massprop_drake.maths.estimation.filters import joint
+from massprop_drake.maths.estimation.filters.joint import (
+    JointFilterState,
+    Seen,
+    components,
+    mass_report,
+    rotation_report,
+)
+from massprop_drake.maths.estimation.impulses import Impulses, interval_impulses
+from massprop_drake.maths.estimation.joint import start as starts
+from massprop_drake.maths.estimation.joint.bank import (
+    OLDEST,
+    ONSETS,
+    Bank,
+    Followed,
+    Following,
+    Roots,
+    Since,
+    empty,
+    followed,
+)
+from massprop_drake.maths.estimation.joint.cycle import Cycled, Cycling, Sample, cycled, gone_over, initial
+from massprop_drake.maths.estimation.joint.layout import (
+    JointParams,
+    JointState,
+    Places,
+    pack,
+    settled,
+    state_layout,
+    unpack,
+)
+from massprop_drake.maths.estimation.joint.race import History, Record
+from massprop_drake.maths.estimation.joint.sensitivity import LINK, Link, Traces, traced
+from massprop_drake.maths.estimation.joint.ticks import Clock, on_time, started
+from massprop_drake.maths.estimation.whole import Samples, one_sample
+from massprop_drake.maths.kernels import chosen, fill, held, kernel, released, shared
+from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError
+from massprop_drake.maths.vehicle.thrust import LagFactors, lag_factors
+
+WATCH, CYCLE, FOLLOW, GO_OVER = range(4)  # parts of `work`
+_LINKS = OLDEST + 2  # that are kept: the oldest onset's, and those since
+_TESTED, _LIKELIHOOD = (STATUS.slice(name).start for name in ("tested", "suspected_likelihood"))
+
+
+class Memory(NamedTuple):
+    """What a cycle leaves for the next.
+
+    Attributes:
+        joint: see `JointState`.
+        clock: see `Clock`.
+        estimate, covariance: see `JointFilterState`.
+        since: see `bank.Since`.
+        command, level: see `cycle.EstimationState`.
+        cycle, commanded: see `multi_hypothesis.State`.
+    """
+
+    joint: JointState
+    clock: Clock
+    estimate: Array
+    covariance: Array
+    since: Since
+    command: Array
+    level: Array
+    cycle: float
+    commanded: Array
+
+
+class Past(NamedTuple):
+    """States and cycles of the past, written in place.
+
+    Attributes:
+        states: of the onsets, packed, in any order, shape (ONSETS, size of a state).
+        roots: of the same, shape (ONSETS, size, size).
+        places: of each onset's among them, oldest first, shape (ONSETS,).
+        links: of the last cycles, packed as `LINK`, each in the row of its number, shape (n, size of a link).
+    """
+
+    states: Array
+    roots: Array
+    places: NDArray[np.int_]
+    links: Array
+
+
+class Rows(NamedTuple):
+    """What is logged, a row per cycle, as the layouts of the same names have it."""
+
+    impulses: Array
+    rotation_report: Array
+    mass_report: Array
+    joint_report: Array
+    detector_report: Array
+    hypothesis_report: Array
+
+
+class Rules(NamedTuple):
+    """What shapes a cycle besides the filter's parameters.
+
+    Attributes:
+        period_s, impulse_per_level, lag: see `cycle.EstimationParams`.
+        trigger_jet, trigger: see `HypothesisParams`.
+        detector_row, hypothesis_row: what is logged of the detector where nothing is found.
+    """
+
+    period_s: float
+    impulse_per_level: Array
+    lag: LagFactors
+    trigger_jet: float
+    trigger: float
+    detector_row: Array
+    hypothesis_row: Array
+
+
+class Desk(NamedTuple):
+    """What cycles are made from, and where they write.
+
+    Attributes:
+        samples: one a row.
+        stamps_s: see `cycle.Sample`, shape (n,).
+        rows: to be filled in.
+        reached: the row that is being made, and that before which to stop, shape (2,).
+        past: see `Past`.
+        rules: see `Rules`.
+    """
+
+    samples: Samples
+    stamps_s: Array
+    rows: Rows
+    reached: NDArray[np.int_]
+    past: Past
+    rules: Rules
+
+
+class Asked(NamedTuple):
+    """What parts take one by one.
+
+    Attributes:
+        cycling: see `cycle.Cycling`.
+        about: see `cycle.gone_over`.
+    """
+
+    cycling: Cycling
+    about: Array
+
+
+@kernel
+def work(part: int, asked: Any, following: Any, memory: Any, desk: Any, holder: Any) -> Any:
+    """A part of the joint filter's work.
+
+    Args:
+        part: WATCH: see `watch`; CYCLE: see `cycle.cycled`; FOLLOW: see `bank.followed`; GO_OVER: see
+            `cycle.gone_over`.
+        asked: holder of `Asked`, for CYCLE and GO_OVER.
+        following: holder of `bank.Following`, for FOLLOW.
+        memory, desk: holders of `Memory` and `Desk`, for WATCH.
+        holder: of the parameters.
+
+    Returns:
+        What the three last parts give, None for those that are not done.
+    """
+    params = holder.value
+    one = found = over = None
+    if part == WATCH:
+        watch(memory, desk.value, params)
+    elif part == FOLLOW:
+        told = following.value
+        found = followed(told.since, told.roots, told.seen, told.cycle, told.least, params)
+    else:
+        cycling = asked.value.cycling
+        if part == CYCLE:
+            one = cycled(cycling.state, cycling.sample, cycling.thresholds, params)
+        else:
+            over = gone_over(cycling.state, cycling.sample, asked.value.about, params)
+    return one, found, over
+
+
+@kernel
+def watch(memory: Any, desk: Desk, params: JointParams) -> None:
+    """Cycles up to a row, or to the first that is not one in which nothing happens; that one has changed nothing.
+
+    Args:
+        memory: holder of a `Memory`.
+        desk: see `Desk`.
+        params: see `JointParams`.
+    """
+    reached = desk.reached
+    while reached[0] < reached[1]:
+        after, on = _watched(memory.value, desk, reached[0], params)
+        if not on:
+            break
+        memory.value = after
+        reached[0] += 1
+
+
+@kernel
+def _watched(kept: Memory, desk: Desk, row: int, params: JointParams) -> tuple[Memory, bool]:
+    """What is remembered after a cycle, and whether nothing has happened in it."""
+    samples, rules = desk.samples, desk.rules
+    stamp_s, command = desk.stamps_s[row], samples.commands[row].copy()  # rows may be written to again
+    if not on_time(kept.clock, stamp_s, rules.period_s) or np.isnan(command).any():
+        return kept, False
+    outside = samples.outside[row] * rules.period_s
+    impulses = interval_impulses(command, kept.command, kept.level, rules.impulse_per_level, rules.lag, outside)
+    rates, velocities = samples.rates[row].copy(), samples.velocities[row].copy()
+    durations, commands = np.full(1, rules.period_s), command.reshape(1, -1)
+    sample = Sample(samples.time_s[row], durations, commands, outside, rates, velocities)
+    done = cycled(kept.joint, sample, params.thresholds, params)
+    after = done.state
+    if done.incremented or not (np.isfinite(after.mean).all() and np.isfinite(after.root).all()):
+        return kept, False
+    seen = traced(kept.joint.mean, done.acting.firing.amount, done.expected, done.update, sample)
+    roots, cycle = Roots(desk.past.roots, desk.past.places), kept.cycle + 1.0
+    found = followed(kept.since, roots, seen, cycle, min(rules.trigger_jet, rules.trigger), params)
+    likelihood = 0.0
+    if found.some:
+        likelihood = found.tested.likelihood.max()
+        if alarming(likelihood, found.tested.total.max(), settled(after, params), (rules.trigger_jet, rules.trigger)):
+            return kept, False
+    _remember(desk.past, after, found, cycle)
+    _log(desk.rows, row, impulses, done, params)
+    desk.rows.detector_report[row] = rules.detector_row
+    desk.rows.detector_report[row, _TESTED] = found.complete
+    desk.rows.detector_report[row, _LIKELIHOOD] = likelihood
+    desk.rows.hypothesis_report[row] = rules.hypothesis_row
+    clock = Clock(stamp_s, stamp_s, kept.clock.period_s, kept.clock.variances, False, command)
+    estimate, covariance = done.estimate.copy(), done.covariance.copy()
+    commanded = kept.commanded + (command > 0.0)
+    return Memory(after, clock, estimate, covariance, found.since, command, impulses.level, cycle, commanded), True
+
+
+@kernel
+def _remember(past: Past, after: JointState, found: Followed, cycle: float) -> None:
+    """Puts the newest onset where none is any more, and its cycle beside it."""
+    stay = found.keep.shape[0]
+    past.places[:stay] = past.places[found.keep]
+    free = np.ones(ONSETS)
+    free[past.places[:stay]] = 0.0
+    place = np.argmax(free)
+    past.places[stay] = place
+    past.roots[place] = after.root
+    fill(past.states[place], after)
+    fill(past.links[int(cycle) % _LINKS], found.link)
+
+
+@kernel
+def _log(rows: Rows, row: int, impulses: Impulses, done: Cycled, params: JointParams) -> None:
+    """Fills in what is logged of the filter."""
+    expected, gyros = done.expected, 3 * params.places.gyros
+    seen = Seen(
+        done.innovation,
+        done.innovation_std,
+        expected.used,
+        done.gyro_nis,
+        done.accelerometer_nis,
+        done.incremented,
+        expected.prediction.coupled,
+    )
+    fill(
+        rows.impulses[row],
+        (impulses.angular_impulse, impulses.linear_impulse, impulses.usable, impulses.firing),
+    )
+    fill(rows.rotation_report[row], rotation_report(done.estimate, done.covariance, seen, gyros))
+    fill(rows.mass_report[row], mass_report(done.estimate, done.covariance, seen, gyros))
+    of_gyros, of_accelerometers = components(expected.used, gyros)
+    fill(rows.joint_report[row], (of_gyros, of_accelerometers, settled(done.state, params)))
+
+
+# ------------------------------------------------------------------------------------- asked for by Python
+
+
+class Work:
+    """The compiled `work`, or the plain one, for some parameters; now, and not in the midst of a flight.
+
+    Args:
+        params: of the filter.
+        compile_it: whether it is compiled.
+    """
+
+    def __init__(self, params: JointParams, *, compile_it: bool = True):
+        self._work, self._compiled = chosen(work, compile_it), compile_it
+        self._params = held(params, compile_it)
+        state, sample = initial(params), _no_sample(params.places)
+        cycling = Cycling(state, sample, params.thresholds)
+        self._no_asked = held(Asked(cycling, state.mean), compile_it)
+        self._no_following = held(_no_following(params.places, sample), compile_it)
+        self._no_memory = held(_no_memory(state, params.places), compile_it)
+        self._no_desk = held(_no_desk(params.places), compile_it)
+        if compile_it:
+            self.watch(self._no_memory, self._no_desk)
+
+    def watch(self, memory: Any, desk: Any) -> None:
+        """See `watch`; both are holders."""
+        self._work(WATCH, self._no_asked, self._no_following, memory, desk, self._params)
+
+    def cycled(self, cycling: Cycling) -> Cycled:
+        """See `cycle.cycled`."""
+        one, _, _ = self._asked(CYCLE, Asked(cycling, cycling.state.mean))
+        return one
+
+    def gone_over(self, state: JointState, sample: Sample, about: Array) -> tuple[JointState, float, float]:
+        """See `cycle.gone_over`."""
+        _, _, over = self._asked(GO_OVER, Asked(Cycling(state, sample, state.mean), about))
+        return over
+
+    def _asked(self, part: int, asked: Asked) -> Any:
+        given = shared(asked, self._compiled)
+        return self._work(part, given, self._no_following, self._no_memory, self._no_desk, self._params)
+
+    def followed(self, following: Following) -> Followed:
+        """See `bank.followed`."""
+        given = shared(following, self._compiled)
+        _, found, _ = self._work(FOLLOW, self._no_asked, given, self._no_memory, self._no_desk, self._params)
+        return found
+
+
+def with_compiled(params: JointParams) -> JointParams:
+    """Parameters of a filter whose work is compiled."""
+    return params._replace(compiled=Work(params))
+
+
+def _no_sample(places: Places) -> Sample:
+    rates, velocities = np.zeros((places.gyros, 3)), np.zeros((places.accelerometers, 3))
+    return Sample(0.0, np.ones(1), np.zeros((1, places.jets)), np.zeros(6), rates, velocities)
+
+
+def _no_following(places: Places, sample: Sample) -> Following:
+    n, m = places.size, 3 * (places.gyros + places.accelerometers)
+    rows, learned = np.zeros((3, n)), (np.zeros((0, 0)), np.zeros((n, 0)), np.zeros(n))
+    told = (np.zeros((m, n)), np.zeros((m, n)), np.zeros(m), np.zeros(m, dtype=np.bool_))
+    readings = (np.zeros(places.jets), sample.rates, sample.velocities)
+    seen = Traces(np.zeros(n), rows, rows, 1.0, np.zeros((6, 6)), 1.0, *told, *learned, *readings)
+    return Following(Since(*empty(places)[1:]), Roots(np.zeros((0, n, n)), np.arange(0)), seen, 0.0, 0.0)
+
+
+def _no_memory(state: JointState, places: Places) -> Memory:
+    clock, none, since = started(0.0, state.level, 1.0), np.zeros(places.jets), Since(*empty(places)[1:])
+    return Memory(state, clock, np.zeros(10), np.zeros((10, 10)), since, none, none, 0.0, none)
+
+
+def _no_past(places: Places) -> Past:
+    states = np.zeros((ONSETS, state_layout(places).size))
+    links = np.zeros((_LINKS, _link_layout(places).size))
+    return Past(states, np.zeros((ONSETS, places.size, places.size)), np.zeros(ONSETS, dtype=np.int_), links)
+
+
+def _no_desk(places: Places) -> Desk:
+    samples, nothing = one_sample(places.gyros, places.accelerometers, places.jets), np.zeros(1)
+    rules = Rules(1.0, np.zeros((places.jets, 6)), lag_factors(np.zeros(places.jets), 1.0), 0.0, 0.0, nothing, nothing)
+    rows, reached = Rows(*[np.zeros((1, 1))] * len(Rows._fields)), np.zeros(2, dtype=np.int_)
+    return Desk(samples, np.zeros(1), rows, reached, _no_past(places), rules)
+
+
+def _link_layout(places: Places) -> Layout:
+    outputs = 3 * (places.gyros + places.accelerometers)
+    return LINK.sized(size=places.size, jets=places.jets, outputs=outputs)
+
+
+# --------------------------------------------------------------------------------------- taken up and left
+
+
+class Watch:
+    """Cycles in which nothing happens, between such as are left to `cycle.step`.
+
+    Args:
+        made: parameters of the cycle, see `covers`.
+        compiled: whether the kernel is.
+
+    Attributes:
+        on: whether the last cycle was such that one of these may follow.
+    """
+
+    def __init__(self, made: EstimationParams, *, compiled: bool):
+        joint = made.filter_params.joint
+        self.on = False
+        self._work: Work = joint.compiled
+        self._places, self._compiled = joint.places, compiled
+        self._past, self._reached = _no_past(joint.places), np.zeros(2, dtype=np.int_)
+        jets = joint.places.jets
+        judge = made.detector_params
+        self._rules = Rules(
+            made.period_s,
+            np.ascontiguousarray(made.impulse_per_level),
+            made.lag,
+            judge.trigger_jet,
+            judge.trigger,
+            np.zeros(STATUS.size + 4 * jets),
+            hypotheses.HYPOTHESIS_REPORT.sized(jets=jets).pack(hypotheses.nothing_said(jets)),
+        )
+        self._cycles: deque[Sample | tuple[Samples, int]] = deque(maxlen=_LINKS)  # of the history, by row or as it was
+
+    def begin(self, samples: Samples, stamps_s: Array, rows: Rows) -> None:
+        """Takes rows that cycles are to go through, and those that they fill in."""
+        self._samples = samples
+        desk = Desk(samples, stamps_s, rows, self._reached, self._past, self._rules)
+        self._desk = shared(desk, self._compiled)
+
+    def take_up(self, state: EstimationState) -> None:
+        """Goes on from a state, if nothing is happening in it."""
+        filtered, detector = state.filter, state.detector
+        self.on = _is_quiet(filtered, detector.method)
+        if not self.on:
+            return
+        bank, history = detector.method.bank, detector.method.history
+        self._before = state
+        for place, each in enumerate(bank.states):
+            self._past.states[place], self._past.roots[place] = pack(each, self._places), each.root
+        self._past.places[:] = np.arange(ONSETS)
+        layout = _link_layout(self._places)
+        first = history.last - len(history.records) + 1
+        self._cycles.clear()
+        for number, record in enumerate(history.records[-_LINKS:], start=max(first, history.last - _LINKS + 1)):
+            self._past.links[number % _LINKS] = layout.pack(record.link)
+            self._cycles.append(record.sample)
+        fill(self._rules.detector_row, hypotheses.unremarkable(detector))
+        memory = Memory(
+            filtered.joint,
+            filtered.clock,
+            filtered.estimate,
+            filtered.covariance,
+            Since(*bank[1:]),
+            state.command,
+            state.level,
+            float(detector.method.cycle),
+            detector.method.commanded,
+        )
+        self._memory = held(memory, self._compiled)
+
+    def advance(self, row: int, until: int) -> int:
+        """Goes on from a row as far as nothing happens, or to another that is not taken any more; returns which."""
+        self._reached[:] = row, until
+        with suppress(NotPositiveDefiniteError, np.linalg.LinAlgError):  # the parts will say what it is
+            self._work.watch(self._memory, self._desk)
+        reached = int(self._reached[0])
+        self._cycles.extend((self._samples, done) for done in range(row, reached))
+        self.on = reached == until
+        return reached
+
+    def state(self) -> EstimationState:
+        """What the next cycle begins with."""
+        kept: Memory = released(self._memory)
+        since, places, cycle = kept.since, self._past.places.tolist(), int(kept.cycle)
+        states = self._past.states.copy()
+        onsets = tuple(unpack(states[places[index]], self._places) for index in range(since.cycles.size))
+        before = self._before.detector
+        method = before.method._replace(
+            cycle=cycle,
+            bank=Bank(onsets, *since),
+            history=History(cycle, self._records(cycle, cycle - int(since.cycles[0]) + 1)),
+            commanded=kept.commanded,
+        )
+        filtered = JointFilterState(kept.joint, kept.clock, kept.estimate, kept.covariance, starts.OVER)
+        return EstimationState(kept.command, kept.level, filtered, before._replace(method=method))
+
+    def _records(self, cycle: int, count: int) -> tuple[Record, ...]:
+        """The last cycles."""
+        layout, links = _link_layout(self._places), self._past.links.copy()
+        count = min(count, len(self._cycles))
+        seen = list(self._cycles)[len(self._cycles) - count :]
+        rows = [links[number % _LINKS] for number in range(cycle - count + 1, cycle + 1)]
+        return tuple(Record(self._sample(each), Link(*layout.read(row))) for each, row in zip(seen, rows, strict=True))
+
+    def _sample(self, each: Sample | tuple[Samples, int]) -> Sample:
+        if isinstance(each, Sample):
+            return each
+        samples, row = each
+        period_s = self._rules.period_s
+        outside, commands = samples.outside[row] * period_s, samples.commands[row].reshape(1, -1)
+        durations = np.array([period_s])
+        return Sample(
+            float(samples.time_s[row]), durations, commands, outside, samples.rates[row], samples.velocities[row]
+        )
+
+
+def covers(made: EstimationParams) -> bool:
+    """Whether the kernel does what most cycles are to do."""
+    return (
+        made.filter is joint.FILTER
+        and made.detector is hypotheses.DETECTOR
+        and made.filter_params.joint.compiled is not None
+        and made.filter_params.joint.places.accelerometers > 0
+    )
+
+
+def _is_quiet(filtered: JointFilterState, method: Any) -> bool:
+    """Whether the next cycle may be one in which nothing happens: no start, no race, and nothing to follow."""
+    clock = filtered.clock
+    return (
+        filtered.joint.guarded
+        and not filtered.start.under_way
+        and method.race is None
+        and bool(method.bank.states)
+        and method.earlier is None
+        and not (clock.lost or clock.tick_s != clock.stamp_s or np.isnan(clock.earlier).any())
+        and not (method.members.any() or method.lying.any() or method.erratic.any())
+    )
