@@ -161,9 +161,9 @@ def line(name: str, case: Case, seconds: float) -> str:
     found, events = run.results.detections, run.results.events
     at = next((f"{one.time_s:.1f} s" for one in found if one.jet == DEAD), "never")
     rest = [f"{'/'.join(one.jets)} {one.time_s:.0f} s" for one in found if one.jet != DEAD]
-    others = [(one.kind, one.time_s) for one in events if not one.jets]
-    for kind, times in Counter(kind for kind, _ in others).items():
-        first = min(time_s for each, time_s in others if each == kind)
+    said = [(one.kind, one.time_s) for one in events if not one.jets]
+    for kind, times in Counter(kind for kind, _ in said).items():
+        first = min(time_s for each, time_s in said if each == kind)
         rest.append(f"{kind} {first:.0f} s" + (f" ({times} times)" if times > 1 else ""))
     derived = run.results.derived
     mass, turn = f"{derived.mass:.1f} ± {derived.mass_std:.1f}", f"{derived.inertia[2][2]:.3f}"
