@@ -23,10 +23,11 @@ from typing import Any
 
 REPOSITORY = Path(__file__).parent.parent
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-DIAGRAM = "diagram, numpy"
+DIAGRAM, COMPILED_DIAGRAM = "diagram, numpy", "diagram, compiled"
 LOOP, COMPILED_LOOP = "loop, numpy", "loop, compiled"
 WAYS = {
     DIAGRAM: [],
+    COMPILED_DIAGRAM: ["execution={engine: diagram, compiled: true}"],
     LOOP: ["execution.engine=loop"],
     COMPILED_LOOP: ["execution={engine: loop, compiled: true}"],
 }
@@ -39,6 +40,8 @@ CAMPAIGNS = {"sample_maneuver": ("thesis, CGLR", 25), "orbiter_maneuver": ("join
 CAMPAIGN_CASES = 12
 RECORD = {"numpy": [], "compiled": ["execution.compiled=true"]}
 TARGETS = {
+    ("sample_maneuver", COMPILED_DIAGRAM): 2.5,
+    ("stuck_on_29", COMPILED_DIAGRAM): 2.0,
     ("sample_maneuver", LOOP): 3.0,
     ("sample_maneuver", COMPILED_LOOP): 15.0,
     ("stuck_on_29", COMPILED_LOOP): 6.0,
