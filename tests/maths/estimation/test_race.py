@@ -211,11 +211,11 @@ def test_two_failures_that_explain_no_more_than_one_of_them_are_none() -> None:
 
 
 def test_a_filter_begins_anew_when_what_it_takes_for_the_onset_costs_half_of_what_decides() -> None:
-    kicks = (((2.0,), (0.4,)), ((6.0,), (1.1,)))
+    kicks = (((0.2,), (0.04,)), ((0.6,), (0.11,)))
     for had, expected in zip(kicks, (False, True), strict=True):
         run = running(leak(0), 100.0)._replace(kicks=had)
         now = race(run)
-        some = [contender(leak(0), 100.0)._replace(kicks=((1.0,), (0.2,)))]
+        some = [contender(leak(0), 100.0)._replace(kicks=((0.1,), (0.02,)))]
         found = races.running(now, races.standings(now, some, PARAMS), 2)
         assert (found.runs[0].cycle == ONSET) == expected
 
@@ -340,6 +340,22 @@ def test_a_filter_at_a_wrong_onset_begins_anew_and_is_not_out() -> None:
         assert (leak(0) in found.out) == expected
 
 
+def test_a_kick_that_the_force_cannot_have_given_is_no_failure() -> None:
+    """The filter begins anew with what its force can have given; until then nothing is named."""
+    for kick, expected in ((0.1, False), (100.0, True)):
+        run = running(leak(0), 100.0)._replace(kicks=((kick,), (0.2 * kick,)))
+        found = contender(leak(0), 100.0)._replace(kicks=run.kicks)  # the first order has it so large, too
+        now = race(run)
+        standing = races.standings(now, [found], PARAMS)
+        assert (races.overrated(now, standing[0]) is not None) == expected
+        anew = races.running(now, standing, 2).runs[0]
+        assert (anew.cycle == ONSET) == expected
+        assert anew.kicks[0][0] < 1.0
+        assert anew.kicks[1][0] == pytest.approx(0.2 * anew.kicks[0][0])
+        named = decision.decided(now, standing, True, decision.Rules(), PARAMS).outcome == decision.Outcome.JETS
+        assert named != expected
+
+
 def test_a_lead_must_show_by_cells_and_by_noise() -> None:
     for likelihood, cells, expected in ((100.0, 90.0, False), (90.0, 100.0, False), (90.0, 90.0, True)):
         now = race(running(leak(0), 100.0), running(leak(1), likelihood, cells=cells))
@@ -371,7 +387,7 @@ def test_for_half_a_second_nothing_is_named_because_something_new_begins() -> No
 
 def test_what_a_filter_took_for_its_onset_may_be_all_that_it_is_off_the_first_order_by() -> None:
     """Where both have the same force it begins anew, though it fits and is far from the first order."""
-    narrow, wide = ((0.06,), (0.01,)), ((60.0,), (10.0,))
+    narrow, wide = ((0.06,), (0.01,)), ((0.6,), (0.1,))
     for force, expected in ((0.1, True), (0.3, False)):
         run = running(leak(0), 100.0)._replace(kicks=wide)
         some = [contender(leak(0), 122.0)._replace(force=(force * PARAMS.thrusts[0],), kicks=narrow)]

@@ -40,6 +40,7 @@ from massprop_drake.maths.estimation.joint.race import (
     is_unheard,
     leads,
     margin,
+    overrated,
     rivals,
 )
 from massprop_drake.maths.estimation.joint.screen import Contender, FailedJet
@@ -193,7 +194,7 @@ def _of_jets(
         return undecided
     if not run.fits or best.lead <= rules.lead_nothing or not (significant or known):
         return undecided
-    if pair and cycles < _PAIR_AFTER:
+    if (pair and cycles < _PAIR_AFTER) or overrated(race, standing[0]) is not None:
         return undecided
     if clear and (cycles >= _CHANGE_AFTER or _shown_by_readings(standing, rules)):
         return Decision(Outcome.JETS, standing[0])

@@ -16,7 +16,7 @@ import numpy as np
 from massprop_drake.maths.estimation.joint import screen as screens
 from massprop_drake.maths.estimation.joint.bank import Bank
 from massprop_drake.maths.estimation.joint.cycle import Sample
-from massprop_drake.maths.estimation.joint.hypotheses import Cause, Kind, Named, Runner, jumping, slot_of, stepped
+from massprop_drake.maths.estimation.joint.hypotheses import KICK, Cause, Kind, Named, Runner, jumping, slot_of, stepped
 from massprop_drake.maths.estimation.joint.layout import JointParams, JointState
 from massprop_drake.maths.estimation.joint.screen import Contender, Screen
 from massprop_drake.maths.estimation.joint.sensitivity import Link
@@ -380,8 +380,12 @@ def running(race: Race, standing: list[Standing], free_slots: int) -> Race:
         if cause in led and not _may_begin_anew(present[cause], each):
             wanted.append(present[cause])
         elif near and contender.lead > 0.0 and len(wanted) < _RUNS and _fits(race, cause, free_slots):
-            run = present.get(cause)
-            wanted.append(_opened(race, each.first_order) if run is None or _begins_anew(run, each) else run)
+            run, excess = present.get(cause), overrated(race, each)
+            if run is None or _begins_anew(run, each):
+                run = _opened(race, each.first_order)
+            elif excess is not None:
+                run = _opened(race, contender._replace(kicks=screens.as_rows(np.array(run.kicks) / excess)))
+            wanted.append(run)
     known = {each.contender.cause for each in standing} | race.out
     if young:  # its first order says nothing of a reading that lies for long, so it is heard once it has arrived
         wanted[1:1] = [run for run in race.runs if run.cause.kind == Kind.LIES and run.cause not in known][:1]
@@ -432,6 +436,21 @@ def _begins_anew(run: Runner, standing: Standing) -> bool:
             return True
     other = first.onset != run.onset or first.share != run.share
     return arrived_run is not None and not strays and other and first.lead > max(contender.lead, there) + _BETTER
+
+
+def overrated(race: Race, standing: Standing) -> Array | None:
+    """By which factors a filter's impulses at its onset are more than its forces can have given; None: none is.
+
+    Impulses that the first readings allowed, and forces that then turn out to be far less, are no failure: two jets
+    against each other with a kick of any size explain whatever happened in the midst of a sample.
+    """
+    run, contender = standing.run, standing.contender
+    if run is None or not run.kicks or run.onset not in race.screen.onsets:
+        return None
+    gap = race.screen.gaps[race.screen.onsets.index(run.onset)]
+    most = KICK * gap * (np.abs(contender.force) + screens.BOUND * np.array(contender.sigma))
+    factors = np.maximum(np.array(run.kicks[0]) / most, 1.0)
+    return factors if float(np.sum(np.log(factors))) > _TOO_WIDE else None
 
 
 def _at_a_wrong_onset(standing: Standing) -> bool:

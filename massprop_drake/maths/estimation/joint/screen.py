@@ -316,7 +316,8 @@ def as_found(columns: np.ndarray, force: Array, params: JointParams) -> np.ndarr
     return np.where((columns >= jets) & (columns < 2 * jets), columns, more)
 
 
-def _rows(values: Array) -> tuple[tuple[float, ...], ...]:
+def as_rows(values: Array) -> tuple[tuple[float, ...], ...]:
+    """A matrix as `Runner` and `Contender` keep it, by rows."""
     return tuple(tuple(row) for row in values.tolist())
 
 
@@ -369,7 +370,7 @@ def _singles(screen: Screen, index: int, allowed: np.ndarray, known: Array, para
     possible &= ((change > 0.0) | (had > 0.0)) & ((as_found(steps, total, params) == steps) | (had > 0.0))
     result = []
     for row in np.flatnonzero(possible & (lead > 0.0)):
-        forces = ((float(total[row]),), (float(sigma[row]),), _rows(fitted.kicks[:, row]))
+        forces = ((float(total[row]),), (float(sigma[row]),), as_rows(fitted.kicks[:, row]))
         cause = _of_columns([int(steps[row])], jets)
         result.append(Contender(cause, screen.onsets[index], float(lead[row]), *forces))
     return result
@@ -397,7 +398,7 @@ def _pairs(screen: Screen, index: int, allowed: np.ndarray, known: Array, params
     result = []
     for row in np.flatnonzero(possible):
         cause = _of_columns(steps[row].tolist(), jets)
-        forces = (tuple(total[row].tolist()), tuple(fitted.sigma[row].tolist()), _rows(fitted.kicks[:, row]))
+        forces = (tuple(total[row].tolist()), tuple(fitted.sigma[row].tolist()), as_rows(fitted.kicks[:, row]))
         result.append(Contender(cause, screen.onsets[index], float(lead[row]), *forces))
     return result
 
