@@ -508,7 +508,7 @@ def _components(
 ) -> Iterator[_Component]:
     """Yields every component of which there are two rows, gyros first."""
     places, sums = columns(model), expected.sums
-    whole = expected.rate + np.mean(sums.rate - expected.rate, axis=0)
+    whole = expected.rate + np.mean(sums.rate - expected.rate, axis=0) - at[places.gyro_bias]
     inverse = at[:6][ELEMENT]
     bows = _bows(expected.moments, _turned(inverse, whole), sums.durations_s)
     turn = _turning(whole, bows @ inverse, sums.durations_s)

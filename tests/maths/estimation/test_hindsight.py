@@ -176,6 +176,17 @@ def test_thrusts_that_are_stated_to_be_off_by_so_much_are_none_that_are_off_by_m
         assert (score.statistic > chi2.isf(2e-4, score.degrees)) == wrong
 
 
+def test_what_accelerometers_are_to_show_does_not_depend_on_what_gyros_are_off_by() -> None:
+    stretch, (model, places) = flight(3).stretch, known()
+    biased = stretch._replace(readings=stretch.readings.copy())
+    biased.readings[:, 0] += 0.02
+    at = model.prior.copy()
+    at[places.gyro_bias] = 0.02
+    model.sigma[places.gyro_bias] = 0.1  # it is reckoned with
+    plain, known_bias = hindsight.normal(stretch, model.prior, model), hindsight.normal(biased, at, model)
+    np.testing.assert_allclose(known_bias.by_package, plain.by_package, rtol=1e-6)
+
+
 def test_a_reading_counts_once_it_has_moved() -> None:
     expected = np.array([0.0, 0.3, 0.6, 1.0, 1.4, 2.1, 2.1])
     read = np.array([0.0, 0.0, 1.0, 1.0, np.nan, 2.0, 5.0])

@@ -143,6 +143,22 @@ def test_statistics_agree_with_dense_linear_algebra() -> None:
                 assert found.force[index, jet] == pytest.approx(force, rel=1e-7)
 
 
+def test_an_onset_that_foretells_nothing_is_left_out_and_the_others_are_tested() -> None:
+    flown = flight(ready(), PARAMS)
+    bank, over = banked(flown)[-1], flown.links[-1]
+    expected = banks.tested(bank, over, 0.0, PARAMS)
+    assert expected is not None
+    lost = [state._replace(root=1e9 * state.root) if index == 2 else state for index, state in enumerate(bank.states)]
+    found = banks.tested(bank._replace(states=tuple(lost)), over, 0.0, PARAMS)
+    assert found is not None
+    others = np.arange(len(lost)) != 2
+    np.testing.assert_array_equal(found.total[others], expected.total[others])
+    assert expected.total[2] > 0.0
+    assert found.total[2] == found.likelihood[2].max() == 0.0
+    whole = tuple(state._replace(root=1e9 * state.root) for state in bank.states)
+    assert banks.tested(bank._replace(states=whole), over, 0.0, PARAMS) is None
+
+
 def test_what_is_left_out_goes_through_the_filter_as_a_column() -> None:
     """A filter that starts off by x ends off by its column, with the same readings and gains."""
     start = ready(2)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from joint_probe import PERIOD, small_params, some_sample, some_state, unread
 
+from massprop_drake.maths.estimation.detectors import hypotheses
 from massprop_drake.maths.estimation.detectors import multi_hypothesis as detector
 from massprop_drake.maths.estimation.detectors.multi_hypothesis import (
     Declaration,
@@ -18,7 +19,7 @@ from massprop_drake.maths.estimation.detectors.multi_hypothesis import (
     Word,
 )
 from massprop_drake.maths.estimation.joint import race as races
-from massprop_drake.maths.estimation.joint.cycle import Sample, step
+from massprop_drake.maths.estimation.joint.cycle import JointEvidence, Sample, step
 from massprop_drake.maths.estimation.joint.decision import Decision, Outcome
 from massprop_drake.maths.estimation.joint.hypotheses import (
     FIT,
@@ -36,7 +37,7 @@ from massprop_drake.maths.estimation.joint.measurement import outputs, rebased
 from massprop_drake.maths.estimation.joint.prediction import drive, predict
 from massprop_drake.maths.estimation.joint.race import Standing
 from massprop_drake.maths.estimation.joint.screen import Contender
-from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError
 from massprop_drake.maths.mass_properties import initial_standard_deviation
 
 JOINT = small_params(
@@ -380,3 +381,17 @@ def test_what_began_shortly_before_a_decision_is_in_the_bank_after_it() -> None:
     np.testing.assert_array_equal(np.diff(bank.cycles), 1.0)
     assert bank.cycles[-1] == history.last == flight.cycle
     np.testing.assert_array_equal(bank.states[-1].mean, flight.filter.mean)  # on the winner's way
+
+
+def test_a_covariance_without_a_root_is_said_with_the_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    def lost(*_: Any) -> Any:
+        raise np.linalg.LinAlgError("Matrix is not positive definite")
+
+    flight = Flight()
+    sample = some_sample(JOINT, time_s=3.5)
+    after, report = step(flight.filter, sample, JOINT)
+    evidence = JointEvidence(flight.filter, after, report, sample, False)
+    assert hypotheses.judge(hypotheses.initial(PARAMS), evidence, PARAMS).replacement is None
+    monkeypatch.setattr(detector, "judge", lost)
+    with pytest.raises(NotPositiveDefiniteError, match=r"compares hypotheses is not .* at t = 3\.5 s"):
+        hypotheses.judge(hypotheses.initial(PARAMS), evidence, PARAMS)

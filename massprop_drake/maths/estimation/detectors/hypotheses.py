@@ -37,7 +37,9 @@ from massprop_drake.maths.estimation.joint.decision import Rules
 from massprop_drake.maths.estimation.joint.hypotheses import Kind
 from massprop_drake.maths.estimation.joint.layout import JointState, pack, state_layout, unpack
 from massprop_drake.maths.estimation.joint.race import History
-from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError
+
+_WHAT = "a covariance by which the detector compares hypotheses"
 
 GROUP = "hypothesis_detector"  # the system that holds the state in a diagram
 
@@ -102,10 +104,14 @@ def judge(state: State, evidence: JointEvidence, params: HypothesisParams) -> Ju
         params: see `HypothesisParams`.
 
     Raises:
-        NotPositiveDefiniteError: see `joint.cycle.step`.
+        NotPositiveDefiniteError: see `joint.cycle.step`; and when a covariance that hypotheses are compared by has no
+            root.
     """
     before, after = evidence.before, evidence.after
-    found = multi_hypothesis.judge(state.method, before, after, evidence.report, evidence.sample, params)
+    try:
+        found = multi_hypothesis.judge(state.method, before, after, evidence.report, evidence.sample, params)
+    except np.linalg.LinAlgError:
+        raise NotPositiveDefiniteError(after.root @ after.root.T, _WHAT, evidence.sample.time_s) from None
     now = after if found.replacement is None else found.replacement
     said = found.declarations
     force, variance = _declared(found.state, now, params)

@@ -39,6 +39,7 @@ _LEAST_GAP = 2.0  # cycles between neighbors of an entry that may go
 _KEPT_YOUNG = 2  # youngest that never go: the onset of what is found at once
 _ALLOWED = 0.5  # samples that a jet must have been on (off) in all for a loss (a leak) of it to show
 _LEAST_SECONDS = 1e-9
+_ROUNDING = 1e-13  # of a covariance: sums of some forty products, and the root of six rows
 _TINY = float(np.finfo(np.float64).tiny)
 _IDENTITY = np.eye(3)
 
@@ -251,6 +252,9 @@ def _tested(since: Since, roots: Roots, over: Link, least: float, params: JointP
         return nothing, False
     on_outputs = _on_outputs(jacobian, params.places)
     covariance = _covariances(since, roots, looked_at, (jacobian, on_outputs), params) + np.diag(variances)
+    looked_at, covariance = _resolved(looked_at, covariance, variances)
+    if looked_at.shape[0] == 0:
+        return nothing, False
     half = inverses(triangular_roots(covariance))
     whitened = stack_times_vectors(half, residual[looked_at])
     signature = stack_times(half, on_outputs @ over.effects.T)
@@ -262,6 +266,23 @@ def _tested(since: Since, roots: Roots, over: Link, least: float, params: JointP
     likelihood[looked_at] = np.where(enough, projection**2 / energy, 0.0)
     force[looked_at] = np.where(enough, projection / energy / np.maximum(seconds, _LEAST_SECONDS), 0.0)
     return Telescoped(total, likelihood, np.minimum(np.maximum(force, -params.thrusts), params.thrusts)), True
+
+
+@kernel
+def _resolved(looked_at: np.ndarray, covariance: Array, variances: Array) -> tuple[np.ndarray, Array]:
+    """Onsets from which the outputs are predicted so well that rounding leaves room for what the readings add.
+
+    Of others the covariance may have no root. A filter that is lost may know as little from one sample to the next.
+
+    Args:
+        looked_at: which onsets, shape (k,).
+        covariance: of the averaged outputs from each, their readings' own included, shape (k, 6, 6).
+        variances: of the readings, averaged, shape (6,).
+    """
+    resolved = np.ones(looked_at.shape[0], dtype=np.bool_)
+    for place in range(looked_at.shape[0]):
+        resolved[place] = (variances > _ROUNDING * np.diag(covariance[place])).all()
+    return looked_at[resolved], covariance[resolved]
 
 
 @kernel
