@@ -2,10 +2,12 @@
 
     python benchmarks/same_numbers.py record FOLDER [NAME ...]
     python benchmarks/same_numbers.py compare EARLIER LATER
+    python benchmarks/same_numbers.py compiled [NAME ...]
 
 `record` runs every bundled scenario with three seeds, and variants that turn on what no bundled scenario uses,
 by whichever version is installed; estimates from each run's own telemetry besides; and keeps signals, summaries,
-telemetry and saved states. `compare` looks at two such folders. Names that have changed are in
+telemetry and saved states. `compare` looks at two such folders. `compiled` flies each case twice with five seeds, in
+numpy and compiled, and says what is decided otherwise, and how far apart the rest is. Names that have changed are in
 `tests/data/renamed.csv`. Not compared: the version, timing, and digests of files.
 """
 
@@ -23,6 +25,11 @@ from typing import Any
 import numpy as np
 
 SEEDS = (0, 1, 2)
+COMPILED_SEEDS = (0, 1, 2, 3, 4)
+# what is decided is the same; sums of squares and differences of such, and all else, by the largest of a signal
+DECIDED = ("command", "rotation_used", "mass_used", "alarm", "tested", "detector_event", "suspected_jet", "out_of_use")
+OF_LIKELIHOOD = ("likelihood", "nis", "margin", "unexplained", "lead")
+STATES, LIKELIHOODS = 5e-12, 1e-10
 RENAMED = Path(__file__).parent.parent / "tests" / "data" / "renamed.csv"
 ERRORS = (
     "sensors.errors=[{sensor: gyro, scale_factor: [1.0e-4, 0, -1.0e-4], bias: [1.0e-6, 0, -2.0e-6], "
@@ -147,6 +154,54 @@ def compare(earlier: Path, later: Path) -> int:
     return wrong
 
 
+def apart(plain: Any, compiled: Any) -> tuple[list[str], float, float]:
+    """What two runs decide otherwise, and how far apart their states and likelihoods are, relative."""
+    otherwise, states, likelihoods = [], 0.0, 0.0
+    for name in plain.signals:
+        one, other = np.asarray(plain[name], dtype=float), np.asarray(compiled[name], dtype=float)
+        if name in DECIDED:
+            if not np.array_equal(one, other, equal_nan=True):
+                otherwise.append(name)
+            continue
+        if not np.array_equal(np.isfinite(one), np.isfinite(other)):
+            otherwise.append(f"{name}, where it is a number")
+            continue
+        known = np.isfinite(one)
+        size = np.abs(one[known]).max(initial=0.0)
+        far = float(np.abs(one - other)[known].max(initial=0.0) / size) if size > 0.0 else 0.0
+        if any(word in name for word in OF_LIKELIHOOD):
+            likelihoods = max(likelihoods, far)
+        else:
+            states = max(states, far)
+    told = [[(event["kind"], event["jets"]) for event in run.summary["events"]] for run in (plain, compiled)]
+    return otherwise + (["events"] if told[0] != told[1] else []), states, likelihoods
+
+
+def compiled(wanted: list[str]) -> int:
+    """Prints how far compiled runs are from those in numpy; how many are too far."""
+    from massprop_drake import InputError, load_scenario, simulate  # noqa: PLC0415 (either version)
+
+    warnings.simplefilter("ignore")
+    wrong = 0
+    for name, (scenario, *overrides) in cases().items():
+        if wanted and name not in wanted:
+            continue
+        engine = "diagram" if name == "continuous" else "loop"
+        for seed in COMPILED_SEEDS:
+            ways = [f"execution={{engine: {engine}, compiled: {each}}}" for each in ("false", "true")]
+            try:
+                runs = [simulate(load_scenario(scenario, [*overrides, f"seed={seed}", way])) for way in ways]
+            except InputError as error:
+                print(f"{name}: {error}", flush=True)
+                break
+            otherwise, states, likelihoods = apart(*runs)
+            far = bool(otherwise) or states > STATES or likelihoods > LIKELIHOODS
+            wrong += far
+            said = f", otherwise: {', '.join(otherwise)}" if otherwise else ""
+            print(f"{name}-{seed}: states {states:.1e}, likelihoods {likelihoods:.1e}{said}{' *' * far}", flush=True)
+    return wrong
+
+
 def main() -> None:
     """Records or compares."""
     match sys.argv[1:]:
@@ -154,6 +209,8 @@ def main() -> None:
             record(Path(folder), wanted)
         case ["compare", earlier, later]:
             sys.exit(1 if compare(Path(earlier), Path(later)) else 0)
+        case ["compiled", *wanted]:
+            sys.exit(1 if compiled(wanted) else 0)
         case _:
             sys.exit(__doc__)
 
