@@ -369,7 +369,7 @@ def test_that_a_known_force_changes_must_show_at_first_and_not_only_be_likelier(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(races, "_known", lambda _: {(0, 1)})
-    for rival, cycles, expected in ((97.0, 20, False), (90.0, 20, True), (97.0, 25, True)):
+    for rival, cycles, expected in ((97.0, 6, False), (90.0, 6, True), (97.0, 7, True)):
         now = race(running(leak(0), 100.0), running(leak(1), rival))._replace(triggered=NOW + 1 - cycles)
         standing = races.standings(now, [contender(leak(0), 100.0), contender(leak(1), rival)], PARAMS)
         assert standing[0].beforehand > 5.0

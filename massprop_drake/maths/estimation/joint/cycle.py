@@ -27,7 +27,6 @@ from massprop_drake.maths.estimation.joint.layout import (
     JointParams,
     JointState,
     relearned,
-    settled,
 )
 from massprop_drake.maths.estimation.joint.measurement import outputs, rate_read, readings, used
 from massprop_drake.maths.estimation.joint.prediction import (
@@ -427,7 +426,7 @@ def cycled(state: JointState, sample: Sample, thresholds: Array, params: JointPa
     innovation, incremented = expected.innovation, False
     deviation = np.sqrt((expected.projected**2).sum(axis=1) + params.variances)
     gyro_nis, accelerometer_nis = _nis_by_kind(expected, params)
-    if commanded and not settled(state, params):
+    if commanded and not state.guarded:
         count = int(expected.used[: 3 * params.places.gyros].sum())
         if count > 0 and gyro_nis > thresholds[count - 1]:
             incremented = True

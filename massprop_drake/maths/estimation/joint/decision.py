@@ -5,7 +5,7 @@ set of jets, in nats, and cycles counted from the alarm:
 
     jets     L_1 - L_2 > 6, L_1 - L_J > 6, L_1 - L_S > 6, L_1 - L_0 > 12, f > 3 sigma of a single one, and they fit; a
              pair after three samples; before settled only forces of a tenth of full thrust; that a known force changes
-             for two seconds only by what is read, later also as it is likelier beforehand
+             for half a second only by what is read, later also as it is likelier beforehand
     group    the same against all but those that differ in one jet, which what has fired cannot tell apart, and are two
              at most or of one cluster; or differ in jets of the same clusters; and at once where something new begins
              that none of them explains
@@ -52,7 +52,7 @@ _LIE_AFTER = 6  # cycles: a lie that ends is told from a rate that has changed b
 _JUMP_AFTER = 2  # samples: in one of them a pair of jets explains as much
 _DOUBTFUL_JUMP_AFTER = 12  # samples: one that misfits may yet learn; a small one fits jets that began at another onset
 _SHAKEN = 4.2  # normal deviate of a sample that one in a hundred thousand exceeds
-_LED_AFTER = 6  # cycles: for half a second one jet may explain what two do that failed in one instant
+_HALF_A_SECOND = 6  # cycles: so long one jet may explain what two do, and a neighbor what a known jet would
 _WELL = 3.0  # standard deviations of chi-square: of who explains all so far, one in a thousand is above
 _LITTLE = 0.01  # of the misfit of nothing, left by a jump that does not fit
 _PAIR_AFTER = 3  # samples: two jets and their onsets explain nearly all of the six increments of one or two
@@ -61,7 +61,6 @@ _INCREMENT_AFTER = 25  # cycles: a filter that was a little off, no payload
 _NOTHING_AFTER, _NOTHING_NEAR, _NOTHING_LATE = 12, 8.0, 75
 _GROUP_AFTER = 100  # cycles: a leak that is not told apart in 8 s will not be soon
 _GROUP_SOON_AFTER = 4  # cycles: of jets that are stuck, on or off, and lead all others; it is needed at once
-_CHANGE_AFTER = 25  # cycles: until then readings must show that a known force has changed; it is not only likelier
 _GROUP = 3  # jets at most
 ALIKE = 12.0  # separation below which jets look alike: twice the lead
 LAST = 250  # cycles of a race
@@ -127,7 +126,7 @@ def decided(race: Race, standing: list[Standing], settled: bool, rules: Rules, p
     """
     standing = rivals(standing)
     cycles = race.screen.cycle - race.triggered + 1
-    interrupted = _interrupted(race, standing, rules) if cycles > _LED_AFTER else None
+    interrupted = _interrupted(race, standing, rules) if cycles > _HALF_A_SECOND else None
     if interrupted is not None:
         return interrupted
     jump = next((each for each in standing if each.contender.cause.kind == Kind.JUMP), None)
@@ -196,7 +195,7 @@ def _of_jets(
         return undecided
     if (pair and cycles < _PAIR_AFTER) or overrated(race, standing[0]) is not None:
         return undecided
-    if clear and (cycles >= _CHANGE_AFTER or _shown_by_readings(standing, rules)):
+    if clear and (cycles > _HALF_A_SECOND or _shown_by_readings(standing, rules)):
         return Decision(Outcome.JETS, standing[0])
     if clear:
         return Decision(Outcome.OPEN, standing[0])
