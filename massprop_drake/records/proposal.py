@@ -569,6 +569,24 @@ class _Search:
             self._say("commands.acts: from_row, since nothing here tells: a row's command acts from the row on")
         else:
             self._follow(by, gyro)
+            self._tell_sums(by)
+
+    def _tell_sums(self, by: mapping.Mapped) -> None:
+        """Tells by the jets whether increments of velocity, as names have it, are sums of them."""
+        held, vehicle = np.nan_to_num(by.commands.values), self.vehicle
+        pushes = vehicle.wrenches[:, 3:] / vehicle.nominal.mass * vehicle.sample_period_s
+        meant = (held[1:] if self.data["commands"]["acts"] == "until_row" else held[:-1]) @ pushes
+        for name, entry in self.data["sensors"].items():
+            if entry.get("gives") != "increment" or len(by.channels[name].values) != len(held):
+                continue
+            values = by.channels[name].values
+            gained, summed = _correlation(meant, values[1:]), _correlation(meant, np.diff(values, axis=0))
+            if summed > gained + _CLEARLY:
+                entry["gives"] = "integral"
+                self._say(
+                    f"{name}: sums of increments, since their differences follow the commands with a correlation of "
+                    f"{summed:.2f}, they themselves with {gained:.2f}"
+                )
 
     def _follow(self, by: mapping.Mapped, gyro: str) -> None:
         """Compares what a gyro shows with what the jets should make it show."""

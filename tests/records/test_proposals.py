@@ -157,6 +157,18 @@ def test_what_jets_do_tells_the_unit_and_the_interval(one: Flight, tmp_path: Pat
     assert "1.00 in the one before" in said(found)
 
 
+def test_what_jets_do_tells_increments_from_their_sums(one: Flight, tmp_path: Path) -> None:
+    vehicle = one.vehicle
+    gained = one.commands @ vehicle.wrenches[:, 3:] / vehicle.nominal.mass * vehicle.sample_period_s
+    gained = np.vstack([np.zeros(3), gained[:-1]])
+    columns = {name: values for name, values in usual_columns(one).items() if name[0] != "v"}
+    for values, gives in ((gained, "increment"), (np.cumsum(gained, axis=0), "integral")):
+        named = {f"dv_{axis}": values[:, index] for index, axis in enumerate("xyz")}
+        found = proposed(write_csv(tmp_path / "log.csv", columns | named), vehicle)
+        assert found.data["sensors"]["acc"]["gives"] == gives
+        assert ("sums of increments" in said(found)) == (gives == "integral")
+
+
 def test_rates_too_fast_for_radians_are_degrees(one: Flight, tmp_path: Path) -> None:
     columns = usual_columns(one) | {"wz": 150.0 + one.rates[:, 2]}
     found = proposed(write_csv(tmp_path / "log.csv", columns), one.vehicle)
