@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from massprop_drake import load_scenario, simulate
@@ -39,7 +40,16 @@ def test_scenario_runs(tmp_path: Path) -> None:
     path.write_text(text, encoding="utf-8")
     scenario = load_scenario(path)
     assert scenario.name == path.stem
-    assert simulate(scenario).summary["duration_s"] == pytest.approx(scenario.duration_s)
+    run = simulate(scenario)
+    assert run.summary["duration_s"] == pytest.approx(scenario.duration_s)
+    said = re.search(r"below (\S+) % in the moments of inertia, (\S+) % .* along x, (\S+) % in the mass", README)
+    assert said is not None
+    moments, along_x, mass = map(float, said.groups())
+    found, true = run.summary["derived"], scenario.plant.mass_properties
+    off = 100.0 * np.abs(np.diag(found["inertia"]) / np.diag(true.inertia) - 1.0)
+    assert off.max() < moments
+    assert abs(run.summary["percent_error"]["center_of_mass"][0]) < along_x
+    assert abs(run.summary["percent_error"]["mass_reciprocal"]) < mass
 
 
 def test_links_lead_somewhere() -> None:

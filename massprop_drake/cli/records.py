@@ -108,7 +108,7 @@ def _map_text(found: Proposal, record: str, vehicle: Vehicle) -> str:
         lines.append("# What is to be filled in:")
         for one in found.lacking:
             lines += _comment(one)
-    order = ("topic", "time", "sensors", "commands")
+    order = ("topic", "time", "sensors", "commands", "csv")
     data = {key: found.data[key] for key in order if key in found.data}
     return "\n".join(lines) + "\n" + to_yaml(data)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -11,6 +12,7 @@ from statistics import median
 from typing import TYPE_CHECKING, Any
 
 from rich.box import HEAVY_HEAD
+from rich.cells import cell_len
 from rich.console import Console
 from rich.style import Style
 from rich.table import Table
@@ -35,6 +37,7 @@ if TYPE_CHECKING:
 _VERDICT_STYLES = {"holds": "green", "holds within spread": "cyan", "differs": "yellow"}
 # share of the width by heading; None: as wide as it needs
 _CLAIM_COLUMNS = {"claim": 4, "source": None, "its words": 4, "expected": 3, "measured": 3, "verdict": 3}
+_ABOUT = ("parameter", "unit", "")  # headings of what a row is about
 _ANY_WIDTH = 10_000  # characters, for a table as wide as it needs
 
 
@@ -60,8 +63,30 @@ class Terminal(Console):
         return Text.assemble(*(self.render_str(part, style=style) for part, style in pairs))
 
     def say(self, *parts: str | tuple[str, str]) -> None:
-        """Prints parts as one line, however long."""
-        self.print(self.words(*parts), soft_wrap=True)
+        """Prints parts as one line, however long; a terminal has it broken between words, each line below the text."""
+        line = self.words(*parts)
+        if not sys.stdout.isatty():
+            self.print(line, soft_wrap=True)
+            return
+        label = _LABEL.match(line.plain)
+        indent = label.end() if label else 0
+        for number, piece in enumerate(line.divide(_breaks(line.plain, self.width, indent))):
+            piece.rstrip()
+            self.print(Text(" " * indent if number else "") + piece, soft_wrap=True)
+
+
+_LABEL = re.compile(r"(?:[a-z]+:)?\s+")  # what a line begins with, `detected:    ` or the blanks below it
+_WORD = re.compile(r"\S+(?: ± \S+)?\s*")  # what stays together
+
+
+def _breaks(text: str, width: int, indent: int) -> list[int]:
+    """Where a line is broken that is longer than a terminal is wide: places at which lines begin, but the first."""
+    begins, room = [0], width
+    for word in _WORD.finditer(text, indent):
+        if word.start() > max(begins[-1], indent) and cell_len(text[begins[-1] : word.end()].rstrip()) > room:
+            begins.append(word.start())
+            room = width - indent
+    return begins[1:]
 
 
 def json_text(content: Any) -> str:
@@ -240,7 +265,7 @@ def print_table(
     """Prints a table of which no cell is ever cut.
 
     Where it is too wide for the terminal it goes without its frame, then closer, and then without columns. What is
-    still too wide is printed as wide as it is.
+    still too wide is listed on a terminal, a line for each cell, and printed as wide as it is into a file.
 
     Args:
         console: to print on.
@@ -250,14 +275,14 @@ def print_table(
         spare: headings of columns that can be spared, the first one first.
         absent: headings of columns that are never printed.
     """
-    every = list(rows)
+    every = [row and [*row, *["-"] * (len(headings) - len(row))] for row in rows]
     layouts = [(HEAVY_HEAD, 1, 0), (None, 2, 0), *((None, 1, count) for count in range(len(spare) + 1))]
     for frame, gap, left_out in layouts:
         kept = [place for place, heading in enumerate(headings) if heading not in (*absent, *spare[:left_out])]
         padding = (0, gap, 0, 1 if frame else 0)
         table = Table(title=title, title_justify="left", header_style="bold", box=frame, padding=padding)
         for place in kept:
-            left = headings[place] in ("parameter", "unit", "")
+            left = headings[place] in _ABOUT
             lines = Text("\n").join(map(console.render_str, headings[place].split("\n")))
             table.add_column(lines, justify="left" if left else "right", no_wrap=True)
         for row in every:
@@ -266,13 +291,31 @@ def print_table(
             elif row is None:
                 table.add_row()
             else:
-                cells = [*row, *["-"] * (len(headings) - len(row))]
-                table.add_row(*(cells[place] for place in kept))
+                table.add_row(*(row[place] for place in kept))
         width = console.measure(table, options=console.options.update(max_width=_ANY_WIDTH)).maximum
         if width <= console.width:
             break
+    if width > console.width and sys.stdout.isatty():
+        shown = [[row[place] for place in kept] for row in every if row is not None]
+        _print_listed(console, title, [headings[place] for place in kept], shown)
+        return
     console.width = max(console.width, width)
     console.print(table)
+
+
+def _print_listed(console: Terminal, title: str, headings: Sequence[str], rows: Iterable[Sequence[Text | str]]) -> None:
+    """Prints a table cell by cell: what a row is about, with its unit, and below it a line for each other cell."""
+    console.say((title, "italic"))
+    named = [heading.replace("\n", " ") for heading in headings]
+    longest = max(map(cell_len, named))
+    for row in rows:
+        about = [place for place, heading in enumerate(named) if heading in _ABOUT]
+        console.say((", ".join(str(row[place]) for place in about), "bold"))
+        for place, cell in enumerate(row):
+            if place not in about:
+                padding = " " * (longest - cell_len(named[place]) + 2)
+                shown = cell if isinstance(cell, Text) else console.words(cell)
+                console.print(console.words(f"  {named[place]}{padding}") + shown, soft_wrap=True)
 
 
 def _print_parameters(console: Terminal, title: str, results: Summary, vehicle: Vehicle, *, truth: bool) -> None:

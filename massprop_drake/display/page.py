@@ -62,6 +62,7 @@ def report_html(run: Run, *, replay: str | None = None) -> str:
     results, scenario = run.results, run.scenario
     source = plots.source(run)
     jumps, shown_by = _jumps(run)
+    by_hypotheses = scenario.detector.kind == "multi_hypothesis"
     described = {
         "time": interactive.times(run.time_s),
         **interactive.packed([interactive.drawn(plot(source)) for plot in plots.available(source).values()]),
@@ -81,7 +82,7 @@ def report_html(run: Run, *, replay: str | None = None) -> str:
         "simulated": source.simulated,
         "unidentified": in_words(results.identifiability, SYMBOLS),
         "injected": [_injected(run, number, shown_by) for number in range(len(results.injected or ()))],
-        "detections": [_detection(entry, units) for entry in results.detections],
+        "detections": [_detection(entry, units, by_hypotheses) for entry in results.detections],
         "events": [(event.time_s, said.in_words(event, units)) for event in results.events],
         "against": results.against and _against(results.against),
         "unconfirmed": [unconfirmed.in_words(one) for one in results.unconfirmed],
@@ -233,15 +234,25 @@ def _armed(source: plots.Source, results: Summary) -> list[dict[str, Any]]:
     return [{"good": False if before else None, "text": f"The detector was armed from {from_s:.2f} s on{missed}."}]
 
 
-def _detection(entry: DetectionRecord, units: Mapping[str, str]) -> dict[str, Any]:
-    """Formats a detection: what failed, when, by how much, and how sure that is."""
+def _detection(entry: DetectionRecord, units: Mapping[str, str], by_hypotheses: bool) -> dict[str, Any]:
+    """Formats a detection: what failed, when, by how much, and how sure that is.
+
+    Args:
+        entry: what was declared.
+        units: names of units by quantity.
+        by_hypotheses: whether hypotheses were compared over several samples; else alarms of single ones led to it.
+    """
+    what = "sample" if by_hypotheses else "alarm"
+    after = (
+        "at once" if by_hypotheses and not entry.alarms else f"after {entry.alarms} {what}{'s' * (entry.alarms != 1)}"
+    )
     return {
         "what": events.headline(entry),
         "since": entry.onset_s,
         "declared": entry.time_s,
         "cluster": "" if entry.cluster is None else str(entry.cluster),
         "magnitude": size(entry, units),
-        "sure": f"{entry.statistic:.4g} after {entry.alarms} alarm{'s' if entry.alarms != 1 else ''}",
+        "sure": f"{entry.statistic:.4g} {after}",
         "remarks": "; ".join(remarks(entry)),
     }
 

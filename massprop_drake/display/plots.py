@@ -34,6 +34,7 @@ from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.maths.autopilot.phase_space import PhaseSpaceParams, commanded_rate
+from massprop_drake.maths.estimation.detector import Event as Code
 from massprop_drake.maths.estimation.detectors.multi_hypothesis import Word
 from massprop_drake.results.against_followed import turned
 from massprop_drake.results.consistency import ruled
@@ -690,7 +691,10 @@ def _mean_nis(run: Source, name: str, nis: Array) -> str:
 
 
 def likelihoods(run: Source) -> Plot:
-    """Likelihood arguments of all jets, and of the clusters (figures 5-16, 5-19, 5-22, 5-25)."""
+    """Likelihood arguments of all jets, and of the clusters (figures 5-16, 5-19, 5-22, 5-25).
+
+    The detector by hypotheses has the lead of each jet's failure over no failure in their place.
+    """
     tested = run.where("tested")
     of_jets = run.signals["likelihood"][tested]
     clusters = np.array([jet.cluster for jet in run.vehicle.jets])
@@ -698,16 +702,20 @@ def likelihoods(run: Source) -> Plot:
     of_clusters = np.stack([of_jets[:, clusters == number].max(axis=1) for number in numbers], axis=1)
     declared = np.zeros(clusters.size, dtype=bool)
     if "known_force_variance" in run.signals:
-        declared = np.asarray((run.signals["known_force_variance"] > 0.0).any(axis=0))
+        declared |= (run.signals["known_force_variance"] > 0.0).any(axis=0)
+    said = run.signals["detector_event"][:, 0] == Code.DECLARED  # what is off has no known force
+    declared[run.signals["suspected_jet"][said, 0].astype(int)] = True
     panels = [_highest(run.time_s[tested], of_jets, run.vehicle.designations, "of the jets", declared)]
     if run.clustered:
         groups, found = [f"cluster {number}" for number in numbers], np.isin(numbers, clusters[declared])
         panels.append(_highest(run.time_s[tested], of_clusters, groups, "of the clusters", found))
-    return _plot(run, "likelihoods", "Likelihood arguments of a failed jet", panels)
+    leads = run.scenario.detector.kind == "multi_hypothesis"
+    title = "Lead of each jet's failure over no failure, nats" if leads else "Likelihood arguments of a failed jet"
+    return _plot(run, "likelihoods", title, panels)
 
 
 def _highest(time_s: Array, values: Array, names: Sequence[str], label: str, declared: NDArray[np.bool_]) -> Panel:
-    """Statistics of many candidates: those that ever reach highest by name, the range of the others in gray.
+    """Statistics of many candidates: declared ones and those that reach highest by name, others as a range in gray.
 
     What was declared is drawn last, and so on top. All are there to be read.
     """
@@ -716,7 +724,7 @@ def _highest(time_s: Array, values: Array, names: Sequence[str], label: str, dec
     if not time_s.size:
         return Panel(label, "", (), scale="log", limits=limits)
     most = np.fmax.reduce(shown, axis=0, initial=_FLOOR)  # of what there is: a detector need not judge all at all times
-    order, reaching = np.argsort(-most), int((most > _FLOOR).sum())
+    order, reaching = np.lexsort((-most, ~declared)), int((most > _FLOOR).sum())
     top, rest = np.split(order, [min(_NAMED, max(1, reaching))])
     top = top[np.argsort(declared[top], kind="stable")]
     marks: list[Mark] = []

@@ -160,7 +160,8 @@
   function number(value) {
     if (value === null || value === undefined) return "-";
     const size = Math.abs(value);
-    return size > 1e-30 && (size < 1e-3 || size >= 1e6) ? value.toExponential(3) : String(Number(value.toPrecision(5)));
+    if (size < 1e-30) return "0"; // a thrust that tails off never ends
+    return size < 1e-3 || size >= 1e6 ? value.toExponential(3) : String(Number(value.toPrecision(5)));
   }
 
   // what a figure shows at a time: label, value and unit of each signal, in the order in which they are drawn

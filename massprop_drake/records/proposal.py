@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import chain
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -36,6 +37,11 @@ _UNITS = {
     "fps": "ft/s",
     "ft": "ft",
 }
+_QUOTIENTS = {  # two parts of a name that are a unit
+    (length, time): f"{length}/{'s^2' if time == 's2' else 's'}"
+    for length in ("m", "mm", "cm", "ft", "rad", "mrad", "deg")
+    for time in ("s", "s2")
+}
 _WORDS: Mapping[str, frozenset[str]] = {
     "gyro": frozenset({"gyro", "gyr", "gyroscope", "omega", "w", "rate", "rates", "angvel", "angular", "pqr"}),
     "accelerometer": frozenset({"acc", "accel", "a", "acceleration", "accelerometer", "sf"}),
@@ -53,6 +59,7 @@ _AXES = {**{axis: index for index, axis in enumerate("xyz")}, "p": 0, "q": 1, "r
 _QUATERNION = re.compile(r"(?:.*_)?(?:q|quat|quaternion|orientation)_?([wxyz0-3]?)")
 _UNIFORM = 1e-4  # of its median, by which steps of a clock that only counts may differ
 _CLEARLY = 0.2  # by which one correlation must exceed the other
+_LISTED = 12  # columns that are named at the most
 _FEWEST = 20  # samples in which jets fire, from which units and intervals are told
 
 # of PX4: columns, and what they are
@@ -109,6 +116,7 @@ def propose(recording: Recording, vehicle: Vehicle) -> Proposal:
     else:
         work.in_a_table()
     work.look_at_the_jets()
+    work.tell_what_is_left()
     if not work.data["sensors"]:
         work.lacking.append("no sensor was found: name its columns under `sensors`")
     if "commands" not in work.data:
@@ -126,7 +134,10 @@ def read_name(column: str) -> _Name:
     rest = re.sub(r"\[\d+\]", "", rest)
     rest = re.sub(r"([a-z])([A-Z])", r"\1_\2", rest)
     words = [word for word in re.split(r"[^A-Za-z0-9µ°]+", rest.lower()) if word]
-    if not unit and len(words) > 1 and words[-1] in _UNITS:
+    if not unit and len(words) > 2 and (words[-2], words[-1]) in _QUOTIENTS:
+        unit = _QUOTIENTS[words[-2], words[-1]]
+        del words[-2:]
+    elif not unit and len(words) > 1 and words[-1] in _UNITS:
         unit = _UNITS[words.pop()]
     axis = -1
     turn = _QUATERNION.fullmatch("_".join(words[-2:]) if len(words) > 1 else "".join(words))
@@ -183,14 +194,21 @@ class _Search:
             "pose": [one.name for one in vehicle.poses],
             "velocity": [one.name for one in vehicle.velocities],
         }
+        self._called = {kind: {one.lower() for one in self._free[kind]} for kind in ("gyro", "accelerometer")}
 
     def _say(self, reason: str) -> None:
         self.reasons.append(reason)
 
-    def _package(self, kind: str, words: Iterable[str] = ()) -> str:
+    def _kind(self, name: _Name) -> str:
+        """What a column measures, by its words or as a package of the vehicle is called; "": not known."""
+        called = "_".join(name.words)
+        return next((kind for kind, names in self._called.items() if called in names), _kind(name))
+
+    def _package(self, kind: str, words: Sequence[str] = ()) -> str:
         """A package of the vehicle that is not taken yet, one that is so called first; "": none is left."""
         free = self._free[kind]
-        name = next((one for one in free if one.lower() in words), free[0] if free else "")
+        said = {*words, "_".join(words)}
+        name = next((one for one in free if one.lower() in said), free[0] if free else "")
         if name:
             free.remove(name)
         return name
@@ -208,16 +226,31 @@ class _Search:
             self._say(f"{what}: the vehicle has no further {kind} sensor")
         return name
 
+    def tell_what_is_left(self) -> None:
+        """Says which packages of the vehicle have no columns, and which columns of a table nothing is made of."""
+        missing = [name for free in self._free.values() for name in free]
+        if missing:
+            self._say(f"no columns were found for {', '.join(missing)}: name them under `sensors` if they were logged")
+        if "" in self.recording.topics:
+            used = set(_texts(self.data))
+            left = [name for name in self.recording.topics[""].columns if name not in used]
+            if left:
+                self._say(f"not used: {', '.join(left[:_LISTED])}{', ...' if len(left) > _LISTED else ''}")
+
     # ---------------------------------------------------------------------------------- tables
 
     def in_a_table(self) -> None:
         """Looks in tables and .mat files, by names and numbers; of several parts in the one with rates first."""
+        form = self.recording.form.model_dump(exclude_defaults=True)
+        if form:
+            self.data["csv"] = form
+            self._say(f"csv: {', '.join(f'{key} {value!r}' for key, value in form.items())}, as its first lines show")
         topics = self.recording.topics
         read = {
             name: [read_name(column) for column, values in topic.columns.items() if _has_numbers(values)]
             for name, topic in topics.items()
         }
-        kinds = {name: {_kind(one) for one in names if one.axis >= 0} - {""} for name, names in read.items()}
+        kinds = {name: {self._kind(one) for one in names if one.axis >= 0} - {""} for name, names in read.items()}
         ordered = sorted(topics, key=lambda name: ("gyro" not in kinds[name], -len(kinds[name])))
         for name in ordered:
             if kinds[name] or len(topics) == 1:
@@ -281,11 +314,11 @@ class _Search:
                 angles.setdefault(turn, name)
             elif turn >= 0:
                 groups.setdefault((("rate",), name.unit), {})[turn] = name
-            elif name.axis >= 0 and _kind(name):
+            elif name.axis >= 0 and self._kind(name):
                 groups.setdefault((name.words, name.unit), {})[name.axis] = name
         found: dict[str, list[dict[int, _Name]]] = {}
         for members in groups.values():
-            found.setdefault(_kind(members[min(members)]), []).append(members)
+            found.setdefault(self._kind(members[min(members)]), []).append(members)
         position = next(iter(found.get("position", [])), {})
         pairs = self._differences(topic, position, angles, found)
         for members in found.get("gyro", []):
@@ -402,7 +435,7 @@ class _Search:
                 self._unit(members, "velocity", "m/s"),
                 "increments of velocity by their names",
             )
-        elif factor_or_none(first.unit, "velocity") is not None or first.words == (package.lower(),):
+        elif factor_or_none(first.unit, "velocity") is not None or "_".join(first.words) == package.lower():
             gives, unit, why = "integral", self._unit(members, "velocity", "m/s"), "as the vehicle's own, integrating"
         else:
             sizes = np.sqrt(sum(np.nan_to_num(topic.numbers(one.column)) ** 2 for one in members.values()))
@@ -536,6 +569,24 @@ class _Search:
             self._say("commands.acts: from_row, since nothing here tells: a row's command acts from the row on")
         else:
             self._follow(by, gyro)
+            self._tell_sums(by)
+
+    def _tell_sums(self, by: mapping.Mapped) -> None:
+        """Tells by the jets whether increments of velocity, as names have it, are sums of them."""
+        held, vehicle = np.nan_to_num(by.commands.values), self.vehicle
+        pushes = vehicle.wrenches[:, 3:] / vehicle.nominal.mass * vehicle.sample_period_s
+        meant = (held[1:] if self.data["commands"]["acts"] == "until_row" else held[:-1]) @ pushes
+        for name, entry in self.data["sensors"].items():
+            if entry.get("gives") != "increment" or len(by.channels[name].values) != len(held):
+                continue
+            values = by.channels[name].values
+            gained, summed = _correlation(meant, values[1:]), _correlation(meant, np.diff(values, axis=0))
+            if summed > gained + _CLEARLY:
+                entry["gives"] = "integral"
+                self._say(
+                    f"{name}: sums of increments, since their differences follow the commands with a correlation of "
+                    f"{summed:.2f}, they themselves with {gained:.2f}"
+                )
 
     def _follow(self, by: mapping.Mapped, gyro: str) -> None:
         """Compares what a gyro shows with what the jets should make it show."""
@@ -707,6 +758,16 @@ def _has_numbers(values: NDArray[Any]) -> bool:
 
 def _base(topic: str) -> str:
     return topic.rpartition("/")[2] if topic.startswith("/") else topic.partition("/")[0]
+
+
+def _texts(data: Any) -> Iterator[str]:
+    """All texts in the data of a map, keys aside."""
+    if isinstance(data, str):
+        yield data
+    elif isinstance(data, Mapping):
+        yield from chain.from_iterable(map(_texts, data.values()))
+    elif isinstance(data, list):
+        yield from chain.from_iterable(map(_texts, data))
 
 
 def _plain(name: str, without: Iterable[str] = ()) -> str:

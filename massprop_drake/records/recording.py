@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import csv
 import hashlib
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import chain, islice
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +23,7 @@ Array = NDArray[np.float64]
 Column = NDArray[Any]
 
 MOST_ELEMENTS = 64  # of an array that become columns: an image has more, a vehicle's jets fewer
+_LOOKED_AT = 50  # rows of text by which the decimal mark is told
 _CHUNK = 4096  # rows of text that are turned into numbers at once
 
 
@@ -100,6 +103,7 @@ class Recording:
         sha256: of the file, hexadecimal.
         types: of a bag's topics, by name.
         ragged: rows of a text file that were left out.
+        form: how a text file is written.
     """
 
     source: str
@@ -110,6 +114,7 @@ class Recording:
     sha256: str = ""
     types: Mapping[str, str] = field(default_factory=dict)
     ragged: Ragged = field(default_factory=Ragged)
+    form: CsvForm = field(default_factory=CsvForm)
 
     def topic(self, name: str) -> Topic:
         """A topic; raises InputError where there is none of that name."""
@@ -189,10 +194,9 @@ def digest(path: Path) -> str:
 
 
 def _csv(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
-    form = CsvForm(separator="\t") if by is None and path.suffix.lower() == ".tsv" else CsvForm()
-    form = form if by is None else by.csv
     as_text = set() if by is None or by.commands.listed is None else {by.commands.listed.column}
     try:
+        form = _form_of(path) if by is None else by.csv
         with path.open(encoding="utf-8-sig", newline="") as file:
             numbered = _plain_lines(file, form)
             where = _Where()
@@ -209,7 +213,22 @@ def _csv(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     require_regular(ragged, str(path), len(lines), len(header))
     topic = Topic(str(path), columns, None, "line", lines)
-    return Recording(str(path), "table", {"": topic}, sha256=digest(path), ragged=ragged)
+    return Recording(str(path), "table", {"": topic}, sha256=digest(path), ragged=ragged, form=form)
+
+
+_SEPARATORS = (",", ";", "\t")
+_WITH_COMMA = re.compile(r"\s*[+-]?\d+,\d+(?:[eE][+-]?\d+)?\s*")
+
+
+def _form_of(path: Path) -> CsvForm:
+    """How a text file is written, where no map says it: what separates the names, and the decimal mark below them."""
+    with path.open(encoding="utf-8-sig") as file:
+        lines = islice((line for line in file if line.strip()), 1 + _LOOKED_AT)
+        names = next(lines, "")
+        separator = max(_SEPARATORS, key=names.count)
+        cells = chain.from_iterable(line.split(separator) for line in lines)
+        comma = separator != "," and any(map(_WITH_COMMA.fullmatch, cells))
+    return CsvForm(separator=separator, decimal="," if comma else ".")
 
 
 class _Where:

@@ -230,7 +230,9 @@ class CsvTable:
         header = [name.strip() for name in row]
         for separator, name in ((";", "semicolons"), ("\t", "tabs")):
             if len(header) <= 2 and separator in row[0]:
-                raise InputError(f"{self.source}, line {self._line}: columns are separated by {name}; expected commas")
+                where = f"{self.source}, line {self._line}"
+                expected = "expected commas; 'massprop map' proposes a map of other files"
+                raise InputError(f"{where}: columns are separated by {name}; {expected}")
         if all(_NUMBER.fullmatch(name) for name in header if name):
             raise InputError(f"{self.source}, line {self._line}: has numbers; expected a line of column names")
         _require_unique(header, f"{self.source}, line {self._line}")

@@ -251,7 +251,7 @@ def _tables(capsys: Capture, monkeypatch: pytest.MonkeyPatch, width: int, run: R
 def test_no_number_is_ever_cut(
     capsys: Capture, monkeypatch: pytest.MonkeyPatch, short_run: Run, tmp_path: Path
 ) -> None:
-    for width in (160, 100, 80, 60, 30):
+    for width in (160, 100, 80, 60):
         lines = _tables(capsys, monkeypatch, width, short_run, tmp_path)
         assert "…" not in "".join(lines)
         row = next(line for line in lines if "Ixx⁻¹" in line)
@@ -260,6 +260,32 @@ def test_no_number_is_ever_cut(
         value = short_run.results.parameters[0].estimate
         assert 1e-6 * float(shown[0]) == pytest.approx(value, rel=0.05)
     assert len(shown) == 3  # of the narrowest: estimate, error, 1-sigma
+
+
+def test_a_phone_s_width_has_a_line_for_each_number(
+    capsys: Capture, monkeypatch: pytest.MonkeyPatch, short_run: Run, tmp_path: Path
+) -> None:
+    lines = _tables(capsys, monkeypatch, 40, short_run, tmp_path)
+    first = lines.index("Ixx⁻¹, 1e-6/(slug-ft^2)")
+    assert [line.split("  ")[1] for line in lines[first + 1 : first + 4]] == ["estimate", "error %", "1-sigma"]
+    estimate = float(lines[first + 1].split()[-1])
+    assert 1e-6 * estimate == pytest.approx(short_run.results.parameters[0].estimate, rel=0.05)
+    below = next(number for number, line in enumerate(lines) if line.startswith("files:"))  # paths stay whole
+    assert max(map(len, lines[:below])) <= 40
+
+
+def test_lines_are_broken_between_words_on_a_terminal_alone(capsys: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
+    said = "detected:    jump: +30.11 ± 0.22 kg at (+0.8977 ± 0.0050, -0.00032 ± 0.00034) m"
+    show.Terminal(120).say(said)
+    assert capsys.readouterr().out.splitlines() == [said]
+    monkeypatch.setattr("sys.stdout.isatty", lambda: True, raising=False)
+    monkeypatch.setenv("COLUMNS", "40")
+    show.Terminal().say(said)
+    assert capsys.readouterr().out.splitlines() == [
+        "detected:    jump: +30.11 ± 0.22 kg at",
+        "             (+0.8977 ± 0.0050,",
+        "             -0.00032 ± 0.00034) m",
+    ]
 
 
 def test_eighty_columns_hold_all_that_matters(

@@ -477,6 +477,17 @@ def test_what_the_detector_does_not_judge_hides_nobody(stuck: Case) -> None:
     assert "R4R" in [points.label for points in marks(panel, Points) if points.drawn]
 
 
+def test_a_jet_that_was_declared_off_is_named_however_far_behind(stuck: Case) -> None:
+    """It has no known force, and others may come ahead of it at another time."""
+    signals = {name: values.copy() for name, values in stuck.run.signals.items()}
+    jet = stuck.run.scenario.vehicle_data.jet_index("F2R")
+    signals["likelihood"][:, jet] = 1.0
+    signals["suspected_jet"][signals["detector_event"] == 1.0] = jet
+    signals["known_force_variance"][:] = 0.0
+    panel = plots.likelihoods(stuck.source._replace(signals=signals)).panels[0]
+    assert [points.label for points in marks(panel, Points) if points.drawn][-1] == "F2R"
+
+
 def test_a_jet_that_is_named_has_a_row_of_its_own_in_a_record(recorded: Source, stuck: Case) -> None:
     verdict = np.zeros_like(stuck.run["command"])
     verdict[50, stuck.run.scenario.vehicle_data.jet_index("F2R")] = 1.0

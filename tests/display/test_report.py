@@ -147,6 +147,15 @@ def test_a_detection_says_when_what_how_much_and_how_sure(html: str, stuck_run: 
     assert f"after {entry['alarms']} alarms" in row
 
 
+def test_hypotheses_have_no_count_of_alarms(stuck_run: Run) -> None:
+    """What the first sample decides is declared at once, not after no alarm."""
+    scenario = load_scenario("leak_named", ["duration_s=6", "failures=[]"])
+    entry = stuck_run.results.detections[0]
+    for samples, words in ((0, "17 at once"), (1, "17 after 1 sample<"), (3, "17 after 3 samples")):
+        results = replace(stuck_run.results, detections=[entry._replace(statistic=17.0, alarms=samples)], injected=())
+        assert words in report_html(Run(scenario, results, stuck_run.time_s, stuck_run.signals))
+
+
 def test_it_needs_no_network(html: str) -> None:
     rest = without_plotly(html)
     assert not re.search(r"(src|href)=[\"']?(https?:)?//", rest)

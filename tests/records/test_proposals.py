@@ -57,6 +57,9 @@ def said(found: Proposal) -> str:
         ("az (m/s^2)", ("a",), 2, "m/s^2"),
         ("yaw_rate_radps", ("yaw", "rate"), -1, "rad/s"),
         ("nominal_time_s", ("nominal", "time"), -1, "s"),
+        ("gyro_x_deg_s", ("gyro",), 0, "deg/s"),
+        ("acc_z_m_s2", ("acc",), 2, "m/s^2"),
+        ("dvx_mm_s", ("dv",), 0, "mm/s"),
         ("x_m", (), 0, "m"),
         ("q", ("pqr",), 1, ""),
         ("thruster_12", ("thruster", "12"), -1, ""),
@@ -110,6 +113,32 @@ def test_a_proposed_map_gives_the_flight(name: str, one: Flight, tmp_path: Path)
         require_the_flight(rows | {f"acc_{axis}": one.velocities[:, index] for index, axis in enumerate("xyz")}, one)
 
 
+def test_columns_called_as_a_package_are_its_own(one: Flight, tmp_path: Path) -> None:
+    renamed = one.vehicle.accelerometers[0].model_copy(update={"name": "Nav_IMU"})
+    vehicle = one.vehicle.model_copy(update={"accelerometers": [renamed]})
+    columns = {name: values for name, values in usual_columns(one).items() if name[0] != "v"}
+    columns |= {f"nav_imu_{axis}_mm_s": one.velocities[:, index] for index, axis in enumerate("xyz")}
+    entry = proposed(write_csv(tmp_path / "log.csv", columns), vehicle).data["sensors"]["Nav_IMU"]
+    assert (entry["unit"], entry["gives"]) == ("mm/s", "integral")
+
+
+def test_what_is_left_is_told(one: Flight, tmp_path: Path) -> None:
+    columns = {name: values for name, values in usual_columns(one).items() if name[0] != "v"}
+    columns |= {"mystery": one.time_s}
+    words = said(proposed(write_csv(tmp_path / "log.csv", columns), one.vehicle))
+    assert "no columns were found for acc: name them under `sensors`" in words
+    assert "not used: mystery" in words
+    assert "wx," not in words.partition("not used")[2]
+
+
+def test_separators_are_put_into_the_map(one: Flight, tmp_path: Path) -> None:
+    path = write_csv(tmp_path / "log.csv", NAMES["plain"](one), delimiter=";")
+    path.write_text(path.read_text(encoding="utf-8").replace(".", ","), encoding="utf-8")
+    found = proposed(path, one.vehicle)
+    assert found.data["csv"] == {"separator": ";", "decimal": ","}
+    require_the_flight(telemetry(path, to_yaml(found.data), one.vehicle), one, close=1e-9)
+
+
 def test_what_jets_do_tells_the_unit_and_the_interval(one: Flight, tmp_path: Path) -> None:
     """Rates that follow the commands, in degrees that are not called so, and commands logged once they have acted."""
     vehicle = one.vehicle
@@ -126,6 +155,18 @@ def test_what_jets_do_tells_the_unit_and_the_interval(one: Flight, tmp_path: Pat
     assert found.data["commands"]["acts"] == "until_row"
     assert "correlation of" in said(found)
     assert "1.00 in the one before" in said(found)
+
+
+def test_what_jets_do_tells_increments_from_their_sums(one: Flight, tmp_path: Path) -> None:
+    vehicle = one.vehicle
+    gained = one.commands @ vehicle.wrenches[:, 3:] / vehicle.nominal.mass * vehicle.sample_period_s
+    gained = np.vstack([np.zeros(3), gained[:-1]])
+    columns = {name: values for name, values in usual_columns(one).items() if name[0] != "v"}
+    for values, gives in ((gained, "increment"), (np.cumsum(gained, axis=0), "integral")):
+        named = {f"dv_{axis}": values[:, index] for index, axis in enumerate("xyz")}
+        found = proposed(write_csv(tmp_path / "log.csv", columns | named), vehicle)
+        assert found.data["sensors"]["acc"]["gives"] == gives
+        assert ("sums of increments" in said(found)) == (gives == "integral")
 
 
 def test_rates_too_fast_for_radians_are_degrees(one: Flight, tmp_path: Path) -> None:

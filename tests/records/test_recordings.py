@@ -77,10 +77,6 @@ def test_a_row_cut_short_is_left_out_and_counted(one: Flight, tmp_path: Path) ->
     [
         ("", "is empty; expected a line of column names"),
         ("t,wx,wy,wz\n", "is empty: it has no row of data"),
-        (
-            "t;wx;wy;wz\n0;1;2;3\n",
-            "line 1: columns are separated by semicolons; give `csv: {separator: ';'}` in the map",
-        ),
         ("0,1,2,3\n0,1,2,3\n", "line 1: has numbers; expected a line of column names"),
         ("t,wx,wx,wz\n0,1,2,3\n", "line 1: column 'wx' appears twice; keep one of them"),
         ("t,wx\n" + "0,1\n" * 20 + "0,1,2\n" * 20, "20 of 40 rows have another number of cells than the 2 columns"),
@@ -92,6 +88,32 @@ def test_no_table(text: str, said: str, tmp_path: Path) -> None:
     path = tmp_path / "log.csv"
     path.write_text(text, encoding="latin-1")
     assert said in refused(lambda: open_recording(path))
+
+
+def test_separators_other_than_the_maps_are_named(one: Flight, tmp_path: Path) -> None:
+    path = write_csv(tmp_path / "log.csv", usual_columns(one), delimiter=";")
+    assert (
+        refused(lambda: telemetry(path, usual_map(one), one.vehicle))
+        == f"{path}, line 1: columns are separated by semicolons; give `csv: {{separator: ';'}}` in the map"
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "form"),
+    [
+        ("t,wx\n0,1.5\n1,2\n", {}),
+        ("t;wx\n0;1.5\n1;2\n", {"separator": ";"}),
+        ("t;wx\n0;1\n1;2,5\n", {"separator": ";", "decimal": ","}),
+        ("t\twx\n0\t1e3\n", {"separator": "\t"}),
+        ("t\n0\n", {}),
+    ],
+)
+def test_without_a_map_separator_and_decimal_mark_are_told_by_the_first_lines(
+    text: str, form: dict[str, str], tmp_path: Path
+) -> None:
+    path = tmp_path / "log.txt"
+    path.write_text(text, encoding="utf-8")
+    assert open_recording(path).form.model_dump(exclude_defaults=True) == form
 
 
 def test_what_is_no_number_is_told_by_its_line(one: Flight, tmp_path: Path) -> None:
