@@ -28,7 +28,7 @@ SEEDS = (0, 1, 2)
 COMPILED_SEEDS = (0, 1, 2, 3, 4)
 # what is decided is the same; sums of squares and differences of such, and all else, by the largest of a signal
 DECIDED = ("command", "rotation_used", "mass_used", "alarm", "tested", "detector_event", "suspected_jet", "out_of_use")
-OF_LIKELIHOOD = ("likelihood", "nis", "margin", "unexplained", "lead")
+OF_LIKELIHOOD = ("likelihood", "nis", "margin", "unexplained")
 STATES, LIKELIHOODS = 5e-12, 1e-10
 RENAMED = Path(__file__).parent.parent / "tests" / "data" / "renamed.csv"
 ERRORS = (

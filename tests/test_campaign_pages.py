@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import math
 from pathlib import Path
 from types import ModuleType
@@ -10,6 +9,7 @@ from typing import Any
 
 import pytest
 from conftest import REPOSITORY
+from script_probe import script
 
 from massprop_drake.inputs.campaign import bundled_campaigns, campaign_from
 from massprop_drake.inputs.model import yaml_text
@@ -36,12 +36,7 @@ sweep: {"vehicle.gyros[0].quantum": [1.0e-6, 1.0e-5]}
 
 @pytest.fixture(scope="module")
 def pages() -> ModuleType:
-    found = importlib.util.spec_from_file_location("make_campaigns", REPOSITORY / "docs" / "make_campaigns.py")
-    assert found is not None
-    assert found.loader is not None
-    module = importlib.util.module_from_spec(found)
-    found.loader.exec_module(module)
-    return module
+    return script(REPOSITORY / "docs" / "make_campaigns.py")
 
 
 def _flown(spec: Any, cases: Any) -> list[dict[str, Any]]:

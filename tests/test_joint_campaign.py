@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from types import ModuleType
@@ -11,18 +9,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from script_probe import script
 
 
 @pytest.fixture(scope="module")
 def campaign() -> ModuleType:
-    path = Path(__file__).parents[1] / "benchmarks" / "joint_campaign.py"
-    spec = importlib.util.spec_from_file_location("joint_campaign", path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module
-    spec.loader.exec_module(module)
-    return module
+    return script(Path(__file__).parents[1] / "benchmarks" / "joint_campaign.py")
 
 
 def event(kind: str, time_s: float, *jets: str) -> dict[str, Any]:

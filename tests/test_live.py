@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import socket
 import threading
@@ -13,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from script_probe import script
 
 from massprop_drake import Estimator, load_scenario, simulate
 from massprop_drake.results.run import Run
@@ -22,12 +22,7 @@ LIVE = Path(__file__).parent.parent / "docs" / "live.py"
 
 @pytest.fixture(scope="module")
 def live() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("live_example", LIVE)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return script(LIVE)
 
 
 @pytest.fixture(scope="module")

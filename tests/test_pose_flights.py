@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import sys
 from pathlib import Path
 from types import ModuleType
@@ -10,18 +9,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from script_probe import script
 
 
 @pytest.fixture(scope="module")
 def campaign() -> ModuleType:
-    path = Path(__file__).parents[1] / "benchmarks" / "poses.py"
-    spec = importlib.util.spec_from_file_location("poses", path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module
-    spec.loader.exec_module(module)
-    return module
+    return script(Path(__file__).parents[1] / "benchmarks" / "poses.py")
 
 
 def outcome(campaign: ModuleType, seed: int, **other: Any) -> Any:

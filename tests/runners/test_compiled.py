@@ -11,7 +11,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from conftest import REPOSITORY
 from pydrake.systems.analysis import Simulator
+from script_probe import script
 
 from massprop_drake import Estimator, InputError, estimate, load_scenario, simulate
 from massprop_drake.diagrams import closed_loop
@@ -23,10 +25,10 @@ from massprop_drake.maths.vehicle.rigid_body import step
 
 # the compiler takes no notice of it where it is made ready, which is in whatever test comes first
 pytestmark = pytest.mark.filterwarnings("ignore:.*is faster on contiguous arrays")
-# what is decided, not reckoned: the same to the last bit
-DECIDED = ("command", "rotation_used", "mass_used", "alarm", "tested", "detector_event", "suspected_jet", "out_of_use")
-OF_LIKELIHOOD = ("likelihood", "nis", "margin", "unexplained")  # sums of squares, or differences of such
-STATES, LIKELIHOODS = 5e-12, 1e-10  # relative to the largest of a signal
+_BENCHMARK = script(REPOSITORY / "benchmarks" / "same_numbers.py")
+# what is decided, not reckoned: the same to the last bit; and bounds relative to the largest of a signal
+DECIDED, OF_LIKELIHOOD = _BENCHMARK.DECIDED, _BENCHMARK.OF_LIKELIHOOD
+STATES, LIKELIHOODS = _BENCHMARK.STATES, _BENCHMARK.LIKELIHOODS
 
 
 def test_a_kernel_is_the_function_itself() -> None:

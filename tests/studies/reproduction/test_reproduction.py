@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import re
 from collections import Counter
@@ -15,6 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import REPOSITORY
+from script_probe import script
 
 from massprop_drake.errors import InputError
 from massprop_drake.studies.reproduction import catalog
@@ -243,11 +243,7 @@ def test_docs_show_every_entry() -> None:
 
 
 def test_tables_go_below_the_mark() -> None:
-    spec = importlib.util.spec_from_file_location("make_reproduction", DOCS / "make_reproduction.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
+    module = script(DOCS / "make_reproduction.py")
     page = f"# Mine\n\n{module.MARK}\nold\n"
     report = "# Title\n\ntext\n\n## Figure\n\n![x](x.png)\n\n| a |\n"
     assert module.updated(page, report) == f"# Mine\n\n{module.MARK}\ntext\n\n## Figure\n\n| a |\n"
