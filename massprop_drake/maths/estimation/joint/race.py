@@ -434,8 +434,7 @@ def _begins_anew(run: Runner, standing: Standing) -> bool:
         wider = np.log(np.array(run.kicks) / np.array(first.kicks))
         if float(np.sum(np.maximum(wider, 0.0))) > _TOO_WIDE:
             return True
-    other = first.onset != run.onset or first.share != run.share
-    return arrived_run is not None and not strays and other and first.lead > max(contender.lead, there) + _BETTER
+    return not strays and _is_better_elsewhere(standing)
 
 
 def overrated(race: Race, standing: Standing) -> Array | None:
@@ -455,8 +454,15 @@ def overrated(race: Race, standing: Standing) -> Array | None:
 
 def _at_a_wrong_onset(standing: Standing) -> bool:
     """Whether a filter does not fit, while the first order explains more at another onset."""
+    run = standing.run
+    elsewhere = run is not None and not run.fits and standing.first_order.onset != run.onset
+    return elsewhere and _is_better_elsewhere(standing)
+
+
+def _is_better_elsewhere(standing: Standing) -> bool:
+    """Whether the first order explains more at another onset, or of another share, than a filter that has arrived."""
     run, first = standing.run, standing.first_order
-    if run is None or run.fits or first.onset == run.onset:
+    if run is None or (first.onset == run.onset and first.share == run.share):
         return False
     return first.lead > max(first.lead_at(run.onset), standing.contender.lead) + _BETTER
 
