@@ -37,6 +37,7 @@ class Topic:
         stamps_s: that the log itself keeps, s, shape (n,); None: none.
         place: what rows are counted in, "line" or "row".
         lines: of each row, shape (n,); None: rows, from 1.
+        unread: names of columns besides, which the map does not name.
     """
 
     source: str
@@ -44,6 +45,7 @@ class Topic:
     stamps_s: Array | None = None
     place: str = "row"
     lines: NDArray[np.int64] | None = None
+    unread: tuple[str, ...] = ()
 
     @property
     def rows(self) -> int:
@@ -55,7 +57,7 @@ class Topic:
     def column(self, name: str) -> Column:
         """A column; raises InputError where there is none of that name."""
         if name not in self.columns:
-            raise InputError(f"{self.source}: no column '{name}'{suggestion(name, list(self.columns))}")
+            raise InputError(f"{self.source}: no column '{name}'{suggestion(name, [*self.columns, *self.unread])}")
         return self.columns[name]
 
     def where(self, row: int) -> str:
@@ -212,7 +214,8 @@ def _csv(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     require_regular(ragged, str(path), len(lines), len(header))
-    topic = Topic(str(path), columns, None, "line", lines)
+    unread = tuple(name for name in header if name and name not in wanted)
+    topic = Topic(str(path), columns, None, "line", lines, unread)
     return Recording(str(path), "table", {"": topic}, sha256=digest(path), ragged=ragged, form=form)
 
 
@@ -334,7 +337,7 @@ def _parquet(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
         raise needs(path, "pyarrow", "parquet", "Parquet") from None
     try:
         file = parquet.ParquetFile(path)
-        names = file.schema_arrow.names
+        every = names = file.schema_arrow.names
         if by is not None:
             names = [
                 name for name in names if name in by.columns or any(one.startswith(f"{name}[") for one in by.columns)
@@ -351,7 +354,8 @@ def _parquet(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
             raise
         first = (str(error).splitlines() or [type(error).__name__])[0]
         raise InputError(f"{path}: not a Parquet file that can be read: {first}") from None
-    return Recording(str(path), "table", {"": Topic(str(path), columns)}, notes=notes, sha256=digest(path))
+    topic = Topic(str(path), columns, unread=tuple(name for name in every if name not in names))
+    return Recording(str(path), "table", {"": topic}, notes=notes, sha256=digest(path))
 
 
 def _from_the_first(columns: dict[str, Column]) -> tuple[str, ...]:

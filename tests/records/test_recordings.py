@@ -131,6 +131,9 @@ def test_missing_columns_and_files(one: Flight, tmp_path: Path) -> None:
     path = write_csv(tmp_path / "log.csv", usual_columns(one))
     message = refused(lambda: telemetry(path, usual_map(one, time="{column: tt}"), one.vehicle))
     assert message.startswith(f"{path}: no column 'tt'")
+    write_csv(path, {"clock_s" if name == "t" else name: values for name, values in usual_columns(one).items()})
+    message = refused(lambda: telemetry(path, usual_map(one, time="{column: clok_s}"), one.vehicle))
+    assert message == f"{path}: no column 'clok_s'; did you mean 'clock_s'?"  # which the map does not name
     assert refused(lambda: open_recording(tmp_path / "none.csv")) == f"{tmp_path / 'none.csv'}: no such file"
     assert "is a folder, and no ROS 2 bag" in refused(lambda: open_recording(tmp_path))
     other = tmp_path / "log.xls"
@@ -170,6 +173,9 @@ def test_parquet_with_vectors_and_lists_of_jets(one: Flight, tmp_path: Path) -> 
         commands="{listed: {column: fired}}",
     )
     require_the_flight(telemetry(tmp_path / "log.parquet", text, one.vehicle), one)
+    other = text.replace("column: fired", "column: remarks")
+    message = refused(lambda: telemetry(tmp_path / "log.parquet", other, one.vehicle))
+    assert message.endswith("no column 'remarks'; did you mean 'remark'?")  # which the map does not name
     (tmp_path / "bad.parquet").write_bytes((tmp_path / "log.parquet").read_bytes()[:-100])
     assert "not a Parquet file that can be read" in refused(lambda: open_recording(tmp_path / "bad.parquet"))
 
