@@ -277,19 +277,11 @@ def _course(stretch: Stretch, lag_error: Array, model: Model) -> _Course:
     level[0], level[1:] = stretch.before[on], commands
     if remaining.any():
         model.compute.lagging(level, slope, remaining, by_logarithm)
-    firing = fire(
-        level[:-1].ravel(),
-        slope[:-1].ravel(),
-        np.tile(constants, intervals),
-        np.array([period]),
-        commands.reshape(1, -1),
-    )
-    amount, by_log = (part.reshape(intervals, on.size) for part in (firing.amount, firing.amount_slope))
-    bow = firing.bow.reshape(3, intervals, on.size)
+    firing = fire(level[:-1], slope[:-1], constants, np.array([period]), commands[None])
     off = level[:-1] - commands
     lagged = constants > 0.0
-    by_lag = np.where(lagged, by_log / np.where(lagged, constants, 1.0), off)
-    amount = amount + np.where(lagged, 0.0, off * lag_error)
+    by_lag = np.where(lagged, firing.amount_slope / np.where(lagged, constants, 1.0), off)
+    amount = firing.amount + np.where(lagged, 0.0, off * lag_error)
     sided = np.where((late > 0.0)[:, None] & (np.arange(m) < intervals)[:, None], stretch.commands[:, on], level)
     at_stamp = np.where(lagged, level, np.nan_to_num(sided))
 
@@ -298,7 +290,7 @@ def _course(stretch: Stretch, lag_error: Array, model: Model) -> _Course:
         whole[..., on] = part
         return whole
 
-    return _Course(np.full(intervals, period), of_all(amount), of_all(by_lag), of_all(bow), late, of_all(at_stamp))
+    return _Course(np.full(intervals, period), of_all(amount), of_all(by_lag), of_all(firing.bow), late, of_all(at_stamp))
 
 
 def _ticks(time_s: Array, period_s: float) -> tuple[float, Array]:
@@ -325,7 +317,7 @@ def _interpolated(readings: Array) -> Array:
 
 
 class _Turned(NamedTuple):
-    """Dynamic coupling of the rates alone over each interval, see `joint.prediction`, shape (m - 1, 3) each."""
+    """Dynamic coupling of the rates alone over each interval, see `joint.prediction`, shape (e, 3, m - 1) each."""
 
     change: Array  # over its length, by the inverse inertia
     rate: Array  # on average
@@ -336,76 +328,94 @@ class _Turned(NamedTuple):
 
 
 def _turned(inverse: Array, rate: Array) -> _Turned:
-    momentum = rate @ np.linalg.inv(inverse)
-    start, end, at_start, at_end = rate[:-1], rate[1:], momentum[:-1], momentum[1:]
+    """Of inverse inertias, shape (e, 3, 3), and rates, shape (e, 3, m); either may be one for all."""
+    momentum = np.linalg.inv(inverse).transpose(0, 2, 1) @ rate
+    start, end, at_start, at_end = rate[..., :-1], rate[..., 1:], momentum[..., :-1], momentum[..., 1:]
     return _Turned(
-        change=(crosses(start, 2.0 * at_start + at_end) + crosses(end, at_start + 2.0 * at_end)) / 6.0,
+        change=(_cross(start, 2.0 * at_start + at_end) + _cross(end, at_start + 2.0 * at_end)) / 6.0,
         rate=0.5 * (start + end),
         momentum=0.5 * (at_start + at_end),
         rate_change=end - start,
         momentum_change=at_end - at_start,
-        bow=np.diff(crosses(rate, momentum), axis=0) / 12.0,
+        bow=np.diff(_cross(rate, momentum)) / 12.0,
     )
+
+
+def _cross(left: Array, right: Array) -> Array:
+    """The cross products of vectors in columns, shape (..., 3, m)."""
+    a, b, c = left[..., 0, :], left[..., 1, :], left[..., 2, :]
+    x, y, z = right[..., 0, :], right[..., 1, :], right[..., 2, :]
+    first = b * z - c * y
+    result = np.empty((*first.shape[:-1], 3, first.shape[-1]))
+    result[..., 0, :], result[..., 1, :], result[..., 2, :] = first, c * x - a * z, a * y - b * x
+    return result
 
 
 class _Sums(NamedTuple):
     """Impulses over the intervals of a stretch, about the vehicle origin, and how rates were."""
 
-    impulse: Array  # (m - 1, 6)
-    bow: Array  # (3, m - 1, 6)
-    late: Array  # at each stamp besides, (m, 6)
-    rate: Array  # (m, 3)
+    impulse: Array  # (6, m - 1)
+    bow: Array  # (3, 6, m - 1)
+    late: Array  # at each stamp besides, (6, m)
+    rate: Array  # (3, m)
     durations_s: Array
 
 
 class _Moments(NamedTuple):
-    """The same about a center of mass, shape (m - 1, 3), of what is late (m, 3)."""
+    """The same about centers of mass, shape (e, 3, m - 1), of what is late (e, 3, m)."""
 
     angular: Array
-    bows: Array  # (3, m - 1, 3)
+    bows: Array  # (3, e, 3, m - 1)
     late: Array | None  # where nothing is
 
 
-def _moments(center: Array, sums: _Sums) -> _Moments:
+def _moments(centers: Array, sums: _Sums) -> _Moments:
+    """About centers of mass, shape (e, 3)."""
+
     def about(wrenches: Array) -> Array:
-        moment: Array = wrenches[..., :3] + crosses(wrenches[..., 3:], center)
+        moment: Array = wrenches[..., :3, :] + _cross(wrenches[..., 3:, :], centers[..., None])
         return moment
 
-    return _Moments(about(sums.impulse), about(sums.bow), about(sums.late) if sums.late.any() else None)
+    late = about(sums.late) if sums.late.any() else None
+    return _Moments(about(sums.impulse), about(sums.bow[:, None]), late)
 
 
-def _bows(moments: _Moments, turned: _Turned, durations_s: Array) -> Array:
-    """Angular impulses of the bows of the rate, see `joint.prediction`, shape (3, m - 1, 3)."""
-    own = turned.bow * durations_s[:, None]
-    return moments.bows + np.stack((own, np.zeros_like(own), PARABOLA * own))
+def _bows(moments: _Moments, turned: _Turned, durations_s: Array) -> tuple[Array, Array, Array]:
+    """Angular impulses of the bows of the rate, see `joint.prediction`, shape (e, 3, m - 1) each."""
+    own = turned.bow * durations_s
+    return moments.bows[0] + own, moments.bows[1], moments.bows[2] + PARABOLA * own
 
 
 def _gathered(inverse: Array, moments: _Moments, turned: _Turned, durations_s: Array) -> Array:
-    """The rate that has been gained since the beginning, shape (m, 3)."""
+    """The rate that has been gained since the beginning, shape (e, 3, m), by inverse inertias of shape (e, 3, 3)."""
     bows = _bows(moments, turned, durations_s)
-    bowed = bows @ inverse
-    bent = crosses(turned.rate, bows[0]) + crosses(bowed[0], turned.momentum) + crosses(bowed[2], bows[2])
-    bent += crosses(turned.rate_change, bows[1]) + crosses(bowed[1], turned.momentum_change)
-    coupling = -durations_s[:, None] * ((turned.change + bent) @ inverse)
-    gained = np.zeros((durations_s.size + 1, 3))
-    np.cumsum(moments.angular @ inverse + coupling, axis=0, out=gained[1:])
+    bowed = [inverse @ bow for bow in bows]
+    bent = _cross(turned.rate, bows[0]) + _cross(bowed[0], turned.momentum) + _cross(bowed[2], bows[2])
+    bent += _cross(turned.rate_change, bows[1]) + _cross(bowed[1], turned.momentum_change)
+    added = inverse @ moments.angular + -durations_s * (inverse @ (turned.change + bent))
+    gained = np.zeros((*added.shape[:2], durations_s.size + 1))
+    np.cumsum(added, axis=-1, out=gained[..., 1:])
     if moments.late is not None:
-        gained += moments.late @ inverse
+        gained += inverse @ moments.late
     return gained
 
 
-def _turning(whole: Array, bowed: Array, durations_s: Array) -> Array:
-    """O = [(w - w_0) x] + the integral of [w x]^2, of rates at the rows and their bows between, shape (m, 3, 3)."""
-    start, end = whole[:-1].T, whole[1:].T
-    middle, gained, bow = 0.5 * (start + end), end - start, bowed.transpose(0, 2, 1)
-    spin = np.zeros((whole.shape[0], 6))
+def _turning(whole: Array, bowed: Sequence[Array], durations_s: Array) -> Array:
+    """O = [(w - w_0) x] + the integral of [w x]^2, of rates at the rows, shape (3, m), and their bows between.
+
+    Returns:
+        Of each row, shape (m, 3, 3).
+    """
+    start, end = whole[:, :-1], whole[:, 1:]
+    middle, gained, bow = 0.5 * (start + end), end - start, bowed
+    spin = np.zeros((6, whole.shape[1]))
     for k, (i, j) in enumerate(_PAIRS):
         straight = (start[i] * start[j] + end[i] * end[j]) / 3.0 + (start[i] * end[j] + end[i] * start[j]) / 6.0
-        bent = middle[i] * bow[0, j] + middle[j] * bow[0, i] + bow[2, i] * bow[2, j]
-        bent += gained[i] * bow[1, j] + gained[j] * bow[1, i]
-        np.cumsum((straight + bent) * durations_s, out=spin[1:, k])
-    xx, yy, zz, yz, xz, xy = spin.T
-    x, y, z = (whole - whole[0]).T
+        bent = middle[i] * bow[0][j] + middle[j] * bow[0][i] + bow[2][i] * bow[2][j]
+        bent += gained[i] * bow[1][j] + gained[j] * bow[1][i]
+        np.cumsum((straight + bent) * durations_s, out=spin[k, 1:])
+    xx, yy, zz, yz, xz, xy = spin
+    x, y, z = whole - whole[:, :1]
     rows = [[-(yy + zz), xy - z, xz + y], [xy + z, -(xx + zz), yz - x], [xz - y, yz + x, -(xx + yy)]]
     return np.array(rows).transpose(2, 0, 1)
 
@@ -415,10 +425,10 @@ class _Expected(NamedTuple):
 
     course: _Course
     sums: _Sums
-    lightness: Array  # of each interval, (m - 1, 1)
+    lightness: Array  # of each interval, (m - 1,)
     moments: _Moments
     turned: _Turned
-    rate: Array  # since the beginning, (m, 3)
+    rate: Array  # since the beginning, (3, m)
     velocity: Array
 
 
@@ -430,16 +440,22 @@ def _expected(stretch: Stretch, at: Array, course: _Course, model: Model) -> _Ex
     resisted = at[places.drag] * 0.5 * (rate[:-1] + rate[1:])
     impulse[:, :3] += model.period_s * (at[places.torque] - resisted)  # pure torques act about any point
     late = course.late_s[:, None] * ((course.level * factor) @ model.wrenches)
-    sums = _Sums(impulse, (course.bow * factor) @ model.wrenches, late, rate, course.durations_s)
+    bow = (course.bow * factor) @ model.wrenches
+    sums = _Sums(*(_by_columns(part) for part in (impulse, bow, late, rate)), course.durations_s)
     mass = 1.0 / at[_MASS] + stretch.used_after
-    lightness = (2.0 / (mass[:-1] + mass[1:]))[:, None]
-    velocity = np.zeros_like(rate)
-    np.cumsum(impulse[:, 3:] * lightness, axis=0, out=velocity[1:])
-    velocity += late[:, 3:] / mass[:, None]
-    inverse, moments = at[:6][ELEMENT], _moments(at[_CENTER], sums)
-    turned = _turned(inverse, rate - at[places.gyro_bias])
+    lightness = 2.0 / (mass[:-1] + mass[1:])
+    velocity = np.zeros_like(sums.rate)
+    np.cumsum(sums.impulse[3:] * lightness, axis=-1, out=velocity[:, 1:])
+    velocity += sums.late[3:] / mass
+    inverse, moments = at[:6][ELEMENT][None], _moments(at[None, _CENTER], sums)
+    turned = _turned(inverse, (sums.rate - at[places.gyro_bias, None])[None])
     gained = _gathered(inverse, moments, turned, sums.durations_s)
-    return _Expected(course, sums, lightness, moments, turned, gained, velocity)
+    return _Expected(course, sums, lightness, moments, turned, gained[0], velocity)
+
+
+def _by_columns(rows: Array) -> Array:
+    """Rows of a stretch side by side."""
+    return np.ascontiguousarray(np.swapaxes(rows, -1, -2))
 
 
 class _Design(NamedTuple):
@@ -447,51 +463,54 @@ class _Design(NamedTuple):
 
     kept: NDArray[np.int_]  # which unknowns
     place: NDArray[np.int_]  # of each among them, -1: none
-    rate: Array  # (k, m, 3)
+    rate: Array  # (k, 3, m)
     velocity: Array
 
 
 def _design(expected: _Expected, at: Array, model: Model) -> _Design:
     places, course, sums = columns(model), expected.course, expected.sums
-    n, m = at.shape[0], expected.rate.shape[0]
-    jets = np.arange(places.thrust.start, places.thrust.stop)
-    active = np.flatnonzero(((course.amount != 0.0) | (course.by_lag != 0.0)).any(axis=0))
-    kept = np.setdiff1d(np.arange(n), np.setdiff1d(jets, jets[active]))
-    place = np.full(n, -1)
-    place[kept] = np.arange(kept.shape[0])
-    rate, velocity = np.zeros((2, kept.shape[0], m, 3))
-    for element in (*range(_MASS), *range(places.gyro_bias.start, places.gyro_bias.stop)):
-        step = _STEP * model.sigma[element] if element < _N else _SMALL_RATE
-        rate[place[element]] = (_moved(element, step, expected, at, places) - expected.rate) / step
-    np.cumsum(sums.impulse[:, 3:] * (expected.lightness / at[_MASS]) ** 2, axis=0, out=velocity[_MASS, 1:])
+    n, m = at.shape[0], expected.rate.shape[1]
+    active = ((course.amount != 0.0) | (course.by_lag != 0.0)).any(axis=0)
+    has = np.ones(n, dtype=np.bool_)
+    has[places.thrust] = active
+    kept, place = np.flatnonzero(has), np.where(has, np.cumsum(has) - 1, -1)
+    rate, velocity = np.zeros((2, kept.shape[0], 3, m))
+    rate[:_MASS], rate[place[places.gyro_bias]] = _moved(expected, at, model)
+    np.cumsum(sums.impulse[3:] * (expected.lightness / at[_MASS]) ** 2, axis=-1, out=velocity[_MASS, :, 1:])
     inverse, forces = at[:6][ELEMENT], model.wrenches[:, 3:]
     moments = (model.wrenches[:, :3] + crosses(forces, at[_CENTER])) @ inverse
-    for jet in active.tolist():
-        amount, column = course.amount[:, jet, None], place[jets[jet]]
-        np.cumsum(amount * moments[jet], axis=0, out=rate[column, 1:])
-        np.cumsum(amount * expected.lightness * forces[jet], axis=0, out=velocity[column, 1:])
+    jets = slice(places.thrust.start, places.thrust.start + int(active.sum()))
+    amount = course.amount.T[active, None]
+    np.cumsum(amount * moments[active, :, None], axis=-1, out=rate[jets, :, 1:])
+    np.cumsum(amount * expected.lightness * forces[active, :, None], axis=-1, out=velocity[jets, :, 1:])
     for kind, unknown in enumerate(range(places.lag.start, places.lag.stop)):
         weights = course.by_lag * ((1.0 + at[places.thrust]) * (model.kinds == kind))
-        np.cumsum(weights @ moments, axis=0, out=rate[place[unknown], 1:])
-        np.cumsum(weights @ forces * expected.lightness, axis=0, out=velocity[place[unknown], 1:])
-    middle = 0.5 * (sums.rate[:-1] + sums.rate[1:])
-    for axis in range(3):
-        turned = model.period_s * inverse[axis]
-        np.cumsum(np.broadcast_to(turned, (m - 1, 3)), axis=0, out=rate[place[places.torque.start + axis], 1:])
-        np.cumsum(-middle[:, axis, None] * turned, axis=0, out=rate[place[places.drag.start + axis], 1:])
+        np.cumsum((weights @ moments).T, axis=-1, out=rate[place[unknown], :, 1:])
+        np.cumsum((weights @ forces).T * expected.lightness, axis=-1, out=velocity[place[unknown], :, 1:])
+    middle, turned = 0.5 * (sums.rate[:, :-1] + sums.rate[:, 1:]), (model.period_s * inverse)[:, :, None]
+    np.cumsum(np.broadcast_to(turned, (3, 3, m - 1)), axis=-1, out=rate[place[places.torque.start] :][:3, :, 1:])
+    np.cumsum(-middle[:, None] * turned, axis=-1, out=rate[place[places.drag.start] :][:3, :, 1:])
     return _Design(kept, place, rate, velocity)
 
 
-def _moved(element: int, step: float, expected: _Expected, at: Array, places: Columns) -> Array:
-    """The rate that would have been gained with one of the unknowns that it is not linear in another, shape (m, 3)."""
-    moved, sums, moments, turned = at.copy(), expected.sums, expected.moments, expected.turned
-    moved[element] += step
-    inverse = moved[:6][ELEMENT]
-    if _CENTER.start <= element < _CENTER.stop:
-        moments = _moments(moved[_CENTER], sums)
-    else:
-        turned = _turned(inverse, sums.rate - moved[places.gyro_bias])
-    return _gathered(inverse, moments, turned, sums.durations_s)
+def _moved(expected: _Expected, at: Array, model: Model) -> tuple[Array, Array]:
+    """Derivatives of the rate gained by the unknowns that it is not linear in: elements 0 to 8, and gyro biases.
+
+    Returns:
+        Shapes (9, 3, m) and (3, 3, m).
+    """
+    bias, sums, steps = columns(model).gyro_bias, expected.sums, _STEP * model.sigma[:_MASS]
+    inverse = at[:6][ELEMENT]
+    others = np.tile(inverse, (9, 1, 1))
+    others[:6] = (at[:6] + np.diag(steps[:6]))[:, ELEMENT]
+    biases = np.tile(at[bias], (9, 1))
+    biases[6:] += _SMALL_RATE * np.eye(3)
+    turned = _turned(others, sums.rate - biases[:, :, None])
+    rates = _gathered(others, expected.moments, turned, sums.durations_s) - expected.rate
+    moments = _moments(at[_CENTER] + np.diag(steps[6:]), sums)
+    shifted = _gathered(inverse[None], moments, expected.turned, sums.durations_s) - expected.rate
+    by_element = np.concatenate((rates[:6], shifted)) / steps[:, None, None]
+    return by_element, rates[6:] / _SMALL_RATE
 
 
 class _Component(NamedTuple):
@@ -508,34 +527,35 @@ def _components(
 ) -> Iterator[_Component]:
     """Yields every component of which there are two rows, gyros first."""
     places, sums = columns(model), expected.sums
-    whole = expected.rate + np.mean(sums.rate - expected.rate, axis=0) - at[places.gyro_bias]
+    off = np.mean(np.ascontiguousarray((sums.rate - expected.rate).T), axis=0)
+    whole = expected.rate + off[:, None] - at[places.gyro_bias, None]
     inverse = at[:6][ELEMENT]
-    bows = _bows(expected.moments, _turned(inverse, whole), sums.durations_s)
-    turn = _turning(whole, bows @ inverse, sums.durations_s)
+    bows = _bows(expected.moments, _turned(inverse[None], whole[None]), sums.durations_s)
+    turn = _turning(whole, [inverse @ bow[0] for bow in bows], sums.durations_s)
     ramp = stretch.time_s - stretch.time_s[0]
     for package in range(stretch.readings.shape[1]):
         number = package - model.gyros
         arm = model.positions[number] - at[_CENTER] if number >= 0 else np.zeros(3)
-        shown = expected.rate if number < 0 else expected.velocity + turn @ arm
+        shown = expected.rate if number < 0 else expected.velocity + (turn @ arm).T
         for axis in range(3):
             gains = places.gyro_gain.start + 3 * package if number < 0 else places.accelerometer_gain.start + 3 * number
             gain, own = gains + axis, places.acceleration_bias.start + 3 * number + axis
-            wanted = shown[:, axis] * (1.0 + at[gain])
+            wanted = shown[axis] * (1.0 + at[gain])
             if number >= 0:
                 wanted = wanted + at[own] * ramp
-            read = stretch.readings[:, package, axis]
-            rows = model.compute.used(wanted, np.ascontiguousarray(read), float(model.quanta[package]))
+            read = np.ascontiguousarray(stretch.readings[:, package, axis])
+            rows = model.compute.used(wanted, read, float(model.quanta[package]))
             if rows.shape[0] < 2:
                 continue
             if number < 0:
-                x = design.rate[:, :, axis][:, rows]
+                x = design.rate[:, axis][:, rows]
             else:
                 first, second = (axis + 1) % 3, (axis + 2) % 3
-                x = design.velocity[:, :, axis][:, rows] + design.rate[:, :, first][:, rows] * arm[second]
-                x -= design.rate[:, :, second][:, rows] * arm[first]
+                x = design.velocity[:, axis][:, rows] + design.rate[:, first][:, rows] * arm[second]
+                x -= design.rate[:, second][:, rows] * arm[first]
                 x[_CENTER] -= turn[rows, axis].T
             x *= 1.0 + at[gain]
-            x[design.place[gain]] = shown[rows, axis]
+            x[design.place[gain]] = shown[axis, rows]
             if number >= 0:
                 x[design.place[own]] = ramp[rows]
             yield _Component(package, rows, read[rows] - wanted[rows], x)
@@ -559,8 +579,8 @@ def course_of(stretch: Stretch, at: Array, model: Model) -> _Course:
 
 def _normal(stretch: Stretch, at: Array, course: _Course, model: Model) -> Normal:
     expected = _expected(stretch, at, course, model)
-    changes = np.zeros((expected.rate.shape[0] + 1, 3))
-    changes[1:-1] = np.diff(expected.rate, axis=0) / model.period_s
+    changes = np.zeros((expected.rate.shape[1] + 1, 3))
+    changes[1:-1] = np.diff(expected.rate).T / model.period_s
     squares = np.sum(changes**2, axis=1)
     steepness = 0.5 * (squares[:-1] + squares[1:])
     design = _design(expected, at, model)

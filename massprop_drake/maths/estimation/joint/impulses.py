@@ -67,6 +67,9 @@ class Firing(NamedTuple):
 def fire(level: Array, slope: Array, time_constants_s: Array, durations_s: Array, commands: Array) -> Firing:
     """What the jets do over an interval that consists of pieces with constant commands.
 
+    In numpy many intervals of one piece may be gone through at once: then levels, slopes and commands have an axis more
+    before that of the jets, and what comes out has it, too.
+
     Args:
         level: at the start of the interval, shape (n_jets,).
         slope: its derivative by ln tau, shape (n_jets,).
@@ -74,9 +77,8 @@ def fire(level: Array, slope: Array, time_constants_s: Array, durations_s: Array
         durations_s: of the pieces, s, positive, shape (n_pieces,).
         commands: fraction commanded in each, NaN where not known, shape (n_pieces, n_jets).
     """
-    n_jets = level.shape[0]
-    amount, amount_slope, variance = np.zeros(n_jets), np.zeros(n_jets), np.zeros(n_jets)
-    moments = np.zeros((3, n_jets))
+    amount, amount_slope, variance = np.zeros(level.shape), np.zeros(level.shape), np.zeros(level.shape)
+    moments = np.zeros((3,) + level.shape)  # noqa: RUF005 (for numba)
     total = 0.0
     commanded = False
     for piece in range(durations_s.shape[0]):
@@ -121,7 +123,7 @@ def _bow_of_piece(lacking: Array, parts: tuple[Array, Array, Array], mean: Array
         parts, mean: E0, E1, E2, and k, shape (n_jets,) each.
     """
     plain, by_time, square = parts
-    bow = np.empty((3, lacking.shape[0]))
+    bow = np.empty((3,) + lacking.shape)  # noqa: RUF005 (for numba)
     bow[0] = lacking * (plain - 0.5 * mean)
     bow[1] = lacking * (by_time - 0.5 * plain - mean / 12.0)
     bow[2] = lacking * np.sqrt(np.maximum(square - mean * (2.0 * by_time - mean / 3.0), 0.0))
