@@ -215,7 +215,7 @@ def _followed(scenario: Scenario) -> list[_Followed]:
     for failure in params.jet_failures(scenario):
         kind, jet = failure.kind.name.lower(), failure.jet
         record = _unknown(kind, vehicle.designations[jet], failure.start_s)
-        response = lag.remaining[[jet]], lag.mean[[jet]]
+        response = float(lag.remaining[jet]), float(lag.mean[jet])
         followed.append(_Followed(record, failure.end_s, jet, float(thrusts[jet]), response, vehicle.sample_period_s))
     return followed + [_Followed(_unknown(jump.kind, None, jump.time_s), jump.time_s) for jump in scenario.jumps]
 
@@ -232,7 +232,7 @@ class _Followed:
         end_s: when a failure is over, s.
         jet: its number; None for a jump, as of all that follow.
         thrust: of the jet at its best, lbf or N.
-        response: of its lag: what remains of a level after a sample, and what of it the mean has, shape (1,) each.
+        response: of its lag: what remains of a level after a sample, and what of it the mean has.
         period_s: of a sample, s.
     """
 
@@ -242,13 +242,13 @@ class _Followed:
         end_s: float,
         jet: int | None = None,
         thrust: float = 0.0,
-        response: tuple[Array, Array] | None = None,
+        response: tuple[float, float] | None = None,
         period_s: float = 0.0,
     ):
         self._begun, self.tested = record, False
         self._end_s, self._jet, self._thrust, self._response = end_s, jet, thrust, response
         self._period_s = period_s
-        self._level = np.zeros(1)  # of the jet, were it well
+        self._level = 0.0  # of the jet, were it well
         self._acted_s: float | None = None
         self._alarm_s: float | None = None
         self._forces: list[Array] = []  # of the samples in which it acted, rows of force and share of the sample
@@ -286,8 +286,8 @@ class _Followed:
             return time_s >= self._begun.start_s - _ACTS
         remaining, mean = self._response
         given = np.empty(time_s.size)
-        for row, command in enumerate(signals["command"][:, [self._jet]]):
-            given[row] = mean_level(self._level, command, mean)[0]
+        for row, command in enumerate(signals["command"][:, self._jet].tolist()):
+            given[row] = mean_level(self._level, command, mean)
             self._level = level_after(self._level, command, remaining)
         excess = signals["thrust"][:, self._jet] - self._thrust * given
         begun = (time_s > self._begun.start_s - self._period_s - _ACTS) & (time_s < self._end_s)

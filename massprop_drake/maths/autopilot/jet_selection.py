@@ -27,7 +27,10 @@ def activity_vectors(wrenches: Array, mass_properties: Array) -> Array:
     """
     inverse_inertia = symmetric(mass_properties[:6])
     torque = wrenches[:, :3] - wrenches[:, 3:] @ skew(mass_properties[6:9]).T
-    return np.vstack([inverse_inertia @ torque.T, wrenches[:, 3:].T * mass_properties[9]])
+    result = np.empty((6, wrenches.shape[0]))
+    result[:3] = inverse_inertia @ torque.T
+    result[3:] = wrenches[:, 3:].T * mass_properties[9]
+    return result
 
 
 def forces_of(wrenches: Array) -> Array:

@@ -11,12 +11,14 @@ A time constant of zero means instantaneous thrust.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
 from massprop_drake.maths.kernels import kernel
 from massprop_drake.maths.linear_algebra import Array
+
+Level = TypeVar("Level", float, Array)  # of one jet, or of all
 
 
 class LagFactors(NamedTuple):
@@ -49,13 +51,13 @@ def lag_factors(time_constants_s: Array, period_s: float) -> LagFactors:
 
 
 @kernel
-def level_after(level: Array, target: Array, remaining: Array) -> Array:
+def level_after(level: Level, target: Level, remaining: Level) -> Level:
     """Level at the end of a period that began at ``level`` with a constant ``target``."""
     return target + (level - target) * remaining
 
 
 @kernel
-def mean_level(level: Array, target: Array, mean: Array) -> Array:
+def mean_level(level: Level, target: Level, mean: Level) -> Level:
     """Level averaged over a period that began at ``level`` with a constant ``target``."""
     return target + (level - target) * mean
 

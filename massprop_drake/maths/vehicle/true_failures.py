@@ -99,8 +99,9 @@ def struck(failures: tuple[Failure, ...], sample: int, period_s: float, seed: in
     result = np.zeros(len(failures), dtype=np.bool_)
     begins = sample * period_s
     for index, failure in enumerate(failures):
-        acts = failure.start_s < begins + period_s and failure.end_s > begins
-        if failure.kind == FailureKind.INTERMITTENT and acts:
+        if failure.kind != FailureKind.INTERMITTENT:
+            continue
+        if failure.start_s < begins + period_s and failure.end_s > begins:
             result[index] = uniform_sample(seed, failure.stream, sample) < failure.probability
     return result
 

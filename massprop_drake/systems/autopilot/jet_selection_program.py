@@ -20,6 +20,7 @@ Each is followed by the program above for the least propellant that gives as muc
 
 from __future__ import annotations
 
+import math
 from enum import IntEnum
 from typing import NamedTuple
 
@@ -70,6 +71,7 @@ class JetSelectionProgram:
         if not (np.all(np.isfinite(self._cost)) and np.all(self._cost > 0.0)):
             raise ValueError(f"mass flows must be positive and finite, got {self._cost}")
         n = self._n = self._cost.size
+        self._least = np.zeros(n)  # on-time of each jet
         self._solver = ClpSolver()
         self._rows_of: Array | None = None  # the activity vectors whose scaled rows are kept
         self._rows = self._sizes = np.empty(0)
@@ -181,9 +183,9 @@ class JetSelectionProgram:
             if array.shape != shape:
                 raise ValueError(f"{name} must have shape {shape}, got {array.shape}")
         self._keep(activity)
-        if not np.isfinite(request).all():
+        if not all(map(math.isfinite, request.tolist())):
             raise ValueError(f"a request must be finite, got {request}")
-        if not (limits_s >= 0.0).all():  # NaN fails too
+        if not limits_s.min() >= 0.0:  # NaN fails too
             raise ValueError(f"limits_s must be zero or positive, got {limits_s}")
 
     def _least_propellant(self, request: Array, limits_s: Array) -> Array | None:
@@ -195,7 +197,7 @@ class JetSelectionProgram:
         else:
             self._exact_rows.UpdateCoefficients(rows, target)
             self._exact_has = rows
-        self._exact_box.set_bounds(np.zeros(self._n), limits_s / scale)
+        self._exact_box.set_bounds(self._least, limits_s / scale)
         result = self._solve(self._exact)
         if result is None:
             return None
@@ -246,7 +248,7 @@ def _row_sizes(activity: Array) -> Array:
 def _target(request: Array, size: Array) -> tuple[Array, float]:
     """A request by scaled rows with a largest element 1, and what to multiply the on-times by."""
     target = request / size
-    scale = float(np.abs(target).max())
+    scale = max(map(abs, target.tolist()))
     return target / scale if scale > 0.0 else target, scale
 
 
