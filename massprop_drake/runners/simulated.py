@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
-from pydrake.systems.primitives import LogVectorOutput
+from pydrake.systems.primitives import LogVectorOutput, Multiplexer
 
 from massprop_drake.diagrams import closed_loop, open_loop
 from massprop_drake.errors import InputError
@@ -80,7 +81,13 @@ class Simulated:
             )
         ports |= {f"{port.get_system().get_name()}.{port.get_name()}": port for port in log}
         period_s = vehicle.sample_period_s
-        self._sinks = {name: LogVectorOutput(port, builder, period_s) for name, port in ports.items()}
+        # one log, since each takes an event a sample
+        sizes = [port.size() for port in ports.values()]
+        side_by_side = builder.AddNamedSystem("logged", Multiplexer(sizes))
+        for place, port in enumerate(ports.values()):
+            builder.Connect(port, side_by_side.get_input_port(place))
+        self._columns = dict(zip(ports, pairwise(np.cumsum([0, *sizes]).tolist()), strict=True))
+        self._sink = LogVectorOutput(side_by_side.get_output_port(), builder, period_s)
         self._simulator = Simulator(builder.Build())
         if params.time_step(scenario) == 0.0:
             config = SimulatorConfig(
@@ -96,7 +103,7 @@ class Simulated:
     @property
     def logged(self) -> int:
         """Number of rows since the logs were emptied."""
-        count: int = self._sinks["command"].FindLog(self._root).num_samples()
+        count: int = self._sink.FindLog(self._root).num_samples()
         return count
 
     def advance(self, reached_s: float) -> None:
@@ -108,13 +115,11 @@ class Simulated:
 
     def emptied(self) -> dict[str, Array]:
         """What has been logged, by port, and the times; the logs are empty then."""
-        logs = {}
-        for name, sink in self._sinks.items():
-            log = sink.FindMutableLog(self._root)
-            logs[name] = np.array(log.data().T)  # a copy: the log goes on in its memory
-            times = np.array(log.sample_times())
-            log.Clear()
-        return {"time_s": times, **logs}
+        log = self._sink.FindMutableLog(self._root)
+        rows, times_s = log.data().T, np.array(log.sample_times())
+        logs = {name: rows[:, first:last].copy() for name, (first, last) in self._columns.items()}
+        log.Clear()
+        return {"time_s": times_s, **logs}
 
     def moment(self) -> Moment:
         """What there is to see at the last sample."""

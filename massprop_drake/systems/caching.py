@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-import weakref
 from collections.abc import Callable, Iterable
 from typing import Any, TypeVar
 
@@ -38,7 +37,7 @@ class Cached:
     """One computation of a system, done once per change of what it depends on.
 
     Args:
-        system: the system it belongs to; not kept alive by the entry.
+        system: the system it belongs to; Drake keeps what Python has put into a diagram for good in any case.
         description: name of the entry.
         compute: bound method `compute(context) -> result` of the system; a covariance that loses
             definiteness in it is reported with the time and the system's name.
@@ -53,26 +52,22 @@ class Cached:
         prerequisites: Iterable[DependencyTicket],
     ):
         where = f"{system.get_name()}: {description}"
-        # a bound method here would keep the system, and with it the whole diagram, alive for ever
-        method = weakref.WeakMethod(compute)
 
         def calc(context: Any, value: Any) -> None:
-            bound = method()
-            assert bound is not None
             try:
-                value.set_value((bound(context),))
+                value.set_value((compute(context),))
             except NotPositiveDefiniteError as error:
                 raise error.at(context.get_time(), where) from None
 
         entry = system.DeclareCacheEntry(
             description, ValueProducer(allocate=lambda: Value[object](NOTHING), calc=calc), set(prerequisites)
         )
-        self._index = entry.cache_index()
+        self._entry = entry  # asked for each time, it would take as long as all else
         self.ticket = entry.ticket()
 
-    def get(self, system: LeafSystem, context: Any) -> Any:
+    def get(self, context: Any) -> Any:
         """The result for a context."""
-        return system.get_cache_entry(self._index).EvalAbstract(context).get_value()[0]
+        return self._entry.EvalAbstract(context).get_value()[0]
 
 
 def state_of(context: Any) -> Array:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from enum import IntEnum
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -51,7 +51,10 @@ class Window(NamedTuple):
 
 def hand_controllers(windows: tuple[Window, ...], time_s: float) -> Array:
     """Both hand controllers at a time: -1, 0 or 1 per axis, rotation x, y, z, translation x, y, z, shape (6,)."""
-    command: Array = hand_controller_rows(windows, np.array([time_s]))[0]
+    command = np.zeros(6)
+    for window in windows:
+        if _in_force(window, time_s):
+            command[window.channel] = window.sign
     return command
 
 
@@ -59,8 +62,13 @@ def hand_controller_rows(windows: tuple[Window, ...], times_s: Array) -> Array:
     """`hand_controllers` at several times, shape (n, 6)."""
     rows = np.zeros((times_s.size, 6))
     for window in windows:
-        rows[(window.start_s <= times_s) & (times_s < window.end_s), window.channel] = window.sign
+        rows[_in_force(window, times_s), window.channel] = window.sign
     return rows
+
+
+def _in_force(window: Window, time_s: Any) -> Any:
+    """Whether it is at a time, or at each of several."""
+    return (window.start_s <= time_s) & (time_s < window.end_s)
 
 
 class PhaseSpaceParams(NamedTuple):

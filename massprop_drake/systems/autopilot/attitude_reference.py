@@ -59,7 +59,7 @@ class AttitudeReference(LeafSystem):
         return row
 
     def _calc_error(self, context: Any, output: Any) -> None:
-        output.SetFromVector(self._step.get(self, context)[_ERROR])
+        output.SetFromVector(self._step.get(context)[_ERROR])
 
     def _update(self, context: Any, state: Any) -> None:
-        state.set_value(self._step.get(self, context)[_AFTER])
+        state.set_value(self._step.get(context)[_AFTER])

@@ -134,11 +134,11 @@ class JetSelection(LeafSystem):
         return self._fired(burst.remaining, reciprocal, self._held), burst.changed or ()
 
     def _calc_command(self, context: Any, output: Any) -> None:
-        row, _ = self._burst.get(self, context)
+        row, _ = self._burst.get(context)
         output.SetFromVector(row[self._command])
 
     def _update(self, context: Any, state: Any) -> None:
-        row, changed = self._burst.get(self, context)
+        row, changed = self._burst.get(context)
         values = (*(row[part] for part in self._rows), *changed)
         for group, value in zip(self._groups, values, strict=False):
             state.set_value(group, value)

@@ -67,7 +67,7 @@ class PhaseSpaceController(LeafSystem):
         return row
 
     def _calc_request(self, context: Any, output: Any) -> None:
-        output.SetFromVector(self._step.get(self, context)[: REQUEST.size])
+        output.SetFromVector(self._step.get(context)[: REQUEST.size])
 
     def _update(self, context: Any, state: Any) -> None:
-        state.set_value(self._step.get(self, context)[REQUEST.size :])
+        state.set_value(self._step.get(context)[REQUEST.size :])

@@ -112,12 +112,12 @@ class FilterSystem(LeafSystem):
         return asked
 
     def _measured(self, context: Any) -> Measured:
-        measured: Measured = self._measurement.get(self, context)
+        measured: Measured = self._measurement.get(context)
         return measured
 
     def _cycled(self, context: Any) -> tuple[Measured, Any]:
         """The measurement, and what became of it."""
-        cycled: tuple[Measured, Any] = self._cycle.get(self, context)
+        cycled: tuple[Measured, Any] = self._cycle.get(context)
         return cycled
 
     def _measure(self, context: Any) -> Measured:
@@ -288,10 +288,10 @@ class RememberingFilterSystem(WholeFilterSystem):
             step = self._remembered(context).step
             assert step is not None
             return step
-        return self._finish_sample(context, self._measurement.get(self, context))
+        return self._finish_sample(context, self._measurement.get(context))
 
     def _step(self, context: Any) -> FilterStep:
-        step: FilterStep = self._cycle.get(self, context)
+        step: FilterStep = self._cycle.get(context)
         return step
 
     def _known_of(self, state: Any) -> tuple[Array, Array]:
@@ -303,10 +303,10 @@ class RememberingFilterSystem(WholeFilterSystem):
         output.SetFromVector(known.estimate)
 
     def _calc_evidence(self, context: Any, output: Any) -> None:
-        output.set_value(self._evidence_of(self._measurement.get(self, context)))
+        output.set_value(self._evidence_of(self._measurement.get(context)))
 
     def _update(self, context: Any, state: Any) -> None:
         memory = self._remembered(context)
         before = memory.before if self._is_now(context) else memory.state
-        newest = Memory(before, self._measurement.get(self, context), self._step(context), context.get_time())
+        newest = Memory(before, self._measurement.get(context), self._step(context), context.get_time())
         state.get_mutable_abstract_state(self._memory).set_value(newest)

@@ -144,7 +144,7 @@ class FailureDetector(LeafSystem):
         )
 
     def _judged(self, context: Any) -> Array:
-        row: Array = self._judgment.get(self, context)
+        row: Array = self._judgment.get(context)
         return row
 
     def _calc_known_force(self, context: Any, output: Any) -> None:

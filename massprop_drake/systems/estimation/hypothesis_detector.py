@@ -112,7 +112,7 @@ class HypothesisDetector(LeafSystem):
         return Memory(memory.state, judgment, time_s)
 
     def _judged(self, context: Any) -> Judgment:
-        judgment: Judgment = self._judgment.get(self, context).judgment
+        judgment: Judgment = self._judgment.get(context).judgment
         return judgment
 
     def _calc_replacement(self, context: Any, output: Any) -> None:
@@ -136,11 +136,11 @@ class HypothesisDetector(LeafSystem):
         output.SetFromVector(self._remembered(context).state.closed)
 
     def _calc_report(self, context: Any, output: Any) -> None:
-        before, judgment, _ = self._judgment.get(self, context)
+        before, judgment, _ = self._judgment.get(context)
         output.SetFromVector(detector_row(judgment, before))
 
     def _calc_hypotheses(self, context: Any, output: Any) -> None:
         output.SetFromVector(self._report.pack(self._judged(context).own))
 
     def _update(self, context: Any, state: Any) -> None:
-        state.get_mutable_abstract_state(self._memory).set_value(self._judgment.get(self, context))
+        state.get_mutable_abstract_state(self._memory).set_value(self._judgment.get(context))

@@ -86,7 +86,7 @@ class ImpulseModel(LeafSystem):
         return row
 
     def _calc_impulses(self, context: Any, output: Any) -> None:
-        told = self._impulses.get(self, context)[: IMPULSES.size]
+        told = self._impulses.get(context)[: IMPULSES.size]
         if self._known_force.HasValue(context):
             known = known_force_of(self._known_force.Eval(context))
             if known.acts:
@@ -95,8 +95,8 @@ class ImpulseModel(LeafSystem):
         output.SetFromVector(told)
 
     def _calc_mean_level(self, context: Any, output: Any) -> None:
-        output.SetFromVector(self._impulses.get(self, context)[IMPULSES.size :][: self._n_jets])
+        output.SetFromVector(self._impulses.get(context)[IMPULSES.size :][: self._n_jets])
 
     def _update(self, context: Any, state: Any) -> None:
-        level = self._impulses.get(self, context)[IMPULSES.size + self._n_jets :]
+        level = self._impulses.get(context)[IMPULSES.size + self._n_jets :]
         state.set_value(np.concatenate((self._command.Eval(context), level)))

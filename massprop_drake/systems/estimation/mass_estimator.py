@@ -145,7 +145,7 @@ class MassEstimator(FilterSystem):
 
     def _compute_cycle(self, context: Any) -> Any:
         """The report and the state after it, one after the other."""
-        measured: Any = self._measurement.get(self, context)
+        measured: Any = self._measurement.get(context)
         if self._compiled:
             return self.stopwatch.measure(self._weigh, measured, self._asked(context), self._held)
         cycle = self._finish(measured, self._adapted(context))
@@ -158,7 +158,7 @@ class MassEstimator(FilterSystem):
         output.SetFromVector(np.append(self._prediction.Eval(context), state.mass_reciprocal))
 
     def _calc_evidence(self, context: Any, output: Any) -> None:
-        measured: Any = self._measurement.get(self, context)
+        measured: Any = self._measurement.get(context)
         if self._compiled:
             output.SetFromVector(measured[: EVIDENCE.size])
             return
@@ -170,7 +170,7 @@ class MassEstimator(FilterSystem):
 
     def _innovation(self, context: Any) -> Array:
         """The innovation (3) and its covariance (9)."""
-        measured: Any = self._measurement.get(self, context)
+        measured: Any = self._measurement.get(context)
         if self._compiled:
             row: Array = measured[EVIDENCE.size :]
             return row
@@ -185,14 +185,14 @@ class MassEstimator(FilterSystem):
 
     def _after(self, context: Any) -> Array:
         """The state after the sample."""
-        row: Array = self._cycle.get(self, context)
+        row: Array = self._cycle.get(context)
         return row[MASS_REPORT.size :]
 
     def _calc_estimate(self, context: Any, output: Any) -> None:
         output.SetFromVector(self._after(context)[: MASS_ESTIMATE.size])
 
     def _calc_report(self, context: Any, output: Any) -> None:
-        output.SetFromVector(self._cycle.get(self, context)[: MASS_REPORT.size])
+        output.SetFromVector(self._cycle.get(context)[: MASS_REPORT.size])
 
     def _update(self, context: Any, state: Any) -> None:
         state.set_value(self._after(context))

@@ -140,7 +140,7 @@ class RotationEstimator(FilterSystem):
 
     def _compute_cycle(self, context: Any) -> Any:
         """The report and the state after it, one after the other."""
-        measured: Any = self._measurement.get(self, context)
+        measured: Any = self._measurement.get(context)
         if self._compiled:
             return self.stopwatch.measure(self._rotate, measured, self._asked(context), self._held)
         cycle = self._finish(measured, self._adapted(context))
@@ -154,7 +154,7 @@ class RotationEstimator(FilterSystem):
 
     def _turned(self, context: Any) -> Array:
         """What it says of the sample, packed as `TURNING`."""
-        measured: Any = self._measurement.get(self, context)
+        measured: Any = self._measurement.get(context)
         if self._compiled:
             row: Array = measured[: self._turning.size]
             return row
@@ -175,7 +175,7 @@ class RotationEstimator(FilterSystem):
 
     def _after(self, context: Any) -> Array:
         """The state after the sample."""
-        row: Array = self._cycle.get(self, context)
+        row: Array = self._cycle.get(context)
         return row[ROTATION_REPORT.size :]
 
     def _calc_estimate(self, context: Any, output: Any) -> None:
@@ -185,7 +185,7 @@ class RotationEstimator(FilterSystem):
         output.SetFromVector(self._after(context)[self._layout.slice("covariance")])
 
     def _calc_report(self, context: Any, output: Any) -> None:
-        output.SetFromVector(self._cycle.get(self, context)[: ROTATION_REPORT.size])
+        output.SetFromVector(self._cycle.get(context)[: ROTATION_REPORT.size])
 
     def _update(self, context: Any, state: Any) -> None:
         state.set_value(self._after(context))

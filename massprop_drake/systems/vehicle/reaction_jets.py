@@ -141,7 +141,7 @@ class ReactionJets(LeafSystem):
         return row
 
     def _calc_thrust(self, context: Any, output: Any) -> None:
-        output.SetFromVector(self._coming.get(self, context)[: self._n_jets])
+        output.SetFromVector(self._coming.get(context)[: self._n_jets])
 
     def _calc_wrench(self, context: Any, output: Any) -> None:
         elapsed = context.get_time() - context.get_discrete_state(self._updated_s).GetAtIndex(0)
@@ -150,7 +150,7 @@ class ReactionJets(LeafSystem):
         output.SetFromVector(reached @ self._params.wrenches)
 
     def _calc_profile(self, context: Any, output: Any) -> None:
-        output.SetFromVector(self._coming.get(self, context)[self._n_jets :])
+        output.SetFromVector(self._coming.get(context)[self._n_jets :])
 
     def _update(self, context: Any, state: Any) -> None:
         state.set_value(self._level, self._level_now(context))

@@ -145,7 +145,7 @@ class Sensor(LeafSystem):
         return row
 
     def _calc_remembering(self, context: Any, output: Any) -> None:
-        output.SetFromVector(self._step.get(self, context)[_READING])
+        output.SetFromVector(self._step.get(context)[_READING])
 
     def _update(self, context: Any, state: Any) -> None:
-        state.set_value(self._step.get(self, context)[_AFTER])
+        state.set_value(self._step.get(context)[_AFTER])
