@@ -290,7 +290,9 @@ def _course(stretch: Stretch, lag_error: Array, model: Model) -> _Course:
         whole[..., on] = part
         return whole
 
-    return _Course(np.full(intervals, period), of_all(amount), of_all(by_lag), of_all(firing.bow), late, of_all(at_stamp))
+    return _Course(
+        np.full(intervals, period), of_all(amount), of_all(by_lag), of_all(firing.bow), late, of_all(at_stamp)
+    )
 
 
 def _ticks(time_s: Array, period_s: float) -> tuple[float, Array]:
@@ -441,7 +443,8 @@ def _expected(stretch: Stretch, at: Array, course: _Course, model: Model) -> _Ex
     impulse[:, :3] += model.period_s * (at[places.torque] - resisted)  # pure torques act about any point
     late = course.late_s[:, None] * ((course.level * factor) @ model.wrenches)
     bow = (course.bow * factor) @ model.wrenches
-    sums = _Sums(*(_by_columns(part) for part in (impulse, bow, late, rate)), course.durations_s)
+    acted = _by_columns(impulse), _by_columns(bow), _by_columns(late)
+    sums = _Sums(*acted, _by_columns(rate), course.durations_s)
     mass = 1.0 / at[_MASS] + stretch.used_after
     lightness = 2.0 / (mass[:-1] + mass[1:])
     velocity = np.zeros_like(sums.rate)
