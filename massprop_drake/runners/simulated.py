@@ -83,7 +83,7 @@ class Simulated:
         period_s = vehicle.sample_period_s
         # one log, since each takes an event a sample
         sizes = [port.size() for port in ports.values()]
-        side_by_side = builder.AddNamedSystem("logged", Multiplexer(sizes))
+        side_by_side = builder.AddSystem(Multiplexer(sizes))
         for place, port in enumerate(ports.values()):
             builder.Connect(port, side_by_side.get_input_port(place))
         self._columns = dict(zip(ports, pairwise(np.cumsum([0, *sizes]).tolist()), strict=True))

@@ -18,7 +18,7 @@ import numpy as np
 from massprop_drake.maths.kernels import kernel
 from massprop_drake.maths.linear_algebra import Array
 
-Level = TypeVar("Level", float, Array)  # of one jet, or of all
+_Level = TypeVar("_Level", float, Array)  # of one jet, or of all
 
 
 class LagFactors(NamedTuple):
@@ -51,13 +51,13 @@ def lag_factors(time_constants_s: Array, period_s: float) -> LagFactors:
 
 
 @kernel
-def level_after(level: Level, target: Level, remaining: Level) -> Level:
+def level_after(level: _Level, target: _Level, remaining: _Level) -> _Level:
     """Level at the end of a period that began at ``level`` with a constant ``target``."""
     return target + (level - target) * remaining
 
 
 @kernel
-def mean_level(level: Level, target: Level, mean: Level) -> Level:
+def mean_level(level: _Level, target: _Level, mean: _Level) -> _Level:
     """Level averaged over a period that began at ``level`` with a constant ``target``."""
     return target + (level - target) * mean
 
