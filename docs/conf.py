@@ -39,6 +39,7 @@ autodoc_member_order = "bysource"
 autodoc_typehints_format = "short"
 autodoc_type_aliases = {"Array": "Array", "ArrayLike": "ArrayLike"}
 autodoc_preserve_defaults = True
+autodoc_use_type_comments = False  # there are none, and each module is parsed again for them
 napoleon_use_ivar = True
 napoleon_use_rtype = False
 

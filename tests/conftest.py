@@ -12,10 +12,12 @@ import sys
 import tarfile
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 from typing import Any, ClassVar
 
 import pytest
+import typer
 from command_probe import Massprop, Outcome
 from once_probe import shared
 from ruamel.yaml import YAML
@@ -23,7 +25,8 @@ from threadpoolctl import threadpool_limits
 
 from massprop_drake import load_scenario, load_vehicle, simulate
 from massprop_drake.cli import main as cli
-from massprop_drake.display import figures
+from massprop_drake.display import figures, templates
+from massprop_drake.inputs import yaml
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.results.run import Run
@@ -35,6 +38,28 @@ REPOSITORY = Path(__file__).parent.parent
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 threadpool_limits(1, user_api="blas")
 os.environ.update(ONE_THREAD)  # for libraries that are loaded later, and for processes that tests start
+
+gc.set_threshold(20_000, 20, 50)  # the usual 700 new objects between two collections cost a tenth of the time
+
+# a process of the program parses its command line once, and few files and templates; what the tests ask of one process
+# again and again is made once
+typer.main.get_command = cache(typer.main.get_command)
+templates.environment = cache(templates.environment)
+
+
+def _read_once() -> None:
+    """Keeps what was read of a YAML text, wherever it was: only messages name its source, and errors are not kept."""
+    read, known = yaml._read.__wrapped__, {}
+
+    def kept(text: str, source: str, within: tuple[str | int, ...]) -> Any:
+        if (text, within) not in known:
+            known[text, within] = read(text, source, within)
+        return known[text, within]
+
+    yaml._read = kept
+
+
+_read_once()
 
 
 def pytest_sessionstart() -> None:
@@ -259,10 +284,10 @@ class Page:
 
     def until(self, expression: str) -> None:
         """Waits until an expression holds; a page's policy forbids what Playwright's `wait_for_function` does in it."""
-        for _ in range(1200):
+        for _ in range(6000):
             if self.page.evaluate(expression):
                 return
-            self.page.wait_for_timeout(100)
+            self.page.wait_for_timeout(20)
         raise TimeoutError(expression)
 
     def as_opened(self, script: str) -> Page:

@@ -41,13 +41,16 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def weak(runs: Path) -> Run:
+def records(runs: Path) -> dict[str, Run]:
+    """What is estimated from the telemetry of both; `beside` changes nothing in it."""
+    scenario = load_scenario(runs / "known")
+    return {name: estimate(runs / name / "telemetry.csv", scenario) for name in ("known", "weak")}
+
+
+@pytest.fixture(scope="module")
+def weak(runs: Path, records: dict[str, Run]) -> Run:
     """The record of a weak jet beside the vehicle as it is known."""
-    return put_beside(runs, "weak", "known")
-
-
-def put_beside(runs: Path, record: str, against: str) -> Run:
-    return beside(estimate(runs / record / "telemetry.csv", load_scenario(runs / against)), runs / against)
+    return beside(records["weak"], runs / "known")
 
 
 def said(run: Run) -> Against:
@@ -85,31 +88,29 @@ def test_it_begins_where_the_record_is_and_begins_anew(weak: Run) -> None:
     assert np.abs((weak["mocap"] - weak["against.mocap"])[anew - 1, :2]).max() > 4e-3
 
 
-def test_a_runs_own_record_is_as_simulated(runs: Path) -> None:
-    found = said(put_beside(runs, "known", "known"))
+def test_a_runs_own_record_is_as_simulated(runs: Path, records: dict[str, Run]) -> None:
+    found = said(beside(records["known"], runs / "known"))
     assert found.causes == ()
     assert 0.7 < (found.misfit or 0.0) < 1.2
     assert "are as simulated" in found.in_words()
     assert max(one.rms or 0.0 for one in found.residuals) < 0.02
 
 
-def test_a_simulation_with_the_same_failure_explains_the_record(runs: Path, weak: Run) -> None:
-    found = said(put_beside(runs, "weak", "weak"))
+def test_a_simulation_with_the_same_failure_explains_the_record(runs: Path, records: dict[str, Run], weak: Run) -> None:
+    found = said(beside(records["weak"], runs / "weak"))
     assert found.causes == ()
     rms, of_known = (np.array([one.rms for one in each.residuals]) for each in (found, said(weak)))
     assert (rms < 0.5 * of_known).all()
 
 
-def test_a_record_may_stand_in_for_the_simulated_run(runs: Path, tmp_path: Path) -> None:
-    scenario = load_scenario(runs / "known")
-    learned = estimate(runs / "known" / "telemetry.csv", scenario)
-    learned.save(tmp_path / "learned", pictures=False, report=False)
-    found = said(beside(estimate(runs / "weak" / "telemetry.csv", scenario), tmp_path / "learned"))
+def test_a_record_may_stand_in_for_the_simulated_run(records: dict[str, Run], tmp_path: Path) -> None:
+    records["known"].save(tmp_path / "learned", pictures=False, report=False)
+    found = said(beside(records["weak"], tmp_path / "learned"))
     assert found.causes[0].what == "thrust of T6"
     bare = json.loads((tmp_path / "learned" / STATE_FILE).read_text("utf-8"))
     (tmp_path / "learned" / STATE_FILE).unlink()
     with pytest.raises(InputError, match="nothing tells what to simulate"):
-        beside(estimate(runs / "weak" / "telemetry.csv", scenario), tmp_path / "learned")
+        beside(records["weak"], tmp_path / "learned")
     assert bare["states"]
 
 
@@ -132,8 +133,7 @@ def test_it_is_kept_shown_and_read_back(weak: Run, tmp_path: Path) -> None:
         assert cell in html
 
 
-def test_what_cannot_be_simulated_is_refused(runs: Path, tmp_path: Path) -> None:
-    record = estimate(runs / "known" / "telemetry.csv", load_scenario(runs / "known"))
+def test_what_cannot_be_simulated_is_refused(records: dict[str, Run], tmp_path: Path) -> None:
     flown(
         tmp_path,
         "heavier",
@@ -142,10 +142,10 @@ def test_what_cannot_be_simulated_is_refused(runs: Path, tmp_path: Path) -> None
         "jumps=[{kind: dock, time_s: 1, mass: 1, position: [0, 0, 0]}]",
     )
     with pytest.raises(InputError, match="payloads come or leave"):
-        beside(record, tmp_path / "heavier")
+        beside(records["known"], tmp_path / "heavier")
     flown(tmp_path, "other", "failures=[]", "duration_s=1", "vehicle.jets[0].position=[0.145, 0.07, 0.0]")
     with pytest.raises(InputError, match="whose places of jets are not those of 'air_bearing'"):
-        beside(record, tmp_path / "other")
+        beside(records["known"], tmp_path / "other")
 
 
 def test_rotation_vectors_from_one_attitude_to_another() -> None:

@@ -4,14 +4,24 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
 from pose_probe import again, told
 from replay_probe import replayed
 
-from massprop_drake import Estimator, InputError, Run, Scenario, estimate, load_scenario, load_vehicle, simulate
+from massprop_drake import (
+    Estimator,
+    EstimatorStep,
+    InputError,
+    Run,
+    Scenario,
+    estimate,
+    load_scenario,
+    load_vehicle,
+    simulate,
+)
 from massprop_drake.inputs.scenario import resolved
 from massprop_drake.inputs.vehicle import Accelerometer, Gyro, PoseSensor, Vehicle, VelocitySensor
 from massprop_drake.runners.recorded import settings_alone
@@ -32,8 +42,33 @@ def folder(flown: Run, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return flown.save(tmp_path_factory.mktemp("pose") / "run", pictures=False, report=False)
 
 
-def stepped(dut: Estimator, run: Run, row: int, name: str = "mocap") -> Any:
+def stepped(dut: Estimator, run: Run, row: int, name: str = "mocap") -> EstimatorStep:
     return dut.step(run.time_s[row], None, None, run["command"][row], tracked={name: run[name][row]})
+
+
+RESTARTS = (0, 1, 12, 70)  # after so many rows
+AFTER = 20  # rows, 1.3 s: longer than commands act
+
+
+class Stepped(NamedTuple):
+    """An estimator that has read the flight row by row, what it said, and its states at the restarts, as JSON."""
+
+    scenario: Scenario
+    dut: Estimator
+    steps: list[EstimatorStep]
+    states: dict[int, str]
+
+
+@pytest.fixture(scope="module", params=["off", "thrust_factors"])
+def whole(request: pytest.FixtureRequest, flown: Run) -> Stepped:
+    """By the detector; with one to the end of the flight, without only as far as restarts are looked at."""
+    scenario = load_scenario("air_bearing_pulses", ["duration_s=12", f"detector={{kind: {request.param}}}"])
+    found = Stepped(scenario, Estimator(scenario.vehicle_data, scenario), [], {})
+    for row in range(RESTARTS[-1] + AFTER if request.param == "off" else len(flown.time_s)):
+        if row in RESTARTS:
+            found.states[row] = json.dumps(found.dut.state)
+        found.steps.append(stepped(found.dut, flown, row))
+    return found
 
 
 # ----------------------------------------------------------------------------------------- same bits
@@ -59,18 +94,17 @@ def test_the_jet_that_was_dead_is_named_and_no_other(flown: Run) -> None:
     assert flown.summary["unconfirmed"] == []
 
 
-def test_the_estimator_gives_the_bits_of_estimate(scenario: Scenario, flown: Run) -> None:
-    dut = Estimator(scenario.vehicle_data, scenario)
+@pytest.mark.parametrize("whole", ["thrust_factors"], indirect=True)
+def test_the_estimator_gives_the_bits_of_estimate(whole: Stepped, flown: Run) -> None:
     said = []
-    for row in range(len(flown.time_s)):
-        step = stepped(dut, flown, row)
+    for row, step in enumerate(whole.steps):
         np.testing.assert_array_equal(step.estimate, flown["estimate"][row])
         np.testing.assert_array_equal(step.standard_deviation, flown["standard_deviation"][row])
         assert step.alarm == bool(flown["alarm"][row, 0])
         if step.detection is not None:
             said.append(step)
     assert [step.detection.jets for step in said if step.detection is not None] == [("T2",)]
-    np.testing.assert_array_equal(np.flatnonzero(dut.step(20.0, None, None, np.zeros(8)).removed), [1])
+    np.testing.assert_array_equal(np.flatnonzero(whole.dut.step(20.0, None, None, np.zeros(8)).removed), [1])
     assert said[0].time_s == flown.results.detections[0].time_s
 
 
@@ -86,18 +120,13 @@ def test_the_telemetry_of_the_run_has_all_that_was_read(flown: Run, folder: Path
 # ------------------------------------------------------------------------------------------ restarts
 
 
-@pytest.mark.parametrize("detector", ["off", "thrust_factors"])
-@pytest.mark.parametrize("rows", [0, 1, 12, 70])
-def test_an_estimator_goes_on_after_a_restart_to_the_bit(flown: Run, detector: str, rows: int) -> None:
+@pytest.mark.parametrize("rows", RESTARTS)
+def test_an_estimator_goes_on_after_a_restart_to_the_bit(whole: Stepped, flown: Run, rows: int) -> None:
     """Commands that still act are kept, and hypotheses that are not decided."""
-    scenario = load_scenario("air_bearing_pulses", ["duration_s=12", f"detector={{kind: {detector}}}"])
-    whole = Estimator(scenario.vehicle_data, scenario)
-    for row in range(rows):
-        stepped(whole, flown, row)
-    other = Estimator(scenario.vehicle_data, scenario)
-    other.restore(json.loads(json.dumps(whole.state)))
-    for row in range(rows, rows + 20):  # 1.3 s: longer than commands act
-        one, two = stepped(whole, flown, row), stepped(other, flown, row)
+    other = Estimator(whole.scenario.vehicle_data, whole.scenario)
+    other.restore(json.loads(whole.states[rows]))
+    for row in range(rows, rows + AFTER):
+        one, two = whole.steps[row], stepped(other, flown, row)
         np.testing.assert_array_equal(two.estimate, one.estimate)
         np.testing.assert_array_equal(two.standard_deviation, one.standard_deviation)
         assert two.alarm == one.alarm
@@ -173,18 +202,20 @@ def test_hypotheses_that_no_run_leaves_are_refused(
 # ------------------------------------------------------------------------------------ outside forces
 
 
-def test_a_known_outside_force_is_no_slope_and_no_jet(scenario: Scenario, flown: Run, tmp_path: Path) -> None:
-    """0.3 N along x through the center of mass from 4 s on, two thirds of a jet."""
-    vehicle = scenario.vehicle_data
+@pytest.mark.parametrize("whole", ["thrust_factors"], indirect=True)
+def test_a_known_outside_force_is_no_slope_and_no_jet(whole: Stepped, flown: Run) -> None:
+    """0.3 N along x through the center of mass from 4.4 s on, two thirds of a jet; before, the flight as it was."""
+    begin = RESTARTS[-1]
     outside = np.zeros((len(flown.time_s), 6))
     truth, force = flown["truth"][0], np.array([0.3, 0.0, 0.0])
-    outside[flown.time_s >= 4.0] = np.concatenate((np.cross(truth[6:9], force), force))
+    outside[begin:] = np.concatenate((np.cross(truth[6:9], force), force))
     pushed = _with_force(flown, outside, truth)
     ends = []
     for known in (True, False):
-        dut = Estimator(vehicle, scenario)
+        dut = Estimator(whole.scenario.vehicle_data, whole.scenario)
+        dut.restore(json.loads(whole.states[begin]))
         said = []
-        for row in range(len(flown.time_s)):
+        for row in range(begin, len(flown.time_s)):
             step = dut.step(
                 flown.time_s[row],
                 None,
@@ -198,7 +229,7 @@ def test_a_known_outside_force_is_no_slope_and_no_jet(scenario: Scenario, flown:
         ends.append(((step.estimate - truth)[9] / step.standard_deviation[9], said))
     assert abs(ends[0][0]) < 3.0
     assert ends[0][1] == [("jet", ("T2",))]
-    assert ends[1][1] != ends[0][1]  # what is not known is said
+    assert ends[1][1] != ends[0][1]  # what is not known is taken for something else
 
 
 def _with_force(run: Run, outside: np.ndarray, truth: np.ndarray) -> np.ndarray:

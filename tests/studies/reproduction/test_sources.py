@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import ast
 import shutil
+from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -10,6 +13,14 @@ import pytest
 from massprop_drake.studies.reproduction.sources import PACKAGE, code_digest, imported_files
 
 SIMULATE = Path("runners/simulate.py")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _parsed_once() -> Iterator[None]:
+    """Copies of the package are the same text but for an edit, and a text is parsed to the same tree."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(ast, "parse", cache(ast.parse))
+        yield
 
 
 def _written(folder: Path, **modules: str) -> Path:
