@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,7 +16,7 @@ from massprop_drake.results.against import Against
 from massprop_drake.results.consistency import INCONSISTENT
 from massprop_drake.results.detections import JUMP, DetectionRecord, remarks, size
 from massprop_drake.results.folder import write_page
-from massprop_drake.results.identifiability import in_words
+from massprop_drake.results.identifiability import bound_in_words, in_words
 from massprop_drake.results.summary import Summary
 from massprop_drake.signals import SYMBOLS
 
@@ -25,8 +24,6 @@ if TYPE_CHECKING:
     from massprop_drake.results.run import Run
 
 _HERE = Path(__file__).parent
-# plotly writes its own styles, and turns a plot into a picture for the reader to save
-_PLOTLY = {"style-src": "'unsafe-inline'", "img-src": "data: blob:"}
 
 
 def write_report(run: Run, path: str | Path, *, replay: str | None = None, force: bool = False) -> Path:
@@ -77,6 +74,9 @@ def report_html(run: Run, *, replay: str | None = None) -> str:
         "units": units,
         "verdict": [*_verdict(results), *_armed(source, results)],
         "parameters": rows,
+        "bound": bound_in_words(
+            [one.standard_deviation for one in results.parameters], results.identifiability, SYMBOLS
+        ),
         "bounded": any(row.bound != "-" for row in rows),
         "derived": table.derived(results, units),
         "simulated": source.simulated,
@@ -92,14 +92,13 @@ def report_html(run: Run, *, replay: str | None = None) -> str:
         "scenario": yaml_text(scenario),
         "replay": replay,
     }
-    plotly = (resources.files("plotly") / "package_data" / "plotly.min.js").read_text(encoding="utf-8")
     return templates.page(
         _HERE / "report.html",
         content,
         data=described,
         styles=[(_HERE / "report.css").read_text(encoding="utf-8")],
-        scripts=[plotly, *((_HERE / name).read_text(encoding="utf-8") for name in ("themed.js", "report.js"))],
-        needs=_PLOTLY,
+        scripts=interactive.scripts(),
+        needs=interactive.NEEDS,
     )
 
 
