@@ -395,9 +395,9 @@ def _told(event: EventRecord, vehicle: Vehicle) -> str:
 
 
 def _detected(entry: DetectionRecord, vehicle: Vehicle) -> str:
-    from massprop_drake.results.detections import remarks, size  # noqa: PLC0415 (slow to load)
+    from massprop_drake.results.detections import remarks, since, size  # noqa: PLC0415 (slow to load)
 
-    when = f"declared at {entry.time_s:.2f} s, since {entry.onset_s:.2f} s"
+    when = f"declared at {entry.time_s:.2f} s, {since(entry)}"
     kind, how_large = entry.kind.replace("_", " "), size(entry, vehicle.unit_names)
     if entry.magnitude is None:
         what = f"{kind}: {how_large}" if how_large else kind

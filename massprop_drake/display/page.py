@@ -247,7 +247,7 @@ def _detection(entry: DetectionRecord, units: Mapping[str, str], by_hypotheses: 
     )
     return {
         "what": events.headline(entry),
-        "since": entry.onset_s,
+        "since": [entry.onset_s] if entry.earliest_s is None else [entry.earliest_s, entry.latest_s],
         "declared": entry.time_s,
         "cluster": "" if entry.cluster is None else str(entry.cluster),
         "magnitude": size(entry, units),
