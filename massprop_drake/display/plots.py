@@ -48,6 +48,7 @@ Array = NDArray[np.float64]
 NIS_LIMITS = (0.21579528262389802, 9.348403604496148)  # 2.5 and 97.5 % of chi-square, 3 degrees of freedom
 _RARE_NIS = 11.344866730144373  # 99 % of chi-square, 3 degrees of freedom
 _DEGREES = 180.0 / np.pi
+_LEAST_NIS = 0.003  # that its axis shows: 1 in 24,000 of a consistent filter is less
 _FLOOR = 0.1  # of statistics on a logarithmic scale: what lies below says nothing
 PROMPT_S = 1.0  # a detector that tests as soon is armed from the start
 _NAMED = 5  # jets, or clusters, with a color of their own; the others are gray
@@ -630,7 +631,8 @@ def consistency(run: Source) -> Plot:
             Zone(*NIS_LIMITS, label="95 % of chi-square, 3 degrees of freedom"),
             Points(run.time_s[used], nis, color, _mean_nis(run, name, nis)),
         )
-        panels.append(Panel(f"{name} filter", "", marks, scale="log"))
+        most = float(nis.max(initial=NIS_LIMITS[1]))
+        panels.append(Panel(f"{name} filter", "", marks, scale="log", limits=(_LEAST_NIS, 2.0 * most)))
     return _plot(run, "consistency", "Consistency: NIS at the samples used", panels)
 
 

@@ -58,6 +58,7 @@
       }
     }
     if (low > high) return null;
+    if (log && figure.layout[axis].range) low = Math.min(high, Math.max(low, 10 ** figure.layout[axis].range[0]));
     if (log && axis in figure.views) low = Math.min(high, Math.max(low, figure.views[axis]));
     if (log) return [Math.log10(low) - 0.1, Math.log10(high) + 0.1];
     const margin = 0.06 * (high - low) || 0.05 * Math.abs(high) || 1;
@@ -140,10 +141,10 @@
 
   // a figure in the colors of the theme, showing one of its views
   function shown(figure) {
-    const layout = themed.layout(figure.layout);
+    const narrow = document.getElementById("plot-" + figure.name).clientWidth < NARROW;
+    const layout = themed.layout(figure.layout, narrow && figure.traces.some(trace => trace.showlegend));
     if (onPaper()) layout.width = columns(figure) * PAPER;
     if (plane(figure)) arrange(layout, onPaper() ? layout.width : document.getElementById("plot-" + figure.name).clientWidth);
-    const narrow = document.getElementById("plot-" + figure.name).clientWidth < NARROW;
     const traces = figure.traces.map(trace => trace.edge ? edge(figure, trace) : trace).map(({ view, meta, ...trace }) => {
       // a narrow card has room for few entries of a key; that of 3 sigma stands above all plots, that of ranges below
       if (narrow && /^(3[- ]sigma|range of)/.test(trace.name)) trace.showlegend = false;

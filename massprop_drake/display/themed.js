@@ -1,7 +1,7 @@
 // what pages with plots share: figures in the colors of the theme
 const themed = (() => {
   "use strict";
-  const bar = () => innerWidth < 500 ? 70 : 36; // room for plotly's bar of buttons, pixels; narrow keys have more rows
+  const BAR = 36, ROWS = 34; // room for plotly's bar of buttons, pixels, and for more rows of a key in a narrow card
   const style = name => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 
   // a copy in which black, as a color, is the ink of the theme
@@ -17,13 +17,15 @@ const themed = (() => {
 
   function traces(of) { return inked(of, style("--ink")); }
 
-  function layout(of) {
+  // of a figure; `wraps`: whether its key may need more rows than it was given
+  function layout(of, wraps = false) {
     const ink = style("--ink"), grid = style("--line"), copy = inked(of, ink);
     for (const key of Object.keys(copy)) if (/^[xy]axis/.test(key)) Object.assign(copy[key], { gridcolor: grid, zerolinecolor: grid });
     // where nothing hovers the bar of buttons is always there: it gets a place of its own, above all else
     if (matchMedia("(hover: none)").matches && copy.margin && copy.height) {
-      copy.margin.t += bar();
-      copy.height += bar();
+      const room = BAR + (wraps ? ROWS : 0);
+      copy.margin.t += room;
+      copy.height += room;
     }
     return Object.assign(copy, { paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", font: { color: ink, size: 11 },
                                  modebar: { bgcolor: "rgba(0,0,0,0)", color: style("--soft"), activecolor: ink },
