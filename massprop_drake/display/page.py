@@ -206,11 +206,12 @@ def _injected(run: Run, number: int, shown_by: Mapping[int, int]) -> dict[str, A
     else:
         true = "" if one.force is None else f"{one.force:+.2f} {units['force']}"
         found = "" if entry is None else size(entry, units)
-    known = one.declared_s is not None and one.first_acted_s is not None
+    delay_s = None if one.declared_s is None or one.first_acted_s is None else one.declared_s - one.first_acted_s
+    before = delay_s is not None and delay_s <= 0.0  # its jet was known to have failed when it acted again
     return {
         "what": one.name,
-        "times": [one.start_s, one.first_acted_s, one.first_alarm_s, one.declared_s],
-        "delay": f"{(one.declared_s or 0.0) - (one.first_acted_s or 0.0):.2f} s" if known else "-",
+        "times": [one.start_s, one.first_acted_s, one.first_alarm_s, None if before else one.declared_s],
+        "delay": "-" if delay_s is None else "known before" if before else f"{delay_s:.2f} s",
         "true": true or "-",
         "found": found or "-",
         "outcome": one.became,

@@ -40,8 +40,8 @@ class DetectionRecord(NamedTuple):
             others the difference of the estimates before it and at the end, or before the next.
         position, position_std: where, vehicle frame, ft or m; None where it is not known.
         measured_s: when the size of a jump was measured, s.
-        earliest_s, latest_s: of a jump in a time in which nothing acted, so that nothing tells its moment: when that
-            time began and ended, s; `onset_s` lies between them. None where its moment is told, and of failures.
+        earliest_s, latest_s: between when and when a jump was that the detector by hypotheses has found, s; None of
+            other detectors, and of failures.
         told_apart_by: designation of the jet of a group that, fired alone, would tell it apart.
         told_apart_s: seconds without any jet after which it would be told apart; with neither nothing would.
         erratic_s: since when the jet is said to be erratic, s.
@@ -196,43 +196,46 @@ def settled(
 def placed(
     records: Sequence[DetectionRecord], blocks: Iterable[Mapping[str, Array]], steps: Mapping[str, float]
 ) -> list[DetectionRecord]:
-    """Notes of each jump when it may have been: while nothing fires and no reading moves, nothing tells its moment.
+    """Notes between when and when each jump was that the detector by hypotheses has found.
+
+    It had not happened where the comparison begins, and had when the first alarm after that was raised. While nothing
+    fires and no reading moves nothing tells its moment, so that it may have been there already since that began.
 
     Args:
         records: as `followed` gives them.
-        blocks: of the whole run in order, with `time_s`, `command` and what sensors read.
+        blocks: of the whole run in order, with `time_s`, `command`, `alarm` and what sensors read.
         steps: by sensor, how far a reading moves from one sample to the next if something acts.
     """
     found = list(records)
     jumps = [index for index, record in enumerate(records) if record.kind == JUMP]
     if not jumps:
         return found
-    begun, ended = _acting(blocks, steps)
+    ended, alarms = _acting(blocks, steps)
     for index in jumps:
         onset_s, time_s = records[index].onset_s, records[index].time_s
         first = float(ended[ended <= onset_s + _SAME_S].max(initial=-np.inf))
-        last = float(begun[begun >= onset_s - _SAME_S].min(initial=time_s))
-        told = ((begun < onset_s - _SAME_S) & (ended > onset_s + _SAME_S)).any()  # in the midst of what acts
-        if not told and min(last, time_s) - first > _SAME_S and np.isfinite(first):
-            found[index] = records[index]._replace(earliest_s=first, latest_s=min(last, time_s))
+        last = float(alarms[alarms > onset_s + _SAME_S].min(initial=time_s))
+        if np.isfinite(first):
+            found[index] = records[index]._replace(earliest_s=first, latest_s=last)
     return found
 
 
 def _acting(blocks: Iterable[Mapping[str, Array]], steps: Mapping[str, float]) -> tuple[Array, Array]:
-    """Begin and end of the intervals in which a jet fires or a reading moves, s; the run begins after one."""
-    begun, ended = [np.array([-np.inf])], [np.array([np.nan])]
+    """Ends of the intervals in which a jet fires or a reading moves, the beginning of the run first, and alarms, s."""
+    ended, alarms = [], []
     before: dict[str, Array] = {}
     for block in blocks:
         rows = {name: np.concatenate((before[name], values)) if before else values for name, values in block.items()}
+        time_s = rows["time_s"]
         if not before:
-            ended[0] = rows["time_s"][:1]
+            ended.append(time_s[:1])
         before = {name: values[-1:] for name, values in rows.items()}
         moved = (np.nan_to_num(rows["command"][:-1]) != 0.0).any(axis=1)
         for name, step in steps.items():
             moved |= (np.abs(np.diff(rows[name], axis=0)) > step).any(axis=1)
-        begun.append(rows["time_s"][:-1][moved])
-        ended.append(rows["time_s"][1:][moved])
-    return np.concatenate(begun), np.concatenate(ended)
+        ended.append(time_s[1:][moved])
+        alarms.append(time_s[np.nan_to_num(rows["alarm"][:, 0]) != 0.0])
+    return np.concatenate(ended), np.concatenate(alarms)
 
 
 def _weighed(records: Sequence[DetectionRecord], at_the_end: tuple[float, float]) -> list[DetectionRecord]:

@@ -210,7 +210,9 @@ class Intake:
             for package in (*params.gyros(self._scenario), *params.accelerometers(self._scenario))
             if package.name in self.spool
         }
-        records = placed(self._entries, self.spool.blocks("time_s", "command", *steps), steps)
+        records: Sequence[DetectionRecord] = self._entries
+        if "verdict" in self.spool:
+            records = placed(records, self.spool.blocks("time_s", "command", "alarm", *steps), steps)
         entries = settled(records, *forces, *mass)
         return Findings(
             entries,

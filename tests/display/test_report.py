@@ -99,6 +99,15 @@ def test_what_was_injected_is_told_from_its_onset_to_its_declaration(html: str, 
     assert f'<td class="number">{one.declared_s - (one.first_acted_s or 0.0):.2f} s</td>' in row
 
 
+def test_what_acts_again_after_it_was_declared_is_said_to_be_known(stuck_run: Run) -> None:
+    (one,) = stuck_run.results.injected or ()
+    again = one._replace(start_s=3.0, first_acted_s=3.0, declared_s=3.0, magnitude=None)
+    run: Any = SimpleNamespace(results=replace(stuck_run.results, injected=(one, again)), scenario=stuck_run.scenario)
+    said = page._injected(run, 1, {})
+    assert (said["times"][3], said["delay"]) == (None, "known before")
+    assert page._injected(run, 0, {})["times"][3] == one.declared_s
+
+
 def test_a_failure_that_is_not_found_is_red(stuck_run: Run) -> None:
     (one,) = stuck_run.results.injected or ()
     missed = one._replace(declared_s=None, outcome="missed", magnitude=None, magnitude_std=None)

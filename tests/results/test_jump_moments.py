@@ -9,6 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from massprop_drake import load_scenario, simulate
+from massprop_drake.cli import show
 from massprop_drake.results.detections import JUMP, DetectionRecord, placed, since
 
 TIME_S = np.arange(40) * 0.5
@@ -19,13 +20,13 @@ def jump(onset_s: float, time_s: float = 18.0) -> DetectionRecord:
     return DetectionRecord(onset_s, time_s, JUMP, None, None, None, None, None, 50.0, 1)
 
 
-def signals(fired: list[int], moved: int | None = None) -> dict[str, NDArray[np.float64]]:
-    """Commands of two jets in the intervals after some rows, and a gyro that moves once."""
-    command, gyro = np.zeros((40, 2)), np.zeros((40, 3))
-    command[fired, 1] = 1.0
+def signals(fired: list[int], alarms: list[int], moved: int | None = None) -> dict[str, NDArray[np.float64]]:
+    """Commands of two jets in the intervals after some rows, alarms at some, and a gyro that moves once."""
+    command, gyro, alarm = np.zeros((40, 2)), np.zeros((40, 3)), np.zeros((40, 1))
+    command[fired, 1], alarm[alarms] = 1.0, 1.0
     if moved is not None:
         gyro[moved:, 2] = 1.0
-    return {"time_s": TIME_S, "command": command, "gyro": gyro}
+    return {"time_s": TIME_S, "command": command, "gyro": gyro, "alarm": alarm}
 
 
 def blocks(whole: dict[str, NDArray[np.float64]], rows: int) -> Iterator[dict[str, NDArray[np.float64]]]:
@@ -34,25 +35,25 @@ def blocks(whole: dict[str, NDArray[np.float64]], rows: int) -> Iterator[dict[st
 
 
 @pytest.mark.parametrize("rows", [1, 7, 40])
-def test_between_two_firings_nothing_tells_the_moment(rows: int) -> None:
-    found = placed([jump(9.0), jump(12.0)], blocks(signals([4, 6, 20, 30]), rows), STEPS)
-    assert [(one.earliest_s, one.latest_s) for one in found] == [(3.5, 10.0), (10.5, 15.0)]
-    assert since(found[0]) == "begun between 3.50 and 10.00 s"
+def test_nothing_tells_the_moment_from_the_last_firing_to_the_next_alarm(rows: int) -> None:
+    whole = signals([4, 6, 20, 30], [8, 21, 22, 31])
+    found = placed([jump(9.0), jump(12.0)], blocks(whole, rows), STEPS)
+    assert [(one.earliest_s, one.latest_s) for one in found] == [(3.5, 10.5), (10.5, 15.5)]
+    assert since(found[0]) == "begun between 3.50 and 10.50 s"
 
 
-def test_what_is_felt_is_told() -> None:
-    (found,) = placed([jump(9.0)], blocks(signals([4, 20], moved=18), 7), STEPS)
-    assert (found.earliest_s, found.latest_s) == (9.0, 10.0)  # it begins where the reading has moved
-    (found,) = placed([jump(10.2)], blocks(signals([19, 20, 21]), 7), STEPS)
-    assert (found.earliest_s, found.latest_s) == (None, None)
-    assert since(found) == "since 10.20 s"
+def test_while_something_acts_it_was_after_the_comparison_begins() -> None:
+    (found,) = placed([jump(9.0)], blocks(signals([17, 18, 19], [20]), 7), STEPS)
+    assert (found.earliest_s, found.latest_s) == (9.0, 10.0)
+    (found,) = placed([jump(9.0)], blocks(signals([4], [20], moved=18), 7), STEPS)
+    assert (found.earliest_s, found.latest_s) == (9.0, 10.0)
 
 
 def test_it_lies_between_the_beginning_and_its_declaration() -> None:
-    (found,) = placed([jump(9.0, 12.0)], blocks(signals([]), 7), STEPS)
+    (found,) = placed([jump(9.0, 12.0)], blocks(signals([], [30]), 7), STEPS)
     assert (found.earliest_s, found.latest_s) == (0.0, 12.0)
     failed = jump(9.0)._replace(kind="jet_on")
-    assert placed([failed], blocks(signals([]), 7), STEPS) == [failed]
+    assert placed([failed], blocks(signals([], []), 7), STEPS) == [failed]
 
 
 def test_a_docking_while_nothing_fires_is_said_with_its_interval() -> None:
@@ -65,5 +66,7 @@ def test_a_docking_while_nothing_fires_is_said_with_its_interval() -> None:
     assert found.latest_s is not None
     assert found.earliest_s < 55.0 < found.latest_s
     fired_s = run.time_s[(run["command"] > 0.0).any(axis=1)]
-    assert not ((fired_s >= found.earliest_s - 1e-9) & (fired_s < found.latest_s - 1e-9)).any()
+    assert not ((fired_s >= found.earliest_s - 1e-9) & (fired_s < 55.0)).any()
+    assert run.time_s[run["alarm"][:, 0] > 0.0].tolist().count(found.latest_s) == 1
     assert run.summary["detections"][0]["latest_s"] == found.latest_s
+    assert since(found) in show._detected(found, run.scenario.vehicle_data)
