@@ -18,7 +18,7 @@
     if (className) made.className = className;
     return made;
   };
-  const NARROW = 430; // card, pixels
+  const NARROW = 430; // card, pixels; every one on paper is
   const ROW = 400; // height of a row of plots that a tall one counts for, pixels
   const PAPER = 330; // width of a column of plots on paper, pixels
   const onPaper = () => document.documentElement.dataset.print === "yes";
@@ -141,7 +141,7 @@
 
   // a figure in the colors of the theme, showing one of its views
   function shown(figure) {
-    const narrow = document.getElementById("plot-" + figure.name).clientWidth < NARROW;
+    const narrow = onPaper() || document.getElementById("plot-" + figure.name).clientWidth < NARROW;
     const layout = themed.layout(figure.layout, narrow && figure.traces.some(trace => trace.showlegend));
     if (onPaper()) layout.width = columns(figure) * PAPER;
     if (plane(figure)) arrange(layout, onPaper() ? layout.width : document.getElementById("plot-" + figure.name).clientWidth);

@@ -23,7 +23,8 @@ class DetectionRecord(NamedTuple):
     """A failed jet, or a jump of the mass properties, as it was declared and what became of it since.
 
     Attributes:
-        onset_s: best estimate of when it began, s.
+        onset_s: best estimate of when it began, s; of a jump found by hypotheses where their comparison begins, and
+            `earliest_s` and `latest_s` say more.
         time_s: when it was declared, s.
         kind: "jet_on" (stuck on or leaking), "jet_off", "jet_degraded" or "mass_property_jump".
         cluster: number of the suspected jet's cluster; None for a jump.

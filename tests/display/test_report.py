@@ -406,6 +406,10 @@ def test_on_paper_it_has_four_pages_at_the_most(fresh: Any) -> None:
     page = fresh.page
     page.evaluate("dispatchEvent(new Event('beforeprint'))")
     page.wait_for_timeout(500)
+    shown = "[...document.querySelectorAll('#plot-inverse_inertia_diagonal .legendtext')].map(one => one.textContent)"
+    assert [
+        name for name in page.evaluate(shown) if name.startswith("3-sigma")
+    ] == []  # no room: it is in the key above
     assert 1 <= len(re.findall(rb"/Type\s*/Page\b", page.pdf(format="A4"))) <= 4
 
 
