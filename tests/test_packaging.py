@@ -9,7 +9,7 @@ from pathlib import Path
 from conftest import LINKED, REPOSITORY
 
 PACKAGE = REPOSITORY / "massprop_drake"
-SHIPPED = (".py", ".yaml", ".html", ".css", ".js", ".typed")
+SHIPPED = (".py", ".yaml", ".html", ".css", ".js", ".txt", ".typed")
 
 
 def _expected() -> dict[str, bytes]:

@@ -342,27 +342,15 @@ def _consistency(found: Consistency) -> str:
 
 def _say_doubts(console: Terminal, results: Summary) -> None:
     """Says why estimates are not to be relied on, and which."""
-    from massprop_drake.results.identifiability import in_words  # noqa: PLC0415 (slow to load)
+    from massprop_drake.results.identifiability import bound_in_words, in_words  # noqa: PLC0415 (slow to load)
 
     for reason in results.consistency.reasons:
         console.say(("inconsistent:", "bold red"), f" {reason}")
     for what, why in in_words(results.identifiability, SYMBOLS):
         console.say((f"{what}:", "bold yellow"), f" {why}")
-    bounded = [
-        (one.standard_deviation / entry.bound, symbol)
-        for symbol, one, entry in zip(SYMBOLS, results.parameters, results.identifiability, strict=False)
-        if entry.bound
-    ]
-    if bounded:
-        (least, _), (most, symbol) = min(bounded), max(bounded)
-        console.say(
-            f"bound:       1-sigma is {_times(least)} to {_times(most)} ({symbol}) times the least this flight allows"
-        )
-
-
-def _times(value: float) -> str:
-    """Formats a ratio to two digits, without a power of ten where it is below a million."""
-    return f"{value:.2g}" if not 99.5 <= value < 1e6 else f"{float(f'{value:.2g}'):.0f}"
+    bound = bound_in_words([one.standard_deviation for one in results.parameters], results.identifiability, SYMBOLS)
+    if bound:
+        console.say(f"bound:       {bound}")
 
 
 def _shortfalls(autopilot: AutopilotSummary) -> list[str | tuple[str, str]]:
@@ -407,9 +395,9 @@ def _told(event: EventRecord, vehicle: Vehicle) -> str:
 
 
 def _detected(entry: DetectionRecord, vehicle: Vehicle) -> str:
-    from massprop_drake.results.detections import remarks, size  # noqa: PLC0415 (slow to load)
+    from massprop_drake.results.detections import remarks, since, size  # noqa: PLC0415 (slow to load)
 
-    when = f"declared at {entry.time_s:.2f} s, since {entry.onset_s:.2f} s"
+    when = f"declared at {entry.time_s:.2f} s, {since(entry)}"
     kind, how_large = entry.kind.replace("_", " "), size(entry, vehicle.unit_names)
     if entry.magnitude is None:
         what = f"{kind}: {how_large}" if how_large else kind

@@ -26,6 +26,7 @@ from massprop_drake.inputs.scenario import Scenario, bundled_scenarios, load_sce
 from massprop_drake.inputs.vehicle import Vehicle, bundled_vehicles, load_vehicle
 from massprop_drake.inputs.yaml import Document, exists, read_text
 from massprop_drake.maths.kernels import compiler
+from massprop_drake.records.recording import require_table
 from massprop_drake.results.exchange import recover
 from massprop_drake.telemetry.reader import check as check_telemetry
 from massprop_drake.telemetry.reader import vehicle_scenario
@@ -98,6 +99,7 @@ def checked(name: str, whose: Vehicle | None) -> Vehicle | Scenario | CampaignSp
         return load_scenario(name)
     if name in bundled_campaigns():
         return load_campaign(name)
+    require_table(name)
     document = Document(read_text(Path(name)), name)
     kind = kind_of(document.data)
     if kind == "vehicle":

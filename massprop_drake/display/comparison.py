@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,7 +18,6 @@ if TYPE_CHECKING:
     from massprop_drake.results.run import Run
 
 _HERE = Path(__file__).parent
-_PLOTLY = {"style-src": "'unsafe-inline'", "img-src": "data: blob:"}
 _BAND_OPACITY = 0.15  # of bands over each other
 _OVERLAID = (
     "rates",
@@ -54,14 +52,13 @@ def comparison_html(runs: Sequence[tuple[str, Run]]) -> str:
         "found": [_found(run) for _, run in runs],
         "vehicle": runs[0][1].results.vehicle,
     }
-    plotly = (resources.files("plotly") / "package_data" / "plotly.min.js").read_text(encoding="utf-8")
     return templates.page(
         _HERE / "comparison.html",
         content,
         data={"time": interactive.times(longest), **interactive.packed(drawn), "jumps": []},
         styles=[(_HERE / "report.css").read_text(encoding="utf-8")],
-        scripts=[plotly, *((_HERE / name).read_text(encoding="utf-8") for name in ("themed.js", "report.js"))],
-        needs=_PLOTLY,
+        scripts=interactive.scripts(),
+        needs=interactive.NEEDS,
     )
 
 

@@ -398,7 +398,7 @@ def _draw_mark(axes: Axes, mark: Mark) -> None:
             axes.axhspan(mark.low, mark.high, color=mark.color, alpha=mark.opacity, linewidth=0.0, label=mark.label)
 
 
-_SYMBOLS = {"dot": ".", "tick": "|"}
+_SYMBOLS = {"dot": ".", "tick": "|", "up": "^", "down": "v"}
 
 
 def _dashes(dashed: bool) -> Literal["--", "-"]:

@@ -10,6 +10,7 @@ import html
 import json
 import math
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -33,6 +34,13 @@ from massprop_drake.display.style import DECLARED_COLOR, TRUTH_COLOR, UNARMED_CO
 
 Json = dict[str, Any]
 
+# plotly writes its own styles, and turns a plot into a picture for the reader to save
+NEEDS = {"style-src": "'unsafe-inline'", "img-src": "data: blob:"}
+
+_HERE = Path(__file__).parent
+# of plotly the part that draws lines, points and bars: a quarter of it, which a browser has read that much sooner
+_SCRIPTS = ("plotly-basic.min.js", "themed.js", "report.js")
+
 _DIGITS, _DIGITS_READ = 6, 4  # of a number in the page, and of one that is only read
 _LEAST = 0.001  # of the 3-sigma at the end: below it a logarithmic view does not begin
 _PIXELS_PER_POINT = 4.0 / 3.0
@@ -51,7 +59,8 @@ def drawn(plot: Plot) -> Json:
         `name` and `title`; `traces` and `layout` as plotly takes them; and `views`, the vertical axes that the
         reader switches between a linear and a logarithmic view, with the least value of the latter. A trace of one
         view names it in `view`, which the page takes out. A path over a quantity says in `meta.over` what its
-        horizontal axis shows; it has a point for each sample time.
+        horizontal axis shows; it has a point for each sample time. `most` are the vertical axes that show most of
+        their points; what is beyond stands in traces with an `edge`, which the page fills anew as the reader zooms.
     """
     traces: list[Json] = []
     shapes: list[Json] = []
@@ -106,7 +115,13 @@ def drawn(plot: Plot) -> Json:
         "traces": traces,
         "layout": layout,
         "views": views,
+        "most": [f"yaxis{number if number > 1 else ''}" for number, panel in enumerate(plot.panels, 1) if panel.most],
     }
+
+
+def scripts() -> list[str]:
+    """Returns the texts of the scripts that draw such figures, in their order; the page's policy allows `NEEDS`."""
+    return [(_HERE / name).read_text(encoding="utf-8") for name in _SCRIPTS]
 
 
 class _Lists:
@@ -188,6 +203,8 @@ def _key_height(panel: Panel) -> int:
         for mark in panel.marks
         if not isinstance(mark, Bars) and mark.label and not (isinstance(mark, Points) and not mark.drawn)
     ]
+    if panel.most and not labels:
+        return _KEY  # for what a zoom leaves beyond
     return _KEY * math.ceil(sum(_SYMBOL + _LETTER * len(label) for label in labels) / _NARROW)
 
 
@@ -289,15 +306,20 @@ def _read_as(label: str, **more: Any) -> Json:
 
 def _points(mark: Points) -> Json:
     marker: Json = {"color": mark.color, "size": mark.size}
-    if mark.symbol == "tick":
-        marker["symbol"] = "line-ns-open"
+    if mark.symbol != "dot":
+        marker["symbol"] = _SYMBOLS[mark.symbol]
     y = numbers(mark.y, digits=_DIGITS if mark.drawn else _DIGITS_READ)
     content: Json = {"x": numbers(mark.x), "y": y, "mode": "markers", "marker": marker}
     if mark.symbol == "dot":
         content["meta"] = _read_as(mark.label, **({"group": mark.group} if mark.group else {}))
     if not mark.drawn:
         content |= {"visible": False, "showlegend": False}
+    if mark.symbol in ("up", "down"):
+        content |= {"edge": mark.symbol, "hoverinfo": "text"}
     return _trace(mark.label, content)
+
+
+_SYMBOLS = {"tick": "line-ns-open", "up": "triangle-up", "down": "triangle-down"}
 
 
 def _whiskers(mark: Whiskers) -> Json:

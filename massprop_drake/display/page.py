@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,7 +16,7 @@ from massprop_drake.results.against import Against
 from massprop_drake.results.consistency import INCONSISTENT
 from massprop_drake.results.detections import JUMP, DetectionRecord, remarks, size
 from massprop_drake.results.folder import write_page
-from massprop_drake.results.identifiability import in_words
+from massprop_drake.results.identifiability import bound_in_words, in_words
 from massprop_drake.results.summary import Summary
 from massprop_drake.signals import SYMBOLS
 
@@ -25,8 +24,6 @@ if TYPE_CHECKING:
     from massprop_drake.results.run import Run
 
 _HERE = Path(__file__).parent
-# plotly writes its own styles, and turns a plot into a picture for the reader to save
-_PLOTLY = {"style-src": "'unsafe-inline'", "img-src": "data: blob:"}
 
 
 def write_report(run: Run, path: str | Path, *, replay: str | None = None, force: bool = False) -> Path:
@@ -77,6 +74,9 @@ def report_html(run: Run, *, replay: str | None = None) -> str:
         "units": units,
         "verdict": [*_verdict(results), *_armed(source, results)],
         "parameters": rows,
+        "bound": bound_in_words(
+            [one.standard_deviation for one in results.parameters], results.identifiability, SYMBOLS
+        ),
         "bounded": any(row.bound != "-" for row in rows),
         "derived": table.derived(results, units),
         "simulated": source.simulated,
@@ -92,14 +92,13 @@ def report_html(run: Run, *, replay: str | None = None) -> str:
         "scenario": yaml_text(scenario),
         "replay": replay,
     }
-    plotly = (resources.files("plotly") / "package_data" / "plotly.min.js").read_text(encoding="utf-8")
     return templates.page(
         _HERE / "report.html",
         content,
         data=described,
         styles=[(_HERE / "report.css").read_text(encoding="utf-8")],
-        scripts=[plotly, *((_HERE / name).read_text(encoding="utf-8") for name in ("themed.js", "report.js"))],
-        needs=_PLOTLY,
+        scripts=interactive.scripts(),
+        needs=interactive.NEEDS,
     )
 
 
@@ -207,11 +206,12 @@ def _injected(run: Run, number: int, shown_by: Mapping[int, int]) -> dict[str, A
     else:
         true = "" if one.force is None else f"{one.force:+.2f} {units['force']}"
         found = "" if entry is None else size(entry, units)
-    known = one.declared_s is not None and one.first_acted_s is not None
+    delay_s = None if one.declared_s is None or one.first_acted_s is None else one.declared_s - one.first_acted_s
+    before = delay_s is not None and delay_s <= 0.0  # its jet was known to have failed when it acted again
     return {
         "what": one.name,
-        "times": [one.start_s, one.first_acted_s, one.first_alarm_s, one.declared_s],
-        "delay": f"{(one.declared_s or 0.0) - (one.first_acted_s or 0.0):.2f} s" if known else "-",
+        "times": [one.start_s, one.first_acted_s, one.first_alarm_s, None if before else one.declared_s],
+        "delay": "-" if delay_s is None else "known before" if before else f"{delay_s:.2f} s",
         "true": true or "-",
         "found": found or "-",
         "outcome": one.became,
@@ -248,7 +248,7 @@ def _detection(entry: DetectionRecord, units: Mapping[str, str], by_hypotheses: 
     )
     return {
         "what": events.headline(entry),
-        "since": entry.onset_s,
+        "since": [entry.onset_s] if entry.earliest_s is None else [entry.earliest_s, entry.latest_s],
         "declared": entry.time_s,
         "cluster": "" if entry.cluster is None else str(entry.cluster),
         "magnitude": size(entry, units),

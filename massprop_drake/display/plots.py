@@ -7,7 +7,7 @@ for. Their figure numbers are those of the thesis.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,6 +48,7 @@ Array = NDArray[np.float64]
 NIS_LIMITS = (0.21579528262389802, 9.348403604496148)  # 2.5 and 97.5 % of chi-square, 3 degrees of freedom
 _RARE_NIS = 11.344866730144373  # 99 % of chi-square, 3 degrees of freedom
 _DEGREES = 180.0 / np.pi
+_LEAST_NIS = 0.003  # that its axis shows: 1 in 24,000 of a consistent filter is less
 _FLOOR = 0.1  # of statistics on a logarithmic scale: what lies below says nothing
 PROMPT_S = 1.0  # a detector that tests as soon is armed from the start
 _NAMED = 5  # jets, or clusters, with a color of their own; the others are gray
@@ -630,7 +631,8 @@ def consistency(run: Source) -> Plot:
             Zone(*NIS_LIMITS, label="95 % of chi-square, 3 degrees of freedom"),
             Points(run.time_s[used], nis, color, _mean_nis(run, name, nis)),
         )
-        panels.append(Panel(f"{name} filter", "", marks, scale="log"))
+        most = float(nis.max(initial=NIS_LIMITS[1]))
+        panels.append(Panel(f"{name} filter", "", marks, scale="log", limits=(_LEAST_NIS, 2.0 * most)))
     return _plot(run, "consistency", "Consistency: NIS at the samples used", panels)
 
 
@@ -659,17 +661,43 @@ def _innovations(run: Source, name: str, filtered: str, scale: float, unit: str)
         if np.isfinite(band).any():  # not in runs made before it was logged
             label = "3 sigma by the filter's own covariance" if axis == 0 else ""
             marks.insert(0, Whiskers(time_s, -band, band, BAND_COLOR, label))
-        panels.append(Panel(letter, unit, tuple(marks), limits=_of_most(value, band)))
+        limit = _reach(value, band)
+        marks += _beyond_edges(time_s, value, limit, COLORS[axis])
+        limits = (-limit, limit) if limit > 0.0 else None
+        panels.append(Panel(letter, unit, tuple(marks), limits=limits, most=True))
     return _plot(run, name, f"Innovations of {_TURNED_OR_MOVED[filtered]} at the samples used", panels)
 
 
-def _of_most(values: Array, band: Array) -> tuple[float, float] | None:
-    """Limits that show most values and the usual band; some at the start or during a failure may be far beyond."""
-    there = [np.abs(part[np.isfinite(part)]) for part in (values, 3.0 * band)]
-    reach = max(
-        (float(np.quantile(part, q)) for part, q in zip(there, (0.9, 0.5), strict=True) if part.size), default=0
-    )
-    return (-reach, reach) if reach > 0.0 else None
+_NORMAL = 4.45  # 3 sigma of a normal distribution over the median of its magnitudes
+_ROOM = 1.5  # that is left around
+_EDGE, _EDGE_SIZE = 0.94, 5.0  # where a value beyond the limits stands, of them, and the size of its triangle, points
+
+
+def _reach(values: Array, band: Array) -> float:
+    """How far an axis goes that shows the usual band, and 3 sigma of the values by their median; 0: there are none.
+
+    Half of the values may be anywhere beyond. A median is a value that is there, the lower one of two, so that a page
+    finds the same for a part of them.
+    """
+    found = [
+        times * float(np.quantile(np.abs(part[np.isfinite(part)]), 0.5, method="lower"))
+        for part, times in ((values, _NORMAL), (band, 1.0))
+        if np.isfinite(part).any()
+    ]
+    return _ROOM * max(found, default=0.0)
+
+
+def _beyond_edges(time_s: Array, values: Array, limit: float, color: str) -> list[Mark]:
+    """Triangles at the edges for the values beyond them; of a zoomed part of the time a page makes its own."""
+    high, low = values > limit, values < -limit
+    count = int(high.sum() + low.sum())
+    said = f"{count} beyond the axis" if count else ""
+    places: tuple[tuple[NDArray[np.bool_], float, Literal["up", "down"], str], ...]
+    places = ((high, _EDGE, "up", said), (low, -_EDGE, "down", ""))
+    return [
+        Points(time_s[there], np.full(int(there.sum()), share * limit), color, label, _EDGE_SIZE, symbol)
+        for there, share, symbol, label in places
+    ]
 
 
 def _mean_nis(run: Source, name: str, nis: Array) -> str:
@@ -711,7 +739,8 @@ def likelihoods(run: Source) -> Plot:
         panels.append(_highest(run.time_s[tested], of_clusters, groups, "of the clusters", found))
     leads = run.scenario.detector.kind == "multi_hypothesis"
     title = "Lead of each jet's failure over no failure, nats" if leads else "Likelihood arguments of a failed jet"
-    return _plot(run, "likelihoods", title, panels)
+    others = any(isinstance(mark, Whiskers) for panel in panels for mark in panel.marks)
+    return _plot(run, "likelihoods", title, panels, meaning="gray: the range of the others" if others else "")
 
 
 def _highest(time_s: Array, values: Array, names: Sequence[str], label: str, declared: NDArray[np.bool_]) -> Panel:

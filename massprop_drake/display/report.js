@@ -18,7 +18,7 @@
     if (className) made.className = className;
     return made;
   };
-  const NARROW = 430; // card, pixels
+  const NARROW = 430; // card, pixels; every one on paper is
   const ROW = 400; // height of a row of plots that a tall one counts for, pixels
   const PAPER = 330; // width of a column of plots on paper, pixels
   const onPaper = () => document.documentElement.dataset.print === "yes";
@@ -58,10 +58,31 @@
       }
     }
     if (low > high) return null;
+    if (log && figure.layout[axis].range) low = Math.min(high, Math.max(low, 10 ** figure.layout[axis].range[0]));
     if (log && axis in figure.views) low = Math.min(high, Math.max(low, figure.views[axis]));
     if (log) return [Math.log10(low) - 0.1, Math.log10(high) + 0.1];
     const margin = 0.06 * (high - low) || 0.05 * Math.abs(high) || 1;
     return [low - margin, high + margin];
+  }
+
+  // ---- axes that show most of their points: as `plots._reach` has them, of those in the window
+
+  const median = values => values.length ? values.map(Math.abs).sort((one, other) => one - other)[(values.length - 1) >> 1] : 0;
+  const of = (figure, axis) => figure.traces.filter(trace => !trace.edge && "yaxis" + trace.yaxis.slice(1) === axis);
+  const within = trace => trace.y.filter((value, place) => value !== null && trace.x[place] >= range[0] && trace.x[place] <= range[1]);
+  const reach = (figure, axis) => 1.5 * Math.max(...of(figure, axis).map(trace => (trace.mode === "lines" ? 1 : 4.45) * median(within(trace))));
+
+  // the points beyond the axis, as triangles at its edge
+  function edge(figure, { edge: side, yaxis, ...trace }) {
+    const limit = reach(figure, "yaxis" + yaxis.slice(1)), sign = side === "up" ? 1 : -1, x = [], text = [];
+    let count = 0;
+    for (const points of of(figure, "yaxis" + yaxis.slice(1))) if (points.mode === "markers") points.y.forEach((value, place) => {
+      const time = points.x[place];
+      if (Math.abs(value) <= limit || time < range[0] || time > range[1]) return;
+      count += 1;
+      if (sign * value > 0) { x.push(time); text.push(time + " s: " + number(value)); }
+    });
+    return { ...trace, yaxis, x, y: x.map(() => 0.94 * sign * limit), text, name: count + " beyond the axis", showlegend: sign > 0 && count > 0 };
   }
 
   // ranges of a path for the times that are shown
@@ -83,7 +104,8 @@
     for (const key of Object.keys(figure.layout)) {
       if (!/^yaxis/.test(key) || figure.layout[key].tickvals) continue;
       const bounded = key in figure.views && logarithmic;
-      const found = whole() && !bounded ? figure.layout[key].range || null : extent(figure, key);
+      const most = figure.most.includes(key) && reach(figure, key);
+      const found = most ? [-most, most] : whole() && !bounded ? figure.layout[key].range || null : extent(figure, key);
       if (found) changes[key + ".range"] = found.slice();
       else changes[key + ".autorange"] = true;
     }
@@ -119,13 +141,13 @@
 
   // a figure in the colors of the theme, showing one of its views
   function shown(figure) {
-    const layout = themed.layout(figure.layout);
+    const narrow = onPaper() || document.getElementById("plot-" + figure.name).clientWidth < NARROW;
+    const layout = themed.layout(figure.layout, narrow && figure.traces.some(trace => trace.showlegend));
     if (onPaper()) layout.width = columns(figure) * PAPER;
     if (plane(figure)) arrange(layout, onPaper() ? layout.width : document.getElementById("plot-" + figure.name).clientWidth);
-    const narrow = document.getElementById("plot-" + figure.name).clientWidth < NARROW;
-    const traces = figure.traces.map(({ view, meta, ...trace }) => {
-      // a narrow card has room for one entry of a key; that of 3 sigma stands above all plots
-      if (narrow && /^3[- ]sigma/.test(trace.name)) trace.showlegend = false;
+    const traces = figure.traces.map(trace => trace.edge ? edge(figure, trace) : trace).map(({ view, meta, ...trace }) => {
+      // a narrow card has room for few entries of a key; that of 3 sigma stands above all plots, that of ranges below
+      if (narrow && /^(3[- ]sigma|range of)/.test(trace.name)) trace.showlegend = false;
       const visible = trace.visible !== false && (view === undefined || (view === "log") === logarithmic);
       if (meta && meta.over) Object.assign(trace, { x: part(trace.x), y: part(trace.y) });
       return { x: data.time, ...themed.traces(trace), visible };
@@ -217,7 +239,7 @@
   // ---- zoom
 
   function zoomed(entry) {
-    if (!plane(entry.figure)) return Plotly.relayout(entry.plot, { "xaxis.range": range.slice(), "xaxis.autorange": false, ...vertical(entry.figure) });
+    if (!plane(entry.figure) && !entry.figure.most.length) return Plotly.relayout(entry.plot, { "xaxis.range": range.slice(), "xaxis.autorange": false, ...vertical(entry.figure) });
     const drawing = shown(entry.figure);
     return Plotly.react(entry.plot, drawing.traces, drawing.layout, themed.options);
   }
@@ -293,12 +315,16 @@
     else waiting.push({ card, begin });
   }
 
-  // the next figure to draw: what is in the window first
+  // the next figure to draw: the nearest to the window, and whether it is in it
   function next() {
-    const seen = waiting.findIndex(({ card }) => { const box = card.getBoundingClientRect(); return box.bottom > 0 && box.top < innerHeight; });
-    if (seen < 0) document.body.dataset.shown = "yes";
-    return waiting.splice(Math.max(0, seen), 1)[0];
+    const far = waiting.map(({ card }) => { const box = card.getBoundingClientRect(); return Math.max(0, box.top - innerHeight, -box.bottom); });
+    const least = Math.min(...far);
+    return { inWindow: least === 0, begin: waiting.splice(far.indexOf(least), 1)[0].begin };
   }
+
+  // lets the browser do what the reader asks for before a figure is drawn that is not in the window
+  const idle = () => new Promise(done => window.requestIdleCallback ? requestIdleCallback(done, { timeout: 200 }) : setTimeout(done, 20));
+  const painted = () => new Promise(done => setTimeout(done));
 
   function redraw() {
     for (const entry of drawn) {
@@ -329,7 +355,13 @@
 
   (async () => {
     data.plots.forEach(add);
-    while (waiting.length) { await next().begin(); await new Promise(done => setTimeout(done)); }
+    await painted();
+    while (waiting.length) {
+      const { inWindow, begin } = next();
+      if (!inWindow) document.body.dataset.shown = "yes";
+      await begin();
+      await (inWindow ? painted : idle)();
+    }
     cursor(Number(slider.value));
     document.body.dataset.shown = "yes";
     document.body.dataset.ready = "yes";

@@ -53,7 +53,8 @@ class Points(NamedTuple):
         y: values, shape (n,).
         color, label: as of a `Line`.
         size: points.
-        symbol: a dot, or a vertical tick for an event.
+        symbol: a dot; a vertical tick for an event; or a triangle up or down for a value beyond the panel's limits,
+            which stands at the edge.
         drawn: whether they are drawn; else they are only read, where a reader asks for values at a time.
         group: of many of which a reader wants the largest, what they are; empty: these are read by themselves.
     """
@@ -63,7 +64,7 @@ class Points(NamedTuple):
     color: str
     label: str = ""
     size: float = POINT_SIZE
-    symbol: Literal["dot", "tick"] = "dot"
+    symbol: Literal["dot", "tick", "up", "down"] = "dot"
     drawn: bool = True
     group: str = ""
 
@@ -187,6 +188,8 @@ class Panel(NamedTuple):
         rows: names of the rows 0, 1, ... from the top down, in place of numbers on the vertical axis.
         over: what the horizontal axis shows, where it is not the time; its first mark is then a path over the sample
             times of its plot.
+        most: whether the limits are those of most of its points, as `reach` has them; where a reader zooms in time,
+            they are those of most that are in the window.
     """
 
     label: str
@@ -196,6 +199,7 @@ class Panel(NamedTuple):
     limits: tuple[float, float] | None = None
     rows: tuple[str, ...] = ()
     over: Over | None = None
+    most: bool = False
 
     @property
     def axis_label(self) -> str:

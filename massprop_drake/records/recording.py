@@ -166,6 +166,22 @@ def open_recording(path: str | Path, by: RecordMap | None = None, rows: int | No
     return found
 
 
+def require_table(path: str | Path) -> None:
+    """Requires that a record can be read without a map, as far as its name tells.
+
+    Raises:
+        InputError: for a file of another program's, which says what it is and, where it is damaged, how.
+    """
+    kind = _FOREIGN.get(Path(path).suffix.lower())
+    if kind is None or not exists(Path(path)):
+        return
+    try:
+        open_recording(path, None, 1)
+    except InputError as error:
+        raise InputError(f"{error}; besides, {kind} needs a map (--map), which 'massprop map' proposes") from None
+    raise InputError(f"{path}: is {kind}, and needs a map (--map) of what is in it; 'massprop map' proposes one")
+
+
 def missing_topic(source: str, name: str, known: list[str]) -> InputError:
     """The error for a topic that a recording does not have."""
     if not name:
@@ -437,4 +453,9 @@ _READERS: dict[str, Callable[[Path, RecordMap | None, int | None], Recording]] =
     ".mat": _mat,
     **dict.fromkeys((".ulg", ".ulog"), _ulog),
     **dict.fromkeys((".bag", ".mcap", ".db3", ""), _bag),
+}
+_FOREIGN = {
+    ".mat": "a .mat file",
+    **dict.fromkeys((".ulg", ".ulog"), "a ULog"),
+    **dict.fromkeys((".bag", ".mcap", ".db3"), "a ROS bag"),
 }

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -23,7 +23,8 @@ class DetectionRecord(NamedTuple):
     """A failed jet, or a jump of the mass properties, as it was declared and what became of it since.
 
     Attributes:
-        onset_s: best estimate of when it began, s.
+        onset_s: best estimate of when it began, s; of a jump found by hypotheses where their comparison begins, and
+            `earliest_s` and `latest_s` say more.
         time_s: when it was declared, s.
         kind: "jet_on" (stuck on or leaking), "jet_off", "jet_degraded" or "mass_property_jump".
         cluster: number of the suspected jet's cluster; None for a jump.
@@ -40,6 +41,8 @@ class DetectionRecord(NamedTuple):
             others the difference of the estimates before it and at the end, or before the next.
         position, position_std: where, vehicle frame, ft or m; None where it is not known.
         measured_s: when the size of a jump was measured, s.
+        earliest_s, latest_s: between when and when a jump was that the detector by hypotheses has found, s; None of
+            other detectors, and of failures.
         told_apart_by: designation of the jet of a group that, fired alone, would tell it apart.
         told_apart_s: seconds without any jet after which it would be told apart; with neither nothing would.
         erratic_s: since when the jet is said to be erratic, s.
@@ -70,6 +73,8 @@ class DetectionRecord(NamedTuple):
     told_apart_s: NotNegative | None = None
     erratic_s: Real | None = None
     pattern: Literal["intermittent", "drifting"] | None = None
+    earliest_s: Real | None = None
+    latest_s: Real | None = None
     jet_index: Count | None = None
     before: tuple[Real, NotNegative] | None = None
 
@@ -81,6 +86,7 @@ class DetectionRecord(NamedTuple):
         return f"jet {self.jet}" if self.jet else f"a jet of cluster {self.cluster}"
 
 
+_SAME_S = 1e-6  # times that are no farther apart are the same
 _SIGNIFICANT = 3.0  # sigmas of a mass that is told
 
 
@@ -188,6 +194,51 @@ def settled(
     return tuple(map(at_the_end, _weighed(records, (mass_reciprocal, deviation))))
 
 
+def placed(
+    records: Sequence[DetectionRecord], blocks: Iterable[Mapping[str, Array]], steps: Mapping[str, float]
+) -> list[DetectionRecord]:
+    """Notes between when and when each jump was that the detector by hypotheses has found.
+
+    It had not happened where the comparison begins, and had when the first alarm after that was raised. While nothing
+    fires and no reading moves nothing tells its moment, so that it may have been there already since that began.
+
+    Args:
+        records: as `followed` gives them.
+        blocks: of the whole run in order, with `time_s`, `command`, `alarm` and what sensors read.
+        steps: by sensor, how far a reading moves from one sample to the next if something acts.
+    """
+    found = list(records)
+    jumps = [index for index, record in enumerate(records) if record.kind == JUMP]
+    if not jumps:
+        return found
+    ended, alarms = _acting(blocks, steps)
+    for index in jumps:
+        onset_s, time_s = records[index].onset_s, records[index].time_s
+        first = float(ended[ended <= onset_s + _SAME_S].max(initial=-np.inf))
+        last = float(alarms[alarms > onset_s + _SAME_S].min(initial=time_s))
+        if np.isfinite(first):
+            found[index] = records[index]._replace(earliest_s=first, latest_s=last)
+    return found
+
+
+def _acting(blocks: Iterable[Mapping[str, Array]], steps: Mapping[str, float]) -> tuple[Array, Array]:
+    """Ends of the intervals in which a jet fires or a reading moves, the beginning of the run first, and alarms, s."""
+    ended, alarms = [], []
+    before: dict[str, Array] = {}
+    for block in blocks:
+        rows = {name: np.concatenate((before[name], values)) if before else values for name, values in block.items()}
+        time_s = rows["time_s"]
+        if not before:
+            ended.append(time_s[:1])
+        before = {name: values[-1:] for name, values in rows.items()}
+        moved = (np.nan_to_num(rows["command"][:-1]) != 0.0).any(axis=1)
+        for name, step in steps.items():
+            moved |= (np.abs(np.diff(rows[name], axis=0)) > step).any(axis=1)
+        ended.append(time_s[1:][moved])
+        alarms.append(time_s[np.nan_to_num(rows["alarm"][:, 0]) != 0.0])
+    return np.concatenate(ended), np.concatenate(alarms)
+
+
 def _weighed(records: Sequence[DetectionRecord], at_the_end: tuple[float, float]) -> list[DetectionRecord]:
     """The records with the size of jumps from the estimates before and after, taken as independent."""
     result, after = [], at_the_end
@@ -277,6 +328,13 @@ def size(entry: DetectionRecord, units: Mapping[str, str]) -> str:
         return f"{with_deviation(entry.magnitude, entry.magnitude_std)} {units['force']}"
     mass, where = gained(entry.mass, entry.mass_std, units), place(entry.position, entry.position_std, units)
     return f"{mass} at {where}" if mass and where else mass
+
+
+def since(entry: DetectionRecord) -> str:
+    """When it began, in words."""
+    if entry.earliest_s is None or entry.latest_s is None:
+        return f"since {entry.onset_s:.2f} s"
+    return f"begun between {entry.earliest_s:.2f} and {entry.latest_s:.2f} s"
 
 
 def remarks(entry: DetectionRecord) -> list[str]:

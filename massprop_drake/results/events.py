@@ -223,7 +223,7 @@ def in_words(event: EventRecord, units: Mapping[str, str]) -> str:
             size = "" if unknown else gained(event.mass, event.mass_std, units)
             where = place(event.position, event.position_std, units)
             told = f": {size}{f' at {where}' if where else ''}" if size else ""
-            return f"{of} {since}{told}{'; how large it is will show' if unknown else ''}"
+            return f"{of}, seen after {event.onset_s:.2f} s{told}{'; how large it is will show' if unknown else ''}"
         case "false_reading":
             return f"{event.sensor}_{event.axis} reads falsely {since}; it is left out until it fits again"
         case _:

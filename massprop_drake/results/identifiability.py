@@ -22,6 +22,7 @@ Array = NDArray[np.float64]
 
 _OFFSET = np.array([0.62, -0.48, 0.62])  # a unit vector along no axis and in no plane of them
 _UNMEASURED = 1e30  # variance of a velocity that nothing shows
+_LESS = 0.95  # times the bound: a 1-sigma below it is no matter of how rounding is reckoned with
 _WORTH = 0.9  # share of the 1-sigma: a jet that leaves more of it is not worth naming
 
 
@@ -170,3 +171,32 @@ def in_words(found: Sequence[Identifiability], symbols: Sequence[str]) -> list[t
     said = [(f"{symbol} {one.flag.replace('_', ' ')}", one.reason) for one, symbol in told if one.flag != Flag.FIXED]
     fixed = [(one.reason, symbol) for one, symbol in told if one.flag == Flag.FIXED]
     return said + ([(f"{', '.join(symbol for _, symbol in fixed)} fixed", fixed[0][0])] if fixed else [])
+
+
+def bound_in_words(deviations: Sequence[float], found: Sequence[Identifiability], symbols: Sequence[str]) -> str:
+    """How the 1-sigma at the end compare with the least that the flight allows; empty where that is not known.
+
+    A filter whose model the readings contradict takes for news what tells nothing new, a reading that is not where it
+    expects it, and so comes to claim less than the least.
+
+    Args:
+        deviations: 1-sigma of the ten parameters.
+        found: of each.
+        symbols: of each.
+    """
+    each = zip(deviations, found, symbols, strict=False)
+    ratios = [(deviation / one.bound, symbol) for deviation, one, symbol in each if one.bound]
+    if not ratios:
+        return ""
+    (least, low), (most, high) = min(ratios), max(ratios)
+    if least >= _LESS:
+        return f"1-sigma is {_times(least)} to {_times(most)} ({high}) times the least this flight allows"
+    return (
+        f"1-sigma is {_times(least)} ({low}) to {_times(most)} ({high}) times the least this flight allows; "
+        "below 1 it claims more than the readings hold"
+    )
+
+
+def _times(value: float) -> str:
+    """Formats a ratio to two digits, without a power of ten where it is below a million."""
+    return f"{value:.2g}" if not 99.5 <= value < 1e6 else f"{float(f'{value:.2g}'):.0f}"

@@ -5,6 +5,7 @@ The same for simulated runs, for recorded telemetry and for the estimator in rea
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -23,7 +24,7 @@ from massprop_drake.maths.estimation.cycle import EstimationParams, EstimationSt
 from massprop_drake.maths.estimation.filter import Groups
 from massprop_drake.maths.estimation.filters.registry import FILTERS
 from massprop_drake.maths.mass_properties import MASS_RECIPROCAL
-from massprop_drake.results.detections import DetectionRecord, followed, settled, weighed_before
+from massprop_drake.results.detections import DetectionRecord, followed, placed, settled, weighed_before
 from massprop_drake.results.events import EventRecord, said
 from massprop_drake.results.spool import Spool
 from massprop_drake.results.stored import FORMAT, FilterState, made_with
@@ -47,6 +48,7 @@ ESTIMATION = (
     *("impulses", "rotation_report", "mass_report", "joint_report", "pose_report"),
     *("detector_report", "hypothesis_report"),
 )
+_STEP = 5.0  # 1-sigma of the difference of two readings: what moves farther has been moved
 RECENT = 256  # rows whose times a run keeps for the part that goes on from it
 
 
@@ -203,7 +205,15 @@ class Intake:
         none = np.zeros(len(self._vehicle.jets))
         forces = self.last("known_force", none), self.last("known_force_variance", none)
         mass = tuple(float(self.spool.last(name)[MASS_RECIPROCAL]) for name in ("estimate", "standard_deviation"))
-        entries = settled(self._entries, *forces, *mass)
+        steps = {
+            package.name: _STEP * math.sqrt(2.0 * package.variance) + package.quantum
+            for package in (*params.gyros(self._scenario), *params.accelerometers(self._scenario))
+            if package.name in self.spool
+        }
+        records: Sequence[DetectionRecord] = self._entries
+        if "verdict" in self.spool:
+            records = placed(records, self.spool.blocks("time_s", "command", "alarm", *steps), steps)
+        entries = settled(records, *forces, *mass)
         return Findings(
             entries,
             tuple(event._replace(jet_index=None) for event in self._events),

@@ -20,7 +20,7 @@ from massprop_drake.inputs.vehicle import SensorPackage, Vehicle
 from massprop_drake.maths.estimation.whole import Samples
 from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
 from massprop_drake.records import mapping
-from massprop_drake.records.recording import open_recording
+from massprop_drake.records.recording import open_recording, require_table
 from massprop_drake.results import followed
 from massprop_drake.results.consistency import Tally, judged, used_nis
 from massprop_drake.results.detections import JUMP, DetectionRecord
@@ -91,6 +91,8 @@ def estimate(
     after = None if earlier is None else _continuation(earlier)
     vehicle = scenario.vehicle_data
     gyro = params.gyro(scenario).name if vehicle.gyros and not vehicle.needs_pose_filter else None
+    if record_map is None:
+        require_table(telemetry)
     source = telemetry if record_map is None else _mapped_rows(telemetry, record_map, vehicle, gyro)
     reader = Reader(source, vehicle, gyro=gyro, after=after, stream=stream)
     try:

@@ -154,7 +154,7 @@ def test_innovations_are_those_of_the_samples_used_with_their_own_three_sigma(st
     for name, plot, scale in (("rotation", plots.innovations, 180.0 / np.pi), ("mass", plots.mass_innovations, 1.0)):
         used = stuck.run[f"{name}_used"][:, 0] != 0.0
         panel = plot(stuck.source).panels[1]
-        (points,), (band,) = marks(panel, Points), marks(panel, Whiskers)
+        (points, *_), (band,) = marks(panel, Points), marks(panel, Whiskers)
         np.testing.assert_allclose(points.y, scale * stuck.run[f"{name}_innovation"][used, 1], rtol=1e-14)
         np.testing.assert_allclose(band.high, 3.0 * scale * stuck.run[f"{name}_innovation_std"][used, 1], rtol=1e-14)
         np.testing.assert_array_equal(band.low, -band.high)
@@ -163,10 +163,30 @@ def test_innovations_are_those_of_the_samples_used_with_their_own_three_sigma(st
         assert (share[used] ** 2 <= stuck.run[f"{name}_nis"][used] * (1.0 + 1e-9)).all()
 
 
+def test_innovations_show_the_usual_band_whatever_some_of_them_are(stuck: Case) -> None:
+    used = np.flatnonzero(stuck.run["rotation_used"][:, 0])
+    value = stuck.run["rotation_innovation"].copy()
+    value[used[::3], 1] = 1e3 * np.where(np.arange(used[::3].size) % 2, 1.0, -1.0)  # a third is far off
+    panel = plots.innovations(
+        stuck.source._replace(signals={**stuck.run.signals, "rotation_innovation": value})
+    ).panels[1]
+    (points, up, down), (band,) = marks(panel, Points), marks(panel, Whiskers)
+    usual = np.median(band.high)
+    assert panel.most
+    assert panel.limits is not None
+    assert usual < panel.limits[1] < 10.0 * usual
+    beyond = np.abs(points.y) > panel.limits[1]
+    assert sorted([*up.x, *down.x]) == sorted(points.x[beyond])
+    assert up.label == f"{beyond.sum()} beyond the axis"
+    assert (up.symbol, down.symbol) == ("up", "down")
+    assert (points.y[np.isin(points.x, up.x)] > 0.0).all()
+    assert 0.9 * panel.limits[1] < up.y[0] < panel.limits[1]
+
+
 def test_innovations_of_a_run_without_their_sigma_have_no_band(stuck: Case) -> None:
     signals = {name: value for name, value in stuck.run.signals.items() if not name.endswith("innovation_std")}
     panel = plots.innovations(stuck.source._replace(signals=signals)).panels[0]
-    assert [type(mark) for mark in panel.marks] == [Points]
+    assert {type(mark) for mark in panel.marks} == {Points}
 
 
 def test_the_autopilot_acts_where_the_phase_plane_says(stuck: Case) -> None:

@@ -99,6 +99,15 @@ def test_what_was_injected_is_told_from_its_onset_to_its_declaration(html: str, 
     assert f'<td class="number">{one.declared_s - (one.first_acted_s or 0.0):.2f} s</td>' in row
 
 
+def test_what_acts_again_after_it_was_declared_is_said_to_be_known(stuck_run: Run) -> None:
+    (one,) = stuck_run.results.injected or ()
+    again = one._replace(start_s=3.0, first_acted_s=3.0, declared_s=3.0, magnitude=None)
+    run: Any = SimpleNamespace(results=replace(stuck_run.results, injected=(one, again)), scenario=stuck_run.scenario)
+    said = page._injected(run, 1, {})
+    assert (said["times"][3], said["delay"]) == (None, "known before")
+    assert page._injected(run, 0, {})["times"][3] == one.declared_s
+
+
 def test_a_failure_that_is_not_found_is_red(stuck_run: Run) -> None:
     (one,) = stuck_run.results.injected or ()
     missed = one._replace(declared_s=None, outcome="missed", magnitude=None, magnitude_std=None)
@@ -320,10 +329,87 @@ def test_nothing_is_wider_than_the_window(report: Any, width: int) -> None:
     assert report.page.evaluate("innerWidth") == width
 
 
+def test_on_a_phone_a_row_of_a_table_is_a_card(report: Any) -> None:
+    """Nothing is to be scrolled to sideways, and each value stands beside what it is."""
+    page = report.page
+    page.set_viewport_size({"width": 390, "height": 800})
+    cut = "[...document.querySelectorAll('.wide')].filter(one => one.scrollWidth > one.clientWidth).length"
+    report.until(f"{cut} === 0")
+    said = (
+        "[...document.querySelectorAll('#injected + .wide td')].map(one => getComputedStyle(one, '::before').content)"
+    )
+    labels = [label.strip('" ') for label in page.evaluate(said) if label != "none"]
+    times = ["begins", "first acted", "first alarm", "declared", "delay"]
+    assert labels == [*times, "true size", "found size", "outcome"]
+    places = "[...document.querySelectorAll('.wide td, .wide th')].map(one => one.getBoundingClientRect())"
+    assert page.evaluate(f"{places}.every(box => box.left >= 0 && box.right <= innerWidth)")
+
+
+NO_HOVER = """const asked = matchMedia;
+window.matchMedia = what => what === "(hover: none)" ? { matches: true } : asked(what);"""
+BAR_AND_KEY = """[...document.querySelectorAll(".js-plotly-plot")].map(plot => [
+  plot.querySelector(".modebar").getBoundingClientRect().bottom,
+  Math.min(...[...plot.querySelectorAll(".legend")].map(key => key.getBoundingClientRect().top)),
+])"""
+
+
+def test_where_nothing_hovers_the_bar_of_buttons_lies_over_no_key(opened: Any, stuck_run: Run, tmp_path: Path) -> None:
+    page = opened(write_report(stuck_run, tmp_path / "report.html"), NO_HOVER).page
+    found = [(bar, key) for bar, key in page.evaluate(BAR_AND_KEY) if key is not None]
+    assert len(found) > 3
+    assert all(bar <= key for bar, key in found)
+
+
+def test_innovations_show_most_of_the_window_and_mark_the_rest(report: Any, stuck_run: Run) -> None:
+    page = report.page
+    plot = "document.querySelector('#plot-innovations .js-plotly-plot')"
+    panel = plots.innovations(plots.source(stuck_run)).panels[0]
+    assert panel.limits is not None
+    np.testing.assert_allclose(page.evaluate(f"{plot}._fullLayout.yaxis.range"), panel.limits, rtol=1e-5)
+    used = np.flatnonzero(stuck_run["rotation_used"][:, 0])
+    value = np.degrees(stuck_run["rotation_innovation"][used, 0])
+    band = 3.0 * np.degrees(stuck_run["rotation_innovation_std"][used, 0])
+    time_s = stuck_run.time_s[used]
+    for start_s, end_s in ((0.5, 3.0), (0.9, 1.3)):
+        page.evaluate(f"massprop.zoom({start_s}, {end_s})")
+        within = (time_s >= start_s) & (time_s <= end_s)
+        limit = plots._reach(value[within], band[within])
+        report.until(f"Math.abs({plot}._fullLayout.yaxis.range[1] / {limit} - 1) < 1e-5")
+        beyond = time_s[within & (np.abs(value) > limit)]
+        of_it = "/^triangle/.test(trace.marker && trace.marker.symbol) && (trace.yaxis || 'y') === 'y'"
+        edges = f"{plot}.data.filter(trace => {of_it})"
+        marked = sorted(page.evaluate(f"{edges}.flatMap(trace => trace.x)"))
+        np.testing.assert_allclose(marked, beyond, rtol=1e-5)
+        names = page.evaluate(f"{edges}.filter(trace => trace.showlegend).map(trace => trace.name)")
+        assert names == ([f"{beyond.size} beyond the axis"] if beyond.size else [])
+
+
+IDLE_NEVER = "window.requestIdleCallback = () => 0;"
+DRAWN = (
+    "[...document.querySelectorAll('.plot:not(.folded)')].map(card => card.querySelectorAll('.main-svg').length > 0)"
+)
+
+
+def test_what_is_in_the_window_is_drawn_without_waiting_for_the_rest(
+    opened: Any, stuck_run: Run, tmp_path: Path
+) -> None:
+    path = write_report(stuck_run, tmp_path / "report.html")
+    drawn = opened(path, IDLE_NEVER, ready="body[data-shown=yes]")
+    drawn.until(f"{DRAWN}.includes(true)")
+    assert drawn.page.evaluate(f"{DRAWN}.includes(false)")
+    drawn.page.evaluate("dispatchEvent(new Event('beforeprint'))")  # paper shows every plot
+    drawn.until(f"!{DRAWN}.includes(false)")
+    assert drawn.said == []
+
+
 def test_on_paper_it_has_four_pages_at_the_most(fresh: Any) -> None:
     page = fresh.page
     page.evaluate("dispatchEvent(new Event('beforeprint'))")
     page.wait_for_timeout(500)
+    shown = "[...document.querySelectorAll('#plot-inverse_inertia_diagonal .legendtext')].map(one => one.textContent)"
+    assert [
+        name for name in page.evaluate(shown) if name.startswith("3-sigma")
+    ] == []  # no room: it is in the key above
     assert 1 <= len(re.findall(rb"/Type\s*/Page\b", page.pdf(format="A4"))) <= 4
 
 

@@ -23,9 +23,12 @@ from record_probe import (
     write_ulog,
 )
 
+from massprop_drake.cli.sources import checked
 from massprop_drake.errors import InputError
 from massprop_drake.inputs.vehicle import load_vehicle
 from massprop_drake.records.recording import open_recording
+from massprop_drake.runners.recorded import estimate
+from massprop_drake.telemetry.reader import vehicle_scenario
 
 
 @pytest.fixture(scope="module")
@@ -283,6 +286,20 @@ def test_a_ulog_that_is_cut_off(one: Flight, tmp_path: Path, capsys: pytest.Capt
     made = made_of(path, ulog_map(one, "cut_off: accept"), one.vehicle)
     assert f"{path} is cut off within a message, the last one left out" in made.notes
     assert capsys.readouterr().out == ""  # what pyulog prints would spoil --json
+
+
+def test_without_a_map_a_ulog_is_told_what_it_is(one: Flight, tmp_path: Path) -> None:
+    pytest.importorskip("pyulog")
+    path = write_ulog(tmp_path / "log.ulg", px4_topics(one), {})
+    scenario = vehicle_scenario("log", "orbiter")
+    for read in (lambda: estimate(path, scenario), lambda: checked(str(path), None)):
+        assert refused(read).startswith(f"{path}: is a ULog, and needs a map (--map)")
+    path.write_bytes(path.read_bytes()[:-7])
+    for read in (lambda: estimate(path, scenario), lambda: checked(str(path), None)):
+        message = refused(read)
+        assert message.startswith(f"{path}: is cut off: it ends within a message, 7 bytes short")
+        assert "a ULog needs a map" in message
+    assert refused(lambda: checked(str(tmp_path / "none.ulg"), None)) == f"{tmp_path}/none.ulg: no such file"
 
 
 @pytest.mark.parametrize(

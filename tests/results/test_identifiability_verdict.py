@@ -11,7 +11,7 @@ from massprop_drake import Run, load_scenario, load_vehicle
 from massprop_drake.display.page import report_html
 from massprop_drake.inputs import params
 from massprop_drake.maths.mass_properties import NAMES
-from massprop_drake.results.identifiability import identified, unobservable
+from massprop_drake.results.identifiability import bound_in_words, identified, unobservable
 from massprop_drake.results.summary import Summary
 
 
@@ -59,3 +59,11 @@ def test_an_earlier_summary_has_none(short_run: Run) -> None:
     assert Summary.from_json(content).identifiability == ()
     again = Summary.from_json(short_run.results.as_json())
     assert again.identifiability == short_run.results.identifiability
+
+
+def test_a_sigma_below_the_bound_is_said_to_claim_too_much(short_run: Run) -> None:
+    known = [one._replace(bound=2.0) for one in short_run.results.identifiability[:2]]
+    assert bound_in_words([2.0, 3.0], known, "ab") == "1-sigma is 1 to 1.5 (b) times the least this flight allows"
+    said = bound_in_words([0.76, 3.0], known, "ab")
+    assert said.startswith("1-sigma is 0.38 (a) to 1.5 (b) times the least this flight allows; below 1 it claims more")
+    assert bound_in_words([1.0], [known[0]._replace(bound=None)], "a") == ""

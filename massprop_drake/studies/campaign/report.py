@@ -11,7 +11,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from massprop_drake.display import templates
+from massprop_drake.display import interactive, templates
 from massprop_drake.inputs.model import yaml_text
 from massprop_drake.maths.mass_properties import N_ROTATION, NAMES
 from massprop_drake.results.detections import JUMP
@@ -27,8 +27,6 @@ SIZED = ("leak", "degraded")  # kinds of failures that have a size
 
 _HERE = Path(__file__).parent
 _DISPLAY = Path(templates.__file__).parent
-# plotly writes its own styles, and turns a plot into a picture for the reader to save
-_PLOTLY = {"style-src": "'unsafe-inline'", "img-src": "data: blob:"}
 _MAIN = (  # of a cell, side by side
     "false_declarations_per_hour", "false_declarations_in_case", "healthy_jets_out", "ended_wrong", "isolated", "named",
     *(f"found_within_{delay:g}_s" for delay in DELAYS_S), "delay_50_percent_s", "coverage_3_sigma", "nees_in_band",
@@ -263,7 +261,7 @@ def rendered(template: Path, content: Mapping[str, Any]) -> str:
             plotly,
             *(path.read_text(encoding="utf-8") for path in (_DISPLAY / "themed.js", _HERE / "campaign.js")),
         ],
-        needs=_PLOTLY,
+        needs=interactive.NEEDS,
     )
 
 

@@ -88,10 +88,10 @@ def test_a_jump_gets_its_mass_when_it_is_known(orbiter: Vehicle) -> None:
     unknown = JumpDeclared(False, 4.0, *UNKNOWN)
     (event,) = heard(orbiter, (unknown,))
     assert (event.kind, event.onset_s, event.mass, event.mass_std, event.position) == ("jump", 4.0, None, None, None)
-    assert in_words(event, orbiter.unit_names) == "a jump of the mass properties since 4.00 s"
+    assert in_words(event, orbiter.unit_names) == "a jump of the mass properties, seen after 4.00 s"
     (vague,) = heard(orbiter, (JumpDeclared(False, 4.0, -0.2, 353.0, NOWHERE, NOWHERE),))
     assert in_words(vague, orbiter.unit_names).endswith(
-        "jump of the mass properties since 4.00 s; how large it is will show"
+        "jump of the mass properties, seen after 4.00 s; how large it is will show"
     )
     assert recorded(orbiter, (unknown,)) == [early]
     (late,) = recorded(orbiter, (unknown,), (size,))
@@ -200,7 +200,7 @@ def test_a_jump_has_a_place_and_is_measured_again(orbiter: Vehicle) -> None:
     where = "(+60.00 ± 0.20, +0.10 ± 0.10, -3.00 ± 0.30) ft"
     assert size(record, orbiter.unit_names) == f"+501.0 ± 3.0 slug at {where}"
     assert in_words(second, orbiter.unit_names) == (
-        f"the jump of the mass properties since 4.00 s: +501.0 ± 3.0 slug at {where}"
+        f"the jump of the mass properties, seen after 4.00 s: +501.0 ± 3.0 slug at {where}"
     )
 
 
