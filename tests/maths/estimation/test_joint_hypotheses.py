@@ -276,6 +276,29 @@ def test_a_reading_that_lies_once(flown: Flight) -> None:
     assert (np.abs(run.state.mean - honest.state.mean)[:19] < 1.0 * deviation[:19]).all()
 
 
+def test_a_reading_that_stands_still_lies_once(flown: Flight) -> None:
+    """What it repeats, a sensor that stands still would say again: it costs next to nothing, another lie its share."""
+    onset, component, count = 4, 1, 5
+    cause = Cause(Kind.LIES, component=component)
+    costs = []
+    for each in (0.0, 1.0):
+        links, samples = list(flown.links), list(flown.samples)
+        for row in range(onset, onset + count):
+            rates, said = samples[row].rates.copy(), 3.0 + each * (row - onset)
+            rates.flat[component] = said
+            samples[row] = samples[row]._replace(rates=rates)
+            read = links[row].read.copy()
+            read[component] = said
+            links[row] = links[row]._replace(read=read)
+        lied = Flight(flown.states, samples, links)
+        run = run_of(lied, Runner(cause, onset, (), onset, flown.states[onset], NO_SCORE, True))
+        assert not run.lying
+        costs.append(-run.score.cells)
+    gained = cost_of_a_lie(component, PARAMS) - cost_of_a_lie(component, PARAMS, 0.0)
+    assert gained == pytest.approx(np.log(2e4))
+    assert costs[1] - costs[0] == pytest.approx((count - 1) * gained)
+
+
 def test_what_the_jets_hypothesis_opens_with(flown: Flight) -> None:
     state, over = flown.states[2], flown.links[2]
     cause = Cause(Kind.JETS, (4, 1), (1, -1), (0, 0))

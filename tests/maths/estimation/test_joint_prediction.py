@@ -100,8 +100,6 @@ def test_jacobian_agrees_with_central_differences(read: float) -> None:
     # what flows by thrust errors and forces is left out of mu's own row and, of second order, out of c's
     found[6, PLACES.thrust :] = 0.0
     scale = np.maximum(np.abs(expected).max(axis=0), 1e-9)
-    # the flow by thrust errors is left out of c, too: a share of 1e-4; without a reading, the coupling's own part of
-    # the rate at the end is not differentiated: a share of (w T)^2
     atol = 2e-4 if 0.0 < read < 1.0 else 1e-4  # where both count, the share depends on what is predicted
     np.testing.assert_allclose(found / scale, expected / scale, rtol=1e-4, atol=atol)
     assert np.abs(expected[:3, :6] @ TRUTH[:6]).min() > 0.0
@@ -180,6 +178,39 @@ def test_prediction_at_the_truth_is_the_motion() -> None:
     assert errors[0] > 1e-4 * through
     assert errors[1] < 0.01 * errors[0]
     assert spins[1] < 0.01 * spins[0]
+
+
+def test_a_vehicle_that_turns_fast_turns_on_as_torque_free_motion_has_it() -> None:
+    """Without a reading: what a few rounds for the rate at the end leave would gather, sample by sample."""
+    state = exact_state(0.0)
+    mean = state.mean.copy()
+    mean[10:13] = [0.25, -0.2, 0.15]
+    state = state._replace(mean=mean)
+    inertia = np.linalg.inv(INVERSE)
+    acting = drive(state, SAMPLE.durations_s, 0.0 * SAMPLE.commands, np.zeros(6), PARAMS)
+    rate = mean[10:13]
+    for _ in range(1000):  # Runge and Kutta's fourth order, in steps of a thousandth
+
+        def turned(w: Array) -> Array:
+            return np.asarray(-INVERSE @ np.cross(w, inertia @ w))
+
+        h = PERIOD / 1000
+        k1 = turned(rate)
+        k2 = turned(rate + 0.5 * h * k1)
+        k3 = turned(rate + 0.5 * h * k2)
+        rate = rate + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + turned(rate + h * k3))
+    turned_by = np.abs(rate - mean[10:13]).max()
+    assert turned_by > 1e-3
+    found = predict(state, acting, UNREAD, PARAMS)
+    np.testing.assert_allclose(found.mean[10:13], rate, rtol=0.0, atol=1e-8 * turned_by)
+
+    def after(start: Array) -> Array:
+        known = mean.copy()
+        known[10:13] = start
+        return predict(state._replace(mean=known), acting, UNREAD, PARAMS).mean[10:13]
+
+    slope = central_differences(after, mean[10:13], np.full(3, 1e-4))
+    np.testing.assert_allclose(np.eye(3) + found.rate_rows[:, 10:13], slope, rtol=0.0, atol=1e-6)
 
 
 def sampled(state: JointState, firing: Firing, draws: int) -> Array:

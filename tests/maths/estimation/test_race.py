@@ -293,6 +293,37 @@ def test_what_leads_is_remembered_with_whatever_is_not_behind() -> None:
     assert found.winner is None  # a jump is as likely: no jet leads
 
 
+def test_a_lead_must_last_where_the_newest_sample_has_put_others_behind() -> None:
+    """What begins in it favors one of those that led by chance; those are not behind before the next."""
+    until_now, rules = (contender(leak(0), 100.0), contender(leak(1), 99.0)), decision.Rules()
+    for nis, clear, expected in ((30.0, None, True), (6.0, None, False), (30.0, leak(0), False)):
+        other = running(leak(1), 80.0)._replace(newest=Score(0.0, 0.0, nis, 6.0))
+        now = race(running(leak(0), 100.0), other, leading=until_now)._replace(clear=clear)
+        standing = races.standings(now, [contender(leak(0), 100.0), contender(leak(1), 80.0)], PARAMS)
+        found = decision.decided(now, standing, True, rules, PARAMS)
+        assert (found.outcome == decision.Outcome.OPEN) == expected
+        assert found.clear
+        assert [each.cause for each in found.group] == [leak(1)] * expected
+
+
+def test_those_that_led_are_named_where_nothing_explains_what_came_since() -> None:
+    """As they were when they led; not where something fits, or half a second has not gone by."""
+    lost = running(leak(0), 100.0, nis=100.0)
+    for ago, fitting, expected in ((6, False, True), (5, False, False), (6, True, False)):
+        last = tuple(running(leak(jet), 50.0, cycle=NOW - ago) for jet in (0, 1))
+        led = tuple(
+            races.Standing(contender(run.cause, 50.0), run, contender(run.cause, 50.0), 50.0, 0.0, 50.0) for run in last
+        )
+        other = running(leak(2), 99.0, nis=12.0 if fitting else 100.0)
+        now = race(lost, other)._replace(led=led)
+        standing = races.standings(now, [contender(leak(0), 100.0), contender(leak(2), 99.0)], PARAMS)
+        found = decision.decided(now, standing, True, decision.Rules(), PARAMS)
+        assert (found.outcome == decision.Outcome.GROUP) == expected
+        if expected:
+            assert found.winner == led[0]
+            assert {failure.jet for failure in found.alternatives[0]} == {0, 1}
+
+
 def test_a_liar_is_heard_once_it_has_arrived_whatever_the_first_order_says() -> None:
     lie = Cause(Kind.LIES, component=1)
     late = running(lie, cycle=NOW - 3)._replace(lying=True)

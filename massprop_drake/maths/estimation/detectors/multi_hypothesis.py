@@ -341,8 +341,8 @@ def _raced(
         if standing:
             was_settled = settled(race.states[0], joint)
             decision = decided(race, standing, was_settled, params.rules, joint)
-            leading = () if decision.winner is None else (decision.winner.contender, *decision.group)
-            race = race._replace(leading=leading)
+            if decision.outcome == Outcome.OPEN:
+                race = _led(race, standing, decision)
             second = max(standing[1].contender.lead, 0.0) if len(standing) > 1 else 0.0
             best = standing[0].contender
             status = status._replace(
@@ -350,13 +350,25 @@ def _raced(
                 lead=best.lead - second if best.lead > 0.0 else -best.lead,
                 leads=_leads(standing),
             )
-    redrawn = race is not None and not race.leading and state.cycle - race.triggered in _REDRAWN
+    redrawn = race is not None and not race.led and state.cycle - race.triggered in _REDRAWN
     if race is not None and redrawn and decision.outcome == Outcome.OPEN:
         race = races.moved(race, standing, bank, history, joint)
     bank = after_it
     oldest = int(bank.cycles[0]) if race is None else min(int(bank.cycles[0]), race.screen.began)
     history = History(state.cycle, history.records[-(state.cycle - oldest + 1) :])
     return state._replace(bank=bank, history=history, race=race), decision, standing, status
+
+
+def _led(race: Race, standing: list[races.Standing], decision: Decision) -> Race:
+    """The race with who leads it now, and who did last."""
+    winner = decision.winner
+    leading = () if winner is None else (winner.contender, *decision.group)
+    causes = {each.cause for each in leading}
+    led = tuple(each for each in standing if each.run is not None and each.contender.cause in causes)
+    if not leading:
+        led = () if any(each.run is not None and each.run.fits for each in standing) else race.led
+    clear = winner.contender.cause if winner is not None and decision.clear else None
+    return race._replace(leading=leading, led=led, clear=clear)
 
 
 @kernel
@@ -452,7 +464,7 @@ def _concluded(
         np.fill_diagonal(columns, jump_sigma(joint, JUMP_SHARES[0]))
         now = unguarded(now._replace(root=compressed(np.hstack((now.root, columns)))))
         declared.append(Unexplained(began))
-    bank, history = _anew(state, now, decision, joint)
+    bank, history, now = _anew(state, now, decision, joint)
     return state._replace(bank=bank, history=history, race=None), now, declared
 
 
@@ -461,19 +473,22 @@ def _is_measured(size: Payload) -> bool:
     return size.mass_sigma < _MEASURED * abs(size.mass)
 
 
-def _anew(state: State, now: JointState, decision: Decision, joint: JointParams) -> tuple[Bank, History]:
-    """Bank and history after a decision: what was learned before is of another filter.
+def _anew(state: State, now: JointState, decision: Decision, joint: JointParams) -> tuple[Bank, History, JointState]:
+    """Bank, history and the filter's state after a decision: what was learned before is of another filter.
 
     Of jets that have won, the last cycles of their filter are in it, from when it is known what they give: something
-    else may have begun there that has not shown yet. Where the newest sample has shown it, that is in it in any case.
+    else may have begun there that has not shown yet. Where the newest sample has shown it, that is in it in any case,
+    and so are all samples since they led last.
     """
     bank, records = banks.empty(joint.places), state.history.records
     run = decision.winner.run if decision.winner is not None else None
     if decision.outcome not in (Outcome.JETS, Outcome.GROUP) or run is None:
-        return banks.taken(bank, records[-1].link, now, state.cycle), History(state.cycle, (records[-1],))
-    known_for = max(run.cycle - run.onset - len(run.kicks), int(decision.shaken))
-    count = min(len(run.earlier), known_for, len(records) - 1)
+        return banks.taken(bank, records[-1].link, now, state.cycle), History(state.cycle, (records[-1],)), now
+    ago = state.cycle - run.cycle
+    known_for = max(run.cycle - run.onset - len(run.kicks), int(decision.shaken and ago == 0))
+    count = min(len(run.earlier), known_for, len(records) - 1 - ago)
     past = run.earlier[len(run.earlier) - count] if count > 0 else now
+    count += ago
     kept, cycle = [records[-1 - count]], state.cycle - count
     bank = banks.taken(bank, kept[0].link, past, cycle)
     quiet = without_increments(joint)
@@ -483,7 +498,7 @@ def _anew(state: State, now: JointState, decision: Decision, joint: JointParams)
         kept.append(Record(record.sample, over))
         bank = banks.taken(banks.advanced(bank, over, joint.places), over, after, cycle + place)
         past = after
-    return bank, History(state.cycle, tuple(kept))
+    return bank, History(state.cycle, tuple(kept)), past if ago > 0 else now
 
 
 def _onset_s(race: Race, contender: Contender) -> float:

@@ -3,9 +3,10 @@ r"""Who has won a race, and what is said of it.
 With L_0, L_J, L_S of nothing, jump and a reading that lies, L_1 of the likeliest jets, L_2 of the likeliest *other*
 set of jets, in nats, and cycles counted from the alarm:
 
-    jets     L_1 - L_2 > 6, L_1 - L_J > 6, L_1 - L_S > 6, L_1 - L_0 > 12, f > 3 sigma of a single one, and they fit; a
-             pair after three samples; before settled only forces of a tenth of full thrust; that a known force changes
-             for half a second only by what is read, later also as it is likelier beforehand
+    jets     L_1 - L_2 > 6, L_1 - L_J > 6, L_1 - L_S > 6, L_1 - L_0 > 12, f > 3 sigma of a single one, and they fit,
+             for two samples where the first has put others behind that led until then; a pair after three samples;
+             before settled only forces of a tenth of full thrust; that a known force changes for half a second only by
+             what is read, later also as it is likelier beforehand
     group    the same against all but those that differ in one jet, which what has fired cannot tell apart, and are two
              at most or of one cluster; or differ in jets of the same clusters; and at once where something new begins
              that none of them explains
@@ -104,7 +105,8 @@ class Decision(NamedTuple):
         group: hypotheses with other jets that what has fired cannot tell from the winner's; of an open race those that
             are not behind the likeliest so far.
         alternatives: the failures that they differ in, each of the winner's and then those it may be instead.
-        shaken: whether it was decided because none of them explains the newest sample: something new has begun.
+        shaken: whether it was decided because none of them explains the newest samples: something new has begun.
+        clear: whether the winner leads all others by enough.
     """
 
     outcome: Outcome
@@ -112,6 +114,7 @@ class Decision(NamedTuple):
     group: tuple[Contender, ...] = ()
     alternatives: tuple[tuple[FailedJet, ...], ...] = ()
     shaken: bool = False
+    clear: bool = False
 
 
 def decided(race: Race, standing: list[Standing], settled: bool, rules: Rules, params: JointParams) -> Decision:
@@ -127,6 +130,7 @@ def decided(race: Race, standing: list[Standing], settled: bool, rules: Rules, p
     standing = rivals(standing)
     cycles = race.screen.cycle - race.triggered + 1
     interrupted = _interrupted(race, standing, rules) if cycles > _HALF_A_SECOND else None
+    interrupted = interrupted or _left_behind(race, standing, rules)
     if interrupted is not None:
         return interrupted
     jump = next((each for each in standing if each.contender.cause.kind == Kind.JUMP), None)
@@ -195,10 +199,12 @@ def _of_jets(
         return undecided
     if (pair and cycles < _PAIR_AFTER) or overrated(race, standing[0]) is not None:
         return undecided
-    if clear and (cycles > _HALF_A_SECOND or _shown_by_readings(standing, rules)):
-        return Decision(Outcome.JETS, standing[0])
+    until_now = tuple(each for each in race.leading if each.cause != best.cause)
+    if clear and not known and race.clear != best.cause and _put_behind(standing, until_now):
+        return Decision(Outcome.OPEN, standing[0], until_now, clear=True)
     if clear:
-        return Decision(Outcome.OPEN, standing[0])
+        shown = cycles > _HALF_A_SECOND or _shown_by_readings(standing, rules)
+        return Decision(Outcome.JETS if shown else Outcome.OPEN, standing[0], clear=True)
     near = _near(standing, rules)
     alternatives = _alternatives((best, *near), rules)
     cleared = all(leads(standing[0], other, rules.lead) for other in standing[1:] if other.contender not in near)
@@ -207,6 +213,13 @@ def _of_jets(
         return Decision(Outcome.GROUP, standing[0], near, alternatives)
     led = near or _not_cleared(standing, rules)
     return Decision(Outcome.OPEN, standing[0], led) if all(each.cause.kind == Kind.JETS for each in led) else undecided
+
+
+def _put_behind(standing: list[Standing], until_now: tuple[Contender, ...]) -> bool:
+    """Whether the newest sample surprises one of those that led until now: it may be of something new."""
+    causes = {each.cause for each in until_now}
+    runs = [each.run for each in standing if each.run is not None and each.contender.cause in causes]
+    return any(run.newest.surprise >= SURPRISED for run in runs)
 
 
 def _shown_by_readings(standing: list[Standing], rules: Rules) -> bool:
@@ -267,25 +280,43 @@ def _interrupted(race: Race, standing: list[Standing], rules: Rules) -> Decision
     one for a while. Those of them that have no filter at the present cannot say; they are named with the others.
     """
     now = {each.contender.cause: each for each in standing}
-    led = [now[each.cause] for each in race.leading if each.cause in now]
+    led = [now[each.cause]._replace(contender=each) for each in race.leading if each.cause in now]
     runs = [each.run for each in led if each.run is not None]
     if not runs or led[0].run is None or min(run.before_newest.misfit for run in runs) > _WELL:
         return None
     surprises = [run.newest.surprise for run in runs]
-    others = [each for each in standing if each not in led]
+    others = [each for each in standing if each.contender.cause not in {one.contender.cause for one in led}]
     if min(surprises) >= SURPRISED and any(each.run is not None and each.run.fits for each in others):
         return None
     if min(surprises) >= _SHAKEN:
-        if len(led) == 1:
-            return Decision(Outcome.JETS, led[0], shaken=True)
-        group = tuple(each.contender for each in led)
-        alternatives = _alternatives(group, rules, most=len(group))
-        return Decision(Outcome.GROUP, led[0], group[1:], alternatives, shaken=True) if alternatives else None
+        return _named(led, rules)
     if min(surprises) >= SURPRISED:
         return Decision(Outcome.OPEN, led[0], tuple(each.contender for each in led[1:]))
-    if standing[0] in led[1:]:
-        return Decision(Outcome.OPEN, standing[0], tuple(e.contender for e in led if e is not standing[0]))
+    first = standing[0].contender.cause
+    if first in [each.contender.cause for each in led[1:]]:
+        rest = tuple(each.contender for each in led if each.contender.cause != first)
+        return Decision(Outcome.OPEN, standing[0], rest)
     return None
+
+
+def _left_behind(race: Race, standing: list[Standing], rules: Rules) -> Decision | None:
+    """What becomes of those that led, where for half a second nothing has explained what came since.
+
+    What begins slowly shakes none of them, and is in all of them before it shows.
+    """
+    if race.leading or not race.led or any(each.run is not None and each.run.fits for each in standing):
+        return None
+    ago = max(race.screen.cycle - each.run.cycle for each in race.led if each.run is not None)
+    return _named(list(race.led), rules) if ago >= _HALF_A_SECOND else None
+
+
+def _named(led: list[Standing], rules: Rules) -> Decision | None:
+    """Those that led as a decision; None where what they differ in is not said in a few words."""
+    if len(led) == 1:
+        return Decision(Outcome.JETS, led[0], shaken=True)
+    group = tuple(each.contender for each in led)
+    alternatives = _alternatives(group, rules, most=len(group))
+    return Decision(Outcome.GROUP, led[0], group[1:], alternatives, shaken=True) if alternatives else None
 
 
 def _large(contender: Contender, params: JointParams) -> bool:

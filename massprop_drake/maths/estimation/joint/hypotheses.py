@@ -11,7 +11,8 @@ r"""What a hypothesis is: the joint filter's own cycle from another state, and h
 *Log-likelihood*, L = -1/2 sum (e^T Y^-1 e + ln |Y|), over the components whose reading has moved by half a step since
 it was last counted, or ought to have moved as the filter that knows of nothing has it, or that six samples ago was
 counted last: the same for every hypothesis, whatever its filter uses, or a hypothesis would choose its evidence. A
-reading that lies is one of 4e4 steps, each as likely.
+reading that lies is one of 4e4 steps, each as likely, or as likely as not what it was before: a sensor that stands
+still. One that does so for a second would else cost more than a jump of all that is known of the vehicle explains.
 
 *Cells.* L takes rounding for white noise. The rounding of a rate that is slow or goes in circles is the same again and
 again, and each time L counts it as new: a wrong hypothesis that bends a little toward the middle of its cells gains on
@@ -48,6 +49,7 @@ _STANDS = 3.0  # sigmas by which a prediction lies outside a reading's cell: it 
 _PATIENCE = 6  # samples after which what has not moved counts: that a rate stands still is evidence, too
 KEPT = 6  # states of a filter: what began so many cycles before a decision may not have shown yet
 _RANGE = 4e4  # steps that a sensor's range has
+_STILL = 2.0  # a lie is as likely as not the same as the one before
 FIT = 6.0  # standard deviations of chi-square: rounding is not white, and six are never chance
 EXCESS = 6.0  # nats by which white noise may be likelier than cells: one in four hundred
 _LIES = 5.0  # sigmas off: a reading that does not fit
@@ -162,6 +164,7 @@ class Runner(NamedTuple):
         newest: what that cycle added to the score.
         entry: the score at its onset.
         share: see `opened`.
+        lie: what its reading said last while it lied; NaN: nothing yet.
     """
 
     cause: Cause
@@ -175,6 +178,7 @@ class Runner(NamedTuple):
     newest: Score = NO_SCORE
     entry: Score = NO_SCORE
     share: float = JUMP_SHARES[0]
+    lie: float = np.nan
 
     @property
     def fits(self) -> bool:
@@ -250,10 +254,18 @@ def scored(score: Score, innovation: Array, covariance: Array, counts: np.ndarra
     return Score(score.likelihood + gained, score.cells + sum(cells), score.nis + nis, score.degrees + chosen.shape[0])
 
 
-def cost_of_a_lie(component: int, params: JointParams) -> float:
-    """What a reading costs that a hypothesis takes for anything in the sensor's range, nats."""
+def cost_of_a_lie(component: int, params: JointParams, moved: float = np.inf) -> float:
+    """What a reading costs that a hypothesis takes for a lie, nats.
+
+    Args:
+        component: index of it.
+        params: see `JointParams`.
+        moved: by how much it differs from the lie before: one that stands still says the same again, another anything
+            in the sensor's range.
+    """
     spread = max(params.quanta[component], np.sqrt(12.0 * params.variances[component]))
-    return float(np.log(_RANGE * spread) - _GAUSSIAN)
+    among = _STILL if abs(moved) <= _MOVED * params.quanta[component] else _RANGE
+    return float(np.log(among * spread) - _GAUSSIAN)
 
 
 def slot_of(state: JointState, jet: int, sign: int) -> int:
@@ -401,17 +413,18 @@ def stepped(
         state = kicked(state, run.cause, np.array(run.kicks[run.cycle - run.onset]), over, params)
     state = restless(state, erratic, params)
     after, report = step(state, sample, params)
-    score, lying, component = run.score, run.lying, run.cause.component
+    score, lying, lie, component = run.score, run.lying, run.lie, run.cause.component
     if lying and run.cycle >= run.onset:
         lying = misfits(report, component, params)
         if lying:
             after, report = step(state, masked(sample, component), params)
             if counts[component]:
-                cost = cost_of_a_lie(component, params)
+                cost = cost_of_a_lie(component, params, over.read[component] - lie)
                 score = score._replace(likelihood=score.likelihood - cost, cells=score.cells - cost)
                 counts = counts.copy()
                 counts[component] = False
-    return _stepped(run, after, _after(score, report, counts, params))._replace(lying=lying)
+            lie = float(over.read[component])
+    return _stepped(run, after, _after(score, report, counts, params))._replace(lying=lying, lie=lie)
 
 
 def _after(score: Score, report: Report, counts: np.ndarray, params: JointParams) -> Score:

@@ -29,10 +29,11 @@ line and with each other, so
 
 The last is exact where all jets that switch are bowed alike, and close to that otherwise. Coupling itself, whose torque
 is close to linear in time, bows the rate to a parabola: dL += (w1 x l1 - w0 x l0) T/12, dL" by (6/5)^1/2 of that.
-Coupling counts from when the diagonal of J is known to half its size; before, the
-most that it can be for any body, |w|^2 T, is noise on w: else what an open-loop drift does would be taken for what J
-and r are to explain. w1 is the predicted rate as the reading less its bias corrects it, axis by axis; where that is
-missing, as it is. The derivatives follow. What w1 is still off by, of the variance v, turns what accelerometers read by
+Coupling counts from when the diagonal of J is known to half its size; before, the most that it can be for any body,
+|w|^2 T, is noise on w: else what an open-loop drift does would be taken for what J and r are to explain. w1 is the
+predicted rate, coupling included, as the reading less its bias corrects it, axis by axis; where that is missing, as it
+is: an equation for w1, which is solved to the last digits, for what is left of it has one sign while a vehicle turns
+fast, and gathers. The derivatives follow. What w1 is still off by, of the variance v, turns what accelerometers read by
 T |w| |rho| v^1/2 at the most, and by its product with the error of r, v^1/2 (tr P_rr)^1/2; both are noise on c.
 
 *The common thrust scale* s (`thrust_scale`) is not seen by what jets do, but known outside forces are not scaled with
@@ -65,7 +66,8 @@ from massprop_drake.maths.mass_properties import ELEMENT
 _IDENTITY = np.eye(3)
 _PAIRS = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
 PARABOLA = 1.2**0.5  # root mean square over mean
-_NEARLY_ALL = 0.99  # share of a reading from which on the coupling in what it corrects does not matter
+_SETTLED = 1e-9  # of the rate at the end, that is left of the equation for it: a hundredth of that is in the coupling
+_ROUNDS = 4  # each squares what is left, which is a hundredth of the rate where a vehicle turns by a degree a sample
 _MOST_LIGHT = 3.0  # times the nominal 1/m: beyond, an estimate is none, and nothing flows
 
 
@@ -279,11 +281,7 @@ def predict(state: JointState, acting: Drive, rate_read: RateRead, params: Joint
     coupled = _knows_inertia(mean, covariance)
     if coupled:
         through, end, bowed = _coupled(state, acting, change, (rate_read, share), params)
-        for axis in range(3):
-            end_rows[axis] += share[axis] * (rate_read.rows[axis] - end_rows[axis])
-        rate_rows += through.by_end @ end_rows
-        rate_rows[:, RATE] += through.by_start
-        rate_rows[:, INERTIA] += through.by_inertia
+        rate_rows = _with_coupling(rate_rows, through, rate_read, share)
         change = change + through.change
     else:
         noise[:3, :3] += largest_coupling(mean[RATE], end, duration) ** 2 * _IDENTITY
@@ -342,15 +340,29 @@ def _coupled(
     inertias = inverse, inverse_positive_definite(inverse, "inverse inertia")
     _, lagged = _thrust_factors(state, params)
     of_thrust = _moments(mean, (firing.bow * lagged) @ params.wrenches)
-    line = mean[RATE] + change
+    line, start = mean[RATE] + change, mean[RATE]
     end = _corrected(line, read[0], read[1])
-    bows = of_thrust + bows_of_coupling(inertias[1], mean[RATE], end, duration)
-    found = coupling(inertias, mean[RATE], end, bows, duration)
-    if (read[1] < _NEARLY_ALL).any():  # once more with the coupling in the rate at the end
-        end = _corrected(line + found.change, read[0], read[1])
-        bows = of_thrust + bows_of_coupling(inertias[1], mean[RATE], end, duration)
-        found = coupling(inertias, mean[RATE], end, bows, duration)
+    bows = of_thrust + bows_of_coupling(inertias[1], start, end, duration)
+    found = coupling(inertias, start, end, bows, duration)
+    for _ in range(_ROUNDS):  # by Newton's method: the rate at the end has the coupling in it
+        off = _corrected(line + found.change, read[0], read[1]) - end
+        if np.abs(off).max() <= _SETTLED * np.abs(end).max():
+            break
+        end = end + np.linalg.solve(_IDENTITY - (1.0 - read[1]).reshape(3, 1) * found.by_end, off)
+        bows = of_thrust + bows_of_coupling(inertias[1], start, end, duration)
+        found = coupling(inertias, start, end, bows, duration)
     return found, end, bows @ inverse
+
+
+@kernel
+def _with_coupling(rate_rows: Array, through: Coupling, read: RateRead, share: Array) -> Array:
+    """Derivative of the change of w with that by coupling, of which w1 is part and on which it depends."""
+    rows, own = rate_rows.copy(), (1.0 - share).reshape(3, 1)
+    rows[:, RATE] += through.by_start
+    rows[:, INERTIA] += through.by_inertia
+    end_rows = own * rows + share.reshape(3, 1) * read.rows
+    end_rows[:, RATE] += own * _IDENTITY
+    return rows + through.by_end @ np.linalg.solve(_IDENTITY - own * through.by_end, end_rows)
 
 
 @kernel

@@ -73,6 +73,9 @@ class Race(NamedTuple):
         screen: see `Screen`.
         runs: see `Runner`.
         leading: jets that explain everything so far and are not behind, the likeliest first; empty: none does.
+        led: those of them that had a filter when last there were any, as they stood; empty: none has led, or something
+            explains everything by now.
+        clear: the hypothesis that led all others by enough after the last sample.
         out: causes whose own filters have fallen too far behind, whatever the first order says of them.
     """
 
@@ -81,6 +84,8 @@ class Race(NamedTuple):
     screen: Screen
     runs: tuple[Runner, ...]
     leading: tuple[Contender, ...] = ()
+    led: tuple[Standing, ...] = ()
+    clear: Cause | None = None
     out: frozenset[Cause] = frozenset()
 
 
