@@ -183,6 +183,26 @@ def test_two_leaks_at_once_are_both_named() -> None:
     assert all(abs(said.onset_s - 8.0) <= 0.16 for said in run.results.detections)
 
 
+def test_a_group_whose_likeliest_was_wrong_is_settled_by_what_comes() -> None:
+    """A second leak begins before two jets are told apart; the likelier of them has not failed."""
+    failures = [
+        {"kind": "leak", "jet": "F3D", "start_s": 49.48298047580158, "force": 10.0},
+        {"kind": "leak", "jet": "F3U", "start_s": 48.48298047580158, "force": 10.0},
+    ]
+    told = [
+        "jumps=[]",
+        f"failures={json.dumps(failures)}",
+        "plant.thrust_dispersion=0.01",
+        "plant.lag_factor=0.9523809523809523",
+    ]
+    given = [*told, "joint.thrust_uncertainty=0.01", "seed=991037", "duration_s=53", LOOP]
+    run = simulate(load_scenario("payload_docking", given))
+    said = [(each.kind, each.jets) for each in run.results.events]
+    assert said == [("group", ("F3F", "F3U")), ("failed", ("F3D",)), ("failed", ("F3U",))]
+    errors = (np.array(run["estimate"][-1]) - run["truth"][-1]) / run["standard_deviation"][-1]
+    assert np.abs(errors).max() < 4.0
+
+
 def test_a_jet_that_comes_and_goes_is_said_to_be_erratic(tmp_path: Path) -> None:
     run = simulate(load_scenario("intermittent_jet", ["duration_s=50", LOOP]))
     (said,) = run.results.detections

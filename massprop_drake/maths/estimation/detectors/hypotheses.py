@@ -21,6 +21,7 @@ from massprop_drake.maths.arrays import FLAG, NUMBER, Field, Layout
 from massprop_drake.maths.estimation.adaptation import NO_ADAPTATION
 from massprop_drake.maths.estimation.detector import NO_KNOWN_FORCE, STATUS, Detector, Event, Jets, Judgment
 from massprop_drake.maths.estimation.detectors import multi_hypothesis
+from massprop_drake.maths.estimation.detectors.members import Members, follow
 from massprop_drake.maths.estimation.detectors.multi_hypothesis import (
     Declaration,
     HypothesisParams,
@@ -74,6 +75,7 @@ class State(NamedTuple):
         force, variance: of the declared jets that push untold, as the filter has them, lbf or N, shape (n_jets,).
         removed: 1 for each jet that is named alone, shape (n_jets,).
         closed: 1 for each jet whose manifold is closed: none, shape (n_jets,).
+        members: of a group that are followed side by side, see `members`.
     """
 
     method: multi_hypothesis.State
@@ -81,6 +83,7 @@ class State(NamedTuple):
     variance: Array
     removed: Array
     closed: Array
+    members: Members = Members()
 
 
 def make_params(jets: Jets, options: Any, filter_params: JointFilterParams) -> HypothesisParams:
@@ -107,15 +110,15 @@ def judge(state: State, evidence: JointEvidence, params: HypothesisParams) -> Ju
         NotPositiveDefiniteError: see `joint.cycle.step`; and when a covariance that hypotheses are compared by has no
             root.
     """
-    before, after = evidence.before, evidence.after
+    after = evidence.after
     try:
-        found = multi_hypothesis.judge(state.method, before, after, evidence.report, evidence.sample, params)
+        found, members = follow(state.members, state.method, evidence, params)
     except np.linalg.LinAlgError:
         raise NotPositiveDefiniteError(after.root @ after.root.T, _WHAT, evidence.sample.time_s) from None
     now = after if found.replacement is None else found.replacement
     said = found.declarations
     force, variance = _declared(found.state, now, params)
-    kept = State(found.state, force, variance, _removed(state.removed, said), state.closed)
+    kept = State(found.state, force, variance, _removed(state.removed, said), state.closed, members)
     race = found.state.race or state.method.race
     alarms = 0 if race is None else found.state.cycle - race.triggered + 1
     likelihood = np.full(params.joint.places.jets, np.nan)

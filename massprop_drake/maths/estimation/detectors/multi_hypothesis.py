@@ -57,6 +57,7 @@ _CHANGE = 0.1  # of full thrust, by which a known force must differ to be said t
 _BETTER = 0.5  # of the 1-sigma of a force as announced
 _SAID = float(np.finfo(np.float64).tiny)  # of a force that has been announced, at the least: zero is not yet
 _ERRATIC_AFTER = 3  # changes
+_OTHERWISE = 2  # other members of a group that are followed, the likeliest
 _MEASURED = 0.1  # of a payload's mass, to which it is known when its size is told
 _ONSET_SHARE = 0.7  # of the largest statistic: older onsets explain the end point as well
 
@@ -223,6 +224,8 @@ class Judged(NamedTuple):
             by `Rules.lead_nothing`; None: that from which the filter goes on.
         declarations: what is declared.
         status: see `Status`.
+        otherwise: of a group that is named, what would be remembered, and the filter's state, had another of its
+            members won; of those that have a filter.
     """
 
     state: State
@@ -230,6 +233,7 @@ class Judged(NamedTuple):
     published: JointState | None
     declarations: tuple[Declaration, ...]
     status: Status
+    otherwise: tuple[tuple[State, JointState], ...] = ()
 
 
 def initial(params: JointParams) -> State:
@@ -293,9 +297,36 @@ def judge(
         if state.race is None:  # while one is under way, nothing is known of forces that it may change
             state, declared = _known_now(state, again, joint)
         return Judged(state, _restless(state, again, after, joint), published, declared, status)
+    others = _otherwise(state, decision, standing)
+    otherwise = tuple(_concluded(state, again, each, joint)[:2] for each in others)
     state, now, said = _concluded(state, again, decision, joint)
     state, declared = _known_now(state, now, joint)
-    return Judged(state, _restless(state, now, after, joint), None, (*said, *declared), status)
+    said = [*said, *declared]
+    return Judged(state, _restless(state, now, after, joint), None, tuple(said), status, otherwise)
+
+
+def _otherwise(state: State, decision: Decision, standing: list[races.Standing]) -> list[Decision]:
+    """The decision about a group with each of its other members as the winner, of those with a filter as far."""
+    winner, race = decision.winner, state.race
+    if decision.outcome != Outcome.GROUP or len(decision.alternatives) != 1 or winner is None or race is None:
+        return []
+    assert winner.run is not None, "only a filter of its own decides"
+    as_far = {
+        each.contender.cause: each
+        for each in (*race.led, *standing)
+        if each.run is not None and each.run.cycle == winner.run.cycle
+    }
+    found, everyone, alternatives = [], (winner.contender, *decision.group), decision.alternatives[0]
+    for place, contender in enumerate(everyone[1:], start=1):
+        if contender.cause in as_far and len(everyone) == len(alternatives):
+            rest = (*everyone[:place], *everyone[place + 1 :])
+            order = (alternatives[place], *alternatives[:place], *alternatives[place + 1 :])
+            found.append(
+                decision._replace(
+                    winner=as_far[contender.cause]._replace(contender=contender), group=rest, alternatives=(order,)
+                )
+            )
+    return found[:_OTHERWISE]
 
 
 def _probation(
@@ -635,6 +666,37 @@ def _known_now(state: State, now: JointState, params: JointParams) -> tuple[Stat
             changes=_with(state.changes, slot, changes),
             erratic=_with(state.erratic, slot, float(word == Word.ERRATIC)),
         )
+    return state, tuple(said)
+
+
+def announced_jets(state: State, now: JointState) -> dict[tuple[int, int], float]:
+    """1-sigma of the force of each jet, with its sign, that is declared alone, lbf or N."""
+    alone = np.flatnonzero((state.announced > 0.0) & (np.count_nonzero(state.members, axis=1) == 1))
+    return {(int(now.slot_jet[slot]), int(now.slot_sign[slot])): float(state.sigmas[slot]) for slot in alone.tolist()}
+
+
+def left_alone(
+    state: State, now: JointState, group: frozenset[tuple[int, int]], params: JointParams
+) -> tuple[State, tuple[Declaration, ...]]:
+    """What is remembered and said where the likeliest of a group is all that is left of it.
+
+    Args:
+        state: before.
+        now: the filter's state.
+        group: jets and signs of the group as it was.
+        params: see `JointParams`.
+    """
+    said: list[Declaration] = []
+    for slot in np.flatnonzero((np.count_nonzero(state.members, axis=1) > 1) & (state.announced > 0.0)).tolist():
+        if frozenset(zip(*_group(state.members[slot], params), strict=True)) != group:
+            continue
+        members = state.members.copy()
+        members[slot] = members[slot] == 1.0
+        force, sigma = _force(now, slot, params)
+        jets, signs = _group(members[slot], params)
+        said.append(JetsDeclared(Word.FAILED, jets, signs, (force,), (sigma,), now.time_s))
+        announced = _with(state.announced, slot, max(force, _SAID))
+        state = state._replace(members=members, announced=announced, sigmas=_with(state.sigmas, slot, sigma))
     return state, tuple(said)
 
 

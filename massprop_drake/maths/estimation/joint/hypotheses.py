@@ -44,9 +44,9 @@ from massprop_drake.maths.linear_algebra import Array
 JUMP_SHARES = (0.3, 0.06)  # of the vehicle's mass (1 sigma): a payload, large or small
 KICK = 0.6  # 1-sigma of an onset's place, in intervals between onsets: uniform over two has 0.58
 SHARES = (1.0, 0.17)  # of it in the first interval and in the second: a lag of a fifth of an interval takes that much
-_MOVED = 0.5  # steps by which a reading has moved to be counted
+MOVED = 0.5  # steps by which a reading has moved to be counted
 _STANDS = 3.0  # sigmas by which a prediction lies outside a reading's cell: it ought to have moved
-_PATIENCE = 6  # samples after which what has not moved counts: that a rate stands still is evidence, too
+PATIENCE = 6  # samples after which what has not moved counts: that a rate stands still is evidence, too
 KEPT = 6  # states of a filter: what began so many cycles before a decision may not have shown yet
 _RANGE = 4e4  # steps that a sensor's range has
 _STILL = 2.0  # a lie is as likely as not the same as the one before
@@ -206,10 +206,10 @@ def counted(counting: Counting, over: Link, params: JointParams) -> tuple[np.nda
     """
     read, quanta = over.read, params.quanta
     present = ~np.isnan(read)
-    moved = ~(np.abs(read - counting.last) < _MOVED * quanta)
+    moved = ~(np.abs(read - counting.last) < MOVED * quanta)
     spread = np.sqrt(np.maximum(np.diagonal(over.covariance) - params.variances, 0.0))
     unmoved = np.abs(over.innovation) > 0.5 * quanta + _STANDS * spread
-    counts = present & (moved | unmoved | (counting.quiet + 1.0 >= _PATIENCE))
+    counts = present & (moved | unmoved | (counting.quiet + 1.0 >= PATIENCE))
     return counts, Counting(np.where(counts, read, counting.last), np.where(counts, 0.0, counting.quiet + 1.0))
 
 
@@ -264,7 +264,7 @@ def cost_of_a_lie(component: int, params: JointParams, moved: float = np.inf) ->
             in the sensor's range.
     """
     spread = max(params.quanta[component], np.sqrt(12.0 * params.variances[component]))
-    among = _STILL if abs(moved) <= _MOVED * params.quanta[component] else _RANGE
+    among = _STILL if abs(moved) <= MOVED * params.quanta[component] else _RANGE
     return float(np.log(among * spread) - _GAUSSIAN)
 
 
@@ -388,7 +388,7 @@ def jumping(run: Runner, sample: Sample, nothing: Score, counts: np.ndarray, par
     """
     state = opened(run.state, run.cause, params, run.share) if run.cycle == run.onset else run.state
     _, report = step(state, sample, params)
-    score = max(_after(run.score, report, counts, params), nothing, key=lambda each: each.likelihood)
+    score = max(after_cycle(run.score, report, counts, params), nothing, key=lambda each: each.likelihood)
     after, _ = restart(state, sample, params)
     return _stepped(run, after, score)._replace(entry=score)
 
@@ -424,10 +424,10 @@ def stepped(
                 counts = counts.copy()
                 counts[component] = False
             lie = float(over.read[component])
-    return _stepped(run, after, _after(score, report, counts, params))._replace(lying=lying, lie=lie)
+    return _stepped(run, after, after_cycle(score, report, counts, params))._replace(lying=lying, lie=lie)
 
 
-def _after(score: Score, report: Report, counts: np.ndarray, params: JointParams) -> Score:
+def after_cycle(score: Score, report: Report, counts: np.ndarray, params: JointParams) -> Score:
     """The score after a cycle of a filter."""
     course = report.course
     assert course is not None, "a race begins after the first sample"

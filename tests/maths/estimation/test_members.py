@@ -1,0 +1,120 @@
+"""Members of a group that are followed side by side."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from joint_probe import small_params
+from test_joint_bank import ready
+
+from massprop_drake.maths.estimation.detectors import members as dut
+from massprop_drake.maths.estimation.detectors import multi_hypothesis
+from massprop_drake.maths.estimation.detectors.members import Member, Members
+from massprop_drake.maths.estimation.detectors.multi_hypothesis import JetsDeclared, Judged, JumpDeclared, Status, Word
+from massprop_drake.maths.estimation.joint import screen as screens
+from massprop_drake.maths.estimation.joint.hypotheses import Cause, Counting, Kind, Runner, Score, opened
+from massprop_drake.maths.estimation.joint.race import Race
+
+PARAMS = small_params(second_order=False, flows=np.zeros(6), thrust_sigma=0.0)
+STATE = ready()._replace(slot_jet=np.full(2, -1.0))
+SETTLED = 20
+
+
+def member(jet: int, likelihood: float = 0.0, cells: float | None = None, settled: int = SETTLED) -> Member:
+    """One that has a group of jets 0 and 1 in its first slot, itself the likeliest, declared with a force of 3."""
+    joint = opened(STATE, Cause(Kind.JETS, (jet,), (1,), (1,)), PARAMS)
+    method = multi_hypothesis.initial(PARAMS)
+    row = np.zeros(2 * PARAMS.places.jets)
+    row[[jet, 1 - jet]] = 1.0, 2.0
+    listed, announced = method.members.copy(), method.announced.copy()
+    listed[0], announced[0] = row, 3.0
+    method = method._replace(members=listed, announced=announced)
+    score = Score(likelihood, likelihood if cells is None else cells, 0.0, 0.0)
+    return Member(joint, method, score, settled=settled)
+
+
+def racing(one: Member, cycles: int, fits: bool = False) -> Member:
+    """It with a race that has been open so long."""
+    screen = screens.begin((STATE, 0), (1,), (1,), np.zeros(12), PARAMS)._replace(cycle=cycles)
+    score = Score(0.0, 0.0, 12.0 if fits else 100.0, 12.0)
+    run = Runner(Cause(Kind.JETS, (2,), (1,), (1,)), 1, (), cycles, STATE, score, False)
+    race = Race(1, (STATE, STATE), screen, (run,))
+    return one._replace(method=one.method._replace(race=race), settled=0)
+
+
+def judged(*each: Member) -> dut.Followed:
+    """What becomes of a cycle."""
+    found = Judged(each[0].method, None, None, (), Status())
+    group = frozenset({(0, 1), (1, 1)})
+    counting = Counting(np.zeros(12), np.zeros(12))
+    params = multi_hypothesis.HypothesisParams(PARAMS)
+    return dut._compared(found, Members(each, counting, group), params)
+
+
+def words(found: dut.Followed) -> list[tuple[int, tuple[int, ...]]]:
+    return [(each.word, each.jets) for each in found.judged.declarations if isinstance(each, JetsDeclared)]
+
+
+@pytest.mark.parametrize(("likelihood", "cells", "told"), [(-13, -13, True), (-11, -13, False), (-13, -11, False)])
+def test_who_is_behind_by_noise_and_by_cells_is_out_and_who_is_left_is_named(
+    likelihood: float, cells: float, told: bool
+) -> None:
+    found = judged(member(0), member(1, likelihood, cells))
+    assert words(found) == [(Word.FAILED, (0,))] * told
+    assert len(found.members.each) == (0 if told else 2)
+    assert found.judged.replacement is None
+    assert np.count_nonzero(found.judged.state.members[0]) == (1 if told else 2)
+
+
+def test_the_best_takes_the_place_of_one_that_is_behind() -> None:
+    wrong, right = member(0, -13.0), member(1)
+    waiting = JetsDeclared(Word.FAILED, (3,), (1,), (10.0,), (1.0,), 0.0)
+    found = judged(wrong, right._replace(waiting=(waiting,)))
+    assert found.judged.replacement is right.joint
+    assert found.judged.state.members[0].argmax() == 1
+    assert words(found) == [(Word.FAILED, (1,)), (Word.FAILED, (3,))]
+
+
+def test_what_was_said_of_the_wrong_one_alone_is_taken_back() -> None:
+    """And not what has not been said yet, or what the right one says as well."""
+    wrong, right = member(0, -13.0), member(1)
+    joint = opened(wrong.joint, Cause(Kind.JETS, (2,), (1,), (1,)), PARAMS)
+    listed, announced = wrong.method.members.copy(), wrong.method.announced.copy()
+    listed[1, 2], announced[1] = 1.0, 5.0
+    wrong = wrong._replace(joint=joint, method=wrong.method._replace(members=listed, announced=announced))
+    assert words(judged(wrong, right)) == [(Word.FAILED, (1,)), (Word.WITHDRAWN, (2,))]
+    unsaid = JetsDeclared(Word.FAILED, (2,), (1,), (5.0,), (1.0,), 0.0)
+    assert words(judged(wrong._replace(waiting=(unsaid,)), right)) == [(Word.FAILED, (1,))]
+
+
+@pytest.mark.parametrize(("cycles", "fits", "lost"), [(24, False, False), (25, False, True), (25, True, False)])
+def test_who_finds_no_explanation_that_another_has_is_lost(cycles: int, fits: bool, lost: bool) -> None:
+    found = judged(racing(member(0), cycles, fits), member(1))
+    assert (found.judged.replacement is not None) == lost
+
+
+def test_while_nobody_has_an_explanation_nobody_is_lost() -> None:
+    assert len(judged(racing(member(0), 50), racing(member(1), 50)).members.each) == 2
+
+
+def test_what_is_said_waits_for_a_race_that_is_young_and_a_jump_for_any() -> None:
+    said = JetsDeclared(Word.FAILED, (3,), (1,), (10.0,), (1.0,), 0.0)
+    jump = JumpDeclared(False, 0.0, 1.0, 0.1, np.zeros(3), np.ones(3))
+    for each, other, expected in (
+        (said, racing(member(1), 11), False),
+        (said, racing(member(1), 13), True),
+        (said, member(1), True),
+        (jump, racing(member(1), 20), False),
+        (jump, member(1, settled=11), False),
+        (jump, member(1), True),
+    ):
+        found = judged(member(0)._replace(waiting=(each,)), other)
+        assert (each in found.judged.declarations) == expected
+        assert bool(found.members.each[0].waiting) != expected
+
+
+def test_samples_count_where_all_have_one_to_compare() -> None:
+    newest = Score(5.0, 4.0, 3.0, 2.0)
+    for settled, expected in ((3, 5.0), (2, 0.0)):
+        found = judged(member(0)._replace(newest=newest), member(1, settled=settled)._replace(newest=newest))
+        assert [each.score.likelihood for each in found.members.each] == [expected, expected]
