@@ -274,13 +274,17 @@ class Page:
         self.page = browser.new_page(viewport=self.VIEWPORT)
         self.page.set_default_timeout(120_000)
         self.said: list[str] = []
-        self.page.on("console", lambda message: self.said.append(f"{message.type}: {message.text}"))
+        self.page.on("console", self._hears)
         self.page.on("pageerror", lambda error: self.said.append(f"error: {error}"))
         self.page.on("dialog", lambda dialog: (self.said.append(f"dialog: {dialog.message}"), dialog.dismiss()))
         self.page.context.set_offline(True)
         self.page.add_init_script(before)
         self.page.goto(path.as_uri())
         self.page.wait_for_selector(ready, state="attached")
+
+    def _hears(self, message: Any) -> None:
+        if "GL Driver Message" not in message.text:  # of how fast it draws, by the machine's load
+            self.said.append(f"{message.type}: {message.text}")
 
     def until(self, expression: str) -> None:
         """Waits until an expression holds; a page's policy forbids what Playwright's `wait_for_function` does in it."""
