@@ -115,7 +115,7 @@ def judge(state: State, evidence: JointEvidence, params: HypothesisParams) -> Ju
         found, members = follow(state.members, state.method, evidence, params)
     except np.linalg.LinAlgError:
         raise NotPositiveDefiniteError(after.root @ after.root.T, _WHAT, evidence.sample.time_s) from None
-    now = after if found.replacement is None else found.replacement
+    now = found.goes_on_from(after)
     said = found.declarations
     force, variance = _declared(found.state, now, params)
     kept = State(found.state, force, variance, _removed(state.removed, said), state.closed, members)
@@ -291,7 +291,7 @@ def _layout(params: HypothesisParams) -> Layout:
 
 
 def saved(state: State, params: HypothesisParams) -> Array:
-    """What has been said and what it rests on, without bank and race."""
+    """What has been said and what it rests on, without bank and race, and of a group without those followed beside."""
     method, places = state.method, params.joint.places
     jumped = method.earlier is not None
     earlier = np.zeros(state_layout(places).size) if method.earlier is None else pack(method.earlier, places)

@@ -33,17 +33,10 @@ from massprop_drake.maths.estimation.detectors.multi_hypothesis import (
 )
 from massprop_drake.maths.estimation.joint.cycle import JointEvidence, Report, Sample, step
 from massprop_drake.maths.estimation.joint.decision import LAST
-from massprop_drake.maths.estimation.joint.hypotheses import (
-    MOVED,
-    NO_SCORE,
-    PATIENCE,
-    Counting,
-    Score,
-    after_cycle,
-)
+from massprop_drake.maths.estimation.joint.hypotheses import NO_SCORE, Counting, Score, after_cycle, counted_by_readings
 from massprop_drake.maths.estimation.joint.layout import JointParams, JointState
 from massprop_drake.maths.estimation.joint.measurement import readings
-from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError
+from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
 
 _BEHIND = 12.0  # nats: twice what decides, since each has decided other things since
 _PATIENCE = 12  # cycles of a race for which what others say waits
@@ -115,7 +108,7 @@ def follow(
     """
     report, sample = evidence.report, evidence.sample
     found = multi_hypothesis.judge(method, evidence.before, evidence.after, report, sample, params)
-    now = evidence.after if found.replacement is None else found.replacement
+    now = found.goes_on_from(evidence.after)
     read = readings(sample.rates, sample.velocities)
     if found.otherwise and not members.each:
         counting = Counting(np.where(np.isnan(read), 0.0, read), np.zeros(read.shape[0]))
@@ -127,20 +120,13 @@ def follow(
         return Followed(found, members)
     if report.course is None:  # nothing before a gap can be compared
         return Followed(found._replace(declarations=(*members.each[0].waiting, *found.declarations)), Members())
-    mask, counting = _counted(members.counting, read, params.joint)
+    mask, counting = counted_by_readings(members.counting, read, np.zeros(read.shape[0], dtype=np.bool_), params.joint)
     each = [_after(members.each[0], found, now, report, mask, params.joint)]
     for member in members.each[1:]:
         gone_on = _gone_on(member, sample, mask, params)
         if gone_on is not None:
             each.append(gone_on)
     return _compared(found, members._replace(each=tuple(each), counting=counting, cycles=members.cycles + 1), params)
-
-
-def _counted(counting: Counting, read: Array, params: JointParams) -> tuple[np.ndarray, Counting]:
-    """Which components count for all members: those that have moved since they did last, or not for six samples."""
-    moved = ~(np.abs(read - counting.last) < MOVED * params.quanta)
-    counts = ~np.isnan(read) & (moved | (counting.quiet + 1.0 >= PATIENCE))
-    return counts, Counting(np.where(counts, read, counting.last), np.where(counts, 0.0, counting.quiet + 1.0))
 
 
 def _gone_on(member: Member, sample: Sample, mask: np.ndarray, params: HypothesisParams) -> Member | None:
@@ -152,8 +138,7 @@ def _gone_on(member: Member, sample: Sample, mask: np.ndarray, params: Hypothesi
         return None
     if report.course is None or any(isinstance(each, Unexplained) for each in judged.declarations):
         return None
-    now = after if judged.replacement is None else judged.replacement
-    return _after(member, judged, now, report, mask, params.joint)
+    return _after(member, judged, judged.goes_on_from(after), report, mask, params.joint)
 
 
 def _after(
@@ -178,7 +163,7 @@ def _race_for(member: Member) -> int:
     race = member.method.race
     if race is None or race.leading or any(run.fits and run.cycle == race.screen.cycle for run in race.runs):
         return 0
-    return race.screen.cycle - race.triggered + 1
+    return race.cycles
 
 
 def _ahead(one: Member, other: Member) -> float:
@@ -228,7 +213,7 @@ def _may_object(other: Member, first: Member) -> bool:
     if jumped and other.settled < _PATIENCE:
         return True
     race = other.method.race
-    return race is not None and race.screen.cycle - race.triggered < _PATIENCE
+    return race is not None and race.cycles <= _PATIENCE
 
 
 def _unsaid(member: Member, said: list[Declaration]) -> tuple[Declaration, ...]:

@@ -235,6 +235,10 @@ class Judged(NamedTuple):
     status: Status
     otherwise: tuple[tuple[State, JointState], ...] = ()
 
+    def goes_on_from(self, own: JointState) -> JointState:
+        """The filter's state after the cycle, given its own."""
+        return own if self.replacement is None else self.replacement
+
 
 def initial(params: JointParams) -> State:
     """The state before the first sample."""
@@ -316,16 +320,14 @@ def _otherwise(state: State, decision: Decision, standing: list[races.Standing])
         for each in (*race.led, *standing)
         if each.run is not None and each.run.cycle == winner.run.cycle
     }
-    found, everyone, alternatives = [], (winner.contender, *decision.group), decision.alternatives[0]
-    for place, contender in enumerate(everyone[1:], start=1):
+    everyone, alternatives = (winner.contender, *decision.group), decision.alternatives[0]
+    found: list[Decision] = []
+    for contender, failure in zip(everyone[1:], alternatives[1:], strict=False):
         if contender.cause in as_far and len(everyone) == len(alternatives):
-            rest = (*everyone[:place], *everyone[place + 1 :])
-            order = (alternatives[place], *alternatives[:place], *alternatives[place + 1 :])
-            found.append(
-                decision._replace(
-                    winner=as_far[contender.cause]._replace(contender=contender), group=rest, alternatives=(order,)
-                )
-            )
+            first = as_far[contender.cause]._replace(contender=contender)
+            rest = tuple(each for each in everyone if each is not contender)
+            order = (failure, *(each for each in alternatives if each is not failure))
+            found.append(decision._replace(winner=first, group=rest, alternatives=(order,)))
     return found[:_OTHERWISE]
 
 

@@ -128,7 +128,7 @@ def decided(race: Race, standing: list[Standing], settled: bool, rules: Rules, p
         params: see `JointParams`.
     """
     standing = rivals(standing)
-    cycles = race.screen.cycle - race.triggered + 1
+    cycles = race.cycles
     interrupted = _interrupted(race, standing, rules) if cycles > _HALF_A_SECOND else None
     interrupted = interrupted or _left_behind(race, standing, rules)
     if interrupted is not None:

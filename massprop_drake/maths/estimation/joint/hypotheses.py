@@ -44,9 +44,9 @@ from massprop_drake.maths.linear_algebra import Array
 JUMP_SHARES = (0.3, 0.06)  # of the vehicle's mass (1 sigma): a payload, large or small
 KICK = 0.6  # 1-sigma of an onset's place, in intervals between onsets: uniform over two has 0.58
 SHARES = (1.0, 0.17)  # of it in the first interval and in the second: a lag of a fifth of an interval takes that much
-MOVED = 0.5  # steps by which a reading has moved to be counted
+_MOVED = 0.5  # steps by which a reading has moved to be counted
 _STANDS = 3.0  # sigmas by which a prediction lies outside a reading's cell: it ought to have moved
-PATIENCE = 6  # samples after which what has not moved counts: that a rate stands still is evidence, too
+_PATIENCE = 6  # samples after which what has not moved counts: that a rate stands still is evidence, too
 KEPT = 6  # states of a filter: what began so many cycles before a decision may not have shown yet
 _RANGE = 4e4  # steps that a sensor's range has
 _STILL = 2.0  # a lie is as likely as not the same as the one before
@@ -204,12 +204,24 @@ def counted(counting: Counting, over: Link, params: JointParams) -> tuple[np.nda
         over: the cycle of the filter that knows of nothing.
         params: see `JointParams`.
     """
-    read, quanta = over.read, params.quanta
-    present = ~np.isnan(read)
-    moved = ~(np.abs(read - counting.last) < MOVED * quanta)
     spread = np.sqrt(np.maximum(np.diagonal(over.covariance) - params.variances, 0.0))
-    unmoved = np.abs(over.innovation) > 0.5 * quanta + _STANDS * spread
-    counts = present & (moved | unmoved | (counting.quiet + 1.0 >= PATIENCE))
+    unmoved = np.abs(over.innovation) > 0.5 * params.quanta + _STANDS * spread
+    return counted_by_readings(counting, over.read, unmoved, params)
+
+
+def counted_by_readings(
+    counting: Counting, read: Array, due: np.ndarray, params: JointParams
+) -> tuple[np.ndarray, Counting]:
+    """Which components count: those that have moved since they did last, have not for six samples, or are due.
+
+    Args:
+        counting: see `Counting`.
+        read: readings, NaN where missing, shape (m,).
+        due: whether each counts though it has not moved, shape (m,).
+        params: see `JointParams`.
+    """
+    moved = ~(np.abs(read - counting.last) < _MOVED * params.quanta)
+    counts = ~np.isnan(read) & (moved | due | (counting.quiet + 1.0 >= _PATIENCE))
     return counts, Counting(np.where(counts, read, counting.last), np.where(counts, 0.0, counting.quiet + 1.0))
 
 
@@ -264,7 +276,7 @@ def cost_of_a_lie(component: int, params: JointParams, moved: float = np.inf) ->
             in the sensor's range.
     """
     spread = max(params.quanta[component], np.sqrt(12.0 * params.variances[component]))
-    among = _STILL if abs(moved) <= MOVED * params.quanta[component] else _RANGE
+    among = _STILL if abs(moved) <= _MOVED * params.quanta[component] else _RANGE
     return float(np.log(among * spread) - _GAUSSIAN)
 
 

@@ -88,6 +88,11 @@ class Race(NamedTuple):
     clear: Cause | None = None
     out: frozenset[Cause] = frozenset()
 
+    @property
+    def cycles(self) -> int:
+        """From the alarm to the last one done, both counted."""
+        return self.screen.cycle - self.triggered + 1
+
 
 class Standing(NamedTuple):
     """A hypothesis in the race.
@@ -361,7 +366,7 @@ def running(race: Race, standing: list[Standing], free_slots: int) -> Race:
     led = {each.cause for each in race.leading} & present.keys()  # kept: that none explains what is new is said of them
     wanted: list[Runner] = []
     liar = next((each.contender.cause for each in standing if each.contender.cause.kind == Kind.LIES), None)
-    young = race.screen.cycle - race.triggered < _LIE_RUNS
+    young = race.cycles <= _LIE_RUNS
     behind = {
         each.contender.cause
         for each in standing
