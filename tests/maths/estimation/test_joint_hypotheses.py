@@ -87,22 +87,34 @@ def _read(read: list[float], off: float = 0.0, spread: float = 0.0) -> tuple[Lin
 def test_counting_rule() -> None:
     counting = Counting(np.array([0.0, 5.0, 0.0]), np.zeros(3))
     still = _read([0.4, 5.6, np.nan])
-    mask, counting = counted(counting, *still)
+    mask, counting = counted(counting, *still, every=False)
     assert mask.tolist() == [False, True, False]
     assert counting.last.tolist() == [0.0, 5.6, 0.0]
     for _ in range(4):
-        mask, counting = counted(counting, *still)
+        mask, counting = counted(counting, *still, every=False)
         assert not mask.any()
-    mask, counting = counted(counting, *still)
+    mask, counting = counted(counting, *still, every=False)
     assert mask.tolist() == [True, False, False]  # six samples without it
-    mask, counting = counted(counting, *_read([0.4, 5.6, 0.0]))
+    mask, counting = counted(counting, *_read([0.4, 5.6, 0.0]), every=False)
     assert mask.tolist() == [False, True, True]  # what dithers itself always counts
+    mask, counting = counted(counting, *_read([0.4, 5.6, np.nan]), every=True)
+    assert mask.tolist() == [True, True, False]
+
+
+def test_all_that_is_read_counts_where_something_may_have_begun(flown: Flight) -> None:
+    """What has stayed where it was tells of a failure that might have moved it by anything."""
+    screen = screens.begin((flown.states[0], 0), (2, 4), (1, 2), np.zeros(12), PARAMS)
+    for over in flown.links[:7]:
+        still = over._replace(read=np.zeros(12), innovation=np.zeros(12))
+        screen = screens.screened(screen, still, PARAMS._replace(quanta=np.ones(12)))
+    assert [bool(mask.all()) for mask in screen.masks] == [False, False, True, True, True, True, False]
+    assert not screen.masks[0].any()
 
 
 def test_a_reading_counts_that_ought_to_have_moved() -> None:
     counting = Counting(np.array([0.4, 5.6, 0.0]), np.zeros(3))
     for off, spread, expected in ((0.4, 0.0, False), (0.6, 0.0, True), (-3.4, 1.0, False), (-3.6, 1.0, True)):
-        mask, _ = counted(counting, *_read([0.4, 5.6, np.nan], off, spread))
+        mask, _ = counted(counting, *_read([0.4, 5.6, np.nan], off, spread), every=False)
         assert mask.tolist() == [expected, expected, False]
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from joint_probe import small_params
+from joint_probe import small_params, some_sample
 from test_joint_bank import ready
 
 from massprop_drake.maths.estimation.detectors import members as dut
@@ -12,6 +12,7 @@ from massprop_drake.maths.estimation.detectors import multi_hypothesis
 from massprop_drake.maths.estimation.detectors.members import Member, Members
 from massprop_drake.maths.estimation.detectors.multi_hypothesis import JetsDeclared, Judged, JumpDeclared, Status, Word
 from massprop_drake.maths.estimation.joint import screen as screens
+from massprop_drake.maths.estimation.joint.cycle import JointEvidence, step
 from massprop_drake.maths.estimation.joint.hypotheses import Cause, Counting, Kind, Runner, Score, opened
 from massprop_drake.maths.estimation.joint.race import Race
 
@@ -111,6 +112,42 @@ def test_what_is_said_waits_for_a_race_that_is_young_and_a_jump_for_any() -> Non
         found = judged(member(0)._replace(waiting=(each,)), other)
         assert (each in found.judged.declarations) == expected
         assert bool(found.members.each[0].waiting) != expected
+
+
+def test_while_something_waits_hypotheses_are_compared() -> None:
+    """So that where the run ends, it is listed as what was not decided."""
+    said = JetsDeclared(Word.FAILED, (3,), (1,), (10.0,), (1.0,), 0.0)
+    first = member(0)._replace(waiting=(said,), status=Status(leads=((3, 50.0),)))
+    for each, expected in ((first, True), (member(0), False)):
+        found = judged(each, racing(member(1), 5))
+        assert found.judged.status.racing == expected
+        assert found.judged.status.leads == (((3, 50.0),) if expected else ())
+
+
+def test_what_waits_is_to_be_said_by_a_detector_that_goes_on_alone() -> None:
+    first = member(0)
+    said = JetsDeclared(Word.FAILED, (0,), (1,), (3.0,), (1.0,), 7.0)
+    kept = dut.as_said(Members((first._replace(waiting=(said,)), member(1))), first.method)
+    assert kept.announced[0] == 0.0
+    assert kept.onsets[0] == 7.0
+    assert dut.as_said(Members((first, member(1))), first.method).announced[0] == 3.0
+    assert dut.as_said(Members(), first.method) is first.method
+
+
+def test_whoever_explains_all_is_followed_from_what_it_is_behind_by(monkeypatch: pytest.MonkeyPatch) -> None:
+    """And says what it has to say only if it turns out to be it."""
+    named, other = member(0), member(1)
+    said, instead = (JetsDeclared(Word.FAILED, (jet,), (1,), (3.0,), (1.0,), 0.0) for jet in (0, 1))
+    would = multi_hypothesis.Other(other.method, other.joint, (instead,), -8.0, -10.0)
+    found = Judged(named.method, None, None, (said,), Status(), (would,))
+    monkeypatch.setattr(multi_hypothesis, "judge", lambda *_: found)
+    sample = some_sample(PARAMS)
+    evidence = JointEvidence(STATE, *step(STATE, sample, PARAMS), sample, False)
+    after = dut.follow(Members(), named.method, evidence, multi_hypothesis.HypothesisParams(PARAMS))
+    assert after.judged.declarations == (said,)
+    assert [each.waiting for each in after.members.each] == [(), (instead,)]
+    assert after.members.each[1].score == Score(-8.0, -10.0, 0.0, 0.0)
+    assert after.members.group == frozenset()
 
 
 def test_samples_count_where_all_have_one_to_compare() -> None:

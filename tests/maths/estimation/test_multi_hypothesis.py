@@ -18,6 +18,7 @@ from massprop_drake.maths.estimation.detectors.multi_hypothesis import (
     ReadingDeclared,
     Word,
 )
+from massprop_drake.maths.estimation.joint import bank as banks
 from massprop_drake.maths.estimation.joint import race as races
 from massprop_drake.maths.estimation.joint.cycle import JointEvidence, Sample, step
 from massprop_drake.maths.estimation.joint.decision import Decision, Outcome
@@ -381,6 +382,15 @@ def test_what_began_shortly_before_a_decision_is_in_the_bank_after_it() -> None:
     np.testing.assert_array_equal(np.diff(bank.cycles), 1.0)
     assert bank.cycles[-1] == history.last == flight.cycle
     np.testing.assert_array_equal(bank.states[-1].mean, flight.filter.mean)  # on the winner's way
+
+
+def test_a_race_about_what_has_just_begun_looks_before_what_nothing_explained() -> None:
+    """And one that begins later looks where the bank has it."""
+    bank = banks.empty(JOINT.places)._replace(cycles=np.arange(10.0, 16.0))
+    total = np.array([100.0, 100.0, 100.0, 50.0, 80.0, 90.0])
+    for explained, cycle, expected in ((12, 16, 2), (12, 24, 2), (12, 25, 5), (9, 16, 5), (-1, 16, 5)):
+        state = detector.initial(JOINT)._replace(bank=bank, explained=explained, cycle=cycle)
+        assert detector._onset(state, total) == expected
 
 
 def test_a_covariance_without_a_root_is_said_with_the_time(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -6,7 +6,8 @@ the autopilot and the logs. A jet that is named alone is put out of use until it
 none is, whatever is said of it later: the slot is that of its likeliest member, which may be healthy.
 
 Bank and race are snapshots of the filter by the dozen. A saved state has what has been said, and not these: after a
-restart the bank begins anew, so that a race that was under way begins anew with the next alarm.
+restart the bank begins anew, so that a race that was under way begins anew with the next alarm; jets that were to be
+named and waited for others (`members`) are named then.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from massprop_drake.maths.arrays import FLAG, NUMBER, Field, Layout
 from massprop_drake.maths.estimation.adaptation import NO_ADAPTATION
 from massprop_drake.maths.estimation.detector import NO_KNOWN_FORCE, STATUS, Detector, Event, Jets, Judgment
 from massprop_drake.maths.estimation.detectors import multi_hypothesis
-from massprop_drake.maths.estimation.detectors.members import Members, follow
+from massprop_drake.maths.estimation.detectors.members import Members, as_said, follow
 from massprop_drake.maths.estimation.detectors.multi_hypothesis import (
     Declaration,
     HypothesisParams,
@@ -291,8 +292,8 @@ def _layout(params: HypothesisParams) -> Layout:
 
 
 def saved(state: State, params: HypothesisParams) -> Array:
-    """What has been said and what it rests on, without bank and race, and of a group without those followed beside."""
-    method, places = state.method, params.joint.places
+    """What has been said and what it rests on, without bank and race, and without those that are followed beside."""
+    method, places = as_said(state.members, state.method), params.joint.places
     jumped = method.earlier is not None
     earlier = np.zeros(state_layout(places).size) if method.earlier is None else pack(method.earlier, places)
     whom = (method.members, method.apart, method.onsets)

@@ -1,18 +1,19 @@
-r"""Members of a group that are followed side by side until one of them explains what comes, and the others do not.
+r"""Those that may have failed instead, followed side by side until one explains what comes, and the others do not.
 
 A group is named where something new begins before its members are told apart, or after long enough. The filter goes on
 from the likeliest, which may be wrong: then the next failure has to be explained by one that has not happened, and what
-takes its part is another jet, or a jump. So the others that have a filter go on as well, each with a detector of its
-own, and each is worth
+takes its part is another jet, or a jump. A jet that is named alone leads by six nats, and so is wrong once in a few
+hundred times. So the others that explain all, too, and have a filter go on as well, each with a detector of its own,
+and each is worth
 
     L' = sum ln P(its cells)    and    L = -1/2 sum (e^T Y^-1 e + ln |Y|)
 
-of its filter (`hypotheses`), over the components that have moved, or have not for six samples, of every sample at which
-none of them has a race open or has just decided one. Who is twelve nats behind by both is not followed any longer, nor
-who has found no explanation in two seconds where another has. Where that is the one that the filter goes on from, the
-best takes its place, and what was said of it alone is taken back. What is said in the meantime waits until each has
-decided, a second at most. Who is left alone is named. A group that nothing has settled by the time that a race may last
-stays one.
+of its filter (`hypotheses`), to begin with what it was behind by; over the components that have moved, or have not for
+six samples, of every sample at which none of them has a race open or has just decided one. Who is twelve nats behind
+by both is not followed any longer, nor who has found no explanation in two seconds where another has. Where that is the
+one that the filter goes on from, the best takes its place, and what was said of it alone is taken back. What is said in
+the meantime waits until each has decided, a second at most. Who is left alone of a group is named. A group that nothing
+has settled by the time that a race may last stays one.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ from massprop_drake.maths.estimation.detectors.multi_hypothesis import (
     JetsDeclared,
     Judged,
     JumpDeclared,
+    Status,
     Unexplained,
     Word,
 )
@@ -45,13 +47,14 @@ _SETTLING = 3  # cycles after a decision before it counts: what is new may have 
 
 
 class Member(NamedTuple):
-    """One of a group.
+    """One of those that may have failed.
 
     Attributes:
         joint: its filter's state.
         method: what its detector remembers.
         score: see the module.
         waiting: what its detector has declared since, and has not been said.
+        status: of the cycle in which it declared that last.
         newest: what the newest sample would add to the score.
         settled: cycles since its last decision; zero while a race is open.
     """
@@ -60,18 +63,19 @@ class Member(NamedTuple):
     method: multi_hypothesis.State
     score: Score = NO_SCORE
     waiting: tuple[Declaration, ...] = ()
+    status: Status = Status()
     newest: Score = NO_SCORE
     settled: int = 0
 
 
 class Members(NamedTuple):
-    """All that are followed, the one first that the filter goes on from; none: no group is open.
+    """All that are followed, the one first that the filter goes on from; none: nothing is open.
 
     Attributes:
         each: see `Member`.
         counting: see `Counting`.
-        group: jets and signs of all of it.
-        cycles: since it was named.
+        group: jets and signs of all of it; none: one was named alone.
+        cycles: since then.
     """
 
     each: tuple[Member, ...] = ()
@@ -110,9 +114,13 @@ def follow(
     found = multi_hypothesis.judge(method, evidence.before, evidence.after, report, sample, params)
     now = found.goes_on_from(evidence.after)
     read = readings(sample.rates, sample.velocities)
+    said = list(found.declarations)
     if found.otherwise and not members.each:
         counting = Counting(np.where(np.isnan(read), 0.0, read), np.zeros(read.shape[0]))
-        others = tuple(Member(joint, state) for state, joint in found.otherwise)
+        others = tuple(
+            Member(each.joint, each.state, Score(each.as_noise, each.odds, 0.0, 0.0), _unsaid(each.declarations, said))
+            for each in found.otherwise
+        )
         groups = [each for each in found.declarations if isinstance(each, JetsDeclared) and each.word == Word.GROUP]
         group = frozenset(zip(groups[-1].jets, groups[-1].signs, strict=True)) if groups else frozenset()
         return Followed(found, Members((Member(now, found.state), *others), counting, group))
@@ -147,7 +155,9 @@ def _after(
     decided = member.method.race is not None and judged.state.race is None
     settled = 0 if decided or judged.state.race is not None else member.settled + 1
     waiting = (*member.waiting, *judged.declarations)
-    return Member(now, judged.state, member.score, waiting, after_cycle(NO_SCORE, report, mask, params), settled)
+    status = judged.status if judged.declarations else member.status
+    newest = after_cycle(NO_SCORE, report, mask, params)
+    return Member(now, judged.state, member.score, waiting, status, newest, settled)
 
 
 def _counted_in(each: tuple[Member, ...]) -> tuple[Member, ...]:
@@ -192,17 +202,34 @@ def _compared(found: Judged, members: Members, params: HypothesisParams) -> Foll
         first = left[0]
         judged = found._replace(state=first.method, replacement=first.joint, published=None)
     if any(_may_object(member, first) for member in left[1:]):
-        return Followed(judged._replace(declarations=tuple(said)), members._replace(each=left))
+        status = _undecided(first) if first.waiting else found.status
+        return Followed(judged._replace(declarations=tuple(said), status=status), members._replace(each=left))
     said += first.waiting
     if len(left) == 1 or members.cycles >= LAST:
         if len(left) == 1:
             state, alone = multi_hypothesis.left_alone(first.method, first.joint, members.group, params.joint)
             judged, said = judged._replace(state=state), [*alone, *said]
         return Followed(judged._replace(declarations=tuple(said)), Members())
-    rest = tuple(other._replace(waiting=_unsaid(other, said)) for other in left[1:])
+    rest = tuple(other._replace(waiting=_unsaid(other.waiting, said)) for other in left[1:])
     return Followed(
         judged._replace(declarations=tuple(said)), members._replace(each=(first._replace(waiting=()), *rest))
     )
+
+
+def _undecided(first: Member) -> Status:
+    """What is logged while something waits: that hypotheses are compared, those that would be declared among them."""
+    return first.status._replace(racing=True)
+
+
+def as_said(members: Members, method: multi_hypothesis.State) -> multi_hypothesis.State:
+    """What a detector remembers that goes on alone: what has not been said of jets is to be said by it."""
+    if not members.each:
+        return method
+    first = members.each[0]
+    for each in first.waiting:
+        if isinstance(each, JetsDeclared) and each.word in (Word.FAILED, Word.GROUP):
+            method = multi_hypothesis.unannounced(method, first.joint, each)
+    return method
 
 
 def _may_object(other: Member, first: Member) -> bool:
@@ -216,10 +243,10 @@ def _may_object(other: Member, first: Member) -> bool:
     return race is not None and race.cycles <= _PATIENCE
 
 
-def _unsaid(member: Member, said: list[Declaration]) -> tuple[Declaration, ...]:
+def _unsaid(waiting: tuple[Declaration, ...], said: list[Declaration]) -> tuple[Declaration, ...]:
     """What is still to be said where a member turns out to be it."""
     told = [_in_short(each) for each in said]
-    return tuple(each for each in member.waiting if _in_short(each) not in told)
+    return tuple(each for each in waiting if _in_short(each) not in told)
 
 
 def _in_short(declaration: Declaration) -> object:

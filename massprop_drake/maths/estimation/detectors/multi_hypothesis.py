@@ -30,6 +30,8 @@ from massprop_drake.maths.estimation.joint.decision import (
     Outcome,
     Rules,
     decided,
+    explaining,
+    runners_up,
 )
 from massprop_drake.maths.estimation.joint.guard import unguarded
 from massprop_drake.maths.estimation.joint.hypotheses import (
@@ -57,6 +59,7 @@ _CHANGE = 0.1  # of full thrust, by which a known force must differ to be said t
 _BETTER = 0.5  # of the 1-sigma of a force as announced
 _SAID = float(np.finfo(np.float64).tiny)  # of a force that has been announced, at the least: zero is not yet
 _ERRATIC_AFTER = 3  # changes
+_SOON = 12  # cycles after jets have been named because something new had begun in which an alarm is of that
 _OTHERWISE = 2  # other members of a group that are followed, the likeliest
 _MEASURED = 0.1  # of a payload's mass, to which it is known when its size is told
 _ONSET_SHARE = 0.7  # of the largest statistic: older onsets explain the end point as well
@@ -174,6 +177,7 @@ class State(NamedTuple):
         erratic: 1 for each slot whose jet is erratic, shape (n_force,).
         lying: 1 for each component that is left out until it fits, shape (m,).
         earlier: of the filter before a jump that is not measured yet.
+        explained: cycle up to which what was named last explains all; whatever began there has not been found.
     """
 
     cycle: int
@@ -190,6 +194,7 @@ class State(NamedTuple):
     erratic: Array
     lying: Array
     earlier: JointState | None
+    explained: int = -1
 
 
 class Status(NamedTuple):
@@ -214,6 +219,23 @@ class Status(NamedTuple):
     leads: tuple[tuple[int, float], ...] = ()
 
 
+class Other(NamedTuple):
+    """What would be where jets are named, had others won that are not far behind.
+
+    Attributes:
+        state: to remember.
+        joint: the filter's state.
+        declarations: what would be declared.
+        as_noise, odds: by which it is behind the winner by rounding as noise and by cells, negative, nats.
+    """
+
+    state: State
+    joint: JointState
+    declarations: tuple[Declaration, ...]
+    as_noise: float
+    odds: float
+
+
 class Judged(NamedTuple):
     """What the detector makes of a cycle.
 
@@ -224,8 +246,7 @@ class Judged(NamedTuple):
             by `Rules.lead_nothing`; None: that from which the filter goes on.
         declarations: what is declared.
         status: see `Status`.
-        otherwise: of a group that is named, what would be remembered, and the filter's state, had another of its
-            members won; of those that have a filter.
+        otherwise: what would be, had another won, see `Other`; of those that have a filter.
     """
 
     state: State
@@ -233,7 +254,7 @@ class Judged(NamedTuple):
     published: JointState | None
     declarations: tuple[Declaration, ...]
     status: Status
-    otherwise: tuple[tuple[State, JointState], ...] = ()
+    otherwise: tuple[Other, ...] = ()
 
     def goes_on_from(self, own: JointState) -> JointState:
         """The filter's state after the cycle, given its own."""
@@ -301,18 +322,31 @@ def judge(
         if state.race is None:  # while one is under way, nothing is known of forces that it may change
             state, declared = _known_now(state, again, joint)
         return Judged(state, _restless(state, again, after, joint), published, declared, status)
-    others = _otherwise(state, decision, standing)
-    otherwise = tuple(_concluded(state, again, each, joint)[:2] for each in others)
+    otherwise = tuple(
+        _other(_concluded(state, again, each, joint), each, decision) for each in _otherwise(state, decision, standing)
+    )
     state, now, said = _concluded(state, again, decision, joint)
     state, declared = _known_now(state, now, joint)
     said = [*said, *declared]
     return Judged(state, _restless(state, now, after, joint), None, tuple(said), status, otherwise)
 
 
+def _other(concluded: tuple[State, JointState, list[Declaration]], decision: Decision, named: Decision) -> Other:
+    """What would be, and how far it is behind."""
+    state, joint, declared = concluded
+    its, winner = decision.winner, named.winner
+    assert its is not None, "it would have won"
+    assert winner is not None, "one has won"
+    behind = its.beforehand - winner.beforehand
+    return Other(state, joint, tuple(declared), its.as_noise - winner.as_noise + behind, its.odds - winner.odds)
+
+
 def _otherwise(state: State, decision: Decision, standing: list[races.Standing]) -> list[Decision]:
-    """The decision about a group with each of its other members as the winner, of those with a filter as far."""
+    """The decision with others as the winner, of those with a filter as far: the other members of a group, or whoever
+    explains all, too, and is not far behind.
+    """
     winner, race = decision.winner, state.race
-    if decision.outcome != Outcome.GROUP or len(decision.alternatives) != 1 or winner is None or race is None:
+    if decision.outcome not in (Outcome.JETS, Outcome.GROUP) or winner is None or race is None:
         return []
     assert winner.run is not None, "only a filter of its own decides"
     as_far = {
@@ -320,6 +354,10 @@ def _otherwise(state: State, decision: Decision, standing: list[races.Standing])
         for each in (*race.led, *standing)
         if each.run is not None and each.run.cycle == winner.run.cycle
     }
+    if decision.outcome == Outcome.JETS:
+        return [decision._replace(winner=each) for each in runners_up(winner, list(as_far.values()))][:_OTHERWISE]
+    if len(decision.alternatives) != 1:
+        return []
     everyone, alternatives = (winner.contender, *decision.group), decision.alternatives[0]
     found: list[Decision] = []
     for contender, failure in zip(everyone[1:], alternatives[1:], strict=False):
@@ -363,7 +401,7 @@ def _raced(
     index = -1
     triggers = (params.trigger_jet, params.trigger)
     if found is not None and alarming(likelihood, total, settled(after, joint), triggers):
-        index = banks.onset_of(found.total, _ONSET_SHARE)
+        index = _onset(state, found.total)
     race, decision = state.race, Decision(Outcome.OPEN)
     standing: list[races.Standing] = []
     if race is None and index >= 0:
@@ -375,7 +413,7 @@ def _raced(
             was_settled = settled(race.states[0], joint)
             decision = decided(race, standing, was_settled, params.rules, joint)
             if decision.outcome == Outcome.OPEN:
-                race = _led(race, standing, decision)
+                race = _led(race, standing, decision, params.rules)
             second = max(standing[1].contender.lead, 0.0) if len(standing) > 1 else 0.0
             best = standing[0].contender
             status = status._replace(
@@ -392,14 +430,30 @@ def _raced(
     return state._replace(bank=bank, history=history, race=race), decision, standing, status
 
 
-def _led(race: Race, standing: list[races.Standing], decision: Decision) -> Race:
+def _onset(state: State, total: Array) -> int:
+    """Index of the onset about which a race begins.
+
+    Where jets have just been named because something else had begun, that began before they ceased to explain all; what
+    their filter has learned since is wrong, and makes later onsets look likely.
+
+    Args:
+        state: with the bank that has been tested.
+        total: T of each onset, shape (k,).
+    """
+    until = state.bank.cycles <= state.explained
+    soon = until.any() and state.cycle - state.explained <= _SOON
+    return banks.onset_of(total[until] if soon else total, _ONSET_SHARE)
+
+
+def _led(race: Race, standing: list[races.Standing], decision: Decision, rules: Rules) -> Race:
     """The race with who leads it now, and who did last."""
     winner = decision.winner
     leading = () if winner is None else (winner.contender, *decision.group)
     causes = {each.cause for each in leading}
     led = tuple(each for each in standing if each.run is not None and each.contender.cause in causes)
     if not leading:
-        led = () if any(each.run is not None and each.run.fits for each in standing) else race.led
+        fits = any(each.run is not None and each.run.fits for each in standing)
+        led = explaining(standing, rules) if fits else race.led
     clear = winner.contender.cause if winner is not None and decision.clear else None
     return race._replace(leading=leading, led=led, clear=clear)
 
@@ -498,7 +552,15 @@ def _concluded(
         now = unguarded(now._replace(root=compressed(np.hstack((now.root, columns)))))
         declared.append(Unexplained(began))
     bank, history, now = _anew(state, now, decision, joint)
-    return state._replace(bank=bank, history=history, race=None), now, declared
+    return state._replace(bank=bank, history=history, race=None, explained=_explained(decision)), now, declared
+
+
+def _explained(decision: Decision) -> int:
+    """Cycle up to which jets explain all that are named because something new has begun, see `State.explained`."""
+    run = decision.winner.run if decision.winner is not None else None
+    if not decision.shaken or run is None:
+        return -1
+    return run.cycle - int(run.newest.surprise >= races.SURPRISED)
 
 
 def _is_measured(size: Payload) -> bool:
@@ -564,6 +626,7 @@ def _jets(
 ) -> tuple[State, list[Declaration]]:
     """What is said of winning jets that nothing has been said of, if they are large enough; and whom it may be.
 
+    Where the force of a jet that is known has changed, or else another has failed that pushes against it, that is said.
     Of what has been said of a group before, it stays a group; but where another of its members is now named alone,
     that settles which it was.
     """
@@ -584,7 +647,7 @@ def _jets(
             own = members[:, _way(jet, sign, params)] > 1.0
             members[own] = members[own] == 1.0
         onsets[slot] = onset_s
-        if announced[slot] > 0.0:
+        if announced[slot] > 0.0 and not others:
             continue
         jets, signs = (jet, *(each.jet for each in others)), (sign, *(each.sign for each in others))
         forces, sigmas = (force, *(each.force for each in others)), (sigma, *(each.sigma for each in others))
@@ -700,6 +763,22 @@ def left_alone(
         announced = _with(state.announced, slot, max(force, _SAID))
         state = state._replace(members=members, announced=announced, sigmas=_with(state.sigmas, slot, sigma))
     return state, tuple(said)
+
+
+def unannounced(state: State, now: JointState, said: JetsDeclared) -> State:
+    """What is remembered where a failure has not been announced after all: it is as soon as it is large enough.
+
+    Args:
+        state: of the detector.
+        now: the filter's state.
+        said: what would have been.
+    """
+    slot = slot_of(now, said.jets[0], said.signs[0])
+    return state._replace(
+        announced=_with(state.announced, slot, 0.0),
+        sigmas=_with(state.sigmas, slot, 0.0),
+        onsets=_with(state.onsets, slot, said.onset_s),
+    )
 
 
 def _with(values: Array, index: int, value: float) -> Array:

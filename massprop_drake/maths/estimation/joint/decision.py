@@ -5,8 +5,9 @@ set of jets, in nats, and cycles counted from the alarm:
 
     jets     L_1 - L_2 > 6, L_1 - L_J > 6, L_1 - L_S > 6, L_1 - L_0 > 12, f > 3 sigma of a single one, and they fit,
              for two samples where the first has put others behind that led until then; a pair after three samples;
-             before settled only forces of a tenth of full thrust; that a known force changes for half a second only by
-             what is read, later also as it is likelier beforehand
+             before settled only forces of a tenth of full thrust; of less than a tenth of the strongest jet's half a
+             second after the alarm, since for so long two look like one; that a known force changes for half a second
+             only by what is read, later also as it is likelier beforehand
     group    the same against all but those that differ in one jet, which what has fired cannot tell apart, and are two
              at most or of one cluster; or differ in jets of the same clusters; and at once where something new begins
              that none of them explains
@@ -30,9 +31,10 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_drake.maths.estimation.joint import screen as screens
-from massprop_drake.maths.estimation.joint.hypotheses import FIT, Kind, Runner
+from massprop_drake.maths.estimation.joint.hypotheses import EXCESS, FIT, Kind, Runner
 from massprop_drake.maths.estimation.joint.layout import INERTIA, MASS, JointParams
 from massprop_drake.maths.estimation.joint.race import (
+    NEAR,
     OUT,
     SURPRISED,
     Race,
@@ -54,6 +56,7 @@ _JUMP_AFTER = 2  # samples: in one of them a pair of jets explains as much
 _DOUBTFUL_JUMP_AFTER = 12  # samples: one that misfits may yet learn; a small one fits jets that began at another onset
 _SHAKEN = 4.2  # normal deviate of a sample that one in a hundred thousand exceeds
 _HALF_A_SECOND = 6  # cycles: so long one jet may explain what two do, and a neighbor what a known jet would
+_LITTLE_FORCE = 0.1  # of the strongest jet's thrust
 _WELL = 3.0  # standard deviations of chi-square: of who explains all so far, one in a thousand is above
 _LITTLE = 0.01  # of the misfit of nothing, left by a jump that does not fit
 _PAIR_AFTER = 3  # samples: two jets and their onsets explain nearly all of the six increments of one or two
@@ -203,16 +206,23 @@ def _of_jets(
     if clear and not known and race.clear != best.cause and _put_behind(standing, until_now):
         return Decision(Outcome.OPEN, standing[0], until_now, clear=True)
     if clear:
-        shown = cycles > _HALF_A_SECOND or _shown_by_readings(standing, rules)
+        shown = cycles > _HALF_A_SECOND or (_shown_by_readings(standing, rules) and not _is_little(best, params))
         return Decision(Outcome.JETS if shown else Outcome.OPEN, standing[0], clear=True)
     near = _near(standing, rules)
     alternatives = _alternatives((best, *near), rules)
     cleared = all(leads(standing[0], other, rules.lead) for other in standing[1:] if other.contender not in near)
-    patience = _GROUP_SOON_AFTER if cleared and not all(best.cause.on_top) else _GROUP_AFTER
+    stuck = not all(best.cause.on_top) and not _is_little(best, params)
+    patience = _GROUP_SOON_AFTER if cleared and stuck else _GROUP_AFTER
     if alternatives and cycles >= patience and _alike(race, best, alternatives, params):
         return Decision(Outcome.GROUP, standing[0], near, alternatives)
     led = near or _not_cleared(standing, rules)
     return Decision(Outcome.OPEN, standing[0], led) if all(each.cause.kind == Kind.JETS for each in led) else undecided
+
+
+def _is_little(best: Contender, params: JointParams) -> bool:
+    """Whether some jet gives on top what does little harm in half a second: for so long two of them look like one."""
+    little = _LITTLE_FORCE * float(params.thrusts.max())
+    return any(each.sign > 0 and each.force + screens.BOUND * each.sigma < little for each in best.failures)
 
 
 def _put_behind(standing: list[Standing], until_now: tuple[Contender, ...]) -> bool:
@@ -282,7 +292,7 @@ def _interrupted(race: Race, standing: list[Standing], rules: Rules) -> Decision
     now = {each.contender.cause: each for each in standing}
     led = [now[each.cause]._replace(contender=each) for each in race.leading if each.cause in now]
     runs = [each.run for each in led if each.run is not None]
-    if not runs or led[0].run is None or min(run.before_newest.misfit for run in runs) > _WELL:
+    if (led and led[0].run is None) or not any(_explained_well(run) for run in runs):
         return None
     surprises = [run.newest.surprise for run in runs]
     others = [each for each in standing if each.contender.cause not in {one.contender.cause for one in led}]
@@ -297,6 +307,47 @@ def _interrupted(race: Race, standing: list[Standing], rules: Rules) -> Decision
         rest = tuple(each.contender for each in led if each.contender.cause != first)
         return Decision(Outcome.OPEN, standing[0], rest)
     return None
+
+
+def runners_up(winner: Standing, standing: list[Standing]) -> list[Standing]:
+    """Other jets that explain all as well and are behind by less than twice what decides, the likeliest first.
+
+    Args:
+        winner: the jets that are named.
+        standing: those with a filter as far.
+    """
+    near = [
+        each
+        for each in standing
+        if each.contender.cause.kind == Kind.JETS
+        and each.contender.cause.named != winner.contender.cause.named
+        and (each.run is not None and each.run.fits)
+        and ahead(winner, each) < NEAR
+    ]
+    return sorted(near, key=lambda each: ahead(winner, each))
+
+
+def _explained_well(run: Runner) -> bool:
+    """Whether a filter explained all before the newest sample, and well."""
+    before = run.before_newest
+    return before.misfit <= _WELL and before.excess - run.entry.excess < EXCESS
+
+
+def explaining(standing: list[Standing], rules: Rules) -> tuple[Standing, ...]:
+    """Jets that explain all so far and are not behind, those first that have a filter; none where a jump may be it.
+
+    Args:
+        standing: see `race.standings`.
+        rules: see `Rules`.
+    """
+    best, *others = rivals(standing)
+    near = [best, *(each for each in others if not leads(best, each, rules.lead))]
+    if any(each.contender.cause.kind != Kind.JETS for each in near):
+        return ()
+    fit = [each for each in near if each.run is not None and each.run.fits]
+    if not any(each.contender.lead > rules.lead_nothing for each in fit):
+        return ()
+    return (*fit, *(each for each in near if each.run is None))
 
 
 def _left_behind(race: Race, standing: list[Standing], rules: Rules) -> Decision | None:

@@ -10,9 +10,11 @@ r"""What a hypothesis is: the joint filter's own cycle from another state, and h
 
 *Log-likelihood*, L = -1/2 sum (e^T Y^-1 e + ln |Y|), over the components whose reading has moved by half a step since
 it was last counted, or ought to have moved as the filter that knows of nothing has it, or that six samples ago was
-counted last: the same for every hypothesis, whatever its filter uses, or a hypothesis would choose its evidence. A
-reading that lies is one of 4e4 steps, each as likely, or as likely as not what it was before: a sensor that stands
-still. One that does so for a second would else cost more than a jump of all that is known of the vehicle explains.
+counted last; and over all where something may have begun in the interval: whoever has it begin there expects a reading
+to move by whatever, and learns from one that stays where it was. That is the same for every hypothesis, whatever its
+filter uses, or a hypothesis would choose its evidence. A reading that lies is one of 4e4 steps, each as likely, or as
+likely as not what it was before: a sensor that stands still. One that does so for a second would else cost more than a
+jump of all that is known of the vehicle explains.
 
 *Cells.* L takes rounding for white noise. The rounding of a rate that is slow or goes in circles is the same again and
 again, and each time L counts it as new: a wrong hypothesis that bends a little toward the middle of its cells gains on
@@ -196,17 +198,18 @@ class Runner(NamedTuple):
         return self.cause.kind == Kind.JUMP and self.share < JUMP_SHARES[0]
 
 
-def counted(counting: Counting, over: Link, params: JointParams) -> tuple[np.ndarray, Counting]:
+def counted(counting: Counting, over: Link, params: JointParams, *, every: bool) -> tuple[np.ndarray, Counting]:
     """Which components count for every hypothesis, shape (m,).
 
     Args:
         counting: see `Counting`.
         over: the cycle of the filter that knows of nothing.
         params: see `JointParams`.
+        every: whether all that are there do: something may have begun in the interval.
     """
     spread = np.sqrt(np.maximum(np.diagonal(over.covariance) - params.variances, 0.0))
     unmoved = np.abs(over.innovation) > 0.5 * params.quanta + _STANDS * spread
-    return counted_by_readings(counting, over.read, unmoved, params)
+    return counted_by_readings(counting, over.read, unmoved | every, params)
 
 
 def counted_by_readings(

@@ -18,6 +18,7 @@ from massprop_drake.maths.estimation.joint.bank import Bank
 from massprop_drake.maths.estimation.joint.cycle import Sample
 from massprop_drake.maths.estimation.joint.hypotheses import KICK, Cause, Kind, Named, Runner, jumping, slot_of, stepped
 from massprop_drake.maths.estimation.joint.layout import JointParams, JointState
+from massprop_drake.maths.estimation.joint.possible import beyond
 from massprop_drake.maths.estimation.joint.screen import Contender, Screen
 from massprop_drake.maths.estimation.joint.sensitivity import Link
 from massprop_drake.maths.linear_algebra import Array
@@ -25,7 +26,7 @@ from massprop_drake.maths.linear_algebra import Array
 STEPS = 8  # of filters in a cycle: 1.5 to 2.5 ms each
 LINKS_PER_STEP = 2  # of the screen, in the time of a filter's step
 _BEFORE = 2  # snapshots before the onset where the race begins: the onset is not known to one
-_NEAR = 12.0  # nats behind the best within which a hypothesis runs as a filter: twice the lead that decides
+NEAR = 12.0  # nats behind the best within which a hypothesis runs as a filter: twice the lead that decides
 _FIRST_ORDER = 1e-3  # of the lead of a filter that does not fit, by which the first order may be off
 _RUNS = 6  # filters at once, with the jump
 _LIE_RUNS = 12  # cycles in which the likeliest liar runs, however the first order takes so large an error
@@ -223,7 +224,7 @@ def _by_cells(standing: list[Standing], params: JointParams) -> list[Standing]:
     """Filters that have arrived as far apart as the cells of the readings put them, the best of them where L does."""
 
     def cells(run: Runner) -> float:
-        return run.score.cells + screens.prior(run.cause, params)
+        return run.score.cells + _believed(run, params)
 
     has_run = [(each, each.run) for each in standing if each.run is not None]
     if not has_run:
@@ -265,7 +266,7 @@ def _adds(explains: Standing, other: Standing) -> bool:
     if other.run is not None:
         return other.odds <= explains.odds
     gained = other.linear + other.beforehand - explains.linear - explains.beforehand
-    return gained < _NEAR
+    return gained < NEAR
 
 
 def _adds_nothing(other: Standing, singles: dict[frozenset[tuple[int, int]], Standing]) -> bool:
@@ -317,37 +318,51 @@ def _arrived(standing: Standing) -> bool:
 
 def _strays(standing: Standing) -> bool:
     """Whether a filter fits and the first order is far from what it measured: then the first order is wrong."""
-    off = abs(standing.linear - standing.contender.lead) > _NEAR
+    off = abs(standing.linear - standing.contender.lead) > NEAR
     return standing.run is not None and standing.run.fits and off
 
 
 def leads(best: Standing, other: Standing, lead: float) -> bool:
     """Whether one is ahead by enough: whoever is near to first order must run as a filter before it is behind."""
-    enough = lead if best.run is not None and _arrived(other) else max(lead, _NEAR)
+    enough = lead if best.run is not None and _arrived(other) else max(lead, NEAR)
     return margin(best, other) > enough
 
 
 def _measured(contender: Contender, run: Runner, nothing: float, params: JointParams) -> Contender:
-    lead = run.score.likelihood - nothing + screens.prior(run.cause, params)
-    force, sigma = _forces(run, params)
-    return contender._replace(onset=run.onset, lead=lead, force=force, sigma=sigma)
+    lead = run.score.likelihood - nothing + _believed(run, params)
+    force, covariance = _forces(run, params)
+    sigma = np.sqrt(np.diagonal(covariance))
+    return contender._replace(onset=run.onset, lead=lead, force=tuple(force.tolist()), sigma=tuple(sigma.tolist()))
 
 
-def _forces(run: Runner, params: JointParams) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Force and sigma of each failed jet, as a filter of its own has them."""
+def _believed(run: Runner, params: JointParams) -> float:
+    """Logarithm of how likely a filter's cause is but for the readings, nats: beforehand, and as its forces go."""
+    prior = screens.prior(run.cause, params)
+    if run.cause.kind != Kind.JETS:
+        return prior
+    force, covariance = _forces(run, params)
+    return prior - float(beyond(force[None], covariance[None], _most(run, params)[None])[0])
+
+
+def _most(run: Runner, params: JointParams) -> Array:
+    most: Array = screens.MOST_FORCE * params.thrusts[list(run.cause.jets)]
+    return most
+
+
+def _forces(run: Runner, params: JointParams) -> tuple[Array, Array]:
+    """Forces of the failed jets and their covariance, as a filter of its own has them."""
     places = zip(run.cause.jets, run.cause.signs, strict=True)
     rows = [params.places.force + slot_of(run.state, jet, sign) for jet, sign in places]
-    sigma = np.sqrt(np.sum(run.state.root[rows] ** 2, axis=1))
-    return tuple(run.state.mean[rows].tolist()), tuple(sigma.tolist())
+    return run.state.mean[rows], run.state.root[rows] @ run.state.root[rows].T
 
 
 def _impossible(run: Runner, params: JointParams) -> bool:
     """Whether a filter knows by now that a jet would have to give more than it can, or less than nothing."""
     if run.cause.kind != Kind.JETS or run.cycle - run.onset < len(run.kicks):
         return False
-    force, sigma = (np.array(each) for each in _forces(run, params))
-    most = screens.MOST_FORCE * params.thrusts[list(run.cause.jets)]
-    return bool(((force - screens.BOUND * sigma > most) | (force + screens.BOUND * sigma < 0.0)).any())
+    force, covariance = _forces(run, params)
+    within = screens.BOUND * np.sqrt(np.diagonal(covariance))
+    return bool(((force - within > _most(run, params)) | (force + within < 0.0)).any())
 
 
 def running(race: Race, standing: list[Standing], free_slots: int) -> Race:
@@ -373,14 +388,18 @@ def running(race: Race, standing: list[Standing], free_slots: int) -> Race:
         if each.run is not None and each.contender.lead < best - OUT and not _at_a_wrong_onset(each)
     }
     fits = leader.run is None or leader.run.fits
-    reach = _NEAR if fits else max(_NEAR, _FIRST_ORDER * best)  # what it leads by to first order may be none
+    reach = NEAR if fits else max(NEAR, _FIRST_ORDER * best)  # what it leads by to first order may be none
     others = [each for each in standing[1:] if each.contender.cause.kind != Kind.JUMP]
     close = {each.contender.cause for each in others if margin(leader, each) < reach}
 
     def place(each: Standing) -> int:
-        """The jump first, then those that are close, then the rest, each as likely as they are."""
+        """The jump first, then those that are close, of them those that run: where dozens explain as much, they would
+        take each other's place before any has arrived; then the rest; each as likely as they are.
+        """
         cause = each.contender.cause
-        return 0 if cause.kind == Kind.JUMP else 1 if cause in close else 2
+        return (
+            0 if cause.kind == Kind.JUMP else 1 if cause in close and cause in present else 2 if cause in close else 3
+        )
 
     for each in (leader, *sorted(standing[1:], key=place)):
         contender, cause = each.contender, each.contender.cause
@@ -437,7 +456,7 @@ def _begins_anew(run: Runner, standing: Standing) -> bool:
     if first.share > run.share:  # a jump turns out larger than its filter expects: it would hold on to what it knows
         return True
     there = first.lead_at(run.onset)
-    strays = run.fits and arrived_run is not None and abs(there - contender.lead) > _NEAR
+    strays = run.fits and arrived_run is not None and abs(there - contender.lead) > NEAR
     if strays and not _of_one_size(first, contender):
         return False
     if run.kicks:

@@ -37,6 +37,7 @@ from massprop_drake.maths.estimation.joint.hypotheses import (
 )
 from massprop_drake.maths.estimation.joint.layout import CENTER, N_PROPERTIES, VELOCITY, JointParams, JointState
 from massprop_drake.maths.estimation.joint.measurement import turning
+from massprop_drake.maths.estimation.joint.possible import beyond
 from massprop_drake.maths.estimation.joint.sensitivity import Link, carried, corrected
 from massprop_drake.maths.linear_algebra import Array
 
@@ -46,6 +47,7 @@ _FIRES = 0.01  # of an interval: less is the rest of a tail-off
 _LEAK = 0.5  # of full thrust: below, a jet leaks; above, it is stuck on and gives no more when it is told to fire
 _LEAST_KICK = 1e-6  # of the largest, so that a variance has an inverse
 BOUND = 3.0  # sigmas within which a force lies
+_NEARLY = 1.5  # of full thrust: so much may be found of a jet while its onset is taken as known
 _PAIRS = 10  # likeliest that are looked at with their onsets uncertain
 _ALIKE = 4  # jets of which pairs are looked at since together they push as one: a cluster has as many
 
@@ -195,7 +197,8 @@ def screened(screen: Screen, over: Link, params: JointParams) -> Screen:
     for index in first:
         shown[:, index * h + 5 * jets : (index + 1) * h] += np.eye(m)
     columns = corrected(columns, shown, over)
-    mask, counting = counted(screen.counting, over, params)
+    begins = any(0 <= screen.cycle - onset < len(SHARES) for onset in screen.onsets)
+    mask, counting = counted(screen.counting, over, params, every=begins)
     score = scored(screen.scores[-1], over.innovation, over.covariance, mask, params.quanta)
     information, projection = screen.information, screen.projection
     jump_information, jump_projection = screen.jump_information, screen.jump_projection
@@ -322,12 +325,18 @@ def as_rows(values: Array) -> tuple[tuple[float, ...], ...]:
 
 
 class _Fitted(NamedTuple):
-    """Sets of failures with the impulses at their onsets, fitted: leads, forces and sigmas, and kicks, by row."""
+    """Sets of failures with the impulses at their onsets, fitted: leads, forces and covariances, and kicks, by row."""
 
     lead: Array
     force: Array
-    sigma: Array
+    covariance: Array
     kicks: Array  # by interval, row and failure
+
+    @property
+    def sigma(self) -> Array:
+        """Of each force."""
+        result: Array = np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2))
+        return result
 
 
 def _fitted(screen: Screen, index: int, steps: np.ndarray, params: JointParams) -> _Fitted:
@@ -351,10 +360,9 @@ def _fitted(screen: Screen, index: int, steps: np.ndarray, params: JointParams) 
         kicks = KICK * screen.gaps[index] * most * places
         variances = np.hstack([thrusts, *kicks]) ** 2
         lead, amplitude, covariance = explained(information, projection, variances)
-        force = amplitude[:, :failures]
-        sigma = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)[:, :failures])
-        most = np.minimum(np.abs(force) + BOUND * sigma, thrusts)
-    return _Fitted(lead, force, sigma, kicks)
+        fitted = _Fitted(lead, amplitude[:, :failures], covariance[:, :failures, :failures], kicks)
+        most = np.minimum(np.abs(fitted.force) + BOUND * fitted.sigma, thrusts)
+    return fitted
 
 
 def _singles(screen: Screen, index: int, allowed: np.ndarray, known: Array, params: JointParams) -> list[Contender]:
@@ -362,9 +370,10 @@ def _singles(screen: Screen, index: int, allowed: np.ndarray, known: Array, para
     steps = np.concatenate((np.arange(2 * jets), np.arange(4 * jets, 5 * jets)))
     thrusts, ways = params.thrusts[steps % jets], _directions(steps, jets)
     fitted = _fitted(screen, index, steps.reshape(-1, 1), params)
-    lead = fitted.lead + rarity(params)[steps % jets]
     change, sigma, had = fitted.force[:, 0], fitted.sigma[:, 0], known[ways]
     total = had + change
+    lead = fitted.lead + rarity(params)[steps % jets]
+    lead -= beyond(total[:, None], fitted.covariance, MOST_FORCE * thrusts[:, None])
     possible = allowed[ways] & (np.diagonal(screen.information[index])[steps] > 0.0)
     possible &= (total + BOUND * sigma > 0.0) & (total - BOUND * sigma < MOST_FORCE * thrusts)
     possible &= ((change > 0.0) | (had > 0.0)) & ((as_found(steps, total, params) == steps) | (had > 0.0))
@@ -389,10 +398,10 @@ def _pairs(screen: Screen, index: int, allowed: np.ndarray, known: Array, params
     at_first = _fitted(screen, index, steps, params).force + had
     steps = np.unique(np.where(had > 0.0, steps, as_found(steps, at_first, params)), axis=0)
     fitted = _fitted(screen, index, steps, params)
-    lead = fitted.lead + rarity(params)[steps % jets].sum(axis=1) - PAIR_PRIOR
     had = known[_directions(steps, jets)]
     total = fitted.force + had
     most = MOST_FORCE * params.thrusts[steps % jets]
+    lead = fitted.lead + rarity(params)[steps % jets].sum(axis=1) - PAIR_PRIOR - beyond(total, fitted.covariance, most)
     within = (total + BOUND * fitted.sigma > 0.0) & (total - BOUND * fitted.sigma < most)
     possible = (within & ((as_found(steps, total, params) == steps) | (had > 0.0))).all(axis=1)
     result = []
@@ -424,11 +433,11 @@ def _likely_pairs(
     gain -= 0.5 * np.log(determinant * of_one**2 * of_other**2)
     scarce = rarity(params)
     gain += scarce[one % jets] + scarce[other % jets] - PAIR_PRIOR
-    had, other_had = known[_directions(one, jets)] > 0.0, known[_directions(other, jets)] > 0.0
-    near, other_near = BOUND * np.sqrt(b / determinant), BOUND * np.sqrt(a / determinant)
-    possible = ((x + near > 0.0) | had) & ((y + other_near > 0.0) | other_had) & ~(had & other_had)
-    possible &= (x - near < 1.5 * of_one) & (y - other_near < 1.5 * of_other)
-    order = np.flatnonzero(possible & (gain > 0.0))
+    had, other_had = known[_directions(one, jets)], known[_directions(other, jets)]
+    covariance = np.stack((b, -c, -c, a), axis=1).reshape(-1, 2, 2) / determinant[:, None, None]
+    most = _NEARLY * np.stack((of_one, of_other), axis=1)
+    gain -= beyond(np.stack((x + had, y + other_had), axis=1), covariance, most)
+    order = np.flatnonzero(~((had > 0.0) & (other_had > 0.0)) & (gain > 0.0))
     order = order[np.argsort(-gain[order])][:_PAIRS]
     alike = _alike_pairs(information, projection, steps)
     first, second = alike.T

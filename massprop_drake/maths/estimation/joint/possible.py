@@ -1,0 +1,40 @@
+r"""What it costs a hypothesis that a jet gives no less than nothing and no more than its thrust.
+
+Forces have Gaussian priors, which allow any. Of one jet that its readings put below zero little is left; but of two the
+sum may be known to a hundredth and the difference hardly at all, so that neither by itself is out of bounds where no
+two possible forces come near. With the forces f and their covariance P, the possible ones cost at least
+
+    min over 0 <= x <= most of 1/2 (f - x)^T P^-1 (f - x).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from massprop_drake.maths.linear_algebra import Array
+
+
+def beyond(force: Array, covariance: Array, most: Array) -> Array:
+    """Nats by which the likeliest possible forces are less likely than those found, of any number of hypotheses.
+
+    Args:
+        force: of one or two jets each, lbf or N, shape (number, jets).
+        covariance: of them, shape (number, jets, jets).
+        most: that each jet can give, lbf or N, shape (number, jets).
+    """
+    off = force - np.clip(force, 0.0, most)
+    variances = np.diagonal(covariance, axis1=1, axis2=2)
+    if force.shape[1] == 1:
+        result: Array = 0.5 * off[:, 0] ** 2 / variances[:, 0]
+        return result
+    # the least is on an edge: one force there at a bound, and the other the likeliest possible given that
+    found = np.full(force.shape[0], np.inf)
+    for one, other in ((0, 1), (1, 0)):
+        slope = covariance[:, one, other] / variances[:, one]
+        left = np.maximum(variances[:, other] - slope * covariance[:, one, other], np.finfo(np.float64).tiny)
+        for bound in (np.zeros_like(most[:, one]), most[:, one]):
+            moved = bound - force[:, one]
+            likeliest = force[:, other] + slope * moved
+            rest = likeliest - np.clip(likeliest, 0.0, most[:, other])
+            found = np.minimum(found, 0.5 * (moved**2 / variances[:, one] + rest**2 / left))
+    return np.where((off == 0.0).all(axis=1), 0.0, found)
