@@ -253,7 +253,8 @@ def test_where_nothing_can_be_kept_it_is_said_and_nothing_is_left_beside_the_sou
     environ = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "file")}
     done = subprocess.run([sys.executable, "-c", code], env=environ, check=True, capture_output=True, text=True)
     (line,) = done.stderr.splitlines()
-    assert line.startswith(f"compiled kernels cannot be kept in {tmp_path}") and "(Not a directory)" in line
+    assert line.startswith(f"compiled kernels cannot be kept in {tmp_path}")
+    assert "(Not a directory)" in line
     assert "NUMBA_CACHE_DIR" in line
 
 
