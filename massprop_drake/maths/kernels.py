@@ -28,7 +28,8 @@ import os
 import sys
 import tempfile
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from enum import IntEnum
 from functools import cache
 from importlib import metadata
@@ -211,7 +212,6 @@ def compiler() -> Compiler:
     warnings.simplefilter("ignore", numba.NumbaPerformanceWarning)  # of small matrices that are not contiguous
     _gathered()
     folder = _folder()
-    setattr(numba.config, "CACHE_DIR", str(folder or ""))  # noqa: B010 (made at run time)
     from massprop_drake.maths import _bundles, _lapack, _linking  # noqa: F401, PLC0415 (load numba)
 
     _linking.wait()
@@ -220,7 +220,22 @@ def compiler() -> Compiler:
         extending.register_jitable(**_BARE)(function)
     timer = _timer(event, "" if folder is None else f"; they are kept in {folder}")
     event.register("numba:compile", timer)
+    with _keeping(folder):
+        from massprop_drake.maths import _holding  # noqa: F401, PLC0415 (loads numba)
     return Compiler(metadata.version("numba"), folder, timer)
+
+
+@contextmanager
+def _keeping(folder: Path | None) -> Iterator[None]:
+    """Has numba keep in a folder what is marked here; what others mark, and a change of its settings, is their own."""
+    import numba  # noqa: PLC0415 (optional, slow to load)
+
+    before = numba.config.CACHE_DIR
+    setattr(numba.config, "CACHE_DIR", str(folder or ""))  # noqa: B010 (made at run time)
+    try:
+        yield
+    finally:
+        setattr(numba.config, "CACHE_DIR", before)  # noqa: B010
 
 
 def have_been_compiled() -> bool:
@@ -349,10 +364,11 @@ def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
     Raises:
         InputError: when numba is not there.
     """
-    keeps = compiler().folder is not None
+    folder = compiler().folder
     import numba  # noqa: PLC0415 (optional, slow to load)
 
-    return numba.njit(cache=keeps, **_CALLED)(function)
+    with _keeping(folder):
+        return numba.njit(cache=folder is not None, **_CALLED)(function)
 
 
 def chosen(function: F, compile_it: bool) -> F:

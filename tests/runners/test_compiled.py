@@ -262,7 +262,8 @@ def test_the_first_compilation_is_said_once_and_kept_where_it_is_asked_for(tmp_p
     pytest.importorskip("numba")
     code = (
         "import numba, numpy as np; from massprop_drake.maths import attitude, kernels; kernels.compiler(); "
-        "numba.njit(lambda x: x)(1.0); "  # of somebody else
+        "numba.njit(lambda x: x)(1.0); "  # of somebody else; numba then looks at its environment anew
+        f"assert numba.config.CACHE_DIR in ('', {str(tmp_path)!r}); "
         "print(kernels.have_been_compiled()); turned = kernels.compiled(attitude.multiply); "
         "turned(np.eye(4)[0], np.eye(4)[1]); print(kernels.have_been_compiled())"
     )

@@ -286,7 +286,7 @@ def contents(study: Study) -> dict[str, Any]:
         "verdict": verdict(study),
         "figures": [row_of(name, figure) for name, figure in found.items() if figure.n],
         "sweep": _sweep(study),
-        "false": _false(rows),
+        "falsely": _false(rows),
         "false_of": _false_of(rows),
         "outcomes": _outcomes(rows),
         "delays": _delays(acted),
