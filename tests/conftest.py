@@ -25,26 +25,25 @@ from threadpoolctl import threadpool_limits
 
 from massprop_drake import load_scenario, load_vehicle, simulate
 from massprop_drake.cli import main as cli
-from massprop_drake.display import figures, templates
+from massprop_drake.display import figures
 from massprop_drake.inputs import yaml
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.results.run import Run
+from massprop_drake.studies.threads import ONE_THREAD
 
 REPOSITORY = Path(__file__).parent.parent
 
 # matrices here are small: further threads of the linear algebra do nothing but wait, for each other and on the cores
 # on which the other tests run
-ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 threadpool_limits(1, user_api="blas")
 os.environ.update(ONE_THREAD)  # for libraries that are loaded later, and for processes that tests start
 
 gc.set_threshold(20_000, 20, 50)  # the usual 700 new objects between two collections cost a tenth of the time
 
-# a process of the program parses its command line once, and few files and templates; what the tests ask of one process
+# a process of the program parses its command line once, and few files; what the tests ask of one process
 # again and again is made once
 typer.main.get_command = cache(typer.main.get_command)
-templates.environment = cache(templates.environment)
 
 
 def _read_once() -> None:

@@ -195,7 +195,7 @@ def test_what_is_shown_of_a_run_does_not_run_it(name: str) -> None:
 def test_what_needs_no_drake_loads_none(room: str) -> None:
     for name in _of(room):
         outside = {_top(imported) for imported in _loaded(name) if imported not in MODULES}
-        assert not outside & {"pydrake", "matplotlib", "plotly"}, name
+        assert not outside & {"pydrake", "matplotlib"}, name
 
 
 def test_a_fresh_interpreter_agrees_that_no_drake_is_loaded() -> None:
@@ -203,7 +203,7 @@ def test_a_fresh_interpreter_agrees_that_no_drake_is_loaded() -> None:
     program = (
         "import sys, importlib\n"
         f"for name in {names!r}: importlib.import_module(name)\n"
-        "print(sorted({name.partition('.')[0] for name in sys.modules} & {'pydrake', 'matplotlib', 'plotly'}))"
+        "print(sorted({name.partition('.')[0] for name in sys.modules} & {'pydrake', 'matplotlib'}))"
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"

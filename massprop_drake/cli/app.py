@@ -446,7 +446,7 @@ def check(
             show.schema(shown)
         return
     if not files:
-        raise InputError("nothing to check: name a file, or --schema vehicle, scenario or campaign")
+        raise InputError("nothing to check: name a file, or --schema vehicle, scenario, campaign or map")
     whose = None if vehicle is None else load_vehicle(vehicle)
     findings: list[dict[str, Any]] = []
     problems: list[str] = []

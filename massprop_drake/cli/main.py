@@ -21,6 +21,7 @@ from typing import Any, TextIO
 from massprop_drake.cli.streams import Stream, guarded, note
 from massprop_drake.errors import InputError, require_text
 from massprop_drake.inputs.renamed import RenamedWarning
+from massprop_drake.studies import threads
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _AGAIN_S = 0.5  # after which an interruption that somebody has swallowed is raised again
@@ -67,6 +68,7 @@ def _identity(file: Path) -> tuple[int, ...] | None:
 
 def main() -> None:
     """Runs the command line and ends the process."""
+    os.environ.update(threads.unless_chosen(os.environ))  # before numpy is loaded
     status = run()
     for number in _SIGNALS:
         signal.signal(number, signal.SIG_IGN)  # the command has ended: its status stands

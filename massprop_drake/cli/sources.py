@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import logging
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
@@ -48,12 +49,27 @@ def compiling(case: Scenario, *, quiet: bool) -> Iterator[None]:
     if not case.execution.compiled:
         yield
         return
-    found = compiler()
-    if not (quiet or found.folder.is_dir()):
-        note("kernels are being compiled, which takes a while, once")
-    yield
+    with _logged(quiet=quiet):
+        found = compiler()
+        yield
     if found.spent_s and not quiet:
-        note(f"kernels were compiled in {found.spent_s:.0f} s, and are kept in {found.folder}")
+        note(f"kernels were compiled in {found.spent_s:.0f} s")
+
+
+@contextlib.contextmanager
+def _logged(*, quiet: bool) -> Iterator[None]:
+    """Notes what the package logs, a line each; if quiet, nothing."""
+    logger, handler = logging.getLogger("massprop_drake"), logging.NullHandler() if quiet else _Noted()
+    logger.addHandler(handler)
+    try:
+        yield
+    finally:
+        logger.removeHandler(handler)
+
+
+class _Noted(logging.Handler):
+    def emit(self, record: logging.LogRecord) -> None:
+        note(record.getMessage())
 
 
 def note_doubts(doubts: list[Finding], *, quiet: bool) -> None:

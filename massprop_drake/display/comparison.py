@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from massprop_drake.display import events, interactive, plots, templates
 from massprop_drake.display.plots import Source
-from massprop_drake.display.spec import Band, Line, Mark, Panel, Plot, Points, SymmetricLog
+from massprop_drake.display.spec import Array, Band, Line, Mark, Panel, Plot, Points, SymmetricLog
 from massprop_drake.display.style import COLORS
 from massprop_drake.results.summary import Parameter
 from massprop_drake.signals import SYMBOLS, mass_property_units
@@ -42,8 +42,8 @@ def comparison_html(runs: Sequence[tuple[str, Run]]) -> str:
         runs: of one vehicle, each with a name.
     """
     shown = [(name, run.shown()) for name, run in runs]
-    sources = [(name, plots.source(run)) for name, run in shown]
-    longest = max((run.time_s for _, run in shown), key=lambda time_s: float(time_s[-1]))
+    sources = _alike([(name, plots.source(run)) for name, run in shown])
+    longest = max((source.time_s for _, source in sources), key=lambda time_s: float(time_s[-1]))
     drawn = [interactive.drawn(plot) for plot in overlaid(sources)]
     content = {
         "title": " and ".join(name for name, _ in runs),
@@ -51,6 +51,7 @@ def comparison_html(runs: Sequence[tuple[str, Run]]) -> str:
         "parameters": _parameters(runs),
         "found": [_found(run) for _, run in runs],
         "vehicle": runs[0][1].results.vehicle,
+        "from_zero": any(one.time_s[0] != run.time_s[0] for (_, one), (_, run) in zip(sources, shown, strict=True)),
     }
     return templates.page(
         _HERE / "comparison.html",
@@ -60,6 +61,38 @@ def comparison_html(runs: Sequence[tuple[str, Run]]) -> str:
         scripts=interactive.scripts(),
         needs=interactive.NEEDS,
     )
+
+
+class _Blind(Mapping[str, Array]):
+    """Signals without the truth."""
+
+    def __init__(self, signals: Mapping[str, Array]):
+        self._signals = signals
+
+    def __getitem__(self, name: str) -> Array:
+        if name == "truth":
+            raise KeyError(name)
+        return self._signals[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return (name for name in self._signals if name != "truth")
+
+    def __len__(self) -> int:
+        return sum(1 for _ in self)
+
+
+def _alike(runs: Sequence[tuple[str, Source]]) -> list[tuple[str, Source]]:
+    """The sources as they can be laid over each other.
+
+    Beside a record, whose truth nobody knows, a simulated run shows its estimates, too, not their errors. Runs that
+    have no time in common all begin at zero.
+    """
+    sources = [source for _, source in runs]
+    if len({source.simulated for source in sources}) > 1:
+        sources = [source._replace(signals=_Blind(source.signals)) for source in sources]
+    if max(source.time_s[0] for source in sources) >= min(source.time_s[-1] for source in sources):
+        sources = [source._replace(time_s=source.time_s - source.time_s[0]) for source in sources]
+    return [(name, source) for (name, _), source in zip(runs, sources, strict=True)]
 
 
 def overlaid(runs: Sequence[tuple[str, Source]]) -> list[Plot]:

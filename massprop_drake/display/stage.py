@@ -166,7 +166,7 @@ def _turned(solid: Solid) -> RigidTransform:
 def round_length(length: float) -> float:
     """Returns the longest with one digit that is no longer."""
     power = 10.0 ** np.floor(np.log10(length))
-    return float(power * np.floor(length / power * (1.0 + 1e-9)))
+    return float(f"{power * np.floor(length / power * (1.0 + 1e-9)):.0e}")
 
 
 def _outside(solid: Solid) -> Array:

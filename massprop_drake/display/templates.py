@@ -8,6 +8,7 @@ write with `textContent`; they are named in the policy by their digests, so that
 from __future__ import annotations
 
 import base64
+import functools
 import hashlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -73,8 +74,9 @@ def fragment(template: Path, content: Mapping[str, Any]) -> str:
     return filled
 
 
+@functools.cache
 def environment(folder: Path) -> jinja2.Environment:
-    """Returns what fills the templates of a folder, and the ones here that they extend."""
+    """Returns what fills the templates of a folder, and the ones here that they extend; each is compiled once."""
     loader = jinja2.FileSystemLoader([folder, _HERE])
     made = jinja2.Environment(loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True)
     made.policies["json.dumps_kwargs"] = {"allow_nan": False, "separators": (",", ":")}

@@ -57,6 +57,8 @@ class Model(BaseModel):
 
 M = TypeVar("M", bound=Model)
 
+_LONGEST = 80  # of a value in a message, characters
+
 _MOST_PROBLEMS = 100  # that are told of one file
 
 
@@ -187,6 +189,12 @@ def _without_union_tags(location: tuple[str | int, ...], data: Any) -> FieldPath
     return tuple(path)
 
 
+def _shown(given: Any) -> str:
+    """A value as a message has it: of a long text its beginning."""
+    text = repr(given)
+    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}... ({len(str(given))} characters)"
+
+
 def _sentence(model: type[Model], data: Any, item: Any, path: FieldPath) -> str:
     kind, given = item["type"], item.get("input")
     if kind in ("missing", "too_short"):
@@ -206,9 +214,9 @@ def _sentence(model: type[Model], data: Any, item: Any, path: FieldPath) -> str:
         return message
     message = (message[0].lower() + message[1:]).replace("tuple", "list").replace("dictionary", "mapping")
     if kind == "literal_error":
-        return f"{given!r} is not one of {item['ctx']['expected']}"
+        return f"{_shown(given)} is not one of {item['ctx']['expected']}"
     if isinstance(given, (str, int, float, bool)) or given is None:
-        return f"{message}, got {given!r}"
+        return f"{message}, got {_shown(given)}"
     if isinstance(given, (list, tuple)) and "length" in kind:
         return f"{message}, got {len(given)}"
     return message

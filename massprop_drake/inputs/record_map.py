@@ -113,6 +113,16 @@ class _Sampled(Model):
     time: RecordTime | None = described(None, "own stamps and clock, keys as of the map's `time`; null: the map's")
 
 
+class _Read(_Sampled):
+    """The fields common to sensors."""
+
+    every: Annotated[Count, Field(ge=1)] = described(
+        1,
+        "rows for each reading, where rows repeat one until the sensor has read anew: those in which it changes, and "
+        "every so many from there, have a reading, the others none",
+    )
+
+
 class _Vector(_Sampled):
     """The fields common to vectors."""
 
@@ -143,14 +153,14 @@ class _Vector(_Sampled):
         return rotation_of(self.axes) if self.rotation is None else np.array(self.rotation)
 
 
-class GyroMap(_Vector):
+class GyroMap(_Vector, _Read):
     """Angular rates in body axes."""
 
     kind: Literal["gyro"] = described(..., "angular rates")
     unit: Annotated[Text, _unit("rate")] = described("rad/s", "such as deg/s or rpm")
 
 
-class AccelerometerMap(_Vector):
+class AccelerometerMap(_Vector, _Read):
     """Non-gravitational accelerations, or their integrals, in body axes."""
 
     kind: Literal["accelerometer"] = described(..., "non-gravitational accelerations or their integrals")
@@ -168,10 +178,12 @@ class AccelerometerMap(_Vector):
         kind = "velocity" if self.gives in ("integral", "increment") else "acceleration"
         if not is_of(self.unit, kind):
             raise ValueError(f"unit {self.unit!r} does not fit gives: {self.gives}, which is of {kind}")
+        if self.every > 1 and self.gives != "integral":
+            raise ValueError(f"every goes with gives: integral; of gives: {self.gives} no row may be left out")
         return self
 
 
-class VelocityMap(_Vector):
+class VelocityMap(_Vector, _Read):
     """Velocities."""
 
     kind: Literal["velocity"] = described(..., "velocities; read, not estimated from")
@@ -179,7 +191,7 @@ class VelocityMap(_Vector):
     frame: Literal["world", "body"] = described("world", "whose axes these are")
 
 
-class _Attitude(_Sampled):
+class _Attitude(_Read):
     """The fields common to attitudes, of which one form is given."""
 
     quaternion: tuple[Column, Column, Column, Column] | None = described(None, "columns, in the order of `order`")

@@ -11,7 +11,8 @@ import numba
 from numba.core import types
 from numba.experimental import structref
 
-_compiled: Any = numba.njit(cache=True, no_cfunc_wrapper=True)  # type: ignore[call-overload] # nobody calls it from C
+# nobody calls it from C; kept where `kernels` says, or nowhere
+_compiled: Any = numba.njit(cache=bool(numba.config.CACHE_DIR), no_cfunc_wrapper=True)  # type: ignore
 
 
 @structref.register

@@ -14,17 +14,22 @@ form within a `Holder`. Within compiled code a bundle is passed as a reference (
 alone calls is turned into machine code together with its caller (`_linking`).
 
 Compiled code is kept in a folder of the user's cache that is named by a digest of the sources of all kernels, since
-numba itself looks at the file of the outermost one alone.
+numba itself looks at the file of the outermost one alone. Where it cannot be written nothing is kept: numba would go on
+beside the sources, by their files. That something is being compiled, or cannot be kept, the logger `massprop_drake`
+says as a warning.
 """
 
 from __future__ import annotations
 
 import hashlib
 import inspect
+import logging
 import os
 import sys
+import tempfile
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from enum import IntEnum
 from functools import cache
 from importlib import metadata
@@ -42,6 +47,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 _KERNELS: list[Callable[..., Any]] = []
 _IDIOMS: list[tuple[Callable[..., Any], Callable[[Any], None]]] = []  # with what tells numba of each
 _CALLED: Any = {"no_cfunc_wrapper": True}  # nobody calls a kernel from C
+_LOG = logging.getLogger("massprop_drake")
 _BARE = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}  # what is called by compiled code alone needs neither
 
 
@@ -162,12 +168,12 @@ class Compiler(NamedTuple):
 
     Attributes:
         version: of numba.
-        folder: of compiled code.
+        folder: of compiled code; None: it is not kept.
         timer: of compilation in this process; code that is read from the folder takes none.
     """
 
     version: str
-    folder: Path
+    folder: Path | None
     timer: Any
 
     @property
@@ -205,18 +211,75 @@ def compiler() -> Compiler:
         ) from None
     warnings.simplefilter("ignore", numba.NumbaPerformanceWarning)  # of small matrices that are not contiguous
     _gathered()
-    home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    folder = home / "massprop_drake" / _digest()
-    setattr(numba.config, "CACHE_DIR", str(folder))  # noqa: B010 (made at run time)
+    folder = _folder()
     from massprop_drake.maths import _bundles, _lapack, _linking  # noqa: F401, PLC0415 (load numba)
 
     _linking.wait()
     _teach(extending)
     for function in _KERNELS:
         extending.register_jitable(**_BARE)(function)
-    timer = event.TimingListener()
+    timer = _timer(event, "" if folder is None else f"; they are kept in {folder}")
     event.register("numba:compile", timer)
+    with _keeping(folder):
+        from massprop_drake.maths import _holding  # noqa: F401, PLC0415 (loads numba)
     return Compiler(metadata.version("numba"), folder, timer)
+
+
+@contextmanager
+def _keeping(folder: Path | None) -> Iterator[None]:
+    """Has numba keep in a folder what is marked here; what others mark, and a change of its settings, is their own."""
+    import numba  # noqa: PLC0415 (optional, slow to load)
+
+    before = numba.config.CACHE_DIR
+    setattr(numba.config, "CACHE_DIR", str(folder or ""))  # noqa: B010 (made at run time)
+    try:
+        yield
+    finally:
+        setattr(numba.config, "CACHE_DIR", before)  # noqa: B010
+
+
+def have_been_compiled() -> bool:
+    """Whether there are compiled kernels already; numba need not be there."""
+    _gathered()
+    return any(_place().rglob("*.nbi"))
+
+
+def _place() -> Path:
+    named = os.environ.get("NUMBA_CACHE_DIR") or os.environ.get("XDG_CACHE_HOME")
+    return Path(named or os.path.expanduser("~/.cache")) / "massprop_drake" / _digest()
+
+
+def _folder() -> Path | None:
+    """Where compiled code is kept; None, which is said, where nothing can be written."""
+    folder = _place()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            return folder
+    except OSError as error:
+        _LOG.warning(
+            "compiled kernels cannot be kept in %s (%s), and are compiled anew by every process; name a folder that "
+            "can be written in NUMBA_CACHE_DIR",
+            folder,
+            error.strerror,
+        )
+        return None
+
+
+def _timer(event: Any, kept: str) -> Any:
+    """Takes the time of all that is compiled, and says when the first of it is; `kept`: more to say then."""
+
+    class Timer(event.TimingListener):  # type: ignore[misc] # what numba has
+        said = False
+
+        def on_start(self, what: Any) -> None:
+            home = what.data["dispatcher"].py_func.__module__ or ""  # none of what numba makes itself
+            if home.startswith("massprop_drake.") and not self.said:
+                _LOG.warning("kernels are being compiled, which takes about a minute, once%s", kept)
+                self.said = True
+            super().on_start(what)
+
+    return Timer()
 
 
 def _digest() -> str:
@@ -301,10 +364,11 @@ def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
     Raises:
         InputError: when numba is not there.
     """
-    compiler()
+    folder = compiler().folder
     import numba  # noqa: PLC0415 (optional, slow to load)
 
-    return numba.njit(cache=True, **_CALLED)(function)
+    with _keeping(folder):
+        return numba.njit(cache=folder is not None, **_CALLED)(function)
 
 
 def chosen(function: F, compile_it: bool) -> F:

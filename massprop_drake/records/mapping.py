@@ -334,7 +334,22 @@ class _Mapping:
                 values = np.hstack([_turned(position, rotation_of(sensor.world_axes)), values])
         if not np.isfinite(values).any():
             raise InputError(f"{topic.source}: sensor '{name}' has no reading: every value is missing")
+        if sensor.every > 1:
+            values = self._anew(name, topic, values, sensor.every)
         return Channel(name, sensor.kind, time_s, values, places, gives)
+
+    def _anew(self, name: str, topic: Topic, values: Array, every: int) -> Array:
+        """Readings without those that only repeat the one before."""
+        rows = changes(values)
+        off = rows[(rows - rows[:1]) % every != 0]
+        if off.size:
+            raise InputError(
+                f"{self._source}: sensors.{name}.every: {every} does not fit {topic.source}, where its reading changes "
+                f"in rows {rows[0] + 1} and {off[0] + 1}"
+            )
+        anew = (np.arange(len(values)) - (rows[0] if rows.size else 0)) % every == 0
+        self.notes.append(f"{topic.source}: sensor '{name}' has a reading in every {every} rows, as the map says")
+        return np.where(anew[:, None], values, np.nan)
 
     def _three(self, topic: Topic, columns: Sequence[str | None], places: Places) -> Array:
         nothing = np.full(places.size, np.nan)
@@ -526,6 +541,12 @@ def disagreement(steps: Array) -> float:
         return 0.0
     apart = np.nanmax(both, axis=0) - np.nanmin(both, axis=0)
     return float(np.median(apart) / np.abs(np.nanmedian(both)))
+
+
+def changes(values: Array) -> Places:
+    """Rows whose values, shape (n, m), are not those of the row before."""
+    with np.errstate(invalid="ignore"):
+        return np.flatnonzero((np.abs(np.diff(values, axis=0)) > 0.0).any(axis=1)) + 1
 
 
 def words(text: str) -> list[str]:

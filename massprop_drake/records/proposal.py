@@ -420,7 +420,12 @@ class _Search:
             why = f"by their names; {unit} since nothing says otherwise" + (
                 "" if unit == "rad/s" else f" but that they reach {float(np.nanmax(sizes)):.4g}, too much for rad/s"
             )
-        self._add(package, {"kind": "gyro", "columns": _columns(members), "unit": unit})
+        entry: dict[str, Any] = {"kind": "gyro", "columns": _columns(members), "unit": unit}
+        every = _every(np.column_stack([topic.numbers(one.column) for one in members.values()]))
+        if every > 1:
+            entry["every"] = every
+            why += f"; they change in every {every} rows at the most, so rows between only repeat them"
+        self._add(package, entry)
         self._say(f"{package}: rates {_listed(members)} in {unit}, {why}")
 
     def _add_accelerometer(self, topic: Topic, members: Mapping[int, _Name], increments: bool) -> None:
@@ -436,7 +441,8 @@ class _Search:
                 "increments of velocity by their names",
             )
         elif factor_or_none(first.unit, "velocity") is not None or "_".join(first.words) == package.lower():
-            gives, unit, why = "integral", self._unit(members, "velocity", "m/s"), "as the vehicle's own, integrating"
+            own = f"{self.vehicle.unit_names['length']}/s" if "_".join(first.words) == package.lower() else "m/s"
+            gives, unit, why = "integral", self._unit(members, "velocity", own), "as the vehicle's own, integrating"
         else:
             sizes = np.sqrt(sum(np.nan_to_num(topic.numbers(one.column)) ** 2 for one in members.values()))
             like_g = 0.9 < float(np.median(sizes)) < 1.1
@@ -779,6 +785,12 @@ def _plain(name: str, without: Iterable[str] = ()) -> str:
 
 def _columns(members: Mapping[int, _Name]) -> list[str | None]:
     return [members[axis].column if axis in members else None for axis in range(3)]
+
+
+def _every(readings: Array) -> int:
+    """Rows for each reading, shape (n, m), where rows repeat one until there is another; else 1."""
+    rows = mapping.changes(readings)
+    return int(np.gcd.reduce(np.diff(rows))) if rows.size >= _FEWEST else 1
 
 
 def _listed(members: Mapping[int, _Name]) -> str:

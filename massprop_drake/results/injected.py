@@ -33,7 +33,7 @@ class InjectedRecord(NamedTuple):
         jet: designation; None for a payload.
         start_s: onset, s.
         first_acted_s: when the jet first gave other than what it was told, or the payload came or left, s; None: never.
-        first_alarm_s: first alarm from then on, s; None: none.
+        first_alarm_s: first alarm from then on, and not after it was declared, s; None: none.
         declared_s: when it was declared as what it is, jet or cluster, s; or, with the outcome "wrong", as what it is
             not; None: never.
         outcome: "named": the jet, or a jump as one; "group": a cluster, or a group of jets, with the jet in it;
@@ -129,7 +129,7 @@ def what_became(
                 record = _declared(record._replace(outcome="wrong", taken_for=_name(found[wrong])), found[wrong])
             else:
                 record = record._replace(outcome="missed" if one.tested else "not_tested")
-        records.append(record)
+        records.append(_own_alarm(record))
     return tuple(records)
 
 
@@ -197,6 +197,13 @@ def _is(vehicle: Vehicle, one: InjectedRecord, entry: DetectionRecord) -> bool:
 
 def _declared(record: InjectedRecord, entry: DetectionRecord) -> InjectedRecord:
     return record._replace(declared_s=entry.time_s, magnitude=entry.magnitude, magnitude_std=entry.magnitude_std)
+
+
+def _own_alarm(record: InjectedRecord) -> InjectedRecord:
+    """The same without an alarm that came when it had been declared: that is of something else."""
+    alarm_s, declared_s = record.first_alarm_s, record.declared_s
+    late = alarm_s is not None and declared_s is not None and alarm_s > declared_s + _ACTS
+    return record._replace(first_alarm_s=None) if late else record
 
 
 def _name(entry: DetectionRecord) -> str:

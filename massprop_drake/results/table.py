@@ -18,6 +18,7 @@ from massprop_drake.results.summary import Parameter, Summary
 from massprop_drake.signals import SYMBOLS, mass_property_units
 
 INERTIA = (("Ixx", 0, 0), ("Iyy", 1, 1), ("Izz", 2, 2), ("Iyz", 1, 2), ("Ixz", 0, 2), ("Ixy", 0, 1))
+_NOTHING = 1e-3  # of a 1-sigma, below which it gives the power of ten
 _PLAIN = 1e-3, 1e5  # magnitudes that are written without a power of ten
 
 
@@ -94,7 +95,7 @@ def residuals(found: Against) -> list[tuple[str, ...]]:
     """Rows of a record beside a simulation: signal, unit, RMS and largest difference, when, 1-sigma of a reading."""
     rows: list[tuple[str, ...]] = []
     for one in found.residuals:
-        power = _power(one.rms or one.noise)
+        power = _power(one.rms if one.rms and one.rms > _NOTHING * one.noise else one.noise)
         size, largest, noise = (
             "-" if value is None else f"{value / 10.0**power:.4g}" for value in (one.rms, one.largest, one.noise)
         )

@@ -65,7 +65,7 @@ def beside(record: Run, folder: str | Path, *, spool_folder: Path | None = None)
         spool.append({**block, **{AGAINST + name: values for name, values in read.items()}})
     standing = [entry.onset_s for entry in record.results.detections if entry.withdrawn_s is None]
     onset_s = min(standing, default=None)
-    reference = Simulated(_properties(other), params.thrust_factors(world), params.plant_time_constants(world))
+    reference = Simulated(_before_jumps(other), params.thrust_factors(world), params.plant_time_constants(world))
     misfit, causes = explained(record.scenario, spool, reference, math.inf if onset_s is None else onset_s)
     said = Against(str(folder), onset_s, misfit, residuals(record.scenario, spool), causes)
     return Run(record.scenario, replace(record.results, against=said), None, spool, record.state)
@@ -114,6 +114,21 @@ def _properties(other: Run) -> Array:
     found = other.results
     known = np.where(np.isfinite(found.truth), found.truth, found.estimates)
     return np.where(np.isfinite(known), known, params.setup(other.scenario).nominal)
+
+
+def _before_jumps(other: Run) -> Array:
+    """The same before payloads come or leave, but for the propellant, which counts to the end.
+
+    What is explained are the readings before anything was declared, with what was simulated then.
+    """
+    known, period_s = _properties(other), other.scenario.vehicle_data.sample_period_s
+    jumps = [jump for jump in other.scenario.jumps if jump.time_s < other.time_s[-1]]
+    if not jumps or not np.isfinite(other.results.truth).all():
+        return known
+    first_s = min(jump.time_s for jump in jumps)
+    row = max(int(np.searchsorted(other.time_s, first_s - 0.5 * period_s)) - 1, 0)
+    came = sum(-jump.mass if jump.kind == "release" else jump.mass for jump in jumps)
+    return np.append(other["truth"][row, :MASS_RECIPROCAL], 1.0 / (1.0 / known[MASS_RECIPROCAL] - came))
 
 
 def _world(other: Run, folder: str) -> Scenario:

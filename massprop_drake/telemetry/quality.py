@@ -89,6 +89,30 @@ class _Standing:
         self.fired_since = np.zeros((3, 1))  # samples with each jet told to fire and nothing shown, likewise
 
 
+class _Repeats:
+    """How often a package repeated its reading, all three components, where the jets should have changed it."""
+
+    def __init__(self) -> None:
+        self.count = self.of = 0
+        self.times = 0  # that it began to
+        self.changed = False  # whether the newest reading was another one than that before
+
+    def add(self, increments: Array, meant: NDArray[np.bool_]) -> None:
+        """Takes in a block.
+
+        Args:
+            increments: of the reading, NaN where one is missing, shape (n, 3).
+            meant: whether it should have changed by much, shape (n,).
+        """
+        same = (increments == 0.0).all(axis=1)
+        changed = ~same & ~np.isnan(increments).any(axis=1)
+        before = np.concatenate([[self.changed], changed[:-1]])
+        self.count += int((meant & same).sum())
+        self.of += int((meant & (same | changed)).sum())
+        self.times += int((meant & same & before).sum())
+        self.changed = bool(changed[-1])
+
+
 class _Answer(NamedTuple):
     """How all readings follow what is predicted of them, sample by sample, in 1-sigma of an increment.
 
@@ -156,6 +180,7 @@ class QualityReport:
         self._n_stuck = 0
         self._unanswered: list[dict[str, Any]] = []
         self._fired = np.zeros(len(vehicle.jets))  # samples in which each jet was told to fire and nothing showed it
+        self._repeats = {name: _Repeats() for name in names}
         self._saturated = dict.fromkeys(names, 0)
         self._jumps: dict[str, dict[str, Any]] = {}
         self._ratios: dict[str, list[tuple[float, float, Array]]] = {name: [] for name in names}
@@ -229,6 +254,7 @@ class QualityReport:
             # where the jets have just changed, how fast thrust builds up decides: not counted
             counted = np.where(steady[:, None], predicted[name], 0.0)
             self._watch_standing(entry, rows.time_s, rows.readings[name], counted, answer)
+            self._repeats[name].add(increments[name], np.asarray((np.abs(counted) >= _STUCK * entry.scale).any(axis=1)))
             self._watch_jumps(entry, rows.time_s, increments[name])
             good = steady & ~missing[name] & ~saturated[name]
             self._watch_units(entry, (rows.time_s, told), increments[name], predicted[name], good)
@@ -440,6 +466,11 @@ class QualityReport:
             "unknown_columns": {name: meant or None for name, meant in record.unknown.items()},
             "stuck": self._stuck,
             "unanswered": self._unanswered,
+            "repeated": {
+                name: {"count": found.count, "of": found.of}
+                for name, found in self._repeats.items()
+                if found.times >= _FEWEST
+            },
             "saturated": self._saturated,
             "jumps": self._jumps,
             "units": units,
@@ -562,6 +593,12 @@ class QualityReport:
             )
         if self._n_stuck > _LISTED:
             found.append(f"and {self._n_stuck - _LISTED} more times a sensor stands still")
+        for name, repeated in quality["repeated"].items():
+            found.append(
+                f"{name} repeats its reading in {repeated['count']} of {repeated['of']} samples in which the jets "
+                "commanded should have changed it: what has not been read anew tells nothing new, but counts as if it "
+                "did; leave such cells empty, or say `every` of it in a map"
+            )
         for name, count in quality["saturated"].items():
             if count:
                 found.append(f"{name} is at the end of its range in {_times(count, 'row')}")

@@ -195,7 +195,7 @@ class CsvTable:
                 line = text.readline(_LONGEST_LINE)
             except UnicodeDecodeError:
                 raise InputError(
-                    f"{self.source}: not a text file in UTF-8 (after line {self._line}); "
+                    f"{self.source}: not a text file in UTF-8 from line {self._line + 1} on; "
                     "expected comma-separated values"
                 ) from None
             except OSError as error:

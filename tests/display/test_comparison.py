@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from contrast_probe import faint
 
-from massprop_drake import simulate
+from massprop_drake import estimate, load_scenario, simulate
 from massprop_drake.display import plots
-from massprop_drake.display.comparison import _cells, comparison_html, overlaid
+from massprop_drake.display.comparison import _alike, _cells, comparison_html, overlaid
 from massprop_drake.display.spec import Band, Line
 from massprop_drake.results.run import Run
 from massprop_drake.results.summary import Parameter
@@ -44,6 +45,22 @@ def test_a_run_has_one_color_and_what_is_common_is_shown_once(stuck_run: Run, he
     assert {mark.color for mark in errors.panels[0].marks if isinstance(mark, Band)} == {first.color, second.color}
     assert "3 sigma" in errors.meaning
     assert drawn["rates"].meaning == ""
+
+
+def test_beside_a_record_both_show_their_estimates_from_their_first_sample_on(healthy: Run, tmp_path: Path) -> None:
+    healthy.save(tmp_path / "run", pictures=False, report=False)
+    rows = (tmp_path / "run" / "telemetry.csv").read_text(encoding="utf-8").splitlines()
+    later = [f"{500.0 + float(row.partition(',')[0]):.2f},{row.partition(',')[2]}" for row in rows[1:]]
+    (tmp_path / "later.csv").write_text("\n".join([rows[0], *later]), encoding="utf-8")
+    record = estimate(tmp_path / "later.csv", load_scenario(tmp_path / "run"))
+    shown = _alike([("run", plots.source(healthy)), ("record", plots.source(record))])
+    assert [source.time_s[0] for _, source in shown] == [0.0, 0.0]
+    (panel,) = {plot.name: plot for plot in overlaid(shown)}["mass_reciprocal"].panels
+    first, second = [mark for mark in panel.marks if isinstance(mark, Line)]
+    np.testing.assert_allclose(first.y, second.y)
+    assert panel.unit == "1/slug"
+    assert "each is drawn from its first sample on" in comparison_html([("run", healthy), ("record", record)])
+    assert "first sample on" not in comparison_html([("run", healthy), ("again", healthy)])
 
 
 def test_the_table_has_the_numbers_of_both(page: str, stuck_run: Run) -> None:

@@ -489,7 +489,7 @@ def test_a_missing_file_or_an_unknown_name(tmp_path: Path) -> None:
         load_scenario(tmp_path / "nowhere.yaml")
     with pytest.raises(InputError, match="'sample_manuever' is neither a bundled scenario nor a file; did you mean"):
         load_scenario("sample_manuever")
-    with pytest.raises(InputError, match="cannot be read: Is a directory"):
+    with pytest.raises(InputError, match="is a folder, and no run's"):
         load_scenario(tmp_path)  # a folder that is no run's
 
 
@@ -554,3 +554,9 @@ def test_a_vehicle_without_accelerometers_can_be_flown(toy_data: dict[str, Any])
     assert np.isnan(run["estimate"][:, 9]).all()
     assert run.summary["estimates"]["mass_reciprocal"] is None
     assert run.summary["consistency"]["translation_nis_mean"] is None
+
+
+def test_a_long_text_is_told_by_its_beginning() -> None:
+    with pytest.raises(InputError, match=r"got 'x+\.\.\. \(3000 characters\)$") as told:
+        load_scenario("sample_maneuver", [f"name={'x' * 3000}"])
+    assert len(str(told.value)) < 250

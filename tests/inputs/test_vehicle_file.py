@@ -386,7 +386,7 @@ def test_yaml_without_an_end_is_refused_like_other_bad_yaml(tmp_path: Path, text
 def test_a_missing_or_unreadable_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"nowhere\.yaml: no such file"):
         load_vehicle(tmp_path / "nowhere.yaml")
-    with pytest.raises(InputError, match="cannot be read: Is a directory"):
+    with pytest.raises(InputError, match="is a folder, and no run's"):
         load_vehicle(tmp_path)
     latin = tmp_path / "latin.yaml"
     latin.write_bytes(b"name: \xe9t\xe9\n")

@@ -83,6 +83,20 @@ def test_a_permutation_of_axes_names_the_recorders(one: Flight, log: Callable[..
     require_the_flight(telemetry(path, usual_map(one, gyro=f"{GYRO}, axes: [-z, x, -y]}}"), one.vehicle), one)
 
 
+def test_readings_that_rows_repeat_are_left_out(one: Flight, log: Callable[..., Path]) -> None:
+    last = (np.arange(len(one.time_s)) + 1) // 3 * 3 - 1  # read anew in rows 2, 5, ...
+    held = {f"w{axis}": one.rates[np.maximum(last, 0), index] for index, axis in enumerate("xyz")}
+    text = usual_map(one, gyro=f"{GYRO}, every: 3}}")
+    found = telemetry(log(**held), text, one.vehicle)
+    expected = np.where(np.arange(len(one.time_s)) % 3 == 2, one.rates[:, 1], np.nan)
+    np.testing.assert_array_equal(found["gyro_y"], expected)
+    np.testing.assert_array_equal(found["acc_y"], one.velocities[:, 1])
+    text = text.replace("every: 3", "every: 2")
+    assert "sensors.gyro.every: 2 does not fit" in refused(lambda: telemetry(log(**held), text, one.vehicle))
+    text = usual_map(one, acc=f"{ACC}, gives: increment, unit: m/s, every: 3}}")
+    assert "every goes with gives: integral" in refused(lambda: as_map(text))
+
+
 def test_a_vehicle_in_feet(tmp_path: Path) -> None:
     one = flight(load_vehicle("orbiter"))
     text = usual_map(one, acc=f"{ACC}, gives: integral, unit: m/s}}").replace("  acc:", "  acc1:")

@@ -122,6 +122,24 @@ def test_columns_called_as_a_package_are_its_own(one: Flight, tmp_path: Path) ->
     assert (entry["unit"], entry["gives"]) == ("mm/s", "integral")
 
 
+def test_columns_of_a_vehicle_in_feet_are_in_feet(tmp_path: Path) -> None:
+    one = flight(load_vehicle("orbiter"))
+    columns = {name: values for name, values in usual_columns(one).items() if name[0] != "v"}
+    columns |= {f"acc1_{axis}": one.velocities[:, index] for index, axis in enumerate("xyz")}
+    entry = proposed(write_csv(tmp_path / "log.csv", columns), one.vehicle).data["sensors"]["acc1"]
+    assert (entry["unit"], entry["gives"]) == ("ft/s", "integral")
+
+
+def test_rows_that_repeat_the_rates_are_seen(one: Flight, tmp_path: Path) -> None:
+    rows = np.arange(len(one.time_s)) // 2 * 2
+    columns = usual_columns(one) | {f"w{axis}": one.rates[rows, index] for index, axis in enumerate("xyz")}
+    found = proposed(write_csv(tmp_path / "log.csv", columns), one.vehicle)
+    assert found.data["sensors"]["gyro"]["every"] == 2
+    assert "they change in every 2 rows at the most" in said(found)
+    whole = proposed(write_csv(tmp_path / "all.csv", usual_columns(one)), one.vehicle)
+    assert "every" not in whole.data["sensors"]["gyro"]
+
+
 def test_what_is_left_is_told(one: Flight, tmp_path: Path) -> None:
     columns = {name: values for name, values in usual_columns(one).items() if name[0] != "v"}
     columns |= {"mystery": one.time_s}

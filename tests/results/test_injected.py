@@ -154,6 +154,17 @@ def test_each_failure_has_its_own_declaration() -> None:
     assert outcome_of([declared(6.0)], jumps=jump) == [("wrong", "R4R", 6.0)]
 
 
+def test_an_alarm_after_a_declaration_is_of_something_else() -> None:
+    case = scenario(STUCK_ON, jumps="[{kind: dock, time_s: 3.0, mass: 100, position: [0, 0, 0]}]")
+    signals = flown(case, {})
+    signals["thrust"][50:, number(case, "R4R")] = 870.0
+    signals["alarm"] = np.zeros((N_ROWS, 1))
+    signals["alarm"][52:54] = 1.0
+    jet, payload = what_became(case, signals, [declared(3.5, **JUMP), declared(53 * PERIOD_S)])
+    assert jet.first_alarm_s == pytest.approx(52 * PERIOD_S)
+    assert (payload.declared_s, payload.first_alarm_s) == (3.5, None)
+
+
 # ------------------------------------------------------------------------------------ what is false
 
 

@@ -17,7 +17,7 @@ from massprop_drake.errors import InputError
 from massprop_drake.results import table
 from massprop_drake.results.against import Against
 from massprop_drake.results.summary import Summary
-from massprop_drake.runners.against import beside
+from massprop_drake.runners.against import _before_jumps, beside
 
 FLIGHT = [
     "duration_s=30",
@@ -66,6 +66,15 @@ def test_a_run_s_own_record_is_as_simulated(runs: Path) -> None:
     quantum = load_scenario(runs / "known").vehicle_data.gyro("gyro").quantum
     assert np.abs(run["against.gyro"] - run["gyro"]).max() < 4.0 * quantum
     assert [one.signal for one in found.residuals[:3]] == ["gyro_x", "gyro_y", "gyro_z"]
+
+
+def test_before_a_payload_comes_the_vehicle_is_as_it_was(tmp_path: Path) -> None:
+    jumps = "jumps=[{kind: dock, time_s: 20, mass: 300, position: [40, 0, 0]}]"
+    run = Run.load(flown(tmp_path, "docked", jumps))
+    before = _before_jumps(run)
+    np.testing.assert_allclose(before[:9], run["truth"][0, :9], rtol=1e-12)
+    assert abs(run.results.truth[6] - before[6]) > 0.1  # ft
+    assert before[9] == pytest.approx(1.0 / (1.0 / run.results.truth[9] - 300.0))
 
 
 def test_a_weak_jet_explains_all_of_it(runs: Path) -> None:

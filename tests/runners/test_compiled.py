@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import builtins
 import gc
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -237,6 +238,40 @@ def test_the_estimator_compiles_its_cycle_too() -> None:
     (found,) = [step.detection for step in steps if step.detection is not None]
     assert (found.kind, found.jet) == ("jet", "R4R")
     assert steps[-1].removed.any()
+
+
+def test_where_nothing_can_be_kept_it_is_said_and_nothing_is_left_beside_the_sources(tmp_path: Path) -> None:
+    pytest.importorskip("numba")
+    (tmp_path / "file").touch()
+    code = (
+        "from massprop_drake.maths import kernels; compiler = kernels.compiler(); assert compiler.folder is None; "
+        "from massprop_drake.maths._holding import hold, _compiled; "
+        "from numba.core.caching import NullCache; assert isinstance(hold._cache, NullCache); "
+        "from massprop_drake.maths.estimation.joint.impulses import fire; "
+        "assert isinstance(kernels.compiled(fire)._cache, NullCache)"
+    )
+    environ = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "file")}
+    done = subprocess.run([sys.executable, "-c", code], env=environ, check=True, capture_output=True, text=True)
+    (line,) = done.stderr.splitlines()
+    assert line.startswith(f"compiled kernels cannot be kept in {tmp_path}")
+    assert "(Not a directory)" in line
+    assert "NUMBA_CACHE_DIR" in line
+
+
+def test_the_first_compilation_is_said_once_and_kept_where_it_is_asked_for(tmp_path: Path) -> None:
+    pytest.importorskip("numba")
+    code = (
+        "import numba, numpy as np; from massprop_drake.maths import attitude, kernels; kernels.compiler(); "
+        "numba.njit(lambda x: x)(1.0); "  # of somebody else; numba then looks at its environment anew
+        f"assert numba.config.CACHE_DIR in ('', {str(tmp_path)!r}); "
+        "print(kernels.have_been_compiled()); turned = kernels.compiled(attitude.multiply); "
+        "turned(np.eye(4)[0], np.eye(4)[1]); print(kernels.have_been_compiled())"
+    )
+    environ = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+    for expected, lines in ((["False", "True"], 1), (["True", "True"], 0)):
+        done = subprocess.run([sys.executable, "-c", code], env=environ, check=True, capture_output=True, text=True)
+        assert done.stdout.split() == expected
+        assert [str(tmp_path) in line for line in done.stderr.splitlines()] == [True] * lines
 
 
 def test_another_process_reads_compiled_code() -> None:

@@ -6,6 +6,7 @@ import math
 from typing import Any
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
 from massprop_drake import load_scenario
@@ -39,6 +40,7 @@ def checked(
     *,
     scale: float = 1.0,
     stuck: tuple[str, int] | None = None,
+    every: int = 1,
     failed_s: float = math.inf,
 ) -> dict[str, Any]:
     """What is found in a record in which jets give a share of their thrust.
@@ -48,6 +50,7 @@ def checked(
         given: share of its thrust that a jet gives; default all of it.
         scale: of all readings of the gyro.
         stuck: package and axis that stand still from the second row on.
+        every: rows for each reading of the gyro, which the rows between repeat.
         failed_s: since when a jet is known to have failed, s.
     """
     share = np.ones(len(VEHICLE.jets))
@@ -72,6 +75,7 @@ def checked(
         read = np.cumsum(change, axis=0)
         quantum = package.quantum or 1e-9
         readings[package.name] = np.round(read / quantum) * quantum
+    readings["gyro"] = readings["gyro"][np.arange(N_ROWS) // every * every]
     if stuck is not None:
         readings[stuck[0]][1:, stuck[1]] = readings[stuck[0]][1, stuck[1]]
     _, angular, linear = increments(before)
@@ -129,6 +133,22 @@ def test_a_gyro_axis_that_stands_still_is_blamed_and_no_jet() -> None:
     found = checked(BURSTS, stuck=("gyro", 1))
     assert found["unanswered"] == []
     assert {(entry["sensor"], entry["axis"]) for entry in found["stuck"]} == {("gyro", "y")}
+
+
+@pytest.mark.parametrize("every", [2, 3])
+def test_readings_that_rows_repeat_are_said(every: int) -> None:
+    found = checked(BURSTS, every=every)
+    repeated = found["repeated"]["gyro"]
+    assert repeated["count"] == pytest.approx(repeated["of"] * (1.0 - 1.0 / every), abs=3)
+    assert found["stuck"] == found["unanswered"] == []
+    assert any(text.startswith("gyro repeats its reading in") and "`every`" in text for text in found["warnings"])
+
+
+@pytest.mark.parametrize(
+    "fault", [{"given": {"F2R": 0.0}}, {"stuck": ("gyro", 1)}, {"given": {"F1U": 0.0, "L1U": 0.0}}]
+)
+def test_readings_that_stand_still_are_not_said_to_be_repeated(fault: dict[str, Any]) -> None:
+    assert checked(BURSTS, **fault)["repeated"] == {}
 
 
 def test_wrong_units_are_wrong_whichever_jet_fires() -> None:

@@ -22,8 +22,9 @@ from pathlib import Path
 from typing import IO, Any
 
 from massprop_drake.errors import InputError
+from massprop_drake.studies.threads import ONE_THREAD
 
-_LIFE = 60  # cases that one child flies: Drake 1.51 keeps 7 MB of every simulation
+_LIFE = 60  # cases that one child flies: Drake keeps 5 to 8 MB of every simulation by a diagram
 _LOOK_S = 0.1  # between two looks at a child's memory
 _START_S = 120.0  # that a child may take to load everything
 _ATTEMPTS = 2  # of a case: a kill from outside, or what the cases before have left in memory, is no fault of it
@@ -114,14 +115,13 @@ class Child:
             raise CannotFlyError(f"{platform.node()}: no process for the cases can be started: {problem}")
 
     def _start(self) -> None:
-        one_thread = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
         self._said = tempfile.TemporaryFile()  # noqa: SIM115 (`close` closes it)
         self._process = subprocess.Popen(
             [sys.executable, "-P", "-m", "massprop_drake.studies.campaign.child"],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=self._said,
-            env={**os.environ, **one_thread},
+            env={**os.environ, **ONE_THREAD},
             start_new_session=True,  # Ctrl-C is for whoever started it
         )
         self.execution = self._ask(self._setup, _START_S, float("inf"))["execution"]

@@ -228,6 +228,18 @@ def test_the_page_begins_with_the_verdict_and_needs_no_network(html: str) -> Non
     assert html.index('id="verdict"') < html.index("Gate failed: NEES") < html.index('id="figures"')
     rest = re.sub(r"<script>/\*\*.*?</script>", "", html, count=1, flags=re.DOTALL)
     assert not re.search(r"(src|href)=[\"']?(https?:)?//", rest)
+    assert len(html) < 2_000_000  # of which the part of plotly that it needs is 1.5, and the whole would be 4.8
+    trace = re.compile(r'"type":"(scatter|bar|heatmap)"')
+    assert {found[1] for found in trace.finditer(rest)} == {"scatter", "bar", "heatmap"}
+
+
+def test_false_declarations_are_counted_by_their_cause(html: str) -> None:
+    _, _, section = html.partition('<h2 id="false">')
+    table = section.partition("</table>")[0]
+    assert "later withdrawn" in table
+    rows = re.findall(r'<tr><th scope="row".*?>(.*?)</th>', table)
+    assert rows[-1] == "all"
+    assert len(rows) > 1
 
 
 EVIL = "</script><script>window.pwned=1</script><img src=x onerror=window.pwned=1>"

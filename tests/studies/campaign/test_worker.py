@@ -11,7 +11,6 @@ from typing import Any
 import psutil
 import pytest
 from campaign_probe import CHILD, environment, study
-from conftest import ONE_THREAD
 from distributed.comm import CommClosedError
 
 from massprop_drake import InputError
@@ -19,6 +18,7 @@ from massprop_drake.studies.campaign import engine, worker
 from massprop_drake.studies.campaign.campaign import Campaign
 from massprop_drake.studies.campaign.execution import differences, execution
 from massprop_drake.studies.campaign.worker import CannotFlyError, Child
+from massprop_drake.studies.threads import ONE_THREAD
 
 
 def setup_of(campaign: Campaign, **others: Any) -> dict[str, Any]:
