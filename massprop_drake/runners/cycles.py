@@ -258,7 +258,7 @@ class Whole:
     def advance(self, until: int) -> None:
         """Goes on to a row, which is not taken any more."""
         reached = self._reached
-        reached[0], reached[1] = self._next, until
+        reached[:] = self._next, until
         began = time.perf_counter()
         try:
             self._advance(self._holder, self._block, reached, self._held)
