@@ -355,6 +355,8 @@ def main() -> None:
         joint, campaigns = joint_cycles(), campaign_cases()
         if arguments.write is not None:
             tables = {
+                "load": f"{os.getloadavg()[2]:.1f}",
+                "processors": str(os.cpu_count()),
                 "joint": _table(joint, ("case", "way", "mean", "longest")),
                 "campaigns": _table(campaigns, ("case", "median", "most", "target")),
             }

@@ -6,7 +6,7 @@ compiled unasked, so no bit of a result depends on what is installed.
 
 A kernel keeps to the subset of numpy that numba compiles; for the few idioms that are fast in numpy and unknown to
 numba there are functions that say what they mean in the other form, `idiom`: here `numbers`, `rows3`, `picked`,
-`listed`, `fill`, `taken`.
+`listed`, `either`, `fill`, `taken`.
 
 Between Python and compiled code every array and number is converted, each way, which takes longer than the arithmetic.
 So a kernel that is called from Python takes a whole cycle, and what it keeps from one to the next stays in numba's own
@@ -128,6 +128,16 @@ def _itself(vector):  # type: ignore[no-untyped-def] # compiled alone
 def listed(vector: NDArray[Any]) -> Any:
     """A vector of any length that is gone through element by element."""
     return vector.tolist()
+
+
+def either(condition: NDArray[np.bool_], one: Any, other: Any) -> Array:
+    """Of two vectors, or numbers, the one where a condition holds, the other elsewhere; numba's own takes long to make.
+
+    Args:
+        condition: in compiled code of shape (n,).
+        one, other: shape (n,), or numbers.
+    """
+    return np.where(condition, one, other)
 
 
 def fill(row: Array, values: Any) -> None:
@@ -303,6 +313,7 @@ def _teach(extending: Any) -> None:
     for _, teach in _IDIOMS:
         teach(extending)
     extending.overload(numbers, jit_options=_BARE, prefer_literal=True)(_numbers)
+    extending.overload(either, jit_options=_BARE)(_either)
     extending.overload(fill, jit_options=_BARE)(_fill)
     extending.overload(taken, jit_options=_BARE)(_taken)
 
@@ -310,6 +321,18 @@ def _teach(extending: Any) -> None:
 def _numbers(vector, _count):  # type: ignore[no-untyped-def] # of types
     elements = ", ".join(f"vector[{index}]" for index in range(_count.literal_value))
     return eval(f"lambda vector, _count: ({elements},)")
+
+
+def _either(condition, one, other):  # type: ignore[no-untyped-def] # of types
+    first, second = (
+        f"{name}[index]" if getattr(kind, "ndim", 0) else name for name, kind in (("one", one), ("other", other))
+    )
+    lines = ["def either(condition, one, other):", "    result = empty(condition.size)"]
+    lines += ["    for index in range(condition.size):"]
+    lines += [f"        result[index] = {first} if condition[index] else {second}", "    return result"]
+    made: dict[str, Any] = {"empty": np.empty}
+    exec("\n".join(lines), made)
+    return made["either"]
 
 
 def _fill(row, values):  # type: ignore[no-untyped-def] # of types

@@ -23,7 +23,9 @@ _OF_MOMENTS = np.array([six_elements(np.trace(one) * np.eye(3) - one) for one in
 _INSIDE = 1e-3  # of the trace: least second moment to begin with
 _BARRIER = 10.0 ** np.arange(0, 10)  # t
 _STEPS, _NEWTON = 60, 60  # at most
-_SETTLED, _DECREMENT = 1e-7, 1e-10  # largest change of an inertia, of its trace; Newton's decrement
+_SETTLED, _DECREMENT = 1e-7, 1e-6  # largest change of an inertia, of its trace; Newton's decrement, beside the 3 of 3/t
+_HALVED = 1e-10  # share of a step that is not taken any more
+_ROUNDING = 4.0 * np.finfo(float).eps  # of a sum of squares, each of a difference, relative
 _ENOUGH = 1e-4  # of the decrease that a step promises
 _EXACT = 1e-12  # of a variance, added to it: what is exactly known is nearly so
 
@@ -124,12 +126,15 @@ def _least_squares(matrix: Array, target: Array, start: Array) -> Array:
             hessian = t * matrix.T @ matrix + np.einsum("kij,lji->kl", weighed, weighed)
             step = -np.linalg.solve(hessian, gradient)
             decrement = -float(gradient @ step)
-            if decrement < _DECREMENT:
+            left, size = matrix @ found - target, np.abs(matrix) @ np.abs(found) + np.abs(target)
+            if decrement < max(
+                _DECREMENT, _ROUNDING * t * float(np.abs(left) @ size)
+            ):  # less cannot be seen in the cost
                 break
             share, had = 1.0, cost(found, t)
-            while share > _DECREMENT and cost(found + share * step, t) > had - _ENOUGH * share * decrement:
+            while share > _HALVED and cost(found + share * step, t) > had - _ENOUGH * share * decrement:
                 share *= 0.5
-            if share <= _DECREMENT:  # rounding: nothing is better
+            if share <= _HALVED:  # rounding: nothing is better
                 break
             found = found + share * step
     return found

@@ -236,7 +236,8 @@ def looked_back(
             return Hindsight(np.full(10, np.nan), tuple(diagnoses))
         information = fit.information
         if len(chosen) != len(parts) or until_s < math.inf:
-            information = tuple(hindsight.normal(part, fit.at, made).information for part in parts)
+            wanted = hindsight.reckoned(made)
+            information = tuple(hindsight.normal(part, fit.at, made, wanted).information for part in parts)
         drifts = [_drift(scenario, part, fit.at) for part in parts]
         bound = hindsight.least_deviation(information, params.initial_covariance(scenario), drifts, made)
     return Hindsight(bound, tuple(diagnoses))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, cached_property
 from importlib import metadata
 from typing import Annotated, Any, Literal, NamedTuple
 
@@ -201,7 +201,7 @@ class Summary:
         columns = (self.estimates, self.standard_deviations, self.truth, self.percent_error)
         return tuple(map(Parameter, mass_properties.NAMES, *(column.tolist() for column in columns)))
 
-    @property
+    @cached_property
     def nearest_possible(self) -> Array | None:
         """Where no rigid body can have the estimates, the nearest that one can have, in their order, shape (10,).
 

@@ -64,9 +64,7 @@ class _Selection:
             declared=bool(desk.asked.declared[0]), known_wrench=desk.wrench.copy(), removed=desk.asked.removed
         )
         burst = self.selector.decide(state, REQUEST.read(request), properties, asked)
-        desk.remaining[:] = burst.remaining
-        if burst.changed is not None:
-            desk.counts[:], desk.refused[:], desk.out_of_use[:] = burst.changed
+        desk.remaining[:], desk.counts[:], desk.refused[:], desk.out_of_use[:] = burst
 
 
 class _Block(NamedTuple):
@@ -113,33 +111,39 @@ class Loop:
     def advance(self, reached_s: float) -> None:
         """Runs up to a time and logs every sample up to it, that at the time itself included."""
         while self._sample * self._period_s <= reached_s:
-            time_s = self._sample * self._period_s
             try:
-                self._step()
+                self._fill(reached_s)
             except (OutOfMassError, SpunUpError) as error:
-                raise error.at(time_s) from None
-            self._sample += 1
+                raise error.at(self._sample * self._period_s) from None
 
-    def _step(self) -> None:
-        """From the readings of a sample to those of the next."""
+    def _fill(self, reached_s: float) -> None:
+        """Goes on to a time, or to the end of a block, from the readings of each sample to those of the next."""
         row = self._filled % _ROWS
         if row == 0:
             self._begin()
         rows, tracked, _, shared_rows = self._blocks[-1]
-        if self._trackers.size:
-            tracked[row] = self._trackers.read(rows.body_state[row], rows.structure[row], self._sample)
-        self._known.advance(row + 1)
-        if self._made.pilot.adapts:
-            self._desk.estimate[:], self._desk.deviation[:] = self._known.reported()
-        while stop := self._fly(self._holder, shared_rows, self._reached, self._given):
-            if stop == SELECT:
-                assert self._selection is not None
-                self._selection.select(rows.request[row])
-            elif stop == JUMP:
-                state = released(self._holder)
-                after = vehicle_cycle.jumped(state.vehicle, self._sample, self._true)
-                self._holder = held(state._replace(vehicle=after), self._compiled)
-        self._filled += 1
+        fly, known, adapts, tracks = self._fly, self._known, self._made.pilot.adapts, self._trackers.size > 0
+        while row < _ROWS and self._sample * self._period_s <= reached_s:
+            if tracks:
+                tracked[row] = self._trackers.read(rows.body_state[row], rows.structure[row], self._sample)
+            known.advance(row + 1)
+            if adapts:
+                self._desk.estimate[:], self._desk.deviation[:] = known.reported()
+            while stop := fly(self._holder, shared_rows, self._reached, self._given):
+                self._attend(stop, rows.request[row])
+            row += 1
+            self._filled += 1
+            self._sample += 1
+
+    def _attend(self, stop: int, request: Array) -> None:
+        """Does what the kernel leaves to Python: selects jets for a request, or lets mass properties jump."""
+        if stop == SELECT:
+            assert self._selection is not None
+            self._selection.select(request)
+        elif stop == JUMP:
+            state = released(self._holder)
+            after = vehicle_cycle.jumped(state.vehicle, self._sample, self._true)
+            self._holder = held(state._replace(vehicle=after), self._compiled)
 
     def _begin(self) -> None:
         """Begins new logs, with the readings of their first sample."""

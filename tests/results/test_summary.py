@@ -93,8 +93,10 @@ def test_an_impossible_inertia_comes_with_the_nearest_possible_one(stuck_run: Ru
     stored = wrong.as_json()["derived"]
     assert stored["physically_possible"] is False
     assert derived(from_names(stored["nearest_possible"]), covariance).physically_possible
+    assert wrong.nearest_possible is wrong.nearest_possible  # sought once
+    estimates = estimates.copy()
     estimates[2] = -0.1  # beyond mending
-    assert wrong.as_json()["derived"]["nearest_possible"] is None
+    assert replace(wrong, estimates=estimates).as_json()["derived"]["nearest_possible"] is None
 
 
 def test_a_run_without_a_record_has_nothing_of_one(short_run: Run) -> None:

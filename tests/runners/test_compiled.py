@@ -101,6 +101,20 @@ def test_a_bundle_is_a_reference_in_compiled_code_and_the_same_named_tuple_in_py
     assert compiler.spent_s > 0.0
 
 
+@pytest.mark.parametrize(("one", "other"), [(1.0, 0.0), (1.0, "vector"), ("vector", 0.0), ("vector", "other")])
+def test_either_of_two_is_taken_element_by_element(one: Any, other: Any) -> None:
+    pytest.importorskip("numba")
+    vectors = {"vector": np.array([1.5, np.nan, -2.0]), "other": np.array([np.inf, 4.0, 0.25])}
+    given = [vectors.get(value, value) for value in (one, other)]
+    condition = np.array([True, False, True])
+    kernels.compiler()
+    import numba  # noqa: PLC0415 (optional)
+
+    compiled = numba.njit(lambda *parts: kernels.either(parts[0], parts[1], parts[2]))
+    np.testing.assert_array_equal(compiled(condition, *given), np.where(condition, *given))
+    np.testing.assert_array_equal(kernels.either(condition, *given), np.where(condition, *given))
+
+
 def test_machine_code_is_made_of_what_python_calls_alone() -> None:
     numba = pytest.importorskip("numba")
     kernels.compiler()

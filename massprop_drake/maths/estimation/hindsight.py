@@ -21,6 +21,8 @@ nothing new and is left out, as in the joint estimator. Coupling is taken with t
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from functools import cache
+from itertools import accumulate
 from typing import NamedTuple
 
 import numpy as np
@@ -44,6 +46,7 @@ _MOVED = 2.0  # quanta that a reading moves before it counts although none was e
 _EXACT = 1e-6  # of the period: less is rounding of a stamp
 _PASSES = 8
 _SETTLED = 1e-2  # squared sigmas that a pass would still gain
+_NEARLY = 100.0  # squared sigmas: a pass that would gain less is the last but one, as a rule
 
 
 @kernel
@@ -231,20 +234,15 @@ class ScoreTest(NamedTuple):
 
 def columns(model: Model) -> Columns:
     """Where the unknowns of a vehicle stand."""
-    n_accelerometers = model.positions.shape[0]
-    sizes = (
-        _N,
-        model.flows.shape[0],
-        0,
-        3,
-        3 * n_accelerometers,
-        3,
-        3,
-        3 * model.gyros,
-        3 * n_accelerometers,
-    )
-    sizes = (*sizes[:2], model.prior.shape[0] - sum(sizes), *sizes[3:])
-    ends = np.cumsum(sizes).tolist()
+    return _columns(model.prior.shape[0], model.flows.shape[0], model.gyros, model.positions.shape[0])
+
+
+@cache
+def _columns(n_unknown: int, n_jets: int, n_gyros: int, n_accelerometers: int) -> Columns:
+    of_gyros, of_accelerometers = 3 * n_gyros, 3 * n_accelerometers
+    n_lags = n_unknown - (_N + n_jets + 9 + of_gyros + 2 * of_accelerometers)
+    sizes = (_N, n_jets, n_lags, 3, of_accelerometers, 3, 3, of_gyros, of_accelerometers)
+    ends = list(accumulate(sizes))
     return Columns(*(slice(end - size, end) for end, size in zip(ends, sizes, strict=True)))
 
 
@@ -252,47 +250,43 @@ def columns(model: Model) -> Columns:
 
 
 class _Course(NamedTuple):
-    """What acted over the intervals of a stretch, by rows."""
+    """What acted over the intervals of a stretch, by rows; any other jet gave nothing at all."""
 
+    on: NDArray[np.int_]  # the jets that acted, (j,)
     durations_s: Array
-    amount: Array  # seconds of full thrust, (m - 1, n_jets)
+    amount: Array  # seconds of full thrust, (m - 1, j)
     by_lag: Array  # its derivative by the time constant
-    bow: Array  # see `Firing`, s, (3, m - 1, n_jets)
+    bow: Array  # see `Firing`, s, (3, m - 1, j)
     late_s: Array  # of each stamp after its tick, (m,)
-    level: Array  # at each stamp, (m, n_jets)
+    level: Array  # at each stamp, (m, j), where one is late
 
 
 def _course(stretch: Stretch, lag_error: Array, model: Model) -> _Course:
-    m, n_jets = stretch.commands.shape
+    m = stretch.commands.shape[0]
     intervals = m - 1
     told = (stretch.commands[:intervals] != 0.0).any(axis=0)
-    on = np.flatnonzero(told | (stretch.before != 0.0))  # any other jet gives nothing at all
+    on = np.flatnonzero(told | (stretch.before != 0.0))
     commands = np.ascontiguousarray(stretch.commands[:intervals, on])
     period, late = _ticks(stretch.time_s, model.period_s)
     given, lag_error = model.time_constants_s[on], lag_error[on]
     constants = np.where(given > 0.0, np.maximum(given + lag_error, 0.05 * given), 0.0)
-    remaining = np.exp(-period / np.where(constants > 0.0, constants, np.inf)) * (constants > 0.0)
-    by_logarithm = remaining * period / np.where(constants > 0.0, constants, 1.0)
+    lagged = constants > 0.0
+    remaining = np.exp(-period / np.where(lagged, constants, np.inf)) * lagged
+    by_logarithm = remaining * period / np.where(lagged, constants, 1.0)
     level, slope = np.zeros((2, m, on.size))
     level[0], level[1:] = stretch.before[on], commands
     if remaining.any():
         model.compute.lagging(level, slope, remaining, by_logarithm)
     firing = fire(level[:-1], slope[:-1], constants, np.array([period]), commands[None])
-    off = level[:-1] - commands
-    lagged = constants > 0.0
-    by_lag = np.where(lagged, firing.amount_slope / np.where(lagged, constants, 1.0), off)
-    amount = firing.amount + np.where(lagged, 0.0, off * lag_error)
-    sided = np.where((late > 0.0)[:, None] & (np.arange(m) < intervals)[:, None], stretch.commands[:, on], level)
-    at_stamp = np.where(lagged, level, np.nan_to_num(sided))
-
-    def of_all(part: Array) -> Array:
-        whole = np.zeros((*part.shape[:-1], n_jets))
-        whole[..., on] = part
-        return whole
-
-    return _Course(
-        np.full(intervals, period), of_all(amount), of_all(by_lag), of_all(firing.bow), late, of_all(at_stamp)
-    )
+    amount, by_lag = firing.amount, firing.amount_slope / np.where(lagged, constants, 1.0)
+    if not lagged.all():
+        off = level[:-1] - commands
+        by_lag = np.where(lagged, by_lag, off)
+        amount = amount + np.where(lagged, 0.0, off * lag_error)
+    if late.any():
+        sided = np.where((late > 0.0)[:, None] & (np.arange(m) < intervals)[:, None], stretch.commands[:, on], level)
+        level = np.where(lagged, level, np.nan_to_num(sided))
+    return _Course(on, np.full(intervals, period), amount, by_lag, firing.bow, late, level)
 
 
 def _ticks(time_s: Array, period_s: float) -> tuple[float, Array]:
@@ -358,7 +352,7 @@ class _Sums(NamedTuple):
 
     impulse: Array  # (6, m - 1)
     bow: Array  # (3, 6, m - 1)
-    late: Array  # at each stamp besides, (6, m)
+    late: Array | None  # at each stamp besides, (6, m), where one is late
     rate: Array  # (3, m)
     durations_s: Array
 
@@ -378,7 +372,7 @@ def _moments(centers: Array, sums: _Sums) -> _Moments:
         moment: Array = wrenches[..., :3, :] + _cross(wrenches[..., 3:, :], centers[..., None])
         return moment
 
-    late = about(sums.late) if sums.late.any() else None
+    late = None if sums.late is None else about(sums.late)
     return _Moments(about(sums.impulse), about(sums.bow[:, None]), late)
 
 
@@ -406,7 +400,7 @@ def _turning(whole: Array, bowed: Sequence[Array], durations_s: Array) -> Array:
     """O = [(w - w_0) x] + the integral of [w x]^2, of rates at the rows, shape (3, m), and their bows between.
 
     Returns:
-        Of each row, shape (m, 3, 3).
+        Of each row, shape (3, 3, m).
     """
     start, end = whole[:, :-1], whole[:, 1:]
     middle, gained, bow = 0.5 * (start + end), end - start, bowed
@@ -419,7 +413,7 @@ def _turning(whole: Array, bowed: Sequence[Array], durations_s: Array) -> Array:
     xx, yy, zz, yz, xz, xy = spin
     x, y, z = whole - whole[:, :1]
     rows = [[-(yy + zz), xy - z, xz + y], [xy + z, -(xx + zz), yz - x], [xz - y, yz + x, -(xx + yy)]]
-    return np.array(rows).transpose(2, 0, 1)
+    return np.array(rows)
 
 
 class _Expected(NamedTuple):
@@ -436,20 +430,19 @@ class _Expected(NamedTuple):
 
 def _expected(stretch: Stretch, at: Array, course: _Course, model: Model) -> _Expected:
     places = columns(model)
-    factor = 1.0 + at[places.thrust]
-    rate = _interpolated(stretch.readings[:, : model.gyros])
-    impulse = (course.amount * factor) @ model.wrenches + stretch.outside[:-1] * model.period_s
-    resisted = at[places.drag] * 0.5 * (rate[:-1] + rate[1:])
-    impulse[:, :3] += model.period_s * (at[places.torque] - resisted)  # pure torques act about any point
-    late = course.late_s[:, None] * ((course.level * factor) @ model.wrenches)
-    bow = (course.bow * factor) @ model.wrenches
-    acted = _by_columns(impulse), _by_columns(bow), _by_columns(late)
-    sums = _Sums(*acted, _by_columns(rate), course.durations_s)
+    wrenches = ((1.0 + at[places.thrust][course.on])[:, None] * model.wrenches[course.on]).T
+    rate = _by_columns(_interpolated(stretch.readings[:, : model.gyros]))
+    impulse = wrenches @ course.amount.T + stretch.outside[:-1].T * model.period_s
+    resisted = at[places.drag, None] * 0.5 * (rate[:, :-1] + rate[:, 1:])
+    impulse[:3] += model.period_s * (at[places.torque, None] - resisted)  # pure torques act about any point
+    late = course.late_s * (wrenches @ course.level.T) if course.late_s.any() else None
+    sums = _Sums(impulse, wrenches @ course.bow.transpose(0, 2, 1), late, rate, course.durations_s)
     mass = 1.0 / at[_MASS] + stretch.used_after
     lightness = 2.0 / (mass[:-1] + mass[1:])
     velocity = np.zeros_like(sums.rate)
     np.cumsum(sums.impulse[3:] * lightness, axis=-1, out=velocity[:, 1:])
-    velocity += sums.late[3:] / mass
+    if late is not None:
+        velocity += late[3:] / mass
     inverse, moments = at[:6][ELEMENT][None], _moments(at[None, _CENTER], sums)
     turned = _turned(inverse, (sums.rate - at[places.gyro_bias, None])[None])
     gained = _gathered(inverse, moments, turned, sums.durations_s)
@@ -462,58 +455,129 @@ def _by_columns(rows: Array) -> Array:
 
 
 class _Design(NamedTuple):
-    """Derivatives of what is expected, by the unknowns that have any."""
+    """What derivatives of what is expected are made of; they are made for the rows that say something new alone.
 
-    kept: NDArray[np.int_]  # which unknowns
+    What a jet gives has the direction of its moment and of its force, so that one sum is enough for three components,
+    and likewise what torques and drag give.
+    """
+
+    kept: NDArray[np.int_]  # which unknowns have any, (k,)
     place: NDArray[np.int_]  # of each among them, -1: none
-    rate: Array  # (k, 3, m)
-    velocity: Array
+    moved: Array  # of the rate by elements 0 to 8 and, where they are kept, gyro biases, (9 or 12, 3, m)
+    of_mass: Array  # of the velocity by 1/m, (3, m)
+    amount: Array  # of each jet that is kept, since the beginning, s, (m, j)
+    lightened: Array  # likewise, each interval's over the mass
+    moments: Array  # rate and
+    forces: Array  # velocity, with all mass at one, by them, (j, 3)
+    lag_rates: Array  # by the lags, (l, 3, m)
+    lag_velocities: Array
+    turned: Array  # rate by a torque of one over an interval, (3, 3)
+    ways: Array  # sum of the rates over the intervals, (3, m)
 
 
-def _design(expected: _Expected, at: Array, model: Model) -> _Design:
+def _design(expected: _Expected, at: Array, model: Model, wanted: NDArray[np.bool_]) -> _Design:
+    """Of the unknowns that are wanted, at least; those of a group, but jets and gains, come together."""
     places, course, sums = columns(model), expected.course, expected.sums
-    n, m = at.shape[0], expected.rate.shape[1]
-    active = ((course.amount != 0.0) | (course.by_lag != 0.0)).any(axis=0)
-    has = np.ones(n, dtype=np.bool_)
-    has[places.thrust] = active
-    kept, place = np.flatnonzero(has), np.where(has, np.cumsum(has) - 1, -1)
-    rate, velocity = np.zeros((2, kept.shape[0], 3, m))
-    rate[:_MASS], rate[place[places.gyro_bias]] = _moved(expected, at, model)
-    np.cumsum(sums.impulse[3:] * (expected.lightness / at[_MASS]) ** 2, axis=-1, out=velocity[_MASS, :, 1:])
-    inverse, forces = at[:6][ELEMENT], model.wrenches[:, 3:]
-    moments = (model.wrenches[:, :3] + crosses(forces, at[_CENTER])) @ inverse
-    jets = slice(places.thrust.start, places.thrust.start + int(active.sum()))
-    amount = course.amount.T[active, None]
-    np.cumsum(amount * moments[active, :, None], axis=-1, out=rate[jets, :, 1:])
-    np.cumsum(amount * expected.lightness * forces[active, :, None], axis=-1, out=velocity[jets, :, 1:])
-    for kind, unknown in enumerate(range(places.lag.start, places.lag.stop)):
-        weights = course.by_lag * ((1.0 + at[places.thrust]) * (model.kinds == kind))
-        np.cumsum((weights @ moments).T, axis=-1, out=rate[place[unknown], :, 1:])
-        np.cumsum((weights @ forces).T * expected.lightness, axis=-1, out=velocity[place[unknown], :, 1:])
-    middle, turned = 0.5 * (sums.rate[:, :-1] + sums.rate[:, 1:]), (model.period_s * inverse)[:, :, None]
-    np.cumsum(np.broadcast_to(turned, (3, 3, m - 1)), axis=-1, out=rate[place[places.torque.start] :][:3, :, 1:])
-    np.cumsum(-middle[:, None] * turned, axis=-1, out=rate[place[places.drag.start] :][:3, :, 1:])
-    return _Design(kept, place, rate, velocity)
+    acting = ((course.amount != 0.0) | (course.by_lag != 0.0)).any(axis=0) & wanted[places.thrust][course.on]
+    has = wanted.copy()
+    for group in (places.properties, places.lag, places.gyro_bias, places.torque, places.drag):
+        has[group] = wanted[group].any()
+    has[places.properties], has[places.thrust] = True, False
+    has[places.thrust][course.on[acting]] = True
+    inverse, forces = at[:6][ELEMENT], model.wrenches[course.on, 3:]
+    moments = (model.wrenches[course.on, :3] + crosses(forces, at[_CENTER])) @ inverse
+    lags = range(places.lag.start, places.lag.stop) if has[places.lag].any() else range(0)
+    by_lag = np.zeros((len(lags), 2, 3, expected.rate.shape[1]))
+    thrust, light = 1.0 + at[places.thrust][course.on], expected.lightness
+    for kind in range(len(lags)):
+        each = np.hstack((moments, forces)) * (thrust * (model.kinds[course.on] == kind))[:, None]
+        rates, velocities = np.split(each.T @ course.by_lag.T, 2)
+        np.cumsum(rates, axis=-1, out=by_lag[kind, 0, :, 1:])
+        np.cumsum(velocities * light, axis=-1, out=by_lag[kind, 1, :, 1:])
+    amount = course.amount[:, acting]
+    return _Design(
+        kept=np.flatnonzero(has),
+        place=np.where(has, np.cumsum(has) - 1, -1),
+        moved=_moved(expected, at, model, biased=bool(has[places.gyro_bias].any())),
+        of_mass=_since(sums.impulse[3:] * (light / at[_MASS]) ** 2),
+        amount=_since(amount.T).T,
+        lightened=_since(amount.T * light).T,
+        moments=moments[acting],
+        forces=forces[acting],
+        lag_rates=by_lag[:, 0],
+        lag_velocities=by_lag[:, 1],
+        turned=model.period_s * inverse,
+        ways=_since(0.5 * (sums.rate[:, :-1] + sums.rate[:, 1:])),
+    )
 
 
-def _moved(expected: _Expected, at: Array, model: Model) -> tuple[Array, Array]:
+def _since(gained: Array) -> Array:
+    """Sums since the beginning of what is gained over intervals, shape (k, m - 1), at the rows, shape (k, m)."""
+    sums = np.zeros((gained.shape[0], gained.shape[1] + 1))
+    np.cumsum(gained, axis=-1, out=sums[:, 1:])
+    return sums
+
+
+def _derivatives(
+    design: _Design, rows: NDArray[np.int_], turning: Sequence[tuple[int, float]], pulled: int | None, model: Model
+) -> Array:
+    """Derivatives of a sum of components of the rate, and of a component of the velocity, at some rows.
+
+    Args:
+        design: see `_Design`.
+        rows: shape (r,).
+        turning: components of the rate, and how often each is taken.
+        pulled: component of the velocity; None: the rate alone.
+        model: see `Model`.
+
+    Returns:
+        Shape (k, r).
+    """
+    places, start = columns(model), design.place
+    x, weights = np.zeros((design.kept.size, rows.size)), np.zeros(3)
+    biases, lags = design.moved.shape[0] > _MASS, design.lag_rates.shape[0] > 0
+    for axis, weight in turning:
+        weights[axis] = weight
+        moved = weight * design.moved[:, axis].take(rows, axis=1)
+        x[:_MASS] += moved[:_MASS]
+        if biases:
+            x[start[places.gyro_bias]] += moved[_MASS:]
+        if lags:
+            x[start[places.lag]] += weight * design.lag_rates[:, axis].take(rows, axis=1)
+    turned = design.turned @ weights
+    if start[places.torque.start] >= 0:
+        x[start[places.torque]] = turned[:, None] * rows
+    if start[places.drag.start] >= 0:
+        x[start[places.drag]] = -turned[:, None] * design.ways[:, rows]
+    jets = slice(_N, _N + design.moments.shape[0])
+    x[jets] = (design.amount[rows] * (design.moments @ weights)).T
+    if pulled is not None:
+        x[jets] += (design.lightened[rows] * design.forces[:, pulled]).T
+        x[_MASS] = design.of_mass[pulled, rows]
+        if lags:
+            x[start[places.lag]] += design.lag_velocities[:, pulled].take(rows, axis=1)
+    return x
+
+
+def _moved(expected: _Expected, at: Array, model: Model, *, biased: bool) -> Array:
     """Derivatives of the rate gained by the unknowns that it is not linear in: elements 0 to 8, and gyro biases.
 
     Returns:
-        Shapes (9, 3, m) and (3, 3, m).
+        Shape (9, 3, m), (12, 3, m) with biases.
     """
     bias, sums, steps = columns(model).gyro_bias, expected.sums, _STEP * model.sigma[:_MASS]
-    inverse = at[:6][ELEMENT]
-    others = np.tile(inverse, (9, 1, 1))
+    inverse, count = at[:6][ELEMENT], 9 if biased else 6
+    others = np.tile(inverse, (count, 1, 1))
     others[:6] = (at[:6] + np.diag(steps[:6]))[:, ELEMENT]
-    biases = np.tile(at[bias], (9, 1))
-    biases[6:] += _SMALL_RATE * np.eye(3)
+    biases = np.tile(at[bias], (count, 1))
+    biases[6:] += _SMALL_RATE * np.eye(3)[: count - 6]
     turned = _turned(others, sums.rate - biases[:, :, None])
     rates = _gathered(others, expected.moments, turned, sums.durations_s) - expected.rate
     moments = _moments(at[_CENTER] + np.diag(steps[6:]), sums)
     shifted = _gathered(inverse[None], moments, expected.turned, sums.durations_s) - expected.rate
-    by_element = np.concatenate((rates[:6], shifted)) / steps[:, None, None]
-    return by_element, rates[6:] / _SMALL_RATE
+    widths = np.concatenate((steps, np.full(count - 6, _SMALL_RATE)))
+    derivatives: Array = np.concatenate((rates[:6], shifted, rates[6:])) / widths[:, None, None]
+    return derivatives
 
 
 class _Component(NamedTuple):
@@ -530,8 +594,8 @@ def _components(
 ) -> Iterator[_Component]:
     """Yields every component of which there are two rows, gyros first."""
     places, sums = columns(model), expected.sums
-    off = np.mean(np.ascontiguousarray((sums.rate - expected.rate).T), axis=0)
-    whole = expected.rate + off[:, None] - at[places.gyro_bias, None]
+    off = np.mean(sums.rate - expected.rate, axis=1, keepdims=True)
+    whole = expected.rate + off - at[places.gyro_bias, None]
     inverse = at[:6][ELEMENT]
     bows = _bows(expected.moments, _turned(inverse[None], whole[None]), sums.durations_s)
     turn = _turning(whole, [inverse @ bow[0] for bow in bows], sums.durations_s)
@@ -539,7 +603,7 @@ def _components(
     for package in range(stretch.readings.shape[1]):
         number = package - model.gyros
         arm = model.positions[number] - at[_CENTER] if number >= 0 else np.zeros(3)
-        shown = expected.rate if number < 0 else expected.velocity + (turn @ arm).T
+        shown = expected.rate if number < 0 else expected.velocity + arm @ turn
         for axis in range(3):
             gains = places.gyro_gain.start + 3 * package if number < 0 else places.accelerometer_gain.start + 3 * number
             gain, own = gains + axis, places.acceleration_bias.start + 3 * number + axis
@@ -551,28 +615,36 @@ def _components(
             if rows.shape[0] < 2:
                 continue
             if number < 0:
-                x = design.rate[:, axis][:, rows]
+                x = _derivatives(design, rows, ((axis, 1.0),), None, model)
             else:
                 first, second = (axis + 1) % 3, (axis + 2) % 3
-                x = design.velocity[:, axis][:, rows] + design.rate[:, first][:, rows] * arm[second]
-                x -= design.rate[:, second][:, rows] * arm[first]
-                x[_CENTER] -= turn[rows, axis].T
-            x *= 1.0 + at[gain]
-            x[design.place[gain]] = shown[axis, rows]
-            if number >= 0:
+                levers = ((first, float(arm[second])), (second, -float(arm[first])))
+                x = _derivatives(design, rows, levers, axis, model)
+                x[_CENTER] -= turn[axis].take(rows, axis=1)
+            if at[gain] != 0.0:
+                x *= 1.0 + at[gain]
+            if design.place[gain] >= 0:
+                x[design.place[gain]] = shown[axis, rows]
+            if number >= 0 and design.place[own] >= 0:
                 x[design.place[own]] = ramp[rows]
             yield _Component(package, rows, read[rows] - wanted[rows], x)
 
 
-def normal(stretch: Stretch, at: Array, model: Model) -> Normal:
+def normal(stretch: Stretch, at: Array, model: Model, wanted: NDArray[np.bool_] | None = None) -> Normal:
     """The normal equations of a stretch about a point.
 
     Args:
         stretch: of at least two rows.
         at: all unknowns, shape (n,); the inverse inertia positive definite.
         model: see `Model`.
+        wanted: unknowns of which they are to be, shape (n,); None: all. Of others they may be zero.
     """
-    return _normal(stretch, at, course_of(stretch, at, model), model)
+    return _normal(stretch, at, course_of(stretch, at, model), model, wanted)
+
+
+def reckoned(model: Model) -> NDArray[np.bool_]:
+    """Which unknowns a fit, and what it allows, depend on, shape (n,)."""
+    return (model.sigma > 0.0) | (np.arange(model.sigma.size) < _N)
 
 
 def course_of(stretch: Stretch, at: Array, model: Model) -> _Course:
@@ -580,19 +652,21 @@ def course_of(stretch: Stretch, at: Array, model: Model) -> _Course:
     return _course(stretch, at[columns(model).lag][model.kinds], model)
 
 
-def _normal(stretch: Stretch, at: Array, course: _Course, model: Model) -> Normal:
+def _normal(
+    stretch: Stretch, at: Array, course: _Course, model: Model, wanted: NDArray[np.bool_] | None = None
+) -> Normal:
     expected = _expected(stretch, at, course, model)
-    changes = np.zeros((expected.rate.shape[1] + 1, 3))
-    changes[1:-1] = np.diff(expected.rate).T / model.period_s
-    squares = np.sum(changes**2, axis=1)
+    squares = np.zeros(expected.rate.shape[1] + 1)
+    squares[1:-1] = np.sum((np.diff(expected.rate) / model.period_s) ** 2, axis=0)
     steepness = 0.5 * (squares[:-1] + squares[1:])
-    design = _design(expected, at, model)
+    every = np.ones(at.shape[0], dtype=np.bool_)
+    design = _design(expected, at, model, every if wanted is None else wanted)
     kept = design.kept
     information, vector = np.zeros((kept.shape[0], kept.shape[0])), np.zeros(kept.shape[0])
     total = empty(model)
     for package, rows, difference, derivatives in _components(stretch, expected, design, at, model):
         scale = 1.0 / np.sqrt(model.variances[package])
-        x = (derivatives - derivatives.mean(axis=1, keepdims=True)) * scale
+        x = (derivatives - derivatives.sum(axis=1, keepdims=True) / rows.shape[0]) * scale
         left = (difference - difference.mean()) * scale
         information += x @ x.T
         vector += x @ left
@@ -629,28 +703,31 @@ def fitted(stretches: Sequence[Stretch], start: Array, model: Model) -> Fit:
     free = np.flatnonzero(model.sigma > 0.0)
     sigma, lag = model.sigma[free], columns(model).lag
     told: list[_Course] = []
-    told_for = at
-    for _ in range(_PASSES):
+    told_for, wanted, complete = at, reckoned(model), False
+    for number in range(_PASSES):
+        complete = complete or number == _PASSES - 1
         if not told or (at[lag] != told_for[lag]).any():
             told, told_for = [course_of(stretch, at, model) for stretch in stretches], at
-        parts = [_normal(stretch, at, course, model) for stretch, course in zip(stretches, told, strict=True)]
+        each = zip(stretches, told, strict=True)
+        parts = [_normal(stretch, at, course, model, None if complete else wanted) for stretch, course in each]
         total = empty(model)
         for part in parts:
             total = total.plus(part)
-        information = tuple(part.information for part in parts)
         scaled = total.information[np.ix_(free, free)] * np.outer(sigma, sigma) + np.eye(free.shape[0])
         right = total.score[free] * sigma + (model.prior[free] - at[free]) / sigma
         step = np.linalg.solve(scaled, right)
-        if not np.isfinite(step).all():
-            return Fit(at, total, information, False)
+        gain, sound = float(step @ right), bool(np.isfinite(step).all())
+        if complete and (not sound or gain < _SETTLED):
+            return Fit(at, total, tuple(part.information for part in parts), sound)
+        complete = not sound or gain < _NEARLY
+        if not sound or gain < _SETTLED:
+            continue  # it was the last one, but for the unknowns that are only put to the test
         move = np.zeros_like(at)
         move[free] = step * sigma
-        if float(step @ right) < _SETTLED:
-            return Fit(at, total, information, True)
         while not possible(at + move):
             move *= 0.5
         at = at + move
-    return Fit(at, total, information, False)
+    return Fit(at, total, tuple(part.information for part in parts), False)
 
 
 def possible(at: Array) -> bool:
@@ -669,7 +746,9 @@ def score(fit: Fit, group: NDArray[np.int_], model: Model, stated: float = 0.0, 
         clear: largest 1-sigma of a combination of them that is tested.
     """
     total = fit.normal
-    free = np.setdiff1d(np.flatnonzero(model.sigma > 0.0), group)
+    others = model.sigma > 0.0
+    others[group] = False
+    free = np.flatnonzero(others)
     sigma = model.sigma[free]
     both = np.concatenate((free, group))
     origin = np.zeros_like(fit.at)

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_drake.maths.arrays import FLAG, Layout
-from massprop_drake.maths.kernels import idiom, kernel
+from massprop_drake.maths.kernels import either, idiom, kernel
 from massprop_drake.maths.linear_algebra import Array, nonzero
 from massprop_drake.maths.vehicle.thrust import LagFactors, level_after, mean_level
 
@@ -96,7 +96,7 @@ def interval_impulses(
     """
     steady, known, firing = steadiness(command, previous_command)
     if not known:
-        command = np.where(np.isnan(command), 0.0, command)
+        command = either(np.isnan(command), 0.0, command)
         firing = nonzero(command)
     mean = after = command
     if not lag.instantaneous:

@@ -29,7 +29,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_drake.maths.estimation.filters.rotation_filter import rate_increment_jacobian
+from massprop_drake.maths.estimation.filters.rotation_filter import rate_increment_jacobians
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import N_ROTATION
 
@@ -76,16 +76,11 @@ def impulse_jacobian(wrenches: Array, mass_properties: Array, *, accelerometer: 
         mass_properties: the ten parameters, shape (10,).
         accelerometer: whether velocity increments are measured.
     """
-    rows = []
-    for wrench in wrenches:
-        rotation = np.zeros((3, 10))
-        rotation[:, :N_ROTATION] = rate_increment_jacobian(mass_properties[:N_ROTATION], wrench[:3], wrench[3:])
-        rows.append(rotation)
-        if accelerometer:
-            translation = np.zeros((3, 10))
-            translation[:, 9] = wrench[3:]
-            rows.append(translation)
-    return np.vstack(rows)
+    rows = np.zeros((wrenches.shape[0], 6 if accelerometer else 3, 10))
+    rows[:, :3, :N_ROTATION] = rate_increment_jacobians(mass_properties[:N_ROTATION], wrenches)
+    if accelerometer:
+        rows[:, 3:, 9] = wrenches[:, 3:]
+    return rows.reshape(-1, 10)
 
 
 def unobservable(jacobian: Array, scale: Array) -> Array:

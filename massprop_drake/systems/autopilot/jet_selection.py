@@ -131,7 +131,7 @@ class JetSelection(LeafSystem):
             return row[_FIRED], ()
         asked_for = self._layout.read(told) if there else None
         burst = self._selector.decide(self._state(context), REQUEST.read(request), properties, asked_for)
-        return self._fired(burst.remaining, reciprocal, self._held), burst.changed or ()
+        return self._fired(burst.remaining, reciprocal, self._held), burst[1:]
 
     def _calc_command(self, context: Any, output: Any) -> None:
         row, _ = self._burst.get(context)

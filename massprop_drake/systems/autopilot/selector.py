@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from massprop_drake.maths.autopilot.jet_selection import (
     activity_vectors,
     burst_cycles,
-    firing,
     least_change,
     must_select,
 )
@@ -34,17 +33,17 @@ _LEAST_CONTROL = 0.01  # share of the reach about an axis that must be left when
 
 
 class Burst(NamedTuple):
-    """The burst in force at a sample.
+    """The burst in force from a sample on, and what has been remembered with it, see `SelectionState`.
 
     Attributes:
         remaining: cycles that each jet has still to fire, this one included, shape (n_jets,).
-        command: 1 for each jet that fires over the coming sample, shape (n_jets,).
-        changed: states `counts`, `refused` and `out_of_use`; None: they are as they were.
+        counts, refused, out_of_use: as they are now.
     """
 
     remaining: Array
-    command: Array
-    changed: tuple[Array, Array, Array] | None
+    counts: Array
+    refused: Array
+    out_of_use: Array
 
 
 class SelectionState(NamedTuple):
@@ -67,7 +66,7 @@ class SelectionState(NamedTuple):
 
 
 class Selector:
-    """Decides which jets fire; remembers nothing itself.
+    """Decides which jets fire; remembers no more itself than what it has reckoned last.
 
     Args:
         wrenches: torque about the vehicle origin and force of each jet, shape (n_jets, 6).
@@ -98,6 +97,7 @@ class Selector:
         self._selectable = selectable
         self._nominal = mass_properties
         self._nominal_activity = activity_vectors(wrenches, mass_properties)
+        self._undone, self._by_nominal = np.zeros(6), np.zeros(6)  # the last wrench, and its effect
         self._program = JetSelectionProgram(mass_flows)
         self._period_s = period_s
         off = np.zeros(selectable.size)
@@ -105,7 +105,7 @@ class Selector:
         self.initial = SelectionState(off, off, np.zeros(3), counts, np.zeros(REFUSED.size), off)
 
     def decide(self, state: SelectionState, request: Any, properties: Array | None, asked_for: Any) -> Burst:
-        """The burst in force from a sample on.
+        """The burst in force from a sample on at which `must_select` says that there is something to solve.
 
         Args:
             state: before the sample.
@@ -119,9 +119,6 @@ class Selector:
             if nonzero(asked_for.known_wrench):
                 wrench = asked_for.known_wrench
         remaining = np.zeros_like(state.remaining) if declared else state.remaining
-        if not must_select(remaining, request, state.refused, wrench is not None, declared):
-            return Burst(remaining, firing(remaining), None)
-
         solved, reduced, closest, granted = SELECTION_COUNTS.read(state.counts)
         refused = state.refused
         out_of_use = state.out_of_use
@@ -141,7 +138,7 @@ class Selector:
             closest += selection.outcome == Outcome.CLOSEST
             granted = _length(selection.reached[VELOCITY]) / size if size > 0.0 else 1.0
         counts = (solved + self._program.solves - before, reduced, closest, granted)
-        return Burst(remaining, firing(remaining), (SELECTION_COUNTS.pack(counts), refused, out_of_use))
+        return Burst(remaining, SELECTION_COUNTS.pack(counts), refused, out_of_use)
 
     def _activity(self, properties: Array | None) -> Array:
         """Activity vectors by the mass properties in use."""
@@ -179,7 +176,11 @@ class Selector:
 
     def _effect(self, properties: Array | None, wrench: Array) -> Array:
         """Rates of change of rate and velocity by a wrench about the vehicle origin, shape (6,)."""
-        return activity_vectors(wrench[None, :], self._nominal if properties is None else properties)[:, 0]
+        if properties is not None:
+            return activity_vectors(wrench[None, :], properties)[:, 0]
+        if not np.array_equal(wrench, self._undone):
+            self._undone, self._by_nominal = wrench.copy(), activity_vectors(wrench[None, :], self._nominal)[:, 0]
+        return self._by_nominal
 
     def _reduced(self, properties: Array | None, out_of_use: Array, proposed: Array) -> Array:
         """The state `out_of_use` when jets are proposed: those that control about every axis can spare go."""

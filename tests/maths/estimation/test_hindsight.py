@@ -187,6 +187,20 @@ def test_what_accelerometers_are_to_show_does_not_depend_on_what_gyros_are_off_b
     np.testing.assert_allclose(known_bias.by_package, plain.by_package, rtol=1e-6)
 
 
+def test_equations_of_some_unknowns_are_those_of_all_without_the_others() -> None:
+    stretch, (model, places) = flight(3).stretch, known()
+    at = model.prior.copy()
+    at[places.thrust], at[places.gyro_gain] = 0.01 * np.arange(6), 1e-3
+    model.sigma[places.thrust.start + 1] = 0.0
+    wanted = hindsight.reckoned(model)
+    every, some = hindsight.normal(stretch, at, model), hindsight.normal(stretch, at, model, wanted)
+    assert not wanted.all()
+    np.testing.assert_allclose(some.information[np.ix_(wanted, wanted)], every.information[np.ix_(wanted, wanted)])
+    np.testing.assert_allclose(some.score[wanted], every.score[wanted])
+    np.testing.assert_array_equal(some.by_package, every.by_package)
+    assert not some.information[places.gyro_bias].any()
+
+
 def test_a_reading_counts_once_it_has_moved() -> None:
     expected = np.array([0.0, 0.3, 0.6, 1.0, 1.4, 2.1, 2.1])
     read = np.array([0.0, 0.0, 1.0, 1.0, np.nan, 2.0, 5.0])

@@ -52,7 +52,7 @@ from massprop_drake.maths.estimation.detectors.jet_tests import (
     uncertain_jet_tests,
 )
 from massprop_drake.maths.estimation.detectors.known_forces import excess_share, known_force
-from massprop_drake.maths.kernels import kernel
+from massprop_drake.maths.kernels import either, kernel
 from massprop_drake.maths.linear_algebra import Array, inverse_positive_definite, nonzero
 
 _AMBIGUOUS = 25.0  # likelihood argument of a failure beyond doubt, whichever jet it is
@@ -471,11 +471,11 @@ def _counted(
     alike = (params.clusters == finding.isolation.cluster) & (tests.likelihood >= tests.likelihood[jet] - params.margin)
     missing = alike & (tests.magnitude < 0.0)
     if finding.magnitude > 0.0 and missing.any():
-        jet = int(np.where(missing, tests.likelihood, -1.0).argmax())
+        jet = int(either(missing, tests.likelihood, -1.0).argmax())
     manifold = params.manifolds[jet]
     if manifold >= 0:
         alike = alike | (params.manifolds == manifold)
-        closed = np.where(params.manifolds == manifold, 1.0, closed)
+        closed = either(params.manifolds == manifold, 1.0, closed)
     magnitude = float(tests.magnitude[jet])
     if magnitude > 0.0 and manifold < 0:
         force, variance = force.copy(), variance.copy()
@@ -494,7 +494,7 @@ def _counted(
         onset_s,
         alarms,
     )
-    removed = np.where(alike, 1.0, removed)
+    removed = either(alike, 1.0, removed)
     return DetectorState(_QUIET, 0.0, 0.0, onset_s, effect, force, variance, removed, closed), finding
 
 

@@ -39,7 +39,7 @@ from numpy.typing import NDArray
 
 from massprop_drake.maths.estimation.detector import Evidence
 from massprop_drake.maths.estimation.filters.rotation_filter import rate_increment_jacobians
-from massprop_drake.maths.kernels import idiom, kernel, numbers, picked
+from massprop_drake.maths.kernels import either, idiom, kernel, numbers, picked
 from massprop_drake.maths.linear_algebra import (
     Array,
     NotPositiveDefiniteError,
@@ -248,7 +248,7 @@ def uncertain_jet_tests(
     ruled_out = (impossible_negative & (magnitude <= 0.0)) | (impossible_positive & (magnitude >= 0.0))
     magnitude[ruled_out] = 0.0
     likelihood[ruled_out] = 0.0
-    return JetTests(magnitude, 1.0 / strength, likelihood, np.where(ruled_out, total, unexplained))
+    return JetTests(magnitude, 1.0 / strength, likelihood, either(ruled_out, total, unexplained))
 
 
 @kernel
@@ -298,7 +298,7 @@ def isolate(likelihood: Array, clusters: NDArray[np.int_]) -> Isolation:
     largest = float(likelihood[jet])
     same = clusters == clusters[jet]
     elsewhere = likelihood[~same]
-    beside = np.where(same, likelihood, 0.0)
+    beside = either(same, likelihood, 0.0)
     beside[jet] = 0.0
     elsewhere_most = float(elsewhere.max()) if elsewhere.size else 0.0
     return Isolation(jet, int(clusters[jet]), largest - elsewhere_most, largest - float(beside.max()))

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from massprop_drake.maths.estimation.detector import NO_KNOWN_FORCE, ROTATION, TRANSLATION, KnownForce
 from massprop_drake.maths.estimation.detectors.jet_tests import signatures
-from massprop_drake.maths.kernels import kernel
+from massprop_drake.maths.kernels import either, kernel
 from massprop_drake.maths.linear_algebra import Array, nonzero
 
 
@@ -54,4 +54,4 @@ def excess_share(state: Any, jets: NDArray[np.int_], command: Array, params: Any
     """
     stuck = state.force[jets] > 0.5 * params.thrusts[jets]
     told = command[jets]
-    return np.where(stuck, 1.0 - np.where(np.isnan(told), 0.0, told), 1.0)
+    return either(stuck, 1.0 - either(np.isnan(told), 0.0, told), 1.0)

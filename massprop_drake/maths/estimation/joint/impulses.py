@@ -34,7 +34,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_drake.maths.kernels import kernel
+from massprop_drake.maths.kernels import either, kernel
 from massprop_drake.maths.linear_algebra import Array
 
 UNKNOWN_LEVEL_VARIANCE = 0.25  # of a level that is 0 or 1 and nobody knows which
@@ -84,11 +84,11 @@ def fire(level: Array, slope: Array, time_constants_s: Array, durations_s: Array
     for piece in range(durations_s.shape[0]):
         h = durations_s[piece]
         unknown = np.isnan(commands[piece])
-        u = np.where(unknown, 0.5, commands[piece])
+        u = either(unknown, 0.5, commands[piece])
         commanded = commanded or bool(np.any(u > 0.0))
         ratio = time_constants_s / h
         lagged = ratio > 0.0
-        remaining = np.exp(-1.0 / np.where(lagged, ratio, 1.0)) * lagged
+        remaining = np.exp(-1.0 / either(lagged, ratio, 1.0)) * lagged
         mean = ratio * (1.0 - remaining)
         d = level - u
         parts = _parts(ratio, mean)
@@ -98,7 +98,7 @@ def fire(level: Array, slope: Array, time_constants_s: Array, durations_s: Array
             moments += _moments_of_piece(total, h, (amount, u, d), parts)
         amount += h * (u + d * mean)
         amount_slope += h * (d * (mean - remaining) + slope * mean)
-        remaining_slope = remaining / np.where(lagged, ratio, 1.0)
+        remaining_slope = remaining / either(lagged, ratio, 1.0)
         slope = slope * remaining + d * remaining_slope
         level = u + d * remaining
         variance += UNKNOWN_LEVEL_VARIANCE * h * h * unknown
