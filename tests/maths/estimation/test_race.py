@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from joint_probe import small_params, some_state
 
+from massprop_drake.maths.estimation.detectors import multi_hypothesis
 from massprop_drake.maths.estimation.joint import bank as banks
 from massprop_drake.maths.estimation.joint import decision
 from massprop_drake.maths.estimation.joint import race as races
@@ -297,6 +298,25 @@ def test_runners_up_explain_all_and_are_less_than_twelve_nats_behind() -> None:
     winner, *others = races.standings(now, [*some, contender(leak(5), 99.0), contender(JUMP, 99.0)], PARAMS)
     found = decision.runners_up(winner, others)
     assert [each.contender.cause for each in found] == [leak(4), leak(1)]
+
+
+def test_of_a_group_each_member_may_be_it_and_of_a_jet_whoever_runs_up() -> None:
+    """Each with itself as the likeliest of the group."""
+    now = race(running(leak(0), 100.0), running(leak(1), 99.0), running(leak(2), 98.0), running(leak(3), 80.0))
+    some = [contender(run.cause, run.score.likelihood) for run in now.runs]
+    standing = races.standings(now, some, PARAMS)
+    state = multi_hypothesis.initial(PARAMS)._replace(race=now)
+    winner, *others = standing
+    members = tuple(each.contender for each in others[:2])
+    alternatives = (tuple(each.failures[0] for each in (winner.contender, *members)),)
+    group = decision.Decision(decision.Outcome.GROUP, winner, members, alternatives)
+    for named, causes_of_it in ((group, [1, 2]), (decision.Decision(decision.Outcome.JETS, winner), [1, 2])):
+        found = multi_hypothesis._otherwise(state, named, standing)
+        assert [each.winner.contender.cause for each in found if each.winner] == [leak(jet) for jet in causes_of_it]
+    first, second = multi_hypothesis._otherwise(state, group, standing)
+    assert [failure.jet for failure in first.alternatives[0]] == [1, 0, 2]
+    assert [failure.jet for failure in second.alternatives[0]] == [2, 0, 1]
+    assert [each.cause for each in second.group] == [leak(0), leak(1)]
 
 
 def test_two_forces_that_are_impossible_together_cost_what_no_two_that_are_possible_can_explain() -> None:
