@@ -290,7 +290,7 @@ def test_covariance_goes_over_by_the_jacobian_and_noise() -> None:
     noise = np.zeros((PLACES.size, PLACES.size))
     spread = np.zeros((PLACES.size, 6))
     spread[10:13, :3], spread[13:16, 3:], spread[16:19, 3:] = np.eye(3), np.eye(3), np.eye(3)
-    spread[13:16, :3], spread[16:19, :3] = prediction.apart[:, 1]
+    spread[13:16, :3], spread[16:19, :3] = prediction.apart[1]
     noise = spread @ prediction.noise @ spread.T
     noise[:10, :10] += np.diag(prediction.drift)
     expected = transition @ state.root @ state.root.T @ transition.T + noise

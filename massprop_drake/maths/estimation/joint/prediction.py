@@ -116,7 +116,7 @@ class Prediction(NamedTuple):
         velocity_rows: of the change of c_s at the mean position of the accelerometers, whose biases are not in it,
             shape (3, size).
         apart: derivatives by w0 and by w1 of what the turning adds to each c_s beyond that, shape
-            (n_accelerometers, 2, 3, 3).
+            (2, n_accelerometers, 3, 3).
         mass_factor: derivative of mu after by mu before.
         noise: covariance added to w and to every c_s alike, shape (6, 6).
         drift: variances added to the ten parameters, shape (10,).
@@ -300,19 +300,22 @@ def predict(state: JointState, acting: Drive, rate_read: RateRead, params: Joint
 
     if params.second_order:
         noise[3:, 3:] += left.max() * np.trace(covariance[CENTER, CENTER]) * _IDENTITY
-    by_start, by_end = turned_by(mean[RATE], end, mean_position(params) - mean[CENTER], duration)
+    apart = turned_by(mean[RATE], end, params.accelerometer_positions - mean[CENTER], duration)
+    middle = apart.sum(axis=1) / max(places.accelerometers, 1)
+    by_start, by_end = middle[0], middle[1]
+    apart[0] -= by_start
+    apart[1] -= by_end
     velocity_rows[:, RATE] += by_start + by_end
     velocity_rows += by_end @ rate_rows
     noise = _through_turning(noise, by_end)
     gap = mean[RATE] + change - end
     velocity_change = velocity_change + by_end @ gap
-    apart = _turned_apart(mean[RATE], end, duration, params)
 
     after = mean.copy()
     after[RATE] += change
     for package in range(places.accelerometers):
         part = slice(VELOCITY + 3 * package, VELOCITY + 3 * package + 3)
-        after[part] += velocity_change + apart[package, 1] @ gap
+        after[part] += velocity_change + apart[1, package] @ gap
         if places.n_acceleration_bias > 0:
             begin = places.acceleration_bias + 3 * package
             after[part] += duration * params.acceleration_bias_sigma * mean[begin : begin + 3]
@@ -412,44 +415,21 @@ def _corrected(rate: Array, read: RateRead, share: Array) -> Array:
 
 
 @kernel
-def mean_position(params: JointParams) -> Array:
-    """Mean of the accelerometers' positions; the origin where there is none."""
-    middle = np.zeros(3)
-    for package in range(params.places.accelerometers):
-        middle += params.accelerometer_positions[package] / params.places.accelerometers
-    return middle
-
-
-@kernel
-def turned_by(start: Array, end: Array, arm: Array, duration_s: float) -> tuple[Array, Array]:
-    """Derivatives of the integral of w x (w x arm) dt by w0 and by w1, for a rate that is linear, shape (3, 3) each.
+def turned_by(start: Array, end: Array, arms: Array, duration_s: float) -> Array:
+    """D0 and D1 of each arm, shape (2, n, 3, 3).
 
     Args:
         start, end: w0 and w1, rad/s, shape (3,).
-        arm: ft or m, shape (3,).
+        arms: ft or m, shape (n, 3).
         duration_s: of the interval.
     """
-    at_start, at_end = _swung(start, arm), _swung(end, arm)
-    return duration_s * (at_start / 3.0 + at_end / 6.0), duration_s * (at_end / 3.0 + at_start / 6.0)
-
-
-@kernel
-def _swung(rate: Array, arm: Array) -> Array:
-    """Derivative of w x (w x arm) by w, shape (3, 3)."""
-    return np.outer(rate, arm) + (rate @ arm) * _IDENTITY - 2.0 * np.outer(arm, rate)
-
-
-@kernel
-def _turned_apart(start: Array, end: Array, duration_s: float, params: JointParams) -> Array:
-    """See `Prediction.apart`."""
-    packages = params.places.accelerometers
-    apart = np.zeros((packages, 2, 3, 3))
-    if packages > 1:
-        middle = mean_position(params)
-        for package in range(packages):
-            arm = params.accelerometer_positions[package] - middle
-            apart[package, 0], apart[package, 1] = turned_by(start, end, arm, duration_s)
-    return apart
+    n, rates = arms.shape[0], np.empty((2, 3))  # G is linear in the rate
+    rates[0] = (duration_s / 6.0) * (2.0 * start + end)
+    rates[1] = (duration_s / 6.0) * (start + 2.0 * end)
+    turned = rates.reshape(2, 1, 3, 1) * arms.reshape(1, n, 1, 3)
+    turned -= 2.0 * rates.reshape(2, 1, 1, 3) * arms.reshape(1, n, 3, 1)
+    turned += (rates @ arms.T).reshape(2, n, 1, 1) * _IDENTITY
+    return turned
 
 
 @kernel
@@ -464,9 +444,7 @@ def _through_turning(noise: Array, by_end: Array) -> Array:
 @kernel
 def gathered_rows(prediction: Prediction, package: int) -> Array:
     """Derivative of the change of a package's c_s by the state, without its biases, shape (3, size)."""
-    if prediction.apart.shape[0] == 1:
-        return prediction.velocity_rows
-    by_start, by_end = prediction.apart[package, 0], prediction.apart[package, 1]
+    by_start, by_end = prediction.apart[0, package], prediction.apart[1, package]
     rows = prediction.velocity_rows + by_end @ prediction.rate_rows
     rows[:, RATE] += by_start + by_end
     return rows
@@ -549,14 +527,19 @@ def propagated(root: Array, prediction: Prediction, params: JointParams) -> Arra
     places = params.places
     after = root.copy()
     after[RATE] += prediction.rate_rows @ root
+    common = prediction.velocity_rows @ root
     noise = semidefinite_root(prediction.noise)
     drifting = np.flatnonzero(prediction.drift > 0.0)
     columns = np.zeros((places.size, 6 + drifting.shape[0]))
     columns[RATE, :6] = noise[:3]
     for package in range(places.accelerometers):
         part = slice(VELOCITY + 3 * package, VELOCITY + 3 * package + 3)
-        after[part] += gathered_rows(prediction, package) @ root
-        columns[part, :6] = noise[3:] + prediction.apart[package, 1] @ noise[:3]
+        after[part] += common
+        columns[part, :6] = noise[3:]
+        if places.accelerometers > 1:
+            by_start, by_end = prediction.apart[0, package], prediction.apart[1, package]
+            after[part] += by_start @ root[RATE] + by_end @ after[RATE]
+            columns[part, :6] += by_end @ noise[:3]
         if places.n_acceleration_bias > 0:
             begin = places.acceleration_bias + 3 * package
             after[part] += prediction.duration_s * params.acceleration_bias_sigma * root[begin : begin + 3]
