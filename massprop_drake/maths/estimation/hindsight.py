@@ -14,8 +14,10 @@ the filter reckons with (of prior variance Lambda^-1), the information A = X^T R
   others has the covariance S if they are zero, so that U^T S^-1 U is chi-square distributed, and S^-1 U is how large
   they are. Errors that are stated with a 1-sigma of s have estimates of variance s^2 + 1/S.
 
-Initial values are eliminated by taking means off. A reading that has not moved by a quantum since one was used says
-nothing new and is left out, as in the joint estimator. Coupling is taken with the rates as they are read.
+Initial values are eliminated by taking means off. Where stamps are off their ticks, these lie on a line through the
+stamps, as far as it is known: its two errors are unknowns of each stretch, and eliminated, too. A reading that has not
+moved by a quantum since one was used says nothing new and is left out, as in the joint estimator. Coupling is taken
+with the rates as they are read.
 """
 
 from __future__ import annotations
@@ -42,6 +44,7 @@ _QUICK = (
 )
 _MOVED = 2.0  # quanta that a reading moves before it counts although none was expected
 _EXACT = 1e-6  # of the period: less is rounding of a stamp
+_TICKS = 2  # unknowns of a stretch: when its ticks are, and their period
 _PASSES = 8
 _SETTLED = 1e-2  # squared sigmas that a pass would still gain
 
@@ -297,7 +300,7 @@ def _course(stretch: Stretch, lag_error: Array, model: Model) -> _Course:
 
 def _ticks(time_s: Array, period_s: float) -> tuple[float, Array]:
     """The period at which commands switch, and how late each stamp is: both from a line through the stamps."""
-    counts = np.arange(time_s.shape[0]) - 0.5 * (time_s.shape[0] - 1.0)
+    counts = _counts(time_s.shape[0])
     since = time_s - time_s.mean()
     period = float(counts @ since) / float(counts @ counts)
     if abs(period - period_s) < _EXACT * period_s:
@@ -361,6 +364,7 @@ class _Sums(NamedTuple):
     late: Array  # at each stamp besides, (6, m)
     rate: Array  # (3, m)
     durations_s: Array
+    acting: Array  # what jets give at each stamp, (6, m)
 
 
 class _Moments(NamedTuple):
@@ -441,10 +445,11 @@ def _expected(stretch: Stretch, at: Array, course: _Course, model: Model) -> _Ex
     impulse = (course.amount * factor) @ model.wrenches + stretch.outside[:-1] * model.period_s
     resisted = at[places.drag] * 0.5 * (rate[:-1] + rate[1:])
     impulse[:, :3] += model.period_s * (at[places.torque] - resisted)  # pure torques act about any point
-    late = course.late_s[:, None] * ((course.level * factor) @ model.wrenches)
+    acting = (course.level * factor) @ model.wrenches
+    late = course.late_s[:, None] * acting
     bow = (course.bow * factor) @ model.wrenches
     acted = _by_columns(impulse), _by_columns(bow), _by_columns(late)
-    sums = _Sums(*acted, _by_columns(rate), course.durations_s)
+    sums = _Sums(*acted, _by_columns(rate), course.durations_s, _by_columns(acting))
     mass = 1.0 / at[_MASS] + stretch.used_after
     lightness = 2.0 / (mass[:-1] + mass[1:])
     velocity = np.zeros_like(sums.rate)
@@ -462,11 +467,11 @@ def _by_columns(rows: Array) -> Array:
 
 
 class _Design(NamedTuple):
-    """Derivatives of what is expected, by the unknowns that have any."""
+    """Derivatives of what is expected, by the unknowns that have any; the last two by the ticks, where any is late."""
 
     kept: NDArray[np.int_]  # which unknowns
     place: NDArray[np.int_]  # of each among them, -1: none
-    rate: Array  # (k, 3, m)
+    rate: Array  # (k, 3, m), or k + 2
     velocity: Array
 
 
@@ -477,7 +482,8 @@ def _design(expected: _Expected, at: Array, model: Model) -> _Design:
     has = np.ones(n, dtype=np.bool_)
     has[places.thrust] = active
     kept, place = np.flatnonzero(has), np.where(has, np.cumsum(has) - 1, -1)
-    rate, velocity = np.zeros((2, kept.shape[0], 3, m))
+    ticks = _TICKS if sums.late.any() else 0
+    rate, velocity = np.zeros((2, kept.shape[0] + ticks, 3, m))
     rate[:_MASS], rate[place[places.gyro_bias]] = _moved(expected, at, model)
     np.cumsum(sums.impulse[3:] * (expected.lightness / at[_MASS]) ** 2, axis=-1, out=velocity[_MASS, :, 1:])
     inverse, forces = at[:6][ELEMENT], model.wrenches[:, 3:]
@@ -493,7 +499,30 @@ def _design(expected: _Expected, at: Array, model: Model) -> _Design:
     middle, turned = 0.5 * (sums.rate[:, :-1] + sums.rate[:, 1:]), (model.period_s * inverse)[:, :, None]
     np.cumsum(np.broadcast_to(turned, (3, 3, m - 1)), axis=-1, out=rate[place[places.torque.start] :][:3, :, 1:])
     np.cumsum(-middle[:, None] * turned, axis=-1, out=rate[place[places.drag.start] :][:3, :, 1:])
+    if ticks:
+        rate[-ticks:], velocity[-ticks:] = _by_ticks(expected, at, model)
     return _Design(kept, place, rate, velocity)
+
+
+def _by_ticks(expected: _Expected, at: Array, model: Model) -> tuple[Array, Array]:
+    """Derivatives of rate and velocity by how early all ticks are, and by how much shorter their period is.
+
+    Until a stamp a jet gives what it gives then for as much longer as its tick is earlier; with a shorter period, less
+    in each. Constants make no difference.
+    """
+    course, acting = expected.course, expected.sums.acting
+    factor = 1.0 + at[columns(model).thrust]
+    given = np.zeros_like(acting)
+    np.cumsum(((course.amount * factor) @ model.wrenches).T / course.durations_s, axis=-1, out=given[:, 1:])
+    wrenches = np.array([acting, _counts(acting.shape[1]) * acting - given])
+    moments = wrenches[:, :3] + _cross(wrenches[:, 3:], at[None, _CENTER, None])
+    lightness = np.append(expected.lightness, expected.lightness[-1])
+    return np.asarray(at[:6][ELEMENT] @ moments), wrenches[:, 3:] * lightness
+
+
+def _counts(number: int) -> Array:
+    """Rows from the middle on."""
+    return np.arange(0.5 * (1.0 - number), 0.5 * number)
 
 
 def _moved(expected: _Expected, at: Array, model: Model) -> tuple[Array, Array]:
@@ -588,14 +617,22 @@ def _normal(stretch: Stretch, at: Array, course: _Course, model: Model) -> Norma
     steepness = 0.5 * (squares[:-1] + squares[1:])
     design = _design(expected, at, model)
     kept = design.kept
-    information, vector = np.zeros((kept.shape[0], kept.shape[0])), np.zeros(kept.shape[0])
-    total = empty(model)
+    size = design.rate.shape[0]
+    information, vector = np.zeros((size, size)), np.zeros(size)
+    parts: list[_Component] = []
     for package, rows, difference, derivatives in _components(stretch, expected, design, at, model):
         scale = 1.0 / np.sqrt(model.variances[package])
         x = (derivatives - derivatives.mean(axis=1, keepdims=True)) * scale
         left = (difference - difference.mean()) * scale
         information += x @ x.T
         vector += x @ left
+        parts.append(_Component(package, rows, left, x))
+    shift = np.zeros(0)
+    if size > kept.shape[0]:
+        information, vector, shift = _without_ticks(information, vector, course.late_s)
+    total = empty(model)
+    for package, rows, difference, x in parts:
+        left = difference - shift @ x[-_TICKS:] if shift.size else difference
         total.by_package[package] += left @ left, rows.shape[0] - 1.0, left[1:] @ left[:-1]
         if package < model.gyros:
             fast = steepness[rows] * (_QUICK * model.period_s) ** 2 > model.variances[package]
@@ -605,6 +642,23 @@ def _normal(stretch: Stretch, at: Array, course: _Course, model: Model) -> Norma
     total.score[kept] = vector
     misfit, count, _ = total.by_package.sum(axis=0).tolist()
     return total._replace(misfit=misfit, readings=count)
+
+
+def _without_ticks(information: Array, score: Array, late_s: Array) -> tuple[Array, Array, Array]:
+    """The normal equations with the ticks eliminated, and what is found of these.
+
+    Args:
+        information, score: the ticks last, shapes (k + 2, k + 2) and (k + 2,).
+        late_s: of each stamp after its tick by the line, whose errors they make, shape (m,).
+    """
+    m = late_s.shape[0]
+    variance = float(late_s @ late_s) / max(m - _TICKS, 1)
+    counts = _counts(m)
+    known = np.diag([m / variance, float(counts @ counts) / variance])
+    own, cross = information[-_TICKS:, -_TICKS:] + known, information[:-_TICKS, -_TICKS:]
+    solved = np.linalg.solve(own, np.column_stack((cross.T, score[-_TICKS:])))
+    left = information[:-_TICKS, :-_TICKS] - cross @ solved[:, :-1]
+    return left, score[:-_TICKS] - cross @ solved[:, -1], np.asarray(solved[:, -1])
 
 
 def empty(model: Model) -> Normal:
