@@ -359,7 +359,8 @@ def off_stamps(run: Run, random: Random) -> Record:
     body = setting("plant.mass_properties", None if given is None else given.model_dump())
     told = (setting("jet_schedule", pulses), f"vehicle.sample_period_s={step_s}", "plant.lag_factor=1.0", body)
     kinds = [f"vehicle.jet_kinds.{kind}.time_constant_s={0.015 / 1.05}" for kind in ("primary", "vernier")]
-    settings = [*plain, *told, *kinds, "execution.engine=loop", f"seed={run.scenario.seed}"]
+    flown = "execution.engine=loop", setting("execution.compiled", run.scenario.execution.compiled)
+    settings = [*plain, *told, *kinds, *flown, f"seed={run.scenario.seed}"]
     fine = simulate(load_scenario("orbiter_maneuver", settings))
     off = np.round(np.clip(1e-3 * random.standard_normal(len(run.time_s)), -2e-3, 2e-3) / step_s).astype(int)
     rows = np.round(run.time_s / step_s).astype(int) + off

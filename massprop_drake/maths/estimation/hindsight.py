@@ -14,8 +14,10 @@ the filter reckons with (of prior variance Lambda^-1), the information A = X^T R
   others has the covariance S if they are zero, so that U^T S^-1 U is chi-square distributed, and S^-1 U is how large
   they are. Errors that are stated with a 1-sigma of s have estimates of variance s^2 + 1/S.
 
-Initial values are eliminated by taking means off. A reading that has not moved by a quantum since one was used says
-nothing new and is left out, as in the joint estimator. Coupling is taken with the rates as they are read.
+Initial values are eliminated by taking means off. Where stamps are off their ticks, these lie on a line through the
+stamps, as far as it is known: its two errors are unknowns of each stretch, and eliminated, too. A reading that has not
+moved by a quantum since one was used says nothing new and is left out, as in the joint estimator. Coupling is taken
+with the rates as they are read.
 """
 
 from __future__ import annotations
@@ -44,6 +46,7 @@ _QUICK = (
 )
 _MOVED = 2.0  # quanta that a reading moves before it counts although none was expected
 _EXACT = 1e-6  # of the period: less is rounding of a stamp
+_TICKS = 2  # unknowns of a stretch: when its ticks are, and their period
 _PASSES = 8
 _SETTLED = 1e-2  # squared sigmas that a pass would still gain
 _NEARLY = 100.0  # squared sigmas: a pass that would gain less is the last but one, as a rule
@@ -291,7 +294,7 @@ def _course(stretch: Stretch, lag_error: Array, model: Model) -> _Course:
 
 def _ticks(time_s: Array, period_s: float) -> tuple[float, Array]:
     """The period at which commands switch, and how late each stamp is: both from a line through the stamps."""
-    counts = np.arange(time_s.shape[0]) - 0.5 * (time_s.shape[0] - 1.0)
+    counts = _counts(time_s.shape[0])
     since = time_s - time_s.mean()
     period = float(counts @ since) / float(counts @ counts)
     if abs(period - period_s) < _EXACT * period_s:
@@ -355,6 +358,7 @@ class _Sums(NamedTuple):
     late: Array | None  # at each stamp besides, (6, m), where one is late
     rate: Array  # (3, m)
     durations_s: Array
+    acting: Array | None  # what jets give at each stamp, (6, m), where one is late
 
 
 class _Moments(NamedTuple):
@@ -430,13 +434,14 @@ class _Expected(NamedTuple):
 
 def _expected(stretch: Stretch, at: Array, course: _Course, model: Model) -> _Expected:
     places = columns(model)
-    wrenches = ((1.0 + at[places.thrust][course.on])[:, None] * model.wrenches[course.on]).T
+    wrenches = _wrenches(at, course, model)
     rate = _by_columns(_interpolated(stretch.readings[:, : model.gyros]))
     impulse = wrenches @ course.amount.T + stretch.outside[:-1].T * model.period_s
     resisted = at[places.drag, None] * 0.5 * (rate[:, :-1] + rate[:, 1:])
     impulse[:3] += model.period_s * (at[places.torque, None] - resisted)  # pure torques act about any point
-    late = course.late_s * (wrenches @ course.level.T) if course.late_s.any() else None
-    sums = _Sums(impulse, wrenches @ course.bow.transpose(0, 2, 1), late, rate, course.durations_s)
+    acting = wrenches @ course.level.T if course.late_s.any() else None
+    late = None if acting is None else course.late_s * acting
+    sums = _Sums(impulse, wrenches @ course.bow.transpose(0, 2, 1), late, rate, course.durations_s, acting)
     mass = 1.0 / at[_MASS] + stretch.used_after
     lightness = 2.0 / (mass[:-1] + mass[1:])
     velocity = np.zeros_like(sums.rate)
@@ -447,6 +452,13 @@ def _expected(stretch: Stretch, at: Array, course: _Course, model: Model) -> _Ex
     turned = _turned(inverse, (sums.rate - at[places.gyro_bias, None])[None])
     gained = _gathered(inverse, moments, turned, sums.durations_s)
     return _Expected(course, sums, lightness, moments, turned, gained[0], velocity)
+
+
+def _wrenches(at: Array, course: _Course, model: Model) -> Array:
+    """Of the jets that are on at some time, about the vehicle origin, shape (6, j)."""
+    gains = 1.0 + at[columns(model).thrust][course.on]
+    wrenches: Array = (gains[:, None] * model.wrenches[course.on]).T
+    return wrenches
 
 
 def _by_columns(rows: Array) -> Array:
@@ -473,6 +485,7 @@ class _Design(NamedTuple):
     lag_velocities: Array
     turned: Array  # rate by a torque of one over an interval, (3, 3)
     ways: Array  # sum of the rates over the intervals, (3, m)
+    ticks: Array  # rate and velocity by the ticks, where any is late, (2, 2, 3, m), else (2, 0, 3, m)
 
 
 def _design(expected: _Expected, at: Array, model: Model, wanted: NDArray[np.bool_]) -> _Design:
@@ -508,7 +521,29 @@ def _design(expected: _Expected, at: Array, model: Model, wanted: NDArray[np.boo
         lag_velocities=by_lag[:, 1],
         turned=model.period_s * inverse,
         ways=_since(0.5 * (sums.rate[:, :-1] + sums.rate[:, 1:])),
+        ticks=_by_ticks(expected, at, model),
     )
+
+
+def _by_ticks(expected: _Expected, at: Array, model: Model) -> Array:
+    """Derivatives of rate and velocity by how early all ticks are, and by how much shorter their period is.
+
+    Until a stamp a jet gives what it gives then for as much longer as its tick is earlier; with a shorter period, less
+    in each. Constants make no difference.
+    """
+    course, acting = expected.course, expected.sums.acting
+    if acting is None:
+        return np.zeros((2, 0, *expected.rate.shape))
+    given = _since(_wrenches(at, course, model) @ course.amount.T / course.durations_s)
+    wrenches = np.array([acting, _counts(acting.shape[1]) * acting - given])
+    moments = wrenches[:, :3] + _cross(wrenches[:, 3:], at[None, _CENTER, None])
+    lightness = np.append(expected.lightness, expected.lightness[-1])
+    return np.array([at[:6][ELEMENT] @ moments, wrenches[:, 3:] * lightness])
+
+
+def _counts(number: int) -> Array:
+    """Rows from the middle on."""
+    return np.arange(0.5 * (1.0 - number), 0.5 * number)
 
 
 def _since(gained: Array) -> Array:
@@ -531,10 +566,11 @@ def _derivatives(
         model: see `Model`.
 
     Returns:
-        Shape (k, r).
+        Shape (k, r); of ticks that are late those by the two last, (k + 2, r).
     """
     places, start = columns(model), design.place
-    x, weights = np.zeros((design.kept.size, rows.size)), np.zeros(3)
+    by_ticks = slice(design.kept.size, design.kept.size + design.ticks.shape[1])
+    x, weights = np.zeros((by_ticks.stop, rows.size)), np.zeros(3)
     biases, lags = design.moved.shape[0] > _MASS, design.lag_rates.shape[0] > 0
     for axis, weight in turning:
         weights[axis] = weight
@@ -544,6 +580,7 @@ def _derivatives(
             x[start[places.gyro_bias]] += moved[_MASS:]
         if lags:
             x[start[places.lag]] += weight * design.lag_rates[:, axis].take(rows, axis=1)
+        x[by_ticks] += weight * design.ticks[0, :, axis].take(rows, axis=1)
     turned = design.turned @ weights
     if start[places.torque.start] >= 0:
         x[start[places.torque]] = turned[:, None] * rows
@@ -556,6 +593,7 @@ def _derivatives(
         x[_MASS] = design.of_mass[pulled, rows]
         if lags:
             x[start[places.lag]] += design.lag_velocities[:, pulled].take(rows, axis=1)
+        x[by_ticks] += design.ticks[1, :, pulled].take(rows, axis=1)
     return x
 
 
@@ -662,14 +700,22 @@ def _normal(
     every = np.ones(at.shape[0], dtype=np.bool_)
     design = _design(expected, at, model, every if wanted is None else wanted)
     kept = design.kept
-    information, vector = np.zeros((kept.shape[0], kept.shape[0])), np.zeros(kept.shape[0])
-    total = empty(model)
+    size = kept.shape[0] + design.ticks.shape[1]
+    information, vector = np.zeros((size, size)), np.zeros(size)
+    parts: list[_Component] = []
     for package, rows, difference, derivatives in _components(stretch, expected, design, at, model):
         scale = 1.0 / np.sqrt(model.variances[package])
         x = (derivatives - derivatives.sum(axis=1, keepdims=True) / rows.shape[0]) * scale
         left = (difference - difference.mean()) * scale
         information += x @ x.T
         vector += x @ left
+        parts.append(_Component(package, rows, left, x[kept.shape[0] :]))
+    shift = np.zeros(0)
+    if size > kept.shape[0]:
+        information, vector, shift = _without_ticks(information, vector, course.late_s)
+    total = empty(model)
+    for package, rows, difference, by_ticks in parts:
+        left = difference - shift @ by_ticks if shift.size else difference
         total.by_package[package] += left @ left, rows.shape[0] - 1.0, left[1:] @ left[:-1]
         if package < model.gyros:
             fast = steepness[rows] * (_QUICK * model.period_s) ** 2 > model.variances[package]
@@ -679,6 +725,23 @@ def _normal(
     total.score[kept] = vector
     misfit, count, _ = total.by_package.sum(axis=0).tolist()
     return total._replace(misfit=misfit, readings=count)
+
+
+def _without_ticks(information: Array, score: Array, late_s: Array) -> tuple[Array, Array, Array]:
+    """The normal equations with the ticks eliminated, and what is found of these.
+
+    Args:
+        information, score: the ticks last, shapes (k + 2, k + 2) and (k + 2,).
+        late_s: of each stamp after its tick by the line, whose errors they make, shape (m,).
+    """
+    m = late_s.shape[0]
+    variance = float(late_s @ late_s) / max(m - _TICKS, 1)
+    counts = _counts(m)
+    known = np.diag([m / variance, float(counts @ counts) / variance])
+    own, cross = information[-_TICKS:, -_TICKS:] + known, information[:-_TICKS, -_TICKS:]
+    solved = np.linalg.solve(own, np.column_stack((cross.T, score[-_TICKS:])))
+    left = information[:-_TICKS, :-_TICKS] - cross @ solved[:, :-1]
+    return left, score[:-_TICKS] - cross @ solved[:, -1], np.asarray(solved[:, -1])
 
 
 def empty(model: Model) -> Normal:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from joint_probe import PERIOD, TRUTH, read_as, small_params, some_sample, some_state, unread, vehicle_params
+from joint_probe import INVERSE, PERIOD, TRUTH, read_as, small_params, some_sample, some_state, unread, vehicle_params
 
 from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.maths.estimation.joint import bound
@@ -12,7 +12,7 @@ from massprop_drake.maths.estimation.joint.cycle import Sample, initial, step
 from massprop_drake.maths.estimation.joint.layout import JointState, pack, state_layout, unpack
 from massprop_drake.maths.estimation.joint.measurement import outputs
 from massprop_drake.maths.estimation.joint.prediction import drive, predict
-from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError, is_covariance
+from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError, is_covariance, skew
 from massprop_drake.results.run import Run
 
 PARAMS = small_params()
@@ -41,6 +41,59 @@ def test_start_is_what_is_read() -> None:
     assert covariance[10, column] == pytest.approx(-2 / 3 * PARAMS.gyro_bias_sigma)
     shares = PARAMS.gyro_bias_sigma**2 * (4 / 9 + 1 / 9)
     assert covariance[10, 10] == pytest.approx(1 / (1 / 1e-10 + 1 / 2e-10) + shares)
+
+
+def test_accelerometers_say_nothing_at_the_start_of_a_rate_from_which_they_are_counted() -> None:
+    """What they read then has their own error, whatever that of the rate is, and tells nothing of it."""
+    state, _ = step(initial(PARAMS), some_sample(PARAMS, rates=RATES, velocities=VELOCITIES), PARAMS)
+    _, jacobian = outputs(state.mean, state.reference, state.spin, PARAMS)
+    read = jacobian[6:] @ state.root
+    np.testing.assert_allclose(read @ read.T, np.diag(PARAMS.variances[6:]), atol=1e-20)
+    np.testing.assert_allclose(read @ state.root[10:13].T, np.zeros((6, 3)), atol=1e-20)
+
+
+def spun(samples: int) -> tuple[Array, Array]:
+    """Rate of a free body that spins, and what two accelerometers have gathered: shapes (n, 3) and (n, 2, 3)."""
+    inertia, arms = np.linalg.inv(INVERSE), PARAMS.accelerometer_positions - TRUTH[6:9]
+
+    def motion(state: Array) -> Array:
+        rate = state[:3]
+        turned = [skew(rate) @ skew(rate) @ arm for arm in arms]
+        return np.concatenate([-INVERSE @ np.cross(rate, inertia @ rate), *turned])
+
+    state, found, h = np.concatenate([[0.12, -0.08, 0.1], np.zeros(6)]), [], PERIOD / 4
+    for _ in range(samples):
+        found.append(state)
+        for _ in range(4):
+            k1 = motion(state)
+            k2 = motion(state + 0.5 * h * k1)
+            k3 = motion(state + 0.5 * h * k2)
+            state = state + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + motion(state + h * k3))
+    flown = np.array(found)
+    swung = np.cross((flown[:, :3] - flown[0, :3])[:, None], arms)
+    return flown[:, :3], flown[:, 3:].reshape(-1, 2, 3) + swung
+
+
+def test_coarse_gyros_beside_fine_accelerometers_leave_the_filter_honest() -> None:
+    """An error of the rate turns what accelerometers gather, sample after sample, all the same way."""
+    rates, velocities = spun(150)
+    variances = np.array([1e-6] * 6 + [1e-10] * 6)
+    sigma = np.array([*(np.abs(TRUTH[:6]) * 1e-3), 0.01, 0.01, 0.01, 1e-4])
+    no_biases = np.append(np.ones(6 + 2), np.zeros(6 + 6 + 1 + 2))
+    squares = []
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        begun = TRUTH + sigma * rng.standard_normal(10)
+        params = small_params(start=begun, start_root=np.diag(sigma), variances=variances, prior_sigma=no_biases)
+        state = initial(params)
+        for rate, gathered in zip(rates, velocities, strict=True):
+            read = rate + 1e-3 * rng.standard_normal((2, 3)), gathered + 1e-5 * rng.standard_normal((2, 3))
+            sample = some_sample(params, commands=np.zeros((1, 6)), rates=read[0], velocities=read[1])
+            state, _ = step(state, sample, params)
+        off = np.concatenate([state.mean[6:9] - TRUTH[6:9], state.mean[10:13] - rates[-1]])
+        rows = np.vstack([state.root[6:9], state.root[10:13]])
+        squares.append(off @ np.linalg.solve(rows @ rows.T, off))
+    assert 2.0 < np.mean(squares) < 9.0  # 6 on average
 
 
 def test_what_is_missing_at_the_start_is_taken_later() -> None:

@@ -16,6 +16,7 @@ from massprop_drake.maths.estimation.filters.registry import FILTERS
 from massprop_drake.maths.estimation.joint.cycle import expect
 from massprop_drake.maths.estimation.joint.layout import RATE, make_places, state_layout
 from massprop_drake.maths.estimation.joint.prediction import drive
+from massprop_drake.maths.linear_algebra import skew
 
 PARAMS = JointFilterParams(small_params(), PERIOD)
 PLACES = PARAMS.joint.places
@@ -153,7 +154,10 @@ def test_a_gap_keeps_what_is_known_of_the_vehicle_and_begins_rates_anew() -> Non
     np.testing.assert_allclose(after.joint.mean[RATE], (2 * unbiased[0] + unbiased[1]) / 3, rtol=1e-12)
     np.testing.assert_allclose(after.joint.mean[13:19], (VELOCITIES + 5.0).ravel())
     covariance = after.joint.root @ after.joint.root.T
-    np.testing.assert_allclose(covariance[13:19, :10], np.zeros((6, 10)), atol=1e-12)
+    for package, position in enumerate(PARAMS.joint.accelerometer_positions):  # but for what the rate has of its bias
+        of_rate = skew(position - after.joint.mean[6:9]) @ covariance[RATE]
+        rows = covariance[13 + 3 * package : 16 + 3 * package]
+        np.testing.assert_allclose(rows[:, :10], of_rate[:, :10], rtol=1e-9, atol=1e-15)
     np.testing.assert_array_equal(np.triu(after.joint.root, 1), np.zeros_like(after.joint.root))
 
 

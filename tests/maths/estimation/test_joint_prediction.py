@@ -20,11 +20,13 @@ from joint_probe import (
 
 from massprop_drake.maths.estimation.joint.impulses import Firing
 from massprop_drake.maths.estimation.joint.layout import JointState
+from massprop_drake.maths.estimation.joint.measurement import turning
 from massprop_drake.maths.estimation.joint.prediction import (
     RateRead,
     coupling,
     drive,
     error_rows,
+    gathered_rows,
     largest_coupling,
     predict,
     propagated,
@@ -52,53 +54,58 @@ def test_the_rate_at_the_end_is_the_mean_of_prediction_and_reading_by_their_vari
     assert np.abs(found.end - alone.end)[:2].min() > 0.02
 
 
-@pytest.mark.parametrize("second_order", [False, True])
-def test_a_rate_that_is_poorly_known_makes_what_accelerometers_gather_uncertain(second_order: bool) -> None:
-    state, params = some_state(PARAMS), PARAMS._replace(second_order=second_order)
+def test_an_error_of_the_rate_times_that_of_the_center_of_mass_is_noise_on_what_accelerometers_gather() -> None:
+    state = some_state(PARAMS)
     acting = drive(state, SAMPLE.durations_s, SAMPLE.commands, SAMPLE.outside, PARAMS)
-    rate = state.mean[10:13] + np.array([0.003, -0.001, 0.002])
-    sure = predict(state, acting, read_as(rate, PARAMS), params)
-    poor = predict(state, acting, read_as(rate, PARAMS)._replace(variance=np.full(3, 1e-4)), params)
-    arm = np.linalg.norm(PARAMS.accelerometer_positions - state.mean[6:9], axis=1).max()
-    spread = np.sum(propagated(state.root, sure, PARAMS)[10:13] ** 2, axis=1)
+    read = read_as(state.mean[10:13] + np.array([0.003, -0.001, 0.002]), PARAMS)._replace(variance=np.full(3, 1e-4))
+    first = predict(state, acting, read, PARAMS)
+    both = predict(state, acting, read, PARAMS._replace(second_order=True))
+    spread = np.sum(propagated(state.root, first, PARAMS)[10:13] ** 2, axis=1)
     left = (1.0 / (1.0 / spread + 1e4)).max()
-    fastest = max(state.mean[10:13] @ state.mean[10:13], poor.end @ poor.end)
-    added = (poor.noise - sure.noise)[3:, 3:]
-    unknown = PERIOD**2 * fastest * arm**2 + second_order * np.sum(state.root[6:9] ** 2)
-    np.testing.assert_allclose(added, left * unknown * np.eye(3), rtol=0.02)
+    added = (both.noise - first.noise)[3:, 3:]
+    np.testing.assert_allclose(added, left * np.sum(state.root[6:9] ** 2) * np.eye(3), rtol=0.02, atol=1e-12 * left)
 
 
 def predicted_mean(mean: Array, state: JointState, rate_read: RateRead) -> Array:
-    """Rate, first accelerometer's c, and mu after the interval; bows left out, as their derivatives are."""
+    """Rate, c of both accelerometers with what the interval has turned them by, and mu after it.
+
+    Bows are left out, as their derivatives are. The arm of what is turned stays: it is in the outputs' derivative.
+    """
+    arms = PARAMS.accelerometer_positions - state.mean[6:9]
     state = state._replace(mean=mean)
     acting = drive(state, SAMPLE.durations_s, SAMPLE.commands, SAMPLE.outside, PARAMS)
     acting = acting._replace(firing=acting.firing._replace(bow=np.zeros((3, 6))))
-    after = predict(state, acting, rate_read, PARAMS).mean
-    return np.concatenate([after[10:16], after[9:10]])
+    found = predict(state, acting, rate_read, PARAMS)
+    turned = turning(np.zeros(3), np.zeros(3), found.spin)
+    both = found.mean[13:19].reshape(2, 3) + arms @ turned.T
+    return np.concatenate([found.mean[10:13], both.ravel(), found.mean[9:10]])
 
 
 @pytest.mark.parametrize("read", [1.0, 0.6, 0.0])
 def test_jacobian_agrees_with_central_differences(read: float) -> None:
     state = some_state(PARAMS)
-    end = state.mean[10:13] + np.array([0.003, -0.001, 0.002])
+    acting = drive(state, SAMPLE.durations_s, SAMPLE.commands, SAMPLE.outside, PARAMS)
+    end = predict(state, acting, UNREAD, PARAMS).end + np.array([3e-6, -1e-6, 2e-6])  # what is read, about
     rate_read = read_as(end, PARAMS) if read else UNREAD
     if 0.0 < read < 1.0:  # the reading corrects the rate by about that share
         spread = np.sum(state.root[10:13] ** 2, axis=1)
         rate_read = rate_read._replace(variance=spread * (1.0 / read - 1.0))
-    acting = drive(state, SAMPLE.durations_s, SAMPLE.commands, SAMPLE.outside, PARAMS)
     acting = acting._replace(firing=acting.firing._replace(bow=np.zeros((3, 6))))
     prediction = predict(state, acting, rate_read, PARAMS)
     size = PLACES.size
-    expected = np.zeros((7, size))
+    expected = np.zeros((10, size))
     expected[:3], expected[:3, 10:13] = prediction.rate_rows, np.eye(3) + prediction.rate_rows[:, 10:13]
-    expected[3:6], expected[3:6, 13:16] = prediction.velocity_rows, np.eye(3)
-    bias = PLACES.acceleration_bias
-    expected[3:6, bias : bias + 3] = PERIOD * PARAMS.acceleration_bias_sigma * np.eye(3)
-    expected[6, 9] = prediction.mass_factor
+    for package in range(2):
+        rows = slice(3 + 3 * package, 6 + 3 * package)
+        expected[rows] = gathered_rows(prediction, package)
+        expected[rows, 13 + 3 * package : 16 + 3 * package] += np.eye(3)
+        bias = PLACES.acceleration_bias + 3 * package
+        expected[rows, bias : bias + 3] += PERIOD * PARAMS.acceleration_bias_sigma * np.eye(3)
+    expected[9, 9] = prediction.mass_factor
     steps = 1e-5 * np.maximum(np.abs(state.mean), 1e-2)
     found = central_differences(lambda mean: predicted_mean(mean, state, rate_read), state.mean, steps)
     # what flows by thrust errors and forces is left out of mu's own row and, of second order, out of c's
-    found[6, PLACES.thrust :] = 0.0
+    found[9, PLACES.thrust :] = 0.0
     scale = np.maximum(np.abs(expected).max(axis=0), 1e-9)
     atol = 2e-4 if 0.0 < read < 1.0 else 1e-4  # where both count, the share depends on what is predicted
     np.testing.assert_allclose(found / scale, expected / scale, rtol=1e-4, atol=atol)
@@ -276,13 +283,14 @@ def test_covariance_goes_over_by_the_jacobian_and_noise() -> None:
     transition[10:13] += prediction.rate_rows
     for package in range(2):
         rows = slice(13 + 3 * package, 16 + 3 * package)
-        transition[rows] += prediction.velocity_rows
+        transition[rows] += gathered_rows(prediction, package)
         begin = PLACES.acceleration_bias + 3 * package
         transition[rows, begin : begin + 3] += PERIOD * params.acceleration_bias_sigma * np.eye(3)
     transition[9, 9] = prediction.mass_factor
     noise = np.zeros((PLACES.size, PLACES.size))
     spread = np.zeros((PLACES.size, 6))
     spread[10:13, :3], spread[13:16, 3:], spread[16:19, 3:] = np.eye(3), np.eye(3), np.eye(3)
+    spread[13:16, :3], spread[16:19, :3] = prediction.apart[1]
     noise = spread @ prediction.noise @ spread.T
     noise[:10, :10] += np.diag(prediction.drift)
     expected = transition @ state.root @ state.root.T @ transition.T + noise

@@ -39,7 +39,7 @@ def start(sample: Sample, mean: Array, params: JointParams) -> JointState:
         mean: the truth then, see `true_mean`.
         params: see `JointParams`.
     """
-    state = begun(initial(params), sample, params)
+    state = begun(initial(params)._replace(mean=mean), sample, params)
     return state._replace(mean=mean, reference=mean[RATE].copy())
 
 

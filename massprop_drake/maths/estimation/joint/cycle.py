@@ -21,6 +21,7 @@ from massprop_drake.maths.estimation.joint.covariance import (
 from massprop_drake.maths.estimation.joint.guard import guarded
 from massprop_drake.maths.estimation.joint.impulses import Firing
 from massprop_drake.maths.estimation.joint.layout import (
+    CENTER,
     N_PROPERTIES,
     RATE,
     VELOCITY,
@@ -34,13 +35,14 @@ from massprop_drake.maths.estimation.joint.prediction import (
     Prediction,
     drive,
     error_rows,
+    gathered_rows,
     lag_of,
     predict,
     propagated,
 )
 from massprop_drake.maths.estimation.joint.thrust_scale import reported
 from massprop_drake.maths.kernels import kernel
-from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError, lower_factor
+from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError, lower_factor, skew
 
 _WHAT = "the joint estimator's covariance"
 _UNREAD = 1e6  # sigmas of a reading that what was not read at the start may be off
@@ -188,7 +190,8 @@ def begun(state: JointState, sample: Sample, params: JointParams) -> JointState:
     """The state after the first sample, or after a gap: rate and gathered velocity are what is read, and no more.
 
     They are uncorrelated with the rest, but that with a gyro bias the rate's error is that of the reading less the
-    bias. What is not read starts at zero and as good as unknown.
+    bias, and that the rate from which the turning of accelerometers is counted has the error of that rate: what they
+    read then says nothing of it. What is not read starts at zero and as good as unknown.
     """
     places = params.places
     mean = state.mean.copy()
@@ -223,6 +226,9 @@ def begun(state: JointState, sample: Sample, params: JointParams) -> JointState:
             missing = np.isnan(value)
             mean[row] = 0.0 if missing else value
             root[row, own + row] = _UNREAD * deviation if missing else deviation
+        part = slice(VELOCITY + 3 * package, VELOCITY + 3 * package + 3)
+        arm = params.accelerometer_positions[package] - mean[CENTER]
+        root[part] += skew(arm) @ root[RATE]
     read = readings(sample.rates, sample.velocities)
     return state._replace(
         mean=mean,
@@ -521,11 +527,12 @@ def gone_over(state: JointState, sample: Sample, about: Array, params: JointPara
     mean[RATE] += at.rate_rows @ away
     for package in range(params.places.accelerometers):
         part = slice(VELOCITY + 3 * package, VELOCITY + 3 * package + 3)
-        mean[part] += at.velocity_rows @ away
+        mean[part] += gathered_rows(at, package) @ away
     prediction = Prediction(
         mean,
         at.rate_rows,
         at.velocity_rows,
+        at.apart,
         at.mass_factor,
         at.noise,
         at.drift,
@@ -601,6 +608,7 @@ def _update_again(state: JointState, acting: Drive, expected: Expected, first: U
         before.mean,
         rate_rows,
         velocity_rows,
+        before.apart,
         before.mass_factor,
         before.noise,
         before.drift,

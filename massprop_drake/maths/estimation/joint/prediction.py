@@ -33,8 +33,16 @@ Coupling counts from when the diagonal of J is known to half its size; before, t
 |w|^2 T, is noise on w: else what an open-loop drift does would be taken for what J and r are to explain. w1 is the
 predicted rate, coupling included, as the reading less its bias corrects it, axis by axis; where that is missing, as it
 is: an equation for w1, which is solved to the last digits, for what is left of it has one sign while a vehicle turns
-fast, and gathers. The derivatives follow. What w1 is still off by, of the variance v, turns what accelerometers read by
-T |w| |rho| v^1/2 at the most, and by its product with the error of r, v^1/2 (tr P_rr)^1/2; both are noise on c.
+fast, and gathers. The derivatives follow.
+
+*Turning.* An accelerometer at rho from the center of mass gathers O rho besides, of which `measurement` adds what the
+rates say. What these are off by stays in it, and the same error of the rate turns every sample the same way: it is no
+noise. So the integral of w x (w x rho) is linearized at w0 and w1, for the same rate that is linear in time,
+
+    D0 = T (G(w0)/3 + G(w1)/6),    D1 = T (G(w1)/3 + G(w0)/6),    G(w) = w rho^T + (w . rho) 1 - 2 rho w^T,
+
+c gathers D0 by the error of w0 and D1 by that of the predicted w1, and D1 times what the linearization's w1 lies off
+the predicted one. The error of w1 after its reading, of the variance v, times that of r is noise on c, v tr P_rr.
 
 *The common thrust scale* s (`thrust_scale`) is not seen by what jets do, but known outside forces are not scaled with
 them: they enter by 1 - sigma_T s.
@@ -105,7 +113,10 @@ class Prediction(NamedTuple):
     Attributes:
         mean: predicted, shape (size,).
         rate_rows: derivative of the change of w by the state, shape (3, size).
-        velocity_rows: of the change of each c_s, shape (3, size); biases of accelerometers are not in it.
+        velocity_rows: of the change of c_s at the mean position of the accelerometers, whose biases are not in it,
+            shape (3, size).
+        apart: derivatives by w0 and by w1 of what the turning adds to each c_s beyond that, shape
+            (2, n_accelerometers, 3, 3).
         mass_factor: derivative of mu after by mu before.
         noise: covariance added to w and to every c_s alike, shape (6, 6).
         drift: variances added to the ten parameters, shape (10,).
@@ -118,6 +129,7 @@ class Prediction(NamedTuple):
     mean: Array
     rate_rows: Array
     velocity_rows: Array
+    apart: Array
     mass_factor: float
     noise: Array
     drift: Array
@@ -286,17 +298,24 @@ def predict(state: JointState, acting: Drive, rate_read: RateRead, params: Joint
     else:
         noise[:3, :3] += largest_coupling(mean[RATE], end, duration) ** 2 * _IDENTITY
 
-    fastest = max(float(mean[RATE] @ mean[RATE]), float(end @ end))
-    unknown = duration**2 * fastest * _longest_arm(mean, params)
     if params.second_order:
-        unknown += np.trace(covariance[CENTER, CENTER])
-    noise[3:, 3:] += left.max() * unknown * _IDENTITY
+        noise[3:, 3:] += left.max() * np.trace(covariance[CENTER, CENTER]) * _IDENTITY
+    apart = turned_by(mean[RATE], end, params.accelerometer_positions - mean[CENTER], duration)
+    middle = apart.sum(axis=1) / max(places.accelerometers, 1)
+    by_start, by_end = middle[0], middle[1]
+    apart[0] -= by_start
+    apart[1] -= by_end
+    velocity_rows[:, RATE] += by_start + by_end
+    velocity_rows += by_end @ rate_rows
+    noise = _through_turning(noise, by_end)
+    gap = mean[RATE] + change - end
+    velocity_change = velocity_change + by_end @ gap
 
     after = mean.copy()
     after[RATE] += change
     for package in range(places.accelerometers):
         part = slice(VELOCITY + 3 * package, VELOCITY + 3 * package + 3)
-        after[part] += velocity_change
+        after[part] += velocity_change + apart[1, package] @ gap
         if places.n_acceleration_bias > 0:
             begin = places.acceleration_bias + 3 * package
             after[part] += duration * params.acceleration_bias_sigma * mean[begin : begin + 3]
@@ -305,6 +324,7 @@ def predict(state: JointState, acting: Drive, rate_read: RateRead, params: Joint
         mean=after,
         rate_rows=rate_rows,
         velocity_rows=velocity_rows,
+        apart=apart,
         mass_factor=1.0 + 2.0 * reciprocal * flow,
         noise=noise,
         drift=propellant_drift(mean, flow, params.tank_fraction, params.arm),
@@ -395,13 +415,39 @@ def _corrected(rate: Array, read: RateRead, share: Array) -> Array:
 
 
 @kernel
-def _longest_arm(mean: Array, params: JointParams) -> float:
-    """Square of the distance from the center of mass to the farthest accelerometer."""
-    longest = 0.0
-    for package in range(params.places.accelerometers):
-        arm = params.accelerometer_positions[package] - mean[CENTER]
-        longest = max(longest, float(arm @ arm))
-    return longest
+def turned_by(start: Array, end: Array, arms: Array, duration_s: float) -> Array:
+    """D0 and D1 of each arm, shape (2, n, 3, 3).
+
+    Args:
+        start, end: w0 and w1, rad/s, shape (3,).
+        arms: ft or m, shape (n, 3).
+        duration_s: of the interval.
+    """
+    n, rates = arms.shape[0], np.empty((2, 3))  # G is linear in the rate
+    rates[0] = (duration_s / 6.0) * (2.0 * start + end)
+    rates[1] = (duration_s / 6.0) * (start + 2.0 * end)
+    turned = rates.reshape(2, 1, 3, 1) * arms.reshape(1, n, 1, 3)
+    turned -= 2.0 * rates.reshape(2, 1, 1, 3) * arms.reshape(1, n, 3, 1)
+    turned += (rates @ arms.T).reshape(2, n, 1, 1) * _IDENTITY
+    return turned
+
+
+@kernel
+def _through_turning(noise: Array, by_end: Array) -> Array:
+    """Noise on w and c, shape (6, 6), with what that on w1 turns c by."""
+    turned = noise.copy()
+    turned[3:] += by_end @ noise[:3]
+    turned[:, 3:] += turned[:, :3] @ by_end.T
+    return turned
+
+
+@kernel
+def gathered_rows(prediction: Prediction, package: int) -> Array:
+    """Derivative of the change of a package's c_s by the state, without its biases, shape (3, size)."""
+    by_start, by_end = prediction.apart[0, package], prediction.apart[1, package]
+    rows = prediction.velocity_rows + by_end @ prediction.rate_rows
+    rows[:, RATE] += by_start + by_end
+    return rows
 
 
 @kernel
@@ -490,6 +536,10 @@ def propagated(root: Array, prediction: Prediction, params: JointParams) -> Arra
         part = slice(VELOCITY + 3 * package, VELOCITY + 3 * package + 3)
         after[part] += common
         columns[part, :6] = noise[3:]
+        if places.accelerometers > 1:
+            by_start, by_end = prediction.apart[0, package], prediction.apart[1, package]
+            after[part] += by_start @ root[RATE] + by_end @ after[RATE]
+            columns[part, :6] += by_end @ noise[:3]
         if places.n_acceleration_bias > 0:
             begin = places.acceleration_bias + 3 * package
             after[part] += prediction.duration_s * params.acceleration_bias_sigma * root[begin : begin + 3]
