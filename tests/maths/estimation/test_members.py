@@ -94,6 +94,20 @@ def test_who_finds_no_explanation_that_another_has_is_lost(cycles: int, fits: bo
     assert (found.judged.replacement is not None) == lost
 
 
+def test_who_needs_a_jump_for_what_another_explains_as_it_is_is_lost() -> None:
+    """And that jump is not said."""
+    jump = JumpDeclared(False, 0.0, 1.0, 0.1, np.zeros(3), np.ones(3))
+    for raced, expected in ((SETTLED - 1, True), (SETTLED, False), (0, False)):
+        found = judged(member(0, settled=0)._replace(raced=raced, waiting=(jump,)), member(1))
+        assert (found.judged.replacement is not None) == expected
+        assert jump not in found.judged.declarations or not expected
+
+
+@pytest.mark.parametrize(("said", "adds"), [(Word.FAILED, True), (Word.GROUP, True), (Word.CHANGED, False)])
+def test_a_further_failure_is_something_more(said: Word, adds: bool) -> None:
+    assert dut._adds(JetsDeclared(said, (3,), (1,), (10.0,), (1.0,), 0.0)) == adds
+
+
 def test_while_nobody_has_an_explanation_nobody_is_lost() -> None:
     assert len(judged(racing(member(0), 50), racing(member(1), 50)).members.each) == 2
 

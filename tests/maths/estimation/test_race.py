@@ -37,11 +37,11 @@ def stuck(jet: int) -> Cause:
 def running(
     cause: Cause, likelihood: float = 0.0, cycle: int = NOW, nis: float = 12.0, cells: float | None = None
 ) -> Runner:
-    """A filter that has arrived at a cycle, with four tenths of full thrust for each jet."""
+    """A filter that has arrived at a cycle, with six tenths of full thrust for each jet."""
     state = opened(STATE, cause, PARAMS)
     mean = state.mean.copy()
     for index, jet in enumerate(cause.jets):
-        mean[PARAMS.places.force + index] = 0.4 * PARAMS.thrusts[jet]
+        mean[PARAMS.places.force + index] = 0.6 * PARAMS.thrusts[jet]
     root = 1e-3 * np.eye(state.root.shape[0])
     score = Score(likelihood, likelihood if cells is None else cells, nis, 12.0)
     return Runner(cause, ONSET, (), cycle, state._replace(mean=mean, root=root), score, False)
@@ -494,7 +494,7 @@ def test_what_gives_little_is_named_half_a_second_after_the_alarm() -> None:
     for share, sign, cycles, expected in (
         (0.05, 1, 6, False),
         (0.05, 1, 7, True),
-        (0.4, 1, 3, True),
+        (0.6, 1, 3, True),
         (0.05, -1, 3, True),
     ):
         cause = Cause(Kind.JETS, (0,), (sign,), (int(sign > 0),))
@@ -508,6 +508,24 @@ def test_what_gives_little_is_named_half_a_second_after_the_alarm() -> None:
         assert found.clear
 
 
+def test_what_gives_little_must_lead_two_at_once_by_what_is_read_for_a_second() -> None:
+    """Later the rarity of two counts, and always where they share the jet, or much is given."""
+    for share, jets, cycles, expected in (
+        (0.05, (1, 2), 12, False),
+        (0.05, (1, 2), 13, True),
+        (0.05, (0, 1), 12, True),
+        (0.6, (1, 2), 12, True),
+    ):
+        run = running(leak(0), 100.0)
+        mean = run.state.mean.copy()
+        mean[PARAMS.places.force] = share * PARAMS.thrusts.max()
+        both = running(leak(*jets), 100.0)  # twelve behind since they are two
+        now = race(run._replace(state=run.state._replace(mean=mean)), both)._replace(triggered=NOW + 1 - cycles)
+        standing = races.standings(now, [contender(leak(0), 100.0), contender(leak(*jets), 88.0)], PARAMS)
+        found = decision.decided(now, standing, True, decision.Rules(), PARAMS)
+        assert (found.outcome == decision.Outcome.JETS) == expected
+
+
 def test_for_half_a_second_nothing_is_named_because_something_new_begins() -> None:
     now = race(surprised(leak(0), 60.0), leading=(contender(leak(0), 100.0),))
     for cycles, expected in ((6, False), (7, True)):
@@ -519,7 +537,7 @@ def test_for_half_a_second_nothing_is_named_because_something_new_begins() -> No
 def test_what_a_filter_took_for_its_onset_may_be_all_that_it_is_off_the_first_order_by() -> None:
     """Where both have the same force it begins anew, though it fits and is far from the first order."""
     narrow, wide = ((0.06,), (0.01,)), ((0.6,), (0.1,))
-    for force, expected in ((0.4, True), (1.0, False)):
+    for force, expected in ((0.6, True), (1.0, False)):
         run = running(leak(0), 100.0)._replace(kicks=wide)
         some = [contender(leak(0), 122.0)._replace(force=(force * PARAMS.thrusts[0],), kicks=narrow)]
         now = race(run)

@@ -9,11 +9,12 @@ and each is worth
     L' = sum ln P(its cells)    and    L = -1/2 sum (e^T Y^-1 e + ln |Y|)
 
 of its filter (`hypotheses`), to begin with what it was behind by; over the components that have moved, or have not for
-six samples, of every sample at which none of them has a race open or has just decided one. Who is twelve nats behind
-by both is not followed any longer, nor who has found no explanation in two seconds where another has. Where that is the
-one that the filter goes on from, the best takes its place, and what was said of it alone is taken back. What is said in
-the meantime waits until each has decided, a second at most. Who is left alone of a group is named. A group that nothing
-has settled by the time that a race may last stays one.
+six samples, of every sample at which none of them has a race open or has just decided one. Who is twelve nats behind by
+both is not followed any longer, nor who has found no explanation in two seconds where another has, nor who needs a
+further failure, or a jump, for what another explains without an alarm. Where that is the one that the filter goes on
+from, the best takes its place, and what was said of it alone is taken back. What is said in the meantime waits until
+each has decided, a second at most. Who is left alone of a group is named. A group that nothing has settled by the time
+that a race may last stays one.
 """
 
 from __future__ import annotations
@@ -57,6 +58,7 @@ class Member(NamedTuple):
         status: of the cycle in which it declared that last.
         newest: what the newest sample would add to the score.
         settled: cycles since its last decision; zero while a race is open.
+        raced: cycles of a race that has just ended with something declared; else zero.
     """
 
     joint: JointState
@@ -66,6 +68,7 @@ class Member(NamedTuple):
     status: Status = Status()
     newest: Score = NO_SCORE
     settled: int = 0
+    raced: int = 0
 
 
 class Members(NamedTuple):
@@ -152,12 +155,21 @@ def _gone_on(member: Member, sample: Sample, mask: np.ndarray, params: Hypothesi
 def _after(
     member: Member, judged: Judged, now: JointState, report: Report, mask: np.ndarray, params: JointParams
 ) -> Member:
-    decided = member.method.race is not None and judged.state.race is None
+    race = member.method.race
+    decided = race is not None and judged.state.race is None
     settled = 0 if decided or judged.state.race is not None else member.settled + 1
+    raced = race.cycles if race is not None and decided and any(map(_adds, judged.declarations)) else 0
     waiting = (*member.waiting, *judged.declarations)
     status = judged.status if judged.declarations else member.status
     newest = after_cycle(NO_SCORE, report, mask, params)
-    return Member(now, judged.state, member.score, waiting, status, newest, settled)
+    return Member(now, judged.state, member.score, waiting, status, newest, settled, raced)
+
+
+def _adds(declaration: Declaration) -> bool:
+    """Whether it says that something more has happened."""
+    if isinstance(declaration, JetsDeclared):
+        return declaration.word in (Word.FAILED, Word.GROUP)
+    return isinstance(declaration, JumpDeclared) and not declaration.measured
 
 
 def _counted_in(each: tuple[Member, ...]) -> tuple[Member, ...]:
@@ -181,9 +193,14 @@ def _ahead(one: Member, other: Member) -> float:
     return min(one.score.likelihood - other.score.likelihood, one.score.cells - other.score.cells)
 
 
+def _needs_more(member: Member, each: tuple[Member, ...]) -> bool:
+    """Whether it has just explained by something more what another explains as it is, without any alarm."""
+    return member.raced > 0 and any(other.settled > member.raced for other in each)
+
+
 def _left(each: tuple[Member, ...]) -> tuple[Member, ...]:
     """Those that are not lost and not behind, the best first where the first is none of them."""
-    found = [member for member in each if _race_for(member) < _LOST]
+    found = [member for member in each if _race_for(member) < _LOST and not _needs_more(member, each)]
     if not any(member.settled >= _SETTLING for member in found):
         found = list(each)
     best = max(found, key=lambda member: min(_ahead(member, other) for other in found))

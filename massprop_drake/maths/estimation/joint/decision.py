@@ -5,9 +5,10 @@ set of jets, in nats, and cycles counted from the alarm:
 
     jets     L_1 - L_2 > 6, L_1 - L_J > 6, L_1 - L_S > 6, L_1 - L_0 > 12, f > 3 sigma of a single one, and they fit,
              for two samples where the first has put others behind that led until then; a pair after three samples;
-             before settled only forces of a tenth of full thrust; of less than a tenth of the strongest jet's half a
-             second after the alarm, since for so long two look like one; that a known force changes for half a second
-             only by what is read, later also as it is likelier beforehand
+             before settled only forces of a tenth of full thrust; of less than half of its thrust, or than a tenth of
+             the strongest jet's, half a second after the alarm, and for a second only by what is read over two at once,
+             since for so long two look like one; that a known force changes for half a second only by what is read,
+             later also as it is likelier beforehand
     group    the same against all but those that differ in one jet, which what has fired cannot tell apart, and are two
              at most or of one cluster; or differ in jets of the same clusters; and at once where something new begins
              that none of them explains
@@ -34,6 +35,7 @@ from massprop_drake.maths.estimation.joint import screen as screens
 from massprop_drake.maths.estimation.joint.hypotheses import EXCESS, FIT, Kind, Runner
 from massprop_drake.maths.estimation.joint.layout import INERTIA, MASS, JointParams
 from massprop_drake.maths.estimation.joint.race import (
+    A_SECOND,
     NEAR,
     OUT,
     SURPRISED,
@@ -56,7 +58,7 @@ _JUMP_AFTER = 2  # samples: in one of them a pair of jets explains as much
 _DOUBTFUL_JUMP_AFTER = 12  # samples: one that misfits may yet learn; a small one fits jets that began at another onset
 _SHAKEN = 4.2  # normal deviate of a sample that one in a hundred thousand exceeds
 _HALF_A_SECOND = 6  # cycles: so long one jet may explain what two do, and a neighbor what a known jet would
-_LITTLE_FORCE = 0.1  # of the strongest jet's thrust
+_LITTLE_FORCE, _LITTLE_SHARE = 0.1, 0.5  # of the strongest jet's thrust, and of the jet's own
 _WELL = 3.0  # standard deviations of chi-square: of who explains all so far, one in a thousand is above
 _LITTLE = 0.01  # of the misfit of nothing, left by a jump that does not fit
 _PAIR_AFTER = 3  # samples: two jets and their onsets explain nearly all of the six increments of one or two
@@ -206,7 +208,9 @@ def _of_jets(
     if clear and not known and race.clear != best.cause and _put_behind(standing, until_now):
         return Decision(Outcome.OPEN, standing[0], until_now, clear=True)
     if clear:
-        shown = cycles > _HALF_A_SECOND or (_shown_by_readings(standing, rules) and not _is_little(best, params))
+        little = _is_little(best, params)
+        shown = cycles > _HALF_A_SECOND or (_shown_by_readings(standing, rules) and not little)
+        shown = shown and not (little and cycles <= A_SECOND and _may_be_two(standing, rules))
         return Decision(Outcome.JETS if shown else Outcome.OPEN, standing[0], clear=True)
     near = _near(standing, rules)
     alternatives = _alternatives((best, *near), rules)
@@ -221,8 +225,14 @@ def _of_jets(
 
 def _is_little(best: Contender, params: JointParams) -> bool:
     """Whether some jet gives on top what does little harm in half a second: for so long two of them look like one."""
-    little = _LITTLE_FORCE * float(params.thrusts.max())
-    return any(each.sign > 0 and each.force + screens.BOUND * each.sigma < little for each in best.failures)
+    little = np.maximum(_LITTLE_FORCE * params.thrusts.max(), _LITTLE_SHARE * params.thrusts)
+    most = ((each.jet, each.force + screens.BOUND * each.sigma) for each in best.failures if each.sign > 0)
+    return any(force < little[jet] for jet, force in most)
+
+
+def _may_be_two(standing: list[Standing], rules: Rules) -> bool:
+    """Whether the best leads two others at once by no more than that these are rare."""
+    return not all(leads(standing[0], other, rules.lead, read=True) for other in standing[1:])
 
 
 def _put_behind(standing: list[Standing], until_now: tuple[Contender, ...]) -> bool:

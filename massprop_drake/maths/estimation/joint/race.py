@@ -29,6 +29,7 @@ _BEFORE = 2  # snapshots before the onset where the race begins: the onset is no
 NEAR = 12.0  # nats behind the best within which a hypothesis runs as a filter: twice the lead that decides
 _FIRST_ORDER = 1e-3  # of the lead of a filter that does not fit, by which the first order may be off
 _RUNS = 6  # filters at once, with the jump
+A_SECOND = 12  # cycles of a race in which two failures at once are not held to be rare
 _LIE_RUNS = 12  # cycles in which the likeliest liar runs, however the first order takes so large an error
 _BETTER = 1.0  # nats at another onset, that a filter begins anew there
 _AGAIN = 30.0  # times likelier that a jet known to be wrong changes than that any other fails, in whichever of two ways
@@ -311,6 +312,16 @@ def margin(best: Standing, other: Standing) -> float:
     return min(measured, best.linear + best.beforehand - other.linear - other.beforehand)
 
 
+def by_readings(best: Standing, other: Standing) -> float:
+    """Lead over another hypothesis, nats, where two other failures at once are not held against it.
+
+    One small force may explain for a while what two do: then all that it leads them by is that two at once are rare.
+    """
+    one = len(best.contender.cause.jets) == 1 and len(other.contender.cause.jets) > 1
+    instead = one and not best.contender.cause.failures & other.contender.cause.failures
+    return margin(best, other) - (screens.PAIR_PRIOR if instead else 0.0)
+
+
 def _arrived(standing: Standing) -> bool:
     """Whether it stands by a filter of its own that is to go on."""
     return standing.run is not None and not _begins_anew(standing.run, standing)
@@ -322,10 +333,16 @@ def _strays(standing: Standing) -> bool:
     return standing.run is not None and standing.run.fits and off
 
 
-def leads(best: Standing, other: Standing, lead: float) -> bool:
-    """Whether one is ahead by enough: whoever is near to first order must run as a filter before it is behind."""
+def leads(best: Standing, other: Standing, lead: float, *, read: bool = False) -> bool:
+    """Whether one is ahead by enough: whoever is near to first order must run as a filter before it is behind.
+
+    Args:
+        best, other: hypotheses.
+        lead: that is enough, nats.
+        read: whether `by_readings`.
+    """
     enough = lead if best.run is not None and _arrived(other) else max(lead, NEAR)
-    return margin(best, other) > enough
+    return (by_readings if read else margin)(best, other) > enough
 
 
 def _measured(contender: Contender, run: Runner, nothing: float, params: JointParams) -> Contender:
@@ -390,7 +407,8 @@ def running(race: Race, standing: list[Standing], free_slots: int) -> Race:
     fits = leader.run is None or leader.run.fits
     reach = NEAR if fits else max(NEAR, _FIRST_ORDER * best)  # what it leads by to first order may be none
     others = [each for each in standing[1:] if each.contender.cause.kind != Kind.JUMP]
-    close = {each.contender.cause for each in others if margin(leader, each) < reach}
+    ahead_by = by_readings if race.cycles <= A_SECOND else margin
+    close = {each.contender.cause for each in others if ahead_by(leader, each) < reach}
 
     def place(each: Standing) -> int:
         """The jump first, then those that are close, of them those that run: where dozens explain as much, they would
