@@ -208,14 +208,14 @@ def _of_jets(
     if clear and not known and race.clear != best.cause and _put_behind(standing, until_now):
         return Decision(Outcome.OPEN, standing[0], until_now, clear=True)
     if clear:
-        little = _is_little(best, params)
+        little = _is_little(tuple(each for each in best.failures if each.jet not in race.states[0].slot_jet), params)
         shown = cycles > _HALF_A_SECOND or (_shown_by_readings(standing, rules) and not little)
         shown = shown and not (little and cycles <= A_SECOND and _may_be_two(standing, rules))
         return Decision(Outcome.JETS if shown else Outcome.OPEN, standing[0], clear=True)
     near = _near(standing, rules)
     alternatives = _alternatives((best, *near), rules)
     cleared = all(leads(standing[0], other, rules.lead) for other in standing[1:] if other.contender not in near)
-    stuck = not all(best.cause.on_top) and not _is_little(best, params)
+    stuck = not all(best.cause.on_top) and not _is_little(best.failures, params)
     patience = _GROUP_SOON_AFTER if cleared and stuck else _GROUP_AFTER
     if alternatives and cycles >= patience and _alike(race, best, alternatives, params):
         return Decision(Outcome.GROUP, standing[0], near, alternatives)
@@ -223,10 +223,10 @@ def _of_jets(
     return Decision(Outcome.OPEN, standing[0], led) if all(each.cause.kind == Kind.JETS for each in led) else undecided
 
 
-def _is_little(best: Contender, params: JointParams) -> bool:
+def _is_little(failures: tuple[FailedJet, ...], params: JointParams) -> bool:
     """Whether some jet gives on top what does little harm in half a second: for so long two of them look like one."""
     little = np.maximum(_LITTLE_FORCE * params.thrusts.max(), _LITTLE_SHARE * params.thrusts)
-    most = ((each.jet, each.force + screens.BOUND * each.sigma) for each in best.failures if each.sign > 0)
+    most = ((each.jet, each.force + screens.BOUND * each.sigma) for each in failures if each.sign > 0)
     return any(force < little[jet] for jet, force in most)
 
 
