@@ -132,6 +132,25 @@ def test_score_is_the_gaussian_of_what_is_counted() -> None:
     assert scored(found, innovation, covariance, np.zeros(4, dtype=np.bool_), np.zeros(4)) == found
 
 
+def test_a_score_where_rounding_leaves_the_covariance_no_root() -> None:
+    """Two packages read one rate that may be anything: what they read alike says nothing, and the difference all."""
+    spread, noise = 1e8, 1e-2
+    projected = np.array([[spread], [spread], [0.5]])
+    root = np.hstack((projected, noise * np.eye(3)))
+    error = np.array([3.0, 3.02, 0.4])
+    with pytest.raises(np.linalg.LinAlgError):
+        np.linalg.cholesky(root @ root.T)
+    every, none = np.ones(3, dtype=np.bool_), np.zeros(3)
+    found = scored(NO_SCORE, error, root @ root.T, every, none, root)
+    # the first two tell the cause as good as exactly, and |n^2 I + p p^T| is n^4 (n^2 + p^T p)
+    assert found.nis == pytest.approx(0.02**2 / (2.0 * noise**2) + (0.4 / noise) ** 2, rel=1e-6)
+    volume = 4.0 * np.log(noise) + np.log(noise**2 + np.sum(projected**2))
+    assert found.likelihood == pytest.approx(-0.5 * found.nis - 0.5 * volume, abs=1e-4)
+    whole = root[:, 1:] @ root[:, 1:].T + np.outer(*2 * [np.array([1.0, 1.0, 0.5])])
+    plain = scored(NO_SCORE, error, whole, every, none)
+    assert scored(NO_SCORE, error, whole, every, none, np.linalg.cholesky(whole)) == pytest.approx(plain)
+
+
 @pytest.mark.parametrize(("error", "deviation", "width"), [(0.3, 0.1, 1.0), (-0.7, 0.2, 0.5), (2.0, 1.0, 3e-3)])
 def test_a_cell_has_the_share_of_the_normal_distribution_in_it(error: float, deviation: float, width: float) -> None:
     share = norm.cdf(error + 0.5 * width, 0.0, deviation) - norm.cdf(error - 0.5 * width, 0.0, deviation)

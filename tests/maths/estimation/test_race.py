@@ -17,6 +17,7 @@ from massprop_drake.maths.estimation.joint.hypotheses import JUMP_SHARES, NO_SCO
 from massprop_drake.maths.estimation.joint.layout import JointState, make_places
 from massprop_drake.maths.estimation.joint.race import History, Race
 from massprop_drake.maths.estimation.joint.screen import Contender
+from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
 
 PARAMS = small_params(places=make_places((6, 2, 2), 2, (False, False), False, 2), second_order=False)
 NOW, ONSET = 10, 4
@@ -130,6 +131,23 @@ def test_filters_at_the_present_stay_there_before_others_catch_up(monkeypatch: p
     found, left = races.stepped_on(now, 3, History(NOW, ()), np.zeros(2), PARAMS)
     assert [run.cycle for run in found.runs] == [NOW - 4, NOW]
     assert left == 0
+
+
+def test_a_hypothesis_whose_filter_comes_to_nothing_leaves_the_race(monkeypatch: pytest.MonkeyPatch) -> None:
+    """And not the run with it: the filter that knows of nothing goes on."""
+
+    def lost(run: Runner, *_: Any) -> Runner:
+        if run.cause == leak(0):
+            raise NotPositiveDefiniteError(np.zeros((1, 1)), "a covariance", 1.0)
+        return run._replace(cycle=run.cycle + 1)
+
+    monkeypatch.setattr(races, "stepped", lost)
+    now = race(running(leak(0), cycle=NOW - 1), running(leak(1), cycle=NOW - 1))
+    now = now._replace(screen=now.screen._replace(masks=(np.ones(12, dtype=np.bool_),) * NOW))
+    history = History(NOW, tuple(races.Record(None, None) for _ in range(NOW)))  # type: ignore[arg-type]
+    found, _ = races.stepped_on(now, 8, history, np.zeros(2), PARAMS)
+    assert causes(found) == [leak(1)]
+    assert found.out == {leak(0)}
 
 
 def test_a_jump_waits_for_all_that_run_and_a_small_one_longer() -> None:

@@ -246,7 +246,14 @@ def cell_likelihood(error: float, deviation: float, width: float) -> float:
     return -0.5 * near**2 - math.log(near) + math.log1p(-beyond) - math.log(width)
 
 
-def scored(score: Score, innovation: Array, covariance: Array, counts: np.ndarray, quanta: Array) -> Score:
+def scored(
+    score: Score,
+    innovation: Array,
+    covariance: Array,
+    counts: np.ndarray,
+    quanta: Array,
+    root: Array | None = None,
+) -> Score:
     """The score after one more sample.
 
     Args:
@@ -255,11 +262,16 @@ def scored(score: Score, innovation: Array, covariance: Array, counts: np.ndarra
         covariance: of it, shape (m, m).
         counts: see `counted`, shape (m,).
         quanta: see `JointParams`, shape (m,).
+        root: of the covariance, shape (m, any); None: it has one that rounding leaves.
     """
     chosen = np.flatnonzero(counts)
     if chosen.shape[0] == 0:
         return score
-    half = np.linalg.cholesky(covariance[np.ix_(chosen, chosen)])
+    if root is None:
+        half = np.linalg.cholesky(covariance[np.ix_(chosen, chosen)])
+    else:
+        half = compressed(root[chosen])
+        half = half * np.sign(np.diag(half))
     whitened = np.linalg.solve(half, innovation[chosen])
     nis = float(whitened @ whitened)
     scales, widths = np.diag(half), quanta[chosen]
@@ -448,7 +460,11 @@ def after_cycle(score: Score, report: Report, counts: np.ndarray, params: JointP
     assert course is not None, "a race begins after the first sample"
     projected = course.expected.projected
     covariance = projected @ projected.T + np.diag(params.variances)
-    return scored(score, report.innovation, covariance, counts, params.quanta)
+    try:
+        return scored(score, report.innovation, covariance, counts, params.quanta)
+    except np.linalg.LinAlgError:  # several packages read what may be anything: all but that is lost in the product
+        root = np.hstack((projected, np.diag(np.sqrt(params.variances))))
+        return scored(score, report.innovation, covariance, counts, params.quanta, root)
 
 
 def _stepped(run: Runner, after: JointState, score: Score) -> Runner:

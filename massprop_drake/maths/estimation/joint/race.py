@@ -21,7 +21,7 @@ from massprop_drake.maths.estimation.joint.layout import JointParams, JointState
 from massprop_drake.maths.estimation.joint.possible import beyond
 from massprop_drake.maths.estimation.joint.screen import Contender, Screen
 from massprop_drake.maths.estimation.joint.sensitivity import Link
-from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError
 
 STEPS = 8  # of filters in a cycle: 1.5 to 2.5 ms each
 LINKS_PER_STEP = 2  # of the screen, in the time of a filter's step
@@ -541,7 +541,7 @@ def stepped_on(race: Race, left: int, history: History, erratic: np.ndarray, par
     """The race with its filters as far as the steps that are left let them go, and what then is left.
 
     Those that were at the present stay there; then those that are behind catch up, in their order. Those that turn out
-    to be impossible leave the race.
+    to be impossible leave the race, and those whose filter comes to nothing.
 
     Args:
         race: see `Race`.
@@ -556,11 +556,15 @@ def stepped_on(race: Race, left: int, history: History, erratic: np.ndarray, par
         while left > 0 and now.cycle < screen.cycle:
             record = history.at(now.cycle + 1)
             done = now.cycle - screen.began
-            if now.cause.kind == Kind.JUMP and now.cycle <= screen.onsets[-1]:
-                now = jumping(now, record.sample, screen.scores[done + 1], screen.masks[done], params)
-            else:
-                now = stepped(now, record.sample, record.link, screen.masks[done], erratic, params)
             left -= 1
+            try:
+                if now.cause.kind == Kind.JUMP and now.cycle <= screen.onsets[-1]:
+                    now = jumping(now, record.sample, screen.scores[done + 1], screen.masks[done], params)
+                else:
+                    now = stepped(now, record.sample, record.link, screen.masks[done], erratic, params)
+            except NotPositiveDefiniteError:  # of what it says no filter is left
+                out.add(now.cause)
+                break
         runs[place] = now
         if _impossible(now, params):
             out.add(now.cause)
