@@ -127,9 +127,8 @@ def _least_squares(matrix: Array, target: Array, start: Array) -> Array:
             step = -np.linalg.solve(hessian, gradient)
             decrement = -float(gradient @ step)
             left, size = matrix @ found - target, np.abs(matrix) @ np.abs(found) + np.abs(target)
-            if decrement < max(
-                _DECREMENT, _ROUNDING * t * float(np.abs(left) @ size)
-            ):  # less cannot be seen in the cost
+            unseen = _ROUNDING * t * float(np.abs(left) @ size)  # in the cost
+            if decrement < max(_DECREMENT, unseen):
                 break
             share, had = 1.0, cost(found, t)
             while share > _HALVED and cost(found + share * step, t) > had - _ENOUGH * share * decrement:

@@ -13,6 +13,7 @@ from massprop_drake.maths.estimation.detectors.members import Member, Members
 from massprop_drake.maths.estimation.detectors.multi_hypothesis import JetsDeclared, Judged, JumpDeclared, Status, Word
 from massprop_drake.maths.estimation.joint import screen as screens
 from massprop_drake.maths.estimation.joint.cycle import JointEvidence, step
+from massprop_drake.maths.estimation.joint.decision import Decision, Outcome
 from massprop_drake.maths.estimation.joint.hypotheses import Cause, Counting, Kind, Runner, Score, opened
 from massprop_drake.maths.estimation.joint.race import Race
 
@@ -153,8 +154,11 @@ def test_whoever_explains_all_is_followed_from_what_it_is_behind_by(monkeypatch:
     named, other = member(0), member(1)
     said, instead = (JetsDeclared(Word.FAILED, (jet,), (1,), (3.0,), (1.0,), 0.0) for jet in (0, 1))
     would = multi_hypothesis.Other(other.method, other.joint, (instead,), -8.0, -10.0)
-    found = Judged(named.method, None, None, (said,), Status(), (would,))
+    decision = Decision(Outcome.JETS)
+    otherwise = multi_hypothesis.Otherwise(named.method, named.joint, decision, (decision,))
+    found = Judged(named.method, None, None, (said,), Status(), otherwise)
     monkeypatch.setattr(multi_hypothesis, "judge", lambda *_: found)
+    monkeypatch.setattr(multi_hypothesis, "had_others_won", lambda *_: (would,))
     sample = some_sample(PARAMS)
     evidence = JointEvidence(STATE, *step(STATE, sample, PARAMS), sample, False)
     after = dut.follow(Members(), named.method, evidence, multi_hypothesis.HypothesisParams(PARAMS))

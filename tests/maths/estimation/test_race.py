@@ -337,6 +337,24 @@ def test_of_a_group_each_member_may_be_it_and_of_a_jet_whoever_runs_up() -> None
     assert [each.cause for each in second.group] == [leak(0), leak(1)]
 
 
+def test_others_are_as_far_behind_as_readings_and_what_is_known_beforehand_have_them(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """By noise and by cells: the winner is a force that is known to change, which is likelier beforehand."""
+
+    def standing(lead: float, as_noise: float, beforehand: float) -> races.Standing:
+        one = contender(leak(0), lead)
+        return races.Standing(one, None, one, lead, beforehand, as_noise)
+
+    monkeypatch.setattr(multi_hypothesis, "_concluded", lambda state, joint, *_: (state, joint, ["said"]))
+    named = decision.Decision(decision.Outcome.JETS, standing(100.0, 101.0, 5.0))
+    other = decision.Decision(decision.Outcome.JETS, standing(98.0, 97.0, 0.0))
+    state = multi_hypothesis.initial(PARAMS)
+    (found,) = multi_hypothesis.had_others_won(multi_hypothesis.Otherwise(state, STATE, named, (other,)), PARAMS)
+    assert (found.as_noise, found.odds) == (-9.0, -7.0)
+    assert (found.state, found.joint, found.declarations) == (state, STATE, ("said",))
+
+
 def test_two_forces_that_are_impossible_together_cost_what_no_two_that_are_possible_can_explain() -> None:
     """Each is within its sigmas; their sum is far below zero."""
     possible, impossible = running(leak(0, 1), 100.0), running(leak(2, 3), 120.0)

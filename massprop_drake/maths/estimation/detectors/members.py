@@ -117,12 +117,12 @@ def follow(
     found = multi_hypothesis.judge(method, evidence.before, evidence.after, report, sample, params)
     now = found.goes_on_from(evidence.after)
     read = readings(sample.rates, sample.velocities)
-    said = list(found.declarations)
-    if found.otherwise and not members.each:
+    if found.otherwise is not None and not members.each:
+        said = list(found.declarations)
         counting = Counting(np.where(np.isnan(read), 0.0, read), np.zeros(read.shape[0]))
         others = tuple(
             Member(each.joint, each.state, Score(each.as_noise, each.odds, 0.0, 0.0), _unsaid(each.declarations, said))
-            for each in found.otherwise
+            for each in multi_hypothesis.had_others_won(found.otherwise, params.joint)
         )
         groups = [each for each in found.declarations if isinstance(each, JetsDeclared) and each.word == Word.GROUP]
         group = frozenset(zip(groups[-1].jets, groups[-1].signs, strict=True)) if groups else frozenset()

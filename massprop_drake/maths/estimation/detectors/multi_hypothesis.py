@@ -219,6 +219,22 @@ class Status(NamedTuple):
     leads: tuple[tuple[int, float], ...] = ()
 
 
+class Otherwise(NamedTuple):
+    """What a decision that names jets rests on, for `had_others_won`.
+
+    Attributes:
+        state: before it.
+        joint: the filter's state before it.
+        named: the decision.
+        others: the same with another winner each.
+    """
+
+    state: State
+    joint: JointState
+    named: Decision
+    others: tuple[Decision, ...]
+
+
 class Other(NamedTuple):
     """What would be where jets are named, had others won that are not far behind.
 
@@ -246,7 +262,7 @@ class Judged(NamedTuple):
             by `Rules.lead_nothing`; None: that from which the filter goes on.
         declarations: what is declared.
         status: see `Status`.
-        otherwise: what would be, had another won, see `Other`; of those that have a filter.
+        otherwise: of jets that are named, where others that have a filter are not far behind; else None.
     """
 
     state: State
@@ -254,7 +270,7 @@ class Judged(NamedTuple):
     published: JointState | None
     declarations: tuple[Declaration, ...]
     status: Status
-    otherwise: tuple[Other, ...] = ()
+    otherwise: Otherwise | None = None
 
     def goes_on_from(self, own: JointState) -> JointState:
         """The filter's state after the cycle, given its own."""
@@ -322,23 +338,30 @@ def judge(
         if state.race is None:  # while one is under way, nothing is known of forces that it may change
             state, declared = _known_now(state, again, joint)
         return Judged(state, _restless(state, again, after, joint), published, declared, status)
-    otherwise = tuple(
-        _other(_concluded(state, again, each, joint), each, decision) for each in _otherwise(state, decision, standing)
-    )
+    others = tuple(_otherwise(state, decision, standing))
+    otherwise = Otherwise(state, again, decision, others) if others else None
     state, now, said = _concluded(state, again, decision, joint)
     state, declared = _known_now(state, now, joint)
     said = [*said, *declared]
     return Judged(state, _restless(state, now, after, joint), None, tuple(said), status, otherwise)
 
 
-def _other(concluded: tuple[State, JointState, list[Declaration]], decision: Decision, named: Decision) -> Other:
-    """What would be, and how far it is behind."""
-    state, joint, declared = concluded
-    its, winner = decision.winner, named.winner
-    assert its is not None, "it would have won"
+def had_others_won(otherwise: Otherwise, params: JointParams) -> tuple[Other, ...]:
+    """What would be, of each of those that are not far behind.
+
+    Args:
+        otherwise: see `Judged.otherwise`.
+        params: see `JointParams`.
+    """
+    winner, found = otherwise.named.winner, []
     assert winner is not None, "one has won"
-    behind = its.beforehand - winner.beforehand
-    return Other(state, joint, tuple(declared), its.as_noise - winner.as_noise + behind, its.odds - winner.odds)
+    for decision in otherwise.others:
+        its = decision.winner
+        assert its is not None, "it would have won"
+        state, joint, declared = _concluded(otherwise.state, otherwise.joint, decision, params)
+        as_noise = its.as_noise + its.beforehand - winner.as_noise - winner.beforehand
+        found.append(Other(state, joint, tuple(declared), as_noise, its.odds - winner.odds))
+    return tuple(found)
 
 
 def _otherwise(state: State, decision: Decision, standing: list[races.Standing]) -> list[Decision]:
@@ -660,7 +683,7 @@ def _jets(
         floors = (_floor(each, way, _told(each, over), was_settled, params) for each, way in ways)
         if all(each <= floor for each, floor in zip(forces, floors, strict=True)):
             continue
-        announced[slot], known[slot], onsets[slot] = force, sigma, np.nan
+        announced[slot], known[slot], onsets[slot] = max(force, _SAID), sigma, np.nan
         word = Word.GROUP if others else Word.FAILED
         said.append(JetsDeclared(word, jets, signs, forces, sigmas, onset_s, apart))
     state = state._replace(members=members, apart=aparts, onsets=onsets, announced=announced, sigmas=known)

@@ -302,7 +302,7 @@ def _interrupted(race: Race, standing: list[Standing], rules: Rules) -> Decision
     now = {each.contender.cause: each for each in standing}
     led = [now[each.cause]._replace(contender=each) for each in race.leading if each.cause in now]
     runs = [each.run for each in led if each.run is not None]
-    if (led and led[0].run is None) or not any(_explained_well(run) for run in runs):
+    if not any(_explained_well(run) for run in runs) or led[0].run is None:
         return None
     surprises = [run.newest.surprise for run in runs]
     others = [each for each in standing if each.contender.cause not in {one.contender.cause for one in led}]

@@ -410,14 +410,12 @@ def running(race: Race, standing: list[Standing], free_slots: int) -> Race:
     ahead_by = by_readings if race.cycles <= A_SECOND else margin
     close = {each.contender.cause for each in others if ahead_by(leader, each) < reach}
 
-    def place(each: Standing) -> int:
+    def place(each: Standing) -> tuple[bool, ...]:
         """The jump first, then those that are close, of them those that run: where dozens explain as much, they would
         take each other's place before any has arrived; then the rest; each as likely as they are.
         """
         cause = each.contender.cause
-        return (
-            0 if cause.kind == Kind.JUMP else 1 if cause in close and cause in present else 2 if cause in close else 3
-        )
+        return cause.kind != Kind.JUMP, cause not in close, cause in close and cause not in present
 
     for each in (leader, *sorted(standing[1:], key=place)):
         contender, cause = each.contender, each.contender.cause
