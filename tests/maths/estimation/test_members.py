@@ -10,10 +10,17 @@ from test_joint_bank import ready
 from massprop_drake.maths.estimation.detectors import members as dut
 from massprop_drake.maths.estimation.detectors import multi_hypothesis
 from massprop_drake.maths.estimation.detectors.members import Member, Members
-from massprop_drake.maths.estimation.detectors.multi_hypothesis import JetsDeclared, Judged, JumpDeclared, Status, Word
+from massprop_drake.maths.estimation.detectors.multi_hypothesis import (
+    JetsDeclared,
+    Judged,
+    JumpDeclared,
+    Status,
+    Word,
+    ways_of,
+)
 from massprop_drake.maths.estimation.joint import screen as screens
 from massprop_drake.maths.estimation.joint.cycle import JointEvidence, step
-from massprop_drake.maths.estimation.joint.decision import Decision, Outcome
+from massprop_drake.maths.estimation.joint.decision import LAST, Decision, Outcome
 from massprop_drake.maths.estimation.joint.hypotheses import Cause, Counting, Kind, Runner, Score, opened
 from massprop_drake.maths.estimation.joint.race import Race
 
@@ -32,7 +39,13 @@ def member(jet: int, likelihood: float = 0.0, cells: float | None = None, settle
     listed[0], announced[0] = row, 3.0
     method = method._replace(members=listed, announced=announced)
     score = Score(likelihood, likelihood if cells is None else cells, 0.0, 0.0)
-    return Member(joint, method, score, settled=settled)
+    return Member(joint, method, score, settled=settled, groups=(group_of(jet, 1 - jet),))
+
+
+def group_of(*jets: int) -> JetsDeclared:
+    """A group as its first member sees it."""
+    each = len(jets)
+    return JetsDeclared(Word.GROUP, jets, (1,) * each, (3.0,) * each, (1.0,) * each, 7.0)
 
 
 def racing(one: Member, cycles: int, fits: bool = False) -> Member:
@@ -44,13 +57,13 @@ def racing(one: Member, cycles: int, fits: bool = False) -> Member:
     return one._replace(method=one.method._replace(race=race), settled=0)
 
 
-def judged(*each: Member) -> dut.Followed:
-    """What becomes of a cycle."""
+def judged(*each: Member, said: bool = True, cycles: int = 0) -> dut.Followed:
+    """What becomes of a cycle; the group has been said, or not."""
     found = Judged(each[0].method, None, None, (), Status())
-    group = frozenset({(0, 1), (1, 1)})
+    groups = frozenset({frozenset({(0, 1), (1, 1)})} if said else ())
     counting = Counting(np.zeros(12), np.zeros(12))
     params = multi_hypothesis.HypothesisParams(PARAMS)
-    return dut._compared(found, Members(each, counting, group), params)
+    return dut._compared(found, Members(each, counting, groups, cycles), params)
 
 
 def words(found: dut.Followed) -> list[tuple[int, tuple[int, ...]]]:
@@ -84,7 +97,7 @@ def test_what_was_said_of_the_wrong_one_alone_is_taken_back() -> None:
     listed, announced = wrong.method.members.copy(), wrong.method.announced.copy()
     listed[1, 2], announced[1] = 1.0, 5.0
     wrong = wrong._replace(joint=joint, method=wrong.method._replace(members=listed, announced=announced))
-    assert words(judged(wrong, right)) == [(Word.FAILED, (1,)), (Word.WITHDRAWN, (2,))]
+    assert words(judged(wrong, right)) == [(Word.WITHDRAWN, (2,)), (Word.FAILED, (1,))]
     unsaid = JetsDeclared(Word.FAILED, (2,), (1,), (5.0,), (1.0,), 0.0)
     assert words(judged(wrong._replace(waiting=(unsaid,)), right)) == [(Word.FAILED, (1,))]
 
@@ -145,7 +158,9 @@ def test_what_waits_is_to_be_said_by_a_detector_that_goes_on_alone() -> None:
     kept = dut.as_said(Members((first._replace(waiting=(said,)), member(1))), first.method)
     assert kept.announced[0] == 0.0
     assert kept.onsets[0] == 7.0
-    assert dut.as_said(Members((first, member(1))), first.method).announced[0] == 3.0
+    both = Members((first, member(1)))
+    assert dut.as_said(both, first.method).announced[0] == 0.0
+    assert dut.as_said(both._replace(said=frozenset({ways_of(group_of(0, 1))})), first.method).announced[0] == 3.0
     assert dut.as_said(Members(), first.method) is first.method
 
 
@@ -165,7 +180,83 @@ def test_whoever_explains_all_is_followed_from_what_it_is_behind_by(monkeypatch:
     assert after.judged.declarations == (said,)
     assert [each.waiting for each in after.members.each] == [(), (instead,)]
     assert after.members.each[1].score == Score(-8.0, -10.0, 0.0, 0.0)
-    assert after.members.group == frozenset()
+    assert after.members.said == frozenset()
+
+
+def test_a_group_that_is_followed_since_something_new_began_is_not_said_before_it_is_told_apart() -> None:
+    """What waits of it neither, but that hypotheses are compared is logged, with how likely each is."""
+    changed = JetsDeclared(Word.CHANGED, (0, 1), (1, 1), (3.0, np.nan), (1.0, np.nan), 7.0)
+    status = Status(leads=((0, 50.0), (1, 48.0)))
+    first, other = member(0)._replace(waiting=(changed,), status=status), member(1, -5.0)
+    found = judged(first, other, said=False)
+    assert found.judged.declarations == ()
+    assert found.judged.status.racing
+    assert found.judged.status.leads == ((0, 50.0), (1, 45.0))
+    found = judged(first._replace(waiting=()), member(1, -13.0), said=False)
+    assert words(found) == [(Word.FAILED, (0,))]
+    (said,) = found.judged.declarations
+    assert isinstance(said, JetsDeclared)
+    assert said.onset_s == 7.0
+
+
+@pytest.mark.parametrize(("behind", "told"), [(-5.0, (Word.GROUP, (0, 1))), (-7.0, (Word.FAILED, (0,)))])
+def test_what_nothing_settles_is_a_group_of_those_that_are_left(
+    behind: float, told: tuple[int, tuple[int, ...]]
+) -> None:
+    found = judged(member(0), member(1, behind), said=False, cycles=LAST)
+    assert words(found) == [told]
+    assert found.members == Members()
+
+
+def test_what_is_agreed_on_is_said_while_another_group_is_followed() -> None:
+    """And nobody speaks of it again."""
+    second = group_of(2, 3)
+    both = [one._replace(groups=(*one.groups, second)) for one in (member(0), member(0, -5.0))]
+    found = judged(both[0], both[1], said=False)
+    assert (Word.FAILED, (0,)) in words(found)
+    assert all(ways_of(group) != frozenset({(0, 1), (1, 1)}) for one in found.members.each for group in one.groups)
+
+
+def test_who_needs_more_failures_than_another_explains_all_by_is_lost() -> None:
+    """Where that one has explained all for two seconds."""
+    joint = opened(member(0).joint, Cause(Kind.JETS, (2,), (1,), (1,)), PARAMS)
+    greedy = member(0, settled=0)._replace(joint=joint, raced=60)
+    for settled, expected in ((25, True), (24, False)):
+        assert (judged(greedy, member(1, settled=settled)).judged.replacement is not None) == expected
+
+
+def undecided(settled: int) -> Member:
+    """The race gone on as if it were not decided; it has found an explanation so long ago."""
+    return member(2, settled=settled)._replace(groups=(), undecided=True)
+
+
+def test_the_race_that_goes_on_wins_where_nobody_who_was_named_explains_what_came() -> None:
+    lost = racing(member(0), 25)
+    found = judged(lost, undecided(3))
+    assert found.judged.replacement is not None
+    assert 2 in found.judged.replacement.slot_jet
+    assert not any(one.undecided for one in found.members.each)
+    for first, other in (
+        (racing(member(0), 24), undecided(3)),
+        (lost, undecided(2)),
+        (member(0, settled=3), undecided(9)),
+    ):
+        kept = judged(first, other)
+        assert kept.judged.replacement is None
+        assert [one.undecided for one in kept.members.each] == [False, True]
+
+
+def test_the_race_that_goes_on_ends_when_somebody_has_explained_all_for_two_seconds() -> None:
+    for settled, expected in ((24, 2), (25, 0)):
+        assert len(judged(member(0, settled=settled), undecided(0)).members.each) == expected
+
+
+def test_at_most_four_are_followed_the_likeliest_of_those_that_come_and_none_twice() -> None:
+    each = [member(0), member(1)]
+    further = [member(jet, likelihood) for jet, likelihood in ((2, -3.0), (3, -1.0), (4, -2.0), (1, 0.0))]
+    found = dut._at_most(each, [*further, undecided(0), undecided(0)])
+    assert [max(jet for jet, _ in dut._known(one)) for one in found[:4]] == [0, 1, 3, 4]
+    assert [one.undecided for one in found[4:]] == [True]
 
 
 def test_samples_count_where_all_have_one_to_compare() -> None:

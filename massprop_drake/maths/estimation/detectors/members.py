@@ -1,10 +1,10 @@
 r"""Those that may have failed instead, followed side by side until one explains what comes, and the others do not.
 
-A group is named where something new begins before its members are told apart, or after long enough. The filter goes on
+A group is found where something new begins before its members are told apart, or after long enough. The filter goes on
 from the likeliest, which may be wrong: then the next failure has to be explained by one that has not happened, and what
 takes its part is another jet, or a jump. A jet that is named alone leads by six nats, and so is wrong once in a few
 hundred times. So the others that explain all, too, and have a filter go on as well, each with a detector of its own,
-and each is worth
+and whoever explains as well what one of these names goes on beside it in turn. Each is worth
 
     L' = sum ln P(its cells)    and    L = -1/2 sum (e^T Y^-1 e + ln |Y|)
 
@@ -13,12 +13,18 @@ six samples, of every sample at which none of them has a race open or has just d
 both is not followed any longer, nor who has found no explanation in two seconds where another has, nor who needs a
 further failure, or a jump, for what another explains without an alarm. Where that is the one that the filter goes on
 from, the best takes its place, and what was said of it alone is taken back. What is said in the meantime waits until
-each has decided, a second at most. Who is left alone of a group is named. A group that nothing has settled by the time
-that a race may last stays one.
+each has decided, a second at most. Of a group whose members what has fired could tell apart, and which was found only
+since something new began, nothing is said while they are followed. Who is left alone of one is named; what nothing has
+settled by the time that a race may last is said to be a group of those that are left.
+
+What shakes all that led may be no new failure: two at once look like one until something turns the body another way. So
+where they are named for that, the race also goes on as if it were not decided, beside them. It takes their place if it
+finds an explanation and none of them does, and ends when one of them has explained all for two seconds.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -33,6 +39,7 @@ from massprop_drake.maths.estimation.detectors.multi_hypothesis import (
     Status,
     Unexplained,
     Word,
+    ways_of,
 )
 from massprop_drake.maths.estimation.joint.cycle import JointEvidence, Report, Sample, step
 from massprop_drake.maths.estimation.joint.decision import LAST
@@ -44,7 +51,11 @@ from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
 _BEHIND = 12.0  # nats: twice what decides, since each has decided other things since
 _PATIENCE = 12  # cycles of a race for which what others say waits
 _LOST = 25  # cycles of a race after which an explanation is overdue that another has found
+_MOST = 4  # that are followed at once
 _SETTLING = 3  # cycles after a decision before it counts: what is new may have begun in several ways
+
+
+Ways = frozenset[tuple[int, int]]  # jets and signs
 
 
 class Member(NamedTuple):
@@ -55,10 +66,12 @@ class Member(NamedTuple):
         method: what its detector remembers.
         score: see the module.
         waiting: what its detector has declared since, and has not been said.
-        status: of the cycle in which it declared that last.
+        status: of the cycle in which it found the last group, else of that in which it declared something last.
         newest: what the newest sample would add to the score.
         settled: cycles since its last decision; zero while a race is open.
         raced: cycles of a race that has just ended with something declared; else zero.
+        groups: that it has been found to belong to, itself the first of each.
+        undecided: whether in it the race has gone on as if it were not decided.
     """
 
     joint: JointState
@@ -69,6 +82,8 @@ class Member(NamedTuple):
     newest: Score = NO_SCORE
     settled: int = 0
     raced: int = 0
+    groups: tuple[JetsDeclared, ...] = ()
+    undecided: bool = False
 
 
 class Members(NamedTuple):
@@ -77,13 +92,13 @@ class Members(NamedTuple):
     Attributes:
         each: see `Member`.
         counting: see `Counting`.
-        group: jets and signs of all of it; none: one was named alone.
-        cycles: since then.
+        said: jets and signs of each group that has been said.
+        cycles: since the first were.
     """
 
     each: tuple[Member, ...] = ()
     counting: Counting | None = None
-    group: frozenset[tuple[int, int]] = frozenset()
+    said: frozenset[Ways] = frozenset()
     cycles: int = 0
 
 
@@ -117,39 +132,98 @@ def follow(
     found = multi_hypothesis.judge(method, evidence.before, evidence.after, report, sample, params)
     now = found.goes_on_from(evidence.after)
     read = readings(sample.rates, sample.velocities)
+    nobody = np.zeros(read.shape[0], dtype=np.bool_)
     if found.otherwise is not None and not members.each:
-        said = list(found.declarations)
         counting = Counting(np.where(np.isnan(read), 0.0, read), np.zeros(read.shape[0]))
-        others = tuple(
-            Member(each.joint, each.state, Score(each.as_noise, each.odds, 0.0, 0.0), _unsaid(each.declarations, said))
-            for each in multi_hypothesis.had_others_won(found.otherwise, params.joint)
-        )
-        groups = [each for each in found.declarations if isinstance(each, JetsDeclared) and each.word == Word.GROUP]
-        group = frozenset(zip(groups[-1].jets, groups[-1].signs, strict=True)) if groups else frozenset()
-        return Followed(found, Members((Member(now, found.state), *others), counting, group))
+        until_now = Member(evidence.before, method)
+        one = _after(until_now, found, now, report, nobody, params.joint)
+        return _said(one.waiting, found, Members((one, *_beside(until_now, one, found, params.joint)), counting))
     if not members.each or members.counting is None:
         return Followed(found, members)
     if report.course is None:  # nothing before a gap can be compared
         return Followed(found._replace(declarations=(*members.each[0].waiting, *found.declarations)), Members())
-    mask, counting = counted_by_readings(members.counting, read, np.zeros(read.shape[0], dtype=np.bool_), params.joint)
-    each = [_after(members.each[0], found, now, report, mask, params.joint)]
+    mask, counting = counted_by_readings(members.counting, read, nobody, params.joint)
+    first = _after(members.each[0], found, now, report, mask, params.joint)
+    each, further = [first], list(_beside(members.each[0], first, found, params.joint))
     for member in members.each[1:]:
         gone_on = _gone_on(member, sample, mask, params)
-        if gone_on is not None:
-            each.append(gone_on)
-    return _compared(found, members._replace(each=tuple(each), counting=counting, cycles=members.cycles + 1), params)
+        each += gone_on[:1]
+        further += gone_on[1:]
+    followed = _at_most(each, further)
+    cycles = members.cycles + 1 if len(followed) == len(each) else 0
+    return _compared(found, members._replace(each=followed, counting=counting, cycles=cycles), params)
 
 
-def _gone_on(member: Member, sample: Sample, mask: np.ndarray, params: HypothesisParams) -> Member | None:
-    """A member after one more cycle; None where its detector finds no explanation, or its filter comes to nothing."""
+def _gone_on(member: Member, sample: Sample, mask: np.ndarray, params: HypothesisParams) -> tuple[Member, ...]:
+    """A member after one more cycle, and who is as likely as what it names then; none where its detector finds no
+    explanation, or its filter comes to nothing.
+    """
     try:
         after, report = step(member.joint, sample, params.joint)
         judged = multi_hypothesis.judge(member.method, member.joint, after, report, sample, params)
     except (NotPositiveDefiniteError, np.linalg.LinAlgError):
-        return None
+        return ()
     if report.course is None or any(isinstance(each, Unexplained) for each in judged.declarations):
-        return None
-    return _after(member, judged, judged.goes_on_from(after), report, mask, params.joint)
+        return ()
+    one = _after(member, judged, judged.goes_on_from(after), report, mask, params.joint)
+    return one, *_beside(member, one, judged, params.joint)
+
+
+def _beside(before: Member, one: Member, judged: Judged, params: JointParams) -> Iterator[Member]:
+    """Who might have been instead of what a member has just named, each with its own view of it.
+
+    Args:
+        before: the member before the cycle.
+        one: after it.
+        judged: what it made of it.
+        params: see `JointParams`.
+    """
+    if judged.otherwise is None:
+        return
+    for each in multi_hypothesis.had_others_won(judged.otherwise, params):
+        score = Score(before.score.likelihood + each.as_noise, before.score.cells + each.odds, 0.0, 0.0)
+        other = before._replace(joint=each.joint, method=each.state, score=score, settled=0, raced=one.raced)
+        yield _has_found(other, each.declarations, judged)
+    if judged.otherwise.named.shaken:
+        state = multi_hypothesis.goes_on(judged.otherwise)
+        yield before._replace(joint=judged.otherwise.joint, method=state, settled=0, raced=0, undecided=True)
+
+
+def _has_found(member: Member, declarations: tuple[Declaration, ...], judged: Judged) -> Member:
+    """A member with what it has found; of groups that are followed because something new has begun nothing waits to be
+    said.
+    """
+    groups = tuple(each for each in declarations if isinstance(each, JetsDeclared) and each.word == Word.GROUP)
+    named = None if judged.otherwise is None else judged.otherwise.named
+    followed = named is not None and (named.shaken or len(named.alternatives) > 1)
+    others = tuple(each for each in declarations if not (isinstance(each, JetsDeclared) and each.word == Word.GROUP))
+    return member._replace(
+        waiting=(*member.waiting, *(others if followed else declarations)),
+        groups=(*member.groups, *groups),
+        status=judged.status if groups or (declarations and not member.groups) else member.status,
+    )
+
+
+def _at_most(each: list[Member], further: list[Member]) -> tuple[Member, ...]:
+    """Those that are followed and who comes beside, but for those of whom there is one already and the least likely."""
+    found = [one for one in each if not one.undecided]
+    for one in sorted(further, key=lambda member: -_worth(member)):
+        new = not one.undecided and all(_known(one) != _known(other) for other in found)
+        if new and len(found) < _MOST:
+            found.append(one)
+    undecided = [one for one in (*each, *further) if one.undecided]
+    return *found, *undecided[:1]
+
+
+def _worth(member: Member) -> float:
+    return min(member.score.likelihood, member.score.cells)
+
+
+def _known(member: Member) -> Ways:
+    """Jets and signs of a member's known failures."""
+    joint = member.joint
+    slots = np.flatnonzero(joint.slot_jet >= 0)
+    return frozenset((int(joint.slot_jet[slot]), int(joint.slot_sign[slot])) for slot in slots.tolist())
 
 
 def _after(
@@ -159,10 +233,9 @@ def _after(
     decided = race is not None and judged.state.race is None
     settled = 0 if decided or judged.state.race is not None else member.settled + 1
     raced = race.cycles if race is not None and decided and any(map(_adds, judged.declarations)) else 0
-    waiting = (*member.waiting, *judged.declarations)
-    status = judged.status if judged.declarations else member.status
     newest = after_cycle(NO_SCORE, report, mask, params)
-    return Member(now, judged.state, member.score, waiting, status, newest, settled, raced)
+    member = _has_found(member, judged.declarations, judged)
+    return member._replace(joint=now, method=judged.state, newest=newest, settled=settled, raced=raced)
 
 
 def _adds(declaration: Declaration) -> bool:
@@ -174,7 +247,7 @@ def _adds(declaration: Declaration) -> bool:
 
 def _counted_in(each: tuple[Member, ...]) -> tuple[Member, ...]:
     """Members with the newest sample in their scores, if all have one to compare."""
-    if any(member.settled < _SETTLING for member in each):
+    if any(member.settled < _SETTLING for member in each if not member.undecided):
         return each
     scores = [Score(*(a + b for a, b in zip(one.score, one.newest, strict=True))) for one in each]
     return tuple(member._replace(score=score) for member, score in zip(each, scores, strict=True))
@@ -183,9 +256,10 @@ def _counted_in(each: tuple[Member, ...]) -> tuple[Member, ...]:
 def _race_for(member: Member) -> int:
     """Cycles for which a race has been open without an explanation that fits; zero: none is."""
     race = member.method.race
-    if race is None or race.leading or any(run.fits and run.cycle == race.screen.cycle for run in race.runs):
+    if race is None or race.leading:
         return 0
-    return race.cycles
+    arrived = [run for run in race.runs if run.cycle == race.screen.cycle]
+    return race.cycles if arrived and not any(run.fits for run in arrived) else 0
 
 
 def _ahead(one: Member, other: Member) -> float:
@@ -194,48 +268,130 @@ def _ahead(one: Member, other: Member) -> float:
 
 
 def _needs_more(member: Member, each: tuple[Member, ...]) -> bool:
-    """Whether it has just explained by something more what another explains as it is, without any alarm."""
-    return member.raced > 0 and any(other.settled > member.raced for other in each)
+    """Whether it has just explained by something more what another explains as it is, without any alarm, or has
+    explained for two seconds with fewer failures.
+    """
+    if member.raced == 0:
+        return False
+    failures = len(_known(member))
+    as_well = [other for other in each if other.settled >= _LOST and len(_known(other)) < failures]
+    return bool(as_well) or any(other.settled > member.raced for other in each)
 
 
-def _left(each: tuple[Member, ...]) -> tuple[Member, ...]:
-    """Those that are not lost and not behind, the best first where the first is none of them."""
-    found = [member for member in each if _race_for(member) < _LOST and not _needs_more(member, each)]
+def _left(each: tuple[Member, ...], behind: float) -> tuple[Member, ...]:
+    """Those that are not lost and not so far behind, nats, the best first where the first is none of them."""
+    decided = [member for member in each if not member.undecided]
+    found = [member for member in decided if _race_for(member) < _LOST and not _needs_more(member, each)]
+    undecided = [] if any(member.settled >= _LOST for member in found) else [one for one in each if one.undecided]
+    if not found and any(one.settled >= _SETTLING for one in undecided):
+        return (undecided[0]._replace(undecided=False),)
     if not any(member.settled >= _SETTLING for member in found):
-        found = list(each)
+        found = decided
     best = max(found, key=lambda member: min(_ahead(member, other) for other in found))
-    left = [member for member in found if _ahead(best, member) <= _BEHIND]
-    return tuple(sorted(left, key=lambda member: (member is not each[0], member is not best)))
+    left = [member for member in found if _ahead(best, member) <= behind]
+    return *sorted(left, key=lambda member: (member is not each[0], member is not best)), *undecided
 
 
 def _compared(found: Judged, members: Members, params: HypothesisParams) -> Followed:
     """What is said, by whom."""
     first, *_ = each = _counted_in(members.each)
-    left = _left(each)
+    left = _left(each, _BEHIND if members.cycles < LAST else params.rules.lead)
     said: list[Declaration] = []
     judged = found
     if left[0] is not first:
         said += _taken_back(first, left[0])
         first = left[0]
         judged = found._replace(state=first.method, replacement=first.joint, published=None)
-    if any(_may_object(member, first) for member in left[1:]):
-        status = _undecided(first) if first.waiting else found.status
-        return Followed(judged._replace(declarations=tuple(said), status=status), members._replace(each=left))
-    said += first.waiting
-    if len(left) == 1 or members.cycles >= LAST:
-        if len(left) == 1:
-            state, alone = multi_hypothesis.left_alone(first.method, first.joint, members.group, params.joint)
-            judged, said = judged._replace(state=state), [*alone, *said]
-        return Followed(judged._replace(declarations=tuple(said)), Members())
-    rest = tuple(other._replace(waiting=_unsaid(other.waiting, said)) for other in left[1:])
-    return Followed(
-        judged._replace(declarations=tuple(said)), members._replace(each=(first._replace(waiting=()), *rest))
+    members = members._replace(each=left)
+    if any(_may_object(member, first) for member in left[1:] if not member.undecided):
+        return _said(tuple(said), judged, members)
+    over = len(left) == 1 or members.cycles >= LAST
+    settled = _settled(left, over=over)
+    narrower = [_narrowed(member, settled, params.joint) for member in left]
+    first, told = narrower[0]
+    said += (each for each in told if ways_of(each) not in members.said)
+    said += (each for each in first.waiting if _may_be_said(each, settled, members))
+    judged = judged._replace(state=first.method)
+    if over:
+        status = judged.status if len(left) == 1 else _in_question(members)
+        return Followed(judged._replace(declarations=tuple(said), status=status), Members())
+    return _said(tuple(said), judged, members._replace(each=tuple(member for member, _ in narrower)))
+
+
+def _settled(left: tuple[Member, ...], *, over: bool) -> dict[Ways, Ways]:
+    """Who is left of each group of which one is, or any that nothing more will be found of.
+
+    Args:
+        left: those that are followed still.
+        over: whether nothing more will be found.
+    """
+    found: dict[Ways, Ways] = {}
+    decided = [member for member in left if not member.undecided]
+    for group in left[0].groups:
+        takes = [
+            {(each.jets[0], each.signs[0]) for each in member.groups if ways_of(each) == ways_of(group)}
+            for member in decided
+        ]
+        whom = frozenset().union(*takes)
+        if over or (all(takes) and len(whom) == 1):
+            found[ways_of(group)] = whom
+    return found
+
+
+def _narrowed(
+    member: Member, settled: dict[Ways, Ways], params: JointParams
+) -> tuple[Member, tuple[JetsDeclared, ...]]:
+    """A member that knows who is left of its groups, and what that says."""
+    method = member.method
+    told: list[JetsDeclared] = []
+    for group in member.groups:
+        if ways_of(group) in settled:
+            method, said = multi_hypothesis.narrowed(method, member.joint, group, settled[ways_of(group)], params)
+            told += said
+    groups = tuple(each for each in member.groups if ways_of(each) not in settled)
+    return member._replace(method=method, groups=groups), tuple(told)
+
+
+def _may_be_said(waiting: Declaration, settled: dict[Ways, Ways], members: Members) -> bool:
+    """Whether nothing better is said of it now, and what it is about has been said if it is a group."""
+    if not isinstance(waiting, JetsDeclared):
+        return True
+    group = ways_of(waiting)
+    known = all(group != ways_of(each) for each in _held(members)) or waiting.word == Word.GROUP
+    return group not in settled and known
+
+
+def _said(said: tuple[Declaration, ...], judged: Judged, members: Members) -> Followed:
+    """What becomes of a cycle in which something is said, if only nothing, and those that are followed go on."""
+    first, *others = members.each
+    groups = (ways_of(each) for each in said if isinstance(each, JetsDeclared) and each.word == Word.GROUP)
+    rest = tuple(other._replace(waiting=_unsaid(other.waiting, said)) for other in others)
+    members = members._replace(
+        each=(first._replace(waiting=_unsaid(first.waiting, said)), *rest), said=members.said.union(groups)
     )
+    return Followed(_logged(judged._replace(declarations=said), members), members)
 
 
-def _undecided(first: Member) -> Status:
-    """What is logged while something waits: that hypotheses are compared, those that would be declared among them."""
-    return first.status._replace(racing=True)
+def _held(members: Members) -> tuple[JetsDeclared, ...]:
+    """Groups that the first has found and that are not said while their members are followed."""
+    return tuple(each for each in members.each[0].groups if ways_of(each) not in members.said)
+
+
+def _logged(judged: Judged, members: Members) -> Judged:
+    """With what is logged while something waits: that hypotheses are compared, and which."""
+    if judged.status.racing or not (members.each[0].waiting or _held(members)):
+        return judged
+    return judged._replace(status=_in_question(members))
+
+
+def _in_question(members: Members) -> Status:
+    """What is logged of those that something waits for: their leads, of groups with what has come since."""
+    first = members.each[0]
+    leads = dict(first.status.leads)
+    for member in members.each:
+        for group, of_first in zip(_held(members._replace(each=(member,))), _held(members), strict=False):
+            leads[group.jets[0]] = leads.get(of_first.jets[0], 0.0) + _worth(member) - _worth(first)
+    return first.status._replace(racing=True, leads=tuple(leads.items()))
 
 
 def as_said(members: Members, method: multi_hypothesis.State) -> multi_hypothesis.State:
@@ -243,7 +399,7 @@ def as_said(members: Members, method: multi_hypothesis.State) -> multi_hypothesi
     if not members.each:
         return method
     first = members.each[0]
-    for each in first.waiting:
+    for each in (*first.waiting, *_held(members)):
         if isinstance(each, JetsDeclared) and each.word in (Word.FAILED, Word.GROUP):
             method = multi_hypothesis.unannounced(method, first.joint, each)
     return method
@@ -260,7 +416,7 @@ def _may_object(other: Member, first: Member) -> bool:
     return race is not None and race.cycles <= _PATIENCE
 
 
-def _unsaid(waiting: tuple[Declaration, ...], said: list[Declaration]) -> tuple[Declaration, ...]:
+def _unsaid(waiting: tuple[Declaration, ...], said: tuple[Declaration, ...]) -> tuple[Declaration, ...]:
     """What is still to be said where a member turns out to be it."""
     told = [_in_short(each) for each in said]
     return tuple(each for each in waiting if _in_short(each) not in told)

@@ -31,6 +31,7 @@ from massprop_drake.maths.estimation.joint.decision import (
     Rules,
     decided,
     explaining,
+    is_one,
     runners_up,
 )
 from massprop_drake.maths.estimation.joint.guard import unguarded
@@ -46,7 +47,7 @@ from massprop_drake.maths.estimation.joint.hypotheses import (
 from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES, JointParams, JointState, Places, settled
 from massprop_drake.maths.estimation.joint.payload import UNKNOWN, Payload, brought
 from massprop_drake.maths.estimation.joint.race import History, Race, Record
-from massprop_drake.maths.estimation.joint.screen import Contender
+from massprop_drake.maths.estimation.joint.screen import Contender, FailedJet
 from massprop_drake.maths.estimation.joint.sensitivity import Link, Traces, linked, traces
 from massprop_drake.maths.kernels import kernel
 from massprop_drake.maths.linear_algebra import Array
@@ -59,8 +60,9 @@ _CHANGE = 0.1  # of full thrust, by which a known force must differ to be said t
 _BETTER = 0.5  # of the 1-sigma of a force as announced
 _SAID = float(np.finfo(np.float64).tiny)  # of a force that has been announced, at the least: zero is not yet
 _ERRATIC_AFTER = 3  # changes
+_REMEMBERED = 25  # cycles for which who led alone is remembered while only two at once explain what has come since
 _SOON = 12  # cycles after jets have been named because something new had begun in which an alarm is of that
-_OTHERWISE = 2  # other members of a group that are followed, the likeliest
+_OTHERWISE = 3  # others that are followed beside who is named, the likeliest
 _MEASURED = 0.1  # of a payload's mass, to which it is known when its size is told
 _ONSET_SHARE = 0.7  # of the largest statistic: older onsets explain the end point as well
 
@@ -339,7 +341,7 @@ def judge(
             state, declared = _known_now(state, again, joint)
         return Judged(state, _restless(state, again, after, joint), published, declared, status)
     others = tuple(_otherwise(state, decision, standing))
-    otherwise = Otherwise(state, again, decision, others) if others else None
+    otherwise = Otherwise(state, again, decision, others) if others or decision.shaken else None
     state, now, said = _concluded(state, again, decision, joint)
     state, declared = _known_now(state, now, joint)
     said = [*said, *declared]
@@ -359,9 +361,16 @@ def had_others_won(otherwise: Otherwise, params: JointParams) -> tuple[Other, ..
         its = decision.winner
         assert its is not None, "it would have won"
         state, joint, declared = _concluded(otherwise.state, otherwise.joint, decision, params)
-        as_noise = its.as_noise + its.beforehand - winner.as_noise - winner.beforehand
-        found.append(Other(state, joint, tuple(declared), as_noise, its.odds - winner.odds))
+        behind = races.apart(its, winner, params, shaken=otherwise.named.shaken)
+        found.append(Other(state, joint, tuple(declared), *behind))
     return tuple(found)
+
+
+def goes_on(otherwise: Otherwise) -> State:
+    """What would be remembered, had nothing been decided of those that lead, and nobody led."""
+    race = otherwise.state.race
+    assert race is not None, "only a race is decided"
+    return otherwise.state._replace(race=race._replace(leading=(), led=(), clear=None))
 
 
 def _otherwise(state: State, decision: Decision, standing: list[races.Standing]) -> list[Decision]:
@@ -379,17 +388,30 @@ def _otherwise(state: State, decision: Decision, standing: list[races.Standing])
     }
     if decision.outcome == Outcome.JETS:
         return [decision._replace(winner=each) for each in runners_up(winner, list(as_far.values()))][:_OTHERWISE]
-    if len(decision.alternatives) != 1:
-        return []
-    everyone, alternatives = (winner.contender, *decision.group), decision.alternatives[0]
     found: list[Decision] = []
-    for contender, failure in zip(everyone[1:], alternatives[1:], strict=False):
-        if contender.cause in as_far and len(everyone) == len(alternatives):
+    everyone = (winner.contender, *decision.group)
+    for contender in everyone[1:]:
+        alternatives = _seen_from(contender, decision.alternatives)
+        if contender.cause in as_far and alternatives:
             first = as_far[contender.cause]._replace(contender=contender)
             rest = tuple(each for each in everyone if each is not contender)
-            order = (failure, *(each for each in alternatives if each is not failure))
-            found.append(decision._replace(winner=first, group=rest, alternatives=(order,)))
+            found.append(decision._replace(winner=first, group=rest, alternatives=alternatives))
     return found[:_OTHERWISE]
+
+
+def _seen_from(
+    contender: Contender, alternatives: tuple[tuple[FailedJet, ...], ...]
+) -> tuple[tuple[FailedJet, ...], ...]:
+    """Alternatives with this one's failures first; none where it has not one of each."""
+    own = {(each.jet, each.sign): each for each in contender.failures}
+    found: list[tuple[FailedJet, ...]] = []
+    for group in alternatives:
+        firsts = [own[each.jet, each.sign] for each in group if (each.jet, each.sign) in own]
+        if len(firsts) != 1:
+            return ()
+        others = (each for each in group if (each.jet, each.sign) not in own)
+        found.append((firsts[0], *others))
+    return tuple(found)
 
 
 def _probation(
@@ -477,6 +499,9 @@ def _led(race: Race, standing: list[races.Standing], decision: Decision, rules: 
     if not leading:
         fits = any(each.run is not None and each.run.fits for each in standing)
         led = explaining(standing, rules) if fits else race.led
+    if led and not any(is_one(race, each) for each in led):  # two at once may stand for a second that has just begun
+        since = race.screen.cycle - _REMEMBERED
+        led = tuple(one for one in race.led if is_one(race, one) and one.run and one.run.cycle >= since) or led
     clear = winner.contender.cause if winner is not None and decision.clear else None
     return race._replace(leading=leading, led=led, clear=clear)
 
@@ -528,7 +553,7 @@ def _run(
     contenders = screens.contenders(race.screen, allowed, known, params)
     quiet = without_increments(params)
     race, left = races.stepped_on(race, left, history, state.erratic, quiet)
-    race = races.running(race, races.standings(race, contenders, params), free)
+    race = races.running(race, races.standings(race, contenders, params), free, params)
     race, _ = races.stepped_on(race, left, history, state.erratic, quiet)
     return race, races.standings(race, contenders, params)
 
@@ -763,29 +788,39 @@ def announced_jets(state: State, now: JointState) -> dict[tuple[int, int], float
     return {(int(now.slot_jet[slot]), int(now.slot_sign[slot])): float(state.sigmas[slot]) for slot in alone.tolist()}
 
 
-def left_alone(
-    state: State, now: JointState, group: frozenset[tuple[int, int]], params: JointParams
-) -> tuple[State, tuple[Declaration, ...]]:
-    """What is remembered and said where the likeliest of a group is all that is left of it.
+def narrowed(
+    state: State, now: JointState, group: JetsDeclared, left: frozenset[tuple[int, int]], params: JointParams
+) -> tuple[State, tuple[JetsDeclared, ...]]:
+    """What is remembered and said of a group of which some have turned out not to be it.
 
     Args:
         state: before.
         now: the filter's state.
-        group: jets and signs of the group as it was.
+        group: as it was found.
+        left: jets and signs of those that may be it still, of which the likeliest is one.
         params: see `JointParams`.
     """
-    said: list[Declaration] = []
-    for slot in np.flatnonzero((np.count_nonzero(state.members, axis=1) > 1) & (state.announced > 0.0)).tolist():
-        if frozenset(zip(*_group(state.members[slot], params), strict=True)) != group:
-            continue
-        members = state.members.copy()
-        members[slot] = members[slot] == 1.0
-        force, sigma = _force(now, slot, params)
-        jets, signs = _group(members[slot], params)
-        said.append(JetsDeclared(Word.FAILED, jets, signs, (force,), (sigma,), now.time_s))
-        announced = _with(state.announced, slot, max(force, _SAID))
-        state = state._replace(members=members, announced=announced, sigmas=_with(state.sigmas, slot, sigma))
-    return state, tuple(said)
+    slot = slot_of(now, group.jets[0], group.signs[0])
+    if frozenset(zip(*_group(state.members[slot], params), strict=True)) != ways_of(group):
+        return state, ()  # it has been settled already
+    ways = [way for way in zip(group.jets, group.signs, strict=True) if way in left]
+    jets, signs = zip(*ways, strict=True)
+    force, sigma = _force(now, slot, params)
+    unknown = (np.nan,) * (len(jets) - 1)
+    members = state.members.copy()
+    members[slot] = _listed(jets, signs, params)
+    state = state._replace(
+        members=members,
+        announced=_with(state.announced, slot, max(force, _SAID)),
+        sigmas=_with(state.sigmas, slot, sigma),
+    )
+    word, apart = (Word.FAILED, Apart()) if len(jets) == 1 else (Word.GROUP, group.apart)
+    return state, (JetsDeclared(word, jets, signs, (force, *unknown), (sigma, *unknown), group.onset_s, apart),)
+
+
+def ways_of(said: JetsDeclared) -> frozenset[tuple[int, int]]:
+    """Jets and signs that something is said of."""
+    return frozenset(zip(said.jets, said.signs, strict=True))
 
 
 def unannounced(state: State, now: JointState, said: JetsDeclared) -> State:

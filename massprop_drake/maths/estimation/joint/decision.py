@@ -7,11 +7,11 @@ set of jets, in nats, and cycles counted from the alarm:
              for two samples where the first has put others behind that led until then; a pair after three samples;
              before settled only forces of a tenth of full thrust; of less than half of its thrust, or than a tenth of
              the strongest jet's, half a second after the alarm, and for a second only by what is read over two at once,
-             since for so long two look like one; that a known force changes for half a second only by what is read,
-             later also as it is likelier beforehand
+             since for so long two look like one, and for eight seconds L_1 - L_2 > 9; that a known force changes for
+             half a second only by what is read, later also as it is likelier beforehand
     group    the same against all but those that differ in one jet, which what has fired cannot tell apart, and are two
              at most or of one cluster; or differ in jets of the same clusters; and at once where something new begins
-             that none of them explains
+             that none of them explains, but not of two at once
     lie      L_S leads all by 6 and nothing by 12, after 6 cycles
     jump     L_J leads all by 6, two samples at least, a small one twelve, one that does not fit twelve, and it must
              leave no more than a hundredth of the misfit; announced if settled and L_J - L_0 > 100, else an increment
@@ -59,6 +59,9 @@ _DOUBTFUL_JUMP_AFTER = 12  # samples: one that misfits may yet learn; a small on
 _SHAKEN = 4.2  # normal deviate of a sample that one in a hundred thousand exceeds
 _HALF_A_SECOND = 6  # cycles: so long one jet may explain what two do, and a neighbor what a known jet would
 _LITTLE_FORCE, _LITTLE_SHARE = 0.1, 0.5  # of the strongest jet's thrust, and of the jet's own
+_CERTAINLY = (
+    1.5  # times the lead asked for what does little harm meanwhile: of such names one in 8000 is wrong, not in 400
+)
 _WELL = 3.0  # standard deviations of chi-square: of who explains all so far, one in a thousand is above
 _LITTLE = 0.01  # of the misfit of nothing, left by a jump that does not fit
 _PAIR_AFTER = 3  # samples: two jets and their onsets explain nearly all of the six increments of one or two
@@ -142,7 +145,8 @@ def decided(race: Race, standing: list[Standing], settled: bool, rules: Rules, p
     best = standing[0]
     lead, found = best.contender.lead, Decision(Outcome.OPEN)
     kind = best.contender.cause.kind
-    clear = lead > rules.lead_nothing and all(leads(best, other, rules.lead) for other in standing[1:])
+    asked = _CERTAINLY * rules.lead if cycles < _GROUP_AFTER and _is_new_and_little(race, best, params) else rules.lead
+    clear = lead > rules.lead_nothing and all(leads(best, other, asked) for other in standing[1:])
     if (
         kind == Kind.JETS
         and best.run is not None
@@ -208,7 +212,7 @@ def _of_jets(
     if clear and not known and race.clear != best.cause and _put_behind(standing, until_now):
         return Decision(Outcome.OPEN, standing[0], until_now, clear=True)
     if clear:
-        little = _is_little(tuple(each for each in best.failures if each.jet not in race.states[0].slot_jet), params)
+        little = _is_new_and_little(race, standing[0], params)
         shown = cycles > _HALF_A_SECOND or (_shown_by_readings(standing, rules) and not little)
         shown = shown and not (little and cycles <= A_SECOND and _may_be_two(standing, rules))
         return Decision(Outcome.JETS if shown else Outcome.OPEN, standing[0], clear=True)
@@ -228,6 +232,12 @@ def _is_little(failures: tuple[FailedJet, ...], params: JointParams) -> bool:
     little = np.maximum(_LITTLE_FORCE * params.thrusts.max(), _LITTLE_SHARE * params.thrusts)
     most = ((each.jet, each.force + screens.BOUND * each.sigma) for each in failures if each.sign > 0)
     return any(force < little[jet] for jet, force in most)
+
+
+def _is_new_and_little(race: Race, best: Standing, params: JointParams) -> bool:
+    """Whether it says of some jet that nothing is known of that it gives little."""
+    new = (each for each in best.contender.failures if each.jet not in race.states[0].slot_jet)
+    return _is_little(tuple(new), params)
 
 
 def _may_be_two(standing: list[Standing], rules: Rules) -> bool:
@@ -309,7 +319,7 @@ def _interrupted(race: Race, standing: list[Standing], rules: Rules) -> Decision
     if min(surprises) >= SURPRISED and any(each.run is not None and each.run.fits for each in others):
         return None
     if min(surprises) >= _SHAKEN:
-        return _named(led, rules)
+        return _named(led, race, rules)
     if min(surprises) >= SURPRISED:
         return Decision(Outcome.OPEN, led[0], tuple(each.contender for each in led[1:]))
     first = standing[0].contender.cause
@@ -368,16 +378,28 @@ def _left_behind(race: Race, standing: list[Standing], rules: Rules) -> Decision
     if race.leading or not race.led or any(each.run is not None and each.run.fits for each in standing):
         return None
     ago = max(race.screen.cycle - each.run.cycle for each in race.led if each.run is not None)
-    return _named(list(race.led), rules) if ago >= _HALF_A_SECOND else None
+    return _named(list(race.led), race, rules) if ago >= _HALF_A_SECOND else None
 
 
-def _named(led: list[Standing], rules: Rules) -> Decision | None:
-    """Those that led as a decision; None where what they differ in is not said in a few words."""
+def _named(led: list[Standing], race: Race, rules: Rules) -> Decision | None:
+    """Those that led as a decision; None where what they differ in is not said in a few words.
+
+    Two at once that have explained all for a while, and no longer do, are no explanation of what is so rare: where one
+    alone has led beside them, it was that, and something else began.
+    """
+    led = [each for each in led if is_one(race, each)]
+    if not led or led[0].run is None:
+        return None
     if len(led) == 1:
         return Decision(Outcome.JETS, led[0], shaken=True)
     group = tuple(each.contender for each in led)
     alternatives = _alternatives(group, rules, most=len(group))
     return Decision(Outcome.GROUP, led[0], group[1:], alternatives, shaken=True) if alternatives else None
+
+
+def is_one(race: Race, standing: Standing) -> bool:
+    """Whether it is no more than one further failure."""
+    return len(set(standing.contender.cause.jets) - set(race.states[0].slot_jet.tolist())) < 2
 
 
 def _large(contender: Contender, params: JointParams) -> bool:

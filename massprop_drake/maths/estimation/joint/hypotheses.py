@@ -167,6 +167,7 @@ class Runner(NamedTuple):
         entry: the score at its onset.
         share: see `opened`.
         lie: what its reading said last while it lied; NaN: nothing yet.
+        expected: see `opened`.
     """
 
     cause: Cause
@@ -181,6 +182,7 @@ class Runner(NamedTuple):
     entry: Score = NO_SCORE
     share: float = JUMP_SHARES[0]
     lie: float = np.nan
+    expected: tuple[tuple[float, float], ...] = ()
 
     @property
     def fits(self) -> bool:
@@ -317,7 +319,13 @@ def jump_sigma(params: JointParams, share: float) -> Array:
     return sigma
 
 
-def opened(state: JointState, cause: Cause, params: JointParams, share: float = JUMP_SHARES[0]) -> JointState:
+def opened(
+    state: JointState,
+    cause: Cause,
+    params: JointParams,
+    share: float = JUMP_SHARES[0],
+    expected: tuple[tuple[float, float], ...] = (),
+) -> JointState:
     """The state at the onset with what the cause brings.
 
     Args:
@@ -325,6 +333,7 @@ def opened(state: JointState, cause: Cause, params: JointParams, share: float = 
         cause: see `Cause`.
         params: see `JointParams`.
         share: see `jump_sigma`.
+        expected: mean and 1-sigma of what each jet's force changes by; none: zero and its thrust, lbf or N.
     """
     if cause.kind == Kind.JUMP:
         fresh = rebased(state, params)
@@ -333,14 +342,17 @@ def opened(state: JointState, cause: Cause, params: JointParams, share: float = 
         return unguarded(fresh._replace(root=compressed(np.hstack((fresh.root, columns)))))
     if cause.kind != Kind.JETS:
         return state
+    mean = state.mean.copy()
     slot_jet, slot_sign, slot_on_top = state.slot_jet.copy(), state.slot_sign.copy(), state.slot_on_top.copy()
     columns = np.zeros((state.root.shape[0], len(cause.jets)))
     for index, (jet, sign, on_top) in enumerate(zip(cause.jets, cause.signs, cause.on_top, strict=True)):
         slot = slot_of(state._replace(slot_jet=slot_jet, slot_sign=slot_sign), jet, sign)
         slot_jet[slot], slot_sign[slot], slot_on_top[slot] = jet, sign, on_top
-        columns[params.places.force + slot, index] = params.thrusts[jet]
+        change, sigma = expected[index] if expected else (0.0, params.thrusts[jet])
+        mean[params.places.force + slot] += change
+        columns[params.places.force + slot, index] = sigma
     root = compressed(np.hstack((state.root, columns)))
-    return state._replace(root=root, slot_jet=slot_jet, slot_sign=slot_sign, slot_on_top=slot_on_top)
+    return state._replace(mean=mean, root=root, slot_jet=slot_jet, slot_sign=slot_sign, slot_on_top=slot_on_top)
 
 
 def kicked(state: JointState, cause: Cause, kicks: Array, over: Link, params: JointParams) -> JointState:
@@ -435,7 +447,7 @@ def stepped(
     """
     state = run.state
     if run.cycle == run.onset:
-        state = opened(state, run.cause, params, run.share)
+        state = opened(state, run.cause, params, run.share, run.expected)
     if 0 <= run.cycle - run.onset < len(run.kicks):
         state = kicked(state, run.cause, np.array(run.kicks[run.cycle - run.onset]), over, params)
     state = restless(state, erratic, params)

@@ -23,9 +23,12 @@ from massprop_drake.maths.estimation.joint.screen import Contender, Screen
 from massprop_drake.maths.estimation.joint.sensitivity import Link
 from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError
 
-STEPS = 8  # of filters in a cycle: 1.5 to 2.5 ms each
+STEPS = 12  # of filters in a cycle: 1.5 to 2.5 ms each
 LINKS_PER_STEP = 2  # of the screen, in the time of a filter's step
-_BEFORE = 2  # snapshots before the onset where the race begins: the onset is not known to one
+_CHANCE = 48.0  # nats by which a filter and the first order are apart by chance; of pairs that oppose each other 30
+_WIDER = 5.0  # times the 1-sigma of a force to first order: what a filter opens with says little
+_EARLIER = 2  # onsets before the chosen one that it looks at
+_BEFORE = 3  # snapshots before the onset where the race begins: the onset is not known to one
 NEAR = 12.0  # nats behind the best within which a hypothesis runs as a filter: twice the lead that decides
 _FIRST_ORDER = 1e-3  # of the lead of a filter that does not fit, by which the first order may be off
 _RUNS = 6  # filters at once, with the jump
@@ -124,7 +127,10 @@ class Standing(NamedTuple):
 
 
 def begin(bank: Bank, index: int, triggered: int, history: History, params: JointParams) -> Race:
-    """The race about an onset.
+    """The race about an onset: from two before it on, since the youngest of those that come near the best is taken.
+
+    What has begun before the first that it looks at is taken for an impulse there, and of two neighbors the wrong one
+    may have less to take.
 
     Args:
         bank: before it takes the newest cycle.
@@ -134,7 +140,7 @@ def begin(bank: Bank, index: int, triggered: int, history: History, params: Join
         params: see `JointParams`.
     """
     first = max(index - _BEFORE, 0)
-    chosen = range(max(index - 1, 0), min(index + 2, len(bank.states)))
+    chosen = range(max(index - _EARLIER, 0), min(index + 2, len(bank.states)))
     cycles = bank.cycles.astype(np.intp)
     onsets = tuple(int(cycles[k]) for k in chosen)
     began = int(cycles[first])
@@ -288,12 +294,22 @@ def ahead(best: Standing, other: Standing) -> float:
     """Lead over another hypothesis as each is measured, nats: of two filters the least by cells and by noise.
 
     Cells are what rounding is, but the filters have learned from it as from noise, and chance favors another of two
-    neighbors in either: what decides must show in both.
+    neighbors in either: what decides must show in both. What a filter takes from the first readings after an onset
+    moves it by up to ten nats, by chance, for as long as its rate stays in the same cells; the first order compares all
+    by the innovations of one filter, and so where it is about right, what decides must show there, too.
     """
     by_cells = best.odds - other.odds
     if best.run is None or other.run is None:
         return by_cells
-    return min(by_cells, best.as_noise + best.beforehand - other.as_noise - other.beforehand)
+    measured = min(by_cells, best.as_noise + best.beforehand - other.as_noise - other.beforehand)
+    if not (_is_about_linear(best) and _is_about_linear(other)):
+        return measured
+    return min(measured, best.linear + best.beforehand - other.linear - other.beforehand)
+
+
+def _is_about_linear(standing: Standing) -> bool:
+    """Whether the first order of jets is no farther from what their filter has measured than chance takes that."""
+    return standing.contender.cause.kind == Kind.JETS and abs(standing.linear - standing.as_noise) <= _CHANCE
 
 
 def margin(best: Standing, other: Standing) -> float:
@@ -345,6 +361,23 @@ def leads(best: Standing, other: Standing, lead: float, *, read: bool = False) -
     return (by_readings if read else margin)(best, other) > enough
 
 
+def apart(one: Standing, other: Standing, params: JointParams, *, shaken: bool) -> tuple[float, float]:
+    """By how much one is ahead of another, with rounding as noise and by the cells of the readings, nats.
+
+    Args:
+        one, other: with filters that are as far.
+        params: see `JointParams`.
+        shaken: whether something new has begun: what surprises the other in the newest sample then says nothing.
+    """
+    assert one.run is not None, "only filters are compared so"
+    assert other.run is not None, "only filters are compared so"
+    before = shaken and other.run.newest.surprise >= SURPRISED
+    scores = [each.run.before_newest if before else each.run.score for each in (one, other) if each.run is not None]
+    beforehand = one.beforehand + _believed(one.run, params) - other.beforehand - _believed(other.run, params)
+    by_noise, by_cells = (scores[0][place] - scores[1][place] + beforehand for place in range(2))
+    return by_noise, by_cells
+
+
 def _measured(contender: Contender, run: Runner, nothing: float, params: JointParams) -> Contender:
     lead = run.score.likelihood - nothing + _believed(run, params)
     force, covariance = _forces(run, params)
@@ -358,7 +391,28 @@ def _believed(run: Runner, params: JointParams) -> float:
     if run.cause.kind != Kind.JETS:
         return prior
     force, covariance = _forces(run, params)
-    return prior - float(beyond(force[None], covariance[None], _most(run, params)[None])[0])
+    impossible = float(beyond(force[None], covariance[None], _most(run, params)[None])[0])
+    return prior - impossible + _regained(run, force, covariance, params)
+
+
+def _regained(run: Runner, force: Array, covariance: Array, params: JointParams) -> float:
+    """Nats by which the readings are likelier, or less likely, with forces of N(0, T^2) beforehand than with what its
+    filter opened with, N(f_0, S): ln of the integral of N(f; f^, P) N(f; 0, T^2) / N(f; f_0, S).
+    """
+    if not run.expected or run.cycle == run.onset:
+        return 0.0
+    mean, sigma = np.array(run.expected).T
+    wide, narrow = params.thrusts[list(run.cause.jets)] ** -2.0, sigma**-2.0
+    less, pull = wide - narrow, narrow * mean
+    mixed = np.eye(force.shape[0]) + covariance * less
+    if np.linalg.eigvals(mixed).real.min() > 0.0:
+        volume, force = float(np.linalg.slogdet(mixed)[1]), np.linalg.solve(mixed, force - covariance @ pull)
+        away = less * force + pull
+        volume += float(away @ covariance @ away)
+    else:  # its force changes, and is known no better than at first
+        volume = 0.0
+    density = np.sum(np.log(wide / narrow)) - force @ (less * force) - 2.0 * pull @ force + pull @ mean
+    return 0.5 * float(density - volume)
 
 
 def _most(run: Runner, params: JointParams) -> Array:
@@ -382,13 +436,14 @@ def _impossible(run: Runner, params: JointParams) -> bool:
     return bool(((force - within > _most(run, params)) | (force + within < 0.0)).any())
 
 
-def running(race: Race, standing: list[Standing], free_slots: int) -> Race:
+def running(race: Race, standing: list[Standing], free_slots: int, params: JointParams) -> Race:
     """The race with the filters that it needs: of the jump, and of those near the best.
 
     Args:
         race: see `Race`.
         standing: see `standings`.
         free_slots: for forces of further failures.
+        params: see `JointParams`.
     """
     if not standing:
         return race._replace(runs=(), out=race.out - {Cause(Kind.JUMP)})
@@ -427,9 +482,10 @@ def running(race: Race, standing: list[Standing], free_slots: int) -> Race:
         elif near and contender.lead > 0.0 and len(wanted) < _RUNS and _fits(race, cause, free_slots):
             run, excess = present.get(cause), overrated(race, each)
             if run is None or _begins_anew(run, each):
-                run = _opened(race, each.first_order)
+                run = _opened(race, each.first_order, params)
             elif excess is not None:
-                run = _opened(race, contender._replace(kicks=screens.as_rows(np.array(run.kicks) / excess)))
+                narrower = screens.as_rows(np.array(run.kicks) / excess)
+                run = _opened(race, contender._replace(kicks=narrower), params)
             wanted.append(run)
     known = {each.contender.cause for each in standing} | race.out
     if young:  # its first order says nothing of a reading that lies for long, so it is heard once it has arrived
@@ -517,7 +573,7 @@ def _of_one_size(first: Contender, other: Contender) -> bool:
     return bool(first.force) and all(abs(f - g) <= 0.5 * abs(g) for f, g in zip(first.force, other.force, strict=True))
 
 
-def _opened(race: Race, contender: Contender) -> Runner:
+def _opened(race: Race, contender: Contender, params: JointParams) -> Runner:
     screen, cause = race.screen, contender.cause
     place = 0 if cause.kind == Kind.JUMP else 1 + screen.onsets.index(contender.onset)
     onset = screen.began if cause.kind == Kind.JUMP else contender.onset
@@ -532,7 +588,27 @@ def _opened(race: Race, contender: Contender) -> Runner:
         cause.kind == Kind.LIES,
         entry=score,
         share=contender.share,
+        expected=_expected(race, contender, params),
     )
+
+
+def _expected(race: Race, contender: Contender, params: JointParams) -> tuple[tuple[float, float], ...]:
+    """Mean and 1-sigma of each force as a filter opens with it: as found to first order, five times as wide.
+
+    The force of a full jet, not known at all, times what is not known of inertia and balance is noise in the first
+    intervals, and a filter that takes it for that loses nats that the first order does not: two jets that push against
+    each other, of which the sum stays open for seconds, lose twenty. What the narrower prior gives is taken back
+    (`_regained`).
+    """
+    if contender.cause.kind != Kind.JETS:
+        return ()
+    known = _known(race)
+    found: list[tuple[float, float]] = []
+    for each in contender.failures:
+        thrust, sigma = float(params.thrusts[each.jet]), _WIDER * each.sigma
+        fresh = (each.jet, each.sign) not in known and sigma < thrust
+        found.append((each.force, sigma) if fresh else (0.0, thrust))
+    return tuple(found)
 
 
 def stepped_on(race: Race, left: int, history: History, erratic: np.ndarray, params: JointParams) -> tuple[Race, int]:
