@@ -66,7 +66,7 @@ def test_both_ways_of_failing_run_and_are_no_rivals() -> None:
     now = race(running(leak(0), 100.0))
     some = [contender(stuck(0), 100.5), contender(leak(0), 100.0), contender(leak(1), 95.0)]
     standing = races.standings(now, some, PARAMS)
-    assert set(causes(races.running(now, standing, 2))) == {leak(0), stuck(0), leak(1)}
+    assert set(causes(races.running(now, standing, 2, PARAMS))) == {leak(0), stuck(0), leak(1)}
     assert [each.contender.cause for each in races.rivals(standing)] == [leak(0), leak(1)]
 
 
@@ -88,7 +88,7 @@ def test_jets_that_are_added_to_what_explains_all_must_be_far_likelier() -> None
 def test_the_jump_runs_before_rivals_that_are_nearer() -> None:
     many = [contender(leak(jet), 100.0 - jet) for jet in range(6)] + [contender(leak(0, 1), 99.9)]
     now = race()
-    found = races.running(now, races.standings(now, [*many, contender(JUMP, 60.0)], PARAMS), 2)
+    found = races.running(now, races.standings(now, [*many, contender(JUMP, 60.0)], PARAMS), 2, PARAMS)
     assert causes(found)[:2] == [leak(0), JUMP]
     assert len(causes(found)) == 6
 
@@ -101,7 +101,7 @@ def test_a_jump_is_heard_before_jets_are_named_where_jets_fired_as_it_may_have_h
         now = race(led, *runs)
         now = now._replace(screen=now.screen._replace(fired=fired))
         standing = races.standings(now, [contender(leak(0), 1000.0), late], PARAMS)
-        runs_on = JUMP in causes(races.running(now, standing, 2))
+        runs_on = JUMP in causes(races.running(now, standing, 2, PARAMS))
         return runs_on, decision.decided(now, standing, True, rules, PARAMS).outcome
 
     assert both(True) == (True, decision.Outcome.OPEN)
@@ -113,9 +113,9 @@ def test_what_led_is_kept_for_the_sample_that_surprises_it() -> None:
     first, second = running(leak(0), 100.0), running(leak(1), 99.0)
     far = [contender(leak(2, 3), 400.0), contender(leak(0), 100.0), contender(leak(1), 99.0)]
     now = race(first, second)
-    assert leak(0) in races.running(now, races.standings(now, far, PARAMS), 2).out
+    assert leak(0) in races.running(now, races.standings(now, far, PARAMS), 2, PARAMS).out
     led = race(first, second, leading=(contender(leak(0), 100.0), contender(leak(1), 99.0)))
-    found = races.running(led, races.standings(led, far, PARAMS), 2)
+    found = races.running(led, races.standings(led, far, PARAMS), 2, PARAMS)
     assert {leak(0), leak(1)} <= set(causes(found))
     assert not found.out
 
@@ -167,11 +167,11 @@ def test_a_jump_grows_as_soon_as_a_large_one_is_likelier() -> None:
     small = running(JUMP, 100.0)._replace(share=JUMP_SHARES[1])
     now = race(small)
     some = [contender(JUMP, 100.0)]
-    found = races.running(now, races.standings(now, some, PARAMS), 2)
+    found = races.running(now, races.standings(now, some, PARAMS), 2, PARAMS)
     assert found.runs[0] is not small
     assert found.runs[0].share == JUMP_SHARES[0]
     some = [contender(JUMP, 100.0)._replace(share=JUMP_SHARES[1])]
-    assert races.running(now, races.standings(now, some, PARAMS), 2).runs[0] is small
+    assert races.running(now, races.standings(now, some, PARAMS), 2, PARAMS).runs[0] is small
 
 
 def test_a_known_force_that_changes_is_likelier_than_any_new_failure() -> None:
@@ -235,7 +235,7 @@ def test_a_filter_begins_anew_when_what_it_takes_for_the_onset_costs_half_of_wha
         run = running(leak(0), 100.0)._replace(kicks=had)
         now = race(run)
         some = [contender(leak(0), 100.0)._replace(kicks=((0.1,), (0.02,)))]
-        found = races.running(now, races.standings(now, some, PARAMS), 2)
+        found = races.running(now, races.standings(now, some, PARAMS), 2, PARAMS)
         assert (found.runs[0].cycle == ONSET) == expected
 
 
@@ -243,7 +243,7 @@ def test_while_the_leader_does_not_fit_others_run_that_are_far_behind_to_first_o
     some = [contender(leak(0), 1e6), contender(leak(1), 1e6 - 500.0)]
     for nis, expected in ((12.0, {leak(0)}), (200.0, {leak(0), leak(1)})):
         now = race(running(leak(0), 1e6, nis=nis))
-        assert set(causes(races.running(now, races.standings(now, some, PARAMS), 2))) == expected
+        assert set(causes(races.running(now, races.standings(now, some, PARAMS), 2, PARAMS))) == expected
 
 
 def surprised(cause: Cause, nis: float, likelihood: float = 100.0) -> Runner:
@@ -337,22 +337,165 @@ def test_of_a_group_each_member_may_be_it_and_of_a_jet_whoever_runs_up() -> None
     assert [each.cause for each in second.group] == [leak(0), leak(1)]
 
 
+@pytest.mark.parametrize(
+    ("surprised", "shaken", "expected"), [(30.0, True, (-9.0, -7.0)), (30.0, False, (-29.0, -7.0))]
+)
 def test_others_are_as_far_behind_as_readings_and_what_is_known_beforehand_have_them(
-    monkeypatch: pytest.MonkeyPatch,
+    monkeypatch: pytest.MonkeyPatch, surprised: float, shaken: bool, expected: tuple[float, float]
 ) -> None:
-    """By noise and by cells: the winner is a force that is known to change, which is likelier beforehand."""
+    """By noise and by cells: the winner is a force that is known to change, which is likelier beforehand.
 
-    def standing(lead: float, as_noise: float, beforehand: float) -> races.Standing:
-        one = contender(leak(0), lead)
-        return races.Standing(one, None, one, lead, beforehand, as_noise)
+    Something new that surprises one more than another in the newest sample is no reason for that one.
+    """
+
+    def standing(likelihood: float, cells: float, beforehand: float, newest: float = 0.0) -> races.Standing:
+        run = running(leak(0), likelihood + newest, cells=cells)._replace(newest=Score(newest, 0.0, surprised, 6.0))
+        one = contender(leak(0), likelihood)
+        return races.Standing(one, run, one, likelihood, beforehand, likelihood)
 
     monkeypatch.setattr(multi_hypothesis, "_concluded", lambda state, joint, *_: (state, joint, ["said"]))
-    named = decision.Decision(decision.Outcome.JETS, standing(100.0, 101.0, 5.0))
-    other = decision.Decision(decision.Outcome.JETS, standing(98.0, 97.0, 0.0))
+    named = decision.Decision(decision.Outcome.JETS, standing(101.0, 100.0, 5.0), shaken=shaken)
+    other = named._replace(winner=standing(97.0, 98.0, 0.0, newest=-20.0))
     state = multi_hypothesis.initial(PARAMS)
     (found,) = multi_hypothesis.had_others_won(multi_hypothesis.Otherwise(state, STATE, named, (other,)), PARAMS)
-    assert (found.as_noise, found.odds) == (-9.0, -7.0)
+    assert (found.as_noise, found.odds) == pytest.approx(expected)
     assert (found.state, found.joint, found.declarations) == (state, STATE, ("said",))
+
+
+def test_what_decides_must_show_to_first_order_too_where_that_is_about_right() -> None:
+    """A filter is off it by as much as chance takes it; farther off the first order is wrong."""
+    for linear, expected in ((100.0 - 40.0, 5.0), (100.0 - 60.0, 20.0)):
+        one, other = (
+            races.Standing(
+                contender(leak(jet), lead), running(leak(jet), lead), contender(leak(jet), lead), first, 0.0, lead
+            )
+            for jet, lead, first in ((0, 100.0, linear), (1, 80.0, linear - 5.0))
+        )
+        assert races.ahead(one, other) == expected
+
+
+@pytest.mark.parametrize("jets", [(0,), (0, 1)])
+def test_a_narrower_force_to_begin_with_makes_nothing_likelier(jets: tuple[int, ...]) -> None:
+    """By the sum over a grid of what the readings say, with the one and with the other density."""
+    thrusts = PARAMS.thrusts[list(jets)]
+    expected = tuple((0.2 * thrust, 0.05 * thrust) for thrust in thrusts)
+    run = running(leak(*jets), 100.0)._replace(expected=expected)
+    mean, sigma = np.array(expected).T
+    half = np.array([[0.02, 0.0], [0.015, 0.008]])[: len(jets), : len(jets)] * thrusts[:, None]
+    force, covariance = 0.23 * thrusts, half @ half.T
+    axes = [np.linspace(0.05, 0.4, 701) * thrust for thrust in thrusts]
+    grid = np.stack([axis.ravel() for axis in np.meshgrid(*axes)], axis=1)
+
+    def log_density(at: np.ndarray, precise: np.ndarray) -> np.ndarray:
+        off = grid - at
+        square: np.ndarray = np.einsum("ij,jk,ik->i", off, precise, off)
+        return 0.5 * (np.linalg.slogdet(precise)[1] - square)
+
+    after = log_density(force, np.linalg.inv(covariance))
+    ratio = log_density(np.zeros(len(jets)), np.diag(thrusts**-2.0)) - log_density(mean, np.diag(sigma**-2.0))
+    oracle = np.log(np.sum(np.exp(after + ratio)) / np.sum(np.exp(after)))
+    assert races._regained(run, force, covariance, PARAMS) == pytest.approx(oracle, abs=1e-3)
+    assert races._regained(run._replace(cycle=ONSET), force, covariance, PARAMS) == 0.0
+
+
+def test_a_filter_opens_with_what_the_first_order_has_found_unless_the_force_is_known_or_nothing_is() -> None:
+    thrust = float(PARAMS.thrusts[0])
+    found = contender(leak(0), 100.0)._replace(force=(0.3 * thrust,), sigma=(0.01 * thrust,))
+    assert races._expected(race(), found, PARAMS)[0] == pytest.approx((0.3 * thrust, 0.05 * thrust))
+    vague = found._replace(sigma=(0.3 * thrust,))
+    assert races._expected(race(), vague, PARAMS) == ((0.0, thrust),)
+    known = race()._replace(states=(opened(STATE, leak(0), PARAMS), STATE))
+    assert races._expected(known, found, PARAMS) == ((0.0, thrust),)
+    state = opened(STATE, leak(0), PARAMS, expected=((0.3 * thrust, 0.05 * thrust),))
+    row = PARAMS.places.force
+    assert state.mean[row] - STATE.mean[row] == pytest.approx(0.3 * thrust)
+    gained = np.sum(state.root[row] ** 2) - np.sum(STATE.root[row] ** 2)
+    assert gained == pytest.approx((0.05 * thrust) ** 2)
+
+
+def test_a_little_force_must_lead_by_half_as_much_again_for_eight_seconds() -> None:
+    """It does little harm meanwhile; what is stuck is named at once."""
+    for little, behind, cycles, expected in (
+        (True, 8.0, 50, False),
+        (True, 10.0, 50, True),
+        (True, 8.0, 100, True),
+        (False, 8.0, 50, True),
+    ):
+        cause, other = (leak(0), leak(1)) if little else (stuck(0), stuck(1))
+        runs = [running(cause, 100.0), running(other, 100.0 - behind)]
+        if little:
+            runs = [
+                run._replace(
+                    state=run.state._replace(
+                        mean=np.where(
+                            run.state.mean == 0.6 * PARAMS.thrusts[0], 0.3 * PARAMS.thrusts[0], run.state.mean
+                        )
+                    )
+                )
+                for run in runs
+            ]
+        now = race(*runs)._replace(triggered=NOW - cycles)
+        standing = races.standings(now, [contender(cause, 100.0), contender(other, 100.0 - behind)], PARAMS)
+        found = decision.decided(now, standing, True, decision.Rules(), PARAMS)
+        assert (found.outcome == decision.Outcome.JETS) == expected
+
+
+def test_two_at_once_that_no_longer_explain_what_comes_are_not_named_but_who_led_alone_beside_them() -> None:
+    pair, one = running(leak(0, 1), 100.0, cycle=NOW - 6), running(leak(2), 99.0, cycle=NOW - 6)
+    standing = [
+        races.Standing(contender(run.cause, 100.0), run, contender(run.cause, 100.0), 100.0, 0.0, 100.0)
+        for run in (pair, one)
+    ]
+    lost = running(leak(3), 100.0, nis=100.0)
+    for led, expected in ((standing, [leak(2)]), (standing[:1], [])):
+        now = race(lost)._replace(led=tuple(led))
+        found = decision.decided(
+            now, races.standings(now, [contender(leak(3), 100.0)], PARAMS), True, decision.Rules(), PARAMS
+        )
+        assert [found.winner.contender.cause for _ in range(1) if found.winner is not None] == expected
+
+
+def test_who_led_alone_is_remembered_while_two_at_once_explain_what_has_come_since() -> None:
+    """For two seconds."""
+    for ago, expected in ((20, leak(2)), (26, leak(0, 1))):
+        one = running(leak(2), 99.0, cycle=NOW - ago)
+        led = races.Standing(contender(leak(2), 99.0), one, contender(leak(2), 99.0), 99.0, 0.0, 99.0)
+        now = race(running(leak(0, 1), 100.0))._replace(led=(led,))
+        standing = races.standings(now, [contender(leak(0, 1), 100.0)], PARAMS)
+        found = multi_hypothesis._led(now, standing, decision.Decision(decision.Outcome.OPEN), decision.Rules())
+        assert [each.contender.cause for each in found.led] == [expected]
+
+
+def test_of_two_alternatives_each_sees_its_own_failures_first() -> None:
+    first, second = (
+        contender(leak(*jets), 100.0)._replace(force=force)
+        for jets, force in (((0, 3), (1.0, 2.0)), ((1, 4), (3.0, 4.0)))
+    )
+    alternatives = ((first.failures[0], second.failures[0]), (first.failures[1], second.failures[1]))
+    found = multi_hypothesis._seen_from(second, alternatives)
+    assert [[failure.jet for failure in group] for group in found] == [[1, 0], [4, 3]]
+    assert [group[0].force for group in found] == [3.0, 4.0]
+    assert multi_hypothesis._seen_from(contender(leak(1, 5), 100.0), alternatives) == ()
+
+
+def test_had_nothing_been_decided_the_race_would_go_on_and_nobody_would_lead() -> None:
+    now = race(running(leak(0), 100.0), leading=(contender(leak(0), 100.0),))
+    state = multi_hypothesis.initial(PARAMS)._replace(race=now)
+    decided = decision.Decision(decision.Outcome.JETS)
+    found = multi_hypothesis.goes_on(multi_hypothesis.Otherwise(state, STATE, decided, ()))
+    assert found.race is not None
+    assert (found.race.runs, found.race.leading, found.race.led) == (now.runs, (), ())
+
+
+def test_a_race_looks_at_two_onsets_before_the_one_that_its_statistic_favors() -> None:
+    """The youngest of those that come near is taken, so that the true one is rather before it."""
+    cycles = np.arange(2.0, 9.0)
+    bank = banks.empty(PARAMS.places)._replace(cycles=cycles, states=(STATE,) * 7)
+    link = type("Link", (), {"read": np.zeros(12)})()
+    history = History(8, tuple(races.Record(None, link) for _ in range(8)))  # type: ignore[arg-type]
+    found = races.begin(bank, 4, 9, history, PARAMS)
+    assert found.screen.onsets == (4, 5, 6, 7)
+    assert found.screen.began == 3
 
 
 def test_two_forces_that_are_impossible_together_cost_what_no_two_that_are_possible_can_explain() -> None:
@@ -437,7 +580,7 @@ def test_of_many_that_are_as_likely_those_run_on_that_run() -> None:
     now = race(*young)
     some = [contender(leak(jet), 50.0 - 0.1 * jet) for jet in range(6)]
     some += [contender(leak(0, jet), 49.0) for jet in range(1, 6)]
-    found = causes(races.running(now, races.standings(now, some, PARAMS), 2))
+    found = causes(races.running(now, races.standings(now, some, PARAMS), 2, PARAMS))
     assert found[:4] == [leak(0), leak(3), leak(4), leak(5)]
 
 
@@ -446,7 +589,7 @@ def test_a_liar_is_heard_once_it_has_arrived_whatever_the_first_order_says() -> 
     late = running(lie, cycle=NOW - 3)._replace(lying=True)
     for triggered, expected in ((NOW - 3, True), (NOW - 20, False)):
         now = race(running(leak(0), 100.0), late)._replace(triggered=triggered)
-        found = races.running(now, races.standings(now, [contender(leak(0), 100.0)], PARAMS), 2)
+        found = races.running(now, races.standings(now, [contender(leak(0), 100.0)], PARAMS), 2, PARAMS)
         assert (lie in causes(found)) == expected
 
 
@@ -472,7 +615,7 @@ def test_what_led_begins_anew_at_a_better_onset_unless_the_newest_sample_surpris
         better = contender(leak(0), 105.0)._replace(at_onsets=((ONSET - 1, 100.0), (ONSET, 105.0)))
         now = race(run, leading=(contender(leak(0), 100.0),))
         now = now._replace(screen=now.screen._replace(onsets=(ONSET - 1, ONSET)), states=(STATE, STATE, STATE))
-        found = races.running(now, races.standings(now, [better], PARAMS), 2)
+        found = races.running(now, races.standings(now, [better], PARAMS), 2, PARAMS)
         assert (found.runs[0].cycle == ONSET) == expected
 
 
@@ -484,7 +627,7 @@ def test_a_filter_at_a_wrong_onset_begins_anew_and_is_not_out() -> None:
         now = race(far)
         now = now._replace(screen=now.screen._replace(onsets=(ONSET - 1, ONSET)), states=(STATE, STATE, STATE))
         standing = races.standings(now, [contender(leak(1, 2), 1000.0), some], PARAMS)
-        found = races.running(now, standing, 2)
+        found = races.running(now, standing, 2, PARAMS)
         assert (leak(0) in found.out) == expected
 
 
@@ -496,7 +639,7 @@ def test_a_kick_that_the_force_cannot_have_given_is_no_failure() -> None:
         now = race(run)
         standing = races.standings(now, [found], PARAMS)
         assert (races.overrated(now, standing[0]) is not None) == expected
-        anew = races.running(now, standing, 2).runs[0]
+        anew = races.running(now, standing, 2, PARAMS).runs[0]
         assert (anew.cycle == ONSET) == expected
         assert anew.kicks[0][0] < 1.0
         assert anew.kicks[1][0] == pytest.approx(0.2 * anew.kicks[0][0])
@@ -577,7 +720,7 @@ def test_what_a_filter_took_for_its_onset_may_be_all_that_it_is_off_the_first_or
         run = running(leak(0), 100.0)._replace(kicks=wide)
         some = [contender(leak(0), 122.0)._replace(force=(force * PARAMS.thrusts[0],), kicks=narrow)]
         now = race(run)
-        found = races.running(now, races.standings(now, some, PARAMS), 2)
+        found = races.running(now, races.standings(now, some, PARAMS), 2, PARAMS)
         assert (found.runs[0].cycle == ONSET) == expected
 
 
@@ -587,5 +730,5 @@ def test_onsets_are_compared_with_each_other_to_first_order() -> None:
         now = race(running(leak(0), 101.0))
         now = now._replace(screen=now.screen._replace(onsets=(ONSET, ONSET + 1)), states=(STATE,) * 3)
         some = [other._replace(at_onsets=((ONSET, there), (ONSET + 1, 104.0)))]
-        found = races.running(now, races.standings(now, some, PARAMS), 2)
+        found = races.running(now, races.standings(now, some, PARAMS), 2, PARAMS)
         assert (found.runs[0].onset == ONSET + 1) == expected
