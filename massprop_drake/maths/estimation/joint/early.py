@@ -58,6 +58,7 @@ _QUIET = 25  # cycles that are kept while nothing acts
 _WAIT = 12  # cycles from a contradiction to the first search: a second
 _MORE = 1.25  # times as many for the next
 _PASSES = 8  # of Gauss and Newton at most; three or four as a rule
+_CLOSE = 3.0  # sigmas by which the last may move: with each more sample others of its components count
 _TRIES = 4  # that may end without explaining the readings
 _RIVALS = 5  # with passes of their own
 _FIRST_ORDER = 1e-3  # of a lead, by which the first order may be off
@@ -339,7 +340,7 @@ def _has_arrived(search: Search, early: Early) -> bool:
     best = search.best
     if not search.won or best is None or best.done < len(early.kept):
         return False
-    return stays(best.state, best.about) or best.passes >= 2 * _PASSES
+    return stays(best.state, best.about, _CLOSE) or best.passes >= _PASSES
 
 
 def _singles(search: Search, early: Early, params: JointParams) -> list[Contender]:
@@ -436,7 +437,7 @@ def _decided(search: Search, early: Early, rules: Rules, params: JointParams) ->
     group = tuple(each for each in heard if each is not best and ahead(best, each, params) <= NEAR)
     if group and (len(early.kept) < early.contradicted + _GROUP_AFTER or len(group) >= _GROUP):
         return None
-    return search._replace(best=best, won=True, group=group)
+    return search._replace(best=best._replace(passes=1), won=True, group=group)
 
 
 def _found(search: Search, early: Early, params: JointParams) -> Found:

@@ -168,10 +168,10 @@ def _gone_on(start: Start, under_pass: Pass, params: JointParams) -> tuple[Pass,
     return under_pass, False
 
 
-def stays(state: JointState, about: Array) -> bool:
-    """Whether a pass ends, with a state, where it began."""
+def stays(state: JointState, about: Array, near: float = _NEAR) -> bool:
+    """Whether a pass ends, with a state, where it began, to some sigmas."""
     mean, rows = state.mean[:N_PROPERTIES], state.root[:N_PROPERTIES]
-    return bool((np.abs(mean - about[:N_PROPERTIES]) <= _NEAR * np.sqrt(np.sum(rows * rows, axis=1))).all())
+    return bool((np.abs(mean - about[:N_PROPERTIES]) <= near * np.sqrt(np.sum(rows * rows, axis=1))).all())
 
 
 def _explains(under_pass: Pass) -> bool:
