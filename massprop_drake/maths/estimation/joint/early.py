@@ -59,6 +59,7 @@ _WAIT = 12  # cycles from a contradiction to the first search: a second
 _MORE = 1.25  # times as many for the next
 _PASSES = 8  # of Gauss and Newton at most; three or four as a rule
 _CLOSE = 3.0  # sigmas by which the last may move: with each more sample others of its components count
+_LENIENT = 1.5  # times its thrust that a jet may be found to give where a screening is linearized far off
 _TRIES = 4  # that may end without explaining the readings
 _RIVALS = 5  # with passes of their own
 _FIRST_ORDER = 1e-3  # of a lead, by which the first order may be off
@@ -102,8 +103,9 @@ class Search(NamedTuple):
         links: of what it has gone over.
         screenings: begun.
         fit: of the likeliest; None: the screening is under way.
-        last: cause of the likeliest of the last screening.
+        last: fit of the likeliest of the last screening.
         out: causes that turned out not to explain the readings.
+        passed_over: causes whose pass, for all that the first order says of them, explains less than the last.
         best: whose passes have ended and explain them; None: nobody yet.
         rivals: fits of others that are near, finished.
         waiting: others that are near, and have no fit yet.
@@ -118,8 +120,9 @@ class Search(NamedTuple):
     links: tuple[Link, ...] = ()
     screenings: int = 1
     fit: Fit | None = None
-    last: Cause | None = None
+    last: Fit | None = None
     out: frozenset[Cause] = frozenset()
+    passed_over: frozenset[Cause] = frozenset()
     best: Fit | None = None
     rivals: tuple[Fit, ...] = ()
     waiting: tuple[Contender, ...] = ()
@@ -188,7 +191,7 @@ def followed(
     if search is None:
         if early.contradicted == 0 or len(early.kept) < early.due:
             return early, None
-        search = _begun(early, frozenset(), params)
+        search = _begun(early, len(early.kept), frozenset(), params)
     try:
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
             search = _gone_on(search, early, rules, params)
@@ -215,9 +218,9 @@ def _with_sample(early: Early, before: JointState, sample: Sample, contradicted:
 # ---------------------------------------------------------------------------------------- a search
 
 
-def _begun(early: Early, out: frozenset[Cause], params: JointParams) -> Search:
-    """A search of all that is kept."""
-    entry, count = early.entry, len(early.kept)
+def _begun(early: Early, count: int, out: frozenset[Cause], params: JointParams) -> Search:
+    """A search of so many samples, the first."""
+    entry = early.entry
     assert entry is not None, "something is kept"
     about = _possible(entry.mean, entry, params)
     onsets, gaps = _grid(count, 0, -(-count // _ONSETS))
@@ -302,13 +305,16 @@ def _turned(search: Search, early: Early, rules: Rules, params: JointParams) -> 
 
 def _after_pass(search: Search, fit: Fit, early: Early, params: JointParams) -> Search | None:
     """The search after a pass of the likeliest: another screening, those that are near it, or all without it."""
-    cause, gap = fit.contender.cause, search.screen.gaps[-1]
-    again = search.last == cause and gap == 1
+    last, gap, cause = search.last, search.screen.gaps[-1], fit.contender.cause
+    if last is not None and cause != last.contender.cause and fit.score.misfit > last.score.misfit:
+        return search._replace(passed_over=search.passed_over | {cause}, fit=None)
+    again = last is not None and last.contender.cause == cause and gap == 1
     if again and fit.fits:
         return search._replace(best=fit, waiting=_near(search, fit, early, params))
     if (again and stays(fit.state, fit.about)) or search.screenings >= _PASSES:
-        out = search.out | {cause}
-        return None if len(out) >= _TRIES else _begun(early, out, params)._replace(until=search.until)
+        worst = fit if last is None or fit.score.misfit < last.score.misfit else last
+        out = search.out | {worst.contender.cause}
+        return None if len(out) >= _TRIES else _begun(early, search.until, out, params)
     finer = max(1, 2 * gap // _ONSETS) if gap > 1 else 1
     onsets, gaps = _grid(search.until, fit.contender.onset, finer)
     entry = early.entry
@@ -320,7 +326,7 @@ def _after_pass(search: Search, fit: Fit, early: Early, params: JointParams) -> 
         links=(),
         screenings=search.screenings + 1,
         fit=None,
-        last=cause,
+        last=fit,
     )
 
 
@@ -348,9 +354,10 @@ def _singles(search: Search, early: Early, params: JointParams) -> list[Contende
     assert early.entry is not None, "something is kept"
     known = known_forces(early.entry, params)
     allowed = (np.ones_like(known) if (early.entry.slot_jet < 0).any() else known) > 0.0
-    found = screens.contenders(search.screen, allowed, known, params)
+    lenient = params._replace(thrusts=_LENIENT * params.thrusts)
+    found = screens.contenders(search.screen, allowed, known, lenient)
     single = (each for each in found if each.cause.kind == Kind.JETS and len(each.cause.jets) == 1)
-    return [each for each in single if each.cause not in search.out]
+    return [each for each in single if each.cause not in search.out | search.passed_over]
 
 
 def _near(search: Search, best: Fit, early: Early, params: JointParams) -> tuple[Contender, ...]:
