@@ -60,6 +60,7 @@ _MORE = 1.25  # times as many for the next
 _PASSES = 8  # of Gauss and Newton at most; three or four as a rule
 _CLOSE = 3.0  # sigmas by which the last may move: with each more sample others of its components count
 _LENIENT = 1.5  # times its thrust that a jet may be found to give where a screening is linearized far off
+_BETTER = 0.9  # of the misfit of the last pass that another must not exceed: else it has ended
 _TRIES = 4  # that may end without explaining the readings
 _RIVALS = 5  # with passes of their own
 _FIRST_ORDER = 1e-3  # of a lead, by which the first order may be off
@@ -106,6 +107,8 @@ class Search(NamedTuple):
         last: fit of the likeliest of the last screening.
         out: causes that turned out not to explain the readings.
         passed_over: causes whose pass, for all that the first order says of them, explains less than the last.
+        beside: whether fits are of the likeliest at onsets beside its own.
+        onsets: such as have no fit yet.
         best: whose passes have ended and explain them; None: nobody yet.
         rivals: fits of others that are near, finished.
         waiting: others that are near, and have no fit yet.
@@ -123,6 +126,8 @@ class Search(NamedTuple):
     last: Fit | None = None
     out: frozenset[Cause] = frozenset()
     passed_over: frozenset[Cause] = frozenset()
+    beside: bool = False
+    onsets: tuple[Contender, ...] = ()
     best: Fit | None = None
     rivals: tuple[Fit, ...] = ()
     waiting: tuple[Contender, ...] = ()
@@ -289,11 +294,13 @@ def _turned(search: Search, early: Early, rules: Rules, params: JointParams) -> 
     if search.fit is None:
         likeliest = next(iter(_singles(search, early, params)), None)
         return None if likeliest is None else search._replace(fit=_fit(likeliest, search.about, early))
-    if search.best is None:
-        return _after_pass(search, search.fit, early, params)
     fit, best = search.fit, search.best
+    if best is None and not search.beside:
+        return _after_pass(search, fit, early, params)
     if fit.passes < _PASSES // 2 and not stays(fit.state, fit.about):
         return search._replace(fit=_passed_again(fit, early, params))
+    if best is None:
+        return _after_pass_beside(search, fit, early, params)
     if fit.contender.cause != best.contender.cause:
         search = search._replace(rivals=(*search.rivals, fit))
     elif fit.fits:
@@ -311,10 +318,11 @@ def _after_pass(search: Search, fit: Fit, early: Early, params: JointParams) -> 
     again = last is not None and last.contender.cause == cause and gap == 1
     if again and fit.fits:
         return search._replace(best=fit, waiting=_near(search, fit, early, params))
-    if (again and stays(fit.state, fit.about)) or search.screenings >= _PASSES:
-        worst = fit if last is None or fit.score.misfit < last.score.misfit else last
-        out = search.out | {worst.contender.cause}
-        return None if len(out) >= _TRIES else _begun(early, search.until, out, params)
+    if last is not None and again and fit.score.misfit > _BETTER * last.score.misfit:
+        return _beside(search, fit, early)
+    if search.screenings >= _PASSES:
+        worse = fit if last is None or fit.score.misfit < last.score.misfit else last
+        return _without(search, worse.contender.cause, early, params)
     finer = max(1, 2 * gap // _ONSETS) if gap > 1 else 1
     onsets, gaps = _grid(search.until, fit.contender.onset, finer)
     entry = early.entry
@@ -328,6 +336,30 @@ def _after_pass(search: Search, fit: Fit, early: Early, params: JointParams) -> 
         fit=None,
         last=fit,
     )
+
+
+def _beside(search: Search, fit: Fit, early: Early) -> Search:
+    """The search with passes of the likeliest at the onsets beside its own: what is linearized about it favors it."""
+    onset = fit.contender.onset
+    beside = [each for each in (onset + 1, onset - 1) if 0 <= each < search.until]
+    first, *rest = (fit.contender._replace(onset=each) for each in beside)
+    about = fit.about
+    return search._replace(fit=_fit(first, about, early), about=about, onsets=tuple(rest), beside=True)
+
+
+def _after_pass_beside(search: Search, fit: Fit, early: Early, params: JointParams) -> Search | None:
+    """The search where passes at an onset beside the likeliest have ended."""
+    if fit.fits:
+        return search._replace(best=fit, waiting=_near(search, fit, early, params))
+    if search.onsets:
+        return search._replace(fit=_fit(search.onsets[0], search.about, early), onsets=search.onsets[1:])
+    return _without(search, fit.contender.cause, early, params)
+
+
+def _without(search: Search, cause: Cause, early: Early, params: JointParams) -> Search | None:
+    """All again without a cause that does not explain the readings; None: it was the last to be tried."""
+    out = search.out | {cause}
+    return None if len(out) >= _TRIES else _begun(early, search.until, out, params)
 
 
 def _fit(contender: Contender, about: Array, early: Early) -> Fit:
