@@ -3,7 +3,7 @@ r"""A jet that fails before a start has converged: the start, gone over again un
 A start knows too little of the vehicle for a race from a snapshot (`race`): what a failed jet does is learned as what
 the vehicle is like, the covariance is incremented, and the estimates never converge, or to something else. But its
 readings are there. When something contradicts the start, all of them are gone over from the state before the first,
-linearized about x*, as `start` does it:
+with what an increment adds, since it may as well have been stated too well, and linearized about x* as in `start`:
 
     screening    a filter that knows of nothing, with columns beside it for every jet and sixteen onsets (`screen`); of
                  single jets the likeliest, at its likeliest onset,
@@ -27,8 +27,8 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_drake.maths.estimation.joint import screen as screens
-from massprop_drake.maths.estimation.joint.covariance import nothing_learned
-from massprop_drake.maths.estimation.joint.cycle import Expected, Sample, relinearized
+from massprop_drake.maths.estimation.joint.covariance import compressed, nothing_learned
+from massprop_drake.maths.estimation.joint.cycle import Expected, Sample, incremented_root, relinearized
 from massprop_drake.maths.estimation.joint.decision import SIGNIFICANT, Rules
 from massprop_drake.maths.estimation.joint.guard import guarded
 from massprop_drake.maths.estimation.joint.hypotheses import (
@@ -191,7 +191,9 @@ def followed(
     rules, params = given
     if len(early.kept) >= LONGEST:
         return OVER, None
-    early = _with_sample(early, before, sample, contradicted)
+    early = _with_sample(early, before, sample)
+    if contradicted and early.contradicted == 0:
+        early = _with_doubt(early, params)
     search = early.search
     if search is None:
         if early.contradicted == 0 or len(early.kept) < early.due:
@@ -209,15 +211,20 @@ def followed(
     return early._replace(search=search), None
 
 
-def _with_sample(early: Early, before: JointState, sample: Sample, contradicted: bool) -> Early:
+def _with_sample(early: Early, before: JointState, sample: Sample) -> Early:
     acted = early.acted or bool((sample.commands > 0.0).any() or sample.outside.any())
     entry, kept = (before if early.entry is None else early.entry), (*early.kept, sample)
     if not acted and len(kept) > _QUIET:
         entry, kept = before, (sample,)
-    early = early._replace(entry=entry, kept=kept, acted=acted)
-    if contradicted and early.contradicted == 0:
-        return early._replace(contradicted=len(kept), due=len(kept) + _WAIT)
-    return early
+    return early._replace(entry=entry, kept=kept, acted=acted)
+
+
+def _with_doubt(early: Early, params: JointParams) -> Early:
+    """What is kept, contradicted: by a jet, or since the start was stated too well, as an increment has it."""
+    entry, count = early.entry, len(early.kept)
+    assert entry is not None, "something is kept"
+    wide = entry._replace(root=compressed(incremented_root(entry.root, params)))
+    return early._replace(entry=wide, contradicted=count, due=count + _WAIT)
 
 
 # ---------------------------------------------------------------------------------------- a search
@@ -293,7 +300,9 @@ def _turned(search: Search, early: Early, rules: Rules, params: JointParams) -> 
     """The search where a screening or a pass has ended."""
     if search.fit is None:
         likeliest = next(iter(_singles(search, early, params)), None)
-        return None if likeliest is None else search._replace(fit=_fit(likeliest, search.about, early))
+        if likeliest is None or _is_healthy(search, likeliest, rules):
+            return None
+        return search._replace(fit=_fit(likeliest, search.about, early))
     fit, best = search.fit, search.best
     if best is None and not search.beside:
         return _after_pass(search, fit, early, params)
@@ -336,6 +345,12 @@ def _after_pass(search: Search, fit: Fit, early: Early, params: JointParams) -> 
         fit=None,
         last=fit,
     )
+
+
+def _is_healthy(search: Search, likeliest: Contender, rules: Rules) -> bool:
+    """Whether nothing explains all, and no jet far more, where passes have found what the vehicle is like."""
+    enough = likeliest.lead > BEFORE_SETTLED * rules.lead_nothing
+    return search.screenings > 1 and not enough and search.screen.scores[-1].misfit < FIT
 
 
 def _beside(search: Search, fit: Fit, early: Early) -> Search:
