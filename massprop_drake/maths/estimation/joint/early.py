@@ -299,7 +299,8 @@ def _gone_on(search: Search, early: Early, rules: Rules, params: JointParams) ->
 def _turned(search: Search, early: Early, rules: Rules, params: JointParams) -> Search | None:
     """The search where a screening or a pass has ended."""
     if search.fit is None:
-        likeliest = next(iter(_singles(search, early, params)), None)
+        tried = search.passed_over
+        likeliest = next((each for each in _singles(search, early, params) if each.cause not in tried), None)
         if likeliest is None or _is_healthy(search, likeliest, rules):
             return None
         return search._replace(fit=_fit(likeliest, search.about, early))
@@ -322,7 +323,8 @@ def _turned(search: Search, early: Early, rules: Rules, params: JointParams) -> 
 def _after_pass(search: Search, fit: Fit, early: Early, params: JointParams) -> Search | None:
     """The search after a pass of the likeliest: another screening, those that are near it, or all without it."""
     last, gap, cause = search.last, search.screen.gaps[-1], fit.contender.cause
-    if last is not None and cause != last.contender.cause and fit.score.misfit > last.score.misfit:
+    worse = last is not None and not fit.fits and fit.score.misfit > last.score.misfit
+    if last is not None and worse and cause != last.contender.cause:
         return search._replace(passed_over=search.passed_over | {cause}, fit=None)
     again = last is not None and last.contender.cause == cause and gap == 1
     if again and fit.fits:
@@ -330,8 +332,7 @@ def _after_pass(search: Search, fit: Fit, early: Early, params: JointParams) -> 
     if last is not None and again and fit.score.misfit > _BETTER * last.score.misfit:
         return _beside(search, fit, early)
     if search.screenings >= _PASSES:
-        worse = fit if last is None or fit.score.misfit < last.score.misfit else last
-        return _without(search, worse.contender.cause, early, params)
+        return _without(search, cause, early, params)
     finer = max(1, 2 * gap // _ONSETS) if gap > 1 else 1
     onsets, gaps = _grid(search.until, fit.contender.onset, finer)
     entry = early.entry
@@ -404,7 +405,7 @@ def _singles(search: Search, early: Early, params: JointParams) -> list[Contende
     lenient = params._replace(thrusts=_LENIENT * params.thrusts)
     found = screens.contenders(search.screen, allowed, known, lenient)
     single = (each for each in found if each.cause.kind == Kind.JETS and len(each.cause.jets) == 1)
-    return [each for each in single if each.cause not in search.out | search.passed_over]
+    return [each for each in single if each.cause not in search.out]
 
 
 def _near(search: Search, best: Fit, early: Early, params: JointParams) -> tuple[Contender, ...]:
