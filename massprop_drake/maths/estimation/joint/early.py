@@ -101,7 +101,6 @@ class Search(NamedTuple):
         about: where its screening is linearized, shape (size,).
         state: of the screening's filter.
         screen: see `Screen`.
-        links: of what it has gone over.
         screenings: begun.
         fit: of the likeliest; None: the screening is under way.
         last: fit of the likeliest of the last screening.
@@ -120,7 +119,6 @@ class Search(NamedTuple):
     about: Array
     state: JointState
     screen: Screen
-    links: tuple[Link, ...] = ()
     screenings: int = 1
     fit: Fit | None = None
     last: Fit | None = None
@@ -341,7 +339,6 @@ def _after_pass(search: Search, fit: Fit, early: Early, params: JointParams) -> 
         about=_possible(fit.state.mean, fit.state, params),
         state=entry,
         screen=_screen(early, onsets, gaps, params),
-        links=(),
         screenings=search.screenings + 1,
         fit=None,
         last=fit,
@@ -403,9 +400,8 @@ def _singles(search: Search, early: Early, params: JointParams) -> list[Contende
     known = known_forces(early.entry, params)
     allowed = (np.ones_like(known) if (early.entry.slot_jet < 0).any() else known) > 0.0
     lenient = params._replace(thrusts=_LENIENT * params.thrusts)
-    found = screens.contenders(search.screen, allowed, known, lenient)
-    single = (each for each in found if each.cause.kind == Kind.JETS and len(each.cause.jets) == 1)
-    return [each for each in single if each.cause not in search.out]
+    found = screens.contenders(search.screen, allowed, known, lenient, pairs=False)
+    return [each for each in found if each.cause.kind == Kind.JETS and each.cause not in search.out]
 
 
 def _near(search: Search, best: Fit, early: Early, params: JointParams) -> tuple[Contender, ...]:
@@ -433,7 +429,7 @@ def _screened(search: Search, early: Early, params: JointParams) -> Search:
     sample = early.kept[search.screen.cycle]
     state, link, _ = _over(search.state, sample, search.about, params)
     screen = screens.screened(search.screen, link, params)
-    return search._replace(state=state, screen=screen, links=(*search.links, link))
+    return search._replace(state=state, screen=screen)
 
 
 def _passed(fit: Fit, search: Search, early: Early, params: JointParams) -> Fit:
@@ -441,10 +437,11 @@ def _passed(fit: Fit, search: Search, early: Early, params: JointParams) -> Fit:
     state, contender, done = fit.state, fit.contender, fit.done
     if done == contender.onset:
         state = opened(state, contender.cause, params)
-    if 0 <= done - contender.onset < len(contender.kicks) and done < search.until:
-        kicks = np.array(contender.kicks[done - contender.onset])
-        state = kicked(state, contender.cause, kicks, search.links[done], params)
-    state, _, expected = _over(state, early.kept[done], fit.about, params)
+    sample = early.kept[done]
+    if 0 <= done - contender.onset < len(contender.kicks):  # along what the jet does there, not at the screening's x*
+        _, link, _ = _over(state, sample, fit.about, params)
+        state = kicked(state, contender.cause, np.array(contender.kicks[done - contender.onset]), link, params)
+    state, _, expected = _over(state, sample, fit.about, params)
     score = fit.score
     if done < search.until:
         root = np.hstack((expected.projected, np.diag(np.sqrt(params.variances))))
