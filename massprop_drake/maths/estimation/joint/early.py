@@ -62,6 +62,7 @@ _CLOSE = 3.0  # sigmas by which the last may move: with each more sample others 
 _LENIENT = 1.5  # times its thrust that a jet may be found to give where a screening is linearized far off
 _BETTER = 0.9  # of the misfit of the last pass that another must not exceed: else it has ended
 _TRIES = 4  # that may end without explaining the readings
+_OTHERS = 2  # jets beside one that does not
 _RIVALS = 5  # with passes of their own
 _FIRST_ORDER = 1e-3  # of a lead, by which the first order may be off
 _GROUP_AFTER = 100  # cycles from the contradiction: who is not told apart by then will not be soon
@@ -106,8 +107,8 @@ class Search(NamedTuple):
         last: fit of the likeliest of the last screening.
         out: causes that turned out not to explain the readings.
         passed_over: causes whose pass, for all that the first order says of them, explains less than the last.
-        beside: whether fits are of the likeliest at onsets beside its own.
-        onsets: such as have no fit yet.
+        beside: the likeliest, whose passes have ended without explaining the readings, while others have a fit instead.
+        instead: such as have no fit yet.
         best: whose passes have ended and explain them; None: nobody yet.
         rivals: fits of others that are near, finished.
         waiting: others that are near, and have no fit yet.
@@ -124,8 +125,8 @@ class Search(NamedTuple):
     last: Fit | None = None
     out: frozenset[Cause] = frozenset()
     passed_over: frozenset[Cause] = frozenset()
-    beside: bool = False
-    onsets: tuple[Contender, ...] = ()
+    beside: Cause | None = None
+    instead: tuple[Contender, ...] = ()
     best: Fit | None = None
     rivals: tuple[Fit, ...] = ()
     waiting: tuple[Contender, ...] = ()
@@ -303,7 +304,7 @@ def _turned(search: Search, early: Early, rules: Rules, params: JointParams) -> 
             return None
         return search._replace(fit=_fit(likeliest, search.about, early))
     fit, best = search.fit, search.best
-    if best is None and not search.beside:
+    if best is None and search.beside is None:
         return _after_pass(search, fit, early, params)
     if fit.passes < _PASSES // 2 and not stays(fit.state, fit.about):
         return search._replace(fit=_passed_again(fit, early, params))
@@ -328,7 +329,7 @@ def _after_pass(search: Search, fit: Fit, early: Early, params: JointParams) -> 
     if again and fit.fits:
         return search._replace(best=fit, waiting=_near(search, fit, early, params))
     if last is not None and again and fit.score.misfit > _BETTER * last.score.misfit:
-        return _beside(search, fit, early)
+        return _beside(search, fit, early, params)
     if search.screenings >= _PASSES:
         return _without(search, cause, early, params)
     finer = max(1, 2 * gap // _ONSETS) if gap > 1 else 1
@@ -351,22 +352,28 @@ def _is_healthy(search: Search, likeliest: Contender, rules: Rules) -> bool:
     return search.screenings > 1 and not enough and search.screen.scores[-1].misfit < FIT
 
 
-def _beside(search: Search, fit: Fit, early: Early) -> Search:
-    """The search with passes of the likeliest at the onsets beside its own: what is linearized about it favors it."""
-    onset = fit.contender.onset
-    beside = [each for each in (onset + 1, onset - 1) if 0 <= each < search.until]
-    first, *rest = (fit.contender._replace(onset=each) for each in beside)
+def _beside(search: Search, fit: Fit, early: Early, params: JointParams) -> Search:
+    """The search with passes of what is beside the likeliest: what is linearized about that favors it.
+
+    First its failure at the onsets beside its own, then other jets.
+    """
+    contender = fit.contender
+    onsets = [each for each in (contender.onset + 1, contender.onset - 1) if 0 <= each < search.until]
+    named = search.passed_over | {contender.cause}
+    others = [each for each in _singles(search, early, params) if each.cause not in named]
+    first, *rest = [*(contender._replace(onset=each) for each in onsets), *others[:_OTHERS]]
     about = fit.about
-    return search._replace(fit=_fit(first, about, early), about=about, onsets=tuple(rest), beside=True)
+    return search._replace(fit=_fit(first, about, early), about=about, instead=tuple(rest), beside=contender.cause)
 
 
 def _after_pass_beside(search: Search, fit: Fit, early: Early, params: JointParams) -> Search | None:
-    """The search where passes at an onset beside the likeliest have ended."""
+    """The search where passes of what is beside the likeliest have ended."""
     if fit.fits:
         return search._replace(best=fit, waiting=_near(search, fit, early, params))
-    if search.onsets:
-        return search._replace(fit=_fit(search.onsets[0], search.about, early), onsets=search.onsets[1:])
-    return _without(search, fit.contender.cause, early, params)
+    if search.instead:
+        return search._replace(fit=_fit(search.instead[0], search.about, early), instead=search.instead[1:])
+    assert search.beside is not None, "they are beside something"
+    return _without(search, search.beside, early, params)
 
 
 def _without(search: Search, cause: Cause, early: Early, params: JointParams) -> Search | None:
@@ -410,7 +417,7 @@ def _near(search: Search, best: Fit, early: Early, params: JointParams) -> tuple
     reach = max(NEAR, _FIRST_ORDER * lead)
     found: dict[object, Contender] = {}
     for each in _singles(search, early, params):
-        if each.cause.named != named and lead - each.lead < reach:
+        if each.cause.named != named and each.cause != search.beside and lead - each.lead < reach:
             found.setdefault(each.cause.named, each)
     return tuple(found.values())[:_RIVALS]
 
