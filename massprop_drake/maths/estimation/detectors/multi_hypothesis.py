@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_drake.maths.estimation.joint import bank as banks
-from massprop_drake.maths.estimation.joint import early as earlies
+from massprop_drake.maths.estimation.joint import early as at_start
 from massprop_drake.maths.estimation.joint import race as races
 from massprop_drake.maths.estimation.joint import screen as screens
 from massprop_drake.maths.estimation.joint.apart import Apart, told_apart
@@ -197,7 +197,7 @@ class State(NamedTuple):
     lying: Array
     earlier: JointState | None
     explained: int = -1
-    early: Early = earlies.BEGUN
+    early: Early = at_start.BEGUN
 
 
 class Status(NamedTuple):
@@ -326,7 +326,7 @@ def judge(
     told = (sample.commands > 0.0).any(axis=0)
     state = state._replace(cycle=state.cycle + 1, commanded=state.commanded + told)
     if report.course is None:  # the first sample, or the first after a gap: nothing before it can be compared
-        quiet = _quiet(state, joint)._replace(early=earlies.BEGUN if report.starting else earlies.OVER)
+        quiet = _quiet(state, joint)._replace(early=at_start.BEGUN if report.starting else at_start.OVER)
         return Judged(quiet, _restless(quiet, after, after, joint), None, (), Status())
     state, found = _searched(state, before, report, sample, params)
     if found is not None:
@@ -354,7 +354,7 @@ def judge(
     state, declared = _known_now(state, now, joint)
     said = [*said, *declared]
     if decision.outcome in (Outcome.JETS, Outcome.GROUP, Outcome.LIES):
-        state = state._replace(early=earlies.OVER)
+        state = state._replace(early=at_start.OVER)
     return Judged(state, _restless(state, now, after, joint), None, tuple(said), status, otherwise)
 
 
@@ -372,8 +372,8 @@ def _searched(
     if not early.under_way:
         return state, None
     if not (report.starting or contradicted or early.contradicted) or params.joint.places.n_force == 0:
-        return state._replace(early=earlies.OVER), None
-    early, found = earlies.followed(early, before, sample, contradicted, (params.rules, params.joint))
+        return state._replace(early=at_start.OVER), None
+    early, found = at_start.followed(early, before, sample, contradicted, (params.rules, params.joint))
     return state._replace(early=early), found
 
 
@@ -544,7 +544,7 @@ def alarming(likelihood: float, total: float, is_settled: bool, triggers: tuple[
         is_settled: whether the start is over.
         triggers: `HypothesisParams.trigger_jet` and `trigger`.
     """
-    factor = 1.0 if is_settled else earlies.BEFORE_SETTLED
+    factor = 1.0 if is_settled else at_start.BEFORE_SETTLED
     return likelihood > triggers[0] * factor or total > triggers[1] * factor
 
 
