@@ -62,7 +62,7 @@ _CLOSE = 3.0  # sigmas by which the last may move: with each more sample others 
 _LENIENT = 1.5  # times its thrust that a jet may be found to give where a screening is linearized far off
 _BETTER = 0.9  # of the misfit of the last pass that another must not exceed: else it has ended
 _TRIES = 4  # that may end without explaining the readings
-_OTHERS = 2  # jets beside one that does not
+_OTHERS = 2  # jets beside the likeliest that are heard in any case
 _RIVALS = 5  # with passes of their own
 _FIRST_ORDER = 1e-3  # of a lead, by which the first order may be off
 _GROUP_AFTER = 100  # cycles from the contradiction: who is not told apart by then will not be soon
@@ -412,12 +412,16 @@ def _singles(search: Search, early: Early, params: JointParams) -> list[Contende
 
 
 def _near(search: Search, best: Fit, early: Early, params: JointParams) -> tuple[Contender, ...]:
-    """Others that may be as likely as the best for all that the first order says, each in its likelier way."""
+    """Others that may be as likely as the best for all that the first order says, each in its likelier way.
+
+    The next two are heard in any case: of a large force the first order favors whom it is linearized about.
+    """
     lead, named = best.contender.lead, best.contender.cause.named
     reach = max(NEAR, _FIRST_ORDER * lead)
     found: dict[object, Contender] = {}
     for each in _singles(search, early, params):
-        if each.cause.named != named and each.cause != search.beside and lead - each.lead < reach:
+        near = lead - each.lead < reach or len(found) < _OTHERS
+        if each.cause.named != named and each.cause != search.beside and near:
             found.setdefault(each.cause.named, each)
     return tuple(found.values())[:_RIVALS]
 
