@@ -188,7 +188,7 @@ def followed(
         given: see `Rules` and `JointParams`.
     """
     rules, params = given
-    if len(early.kept) >= LONGEST:
+    if len(early.kept) >= LONGEST and early.search is None:
         return OVER, None
     early = _with_sample(early, before, sample)
     if contradicted and early.contradicted == 0:
