@@ -25,9 +25,9 @@ from massprop_drake.results.summary import from_names
 from massprop_drake.runners.recorded import settings_alone
 
 SETTINGS = ("plant.lag_factor=0.9523809523809523", "seed=3")
-LEAK = ("estimation.start=zero", "duration_s=6", "failures=[{kind: leak, jet: F1U, start_s: 1.48, force: 50}]")
-ON = ("estimation.start=nominal", "duration_s=8", "failures=[{kind: stuck_on, jet: R2D, start_s: 1.1}]")
-OFF = ("estimation.start=zero", "duration_s=8", "failures=[{kind: stuck_off, jet: R4D, start_s: 1.08}]")
+LEAK = ("estimation.start=zero", "duration_s=8", "failures=[{kind: leak, jet: F1U, start_s: 1.48, force: 50}]")
+ON = ("estimation.start=nominal", "duration_s=10", "failures=[{kind: stuck_on, jet: R2D, start_s: 1.1}]")
+OFF = ("estimation.start=zero", "duration_s=10", "failures=[{kind: stuck_off, jet: R4D, start_s: 1.08}]")
 
 
 def flight(settings: tuple[str, ...], engine: str = "loop") -> Run:
