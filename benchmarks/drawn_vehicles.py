@@ -31,7 +31,8 @@ Array = NDArray[np.float64]
 Random = np.random.Generator
 
 KINDS = ("healthy", "on", "off", "leak", "dock", "release", "off_then_dock")
-LEARNED_S, HAPPENS_S, ENDS_S = 60.0, (62.0, 68.0), 120.0
+HAPPENS_S, ENDS_S = (62.0, 68.0), 120.0
+EARLY_S, EARLY_ENDS_S = (0.5, 15.0), 60.0
 FAR = 6.0  # sigmas
 
 
@@ -160,7 +161,7 @@ def does_everything(places: Array, directions: Array, center: Array, half: Array
     return True
 
 
-def maneuver(random: Random) -> list[dict[str, Any]]:
+def maneuver(random: Random, ends_s: float) -> list[dict[str, Any]]:
     """Each axis by itself, and then whatever comes; again after something has happened."""
     windows: list[dict[str, Any]] = []
 
@@ -173,17 +174,17 @@ def maneuver(random: Random) -> list[dict[str, Any]]:
     for controller in ("rhc", "thc"):
         for axis in random.permutation(["+x", "+y", "+z"]).tolist():
             now = add(controller, axis, now)
-    while now < ENDS_S - 5.0:
+    while now < ends_s - 5.0:
         controller = "rhc" if random.random() < 0.5 else "thc"
         now = add(controller, str(random.choice(["+x", "-x", "+y", "-y", "+z", "-z"])), now)
     return windows
 
 
 def happens(
-    kind: str, random: Random, ship: Drawn, true: MassProperties
+    kind: str, random: Random, ship: Drawn, true: MassProperties, early: bool
 ) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
     """Failures and jumps of a kind."""
-    start_s = float(random.uniform(*HAPPENS_S))
+    start_s = float(random.uniform(*(EARLY_S if early else HAPPENS_S)))
     jet = str(random.choice([one["designation"] for one in ship.vehicle["jets"]]))
     share = float(np.exp(random.uniform(np.log(0.05), np.log(0.4))))
     position = [float(one) for one in ship.nominal.center_of_mass + random.uniform(-1.0, 1.0, 3) * arm(ship)]
@@ -221,7 +222,7 @@ def leaves(random: Random, true: MassProperties, start_s: float) -> dict[str, An
     return {"kind": "release", "time_s": start_s, "mass": mass, "position": position.tolist()}
 
 
-def fly(kind: str, number: int, compiled: bool) -> tuple[str, list[str], Array, str]:
+def fly(kind: str, number: int, compiled: bool, early: bool = False) -> tuple[str, list[str], Array, str]:
     """Flies one: what was made of it, what was said, errors over their 1-sigma at the end, and the verdict."""
     random = np.random.default_rng([number, *kind.encode()])
     ship = drawn(np.random.default_rng([number]))
@@ -232,7 +233,8 @@ def fly(kind: str, number: int, compiled: bool) -> tuple[str, list[str], Array, 
         second_moment_factors=np.exp(0.3 * random.standard_normal(3)),
         rotation=0.1 * random.standard_normal(3),
     )
-    failures, jumps = happens(kind, random, ship, true)
+    failures, jumps = happens(kind, random, ship, true, early)
+    ends_s = EARLY_ENDS_S if early else ENDS_S
     body = {"mass": true.mass, "center_of_mass": true.center_of_mass.tolist(), "inertia": true.inertia.tolist()}
     off = 0.01 if number % 2 else 0.0
     settings = [
@@ -249,9 +251,9 @@ def fly(kind: str, number: int, compiled: bool) -> tuple[str, list[str], Array, 
         scenario = {
             "name": f"{kind}_{number}",
             "vehicle": "vehicle.yaml",
-            "duration_s": ENDS_S,
+            "duration_s": ends_s,
             "seed": number,
-            "maneuver": maneuver(random),
+            "maneuver": maneuver(random, ends_s),
             "autopilot": ship.autopilot,
             "plant": {"mass_properties": body},
         }
@@ -273,6 +275,7 @@ def main() -> None:
     parser.add_argument("kind", nargs="*", choices=[[], *KINDS], metavar="KIND", help=", ".join(KINDS))
     parser.add_argument("--first", type=int, default=0, help="number of the first flight, its seed and its vehicle")
     parser.add_argument("--count", type=int, default=20, help="flights of each kind")
+    parser.add_argument("--early", action="store_true", help="something happens in the first 15 s; a minute each")
     parser.add_argument("--compiled", action="store_true", help="compiled kernels: the extra `fast`")
     parser.add_argument("--each", action="store_true", help="print every flight, not only those that are not right")
     arguments = parser.parse_args()
@@ -280,7 +283,7 @@ def main() -> None:
         verdicts: Counter[str] = Counter()
         errors, unsaid = [], 0
         for number in range(arguments.first, arguments.first + arguments.count):
-            verdict, said, sigmas, consistency = fly(kind, number, arguments.compiled)
+            verdict, said, sigmas, consistency = fly(kind, number, arguments.compiled, arguments.early)
             most = float(np.abs(sigmas).max())
             verdicts[verdict] += 1
             errors.append(sigmas)

@@ -249,6 +249,26 @@ def one(kind: str) -> Callable[[Random, int], Flight]:
     return draw
 
 
+def early(kind: str) -> Callable[[Random, int], Flight]:
+    """One failure in the first 15 s of a start, from zero or nominal: leaks of 10 lbf, of every second of 50."""
+
+    def draw(random: Random, number: int) -> Flight:
+        start_s, large = float(random.uniform(0.0, 15.0)), number // 4 % 2 == 0
+        if kind == "leak":
+            among = primaries() if large else list(vehicle().designations)
+            failure = leak(str(random.choice(among)), start_s, 50.0 if large else 10.0)
+        else:
+            failure = stuck(kind, str(random.choice(primaries() if kind == "on" else _SOON_TOLD)), start_s)
+        start = ("zero", "nominal")[number // 2 % 2]
+        given = setting("failures", [failure]), usual(random), f"estimation.start={start}"
+        return Flight("orbiter_maneuver", given)
+
+    return draw
+
+
+_SOON_TOLD = ("F1F", "F2F", "F1D", "F2D", "F2U", "L1L", "L1U", "L3D", "L4D", "R1R", "R1U", "R4D")  # before 8 s
+
+
 def small_leak(random: Random, number: int) -> Flight:
     """A leak of 5 lbf of L4D."""
     return failing(leak("L4D", begins(random), 5.0))
@@ -412,6 +432,9 @@ FAILING: Mapping[str, Callable[[Random, int], Flight]] = {
     "on": one("on"),
     "off": one("off"),
     "leak": one("leak"),
+    "early_on": early("on"),
+    "early_off": early("off"),
+    "early_leak": early("leak"),
     "small_leak": small_leak,
     "on_on": two("on", "on", 1.0),
     "off_off": two("off", "off", 1.0),

@@ -46,7 +46,7 @@ def small_params(**changed: Any) -> JointParams:
         "start": TRUTH,
         "start_root": np.diag(np.abs(TRUTH) * 0.1),
         "increment_sigma": np.abs(TRUTH),
-        "nominal_mass_reciprocal": 0.1,
+        "nominal": TRUTH,
         "thresholds": chi2.isf(1.5e-5, np.arange(1, 7)),
         "guard_relative": np.array([0.02, 0.02, 0.02, 0.2]),
         "guard_center": np.full(3, 0.03),
@@ -128,7 +128,7 @@ def vehicle_params(vehicle: Vehicle, *, lag: bool, start: str = "zero", **change
             "start": nominal if given else np.zeros(10),
             "start_root": np.diag(sigma),
             "increment_sigma": wide,
-            "nominal_mass_reciprocal": nominal[9],
+            "nominal": nominal,
             "guard_center": np.full(3, 0.03 * vehicle.rms_arm),
             **changed,
         }

@@ -511,6 +511,7 @@ def _is_quiet(filtered: JointFilterState, method: Any) -> bool:
     return (
         filtered.joint.guarded
         and not filtered.start.under_way
+        and not method.early.under_way
         and method.race is None
         and bool(method.bank.states)
         and method.earlier is None

@@ -164,7 +164,7 @@ def test_passes_that_do_not_explain_the_readings_change_nothing(flown: Run, para
         wrong, after = start.followed(wrong, guarded, done, off[-1], params.joint)
         if not wrong.under_way:
             break
-    assert wrong == OVER
+    assert wrong == start.CONTRADICTED
     assert after is done[0]
 
 

@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_drake.maths.estimation.joint import bank as banks
+from massprop_drake.maths.estimation.joint import early as at_start
 from massprop_drake.maths.estimation.joint import race as races
 from massprop_drake.maths.estimation.joint import screen as screens
 from massprop_drake.maths.estimation.joint.apart import Apart, told_apart
@@ -34,6 +35,7 @@ from massprop_drake.maths.estimation.joint.decision import (
     is_one,
     runners_up,
 )
+from massprop_drake.maths.estimation.joint.early import Early, Found
 from massprop_drake.maths.estimation.joint.guard import unguarded
 from massprop_drake.maths.estimation.joint.hypotheses import (
     JUMP_SHARES,
@@ -52,7 +54,6 @@ from massprop_drake.maths.estimation.joint.sensitivity import Link, Traces, link
 from massprop_drake.maths.kernels import kernel
 from massprop_drake.maths.linear_algebra import Array
 
-_BEFORE_SETTLED = 8.0  # times the trigger: a start's own errors raise it by chance
 _REDRAWN = (6, 12, 24, 48, 96)  # cycles of a race after which it moves to its likeliest onset, if that is at its edge
 _LEAK_FLOOR, _LOSS_FLOOR = 0.002, 0.1  # of full thrust: below, thrusts that are not as stated explain as much
 _LEAST_FLOOR = 0.00115  # of the largest jet's thrust: 1 lbf of 870
@@ -180,6 +181,7 @@ class State(NamedTuple):
         lying: 1 for each component that is left out until it fits, shape (m,).
         earlier: of the filter before a jump that is not measured yet.
         explained: cycle up to which what was named last explains all; whatever began there has not been found.
+        early: what is kept of a start in case a jet fails in it.
     """
 
     cycle: int
@@ -197,6 +199,7 @@ class State(NamedTuple):
     lying: Array
     earlier: JointState | None
     explained: int = -1
+    early: Early = at_start.BEGUN
 
 
 class Status(NamedTuple):
@@ -325,13 +328,20 @@ def judge(
     told = (sample.commands > 0.0).any(axis=0)
     state = state._replace(cycle=state.cycle + 1, commanded=state.commanded + told)
     if report.course is None:  # the first sample, or the first after a gap: nothing before it can be compared
-        quiet = state._replace(bank=banks.empty(joint.places), history=History(state.cycle, ()), race=None)
+        quiet = _quiet(state, joint)._replace(early=at_start.BEGUN if report.starting else at_start.OVER)
         return Judged(quiet, _restless(quiet, after, after, joint), None, (), Status())
+    state, found = _searched(state, before, report, sample, params)
+    if found is not None:
+        state, of_start = _found(_quiet(state, joint), found, joint)
+        return Judged(state, found.state, None, of_start, Status(racing=True))
     state, again, report, sample = _probation(state, before, (after, report), sample, joint)
     if not again.guarded or report.incremented:  # an increment forgets what a race would compare
-        quiet = state._replace(bank=banks.empty(joint.places), history=History(state.cycle, ()), race=None)
-        return Judged(quiet, _restless(quiet, again, after, joint), None, (), Status())
+        quiet = _quiet(state, joint)
+        return Judged(
+            quiet, _restless(quiet, again, after, joint), None, (), Status(racing=state.early.search is not None)
+        )
     state, decision, standing, status = _raced(state, before, again, report, sample, params)
+    status = status._replace(racing=status.racing or state.early.search is not None)
     if decision.outcome == Outcome.OPEN:
         published = None
         if standing and standing[0].run is not None and standing[0].contender.lead > params.rules.lead_nothing:
@@ -345,7 +355,51 @@ def judge(
     state, now, said = _concluded(state, again, decision, joint)
     state, declared = _known_now(state, now, joint)
     said = [*said, *declared]
+    if decision.outcome in (Outcome.JETS, Outcome.GROUP, Outcome.LIES):
+        state = state._replace(early=at_start.OVER)
     return Judged(state, _restless(state, now, after, joint), None, tuple(said), status, otherwise)
+
+
+def _quiet(state: State, params: JointParams) -> State:
+    """What is remembered while nothing can be compared."""
+    return state._replace(bank=banks.empty(params.places), history=History(state.cycle, ()), race=None)
+
+
+def _searched(
+    state: State, before: JointState, report: Report, sample: Sample, params: HypothesisParams
+) -> tuple[State, Found | None]:
+    """A cycle of the search for a jet that fails before the start has converged, see `early`."""
+    early = state.early
+    contradicted = report.contradicted or (report.incremented and report.starting)
+    if not early.under_way:
+        return state, None
+    if not (report.starting or contradicted or early.contradicted) or params.joint.places.n_force == 0:
+        return state._replace(early=at_start.OVER), None
+    early, found = at_start.followed(early, before, sample, contradicted, (params.rules, params.joint))
+    return state._replace(early=early), found
+
+
+def _found(state: State, found: Found, params: JointParams) -> tuple[State, tuple[Declaration, ...]]:
+    """What is said of a jet that has failed before the start had converged, if its force is large enough."""
+    (jet,), (sign,) = found.cause.jets, found.cause.signs
+    slot = slot_of(found.state, jet, sign)
+    force, sigma = _force(found.state, slot, params)
+    jets, signs = (
+        (jet, *(each.jets[0] for each, _, _ in found.group)),
+        (sign, *(each.signs[0] for each, _, _ in found.group)),
+    )
+    forces = (force, *(each for _, each, _ in found.group))
+    sigmas = (sigma, *(each for _, _, each in found.group))
+    floors = (_floor(*way, False, True, params) for way in zip(jets, signs, strict=True))
+    is_said = any(each > floor for each, floor in zip(forces, floors, strict=True))
+    state = state._replace(
+        members=_with(state.members, slot, _listed(jets, signs, params)),
+        onsets=_with(state.onsets, slot, np.nan if is_said else found.onset_s),
+        announced=_with(state.announced, slot, max(force, _SAID) if is_said else 0.0),
+        sigmas=_with(state.sigmas, slot, sigma if is_said else 0.0),
+    )
+    word = Word.GROUP if found.group else Word.FAILED
+    return state, (JetsDeclared(word, jets, signs, forces, sigmas, found.onset_s),) if is_said else ()
 
 
 def had_others_won(otherwise: Otherwise, params: JointParams) -> tuple[Other, ...]:
@@ -515,7 +569,7 @@ def alarming(likelihood: float, total: float, is_settled: bool, triggers: tuple[
         is_settled: whether the start is over.
         triggers: `HypothesisParams.trigger_jet` and `trigger`.
     """
-    factor = 1.0 if is_settled else _BEFORE_SETTLED
+    factor = 1.0 if is_settled else at_start.BEFORE_SETTLED
     return likelihood > triggers[0] * factor or total > triggers[1] * factor
 
 
@@ -839,7 +893,7 @@ def unannounced(state: State, now: JointState, said: JetsDeclared) -> State:
     )
 
 
-def _with(values: Array, index: int, value: float) -> Array:
+def _with(values: Array, index: int, value: Array | float) -> Array:
     """The values with one replaced."""
     result = values.copy()
     result[index] = value

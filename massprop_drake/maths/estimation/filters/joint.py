@@ -150,7 +150,7 @@ def make_params(setup: Setup, options: Any) -> JointFilterParams:
         start=setup.estimate,
         start_root=_root(setup.covariance),
         increment_sigma=setup.widest,
-        nominal_mass_reciprocal=float(setup.nominal[MASS_RECIPROCAL]),
+        nominal=np.ascontiguousarray(setup.nominal),
         thresholds=np.array([chi_square_limit(block.increment_rate, 1 + n) for n in range(3 * counts[1])]),
         guard_relative=np.array([diagonal, diagonal, diagonal, reciprocal if counts[2] > 0 else math.inf]),
         guard_center=np.full(3, center),
@@ -277,6 +277,7 @@ def step(
     made = cycle.restart if interval.anew else cycle.step
     own, report = made(before, sample, params.joint)
     start, after = starts.followed(state.start, before, (own, report), Kept(sample, interval.anew), params.joint)
+    report = report._replace(starting=start.under_way, contradicted=start.contradicted)
     evidence = JointEvidence(before, after, report, sample, interval.anew)
     if after.mean is own.mean:
         known = _with_report(after, clock, report.estimate.copy(), report.covariance.copy(), params)
@@ -374,6 +375,8 @@ def components(used: np.ndarray, gyros: int) -> tuple[float, float]:
 def replaced(step: FilterStep, joint: JointState, params: JointFilterParams) -> FilterStep:
     """A cycle that goes on from another state: its estimates are reported; the innovations are what they were."""
     after = _reporting(joint, step.state.clock, params)
+    if step.state.start.under_way and not joint.guarded:  # it begins anew with what has been found
+        after = after._replace(start=starts.BEGUN)
     return telling(step, after.estimate, after.covariance)._replace(
         state=after, own=step.own._replace(settled=_settled(after, params))
     )

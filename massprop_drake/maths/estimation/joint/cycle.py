@@ -122,6 +122,8 @@ class Report(NamedTuple):
         incremented: whether the covariance was incremented.
         coupled: whether dynamic coupling counted.
         course: see `Course`; None at the first sample.
+        starting, contradicted: whether a start is kept to be gone over again, and whether it has just ended since that
+            does not explain the readings, see `start`.
     """
 
     estimate: Array
@@ -136,6 +138,8 @@ class Report(NamedTuple):
     incremented: bool
     coupled: bool
     course: Course | None
+    starting: bool = False
+    contradicted: bool = False
 
 
 class JointEvidence(NamedTuple):
@@ -506,7 +510,26 @@ def _learned(
 
 @kernel
 def gone_over(state: JointState, sample: Sample, about: Array, params: JointParams) -> tuple[JointState, float, float]:
-    """A cycle linearized at other mass properties and biases than the state's, of a start that is gone over again.
+    """A cycle of a start that is gone over again, see `relinearized`.
+
+    Args:
+        state: after the last sample, not guarded.
+        sample: see `Sample`.
+        about: a state's estimate at which it is linearized, shape (size,).
+        params: see `JointParams`.
+
+    Returns:
+        The state after it, the NIS of the components that counted, and how many these were.
+    """
+    after, _, expected, change = relinearized(state, sample, about, params)
+    return after, change.nis, float(expected.used.sum())
+
+
+@kernel
+def relinearized(
+    state: JointState, sample: Sample, about: Array, params: JointParams
+) -> tuple[JointState, Firing, Expected, Update]:
+    """A cycle linearized at other mass properties, biases and forces than the state's.
 
     Args:
         state: after the last sample, not guarded.
@@ -515,7 +538,8 @@ def gone_over(state: JointState, sample: Sample, about: Array, params: JointPara
         params: see `JointParams`.
 
     Returns:
-        The state after it, the NIS of the components that counted, and how many these were.
+        The state after it, what the jets did, what was expected, and the update, which is of no meaning where no
+        component counted.
     """
     mean = _about(state.mean, about, params)
     there = relearned(state, mean, state.root.copy())
@@ -547,12 +571,12 @@ def gone_over(state: JointState, sample: Sample, about: Array, params: JointPara
     if expected.used.any():
         change = _update(expected, root, gained(state, params), params)
     after = _learned(state, sample, acting.firing, expected, change, params)
-    return after, change.nis, float(expected.used.sum())
+    return after, acting.firing, expected, change
 
 
 @kernel
 def _about(mean: Array, about: Array, params: JointParams) -> Array:
-    """An estimate with the mass properties and the gyros' biases of another, and the rate that goes with its readings.
+    """An estimate with mass properties, forces and gyros' biases of another, and the rate that goes with its readings.
 
     Args:
         mean: the estimate, shape (size,).
@@ -562,6 +586,8 @@ def _about(mean: Array, about: Array, params: JointParams) -> Array:
     places = params.places
     result = mean.copy()
     result[:N_PROPERTIES] = about[:N_PROPERTIES]
+    forces = slice(places.force, places.force + places.n_force)
+    result[forces] = about[forces]
     if places.n_gyro_bias > 0:
         biases = slice(places.gyro_bias, places.gyro_bias + places.n_gyro_bias)
         result[biases] = about[biases]

@@ -129,7 +129,7 @@ class JointParams(NamedTuple):
         start: the ten parameters at the start, shape (10,).
         start_root: lower triangular root of their covariance at the start, shape (10, 10).
         increment_sigma: what an increment adds to their 1-sigma, in quadrature, shape (10,).
-        nominal_mass_reciprocal: mu of the nominal vehicle.
+        nominal: the ten parameters of the nominal vehicle, shape (10,).
         thresholds: NIS above which the covariance is incremented, by the number of components used less one.
         guard_relative: largest sigma over estimate of J_xx, J_yy, J_zz and mu; infinity: not judged, shape (4,).
         guard_center: largest sigma of the center of mass, infinity: not judged, ft or m, shape (3,).
@@ -160,7 +160,7 @@ class JointParams(NamedTuple):
     start: Array
     start_root: Array
     increment_sigma: Array
-    nominal_mass_reciprocal: float
+    nominal: Array
     thresholds: Array
     guard_relative: Array
     guard_center: Array

@@ -275,7 +275,7 @@ def predict(state: JointState, acting: Drive, rate_read: RateRead, params: Joint
     impulse = seconds @ params.wrenches + scale * acting.outside
     linear = impulse[3:]
     moment = impulse[:3] + cross(linear, mean[CENTER])
-    flow = float(seconds @ params.flows) if 0.0 < reciprocal < _MOST_LIGHT * params.nominal_mass_reciprocal else 0.0
+    flow = float(seconds @ params.flows) if 0.0 < reciprocal < _MOST_LIGHT * params.nominal[MASS] else 0.0
 
     rate_rows, velocity_rows = error_rows(state, acting, params)
     rate_rows[:, INERTIA] = angular_block(moment)

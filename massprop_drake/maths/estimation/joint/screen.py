@@ -274,7 +274,9 @@ def rarity(params: JointParams) -> Array:
     return result
 
 
-def contenders(screen: Screen, allowed: np.ndarray, known: Array, params: JointParams) -> list[Contender]:
+def contenders(
+    screen: Screen, allowed: np.ndarray, known: Array, params: JointParams, *, pairs: bool = True
+) -> list[Contender]:
     """All hypotheses that are possible, each at its likeliest onset, likeliest first; the jump and lies among them.
 
     Args:
@@ -282,12 +284,13 @@ def contenders(screen: Screen, allowed: np.ndarray, known: Array, params: JointP
         allowed: whether a jet may have failed in this way, more and then less, shape (2 n_jets,).
         known: force of each such failure that is known already, shape (2 n_jets,).
         params: see `JointParams`.
+        pairs: whether two jets may have failed at once.
     """
     found: dict[Cause, Contender] = {}
     for index in range(len(screen.onsets)):
         singles = _singles(screen, index, allowed, known, params)
-        pairs = _pairs(screen, index, allowed, known, params)
-        for contender in (*singles, *pairs, *_lies(screen, index, params)):
+        both = _pairs(screen, index, allowed, known, params) if pairs else []
+        for contender in (*singles, *both, *_lies(screen, index, params)):
             best = found.get(contender.cause)
             tried = (*(best.at_onsets if best is not None else ()), (contender.onset, contender.lead))
             better = contender if best is None or contender.lead > best.lead else best

@@ -81,6 +81,7 @@ class Start(NamedTuple):
         kept: samples since.
         incremented: whether the covariance has been, since then.
         under_pass: None: the guard has not held.
+        contradicted: whether it has just ended since its passes do not explain the readings.
     """
 
     under_way: bool = False
@@ -88,9 +89,10 @@ class Start(NamedTuple):
     kept: tuple[Kept, ...] = ()
     incremented: bool = False
     under_pass: Pass | None = None
+    contradicted: bool = False
 
 
-BEGUN, OVER = Start(under_way=True), Start()
+BEGUN, OVER, CONTRADICTED = Start(under_way=True), Start(), Start(contradicted=True)
 
 
 def followed(
@@ -106,8 +108,10 @@ def followed(
         params: see `JointParams`.
     """
     after, report = done
+    if not start.under_way:
+        return OVER, after
     acts = bool((latest.sample.commands > 0.0).any() or latest.sample.outside.any())
-    if not start.under_way or not before.started or not (acts or start.kept):
+    if not before.started or not (acts or start.kept):
         return start, after
     if len(start.kept) >= LONGEST:
         return OVER, after
@@ -125,7 +129,7 @@ def followed(
     if not arrived:
         return start._replace(under_pass=under_pass), unguarded(after)
     if not _explains(under_pass):
-        return OVER, after
+        return CONTRADICTED, after
     found = guarded(under_pass.state, acts, params)
     return (OVER if found.guarded else start._replace(under_pass=None)), found
 
@@ -158,16 +162,16 @@ def _gone_on(start: Start, under_pass: Pass, params: JointParams) -> tuple[Pass,
                 components=under_pass.components + components,
             )
         if under_pass.done == len(start.kept):
-            if _stays(under_pass) or under_pass.number == _PASSES:
+            if stays(under_pass.state, under_pass.about) or under_pass.number == _PASSES:
                 return under_pass, True
             under_pass = _begun(start, under_pass.state.mean, under_pass.number + 1, params)
     return under_pass, False
 
 
-def _stays(under_pass: Pass) -> bool:
-    """Whether a pass ends where it began."""
-    mean, rows = under_pass.state.mean[:N_PROPERTIES], under_pass.state.root[:N_PROPERTIES]
-    return bool((np.abs(mean - under_pass.about[:N_PROPERTIES]) <= _NEAR * np.sqrt(np.sum(rows * rows, axis=1))).all())
+def stays(state: JointState, about: Array, near: float = _NEAR) -> bool:
+    """Whether a pass ends, with a state, where it began, to some sigmas."""
+    mean, rows = state.mean[:N_PROPERTIES], state.root[:N_PROPERTIES]
+    return bool((np.abs(mean - about[:N_PROPERTIES]) <= near * np.sqrt(np.sum(rows * rows, axis=1))).all())
 
 
 def _explains(under_pass: Pass) -> bool:
