@@ -185,7 +185,7 @@ class JetSelectionProgram:
         self._keep(activity)
         if not all(map(math.isfinite, request.tolist())):
             raise ValueError(f"a request must be finite, got {request}")
-        if not limits_s.min() >= 0.0:  # NaN fails too
+        if not np.minimum.reduce(limits_s) >= 0.0:  # NaN fails too
             raise ValueError(f"limits_s must be zero or positive, got {limits_s}")
 
     def _least_propellant(self, request: Array, limits_s: Array) -> Array | None:
