@@ -158,7 +158,7 @@ class Loop:
 
     def _fill_at_once(self, known: Whole, row: int, reached_s: float) -> None:
         """The same by the kernel that has vehicle, autopilot and estimation."""
-        onward, block, reached = chosen(flight.onward, compile_it=True), self._blocks[-1], self._reached
+        onward, block, reached = chosen(flight.onward, self._compiled), self._blocks[-1], self._reached
         first, times_s = self._sample, np.arange(self._sample, self._sample + _ROWS - row) * self._period_s
         reached[UNTIL] = row + np.count_nonzero(times_s <= reached_s)
         try:

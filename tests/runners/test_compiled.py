@@ -126,6 +126,28 @@ def test_machine_code_is_made_of_what_python_calls_alone() -> None:
     assert made == {inner: [True], outer: [False]}
 
 
+def test_references_are_counted_as_they_come_and_go() -> None:
+    pytest.importorskip("numba")
+    runtime = pytest.importorskip("numba.core.runtime")
+    call = kernels.compiled(cross)
+    call(np.eye(3)[0], np.eye(3)[1])
+    (library,) = [one.library for one in call.overloads.values()]  # type: ignore[attr-defined]
+    assert library.__class__.__module__ == "massprop_drake.maths._linking"
+    runtime._nrt_python.memsys_enable_stats()
+    try:
+        before = runtime.rtsys.get_allocation_stats()
+        kept = [call(np.eye(3)[0], np.full(3, float(number))) for number in range(100)]
+        between = runtime.rtsys.get_allocation_stats()
+        np.testing.assert_array_equal(kept[7], np.cross(np.eye(3)[0], np.full(3, 7.0)))
+        del kept
+        after = runtime.rtsys.get_allocation_stats()
+    finally:
+        runtime._nrt_python.memsys_disable_stats()
+    assert between.mi_alloc - before.mi_alloc >= 100
+    assert (between.mi_alloc - before.mi_alloc) - (between.mi_free - before.mi_free) == 100
+    assert after.mi_alloc - before.mi_alloc == after.mi_free - before.mi_free
+
+
 FAILING = (  # so that a jet is suspected, declared and reckoned with
     "stuck_on_29",
     "duration_s=20",

@@ -705,8 +705,9 @@ def _normal(
     parts: list[_Component] = []
     for package, rows, difference, derivatives in _components(stretch, expected, design, at, model):
         scale = 1.0 / np.sqrt(model.variances[package])
-        x = (derivatives - derivatives.sum(axis=1, keepdims=True) / rows.shape[0]) * scale
-        left = (difference - difference.mean()) * scale
+        x, left = derivatives, (difference - difference.mean()) * scale
+        x -= x.sum(axis=1, keepdims=True) / rows.shape[0]
+        x *= scale
         information += x @ x.T
         vector += x @ left
         parts.append(_Component(package, rows, left, x[kept.shape[0] :]))
@@ -798,7 +799,52 @@ def possible(at: Array) -> bool:
     return is_positive_definite(at[:6][ELEMENT]) and bool(at[_MASS] > 0.0)
 
 
-def score(fit: Fit, group: NDArray[np.int_], model: Model, stated: float = 0.0, clear: float = np.inf) -> ScoreTest:
+class Reckoned(NamedTuple):
+    """What is reckoned with in tests of other unknowns, which all have it in common.
+
+    Attributes:
+        free: places of what is reckoned with, shape (f,).
+        sigma: their 1-sigma, shape (f,).
+        score: h with what is known before the flight taken for the origin, shape (n,).
+        solved: (A + 1)^-1 of these, in units of their 1-sigma, times their information with every unknown, and their
+            score, shape (f, n + 1).
+    """
+
+    free: NDArray[np.int_]
+    sigma: Array
+    score: Array
+    solved: Array
+
+
+def reckoned_in(fit: Fit, model: Model, besides: NDArray[np.int_] | slice = slice(0)) -> Reckoned:
+    """What is reckoned with, but for some unknowns that are put to the test.
+
+    Args:
+        fit: see `Fit`.
+        model: see `Model`.
+        besides: places of those unknowns.
+    """
+    total, others = fit.normal, model.sigma > 0.0
+    others[besides] = False
+    free = np.flatnonzero(others)
+    sigma = model.sigma[free]
+    off = np.zeros_like(fit.at)
+    off[free] = fit.at[free] - model.prior[free]
+    off[besides] = fit.at[besides]
+    vector = total.score + total.information @ off
+    inner = total.information[np.ix_(free, free)] * np.outer(sigma, sigma) + np.eye(free.shape[0])
+    right = np.column_stack((total.information[free], vector[free])) * sigma[:, None]
+    return Reckoned(free, sigma, vector, np.asarray(np.linalg.solve(inner, right), dtype=np.float64))
+
+
+def score(
+    fit: Fit,
+    group: NDArray[np.int_],
+    model: Model,
+    stated: float = 0.0,
+    clear: float = np.inf,
+    common: Reckoned | None = None,
+) -> ScoreTest:
     """Tests whether some unknowns are what is stated.
 
     Args:
@@ -807,21 +853,14 @@ def score(fit: Fit, group: NDArray[np.int_], model: Model, stated: float = 0.0, 
         model: see `Model`; where they are reckoned with, they are no longer.
         stated: their 1-sigma; zero: that they are zero.
         clear: largest 1-sigma of a combination of them that is tested.
+        common: what is reckoned with at all, which it is that serves where they are not.
     """
     total = fit.normal
-    others = model.sigma > 0.0
-    others[group] = False
-    free = np.flatnonzero(others)
-    sigma = model.sigma[free]
-    both = np.concatenate((free, group))
-    origin = np.zeros_like(fit.at)
-    origin[free] = model.prior[free]
-    vector = (total.score + total.information[:, both] @ (fit.at - origin)[both]) if both.size else total.score
-    inner = total.information[np.ix_(free, free)] * np.outer(sigma, sigma) + np.eye(free.shape[0])
-    cross = total.information[np.ix_(group, free)] * sigma
-    solved = np.linalg.solve(inner, np.column_stack((cross.T, vector[free] * sigma)))
-    information = total.information[np.ix_(group, group)] - cross @ solved[:, :-1]
-    of_group = vector[group] - cross @ solved[:, -1]
+    if common is None or (model.sigma[group] > 0.0).any():
+        common = reckoned_in(fit, model, group)
+    cross = total.information[np.ix_(group, common.free)] * common.sigma
+    information = total.information[np.ix_(group, group)] - cross @ common.solved[:, group]
+    of_group = common.score[group] - cross @ common.solved[:, -1]
     if not (np.isfinite(information).all() and np.isfinite(of_group).all()):
         return ScoreTest(0.0, 0, np.zeros(group.shape[0]), total.misfit)
     values, vectors = np.linalg.eigh(0.5 * (information + information.T))
