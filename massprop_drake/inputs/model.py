@@ -11,6 +11,7 @@ import hashlib
 import json
 import types
 import typing
+import weakref
 from collections.abc import Iterable
 from functools import lru_cache
 from typing import Annotated, Any, TypeVar
@@ -324,9 +325,18 @@ def _yaml_of(json_text: str) -> str:
     return to_yaml(json.loads(json_text))
 
 
+_digests: dict[int, tuple[weakref.ref[Model], str]] = {}  # of models that there are, which never change
+
+
 def digest(model: Model) -> str:
-    """SHA-256 of a model's full content, hexadecimal."""
-    return hashlib.sha256(model.model_dump_json().encode()).hexdigest()
+    """SHA-256 of a model's full content, hexadecimal; a run asks for the same ones several times."""
+    place = id(model)
+    there = _digests.get(place)
+    if there is not None and there[0]() is model:
+        return there[1]
+    found = hashlib.sha256(model.model_dump_json().encode()).hexdigest()
+    _digests[place] = weakref.ref(model, lambda _: _digests.pop(place, None)), found
+    return found
 
 
 # ----------------------------------------------------------------------------------------- schema

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from functools import cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -113,16 +114,21 @@ def out_of_span(model: Model, units: str, path: FieldPath = (), skipped: tuple[s
         path: of the model.
         skipped: fields to leave out.
     """
-    for name, field in type(model).model_fields.items():
+    for name, span, unit in _spans(type(model)):
         if name in skipped:
             continue
         place, value = (*path, name), getattr(model, name)
-        span, unit = span_of(field)
         if span is not None:
             yield from _compared(value, span, unit, units, place)
         else:
             for inside, part in _models(value, place):
                 yield from out_of_span(part, units, inside)
+
+
+@cache
+def _spans(model: type[Model]) -> list[tuple[str, Span | None, str]]:
+    """The fields of a model with their spans and units."""
+    return [(name, *span_of(field)) for name, field in model.model_fields.items()]
 
 
 def _compared(value: Any, span: Span, unit: str, units: str, path: FieldPath) -> Iterator[Finding]:
@@ -327,7 +333,8 @@ def _rate_variances(torques: Array, forces: Array, inverse: Array, covariance: A
     by_inertia = np.array([[x, none, none, none, z, y], [none, y, none, z, none, x], [none, none, z, y, x, none]])
     by_center = inverse @ np.array([skew(force) for force in forces])
     by_matrix = np.concatenate([by_inertia.transpose(2, 0, 1), by_center], axis=2)
-    return np.einsum("nij,jk,nik->n", by_matrix, covariance, by_matrix, optimize=True)
+    variances: Array = ((by_matrix @ covariance) * by_matrix).sum(axis=(1, 2))
+    return variances
 
 
 # -------------------------------------------------------------------------------------- a scenario

@@ -2,8 +2,9 @@
 
 Of a sample come its readings, then the estimators, see `estimation.whole` and `estimation.cycle`, then the autopilot,
 jet selection, which is a linear program that Python solves, and the jets and the body up to the next sample. `fly` goes
-from the autopilot to the next readings, and stops on the way where Python has to do something. What it keeps is in a
-holder; what Python reads and writes is in arrays that both have, see `Desk` and `Rows`.
+from the autopilot to the next readings, and stops on the way where Python has to do something; `onward` has the cycles
+of the thesis's filters in between, and goes on from sample to sample until then. What they keep is in holders; what
+Python reads and writes is in arrays that both have, see `Desk` and `Rows`.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 
 from massprop_drake.maths.autopilot.jet_selection import delivered_velocity, firing, must_select
 from massprop_drake.maths.autopilot.phase_space import PhaseSpaceParams, PilotMemory, initial_memory, piloted
+from massprop_drake.maths.estimation import whole
 from massprop_drake.maths.estimation.whole import Asked
 from massprop_drake.maths.kernels import fill, kernel
 from massprop_drake.maths.linear_algebra import Array, nonzero
@@ -24,7 +26,7 @@ from massprop_drake.maths.vehicle.cycle import Ahead, Truth, VehicleState
 from massprop_drake.maths.vehicle.rigid_body import N_STATE, STRUCTURE
 from massprop_drake.maths.vehicle.sensing import unsaturated
 
-ROW, PHASE, SAMPLE = range(3)  # of what is reached
+ROW, PHASE, SAMPLE, UNTIL = range(4)  # of what is reached; the row at whose readings to stop
 SENSING, PILOTING, JUMPING, STEPPING = range(4)  # phases: what comes next
 ON, SELECT, JUMP = range(3)  # why `fly` stops: at the next readings, to select jets, or for a jump of mass properties
 
@@ -168,6 +170,13 @@ class FlightBlock(NamedTuple):
     desk: Desk
 
 
+class Together(NamedTuple):
+    """What is the flight's, and what is of the estimation in it."""
+
+    flight: Any
+    known: Any
+
+
 def initial_state(vehicle: VehicleState) -> FlightState:
     """Before the first sample."""
     return FlightState(vehicle, initial_memory(), np.zeros(vehicle.level.size), np.zeros(3))
@@ -181,15 +190,21 @@ def fly(holder: Any, block: Any, reached: NDArray[np.int_], params: Any) -> int:
         holder: of `FlightState`.
         block: holder of a `FlightBlock`; it ends with the last row's sample, and the next one's readings are the first
             thing of the next block.
-        reached: row, phase and number of the sample, shape (3,).
+        reached: row, phase and number of the sample, shape (3,) or longer.
         params: holder of `FlightParams`.
 
     Raises:
         OutOfMassError: when the jets use up the vehicle's mass.
         SpunUpError: when the vehicle makes more than a turn in a sample.
     """
-    state, given = holder.value, params.value
-    rows, coming, desk = block.value.rows, block.value.coming, block.value.desk
+    return _flown(holder, block.value, reached, params.value)
+
+
+@kernel
+def _flown(holder: Any, block: FlightBlock, reached: NDArray[np.int_], given: FlightParams) -> int:
+    """`fly` with what is held."""
+    state = holder.value
+    rows, coming, desk = block.rows, block.coming, block.desk
     row = reached[ROW]
     if reached[PHASE] == PILOTING:
         reached[PHASE] = JUMPING
@@ -212,6 +227,31 @@ def fly(holder: Any, block: Any, reached: NDArray[np.int_], params: Any) -> int:
         state = _sensed(state, row, rows, coming, given)
         reached[PHASE] = PILOTING
     holder.value = state
+    return ON
+
+
+@kernel
+def onward(holder: Any, known: Any, block: Any, reached: NDArray[np.int_], params: Any) -> int:
+    """Goes on from sample to sample, a cycle of estimation and `fly` in turns, and says as `fly` why it stops.
+
+    Args:
+        holder: of `FlightState`.
+        known: holder of the state of estimation.
+        block: holder of the rows of both, a `FlightBlock` and a `whole.Block`, see `Together`.
+        reached: row, phase and number of the sample, and the row at whose readings to stop, shape (4,).
+        params: holder of `FlightParams` and `whole.WholeParams`.
+
+    Raises:
+        NotPositiveDefiniteError: when a covariance loses definiteness.
+        OutOfMassError, SpunUpError: as `fly`.
+    """
+    rows, given = block.value, params.value
+    while reached[ROW] < reached[UNTIL]:
+        if reached[PHASE] == PILOTING:
+            known.value = whole.cycled(known.value, rows.known, reached[ROW], given.known)
+        stop = _flown(holder, rows.flight, reached, given.flight)
+        if stop != ON:
+            return stop
     return ON
 
 

@@ -14,7 +14,7 @@ from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.maths.estimation import hindsight
 from massprop_drake.maths.estimation.filter import Instruments
 from massprop_drake.maths.estimation.filters.joint import chi_square_limit
-from massprop_drake.maths.estimation.hindsight import Fit, Model, ScoreTest, Stretch
+from massprop_drake.maths.estimation.hindsight import Fit, Model, Reckoned, ScoreTest, Stretch
 from massprop_drake.maths.estimation.joint.prediction import propellant_drift
 from massprop_drake.results.consistency import Diagnosis
 from massprop_drake.results.detections import JUMP, DetectionRecord
@@ -357,9 +357,16 @@ def _scaled(score: ScoreTest, fit: Fit, stated: float) -> float:
     return score.statistic / max(1.0, left / max(fit.normal.readings, 1.0))
 
 
-def _tested(kind: str, group: NDArray[np.int_], fit: Fit, made: Model, clear: float = np.inf) -> _Suspect:
+def _tested(
+    kind: str,
+    group: NDArray[np.int_],
+    fit: Fit,
+    made: Model,
+    clear: float = np.inf,
+    common: Reckoned | None = None,
+) -> _Suspect:
     stated = float(made.sigma[group].max())
-    score = hindsight.score(fit, group, made, stated, clear)
+    score = hindsight.score(fit, group, made, stated, clear, common)
     threshold = chi_square_limit(RATE, score.degrees) if score.degrees else np.inf
     alike = 1.0  # packages of a kind, side by side, may round alike: then they say no more than one
     if kind.startswith("gyro"):
@@ -370,13 +377,13 @@ def _tested(kind: str, group: NDArray[np.int_], fit: Fit, made: Model, clear: fl
 
 
 def _suspects(fit: Fit, made: Model) -> Iterator[_Suspect]:
-    places = hindsight.columns(made)
+    places, common = hindsight.columns(made), hindsight.reckoned_in(fit, made)
     for kind, group in _groups(made).items():
         if group.size and made.sigma[group].max() < _WIDE:
-            yield _tested(kind, group, fit, made, _CLEAR if kind == "thrust" else np.inf)
+            yield _tested(kind, group, fit, made, _CLEAR if kind == "thrust" else np.inf, common)
     for place in range(places.lag.start, places.lag.stop):
         if made.time_constants_s[made.kinds == place - places.lag.start].any() and made.sigma[place] < _WIDE:
-            yield _tested("lag", np.array([place]), fit, made)
+            yield _tested("lag", np.array([place]), fit, made, common=common)
 
 
 class _Cause(NamedTuple):
@@ -412,7 +419,8 @@ def _named(worst: _Suspect, fit: Fit, made: Model, names: Names) -> _Cause:
 def _of_many(worst: _Suspect, fit: Fit, made: Model, names: Names) -> _Cause:
     """Of jets or axes: the one that explains all of it, else all of them."""
     kind, group, size = worst.kind, worst.group, worst.score.size
-    each = [_tested(kind, np.array([place]), fit, made) for place in group.tolist()]
+    common = hindsight.reckoned_in(fit, made)
+    each = [_tested(kind, np.array([place]), fit, made, common=common) for place in group.tolist()]
     best = max(range(len(each)), key=lambda index: each[index].score.statistic)
     gain, alone = float(each[best].score.size[0]), each[best].score.statistic >= _SHARE * worst.score.statistic
     turned = alone and _REVERSED[0] < gain < _REVERSED[1]

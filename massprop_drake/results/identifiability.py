@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -63,11 +64,19 @@ def unobservable(vehicle: Vehicle, *, accelerometer: bool, known: NDArray[np.boo
     floor = vehicle.center_of_mass_floor or 1.0
     scale = mass_properties.initial_standard_deviation(parameters, vehicle.uncertainty, floor)
     parameters[mass_properties.CENTER_OF_MASS] += _OFFSET * floor
-    jacobian = observability.impulse_jacobian(vehicle.wrenches, parameters, accelerometer=accelerometer)
-    free = np.arange(10) if known is None else np.flatnonzero(~known)
-    found = observability.unobservable(jacobian[:, free], scale[free])
+    free = np.ones(10, dtype=np.bool_) if known is None else ~known
+    return _hidden(*(array.tobytes() for array in (vehicle.wrenches, parameters, scale, free)), accelerometer).copy()
+
+
+@lru_cache(maxsize=64)
+def _hidden(wrenches: bytes, parameters: bytes, scale: bytes, free: bytes, accelerometer: bool) -> Array:
+    """The combinations that are hidden, of arrays' content; the same in each run of a campaign."""
+    jets = np.frombuffer(wrenches).reshape(-1, 6)
+    jacobian = observability.impulse_jacobian(jets, np.frombuffer(parameters), accelerometer=accelerometer)
+    places = np.flatnonzero(np.frombuffer(free, dtype=np.bool_))
+    found = observability.unobservable(jacobian[:, places], np.frombuffer(scale)[places])
     whole = np.zeros((found.shape[0], 10))
-    whole[:, free] = found
+    whole[:, places] = found
     return whole
 
 

@@ -437,7 +437,9 @@ def looked_back_on(results: Summary, scenario: Scenario, signals: Spool) -> Summ
     """
     estimate, covariance = results.estimates, results.covariance
     back = looked_back(scenario, signals, estimate, results.detections)
-    verdict = _judged(signals, estimate, results.standard_deviations, results.truth, back.diagnoses)
+    verdict = results.consistency
+    if back.diagnoses:
+        verdict = _judged(signals, estimate, results.standard_deviations, results.truth, back.diagnoses)
     return replace(results, consistency=verdict, identifiability=identified(scenario, estimate, covariance, back.bound))
 
 

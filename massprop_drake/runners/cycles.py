@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from functools import cached_property
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -21,7 +22,7 @@ from massprop_drake.systems.layouts import DETECTOR_REPORT, MASS_REPORT, ROTATIO
 
 Array = NDArray[np.float64]
 
-_ESTIMATOR = "estimator"  # who has lost definiteness
+ESTIMATOR = "estimator"  # who has lost definiteness
 _NO_ROWS = np.empty((0, 0))
 
 
@@ -105,7 +106,7 @@ class Stepped:
         try:
             done = timed_cycle(self._state, sample, self._params, self.spent_s)
         except NotPositiveDefiniteError as error:
-            raise error.at(sample.time_s, _ESTIMATOR) from None
+            raise error.at(sample.time_s, ESTIMATOR) from None
         self._log.put(row, done, before)
         self._state, self._done = done.state, done
         if done.judgment is not None:
@@ -229,6 +230,10 @@ class Whole:
         made: parameters of the cycle.
         state: to begin with.
         compiled: whether the kernel is.
+
+    Attributes:
+        holder, given, block: of the state; the kernel's parameters and its rows: for a kernel that goes through the
+            cycles itself, see `went_on`.
     """
 
     def __init__(self, made: EstimationParams, state: EstimationState, *, compiled: bool):
@@ -236,14 +241,19 @@ class Whole:
         self.asked = whole.nothing_asked(state.level.size)
         self._params, self._compiled = made, compiled
         self._advance = chosen(whole.advance, compiled)
-        self._holder, self._held = held(state, compiled), held(whole.params_of(made), compiled)
+        self.given, self.holder = whole.params_of(made), held(state, compiled)
         self._next, self._reached = 0, np.zeros(2, dtype=np.int_)  # rows
         self._has_detector = made.detector is not None
         self._rows: Rows | None = None
+        self._shared: Any = None  # the rows
+
+    @cached_property
+    def _held(self) -> Any:
+        return held(self.given, self._compiled)
 
     def state(self) -> EstimationState:
         """What the next cycle begins with."""
-        state: EstimationState = released(self._holder)
+        state: EstimationState = released(self.holder)
         return state
 
     def begin(self, record: RecordRows, log: EstimationLog) -> None:
@@ -252,7 +262,8 @@ class Whole:
         self._rows = Rows(
             rows["impulses"], rows["rotation_report"], rows["mass_report"], rows.get("detector_report", _NO_ROWS)
         )
-        self._block = shared(whole.Block(samples, self._rows, self.asked), self._compiled)
+        self.block = whole.Block(samples, self._rows, self.asked)
+        self._shared = None
         self._times_s, self._next = samples.time_s, 0
 
     def advance(self, until: int) -> None:
@@ -260,12 +271,18 @@ class Whole:
         reached = self._reached
         reached[:] = self._next, until
         began = time.perf_counter()
+        if self._shared is None:
+            self._shared = shared(self.block, self._compiled)
         try:
-            self._advance(self._holder, self._block, reached, self._held)
+            self._advance(self.holder, self._shared, reached, self._held)
         except NotPositiveDefiniteError as error:
-            raise error.at(float(self._times_s[reached[0]]), _ESTIMATOR) from None
+            raise error.at(float(self._times_s[reached[0]]), ESTIMATOR) from None
         self._next = until
         self.spent_s["estimators"] += time.perf_counter() - began
+
+    def went_on(self, until: int) -> None:
+        """Takes note that a kernel has gone on to a row, which is not taken any more."""
+        self._next = until
 
     def restart(self) -> None:
         """Goes back to the first of the rows, whose samples may be others by now."""

@@ -17,17 +17,30 @@ from massprop_drake.maths.autopilot.phase_space import hand_controller_rows
 from massprop_drake.maths.estimation import cycle as estimation
 from massprop_drake.maths.estimation.filter import Groups
 from massprop_drake.maths.estimation.whole import Samples
-from massprop_drake.maths.flight import JUMP, PHASE, ROW, SAMPLE, SELECT, SENSING, Desk, FlightBlock, Rows
+from massprop_drake.maths.flight import (
+    JUMP,
+    PHASE,
+    ROW,
+    SAMPLE,
+    SELECT,
+    SENSING,
+    UNTIL,
+    Desk,
+    FlightBlock,
+    Rows,
+    Together,
+)
 from massprop_drake.maths.kernels import chosen, held, released, shared
+from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
 from massprop_drake.maths.mass_properties import converged
 from massprop_drake.maths.vehicle import cycle as vehicle_cycle
 from massprop_drake.maths.vehicle.rigid_body import QUATERNION, RATE, STRUCTURE, OutOfMassError, SpunUpError
-from massprop_drake.runners.cycles import RecordRows, cycles
+from massprop_drake.runners.cycles import ESTIMATOR, Cycles, RecordRows, Whole, cycles
 from massprop_drake.runners.logs import EstimationLog
 from massprop_drake.runners.moment import Moment
 from massprop_drake.runners.trackers import Trackers
-from massprop_drake.systems.autopilot.selector import Selector
-from massprop_drake.systems.layouts import RECONFIGURATION, REQUEST
+from massprop_drake.systems.autopilot.selector import Reconfiguration, SelectionState, Selector
+from massprop_drake.systems.layouts import REQUEST
 
 Array = NDArray[np.float64]
 
@@ -46,7 +59,6 @@ class _Selection:
     def __init__(self, scenario: Scenario, desk: Desk):
         self.selector = Selector(**params.selection(scenario))
         self._desk = desk
-        self._reconfiguration = RECONFIGURATION.sized(jets=len(scenario.vehicle_data.jets))
         self._adapts = scenario.autopilot.mass_properties == "estimated"
         self._limits = params.convergence_limits(scenario)
         desk.counts[:] = self.selector.initial.counts
@@ -54,15 +66,12 @@ class _Selection:
     def select(self, request: Array) -> None:
         """Finds the burst for a request, packed as `REQUEST`."""
         desk = self._desk
-        state = self.selector.initial._replace(
-            remaining=desk.remaining, counts=desk.counts, refused=desk.refused, out_of_use=desk.out_of_use.copy()
-        )
+        _, command, delivered, *_ = self.selector.initial  # which it does not ask for
+        state = SelectionState(desk.remaining, command, delivered, desk.counts, desk.refused, desk.out_of_use)
         properties = None
         if self._adapts and converged(desk.deviation, desk.estimate, self._limits):
             properties = desk.estimate.copy()
-        asked = self._reconfiguration.make(
-            declared=bool(desk.asked.declared[0]), known_wrench=desk.wrench.copy(), removed=desk.asked.removed
-        )
+        asked = Reconfiguration(bool(desk.asked.declared[0]), desk.wrench, desk.asked.removed)
         burst = self.selector.decide(state, REQUEST.read(request), properties, asked)
         desk.remaining[:], desk.counts[:], desk.refused[:], desk.out_of_use[:] = burst
 
@@ -91,17 +100,26 @@ class Loop:
         self._windows = params.windows(scenario)
         self._made = params.flight_params(scenario, self._true)
         self._fly = chosen(flight.fly, self._compiled)
-        self._given = held(self._made, self._compiled)
         start = vehicle_cycle.initial_state(self._true)
         self._holder = held(flight.initial_state(start), self._compiled)
-        self._reached = np.array([0, SENSING, 0])
+        self._reached = np.array([0, SENSING, 0, 0])
         self._params = params.estimation_params(scenario)
-        self._known = cycles(scenario, self._params)
+        self._known: Cycles = cycles(scenario, self._params)
         self._desk = flight.desk(len(vehicle.jets), self._known.asked)
         self._selection = None if scenario.jet_schedule else _Selection(scenario, self._desk)
         self._names, self._trackers = vehicle.sensor_names(), Trackers(scenario)
+        self._whole = self._covered()
+        if self._whole is None:
+            self._given = held(self._made, self._compiled)
+        else:
+            self._given = held(Together(self._made, self._whole.given), self._compiled)
         self._blocks: list[_Block] = []
         self._sample = self._filled = self._taken = 0  # the next one; rows of the blocks, and those taken from them
+
+    def _covered(self) -> Whole | None:
+        """The estimation, where one kernel has it and the flight: nothing is to be done between the two."""
+        apart = not self._compiled or self._made.pilot.adapts or self._trackers.size > 0
+        return None if apart or not isinstance(self._known, Whole) else self._known
 
     @property
     def logged(self) -> int:
@@ -121,6 +139,9 @@ class Loop:
         row = self._filled % _ROWS
         if row == 0:
             self._begin()
+        if self._whole is not None:
+            self._fill_at_once(self._whole, row, reached_s)
+            return
         rows, tracked, _, shared_rows = self._blocks[-1]
         fly, known, adapts, tracks = self._fly, self._known, self._made.pilot.adapts, self._trackers.size > 0
         while row < _ROWS and self._sample * self._period_s <= reached_s:
@@ -134,6 +155,22 @@ class Loop:
             row += 1
             self._filled += 1
             self._sample += 1
+
+    def _fill_at_once(self, known: Whole, row: int, reached_s: float) -> None:
+        """The same by the kernel that has vehicle, autopilot and estimation."""
+        onward, block, reached = chosen(flight.onward, self._compiled), self._blocks[-1], self._reached
+        first, times_s = self._sample, np.arange(self._sample, self._sample + _ROWS - row) * self._period_s
+        reached[UNTIL] = row + np.count_nonzero(times_s <= reached_s)
+        try:
+            while stop := onward(self._holder, known.holder, block.shared, reached, self._given):
+                self._sample = int(reached[SAMPLE])
+                self._attend(stop, block.rows.request[reached[ROW]])
+        except NotPositiveDefiniteError as error:
+            raise error.at(float(reached[SAMPLE] * self._period_s), ESTIMATOR) from None
+        finally:
+            self._sample = int(reached[SAMPLE])
+            self._filled += self._sample - first
+        known.went_on(int(reached[ROW]))
 
     def _attend(self, stop: int, request: Array) -> None:
         """Does what the kernel leaves to Python: selects jets for a request, or lets mass properties jump."""
@@ -157,12 +194,16 @@ class Loop:
             rows.hand_controllers[:] = hand_controller_rows(self._windows, times_s)
         ahead = vehicle_cycle.ahead(first, _ROWS, self._true)
         log, tracked = EstimationLog(self._scenario, self._params, _ROWS), np.empty((_ROWS, self._trackers.size))
-        self._blocks.append(_Block(rows, tracked, log, shared(FlightBlock(rows, ahead, self._desk), self._compiled)))
+        flown: Any = FlightBlock(rows, ahead, self._desk)
         samples = Samples(times_s, rows.rates, rows.velocities, rows.told, np.zeros((_ROWS, 6)))
         coming = None if self._schedule is None else rows.command
         self._known.begin(RecordRows(samples, coming=coming, tracked=tracked if tracked.size else None), log)
         self._reached[[ROW, PHASE, SAMPLE]] = 0, SENSING, first
-        self._fly(self._holder, self._blocks[-1].shared, self._reached, self._given)
+        if self._whole is not None:
+            flown = Together(flown, self._whole.block)
+        self._blocks.append(_Block(rows, tracked, log, shared(flown, self._compiled)))
+        if self._whole is None:
+            self._fly(self._holder, self._blocks[-1].shared, self._reached, self._given)
 
     def emptied(self) -> dict[str, Array]:
         """What has been logged, by port, and the times; the logs are empty then."""
@@ -206,7 +247,9 @@ class Loop:
 
     def cycle_times(self, cycles: int) -> dict[str, float | None]:
         """Mean time per cycle spent in each part, microseconds."""
-        mean = {name: 1e6 * spent / cycles for name, spent in self._known.spent_s.items()}
+        mean: dict[str, float | None] = {name: 1e6 * spent / cycles for name, spent in self._known.spent_s.items()}
+        if self._whole is not None:  # not apart from the vehicle
+            mean["estimators"] = None
         selection = None if self._selection is None else 1e6 * self._selection.selector.stopwatch.spent_s / cycles
         detector = mean.get("detector") if self._params.detector is not None else None
         return {"estimators": mean["estimators"], "detector": detector, "jet_selection": selection}

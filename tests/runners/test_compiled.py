@@ -21,6 +21,7 @@ from massprop_drake.diagrams import closed_loop
 from massprop_drake.inputs.params import thesis_params
 from massprop_drake.maths import kernels
 from massprop_drake.maths.autopilot.phase_space import Sensed
+from massprop_drake.maths.estimation import hindsight
 from massprop_drake.maths.linear_algebra import cross
 from massprop_drake.maths.vehicle.rigid_body import step
 
@@ -124,6 +125,42 @@ def test_machine_code_is_made_of_what_python_calls_alone() -> None:
     assert gc.isenabled()  # again
     made = {function: [one.library._waits for one in function.overloads.values()] for function in (inner, outer)}
     assert made == {inner: [True], outer: [False]}
+
+
+@pytest.mark.parametrize(("one", "other"), [((4, 3, 7), (4, 3, 7)), ((1, 3, 7), (4, 3, 7)), ((4, 3, 7), (1, 3, 7))])
+def test_cross_products_of_columns_are_the_same_compiled(one: Any, other: Any) -> None:
+    pytest.importorskip("numba")
+    random = np.random.default_rng(3)
+    left, right = random.normal(size=one), random.normal(size=other)
+    expected = hindsight.compute(compiled=False).crossed(left, right)
+    np.testing.assert_allclose(expected, np.cross(left, right, axis=1), rtol=1e-14)
+    compiled = hindsight.compute(compiled=True).crossed
+    np.testing.assert_array_equal(compiled(left, right), expected)
+    np.testing.assert_array_equal(
+        compiled(left[..., :-1], right[..., 1:]), np.cross(left[..., :-1], right[..., 1:], axis=1)
+    )
+
+
+def test_references_are_counted_as_they_come_and_go() -> None:
+    pytest.importorskip("numba")
+    runtime = pytest.importorskip("numba.core.runtime")
+    call = kernels.compiled(cross)
+    call(np.eye(3)[0], np.eye(3)[1])
+    (library,) = [one.library for one in call.overloads.values()]  # type: ignore[attr-defined]
+    assert library.__class__.__module__ == "massprop_drake.maths._linking"
+    runtime._nrt_python.memsys_enable_stats()
+    try:
+        before = runtime.rtsys.get_allocation_stats()
+        kept = [call(np.eye(3)[0], np.full(3, float(number))) for number in range(100)]
+        between = runtime.rtsys.get_allocation_stats()
+        np.testing.assert_array_equal(kept[7], np.cross(np.eye(3)[0], np.full(3, 7.0)))
+        del kept
+        after = runtime.rtsys.get_allocation_stats()
+    finally:
+        runtime._nrt_python.memsys_disable_stats()
+    assert between.mi_alloc - before.mi_alloc >= 100
+    assert (between.mi_alloc - before.mi_alloc) - (between.mi_free - before.mi_free) == 100
+    assert after.mi_alloc - before.mi_alloc == after.mi_free - before.mi_free
 
 
 FAILING = (  # so that a jet is suspected, declared and reckoned with

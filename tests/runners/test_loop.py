@@ -10,6 +10,7 @@ import pytest
 
 from massprop_drake import InputError, Run, load_scenario, simulate
 from massprop_drake.inputs.scenario import bundled_scenarios
+from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
 from massprop_drake.runners.loop import Loop
 
 NOT_COMPARED = {"timing", "provenance"}
@@ -66,6 +67,42 @@ def test_every_bundled_scenario_gives_the_diagrams_bits(name: str) -> None:
 @pytest.mark.parametrize("name", VARIANTS)
 def test_what_no_bundled_scenario_turns_on_gives_the_diagrams_bits(name: str) -> None:
     require_same(*both(*VARIANTS[name]))
+
+
+AT_ONCE = {
+    "stuck": ("stuck_on_29", "duration_s=14"),
+    "jump": VARIANTS["jump"],
+    "scheduled": ("jet_pulses", "duration_s=4"),
+}
+
+
+@pytest.mark.parametrize("name", AT_ONCE)
+def test_the_kernel_with_vehicle_autopilot_and_estimation_gives_their_bits(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    case = load_scenario(AT_ONCE[name][0], [*AT_ONCE[name][1:], "execution.engine=loop"])
+    apart = simulate(case)
+    monkeypatch.setattr(Loop, "_covered", lambda loop: loop._known)  # else of compiled runs alone
+    together = simulate(case, watch=lambda moment: None)  # sample by sample
+    require_same(apart, together)
+    assert apart.summary["timing"]["cycle_us"]["estimators"] > 0.0
+    assert together.summary["timing"]["cycle_us"]["estimators"] is None
+
+
+@pytest.mark.filterwarnings("ignore:invalid value encountered in sqrt")
+def test_what_cannot_go_on_is_said_with_its_time_by_that_kernel(monkeypatch: pytest.MonkeyPatch) -> None:
+    case = load_scenario("sample_maneuver", ["duration_s=4", "execution.engine=loop"])
+    monkeypatch.setattr(Loop, "_covered", lambda loop: loop._known)
+    loop = Loop(case)
+    loop.advance(1.0)
+    state = loop._whole.holder.value  # type: ignore[union-attr]
+    lost = state.filter.rotation._replace(covariance=-np.eye(9))
+    loop._whole.holder.value = state._replace(filter=state.filter._replace(rotation=lost))  # type: ignore[union-attr]
+    with pytest.raises(NotPositiveDefiniteError, match=r"^estimator: .* at t = ([0-9.]+) s") as failed:
+        loop.advance(4.0)
+    assert failed.value.time_s > 1.0
+    assert loop.logged == round(failed.value.time_s / 0.08)  # none of that sample
+    assert loop.moment().time_s == pytest.approx(failed.value.time_s - 0.08)
 
 
 def test_the_saved_state_is_the_same(tmp_path: Path) -> None:

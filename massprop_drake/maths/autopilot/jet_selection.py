@@ -38,7 +38,13 @@ def forces_of(wrenches: Array) -> Array:
     return np.ascontiguousarray(wrenches[:, 3:].T)
 
 
-def burst_cycles(on_times_s: Array, period_s: float, minimum_s: Array) -> Array:
+def least_cycles(minimum_s: Array, period_s: float) -> Array:
+    """Least on-times, s, as whole cycles, shape (n_jets,)."""
+    cycles: Array = np.ceil(minimum_s / period_s - 1e-9)
+    return cycles
+
+
+def burst_cycles(on_times_s: Array, period_s: float, least: Array) -> Array:
     """On-times as whole cycles, the nearest, shape (n_jets,).
 
     An on-time of at least half a cycle but below the jet's minimum is raised to it.
@@ -46,10 +52,9 @@ def burst_cycles(on_times_s: Array, period_s: float, minimum_s: Array) -> Array:
     Args:
         on_times_s: zero or positive, s, shape (n_jets,).
         period_s: control period, s.
-        minimum_s: least on-time of each jet, s, shape (n_jets,).
+        least: see `least_cycles`, shape (n_jets,).
     """
     cycles = np.floor(on_times_s / period_s + 0.5)
-    least = np.ceil(minimum_s / period_s - 1e-9)
     return np.where(cycles > 0.0, np.maximum(cycles, least), 0.0)
 
 

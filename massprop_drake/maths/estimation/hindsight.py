@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 
 from massprop_drake.maths.estimation.joint.impulses import fire
 from massprop_drake.maths.estimation.joint.prediction import PARABOLA
-from massprop_drake.maths.kernels import chosen, kernel, listed
+from massprop_drake.maths.kernels import chosen, idiom, kernel, listed
 from massprop_drake.maths.linear_algebra import Array, crosses, is_positive_definite
 from massprop_drake.maths.mass_properties import ELEMENT
 
@@ -91,16 +91,49 @@ def lagging(level: Array, slope: Array, remaining: Array, by_logarithm: Array) -
         slope[k + 1] = slope[k] * remaining + off * by_logarithm
 
 
+def _crossed(left, right):  # type: ignore[no-untyped-def] # compiled alone
+    count = max(left.shape[0], right.shape[0])
+    result = np.empty((count, 3, left.shape[2]))
+    for index in range(count):
+        one, other = min(index, left.shape[0] - 1), min(index, right.shape[0] - 1)
+        for row in range(left.shape[2]):
+            a, b, c = left[one, 0, row], left[one, 1, row], left[one, 2, row]
+            x, y, z = right[other, 0, row], right[other, 1, row], right[other, 2, row]
+            result[index, 0, row] = b * z - c * y
+            result[index, 1, row] = c * x - a * z
+            result[index, 2, row] = a * y - b * x
+    return result
+
+
+@idiom(_crossed)
+def crossed(left: Array, right: Array) -> Array:
+    """The cross products of vectors in columns, shape (..., 3, m); in compiled code (e, 3, m), or (1, 3, m)."""
+    a, b, c = left[..., 0, :], left[..., 1, :], left[..., 2, :]
+    x, y, z = right[..., 0, :], right[..., 1, :], right[..., 2, :]
+    first = b * z - c * y
+    result = np.empty((*first.shape[:-1], 3, first.shape[-1]))
+    result[..., 0, :], result[..., 1, :], result[..., 2, :] = first, c * x - a * z, a * y - b * x
+    return result
+
+
+@kernel
+def _cross_products(left: Array, right: Array) -> Array:
+    return crossed(left, right)
+
+
 class Compute(NamedTuple):
     """The functions that go through a record row by row, or their compiled forms."""
 
     used: Callable[[Array, Array, float], NDArray[np.int_]] = used
     lagging: Callable[[Array, Array, Array, Array], None] = lagging
+    crossed: Callable[[Array, Array], Array] = crossed
 
 
 def compute(*, compiled: bool) -> Compute:
     """These functions."""
-    return Compute(chosen(used, compiled), chosen(lagging, compiled))
+    if not compiled:
+        return Compute()
+    return Compute(chosen(used, compiled), chosen(lagging, compiled), chosen(_cross_products, compiled))
 
 
 class Columns(NamedTuple):
@@ -326,28 +359,19 @@ class _Turned(NamedTuple):
     bow: Array  # mean that coupling itself gives, over the length
 
 
-def _turned(inverse: Array, rate: Array) -> _Turned:
+def _turned(inverse: Array, rate: Array, compute: Compute) -> _Turned:
     """Of inverse inertias, shape (e, 3, 3), and rates, shape (e, 3, m); either may be one for all."""
     momentum = np.linalg.inv(inverse).transpose(0, 2, 1) @ rate
     start, end, at_start, at_end = rate[..., :-1], rate[..., 1:], momentum[..., :-1], momentum[..., 1:]
+    cross = compute.crossed
     return _Turned(
-        change=(_cross(start, 2.0 * at_start + at_end) + _cross(end, at_start + 2.0 * at_end)) / 6.0,
+        change=(cross(start, 2.0 * at_start + at_end) + cross(end, at_start + 2.0 * at_end)) / 6.0,
         rate=0.5 * (start + end),
         momentum=0.5 * (at_start + at_end),
         rate_change=end - start,
         momentum_change=at_end - at_start,
-        bow=np.diff(_cross(rate, momentum)) / 12.0,
+        bow=np.diff(cross(rate, momentum)) / 12.0,
     )
-
-
-def _cross(left: Array, right: Array) -> Array:
-    """The cross products of vectors in columns, shape (..., 3, m)."""
-    a, b, c = left[..., 0, :], left[..., 1, :], left[..., 2, :]
-    x, y, z = right[..., 0, :], right[..., 1, :], right[..., 2, :]
-    first = b * z - c * y
-    result = np.empty((*first.shape[:-1], 3, first.shape[-1]))
-    result[..., 0, :], result[..., 1, :], result[..., 2, :] = first, c * x - a * z, a * y - b * x
-    return result
 
 
 class _Sums(NamedTuple):
@@ -373,7 +397,7 @@ def _moments(centers: Array, sums: _Sums) -> _Moments:
     """About centers of mass, shape (e, 3)."""
 
     def about(wrenches: Array) -> Array:
-        moment: Array = wrenches[..., :3, :] + _cross(wrenches[..., 3:, :], centers[..., None])
+        moment: Array = wrenches[..., :3, :] + crossed(wrenches[..., 3:, :], centers[..., None])
         return moment
 
     late = None if sums.late is None else about(sums.late)
@@ -386,12 +410,13 @@ def _bows(moments: _Moments, turned: _Turned, durations_s: Array) -> tuple[Array
     return moments.bows[0] + own, moments.bows[1], moments.bows[2] + PARABOLA * own
 
 
-def _gathered(inverse: Array, moments: _Moments, turned: _Turned, durations_s: Array) -> Array:
+def _gathered(inverse: Array, moments: _Moments, turned: _Turned, durations_s: Array, compute: Compute) -> Array:
     """The rate that has been gained since the beginning, shape (e, 3, m), by inverse inertias of shape (e, 3, 3)."""
     bows = _bows(moments, turned, durations_s)
     bowed = [inverse @ bow for bow in bows]
-    bent = _cross(turned.rate, bows[0]) + _cross(bowed[0], turned.momentum) + _cross(bowed[2], bows[2])
-    bent += _cross(turned.rate_change, bows[1]) + _cross(bowed[1], turned.momentum_change)
+    cross = compute.crossed
+    bent = cross(turned.rate, bows[0]) + cross(bowed[0], turned.momentum) + cross(bowed[2], bows[2])
+    bent += cross(turned.rate_change, bows[1]) + cross(bowed[1], turned.momentum_change)
     added = inverse @ moments.angular + -durations_s * (inverse @ (turned.change + bent))
     gained = np.zeros((*added.shape[:2], durations_s.size + 1))
     np.cumsum(added, axis=-1, out=gained[..., 1:])
@@ -449,8 +474,8 @@ def _expected(stretch: Stretch, at: Array, course: _Course, model: Model) -> _Ex
     if late is not None:
         velocity += late[3:] / mass
     inverse, moments = at[:6][ELEMENT][None], _moments(at[None, _CENTER], sums)
-    turned = _turned(inverse, (sums.rate - at[places.gyro_bias, None])[None])
-    gained = _gathered(inverse, moments, turned, sums.durations_s)
+    turned = _turned(inverse, (sums.rate - at[places.gyro_bias, None])[None], model.compute)
+    gained = _gathered(inverse, moments, turned, sums.durations_s, model.compute)
     return _Expected(course, sums, lightness, moments, turned, gained[0], velocity)
 
 
@@ -536,7 +561,7 @@ def _by_ticks(expected: _Expected, at: Array, model: Model) -> Array:
         return np.zeros((2, 0, *expected.rate.shape))
     given = _since(_wrenches(at, course, model) @ course.amount.T / course.durations_s)
     wrenches = np.array([acting, _counts(acting.shape[1]) * acting - given])
-    moments = wrenches[:, :3] + _cross(wrenches[:, 3:], at[None, _CENTER, None])
+    moments = wrenches[:, :3] + crossed(wrenches[:, 3:], at[None, _CENTER, None])
     lightness = np.append(expected.lightness, expected.lightness[-1])
     return np.array([at[:6][ELEMENT] @ moments, wrenches[:, 3:] * lightness])
 
@@ -607,12 +632,12 @@ def _moved(expected: _Expected, at: Array, model: Model, *, biased: bool) -> Arr
     inverse, count = at[:6][ELEMENT], 9 if biased else 6
     others = np.tile(inverse, (count, 1, 1))
     others[:6] = (at[:6] + np.diag(steps[:6]))[:, ELEMENT]
-    biases = np.tile(at[bias], (count, 1))
+    biases = np.tile(at[bias], (count if biased else 1, 1))  # one for all where none is asked for
     biases[6:] += _SMALL_RATE * np.eye(3)[: count - 6]
-    turned = _turned(others, sums.rate - biases[:, :, None])
-    rates = _gathered(others, expected.moments, turned, sums.durations_s) - expected.rate
+    turned = _turned(others, sums.rate - biases[:, :, None], model.compute)
+    rates = _gathered(others, expected.moments, turned, sums.durations_s, model.compute) - expected.rate
     moments = _moments(at[_CENTER] + np.diag(steps[6:]), sums)
-    shifted = _gathered(inverse[None], moments, expected.turned, sums.durations_s) - expected.rate
+    shifted = _gathered(inverse[None], moments, expected.turned, sums.durations_s, model.compute) - expected.rate
     widths = np.concatenate((steps, np.full(count - 6, _SMALL_RATE)))
     derivatives: Array = np.concatenate((rates[:6], shifted, rates[6:])) / widths[:, None, None]
     return derivatives
@@ -635,7 +660,7 @@ def _components(
     off = np.mean(sums.rate - expected.rate, axis=1, keepdims=True)
     whole = expected.rate + off - at[places.gyro_bias, None]
     inverse = at[:6][ELEMENT]
-    bows = _bows(expected.moments, _turned(inverse[None], whole[None]), sums.durations_s)
+    bows = _bows(expected.moments, _turned(inverse[None], whole[None], model.compute), sums.durations_s)
     turn = _turning(whole, [inverse @ bow[0] for bow in bows], sums.durations_s)
     ramp = stretch.time_s - stretch.time_s[0]
     for package in range(stretch.readings.shape[1]):
@@ -705,8 +730,9 @@ def _normal(
     parts: list[_Component] = []
     for package, rows, difference, derivatives in _components(stretch, expected, design, at, model):
         scale = 1.0 / np.sqrt(model.variances[package])
-        x = (derivatives - derivatives.sum(axis=1, keepdims=True) / rows.shape[0]) * scale
-        left = (difference - difference.mean()) * scale
+        x, left = derivatives, (difference - difference.mean()) * scale
+        x -= x.sum(axis=1, keepdims=True) / rows.shape[0]
+        x *= scale
         information += x @ x.T
         vector += x @ left
         parts.append(_Component(package, rows, left, x[kept.shape[0] :]))
@@ -798,7 +824,52 @@ def possible(at: Array) -> bool:
     return is_positive_definite(at[:6][ELEMENT]) and bool(at[_MASS] > 0.0)
 
 
-def score(fit: Fit, group: NDArray[np.int_], model: Model, stated: float = 0.0, clear: float = np.inf) -> ScoreTest:
+class Reckoned(NamedTuple):
+    """What is reckoned with in tests of other unknowns, which all have it in common.
+
+    Attributes:
+        free: places of what is reckoned with, shape (f,).
+        sigma: their 1-sigma, shape (f,).
+        score: h with what is known before the flight taken for the origin, shape (n,).
+        solved: (A + 1)^-1 of these, in units of their 1-sigma, times their information with every unknown, and their
+            score, shape (f, n + 1).
+    """
+
+    free: NDArray[np.int_]
+    sigma: Array
+    score: Array
+    solved: Array
+
+
+def reckoned_in(fit: Fit, model: Model, besides: NDArray[np.int_] | slice = slice(0)) -> Reckoned:
+    """What is reckoned with, but for some unknowns that are put to the test.
+
+    Args:
+        fit: see `Fit`.
+        model: see `Model`.
+        besides: places of those unknowns.
+    """
+    total, others = fit.normal, model.sigma > 0.0
+    others[besides] = False
+    free = np.flatnonzero(others)
+    sigma = model.sigma[free]
+    off = np.zeros_like(fit.at)
+    off[free] = fit.at[free] - model.prior[free]
+    off[besides] = fit.at[besides]
+    vector = total.score + total.information @ off
+    inner = total.information[np.ix_(free, free)] * np.outer(sigma, sigma) + np.eye(free.shape[0])
+    right = np.column_stack((total.information[free], vector[free])) * sigma[:, None]
+    return Reckoned(free, sigma, vector, np.asarray(np.linalg.solve(inner, right), dtype=np.float64))
+
+
+def score(
+    fit: Fit,
+    group: NDArray[np.int_],
+    model: Model,
+    stated: float = 0.0,
+    clear: float = np.inf,
+    common: Reckoned | None = None,
+) -> ScoreTest:
     """Tests whether some unknowns are what is stated.
 
     Args:
@@ -807,21 +878,14 @@ def score(fit: Fit, group: NDArray[np.int_], model: Model, stated: float = 0.0, 
         model: see `Model`; where they are reckoned with, they are no longer.
         stated: their 1-sigma; zero: that they are zero.
         clear: largest 1-sigma of a combination of them that is tested.
+        common: what is reckoned with at all, which it is that serves where they are not.
     """
     total = fit.normal
-    others = model.sigma > 0.0
-    others[group] = False
-    free = np.flatnonzero(others)
-    sigma = model.sigma[free]
-    both = np.concatenate((free, group))
-    origin = np.zeros_like(fit.at)
-    origin[free] = model.prior[free]
-    vector = (total.score + total.information[:, both] @ (fit.at - origin)[both]) if both.size else total.score
-    inner = total.information[np.ix_(free, free)] * np.outer(sigma, sigma) + np.eye(free.shape[0])
-    cross = total.information[np.ix_(group, free)] * sigma
-    solved = np.linalg.solve(inner, np.column_stack((cross.T, vector[free] * sigma)))
-    information = total.information[np.ix_(group, group)] - cross @ solved[:, :-1]
-    of_group = vector[group] - cross @ solved[:, -1]
+    if common is None or (model.sigma[group] > 0.0).any():
+        common = reckoned_in(fit, model, group)
+    cross = total.information[np.ix_(group, common.free)] * common.sigma
+    information = total.information[np.ix_(group, group)] - cross @ common.solved[:, group]
+    of_group = common.score[group] - cross @ common.solved[:, -1]
     if not (np.isfinite(information).all() and np.isfinite(of_group).all()):
         return ScoreTest(0.0, 0, np.zeros(group.shape[0]), total.misfit)
     values, vectors = np.linalg.eigh(0.5 * (information + information.T))

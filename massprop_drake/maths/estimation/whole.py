@@ -154,6 +154,18 @@ def advance(holder: Any, rows: Any, reached: NDArray[np.int_], params: Any) -> N
 
 
 @kernel
+def cycled(state: EstimationState, block: Block, row: int, params: WholeParams) -> EstimationState:
+    """A single cycle, and what is asked after it; the row that is made.
+
+    Raises:
+        NotPositiveDefiniteError: when a covariance loses definiteness.
+    """
+    after = one(state, block.samples, row, (block.rows, row), params)
+    _ask(block.asked, after.detector, block.rows.detector_report, row)
+    return after
+
+
+@kernel
 def one(
     state: EstimationState, samples: Samples, index: int, logged: tuple[Rows, int], params: WholeParams
 ) -> EstimationState:

@@ -22,7 +22,8 @@ from __future__ import annotations
 
 import math
 from enum import IntEnum
-from typing import NamedTuple
+from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,6 +60,14 @@ class Selection(NamedTuple):
     reached: Array
 
 
+class _Program(NamedTuple):
+    """A program, and its constraints whose numbers change."""
+
+    program: MathematicalProgram
+    rows: Any
+    box: Any
+
+
 class JetSelectionProgram:
     """Chooses on-times of least propellant for a six-dimensional rate-change request.
 
@@ -84,20 +93,28 @@ class JetSelectionProgram:
         self._exact_box = self._exact.AddBoundingBoxConstraint(np.zeros(n), np.full(n, np.inf), t).evaluator()
         self._exact.AddLinearCost(self._cost / self._cost.max(), 0.0, t)
 
-        # on-times and the share s
-        self._share = MathematicalProgram()
-        ts = self._share.NewContinuousVariables(n + 1, "t")
-        self._share_rows = self._share.AddLinearEqualityConstraint(np.ones((6, n + 1)), np.zeros(6), ts).evaluator()
-        self._share_box = self._share.AddBoundingBoxConstraint(np.zeros(n + 1), np.ones(n + 1), ts).evaluator()
-        self._share.AddLinearCost(-np.eye(n + 1)[n], 0.0, ts)
+    @cached_property
+    def _share(self) -> _Program:
+        """On-times and the share s, for a request that cannot be met."""
+        n = self._n
+        program = MathematicalProgram()
+        t = program.NewContinuousVariables(n + 1, "t")
+        rows = program.AddLinearEqualityConstraint(np.ones((6, n + 1)), np.zeros(6), t).evaluator()
+        box = program.AddBoundingBoxConstraint(np.zeros(n + 1), np.ones(n + 1), t).evaluator()
+        program.AddLinearCost(-np.eye(n + 1)[n], 0.0, t)
+        return _Program(program, rows, box)
 
-        # on-times, shortfall and excess of each row
-        self._near = MathematicalProgram()
-        tn = self._near.NewContinuousVariables(n + 12, "t")
-        self._near_rows = self._near.AddLinearEqualityConstraint(np.ones((6, n + 12)), np.zeros(6), tn).evaluator()
-        self._near_box = self._near.AddBoundingBoxConstraint(np.zeros(n + 12), np.full(n + 12, np.inf), tn).evaluator()
+    @cached_property
+    def _near(self) -> _Program:
+        """On-times, shortfall and excess of each row, where even the rate change cannot be met."""
+        n = self._n
+        program = MathematicalProgram()
+        t = program.NewContinuousVariables(n + 12, "t")
+        rows = program.AddLinearEqualityConstraint(np.ones((6, n + 12)), np.zeros(6), t).evaluator()
+        box = program.AddBoundingBoxConstraint(np.zeros(n + 12), np.full(n + 12, np.inf), t).evaluator()
         weights = np.array([_ROTATION_WEIGHT] * 3 + [1.0] * 3)
-        self._near.AddLinearCost(np.concatenate([np.zeros(n), weights, weights]), 0.0, tn)
+        program.AddLinearCost(np.concatenate([np.zeros(n), weights, weights]), 0.0, t)
+        return _Program(program, rows, box)
 
     def solve(self, activity: Array, request: Array, limits_s: Array) -> Selection:
         """On-times for a request.
@@ -149,11 +166,11 @@ class JetSelectionProgram:
         rows, (target, scale) = activity[held] / size[:, None], _target(far[held], size)
         column = np.where(target != 0.0, -target, 0.0)
         missing = 6 - len(held)
-        self._share_rows.UpdateCoefficients(
+        self._share.rows.UpdateCoefficients(
             np.vstack([np.column_stack([rows, column]), np.zeros((missing, self._n + 1))]), np.zeros(6)
         )
-        self._share_box.set_bounds(np.zeros(self._n + 1), np.append(limits_s / scale, 1.0))
-        result = self._solve(self._share)
+        self._share.box.set_bounds(np.zeros(self._n + 1), np.append(limits_s / scale, 1.0))
+        result = self._solve(self._share.program)
         share = 0.0 if result is None else float(result.get_x_val()[-1])
         return max(share, 0.0) * abs(float(far[row]))
 
@@ -185,7 +202,7 @@ class JetSelectionProgram:
         self._keep(activity)
         if not all(map(math.isfinite, request.tolist())):
             raise ValueError(f"a request must be finite, got {request}")
-        if not limits_s.min() >= 0.0:  # NaN fails too
+        if not np.minimum.reduce(limits_s) >= 0.0:  # NaN fails too
             raise ValueError(f"limits_s must be zero or positive, got {limits_s}")
 
     def _least_propellant(self, request: Array, limits_s: Array) -> Array | None:
@@ -207,11 +224,11 @@ class JetSelectionProgram:
         """The largest part [dw; s dv] of a request, and on-times that give it; None without dw."""
         rows, target, scale = self._scaled(request)
         column = np.concatenate([np.zeros(3), -target[VELOCITY]])
-        self._share_rows.UpdateCoefficients(
+        self._share.rows.UpdateCoefficients(
             np.column_stack([rows, column]), np.concatenate([target[RATE], np.zeros(3)])
         )
-        self._share_box.set_bounds(np.zeros(self._n + 1), np.append(limits_s / scale, 1.0))
-        result = self._solve(self._share)
+        self._share.box.set_bounds(np.zeros(self._n + 1), np.append(limits_s / scale, 1.0))
+        result = self._solve(self._share.program)
         if result is None:
             return None
         solution = result.get_x_val()
@@ -222,10 +239,10 @@ class JetSelectionProgram:
     def _closest(self, activity: Array, request: Array, limits_s: Array) -> tuple[Array, Array]:
         """The closest request that can be reached, and on-times that give it."""
         rows, target, scale = self._scaled(request)
-        self._near_rows.UpdateCoefficients(np.hstack([rows, np.eye(6), -np.eye(6)]), target)
+        self._near.rows.UpdateCoefficients(np.hstack([rows, np.eye(6), -np.eye(6)]), target)
         limits = np.concatenate([limits_s / scale, np.full(12, np.inf)])
-        self._near_box.set_bounds(np.zeros(self._n + 12), limits)
-        result = self._solve(self._near)
+        self._near.box.set_bounds(np.zeros(self._n + 12), limits)
+        result = self._solve(self._near.program)
         if result is None:
             raise ArithmeticError(f"jet selection: the solver finds no on-times close to the request {request}")
         on_times = _within(result.get_x_val()[: self._n] * scale, limits_s)

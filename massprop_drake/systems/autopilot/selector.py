@@ -12,6 +12,7 @@ from massprop_drake.maths.autopilot.jet_selection import (
     activity_vectors,
     burst_cycles,
     least_change,
+    least_cycles,
     must_select,
 )
 from massprop_drake.maths.linear_algebra import nonzero
@@ -65,6 +66,20 @@ class SelectionState(NamedTuple):
     out_of_use: Array
 
 
+class Reconfiguration(NamedTuple):
+    """What the detector has jet selection do, as `layouts.RECONFIGURATION` has it.
+
+    Attributes:
+        declared: whether a failure was declared in this cycle.
+        known_wrench: torque about the vehicle origin and force of failed jets, shape (6,).
+        removed: 1 for each jet to be taken out of use, shape (n_jets,).
+    """
+
+    declared: bool
+    known_wrench: Array
+    removed: Array
+
+
 class Selector:
     """Decides which jets fire; remembers no more itself than what it has reckoned last.
 
@@ -93,11 +108,12 @@ class Selector:
     ):
         self.stopwatch = Stopwatch()
         self._wrenches = wrenches
-        self._minimum = minimum_on_times_s
+        self._least = least_cycles(minimum_on_times_s, period_s)
         self._selectable = selectable
         self._nominal = mass_properties
         self._nominal_activity = activity_vectors(wrenches, mass_properties)
         self._undone, self._by_nominal = np.zeros(6), np.zeros(6)  # the last wrench, and its effect
+        self._limited, self._limits = (b"", 0.0), np.zeros(0)  # the last limits, and of which jets and time
         self._program = JetSelectionProgram(mass_flows)
         self._period_s = period_s
         off = np.zeros(selectable.size)
@@ -111,7 +127,7 @@ class Selector:
             state: before the sample.
             request: see `maths.autopilot.phase_space.Request`.
             properties: mass properties to reckon with, the ten parameters, shape (10,); None: the nominal ones.
-            asked_for: fields of `layouts.RECONFIGURATION`; None: there is no detector.
+            asked_for: see `Reconfiguration`; None: there is no detector.
         """
         wrench, declared = None, False
         if asked_for is not None:
@@ -126,9 +142,8 @@ class Selector:
         if declared:
             out_of_use = self._reduced(properties, out_of_use, asked_for.removed)
         if not declared or must_select(remaining, request, refused, wrench is not None, False):
-            available = self._selectable & (out_of_use <= 0.0)
-            wanted, selection = self._selected(properties, request, wrench, available)
-            remaining = burst_cycles(selection.on_times_s, self._period_s, self._minimum)
+            wanted, selection = self._selected(properties, request, wrench, out_of_use)
+            remaining = burst_cycles(selection.on_times_s, self._period_s, self._least)
             refused = _NOT_REFUSED
             if not nonzero(remaining):
                 least = least_change(wanted, selection.on_times_s, self._period_s)
@@ -145,7 +160,7 @@ class Selector:
         return self._nominal_activity if properties is None else activity_vectors(self._wrenches, properties)
 
     def _selected(
-        self, properties: Array | None, request: Any, wrench: Array | None, available: NDArray[np.bool_]
+        self, properties: Array | None, request: Any, wrench: Array | None, out_of_use: Array
     ) -> tuple[Array, Selection]:
         """The change of rate and velocity asked for, and the answer.
 
@@ -155,7 +170,7 @@ class Selector:
         activity = self._activity(properties)
 
         def solved(wanted: Array, longest_s: float) -> Selection:
-            limits = np.where(available, longest_s, 0.0)
+            limits = self._longest(out_of_use, longest_s)
             return self.stopwatch.measure(self._program.solve, activity, wanted, limits)
 
         asked = np.concatenate([request.rate_change, request.velocity_change])
@@ -173,6 +188,14 @@ class Selector:
             if selection.outcome == Outcome.EXACT or duration >= _LONGEST_BURST_S:
                 return wanted, selection
             duration *= 2.0
+
+    def _longest(self, out_of_use: Array, longest_s: float) -> Array:
+        """Longest on-times, zero of jets that may not be selected, s, shape (n_jets,)."""
+        limited = out_of_use.tobytes(), longest_s
+        if limited != self._limited:
+            available = self._selectable & (out_of_use <= 0.0)
+            self._limited, self._limits = limited, np.where(available, longest_s, 0.0)
+        return self._limits
 
     def _effect(self, properties: Array | None, wrench: Array) -> Array:
         """Rates of change of rate and velocity by a wrench about the vehicle origin, shape (6,)."""
@@ -197,7 +220,7 @@ class Selector:
 
     def _reaches(self, activity: Array, out_of_use: Array) -> list[float]:
         """Largest rate change per second of firing about each axis, both ways, without some jets."""
-        limits = np.where(self._selectable & (out_of_use <= 0.0), 1.0, 0.0)
+        limits = self._longest(out_of_use, 1.0)
         return [self._program.reach(activity, row, sign, limits) for row in range(3) for sign in (1.0, -1.0)]
 
 
