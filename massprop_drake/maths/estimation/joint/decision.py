@@ -373,12 +373,18 @@ def explaining(standing: list[Standing], rules: Rules) -> tuple[Standing, ...]:
 def _left_behind(race: Race, standing: list[Standing], rules: Rules) -> Decision | None:
     """What becomes of those that led, where for half a second nothing has explained what came since.
 
-    What begins slowly shakes none of them, and is in all of them before it shows.
+    What begins slowly shakes none of them, and is in all of them before it shows. Who nearly fits is not named, but
+    says that they were wrong rather than that something is new.
     """
-    if race.leading or not race.led or any(each.run is not None and each.run.fits for each in standing):
+    if race.leading or not race.led or any(each.run is not None and _nearly_fits(each.run) for each in standing):
         return None
     ago = max(race.screen.cycle - each.run.cycle for each in race.led if each.run is not None)
     return _named(list(race.led), race, rules) if ago >= _HALF_A_SECOND else None
+
+
+def _nearly_fits(run: Runner) -> bool:
+    """Whether a filter explains the readings but for what one of many filters of the truth may be off by chance."""
+    return run.score.misfit < FIT and run.score.excess - run.entry.excess < 2.0 * EXCESS
 
 
 def _named(led: list[Standing], race: Race, rules: Rules) -> Decision | None:
