@@ -218,11 +218,14 @@ def test_what_is_agreed_on_is_said_while_another_group_is_followed() -> None:
 
 
 def test_who_needs_more_failures_than_another_explains_all_by_is_lost() -> None:
-    """Where that one has explained all for two seconds."""
+    """Where that one has explained all for two seconds, and not by a jump."""
+    jump = JumpDeclared(False, 0.0, 1.0, 0.1, np.zeros(3), np.ones(3))
     joint = opened(member(0).joint, Cause(Kind.JETS, (2,), (1,), (1,)), PARAMS)
     greedy = member(0, settled=0)._replace(joint=joint, raced=60)
     for settled, expected in ((25, True), (24, False)):
         assert (judged(greedy, member(1, settled=settled)).judged.replacement is not None) == expected
+    jumped = member(1, settled=25)._replace(waiting=(jump,))
+    assert judged(greedy, jumped).judged.replacement is None
 
 
 def undecided(settled: int) -> Member:

@@ -269,12 +269,13 @@ def _ahead(one: Member, other: Member) -> float:
 
 def _needs_more(member: Member, each: tuple[Member, ...]) -> bool:
     """Whether it has just explained by something more what another explains as it is, without any alarm, or has
-    explained for two seconds with fewer failures.
+    explained for two seconds with fewer failures and no jump, which would explain anything.
     """
     if member.raced == 0:
         return False
     failures = len(_known(member))
     as_well = [other for other in each if other.settled >= _LOST and len(_known(other)) < failures]
+    as_well = [other for other in as_well if not any(isinstance(one, JumpDeclared) for one in other.waiting)]
     return bool(as_well) or any(other.settled > member.raced for other in each)
 
 
