@@ -68,6 +68,21 @@ class _Program(NamedTuple):
     box: Any
 
 
+def _made(most: Array, cost: Array) -> _Program:
+    """A program of least cost with six rows, and variables from zero on.
+
+    Args:
+        most: of each variable, shape (n,).
+        cost: of each, shape (n,).
+    """
+    n, program = most.size, MathematicalProgram()
+    t = program.NewContinuousVariables(n, "t")
+    rows = program.AddLinearEqualityConstraint(np.ones((6, n)), np.zeros(6), t).evaluator()
+    box = program.AddBoundingBoxConstraint(np.zeros(n), most, t).evaluator()
+    program.AddLinearCost(cost, 0.0, t)
+    return _Program(program, rows, box)
+
+
 class JetSelectionProgram:
     """Chooses on-times of least propellant for a six-dimensional rate-change request.
 
@@ -87,34 +102,19 @@ class JetSelectionProgram:
         self._exact_has: Array | None = None  # the scaled rows that the first program holds
         self.solves = 0  # programs solved so far, for statistics
 
-        self._exact = MathematicalProgram()
-        t = self._exact.NewContinuousVariables(n, "t")
-        self._exact_rows = self._exact.AddLinearEqualityConstraint(np.ones((6, n)), np.zeros(6), t).evaluator()
-        self._exact_box = self._exact.AddBoundingBoxConstraint(np.zeros(n), np.full(n, np.inf), t).evaluator()
-        self._exact.AddLinearCost(self._cost / self._cost.max(), 0.0, t)
+        self._exact = _made(np.full(n, np.inf), self._cost / self._cost.max())
 
     @cached_property
     def _share(self) -> _Program:
         """On-times and the share s, for a request that cannot be met."""
-        n = self._n
-        program = MathematicalProgram()
-        t = program.NewContinuousVariables(n + 1, "t")
-        rows = program.AddLinearEqualityConstraint(np.ones((6, n + 1)), np.zeros(6), t).evaluator()
-        box = program.AddBoundingBoxConstraint(np.zeros(n + 1), np.ones(n + 1), t).evaluator()
-        program.AddLinearCost(-np.eye(n + 1)[n], 0.0, t)
-        return _Program(program, rows, box)
+        return _made(np.ones(self._n + 1), -np.eye(self._n + 1)[self._n])
 
     @cached_property
     def _near(self) -> _Program:
         """On-times, shortfall and excess of each row, where even the rate change cannot be met."""
-        n = self._n
-        program = MathematicalProgram()
-        t = program.NewContinuousVariables(n + 12, "t")
-        rows = program.AddLinearEqualityConstraint(np.ones((6, n + 12)), np.zeros(6), t).evaluator()
-        box = program.AddBoundingBoxConstraint(np.zeros(n + 12), np.full(n + 12, np.inf), t).evaluator()
         weights = np.array([_ROTATION_WEIGHT] * 3 + [1.0] * 3)
-        program.AddLinearCost(np.concatenate([np.zeros(n), weights, weights]), 0.0, t)
-        return _Program(program, rows, box)
+        cost = np.concatenate([np.zeros(self._n), weights, weights])
+        return _made(np.full(self._n + 12, np.inf), cost)
 
     def solve(self, activity: Array, request: Array, limits_s: Array) -> Selection:
         """On-times for a request.
@@ -210,12 +210,12 @@ class JetSelectionProgram:
         if scale == 0.0:
             return np.zeros(self._n)
         if self._exact_has is rows:
-            self._exact_rows.set_bounds(target, target)
+            self._exact.rows.set_bounds(target, target)
         else:
-            self._exact_rows.UpdateCoefficients(rows, target)
+            self._exact.rows.UpdateCoefficients(rows, target)
             self._exact_has = rows
-        self._exact_box.set_bounds(self._least, limits_s / scale)
-        result = self._solve(self._exact)
+        self._exact.box.set_bounds(self._least, limits_s / scale)
+        result = self._solve(self._exact.program)
         if result is None:
             return None
         return _within(result.get_x_val() * scale, limits_s)

@@ -38,6 +38,7 @@ from massprop_drake.maths.estimation.detectors.multi_hypothesis import (
     JumpDeclared,
     Status,
     Unexplained,
+    Ways,
     Word,
     ways_of,
 )
@@ -53,9 +54,6 @@ _PATIENCE = 12  # cycles of a race for which what others say waits
 _LOST = 25  # cycles of a race after which an explanation is overdue that another has found
 _MOST = 4  # that are followed at once
 _SETTLING = 3  # cycles after a decision before it counts: what is new may have begun in several ways
-
-
-Ways = frozenset[tuple[int, int]]  # jets and signs
 
 
 class Member(NamedTuple):
@@ -358,7 +356,8 @@ def _may_be_said(waiting: Declaration, settled: dict[Ways, Ways], members: Membe
     if not isinstance(waiting, JetsDeclared):
         return True
     group = ways_of(waiting)
-    known = all(group != ways_of(each) for each in _held(members)) or waiting.word == Word.GROUP
+    held = (ways_of(each) for each in _held(members.each[0], members.said))
+    known = group not in held or waiting.word == Word.GROUP
     return group not in settled and known
 
 
@@ -373,14 +372,15 @@ def _said(said: tuple[Declaration, ...], judged: Judged, members: Members) -> Fo
     return Followed(_logged(judged._replace(declarations=said), members), members)
 
 
-def _held(members: Members) -> tuple[JetsDeclared, ...]:
-    """Groups that the first has found and that are not said while their members are followed."""
-    return tuple(each for each in members.each[0].groups if ways_of(each) not in members.said)
+def _held(member: Member, said: frozenset[Ways]) -> tuple[JetsDeclared, ...]:
+    """Groups that a member has found and that are not said while their members are followed."""
+    return tuple(each for each in member.groups if ways_of(each) not in said)
 
 
 def _logged(judged: Judged, members: Members) -> Judged:
     """With what is logged while something waits: that hypotheses are compared, and which."""
-    if judged.status.racing or not (members.each[0].waiting or _held(members)):
+    first = members.each[0]
+    if judged.status.racing or not (first.waiting or _held(first, members.said)):
         return judged
     return judged._replace(status=_in_question(members))
 
@@ -390,7 +390,7 @@ def _in_question(members: Members) -> Status:
     first = members.each[0]
     leads = dict(first.status.leads)
     for member in members.each:
-        for group, of_first in zip(_held(members._replace(each=(member,))), _held(members), strict=False):
+        for group, of_first in zip(_held(member, members.said), _held(first, members.said), strict=False):
             leads[group.jets[0]] = leads.get(of_first.jets[0], 0.0) + _worth(member) - _worth(first)
     return first.status._replace(racing=True, leads=tuple(leads.items()))
 
@@ -400,7 +400,7 @@ def as_said(members: Members, method: multi_hypothesis.State) -> multi_hypothesi
     if not members.each:
         return method
     first = members.each[0]
-    for each in (*first.waiting, *_held(members)):
+    for each in (*first.waiting, *_held(first, members.said)):
         if isinstance(each, JetsDeclared) and each.word in (Word.FAILED, Word.GROUP):
             method = multi_hypothesis.unannounced(method, first.joint, each)
     return method
@@ -426,7 +426,7 @@ def _unsaid(waiting: tuple[Declaration, ...], said: tuple[Declaration, ...]) -> 
 def _in_short(declaration: Declaration) -> object:
     """What a declaration says, without its figures."""
     if isinstance(declaration, JetsDeclared):
-        return declaration.word, frozenset(zip(declaration.jets, declaration.signs, strict=True))
+        return declaration.word, ways_of(declaration)
     return type(declaration)
 
 

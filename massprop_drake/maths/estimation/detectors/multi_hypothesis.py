@@ -68,6 +68,9 @@ _MEASURED = 0.1  # of a payload's mass, to which it is known when its size is to
 _ONSET_SHARE = 0.7  # of the largest statistic: older onsets explain the end point as well
 
 
+Ways = frozenset[tuple[int, int]]  # jets and signs
+
+
 class Word(IntEnum):
     """What is said of jets; but for the first two of one jet, or of a group that is not told apart."""
 
@@ -384,10 +387,8 @@ def _found(state: State, found: Found, params: JointParams) -> tuple[State, tupl
     (jet,), (sign,) = found.cause.jets, found.cause.signs
     slot = slot_of(found.state, jet, sign)
     force, sigma = _force(found.state, slot, params)
-    jets, signs = (
-        (jet, *(each.jets[0] for each, _, _ in found.group)),
-        (sign, *(each.signs[0] for each, _, _ in found.group)),
-    )
+    jets = (jet, *(each.jets[0] for each, _, _ in found.group))
+    signs = (sign, *(each.signs[0] for each, _, _ in found.group))
     forces = (force, *(each for _, each, _ in found.group))
     sigmas = (sigma, *(each for _, _, each in found.group))
     floors = (_floor(*way, False, True, params) for way in zip(jets, signs, strict=True))
@@ -843,7 +844,7 @@ def announced_jets(state: State, now: JointState) -> dict[tuple[int, int], float
 
 
 def narrowed(
-    state: State, now: JointState, group: JetsDeclared, left: frozenset[tuple[int, int]], params: JointParams
+    state: State, now: JointState, group: JetsDeclared, left: Ways, params: JointParams
 ) -> tuple[State, tuple[JetsDeclared, ...]]:
     """What is remembered and said of a group of which some have turned out not to be it.
 
@@ -861,10 +862,8 @@ def narrowed(
     jets, signs = zip(*ways, strict=True)
     force, sigma = _force(now, slot, params)
     unknown = (np.nan,) * (len(jets) - 1)
-    members = state.members.copy()
-    members[slot] = _listed(jets, signs, params)
     state = state._replace(
-        members=members,
+        members=_with(state.members, slot, _listed(jets, signs, params)),
         announced=_with(state.announced, slot, max(force, _SAID)),
         sigmas=_with(state.sigmas, slot, sigma),
     )
@@ -872,7 +871,7 @@ def narrowed(
     return state, (JetsDeclared(word, jets, signs, (force, *unknown), (sigma, *unknown), group.onset_s, apart),)
 
 
-def ways_of(said: JetsDeclared) -> frozenset[tuple[int, int]]:
+def ways_of(said: JetsDeclared) -> Ways:
     """Jets and signs that something is said of."""
     return frozenset(zip(said.jets, said.signs, strict=True))
 

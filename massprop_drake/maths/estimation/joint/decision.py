@@ -59,9 +59,7 @@ _DOUBTFUL_JUMP_AFTER = 12  # samples: one that misfits may yet learn; a small on
 _SHAKEN = 4.2  # normal deviate of a sample that one in a hundred thousand exceeds
 _HALF_A_SECOND = 6  # cycles: so long one jet may explain what two do, and a neighbor what a known jet would
 _LITTLE_FORCE, _LITTLE_SHARE = 0.1, 0.5  # of the strongest jet's thrust, and of the jet's own
-_CERTAINLY = (
-    1.5  # times the lead asked for what does little harm meanwhile: of such names one in 8000 is wrong, not in 400
-)
+_CERTAINLY = 1.5  # times the lead, of what does little harm meanwhile: one such name in 8000 is wrong, not in 400
 _WELL = 3.0  # standard deviations of chi-square: of who explains all so far, one in a thousand is above
 _LITTLE = 0.01  # of the misfit of nothing, left by a jump that does not fit
 _PAIR_AFTER = 3  # samples: two jets and their onsets explain nearly all of the six increments of one or two

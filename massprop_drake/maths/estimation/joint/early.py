@@ -44,7 +44,6 @@ from massprop_drake.maths.estimation.joint.hypotheses import (
 )
 from massprop_drake.maths.estimation.joint.layout import MASS, N_PROPERTIES, JointParams, JointState
 from massprop_drake.maths.estimation.joint.measurement import readings
-from massprop_drake.maths.estimation.joint.possible import beyond
 from massprop_drake.maths.estimation.joint.race import NEAR, known_forces
 from massprop_drake.maths.estimation.joint.screen import Contender, Screen
 from massprop_drake.maths.estimation.joint.sensitivity import Link, linked, traced
@@ -211,11 +210,16 @@ def followed(
 
 
 def _with_sample(early: Early, before: JointState, sample: Sample) -> Early:
-    acted = early.acted or bool((sample.commands > 0.0).any() or sample.outside.any())
+    acted = early.acted or _acts(sample)
     entry, kept = (before if early.entry is None else early.entry), (*early.kept, sample)
     if not acted and len(kept) > _QUIET:
         entry, kept = before, (sample,)
     return early._replace(entry=entry, kept=kept, acted=acted)
+
+
+def _acts(sample: Sample) -> bool:
+    """Whether anything pushes the vehicle in a sample."""
+    return bool((sample.commands > 0.0).any() or sample.outside.any())
 
 
 def _with_doubt(early: Early, params: JointParams) -> Early:
@@ -473,11 +477,8 @@ def _force(fit: Fit, params: JointParams) -> tuple[float, float]:
 
 def _believed(fit: Fit, params: JointParams) -> float:
     """Logarithm of how likely it is but for the readings, nats."""
-    cause = fit.contender.cause
     force, sigma = _force(fit, params)
-    most = screens.MOST_FORCE * params.thrusts[cause.jets[0]]
-    cost = beyond(np.array([[force]]), np.array([[[sigma**2]]]), np.array([[most]]))
-    return screens.prior(cause, params) - float(cost[0])
+    return screens.believed(fit.contender.cause, np.array([force]), np.array([[sigma**2]]), params)
 
 
 def ahead(one: Fit, other: Fit, params: JointParams) -> float:
@@ -509,6 +510,5 @@ def _found(search: Search, early: Early, params: JointParams) -> Found:
     assert early.entry is not None, "something is kept"
     onset, sample = best.contender.onset, early.kept[-1]
     onset_s = early.kept[onset - 1].time_s if onset > 0 else early.entry.time_s
-    acts = bool((sample.commands > 0.0).any() or sample.outside.any())
     group = tuple((each.contender.cause, *_force(each, params)) for each in search.group)
-    return Found(guarded(best.state, acts, params), best.contender.cause, onset_s, group)
+    return Found(guarded(best.state, _acts(sample), params), best.contender.cause, onset_s, group)

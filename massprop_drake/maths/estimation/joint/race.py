@@ -18,7 +18,6 @@ from massprop_drake.maths.estimation.joint.bank import Bank
 from massprop_drake.maths.estimation.joint.cycle import Sample
 from massprop_drake.maths.estimation.joint.hypotheses import KICK, Cause, Kind, Named, Runner, jumping, slot_of, stepped
 from massprop_drake.maths.estimation.joint.layout import JointParams, JointState
-from massprop_drake.maths.estimation.joint.possible import beyond
 from massprop_drake.maths.estimation.joint.screen import Contender, Screen
 from massprop_drake.maths.estimation.joint.sensitivity import Link
 from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError
@@ -387,12 +386,10 @@ def _measured(contender: Contender, run: Runner, nothing: float, params: JointPa
 
 def _believed(run: Runner, params: JointParams) -> float:
     """Logarithm of how likely a filter's cause is but for the readings, nats: beforehand, and as its forces go."""
-    prior = screens.prior(run.cause, params)
     if run.cause.kind != Kind.JETS:
-        return prior
+        return screens.prior(run.cause, params)
     force, covariance = _forces(run, params)
-    impossible = float(beyond(force[None], covariance[None], _most(run, params)[None])[0])
-    return prior - impossible + _regained(run, force, covariance, params)
+    return screens.believed(run.cause, force, covariance, params) + _regained(run, force, covariance, params)
 
 
 def _regained(run: Runner, force: Array, covariance: Array, params: JointParams) -> float:

@@ -268,6 +268,18 @@ def prior(cause: Cause, params: JointParams) -> float:
     return float(rarity(params)[list(cause.jets)].sum()) - PAIR_PRIOR * (len(cause.jets) - 1)
 
 
+def believed(cause: Cause, force: Array, covariance: Array, params: JointParams) -> float:
+    """Logarithm of how likely jets that have failed are but for the readings, nats: beforehand, and as their forces go.
+
+    Args:
+        cause: see `Cause`.
+        force, covariance: of each, lbf or N, shapes (k,) and (k, k).
+        params: see `JointParams`.
+    """
+    most = MOST_FORCE * params.thrusts[list(cause.jets)]
+    return prior(cause, params) - float(beyond(force[None], covariance[None], most[None])[0])
+
+
 def rarity(params: JointParams) -> Array:
     """What makes small jets as likely as large ones: N(0, T^2) favors those that could not have given more."""
     result: Array = np.log(params.thrusts / params.thrusts.max())
