@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_drake.maths.estimation.joint.layout import JointParams
+from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES, JointParams
 from massprop_drake.maths.estimation.joint.screen import Screen, as_found
 from massprop_drake.maths.estimation.joint.sensitivity import Link, carried, corrected
 from massprop_drake.maths.linear_algebra import Array
@@ -56,7 +56,7 @@ def told_apart(
     h = 5 * jets + over.read.shape[0]
     ways = np.array([jet + (jets if sign < 0 else 0) for jet, sign, _ in members])
     steps = as_found(ways, np.array([force for _, _, force in members]), params)
-    columns = screen.columns[:, index * h + steps]
+    columns = screen.columns[:, N_PROPERTIES + index * h + steps]
     information = screen.information[index][np.ix_(steps, steps)]
     force = members[0][2]
 

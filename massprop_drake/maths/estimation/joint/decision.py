@@ -218,8 +218,11 @@ def _of_jets(
     alternatives = _alternatives((best, *near), rules)
     cleared = all(leads(standing[0], other, rules.lead) for other in standing[1:] if other.contender not in near)
     stuck = not all(best.cause.on_top) and not _is_little(best.failures, params)
-    patience = _GROUP_SOON_AFTER if cleared and stuck else _GROUP_AFTER
-    if alternatives and cycles >= patience and _alike(race, best, alternatives, params):
+    if cleared and stuck:
+        ready = cycles >= _GROUP_SOON_AFTER
+    else:
+        ready = cycles >= _GROUP_AFTER and _is_narrow(best, near, alternatives, rules)
+    if alternatives and ready and _alike(race, best, alternatives, params):
         return Decision(Outcome.GROUP, standing[0], near, alternatives)
     led = near or _not_cleared(standing, rules)
     return Decision(Outcome.OPEN, standing[0], led) if all(each.cause.kind == Kind.JETS for each in led) else undecided
@@ -287,6 +290,14 @@ def _alternatives(likely: tuple[Contender, ...], rules: Rules, most: int = _GROU
         (failure, *(other for other in others.values() if other.jet not in named))
         for failure, others in zip(differing[0], instead, strict=True)
     )
+
+
+def _is_narrow(
+    best: Contender, near: tuple[Contender, ...], alternatives: tuple[tuple[FailedJet, ...], ...], rules: Rules
+) -> bool:
+    """Whether a group is as small as it will be: three for a jet at most, of whom no filter leads another."""
+    alike = all(best.lead - each.lead < rules.lead for each in near)
+    return alike and all(len(each) <= _GROUP for each in alternatives)
 
 
 def _alike(race: Race, best: Contender, alternatives: tuple[tuple[FailedJet, ...], ...], params: JointParams) -> bool:

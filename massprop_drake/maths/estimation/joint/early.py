@@ -17,7 +17,7 @@ all is done again without it.
 Of a large force the first order is off by more than neighbors differ, so every other jet that is near has passes of its
 own from x* on. The winner leads these as in a race, by cells and with rounding as noise, and nothing by eight times as
 much, as all before a start is over. The filter goes on from the end of its passes. Until somebody wins, all is done
-again whenever there is a quarter more to go over.
+again whenever there is twice as much to go over.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ _SCREENING = 2  # steps of a pass in the time of one of a screening
 _ONSETS = 16  # of a screening
 _QUIET = 25  # cycles that are kept while nothing acts
 _WAIT = 12  # cycles from a contradiction to the first search: a second
-_MORE = 1.25  # times as many for the next
+_MORE = 2.0  # times as many for the next: all together take no more than twice the last
 _PASSES = 8  # of Gauss and Newton at most; three or four as a rule
 _CLOSE = 3.0  # sigmas by which the last may move: with each more sample others of its components count
 _LENIENT = 1.5  # times its thrust that a jet may be found to give where a screening is linearized far off
@@ -245,7 +245,7 @@ def _begun(early: Early, count: int, out: frozenset[Cause], params: JointParams)
 def _screen(early: Early, onsets: tuple[int, ...], gaps: tuple[int, ...], params: JointParams) -> Screen:
     entry, first = early.entry, early.kept[0]
     assert entry is not None, "something is kept"
-    return screens.begin((entry, 0), onsets, gaps, readings(first.rates, first.velocities), params)
+    return screens.begin((entry, 0), onsets, gaps, readings(first.rates, first.velocities), params, single=True)
 
 
 def _grid(count: int, middle: int, gap: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
@@ -411,7 +411,7 @@ def _singles(search: Search, early: Early, params: JointParams) -> list[Contende
     known = known_forces(early.entry, params)
     allowed = (np.ones_like(known) if (early.entry.slot_jet < 0).any() else known) > 0.0
     lenient = params._replace(thrusts=_LENIENT * params.thrusts)
-    found = screens.contenders(search.screen, allowed, known, lenient, pairs=False)
+    found = screens.contenders(search.screen, allowed, known, lenient)
     return [each for each in found if each.cause.kind == Kind.JETS and each.cause not in search.out]
 
 

@@ -43,6 +43,8 @@ from massprop_drake.maths.linear_algebra import Array
 
 MOST_FORCE = 1.05  # of full thrust: a jet gives no more
 PAIR_PRIOR = 12.0  # nats against two failures at once: 1e-5 of one
+_KINDS = 5  # of columns of a jet
+_BLOCKS = 4  # dimensions of A where only its blocks are kept
 _FIRES = 0.01  # of an interval: less is the rest of a tail-off
 _LEAK = 0.5  # of full thrust: below, a jet leaks; above, it is stuck on and gives no more when it is told to fire
 _LEAST_KICK = 1e-6  # of the largest, so that a variance has an inverse
@@ -59,10 +61,11 @@ class Screen(NamedTuple):
         onsets: cycles after which failures may have begun, ascending.
         gaps: intervals between neighboring onsets, of each.
         cycle: the last one done.
-        columns: errors of the filter per unit, shape (size, n_onsets * h + 10), h = 5 n_jets + m.
+        columns: errors of the filter per unit, shape (size, 10 + n_onsets * h), h = 5 n_jets + m.
         acting: share of the first intervals after each onset in which each failure can have acted, on top, less, and
             where not told to, shape (n_onsets, len(SHARES), 3 n_jets).
-        information: A of each onset, shape (n_onsets, h, h).
+        information: A of each onset, shape (n_onsets, h, h); of single jets, its blocks of the columns of a jet, shape
+            (n_onsets, n_jets, 5, 5).
         projection: b of each onset, shape (n_onsets, h).
         jump_information, jump_projection: of the jump, shape (10, 10) and (10,).
         counting: see `Counting`.
@@ -90,6 +93,19 @@ class Screen(NamedTuple):
     def began(self) -> int:
         """The cycle after which the race begins."""
         return self.cycle - len(self.masks)
+
+    @property
+    def single(self) -> bool:
+        """Whether it is about single jets alone."""
+        return self.information.ndim == _BLOCKS
+
+    def among(self, index: int, sets: np.ndarray) -> Array:
+        """A of sets of columns at an onset, shape (number, k, k), their columns of shape (number, k)."""
+        if self.single:
+            jets = self.information.shape[1]
+            jet, kind = sets % jets, sets // jets
+            return self.information[index][jet[:, :, None], kind[:, :, None], kind[:, None, :]]
+        return self.information[index][sets[:, :, None], sets[:, None, :]]
 
 
 class FailedJet(NamedTuple):
@@ -136,7 +152,13 @@ class Contender(NamedTuple):
 
 
 def begin(
-    start: tuple[JointState, int], onsets: tuple[int, ...], gaps: tuple[int, ...], read: Array, params: JointParams
+    start: tuple[JointState, int],
+    onsets: tuple[int, ...],
+    gaps: tuple[int, ...],
+    read: Array,
+    params: JointParams,
+    *,
+    single: bool = False,
 ) -> Screen:
     """The screen before the first cycle of a race.
 
@@ -145,25 +167,26 @@ def begin(
         onsets, gaps: see `Screen`.
         read: readings then, shape (m,).
         params: see `JointParams`.
+        single: whether it is about single jets alone, which takes far less.
     """
     places = params.places
     state, cycle = start
     h = 5 * places.jets + read.shape[0]
-    columns = np.zeros((places.size, len(onsets) * h + N_PROPERTIES))
+    columns = np.zeros((places.size, N_PROPERTIES + len(onsets) * h))
     jump = np.zeros((places.size, N_PROPERTIES))
     jump[:N_PROPERTIES] = np.diag(jump_sigma(params, JUMP_SHARES[0]))
     turn = turning(state.mean[slice(10, 13)], state.reference, state.spin)
     for package in range(places.accelerometers):
         part = slice(VELOCITY + 3 * package, VELOCITY + 3 * package + 3)
         jump[part] = turn @ jump[CENTER]
-    columns[:, len(onsets) * h :] = jump
+    columns[:, :N_PROPERTIES] = jump
     return Screen(
         onsets=onsets,
         gaps=gaps,
         cycle=cycle,
         columns=columns,
         acting=np.ones((len(onsets), len(SHARES), 3 * places.jets)),
-        information=np.zeros((len(onsets), h, h)),
+        information=np.zeros((len(onsets), places.jets, _KINDS, _KINDS) if single else (len(onsets), h, h)),
         projection=np.zeros((len(onsets), h)),
         jump_information=np.zeros((N_PROPERTIES, N_PROPERTIES)),
         jump_projection=np.zeros(N_PROPERTIES),
@@ -177,26 +200,28 @@ def screened(screen: Screen, over: Link, params: JointParams) -> Screen:
     """The screen after one more cycle."""
     places = params.places
     jets, m = places.jets, over.read.shape[0]
-    h, n_onsets = 5 * jets + m, len(screen.onsets)
-    forcing = np.zeros((6, n_onsets * h + N_PROPERTIES))
+    h, begun = _KINDS * jets + m, sum(onset <= screen.cycle for onset in screen.onsets)
+    live = N_PROPERTIES + begun * h  # columns that are not zero
+    forcing = np.zeros((6, live))
+    of_onsets = forcing[:, N_PROPERTIES:].reshape(6, begun, h)
     untold = over.effects.T * (over.duration_s - over.amount)
     less = over.effects.T * -over.amount
     impulse = over.effects.T * over.duration_s
-    first = [index for index, onset in enumerate(screen.onsets) if onset == screen.cycle]
-    for index, onset in enumerate(screen.onsets):
-        if onset <= screen.cycle:
-            forcing[:, index * h : index * h + jets] = impulse
-            forcing[:, index * h + jets : index * h + 2 * jets] = less
-            forcing[:, index * h + 4 * jets : index * h + 5 * jets] = untold
-        if 0 <= screen.cycle - onset < len(SHARES):
-            begin = index * h + (2 + screen.cycle - onset) * jets
-            forcing[:, begin : begin + jets] = impulse
-    columns = carried(screen.columns, forcing, over, places)
+    of_onsets[:, :, :jets] = impulse[:, None]
+    of_onsets[:, :, jets : 2 * jets] = less[:, None]
+    of_onsets[:, :, 4 * jets : 5 * jets] = untold[:, None]
+    for index, onset in enumerate(screen.onsets[:begun]):
+        if screen.cycle - onset < len(SHARES):
+            begin = (2 + screen.cycle - onset) * jets
+            of_onsets[:, index, begin : begin + jets] = impulse
+    after = carried(np.ascontiguousarray(screen.columns[:, :live]), forcing, over, places)
     acting = _acting(screen, over)
-    shown = over.jacobian @ columns
-    for index in first:
-        shown[:, index * h + 5 * jets : (index + 1) * h] += np.eye(m)
-    columns = corrected(columns, shown, over)
+    shown = over.jacobian @ after
+    for index, onset in enumerate(screen.onsets[:begun]):
+        if onset == screen.cycle:
+            shown[:, live - (begun - index) * h + _KINDS * jets : live - (begun - index - 1) * h] += np.eye(m)
+    columns = screen.columns.copy()
+    columns[:, :live] = corrected(after, shown, over)
     begins = any(0 <= screen.cycle - onset < len(SHARES) for onset in screen.onsets)
     mask, counting = counted(screen.counting, over, params, every=begins)
     score = scored(screen.scores[-1], over.innovation, over.covariance, mask, params.quanta)
@@ -207,10 +232,11 @@ def screened(screen: Screen, over: Link, params: JointParams) -> Screen:
         half = np.linalg.cholesky(over.covariance[np.ix_(chosen, chosen)])
         sides = np.column_stack((over.innovation[chosen], shown[chosen]))
         whitened = np.linalg.solve(half, sides)
-        innovation, of_jump = whitened[:, 0], whitened[:, 1 + n_onsets * h :]
-        of_onsets = whitened[:, 1 : 1 + n_onsets * h].reshape(chosen.shape[0], n_onsets, h).transpose(1, 0, 2)
-        information = information + of_onsets.transpose(0, 2, 1) @ of_onsets
-        projection = projection + innovation @ of_onsets
+        innovation, of_jump = whitened[:, 0], whitened[:, 1 : 1 + N_PROPERTIES]
+        of_onsets = whitened[:, 1 + N_PROPERTIES :].reshape(chosen.shape[0], begun, h).transpose(1, 0, 2)
+        information, projection = information.copy(), projection.copy()
+        information[:begun] += _gram(of_onsets, jets) if screen.single else of_onsets.transpose(0, 2, 1) @ of_onsets
+        projection[:begun] += innovation @ of_onsets
         jump_information = jump_information + of_jump.T @ of_jump
         jump_projection = jump_projection + innovation @ of_jump
     fires = screen.cycle <= screen.onsets[-1] and bool((over.amount > _FIRES * over.duration_s).any())
@@ -227,6 +253,13 @@ def screened(screen: Screen, over: Link, params: JointParams) -> Screen:
         masks=(*screen.masks, mask),
         scores=(*screen.scores, score),
     )
+
+
+def _gram(of_onsets: Array, jets: int) -> Array:
+    """A of each jet's columns, shape (n_onsets, n_jets, 5, 5), from all, shape (n_onsets, m, h)."""
+    of_jets = of_onsets[:, :, : _KINDS * jets].reshape(*of_onsets.shape[:2], _KINDS, jets).transpose(0, 3, 2, 1)
+    result: Array = of_jets @ of_jets.transpose(0, 1, 3, 2)
+    return result
 
 
 def _acting(screen: Screen, over: Link) -> Array:
@@ -286,23 +319,23 @@ def rarity(params: JointParams) -> Array:
     return result
 
 
-def contenders(
-    screen: Screen, allowed: np.ndarray, known: Array, params: JointParams, *, pairs: bool = True
-) -> list[Contender]:
+def contenders(screen: Screen, allowed: np.ndarray, known: Array, params: JointParams) -> list[Contender]:
     """All hypotheses that are possible, each at its likeliest onset, likeliest first; the jump and lies among them.
+
+    Of a screen about single jets alone neither pairs nor lies.
 
     Args:
         screen: see `Screen`.
         allowed: whether a jet may have failed in this way, more and then less, shape (2 n_jets,).
         known: force of each such failure that is known already, shape (2 n_jets,).
         params: see `JointParams`.
-        pairs: whether two jets may have failed at once.
     """
     found: dict[Cause, Contender] = {}
     for index in range(len(screen.onsets)):
         singles = _singles(screen, index, allowed, known, params)
-        both = _pairs(screen, index, allowed, known, params) if pairs else []
-        for contender in (*singles, *both, *_lies(screen, index, params)):
+        both = [] if screen.single else _pairs(screen, index, allowed, known, params)
+        lies = [] if screen.single else _lies(screen, index, params)
+        for contender in (*singles, *both, *lies):
             best = found.get(contender.cause)
             tried = (*(best.at_onsets if best is not None else ()), (contender.onset, contender.lead))
             better = contender if best is None or contender.lead > best.lead else best
@@ -366,7 +399,7 @@ def _fitted(screen: Screen, index: int, steps: np.ndarray, params: JointParams) 
     jets, failures = params.places.jets, steps.shape[1]
     thrusts = params.thrusts[steps % jets]
     sets = np.hstack([steps, *((2 + place) * jets + steps % jets for place in range(len(SHARES)))])
-    information = screen.information[index][sets[:, :, None], sets[:, None, :]]
+    information = screen.among(index, sets)
     projection = screen.projection[index][sets]
     acting = screen.acting[index][:, np.where(steps < 2 * jets, steps, steps - 2 * jets)]
     places = np.maximum(acting, _LEAST_KICK) * np.reshape(SHARES, (-1, 1, 1))
@@ -389,7 +422,7 @@ def _singles(screen: Screen, index: int, allowed: np.ndarray, known: Array, para
     total = had + change
     lead = fitted.lead + rarity(params)[steps % jets]
     lead -= beyond(total[:, None], fitted.covariance, MOST_FORCE * thrusts[:, None])
-    possible = allowed[ways] & (np.diagonal(screen.information[index])[steps] > 0.0)
+    possible = allowed[ways] & (screen.among(index, steps.reshape(-1, 1))[:, 0, 0] > 0.0)
     possible &= (total + BOUND * sigma > 0.0) & (total - BOUND * sigma < MOST_FORCE * thrusts)
     possible &= ((change > 0.0) | (had > 0.0)) & ((as_found(steps, total, params) == steps) | (had > 0.0))
     result = []
