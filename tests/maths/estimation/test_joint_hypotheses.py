@@ -59,10 +59,13 @@ def flown() -> Flight:
     return flight(empty_slots(ready()), PARAMS)
 
 
-def screen_of(flown: Flight, onsets: tuple[int, ...], params: JointParams = PARAMS) -> screens.Screen:
+def screen_of(
+    flown: Flight, onsets: tuple[int, ...], params: JointParams = PARAMS, *, single: bool = False
+) -> screens.Screen:
     """The screen over the whole flight; its cycles count from one, after the first state."""
     read = np.zeros(12)
-    screen = screens.begin((flown.states[0], 0), onsets, tuple(1 for _ in onsets), read, params)
+    gaps = tuple(1 for _ in onsets)
+    screen = screens.begin((flown.states[0], 0), onsets, gaps, read, params, single=single)
     for over in flown.links:
         screen = screens.screened(screen, over, params)
     return screen
@@ -99,6 +102,32 @@ def test_counting_rule() -> None:
     assert mask.tolist() == [False, True, True]  # what dithers itself always counts
     mask, counting = counted(counting, *_read([0.4, 5.6, np.nan]), every=True)
     assert mask.tolist() == [True, True, False]
+
+
+def test_a_screen_of_single_jets_finds_what_the_whole_one_does_of_them(flown: Flight) -> None:
+    whole, single = screen_of(flown, (2, 4, 7)), screen_of(flown, (2, 4, 7), single=True)
+    jets = PARAMS.places.jets
+    assert single.information.shape == (3, jets, 5, 5)
+    sets = np.array([[1, 1 + 2 * jets, 1 + 3 * jets], [1 + 4 * jets, 1 + jets, 1 + 2 * jets]])
+    for index in range(3):
+        np.testing.assert_allclose(single.among(index, sets), whole.among(index, sets), rtol=1e-12)
+    allowed, known = np.ones(2 * jets, dtype=np.bool_), np.zeros(2 * jets)
+    found = {each.cause: each for each in screens.contenders(single, allowed, known, PARAMS)}
+    others = [each for each in screens.contenders(whole, allowed, known, PARAMS) if each.cause in found]
+    assert all(len(cause.jets) == 1 or cause.kind == Kind.JUMP for cause in found)
+    for each in others:
+        assert each.lead == pytest.approx(found[each.cause].lead, rel=1e-9)
+        assert each.onset == found[each.cause].onset
+
+
+def test_an_onset_is_the_same_whatever_others_the_screen_has(flown: Flight) -> None:
+    """Those that are still to come are left out until they do."""
+    both, later = screen_of(flown, (2, 7)), screen_of(flown, (7,))
+    alone = screen_of(flown, (2,))
+    np.testing.assert_allclose(both.information[0], alone.information[0], rtol=1e-10, atol=1e-12)
+    np.testing.assert_allclose(both.projection[1], later.projection[0], rtol=1e-10, atol=1e-12)
+    np.testing.assert_allclose(both.jump_information, alone.jump_information, rtol=1e-12)
+    assert np.diagonal(both.information[1]).any()
 
 
 def test_all_that_is_read_counts_where_something_may_have_begun(flown: Flight) -> None:

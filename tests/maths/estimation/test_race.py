@@ -413,11 +413,11 @@ def test_a_filter_opens_with_what_the_first_order_has_found_unless_the_force_is_
     assert gained == pytest.approx((0.05 * thrust) ** 2)
 
 
-def test_a_little_force_must_lead_by_half_as_much_again_for_eight_seconds() -> None:
+def test_a_little_force_must_lead_by_twice_as_much_for_eight_seconds() -> None:
     """It does little harm meanwhile; what is stuck is named at once."""
     for little, behind, cycles, expected in (
-        (True, 8.0, 50, False),
-        (True, 10.0, 50, True),
+        (True, 11.0, 50, False),
+        (True, 13.0, 50, True),
         (True, 8.0, 100, True),
         (False, 8.0, 50, True),
     ):
@@ -529,6 +529,31 @@ def test_jets_that_are_stuck_are_a_group_once_they_lead_all_others(monkeypatch: 
         now = race(*runs)
         standing = races.standings(now, [*two, contender(stuck(2), near)], PARAMS)
         assert decision.decided(now, standing, True, decision.Rules(), PARAMS).outcome == expected
+
+
+@pytest.mark.parametrize(
+    ("jets", "behind", "expected"),
+    [
+        (3, 1.0, decision.Outcome.GROUP),
+        (4, 1.0, decision.Outcome.OPEN),  # of one cluster: more than can be acted on
+        (2, 7.0, decision.Outcome.OPEN),  # alike to first order alone: a filter leads
+    ],
+)
+def test_a_group_of_leaks_is_said_after_eight_seconds_only_if_it_is_narrow(
+    monkeypatch: pytest.MonkeyPatch, jets: int, behind: float, expected: decision.Outcome
+) -> None:
+    monkeypatch.setattr(decision, "_alike", lambda *_: True)
+    runs = [running(leak(jet), 100.0 - min(jet, 1) * behind) for jet in range(jets)]
+    mean = np.where(runs[0].state.mean == 0.6 * PARAMS.thrusts[0], 0.3 * PARAMS.thrusts[0], runs[0].state.mean)
+    little = [run._replace(state=run.state._replace(mean=mean)) for run in runs]
+    some = [contender(run.cause, 95.0) for run in runs]
+    rules = decision.Rules(clusters=np.zeros(len(PARAMS.thrusts), dtype=np.intp))
+    monkeypatch.setattr(decision, "ahead", lambda *_: 1.0)
+    monkeypatch.setattr(decision, "leads", lambda *_, **__: False)
+    for cycles, outcome in ((90, decision.Outcome.OPEN), (100, expected)):
+        now = race(*little)._replace(triggered=NOW - cycles + 1)
+        found = decision.decided(now, races.standings(now, some, PARAMS), True, rules, PARAMS)
+        assert found.outcome == outcome
 
 
 def test_what_leads_is_remembered_with_whatever_is_not_behind() -> None:

@@ -7,11 +7,12 @@ set of jets, in nats, and cycles counted from the alarm:
              for two samples where the first has put others behind that led until then; a pair after three samples;
              before settled only forces of a tenth of full thrust; of less than half of its thrust, or than a tenth of
              the strongest jet's, half a second after the alarm, and for a second only by what is read over two at once,
-             since for so long two look like one, and for eight seconds L_1 - L_2 > 9; that a known force changes for
-             half a second only by what is read, later also as it is likelier beforehand
+             since for so long two look like one, and for eight seconds L_1 - L_2 > 12, 9 over two at once; that a
+             known force changes for half a second only by what is read, later also as it is likelier beforehand
     group    the same against all but those that differ in one jet, which what has fired cannot tell apart, and are two
-             at most or of one cluster; or differ in jets of the same clusters; and at once where something new begins
-             that none of them explains, but not of two at once
+             at most or of one cluster; or differ in jets of the same clusters; of little forces after eight seconds,
+             and not before the end unless it is narrow; and at once where something new begins that none of them
+             explains, but not of two at once
     lie      L_S leads all by 6 and nothing by 12, after 6 cycles
     jump     L_J leads all by 6, two samples at least, a small one twelve, one that does not fit twelve, and it must
              leave no more than a hundredth of the misfit; announced if settled and L_J - L_0 > 100, else an increment
@@ -59,7 +60,8 @@ _DOUBTFUL_JUMP_AFTER = 12  # samples: one that misfits may yet learn; a small on
 _SHAKEN = 4.2  # normal deviate of a sample that one in a hundred thousand exceeds
 _HALF_A_SECOND = 6  # cycles: so long one jet may explain what two do, and a neighbor what a known jet would
 _LITTLE_FORCE, _LITTLE_SHARE = 0.1, 0.5  # of the strongest jet's thrust, and of the jet's own
-_CERTAINLY = 1.5  # times the lead, of what does little harm meanwhile: one such name in 8000 is wrong, not in 400
+_CERTAINLY = 2.0  # times the lead, of what does little harm meanwhile: rounding moves a lead by ten nats by chance
+_OVER_MORE = 1.5  # over more failures, of which the lead is mostly that they are rare: no chance moves that
 _WELL = 3.0  # standard deviations of chi-square: of who explains all so far, one in a thousand is above
 _LITTLE = 0.01  # of the misfit of nothing, left by a jump that does not fit
 _PAIR_AFTER = 3  # samples: two jets and their onsets explain nearly all of the six increments of one or two
@@ -143,8 +145,10 @@ def decided(race: Race, standing: list[Standing], settled: bool, rules: Rules, p
     best = standing[0]
     lead, found = best.contender.lead, Decision(Outcome.OPEN)
     kind = best.contender.cause.kind
-    asked = _CERTAINLY * rules.lead if cycles < _GROUP_AFTER and _is_new_and_little(race, best, params) else rules.lead
-    clear = lead > rules.lead_nothing and all(leads(best, other, asked) for other in standing[1:])
+    doubted = cycles < _GROUP_AFTER and _is_new_and_little(race, best, params)
+    clear = lead > rules.lead_nothing and all(
+        leads(best, other, _asked(best, other, rules) if doubted else rules.lead) for other in standing[1:]
+    )
     if (
         kind == Kind.JETS
         and best.run is not None
@@ -170,6 +174,12 @@ def decided(race: Race, standing: list[Standing], settled: bool, rules: Rules, p
     if cycles >= LAST:
         return _at_last(standing, rules, nothing_fits)
     return found
+
+
+def _asked(best: Standing, other: Standing, rules: Rules) -> float:
+    """Lead of a little force over another hypothesis, nats."""
+    more = len(other.contender.cause.jets) > len(best.contender.cause.jets)
+    return (_OVER_MORE if more else _CERTAINLY) * rules.lead
 
 
 def _is_behind(race: Race, jump: Standing, lead: float) -> bool:

@@ -463,7 +463,10 @@ def _pairs(screen: Screen, index: int, allowed: np.ndarray, known: Array, params
 def _likely_pairs(
     screen: Screen, index: int, columns: np.ndarray, given: tuple[np.ndarray, Array], params: JointParams
 ) -> np.ndarray:
-    """The likeliest pairs of columns with their onsets taken as known, shape (number, 2)."""
+    """The likeliest pairs of columns with their onsets taken as known, shape (number, 2).
+
+    One of two that explains no less alone is no pair: with whatever else, it would take the places of all others.
+    """
     jets, (allowed, known) = params.places.jets, given
     information, projection = screen.information[index], screen.projection[index]
     steps = columns[allowed[_directions(columns, jets)] & (np.diag(information)[columns] > 0.0)]
@@ -485,12 +488,27 @@ def _likely_pairs(
     covariance = np.stack((b, -c, -c, a), axis=1).reshape(-1, 2, 2) / determinant[:, None, None]
     most = _NEARLY * np.stack((of_one, of_other), axis=1)
     gain -= beyond(np.stack((x + had, y + other_had), axis=1), covariance, most)
-    order = np.flatnonzero(~((had > 0.0) & (other_had > 0.0)) & (gain > 0.0))
+    alone = _gain_alone(screen, index, columns, known, params)
+    order = np.flatnonzero(~((had > 0.0) & (other_had > 0.0)) & (gain > np.maximum(alone[one], alone[other])))
     order = order[np.argsort(-gain[order])][:_PAIRS]
     alike = _alike_pairs(information, projection, steps)
     first, second = alike.T
     kept = (first % jets != second % jets) & ~((known[_directions(alike, jets)] > 0.0).all(axis=1))
     return np.vstack((np.stack((one[order], other[order]), axis=1), alike[kept]))
+
+
+def _gain_alone(screen: Screen, index: int, columns: np.ndarray, known: Array, params: JointParams) -> Array:
+    """L of single columns with their onset taken as known, nats; none below zero; shape (h,)."""
+    jets = params.places.jets
+    thrusts, had = params.thrusts[columns % jets], known[_directions(columns, jets)]
+    projection = screen.projection[index][columns]
+    precision = screen.information[index, columns, columns] + thrusts**-2.0
+    force = projection / precision
+    gain = 0.5 * (force * projection - np.log(precision * thrusts**2)) + rarity(params)[columns % jets]
+    gain -= beyond((force + had)[:, None], 1.0 / precision[:, None, None], _NEARLY * thrusts[:, None])
+    result = np.zeros(screen.projection.shape[1])
+    result[columns] = np.maximum(gain, 0.0)
+    return result
 
 
 def _alike_pairs(information: Array, projection: Array, steps: np.ndarray) -> np.ndarray:
