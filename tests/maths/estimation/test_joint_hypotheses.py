@@ -440,3 +440,16 @@ def test_surprise_is_a_normal_deviate(degrees: float) -> None:
             norm.isf(rate), rel=0.05
         )
     assert NO_SCORE.surprise == 0.0
+
+
+def test_who_explains_all_alone_takes_no_place_of_two_that_do(monkeypatch: pytest.MonkeyPatch, flown: Flight) -> None:
+    """What two jets do together a third does alone: with whatever else, it is likelier than they."""
+    monkeypatch.setattr(screens, "_PAIRS", 1)
+    screen, jets = screen_of(flown, (3,)), PARAMS.places.jets
+    shown = np.random.default_rng(5).standard_normal((screen.projection.shape[1], 40))
+    shown[0] = shown[1] + shown[2]
+    force = 0.3 * PARAMS.thrusts.min()
+    screen = screen._replace(information=(shown @ shown.T)[None], projection=(shown @ shown[0] * force)[None])
+    allowed, known = np.ones(2 * jets, dtype=np.bool_), np.zeros(2 * jets)
+    found = screens._likely_pairs(screen, 0, np.arange(2 * jets), (allowed, known), PARAMS)
+    assert found[0].tolist() == [1, 2]
