@@ -549,7 +549,7 @@ def _expected(at: Array, course: _Course, model: Model) -> _Expected:
     impulse[:3] += model.period_s * (at[places.torque, None] - resisted)  # pure torques act about any point
     acting = wrenches @ course.level.T if read.late_s.any() else None
     late = None if acting is None else read.late_s * acting
-    bow = (wrenches * course.shape[:, None]).reshape(18, -1) @ course.lacking.T
+    bow = (wrenches * course.shape[:, None]).reshape(18, read.on.size) @ course.lacking.T
     sums = _Sums(impulse, bow.reshape(3, 6, impulse.shape[1]), late, acting)
     mass = 1.0 / at[_MASS] + stretch.used_after
     lightness = 2.0 / (mass[:-1] + mass[1:])
@@ -653,7 +653,7 @@ def _by_lag(expected: _Expected, pulls: Array, at: Array, model: Model) -> Array
     places, course = columns(model), expected.course
     kinds = np.arange(places.lag.stop - places.lag.start)[:, None] == model.kinds[course.read.on]
     thrust = 1.0 + at[places.thrust][course.read.on]
-    each = (pulls.T * (thrust * kinds)[:, None]).reshape(-1, thrust.size) @ course.by_lag.T
+    each = (pulls.T * (thrust * kinds)[:, None]).reshape(6 * kinds.shape[0], thrust.size) @ course.by_lag.T
     gained = each.reshape(kinds.shape[0], 6, course.by_lag.shape[0])
     gained[:, 3:] *= expected.lightness
     return _since(gained)
