@@ -23,7 +23,7 @@ with the rates as they are read.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from functools import cache
+from functools import cache, reduce
 from itertools import accumulate
 from typing import NamedTuple
 
@@ -306,8 +306,8 @@ class _Course(NamedTuple):
     read: _Read
     amount: Array  # seconds of full thrust, (m - 1, j)
     by_lag: Array  # its derivative by the time constant
-    lacking: Array  # s, (m - 1, j): times
-    shape: Array  # it is the bow, see `Firing`, (3, j)
+    lacking: Array  # how far each level is off at the beginning, (m - 1, j): times
+    shape: Array  # it is the bow, see `Firing`, s, (3, j)
     level: Array  # at each stamp, (m, j), where one is late
 
 
@@ -322,8 +322,9 @@ def _course(read: _Read, lag_error: Array, model: Model) -> _Course:
     if lagged.any():
         model.compute.lag(level, slope, left.remaining, left.by_logarithm)
     off = level[:-1] - commands
-    amount = period * (commands + off * left.mean)
-    by_lag = period * (off * (left.mean - left.remaining) + slope[:-1] * left.mean) / np.where(lagged, constants, 1.0)
+    amount = period * commands + off * (period * left.mean)
+    share = period / np.where(lagged, constants, 1.0)
+    by_lag = off * (share * (left.mean - left.remaining)) + slope[:-1] * (share * left.mean)
     if not lagged.all():
         by_lag = np.where(lagged, by_lag, off)
         amount = amount + np.where(lagged, 0.0, off * lag_error)
@@ -331,7 +332,7 @@ def _course(read: _Read, lag_error: Array, model: Model) -> _Course:
         told = read.stretch.commands[:, on]
         sided = np.where((late > 0.0)[:, None] & (np.arange(m) < m - 1)[:, None], told, level)
         level = np.where(lagged, level, np.nan_to_num(sided))
-    return _Course(read, amount, by_lag, period * off, left.bow, level)
+    return _Course(read, amount, by_lag, off, period * left.bow, level)
 
 
 def _ticks(time_s: Array, period_s: float) -> tuple[float, Array]:
@@ -592,7 +593,7 @@ class _Design(NamedTuple):
     moments: Array  # rate and
     forces: Array  # velocity, with all mass at one, by them, (j, 3)
     turned: Array  # rate by a torque of one over an interval, (3, 3)
-    ways: Array  # sum of the rates over the intervals, (3, m)
+    ways: Array  # sum of the rates over the intervals, (3, m), where drag is kept
 
 
 def _design(expected: _Expected, at: Array, model: Model, wanted: NDArray[np.bool_]) -> _Design:
@@ -635,7 +636,7 @@ def _design(expected: _Expected, at: Array, model: Model, wanted: NDArray[np.boo
         moments[there],
         forces[there],
         read.period_s * inverse,
-        _since(0.5 * (read.rate[:, :-1] + read.rate[:, 1:])),
+        _since(0.5 * (read.rate[:, :-1] + read.rate[:, 1:])) if has[places.drag].any() else np.zeros((3, 0)),
     )
 
 
@@ -782,7 +783,7 @@ def _batches(parts: Iterator[_Component], gyros: int) -> Iterator[_Batch]:
 def _derivatives(design: _Design, batch: _Batch, fixed: _Fixed, at: Array, model: Model) -> Array:
     """Derivatives of what is expected of components, shape (k, r); those by ticks that are late are the last."""
     places, place, rows = columns(model), design.place, batch.rows
-    x, m = np.zeros((design.size, rows.size)), design.ways.shape[1]
+    x, m = np.zeros((design.size, rows.size)), fixed.since_s.size
     axes, gyros = np.array([part.axis for part in batch.parts]), batch.parts[0].package < model.gyros
     along = np.repeat(axes * m, batch.counts) + rows
     if gyros:
@@ -941,9 +942,7 @@ def fitted(stretches: Sequence[Stretch], start: Array, model: Model) -> Fit:
         if not told or (at[lag] != told_for[lag]).any():
             told, told_for = [_course_at(one, at, model) for one in read], at
         parts = [_normal(at, course, model, None if complete else wanted) for course in told]
-        total = empty(model)
-        for part in parts:
-            total = total.plus(part)
+        total = reduce(Normal.plus, parts) if parts else empty(model)
         scaled = total.information[np.ix_(free, free)] * np.outer(sigma, sigma) + np.eye(free.shape[0])
         right = total.score[free] * sigma + (model.prior[free] - at[free]) / sigma
         step = np.linalg.solve(scaled, right)
@@ -1022,22 +1021,25 @@ def score(
         clear: largest 1-sigma of a combination of them that is tested.
         common: what is reckoned with at all, which it is that serves where they are not.
     """
-    total = fit.normal
+    total, size = fit.normal, np.zeros(group.shape[0])
     if common is None or (model.sigma[group] > 0.0).any():
         common = reckoned_in(fit, model, group)
-    cross = total.information[np.ix_(group, common.free)] * common.sigma
-    information = total.information[np.ix_(group, group)] - cross @ common.solved[:, group]
-    of_group = common.score[group] - cross @ common.solved[:, -1]
+    shown = total.information[group, group] != 0.0  # of others nothing is known
+    there = group[shown]
+    cross = total.information[np.ix_(there, common.free)] * common.sigma
+    information = total.information[np.ix_(there, there)] - cross @ common.solved[:, there]
+    of_group = common.score[there] - cross @ common.solved[:, -1]
     if not (np.isfinite(information).all() and np.isfinite(of_group).all()):
-        return ScoreTest(0.0, 0, np.zeros(group.shape[0]), total.misfit)
+        return ScoreTest(0.0, 0, size, total.misfit)
     values, vectors = np.linalg.eigh(0.5 * (information + information.T))
-    known = values > max(1.0 / clear**2, 1e-9 * float(np.max(np.abs(np.diag(total.information))[group], initial=0.0)))
+    known = values > max(1.0 / clear**2, 1e-9 * float(np.max(np.abs(total.information[there, there]), initial=0.0)))
     if not known.any():
-        return ScoreTest(0.0, 0, np.zeros(group.shape[0]), total.misfit)
+        return ScoreTest(0.0, 0, size, total.misfit)
     along = (vectors.T @ of_group)[known] / values[known]
     statistic = float(np.sum(along**2 / (1.0 / values[known] + stated**2)))
     gained = float(np.sum(along**2 * values[known]))
-    return ScoreTest(statistic, int(known.sum()), vectors[:, known] @ along, max(total.misfit - gained, 0.0))
+    size[shown] = vectors[:, known] @ along
+    return ScoreTest(statistic, int(known.sum()), size, max(total.misfit - gained, 0.0))
 
 
 def least_deviation(information: Sequence[Array], start: Array, drifts: Sequence[Array], model: Model) -> Array:
