@@ -44,7 +44,7 @@ from massprop_drake.systems.layouts import REQUEST
 
 Array = NDArray[np.float64]
 
-_ROWS = 256  # that logs grow by
+_ROWS = 256, 1024  # that logs grow by: as many as are still to come, but no fewer, and no more
 _PILOTED = ("hand_controllers", "attitude_error", "request", "selection_counts", "out_of_use")
 
 
@@ -114,7 +114,9 @@ class Loop:
         else:
             self._given = held(Together(self._made, self._whole.given), self._compiled)
         self._blocks: list[_Block] = []
-        self._sample = self._filled = self._taken = 0  # the next one; rows of the blocks, and those taken from them
+        self._size = self._row = 0  # rows of the last block; those of it that are filled in
+        self._sample = self._taken = 0  # the next one; rows taken from the blocks
+        self._ending = params.sample_count(scenario) + 1
 
     def _covered(self) -> Whole | None:
         """The estimation, where one kernel has it and the flight: nothing is to be done between the two."""
@@ -124,7 +126,7 @@ class Loop:
     @property
     def logged(self) -> int:
         """Number of rows since the logs were emptied."""
-        return self._filled - self._taken
+        return sum(block.rows.told.shape[0] for block in self._blocks[:-1]) + self._row - self._taken
 
     def advance(self, reached_s: float) -> None:
         """Runs up to a time and logs every sample up to it, that at the time itself included."""
@@ -136,15 +138,15 @@ class Loop:
 
     def _fill(self, reached_s: float) -> None:
         """Goes on to a time, or to the end of a block, from the readings of each sample to those of the next."""
-        row = self._filled % _ROWS
-        if row == 0:
+        if self._row == self._size:
             self._begin()
         if self._whole is not None:
-            self._fill_at_once(self._whole, row, reached_s)
+            self._fill_at_once(self._whole, reached_s)
             return
         rows, tracked, _, shared_rows = self._blocks[-1]
         fly, known, adapts, tracks = self._fly, self._known, self._made.pilot.adapts, self._trackers.size > 0
-        while row < _ROWS and self._sample * self._period_s <= reached_s:
+        while self._row < self._size and self._sample * self._period_s <= reached_s:
+            row = self._row
             if tracks:
                 tracked[row] = self._trackers.read(rows.body_state[row], rows.structure[row], self._sample)
             known.advance(row + 1)
@@ -152,15 +154,14 @@ class Loop:
                 self._desk.estimate[:], self._desk.deviation[:] = known.reported()
             while stop := fly(self._holder, shared_rows, self._reached, self._given):
                 self._attend(stop, rows.request[row])
-            row += 1
-            self._filled += 1
+            self._row += 1
             self._sample += 1
 
-    def _fill_at_once(self, known: Whole, row: int, reached_s: float) -> None:
+    def _fill_at_once(self, known: Whole, reached_s: float) -> None:
         """The same by the kernel that has vehicle, autopilot and estimation."""
         onward, block, reached = chosen(flight.onward, self._compiled), self._blocks[-1], self._reached
-        first, times_s = self._sample, np.arange(self._sample, self._sample + _ROWS - row) * self._period_s
-        reached[UNTIL] = row + np.count_nonzero(times_s <= reached_s)
+        times_s = np.arange(self._sample, self._sample + self._size - self._row) * self._period_s
+        reached[UNTIL] = self._row + np.count_nonzero(times_s <= reached_s)
         try:
             while stop := onward(self._holder, known.holder, block.shared, reached, self._given):
                 self._sample = int(reached[SAMPLE])
@@ -168,8 +169,7 @@ class Loop:
         except NotPositiveDefiniteError as error:
             raise error.at(float(reached[SAMPLE] * self._period_s), ESTIMATOR) from None
         finally:
-            self._sample = int(reached[SAMPLE])
-            self._filled += self._sample - first
+            self._sample, self._row = int(reached[SAMPLE]), int(reached[ROW])
         known.went_on(int(reached[ROW]))
 
     def _attend(self, stop: int, request: Array) -> None:
@@ -184,18 +184,20 @@ class Loop:
 
     def _begin(self) -> None:
         """Begins new logs, with the readings of their first sample."""
-        first = self._sample
-        rows = flight.rows(_ROWS, (len(self._scenario.vehicle_data.jets), len(self._names)), self._made)
-        times_s = np.arange(first, first + _ROWS, dtype=np.float64) * self._period_s
+        first, (least, most) = self._sample, _ROWS
+        self._size, self._row = min(max(self._ending - first, least), most), 0
+        size = self._size
+        rows = flight.rows(size, (len(self._scenario.vehicle_data.jets), len(self._names)), self._made)
+        times_s = np.arange(first, first + size, dtype=np.float64) * self._period_s
         if self._schedule is not None:
-            given = self._schedule[first : first + _ROWS]
+            given = self._schedule[first : first + size]
             rows.command[: len(given)] = given
         else:
             rows.hand_controllers[:] = hand_controller_rows(self._windows, times_s)
-        ahead = vehicle_cycle.ahead(first, _ROWS, self._true)
-        log, tracked = EstimationLog(self._scenario, self._params, _ROWS), np.empty((_ROWS, self._trackers.size))
+        ahead = vehicle_cycle.ahead(first, size, self._true)
+        log, tracked = EstimationLog(self._scenario, self._params, size), np.empty((size, self._trackers.size))
         flown: Any = FlightBlock(rows, ahead, self._desk)
-        samples = Samples(times_s, rows.rates, rows.velocities, rows.told, np.zeros((_ROWS, 6)))
+        samples = Samples(times_s, rows.rates, rows.velocities, rows.told, np.zeros((size, 6)))
         coming = None if self._schedule is None else rows.command
         self._known.begin(RecordRows(samples, coming=coming, tracked=tracked if tracked.size else None), log)
         self._reached[[ROW, PHASE, SAMPLE]] = 0, SENSING, first
@@ -207,11 +209,11 @@ class Loop:
 
     def emptied(self) -> dict[str, Array]:
         """What has been logged, by port, and the times; the logs are empty then."""
-        taken, filled = self._taken, self._filled
+        taken, count = self._taken, self.logged
         blocks = [{**self._ports(block), **block.log.rows} for block in self._blocks]
-        logs = {name: np.concatenate([block[name] for block in blocks])[taken:filled] for name in blocks[0]}
-        times_s = np.arange(self._sample - filled + taken, self._sample) * self._period_s
-        self._filled = self._taken = filled - _ROWS * (len(self._blocks) - 1)
+        logs = {name: _joined([block[name] for block in blocks])[taken : taken + count] for name in blocks[0]}
+        times_s = np.arange(self._sample - count, self._sample) * self._period_s
+        self._taken = self._row
         self._blocks = self._blocks[-1:]  # whose other rows are still to be filled in
         return {"time_s": times_s, **logs}
 
@@ -224,7 +226,7 @@ class Loop:
 
     def moment(self) -> Moment:
         """What there is to see at the last sample."""
-        rows, row = self._blocks[-1].rows, (self._filled - 1) % _ROWS
+        rows, row = self._blocks[-1].rows, self._row - 1
         estimate, deviation = self._known.reported()
         return Moment(
             (self._sample - 1) * self._period_s,
@@ -253,3 +255,8 @@ class Loop:
         selection = None if self._selection is None else 1e6 * self._selection.selector.stopwatch.spent_s / cycles
         detector = mean.get("detector") if self._params.detector is not None else None
         return {"estimators": mean["estimators"], "detector": detector, "jet_selection": selection}
+
+
+def _joined(parts: list[Any]) -> Any:
+    """Rows of blocks; those of a single one are not copied."""
+    return np.concatenate(parts) if len(parts) > 1 else parts[0]

@@ -127,18 +127,16 @@ def test_machine_code_is_made_of_what_python_calls_alone() -> None:
     assert made == {inner: [True], outer: [False]}
 
 
-@pytest.mark.parametrize(("one", "other"), [((4, 3, 7), (4, 3, 7)), ((1, 3, 7), (4, 3, 7)), ((4, 3, 7), (1, 3, 7))])
-def test_cross_products_of_columns_are_the_same_compiled(one: Any, other: Any) -> None:
+def test_levels_lag_the_same_compiled() -> None:
     pytest.importorskip("numba")
     random = np.random.default_rng(3)
-    left, right = random.normal(size=one), random.normal(size=other)
-    expected = hindsight.compute(compiled=False).crossed(left, right)
-    np.testing.assert_allclose(expected, np.cross(left, right, axis=1), rtol=1e-14)
-    compiled = hindsight.compute(compiled=True).crossed
-    np.testing.assert_array_equal(compiled(left, right), expected)
-    np.testing.assert_array_equal(
-        compiled(left[..., :-1], right[..., 1:]), np.cross(left[..., :-1], right[..., 1:], axis=1)
-    )
+    told, remaining = random.integers(0, 2, (40, 3)).astype(float), np.array([0.0, 0.02, 0.6])
+    lagged = []
+    for compiled in (False, True):
+        level, slope = told.copy(), np.zeros((40, 3))
+        hindsight.compute(compiled=compiled).lag(level, slope, remaining, 0.5 * remaining)
+        lagged.append(np.hstack((level, slope)))
+    np.testing.assert_allclose(*lagged, atol=1e-15)
 
 
 def test_references_are_counted_as_they_come_and_go() -> None:

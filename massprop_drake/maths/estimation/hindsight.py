@@ -23,14 +23,14 @@ with the rates as they are read.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from functools import cache
+from functools import cache, reduce
 from itertools import accumulate
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_drake.maths.estimation.joint.impulses import fire
+from massprop_drake.maths.estimation.joint.impulses import lingering
 from massprop_drake.maths.estimation.joint.prediction import PARABOLA
 from massprop_drake.maths.kernels import chosen, idiom, kernel, listed
 from massprop_drake.maths.linear_algebra import Array, crosses, is_positive_definite
@@ -38,15 +38,17 @@ from massprop_drake.maths.mass_properties import ELEMENT
 
 _N = 10  # mass properties
 _CENTER, _MASS = slice(6, 9), 9
-_STEP = 1e-4  # of a prior 1-sigma, for derivatives
-_SMALL_RATE = 1e-6  # rad/s, likewise
-_PAIRS = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
 _QUICK = (
     0.01  # of a sample period: a stamp that is so much off moves a reading by its noise where the rate changes fast
 )
 _MOVED = 2.0  # quanta that a reading moves before it counts although none was expected
 _EXACT = 1e-6  # of the period: less is rounding of a stamp
+_NOTHING = 1e-20  # of a level
+_TOGETHER = 4096  # readings whose derivatives are made at once, but for those of one component
 _TICKS = 2  # unknowns of a stretch: when its ticks are, and their period
+_CROSS = np.zeros((3, 3, 3))  # component i of a cross b is _CROSS[i, j, k] a_j b_k
+_CROSS[[0, 1, 2], [1, 2, 0], [2, 0, 1]], _CROSS[[0, 1, 2], [2, 0, 1], [1, 2, 0]] = 1.0, -1.0
+_ELEMENTS = np.array([1.0 * (element == ELEMENT) for element in range(6)])  # (6, 3, 3)
 _PASSES = 8
 _SETTLED = 1e-2  # squared sigmas that a pass would still gain
 _NEARLY = 100.0  # squared sigmas: a pass that would gain less is the last but one, as a rule
@@ -74,9 +76,20 @@ def used(expected: Array, read: Array, quantum: float) -> NDArray[np.int_]:
     return np.array(found)
 
 
-@kernel
-def lagging(level: Array, slope: Array, remaining: Array, by_logarithm: Array) -> None:
+def _lagged(level, slope, remaining, by_logarithm):  # type: ignore[no-untyped-def] # compiled alone
+    for k in range(level.shape[0] - 1):
+        for jet in range(level.shape[1]):
+            off = level[k, jet] - level[k + 1, jet]
+            level[k + 1, jet] = level[k + 1, jet] + off * remaining[jet]
+            slope[k + 1, jet] = slope[k, jet] * remaining[jet] + off * by_logarithm[jet]
+
+
+@idiom(_lagged)
+def lagged(level: Array, slope: Array, remaining: Array, by_logarithm: Array) -> None:
     """Lets levels lag behind what they tend to.
+
+    In numpy all rows are gone through at once: to what a row adds itself comes what is left of the rows before, of
+    one, then of two, then of four, until nothing is.
 
     Args:
         level: at the beginning, then what each tends to over each interval, which the levels at its end replace, shape
@@ -85,55 +98,37 @@ def lagging(level: Array, slope: Array, remaining: Array, by_logarithm: Array) -
         remaining: share of an initial difference that is left at the end, shape (n_jets,).
         by_logarithm: its derivative, shape (n_jets,).
     """
-    for k in range(level.shape[0] - 1):
-        off = level[k] - level[k + 1]
-        level[k + 1] = level[k + 1] + off * remaining
-        slope[k + 1] = slope[k] * remaining + off * by_logarithm
+    told = level[1:].copy()
+    level[1:] *= 1.0 - remaining
+    _summed(level, remaining)
+    slope[1:] = (level[:-1] - told) * by_logarithm
+    _summed(slope, remaining)
 
 
-def _crossed(left, right):  # type: ignore[no-untyped-def] # compiled alone
-    count = max(left.shape[0], right.shape[0])
-    result = np.empty((count, 3, left.shape[2]))
-    for index in range(count):
-        one, other = min(index, left.shape[0] - 1), min(index, right.shape[0] - 1)
-        for row in range(left.shape[2]):
-            a, b, c = left[one, 0, row], left[one, 1, row], left[one, 2, row]
-            x, y, z = right[other, 0, row], right[other, 1, row], right[other, 2, row]
-            result[index, 0, row] = b * z - c * y
-            result[index, 1, row] = c * x - a * z
-            result[index, 2, row] = a * y - b * x
-    return result
-
-
-@idiom(_crossed)
-def crossed(left: Array, right: Array) -> Array:
-    """The cross products of vectors in columns, shape (..., 3, m); in compiled code (e, 3, m), or (1, 3, m)."""
-    a, b, c = left[..., 0, :], left[..., 1, :], left[..., 2, :]
-    x, y, z = right[..., 0, :], right[..., 1, :], right[..., 2, :]
-    first = b * z - c * y
-    result = np.empty((*first.shape[:-1], 3, first.shape[-1]))
-    result[..., 0, :], result[..., 1, :], result[..., 2, :] = first, c * x - a * z, a * y - b * x
-    return result
+def _summed(rows: Array, remaining: Array) -> None:
+    """Adds to each row the rows before, of which so much remains from one to the next, shape (n_jets,)."""
+    back, left = 1, remaining
+    while back < rows.shape[0] and left.max(initial=0.0) > _NOTHING:
+        rows[back:] += left * rows[:-back]
+        back, left = 2 * back, left * left
 
 
 @kernel
-def _cross_products(left: Array, right: Array) -> Array:
-    return crossed(left, right)
+def lag(level: Array, slope: Array, remaining: Array, by_logarithm: Array) -> None:
+    """See `lagged`."""
+    lagged(level, slope, remaining, by_logarithm)
 
 
 class Compute(NamedTuple):
     """The functions that go through a record row by row, or their compiled forms."""
 
     used: Callable[[Array, Array, float], NDArray[np.int_]] = used
-    lagging: Callable[[Array, Array, Array, Array], None] = lagging
-    crossed: Callable[[Array, Array], Array] = crossed
+    lag: Callable[[Array, Array, Array, Array], None] = lag
 
 
 def compute(*, compiled: bool) -> Compute:
     """These functions."""
-    if not compiled:
-        return Compute()
-    return Compute(chosen(used, compiled), chosen(lagging, compiled), chosen(_cross_products, compiled))
+    return Compute(chosen(used, compiled), chosen(lag, compiled)) if compiled else Compute()
 
 
 class Columns(NamedTuple):
@@ -285,44 +280,59 @@ def _columns(n_unknown: int, n_jets: int, n_gyros: int, n_accelerometers: int) -
 # --------------------------------------------------------------------------------------------- rows
 
 
+class _Read(NamedTuple):
+    """What a stretch shows, whatever the unknowns are."""
+
+    stretch: Stretch
+    period_s: float  # of the ticks
+    late_s: Array  # of each stamp after its tick, (m,)
+    on: NDArray[np.int_]  # the jets that acted, (j,)
+    commands: Array  # of these, (m - 1, j)
+    rate: Array  # (3, m)
+    readings: Array  # (n_packages, 3, m)
+
+
+def _read(stretch: Stretch, model: Model) -> _Read:
+    told = (stretch.commands[:-1] != 0.0).any(axis=0)
+    on = np.flatnonzero(told | (stretch.before != 0.0))
+    rate = _by_columns(_interpolated(stretch.readings[:, : model.gyros]))
+    readings = np.ascontiguousarray(stretch.readings.transpose(1, 2, 0))
+    return _Read(stretch, *_ticks(stretch.time_s, model.period_s), on, stretch.commands[:-1, on], rate, readings)
+
+
 class _Course(NamedTuple):
     """What acted over the intervals of a stretch, by rows; any other jet gave nothing at all."""
 
-    on: NDArray[np.int_]  # the jets that acted, (j,)
-    durations_s: Array
+    read: _Read
     amount: Array  # seconds of full thrust, (m - 1, j)
     by_lag: Array  # its derivative by the time constant
-    bow: Array  # see `Firing`, s, (3, m - 1, j)
-    late_s: Array  # of each stamp after its tick, (m,)
+    lacking: Array  # how far each level is off at the beginning, (m - 1, j): times
+    shape: Array  # it is the bow, see `Firing`, s, (3, j)
     level: Array  # at each stamp, (m, j), where one is late
 
 
-def _course(stretch: Stretch, lag_error: Array, model: Model) -> _Course:
-    m = stretch.commands.shape[0]
-    intervals = m - 1
-    told = (stretch.commands[:intervals] != 0.0).any(axis=0)
-    on = np.flatnonzero(told | (stretch.before != 0.0))
-    commands = np.ascontiguousarray(stretch.commands[:intervals, on])
-    period, late = _ticks(stretch.time_s, model.period_s)
+def _course(read: _Read, lag_error: Array, model: Model) -> _Course:
+    on, commands, period, late = read.on, read.commands, read.period_s, read.late_s
+    m = late.shape[0]
     given, lag_error = model.time_constants_s[on], lag_error[on]
     constants = np.where(given > 0.0, np.maximum(given + lag_error, 0.05 * given), 0.0)
-    lagged = constants > 0.0
-    remaining = np.exp(-period / np.where(lagged, constants, np.inf)) * lagged
-    by_logarithm = remaining * period / np.where(lagged, constants, 1.0)
+    lagged, left = constants > 0.0, lingering(constants / period)
     level, slope = np.zeros((2, m, on.size))
-    level[0], level[1:] = stretch.before[on], commands
-    if remaining.any():
-        model.compute.lagging(level, slope, remaining, by_logarithm)
-    firing = fire(level[:-1], slope[:-1], constants, np.array([period]), commands[None])
-    amount, by_lag = firing.amount, firing.amount_slope / np.where(lagged, constants, 1.0)
+    level[0], level[1:] = read.stretch.before[on], commands
+    if lagged.any():
+        model.compute.lag(level, slope, left.remaining, left.by_logarithm)
+    off = level[:-1] - commands
+    amount = period * commands + off * (period * left.mean)
+    share = period / np.where(lagged, constants, 1.0)
+    by_lag = off * (share * (left.mean - left.remaining)) + slope[:-1] * (share * left.mean)
     if not lagged.all():
-        off = level[:-1] - commands
         by_lag = np.where(lagged, by_lag, off)
         amount = amount + np.where(lagged, 0.0, off * lag_error)
     if late.any():
-        sided = np.where((late > 0.0)[:, None] & (np.arange(m) < intervals)[:, None], stretch.commands[:, on], level)
+        told = read.stretch.commands[:, on]
+        sided = np.where((late > 0.0)[:, None] & (np.arange(m) < m - 1)[:, None], told, level)
         level = np.where(lagged, level, np.nan_to_num(sided))
-    return _Course(on, np.full(intervals, period), amount, by_lag, firing.bow, late, level)
+    return _Course(read, amount, by_lag, off, period * left.bow, level)
 
 
 def _ticks(time_s: Array, period_s: float) -> tuple[float, Array]:
@@ -348,101 +358,173 @@ def _interpolated(readings: Array) -> Array:
     return rate
 
 
-class _Turned(NamedTuple):
-    """Dynamic coupling of the rates alone over each interval, see `joint.prediction`, shape (e, 3, m - 1) each."""
-
-    change: Array  # over its length, by the inverse inertia
-    rate: Array  # on average
-    momentum: Array
-    rate_change: Array
-    momentum_change: Array
-    bow: Array  # mean that coupling itself gives, over the length
+def _outer(left: Array, right: Array) -> Array:
+    """The products of each component with each, shape (3, 3, n), of vectors in columns, shape (3, n) each."""
+    return np.asarray(left[:, None] * right)
 
 
-def _turned(inverse: Array, rate: Array, compute: Compute) -> _Turned:
-    """Of inverse inertias, shape (e, 3, 3), and rates, shape (e, 3, m); either may be one for all."""
-    momentum = np.linalg.inv(inverse).transpose(0, 2, 1) @ rate
-    start, end, at_start, at_end = rate[..., :-1], rate[..., 1:], momentum[..., :-1], momentum[..., 1:]
-    cross = compute.crossed
-    return _Turned(
-        change=(cross(start, 2.0 * at_start + at_end) + cross(end, at_start + 2.0 * at_end)) / 6.0,
-        rate=0.5 * (start + end),
-        momentum=0.5 * (at_start + at_end),
-        rate_change=end - start,
-        momentum_change=at_end - at_start,
-        bow=np.diff(cross(rate, momentum)) / 12.0,
-    )
+class _Moving(NamedTuple):
+    """Rates over intervals, at their middles, and their gain, shape (3, m - 1) each, and the mean of w w^T."""
+
+    middle: Array
+    gained: Array
+    square: Array  # (3, 3, m - 1)
+
+
+def _moving(rate: Array) -> _Moving:
+    """Of rates at the rows, shape (3, m), that are straight in between."""
+    middle, squares = 0.5 * (rate[:, :-1] + rate[:, 1:]), _outer(rate, rate)
+    mean = (squares[..., :-1] + squares[..., 1:] + 4.0 * _outer(middle, middle)) / 6.0
+    return _Moving(middle, np.diff(rate), mean)
 
 
 class _Sums(NamedTuple):
-    """Impulses over the intervals of a stretch, about the vehicle origin, and how rates were."""
+    """Impulses over the intervals of a stretch, about the vehicle origin."""
 
     impulse: Array  # (6, m - 1)
     bow: Array  # (3, 6, m - 1)
     late: Array | None  # at each stamp besides, (6, m), where one is late
-    rate: Array  # (3, m)
-    durations_s: Array
     acting: Array | None  # what jets give at each stamp, (6, m), where one is late
 
 
-class _Moments(NamedTuple):
-    """The same about centers of mass, shape (e, 3, m - 1), of what is late (e, 3, m)."""
-
-    angular: Array
-    bows: Array  # (3, e, 3, m - 1)
-    late: Array | None  # where nothing is
+def _moments(wrenches: Array, center: Array) -> Array:
+    """Torques about a center of mass, shape (..., 3, n), of wrenches about the origin, shape (..., 6, n)."""
+    moments: Array = wrenches[..., :3, :] + np.tensordot(center, _CROSS, 1) @ wrenches[..., 3:, :]
+    return moments
 
 
-def _moments(centers: Array, sums: _Sums) -> _Moments:
-    """About centers of mass, shape (e, 3)."""
+def _bows(sums: _Sums, rate: Array, period_s: float, at: Array) -> Array:
+    """Angular impulses of the bows of a rate, that by its own coupling included, see `joint.prediction`.
 
-    def about(wrenches: Array) -> Array:
-        moment: Array = wrenches[..., :3, :] + crossed(wrenches[..., 3:, :], centers[..., None])
-        return moment
+    Args:
+        sums: see `_Sums`.
+        rate: at the rows, shape (3, m).
+        period_s: length of an interval.
+        at: all unknowns, shape (n,).
 
-    late = None if sums.late is None else about(sums.late)
-    return _Moments(about(sums.impulse), about(sums.bow[:, None]), late)
-
-
-def _bows(moments: _Moments, turned: _Turned, durations_s: Array) -> tuple[Array, Array, Array]:
-    """Angular impulses of the bows of the rate, see `joint.prediction`, shape (e, 3, m - 1) each."""
-    own = turned.bow * durations_s
-    return moments.bows[0] + own, moments.bows[1], moments.bows[2] + PARABOLA * own
-
-
-def _gathered(inverse: Array, moments: _Moments, turned: _Turned, durations_s: Array, compute: Compute) -> Array:
-    """The rate that has been gained since the beginning, shape (e, 3, m), by inverse inertias of shape (e, 3, 3)."""
-    bows = _bows(moments, turned, durations_s)
-    bowed = [inverse @ bow for bow in bows]
-    cross = compute.crossed
-    bent = cross(turned.rate, bows[0]) + cross(bowed[0], turned.momentum) + cross(bowed[2], bows[2])
-    bent += cross(turned.rate_change, bows[1]) + cross(bowed[1], turned.momentum_change)
-    added = inverse @ moments.angular + -durations_s * (inverse @ (turned.change + bent))
-    gained = np.zeros((*added.shape[:2], durations_s.size + 1))
-    np.cumsum(added, axis=-1, out=gained[..., 1:])
-    if moments.late is not None:
-        gained += inverse @ moments.late
-    return gained
+    Returns:
+        Of shape (3, 3, m - 1).
+    """
+    momentum = np.linalg.inv(at[:6][ELEMENT]) @ rate
+    own = np.diff(crosses(rate.T, momentum.T).T) * (period_s / 12.0)
+    bows = _moments(sums.bow, at[_CENTER])
+    bows[0] += own
+    bows[2] += PARABOLA * own
+    return bows
 
 
-def _turning(whole: Array, bowed: Sequence[Array], durations_s: Array) -> Array:
+class _Coupling(NamedTuple):
+    """Dynamic coupling, by inverse inertias, as it multiplies products of rates and bows, see `_Gained`.
+
+    Attributes:
+        straight: of the rates by themselves, shape (..., 3, 3, 3).
+        bent: of the rates with the bows.
+        bowed: of the bows by themselves.
+    """
+
+    straight: Array
+    bent: Array
+    bowed: Array
+
+
+def _coupling(inverse: Array) -> _Coupling:
+    straight = _CROSS @ np.linalg.inv(inverse)
+    return _Coupling(straight, _CROSS + straight.transpose(0, 2, 1) @ inverse, inverse @ _CROSS)
+
+
+def _coupling_by(elements: Array, inverse: Array, coupling: _Coupling) -> _Coupling:
+    """Its derivatives by the inverse inertia in some ways, shape (e, 3, 3)."""
+    inertia = np.linalg.inv(inverse)
+    straight = _CROSS @ (-inertia @ elements @ inertia)[:, None]
+    ways = elements[:, None]
+    bent = straight.transpose(0, 1, 3, 2) @ inverse + coupling.straight.transpose(0, 2, 1) @ ways
+    return _Coupling(straight, bent, ways @ _CROSS)
+
+
+# Sums since the beginning, of which the rate and its derivatives are made: the angular impulse, less coupling; products
+# of rates, of rates and bows, of bows; forces, and products of rates or bows and the bows of forces; rates and bows.
+_PULLED, _PRODUCTS, _SHIFTING, _BIASING = slice(0, 3), slice(3, 30), slice(30, 51), slice(51, 57)
+
+
+class _Gained(NamedTuple):
+    """What makes up the rate that has been gained since the beginning; rates and bows that enter in coupling are known.
+
+    Attributes:
+        sums: see above, shape (57, m).
+        coupling: see `_Coupling`.
+        rate: shape (3, m).
+    """
+
+    sums: Array
+    coupling: _Coupling
+    rate: Array
+
+
+def _gained(sums: _Sums, moving: _Moving, bows: Array, period_s: float, at: Array) -> _Gained:
+    inverse, n = at[:6][ELEMENT], moving.middle.shape[1]
+    coupling = _coupling(inverse)
+    result = np.zeros((_BIASING.stop, n + 1))
+    each = result[:, 1:]
+    each[_PULLED] = _moments(sums.impulse, at[_CENTER])
+    products = each[_PRODUCTS].reshape(3, 3, 3, n)
+    products[0] = moving.square
+    products[1] = _outer(moving.middle, bows[0]) + _outer(moving.gained, bows[1])
+    products[2] = _outer(bows[2], bows[2])
+    force, by_force = each[_SHIFTING][:3], each[_SHIFTING][3:].reshape(2, 3, 3, n)
+    force[:] = sums.impulse[3:]
+    by_force[0] = _outer(moving.middle, sums.bow[0, 3:]) + _outer(moving.gained, sums.bow[1, 3:])
+    by_force[1] = _outer(bows[2], sums.bow[2, 3:])
+    each[_BIASING][:3], each[_BIASING][3:] = moving.middle, bows[0]
+    np.cumsum(result, axis=-1, out=result)
+    if sums.late is not None:
+        result[_PULLED] += _moments(sums.late, at[_CENTER])
+        result[_SHIFTING][:3] += sums.late[3:]
+    result[_PULLED] -= period_s * (_flat(coupling) @ result[_PRODUCTS])
+    return _Gained(result, coupling, inverse @ result[_PULLED])
+
+
+def _flat(coupling: _Coupling) -> Array:
+    """As it multiplies all products, shape (..., 3, 27)."""
+    return np.concatenate([part.reshape(*part.shape[:-2], 9) for part in coupling], axis=-1)
+
+
+def _moved(gained: _Gained, period_s: float, at: Array) -> tuple[Array, Array]:
+    """Derivatives of the rate gained by the unknowns that it is not linear in.
+
+    What the bow that coupling itself gives changes by is left out: it is a small part of a small part.
+
+    Returns:
+        By elements 0 to 8, shape (9, 3, m), and by gyro biases, shape (3, 3, m).
+    """
+    inverse, (straight, bent, bowed), sums = at[:6][ELEMENT], gained.coupling, gained.sums
+    coupled = -period_s * inverse
+    of_element = _flat(_coupling_by(_ELEMENTS, inverse, gained.coupling))
+    by_elements = np.concatenate((_ELEMENTS, coupled @ of_element), axis=-1)
+    both, ways = bowed + bowed.transpose(0, 2, 1), _CROSS[:, None]
+    by_bows = [(part @ ways).reshape(3, 3, 9) for part in (bent, both)]
+    by_center = np.concatenate((inverse @ _CROSS, *(coupled @ part for part in by_bows)), axis=-1)
+    of_rate = straight.transpose(1, 0, 2) + straight.transpose(2, 0, 1)
+    by_bias = -coupled @ np.concatenate((of_rate, bent.transpose(1, 0, 2)), axis=-1)
+    m = sums.shape[1]
+    moved = np.empty((9, 3, m))
+    np.matmul(by_elements.reshape(18, 30), sums[:30], out=moved[:6].reshape(18, m))
+    np.matmul(by_center.reshape(9, 21), sums[_SHIFTING], out=moved[6:].reshape(9, m))
+    return moved, (by_bias.reshape(9, 6) @ sums[_BIASING]).reshape(3, 3, m)
+
+
+def _turning(whole: Array, moving: _Moving, bowed: Array, period_s: float) -> Array:
     """O = [(w - w_0) x] + the integral of [w x]^2, of rates at the rows, shape (3, m), and their bows between.
 
     Returns:
         Of each row, shape (3, 3, m).
     """
-    start, end = whole[:, :-1], whole[:, 1:]
-    middle, gained, bow = 0.5 * (start + end), end - start, bowed
-    spin = np.zeros((6, whole.shape[1]))
-    for k, (i, j) in enumerate(_PAIRS):
-        straight = (start[i] * start[j] + end[i] * end[j]) / 3.0 + (start[i] * end[j] + end[i] * start[j]) / 6.0
-        bent = middle[i] * bow[0][j] + middle[j] * bow[0][i] + bow[2][i] * bow[2][j]
-        bent += gained[i] * bow[1][j] + gained[j] * bow[1][i]
-        np.cumsum((straight + bent) * durations_s, out=spin[k, 1:])
-    xx, yy, zz, yz, xz, xy = spin
-    x, y, z = whole - whole[:, :1]
-    rows = [[-(yy + zz), xy - z, xz + y], [xy + z, -(xx + zz), yz - x], [xz - y, yz + x, -(xx + yy)]]
-    return np.array(rows)
+    crossed = _outer(moving.middle, bowed[0]) + _outer(moving.gained, bowed[1])
+    square = np.zeros((3, 3, whole.shape[1]))
+    each = moving.square + crossed + crossed.transpose(1, 0, 2) + _outer(bowed[2], bowed[2])
+    np.cumsum(each * period_s, axis=-1, out=square[..., 1:])
+    turning = square - (_CROSS.reshape(9, 3) @ (whole - whole[:, :1])).reshape(square.shape)
+    turning[range(3), range(3)] -= np.trace(square)
+    return np.asarray(turning)
 
 
 class _Expected(NamedTuple):
@@ -451,38 +533,39 @@ class _Expected(NamedTuple):
     course: _Course
     sums: _Sums
     lightness: Array  # of each interval, (m - 1,)
-    moments: _Moments
-    turned: _Turned
-    rate: Array  # since the beginning, (3, m)
-    velocity: Array
+    gained: _Gained
+    velocity: Array  # since the beginning, (3, m)
+
+    @property
+    def rate(self) -> Array:
+        """Since the beginning, shape (3, m)."""
+        return self.gained.rate
 
 
-def _expected(stretch: Stretch, at: Array, course: _Course, model: Model) -> _Expected:
-    places = columns(model)
-    wrenches = _wrenches(at, course, model)
-    rate = _by_columns(_interpolated(stretch.readings[:, : model.gyros]))
+def _expected(at: Array, course: _Course, model: Model) -> _Expected:
+    places, read = columns(model), course.read
+    wrenches, rate, stretch = _wrenches(at, course, model), read.rate, read.stretch
     impulse = wrenches @ course.amount.T + stretch.outside[:-1].T * model.period_s
     resisted = at[places.drag, None] * 0.5 * (rate[:, :-1] + rate[:, 1:])
     impulse[:3] += model.period_s * (at[places.torque, None] - resisted)  # pure torques act about any point
-    acting = wrenches @ course.level.T if course.late_s.any() else None
-    late = None if acting is None else course.late_s * acting
-    sums = _Sums(impulse, wrenches @ course.bow.transpose(0, 2, 1), late, rate, course.durations_s, acting)
+    acting = wrenches @ course.level.T if read.late_s.any() else None
+    late = None if acting is None else read.late_s * acting
+    bow = (wrenches * course.shape[:, None]).reshape(18, read.on.size) @ course.lacking.T
+    sums = _Sums(impulse, bow.reshape(3, 6, impulse.shape[1]), late, acting)
     mass = 1.0 / at[_MASS] + stretch.used_after
     lightness = 2.0 / (mass[:-1] + mass[1:])
-    velocity = np.zeros_like(sums.rate)
-    np.cumsum(sums.impulse[3:] * lightness, axis=-1, out=velocity[:, 1:])
+    velocity = _since(sums.impulse[3:] * lightness)
     if late is not None:
         velocity += late[3:] / mass
-    inverse, moments = at[:6][ELEMENT][None], _moments(at[None, _CENTER], sums)
-    turned = _turned(inverse, (sums.rate - at[places.gyro_bias, None])[None], model.compute)
-    gained = _gathered(inverse, moments, turned, sums.durations_s, model.compute)
-    return _Expected(course, sums, lightness, moments, turned, gained[0], velocity)
+    rate = rate - at[places.gyro_bias, None]
+    gained = _gained(sums, _moving(rate), _bows(sums, rate, read.period_s, at), read.period_s, at)
+    return _Expected(course, sums, lightness, gained, velocity)
 
 
 def _wrenches(at: Array, course: _Course, model: Model) -> Array:
     """Of the jets that are on at some time, about the vehicle origin, shape (6, j)."""
-    gains = 1.0 + at[columns(model).thrust][course.on]
-    wrenches: Array = (gains[:, None] * model.wrenches[course.on]).T
+    gains = 1.0 + at[columns(model).thrust][course.read.on]
+    wrenches: Array = (gains[:, None] * model.wrenches[course.read.on]).T
     return wrenches
 
 
@@ -500,54 +583,81 @@ class _Design(NamedTuple):
 
     kept: NDArray[np.int_]  # which unknowns have any, (k,)
     place: NDArray[np.int_]  # of each among them, -1: none
-    moved: Array  # of the rate by elements 0 to 8 and, where they are kept, gyro biases, (9 or 12, 3, m)
-    of_mass: Array  # of the velocity by 1/m, (3, m)
-    amount: Array  # of each jet that is kept, since the beginning, s, (m, j)
+    size: int  # k, and how many ticks there are besides
+    turning: NDArray[np.int_]  # places of what moves the rate, (q,): elements 0 to 8, and biases, lags, ticks
+    by_rate: Array  # (q, 3, m)
+    pulling: NDArray[np.int_]  # of what moves the velocity, (p,): 1/m, and lags, ticks
+    by_velocity: Array  # (p, 3, m)
+    amount: Array  # of each jet that is kept, since the beginning, s, (j, m)
     lightened: Array  # likewise, each interval's over the mass
     moments: Array  # rate and
     forces: Array  # velocity, with all mass at one, by them, (j, 3)
-    lag_rates: Array  # by the lags, (l, 3, m)
-    lag_velocities: Array
     turned: Array  # rate by a torque of one over an interval, (3, 3)
-    ways: Array  # sum of the rates over the intervals, (3, m)
-    ticks: Array  # rate and velocity by the ticks, where any is late, (2, 2, 3, m), else (2, 0, 3, m)
+    ways: Array  # sum of the rates over the intervals, (3, m), where drag is kept
 
 
 def _design(expected: _Expected, at: Array, model: Model, wanted: NDArray[np.bool_]) -> _Design:
     """Of the unknowns that are wanted, at least; those of a group, but jets and gains, come together."""
-    places, course, sums = columns(model), expected.course, expected.sums
-    acting = ((course.amount != 0.0) | (course.by_lag != 0.0)).any(axis=0) & wanted[places.thrust][course.on]
+    places, course, read, light = columns(model), expected.course, expected.course.read, expected.lightness
+    there = wanted[places.thrust][read.on]
+    if there.any():
+        there &= ((course.amount != 0.0) | (course.by_lag != 0.0)).any(axis=0)
     has = wanted.copy()
     for group in (places.properties, places.lag, places.gyro_bias, places.torque, places.drag):
         has[group] = wanted[group].any()
     has[places.properties], has[places.thrust] = True, False
-    has[places.thrust][course.on[acting]] = True
-    inverse, forces = at[:6][ELEMENT], model.wrenches[course.on, 3:]
-    moments = (model.wrenches[course.on, :3] + crosses(forces, at[_CENTER])) @ inverse
-    lags = range(places.lag.start, places.lag.stop) if has[places.lag].any() else range(0)
-    by_lag = np.zeros((len(lags), 2, 3, expected.rate.shape[1]))
-    thrust, light = 1.0 + at[places.thrust][course.on], expected.lightness
-    for kind in range(len(lags)):
-        each = np.hstack((moments, forces)) * (thrust * (model.kinds[course.on] == kind))[:, None]
-        rates, velocities = np.split(each.T @ course.by_lag.T, 2)
-        np.cumsum(rates, axis=-1, out=by_lag[kind, 0, :, 1:])
-        np.cumsum(velocities * light, axis=-1, out=by_lag[kind, 1, :, 1:])
-    amount = course.amount[:, acting]
+    has[places.thrust][read.on[there]] = True
+    kept, place = np.flatnonzero(has), np.where(has, np.cumsum(has) - 1, -1)
+    inverse, forces = at[:6][ELEMENT], model.wrenches[read.on, 3:]
+    moments = (model.wrenches[read.on, :3] + crosses(forces, at[_CENTER])) @ inverse
+    moved, by_bias = _moved(expected.gained, read.period_s, at)
+    turning, pulling = [(place[:_MASS], moved)], [(place[_MASS:_N], _by_mass(expected, at)[None])]
+    if has[places.gyro_bias].any():
+        turning.append((place[places.gyro_bias], by_bias))
+    if has[places.lag].any():
+        by_lag = _by_lag(expected, np.hstack((moments, forces)), at, model)
+        turning.append((place[places.lag], by_lag[:, :3]))
+        pulling.append((place[places.lag], by_lag[:, 3:]))
+    ticks = _by_ticks(expected, at, model)
+    last = np.arange(kept.size, kept.size + ticks.shape[1])
+    turning.append((last, ticks[0]))
+    pulling.append((last, ticks[1]))
+    amount = course.amount[:, there].T
     return _Design(
-        kept=np.flatnonzero(has),
-        place=np.where(has, np.cumsum(has) - 1, -1),
-        moved=_moved(expected, at, model, biased=bool(has[places.gyro_bias].any())),
-        of_mass=_since(sums.impulse[3:] * (light / at[_MASS]) ** 2),
-        amount=_since(amount.T).T,
-        lightened=_since(amount.T * light).T,
-        moments=moments[acting],
-        forces=forces[acting],
-        lag_rates=by_lag[:, 0],
-        lag_velocities=by_lag[:, 1],
-        turned=model.period_s * inverse,
-        ways=_since(0.5 * (sums.rate[:, :-1] + sums.rate[:, 1:])),
-        ticks=_by_ticks(expected, at, model),
+        kept,
+        place,
+        kept.size + last.size,
+        np.concatenate([where for where, _ in turning]),
+        np.concatenate([by for _, by in turning]),
+        np.concatenate([where for where, _ in pulling]),
+        np.concatenate([by for _, by in pulling]),
+        _since(amount),
+        _since(amount * light),
+        moments[there],
+        forces[there],
+        read.period_s * inverse,
+        _since(0.5 * (read.rate[:, :-1] + read.rate[:, 1:])) if has[places.drag].any() else np.zeros((3, 0)),
     )
+
+
+def _by_mass(expected: _Expected, at: Array) -> Array:
+    """Derivatives of the velocity by 1/m, shape (3, m)."""
+    return _since(expected.sums.impulse[3:] * (expected.lightness / at[_MASS]) ** 2)
+
+
+def _by_lag(expected: _Expected, pulls: Array, at: Array, model: Model) -> Array:
+    """Derivatives of rate and velocity by the lags; ``pulls``: those by what jets give, shape (j, 6).
+
+    Returns:
+        Of each lag, shape (l, 6, m).
+    """
+    places, course = columns(model), expected.course
+    kinds = np.arange(places.lag.stop - places.lag.start)[:, None] == model.kinds[course.read.on]
+    thrust = 1.0 + at[places.thrust][course.read.on]
+    each = (pulls.T * (thrust * kinds)[:, None]).reshape(6 * kinds.shape[0], thrust.size) @ course.by_lag.T
+    gained = each.reshape(kinds.shape[0], 6, course.by_lag.shape[0])
+    gained[:, 3:] *= expected.lightness
+    return _since(gained)
 
 
 def _by_ticks(expected: _Expected, at: Array, model: Model) -> Array:
@@ -555,15 +665,17 @@ def _by_ticks(expected: _Expected, at: Array, model: Model) -> Array:
 
     Until a stamp a jet gives what it gives then for as much longer as its tick is earlier; with a shorter period, less
     in each. Constants make no difference.
+
+    Returns:
+        Of shape (2, 2, 3, m) where any stamp is late, else (2, 0, 3, m).
     """
     course, acting = expected.course, expected.sums.acting
     if acting is None:
         return np.zeros((2, 0, *expected.rate.shape))
-    given = _since(_wrenches(at, course, model) @ course.amount.T / course.durations_s)
+    given = _since(_wrenches(at, course, model) @ course.amount.T / course.read.period_s)
     wrenches = np.array([acting, _counts(acting.shape[1]) * acting - given])
-    moments = wrenches[:, :3] + crossed(wrenches[:, 3:], at[None, _CENTER, None])
     lightness = np.append(expected.lightness, expected.lightness[-1])
-    return np.array([at[:6][ELEMENT] @ moments, wrenches[:, 3:] * lightness])
+    return np.array([at[:6][ELEMENT] @ _moments(wrenches, at[_CENTER]), wrenches[:, 3:] * lightness])
 
 
 def _counts(number: int) -> Array:
@@ -572,125 +684,144 @@ def _counts(number: int) -> Array:
 
 
 def _since(gained: Array) -> Array:
-    """Sums since the beginning of what is gained over intervals, shape (k, m - 1), at the rows, shape (k, m)."""
-    sums = np.zeros((gained.shape[0], gained.shape[1] + 1))
-    np.cumsum(gained, axis=-1, out=sums[:, 1:])
+    """Sums since the beginning of what is gained over intervals, shape (..., m - 1), at the rows, shape (..., m)."""
+    sums = np.zeros((*gained.shape[:-1], gained.shape[-1] + 1))
+    np.cumsum(gained, axis=-1, out=sums[..., 1:])
     return sums
-
-
-def _derivatives(
-    design: _Design, rows: NDArray[np.int_], turning: Sequence[tuple[int, float]], pulled: int | None, model: Model
-) -> Array:
-    """Derivatives of a sum of components of the rate, and of a component of the velocity, at some rows.
-
-    Args:
-        design: see `_Design`.
-        rows: shape (r,).
-        turning: components of the rate, and how often each is taken.
-        pulled: component of the velocity; None: the rate alone.
-        model: see `Model`.
-
-    Returns:
-        Shape (k, r); of ticks that are late those by the two last, (k + 2, r).
-    """
-    places, start = columns(model), design.place
-    by_ticks = slice(design.kept.size, design.kept.size + design.ticks.shape[1])
-    x, weights = np.zeros((by_ticks.stop, rows.size)), np.zeros(3)
-    biases, lags = design.moved.shape[0] > _MASS, design.lag_rates.shape[0] > 0
-    for axis, weight in turning:
-        weights[axis] = weight
-        moved = weight * design.moved[:, axis].take(rows, axis=1)
-        x[:_MASS] += moved[:_MASS]
-        if biases:
-            x[start[places.gyro_bias]] += moved[_MASS:]
-        if lags:
-            x[start[places.lag]] += weight * design.lag_rates[:, axis].take(rows, axis=1)
-        x[by_ticks] += weight * design.ticks[0, :, axis].take(rows, axis=1)
-    turned = design.turned @ weights
-    if start[places.torque.start] >= 0:
-        x[start[places.torque]] = turned[:, None] * rows
-    if start[places.drag.start] >= 0:
-        x[start[places.drag]] = -turned[:, None] * design.ways[:, rows]
-    jets = slice(_N, _N + design.moments.shape[0])
-    x[jets] = (design.amount[rows] * (design.moments @ weights)).T
-    if pulled is not None:
-        x[jets] += (design.lightened[rows] * design.forces[:, pulled]).T
-        x[_MASS] = design.of_mass[pulled, rows]
-        if lags:
-            x[start[places.lag]] += design.lag_velocities[:, pulled].take(rows, axis=1)
-        x[by_ticks] += design.ticks[1, :, pulled].take(rows, axis=1)
-    return x
-
-
-def _moved(expected: _Expected, at: Array, model: Model, *, biased: bool) -> Array:
-    """Derivatives of the rate gained by the unknowns that it is not linear in: elements 0 to 8, and gyro biases.
-
-    Returns:
-        Shape (9, 3, m), (12, 3, m) with biases.
-    """
-    bias, sums, steps = columns(model).gyro_bias, expected.sums, _STEP * model.sigma[:_MASS]
-    inverse, count = at[:6][ELEMENT], 9 if biased else 6
-    others = np.tile(inverse, (count, 1, 1))
-    others[:6] = (at[:6] + np.diag(steps[:6]))[:, ELEMENT]
-    biases = np.tile(at[bias], (count if biased else 1, 1))  # one for all where none is asked for
-    biases[6:] += _SMALL_RATE * np.eye(3)[: count - 6]
-    turned = _turned(others, sums.rate - biases[:, :, None], model.compute)
-    rates = _gathered(others, expected.moments, turned, sums.durations_s, model.compute) - expected.rate
-    moments = _moments(at[_CENTER] + np.diag(steps[6:]), sums)
-    shifted = _gathered(inverse[None], moments, expected.turned, sums.durations_s, model.compute) - expected.rate
-    widths = np.concatenate((steps, np.full(count - 6, _SMALL_RATE)))
-    derivatives: Array = np.concatenate((rates[:6], shifted, rates[6:])) / widths[:, None, None]
-    return derivatives
 
 
 class _Component(NamedTuple):
     """A component of a sensor where it says something new, in r rows."""
 
     package: int
+    axis: int
     rows: NDArray[np.int_]  # (r,)
+    shown: Array  # without what is wrong with the sensor, (r,)
     left: Array  # what is read less what is expected, (r,)
-    design: Array  # (k, r)
 
 
-def _components(
-    stretch: Stretch, expected: _Expected, design: _Design, at: Array, model: Model
-) -> Iterator[_Component]:
+class _Fixed(NamedTuple):
+    """What accelerometers show of rotation, and how long it is since the beginning."""
+
+    turn: Array  # see `_turning`, (3, 3, m)
+    since_s: Array  # (m,)
+
+
+def _fixed(expected: _Expected, at: Array, model: Model) -> _Fixed:
+    read, rate = expected.course.read, expected.rate
+    off = np.mean(read.rate - rate, axis=1, keepdims=True)
+    whole = rate + off - at[columns(model).gyro_bias, None]
+    bowed = at[:6][ELEMENT] @ _bows(expected.sums, whole, read.period_s, at)
+    since_s = read.stretch.time_s - read.stretch.time_s[0]
+    return _Fixed(_turning(whole, _moving(whole), bowed, read.period_s), since_s)
+
+
+def _own(package: int, model: Model) -> tuple[slice, slice]:
+    """Where the gains of a package stand, and its biases; a gyro has none of its own."""
+    places, number = columns(model), package - model.gyros
+    if number < 0:
+        return slice(places.gyro_gain.start + 3 * package, places.gyro_gain.start + 3 * package + 3), slice(0)
+    gains, biases = (begin + 3 * number for begin in (places.accelerometer_gain.start, places.acceleration_bias.start))
+    return slice(gains, gains + 3), slice(biases, biases + 3)
+
+
+def _components(expected: _Expected, fixed: _Fixed, at: Array, model: Model) -> Iterator[_Component]:
     """Yields every component of which there are two rows, gyros first."""
-    places, sums = columns(model), expected.sums
-    off = np.mean(sums.rate - expected.rate, axis=1, keepdims=True)
-    whole = expected.rate + off - at[places.gyro_bias, None]
-    inverse = at[:6][ELEMENT]
-    bows = _bows(expected.moments, _turned(inverse[None], whole[None], model.compute), sums.durations_s)
-    turn = _turning(whole, [inverse @ bow[0] for bow in bows], sums.durations_s)
-    ramp = stretch.time_s - stretch.time_s[0]
-    for package in range(stretch.readings.shape[1]):
-        number = package - model.gyros
-        arm = model.positions[number] - at[_CENTER] if number >= 0 else np.zeros(3)
-        shown = expected.rate if number < 0 else expected.velocity + arm @ turn
+    read = expected.course.read
+    for package in range(read.readings.shape[0]):
+        (gains, biases), number = _own(package, model), package - model.gyros
+        shown = expected.rate
+        if number >= 0:
+            shown = expected.velocity + (model.positions[number] - at[_CENTER]) @ fixed.turn
+        wanted = shown * (1.0 + at[gains])[:, None]
+        if number >= 0:
+            wanted += at[biases][:, None] * fixed.since_s
         for axis in range(3):
-            gains = places.gyro_gain.start + 3 * package if number < 0 else places.accelerometer_gain.start + 3 * number
-            gain, own = gains + axis, places.acceleration_bias.start + 3 * number + axis
-            wanted = shown[axis] * (1.0 + at[gain])
-            if number >= 0:
-                wanted = wanted + at[own] * ramp
-            read = np.ascontiguousarray(stretch.readings[:, package, axis])
-            rows = model.compute.used(wanted, read, float(model.quanta[package]))
-            if rows.shape[0] < 2:
-                continue
-            if number < 0:
-                x = _derivatives(design, rows, ((axis, 1.0),), None, model)
-            else:
-                first, second = (axis + 1) % 3, (axis + 2) % 3
-                levers = ((first, float(arm[second])), (second, -float(arm[first])))
-                x = _derivatives(design, rows, levers, axis, model)
-                x[_CENTER] -= turn[axis].take(rows, axis=1)
-            if at[gain] != 0.0:
-                x *= 1.0 + at[gain]
-            if design.place[gain] >= 0:
-                x[design.place[gain]] = shown[axis, rows]
-            if number >= 0 and design.place[own] >= 0:
-                x[design.place[own]] = ramp[rows]
-            yield _Component(package, rows, read[rows] - wanted[rows], x)
+            readings = read.readings[package, axis]
+            rows = model.compute.used(wanted[axis], readings, float(model.quanta[package]))
+            if rows.shape[0] >= 2:
+                left = readings[rows] - wanted[axis, rows]
+                yield _Component(package, axis, rows, shown[axis, rows], left)
+
+
+class _Batch(NamedTuple):
+    """Components of gyros, or of accelerometers, one after the other, of r rows in all."""
+
+    parts: Sequence[_Component]
+    counts: NDArray[np.int_]  # of rows of each
+    begins: NDArray[np.int_]  # where each begins
+    rows: NDArray[np.int_]  # (r,)
+
+    def each(self, values: Sequence[float] | Array) -> Array:
+        """A value for each component, shape (..., c), for all of its rows, shape (..., r)."""
+        return np.repeat(values, self.counts, axis=-1)
+
+    def without_means(self, x: Array) -> Array:
+        """Takes the mean over each component off, shape (..., r)."""
+        x -= self.each(np.add.reduceat(x, self.begins, axis=-1) / self.counts)
+        return x
+
+
+def _batch(parts: Sequence[_Component]) -> _Batch:
+    counts = np.array([part.rows.size for part in parts])
+    return _Batch(parts, counts, np.cumsum(counts) - counts, np.concatenate([part.rows for part in parts]))
+
+
+def _batches(parts: Iterator[_Component], gyros: int) -> Iterator[_Batch]:
+    """Yields components that are gone through at once."""
+    waiting: list[_Component] = []
+    for part in parts:
+        count = sum(other.rows.size for other in waiting) + part.rows.size
+        if waiting and (count > _TOGETHER or (waiting[0].package < gyros) != (part.package < gyros)):
+            yield _batch(waiting)
+            waiting = []
+        waiting.append(part)
+    if waiting:
+        yield _batch(waiting)
+
+
+def _derivatives(design: _Design, batch: _Batch, fixed: _Fixed, at: Array, model: Model) -> Array:
+    """Derivatives of what is expected of components, shape (k, r); those by ticks that are late are the last."""
+    places, place, rows = columns(model), design.place, batch.rows
+    x, m = np.zeros((design.size, rows.size)), fixed.since_s.size
+    axes, gyros = np.array([part.axis for part in batch.parts]), batch.parts[0].package < model.gyros
+    along = np.repeat(axes * m, batch.counts) + rows
+    if gyros:
+        levers = np.eye(3)[axes]
+        x[design.turning] = design.by_rate.reshape(-1, 3 * m).take(along, axis=1)
+    else:
+        arms = np.array([model.positions[part.package - model.gyros] - at[_CENTER] for part in batch.parts])
+        levers = (_CROSS[axes] @ arms[:, :, None])[:, :, 0]  # of the rate crossed with the arm
+    turning = batch.each(levers.T)
+    if not gyros:
+        x[design.turning] = np.einsum("qar,ar->qr", design.by_rate.take(rows, axis=2), turning)
+        x[design.pulling] += design.by_velocity.reshape(-1, 3 * m).take(along, axis=1)
+        x[_CENTER] -= fixed.turn[np.repeat(axes, batch.counts), :, rows].T
+    if place[places.torque.start] >= 0:
+        x[place[places.torque]] = design.turned @ turning * rows
+    if place[places.drag.start] >= 0:
+        x[place[places.drag]] = -(design.turned @ turning) * design.ways.take(rows, axis=1)
+    jets = slice(_N, _N + design.moments.shape[0])
+    if design.moments.shape[0]:
+        x[jets] = design.amount.take(rows, axis=1) * (design.moments @ turning)
+        if not gyros:
+            x[jets] += design.lightened.take(rows, axis=1) * batch.each(design.forces[:, axes])
+    _add_own(x, place, batch, fixed, at, model)
+    return x
+
+
+def _add_own(x: Array, place: NDArray[np.int_], batch: _Batch, fixed: _Fixed, at: Array, model: Model) -> None:
+    """Takes the gain of each component into account, and puts the derivatives by it and by its bias in."""
+    of_gains, of_biases = zip(*(_own(part.package, model) for part in batch.parts), strict=True)
+    gains = [gain.start + part.axis for gain, part in zip(of_gains, batch.parts, strict=True)]
+    if at[gains].any():
+        x *= batch.each(1.0 + at[gains])
+    for part, begin, gain, bias in zip(batch.parts, batch.begins.tolist(), gains, of_biases, strict=True):
+        rows = slice(begin, begin + part.rows.size)
+        if place[gain] >= 0:
+            x[place[gain], rows] = part.shown
+        if part.package >= model.gyros and place[bias.start] >= 0:
+            x[place[bias.start + part.axis], rows] = fixed.since_s[part.rows]
 
 
 def normal(stretch: Stretch, at: Array, model: Model, wanted: NDArray[np.bool_] | None = None) -> Normal:
@@ -702,7 +833,7 @@ def normal(stretch: Stretch, at: Array, model: Model, wanted: NDArray[np.bool_] 
         model: see `Model`.
         wanted: unknowns of which they are to be, shape (n,); None: all. Of others they may be zero.
     """
-    return _normal(stretch, at, course_of(stretch, at, model), model, wanted)
+    return _normal(at, _course_at(_read(stretch, model), at, model), model, wanted)
 
 
 def reckoned(model: Model) -> NDArray[np.bool_]:
@@ -710,47 +841,59 @@ def reckoned(model: Model) -> NDArray[np.bool_]:
     return (model.sigma > 0.0) | (np.arange(model.sigma.size) < _N)
 
 
-def course_of(stretch: Stretch, at: Array, model: Model) -> _Course:
-    """What acted over the intervals of a stretch, which depends on the lag alone; arguments as `normal`."""
-    return _course(stretch, at[columns(model).lag][model.kinds], model)
+def _course_at(read: _Read, at: Array, model: Model) -> _Course:
+    """What acted over the intervals of a stretch, which depends on the lag alone."""
+    return _course(read, at[columns(model).lag][model.kinds], model)
 
 
-def _normal(
-    stretch: Stretch, at: Array, course: _Course, model: Model, wanted: NDArray[np.bool_] | None = None
-) -> Normal:
-    expected = _expected(stretch, at, course, model)
-    squares = np.zeros(expected.rate.shape[1] + 1)
-    squares[1:-1] = np.sum((np.diff(expected.rate) / model.period_s) ** 2, axis=0)
-    steepness = 0.5 * (squares[:-1] + squares[1:])
-    every = np.ones(at.shape[0], dtype=np.bool_)
+def _normal(at: Array, course: _Course, model: Model, wanted: NDArray[np.bool_] | None = None) -> Normal:
+    expected = _expected(at, course, model)
+    fixed, every = _fixed(expected, at, model), np.ones(at.shape[0], dtype=np.bool_)
     design = _design(expected, at, model, every if wanted is None else wanted)
-    kept = design.kept
-    size = kept.shape[0] + design.ticks.shape[1]
+    kept, size = design.kept, design.size
     information, vector = np.zeros((size, size)), np.zeros(size)
-    parts: list[_Component] = []
-    for package, rows, difference, derivatives in _components(stretch, expected, design, at, model):
-        scale = 1.0 / np.sqrt(model.variances[package])
-        x, left = derivatives, (difference - difference.mean()) * scale
-        x -= x.sum(axis=1, keepdims=True) / rows.shape[0]
+    parts: list[tuple[_Batch, Array, Array]] = []
+    for batch in _batches(_components(expected, fixed, at, model), model.gyros):
+        scale = batch.each(1.0 / np.sqrt(model.variances[[part.package for part in batch.parts]]))
+        left = batch.without_means(np.concatenate([part.left for part in batch.parts])) * scale
+        x = batch.without_means(_derivatives(design, batch, fixed, at, model))
         x *= scale
         information += x @ x.T
         vector += x @ left
-        parts.append(_Component(package, rows, left, x[kept.shape[0] :]))
+        parts.append((batch, left, x[kept.shape[0] :]))
     shift = np.zeros(0)
     if size > kept.shape[0]:
-        information, vector, shift = _without_ticks(information, vector, course.late_s)
+        information, vector, shift = _without_ticks(information, vector, course.read.late_s)
     total = empty(model)
-    for package, rows, difference, by_ticks in parts:
-        left = difference - shift @ by_ticks if shift.size else difference
-        total.by_package[package] += left @ left, rows.shape[0] - 1.0, left[1:] @ left[:-1]
-        if package < model.gyros:
-            fast = steepness[rows] * (_QUICK * model.period_s) ** 2 > model.variances[package]
-            total.quick[:] += left[fast] @ left[fast], fast.sum()
-            total.quiet[:] += left[~fast] @ left[~fast], (~fast).sum()
+    fast = _fast(expected, model)
+    for batch, difference, by_ticks in parts:
+        _tally(total, batch, difference - shift @ by_ticks if shift.size else difference, fast, model)
     total.information[np.ix_(kept, kept)] = information
     total.score[kept] = vector
     misfit, count, _ = total.by_package.sum(axis=0).tolist()
     return total._replace(misfit=misfit, readings=count)
+
+
+def _fast(expected: _Expected, model: Model) -> Array:
+    """Variance that a stamp which is a little off gives to the rate at each row, shape (m,)."""
+    squares = np.zeros(expected.rate.shape[1] + 1)
+    squares[1:-1] = np.sum((np.diff(expected.rate) / model.period_s) ** 2, axis=0)
+    variance: Array = 0.5 * (squares[:-1] + squares[1:]) * (_QUICK * model.period_s) ** 2
+    return variance
+
+
+def _tally(total: Normal, batch: _Batch, left: Array, fast: Array, model: Model) -> None:
+    """Adds what is left of components, shape (r,), up by packages, and of gyros by how fast the rate changes."""
+    squares, serial = left * left, np.zeros_like(left)
+    serial[:-1] = left[:-1] * left[1:]
+    serial[batch.begins + batch.counts - 1] = 0.0
+    misfits, along = (np.add.reduceat(each, batch.begins) for each in (squares, serial))
+    packages = [part.package for part in batch.parts]
+    np.add.at(total.by_package, packages, np.column_stack((misfits, batch.counts - 1.0, along)))
+    if packages[0] < model.gyros:
+        quick = fast[batch.rows] > batch.each(model.variances[packages])
+        total.quick[:] += squares[quick].sum(), quick.sum()
+        total.quiet[:] += squares[~quick].sum(), (~quick).sum()
 
 
 def _without_ticks(information: Array, score: Array, late_s: Array) -> tuple[Array, Array, Array]:
@@ -791,17 +934,15 @@ def fitted(stretches: Sequence[Stretch], start: Array, model: Model) -> Fit:
     at = start.copy()
     free = np.flatnonzero(model.sigma > 0.0)
     sigma, lag = model.sigma[free], columns(model).lag
+    read = [_read(stretch, model) for stretch in stretches]
     told: list[_Course] = []
     told_for, wanted, complete = at, reckoned(model), False
     for number in range(_PASSES):
         complete = complete or number == _PASSES - 1
         if not told or (at[lag] != told_for[lag]).any():
-            told, told_for = [course_of(stretch, at, model) for stretch in stretches], at
-        each = zip(stretches, told, strict=True)
-        parts = [_normal(stretch, at, course, model, None if complete else wanted) for stretch, course in each]
-        total = empty(model)
-        for part in parts:
-            total = total.plus(part)
+            told, told_for = [_course_at(one, at, model) for one in read], at
+        parts = [_normal(at, course, model, None if complete else wanted) for course in told]
+        total = reduce(Normal.plus, parts) if parts else empty(model)
         scaled = total.information[np.ix_(free, free)] * np.outer(sigma, sigma) + np.eye(free.shape[0])
         right = total.score[free] * sigma + (model.prior[free] - at[free]) / sigma
         step = np.linalg.solve(scaled, right)
@@ -880,22 +1021,25 @@ def score(
         clear: largest 1-sigma of a combination of them that is tested.
         common: what is reckoned with at all, which it is that serves where they are not.
     """
-    total = fit.normal
+    total, size = fit.normal, np.zeros(group.shape[0])
     if common is None or (model.sigma[group] > 0.0).any():
         common = reckoned_in(fit, model, group)
-    cross = total.information[np.ix_(group, common.free)] * common.sigma
-    information = total.information[np.ix_(group, group)] - cross @ common.solved[:, group]
-    of_group = common.score[group] - cross @ common.solved[:, -1]
+    shown = total.information[group, group] != 0.0  # of others nothing is known
+    there = group[shown]
+    cross = total.information[np.ix_(there, common.free)] * common.sigma
+    information = total.information[np.ix_(there, there)] - cross @ common.solved[:, there]
+    of_group = common.score[there] - cross @ common.solved[:, -1]
     if not (np.isfinite(information).all() and np.isfinite(of_group).all()):
-        return ScoreTest(0.0, 0, np.zeros(group.shape[0]), total.misfit)
+        return ScoreTest(0.0, 0, size, total.misfit)
     values, vectors = np.linalg.eigh(0.5 * (information + information.T))
-    known = values > max(1.0 / clear**2, 1e-9 * float(np.max(np.abs(np.diag(total.information))[group], initial=0.0)))
+    known = values > max(1.0 / clear**2, 1e-9 * float(np.max(np.abs(total.information[there, there]), initial=0.0)))
     if not known.any():
-        return ScoreTest(0.0, 0, np.zeros(group.shape[0]), total.misfit)
+        return ScoreTest(0.0, 0, size, total.misfit)
     along = (vectors.T @ of_group)[known] / values[known]
     statistic = float(np.sum(along**2 / (1.0 / values[known] + stated**2)))
     gained = float(np.sum(along**2 * values[known]))
-    return ScoreTest(statistic, int(known.sum()), vectors[:, known] @ along, max(total.misfit - gained, 0.0))
+    size[shown] = vectors[:, known] @ along
+    return ScoreTest(statistic, int(known.sum()), size, max(total.misfit - gained, 0.0))
 
 
 def least_deviation(information: Sequence[Array], start: Array, drifts: Sequence[Array], model: Model) -> Array:

@@ -97,6 +97,7 @@ class JetSelectionProgram:
         n = self._n = self._cost.size
         self._least = np.zeros(n)  # on-time of each jet
         self._solver = ClpSolver()
+        self._seen: tuple[Array | None, Array | None] = None, None  # activity and limits, if nobody can write to them
         self._rows_of: Array | None = None  # the activity vectors whose scaled rows are kept
         self._rows = self._sizes = np.empty(0)
         self._exact_has: Array | None = None  # the scaled rows that the first program holds
@@ -117,7 +118,7 @@ class JetSelectionProgram:
         return _made(np.full(self._n + 12, np.inf), cost)
 
     def solve(self, activity: Array, request: Array, limits_s: Array) -> Selection:
-        """On-times for a request.
+        """On-times for a request; arrays that cannot be written to, and are those of the last, are not looked at again.
 
         Args:
             activity: activity vectors as columns, shape (6, n_jets).
@@ -192,18 +193,21 @@ class JetSelectionProgram:
         return self._rows, *_target(request, self._sizes)
 
     def _check(self, activity: Array, request: Array, limits_s: Array) -> None:
-        for name, array, shape in (
-            ("activity", activity, (6, self._n)),
-            ("request", request, (6,)),
-            ("limits_s", limits_s, (self._n,)),
-        ):
+        if request.shape != (6,):
+            raise ValueError(f"request must have shape (6,), got {request.shape}")
+        if not all(map(math.isfinite, request.tolist())):
+            raise ValueError(f"a request must be finite, got {request}")
+        seen, limited = self._seen
+        if activity is seen and limits_s is limited:
+            return
+        for name, array, shape in (("activity", activity, (6, self._n)), ("limits_s", limits_s, (self._n,))):
             if array.shape != shape:
                 raise ValueError(f"{name} must have shape {shape}, got {array.shape}")
         self._keep(activity)
-        if not all(map(math.isfinite, request.tolist())):
-            raise ValueError(f"a request must be finite, got {request}")
         if not np.minimum.reduce(limits_s) >= 0.0:  # NaN fails too
             raise ValueError(f"limits_s must be zero or positive, got {limits_s}")
+        constant = not (activity.flags.writeable or limits_s.flags.writeable)
+        self._seen = (activity, limits_s) if constant else (None, None)
 
     def _least_propellant(self, request: Array, limits_s: Array) -> Array | None:
         rows, target, scale = self._scaled(request)

@@ -111,7 +111,7 @@ class Selector:
         self._least = least_cycles(minimum_on_times_s, period_s)
         self._selectable = selectable
         self._nominal = mass_properties
-        self._nominal_activity = activity_vectors(wrenches, mass_properties)
+        self._nominal_activity = _constant(activity_vectors(wrenches, mass_properties))
         self._undone, self._by_nominal = np.zeros(6), np.zeros(6)  # the last wrench, and its effect
         self._limited, self._limits = (b"", 0.0), np.zeros(0)  # the last limits, and of which jets and time
         self._program = JetSelectionProgram(mass_flows)
@@ -194,7 +194,7 @@ class Selector:
         limited = out_of_use.tobytes(), longest_s
         if limited != self._limited:
             available = self._selectable & (out_of_use <= 0.0)
-            self._limited, self._limits = limited, np.where(available, longest_s, 0.0)
+            self._limited, self._limits = limited, _constant(np.where(available, longest_s, 0.0))
         return self._limits
 
     def _effect(self, properties: Array | None, wrench: Array) -> Array:
@@ -222,6 +222,12 @@ class Selector:
         """Largest rate change per second of firing about each axis, both ways, without some jets."""
         limits = self._longest(out_of_use, 1.0)
         return [self._program.reach(activity, row, sign, limits) for row in range(3) for sign in (1.0, -1.0)]
+
+
+def _constant(array: Array) -> Array:
+    """An array that nobody writes to from now on."""
+    array.flags.writeable = False
+    return array
 
 
 def _length(vector: Array) -> float:

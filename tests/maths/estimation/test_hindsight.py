@@ -226,6 +226,40 @@ def test_equations_of_some_unknowns_are_those_of_all_without_the_others() -> Non
     assert not some.information[places.gyro_bias].any()
 
 
+def test_the_score_is_the_slope_of_the_misfit() -> None:
+    """Of gyros; of accelerometers what turning shows is taken as it is."""
+    stretch, (model, places) = flight(3).stretch, known()
+    stretch.readings[:, 1] = np.nan
+    at = model.prior + 0.01 * model.sigma
+    at[places.thrust], at[places.gyro_gain], at[places.gyro_bias] = 0.01 * np.arange(6), 1e-3, 1e-4
+    at[places.torque], at[places.drag], at[places.acceleration_bias] = 1e-6, 1e-3, 1e-3
+    steps = np.full(at.size, 1e-5)
+    steps[:10] = 1e-4 * model.sigma[:10]
+    found = hindsight.normal(stretch, at, model)
+    for place, step in enumerate(steps):
+        ahead, back = at.copy(), at.copy()
+        ahead[place] += step
+        back[place] -= step
+        change = hindsight.normal(stretch, ahead, model).misfit - hindsight.normal(stretch, back, model).misfit
+        scale = np.sqrt(found.information[place, place] * found.misfit)
+        assert -change / (4.0 * step) == pytest.approx(found.score[place], abs=2e-6 * scale)
+
+
+def test_levels_lag_as_they_do_interval_by_interval() -> None:
+    rng = np.random.default_rng(0)
+    remaining, by_logarithm = np.array([0.0, 0.02, 0.3, 0.9999]), np.array([0.0, 0.08, 0.36, 1e-4])
+    told, level, slope = rng.integers(0, 2, (60, 4)).astype(float), np.zeros((61, 4)), np.zeros((61, 4))
+    level[0], level[1:] = rng.random(4), told
+    expected, by_expected = level.copy(), slope.copy()
+    for k in range(60):
+        off = expected[k] - told[k]
+        expected[k + 1] = told[k] + off * remaining
+        by_expected[k + 1] = by_expected[k] * remaining + off * by_logarithm
+    hindsight.lag(level, slope, remaining, by_logarithm)
+    np.testing.assert_allclose(level, expected, atol=1e-14)
+    np.testing.assert_allclose(slope, by_expected, atol=1e-14)
+
+
 def test_a_reading_counts_once_it_has_moved() -> None:
     expected = np.array([0.0, 0.3, 0.6, 1.0, 1.4, 2.1, 2.1])
     read = np.array([0.0, 0.0, 1.0, 1.0, np.nan, 2.0, 5.0])

@@ -67,9 +67,6 @@ class Firing(NamedTuple):
 def fire(level: Array, slope: Array, time_constants_s: Array, durations_s: Array, commands: Array) -> Firing:
     """What the jets do over an interval that consists of pieces with constant commands.
 
-    In numpy many intervals of one piece may be gone through at once: then levels, slopes and commands have an axis more
-    before that of the jets, and what comes out has it, too.
-
     Args:
         level: at the start of the interval, shape (n_jets,).
         slope: its derivative by ln tau, shape (n_jets,).
@@ -105,6 +102,31 @@ def fire(level: Array, slope: Array, time_constants_s: Array, durations_s: Array
         total += h
     bow = moments if durations_s.shape[0] == 1 else _bow(moments, amount, total)
     return Firing(total, amount, amount_slope, bow, variance, level, slope, commanded)
+
+
+class Lingering(NamedTuple):
+    """What a lag leaves, over an interval with a constant command, of how far a level was off it.
+
+    Attributes:
+        remaining: share at its end, e, shape (n_jets,).
+        by_logarithm: its derivative by ln tau, e'.
+        mean: share on average, k.
+        bow: of each jet that was off by 1, over the interval's length, see `Firing`, shape (3, n_jets).
+    """
+
+    remaining: Array
+    by_logarithm: Array
+    mean: Array
+    bow: Array
+
+
+def lingering(ratio: Array) -> Lingering:
+    """Of time constants over the length of the interval, shape (n_jets,); zero: no lag."""
+    lagged = ratio > 0.0
+    remaining = np.exp(-1.0 / either(lagged, ratio, 1.0)) * lagged
+    mean = ratio * (1.0 - remaining)
+    bow = _bow_of_piece(np.ones_like(ratio), _parts(ratio, mean), mean)
+    return Lingering(remaining, remaining / either(lagged, ratio, 1.0), mean, bow)
 
 
 @kernel
