@@ -446,7 +446,7 @@ def test_who_explains_all_alone_takes_no_place_of_two_that_do(monkeypatch: pytes
     """What two jets do together a third does alone: with whatever else, it is likelier than they."""
     monkeypatch.setattr(screens, "_PAIRS", 1)
     screen, jets = screen_of(flown, (3,)), PARAMS.places.jets
-    shown = np.random.default_rng(5).standard_normal((screen.projection.shape[1], 40))
+    shown = 20.0 * np.random.default_rng(5).standard_normal((screen.projection.shape[1], 40))
     shown[0] = shown[1] + shown[2]
     force = 0.3 * PARAMS.thrusts.min()
     screen = screen._replace(information=(shown @ shown.T)[None], projection=(shown @ shown[0] * force)[None])

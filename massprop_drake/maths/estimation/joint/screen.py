@@ -171,7 +171,7 @@ def begin(
     """
     places = params.places
     state, cycle = start
-    h = 5 * places.jets + read.shape[0]
+    h = _KINDS * places.jets + read.shape[0]
     columns = np.zeros((places.size, N_PROPERTIES + len(onsets) * h))
     jump = np.zeros((places.size, N_PROPERTIES))
     jump[:N_PROPERTIES] = np.diag(jump_sigma(params, JUMP_SHARES[0]))
