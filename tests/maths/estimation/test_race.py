@@ -276,6 +276,19 @@ def test_what_led_was_wrong_where_another_explains_the_newest_sample() -> None:
     assert not found.shaken
 
 
+def test_what_led_was_right_where_another_explains_all_but_the_newest_sample_too() -> None:
+    """Whoever fits may still be as surprised as they are: something new has begun."""
+    other = surprised(leak(1), 60.0, 99.0)
+    other = other._replace(score=other.score._replace(nis=12.0))
+    assert other.fits
+    found = judged(
+        surprised(leak(0), 60.0), other, leading=(contender(leak(0), 100.0),), others=(contender(leak(1), 99.0),)
+    )
+    assert found.shaken
+    assert found.winner is not None
+    assert found.winner.contender.cause == leak(0)
+
+
 def test_what_led_was_wrong_where_it_had_not_explained_well_what_came_before() -> None:
     led = (contender(leak(0), 100.0),)
     for before, expected in ((15.0, True), (18.0, False)):  # of six components, 6 + 3 sqrt(12) = 16.4

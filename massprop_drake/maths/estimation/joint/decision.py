@@ -335,7 +335,8 @@ def _interrupted(race: Race, standing: list[Standing], rules: Rules) -> Decision
         return None
     surprises = [run.newest.surprise for run in runs]
     others = [each for each in standing if each.contender.cause not in {one.contender.cause for one in led}]
-    if min(surprises) >= SURPRISED and any(each.run is not None and each.run.fits for each in others):
+    fitting = [each.run for each in others if each.run is not None and each.run.fits]
+    if min(surprises) >= SURPRISED and any(run.newest.surprise < SURPRISED for run in fitting):
         return None
     if min(surprises) >= _SHAKEN:
         return _named(led, race, rules)
