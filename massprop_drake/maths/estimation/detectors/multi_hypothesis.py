@@ -523,7 +523,7 @@ def _raced(
             )
     redrawn = race is not None and not race.led and state.cycle - race.triggered in _REDRAWN
     if race is not None and redrawn and decision.outcome == Outcome.OPEN:
-        race = races.moved(race, standing, bank, history, joint)
+        race = races.moved(race, standing, bank, history, index, joint)
     bank = after_it
     oldest = int(bank.cycles[0]) if race is None else min(int(bank.cycles[0]), race.screen.began)
     history = History(state.cycle, history.records[-(state.cycle - oldest + 1) :])

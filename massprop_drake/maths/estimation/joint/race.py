@@ -149,8 +149,13 @@ def begin(bank: Bank, index: int, triggered: int, history: History, params: Join
     return Race(triggered, (bank.states[first], *(bank.states[k] for k in chosen)), started, ())
 
 
-def moved(race: Race, standing: list[Standing], bank: Bank, history: History, params: JointParams) -> Race:
+def moved(
+    race: Race, standing: list[Standing], bank: Bank, history: History, tested: int, params: JointParams
+) -> Race:
     """The race anew about its likeliest onset, where that is the first or the last that it looks at and not the only.
+
+    Where it is the last, what has begun may have done so long after: then about the onset that the test has by now, if
+    that is later still. The first alarm may have been of chance, and tells nothing of what came as it was raised.
 
     A race whose leader fits stays, or in which jets that fit are no more behind than their onset may cost: it is known
     well enough. But a small jump also fits jets that have failed at another onset.
@@ -160,6 +165,7 @@ def moved(race: Race, standing: list[Standing], bank: Bank, history: History, pa
         standing: see `standings`.
         bank: see `begin`.
         history: see `History`.
+        tested: index in it of the onset that the test has, -1 for none.
         params: see `JointParams`.
     """
     onsets = race.screen.onsets
@@ -173,7 +179,8 @@ def moved(race: Race, standing: list[Standing], bank: Bank, history: History, pa
     best = next((each.contender.onset for each in standing if each.contender.cause.kind == Kind.JETS), None)
     if best not in (onsets[0], onsets[-1]) or best not in bank.cycles:
         return race
-    drawn = begin(bank, int(np.flatnonzero(bank.cycles == best)[0]), race.triggered, history, params)
+    index = int(np.flatnonzero(bank.cycles == best)[0])
+    drawn = begin(bank, max(index, tested) if best == onsets[-1] else index, race.triggered, history, params)
     return race if drawn.screen.onsets == onsets else drawn
 
 
@@ -462,12 +469,18 @@ def running(race: Race, standing: list[Standing], free_slots: int, params: Joint
     ahead_by = by_readings if race.cycles <= A_SECOND else margin
     close = {each.contender.cause for each in others if ahead_by(leader, each) < reach}
 
+    lie = next((each for each in others if each.contender.cause.kind == Kind.LIES and each.run is not None), None)
+    lies_so_far = lie.contender.cause if lie is not None and lie.run is not None and lie.run.fits else None
+
     def place(each: Standing) -> tuple[bool, ...]:
-        """The jump first, then those that are close, of them those that run: where dozens explain as much, they would
-        take each other's place before any has arrived; then the rest; each as likely as they are.
+        """The jump first, and the reading that lies while that explains all so far: jets that to first order come near
+        a jump, of which that says little, are many. Then those that are close, of them those that run: where dozens
+        explain as much, they would take each other's place before any has arrived; then the rest; each as likely as
+        they are.
         """
         cause = each.contender.cause
-        return cause.kind != Kind.JUMP, cause not in close, cause in close and cause not in present
+        first = cause.kind == Kind.JUMP or cause == lies_so_far
+        return not first, cause not in close, cause in close and cause not in present
 
     for each in (leader, *sorted(standing[1:], key=place)):
         contender, cause = each.contender, each.contender.cause
@@ -528,7 +541,7 @@ def _begins_anew(run: Runner, standing: Standing) -> bool:
     strays = run.fits and arrived_run is not None and abs(there - contender.lead) > NEAR
     if strays and not _of_one_size(first, contender):
         return False
-    if run.kicks:
+    if run.kicks and first.onset == run.onset:  # elsewhere a jet may have been told otherwise, and kick otherwise
         wider = np.log(np.array(run.kicks) / np.array(first.kicks))
         if float(np.sum(np.maximum(wider, 0.0))) > _TOO_WIDE:
             return True
