@@ -631,6 +631,34 @@ def test_a_liar_is_heard_once_it_has_arrived_whatever_the_first_order_says() -> 
         assert (lie in causes(found)) == expected
 
 
+def test_a_reading_that_lies_keeps_its_place_while_it_explains_all() -> None:
+    """Beside a jump, of which the first order says little, many jets seem near; none of them has been heard."""
+    lie = Cause(Kind.LIES, component=1)
+    some = [contender(leak(jet), 99.0) for jet in range(6)] + [contender(JUMP, 100.0), contender(lie, 70.0)]
+    for nis, lead, expected in ((12.0, 87.0, True), (200.0, 87.0, False), (12.0, 30.0, False)):
+        now = race(running(JUMP, 100.0), running(lie, lead, nis=nis))._replace(triggered=NOW - 20)
+        found = causes(races.running(now, races.standings(now, some, PARAMS), 2, PARAMS))
+        assert found[0] == JUMP
+        assert (lie in found) == expected
+
+
+def test_a_race_moves_past_its_last_onset_to_the_one_that_the_test_has(monkeypatch: pytest.MonkeyPatch) -> None:
+    begun: list[int] = []
+
+    def begin(bank: banks.Bank, index: int, *_: object) -> Race:
+        begun.append(index)
+        return race()
+
+    monkeypatch.setattr(races, "begin", begin)
+    bank = banks.empty(PARAMS.places)._replace(cycles=ONSET + np.arange(4.0))
+    now = race()
+    now = now._replace(screen=now.screen._replace(onsets=(ONSET, ONSET + 1)), states=(STATE,) * 3)
+    for onset, tested, expected in ((1, 3, 3), (1, 0, 1), (1, -1, 1), (0, 3, 0)):
+        some = [contender(leak(0), 100.0)._replace(onset=ONSET + onset)]
+        races.moved(now, races.standings(now, some, PARAMS), bank, History(NOW, ()), tested, PARAMS)
+        assert begun.pop() == expected
+
+
 def test_a_race_moves_where_a_small_jump_leads_jets_by_more_than_their_onset_may_cost(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -641,10 +669,10 @@ def test_a_race_moves_where_a_small_jump_leads_jets_by_more_than_their_onset_may
     small, large = (running(JUMP, 100.0)._replace(share=share) for share in reversed(JUMP_SHARES))
     for jump, jets, expected in ((small, 90.0, True), (small, 98.0, False), (large, 90.0, False)):
         now = race(jump, running(leak(0), jets))
-        found = races.moved(now, races.standings(now, some, PARAMS), bank, History(NOW, ()), PARAMS)
+        found = races.moved(now, races.standings(now, some, PARAMS), bank, History(NOW, ()), -1, PARAMS)
         assert (found is elsewhere) == expected
     now = race()
-    assert races.moved(now, [], bank, History(NOW, ()), PARAMS) is now  # it has not arrived at the present
+    assert races.moved(now, [], bank, History(NOW, ()), -1, PARAMS) is now  # it has not arrived at the present
 
 
 def test_what_led_begins_anew_at_a_better_onset_unless_the_newest_sample_surprises_it() -> None:
@@ -760,6 +788,13 @@ def test_what_a_filter_took_for_its_onset_may_be_all_that_it_is_off_the_first_or
         now = race(run)
         found = races.running(now, races.standings(now, some, PARAMS), 2, PARAMS)
         assert (found.runs[0].cycle == ONSET) == expected
+    # at another onset the jet was told otherwise, and kicked otherwise
+    elsewhere = contender(leak(0), 122.0)._replace(
+        force=(0.6 * PARAMS.thrusts[0],), kicks=narrow, onset=ONSET + 1, at_onsets=((ONSET, 121.5), (ONSET + 1, 122.0))
+    )
+    now = race(running(leak(0), 100.0)._replace(kicks=wide))
+    now = now._replace(screen=now.screen._replace(onsets=(ONSET, ONSET + 1)), states=(STATE,) * 3)
+    assert races.running(now, races.standings(now, [elsewhere], PARAMS), 2, PARAMS).runs[0].cycle == NOW
 
 
 def test_onsets_are_compared_with_each_other_to_first_order() -> None:

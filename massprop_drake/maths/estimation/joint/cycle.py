@@ -29,7 +29,14 @@ from massprop_drake.maths.estimation.joint.layout import (
     JointState,
     relearned,
 )
-from massprop_drake.maths.estimation.joint.measurement import outputs, rate_read, readings, used
+from massprop_drake.maths.estimation.joint.measurement import (
+    outputs,
+    rate_read,
+    readings,
+    told_by_one,
+    unknown_forces,
+    used,
+)
 from massprop_drake.maths.estimation.joint.prediction import (
     Drive,
     Prediction,
@@ -269,7 +276,12 @@ def _expected(
     projected = jacobian @ root
     deviation = np.sqrt(np.sum(projected * projected, axis=1))
     read = readings(sample.rates, sample.velocities)
-    counts = used(read, values, state.last, deviation, params.quanta)
+    forces = unknown_forces(state, params)
+    if forces > 0:
+        deviation, telling = told_by_one(projected, read, forces, params.variances)
+        counts = used(read, values, state.last, deviation, params.quanta) | telling
+    else:
+        counts = used(read, values, state.last, deviation, params.quanta)
     return Expected(prediction, root, spin, jacobian, projected, read - values, counts)
 
 

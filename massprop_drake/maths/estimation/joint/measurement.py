@@ -13,6 +13,11 @@ component is used when, with Y the variance of its prediction (without the readi
 
 y^_last its filtered output when it was used last; always where the sensor's noise dithers it, sigma_n >= q/4, which
 params say by a step of zero. A reading that is missing (NaN) is not used.
+
+A force of which nothing is known, as that of a jet that gives something else every time, makes all predictions worse
+than that in each sample, and the roundings of those that stand still would be taken for new ones. Of it one reading
+tells, the one that it moves by most in 1-sigmas of the reading; Y of the others is that given this reading, see
+`told_by_one`.
 """
 
 from __future__ import annotations
@@ -26,6 +31,7 @@ from massprop_drake.maths.kernels import kernel, numbers
 from massprop_drake.maths.linear_algebra import Array, skew
 
 _IDENTITY = np.eye(3)
+_UNKNOWN = 0.9  # of full thrust, 1 sigma: a force of which nothing is known
 
 
 @kernel
@@ -125,6 +131,43 @@ def used(read: Array, predicted: Array, last: Array, deviation: Array, quanta: A
     off = np.abs(read - predicted) > 0.5 * quanta + 3.0 * deviation
     poor = deviation > 0.5 * quanta
     return ~np.isnan(read) & (moved | off | poor)
+
+
+@kernel
+def unknown_forces(state: JointState, params: JointParams) -> int:
+    """How many failed jets there are of whose force nothing is known."""
+    count = 0
+    for slot in range(state.slot_jet.shape[0]):
+        if state.slot_jet[slot] >= 0:
+            most = params.thrusts[int(state.slot_jet[slot])]
+            count += np.sqrt(np.sum(state.root[params.places.force + slot] ** 2)) >= _UNKNOWN * most
+    return count
+
+
+@kernel
+def told_by_one(projected: Array, read: Array, forces: int, variances: Array) -> tuple[Array, np.ndarray]:
+    """1-sigma of each prediction once one reading for each unknown force is known, and which readings these are.
+
+    Args:
+        projected: H times a root of the state's covariance, shape (m, k).
+        read: readings, NaN where missing, shape (m,).
+        forces: of which nothing is known.
+        variances: of the readings, shape (m,).
+
+    Returns:
+        Shape (m,), and (m,).
+    """
+    covariance = projected @ projected.T
+    telling = np.zeros(read.shape[0], dtype=np.bool_)
+    for _ in range(forces):
+        ratio = np.where(np.isnan(read) | telling, 0.0, np.diag(covariance) / variances)
+        most = np.argmax(ratio)
+        if ratio[most] == 0.0:
+            break
+        telling[most] = True
+        column = covariance[:, most].copy()
+        covariance = covariance - np.outer(column, column) / (column[most] + variances[most])
+    return np.sqrt(np.maximum(np.diag(covariance), 0.0)), telling
 
 
 def rebased(state: JointState, params: JointParams) -> JointState:
