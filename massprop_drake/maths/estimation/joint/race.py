@@ -149,9 +149,7 @@ def begin(bank: Bank, index: int, triggered: int, history: History, params: Join
     return Race(triggered, (bank.states[first], *(bank.states[k] for k in chosen)), started, ())
 
 
-def moved(
-    race: Race, standing: list[Standing], bank: Bank, history: History, tested: int, params: JointParams
-) -> Race:
+def moved(race: Race, standing: list[Standing], bank: Bank, history: History, tested: int, params: JointParams) -> Race:
     """The race anew about its likeliest onset, where that is the first or the last that it looks at and not the only.
 
     Where it is the last, what has begun may have done so long after: then about the onset that the test has by now, if
