@@ -274,14 +274,9 @@ def _expected(
     values, jacobian = outputs(there, state.reference, spin, params)
     values = values + jacobian @ (prediction.mean - there)
     projected = jacobian @ root
-    deviation = np.sqrt(np.sum(projected * projected, axis=1))
     read = readings(sample.rates, sample.velocities)
-    forces = unknown_forces(state, params)
-    if forces > 0:
-        deviation, telling = told_by_one(projected, read, forces, params.variances)
-        counts = used(read, values, state.last, deviation, params.quanta) | telling
-    else:
-        counts = used(read, values, state.last, deviation, params.quanta)
+    deviation, telling = told_by_one(projected, read, unknown_forces(state, params), params.variances)
+    counts = used(read, values, state.last, deviation, params.quanta) | telling
     return Expected(prediction, root, spin, jacobian, projected, read - values, counts)
 
 

@@ -151,14 +151,16 @@ def told_by_one(projected: Array, read: Array, forces: int, variances: Array) ->
     Args:
         projected: H times a root of the state's covariance, shape (m, k).
         read: readings, NaN where missing, shape (m,).
-        forces: of which nothing is known.
+        forces: how many there are of which nothing is known.
         variances: of the readings, shape (m,).
 
     Returns:
         Shape (m,), and (m,).
     """
-    covariance = projected @ projected.T
     telling = np.zeros(read.shape[0], dtype=np.bool_)
+    if forces == 0:
+        return np.sqrt(np.sum(projected * projected, axis=1)), telling
+    covariance = projected @ projected.T
     for _ in range(forces):
         ratio = np.where(np.isnan(read) | telling, 0.0, np.diag(covariance) / variances)
         most = np.argmax(ratio)

@@ -467,8 +467,8 @@ def running(race: Race, standing: list[Standing], free_slots: int, params: Joint
     ahead_by = by_readings if race.cycles <= A_SECOND else margin
     close = {each.contender.cause for each in others if ahead_by(leader, each) < reach}
 
-    lie = next((each for each in others if each.contender.cause.kind == Kind.LIES and each.run is not None), None)
-    lies_so_far = lie.contender.cause if lie is not None and lie.run is not None and lie.run.fits else None
+    lie = next((each.run for each in others if each.run is not None and each.run.cause.kind == Kind.LIES), None)
+    lies_so_far = lie.cause if lie is not None and lie.fits else None
 
     def place(each: Standing) -> tuple[bool, ...]:
         """The jump first, and the reading that lies while that explains all so far: jets that to first order come near
