@@ -222,7 +222,7 @@ def _of_jets(
     if clear:
         little = _is_new_and_little(race, standing[0], params)
         shown = cycles > _HALF_A_SECOND or (_shown_by_readings(standing, rules) and not little)
-        shown = shown and not (little and run.cycle - run.onset <= A_SECOND and _may_be_two(standing, rules))
+        shown = shown and not (little and cycles <= A_SECOND and _may_be_two(standing, rules))
         return Decision(Outcome.JETS if shown else Outcome.OPEN, standing[0], clear=True)
     near = _near(standing, rules)
     alternatives = _alternatives((best, *near), rules)
