@@ -754,18 +754,24 @@ def test_what_gives_little_is_named_half_a_second_after_the_alarm() -> None:
 
 
 def test_what_gives_little_must_lead_two_at_once_by_what_is_read_for_a_second() -> None:
-    """Later the rarity of two counts, and always where they share the jet, or much is given."""
-    for share, jets, cycles, expected in (
-        (0.05, (1, 2), 12, False),
-        (0.05, (1, 2), 13, True),
-        (0.05, (0, 1), 12, True),
-        (0.6, (1, 2), 12, True),
+    """Of its onset, whenever the alarm was; later the rarity of two counts, and always where they share the jet, or
+    much is given.
+    """
+    for share, jets, age, cycles, expected in (
+        (0.05, (1, 2), 12, 12, False),
+        (0.05, (1, 2), 12, 20, False),
+        (0.05, (1, 2), 13, 13, True),
+        (0.05, (1, 2), 13, 7, True),
+        (0.05, (0, 1), 12, 12, True),
+        (0.6, (1, 2), 12, 12, True),
     ):
         run = running(leak(0), 100.0)
         mean = run.state.mean.copy()
         mean[PARAMS.places.force] = share * PARAMS.thrusts.max()
         both = running(leak(*jets), 100.0)  # twelve behind since they are two
-        now = race(run._replace(state=run.state._replace(mean=mean)), both)._replace(triggered=NOW + 1 - cycles)
+        since = NOW - age
+        run, both = (each._replace(onset=since) for each in (run._replace(state=run.state._replace(mean=mean)), both))
+        now = race(run, both)._replace(triggered=NOW + 1 - cycles)
         standing = races.standings(now, [contender(leak(0), 100.0), contender(leak(*jets), 88.0)], PARAMS)
         found = decision.decided(now, standing, True, decision.Rules(), PARAMS)
         assert (found.outcome == decision.Outcome.JETS) == expected

@@ -683,7 +683,7 @@ def _anew(state: State, now: JointState, decision: Decision, joint: JointParams)
     if decision.outcome not in (Outcome.JETS, Outcome.GROUP) or run is None:
         return banks.taken(bank, records[-1].link, now, state.cycle), History(state.cycle, (records[-1],)), now
     ago = state.cycle - run.cycle
-    known_for = max(run.cycle - run.onset - len(run.kicks), int(decision.shaken and ago == 0))
+    known_for = max(run.age - len(run.kicks), int(decision.shaken and ago == 0))
     count = min(len(run.earlier), known_for, len(records) - 1 - ago)
     past = run.earlier[len(run.earlier) - count] if count > 0 else now
     count += ago

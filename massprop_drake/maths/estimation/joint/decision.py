@@ -210,7 +210,7 @@ def _of_jets(
     significant = pair or abs(best.force[0]) > SIGNIFICANT * best.sigma[0]
     known = any(jet in race.states[0].slot_jet for jet in best.cause.jets)
     undecided = Decision(Outcome.OPEN)
-    if run.cycle - run.onset < len(run.kicks):  # what is not known of its first intervals is not all in its state
+    if run.age < len(run.kicks):  # what is not known of its first intervals is not all in its state
         return undecided
     if not run.fits or best.lead <= rules.lead_nothing or not (significant or known):
         return undecided
@@ -222,7 +222,7 @@ def _of_jets(
     if clear:
         little = _is_new_and_little(race, standing[0], params)
         shown = cycles > _HALF_A_SECOND or (_shown_by_readings(standing, rules) and not little)
-        shown = shown and not (little and cycles <= A_SECOND and _may_be_two(standing, rules))
+        shown = shown and not (little and run.age <= A_SECOND and _may_be_two(standing, rules))
         return Decision(Outcome.JETS if shown else Outcome.OPEN, standing[0], clear=True)
     near = _near(standing, rules)
     alternatives = _alternatives((best, *near), rules)

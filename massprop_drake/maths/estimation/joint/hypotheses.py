@@ -185,6 +185,11 @@ class Runner(NamedTuple):
     expected: tuple[tuple[float, float], ...] = ()
 
     @property
+    def age(self) -> int:
+        """Cycles since its onset."""
+        return self.cycle - self.onset
+
+    @property
     def fits(self) -> bool:
         """Whether it explains the readings since its onset."""
         return self.score.misfit < FIT and self.score.excess - self.entry.excess < EXCESS
@@ -446,10 +451,10 @@ def stepped(
         params: without increments.
     """
     state = run.state
-    if run.cycle == run.onset:
+    if run.age == 0:
         state = opened(state, run.cause, params, run.share, run.expected)
-    if 0 <= run.cycle - run.onset < len(run.kicks):
-        state = kicked(state, run.cause, np.array(run.kicks[run.cycle - run.onset]), over, params)
+    if 0 <= run.age < len(run.kicks):
+        state = kicked(state, run.cause, np.array(run.kicks[run.age]), over, params)
     state = restless(state, erratic, params)
     after, report = step(state, sample, params)
     score, lying, lie, component = run.score, run.lying, run.lie, run.cause.component

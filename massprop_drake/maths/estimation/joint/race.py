@@ -31,7 +31,7 @@ _BEFORE = 3  # snapshots before the onset where the race begins: the onset is no
 NEAR = 12.0  # nats behind the best within which a hypothesis runs as a filter: twice the lead that decides
 _FIRST_ORDER = 1e-3  # of the lead of a filter that does not fit, by which the first order may be off
 _RUNS = 6  # filters at once, with the jump
-A_SECOND = 12  # cycles of a race in which two failures at once are not held to be rare
+A_SECOND = 12  # cycles in which two failures at once are not held to be rare
 _LIE_RUNS = 12  # cycles in which the likeliest liar runs, however the first order takes so large an error
 _BETTER = 1.0  # nats at another onset, that a filter begins anew there
 _AGAIN = 30.0  # times likelier that a jet known to be wrong changes than that any other fails, in whichever of two ways
@@ -431,7 +431,7 @@ def _forces(run: Runner, params: JointParams) -> tuple[Array, Array]:
 
 def _impossible(run: Runner, params: JointParams) -> bool:
     """Whether a filter knows by now that a jet would have to give more than it can, or less than nothing."""
-    if run.cause.kind != Kind.JETS or run.cycle - run.onset < len(run.kicks):
+    if run.cause.kind != Kind.JETS or run.age < len(run.kicks):
         return False
     force, covariance = _forces(run, params)
     within = screens.BOUND * np.sqrt(np.diagonal(covariance))
