@@ -291,7 +291,7 @@ def diagnosed(parts: Sequence[Stretch], begin: Array, made: Model, names: Names)
         start[:10] = begin
     found: list[Diagnosis] = []
     fit = first = hindsight.fitted(parts, start, made)
-    if fit.normal.readings < _FEWEST:
+    if fit.normal.readings < _FEWEST or not fit.normal.is_finite:
         return found, first
     reckoned = made
     while len(found) < _MOST:
@@ -303,7 +303,7 @@ def diagnosed(parts: Sequence[Stretch], begin: Array, made: Model, names: Names)
         wider = reckoned._replace(sigma=reckoned.sigma.copy())
         wider.sigma[cause.group] = cause.sigma
         after = hindsight.fitted(parts, fit.at, wider)
-        if _excess(after) > (1.0 - _EXPLAINED) * _excess(fit):
+        if not after.normal.is_finite or _excess(after) > (1.0 - _EXPLAINED) * _excess(fit):
             break
         found.append(Diagnosis(cause.kind, cause.reason, worst.statistic, worst.threshold))
         fit, reckoned = after, wider

@@ -277,3 +277,18 @@ def test_numbers_that_overflow_end_in_none() -> None:
         least = hindsight.least_deviation(fit.information, np.eye(10), [np.zeros(10)], model)
     assert not fit.settled
     assert np.isnan(least).all() or np.isfinite(least).all()
+
+
+@pytest.mark.parametrize("factor", [0.3, 1.0, 3.0])
+def test_no_pass_goes_farther_from_what_it_cannot_explain(factor: float) -> None:
+    """An axis that says for a while what no body does: passes that were not halved left ten times what there was."""
+    model, places = known()
+    found = flight(3).stretch
+    readings = found.readings.copy()
+    readings[40:60, 0, 0] += 30.0
+    told, begin = found._replace(readings=readings), model.prior.copy()
+    begin[places.properties.start : places.properties.start + 6] *= factor
+    before = hindsight.normal(told, begin, model)
+    after = hindsight.fitted([told], begin, model).normal
+    assert after.is_finite
+    assert after.misfit < 1.001 * before.misfit
