@@ -931,9 +931,6 @@ def empty(model: Model) -> Normal:
 def fitted(stretches: Sequence[Stretch], start: Array, model: Model) -> Fit:
     """Explains readings by what is reckoned with, by Gauss and Newton's passes.
 
-    Half of a pass is taken back where it leaves more unexplained than there was before: what begins far from the truth
-    may go farther with every pass.
-
     Args:
         stretches: of the flight.
         start: where to begin, shape (n,).
@@ -945,19 +942,12 @@ def fitted(stretches: Sequence[Stretch], start: Array, model: Model) -> Fit:
     read = [_read(stretch, model) for stretch in stretches]
     told: list[_Course] = []
     told_for, wanted, complete = at, reckoned(model), False
-    move, least = np.zeros_like(at), np.inf
     for number in range(_PASSES):
         complete = complete or number == _PASSES - 1
         if not told or (at[lag] != told_for[lag]).any():
             told, told_for = [_course_at(one, at, model) for one in read], at
         parts = [_normal(at, course, model, None if complete else wanted) for course in told]
         total = reduce(Normal.plus, parts) if parts else empty(model)
-        left = total.misfit + float(np.sum(((at[free] - model.prior[free]) / sigma) ** 2))
-        if not left <= least + _NEARLY and move.any() and number < _PASSES - 1:
-            move *= 0.5
-            at, complete = at - move, False
-            continue
-        least = left
         scaled = total.information[np.ix_(free, free)] * np.outer(sigma, sigma) + np.eye(free.shape[0])
         right = total.score[free] * sigma + (model.prior[free] - at[free]) / sigma
         step = np.linalg.solve(scaled, right)
