@@ -307,15 +307,11 @@ def diagnosed(parts: Sequence[Stretch], begin: Array, made: Model, names: Names)
             break
         found.append(Diagnosis(cause.kind, cause.reason, worst.statistic, worst.threshold))
         fit, reckoned = after, wider
-    if not found and _ratio(fit) > _HOPELESS:
+    if not found and fit.normal.per_reading > _HOPELESS:
         fit, found = _turned_right(parts, fit, made, names)
     if not any(one.kind == "jet" for one in found):  # what a failed jet leaves is no fault of sensors
         found += _scattered(fit, names)
     return found, first
-
-
-def _ratio(fit: Fit) -> float:
-    return fit.normal.misfit / max(fit.normal.readings, 1.0)
 
 
 def _excess(fit: Fit) -> float:
@@ -333,7 +329,7 @@ def _turned_right(parts: Sequence[Stretch], fit: Fit, made: Model, names: Names)
             after = hindsight.fitted(turned, made.prior, made)
             if _excess(after) < (1.0 - _EXPLAINED) * _excess(fit):
                 reason = f"axis {names.gyros[package]} {'xyz'[axis]} has the wrong sign"
-                return after, [Diagnosis("gyro_sign", reason, _ratio(fit), _HOPELESS)]
+                return after, [Diagnosis("gyro_sign", reason, fit.normal.per_reading, _HOPELESS)]
     return fit, []
 
 

@@ -223,6 +223,11 @@ class Normal(NamedTuple):
         """Whether the point is one at which they could be computed."""
         return bool(np.isfinite(self.information).all() and np.isfinite(self.score).all())
 
+    @property
+    def per_reading(self) -> float:
+        """What is left unexplained of a reading, in units of its variance."""
+        return self.misfit / max(self.readings, 1.0)
+
     def plus(self, other: Normal) -> Normal:
         """Both together."""
         return Normal(
@@ -931,12 +936,16 @@ def empty(model: Model) -> Normal:
 def fitted(stretches: Sequence[Stretch], start: Array, model: Model) -> Fit:
     """Explains readings by what is reckoned with, by Gauss and Newton's passes.
 
+    What begins far from the truth may go farther with every pass: where they do not settle, the point of those gone
+    through that leaves least unexplained is taken.
+
     Args:
         stretches: of the flight.
         start: where to begin, shape (n,).
         model: see `Model`.
     """
-    at = start.copy()
+    at = best = start.copy()
+    least = np.inf
     free = np.flatnonzero(model.sigma > 0.0)
     sigma, lag = model.sigma[free], columns(model).lag
     read = [_read(stretch, model) for stretch in stretches]
@@ -948,21 +957,27 @@ def fitted(stretches: Sequence[Stretch], start: Array, model: Model) -> Fit:
             told, told_for = [_course_at(one, at, model) for one in read], at
         parts = [_normal(at, course, model, None if complete else wanted) for course in told]
         total = reduce(Normal.plus, parts) if parts else empty(model)
+        if total.per_reading < least:
+            least, best = total.per_reading, at
         scaled = total.information[np.ix_(free, free)] * np.outer(sigma, sigma) + np.eye(free.shape[0])
         right = total.score[free] * sigma + (model.prior[free] - at[free]) / sigma
         step = np.linalg.solve(scaled, right)
         gain, sound = float(step @ right), bool(np.isfinite(step).all())
-        if complete and (not sound or gain < _SETTLED):
-            return Fit(at, total, tuple(part.information for part in parts), sound)
-        complete = not sound or gain < _NEARLY
-        if not sound or gain < _SETTLED:
+        if not sound:
+            break
+        if complete and gain < _SETTLED:
+            return Fit(at, total, tuple(part.information for part in parts), True)
+        complete = gain < _NEARLY
+        if gain < _SETTLED:
             continue  # it was the last one, but for the unknowns that are only put to the test
         move = np.zeros_like(at)
         move[free] = step * sigma
         while not possible(at + move):
             move *= 0.5
         at = at + move
-    return Fit(at, total, tuple(part.information for part in parts), False)
+    parts = [_normal(best, _course_at(one, best, model), model, None) for one in read]
+    total = reduce(Normal.plus, parts) if parts else empty(model)
+    return Fit(best, total, tuple(part.information for part in parts), False)
 
 
 def possible(at: Array) -> bool:

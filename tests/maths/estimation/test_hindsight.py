@@ -280,14 +280,28 @@ def test_numbers_that_overflow_end_in_none() -> None:
     assert np.isnan(least).all() or np.isfinite(least).all()
 
 
-def test_nobody_is_blamed_by_passes_that_end_in_no_number() -> None:
-    """An axis that says for a while what no body does: they go farther with every pass."""
+@pytest.mark.parametrize("wrong", [0.01, 0.1, 1.0, 30.0])
+def test_passes_that_go_astray_are_not_followed(wrong: float) -> None:
+    """An axis that says for a while what no body does, from where passes go farther and farther."""
     model, _ = known()
-    told = flight(3).stretch
+    told = flight(1).stretch
     readings = told.readings.copy()
-    readings[40:60, 0, 0] += 1.0
+    readings[40:60, 0, 0] += wrong
+    told = told._replace(readings=readings)
     names = Names(("1", "2", "3", "4", "5", "6"), ("1", "2"), ("gyro",), ("acc1",), "torque", "acceleration")
     with np.errstate(all="ignore"):
-        found, fit = diagnosed([told._replace(readings=readings)], model.prior[:10], model, names)
+        found, fit = diagnosed([told], model.prior[:10], model, names)
+    assert not fit.settled
+    assert fit.normal.misfit <= hindsight.normal(told, model.prior, model).misfit
+    assert fit.normal.misfit == hindsight.normal(told, fit.at, model).misfit
+    assert [one.kind for one in found] == ["drift"]
+
+
+def test_nobody_is_blamed_by_what_is_no_number() -> None:
+    model, _ = known()
+    told = flight(3).stretch
+    names = Names(("1", "2", "3", "4", "5", "6"), ("1", "2"), ("gyro",), ("acc1",), "torque", "acceleration")
+    with np.errstate(all="ignore"):
+        found, fit = diagnosed([told._replace(readings=told.readings * 1e200)], model.prior[:10], model, names)
     assert not fit.normal.is_finite
     assert found == []
