@@ -1,8 +1,12 @@
-"""What version 0.1.0 wrote is read, and gives the same numbers, bit for bit."""
+"""What version 0.1.0 wrote is read, bit for bit, and gives the same numbers.
+
+These differ by rounding where the linear algebra is that of another processor: one library takes other sums for each.
+"""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +20,7 @@ from massprop_drake.inputs.renamed import RenamedWarning
 LANDED = Path(__file__).parent / "data" / "landed_0_1"
 RUN = LANDED / "run"
 N_FIRST = 94  # rows that the part in first/ has taken
+ROUNDING = 1e-8  # `unexplained` is what is left of two statistics of 1e8
 ESTIMATED = ("estimate", "standard_deviation", "rotation_nis", "mass_nis", "likelihood", "known_force", "onset")
 
 pytestmark = pytest.mark.filterwarnings("ignore::massprop_drake.inputs.renamed.RenamedWarning")
@@ -66,12 +71,31 @@ def test_its_run_is_loaded_with_the_same_numbers(stored: dict[str, np.ndarray], 
     assert set(run.units) == set(run.signals)
 
 
+def _same(now: Any, then: Any) -> bool:
+    """Whether two parts of a summary are the same, numbers but for rounding."""
+    if isinstance(then, dict):
+        return now.keys() == then.keys() and all(_same(now[key], then[key]) for key in then)
+    if isinstance(then, list):
+        return len(now) == len(then) and all(map(_same, now, then))
+    return bool(now == (pytest.approx(then, rel=ROUNDING, abs=0.0) if isinstance(then, float) else then))
+
+
+def _assert_alike(run: Run, stored: dict[str, np.ndarray], names: Iterable[str], first: int = 0) -> None:
+    for name in names:
+        then = stored[name][first:]
+        scale = np.max(np.abs(then[np.isfinite(then)]), initial=0.0)
+        np.testing.assert_allclose(run[name], then, rtol=ROUNDING, atol=ROUNDING * scale, err_msg=name)
+
+
 def _assert_found_alike(run: Run, summary: dict[str, Any]) -> None:
     """Estimates and detections, in what that version wrote of them."""
-    for key in ("estimates", "standard_deviations", "covariance"):
-        assert run.summary[key] == summary[key], key
-    for entry, before in zip(run.summary["detections"], summary["detections"], strict=True):
-        assert {key: entry[key] for key in before} == before
+    for key in ("estimates", "standard_deviations"):
+        assert _same(run.summary[key], summary[key]), key
+    deviations = np.sqrt(np.diag(summary["covariance"]))
+    off = np.array(run.summary["covariance"]) - summary["covariance"]
+    np.testing.assert_allclose(off / np.outer(deviations, deviations), 0.0, atol=ROUNDING)
+    known = [_as_of_then(entry, summary) for entry in run.summary["detections"]]
+    assert _same(known, summary["detections"])
 
 
 def test_its_scenario_is_the_one_it_was_made_from(scenario: Scenario) -> None:
@@ -82,8 +106,7 @@ def test_simulating_it_again_gives_its_telemetry_and_signals(
     scenario: Scenario, stored: dict[str, np.ndarray], tmp_path: Path
 ) -> None:
     run = simulate(scenario)
-    for name in set(stored) - {"time_s"}:
-        np.testing.assert_array_equal(run[name], stored[name], err_msg=name)
+    _assert_alike(run, stored, stored)
     folder = run.save(tmp_path / "again", pictures=False, report=False)
     assert (folder / "telemetry.csv").read_bytes() == (RUN / "telemetry.csv").read_bytes()
 
@@ -92,17 +115,14 @@ def test_its_telemetry_gives_its_estimates(
     scenario: Scenario, stored: dict[str, np.ndarray], summary: dict[str, Any]
 ) -> None:
     run = estimate(RUN / "telemetry.csv", scenario)
-    for name in ESTIMATED:
-        np.testing.assert_array_equal(run[name], stored[name], err_msg=name)
-    for key in ("estimates", "standard_deviations", "covariance"):
-        assert run.summary[key] == summary[key], key
-    assert [_as_of_then(entry, summary) for entry in run.summary["detections"]] == summary["detections"]
+    _assert_alike(run, stored, ESTIMATED)
+    _assert_found_alike(run, summary)
 
 
 def test_the_command_line_estimates_like_it(massprop: Massprop, summary: dict[str, Any]) -> None:
     done = massprop("estimate", RUN / "telemetry.csv", "--like", RUN, "--no-report", "--json")
     assert done.status == 0
-    assert json.loads(done.out)["estimates"] == summary["estimates"]
+    assert _same(json.loads(done.out)["estimates"], summary["estimates"])
     assert [line.startswith("massprop: ") for line in done.err.splitlines()] == [True]
 
 
@@ -111,8 +131,5 @@ def test_estimating_goes_on_from_its_filter_state(
 ) -> None:
     run = estimate(RUN / "telemetry.csv", scenario, resume_from=LANDED / "first")
     np.testing.assert_array_equal(run["time_s"], stored["time_s"][N_FIRST:])
-    for name in ESTIMATED:
-        np.testing.assert_array_equal(run[name], stored[name][N_FIRST:], err_msg=name)
-    for key in ("estimates", "standard_deviations", "covariance"):
-        assert run.summary[key] == summary[key], key
-    assert [_as_of_then(entry, summary) for entry in run.summary["detections"]] == summary["detections"]
+    _assert_alike(run, stored, ESTIMATED, N_FIRST)
+    _assert_found_alike(run, summary)

@@ -568,7 +568,7 @@ def _propellant(scenario: Scenario, signals: Spool) -> float:
     """Propellant used, slug or kg: what the thrust of every sample took."""
     vehicle = scenario.vehicle_data
     full, flows = np.linalg.norm(vehicle.thrusts, axis=1), params.plant_mass_flows(scenario)
-    flow = np.concatenate([thrust / full @ flows for thrust in _intervals(signals, "thrust")])
+    flow = np.concatenate([np.sum(thrust / full * flows, axis=1) for thrust in _intervals(signals, "thrust")])
     return float(flow.sum() * vehicle.sample_period_s)
 
 

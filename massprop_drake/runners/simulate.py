@@ -192,7 +192,8 @@ def _signals(scenario: Scenario, logs: dict[str, Array]) -> dict[str, Array]:
         "thrust": logs["thrust"],
     }
     level = logs["thrust"] / np.linalg.norm(vehicle.thrusts, axis=1)
-    torque, signals["force"] = np.hsplit(level @ vehicle.wrenches, 2)
+    wrench = (level[:, np.newaxis] @ vehicle.wrenches)[:, 0]  # row by row: a product's last bit depends on its rows
+    torque, signals["force"] = np.hsplit(wrench, 2)
     signals["torque"] = torque - np.cross(structure["center_of_mass"], signals["force"])
     for name in ("hand_controllers", "attitude_error", "request", "selection_counts", "out_of_use"):
         if name in logs:
