@@ -49,6 +49,7 @@ LOOP = ("execution.engine=loop", "plant.lag_factor=0.9523809523809523")
 AFTER_S = 48.0  # when something begins, at the soonest
 PERIOD_S = 0.08
 IN_A_GROUP, NATS = 3, 6.0  # of a group that counts
+FAR = 6.0  # sigmas: a flight that ends farther off is lost, whatever was said of it
 BIAS = 5e-4  # rad/s
 VERDICTS = ("right", "grouped", "silent", "wide", "wrong")
 
@@ -472,6 +473,7 @@ class Result(NamedTuple):
         jets_out: healthy jets out of use.
         diagnoses: kinds of what is said in hindsight.
         spent_s: time that it took.
+        consistency: the verdict on it, "" where an older version flew.
     """
 
     kind: str
@@ -486,6 +488,7 @@ class Result(NamedTuple):
     jets_out: list[str]
     diagnoses: list[str]
     spent_s: float
+    consistency: str = ""
 
 
 def judged(
@@ -610,6 +613,7 @@ def result(
         [order[jet] for jet in out if order[jet] not in failed],
         [one["kind"] for one in consistency["diagnoses"]],
         round(time.perf_counter() - began, 2),
+        consistency["verdict"],
     )
 
 
@@ -645,6 +649,11 @@ def report(kind: str, results: Sequence[Result]) -> None:
     print(f"  z RMS {rms.min():.2f} to {rms.max():.2f}, of all {np.sqrt(np.mean(sigmas**2)):.2f}", end=", ")
     print(f"largest {sigmas[flight, which]:.1f} ({SYMBOLS[which]}, flight {results[flight].number})", end=", ")
     print(f"coverage of 3 sigma {100.0 * (most <= 3.0).mean():.1f} %")
+    if lost := [one for one in results if max(map(abs, one.sigmas)) > FAR]:
+        trusted = sum(one.consistency == "consistent" for one in lost)
+        print(
+            f"  BEYOND {FAR:g} SIGMA {len(lost)}, of these called consistent {trusted}:", *(one.number for one in lost)
+        )
     diagonal = np.array([[value or 0.0 for value in one.percent[:3]] for one in results])
     print(f"  diagonal RMS {np.sqrt(np.mean(diagonal**2)):.4f} %", end="")
     hindsight = Counter(one.diagnoses[0] if one.diagnoses else "nothing" for one in results)
@@ -681,7 +690,7 @@ def main() -> None:
                 with arguments.write.open("a") as file:
                     print(json.dumps(made._asdict()), file=file)
             odd = bool(made.said or made.jets_out) if kind in HEALTHY else made.verdict != "right"
-            if odd or arguments.each or max(map(abs, made.sigmas)) > 6.0:
+            if odd or arguments.each or max(map(abs, made.sigmas)) > FAR:
                 print(
                     f"{kind} {number}: {made.verdict}; {'; '.join(made.said)}; z {max(map(abs, made.sigmas)):.1f}",
                     flush=True,

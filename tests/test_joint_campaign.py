@@ -64,3 +64,19 @@ def test_every_kind_is_a_scenario(campaign: ModuleType) -> None:
             assert flight == again
             settings = campaign.settings_of(flight, number)
             assert campaign.load_scenario(flight.scenario, settings).seed == number
+
+
+def test_flights_that_end_far_off_are_told_whatever_was_said(
+    campaign: ModuleType, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def result(number: int, error: float, verdict: str) -> Any:
+        of_nothing: list[float] = []
+        return campaign.Result(
+            "payload", number, "right", [], of_nothing, [0.1] * 9 + [error], of_nothing, [0.0] * 10, [3.0, 3.0], [], [],
+            1.0, verdict,
+        )  # fmt: skip
+
+    campaign.report("payload", [result(0, 5.9, "consistent"), result(1, 1.0, "consistent")])
+    assert "BEYOND" not in capsys.readouterr().out
+    campaign.report("payload", [result(3, -6.1, "consistent"), result(4, 7.0, "inconsistent")])
+    assert "BEYOND 6 SIGMA 2, of these called consistent 1: 3 4" in capsys.readouterr().out
