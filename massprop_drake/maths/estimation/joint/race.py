@@ -152,10 +152,10 @@ def begin(bank: Bank, index: int, triggered: int, history: History, params: Join
 def moved(race: Race, standing: list[Standing], bank: Bank, history: History, tested: int, params: JointParams) -> Race:
     """The race anew about its likeliest onset, where that is the first or the last that it looks at and not the only.
 
-    Where it is the last and nobody fits, what has begun may have done so long after: then about the onset that the test
-    has by now, if that is later still. The first alarm may have been of chance, and tells nothing of what came as it
-    was raised. Where somebody fits it did not: the test's onset is then of a filter that has learned wrongly since, as
-    would be all that begins there.
+    Where it is the last and jets lead that do not fit, nor anybody else, what has begun may have done so long after:
+    then about the onset that the test has by now, if that is later still. The first alarm may have been of chance, and
+    tells nothing of what came as it was raised. Where somebody fits, or a jump explains most, it did not: the test's
+    onset is then of a filter that has learned wrongly since, as would be all that begins there.
 
     A race whose leader fits stays, or in which jets that fit are no more behind than their onset may cost: it is known
     well enough. But a small jump also fits jets that have failed at another onset.
@@ -180,7 +180,7 @@ def moved(race: Race, standing: list[Standing], bank: Bank, history: History, te
     if best not in (onsets[0], onsets[-1]) or best not in bank.cycles:
         return race
     index = int(np.flatnonzero(bank.cycles == best)[0])
-    if best == onsets[-1] and not fitting:
+    if best == onsets[-1] and not fitting and standing[0].contender.cause.kind != Kind.JUMP:
         index = max(index, tested)
     drawn = begin(bank, index, race.triggered, history, params)
     return race if drawn.screen.onsets == onsets else drawn
