@@ -119,6 +119,6 @@ def delivered_velocity(command: Array, forces: Array, mass_reciprocal: float, pe
         mass_reciprocal: 1/slug or 1/kg.
         period_s: sample period, s.
     """
-    if not command.any():
+    if not nonzero(command):
         return np.zeros(3)
     return (forces * mass_reciprocal) @ command * period_s

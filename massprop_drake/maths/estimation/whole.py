@@ -249,7 +249,7 @@ def _acting(state: DetectorState, filters: Any, command: Array, params: CglrPara
     if nonzero(state.variance):
         predicted = np.append(filters.rotation.estimate, filters.mass.mass_reciprocal)
         known = acting_force(state, predicted, command, params)
-    return bool(known.wrench.any() or known.translation_spread.any()), known
+    return nonzero(known.wrench) or nonzero(known.translation_spread.ravel()), known
 
 
 @kernel

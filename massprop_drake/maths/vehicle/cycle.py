@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from massprop_drake.maths.kernels import kernel
-from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.maths.linear_algebra import Array, nonzero
 from massprop_drake.maths.noise import normal_sample
 from massprop_drake.maths.vehicle import reaction_jets, rigid_body, true_failures
 from massprop_drake.maths.vehicle.disturbance import DisturbanceModel, about_origin, next_deviation
@@ -237,7 +237,7 @@ def sense(state: VehicleState, row: int, coming: Ahead, params: Truth) -> tuple[
     packages, memories = params.packages, state.memories
     rate, origin, spin = state.body[RATE], state.body[ORIGIN_VELOCITY], state.body[SPIN_INTEGRAL]
     readings = np.empty(packages.positions.shape)
-    if packages.remembers.any():
+    if nonzero(packages.remembers):
         memories = memories.copy()
     for index in range(packages.quanta.size):
         signal = rate
