@@ -7,6 +7,7 @@ times more than the arithmetic itself at this size.
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,7 +74,7 @@ def _any_nonzero(vector):  # type: ignore[no-untyped-def] # compiled alone
 
 
 @idiom(_any_nonzero)
-def nonzero(vector: Array) -> bool:
+def nonzero(vector: NDArray[Any]) -> bool:
     """Whether any element of a vector differs from zero; for short ones several times faster than numpy's."""
     return any(vector.tolist())
 
