@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import yaml
-from joint_campaign import in_words, judged, setting
+from joint_campaign import FAR, in_words, judged, setting
 from numpy.typing import NDArray
 from scipy.optimize import linprog
 
@@ -33,7 +33,6 @@ Random = np.random.Generator
 KINDS = ("healthy", "on", "off", "leak", "dock", "release", "off_then_dock")
 HAPPENS_S, ENDS_S = (62.0, 68.0), 120.0
 EARLY_S, EARLY_ENDS_S = (0.5, 15.0), 60.0
-FAR = 6.0  # sigmas
 
 
 class Drawn(NamedTuple):

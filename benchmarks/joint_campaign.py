@@ -490,6 +490,11 @@ class Result(NamedTuple):
     spent_s: float
     consistency: str = ""
 
+    @property
+    def farthest(self) -> float:
+        """The largest error over its 1-sigma."""
+        return max(map(abs, self.sigmas))
+
 
 def judged(
     events: Iterable[Mapping[str, Any]],
@@ -649,7 +654,7 @@ def report(kind: str, results: Sequence[Result]) -> None:
     print(f"  z RMS {rms.min():.2f} to {rms.max():.2f}, of all {np.sqrt(np.mean(sigmas**2)):.2f}", end=", ")
     print(f"largest {sigmas[flight, which]:.1f} ({SYMBOLS[which]}, flight {results[flight].number})", end=", ")
     print(f"coverage of 3 sigma {100.0 * (most <= 3.0).mean():.1f} %")
-    if lost := [one for one in results if max(map(abs, one.sigmas)) > FAR]:
+    if lost := [one for one in results if one.farthest > FAR]:
         trusted = sum(one.consistency == "consistent" for one in lost)
         print(
             f"  BEYOND {FAR:g} SIGMA {len(lost)}, of these called consistent {trusted}:", *(one.number for one in lost)
@@ -690,9 +695,9 @@ def main() -> None:
                 with arguments.write.open("a") as file:
                     print(json.dumps(made._asdict()), file=file)
             odd = bool(made.said or made.jets_out) if kind in HEALTHY else made.verdict != "right"
-            if odd or arguments.each or max(map(abs, made.sigmas)) > FAR:
+            if odd or arguments.each or made.farthest > FAR:
                 print(
-                    f"{kind} {number}: {made.verdict}; {'; '.join(made.said)}; z {max(map(abs, made.sigmas)):.1f}",
+                    f"{kind} {number}: {made.verdict}; {'; '.join(made.said)}; z {made.farthest:.1f}",
                     flush=True,
                 )
         if results:

@@ -930,6 +930,10 @@ def empty(model: Model) -> Normal:
     return Normal(np.zeros((n, n)), np.zeros(n), 0.0, 0.0, np.zeros((packages, 3)), np.zeros(2), np.zeros(2))
 
 
+def _together(parts: Sequence[Normal], model: Model) -> Normal:
+    return reduce(Normal.plus, parts) if parts else empty(model)
+
+
 # ---------------------------------------------------------------------------------------------- fit
 
 
@@ -956,7 +960,7 @@ def fitted(stretches: Sequence[Stretch], start: Array, model: Model) -> Fit:
         if not told or (at[lag] != told_for[lag]).any():
             told, told_for = [_course_at(one, at, model) for one in read], at
         parts = [_normal(at, course, model, None if complete else wanted) for course in told]
-        total = reduce(Normal.plus, parts) if parts else empty(model)
+        total = _together(parts, model)
         if total.per_reading < least:
             least, best = total.per_reading, at
         scaled = total.information[np.ix_(free, free)] * np.outer(sigma, sigma) + np.eye(free.shape[0])
@@ -976,7 +980,7 @@ def fitted(stretches: Sequence[Stretch], start: Array, model: Model) -> Fit:
             move *= 0.5
         at = at + move
     parts = [_normal(best, _course_at(one, best, model), model, None) for one in read]
-    total = reduce(Normal.plus, parts) if parts else empty(model)
+    total = _together(parts, model)
     return Fit(best, total, tuple(part.information for part in parts), False)
 
 

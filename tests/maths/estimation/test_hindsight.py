@@ -31,6 +31,7 @@ PARAMS = small_params(
     prior_sigma=np.append(np.ones(6 + 2), 0.0),
 )
 PARAMS = PARAMS._replace(wrenches=0.01 * PARAMS.wrenches)  # it turns slowly
+NAMES = Names(("1", "2", "3", "4", "5", "6"), ("1", "2"), ("gyro",), ("acc1",), "torque", "acceleration")
 
 
 class Flight(NamedTuple):
@@ -288,9 +289,8 @@ def test_passes_that_go_astray_are_not_followed(wrong: float) -> None:
     readings = told.readings.copy()
     readings[40:60, 0, 0] += wrong
     told = told._replace(readings=readings)
-    names = Names(("1", "2", "3", "4", "5", "6"), ("1", "2"), ("gyro",), ("acc1",), "torque", "acceleration")
     with np.errstate(all="ignore"):
-        found, fit = diagnosed([told], model.prior[:10], model, names)
+        found, fit = diagnosed([told], model.prior[:10], model, NAMES)
     assert not fit.settled
     assert fit.normal.misfit <= hindsight.normal(told, model.prior, model).misfit
     assert fit.normal.misfit == hindsight.normal(told, fit.at, model).misfit
@@ -300,8 +300,7 @@ def test_passes_that_go_astray_are_not_followed(wrong: float) -> None:
 def test_nobody_is_blamed_by_what_is_no_number() -> None:
     model, _ = known()
     told = flight(3).stretch
-    names = Names(("1", "2", "3", "4", "5", "6"), ("1", "2"), ("gyro",), ("acc1",), "torque", "acceleration")
     with np.errstate(all="ignore"):
-        found, fit = diagnosed([told._replace(readings=told.readings * 1e200)], model.prior[:10], model, names)
+        found, fit = diagnosed([told._replace(readings=told.readings * 1e200)], model.prior[:10], model, NAMES)
     assert not fit.normal.is_finite
     assert found == []
