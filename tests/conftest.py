@@ -67,14 +67,6 @@ def pytest_sessionstart() -> None:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-_LONG = {"test_docs.py", "test_tutorials.py", "test_notebook.py", "test_reference_pages.py", "test_plant_truth.py"}
-
-
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Begins with the files that take longest, and would come last: else one process works while the others wait."""
-    items.sort(key=lambda item: item.path.name not in _LONG)
-
-
 def pytest_collection_finish() -> None:
     """Takes what the tests themselves are out of the collection of garbage, which else goes through it every time."""
     gc.collect()
