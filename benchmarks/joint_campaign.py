@@ -51,6 +51,7 @@ PERIOD_S = 0.08
 IN_A_GROUP, NATS = 3, 6.0  # of a group that counts
 FAR = 6.0  # sigmas: a flight that ends farther off is lost, whatever was said of it
 BIAS = 5e-4  # rad/s
+_HAPPENING = ("failures", "jumps")  # what is in a scenario's plant beside its vehicle
 VERDICTS = ("right", "grouped", "silent", "wide", "wrong")
 
 
@@ -381,7 +382,10 @@ def off_stamps(run: Run, random: Random) -> Record:
     told = (setting("jet_schedule", pulses), f"vehicle.sample_period_s={step_s}", "plant.lag_factor=1.0", body)
     kinds = [f"vehicle.jet_kinds.{kind}.time_constant_s={0.015 / 1.05}" for kind in ("primary", "vernier")]
     flown = "execution.engine=loop", setting("execution.compiled", run.scenario.execution.compiled)
-    settings = [*plain, *told, *kinds, *flown, f"seed={run.scenario.seed}"]
+    happening = [
+        setting(key, [each.model_dump(mode="json") for each in getattr(run.scenario, key)]) for key in _HAPPENING
+    ]
+    settings = [*plain, *told, *kinds, *flown, *happening, f"duration_s={run.time_s[-1]}", f"seed={run.scenario.seed}"]
     fine = simulate(load_scenario("orbiter_maneuver", settings))
     off = np.round(np.clip(1e-3 * random.standard_normal(len(run.time_s)), -2e-3, 2e-3) / step_s).astype(int)
     rows = np.round(run.time_s / step_s).astype(int) + off
@@ -389,6 +393,15 @@ def off_stamps(run: Run, random: Random) -> Record:
     every = taken(fine)
     velocities = {name: values[rows] for name, values in every.velocities.items()}
     return Record(every.time_s[rows], every.rates[rows], velocities, command)
+
+
+def off_its_ticks(flight: Callable[[Random, int], Flight]) -> Callable[[Random, int], Flight]:
+    """A kind with exact thrusts, and stamps off by 1 ms, true ones in the record."""
+
+    def made(random: Random, number: int) -> Flight:
+        return flight(random, number)._replace(dispersed=(0.0, 0.0), recorded=off_stamps)
+
+    return made
 
 
 def false_reading(random: Random, number: int) -> Flight:
@@ -451,6 +464,10 @@ FAILING: Mapping[str, Callable[[Random, int], Flight]] = {
     "payload": payload,
     "lie": false_reading,
     "stuck_axis": stuck_axis,
+    "stamps_on": off_its_ticks(one("on")),
+    "stamps_off": off_its_ticks(one("off")),
+    "stamps_leak": off_its_ticks(one("leak")),
+    "stamps_payload": off_its_ticks(payload),
 }
 KINDS = {**HEALTHY, **FAILING}
 

@@ -19,6 +19,7 @@ from massprop_drake.maths.estimation.detectors.multi_hypothesis import (
 from massprop_drake.maths.estimation.joint.cycle import Sample, step
 from massprop_drake.maths.estimation.joint.cycle import initial as initial_filter
 from massprop_drake.maths.estimation.joint.layout import JointParams, JointState, make_places
+from massprop_drake.maths.estimation.joint.ticks import on_ticks
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.linear_algebra import cross as _cross
 
@@ -188,11 +189,12 @@ def detector_params(vehicle: Vehicle, dispersed: bool, **changed: Any) -> Hypoth
     """Of a vehicle file, lag told wrong, four slots."""
     plain = vehicle_params(vehicle, lag=True)
     counts = (plain.places.jets, plain.places.gyros, plain.places.accelerometers)
-    places = make_places(counts, plain.places.n_lag, (False, False), dispersed, 4)
+    places = make_places(counts, plain.places.n_lag, (False, False), dispersed, 4, ticks=2)
     joint = plain._replace(
         places=places,
-        prior_sigma=np.append(np.ones(places.scale - places.thrust), np.zeros(places.n_scale + places.n_force)),
+        prior_sigma=np.append(np.ones(places.scale - places.thrust), np.zeros(places.n_scale + 2 + places.n_force)),
         thrust_sigma=0.01 if dispersed else 0.0,
+        tick_sigma=0.08 * np.array([0.01, 1e-3]),
         time_constants_s=plain.time_constants_s * TOLD_WRONG,
         **changed,
     )
@@ -236,7 +238,7 @@ def watched(
     state, found, time_s = watching
     for command, rate, velocity in zip(commands, rates, velocities, strict=True):
         time_s += period
-        sample = Sample(time_s, np.array([period]), command[None], np.zeros(6), rate, velocity)
+        sample = Sample(time_s, np.array([period]), command[None], np.zeros(6), rate, velocity, on_ticks())
         began = perf_counter()
         after, report = step(state, sample, joint)
         judgment = detector.judge(found, state, after, report, sample, params)

@@ -11,6 +11,7 @@ from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.maths.estimation.joint.cycle import Sample, initial
 from massprop_drake.maths.estimation.joint.layout import JointParams, JointState, make_places
 from massprop_drake.maths.estimation.joint.prediction import RateRead
+from massprop_drake.maths.estimation.joint.ticks import on_ticks
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import initial_standard_deviation, six_elements
 
@@ -24,7 +25,7 @@ _FORCES = np.array([[0, 1.0, 0.2], [0.1, 0, 1], [1, 0, 0.1], [0.2, 0.3, -1], [-1
 def small_params(**changed: Any) -> JointParams:
     """Six jets of two kinds, two gyros and two accelerometers, every kind of parameter, two slots."""
     settings: dict[str, Any] = {
-        "places": make_places((6, 2, 2), 2, (True, True), True, 2),
+        "places": make_places((6, 2, 2), 2, (True, True), True, 2, ticks=2),
         "wrenches": np.hstack([np.cross(_POSITIONS, _FORCES), _FORCES]),
         "thrusts": np.linalg.norm(_FORCES, axis=1),
         "flows": np.full(6, 0.01),
@@ -34,11 +35,12 @@ def small_params(**changed: Any) -> JointParams:
         "lag_sigma": 0.2,
         "gyro_bias_sigma": 1e-5,
         "acceleration_bias_sigma": 1e-3,
-        "prior_sigma": np.append(np.ones(6 + 2 + 6 + 6), np.zeros(1 + 2)),
+        "prior_sigma": np.append(np.ones(6 + 2 + 6 + 6), np.zeros(1 + 2 + 2)),
         "rate_walk": 0.0,
         "velocity_walk": 0.0,
         "repeatability": np.zeros(6),
         "tank_fraction": 0.0,
+        "tick_sigma": PERIOD * np.array([0.01, 1e-3]),
         "arm": 1.0,
         "accelerometer_positions": np.array([[0.3, 0.1, -0.2], [-0.4, 0.2, 0.1]]),
         "variances": np.array([1e-10] * 3 + [2e-10] * 3 + [1e-8] * 6),
@@ -72,6 +74,7 @@ def some_state(params: JointParams, seed: int = 0) -> JointState:
         level=rng.uniform(size=6),
         reference=np.array([0.001, 0.002, -0.003]),
         spin=1e-4 * np.abs(rng.standard_normal(6)),
+        tick_slope=rng.standard_normal((2, 6)),
         slot_jet=np.array([1.0, 4.0])[: places.n_force],
         slot_sign=np.array([1.0, -1.0])[: places.n_force],
         started=True,
@@ -88,6 +91,7 @@ def some_sample(params: JointParams, **changed: Any) -> Sample:
         outside=np.zeros(6),
         rates=np.full((places.gyros, 3), np.nan),
         velocities=np.full((places.accelerometers, 3), np.nan),
+        timing=on_ticks(),
     )
     return sample._replace(**changed)
 

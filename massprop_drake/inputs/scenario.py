@@ -577,6 +577,11 @@ class JointBlock(Model):
         ge=0.0,
         span=plausible.VELOCITY_STEP,
     )
+    switching: Literal["ticks", "stamps"] = described(
+        "ticks",
+        "when commands switch: ticks: at regular ticks, a sample period apart, about which a record's stamps may "
+        "scatter; stamps: at the stamps themselves, as where one task whose start jitters reads, stamps and commands",
+    )
     increment_rate: Real = described(
         1.5e-5,
         "probability of rates as far off while all is well, below which the covariance is incremented during the start",

@@ -92,6 +92,7 @@ def model(scenario: Scenario) -> Model:
         prior=prior,
         sigma=sigma,
         compute=hindsight.compute(compiled=scenario.execution.compiled),
+        at_stamps=joint and scenario.joint.switching == "stamps",
     )
     places = hindsight.columns(made)
     sigma[places.properties] = _PRIOR * setup.widest
@@ -229,8 +230,12 @@ def looked_back(
     until_s = min((one.onset_s - made.period_s for one in standing), default=math.inf)
     with np.errstate(all="ignore"):
         parts = _whole(scenario, signals)
-        chosen = _some(parts, until_s, made)
         begin = np.where(np.isnan(estimate), made.prior[:10], estimate)
+        if until_s < math.inf and _off_ticks(parts, made):  # what was declared may be the clock's doing
+            every = _some(parts, math.inf, made)
+            if _switched(every, hindsight.fitted(every, _from(begin, made), made), made)[-1]:
+                until_s = math.inf
+        chosen = _some(parts, until_s, made)
         diagnoses, fit = diagnosed(chosen, begin, made, names_of(scenario))
         if resumed or any(one.kind == JUMP for one in standing) or not hindsight.possible(fit.at):
             return Hindsight(np.full(10, np.nan), tuple(diagnoses))
@@ -286,14 +291,11 @@ def diagnosed(parts: Sequence[Stretch], begin: Array, made: Model, names: Names)
         made: see `model`.
         names: of jets, kinds and sensors.
     """
-    start = made.prior.copy()
-    if hindsight.possible(begin):  # NaN is not
-        start[:10] = begin
     found: list[Diagnosis] = []
-    fit = first = hindsight.fitted(parts, start, made)
+    fit = first = hindsight.fitted(parts, _from(begin, made), made)
     if fit.normal.readings < _FEWEST or not fit.normal.is_finite:
         return found, first
-    reckoned = made
+    fit, reckoned, found = _switched(parts, fit, made)
     while len(found) < _MOST:
         suspects = [one for one in _suspects(fit, reckoned) if one.statistic > one.threshold]
         if not suspects:
@@ -312,6 +314,41 @@ def diagnosed(parts: Sequence[Stretch], begin: Array, made: Model, names: Names)
     if not any(one.kind == "jet" for one in found):  # what a failed jet leaves is no fault of sensors
         found += _scattered(fit, names)
     return found, first
+
+
+def _from(begin: Array, made: Model) -> Array:
+    """Where a fit begins: with these ten parameters, if they are a body's."""
+    start = made.prior.copy()
+    if hindsight.possible(begin):  # NaN is not
+        start[:10] = begin
+    return start
+
+
+def _off_ticks(parts: Sequence[Stretch], made: Model) -> bool:
+    """Whether stamps are off their ticks."""
+    return any(hindsight.off_ticks(part, made) for part in parts)
+
+
+def _switched(parts: Sequence[Stretch], fit: Fit, made: Model) -> tuple[Fit, Model, list[Diagnosis]]:
+    """Tries commands that switch at the stamps instead of regular ticks, or at these; takes what explains the readings.
+
+    Args:
+        parts: of the record.
+        fit: of them as it is stated.
+        made: see `model`.
+
+    Returns:
+        The fit, what it was made with, and what there is to say.
+    """
+    if _excess(fit) == 0.0 or not _off_ticks(parts, made):
+        return fit, made, []
+    other = made._replace(at_stamps=not made.at_stamps)
+    after = hindsight.fitted(parts, fit.at if hindsight.possible(fit.at) else made.prior, other)
+    if not after.normal.is_finite or _excess(after) > (1.0 - _EXPLAINED) * _excess(fit):
+        return fit, made, []
+    where = "the stamps of their rows" if other.at_stamps else "regular ticks"
+    words = f"clock jitter: commands switch at {where}: joint.switching={'stamps' if other.at_stamps else 'ticks'}"
+    return after, other, [Diagnosis("jitter", words, fit.normal.misfit, after.normal.misfit)]
 
 
 def _excess(fit: Fit) -> float:

@@ -40,7 +40,7 @@ from massprop_drake.runners.cycles import RecordRows, cycles
 from massprop_drake.runners.logs import EstimationLog, Intake, estimation_signals, kept, restored
 from massprop_drake.signals import SYMBOLS
 from massprop_drake.telemetry.quality import QualityReport
-from massprop_drake.telemetry.reader import Continuation, Reader, Rows
+from massprop_drake.telemetry.reader import AT_STAMPS, Continuation, Reader, Rows
 from massprop_drake.telemetry.tables import Table
 
 Array = NDArray[np.float64]
@@ -95,6 +95,8 @@ def estimate(
         require_table(telemetry)
     source = telemetry if record_map is None else _mapped_rows(telemetry, record_map, vehicle, gyro)
     reader = Reader(source, vehicle, gyro=gyro, after=after, stream=stream)
+    if scenario.joint.switching == "stamps":
+        reader.jitter = AT_STAMPS
     try:
         replayed = _Estimation(scenario, earlier, str(resume_from), folder)
         began = time.perf_counter()

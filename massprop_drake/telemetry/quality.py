@@ -186,7 +186,7 @@ class QualityReport:
         self._ratios: dict[str, list[tuple[float, float, Array]]] = {name: [] for name in names}
         self._weighs = params.weighs(scenario)
         filters = ["rotation", *(["mass"] if self._weighs else [])]
-        self._filter = scenario.estimation.filter
+        self._filter, self._at_stamps = scenario.estimation.filter, scenario.joint.switching == "stamps"
         reasons = {"joint": _JOINT_REASONS, "pose": _POSE_REASONS}.get(self._filter, _REASONS)
         self._samples = {name: {"used": 0, **dict.fromkeys(reasons, 0)} for name in filters}
 
@@ -552,9 +552,11 @@ class QualityReport:
             )
         period, nominal = quality["sample_period_s"], self._vehicle.sample_period_s
         if self._filter == "joint" and quality["jitter"]["count"]:
+            regular = "at regular ticks, found from the stamps; where they do at these, set joint.switching=stamps"
+            taken = f"commands are taken to switch {'at the stamps' if self._at_stamps else regular}"
             found.append(
                 f"{_times(quality['jitter']['count'], 'interval')} between rows off the sample period, by "
-                f"{quality['jitter']['largest_s']:.2g} s at the most: when commands switched is taken from the stamps"
+                f"{quality['jitter']['largest_s']:.2g} s at the most: {taken}"
             )
         if self._filter == "thesis" and period is not None and abs(period - nominal) > _PERIOD_DIFFERS * nominal:
             found.append(f"rows are {period:.6g} s apart on average, not {nominal:g} s: forces seem off by as much")

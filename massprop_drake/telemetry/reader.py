@@ -28,6 +28,7 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 JITTER = 0.05  # of the sample period: by so much rows may be early or late
+AT_STAMPS = 0.5  # of it where commands switch with them: what is farther is another row
 _FEW = 5  # missing columns that a message names
 _EXACT = 1e-3  # of the sample period: less is not counted as jitter
 _SAME = 1e-6  # of the sample period: rows closer than this have one time
@@ -205,6 +206,7 @@ class Reader:
         record: what has been found so far.
         before: command and outside wrench of the row before the first, with `after`.
         velocity: integral of each acceleration so far, by package.
+        jitter: of the sample period, by so much rows may be early or late; more is a gap; set before rows are read.
 
     Raises:
         InputError: with file, line and column, when the record cannot be used; also from the iteration.
@@ -221,6 +223,7 @@ class Reader:
         rows_per_block: int = 1024,
     ):
         self.record = Record()
+        self.jitter = JITTER
         self._vehicle = vehicle
         self._period_s = vehicle.sample_period_s
         self._any_time = vehicle.needs_pose_filter  # rows may come whenever something is read
@@ -406,7 +409,7 @@ class Reader:
         if self._any_time:
             within: Flags = (steps > _SAME * self._period_s) & (steps <= _HOLE * self._period_s)
             return within
-        follows: Flags = np.abs(steps - self._period_s) <= JITTER * self._period_s * (1.0 + 1e-9)
+        follows: Flags = np.abs(steps - self._period_s) <= self.jitter * self._period_s * (1.0 + 1e-9)
         return follows
 
     def _place(self, index: int, time: float, block: Block, taken: list[int], breaks: dict[int, float]) -> None:

@@ -193,9 +193,16 @@ def test_scenario_keys_replace_those_of_the_vehicle() -> None:
     ],
 )
 def test_every_key_of_the_block_has_its_effect(key: str, value: object, field: str) -> None:
-    assert set(JointBlock.model_fields) == {"thrust_transient", *_KEYS}
+    assert set(JointBlock.model_fields) == {"thrust_transient", "switching", *_KEYS}
     before, after = getattr(made(), field), getattr(made(f"joint.{key}={value}"), field)
     assert not np.array_equal(before, after)
+
+
+def test_commands_may_be_said_to_switch_at_stamps() -> None:
+    assert not params.joint_params(joint("joint={}")).at_stamps
+    assert params.joint_params(joint("joint.switching=stamps")).at_stamps
+    with pytest.raises(InputError, match="switching"):
+        joint("joint.switching=rows")
 
 
 def test_defaults() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 from pathlib import Path
 from typing import Any
 
@@ -148,6 +149,43 @@ def test_a_record_that_is_not_commanded_to_the_stamps_is_read_right(tmp_path: Pa
     error = (found["estimate"][-1] - run["truth"][-1]) / found["standard_deviation"][-1]
     assert np.abs(error).max() < 4.0
     assert any("off the sample period" in warning for warning in found.summary["data_quality"]["warnings"])
+
+
+@pytest.fixture(scope="module")
+def at_stamps(flown: Run, folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The flight's commands, given and read by one task that starts up to 2 ms early or late."""
+    step_s, count = 2e-3, flown.time_s.size
+    late = np.random.default_rng(3).integers(-1, 2, count)
+    rows = np.round(flown.time_s / step_s).astype(int) + late
+    rows[0], command, pulses = 0, np.array(flown["command"]), []
+    for jet, name in enumerate(flown.scenario.vehicle_data.designations):
+        edges = np.diff(np.concatenate(([0.0], command[:-1, jet], [0.0])))
+        for begin, end in zip(np.flatnonzero(edges > 0.0), np.flatnonzero(edges < 0.0), strict=True):
+            pulses.append({"jet": name, "start_s": float(rows[begin]) * step_s, "end_s": float(rows[end]) * step_s})
+    plain = ["estimation={filter: thesis}", "joint={}", "mass={}", "detector.kind=off", "maneuver=[]", LOOP]
+    fine = [f"jet_schedule={json.dumps(pulses)}", f"vehicle.sample_period_s={step_s}", "duration_s=14.1"]
+    again = simulate(load_scenario("orbiter_maneuver", [*plain, *fine]))
+    heading, *written = _rows(folder)
+    for row, place in zip(written, np.minimum(rows, again.time_s.size - 1), strict=True):
+        row[0] = repr(float(again.time_s[place]))
+        for name in ("gyro", *ACCELEROMETERS):
+            first = heading.index(f"{name}_x")
+            row[first : first + 3] = map(repr, again[name][place].tolist())
+    return _written(tmp_path_factory.mktemp("stamps") / "stamps.csv", [heading, *written])
+
+
+def test_commands_that_switch_at_the_stamps_are_said_to_and_then_believed(
+    at_stamps: Path, flown: Run, folder: Path
+) -> None:
+    scenario = load_scenario(folder)
+    wrong = estimate(at_stamps, scenario).summary
+    assert wrong["consistency"]["verdict"] == "inconsistent"
+    assert "joint.switching=stamps" in wrong["consistency"]["reasons"][0]
+    assert any("joint.switching=stamps" in each for each in wrong["data_quality"]["warnings"])
+    right = estimate(at_stamps, load_scenario(folder, ["joint.switching=stamps"]))
+    assert right.summary["consistency"]["verdict"] == "consistent"
+    error = (right["estimate"][-1] - flown["truth"][-1]) / right["standard_deviation"][-1]
+    assert np.abs(error).max() < 4.0
 
 
 def test_outside_forces_that_are_known_are_taken_into_account(folder: Path, flown: Run, tmp_path: Path) -> None:

@@ -161,6 +161,7 @@ class Model(NamedTuple):
         prior: mean of all unknowns, shape (n,).
         sigma: their 1-sigma; zero: not reckoned with, shape (n,).
         compute: see `Compute`.
+        at_stamps: whether commands switch at the stamps, and not at regular ticks.
     """
 
     period_s: float
@@ -175,6 +176,7 @@ class Model(NamedTuple):
     prior: Array
     sigma: Array
     compute: Compute = Compute()
+    at_stamps: bool = False
 
 
 class Stretch(NamedTuple):
@@ -296,6 +298,7 @@ class _Read(NamedTuple):
     stretch: Stretch
     period_s: float  # of the ticks
     late_s: Array  # of each stamp after its tick, (m,)
+    lengths_s: Array  # from each switching to the next, (m - 1,)
     on: NDArray[np.int_]  # the jets that acted, (j,)
     commands: Array  # of these, (m - 1, j)
     rate: Array  # (3, m)
@@ -307,7 +310,11 @@ def _read(stretch: Stretch, model: Model) -> _Read:
     on = np.flatnonzero(told | (stretch.before != 0.0))
     rate = _by_columns(_interpolated(stretch.readings[:, : model.gyros]))
     readings = np.ascontiguousarray(stretch.readings.transpose(1, 2, 0))
-    return _Read(stretch, *_ticks(stretch.time_s, model.period_s), on, stretch.commands[:-1, on], rate, readings)
+    period, late = _ticks(stretch.time_s, model.period_s)
+    lengths = np.full(late.shape[0] - 1, period)
+    if model.at_stamps:
+        lengths, late = np.diff(stretch.time_s), np.zeros_like(late)
+    return _Read(stretch, period, late, lengths, on, stretch.commands[:-1, on], rate, readings)
 
 
 class _Course(NamedTuple):
@@ -332,7 +339,7 @@ def _course(read: _Read, lag_error: Array, model: Model) -> _Course:
     if lagged.any():
         model.compute.lag(level, slope, left.remaining, left.by_logarithm)
     off = level[:-1] - commands
-    amount = period * commands + off * (period * left.mean)
+    amount = read.lengths_s[:, None] * commands + off * (period * left.mean)
     share = period / np.where(lagged, constants, 1.0)
     by_lag = off * (share * (left.mean - left.remaining)) + slope[:-1] * (share * left.mean)
     if not lagged.all():
@@ -354,6 +361,11 @@ def _ticks(time_s: Array, period_s: float) -> tuple[float, Array]:
         period = period_s
     late = since - counts * period
     return period, np.where(np.abs(late) < _EXACT * period, 0.0, late)
+
+
+def off_ticks(stretch: Stretch, model: Model) -> bool:
+    """Whether stamps of a stretch are off their ticks."""
+    return bool(_ticks(stretch.time_s, model.period_s)[1].any())
 
 
 def _interpolated(readings: Array) -> Array:
@@ -555,7 +567,7 @@ class _Expected(NamedTuple):
 def _expected(at: Array, course: _Course, model: Model) -> _Expected:
     places, read = columns(model), course.read
     wrenches, rate, stretch = _wrenches(at, course, model), read.rate, read.stretch
-    impulse = wrenches @ course.amount.T + stretch.outside[:-1].T * model.period_s
+    impulse = wrenches @ course.amount.T + stretch.outside[:-1].T * read.lengths_s
     resisted = at[places.drag, None] * 0.5 * (rate[:, :-1] + rate[:, 1:])
     impulse[:3] += model.period_s * (at[places.torque, None] - resisted)  # pure torques act about any point
     acting = wrenches @ course.level.T if read.late_s.any() else None

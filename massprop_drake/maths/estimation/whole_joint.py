@@ -44,7 +44,7 @@ from massprop_drake.maths.estimation.joint.bank import (
     empty,
     followed,
 )
-from massprop_drake.maths.estimation.joint.cycle import Cycled, Cycling, Sample, cycled, gone_over, initial
+from massprop_drake.maths.estimation.joint.cycle import Course, Cycled, Cycling, Sample, cycled, gone_over, initial
 from massprop_drake.maths.estimation.joint.layout import (
     JointParams,
     JointState,
@@ -56,7 +56,7 @@ from massprop_drake.maths.estimation.joint.layout import (
 )
 from massprop_drake.maths.estimation.joint.race import History, Record
 from massprop_drake.maths.estimation.joint.sensitivity import LINK, Link, Traces, traced
-from massprop_drake.maths.estimation.joint.ticks import Clock, on_time, started
+from massprop_drake.maths.estimation.joint.ticks import Clock, Stamped, on_ticks, on_time, started
 from massprop_drake.maths.estimation.whole import Samples, one_sample
 from massprop_drake.maths.kernels import chosen, fill, held, kernel, released, shared
 from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError
@@ -227,12 +227,12 @@ def _watched(kept: Memory, desk: Desk, row: int, params: JointParams) -> tuple[M
     impulses = interval_impulses(command, kept.command, kept.level, rules.impulse_per_level, rules.lag, outside)
     rates, velocities = samples.rates[row].copy(), samples.velocities[row].copy()
     durations, commands = np.full(1, rules.period_s), command.reshape(1, -1)
-    sample = Sample(samples.time_s[row], durations, commands, outside, rates, velocities)
+    sample = Sample(samples.time_s[row], durations, commands, outside, rates, velocities, on_ticks())
     done = cycled(kept.joint, sample, params.thresholds, params)
     after = done.state
     if done.incremented or not (np.isfinite(after.mean).all() and np.isfinite(after.root).all()):
         return kept, False
-    seen = traced(kept.joint.mean, done.acting.firing.amount, done.expected, done.update, sample)
+    seen = traced(kept.joint.mean, Course(done.stamp, done.acting, done.expected, done.update), sample)
     roots, cycle = Roots(desk.past.roots, desk.past.places), kept.cycle + 1.0
     found = followed(kept.since, roots, seen, cycle, min(rules.trigger_jet, rules.trigger), params)
     likelihood = 0.0
@@ -246,7 +246,7 @@ def _watched(kept: Memory, desk: Desk, row: int, params: JointParams) -> tuple[M
     desk.rows.detector_report[row, _TESTED] = found.complete
     desk.rows.detector_report[row, _LIKELIHOOD] = likelihood
     desk.rows.hypothesis_report[row] = rules.hypothesis_row
-    clock = Clock(stamp_s, stamp_s, kept.clock.period_s, kept.clock.variances, False, command)
+    clock = Clock(stamp_s, stamp_s, 0.0, False, stamp_s, 0.0, 0.0, 0.0, 0.0, 0.0, False, command)
     estimate, covariance = done.estimate.copy(), done.covariance.copy()
     commanded = kept.commanded + (command > 0.0)
     return Memory(after, clock, estimate, covariance, found.since, command, impulses.level, cycle, commanded), True
@@ -344,7 +344,7 @@ def with_compiled(params: JointParams) -> JointParams:
 
 def _no_sample(places: Places) -> Sample:
     rates, velocities = np.zeros((places.gyros, 3)), np.zeros((places.accelerometers, 3))
-    return Sample(0.0, np.ones(1), np.zeros((1, places.jets)), np.zeros(6), rates, velocities)
+    return Sample(0.0, np.ones(1), np.zeros((1, places.jets)), np.zeros(6), rates, velocities, on_ticks())
 
 
 def _no_following(places: Places, sample: Sample) -> Following:
@@ -352,12 +352,13 @@ def _no_following(places: Places, sample: Sample) -> Following:
     rows, learned = np.zeros((3, n)), (np.zeros((0, 0)), np.zeros((n, 0)), np.zeros(n))
     told = (np.zeros((m, n)), np.zeros((m, n)), np.zeros(m), np.zeros(m, dtype=np.bool_))
     readings = (np.zeros(places.jets), sample.rates, sample.velocities)
-    seen = Traces(np.zeros(n), rows, rows, 1.0, np.zeros((6, 6)), 1.0, *told, *learned, *readings)
+    stamp = Stamped(np.zeros(n), np.zeros(n), np.zeros(n), 1.0)
+    seen = Traces(np.zeros(n), rows, rows, 1.0, np.zeros((6, 6)), 1.0, *told, *learned, *readings, stamp)
     return Following(Since(*empty(places)[1:]), Roots(np.zeros((0, n, n)), np.arange(0)), seen, 0.0, 0.0)
 
 
 def _no_memory(state: JointState, places: Places) -> Memory:
-    clock, none, since = started(0.0, state.level, 1.0), np.zeros(places.jets), Since(*empty(places)[1:])
+    clock, none, since = started(0.0, state.level), np.zeros(places.jets), Since(*empty(places)[1:])
     return Memory(state, clock, np.zeros(10), np.zeros((10, 10)), since, none, none, 0.0, none)
 
 
@@ -491,7 +492,13 @@ class Watch:
         outside, commands = samples.outside[row] * period_s, samples.commands[row].reshape(1, -1)
         durations = np.array([period_s])
         return Sample(
-            float(samples.time_s[row]), durations, commands, outside, samples.rates[row], samples.velocities[row]
+            float(samples.time_s[row]),
+            durations,
+            commands,
+            outside,
+            samples.rates[row],
+            samples.velocities[row],
+            on_ticks(),
         )
 
 
@@ -515,6 +522,6 @@ def _is_quiet(filtered: JointFilterState, method: Any) -> bool:
         and method.race is None
         and bool(method.bank.states)
         and method.earlier is None
-        and not (clock.lost or clock.tick_s != clock.stamp_s or np.isnan(clock.earlier).any())
+        and not (clock.lost or clock.off or clock.tick_s != clock.stamp_s or np.isnan(clock.earlier).any())
         and not (method.members.any() or method.lying.any() or method.erratic.any())
     )

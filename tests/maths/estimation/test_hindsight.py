@@ -17,6 +17,7 @@ from massprop_drake.maths.estimation.joint.cycle import Sample
 from massprop_drake.maths.estimation.joint.layout import make_places
 from massprop_drake.maths.estimation.joint.measurement import outputs
 from massprop_drake.maths.estimation.joint.prediction import drive, predict
+from massprop_drake.maths.estimation.joint.ticks import on_ticks
 from massprop_drake.results.hindsight import Names, diagnosed
 
 Array = NDArray[np.float64]
@@ -41,7 +42,13 @@ class Flight(NamedTuple):
     least: Array
 
 
-def flight(seed: int, factors: Array | float = 1.0, torque: Array | None = None, lag: float = 0.0) -> Flight:
+def flight(
+    seed: int,
+    factors: Array | float = 1.0,
+    torque: Array | None = None,
+    lag: float = 0.0,
+    late: Array | float = 0.0,
+) -> Flight:
     """A flight of the small vehicle: its jets at random, no mass used.
 
     Args:
@@ -49,11 +56,12 @@ def flight(seed: int, factors: Array | float = 1.0, torque: Array | None = None,
         factors: true thrusts over nominal.
         torque: that nobody commands.
         lag: error of the time constants, in units of their sigma.
+        late: of each row, at which commands switch then, s.
     """
+    time_s = PERIOD * np.arange(ROWS + 1) + late
     rng = np.random.default_rng(seed)
     pulled = np.asarray(factors) * np.ones(6)
-    actual = PARAMS._replace(wrenches=PARAMS.wrenches * pulled[:, None])
-    places = PARAMS.places
+    actual, places = PARAMS._replace(wrenches=PARAMS.wrenches * pulled[:, None]), PARAMS.places
     errors = np.zeros(places.size - places.thrust)
     errors[places.lag - places.thrust : places.lag - places.thrust + 2] = lag
     outside = np.zeros(6)
@@ -61,11 +69,12 @@ def flight(seed: int, factors: Array | float = 1.0, torque: Array | None = None,
         outside[:3] = torque * PERIOD
     commands = np.repeat(rng.uniform(size=(ROWS // 4, 6)) < 0.3, 4, axis=0).astype(float)
     noise = rng.standard_normal((ROWS + 1, 2, 3)) * np.sqrt(PARAMS.variances).reshape(2, 3)
-    sample = Sample(0.0, np.array([PERIOD]), commands[:1], np.zeros(6), np.zeros((1, 3)), np.zeros((1, 3)))
+    sample = Sample(0.0, np.array([PERIOD]), commands[:1], np.zeros(6), np.zeros((1, 3)), np.zeros((1, 3)), on_ticks())
     state = bound.start(sample, bound.true_mean(TRUTH, np.zeros(3), errors, PARAMS), PARAMS)
     least, readings = state, np.zeros((ROWS + 1, 2, 3))
     for k in range(ROWS):
-        acting = drive(state, sample.durations_s, commands[k : k + 1], outside, actual)
+        sample = sample._replace(durations_s=np.diff(time_s[k : k + 2]))
+        acting = drive(state, sample.durations_s, commands[k : k + 1], outside, on_ticks(), actual)
         rate = state.mean[10:13]
         for _ in range(6):  # the coupling takes the rate at the end
             prediction = predict(state, acting, read_as(rate, actual), actual)
@@ -78,7 +87,7 @@ def flight(seed: int, factors: Array | float = 1.0, torque: Array | None = None,
         truth = bound.true_mean(TRUTH, rate, errors, PARAMS)
         least = bound.step(least, told, truth, np.ones(6, dtype=np.bool_), PARAMS)
     stretch = Stretch(
-        time_s=PERIOD * np.arange(ROWS + 1),
+        time_s=time_s,
         readings=readings + noise,
         commands=np.vstack((commands, np.zeros(6))),
         before=np.zeros(6),
@@ -157,6 +166,19 @@ def test_ticks_that_a_line_through_the_stamps_does_not_know_are_no_misfit() -> N
         normal = fitted(jittered(flight(seed), seed), model).normal
         ratios.append(normal.misfit / normal.readings)
     assert max(ratios) < 1.1
+
+
+def test_commands_that_switch_at_the_stamps_are_told_from_regular_ticks() -> None:
+    late = 3e-4 * np.random.default_rng(5).standard_normal(ROWS + 1)
+    (model, _), found = known(), flight(5, late=late)
+    regular, stamped = fitted(found, model).normal, fitted(found, model._replace(at_stamps=True)).normal
+    assert stamped.misfit < 1.1 * stamped.readings
+    assert regular.misfit > 2.0 * regular.readings
+    shifted = jittered(flight(5), 5)
+    assert hindsight.off_ticks(shifted.stretch, model)
+    assert not hindsight.off_ticks(flight(5).stretch, model)
+    other = hindsight.fitted([shifted.stretch], model.prior, model._replace(at_stamps=True)).normal
+    assert other.misfit > 2.0 * other.readings
 
 
 def test_a_flight_that_is_as_stated_passes_every_test() -> None:

@@ -12,6 +12,7 @@ from massprop_drake.maths.estimation.joint.cycle import Sample, initial, step
 from massprop_drake.maths.estimation.joint.layout import JointState, pack, state_layout, unpack
 from massprop_drake.maths.estimation.joint.measurement import outputs
 from massprop_drake.maths.estimation.joint.prediction import drive, predict
+from massprop_drake.maths.estimation.joint.ticks import on_ticks
 from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError, is_covariance, skew
 from massprop_drake.results.run import Run
 
@@ -79,7 +80,7 @@ def test_coarse_gyros_beside_fine_accelerometers_leave_the_filter_honest() -> No
     rates, velocities = spun(150)
     variances = np.array([1e-6] * 6 + [1e-10] * 6)
     sigma = np.array([*(np.abs(TRUTH[:6]) * 1e-3), 0.01, 0.01, 0.01, 1e-4])
-    no_biases = np.append(np.ones(6 + 2), np.zeros(6 + 6 + 1 + 2))
+    no_biases = np.append(np.ones(6 + 2), np.zeros(6 + 6 + 1 + 2 + 2))
     squares = []
     for seed in range(12):
         rng = np.random.default_rng(seed)
@@ -124,7 +125,7 @@ def test_nothing_read_is_prediction_alone() -> None:
     state = some_state(PARAMS)
     after, report = step(state, some_sample(PARAMS), PARAMS)
     assert report.nis == 0.0
-    acting = drive(state, np.array([PERIOD]), some_sample(PARAMS).commands, np.zeros(6), PARAMS)
+    acting = drive(state, np.array([PERIOD]), some_sample(PARAMS).commands, np.zeros(6), on_ticks(), PARAMS)
     np.testing.assert_array_equal(after.mean, predict(state, acting, unread(PARAMS), PARAMS).mean)
 
 
@@ -157,7 +158,7 @@ def test_the_bound_is_the_covariance_of_a_filter_that_stays_at_the_truth() -> No
     for k in range(12):
         commands = (rng.uniform(size=(1, 6)) < 0.4).astype(float)
         sample = some_sample(params, time_s=k * PERIOD, commands=commands, rates=nothing, velocities=nothing)
-        acting = drive(state, sample.durations_s, commands, np.zeros(6), flow_free)
+        acting = drive(state, sample.durations_s, commands, np.zeros(6), on_ticks(), flow_free)
         # the truth's rate at the end follows from itself: twice, as the coupling takes the reading
         rate = predict(state, acting, unread(flow_free), flow_free).mean[10:13]
         for _ in range(8):
@@ -193,7 +194,9 @@ def maneuver(run: Run, vehicle: Vehicle, first: JointState | None, rows: range) 
     velocities = np.stack([run[package.name] for package in vehicle.accelerometers], axis=1)
     for row in rows:
         command = run["command"][max(row - 1, 0)][None]
-        sample = Sample(run.time_s[row], period, command, np.zeros(6), run["gyro"][row][None], velocities[row])
+        sample = Sample(
+            run.time_s[row], period, command, np.zeros(6), run["gyro"][row][None], velocities[row], on_ticks()
+        )
         state, _ = step(state, sample, params)
     return state
 

@@ -21,6 +21,7 @@ from massprop_drake.maths.estimation.joint.early import BEGUN, OVER, Early, Fit,
 from massprop_drake.maths.estimation.joint.hypotheses import Cause, Kind, Score, opened
 from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES, JointParams, JointState
 from massprop_drake.maths.estimation.joint.screen import Contender
+from massprop_drake.maths.estimation.joint.ticks import on_ticks
 from massprop_drake.results.summary import from_names
 from massprop_drake.runners.recorded import settings_alone
 
@@ -121,6 +122,7 @@ def samples(run: Run) -> list[Sample]:
             np.zeros(6),
             run["gyro"][row : row + 1],
             velocities[row],
+            on_ticks(),
         )
         for row in rows
     ]
@@ -128,7 +130,7 @@ def samples(run: Run) -> list[Sample]:
 
 def entered(run: Run, params: JointParams) -> JointState:
     velocities = np.stack([run[name][0] for name in ("acc1", "acc2", "acc3")])
-    first = Sample(0.0, np.array([0.08]), np.zeros((1, 44)), np.zeros(6), run["gyro"][:1], velocities)
+    first = Sample(0.0, np.array([0.08]), np.zeros((1, 44)), np.zeros(6), run["gyro"][:1], velocities, on_ticks())
     return cycle.begun(cycle.initial(params), first, params)
 
 

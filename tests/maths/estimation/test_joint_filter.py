@@ -16,6 +16,7 @@ from massprop_drake.maths.estimation.filters.registry import FILTERS
 from massprop_drake.maths.estimation.joint.cycle import expect
 from massprop_drake.maths.estimation.joint.layout import RATE, make_places, state_layout
 from massprop_drake.maths.estimation.joint.prediction import drive
+from massprop_drake.maths.estimation.joint.ticks import on_ticks
 from massprop_drake.maths.linear_algebra import skew
 
 PARAMS = JointFilterParams(small_params(), PERIOD)
@@ -79,7 +80,7 @@ def test_what_no_filter_leaves_is_refused(field: str, index: int, value: float, 
 
 def test_an_impossible_clock_is_refused() -> None:
     state, _ = flown(3)
-    for clock in (state.clock._replace(period_s=0.0), state.clock._replace(earlier=np.full(6, 2.0))):
+    for clock in (state.clock._replace(number=0.5), state.clock._replace(earlier=np.full(6, 2.0))):
         with pytest.raises(ValueError, match="joint_estimator: "):
             joint.restored(joint.saved(state._replace(clock=clock), PARAMS), PARAMS)
 
@@ -95,7 +96,7 @@ def test_reports_have_what_the_cycle_says() -> None:
     np.testing.assert_array_equal(step.rotation.rotation_innovation, report.innovation[:3])
     np.testing.assert_array_equal(step.mass.mass_innovation, report.innovation[6:9])
     before, sample = measurement.evidence.before, measurement.evidence.sample
-    acting = drive(before, sample.durations_s, sample.commands, sample.outside, PARAMS.joint)
+    acting = drive(before, sample.durations_s, sample.commands, sample.outside, on_ticks(), PARAMS.joint)
     projected = expect(before, acting, sample, PARAMS.joint).projected  # before any increment
     expected = np.sqrt((projected @ projected.T).diagonal() + PARAMS.joint.variances)
     deviations = np.append(step.rotation.rotation_innovation_std, step.mass.mass_innovation_std)
@@ -171,7 +172,7 @@ def test_outside_impulses_are_of_the_true_interval() -> None:
 
 def test_several_packages_are_more_rows() -> None:
     """Two packages of one reading are as good as one of half the variance."""
-    no_biases = np.append(np.ones(6 + 2), np.zeros(6 + 6 + 1 + 2))
+    no_biases = np.append(np.ones(6 + 2), np.zeros(6 + 6 + 1 + 2 + 2))
     halved = np.array([5e-11] * 3 + [1.0] * 3 + [5e-9] * 3 + [1.0] * 3)
     single = small_params(variances=halved, prior_sigma=no_biases)
     double = small_params(variances=np.array([1e-10] * 6 + [1e-8] * 6), prior_sigma=no_biases)

@@ -59,6 +59,11 @@ def flown() -> Flight:
     return flight(empty_slots(ready()), PARAMS)
 
 
+@pytest.fixture(scope="module")
+def flown_off_ticks() -> Flight:
+    return flight(empty_slots(ready()), PARAMS, jitter_s=1e-3)
+
+
 def screen_of(
     flown: Flight, onsets: tuple[int, ...], params: JointParams = PARAMS, *, single: bool = False
 ) -> screens.Screen:
@@ -259,6 +264,15 @@ def test_a_column_agrees_with_a_filter_that_has_the_force_in_a_slot(
     flown: Flight, jet: int, sign: int, on_top: int
 ) -> None:
     """Likelihood, force and its sigma, for a force that readings know to a thousandth of its prior."""
+    _compare_with_a_slot(flown, jet, sign, on_top)
+
+
+@pytest.mark.parametrize(("jet", "sign", "on_top"), [(3, 1, 1), (0, -1, 0)])
+def test_so_it_does_where_stamps_are_off_their_ticks(flown_off_ticks: Flight, jet: int, sign: int, on_top: int) -> None:
+    _compare_with_a_slot(flown_off_ticks, jet, sign, on_top)
+
+
+def _compare_with_a_slot(flown: Flight, jet: int, sign: int, on_top: int) -> None:
     onset = 3
     screen = screen_of(flown, (onset,))
     column = 6 + jet if sign < 0 else jet if on_top else 24 + jet

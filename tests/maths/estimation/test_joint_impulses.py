@@ -5,12 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from massprop_drake.maths.estimation.joint.impulses import fire, pieces, time_constants
+from massprop_drake.maths.estimation.joint.impulses import Firing, fire, time_constants
 
 LEVEL = np.array([0.0, 1.0, 0.3, 0.8])
 CONSTANTS = np.array([0.015, 0.05, 0.4, 0.0])
 DURATIONS = np.array([0.03, 0.05])
 COMMANDS = np.array([[1.0, 1, 0, 1], [1, 0, 0.5, 0]])
+NO_EDGES = np.zeros((0, 2))
 
 
 def finely(jet: int) -> tuple[float, tuple[float, float, float], float]:
@@ -35,7 +36,7 @@ def finely(jet: int) -> tuple[float, tuple[float, float, float], float]:
 
 @pytest.mark.parametrize("jet", range(4))
 def test_amount_bow_and_level_agree_with_fine_integration(jet: int) -> None:
-    firing = fire(LEVEL, np.zeros(4), CONSTANTS, DURATIONS, COMMANDS)
+    firing = fire(LEVEL, np.zeros(4), CONSTANTS, DURATIONS, COMMANDS, NO_EDGES)
     amount, bow, level = finely(jet)
     assert firing.amount[jet] == pytest.approx(amount, rel=1e-7)
     assert firing.bow[:, jet] == pytest.approx(bow, rel=1e-6)
@@ -44,7 +45,12 @@ def test_amount_bow_and_level_agree_with_fine_integration(jet: int) -> None:
 
 def test_steady_thrust_is_not_bowed() -> None:
     firing = fire(
-        np.array([0.0, 1.0, 0.5]), np.zeros(3), np.full(3, 0.02), np.array([0.08]), np.array([[0.0, 1.0, 0.5]])
+        np.array([0.0, 1.0, 0.5]),
+        np.zeros(3),
+        np.full(3, 0.02),
+        np.array([0.08]),
+        np.array([[0.0, 1.0, 0.5]]),
+        NO_EDGES,
     )
     np.testing.assert_allclose(firing.bow, 0.0, atol=2e-9)
 
@@ -53,12 +59,12 @@ def test_derivatives_by_the_logarithm_of_the_time_constant() -> None:
     """Over two intervals, so that what the level at the start depends on counts, too."""
 
     def amounts(scale: float) -> tuple[np.ndarray, np.ndarray]:
-        first = fire(LEVEL, np.zeros(4), CONSTANTS * scale, DURATIONS, COMMANDS)
-        second = fire(first.level, first.slope, CONSTANTS * scale, DURATIONS, 1.0 - COMMANDS)
+        first = fire(LEVEL, np.zeros(4), CONSTANTS * scale, DURATIONS, COMMANDS, NO_EDGES)
+        second = fire(first.level, first.slope, CONSTANTS * scale, DURATIONS, 1.0 - COMMANDS, NO_EDGES)
         return second.amount, second.level
 
-    first = fire(LEVEL, np.zeros(4), CONSTANTS, DURATIONS, COMMANDS)
-    second = fire(first.level, first.slope, CONSTANTS, DURATIONS, 1.0 - COMMANDS)
+    first = fire(LEVEL, np.zeros(4), CONSTANTS, DURATIONS, COMMANDS, NO_EDGES)
+    second = fire(first.level, first.slope, CONSTANTS, DURATIONS, 1.0 - COMMANDS, NO_EDGES)
     step = 1e-5
     above, below = amounts(np.exp(step)), amounts(np.exp(-step))
     np.testing.assert_allclose(second.amount_slope, (above[0] - below[0]) / (2 * step), rtol=1e-7, atol=1e-12)
@@ -66,41 +72,41 @@ def test_derivatives_by_the_logarithm_of_the_time_constant() -> None:
 
 
 def test_what_a_late_build_up_takes_is_given_back_at_tail_off() -> None:
-    on = fire(np.zeros(1), np.zeros(1), np.array([0.015]), np.array([0.5]), np.ones((1, 1)))
-    off = fire(on.level, on.slope, np.array([0.015]), np.array([0.5]), np.zeros((1, 1)))
+    on = fire(np.zeros(1), np.zeros(1), np.array([0.015]), np.array([0.5]), np.ones((1, 1)), NO_EDGES)
+    off = fire(on.level, on.slope, np.array([0.015]), np.array([0.5]), np.zeros((1, 1)), NO_EDGES)
     assert on.amount[0] == pytest.approx(0.5 - 0.015)
     assert (on.amount + off.amount)[0] == pytest.approx(0.5)
     assert (on.amount_slope + off.amount_slope)[0] == pytest.approx(0.0, abs=1e-12)
 
 
 def test_a_command_that_is_not_known_is_half_with_the_variance_of_a_coin() -> None:
-    firing = fire(np.zeros(2), np.zeros(2), np.zeros(2), np.array([0.1]), np.array([[np.nan, 1.0]]))
+    firing = fire(np.zeros(2), np.zeros(2), np.zeros(2), np.array([0.1]), np.array([[np.nan, 1.0]]), NO_EDGES)
     np.testing.assert_allclose(firing.amount, [0.05, 0.1])
     np.testing.assert_allclose(firing.variance, [0.25 * 0.01, 0.0])
     assert firing.commanded
 
 
-@pytest.mark.parametrize(
-    ("start", "end", "durations", "rows"),
-    [
-        (1.0, 2.0, [1.0], [1]),  # on its ticks: one piece, the command of the tick where it begins
-        (0.99, 2.01, [0.01, 1.0, 0.01], [0, 1, 2]),  # early and late stamps share in three commands
-        (1.25, 1.5, [0.25], [1]),
-        (2.5, 4.5, [0.5, 1.5], [2, 3]),  # the last command goes on
-    ],
-)
-def test_an_interval_falls_into_pieces_at_the_ticks(
-    start: float, end: float, durations: list[float], rows: list[int]
-) -> None:
-    commands = np.arange(4.0)[:, None]
-    found, told = pieces(start, end, np.array([0.0, 1.0, 2.0, 3.0]), commands)
-    np.testing.assert_allclose(found, durations)
-    np.testing.assert_array_equal(told, commands[rows])
+def test_derivatives_by_when_ticks_were_and_by_the_level_before() -> None:
+    def over(first: float, second: float, level: np.ndarray = LEVEL) -> Firing:
+        durations = np.diff([0.0, first, second, 0.081])
+        commands = np.vstack((COMMANDS, COMMANDS[:1]))
+        edges = np.diff([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [0.0, 0.0]], axis=0)
+        return fire(level, np.zeros(4), CONSTANTS, durations, commands, edges)
+
+    at, step = (0.002, 0.079), 1e-7
+    found = over(*at)
+    for tick in range(2):
+        above, below = (over(*(at + sign * step * np.eye(2)[tick])) for sign in (1.0, -1.0))
+        np.testing.assert_allclose(found.by_tick[tick], (above.amount - below.amount) / (2 * step), atol=1e-7)
+        np.testing.assert_allclose(found.level_by_tick[tick], (above.level - below.level) / (2 * step), atol=1e-5)
+    above, below = over(*at, LEVEL + step), over(*at, LEVEL - step)
+    np.testing.assert_allclose(found.by_level[0], (above.amount - below.amount) / (2 * step), atol=1e-8)
+    np.testing.assert_allclose(found.by_level[1], (above.level - below.level) / (2 * step), atol=1e-8)
 
 
 def test_pieces_of_one_command_are_the_whole() -> None:
-    whole = fire(LEVEL, np.ones(4), CONSTANTS, np.array([0.08]), COMMANDS[:1])
-    cut = fire(LEVEL, np.ones(4), CONSTANTS, np.array([0.01, 0.05, 0.02]), COMMANDS[[0, 0, 0]])
+    whole = fire(LEVEL, np.ones(4), CONSTANTS, np.array([0.08]), COMMANDS[:1], NO_EDGES)
+    cut = fire(LEVEL, np.ones(4), CONSTANTS, np.array([0.01, 0.05, 0.02]), COMMANDS[[0, 0, 0]], NO_EDGES)
     for one, other in zip(whole, cut, strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-9, atol=2e-9)  # the root of what is left of a difference
 

@@ -31,6 +31,7 @@ from massprop_drake.maths.estimation.joint.prediction import (
     predict,
     propagated,
 )
+from massprop_drake.maths.estimation.joint.ticks import on_ticks
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import ELEMENT, MassProperties, six_elements, symmetric
 from massprop_drake.maths.vehicle import rigid_body
@@ -43,7 +44,7 @@ UNREAD = unread(PARAMS)
 
 def test_the_rate_at_the_end_is_the_mean_of_prediction_and_reading_by_their_variances() -> None:
     state = some_state(PARAMS)
-    acting = drive(state, SAMPLE.durations_s, SAMPLE.commands, SAMPLE.outside, PARAMS)
+    acting = drive(state, SAMPLE.durations_s, SAMPLE.commands, SAMPLE.outside, on_ticks(), PARAMS)
     alone = predict(state, acting, UNREAD, PARAMS)
     spread = np.sum(propagated(state.root, alone, PARAMS)[10:13] ** 2, axis=1)
     read = np.array([0.3, -0.2, np.nan])
@@ -56,7 +57,7 @@ def test_the_rate_at_the_end_is_the_mean_of_prediction_and_reading_by_their_vari
 
 def test_an_error_of_the_rate_times_that_of_the_center_of_mass_is_noise_on_what_accelerometers_gather() -> None:
     state = some_state(PARAMS)
-    acting = drive(state, SAMPLE.durations_s, SAMPLE.commands, SAMPLE.outside, PARAMS)
+    acting = drive(state, SAMPLE.durations_s, SAMPLE.commands, SAMPLE.outside, on_ticks(), PARAMS)
     read = read_as(state.mean[10:13] + np.array([0.003, -0.001, 0.002]), PARAMS)._replace(variance=np.full(3, 1e-4))
     first = predict(state, acting, read, PARAMS)
     both = predict(state, acting, read, PARAMS._replace(second_order=True))
@@ -73,7 +74,7 @@ def predicted_mean(mean: Array, state: JointState, rate_read: RateRead) -> Array
     """
     arms = PARAMS.accelerometer_positions - state.mean[6:9]
     state = state._replace(mean=mean)
-    acting = drive(state, SAMPLE.durations_s, SAMPLE.commands, SAMPLE.outside, PARAMS)
+    acting = drive(state, SAMPLE.durations_s, SAMPLE.commands, SAMPLE.outside, on_ticks(), PARAMS)
     acting = acting._replace(firing=acting.firing._replace(bow=np.zeros((3, 6))))
     found = predict(state, acting, rate_read, PARAMS)
     turned = turning(np.zeros(3), np.zeros(3), found.spin)
@@ -84,7 +85,7 @@ def predicted_mean(mean: Array, state: JointState, rate_read: RateRead) -> Array
 @pytest.mark.parametrize("read", [1.0, 0.6, 0.0])
 def test_jacobian_agrees_with_central_differences(read: float) -> None:
     state = some_state(PARAMS)
-    acting = drive(state, SAMPLE.durations_s, SAMPLE.commands, SAMPLE.outside, PARAMS)
+    acting = drive(state, SAMPLE.durations_s, SAMPLE.commands, SAMPLE.outside, on_ticks(), PARAMS)
     end = predict(state, acting, UNREAD, PARAMS).end + np.array([3e-6, -1e-6, 2e-6])  # what is read, about
     rate_read = read_as(end, PARAMS) if read else UNREAD
     if 0.0 < read < 1.0:  # the reading corrects the rate by about that share
@@ -172,7 +173,7 @@ def test_prediction_at_the_truth_is_the_motion() -> None:
     state = exact_state(1.0)
     factor = 3.0
     params = PARAMS._replace(wrenches=factor * PARAMS.wrenches, flows=np.zeros(6))
-    acting = drive(state, SAMPLE.durations_s, SAMPLE.commands, np.zeros(6), params)
+    acting = drive(state, SAMPLE.durations_s, SAMPLE.commands, np.zeros(6), on_ticks(), params)
     rate, spin, gathered = flown(state, factor)
     straight = acting._replace(firing=acting.firing._replace(bow=np.zeros((3, 6))))
     errors, spins = [], []
@@ -194,7 +195,7 @@ def test_a_vehicle_that_turns_fast_turns_on_as_torque_free_motion_has_it() -> No
     mean[10:13] = [0.25, -0.2, 0.15]
     state = state._replace(mean=mean)
     inertia = np.linalg.inv(INVERSE)
-    acting = drive(state, SAMPLE.durations_s, 0.0 * SAMPLE.commands, np.zeros(6), PARAMS)
+    acting = drive(state, SAMPLE.durations_s, 0.0 * SAMPLE.commands, np.zeros(6), on_ticks(), PARAMS)
     rate = mean[10:13]
     for _ in range(1000):  # Runge and Kutta's fourth order, in steps of a thousandth
 
@@ -246,7 +247,7 @@ def test_second_order_terms_are_the_moments_of_the_products() -> None:
     mean = state.mean.copy()
     mean[10:] = 0.0
     state = state._replace(mean=mean)
-    acting = drive(state, SAMPLE.durations_s, SAMPLE.commands, np.zeros(6), params)
+    acting = drive(state, SAMPLE.durations_s, SAMPLE.commands, np.zeros(6), on_ticks(), params)
     read = read_as(np.zeros(3), params)  # what is not known of the rate is noise, too
     first = predict(state, acting, read, params._replace(second_order=False))
     second = predict(state, acting, read, params)
@@ -268,7 +269,7 @@ def test_products_with_thrust_errors_have_the_mean_of_their_correlation() -> Non
     root[PLACES.thrust : PLACES.thrust + 6] *= 1e3
     root[:10] *= 1e2
     state = state._replace(mean=mean, root=root)
-    acting = drive(state, SAMPLE.durations_s, SAMPLE.commands, np.zeros(6), params)
+    acting = drive(state, SAMPLE.durations_s, SAMPLE.commands, np.zeros(6), on_ticks(), params)
     bias = (predict(state, acting, UNREAD, params).mean - predict(state, acting, UNREAD, PARAMS).mean)[10:16]
     draws = sampled(state, acting.firing, 20_000)
     np.testing.assert_allclose(bias, draws.mean(axis=0), atol=4 * draws.std(axis=0).max() / np.sqrt(20_000))
@@ -277,7 +278,7 @@ def test_products_with_thrust_errors_have_the_mean_of_their_correlation() -> Non
 def test_covariance_goes_over_by_the_jacobian_and_noise() -> None:
     params = small_params(rate_walk=1e-6, velocity_walk=1e-4, repeatability=np.full(6, 1e-3), tank_fraction=0.1)
     state = some_state(params)
-    acting = drive(state, SAMPLE.durations_s, SAMPLE.commands, SAMPLE.outside, params)
+    acting = drive(state, SAMPLE.durations_s, SAMPLE.commands, SAMPLE.outside, on_ticks(), params)
     prediction = predict(state, acting, UNREAD, params)
     transition = np.eye(PLACES.size)
     transition[10:13] += prediction.rate_rows
@@ -315,7 +316,9 @@ def test_a_force_in_a_slot_is_that_much_thrust() -> None:
     def after(state: JointState, command: float) -> Array:
         commands: Any = np.zeros((1, 6))
         commands[0, 1] = command
-        return predict(state, drive(state, SAMPLE.durations_s, commands, np.zeros(6), params), UNREAD, params).mean
+        return predict(
+            state, drive(state, SAMPLE.durations_s, commands, np.zeros(6), on_ticks(), params), UNREAD, params
+        ).mean
 
     mean = mean.copy()
     mean[PLACES.force] = 0.0
@@ -329,7 +332,7 @@ def test_a_force_in_a_slot_is_that_much_thrust() -> None:
 
 def test_rows_of_parameters_do_not_depend_on_the_rest() -> None:
     state = some_state(PARAMS)
-    acting = drive(state, SAMPLE.durations_s, SAMPLE.commands, SAMPLE.outside, PARAMS)
+    acting = drive(state, SAMPLE.durations_s, SAMPLE.commands, SAMPLE.outside, on_ticks(), PARAMS)
     rate_rows, velocity_rows = error_rows(state, acting, PARAMS)
     assert not rate_rows[:, : PLACES.thrust].any()
     assert not velocity_rows[:, : PLACES.thrust].any()
@@ -351,7 +354,7 @@ def test_coupling_that_is_not_known_yet_is_noise_that_bounds_it_for_every_body()
     noises = []
     for root in (state.root, unknown):
         at = state._replace(root=root)
-        acting = drive(at, np.array([PERIOD]), np.zeros((1, 6)), np.zeros(6), PARAMS)
+        acting = drive(at, np.array([PERIOD]), np.zeros((1, 6)), np.zeros(6), on_ticks(), PARAMS)
         prediction = predict(at, acting, UNREAD, PARAMS)
         noises.append((prediction.coupled, prediction.noise))
     (known, without), (blind, covered) = noises

@@ -17,6 +17,7 @@ from massprop_drake.maths.estimation.joint.cycle import Sample, cycled, gone_ove
 from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES, RATE, JointParams, JointState
 from massprop_drake.maths.estimation.joint.start import BEGUN, LONGEST, OVER, STEPS, Kept
 from massprop_drake.maths.estimation.joint.thrust_scale import reported
+from massprop_drake.maths.estimation.joint.ticks import on_ticks
 
 END_S = 8.0
 
@@ -95,7 +96,9 @@ def test_a_pass_about_what_is_known_is_the_filters_own_cycle(flown: Run, params:
     fired = np.flatnonzero(flown["command"].any(axis=1))[-1]
     velocities = np.stack([flown[name][-1] for name in ("acc1", "acc2", "acc3")])
     command = flown["command"][fired].reshape(1, -1)
-    sample = Sample(known.time_s + 0.08, np.array([0.08]), command, np.zeros(6), flown["gyro"][-1:], velocities)
+    sample = Sample(
+        known.time_s + 0.08, np.array([0.08]), command, np.zeros(6), flown["gyro"][-1:], velocities, on_ticks()
+    )
     expected = cycled(known, sample, np.full_like(own.thresholds, np.inf), own)
     after, nis, components = gone_over(known, sample, known.mean, own)
     np.testing.assert_allclose(after.mean, expected.state.mean, rtol=1e-6, atol=1e-12)
@@ -111,7 +114,7 @@ def test_a_pass_is_linear_in_what_it_estimates(flown: Run) -> None:
     places, row = own.places, int(np.flatnonzero(flown["command"].any(axis=1))[4])
     velocities = np.stack([flown[name][row + 1] for name in ("acc1", "acc2", "acc3")])
     readings = flown["gyro"][row + 1].reshape(1, 3), velocities
-    sample = Sample(0.08, np.array([0.08]), flown["command"][row].reshape(1, -1), np.zeros(6), *readings)
+    sample = Sample(0.08, np.array([0.08]), flown["command"][row].reshape(1, -1), np.zeros(6), *readings, on_ticks())
     state = cycle.begun(cycle.initial(own), sample, own)
     about = state.mean.copy()
     about[:N_PROPERTIES] = flown["truth"][0]

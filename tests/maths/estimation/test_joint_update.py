@@ -11,6 +11,7 @@ from massprop_drake.maths.estimation.joint.guard import converged, guarded, ungu
 from massprop_drake.maths.estimation.joint.measurement import outputs, rate_read, rebased, used
 from massprop_drake.maths.estimation.joint.prediction import drive, predict, propagated
 from massprop_drake.maths.estimation.joint.thrust_scale import partitioned, reported
+from massprop_drake.maths.estimation.joint.ticks import on_ticks
 from massprop_drake.maths.linear_algebra import Array
 
 PARAMS = small_params()
@@ -140,7 +141,10 @@ def test_partition_keeps_the_distribution_of_what_is_observed() -> None:
     for each in (state, after):
         sample = some_sample(params)
         prediction = predict(
-            each, drive(each, sample.durations_s, sample.commands, np.zeros(6), params), unread(params), params
+            each,
+            drive(each, sample.durations_s, sample.commands, np.zeros(6), on_ticks(), params),
+            unread(params),
+            params,
         )
         _, jacobian = outputs(prediction.mean, each.reference, each.spin + prediction.spin, params)
         rows = jacobian @ propagated(each.root, prediction, params)
@@ -154,7 +158,10 @@ def test_partition_keeps_the_distribution_of_what_is_observed() -> None:
     # the scale itself is seen by nothing but outside forces
     sample = some_sample(params)
     prediction = predict(
-        after, drive(after, sample.durations_s, sample.commands, np.zeros(6), params), unread(params), params
+        after,
+        drive(after, sample.durations_s, sample.commands, np.zeros(6), on_ticks(), params),
+        unread(params),
+        params,
     )
     assert not prediction.rate_rows[:, PLACES.scale].any()
 

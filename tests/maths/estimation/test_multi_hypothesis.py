@@ -38,6 +38,7 @@ from massprop_drake.maths.estimation.joint.measurement import outputs, rebased
 from massprop_drake.maths.estimation.joint.prediction import drive, predict
 from massprop_drake.maths.estimation.joint.race import Standing
 from massprop_drake.maths.estimation.joint.screen import Contender
+from massprop_drake.maths.estimation.joint.ticks import on_ticks
 from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError
 from massprop_drake.maths.mass_properties import initial_standard_deviation
 
@@ -105,7 +106,7 @@ class Flight:
         for k in range(cycles):
             self.cycle += 1
             sample = some_sample(joint, time_s=self.cycle * PERIOD, commands=self.command()[None])
-            acting = drive(self.truth, sample.durations_s, sample.commands, np.zeros(6), joint)
+            acting = drive(self.truth, sample.durations_s, sample.commands, np.zeros(6), on_ticks(), joint)
             prediction = predict(self.truth, acting, unread(joint), joint)
             self.truth = self.truth._replace(
                 mean=prediction.mean,

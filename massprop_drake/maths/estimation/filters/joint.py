@@ -44,7 +44,7 @@ from massprop_drake.maths.estimation.joint.layout import (
 )
 from massprop_drake.maths.estimation.joint.start import Kept, Start
 from massprop_drake.maths.estimation.joint.thrust_scale import reported
-from massprop_drake.maths.estimation.joint.ticks import CLOCK, Clock
+from massprop_drake.maths.estimation.joint.ticks import CLOCK, Clock, Pace
 from massprop_drake.maths.kernels import kernel
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.mass_properties import MASS_RECIPROCAL, N_ROTATION
@@ -69,10 +69,12 @@ class JointFilterParams(NamedTuple):
     Attributes:
         joint: see `JointParams`.
         period_s: sample period, s.
+        at_stamps: see `ticks.Pace`.
     """
 
     joint: JointParams
     period_s: float
+    at_stamps: bool = False
 
 
 class JointFilterState(NamedTuple):
@@ -123,8 +125,8 @@ def make_params(setup: Setup, options: Any) -> JointFilterParams:
     of_accelerometers, acceleration_prior = _scaled(np.repeat(accelerometers.bias_std, 3))
     biases = (gyro_prior.shape[0] > 0, acceleration_prior.shape[0] > 0)
     slots = int(getattr(options.detector, "slots", 0)) if counts[2] > 0 else 0  # forces of failed jets, as states
-    places = make_places(counts, lag_prior.shape[0], biases, thrust_prior.shape[0] > 0, slots)
-    rest = np.zeros(places.n_scale + places.n_force)
+    places = make_places(counts, lag_prior.shape[0], biases, thrust_prior.shape[0] > 0, slots, ticks=2)
+    rest = np.zeros(places.n_scale + places.n_ticks + places.n_force)
     variances = np.concatenate((setup.gyro_variances, setup.accelerometer_variances))
     diagonal, center, reciprocal = setup.limits.tolist()
     joint = JointParams(
@@ -143,6 +145,7 @@ def make_params(setup: Setup, options: Any) -> JointFilterParams:
         velocity_walk=block.velocity_walk,
         repeatability=thrust.repeatability,
         tank_fraction=thrust.tank_fraction if block.tank_fraction is None else block.tank_fraction,
+        tick_sigma=setup.period_s * np.array([ticks.JITTER, ticks.PERIOD]),
         arm=thrust.arm,
         accelerometer_positions=setup.accelerometer_positions,
         variances=np.repeat(variances, 3),
@@ -161,7 +164,7 @@ def make_params(setup: Setup, options: Any) -> JointFilterParams:
         from massprop_drake.maths.estimation.whole_joint import with_compiled  # noqa: PLC0415 (which knows this filter)
 
         joint = with_compiled(joint)
-    return JointFilterParams(joint, setup.period_s)
+    return JointFilterParams(joint, setup.period_s, block.switching == "stamps")
 
 
 def _chosen(one: float | None, each: Array) -> Array:
@@ -224,7 +227,7 @@ def _chi_square_tail(value: float, degrees: int) -> float:
 
 def initial(params: JointFilterParams) -> JointFilterState:
     """Before the first sample."""
-    clock = ticks.started(0.0, np.zeros(params.joint.places.jets), params.period_s)
+    clock = ticks.started(0.0, np.zeros(params.joint.places.jets))
     return _reporting(cycle.initial(params.joint), clock, params)._replace(start=starts.BEGUN)
 
 
@@ -266,14 +269,18 @@ def step(
     Raises:
         NotPositiveDefiniteError: see `cycle.step`.
     """
-    period_s, before = params.period_s, state.joint
+    pace, before = Pace(params.period_s, params.at_stamps), state.joint
     if before.started:
-        clock, interval = ticks.elapsed(state.clock, told.stamp_s, told.command, told.coming, period_s)
+        begin = params.joint.places.ticks
+        sigma_s, part = params.joint.tick_sigma, slice(begin, begin + 2)
+        rows = sigma_s.reshape(2, 1) * before.root[part]
+        of_ticks = sigma_s * before.mean[part], rows @ rows.T
+        clock, interval = ticks.elapsed(state.clock, told.stamp_s, (told.command, told.coming), of_ticks, pace)
     else:
-        clock = ticks.started(told.stamp_s, told.command, period_s)
-        interval = ticks.Elapsed(np.array([period_s]), told.command.reshape(1, -1), False)
+        clock = ticks.started(told.stamp_s, told.command)
+        interval = ticks.Elapsed(np.array([pace.period_s]), told.command.reshape(1, -1), ticks.on_ticks(), False)
     outside = told.outside_wrench * float(interval.durations_s.sum())
-    sample = Sample(told.time_s, interval.durations_s, interval.commands, outside, rates, velocities)
+    sample = Sample(told.time_s, interval.durations_s, interval.commands, outside, rates, velocities, interval.timing)
     made = cycle.restart if interval.anew else cycle.step
     own, report = made(before, sample, params.joint)
     start, after = starts.followed(state.start, before, (own, report), Kept(sample, interval.anew), params.joint)
@@ -432,7 +439,8 @@ def restored(groups: Groups, params: JointFilterParams) -> JointFilterState:
         raise ValueError(f"{GROUP}: only commands may be missing")
     if np.triu(joint.root, 1).any():
         raise ValueError(f"{GROUP}: the covariance's root must be lower triangular")
-    if not _within(joint.level, 0.0, 1.0) or not _within(clock.earlier[~np.isnan(clock.earlier)], 0.0, 1.0):
+    levels = joint.level[:0] if clock.off else joint.level  # off its tick, beyond for an interval
+    if not (_within(levels, 0.0, 1.0) and _within(clock.earlier[~np.isnan(clock.earlier)], 0.0, 1.0)):
         raise ValueError(f"{GROUP}: commands and levels must be fractions of 0 to 1")
     if (joint.fired < -_ROUNDING).any() or joint.firing_count < 0.0:
         raise ValueError(f"{GROUP}: times and counts must be zero or positive")
@@ -443,8 +451,8 @@ def restored(groups: Groups, params: JointFilterParams) -> JointFilterState:
         raise ValueError(f"{GROUP}: a slot of a failed jet must have a jet's index and a sign")
     if not _within(jets, -1.0, params.joint.places.jets - 1.0):
         raise ValueError(f"{GROUP}: a slot of a failed jet must have a jet's index and a sign")
-    if not clock.period_s > 0.0 or (clock.variances[:2] < 0.0).any():
-        raise ValueError(f"{GROUP}: the period and variances of the clock must be positive")
+    if clock.number < 0.0 or clock.number != round(clock.number):
+        raise ValueError(f"{GROUP}: the number of the clock's tick must be a whole one")
     return state
 
 

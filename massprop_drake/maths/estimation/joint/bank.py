@@ -128,7 +128,12 @@ def advanced(bank: Bank, over: Link, places: Places) -> Bank:
 
 @kernel
 def _advanced(since: Since, over: Link, places: Places) -> Since:
-    learned = carried(since.learned.T, np.zeros((6, 1)), over, places).T
+    learned = since.learned
+    if over.stamp_row.any():
+        learned = learned.copy()
+        learned[:, places.ticks : places.ticks + places.n_ticks] *= over.ticks_kept
+        learned += over.stamp_correction
+    learned = carried(learned.T, np.zeros((6, 1)), over, places).T
     rate, gathered = since.rows[:, :3], since.rows[:, 3:]
     by_parameters, by_velocity = over.rate_rows.copy(), over.velocity_rows.copy()
     by_parameters[:, RATE] = 0.0

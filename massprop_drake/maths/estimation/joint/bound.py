@@ -10,10 +10,11 @@ from __future__ import annotations
 import numpy as np
 
 from massprop_drake.maths.estimation.joint.covariance import compressed, updated
-from massprop_drake.maths.estimation.joint.cycle import Sample, begun, initial
+from massprop_drake.maths.estimation.joint.cycle import Sample, begun, driven, initial
 from massprop_drake.maths.estimation.joint.layout import N_PROPERTIES, RATE, JointParams, JointState
 from massprop_drake.maths.estimation.joint.measurement import outputs, rate_read
-from massprop_drake.maths.estimation.joint.prediction import drive, predict, propagated
+from massprop_drake.maths.estimation.joint.prediction import predict, propagated
+from massprop_drake.maths.estimation.joint.ticks import stamped
 from massprop_drake.maths.linear_algebra import Array
 
 
@@ -53,8 +54,10 @@ def step(state: JointState, sample: Sample, mean: Array, used: np.ndarray, param
         used: the components that the estimator used, shape (m,).
         params: see `JointParams`.
     """
-    at_truth = params._replace(second_order=False)
-    acting = drive(state, sample.durations_s, sample.commands, sample.outside, at_truth)
+    at, at_truth = state.mean, params._replace(second_order=False)
+    state, _ = stamped(state, sample.timing, at_truth)
+    state = state._replace(mean=at)
+    acting = driven(state, sample, at_truth)
     read = rate_read(sample.rates, mean, params)
     shown = np.where(np.isnan(read.rate), np.nan, mean[RATE])
     prediction = predict(state, acting, read._replace(rate=shown), at_truth)
@@ -69,7 +72,15 @@ def step(state: JointState, sample: Sample, mean: Array, used: np.ndarray, param
     else:
         root = compressed(root)
     firing = acting.firing
-    return state._replace(mean=mean, root=root, level=firing.level, slope=firing.slope, spin=spin, time_s=sample.time_s)
+    return state._replace(
+        mean=mean,
+        root=root,
+        level=firing.level,
+        slope=firing.slope,
+        tick_slope=acting.tick_slope,
+        spin=spin,
+        time_s=sample.time_s,
+    )
 
 
 def deviation(state: JointState) -> Array:

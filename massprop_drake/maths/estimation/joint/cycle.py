@@ -19,7 +19,6 @@ from massprop_drake.maths.estimation.joint.covariance import (
     updated,
 )
 from massprop_drake.maths.estimation.joint.guard import guarded
-from massprop_drake.maths.estimation.joint.impulses import Firing
 from massprop_drake.maths.estimation.joint.layout import (
     CENTER,
     N_PROPERTIES,
@@ -27,6 +26,7 @@ from massprop_drake.maths.estimation.joint.layout import (
     VELOCITY,
     JointParams,
     JointState,
+    gained,
     relearned,
 )
 from massprop_drake.maths.estimation.joint.measurement import (
@@ -48,6 +48,7 @@ from massprop_drake.maths.estimation.joint.prediction import (
     propagated,
 )
 from massprop_drake.maths.estimation.joint.thrust_scale import reported
+from massprop_drake.maths.estimation.joint.ticks import Stamped, Timing, stamped
 from massprop_drake.maths.kernels import kernel
 from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError, lower_factor, skew
 
@@ -67,6 +68,7 @@ class Sample(NamedTuple):
         rates: readings of the gyro packages, NaN where missing, rad/s, shape (n_gyros, 3).
         velocities: readings of the accelerometer packages, NaN where missing, ft/s or m/s, shape
             (n_accelerometers, 3).
+        timing: see `ticks.Timing`.
     """
 
     time_s: float
@@ -75,6 +77,7 @@ class Sample(NamedTuple):
     outside: Array
     rates: Array
     velocities: Array
+    timing: Timing
 
 
 class Expected(NamedTuple):
@@ -103,14 +106,16 @@ class Course(NamedTuple):
     """How a cycle went: what a detector needs to follow how errors would have gone through it.
 
     Attributes:
+        stamp: see `ticks.Stamped`.
         acting: see `Drive`.
         expected: see `Expected`; after an increment, if there was one.
-        update: None where no component counted.
+        update: `nothing_learned` where no component counted.
     """
 
+    stamp: Stamped
     acting: Drive
     expected: Expected
-    update: Update | None
+    update: Update
 
 
 class Report(NamedTuple):
@@ -181,6 +186,7 @@ def initial(params: JointParams) -> JointState:
         root=root,
         level=np.zeros(jets),
         slope=np.zeros(jets),
+        tick_slope=np.zeros((2, jets)),
         spin=np.zeros(6),
         reference=np.zeros(3),
         last=np.zeros(n_outputs),
@@ -298,17 +304,6 @@ def _nis(expected: Expected, counts: np.ndarray, params: JointParams) -> float:
 
 
 @kernel
-def gained(state: JointState, params: JointParams) -> Array:
-    """1 for what is estimated, 0 for what is only considered: thrust errors and their scale before they are freed."""
-    places = params.places
-    mask = np.ones(places.size)
-    if not state.freed:
-        mask[places.thrust : places.thrust + places.n_thrust] = 0.0
-        mask[places.scale : places.scale + places.n_scale] = 0.0
-    return mask
-
-
-@kernel
 def _update(expected: Expected, root: Array, mask: Array, params: JointParams) -> Update:
     counts = np.flatnonzero(expected.used)
     projected = expected.jacobian[counts] @ root
@@ -359,7 +354,7 @@ def _step(state: JointState, sample: Sample, params: JointParams) -> tuple[Joint
         accelerometer_nis=done.accelerometer_nis,
         incremented=done.incremented,
         coupled=expected.prediction.coupled,
-        course=Course(done.acting, expected, update if expected.used.any() else None),
+        course=Course(done.stamp, done.acting, expected, update),
     )
 
 
@@ -383,8 +378,17 @@ def restart(state: JointState, sample: Sample, params: JointParams) -> tuple[Joi
         sample: see `Sample`.
         params: see `JointParams`.
     """
-    firing = drive(state, sample.durations_s, sample.commands, sample.outside, params).firing
-    return _first(state._replace(level=firing.level, slope=firing.slope), sample, params)
+    state, _ = stamped(state, sample.timing, params)
+    acting = driven(state, sample, params)
+    firing = acting.firing
+    begun_by = state._replace(level=firing.level, slope=firing.slope, tick_slope=acting.tick_slope)
+    return _first(begun_by, sample, params)
+
+
+@kernel
+def driven(state: JointState, sample: Sample, params: JointParams) -> Drive:
+    """What acts over a sample's interval."""
+    return drive(state, sample.durations_s, sample.commands, sample.outside, sample.timing, params)
 
 
 class Cycled(NamedTuple):
@@ -395,8 +399,8 @@ class Cycled(NamedTuple):
         estimate: see `Report`, as all up to `incremented`.
         covariance: see there.
         innovation, innovation_std, gyro_nis, accelerometer_nis, incremented: see there.
-        acting, expected: see `Course`.
-        update: of no meaning where no component counted.
+        stamp, acting, expected: see `Course`.
+        update: see there.
     """
 
     state: JointState
@@ -407,6 +411,7 @@ class Cycled(NamedTuple):
     gyro_nis: float
     accelerometer_nis: float
     incremented: bool
+    stamp: Stamped
     acting: Drive
     expected: Expected
     update: Update
@@ -436,7 +441,8 @@ def cycled(state: JointState, sample: Sample, thresholds: Array, params: JointPa
         thresholds: in place of those of the parameters.
         params: see `JointParams`.
     """
-    acting = drive(state, sample.durations_s, sample.commands, sample.outside, params)
+    state, stamp = stamped(state, sample.timing, params)
+    acting = driven(state, sample, params)
     firing = acting.firing
     commanded = firing.commanded or bool(np.any(sample.outside != 0.0))
     expected = expect(state, acting, sample, params)
@@ -455,7 +461,7 @@ def cycled(state: JointState, sample: Sample, thresholds: Array, params: JointPa
         change = _update(expected, expected.root, gained(state, params), params)
         if params.places.n_thrust > 0 and not state.freed and params.second_order:
             change = _update_again(state, acting, expected, change, params)
-    after = _learned(state, sample, firing, expected, change, params)
+    after = _learned(state, sample, acting, expected, change, params)
     after = guarded(after, commanded, params)
     estimate, rows = reported(after, params)
     return Cycled(
@@ -467,6 +473,7 @@ def cycled(state: JointState, sample: Sample, thresholds: Array, params: JointPa
         gyro_nis,
         accelerometer_nis,
         incremented,
+        stamp,
         acting,
         expected,
         change,
@@ -475,19 +482,19 @@ def cycled(state: JointState, sample: Sample, thresholds: Array, params: JointPa
 
 @kernel
 def _learned(
-    state: JointState, sample: Sample, firing: Firing, expected: Expected, change: Update, params: JointParams
+    state: JointState, sample: Sample, acting: Drive, expected: Expected, change: Update, params: JointParams
 ) -> JointState:
     """The state after a cycle, before the guard.
 
     Args:
         state: before it.
         sample: of it.
-        firing: what the jets did.
+        acting: see `Drive`.
         expected: see `Expected`.
         change: of no meaning where no component counted.
         params: see `JointParams`.
     """
-    mean, root, last = expected.prediction.mean, change.root, state.last
+    mean, root, last, firing = expected.prediction.mean, change.root, state.last, acting.firing
     if expected.used.any():
         mean = mean + change.correction
         filtered, _ = outputs(mean, state.reference, expected.spin, params)
@@ -497,12 +504,13 @@ def _learned(
     return JointState(
         mean,
         root,
-        _relinearized(firing.level, firing.slope, state.mean, mean, params),
+        _relinearized(acting, state.mean, mean, params),
         firing.slope,
+        acting.tick_slope,
         expected.spin,
         state.reference,
         last,
-        state.fired + firing.amount,
+        state.fired + np.maximum(firing.amount, 0.0),
         state.slot_jet,
         state.slot_sign,
         state.slot_on_top,
@@ -528,14 +536,12 @@ def gone_over(state: JointState, sample: Sample, about: Array, params: JointPara
     Returns:
         The state after it, the NIS of the components that counted, and how many these were.
     """
-    after, _, expected, change = relinearized(state, sample, about, params)
-    return after, change.nis, float(expected.used.sum())
+    after, course = relinearized(state, sample, about, params)
+    return after, course.update.nis, float(course.expected.used.sum())
 
 
 @kernel
-def relinearized(
-    state: JointState, sample: Sample, about: Array, params: JointParams
-) -> tuple[JointState, Firing, Expected, Update]:
+def relinearized(state: JointState, sample: Sample, about: Array, params: JointParams) -> tuple[JointState, Course]:
     """A cycle linearized at other mass properties, biases and forces than the state's.
 
     Args:
@@ -545,13 +551,13 @@ def relinearized(
         params: see `JointParams`.
 
     Returns:
-        The state after it, what the jets did, what was expected, and the update, which is of no meaning where no
-        component counted.
+        The state after it, and how it went.
     """
+    state, stamp = stamped(state, sample.timing, params)
     mean = _about(state.mean, about, params)
     there = relearned(state, mean, state.root.copy())
     there.root[:N_PROPERTIES] = 0.0  # nothing of second order is left
-    acting = drive(state, sample.durations_s, sample.commands, sample.outside, params)
+    acting = driven(state, sample, params)
     at = predict(there, acting, rate_read(sample.rates, mean, params), params)
     away = state.mean - mean
     mean = at.mean + away
@@ -577,8 +583,8 @@ def relinearized(
     change = nothing_learned(root)
     if expected.used.any():
         change = _update(expected, root, gained(state, params), params)
-    after = _learned(state, sample, acting.firing, expected, change, params)
-    return after, acting.firing, expected, change
+    after = _learned(state, sample, acting, expected, change, params)
+    return after, Course(stamp, acting, expected, change)
 
 
 @kernel
@@ -655,11 +661,17 @@ def _update_again(state: JointState, acting: Drive, expected: Expected, first: U
 
 
 @kernel
-def _relinearized(level: Array, slope: Array, before: Array, after: Array, params: JointParams) -> Array:
-    """The levels at the new estimate of the lag, to first order."""
-    if params.places.n_lag == 0:
-        return level
-    old, _ = lag_of(before, params)
-    new, _ = lag_of(after, params)
-    ratio = np.where(old > 0.0, new / np.where(old > 0.0, old, 1.0), 1.0)
-    return np.clip(level + slope * np.log(ratio), 0.0, 1.0)
+def _relinearized(acting: Drive, before: Array, after: Array, params: JointParams) -> Array:
+    """The levels at the new estimates of lag and ticks, to first order."""
+    places, level = params.places, acting.firing.level
+    if places.n_lag > 0:
+        old, _ = lag_of(before, params)
+        new, _ = lag_of(after, params)
+        ratio = np.where(old > 0.0, new / np.where(old > 0.0, old, 1.0), 1.0)
+        at_least, at_most = np.minimum(level, 0.0), np.maximum(level, 1.0)  # off its tick, beyond for an interval
+        level = np.minimum(np.maximum(level + acting.firing.slope * np.log(ratio), at_least), at_most)
+    if places.n_ticks > 0 and acting.tick_slope.any():
+        ticks = slice(places.ticks, places.ticks + 2)
+        moved_s = params.tick_sigma * (after[ticks] - before[ticks])
+        level = level + moved_s @ acting.tick_slope
+    return level

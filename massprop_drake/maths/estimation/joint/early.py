@@ -27,7 +27,7 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_drake.maths.estimation.joint import screen as screens
-from massprop_drake.maths.estimation.joint.covariance import compressed, nothing_learned
+from massprop_drake.maths.estimation.joint.covariance import compressed
 from massprop_drake.maths.estimation.joint.cycle import Expected, Sample, incremented_root, relinearized
 from massprop_drake.maths.estimation.joint.decision import SIGNIFICANT, Rules
 from massprop_drake.maths.estimation.joint.guard import guarded
@@ -434,9 +434,8 @@ def _near(search: Search, best: Fit, early: Early, params: JointParams) -> tuple
 
 
 def _over(state: JointState, sample: Sample, about: Array, params: JointParams) -> tuple[JointState, Link, Expected]:
-    after, firing, expected, update = relinearized(state, sample, about, params)
-    update = update if expected.used.any() else nothing_learned(expected.root)
-    return after, linked(traced(about, firing.amount, expected, update, sample), params), expected
+    after, course = relinearized(state, sample, about, params)
+    return after, linked(traced(about, course, sample), params), course.expected
 
 
 def _screened(search: Search, early: Early, params: JointParams) -> Search:

@@ -50,6 +50,9 @@ class Firing(NamedTuple):
         bow: of each jet, its mean, first moment, and root mean square, s, shape (3, n_jets).
         variance: of L where the command is not known, s^2, shape (n_jets,).
         level, slope: at the end of the interval, shape (n_jets,) each.
+        by_level: derivative of L and of the level at the end by that at the start, s and 1, shape (2, n_jets).
+        by_tick: derivative of L by when each of the interval's ticks was, shape (2, n_jets).
+        level_by_tick: of the level at the end, 1/s, likewise.
         commanded: whether any jet was commanded, or may have been.
     """
 
@@ -60,11 +63,16 @@ class Firing(NamedTuple):
     variance: Array
     level: Array
     slope: Array
+    by_level: Array
+    by_tick: Array
+    level_by_tick: Array
     commanded: bool
 
 
 @kernel
-def fire(level: Array, slope: Array, time_constants_s: Array, durations_s: Array, commands: Array) -> Firing:
+def fire(
+    level: Array, slope: Array, time_constants_s: Array, durations_s: Array, commands: Array, edges: Array
+) -> Firing:
     """What the jets do over an interval that consists of pieces with constant commands.
 
     Args:
@@ -73,9 +81,13 @@ def fire(level: Array, slope: Array, time_constants_s: Array, durations_s: Array
         time_constants_s: of each jet, zero: no lag, shape (n_jets,).
         durations_s: of the pieces, s, positive, shape (n_pieces,).
         commands: fraction commanded in each, NaN where not known, shape (n_pieces, n_jets).
+        edges: derivative of each duration by when the ticks at the beginning and at the end of the interval were, shape
+            (n_pieces, 2); none: these are known, and what depends on them is zero, shape (0, 2).
     """
     amount, amount_slope, variance = np.zeros(level.shape), np.zeros(level.shape), np.zeros(level.shape)
     moments = np.zeros((3,) + level.shape)  # noqa: RUF005 (for numba)
+    by_level, by_tick, level_by_tick = _no_ticks(level), _no_ticks(level), _no_ticks(level)
+    by_level[1] = 1.0
     total = 0.0
     commanded = False
     for piece in range(durations_s.shape[0]):
@@ -98,10 +110,21 @@ def fire(level: Array, slope: Array, time_constants_s: Array, durations_s: Array
         remaining_slope = remaining / either(lagged, ratio, 1.0)
         slope = slope * remaining + d * remaining_slope
         level = u + d * remaining
+        if edges.shape[0] > 0:
+            longer = edges[piece].reshape(2, 1)
+            by_level[0] += h * mean * by_level[1]
+            by_level[1] *= remaining
+            by_tick += h * mean * level_by_tick + longer * level
+            level_by_tick = remaining * level_by_tick - longer * (d * remaining_slope / h)
         variance += UNKNOWN_LEVEL_VARIANCE * h * h * unknown
         total += h
     bow = moments if durations_s.shape[0] == 1 else _bow(moments, amount, total)
-    return Firing(total, amount, amount_slope, bow, variance, level, slope, commanded)
+    return Firing(total, amount, amount_slope, bow, variance, level, slope, by_level, by_tick, level_by_tick, commanded)
+
+
+@kernel
+def _no_ticks(level: Array) -> Array:
+    return np.zeros((2,) + level.shape)  # noqa: RUF005 (for numba)
 
 
 class Lingering(NamedTuple):
@@ -183,25 +206,6 @@ def _bow(moments: Array, amount: Array, total: float) -> Array:
     square = (moments[2] - 2.0 * amount * moments[1] / total) / total + amount * amount / 3.0
     bow[2] = np.sqrt(np.maximum(square, 0.0)) * np.sign(bow[0])
     return bow
-
-
-def pieces(start_s: float, end_s: float, ticks_s: Array, commands: Array) -> tuple[Array, Array]:
-    """The pieces of an interval in which the command is constant.
-
-    Args:
-        start_s, end_s: of the interval.
-        ticks_s: when each command began to act, ascending, the first not after the start, shape (n,).
-        commands: which then acted until the next tick, shape (n, n_jets).
-
-    Returns:
-        Durations, shape (n_pieces,), and commands, shape (n_pieces, n_jets).
-    """
-    first = max(int(np.searchsorted(ticks_s, start_s, side="right")) - 1, 0)
-    last = max(int(np.searchsorted(ticks_s, end_s, side="left")), first + 1)
-    edges = np.empty(last - first + 1)
-    edges[0], edges[-1] = start_s, end_s
-    edges[1:-1] = ticks_s[first + 1 : last]
-    return np.diff(edges), commands[first:last]
 
 
 @kernel

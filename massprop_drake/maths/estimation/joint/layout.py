@@ -4,7 +4,7 @@ The mean and the rows of the covariance's root are in this order,
 
     J (6: xx, yy, zz, yz, xz, xy) | r (3) | mu | w (3) | c_s (3 per accelerometer)
     b (thrust error per jet) | lag error per kind | gyro bias (3 per package)
-    | accelerometer bias (3 per package) | s | f (force of each slot of failed jets)
+    | accelerometer bias (3 per package) | s | theta (2, of the ticks) | f (force of each slot of failed jets)
 
 with J the inverse inertia about the center of mass, r the center of mass in the vehicle frame, mu = 1/m, w the rate,
 and c_s the integral of F/m as accelerometer s has gathered it. What stands in the second and third line are
@@ -39,6 +39,7 @@ class Places(NamedTuple):
         gyro_bias, n_gyro_bias: none or three per package.
         acceleration_bias, n_acceleration_bias: none or three per package.
         scale, n_scale: of s; one if b has places, else none.
+        ticks, n_ticks: of offset and period error of the ticks, see `ticks`; two, or none: stamps are ticks.
         force, n_force: of the slots of failed jets.
         size: of all of it.
     """
@@ -56,13 +57,15 @@ class Places(NamedTuple):
     n_acceleration_bias: int
     scale: int
     n_scale: int
+    ticks: int
+    n_ticks: int
     force: int
     n_force: int
     size: int
 
 
 def make_places(
-    counts: tuple[int, int, int], n_lag: int, biases: tuple[bool, bool], thrust: bool, forces: int
+    counts: tuple[int, int, int], n_lag: int, biases: tuple[bool, bool], thrust: bool, forces: int, ticks: int = 0
 ) -> Places:
     """The places of a vehicle's state.
 
@@ -72,6 +75,7 @@ def make_places(
         biases: whether the gyros and whether the accelerometers have biases to estimate.
         thrust: whether thrusts are uncertain.
         forces: number of slots for the forces of failed jets.
+        ticks: 2 if ticks are estimated, else 0.
     """
     jets, gyros, accelerometers = counts
     sizes = [
@@ -80,6 +84,7 @@ def make_places(
         3 * gyros if biases[0] else 0,
         3 * accelerometers if biases[1] else 0,
         1 if thrust else 0,
+        ticks,
         forces,
     ]
     begins = np.cumsum([VELOCITY + 3 * accelerometers, *sizes]).tolist()
@@ -97,9 +102,11 @@ def make_places(
         n_acceleration_bias=sizes[3],
         scale=begins[4],
         n_scale=sizes[4],
-        force=begins[5],
-        n_force=sizes[5],
-        size=begins[6],
+        ticks=begins[5],
+        n_ticks=sizes[5],
+        force=begins[6],
+        n_force=sizes[6],
+        size=begins[7],
     )
 
 
@@ -117,11 +124,12 @@ class JointParams(NamedTuple):
         lag_sigma: of the error of a kind's time constant, relative.
         gyro_bias_sigma, acceleration_bias_sigma: of the biases, rad/s and ft/s^2 or m/s^2.
         prior_sigma: 1-sigma of what stands from `Places.thrust` on, in these units: 1 but where jets, kinds or
-            packages differ; zero for s and f, shape (size - thrust,).
+            packages differ; zero for s, theta and f, shape (size - thrust,).
         rate_walk, velocity_walk: 1-sigma of what is added to w and to c in one second, rad/s and ft/s or m/s,
             growing with the root of time.
         repeatability: 1-sigma of each jet's impulse over a sample, relative, white, shape (n_jets,).
         tank_fraction: share of the vehicle's size by which propellant that is used shifts inertia and center of mass.
+        tick_sigma: of offset and period error of the ticks, s, shape (2,).
         arm: size of the vehicle, ft or m: the jets' RMS distance from the center of mass.
         accelerometer_positions: vehicle frame, ft or m, shape (n_accelerometers, 3).
         variances: of one reading of each component, gyros first, shape (n_outputs,).
@@ -153,6 +161,7 @@ class JointParams(NamedTuple):
     velocity_walk: float
     repeatability: Array
     tank_fraction: float
+    tick_sigma: Array
     arm: float
     accelerometer_positions: Array
     variances: Array
@@ -177,6 +186,7 @@ class JointState(NamedTuple):
         root: lower triangular, with root root^T the covariance of the estimate's error, shape (size, size).
         level: thrust level of each jet at the end of the interval, shape (n_jets,).
         slope: its derivative by the logarithm of its time constant, shape (n_jets,).
+        tick_slope: by offset and period error of the ticks, 1/s, shape (2, n_jets).
         spin: integral of w w^T dt since the last rebase as xx, yy, zz, yz, xz, xy, rad^2/s, shape (6,).
         reference: rate at the last rebase, rad/s, shape (3,).
         last: filtered output of each component when it was used last, shape (n_outputs,).
@@ -197,6 +207,7 @@ class JointState(NamedTuple):
     root: Array
     level: Array
     slope: Array
+    tick_slope: Array
     spin: Array
     reference: Array
     last: Array
@@ -218,6 +229,7 @@ _STATE = Layout(
     root=("size", "size"),
     level="jets",
     slope="jets",
+    tick_slope=(2, "jets"),
     spin=6,
     reference=3,
     last="outputs",
@@ -258,6 +270,7 @@ def relearned(state: JointState, mean: Array, root: Array) -> JointState:
         root,
         state.level,
         state.slope,
+        state.tick_slope,
         state.spin,
         state.reference,
         state.last,
@@ -282,6 +295,7 @@ def flagged(state: JointState, guarded: bool, freed: bool, rescaled: bool, firin
         state.root,
         state.level,
         state.slope,
+        state.tick_slope,
         state.spin,
         state.reference,
         state.last,
@@ -296,6 +310,17 @@ def flagged(state: JointState, guarded: bool, freed: bool, rescaled: bool, firin
         rescaled,
         firing_count,
     )
+
+
+@kernel
+def gained(state: JointState, params: JointParams) -> Array:
+    """1 for what is estimated, 0 for what is only considered: thrust errors and their scale before they are freed."""
+    places = params.places
+    mask = np.ones(places.size)
+    if not state.freed:
+        mask[places.thrust : places.thrust + places.n_thrust] = 0.0
+        mask[places.scale : places.scale + places.n_scale] = 0.0
+    return mask
 
 
 @kernel

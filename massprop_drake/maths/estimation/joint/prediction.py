@@ -67,6 +67,7 @@ from massprop_drake.maths.estimation.joint.layout import (
     JointParams,
     JointState,
 )
+from massprop_drake.maths.estimation.joint.ticks import Timing
 from massprop_drake.maths.kernels import idiom, kernel, picked
 from massprop_drake.maths.linear_algebra import Array, cross, inverse_positive_definite, is_positive_definite, skew
 from massprop_drake.maths.mass_properties import ELEMENT
@@ -86,11 +87,17 @@ class Drive(NamedTuple):
         firing: see `impulses.Firing`.
         lag_slope: derivative of the logarithm of each jet's time constant by the error of its kind, shape (n_jets,).
         outside: impulse of known outside forces, angular about the vehicle origin and linear, shape (6,).
+        spreads: see `Timing`.
+        by_ticks: derivative of L by offset and period error of the ticks, shape (2, n_jets).
+        tick_slope: of the level at the end of the interval, 1/s, likewise.
     """
 
     firing: Firing
     lag_slope: Array
     outside: Array
+    spreads: Array
+    by_ticks: Array
+    tick_slope: Array
 
 
 class RateRead(NamedTuple):
@@ -155,17 +162,45 @@ class Coupling(NamedTuple):
 
 
 @kernel
-def drive(state: JointState, durations_s: Array, commands: Array, outside: Array, params: JointParams) -> Drive:
-    """What acts over an interval, with the lag at its present estimate.
+def drive(
+    state: JointState, durations_s: Array, commands: Array, outside: Array, timing: Timing, params: JointParams
+) -> Drive:
+    """What acts over an interval, with lag and ticks at their present estimates.
 
     Args:
         state: before.
         durations_s, commands: the interval's pieces, see `impulses.fire`.
         outside: impulse of known outside forces, shape (6,).
+        timing: see `Timing`.
         params: see `JointParams`.
     """
     constants, lag_slope = lag_of(state.mean, params)
-    return Drive(fire(state.level, state.slope, constants, durations_s, commands), lag_slope, outside)
+    firing = fire(state.level, state.slope, constants, durations_s, commands, timing.edges)
+    if not timing.off or params.places.n_ticks == 0:
+        none = np.zeros_like(state.tick_slope)
+        return Drive(firing, lag_slope, outside, timing.spreads, none, none)
+    by_ticks, tick_slope = firing.by_level[0] * state.tick_slope, firing.by_level[1] * state.tick_slope
+    by_ticks[0] += timing.shares @ firing.by_tick
+    by_ticks[1] += (timing.numbers * timing.shares) @ firing.by_tick
+    tick_slope[0] += timing.shares @ firing.level_by_tick
+    tick_slope[1] += (timing.numbers * timing.shares) @ firing.level_by_tick
+    begin = params.places.ticks
+    away_s = state.mean[begin : begin + 2] * params.tick_sigma - timing.about_s
+    later_s = timing.beyond_s + timing.shares * (away_s[0] + timing.numbers * away_s[1])  # the level is at the estimate
+    moved = Firing(
+        firing.duration_s,
+        firing.amount + later_s @ firing.by_tick,
+        firing.amount_slope,
+        firing.bow,
+        firing.variance,
+        firing.level + later_s @ firing.level_by_tick,
+        firing.slope,
+        firing.by_level,
+        firing.by_tick,
+        firing.level_by_tick,
+        firing.commanded,
+    )
+    return Drive(moved, lag_slope, outside, timing.spreads, by_ticks, tick_slope)
 
 
 @kernel
@@ -199,7 +234,7 @@ def _moments(mean: Array, wrenches: Array) -> Array:
 
 @kernel
 def error_rows(state: JointState, acting: Drive, params: JointParams) -> tuple[Array, Array]:
-    """Derivatives of the changes of w and of c by the parameters: thrust and lag errors, s, and forces.
+    """Derivatives of the changes of w and of c by the parameters: thrust and lag errors, s, ticks, and forces.
 
     Args:
         state: where they are taken; shape of both results (3, size), zero for the rest of the state.
@@ -226,6 +261,10 @@ def error_rows(state: JointState, acting: Drive, params: JointParams) -> tuple[A
         columns = slice(places.lag, places.lag + places.n_lag)
         rate_rows[:, columns] = (of_kinds @ rate_effect).T
         velocity_rows[:, columns] = (of_kinds @ velocity_effect).T
+    if places.n_ticks > 0:
+        by_ticks = params.tick_sigma.reshape(2, 1) * acting.by_ticks * lagged
+        rate_rows[:, places.ticks : places.ticks + 2] = (by_ticks @ rate_effect).T
+        velocity_rows[:, places.ticks : places.ticks + 2] = (by_ticks @ velocity_effect).T
     for slot in range(places.n_force):
         jet = int(state.slot_jet[slot])
         if jet >= 0:
@@ -282,7 +321,7 @@ def predict(state: JointState, acting: Drive, rate_read: RateRead, params: Joint
     rate_rows[:, CENTER] = inverse @ skew(linear)
     velocity_rows[:, MASS] = linear * (1.0 + reciprocal * flow)
     bias, noise = _second_order(state, acting, linear, covariance, params)
-    noise += _white_noise(mean, acting.firing, params)
+    noise += _white_noise(mean, acting, params)
     change = inverse @ moment + bias[:3]
     velocity_change = linear * reciprocal * (1.0 + 0.5 * reciprocal * flow) + bias[3:]
 
@@ -600,14 +639,19 @@ def _effects(mean: Array, wrenches: Array) -> Array:
 
 
 @kernel
-def _white_noise(mean: Array, firing: Firing, params: JointParams) -> Array:
-    """Covariance on w and c of walks, of impulses that scatter, and of commands that are not known, shape (6, 6)."""
-    noise = np.zeros((6, 6))
+def _white_noise(mean: Array, acting: Drive, params: JointParams) -> Array:
+    """Covariance on w and c of walks, of impulses that scatter, of ticks, and of unknown commands, shape (6, 6)."""
+    noise, firing = np.zeros((6, 6)), acting.firing
     variance = firing.variance + (params.repeatability * firing.amount) ** 2
     if variance.any():
         rate_effect = _moments(mean, params.wrenches) @ picked(mean, ELEMENT)
         effects = np.hstack((rate_effect, mean[MASS] * params.wrenches[:, 3:]))
         noise = (effects * variance.reshape(-1, 1)).T @ effects
+    if acting.spreads.any():
+        seconds = firing.by_tick * np.sqrt(acting.spreads).reshape(2, 1)
+        wrenches = seconds @ params.wrenches
+        late = np.hstack((_moments(mean, wrenches) @ picked(mean, ELEMENT), mean[MASS] * wrenches[:, 3:]))
+        noise += late.T @ late
     noise[:3, :3] += params.rate_walk**2 * firing.duration_s * _IDENTITY
     noise[3:, 3:] += params.velocity_walk**2 * firing.duration_s * _IDENTITY
     return noise

@@ -38,7 +38,7 @@ from massprop_drake.maths.estimation.joint.hypotheses import (
 from massprop_drake.maths.estimation.joint.layout import CENTER, N_PROPERTIES, VELOCITY, JointParams, JointState
 from massprop_drake.maths.estimation.joint.measurement import turning
 from massprop_drake.maths.estimation.joint.possible import beyond
-from massprop_drake.maths.estimation.joint.sensitivity import Link, carried, corrected
+from massprop_drake.maths.estimation.joint.sensitivity import Link, carried, corrected, informed
 from massprop_drake.maths.linear_algebra import Array
 
 MOST_FORCE = 1.05  # of full thrust: a jet gives no more
@@ -214,7 +214,8 @@ def screened(screen: Screen, over: Link, params: JointParams) -> Screen:
         if screen.cycle - onset < len(SHARES):
             begin = (2 + screen.cycle - onset) * jets
             of_onsets[:, index, begin : begin + jets] = impulse
-    after = carried(np.ascontiguousarray(screen.columns[:, :live]), forcing, over, places)
+    before = informed(np.ascontiguousarray(screen.columns[:, :live]), over, places)
+    after = carried(before, forcing, over, places)
     acting = _acting(screen, over)
     shown = over.jacobian @ after
     for index, onset in enumerate(screen.onsets[:begun]):

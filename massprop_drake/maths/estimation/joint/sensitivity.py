@@ -4,9 +4,10 @@ If what the filter leaves out has put it off by x before an interval and acts on
 
     x- = Phi x + b,    its innovation by H x-,    and after the update by x = x- - K H x-,
 
-with the filter's own Phi, H and K. So one run of the filter is enough for any number of hypotheses about what it
-leaves out (Willsky and Jones 1976, Friedland 1969): each is a column x, and the innovations that it would have had are
-e - H x- f for a force f. This is exact but for products of x with what the filter learns from it.
+with the filter's own Phi, H and K; where stamps are off their ticks, x is corrected for the stamp before that alike.
+So one run of the filter is enough for any number of hypotheses about what it leaves out (Willsky and Jones 1976,
+Friedland 1969): each is a column x, and the innovations that it would have had are e - H x- f for a force f. This is
+exact but for products of x with what the filter learns from it.
 """
 
 from __future__ import annotations
@@ -16,8 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_drake.maths.arrays import NUMBER, Layout
-from massprop_drake.maths.estimation.joint.covariance import Update, nothing_learned
-from massprop_drake.maths.estimation.joint.cycle import Expected, Report, Sample
+from massprop_drake.maths.estimation.joint.cycle import Course, Report, Sample
 from massprop_drake.maths.estimation.joint.layout import (
     CENTER,
     MASS,
@@ -28,6 +28,7 @@ from massprop_drake.maths.estimation.joint.layout import (
     Places,
 )
 from massprop_drake.maths.estimation.joint.measurement import readings
+from massprop_drake.maths.estimation.joint.ticks import Stamped
 from massprop_drake.maths.kernels import kernel, picked
 from massprop_drake.maths.linear_algebra import Array, skew
 from massprop_drake.maths.mass_properties import ELEMENT
@@ -48,6 +49,7 @@ class Link(NamedTuple):
         effects: change of w and c per second of each jet's unit force, shape (n_jets, 6).
         amount: seconds of full thrust of each jet, shape (n_jets,).
         read: all readings, NaN where missing, shape (m,).
+        stamp_row, stamp_gain, stamp_correction, ticks_kept: see `ticks.Stamped`; of the stamp, before the interval.
     """
 
     rate_rows: Array
@@ -64,6 +66,10 @@ class Link(NamedTuple):
     effects: Array
     amount: Array
     read: Array
+    stamp_row: Array
+    stamp_gain: Array
+    stamp_correction: Array
+    ticks_kept: float
 
 
 LINK = Layout(
@@ -82,6 +88,10 @@ LINK = Layout(
     effects=("jets", 6),
     amount="jets",
     read="outputs",
+    stamp_row="size",
+    stamp_gain="size",
+    stamp_correction="size",
+    ticks_kept=NUMBER,
 )
 
 
@@ -95,6 +105,7 @@ class Traces(NamedTuple):
         upper, half_gain, correction: see `covariance.Update`; empty, or zero, where no component counted.
         amount: see `Link`.
         rates, velocities: see `cycle.Sample`.
+        stamp: see `ticks.Stamped`.
     """
 
     mean: Array
@@ -113,6 +124,7 @@ class Traces(NamedTuple):
     amount: Array
     rates: Array
     velocities: Array
+    stamp: Stamped
 
 
 def traces(before: JointState, report: Report, sample: Sample) -> Traces:
@@ -125,22 +137,19 @@ def traces(before: JointState, report: Report, sample: Sample) -> Traces:
     """
     course = report.course
     assert course is not None, "the first sample is no cycle"
-    expected = course.expected
-    update = nothing_learned(expected.root) if course.update is None else course.update
-    return traced(before.mean, course.acting.firing.amount, expected, update, sample)
+    return traced(before.mean, course, sample)
 
 
 @kernel
-def traced(mean: Array, amount: Array, expected: Expected, update: Update, sample: Sample) -> Traces:
+def traced(mean: Array, course: Course, sample: Sample) -> Traces:
     """What a link is made of.
 
     Args:
         mean: of the state before the cycle, shape (size,).
-        amount: see `Link`.
-        expected: see there.
-        update: `nothing_learned` where no component counted.
+        course: how it went.
         sample: of the cycle.
     """
+    expected, update = course.expected, course.update
     prediction = expected.prediction
     return Traces(
         mean,
@@ -156,9 +165,10 @@ def traced(mean: Array, amount: Array, expected: Expected, update: Update, sampl
         update.upper,
         update.half_gain,
         update.correction,
-        amount,
+        course.acting.firing.amount,
         sample.rates,
         sample.velocities,
+        course.stamp,
     )
 
 
@@ -199,7 +209,27 @@ def linked(seen: Traces, params: JointParams) -> Link:
         effects=effects / params.thrusts.reshape(-1, 1),
         amount=seen.amount,
         read=readings(seen.rates, seen.velocities),
+        stamp_row=seen.stamp.row,
+        stamp_gain=seen.stamp.gain,
+        stamp_correction=seen.stamp.correction,
+        ticks_kept=seen.stamp.kept,
     )
+
+
+def informed(columns: Array, over: Link, places: Places) -> Array:
+    """Errors before an interval after the stamp at its end has told of the ticks, shape (size, h).
+
+    Args:
+        columns: errors before that, shape (size, h).
+        over: the cycle.
+        places: see `Places`.
+    """
+    if not over.stamp_row.any():
+        return columns
+    kept = columns.copy()
+    kept[places.ticks : places.ticks + places.n_ticks] *= over.ticks_kept
+    result: Array = kept - np.outer(over.stamp_gain, over.stamp_row @ kept)
+    return result
 
 
 @kernel

@@ -1,60 +1,137 @@
-r"""When commands switched within an interval between two readings, from the stamps of the readings alone.
+r"""When commands switched within an interval between two readings, from the stamps of the readings.
 
-Commands switch at ticks of the control computer, a sample period apart; a reading is stamped when it was taken, which
-may be a little before or after its tick. So the interval from one stamp to the next may begin with an end of the
-command before, or end with the beginning of the one that comes, and its length is the stamps' difference.
+Commands switch at ticks of the control computer, a sample period apart, unless it is said that they switch at stamps,
+whenever these are; a reading is stamped when it was taken, which may be a little before or after its tick. So the
+interval from one stamp to the next may begin with an end of the command before, or end with the beginning of the one
+that comes, and its length is the stamps' difference.
 
-Ticks are not recorded. They are estimated from the stamps by a Kalman filter of two states, the tick and the period,
-that takes a stamp as its tick with an error of `_JITTER`. Stamps on a grid of the sample period are ticks themselves.
-Otherwise the filter says how well a tick is known, and over that time what switches at it has a command that is not
-known: a millisecond of a large jet moves a fine gyro by many steps.
+Ticks are not recorded. Stamps on a grid of the sample period are ticks themselves. From the first that is off it the
+ticks lie on a line,
+
+    tick k at t_0 + k T + theta_0 + k theta_1,
+
+whose offset theta_0 and error of the period theta_1 are parameters of the joint state: a millisecond of a large jet
+moves a fine gyro by many steps, and what all that switches is late by is common to it. A stamp is a reading of its
+tick; what jets give in an interval tells of ticks as well, by its derivatives (`impulses`). By how much stamps scatter
+about ticks is found from what they were off: with nu of the expected variance p + R that is `JITTER` squared, as if
+seen in `_SEEN` stamps, and the mean of nu^2 - p.
+
+A reading that comes close to its tick may be before it or after it. With t the tick, of estimate t^ and 1-sigma
+sigma, s the reading and z = (s - t^)/sigma, what switches has acted before the reading for
+
+    E max(s - t, 0) = sigma (z Phi(z) + phi(z)),    derivative by t: -Phi(z),
+
+and for a random rest of the variance sigma^2 ((z^2 + 1) Phi + z phi - (z Phi + phi)^2 - Phi^2), which counts as noise,
+here and once more in the next interval, to which what is left of that derivative belongs.
 
 Rows that are missing: one or two in a row are bridged, with the command of both sides where these are equal, and as
 not known where they differ. After a longer gap, and over the interval that follows it, in which thrust settles, rate
-and gathered velocity begin anew: nobody knows what happened meanwhile.
+and gathered velocity begin anew: nobody knows what happened meanwhile. Where a stamp is off any tick, ticks begin anew
+with it.
 """
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 
 from massprop_drake.maths.arrays import FLAG, NUMBER, Layout
-from massprop_drake.maths.estimation.joint.impulses import pieces
+from massprop_drake.maths.estimation.joint.covariance import updated
+from massprop_drake.maths.estimation.joint.layout import JointParams, JointState, gained
 from massprop_drake.maths.kernels import kernel
 from massprop_drake.maths.linear_algebra import Array
 
 _EXACT = 1e-6  # of the period: less is rounding of a stamp
-_NEAR = 0.05  # of the period: by so much a reading may be off the sample period after the one before
-_SHARP = 1e-5  # of the period: 1-sigma of a tick that is as good as known
-_JITTER = 0.01  # of the period: 1-sigma of a stamp about its tick
-_PERIOD = 1e-3  # relative 1-sigma of the period at the beginning
-_TICK_NOISE, _PERIOD_NOISE = 1e-6, 1e-7  # of the period: 1-sigma of what both change by at a tick
+_NEAR = 0.05  # of the period: by so much a reading may be off so many periods after the one before
+JITTER = 0.01  # of the period: 1-sigma of a stamp about its tick
+PERIOD = 1e-3  # relative 1-sigma of the period at the beginning
+_SEEN = 10.0  # stamps that what is expected of them counts as
+_LEAST = 1e-4  # of what is expected of one
+_NOISE = 1e-4  # of these sigmas: 1-sigma of what offset and period change by at a tick
 _LONGEST = 3.0  # periods that are bridged
+_FAR = 6.0  # sigmas from a reading to a tick that is on one side of it
+_EDGE = 1e-6  # of the period: from a reading to a tick that belongs to its interval
 
 
 class Clock(NamedTuple):
-    """What is known of time after a sample.
+    """What is known of time after a sample, but for what the joint state knows.
 
     Attributes:
         stamp_s: of the last reading.
-        tick_s: when its tick was, from which the present command acts.
-        period_s: estimated.
-        variances: of the errors of tick and period, and their covariance, in periods squared, shape (3,).
+        tick_s: of the line t_0 + k T when its tick was, from which the present command acts.
+        number: k of it.
+        off: whether stamps are off their ticks, so that there is a line.
+        at_s: when that tick was, as estimated with its stamp.
+        rest_s: by how much it was later than the stamp, expected; what acted before the stamp left out.
+        acted: share of its derivative that belongs to the interval before the stamp, Phi.
+        spread: variance of what is not linear in it, s^2.
+        scatter: sum of what stamps were off their ticks squared, less what is due to these, s^2.
+        seen: number of them.
         lost: whether the last interval was too long to be bridged.
         earlier: the command up to that tick, NaN where not known, shape (n_jets,).
     """
 
     stamp_s: float
     tick_s: float
-    period_s: float
-    variances: Array
+    number: float
+    off: bool
+    at_s: float
+    rest_s: float
+    acted: float
+    spread: float
+    scatter: float
+    seen: float
     lost: bool
     earlier: Array
 
 
-CLOCK = Layout("clock", stamp_s=NUMBER, tick_s=NUMBER, period_s=NUMBER, variances=3, lost=FLAG, earlier="jets")
+CLOCK = Layout(
+    "clock",
+    stamp_s=NUMBER,
+    tick_s=NUMBER,
+    number=NUMBER,
+    off=FLAG,
+    at_s=NUMBER,
+    rest_s=NUMBER,
+    acted=NUMBER,
+    spread=NUMBER,
+    scatter=NUMBER,
+    seen=NUMBER,
+    lost=FLAG,
+    earlier="jets",
+)
+
+
+class Timing(NamedTuple):
+    """What an interval's pieces have to do with ticks that are not known.
+
+    Attributes:
+        off: whether they are; nothing else has a meaning where not.
+        anew: whether a line of ticks begins: nothing is known of it.
+        late_s: the stamp at the end of the interval less its tick of the line.
+        number: k of that tick.
+        jitter: variance of a stamp about its tick, s^2.
+        numbers: k of the ticks at the beginning and at the end of the interval, shape (2,).
+        edges: see `impulses.fire`, shape (n_pieces, 2); none where not off.
+        beyond_s: by how much these ticks are later than where the pieces have them, shape (2,).
+        shares: of the derivative by each tick that belongs to this interval, shape (2,).
+        spreads: variance of each tick that is not linear in it, s^2, shape (2,).
+        about_s: offset and period error at which both are taken, shape (2,).
+    """
+
+    off: bool
+    anew: bool
+    late_s: float
+    number: float
+    jitter: float
+    numbers: Array
+    edges: Array
+    beyond_s: Array
+    shares: Array
+    spreads: Array
+    about_s: Array
 
 
 class Elapsed(NamedTuple):
@@ -62,101 +139,226 @@ class Elapsed(NamedTuple):
 
     Attributes:
         durations_s, commands: its pieces, see `impulses.fire`, shapes (n_pieces,) and (n_pieces, n_jets).
+        timing: see `Timing`.
         anew: whether it tells nothing of how the vehicle moved.
     """
 
     durations_s: Array
     commands: Array
+    timing: Timing
     anew: bool
 
 
-def started(stamp_s: float, command: Array, period_s: float) -> Clock:
+@kernel
+def on_ticks() -> Timing:
+    """Of an interval whose stamps are ticks."""
+    none = np.zeros(2)
+    return Timing(False, False, 0.0, 0.0, 0.0, none, np.zeros((0, 2)), none, none, none, none)
+
+
+def started(stamp_s: float, command: Array) -> Clock:
     """The clock at the first reading, or after a gap.
 
     Args:
         stamp_s: of the reading.
         command: up to it, shape (n_jets,).
-        period_s: sample period.
     """
-    variances = np.array([_JITTER**2, _PERIOD**2, 0.0])
-    return Clock(stamp_s, stamp_s, period_s, variances, False, command)
+    return Clock(stamp_s, stamp_s, 0.0, False, stamp_s, 0.0, 0.0, 0.0, 0.0, 0.0, False, command)
+
+
+class Pace(NamedTuple):
+    """When commands switch.
+
+    Attributes:
+        period_s: sample period.
+        at_stamps: whether they do at stamps, whenever these are, and not at regular ticks.
+    """
+
+    period_s: float
+    at_stamps: bool = False
 
 
 def elapsed(
-    clock: Clock, stamp_s: float, command: Array, coming: Array | None, period_s: float
+    clock: Clock, stamp_s: float, commands: tuple[Array, Array | None], known: tuple[Array, Array], pace: Pace
 ) -> tuple[Clock, Elapsed]:
     """What happened from the last reading to this one, and the clock then.
 
     Args:
         clock: after the last reading.
         stamp_s: of this one, later.
-        command: of the row before, NaN where not known, shape (n_jets,).
-        coming: of this row; None: not known yet.
-        period_s: sample period.
+        commands: of the row before, NaN where not known, and of this row, None: not known yet, shape (n_jets,) each.
+        known: offset and period error of the ticks, s, shape (2,), and their covariance, shape (2, 2).
+        pace: see `Pace`.
     """
+    (command, coming), (period_s, at_stamps) = commands, pace
     length = stamp_s - clock.stamp_s
-    known = command
+    told = command
     bridged = length <= _LONGEST * period_s
     if bridged and coming is not None:
-        known = np.where(np.isnan(command) & (clock.earlier == coming), coming, command)
-    off_period, off_tick = abs(length - period_s), stamp_s - (clock.tick_s + clock.period_s)
+        told = np.where(np.isnan(command) & (clock.earlier == coming), coming, command)
     if on_time(clock, stamp_s, period_s):
-        after = clock._replace(stamp_s=stamp_s, tick_s=stamp_s, lost=False, earlier=known)
-        return after, Elapsed(np.array([period_s]), known.reshape(1, -1), clock.lost)
-    if off_period > _NEAR * period_s * (1.0 + 1e-9):
-        after = started(stamp_s, known, period_s)._replace(lost=not bridged)
-        return after, Elapsed(np.array([length]), known.reshape(1, -1), clock.lost or not bridged)
-    after = _ticked(clock, off_tick, period_s)._replace(stamp_s=stamp_s, lost=False, earlier=known)
-    ticks, commands = [clock.tick_s - clock.period_s, clock.tick_s], [clock.earlier, known]
-    if coming is not None:
-        ticks.append(after.tick_s)
-        commands.append(coming)
-    began_s, acting = np.array(ticks), np.stack(commands)
-    sigma = float(np.sqrt(after.variances[0]))
-    if sigma > _SHARP:
-        began_s, acting = _blurred(began_s, acting, sigma * period_s)
-    durations, told = pieces(clock.stamp_s, stamp_s, began_s, acting)
-    return after, Elapsed(durations, told, clock.lost)
+        after = started(stamp_s, told)
+        return after, Elapsed(np.array([period_s]), told.reshape(1, -1), on_ticks(), clock.lost)
+    passed = max(round(length / period_s), 1)
+    off_ticks = abs(length - passed * period_s)
+    near = off_ticks <= _NEAR * period_s * (1.0 + 1e-9) and (clock.off or off_ticks > _EXACT * period_s)
+    if at_stamps or not (bridged and near):
+        after = started(stamp_s, told)._replace(lost=not bridged)
+        return after, Elapsed(np.array([length]), told.reshape(1, -1), on_ticks(), clock.lost or not bridged)
+    line_s, count = clock.tick_s + passed * period_s, clock.number + passed
+    if not clock.off:
+        known = np.zeros(2), np.diag((period_s * np.array([JITTER, PERIOD])) ** 2)
+    prior = (JITTER * period_s) ** 2
+    jitter = max(_SEEN * prior + clock.scatter, _LEAST * prior) / (_SEEN + clock.seen)
+    about_s, sigma_s, scatter = _after_stamp(known, stamp_s - line_s, count, jitter)
+    tick_s = line_s + about_s[0] + about_s[1] * count
+    acted_s, acted, spread = _before_reading(stamp_s - tick_s, sigma_s) if coming is not None else (0.0, 0.0, 0.0)
+    now = Clock(
+        stamp_s,
+        line_s,
+        count,
+        True,
+        tick_s,
+        tick_s - stamp_s + acted_s,
+        acted,
+        spread,
+        clock.scatter + scatter,
+        clock.seen + 1.0,
+        False,
+        told,
+    )
+    durations_s, pieces, timing = _pieces(clock, now, coming, about_s, period_s)
+    return now, Elapsed(durations_s, pieces, timing._replace(jitter=jitter), clock.lost)
+
+
+def _after_stamp(known: tuple[Array, Array], late_s: float, count: float, jitter: float) -> tuple[Array, float, float]:
+    """Offset and period error of the ticks with one more stamp, the 1-sigma of its tick then, and its scatter."""
+    (mean, covariance), row = known, np.array([1.0, count])
+    gain, off_s = covariance @ row, late_s - float(mean @ np.array([1.0, count]))
+    before = float(row @ gain)
+    total = before + jitter
+    return mean + gain * (off_s / total), float(np.sqrt(before * jitter / total)), off_s * off_s - before
+
+
+def _before_reading(late_s: float, sigma_s: float) -> tuple[float, float, float]:
+    """What has acted since a tick by a reading that is so much later, s: its mean, share and spread, see `Clock`."""
+    if abs(late_s) >= _FAR * sigma_s:
+        return max(late_s, 0.0), float(late_s > 0.0), 0.0
+    z = late_s / sigma_s
+    below, density = 0.5 * math.erfc(-z / math.sqrt(2.0)), math.exp(-0.5 * z * z) / math.sqrt(2.0 * math.pi)
+    mean = z * below + density
+    spread = (z * z + 1.0) * below + z * density - mean * mean - below * below
+    return sigma_s * mean, below, sigma_s * sigma_s * max(spread, 0.0)
+
+
+def _pieces(
+    before: Clock, now: Clock, coming: Array | None, about_s: Array, period_s: float
+) -> tuple[Array, Array, Timing]:
+    """The pieces of an interval whose ticks are off its readings, with what they have to do with these."""
+    passed = now.number - before.number
+    moved_s = (before.tick_s + about_s[0] + about_s[1] * before.number) - before.at_s
+    rest_s, margin_s = before.rest_s + (1.0 - before.acted) * moved_s, _EDGE * period_s
+    begins = before.acted < 1.0 and not np.array_equal(before.earlier, now.earlier, equal_nan=True)
+    ends = now.acted > 0.0
+    true_s = np.array([before.stamp_s + rest_s, now.at_s - now.rest_s])  # of the share that counts in this interval
+    put_s = true_s.copy()
+    put_s[0] = min(max(true_s[0], before.stamp_s + margin_s), now.stamp_s - 2.0 * margin_s)
+    put_s[1] = min(max(true_s[1], put_s[0] + margin_s), now.stamp_s - margin_s)
+    which = np.flatnonzero([begins, ends])
+    times_s = np.concatenate(([before.stamp_s], put_s[which], [now.stamp_s]))
+    acting = [now.earlier]
+    if begins:
+        acting = [before.earlier, *acting]
+    if ends:
+        assert coming is not None, "nothing has acted of what is not known"
+        acting = [*acting, coming]
+    edges = np.zeros((times_s.size, 2))
+    edges[1 + np.arange(which.size), which] = 1.0
+    timing = Timing(
+        off=True,
+        anew=not before.off,
+        late_s=now.stamp_s - now.tick_s,
+        number=now.number,
+        jitter=0.0,
+        numbers=np.array([now.number - passed, now.number]),
+        edges=np.diff(edges, axis=0),
+        beyond_s=np.where([begins, ends], true_s - put_s, 0.0),
+        shares=np.array([1.0 - before.acted, now.acted]),
+        spreads=np.array([before.spread, now.spread]),
+        about_s=about_s,
+    )
+    return np.diff(times_s), np.array(acting), timing
 
 
 @kernel
 def on_time(clock: Clock, stamp_s: float, period_s: float) -> bool:
-    """Whether a stamp is a sample period after the last one, and at its tick; arguments as those of `elapsed`."""
-    off_period, off_tick = abs(stamp_s - clock.stamp_s - period_s), stamp_s - (clock.tick_s + clock.period_s)
-    return max(off_period, abs(off_tick)) <= _EXACT * period_s
+    """Whether a stamp is a sample period after the last one, at its tick; arguments as those of `elapsed`."""
+    off_period, off_tick = abs(stamp_s - clock.stamp_s - period_s), stamp_s - (clock.tick_s + period_s)
+    return not clock.off and max(off_period, abs(off_tick)) <= _EXACT * period_s
 
 
-def _blurred(ticks_s: Array, commands: Array, sigma_s: float) -> tuple[Array, Array]:
-    """Commands that are not known about each tick, where they differ, for as long as makes the variance that of a tick.
+class Stamped(NamedTuple):
+    """What a stamp has told.
 
-    A level that is not known over 2 sigma has the variance sigma^2; all jets that switch at a tick are early or late
-    together, which as if each were by itself is covered by the root of their number times as long.
+    Attributes:
+        row: h, derivative of the stamp by the state, shape (size,).
+        gain: k of the update by it, shape (size,).
+        correction: of the mean, shape (size,).
+        kept: 0 where a line of ticks begins, of which nothing is known; else 1.
+    """
+
+    row: Array
+    gain: Array
+    correction: Array
+    kept: float
+
+
+@kernel
+def stamped(state: JointState, timing: Timing, params: JointParams) -> tuple[JointState, Stamped]:
+    """The state before an interval with what the stamp at its end tells of the ticks.
 
     Args:
-        ticks_s: when each command began to act, ascending, shape (n,).
-        commands: which then acted until the next tick, shape (n, n_jets).
-        sigma_s: 1-sigma of a tick.
+        state: before.
+        timing: of the interval.
+        params: see `JointParams`.
     """
-    times, told = [ticks_s[:1]], [commands[:1]]
-    for tick_s, before, after in zip(ticks_s[1:], commands[:-1], commands[1:], strict=True):
-        differs = before != after
-        half_s = sigma_s * np.sqrt(np.count_nonzero(differs))
-        if differs.any():
-            times.append(np.array([tick_s - half_s, tick_s + half_s]))
-            told.append(np.stack((np.where(differs, np.nan, after), after)))
-    return np.concatenate(times), np.concatenate(told)
-
-
-def _ticked(clock: Clock, off_tick: float, period_s: float) -> Clock:
-    """The clock's estimates after a stamp that is so much later than its tick was expected."""
-    tick, period, both = clock.variances
-    tick, both = tick + 2.0 * both + period + _TICK_NOISE**2, both + period
-    period = period + _PERIOD_NOISE**2
-    total = tick + _JITTER**2
-    of_tick, of_period = tick / total, both / total
-    variances = np.array([tick * (1.0 - of_tick), period - of_period * both, both * (1.0 - of_tick)])
-    return clock._replace(
-        tick_s=clock.tick_s + clock.period_s + of_tick * off_tick,
-        period_s=clock.period_s + of_period * off_tick,
-        variances=variances,
+    places = params.places
+    row, gain, correction = np.zeros(places.size), np.zeros(places.size), np.zeros(places.size)
+    if not timing.off or places.n_ticks == 0:
+        return state, Stamped(row, gain, correction, 1.0)
+    offset, period = places.ticks, places.ticks + 1
+    mean, root, tick_slope, columns = state.mean.copy(), state.root.copy(), state.tick_slope, np.zeros((places.size, 4))
+    if timing.anew:
+        mean[offset : period + 1] = 0.0
+        root[offset : period + 1] = 0.0
+        tick_slope = np.zeros_like(tick_slope)
+        columns[offset, 0] = columns[period, 1] = 1.0
+    columns[offset, 2] = columns[period, 3] = _NOISE  # the period's does not move the tick itself
+    columns[offset, 3] = -_NOISE * timing.number * params.tick_sigma[1] / params.tick_sigma[0]
+    wide = np.hstack((root, columns))
+    row[offset], row[period] = params.tick_sigma[0], params.tick_sigma[1] * timing.number
+    variance, innovation = np.full(1, timing.jitter), np.full(1, timing.late_s - row @ mean)
+    change = updated(wide, (row @ wide).reshape(1, -1), variance, innovation, gained(state, params))
+    correction = change.correction
+    moved_s = params.tick_sigma * correction[offset : period + 1]
+    after = JointState(
+        mean + correction,
+        change.root,
+        state.level + moved_s @ tick_slope,
+        state.slope,
+        tick_slope,
+        state.spin,
+        state.reference,
+        state.last,
+        state.fired,
+        state.slot_jet,
+        state.slot_sign,
+        state.slot_on_top,
+        state.time_s,
+        state.started,
+        state.guarded,
+        state.freed,
+        state.rescaled,
+        state.firing_count,
     )
+    return after, Stamped(row, change.half_gain[:, 0] / change.upper[0, 0], correction, 0.0 if timing.anew else 1.0)
