@@ -586,7 +586,7 @@ def fly(kind: str, number: int, compiled: bool) -> Result:
     failed = {jet: since for jet, since in acted.items() if jet and since is not None}
     if flight.recorded is not None:
         run = again(flight.recorded(run, random), scenario)
-    return result(kind, number, flight, run, (truth, failed), began)
+    return result(kind, number, flight, run, (truth, failed, scenario), began)
 
 
 def again(record: Record, scenario: Scenario) -> Run:
@@ -598,10 +598,10 @@ def again(record: Record, scenario: Scenario) -> Run:
 
 
 def result(
-    kind: str, number: int, flight: Flight, run: Run, true: tuple[Array, dict[str, float]], began: float
+    kind: str, number: int, flight: Flight, run: Run, true: tuple[Array, dict[str, float], Scenario], began: float
 ) -> Result:
     """What a run leaves."""
-    truth, failed = true
+    truth, failed, flown = true  # of a record the scenario says nothing of what happens
     summary = run.summary
     order = run.scenario.vehicle_data.designations
 
@@ -629,7 +629,7 @@ def result(
         [in_words(event) for event in summary["events"]],
         [told[jet] - since for jet, since in failed.items() if np.isfinite(told[jet])],
         sigmas.tolist(),
-        sizes(summary["events"], run.scenario),
+        sizes(summary["events"], flown),
         [None if np.isnan(one) else float(one) for one in percent],
         [consistency["rotation_nis_mean"], consistency["translation_nis_mean"]],
         [order[jet] for jet in out if order[jet] not in failed],

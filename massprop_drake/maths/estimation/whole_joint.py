@@ -246,7 +246,7 @@ def _watched(kept: Memory, desk: Desk, row: int, params: JointParams) -> tuple[M
     desk.rows.detector_report[row, _TESTED] = found.complete
     desk.rows.detector_report[row, _LIKELIHOOD] = likelihood
     desk.rows.hypothesis_report[row] = rules.hypothesis_row
-    clock = Clock(stamp_s, stamp_s, 0.0, False, stamp_s, 0.0, 0.0, 0.0, 0.0, 0.0, False, command)
+    clock = started(stamp_s, command)
     estimate, covariance = done.estimate.copy(), done.covariance.copy()
     commanded = kept.commanded + (command > 0.0)
     return Memory(after, clock, estimate, covariance, found.since, command, impulses.level, cycle, commanded), True

@@ -30,7 +30,6 @@ T = 0.08
 PACE = Pace(T)
 SIGMA = T * np.array([JITTER, PERIOD])
 A, B, C = (np.array(command, dtype=float) for command in ((1, 0), (0, 1), (0, 0)))
-EXACT = np.zeros(2), np.zeros((2, 2))  # ticks are on the line, and known
 PARAMS = small_params(tick_sigma=SIGMA)
 PLACES = PARAMS.places
 THETA = slice(PLACES.ticks, PLACES.ticks + 2)
@@ -55,7 +54,7 @@ def record(stamps: Array, commands: Array, params: JointParams = PARAMS, pace: P
     """The intervals of a record, and a state that learns from its stamps alone."""
     clock, state, found = started(stamps[0], np.zeros(commands.shape[1])), initial(params), []
     for k in range(1, stamps.size):
-        clock, interval = elapsed(clock, stamps[k], (commands[k - 1], commands[k]), known(state), pace)
+        clock, interval = elapsed(clock, stamps[k], (commands[k - 1], commands[k]), pace)
         state, _ = stamped(state, interval.timing, params)
         acting = drive(state, interval.durations_s, interval.commands, np.zeros(6), interval.timing, params)
         state = state._replace(level=acting.firing.level, slope=acting.firing.slope, tick_slope=acting.tick_slope)
@@ -76,7 +75,7 @@ def scattered(count: int, seed: int, sigma_s: float = 1e-3) -> tuple[Array, Arra
 def test_stamps_on_the_grid_give_one_piece_of_exactly_a_period() -> None:
     clock = started(7.0, A)
     for k in range(1, 200):
-        clock, interval = elapsed(clock, 7.0 + k * T, (B, C), EXACT, PACE)
+        clock, interval = elapsed(clock, 7.0 + k * T, (B, C), PACE)
         np.testing.assert_array_equal(interval.durations_s, [T])
         np.testing.assert_array_equal(interval.commands, [B])
         assert not interval.anew
@@ -84,19 +83,19 @@ def test_stamps_on_the_grid_give_one_piece_of_exactly_a_period() -> None:
 
 
 def test_a_late_reading_has_a_piece_of_the_command_that_comes_and_an_early_one_of_that_before() -> None:
-    exact = started(0.0, A)._replace(off=True)
-    after, interval = elapsed(exact, T + 0.002, (A, C), EXACT, PACE)
+    exact = started(0.0, A)._replace(off=True)  # ticks are on the line, and known
+    after, interval = elapsed(exact, T + 0.002, (A, C), PACE)
     np.testing.assert_allclose(interval.durations_s, [T, 0.002], atol=1e-9)
     np.testing.assert_array_equal(interval.commands, [A, C])
-    after, interval = elapsed(after, 2 * T + 0.001, (C, B), EXACT, PACE)
+    after, interval = elapsed(after, 2 * T + 0.001, (C, B), PACE)
     np.testing.assert_allclose(interval.durations_s, [T - 0.002, 0.001], atol=1e-9)
     np.testing.assert_array_equal(interval.commands, [C, B])
-    after, interval = elapsed(after, 3 * T - 0.003, (B, A), EXACT, PACE)
+    after, interval = elapsed(after, 3 * T - 0.003, (B, A), PACE)
     np.testing.assert_allclose(interval.durations_s, [T - 0.004], atol=1e-9)
-    _, interval = elapsed(after, 4 * T - 0.001, (A, A), EXACT, PACE)
+    _, interval = elapsed(after, 4 * T - 0.001, (A, A), PACE)
     np.testing.assert_allclose(interval.durations_s, [0.003, T - 0.001], atol=1e-9)
     np.testing.assert_array_equal(interval.commands, [B, A])
-    _, interval = elapsed(exact, T + 0.002, (A, None), EXACT, PACE)
+    _, interval = elapsed(exact, T + 0.002, (A, None), PACE)
     np.testing.assert_allclose(interval.durations_s, [T + 0.002], atol=1e-9)
 
 
@@ -152,11 +151,10 @@ def test_what_jets_give_is_linear_in_the_ticks_however_late_stamps_are() -> None
 def test_derivatives_by_the_ticks_agree_with_central_differences() -> None:
     """Of the rate and of what accelerometers gather, with jets that have failed, and levels that ticks have moved."""
     params = small_params(tick_sigma=SIGMA, second_order=False)
-    clock = started(0.0, np.zeros(6))._replace(off=True)
+    clock = started(0.0, np.zeros(6))._replace(off=True, covariance=np.diag((0.1 * SIGMA) ** 2))
     commands = np.array([[0.0, 1, 0, 1, 1, 0], [1.0, 0, 0, 1, 0, 1], [0.0, 0, 1, 0, 1, 1]])
-    knows = np.zeros(2), np.diag((0.1 * SIGMA) ** 2)
-    clock, _ = elapsed(clock, T - 3e-4, (commands[0], commands[1]), knows, PACE)
-    _, interval = elapsed(clock, 2.0 * T + 4e-4, (commands[1], commands[2]), knows, PACE)
+    clock, _ = elapsed(clock, T - 3e-4, (commands[0], commands[1]), PACE)
+    _, interval = elapsed(clock, 2.0 * T + 4e-4, (commands[1], commands[2]), PACE)
     state = some_state(params)
 
     def predicted(theta: Array) -> tuple[Array, Array]:
@@ -181,16 +179,16 @@ def test_a_switch_about_its_reading_is_as_likely_on_either_side_as_the_tick_says
     sigma = 2e-4
     commands = np.array([0.0]), np.array([1.0])
     before = started(0.0, commands[0])._replace(off=True, scatter=1e9)  # the stamp itself tells nothing
-    covariance = np.diag([sigma**2, 0.0])
+    before = before._replace(covariance=np.diag([sigma**2, 0.0]))
     stamp = T + late * sigma
-    clock, interval = elapsed(before, stamp, commands, (np.zeros(2), covariance), PACE)
+    clock, interval = elapsed(before, stamp, commands, PACE)
     drawn = np.maximum(stamp - (T + sigma * np.random.default_rng(0).standard_normal(400_000)), 0.0)
     acted = float(interval.durations_s[-1]) if interval.durations_s.size > 1 else 0.0
     assert acted - float(interval.timing.beyond_s[1]) == pytest.approx(drawn.mean(), abs=1e-6)
     slope = float(np.mean(drawn > 0.0))
     assert interval.timing.shares[1] == pytest.approx(slope, abs=5e-3)
     assert interval.timing.spreads[1] == pytest.approx(drawn.var() - (slope * sigma) ** 2, abs=0.01 * sigma**2)
-    _, following = elapsed(clock, 2.0 * T - 2e-3, (commands[1], commands[1]), (np.zeros(2), covariance), PACE)
+    _, following = elapsed(clock, 2.0 * T - 2e-3, (commands[1], commands[1]), PACE)
     rest = float(following.durations_s[0]) if following.durations_s.size > 1 else 0.0
     rest += float(following.timing.beyond_s[0])
     assert acted - rest == pytest.approx(late * sigma, abs=1e-6)
@@ -273,9 +271,9 @@ def _timing(late_s: float, number: float) -> Timing:
 def test_a_missing_row_has_the_command_of_both_neighbors() -> None:
     unknown = np.full(2, np.nan)
     clock = started(0.0, C)
-    clock, interval = elapsed(clock, T, (A, unknown), EXACT, PACE)  # the last row before it: its command is known
+    clock, interval = elapsed(clock, T, (A, unknown), PACE)  # the last row before it: its command is known
     np.testing.assert_array_equal(interval.commands, [A])
-    clock, interval = elapsed(clock, 2 * T, (unknown, np.array([1.0, 1.0])), EXACT, PACE)
+    clock, interval = elapsed(clock, 2 * T, (unknown, np.array([1.0, 1.0])), PACE)
     np.testing.assert_array_equal(interval.commands, [[1.0, np.nan]])  # on before and after; off before, on after
     assert not interval.anew
 
@@ -304,10 +302,10 @@ def test_a_stamp_off_any_tick_begins_anew() -> None:
 def test_a_long_gap_begins_anew_and_so_does_the_interval_after_it() -> None:
     unknown = np.full(2, np.nan)
     clock = started(0.0, A)
-    clock, interval = elapsed(clock, 10.3, (unknown, A), EXACT, PACE)
+    clock, interval = elapsed(clock, 10.3, (unknown, A), PACE)
     np.testing.assert_array_equal(interval.commands, [unknown])
     assert interval.anew
-    clock, interval = elapsed(clock, 10.3 + T, (A, A), EXACT, PACE)
+    clock, interval = elapsed(clock, 10.3 + T, (A, A), PACE)
     assert interval.anew
-    clock, interval = elapsed(clock, 10.3 + 2 * T, (A, A), EXACT, PACE)
+    clock, interval = elapsed(clock, 10.3 + 2 * T, (A, A), PACE)
     assert not interval.anew

@@ -271,11 +271,7 @@ def step(
     """
     pace, before = Pace(params.period_s, params.at_stamps), state.joint
     if before.started:
-        begin = params.joint.places.ticks
-        sigma_s, part = params.joint.tick_sigma, slice(begin, begin + 2)
-        rows = sigma_s.reshape(2, 1) * before.root[part]
-        of_ticks = sigma_s * before.mean[part], rows @ rows.T
-        clock, interval = ticks.elapsed(state.clock, told.stamp_s, (told.command, told.coming), of_ticks, pace)
+        clock, interval = ticks.elapsed(state.clock, told.stamp_s, (told.command, told.coming), pace)
     else:
         clock = ticks.started(told.stamp_s, told.command)
         interval = ticks.Elapsed(np.array([pace.period_s]), told.command.reshape(1, -1), ticks.on_ticks(), False)

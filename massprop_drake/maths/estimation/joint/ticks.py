@@ -11,10 +11,11 @@ ticks lie on a line,
     tick k at t_0 + k T + theta_0 + k theta_1,
 
 whose offset theta_0 and error of the period theta_1 are parameters of the joint state: a millisecond of a large jet
-moves a fine gyro by many steps, and what all that switches is late by is common to it. A stamp is a reading of its
-tick; what jets give in an interval tells of ticks as well, by its derivatives (`impulses`). By how much stamps scatter
-about ticks is found from what they were off: with nu of the expected variance p + R that is `JITTER` squared, as if
-seen in `_SEEN` stamps, and the mean of nu^2 - p.
+moves a fine gyro by many steps, and what all that switches is late by is common to it. Where pieces are cut is taken
+from stamps alone, which is the same for every hypothesis, and no failed jet moves it: the state counts what its own
+ticks are later than that. A stamp is a reading of its tick; what jets give in an interval tells of ticks as well, by
+its derivatives (`impulses`). By how much stamps scatter about ticks is found from what they were off: with nu of the
+expected variance p + R that is `JITTER` squared, as if seen in `_SEEN` stamps, and the mean of nu^2 - p.
 
 A reading that comes close to its tick may be before it or after it. With t the tick, of estimate t^ and 1-sigma
 sigma, s the reading and z = (s - t^)/sigma, what switches has acted before the reading for
@@ -56,13 +57,15 @@ _EDGE = 1e-6  # of the period: from a reading to a tick that belongs to its inte
 
 
 class Clock(NamedTuple):
-    """What is known of time after a sample, but for what the joint state knows.
+    """What is known of time after a sample, from stamps alone.
 
     Attributes:
         stamp_s: of the last reading.
         tick_s: of the line t_0 + k T when its tick was, from which the present command acts.
         number: k of it.
         off: whether stamps are off their ticks, so that there is a line.
+        about_s: its offset and period error, shape (2,).
+        covariance: of their errors, s^2, shape (2, 2).
         at_s: when that tick was, as estimated with its stamp.
         rest_s: by how much it was later than the stamp, expected; what acted before the stamp left out.
         acted: share of its derivative that belongs to the interval before the stamp, Phi.
@@ -77,6 +80,8 @@ class Clock(NamedTuple):
     tick_s: float
     number: float
     off: bool
+    about_s: Array
+    covariance: Array
     at_s: float
     rest_s: float
     acted: float
@@ -93,6 +98,8 @@ CLOCK = Layout(
     tick_s=NUMBER,
     number=NUMBER,
     off=FLAG,
+    about_s=2,
+    covariance=(2, 2),
     at_s=NUMBER,
     rest_s=NUMBER,
     acted=NUMBER,
@@ -156,6 +163,7 @@ def on_ticks() -> Timing:
     return Timing(False, False, 0.0, 0.0, 0.0, none, np.zeros((0, 2)), none, none, none, none)
 
 
+@kernel
 def started(stamp_s: float, command: Array) -> Clock:
     """The clock at the first reading, or after a gap.
 
@@ -163,7 +171,9 @@ def started(stamp_s: float, command: Array) -> Clock:
         stamp_s: of the reading.
         command: up to it, shape (n_jets,).
     """
-    return Clock(stamp_s, stamp_s, 0.0, False, stamp_s, 0.0, 0.0, 0.0, 0.0, 0.0, False, command)
+    return Clock(
+        stamp_s, stamp_s, 0.0, False, np.zeros(2), np.zeros((2, 2)), stamp_s, 0.0, 0.0, 0.0, 0.0, 0.0, False, command
+    )
 
 
 class Pace(NamedTuple):
@@ -178,16 +188,13 @@ class Pace(NamedTuple):
     at_stamps: bool = False
 
 
-def elapsed(
-    clock: Clock, stamp_s: float, commands: tuple[Array, Array | None], known: tuple[Array, Array], pace: Pace
-) -> tuple[Clock, Elapsed]:
+def elapsed(clock: Clock, stamp_s: float, commands: tuple[Array, Array | None], pace: Pace) -> tuple[Clock, Elapsed]:
     """What happened from the last reading to this one, and the clock then.
 
     Args:
         clock: after the last reading.
         stamp_s: of this one, later.
         commands: of the row before, NaN where not known, and of this row, None: not known yet, shape (n_jets,) each.
-        known: offset and period error of the ticks, s, shape (2,), and their covariance, shape (2, 2).
         pace: see `Pace`.
     """
     (command, coming), (period_s, at_stamps) = commands, pace
@@ -205,39 +212,52 @@ def elapsed(
     if at_stamps or not (bridged and near):
         after = started(stamp_s, told)._replace(lost=not bridged)
         return after, Elapsed(np.array([length]), told.reshape(1, -1), on_ticks(), clock.lost or not bridged)
-    line_s, count = clock.tick_s + passed * period_s, clock.number + passed
-    if not clock.off:
-        known = np.zeros(2), np.diag((period_s * np.array([JITTER, PERIOD])) ** 2)
-    prior = (JITTER * period_s) ** 2
-    jitter = max(_SEEN * prior + clock.scatter, _LEAST * prior) / (_SEEN + clock.seen)
-    about_s, sigma_s, scatter = _after_stamp(known, stamp_s - line_s, count, jitter)
-    tick_s = line_s + about_s[0] + about_s[1] * count
-    acted_s, acted, spread = _before_reading(stamp_s - tick_s, sigma_s) if coming is not None else (0.0, 0.0, 0.0)
-    now = Clock(
-        stamp_s,
-        line_s,
-        count,
-        True,
-        tick_s,
-        tick_s - stamp_s + acted_s,
-        acted,
-        spread,
-        clock.scatter + scatter,
-        clock.seen + 1.0,
-        False,
-        told,
-    )
-    durations_s, pieces, timing = _pieces(clock, now, coming, about_s, period_s)
+    sigma_s = period_s * np.array([JITTER, PERIOD])
+    line = clock if clock.off else clock._replace(covariance=np.diag(sigma_s**2))
+    jitter = max(_SEEN * sigma_s[0] ** 2 + line.scatter, _LEAST * sigma_s[0] ** 2) / (_SEEN + line.seen)
+    now = _stamped(line, stamp_s, (passed, period_s), sigma_s, jitter)
+    if coming is not None:
+        row = np.array([1.0, now.number])
+        variance = float(row @ now.covariance @ row)
+        acted_s, acted, spread = _before_reading(stamp_s - now.at_s, math.sqrt(max(variance, 0.0)))
+        now = now._replace(rest_s=now.rest_s + acted_s, acted=acted, spread=spread)
+    now = now._replace(earlier=told)
+    durations_s, pieces, timing = _pieces(clock, now, coming, period_s)
     return now, Elapsed(durations_s, pieces, timing._replace(jitter=jitter), clock.lost)
 
 
-def _after_stamp(known: tuple[Array, Array], late_s: float, count: float, jitter: float) -> tuple[Array, float, float]:
-    """Offset and period error of the ticks with one more stamp, the 1-sigma of its tick then, and its scatter."""
-    (mean, covariance), row = known, np.array([1.0, count])
-    gain, off_s = covariance @ row, late_s - float(mean @ np.array([1.0, count]))
+def _stamped(clock: Clock, stamp_s: float, since: tuple[int, float], sigma_s: Array, jitter: float) -> Clock:
+    """The clock with one more stamp, before it is known what acted by then; as `stamped` has it.
+
+    Args:
+        clock: before, with a line.
+        stamp_s: later.
+        since: number of periods since the last tick, and the period.
+        sigma_s: of offset and period error where a line begins, shape (2,).
+        jitter: see `Timing`.
+    """
+    line_s, number = clock.tick_s + since[0] * since[1], clock.number + since[0]
+    noise = _NOISE * np.array([[sigma_s[0], -number * sigma_s[1]], [0.0, sigma_s[1]]])
+    covariance, row = clock.covariance + noise @ noise.T, np.array([1.0, number])
+    off_s, gain = stamp_s - line_s - float(row @ clock.about_s), covariance @ row
     before = float(row @ gain)
-    total = before + jitter
-    return mean + gain * (off_s / total), float(np.sqrt(before * jitter / total)), off_s * off_s - before
+    about_s = clock.about_s + gain * (off_s / (before + jitter))
+    at_s = line_s + float(row @ about_s)
+    return clock._replace(
+        stamp_s=stamp_s,
+        tick_s=line_s,
+        number=number,
+        off=True,
+        about_s=about_s,
+        covariance=covariance - np.outer(gain, gain) / (before + jitter),
+        at_s=at_s,
+        rest_s=at_s - stamp_s,
+        acted=0.0,
+        spread=0.0,
+        scatter=clock.scatter + off_s * off_s - before,
+        seen=clock.seen + 1.0,
+        lost=False,
+    )
 
 
 def _before_reading(late_s: float, sigma_s: float) -> tuple[float, float, float]:
@@ -251,11 +271,9 @@ def _before_reading(late_s: float, sigma_s: float) -> tuple[float, float, float]
     return sigma_s * mean, below, sigma_s * sigma_s * max(spread, 0.0)
 
 
-def _pieces(
-    before: Clock, now: Clock, coming: Array | None, about_s: Array, period_s: float
-) -> tuple[Array, Array, Timing]:
+def _pieces(before: Clock, now: Clock, coming: Array | None, period_s: float) -> tuple[Array, Array, Timing]:
     """The pieces of an interval whose ticks are off its readings, with what they have to do with these."""
-    passed = now.number - before.number
+    about_s = now.about_s
     moved_s = (before.tick_s + about_s[0] + about_s[1] * before.number) - before.at_s
     rest_s, margin_s = before.rest_s + (1.0 - before.acted) * moved_s, _EDGE * period_s
     begins = before.acted < 1.0 and not np.array_equal(before.earlier, now.earlier, equal_nan=True)
@@ -280,7 +298,7 @@ def _pieces(
         late_s=now.stamp_s - now.tick_s,
         number=now.number,
         jitter=0.0,
-        numbers=np.array([now.number - passed, now.number]),
+        numbers=np.array([before.number, now.number]),
         edges=np.diff(edges, axis=0),
         beyond_s=np.where([begins, ends], true_s - put_s, 0.0),
         shares=np.array([1.0 - before.acted, now.acted]),
