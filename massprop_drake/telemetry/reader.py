@@ -29,6 +29,7 @@ Flags = NDArray[np.bool_]
 
 JITTER = 0.05  # of the sample period: by so much rows may be early or late
 AT_STAMPS = 0.5  # of it where commands switch with them: what is farther is another row
+_ROUNDING = 1e-6  # of either: times of a million seconds have no more digits
 _FEW = 5  # missing columns that a message names
 _EXACT = 1e-3  # of the sample period: less is not counted as jitter
 _SAME = 1e-6  # of the sample period: rows closer than this have one time
@@ -409,7 +410,7 @@ class Reader:
         if self._any_time:
             within: Flags = (steps > _SAME * self._period_s) & (steps <= _HOLE * self._period_s)
             return within
-        follows: Flags = np.abs(steps - self._period_s) <= self.jitter * self._period_s * (1.0 + 1e-9)
+        follows: Flags = np.abs(steps - self._period_s) <= self.jitter * self._period_s * (1.0 + _ROUNDING)
         return follows
 
     def _place(self, index: int, time: float, block: Block, taken: list[int], breaks: dict[int, float]) -> None:
@@ -625,7 +626,7 @@ def _check_structure(path: Path) -> dict[str, Any]:
     forward = steps[steps > 0.0]
     period = float(np.median(forward)) if forward.size else None
     off = np.abs(forward - (period or 0.0))
-    gaps = off > JITTER * (period or 0.0)
+    gaps = off > JITTER * (period or 0.0) * (1.0 + _ROUNDING)
     return {
         "rows": int(times.size),
         "first_s": float(times[0]),

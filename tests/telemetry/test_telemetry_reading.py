@@ -15,7 +15,16 @@ from telemetry_probe import PERIOD_S, Log, toy_vehicle
 
 from massprop_drake import InputError
 from massprop_drake.inputs.vehicle import Vehicle
-from massprop_drake.telemetry.reader import WRENCH, Continuation, Reader, Rows, check, scenario_name, write_csv
+from massprop_drake.telemetry.reader import (
+    AT_STAMPS,
+    WRENCH,
+    Continuation,
+    Reader,
+    Rows,
+    check,
+    scenario_name,
+    write_csv,
+)
 
 
 @pytest.fixture
@@ -212,6 +221,27 @@ def test_jitter_is_accepted_and_counted(log: Log, toy: Vehicle, tmp_path: Path) 
     assert rows.recorded.all()
     assert (reader.record.jitter, reader.record.gaps) == (2, 0)  # late, and then early
     assert reader.record.largest_jitter_s == pytest.approx(0.0049)
+
+
+def test_as_much_jitter_as_there_may_be_is_none_too_much_after_a_million_seconds(
+    log: Log, toy: Vehicle, tmp_path: Path
+) -> None:
+    for row in range(60):
+        log.set(row, "time_s", repr(1e6 + 0.1 * row + 0.005 * (row % 2)))
+    rows, reader = _read(log.write(tmp_path / "log.csv"), toy)
+    assert rows.recorded.all()
+    assert (reader.record.jitter, reader.record.gaps) == (59, 0)
+
+
+def test_rows_may_be_half_a_period_off_where_commands_switch_with_them(log: Log, toy: Vehicle, tmp_path: Path) -> None:
+    for row in range(60):
+        log.set(row, "time_s", repr(0.1 * row + 0.02 * (row % 2)))
+    path = log.write(tmp_path / "log.csv")
+    assert _read(path, toy)[1].record.gaps == 59
+    reader = Reader(path, toy, gyro="gyro")
+    reader.jitter = AT_STAMPS
+    assert all(rows.recorded.all() for rows in reader)
+    assert reader.record.gaps == 0
 
 
 @pytest.mark.parametrize(

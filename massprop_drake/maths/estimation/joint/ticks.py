@@ -208,7 +208,7 @@ def elapsed(clock: Clock, stamp_s: float, commands: tuple[Array, Array | None], 
         return after, Elapsed(np.array([period_s]), told.reshape(1, -1), on_ticks(), clock.lost)
     passed = max(round(length / period_s), 1)
     off_ticks = abs(length - passed * period_s)
-    near = off_ticks <= _NEAR * period_s * (1.0 + 1e-9) and (clock.off or off_ticks > _EXACT * period_s)
+    near = off_ticks <= _NEAR * period_s * (1.0 + _EXACT) and (clock.off or off_ticks > _EXACT * period_s)
     if at_stamps or not (bridged and near):
         after = started(stamp_s, told)._replace(lost=not bridged)
         return after, Elapsed(np.array([length]), told.reshape(1, -1), on_ticks(), clock.lost or not bridged)
