@@ -220,6 +220,23 @@ def test_compiled_kernels_give_the_same_but_for_rounding(case: tuple[str, ...], 
     assert load_scenario(tmp_path / "run").execution.compiled
 
 
+def test_stamps_off_their_ticks_are_compiled_alike(tmp_path: Path) -> None:
+    pytest.importorskip("numba")
+    scenario = load_scenario("orbiter_maneuver", ["duration_s=12", "execution={engine: loop}"])
+    simulate(scenario).save(tmp_path / "run", pictures=False, report=False)
+    heading, *rows = (tmp_path / "run" / "telemetry.csv").read_text(encoding="utf-8").splitlines()
+    late = np.random.default_rng(4).uniform(-1e-3, 1e-3, len(rows)).tolist()
+    written = [
+        ",".join([repr(float(row.split(",")[0]) + off), *row.split(",")[1:]])
+        for row, off in zip(rows, late, strict=True)
+    ]
+    (tmp_path / "off.csv").write_text("\n".join([heading, *written]), encoding="utf-8")
+    plain = estimate(tmp_path / "off.csv", scenario)
+    compiled = estimate(tmp_path / "off.csv", load_scenario(tmp_path / "run", ["execution.compiled=true"]))
+    require_close(compiled, plain)
+    assert plain.summary["data_quality"]["jitter"]["count"] > 100
+
+
 @pytest.mark.parametrize("what", FLOWN)
 def test_all_that_a_vehicle_may_meet_is_compiled_alike(what: str) -> None:
     pytest.importorskip("numba")
