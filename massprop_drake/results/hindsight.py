@@ -92,7 +92,7 @@ def model(scenario: Scenario) -> Model:
         prior=prior,
         sigma=sigma,
         compute=hindsight.compute(compiled=scenario.execution.compiled),
-        at_stamps=joint and scenario.joint.switching == "stamps",
+        at_stamps=scenario.joint.switching == "stamps" if joint else None,
     )
     places = hindsight.columns(made)
     sigma[places.properties] = _PRIOR * setup.widest
@@ -340,7 +340,7 @@ def _switched(parts: Sequence[Stretch], fit: Fit, made: Model) -> tuple[Fit, Mod
     Returns:
         The fit, what it was made with, and what there is to say.
     """
-    if _excess(fit) == 0.0 or not _off_ticks(parts, made):
+    if made.at_stamps is None or _excess(fit) == 0.0 or not _off_ticks(parts, made):
         return fit, made, []
     other = made._replace(at_stamps=not made.at_stamps)
     after = hindsight.fitted(parts, fit.at if hindsight.possible(fit.at) else made.prior, other)

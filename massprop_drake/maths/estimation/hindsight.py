@@ -161,7 +161,7 @@ class Model(NamedTuple):
         prior: mean of all unknowns, shape (n,).
         sigma: their 1-sigma; zero: not reckoned with, shape (n,).
         compute: see `Compute`.
-        at_stamps: whether commands switch at the stamps, and not at regular ticks.
+        at_stamps: whether commands switch at the stamps, and not at regular ticks; None: not asked, at these.
     """
 
     period_s: float
@@ -176,7 +176,7 @@ class Model(NamedTuple):
     prior: Array
     sigma: Array
     compute: Compute = Compute()
-    at_stamps: bool = False
+    at_stamps: bool | None = None
 
 
 class Stretch(NamedTuple):
