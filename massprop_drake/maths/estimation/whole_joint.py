@@ -522,6 +522,6 @@ def _is_quiet(filtered: JointFilterState, method: Any) -> bool:
         and method.race is None
         and bool(method.bank.states)
         and method.earlier is None
-        and not (clock.lost or clock.off or clock.tick_s != clock.stamp_s or np.isnan(clock.earlier).any())
+        and not (clock.lost or clock.off or np.isnan(clock.earlier).any())
         and not (method.members.any() or method.lying.any() or method.erratic.any())
     )

@@ -136,7 +136,7 @@ def test_what_jets_give_is_linear_in_the_ticks_however_late_stamps_are() -> None
         true = _given(stamps, ticks, commands)
         for k, found in enumerate(record(stamps, commands)):
             interval, timing = found.interval, found.interval.timing
-            begin_s = stamps[k + 1] - timing.late_s - T * timing.number
+            begin_s = stamps[k + 1] - timing.late_s - T * timing.numbers[1]
             state.mean[THETA] = np.array([ticks[0] - begin_s, 0.0]) / SIGMA
             acting = drive(state, interval.durations_s, interval.commands, np.zeros(6), timing, PARAMS)
             firing = acting.firing
@@ -202,7 +202,7 @@ def test_stamps_tell_of_ticks_as_a_line_through_them_does() -> None:
     information, vector = np.diag(SIGMA**-2.0), np.zeros(2)
     for each in found:
         timing = each.interval.timing
-        row = np.array([1.0, timing.number])
+        row = np.array([1.0, timing.numbers[1]])
         information += np.outer(row, row) / timing.jitter
         vector += row * timing.late_s / timing.jitter
     mean, covariance = known(found[-1].state)
@@ -265,7 +265,9 @@ def test_an_error_goes_through_a_stamp_as_two_filters_differ(anew: bool) -> None
 
 def _timing(late_s: float, number: float) -> Timing:
     none = np.zeros(2)
-    return Timing(True, False, late_s, number, SIGMA[0] ** 2, none, np.zeros((1, 2)), none, none, none, none)
+    return Timing(
+        True, False, late_s, SIGMA[0] ** 2, np.array([number - 1.0, number]), np.zeros((1, 2)), none, none, none, none
+    )
 
 
 def test_a_missing_row_has_the_command_of_both_neighbors() -> None:
@@ -283,7 +285,7 @@ def test_ticks_go_on_over_rows_that_are_missing() -> None:
     rows = np.delete(np.arange(60), [30, 31])
     found = record(stamps[rows], commands[rows])
     after = found[29]
-    assert after.interval.timing.number == after.clock.number == found[28].clock.number + 3.0
+    assert after.interval.timing.numbers[1] == after.clock.number == found[28].clock.number + 3.0
     assert not after.interval.timing.anew
     assert after.clock.tick_s + known(after.state)[0] @ [1.0, after.clock.number] == pytest.approx(ticks[32], abs=1e-3)
 
@@ -295,7 +297,7 @@ def test_a_stamp_off_any_tick_begins_anew() -> None:
     assert not found[30].interval.timing.off
     np.testing.assert_allclose(found[30].interval.durations_s, later[31] - later[30])
     assert found[31].interval.timing.anew
-    assert found[31].interval.timing.number == 1.0
+    assert found[31].interval.timing.numbers[1] == 1.0
     assert not found[32].interval.timing.anew
 
 

@@ -265,12 +265,18 @@ def unpack(vector: Array, places: Places) -> JointState:
 @kernel
 def relearned(state: JointState, mean: Array, root: Array) -> JointState:
     """The state with another mean and root."""
+    return releveled(state, mean, root, state.level, state.tick_slope)
+
+
+@kernel
+def releveled(state: JointState, mean: Array, root: Array, level: Array, tick_slope: Array) -> JointState:
+    """The state with another mean and root, and other levels, which depend otherwise on the ticks."""
     return JointState(
         mean,
         root,
-        state.level,
+        level,
         state.slope,
-        state.tick_slope,
+        tick_slope,
         state.spin,
         state.reference,
         state.last,

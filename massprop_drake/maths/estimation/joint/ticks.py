@@ -40,7 +40,7 @@ import numpy as np
 
 from massprop_drake.maths.arrays import FLAG, NUMBER, Layout
 from massprop_drake.maths.estimation.joint.covariance import updated
-from massprop_drake.maths.estimation.joint.layout import JointParams, JointState, gained
+from massprop_drake.maths.estimation.joint.layout import JointParams, JointState, gained, releveled
 from massprop_drake.maths.kernels import kernel
 from massprop_drake.maths.linear_algebra import Array
 
@@ -118,7 +118,6 @@ class Timing(NamedTuple):
         off: whether they are; nothing else has a meaning where not.
         anew: whether a line of ticks begins: nothing is known of it.
         late_s: the stamp at the end of the interval less its tick of the line.
-        number: k of that tick.
         jitter: variance of a stamp about its tick, s^2.
         numbers: k of the ticks at the beginning and at the end of the interval, shape (2,).
         edges: see `impulses.fire`, shape (n_pieces, 2); none where not off.
@@ -131,7 +130,6 @@ class Timing(NamedTuple):
     off: bool
     anew: bool
     late_s: float
-    number: float
     jitter: float
     numbers: Array
     edges: Array
@@ -160,7 +158,7 @@ class Elapsed(NamedTuple):
 def on_ticks() -> Timing:
     """Of an interval whose stamps are ticks."""
     none = np.zeros(2)
-    return Timing(False, False, 0.0, 0.0, 0.0, none, np.zeros((0, 2)), none, none, none, none)
+    return Timing(False, False, 0.0, 0.0, none, np.zeros((0, 2)), none, none, none, none)
 
 
 @kernel
@@ -222,8 +220,7 @@ def elapsed(clock: Clock, stamp_s: float, commands: tuple[Array, Array | None], 
         acted_s, acted, spread = _before_reading(stamp_s - now.at_s, math.sqrt(max(variance, 0.0)))
         now = now._replace(rest_s=now.rest_s + acted_s, acted=acted, spread=spread)
     now = now._replace(earlier=told)
-    durations_s, pieces, timing = _pieces(clock, now, coming, period_s)
-    return now, Elapsed(durations_s, pieces, timing._replace(jitter=jitter), clock.lost)
+    return now, Elapsed(*_pieces(clock, now, coming, jitter, period_s), clock.lost)
 
 
 def _stamped(clock: Clock, stamp_s: float, since: tuple[int, float], sigma_s: Array, jitter: float) -> Clock:
@@ -271,7 +268,9 @@ def _before_reading(late_s: float, sigma_s: float) -> tuple[float, float, float]
     return sigma_s * mean, below, sigma_s * sigma_s * max(spread, 0.0)
 
 
-def _pieces(before: Clock, now: Clock, coming: Array | None, period_s: float) -> tuple[Array, Array, Timing]:
+def _pieces(
+    before: Clock, now: Clock, coming: Array | None, jitter: float, period_s: float
+) -> tuple[Array, Array, Timing]:
     """The pieces of an interval whose ticks are off its readings, with what they have to do with these."""
     about_s = now.about_s
     moved_s = (before.tick_s + about_s[0] + about_s[1] * before.number) - before.at_s
@@ -296,8 +295,7 @@ def _pieces(before: Clock, now: Clock, coming: Array | None, period_s: float) ->
         off=True,
         anew=not before.off,
         late_s=now.stamp_s - now.tick_s,
-        number=now.number,
-        jitter=0.0,
+        jitter=jitter,
         numbers=np.array([before.number, now.number]),
         edges=np.diff(edges, axis=0),
         beyond_s=np.where([begins, ends], true_s - put_s, 0.0),
@@ -310,9 +308,8 @@ def _pieces(before: Clock, now: Clock, coming: Array | None, period_s: float) ->
 
 @kernel
 def on_time(clock: Clock, stamp_s: float, period_s: float) -> bool:
-    """Whether a stamp is a sample period after the last one, at its tick; arguments as those of `elapsed`."""
-    off_period, off_tick = abs(stamp_s - clock.stamp_s - period_s), stamp_s - (clock.tick_s + period_s)
-    return not clock.off and max(off_period, abs(off_tick)) <= _EXACT * period_s
+    """Whether a stamp is a sample period after the last one, both at their ticks; arguments as those of `elapsed`."""
+    return not clock.off and abs(stamp_s - clock.stamp_s - period_s) <= _EXACT * period_s
 
 
 class Stamped(NamedTuple):
@@ -344,7 +341,7 @@ def stamped(state: JointState, timing: Timing, params: JointParams) -> tuple[Joi
     row, gain, correction = np.zeros(places.size), np.zeros(places.size), np.zeros(places.size)
     if not timing.off or places.n_ticks == 0:
         return state, Stamped(row, gain, correction, 1.0)
-    offset, period = places.ticks, places.ticks + 1
+    offset, period, number = places.ticks, places.ticks + 1, timing.numbers[1]
     mean, root, tick_slope, columns = state.mean.copy(), state.root.copy(), state.tick_slope, np.zeros((places.size, 4))
     if timing.anew:
         mean[offset : period + 1] = 0.0
@@ -352,31 +349,12 @@ def stamped(state: JointState, timing: Timing, params: JointParams) -> tuple[Joi
         tick_slope = np.zeros_like(tick_slope)
         columns[offset, 0] = columns[period, 1] = 1.0
     columns[offset, 2] = columns[period, 3] = _NOISE  # the period's does not move the tick itself
-    columns[offset, 3] = -_NOISE * timing.number * params.tick_sigma[1] / params.tick_sigma[0]
+    columns[offset, 3] = -_NOISE * number * params.tick_sigma[1] / params.tick_sigma[0]
     wide = np.hstack((root, columns))
-    row[offset], row[period] = params.tick_sigma[0], params.tick_sigma[1] * timing.number
+    row[offset], row[period] = params.tick_sigma[0], params.tick_sigma[1] * number
     variance, innovation = np.full(1, timing.jitter), np.full(1, timing.late_s - row @ mean)
     change = updated(wide, (row @ wide).reshape(1, -1), variance, innovation, gained(state, params))
     correction = change.correction
     moved_s = params.tick_sigma * correction[offset : period + 1]
-    after = JointState(
-        mean + correction,
-        change.root,
-        state.level + moved_s @ tick_slope,
-        state.slope,
-        tick_slope,
-        state.spin,
-        state.reference,
-        state.last,
-        state.fired,
-        state.slot_jet,
-        state.slot_sign,
-        state.slot_on_top,
-        state.time_s,
-        state.started,
-        state.guarded,
-        state.freed,
-        state.rescaled,
-        state.firing_count,
-    )
+    after = releveled(state, mean + correction, change.root, state.level + moved_s @ tick_slope, tick_slope)
     return after, Stamped(row, change.half_gain[:, 0] / change.upper[0, 0], correction, 0.0 if timing.anew else 1.0)
