@@ -4,9 +4,10 @@
 
 The number of a flight is its seed, and everything in it is drawn from that. Jets lag by 15 ms, of which the filter is
 told 5 % too much; flights of odd number have thrusts off by 1 %, as stated, the others exact ones that the filter takes
-for such, unless the kind says otherwise. Flights with failures: the sample maneuver, 5 s of hold, in which something
-begins, and 25 s of rotations and translations. With `--write` each flight is added to a file as a line of JSON, and
-flights that are in it already are not flown again: a campaign may be stopped, and its table printed with `--count 0`.
+for such, unless the kind says otherwise; where each jet has its turn, it has it with either in turn. Flights with
+failures: the sample maneuver, 5 s of hold, in which something begins, and 25 s of rotations and translations. With
+`--write` each flight is added to a file as a line of JSON, and flights that are in it already are not flown again: a
+campaign may be stopped, and its table printed with `--count 0`.
 
 A flight with failures is
 
@@ -218,6 +219,9 @@ _AS_IT_IS = ("plant.thrust_transient=vehicle", "estimation={filter: joint, start
 # --- failures
 
 
+_EITHER = ((0.0, 0.0), (0.01, 0.01))  # exact thrusts, and such that are off by 1 % and stated to be
+
+
 def failing(*failures: Mapping[str, Any]) -> Flight:
     """The usual flight with failures."""
     return Flight("payload_docking", ("jumps=[]", setting("failures", failures)))
@@ -243,10 +247,10 @@ def one(kind: str) -> Callable[[Random, int], Flight]:
 
     def draw(random: Random, number: int) -> Flight:
         start_s = begins(random)
-        if kind == "leak":
-            return failing(leak(vehicle().designations[number % len(vehicle().jets)], start_s))
-        jets = primaries() if kind == "on" else commanded()
-        return failing(stuck(kind, jets[number % len(jets)], start_s))
+        jets = {"leak": list(vehicle().designations), "on": primaries(), "off": commanded()}[kind]
+        turn, which = divmod(number, len(jets))
+        failure = leak(jets[which], start_s) if kind == "leak" else stuck(kind, jets[which], start_s)
+        return failing(failure)._replace(dispersed=_EITHER[(turn + which) % 2])
 
     return draw
 
@@ -564,7 +568,7 @@ def in_words(event: Mapping[str, Any]) -> str:
 
 def settings_of(flight: Flight, number: int) -> list[str]:
     """All that a flight sets."""
-    off, stated = flight.dispersed or ((0.01, 0.01) if number % 2 else (0.0, 0.0))
+    off, stated = flight.dispersed or _EITHER[number % 2]
     thrusts = f"plant.thrust_dispersion={off}", f"joint.thrust_uncertainty={stated}"
     return [*LOOP, *flight.settings, *thrusts, f"seed={number}"]
 
