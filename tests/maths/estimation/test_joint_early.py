@@ -15,6 +15,7 @@ from massprop_drake.maths.estimation.detectors.multi_hypothesis import JetsDecla
 from massprop_drake.maths.estimation.detectors.multi_hypothesis import _found as found_by
 from massprop_drake.maths.estimation.detectors.multi_hypothesis import initial as nothing_known
 from massprop_drake.maths.estimation.joint import cycle, early
+from massprop_drake.maths.estimation.joint import screen as screens
 from massprop_drake.maths.estimation.joint.cycle import Sample
 from massprop_drake.maths.estimation.joint.decision import Rules
 from massprop_drake.maths.estimation.joint.early import BEGUN, OVER, Early, Fit, Found
@@ -224,8 +225,9 @@ def test_a_lead_is_the_least_by_cells_and_by_noise_and_counts_what_jets_cannot_g
     assert early.ahead(one, other, own) == pytest.approx(5.0)
     beyond = _fit(own, Score(1.0, 2.0, 0.0, 1.0), 3.0)
     sigma = np.sqrt(np.sum(beyond.state.root[own.places.force] ** 2))
-    cost = 0.5 * ((3.0 - 1.05 * own.thrusts[0]) / sigma) ** 2
-    assert early.ahead(one, beyond, own) == pytest.approx(5.0 + cost)
+    cost = 0.5 * ((3.0 - 1.05 * own.thrusts[0]) / sigma) ** 2 + screens.PAIR_PRIOR
+    stated = 0.5 * ((3.0 - 1.03 * own.thrusts[0]) / sigma) ** 2
+    assert early.ahead(one, beyond, own) == pytest.approx(5.0 + min(stated, cost))
 
 
 def test_a_pass_is_linear_in_the_force_it_estimates(flown: Run, params: JointParams) -> None:

@@ -17,6 +17,7 @@ from massprop_drake.maths.estimation.joint.hypotheses import (
     NO_SCORE,
     SHARES,
     Cause,
+    Counted,
     Counting,
     Kind,
     Runner,
@@ -79,9 +80,13 @@ def screen_of(
 def run_of(flown: Flight, run: Runner, params: JointParams = QUIET) -> Runner:
     """A filter of its own over the rest of the flight."""
     for cycle in range(run.cycle, len(flown.links)):
-        counts = np.ones(12, dtype=np.bool_)
-        run = stepped(run, flown.samples[cycle], flown.links[cycle], counts, NONE, params)
+        run = stepped(run, flown.samples[cycle], flown.links[cycle], all_of(12), NONE, params)
     return run
+
+
+def all_of(number: int, *, counts: bool = True, again: bool = False) -> Counted:
+    """All components, or none of them."""
+    return Counted(np.full(number, counts), np.full(number, again))
 
 
 def _read(read: list[float], off: float = 0.0, spread: float = 0.0) -> tuple[Link, JointParams]:
@@ -95,18 +100,19 @@ def _read(read: list[float], off: float = 0.0, spread: float = 0.0) -> tuple[Lin
 def test_counting_rule() -> None:
     counting = Counting(np.array([0.0, 5.0, 0.0]), np.zeros(3))
     still = _read([0.4, 5.6, np.nan])
-    mask, counting = counted(counting, *still, every=False)
-    assert mask.tolist() == [False, True, False]
+    now, counting = counted(counting, *still, every=False)
+    assert now.components.tolist() == [False, True, False]
     assert counting.last.tolist() == [0.0, 5.6, 0.0]
     for _ in range(4):
-        mask, counting = counted(counting, *still, every=False)
-        assert not mask.any()
-    mask, counting = counted(counting, *still, every=False)
-    assert mask.tolist() == [True, False, False]  # six samples without it
-    mask, counting = counted(counting, *_read([0.4, 5.6, 0.0]), every=False)
-    assert mask.tolist() == [False, True, True]  # what dithers itself always counts
-    mask, counting = counted(counting, *_read([0.4, 5.6, np.nan]), every=True)
-    assert mask.tolist() == [True, True, False]
+        now, counting = counted(counting, *still, every=False)
+        assert not now.components.any()
+    now, counting = counted(counting, *still, every=False)
+    assert now.components.tolist() == [True, False, False]  # six samples without it
+    now, counting = counted(counting, *_read([0.4, 5.6, 0.0]), every=False)
+    assert now.components.tolist() == [False, True, True]  # what dithers itself always counts
+    now, counting = counted(counting, *_read([0.4, 5.6, np.nan]), every=True)
+    assert now.components.tolist() == [True, True, False]
+    assert now.again.tolist()[:2] == [True, True]  # both stand where they stood
 
 
 def test_a_screen_of_single_jets_finds_what_the_whole_one_does_of_them(flown: Flight) -> None:
@@ -141,15 +147,16 @@ def test_all_that_is_read_counts_where_something_may_have_begun(flown: Flight) -
     for over in flown.links[:7]:
         still = over._replace(read=np.zeros(12), innovation=np.zeros(12))
         screen = screens.screened(screen, still, PARAMS._replace(quanta=np.ones(12)))
-    assert [bool(mask.all()) for mask in screen.masks] == [False, False, True, True, True, True, False]
-    assert not screen.masks[0].any()
+    every = [bool(each.components.all()) for each in screen.counted]
+    assert every == [False, False, True, True, True, True, False]
+    assert not screen.counted[0].components.any()
 
 
 def test_a_reading_counts_that_ought_to_have_moved() -> None:
     counting = Counting(np.array([0.4, 5.6, 0.0]), np.zeros(3))
     for off, spread, expected in ((0.4, 0.0, False), (0.6, 0.0, True), (-3.4, 1.0, False), (-3.6, 1.0, True)):
-        mask, _ = counted(counting, *_read([0.4, 5.6, np.nan], off, spread), every=False)
-        assert mask.tolist() == [expected, expected, False]
+        now, _ = counted(counting, *_read([0.4, 5.6, np.nan], off, spread), every=False)
+        assert now.components.tolist() == [expected, expected, False]
 
 
 def test_score_is_the_gaussian_of_what_is_counted() -> None:
@@ -157,13 +164,13 @@ def test_score_is_the_gaussian_of_what_is_counted() -> None:
     half = rng.standard_normal((4, 4))
     covariance, innovation = half @ half.T, rng.standard_normal(4)
     counts = np.array([True, False, True, True])
-    found = scored(NO_SCORE, innovation, covariance, counts, np.zeros(4))
+    found = scored(NO_SCORE, innovation, covariance, Counted(counts, ~counts), np.zeros(4))
     part, e = covariance[np.ix_(counts, counts)], innovation[counts]
     assert found.nis == pytest.approx(e @ np.linalg.solve(part, e))
     assert found.likelihood == pytest.approx(-0.5 * (found.nis + np.linalg.slogdet(part)[1]))
     assert found.degrees == 3
     assert found.cells == pytest.approx(found.likelihood)  # what dithers itself has no cells
-    assert scored(found, innovation, covariance, np.zeros(4, dtype=np.bool_), np.zeros(4)) == found
+    assert scored(found, innovation, covariance, all_of(4, counts=False), np.zeros(4)) == found
 
 
 def test_a_score_where_rounding_leaves_the_covariance_no_root() -> None:
@@ -174,7 +181,7 @@ def test_a_score_where_rounding_leaves_the_covariance_no_root() -> None:
     error = np.array([3.0, 3.02, 0.4])
     with pytest.raises(np.linalg.LinAlgError):
         np.linalg.cholesky(root @ root.T)
-    every, none = np.ones(3, dtype=np.bool_), np.zeros(3)
+    every, none = all_of(3), np.zeros(3)
     found = scored(NO_SCORE, error, root @ root.T, every, none, root)
     # the first two tell the cause as good as exactly, and |n^2 I + p p^T| is n^4 (n^2 + p^T p)
     assert found.nis == pytest.approx(0.02**2 / (2.0 * noise**2) + (0.4 / noise) ** 2, rel=1e-6)
@@ -207,7 +214,7 @@ def test_cells_condition_each_component_on_those_before() -> None:
     """Two readings of the same rate: where the first has shown it, the second is certain, and only its cell counts."""
     quanta, innovation = np.array([1.0, 1.0]), np.array([0.1, -0.2])
     covariance = np.diag(quanta**2 / 12.0) + 9.0
-    found = scored(NO_SCORE, innovation, covariance, np.ones(2, dtype=np.bool_), quanta)
+    found = scored(NO_SCORE, innovation, covariance, all_of(2), quanta)
     first = 9.0 + 0.05**2
     gain = 9.0 / (9.0 + 1.0 / 12.0)
     second = 9.0 - gain * 9.0 + 0.05**2
@@ -220,11 +227,24 @@ def test_rounding_that_repeats_favors_nobody_by_cells() -> None:
     quanta, covariance = np.ones(1), np.array([[1.0 / 12.0 + 1e-4]])
     here, middle = NO_SCORE, NO_SCORE
     for _ in range(20):
-        here = scored(here, np.array([0.4]), covariance, np.ones(1, dtype=np.bool_), quanta)
-        middle = scored(middle, np.zeros(1), covariance, np.ones(1, dtype=np.bool_), quanta)
+        here = scored(here, np.array([0.4]), covariance, all_of(1), quanta)
+        middle = scored(middle, np.zeros(1), covariance, all_of(1), quanta)
     assert middle.likelihood - here.likelihood > 18.0
     assert abs(middle.cells - here.cells) < 1.0
     assert middle.excess > 6.0 > here.excess
+
+
+def test_what_stands_where_it_stood_tells_once_that_it_is_off() -> None:
+    """A filter that has taken rounding for noise stands beyond the cell: that is no news where nothing has moved."""
+    quanta, covariance = np.ones(1), np.array([[1.0 / 12.0 + 0.05**2]])
+    once = scored(NO_SCORE, np.array([0.66]), covariance, all_of(1), quanta)
+    assert 1.5 < once.excess < 3.0
+    score = once
+    for _ in range(5):
+        score = scored(score, np.array([0.66]), covariance, all_of(1, again=True), quanta)
+    assert score.excess == pytest.approx(once.excess)
+    assert score.cells == pytest.approx(6.0 * once.cells)  # as all hypotheses count it
+    assert score.likelihood == pytest.approx(6.0 * once.likelihood)
 
 
 def test_white_noise_is_seldom_likelier_than_the_cells_that_were_drawn() -> None:
@@ -236,9 +256,7 @@ def test_white_noise_is_seldom_likelier_than_the_cells_that_were_drawn() -> None
         score, highest = NO_SCORE, 0.0
         for rate in rng.uniform(-5.0, 5.0, 15):
             predicted = rate + spread * rng.standard_normal()
-            score = scored(
-                score, np.array([np.round(rate) - predicted]), covariance, np.ones(1, dtype=np.bool_), quanta
-            )
+            score = scored(score, np.array([np.round(rate) - predicted]), covariance, all_of(1), quanta)
             highest = max(highest, score.excess)
         beyond += highest > 2.0
     assert beyond / 400 < np.exp(-2.0)
@@ -467,3 +485,46 @@ def test_who_explains_all_alone_takes_no_place_of_two_that_do(monkeypatch: pytes
     allowed, known = np.ones(2 * jets, dtype=np.bool_), np.zeros(2 * jets)
     found = screens._likely_pairs(screen, 0, np.arange(2 * jets), (allowed, known), PARAMS)
     assert found[0].tolist() == [1, 2]
+
+
+def test_a_force_above_its_stated_thrust_is_as_rare_as_a_second_failure() -> None:
+    """Up to what jets give at most, which is more where more is stated."""
+    exact = PARAMS._replace(places=PARAMS.places._replace(n_thrust=0))
+    cause, thrust = Cause(Kind.JETS, (2,), (-1,), (0,)), PARAMS.thrusts[2]
+    covariance = np.array([[(0.005 * thrust) ** 2]])
+
+    def cost(force: float, params: JointParams) -> float:
+        return screens.prior(cause, params) - screens.believed(cause, np.array([force * thrust]), covariance, params)
+
+    assert cost(1.0, exact) == 0.0
+    assert cost(1.01, exact) == pytest.approx(0.5 * 2.0**2)
+    assert cost(1.045, exact) == pytest.approx(screens.PAIR_PRIOR)
+    assert cost(1.07, exact) == pytest.approx(screens.PAIR_PRIOR + 0.5 * 4.0**2)
+    assert cost(-0.01, exact) == pytest.approx(0.5 * 2.0**2)
+    for stated, force, expected in ((0.01, 1.03, 0.0), (0.01, 1.04, 2.0), (0.05, 1.15, 0.0), (0.05, 1.16, 2.0)):
+        assert cost(force, PARAMS._replace(thrust_sigma=stated)) == pytest.approx(expected, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("signs", "told", "later", "expected"),
+    [((-1,), 0.0, 100.9, 2), ((-1,), 0.0, 101.1, 5), ((-1,), 0.5, 100.9, 5), ((1,), 0.0, 100.9, 5)],
+)
+def test_an_onset_at_which_a_jet_had_nothing_to_lose_is_kept(
+    monkeypatch: pytest.MonkeyPatch, flown: Flight, signs: tuple[int, ...], told: float, later: float, expected: int
+) -> None:
+    """A jet that is told to fire for one sample only: from then on, the force is not told from its first impulse."""
+    screen = screen_of(flown, (2, 5))
+    acting = screen.acting.copy()
+    acting[0, 0, PLACES.jets + 3] = told
+    cause = Cause(Kind.JETS, (3,), signs, (0,))
+    leads = (100.0, later)
+    monkeypatch.setattr(
+        screens, "_singles", lambda screen, index, *_: [screens.Contender(cause, screen.onsets[index], leads[index])]
+    )
+    for name in ("_pairs", "_lies"):
+        monkeypatch.setattr(screens, name, lambda *_: [])
+    every = np.ones(2 * PLACES.jets, dtype=np.bool_)
+    found = screens.contenders(screen._replace(acting=acting), every, np.zeros(2 * PLACES.jets), PARAMS)
+    one = next(each for each in found if each.cause == cause)
+    assert one.onset == expected
+    assert one.at_onsets == ((2, 100.0), (5, later))

@@ -26,6 +26,7 @@ from massprop_drake.maths.estimation.joint.hypotheses import (
     FIT,
     NO_SCORE,
     Cause,
+    Counted,
     Kind,
     Runner,
     Score,
@@ -317,7 +318,7 @@ def test_until_a_jump_happens_nothing_has() -> None:
     race, history, quiet = flown.state.race, flown.state.history, without_increments(flown.params.joint)
     onset = race.screen.began
     run = Runner(Cause(Kind.JUMP), onset, (), onset, race.states[0], NO_SCORE, False)
-    sample, counts = history.at(onset + 1).sample, np.ones(12, dtype=bool)
+    sample, counts = history.at(onset + 1).sample, Counted(np.ones(12, dtype=bool), np.zeros(12, dtype=bool))
     likely, unlikely = Score(1e6, 1e6, 1.0, 3.0), Score(-1e6, -1e6, 1.0, 3.0)
     assert jumping(run, sample, likely, counts, quiet).score == likely
     assert jumping(run, sample, unlikely, counts, quiet).score.degrees == 12.0

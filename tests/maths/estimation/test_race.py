@@ -13,7 +13,16 @@ from massprop_drake.maths.estimation.joint import bank as banks
 from massprop_drake.maths.estimation.joint import decision
 from massprop_drake.maths.estimation.joint import race as races
 from massprop_drake.maths.estimation.joint import screen as screens
-from massprop_drake.maths.estimation.joint.hypotheses import JUMP_SHARES, NO_SCORE, Cause, Kind, Runner, Score, opened
+from massprop_drake.maths.estimation.joint.hypotheses import (
+    JUMP_SHARES,
+    NO_SCORE,
+    Cause,
+    Counted,
+    Kind,
+    Runner,
+    Score,
+    opened,
+)
 from massprop_drake.maths.estimation.joint.layout import JointState, make_places
 from massprop_drake.maths.estimation.joint.race import History, Race
 from massprop_drake.maths.estimation.joint.screen import Contender
@@ -46,6 +55,9 @@ def running(
     root = 1e-3 * np.eye(state.root.shape[0])
     score = Score(likelihood, likelihood if cells is None else cells, nis, 12.0)
     return Runner(cause, ONSET, (), cycle, state._replace(mean=mean, root=root), score, False)
+
+
+EVERY = Counted(np.ones(12, dtype=np.bool_), np.zeros(12, dtype=np.bool_))
 
 
 def race(*runs: Runner, leading: tuple[Contender, ...] = ()) -> Race:
@@ -127,7 +139,7 @@ def test_filters_at_the_present_stay_there_before_others_catch_up(monkeypatch: p
     monkeypatch.setattr(races, "stepped", one_more)
     monkeypatch.setattr(History, "at", lambda *_: races.Record(None, None))  # type: ignore[arg-type]
     now = race(running(leak(0), cycle=NOW - 6), running(leak(1), cycle=NOW - 1))
-    now = now._replace(screen=now.screen._replace(masks=(np.ones(12, dtype=np.bool_),) * NOW))
+    now = now._replace(screen=now.screen._replace(counted=(EVERY,) * NOW))
     found, left = races.stepped_on(now, 3, History(NOW, ()), np.zeros(2), PARAMS)
     assert [run.cycle for run in found.runs] == [NOW - 4, NOW]
     assert left == 0
@@ -143,7 +155,7 @@ def test_a_hypothesis_whose_filter_comes_to_nothing_leaves_the_race(monkeypatch:
 
     monkeypatch.setattr(races, "stepped", lost)
     now = race(running(leak(0), cycle=NOW - 1), running(leak(1), cycle=NOW - 1))
-    now = now._replace(screen=now.screen._replace(masks=(np.ones(12, dtype=np.bool_),) * NOW))
+    now = now._replace(screen=now.screen._replace(counted=(EVERY,) * NOW))
     history = History(NOW, tuple(races.Record(None, None) for _ in range(NOW)))  # type: ignore[arg-type]
     found, _ = races.stepped_on(now, 8, history, np.zeros(2), PARAMS)
     assert causes(found) == [leak(1)]
@@ -764,12 +776,12 @@ def test_what_gives_little_must_lead_two_at_once_by_what_is_read_for_a_second() 
     much is given.
     """
     for share, jets, age, cycles, expected in (
-        (0.05, (1, 2), 12, 12, False),
-        (0.05, (1, 2), 12, 20, False),
-        (0.05, (1, 2), 13, 13, True),
-        (0.05, (1, 2), 13, 7, True),
-        (0.05, (0, 1), 12, 12, True),
-        (0.6, (1, 2), 12, 12, True),
+        (0.05, (1, 2), 11, 11, False),
+        (0.05, (1, 2), 11, 20, False),
+        (0.05, (1, 2), 12, 12, True),
+        (0.05, (1, 2), 12, 7, True),
+        (0.05, (0, 1), 11, 11, True),
+        (0.6, (1, 2), 11, 11, True),
     ):
         run = running(leak(0), 100.0)
         mean = run.state.mean.copy()
@@ -781,6 +793,23 @@ def test_what_gives_little_must_lead_two_at_once_by_what_is_read_for_a_second() 
         standing = races.standings(now, [contender(leak(0), 100.0), contender(leak(*jets), 88.0)], PARAMS)
         found = decision.decided(now, standing, True, decision.Rules(), PARAMS)
         assert (found.outcome == decision.Outcome.JETS) == expected
+
+
+def test_at_last_cells_alone_tell_who_is_in_a_group() -> None:
+    """For noise, and to first order, another leads; what so many readings say of cells is far more."""
+    one, other = running(leak(0, 1), 100.0, cells=300.0), running(leak(0, 2), 110.0, cells=290.0)
+    now = race(one, other)._replace(triggered=NOW + 1 - decision.LAST)
+    standing = races.standings(now, [contender(leak(0, 1), 100.0), contender(leak(0, 2), 110.0)], PARAMS)
+    found = decision.decided(now, standing, True, decision.Rules(), PARAMS)
+    assert found.outcome == decision.Outcome.GROUP
+    assert found.winner is not None
+    assert found.winner.contender.cause == leak(0, 1)
+    assert not found.group
+    near = running(leak(0, 2), 110.0, cells=295.0)
+    standing = races.standings(now._replace(runs=(one, near)), [], PARAMS)
+    assert [each.cause for each in decision.decided(now, standing, True, decision.Rules(), PARAMS).group] == [
+        leak(0, 2)
+    ]
 
 
 def test_for_half_a_second_nothing_is_named_because_something_new_begins() -> None:

@@ -44,7 +44,14 @@ from massprop_drake.maths.estimation.detectors.multi_hypothesis import (
 )
 from massprop_drake.maths.estimation.joint.cycle import JointEvidence, Report, Sample, step
 from massprop_drake.maths.estimation.joint.decision import LAST
-from massprop_drake.maths.estimation.joint.hypotheses import NO_SCORE, Counting, Score, after_cycle, counted_by_readings
+from massprop_drake.maths.estimation.joint.hypotheses import (
+    NO_SCORE,
+    Counted,
+    Counting,
+    Score,
+    after_cycle,
+    counted_by_readings,
+)
 from massprop_drake.maths.estimation.joint.layout import JointParams, JointState
 from massprop_drake.maths.estimation.joint.measurement import readings
 from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
@@ -134,17 +141,17 @@ def follow(
     if found.otherwise is not None and not members.each:
         counting = Counting(np.where(np.isnan(read), 0.0, read), np.zeros(read.shape[0]))
         until_now = Member(evidence.before, method)
-        one = _after(until_now, found, now, report, nobody, params.joint)
+        one = _after(until_now, found, now, report, Counted(nobody, nobody), params.joint)
         return _said(one.waiting, found, Members((one, *_beside(until_now, one, found, params.joint)), counting))
     if not members.each or members.counting is None:
         return Followed(found, members)
     if report.course is None:  # nothing before a gap can be compared
         return Followed(found._replace(declarations=(*members.each[0].waiting, *found.declarations)), Members())
-    mask, counting = counted_by_readings(members.counting, read, nobody, params.joint)
-    first = _after(members.each[0], found, now, report, mask, params.joint)
+    counted, counting = counted_by_readings(members.counting, read, params.joint)
+    first = _after(members.each[0], found, now, report, counted, params.joint)
     each, further = [first], list(_beside(members.each[0], first, found, params.joint))
     for member in members.each[1:]:
-        gone_on = _gone_on(member, sample, mask, params)
+        gone_on = _gone_on(member, sample, counted, params)
         each += gone_on[:1]
         further += gone_on[1:]
     followed = _at_most(each, further)
@@ -152,7 +159,7 @@ def follow(
     return _compared(found, members._replace(each=followed, counting=counting, cycles=cycles), params)
 
 
-def _gone_on(member: Member, sample: Sample, mask: np.ndarray, params: HypothesisParams) -> tuple[Member, ...]:
+def _gone_on(member: Member, sample: Sample, counted: Counted, params: HypothesisParams) -> tuple[Member, ...]:
     """A member after one more cycle, and who is as likely as what it names then; none where its detector finds no
     explanation, or its filter comes to nothing.
     """
@@ -163,7 +170,7 @@ def _gone_on(member: Member, sample: Sample, mask: np.ndarray, params: Hypothesi
         return ()
     if report.course is None or any(isinstance(each, Unexplained) for each in judged.declarations):
         return ()
-    one = _after(member, judged, judged.goes_on_from(after), report, mask, params.joint)
+    one = _after(member, judged, judged.goes_on_from(after), report, counted, params.joint)
     return one, *_beside(member, one, judged, params.joint)
 
 
@@ -225,13 +232,13 @@ def _known(member: Member) -> Ways:
 
 
 def _after(
-    member: Member, judged: Judged, now: JointState, report: Report, mask: np.ndarray, params: JointParams
+    member: Member, judged: Judged, now: JointState, report: Report, counted: Counted, params: JointParams
 ) -> Member:
     race = member.method.race
     decided = race is not None and judged.state.race is None
     settled = 0 if decided or judged.state.race is not None else member.settled + 1
     raced = race.cycles if race is not None and decided and any(map(_adds, judged.declarations)) else 0
-    newest = after_cycle(NO_SCORE, report, mask, params)
+    newest = after_cycle(NO_SCORE, report, counted, params)
     member = _has_found(member, judged.declarations, judged)
     return member._replace(joint=now, method=judged.state, newest=newest, settled=settled, raced=raced)
 

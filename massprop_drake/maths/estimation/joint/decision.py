@@ -18,7 +18,8 @@ set of jets, in nats, and cycles counted from the alarm:
              leave no more than a hundredth of the misfit; announced if settled and L_J - L_0 > 100, else an increment
     nothing  L_0 leads after 12 cycles, or is within 8 after 75; and fits
 
-and what is still open after 250 cycles is a group of however many, or unexplained.
+and what is still open after 250 cycles is a group of however many, or unexplained: by cells alone, which explain that
+many readings by a hundred nats better than noise does, and than what the first order leaves out.
 
 A hypothesis *fits* whose NIS is at most 6 standard deviations above its expectation, and which since its onset has not
 made white noise likelier than the cells of the readings by 6 nats (`hypotheses`). Over one that is compared only to
@@ -222,7 +223,7 @@ def _of_jets(
     if clear:
         little = _is_new_and_little(race, standing[0], params)
         shown = cycles > _HALF_A_SECOND or (_shown_by_readings(standing, rules) and not little)
-        shown = shown and not (little and run.age <= A_SECOND and _may_be_two(standing, rules))
+        shown = shown and not (little and run.age < A_SECOND and _may_be_two(standing, rules))
         return Decision(Outcome.JETS if shown else Outcome.OPEN, standing[0], clear=True)
     near = _near(standing, rules)
     alternatives = _alternatives((best, *near), rules)
@@ -452,7 +453,7 @@ def _at_last(standing: list[Standing], rules: Rules, nothing_fits: bool) -> Deci
         return Decision(Outcome.UNEXPLAINED, best)
     if best.contender.cause.kind == Kind.JUMP:
         return Decision(Outcome.INCREMENT, best)
-    near = _near(standing, rules)
+    near = tuple(each.contender for each in standing if each is not best and best.odds - each.odds < rules.lead)
     alternatives = _alternatives((best.contender, *near), rules, most=len(near) + 1)
     if best is standing[0] and best.contender.cause.kind == Kind.JETS and (alternatives or not near):
         return Decision(Outcome.GROUP, best, near, alternatives)

@@ -267,7 +267,7 @@ def _possible(mean: Array, state: JointState, params: JointParams) -> Array:
     if not (about[[0, 1, 2, MASS]] > 0.0).all():
         about[:N_PROPERTIES] = params.nominal
     for slot in np.flatnonzero(state.slot_jet >= 0):
-        row, most = params.places.force + slot, screens.MOST_FORCE * params.thrusts[int(state.slot_jet[slot])]
+        row, most = params.places.force + slot, screens.most_forces(params)[int(state.slot_jet[slot])]
         about[row] = min(max(about[row], 0.0), most)
     return about
 
@@ -460,7 +460,7 @@ def _passed(fit: Fit, search: Search, early: Early, params: JointParams) -> Fit:
     if done < search.until:
         root = np.hstack((expected.projected, np.diag(np.sqrt(params.variances))))
         covariance = root @ root.T
-        score = scored(score, expected.innovation, covariance, search.screen.masks[done], params.quanta, root)
+        score = scored(score, expected.innovation, covariance, search.screen.counted[done], params.quanta, root)
     return fit._replace(state=state, score=score, done=done + 1)
 
 

@@ -24,7 +24,8 @@ the right one. Among filters of their own the comparison is therefore that of th
 
 component by component; the last term, since what a filter took for white noise has moved it by a part of a step. White
 noise in place of cells is a hypothesis itself, and L - L' by how much it is likelier: of the truth it exceeds a with
-probability exp(-a) at most, ever (Ville's inequality). One that lets it rise by 6 nats does not explain the readings.
+probability exp(-a) at most, ever (Ville's inequality). One that lets it rise by 6 nats does not explain the readings;
+but a reading that stands where it stood, and counts only since something may have begun, has told of its cell before.
 """
 
 from __future__ import annotations
@@ -109,12 +110,14 @@ class Score(NamedTuple):
         cells: L', nats.
         nis: sum of e^T Y^-1 e.
         degrees: number of components counted.
+        again: of L - L', what readings tell that stand where they stood, nats.
     """
 
     likelihood: float
     cells: float
     nis: float
     degrees: float
+    again: float = 0.0
 
     @property
     def misfit(self) -> float:
@@ -123,8 +126,8 @@ class Score(NamedTuple):
 
     @property
     def excess(self) -> float:
-        """By how much white noise is likelier than the cells of the readings, nats."""
-        return self.likelihood - self.cells
+        """By how much white noise is likelier than the cells of the readings, each told once, nats."""
+        return self.likelihood - self.cells - self.again
 
     @property
     def surprise(self) -> float:
@@ -148,6 +151,24 @@ class Counting(NamedTuple):
 
     last: Array
     quiet: Array
+
+
+class Counted(NamedTuple):
+    """Which components count in a cycle, for every hypothesis.
+
+    Attributes:
+        components: whether each does, shape (m,).
+        again: whether it stands where it stood, and does so only since something may have begun, shape (m,).
+    """
+
+    components: np.ndarray
+    again: np.ndarray
+
+    def without(self, component: int) -> Counted:
+        """The others."""
+        components = self.components.copy()
+        components[component] = False
+        return Counted(components, self.again)
 
 
 class Runner(NamedTuple):
@@ -205,8 +226,8 @@ class Runner(NamedTuple):
         return self.cause.kind == Kind.JUMP and self.share < JUMP_SHARES[0]
 
 
-def counted(counting: Counting, over: Link, params: JointParams, *, every: bool) -> tuple[np.ndarray, Counting]:
-    """Which components count for every hypothesis, shape (m,).
+def counted(counting: Counting, over: Link, params: JointParams, *, every: bool) -> tuple[Counted, Counting]:
+    """Which components count.
 
     Args:
         counting: see `Counting`.
@@ -216,23 +237,26 @@ def counted(counting: Counting, over: Link, params: JointParams, *, every: bool)
     """
     spread = np.sqrt(np.maximum(np.diagonal(over.covariance) - params.variances, 0.0))
     unmoved = np.abs(over.innovation) > 0.5 * params.quanta + _STANDS * spread
-    return counted_by_readings(counting, over.read, unmoved | every, params)
+    return counted_by_readings(counting, over.read, params, unmoved=unmoved, every=every)
 
 
 def counted_by_readings(
-    counting: Counting, read: Array, due: np.ndarray, params: JointParams
-) -> tuple[np.ndarray, Counting]:
-    """Which components count: those that have moved since they did last, have not for six samples, or are due.
+    counting: Counting, read: Array, params: JointParams, *, unmoved: np.ndarray | bool = False, every: bool = False
+) -> tuple[Counted, Counting]:
+    """Which components count: those that have moved since they did last, or have not for six samples.
 
     Args:
         counting: see `Counting`.
         read: readings, NaN where missing, shape (m,).
-        due: whether each counts though it has not moved, shape (m,).
         params: see `JointParams`.
+        unmoved: whether each counts since it has not moved, shape (m,).
+        every: whether all count that are there.
     """
     moved = ~(np.abs(read - counting.last) < _MOVED * params.quanta)
-    counts = ~np.isnan(read) & (moved | due | (counting.quiet + 1.0 >= _PATIENCE))
-    return counts, Counting(np.where(counts, read, counting.last), np.where(counts, 0.0, counting.quiet + 1.0))
+    anew = moved | unmoved | (counting.quiet + 1.0 >= _PATIENCE)
+    counts = ~np.isnan(read) & (anew | every)
+    counting = Counting(np.where(counts, read, counting.last), np.where(counts, 0.0, counting.quiet + 1.0))
+    return Counted(counts, ~anew), counting
 
 
 def cell_likelihood(error: float, deviation: float, width: float) -> float:
@@ -257,7 +281,7 @@ def scored(
     score: Score,
     innovation: Array,
     covariance: Array,
-    counts: np.ndarray,
+    now: Counted,
     quanta: Array,
     root: Array | None = None,
 ) -> Score:
@@ -267,11 +291,11 @@ def scored(
         score: before.
         innovation: e of all components, shape (m,).
         covariance: of it, shape (m, m).
-        counts: see `counted`, shape (m,).
+        now: which components count.
         quanta: see `JointParams`, shape (m,).
         root: of the covariance, shape (m, any); None: it has one that rounding leaves.
     """
-    chosen = np.flatnonzero(counts)
+    chosen = np.flatnonzero(now.components)
     if chosen.shape[0] == 0:
         return score
     if root is None:
@@ -282,10 +306,16 @@ def scored(
     whitened = np.linalg.solve(half, innovation[chosen])
     nis = float(whitened @ whitened)
     scales, widths = np.diag(half), quanta[chosen]
-    gained = -0.5 * nis - float(np.sum(np.log(scales)))
+    as_noise = -0.5 * whitened**2 - np.log(scales)
     deviations = np.sqrt(np.maximum(scales**2 - widths**2 / 12.0, 0.0) + (_BLUR * widths) ** 2)
-    cells = map(cell_likelihood, (scales * whitened).tolist(), deviations.tolist(), widths.tolist())
-    return Score(score.likelihood + gained, score.cells + sum(cells), score.nis + nis, score.degrees + chosen.shape[0])
+    cells = np.array([*map(cell_likelihood, (scales * whitened).tolist(), deviations.tolist(), widths.tolist())])
+    return Score(
+        score.likelihood + float(as_noise.sum()),
+        score.cells + float(cells.sum()),
+        score.nis + nis,
+        score.degrees + chosen.shape[0],
+        score.again + float((as_noise - cells)[now.again[chosen]].sum()),
+    )
 
 
 def cost_of_a_lie(component: int, params: JointParams, moved: float = np.inf) -> float:
@@ -416,7 +446,7 @@ def misfits(report: Report, component: int, params: JointParams) -> bool:
     return not bool(abs(course.expected.innovation[component]) <= _LIES * deviation)
 
 
-def jumping(run: Runner, sample: Sample, nothing: Score, counts: np.ndarray, params: JointParams) -> Runner:
+def jumping(run: Runner, sample: Sample, nothing: Score, now: Counted, params: JointParams) -> Runner:
     """A jump after one more cycle of those in which it may have happened.
 
     The filter learns nothing: what fired may have fired before the jump, or in the midst of it. Rate and gathered
@@ -427,26 +457,24 @@ def jumping(run: Runner, sample: Sample, nothing: Score, counts: np.ndarray, par
         run: before; it opens when its onset is the last cycle done.
         sample: of the cycle.
         nothing: score after it of the hypothesis that nothing has happened.
-        counts: which components count, shape (m,).
+        now: which components count.
         params: without increments.
     """
     state = opened(run.state, run.cause, params, run.share) if run.cycle == run.onset else run.state
     _, report = step(state, sample, params)
-    score = max(after_cycle(run.score, report, counts, params), nothing, key=lambda each: each.likelihood)
+    score = max(after_cycle(run.score, report, now, params), nothing, key=lambda each: each.likelihood)
     after, _ = restart(state, sample, params)
     return _stepped(run, after, score)._replace(entry=score)
 
 
-def stepped(
-    run: Runner, sample: Sample, over: Link, counts: np.ndarray, erratic: np.ndarray, params: JointParams
-) -> Runner:
+def stepped(run: Runner, sample: Sample, over: Link, now: Counted, erratic: np.ndarray, params: JointParams) -> Runner:
     """A hypothesis after one more cycle.
 
     Args:
         run: before; it opens when its onset is the last cycle done.
         sample: of the cycle.
         over: the cycle of the filter that knows of nothing.
-        counts: which components count, shape (m,).
+        now: which components count.
         erratic: see `restless`.
         params: without increments.
     """
@@ -462,26 +490,25 @@ def stepped(
         lying = misfits(report, component, params)
         if lying:
             after, report = step(state, masked(sample, component), params)
-            if counts[component]:
+            if now.components[component]:
                 cost = cost_of_a_lie(component, params, over.read[component] - lie)
                 score = score._replace(likelihood=score.likelihood - cost, cells=score.cells - cost)
-                counts = counts.copy()
-                counts[component] = False
+                now = now.without(component)
             lie = float(over.read[component])
-    return _stepped(run, after, after_cycle(score, report, counts, params))._replace(lying=lying, lie=lie)
+    return _stepped(run, after, after_cycle(score, report, now, params))._replace(lying=lying, lie=lie)
 
 
-def after_cycle(score: Score, report: Report, counts: np.ndarray, params: JointParams) -> Score:
+def after_cycle(score: Score, report: Report, now: Counted, params: JointParams) -> Score:
     """The score after a cycle of a filter."""
     course = report.course
     assert course is not None, "a race begins after the first sample"
     projected = course.expected.projected
     covariance = projected @ projected.T + np.diag(params.variances)
     try:
-        return scored(score, report.innovation, covariance, counts, params.quanta)
+        return scored(score, report.innovation, covariance, now, params.quanta)
     except np.linalg.LinAlgError:  # several packages read what may be anything: all but that is lost in the product
         root = np.hstack((projected, np.diag(np.sqrt(params.variances))))
-        return scored(score, report.innovation, covariance, counts, params.quanta, root)
+        return scored(score, report.innovation, covariance, now, params.quanta, root)
 
 
 def _stepped(run: Runner, after: JointState, score: Score) -> Runner:

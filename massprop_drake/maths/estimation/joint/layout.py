@@ -178,6 +178,14 @@ class JointParams(NamedTuple):
     compiled: Any = None
 
 
+def thrust_sigmas(params: JointParams) -> Array:
+    """Stated 1-sigma of each jet's thrust, relative, zero where it is exact, shape (n_jets,)."""
+    places = params.places
+    if places.n_thrust == 0:
+        return np.zeros(places.jets)
+    return params.thrust_sigma * params.prior_sigma[: places.n_thrust]
+
+
 class JointState(NamedTuple):
     """All that the joint estimator knows after a sample. Never changed; a cycle makes a new one.
 

@@ -422,7 +422,7 @@ def _regained(run: Runner, force: Array, covariance: Array, params: JointParams)
 
 
 def _most(run: Runner, params: JointParams) -> Array:
-    most: Array = screens.MOST_FORCE * params.thrusts[list(run.cause.jets)]
+    most: Array = screens.most_forces(params)[list(run.cause.jets)]
     return most
 
 
@@ -645,9 +645,9 @@ def stepped_on(race: Race, left: int, history: History, erratic: np.ndarray, par
             left -= 1
             try:
                 if now.cause.kind == Kind.JUMP and now.cycle <= screen.onsets[-1]:
-                    now = jumping(now, record.sample, screen.scores[done + 1], screen.masks[done], params)
+                    now = jumping(now, record.sample, screen.scores[done + 1], screen.counted[done], params)
                 else:
-                    now = stepped(now, record.sample, record.link, screen.masks[done], erratic, params)
+                    now = stepped(now, record.sample, record.link, screen.counted[done], erratic, params)
             except NotPositiveDefiniteError:  # of what it says no filter is left
                 out.add(now.cause)
                 break

@@ -27,6 +27,7 @@ from massprop_drake.maths.estimation.joint.hypotheses import (
     NO_SCORE,
     SHARES,
     Cause,
+    Counted,
     Counting,
     Kind,
     Score,
@@ -35,13 +36,20 @@ from massprop_drake.maths.estimation.joint.hypotheses import (
     jump_sigma,
     scored,
 )
-from massprop_drake.maths.estimation.joint.layout import CENTER, N_PROPERTIES, VELOCITY, JointParams, JointState
+from massprop_drake.maths.estimation.joint.layout import (
+    CENTER,
+    N_PROPERTIES,
+    VELOCITY,
+    JointParams,
+    JointState,
+    thrust_sigmas,
+)
 from massprop_drake.maths.estimation.joint.measurement import turning
 from massprop_drake.maths.estimation.joint.possible import beyond
 from massprop_drake.maths.estimation.joint.sensitivity import Link, carried, corrected, informed
 from massprop_drake.maths.linear_algebra import Array
 
-MOST_FORCE = 1.05  # of full thrust: a jet gives no more
+_MOST_FORCE = 1.05  # of full thrust: a jet gives no more, unless its thrust is stated to be that uncertain
 PAIR_PRIOR = 12.0  # nats against two failures at once: 1e-5 of one
 _KINDS = 5  # of columns of a jet
 _BLOCKS = 4  # dimensions of A where only its blocks are kept
@@ -51,6 +59,7 @@ _LEAST_KICK = 1e-6  # of the largest, so that a variance has an inverse
 BOUND = 3.0  # sigmas within which a force lies
 _NEARLY = 1.5  # of full thrust: so much may be found of a jet while its onset is taken as known
 _PAIRS = 10  # likeliest that are looked at with their onsets uncertain
+_HAD_NOTHING = 1.0  # nats at a later onset that one is kept for at which no jet had anything to lose yet
 _ALIKE = 4  # jets of which pairs are looked at since together they push as one: a cluster has as many
 
 
@@ -69,7 +78,7 @@ class Screen(NamedTuple):
         projection: b of each onset, shape (n_onsets, h).
         jump_information, jump_projection: of the jump, shape (10, 10) and (10,).
         counting: see `Counting`.
-        masks: components counted at each cycle since the beginning.
+        counted: see `Counted`, at each cycle since the beginning.
         scores: of no failure, after each cycle from the beginning on.
         fired: whether a jet fired in an interval in which what the race is about may have happened: the first order,
             which has a jump happen between two samples, may then be far off.
@@ -85,14 +94,19 @@ class Screen(NamedTuple):
     jump_information: Array
     jump_projection: Array
     counting: Counting
-    masks: tuple[np.ndarray, ...]
+    counted: tuple[Counted, ...]
     scores: tuple[Score, ...]
     fired: bool = False
 
     @property
     def began(self) -> int:
         """The cycle after which the race begins."""
-        return self.cycle - len(self.masks)
+        return self.cycle - len(self.counted)
+
+    @property
+    def jets(self) -> int:
+        """How many there are."""
+        return self.acting.shape[2] // 3
 
     @property
     def single(self) -> bool:
@@ -191,7 +205,7 @@ def begin(
         jump_information=np.zeros((N_PROPERTIES, N_PROPERTIES)),
         jump_projection=np.zeros(N_PROPERTIES),
         counting=Counting(np.where(np.isnan(read), 0.0, read), np.zeros(read.shape[0])),
-        masks=(),
+        counted=(),
         scores=(NO_SCORE,),
     )
 
@@ -224,11 +238,11 @@ def screened(screen: Screen, over: Link, params: JointParams) -> Screen:
     columns = screen.columns.copy()
     columns[:, :live] = corrected(after, shown, over)
     begins = any(0 <= screen.cycle - onset < len(SHARES) for onset in screen.onsets)
-    mask, counting = counted(screen.counting, over, params, every=begins)
-    score = scored(screen.scores[-1], over.innovation, over.covariance, mask, params.quanta)
+    now, counting = counted(screen.counting, over, params, every=begins)
+    score = scored(screen.scores[-1], over.innovation, over.covariance, now, params.quanta)
     information, projection = screen.information, screen.projection
     jump_information, jump_projection = screen.jump_information, screen.jump_projection
-    chosen = np.flatnonzero(mask)
+    chosen = np.flatnonzero(now.components)
     if chosen.shape[0] > 0:
         half = np.linalg.cholesky(over.covariance[np.ix_(chosen, chosen)])
         sides = np.column_stack((over.innovation[chosen], shown[chosen]))
@@ -251,7 +265,7 @@ def screened(screen: Screen, over: Link, params: JointParams) -> Screen:
         jump_information=jump_information,
         jump_projection=jump_projection,
         counting=counting,
-        masks=(*screen.masks, mask),
+        counted=(*screen.counted, now),
         scores=(*screen.scores, score),
     )
 
@@ -310,8 +324,30 @@ def believed(cause: Cause, force: Array, covariance: Array, params: JointParams)
         force, covariance: of each, lbf or N, shapes (k,) and (k, k).
         params: see `JointParams`.
     """
-    most = MOST_FORCE * params.thrusts[list(cause.jets)]
-    return prior(cause, params) - float(beyond(force[None], covariance[None], most[None])[0])
+    return prior(cause, params) - float(_too_much(force[None], covariance[None], np.array([cause.jets]), params)[0])
+
+
+def most_forces(params: JointParams) -> Array:
+    """What jets give at most, lbf or N, shape (n_jets,)."""
+    most: Array = np.maximum(_MOST_FORCE, 1.0 + BOUND * thrust_sigmas(params)) * params.thrusts
+    return most
+
+
+def _too_much(force: Array, covariance: Array, jets: np.ndarray, params: JointParams) -> Array:
+    """What it costs that jets give less than nothing or more than they can, nats.
+
+    They can give full thrust and three of its stated 1-sigma. That one is off by more than is stated is as rare as a
+    second failure, and costs no more up to what jets give at most.
+
+    Args:
+        force, covariance: see `beyond`.
+        jets: whose they are, shape (number, jets).
+        params: see `JointParams`.
+    """
+    stated = (1.0 + BOUND * thrust_sigmas(params)) * params.thrusts
+    at_most = beyond(force, covariance, most_forces(params)[jets])
+    cost: Array = np.minimum(beyond(force, covariance, stated[jets]), at_most + PAIR_PRIOR)
+    return cost
 
 
 def rarity(params: JointParams) -> Array:
@@ -339,7 +375,7 @@ def contenders(screen: Screen, allowed: np.ndarray, known: Array, params: JointP
         for contender in (*singles, *both, *lies):
             best = found.get(contender.cause)
             tried = (*(best.at_onsets if best is not None else ()), (contender.onset, contender.lead))
-            better = contender if best is None or contender.lead > best.lead else best
+            better = contender if best is None or contender.lead > best.lead + _kept(screen, best) else best
             found[contender.cause] = better._replace(at_onsets=tried)
     scales = np.array(JUMP_SHARES) / JUMP_SHARES[0]
     variances = np.repeat(scales.reshape(-1, 1) ** 2, N_PROPERTIES, axis=1)
@@ -347,6 +383,18 @@ def contenders(screen: Screen, allowed: np.ndarray, known: Array, params: JointP
     likeliest = int(np.argmax(lead))
     jump = Contender(Cause(Kind.JUMP), screen.began, float(lead[likeliest]), share=JUMP_SHARES[likeliest])
     return sorted([*found.values(), jump], key=lambda contender: -contender.lead)
+
+
+def _kept(screen: Screen, at: Contender) -> float:
+    """Nats by which a later onset has to explain more than an earlier one.
+
+    A jet that is not told to fire has nothing to lose: such an onset stands for all since it last fired, and needs no
+    impulse in the first interval in which it is told to. Were that taken for the onset, nobody could tell the force
+    from the impulse of a jet that is told to fire in no other.
+    """
+    cause, index = at.cause, screen.onsets.index(at.onset)
+    lost = [screen.acting[index, 0, screen.jets + jet] for jet in cause.jets]
+    return _HAD_NOTHING if max(cause.signs, default=1) < 0 and max(lost) < _FIRES else 0.0
 
 
 def _of_columns(columns: list[int], jets: int) -> Cause:
@@ -417,14 +465,14 @@ def _fitted(screen: Screen, index: int, steps: np.ndarray, params: JointParams) 
 def _singles(screen: Screen, index: int, allowed: np.ndarray, known: Array, params: JointParams) -> list[Contender]:
     jets = params.places.jets
     steps = np.concatenate((np.arange(2 * jets), np.arange(4 * jets, 5 * jets)))
-    thrusts, ways = params.thrusts[steps % jets], _directions(steps, jets)
+    ways = _directions(steps, jets)
     fitted = _fitted(screen, index, steps.reshape(-1, 1), params)
     change, sigma, had = fitted.force[:, 0], fitted.sigma[:, 0], known[ways]
     total = had + change
     lead = fitted.lead + rarity(params)[steps % jets]
-    lead -= beyond(total[:, None], fitted.covariance, MOST_FORCE * thrusts[:, None])
+    lead -= _too_much(total[:, None], fitted.covariance, steps[:, None] % jets, params)
     possible = allowed[ways] & (screen.among(index, steps.reshape(-1, 1))[:, 0, 0] > 0.0)
-    possible &= (total + BOUND * sigma > 0.0) & (total - BOUND * sigma < MOST_FORCE * thrusts)
+    possible &= (total + BOUND * sigma > 0.0) & (total - BOUND * sigma < most_forces(params)[steps % jets])
     possible &= ((change > 0.0) | (had > 0.0)) & ((as_found(steps, total, params) == steps) | (had > 0.0))
     result = []
     for row in np.flatnonzero(possible & (lead > 0.0)):
@@ -449,8 +497,9 @@ def _pairs(screen: Screen, index: int, allowed: np.ndarray, known: Array, params
     fitted = _fitted(screen, index, steps, params)
     had = known[_directions(steps, jets)]
     total = fitted.force + had
-    most = MOST_FORCE * params.thrusts[steps % jets]
-    lead = fitted.lead + rarity(params)[steps % jets].sum(axis=1) - PAIR_PRIOR - beyond(total, fitted.covariance, most)
+    lead = fitted.lead + rarity(params)[steps % jets].sum(axis=1) - PAIR_PRIOR
+    lead -= _too_much(total, fitted.covariance, steps % jets, params)
+    most = most_forces(params)[steps % jets]
     within = (total + BOUND * fitted.sigma > 0.0) & (total - BOUND * fitted.sigma < most)
     possible = (within & ((as_found(steps, total, params) == steps) | (had > 0.0))).all(axis=1)
     result = []
