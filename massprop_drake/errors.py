@@ -31,6 +31,11 @@ def require_text(name: str) -> None:
         raise InputError(f"{name}: has bytes that are no text in this system's encoding; rename what is named so")
 
 
+def moment(time_s: float) -> str:
+    """A time in s as messages give it: six digits, and a hundredth of a second also where that takes more."""
+    return f"{time_s:.6g}" if abs(time_s) < 1e4 else f"{time_s:.2f}".rstrip("0").rstrip(".")
+
+
 def suggestion(word: object, valid: list[str]) -> str:
     """Suggests a close valid word ('; did you mean ...?'), or lists the valid words."""
     close = difflib.get_close_matches(str(word), valid, n=1)

@@ -93,7 +93,7 @@ def run(
     from massprop_drake.cli import show, sources
     from massprop_drake.cli.progress import Progress
     from massprop_drake.inputs.scenario import bundled_scenarios
-    from massprop_drake.results.folder import require_writable
+    from massprop_drake.results.folder import reserved
 
     chosen = [*(overrides or []), *([] if seed is None else [f"seed={seed}"])]
     chosen += ["execution={engine: loop, compiled: true}"] if compiled else []
@@ -101,7 +101,7 @@ def run(
     if not (math.isfinite(speed) and speed > 0.0):
         raise InputError(f"--speed {speed:g}: must be a number above zero, such as 10 for ten times real time")
     reads = [] if scenario in bundled_scenarios() else [scenario]
-    place = require_writable(out or Path("runs") / case.name, force=force, reads=reads)
+    place = context.with_resource(reserved(out or Path("runs") / case.name, force=force, reads=reads))
     context.obj.watch(place.path / "summary.json", f"the run is saved in {place.shown}/")
     sources.note_doubts(case.simulation_doubts, quiet=quiet)
 
@@ -179,7 +179,7 @@ def estimate(
     from massprop_drake.cli.progress import Progress
     from massprop_drake.inputs.scenario import bundled_scenarios
     from massprop_drake.inputs.vehicle import bundled_vehicles
-    from massprop_drake.results.folder import require_writable
+    from massprop_drake.results.folder import reserved
     from massprop_drake.results.run import read_summary
     from massprop_drake.runners.against import beside, require_comparable
     from massprop_drake.telemetry.reader import scenario_name
@@ -199,7 +199,7 @@ def estimate(
         for source in (telemetry, record_map, vehicle, like, resume_from, against)
         if source not in bundled and source
     ]
-    place = require_writable(out or Path("runs") / name, force=force, reads=reads)
+    place = context.with_resource(reserved(out or Path("runs") / name, force=force, reads=reads))
     context.obj.watch(place.path / "summary.json", f"the run is saved in {place.shown}/")
     sources.note_doubts(case.estimation_doubts, quiet=quiet)
 

@@ -9,7 +9,7 @@ from rich.table import Table
 
 from massprop_drake.cli import show
 from massprop_drake.cli.streams import note, say
-from massprop_drake.errors import InputError
+from massprop_drake.errors import InputError, moment
 from massprop_drake.inputs.model import validated
 from massprop_drake.inputs.record_map import RecordMap, load_map
 from massprop_drake.inputs.vehicle import Vehicle
@@ -141,7 +141,7 @@ def _table(understood: mapping.Mapped, rows: list[dict[str, Any]]) -> Table:
     table = Table(title="the first rows as they are understood", title_justify="left", header_style="bold")
     table.add_column("")
     for row in rows:
-        table.add_column(f"{row['time_s']:.6g} s", justify="right")
+        table.add_column(f"{moment(row['time_s'])} s", justify="right")
     for name, channel in understood.channels.items():
         for component in mapping.COMPONENTS[channel.kind]:
             values = [row["sensors"][name][component] for row in rows]

@@ -19,6 +19,7 @@ from rich.table import Table
 from rich.text import Text
 
 from massprop_drake.cli.streams import say, visible
+from massprop_drake.errors import moment
 from massprop_drake.inputs.campaign import CampaignSpec
 from massprop_drake.inputs.model import Key
 from massprop_drake.inputs.record_map import RecordMap
@@ -447,7 +448,7 @@ def about_telemetry(found: Mapping[str, Any], whose: Vehicle | None) -> str:
     """
     period = "" if found["period_s"] is None else f", {found['period_s']:.6g} s apart"
     parts = [f"telemetry{'' if whose is None else f' of {whose.name}'}, {found['rows']} rows{period}"]
-    parts[0] += f", from {found['first_s']:.6g} to {found['last_s']:.6g} s"
+    parts[0] += f", from {moment(found['first_s'])} to {moment(found['last_s'])} s"
     for key, words in (("gaps", "gaps"), ("late", "rows whose time does not go on"), ("ragged", "rows cut short")):
         if found[key]:
             parts.append(f"{found[key]} {words}")

@@ -22,6 +22,7 @@ says as a warning.
 from __future__ import annotations
 
 import hashlib
+import importlib.util
 import inspect
 import logging
 import os
@@ -203,6 +204,16 @@ def _gathered() -> None:
     from massprop_drake.maths.vehicle import reaction_jets, rigid_body, sensing, thrust  # noqa: F401, PLC0415
 
 
+def require_compiler() -> None:
+    """Checks that there is one.
+
+    Raises:
+        InputError: when numba is not there.
+    """
+    if importlib.util.find_spec("numba") is None:
+        raise InputError("execution.compiled: needs numba: pip install 'massprop-drake[fast]', or leave it out")
+
+
 @cache
 def compiler() -> Compiler:
     """Makes numba ready to compile kernels.
@@ -210,15 +221,12 @@ def compiler() -> Compiler:
     Raises:
         InputError: when it is not there.
     """
+    require_compiler()
     os.environ.setdefault("NUMBA_OPT", "1")  # more takes twice as long to compile, and gains nothing here
-    try:
-        import numba  # noqa: PLC0415 (optional, slow to load)
-        from numba import extending  # noqa: PLC0415
-        from numba.core import event  # noqa: PLC0415
-    except ImportError:
-        raise InputError(
-            "execution.compiled: needs numba: pip install 'massprop-drake[fast]', or leave it out"
-        ) from None
+    import numba  # noqa: PLC0415 (optional, slow to load)
+    from numba import extending  # noqa: PLC0415
+    from numba.core import event  # noqa: PLC0415
+
     warnings.simplefilter("ignore", numba.NumbaPerformanceWarning)  # of small matrices that are not contiguous
     _gathered()
     folder = _folder()
@@ -249,7 +257,12 @@ def _keeping(folder: Path | None) -> Iterator[None]:
 
 
 def have_been_compiled() -> bool:
-    """Whether there are compiled kernels already; numba need not be there."""
+    """Whether there are compiled kernels already.
+
+    Raises:
+        InputError: when numba is not there.
+    """
+    require_compiler()
     _gathered()
     return any(_place().rglob("*.nbi"))
 

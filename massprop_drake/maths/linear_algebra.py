@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from massprop_drake.errors import moment
 from massprop_drake.maths.kernels import idiom, kernel, numbers, rows3
 
 Array = NDArray[np.float64]
@@ -35,7 +36,7 @@ class NotPositiveDefiniteError(ArithmeticError):
     @property
     def headline(self) -> str:
         """Which matrix it is, and when it happened, in a line."""
-        when = "" if self.time_s is None else f" at t = {self.time_s:.6g} s"
+        when = "" if self.time_s is None else f" at t = {moment(self.time_s)} s"
         return f"{self.what} is not positive definite{when}"
 
     def at(self, time_s: float, where: str) -> NotPositiveDefiniteError:

@@ -81,6 +81,25 @@ def require_writable(target: Path, *, force: bool = False, reads: Iterable[str |
 
 
 @contextlib.contextmanager
+def reserved(target: Path, *, force: bool = False, reads: Iterable[str | Path] = ()) -> Iterator[Place]:
+    """What `require_writable` finds; folders above it that had to be made go again where nothing is written into them.
+
+    Args:
+        target, force, reads: as there.
+
+    Raises:
+        InputError: as there.
+    """
+    made = [folder for folder in Path(os.path.realpath(target)).parents if not folder.exists()]
+    try:
+        yield require_writable(target, force=force, reads=reads)
+    finally:
+        for folder in made:
+            with contextlib.suppress(OSError):  # it holds something
+                folder.rmdir()
+
+
+@contextlib.contextmanager
 def whole_folder(place: Place) -> Iterator[Path]:
     """Yields a folder to write into, which takes its place, with a manifest, once the block ends without an error.
 

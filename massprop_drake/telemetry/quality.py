@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from massprop_drake.errors import moment
 from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.vehicle import Accelerometer, SensorPackage
@@ -19,7 +20,7 @@ Array = NDArray[np.float64]
 
 _STUCK = 10.0  # quanta or 1-sigma that a reading must be predicted to change by before standing still counts
 _STUCK_SAMPLES = 5  # for which a reading must not change at all
-_JUMP_FACTOR, _JUMP_SIGMAS = 3.0, 10.0  # beyond what all jets together cause in a sample
+_JUMP_FACTOR, _JUMP_SIGMAS = 3.0, 10.0  # beyond what all jets together, and the vehicle's rate, cause in a sample
 _CLEAR = 5.0  # 1-sigma of an increment that a predicted one must exceed to tell the unit
 _FEWEST = 10  # samples that tell the unit
 _MOST = 4000  # samples whose slopes are kept, from the beginning: enough for their median
@@ -63,12 +64,15 @@ class _Package(NamedTuple):
         scale: quantum or 1-sigma of a reading, whichever is larger.
         increment_std: 1-sigma of an increment.
         each: size of the increments that each jet could cause in one sample, shape (n_jets, 3).
+        by_turning: size of what the vehicle's own rate could change a component by in one sample, over its square, s or
+            ft s or m s: dynamic coupling, and what turns the place of an accelerometer about the center of mass.
     """
 
     package: SensorPackage
     scale: float
     increment_std: float
     each: Array
+    by_turning: float
 
 
 class _Standing:
@@ -163,14 +167,17 @@ class QualityReport:
         self._accelerometers = [package.name for package in params.accelerometers(scenario)]
         wrenches = vehicle.wrenches * vehicle.sample_period_s
         turning = np.abs(self._turned(wrenches[:, :3], wrenches[:, 3:]))
+        moments = np.linalg.eigvalsh(nominal.inertia)
+        coupling = vehicle.sample_period_s * float((moments[-1] - moments[0]) / moments[0])
         self._packages = []
         for package in vehicle.sensors:
-            each = turning
+            each, by_turning = turning, coupling
             if isinstance(package, Accelerometer):
                 arm = np.array(package.position) - self._center
                 each = np.abs(self._moved(wrenches[:, :3], wrenches[:, 3:], arm))
+                by_turning = (vehicle.sample_period_s + coupling) * float(np.linalg.norm(arm))
             std = math.sqrt(package.variance)
-            self._packages.append(_Package(package, max(package.quantum, std), math.sqrt(2.0) * std, each))
+            self._packages.append(_Package(package, max(package.quantum, std), math.sqrt(2.0) * std, each, by_turning))
         names = vehicle.sensor_names()
         self._last = {name: np.full((1, 3), np.nan) for name in names}
         self._last_gap = True  # nothing before the first row
@@ -227,6 +234,7 @@ class QualityReport:
         missing: dict[str, NDArray[np.bool_]] = {}
         told = np.where(steady[:, None], commands > 0.0, False)
         increments, predicted, own = {}, {}, {}
+        speed = np.full(len(rows.time_s) + 1, np.inf)
         for entry in self._packages:
             package, name = entry.package, entry.package.name
             readings = np.vstack([self._last[name], rows.readings[name]])
@@ -236,6 +244,7 @@ class QualityReport:
                 predicted[name] = self._moved(clean_angular, clean_linear, arm)
             else:
                 predicted[name] = self._turned(clean_angular, clean_linear)
+                speed = np.fmin(speed, np.linalg.norm(readings, axis=1))
             at_limit = np.zeros(len(readings), dtype=bool)
             if package.range is not None:
                 at_limit = np.asarray((np.abs(readings) >= package.range * (1.0 - 1e-9)).any(axis=1))
@@ -249,13 +258,15 @@ class QualityReport:
             own[name] = np.stack([seen * meant, meant**2], axis=-1)
             self._last[name] = readings[-1:]
         answer = _Answer(own, told)
+        slower = np.fmin(speed[:-1], speed[1:])  # at either end of an interval: a spike is at one
+        slower[~np.isfinite(slower)] = 0.0
         for entry in self._packages:
             name = entry.package.name
             # where the jets have just changed, how fast thrust builds up decides: not counted
             counted = np.where(steady[:, None], predicted[name], 0.0)
             self._watch_standing(entry, rows.time_s, rows.readings[name], counted, answer)
             self._repeats[name].add(increments[name], np.asarray((np.abs(counted) >= _STUCK * entry.scale).any(axis=1)))
-            self._watch_jumps(entry, rows.time_s, increments[name])
+            self._watch_jumps(entry, rows.time_s, increments[name], slower)
             good = steady & ~missing[name] & ~saturated[name]
             self._watch_units(entry, (rows.time_s, told), increments[name], predicted[name], good)
         self._fired = self._fired + answer.silent.sum(axis=0)
@@ -350,8 +361,9 @@ class QualityReport:
         sensor = {"sensor": entry.package.name, "axis": AXES[axis]}
         self._stuck.append({**sensor, **stretch, "predicted_change": change})
 
-    def _watch_jumps(self, entry: _Package, time_s: Array, increments: Array) -> None:
-        limit = _JUMP_FACTOR * entry.each.sum(axis=0) + _JUMP_SIGMAS * entry.increment_std
+    def _watch_jumps(self, entry: _Package, time_s: Array, increments: Array, speed: Array) -> None:
+        caused = entry.each.sum(axis=0) + entry.by_turning * speed[:, None] ** 2
+        limit = _JUMP_FACTOR * caused + _JUMP_SIGMAS * entry.increment_std
         beyond = np.abs(increments) > limit  # NaN is not
         rows = np.flatnonzero(beyond.any(axis=1))
         if not rows.size:
@@ -548,7 +560,7 @@ class QualityReport:
             first = gaps["first"][0]
             found.append(
                 f"{_times(gaps['count'], 'gap')} in time, {gaps['longest_s']:.6g} s the longest, the first after "
-                f"{first['time_s']:.6g} s; estimates are kept over it"
+                f"{moment(first['time_s'])} s; estimates are kept over it"
             )
         period, nominal = quality["sample_period_s"], self._vehicle.sample_period_s
         if self._filter == "joint" and quality["jitter"]["count"]:
@@ -585,12 +597,12 @@ class QualityReport:
             found.append("the record has no accelerometer: the mass is not observable in it")
         for entry in quality["unanswered"][:_LISTED]:
             found.append(
-                f"{', '.join(entry['jets'])} told to fire from {entry['from_s']:.6g} to {entry['to_s']:.6g} s, but no "
+                f"{', '.join(entry['jets'])} told to fire {_during(entry)}, but no "
                 f"sensor shows it: jets that did not fire, not sensors that stood still"
             )
         for entry in quality["stuck"][:_LISTED]:
             found.append(
-                f"{entry['sensor']}_{entry['axis']} stands still from {entry['from_s']:.6g} to {entry['to_s']:.6g} s "
+                f"{entry['sensor']}_{entry['axis']} stands still {_during(entry)} "
                 f"while the jets commanded should change it by {entry['predicted_change']:.3g}"
             )
         if self._n_stuck > _LISTED:
@@ -607,7 +619,7 @@ class QualityReport:
         for name, jump in quality["jumps"].items():
             found.append(
                 f"{name} jumps {_times(jump['count'], 'time')} by more than all jets could cause in a sample, first at "
-                f"{jump['first_s']:.6g} s, the most {jump['largest']:.3g}"
+                f"{moment(jump['first_s'])} s, the most {jump['largest']:.3g}"
             )
         return found
 
@@ -659,6 +671,10 @@ def _looks_like(slope: float, guesses: tuple[tuple[float, str], ...]) -> str:
         return "; it looks like a wrong sign or wrong axes"
     factor, name = min(guesses, key=lambda guess: abs(math.log(slope / guess[0])))
     return f"; it looks like {name}" if abs(math.log(slope / factor)) < math.log(1.5) else ""
+
+
+def _during(entry: dict[str, Any]) -> str:
+    return f"from {moment(entry['from_s'])} to {moment(entry['to_s'])} s"
 
 
 def _times(count: int, noun: str) -> str:

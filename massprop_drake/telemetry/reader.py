@@ -18,7 +18,7 @@ from typing import IO, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_drake.errors import InputError
+from massprop_drake.errors import InputError, moment
 from massprop_drake.inputs.scenario import Scenario, filter_of, resolved, set_field
 from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.signals import AXES
@@ -360,7 +360,11 @@ class Reader:
             self._table.close()
         self._require_period(at_end=True)
         if not self.record.rows:
-            later = "" if self._after is None else f" later than {self._after.time_s:g} s, where the earlier run ended"
+            later = (
+                ""
+                if self._after is None
+                else f" later than {moment(self._after.time_s)} s, where the earlier run ended"
+            )
             raise InputError(f"{self.source}: has no usable row{later}; expected a row per sample")
 
     def _check_commands(self, block: Block) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import importlib.util
 import json
 import math
 import re
@@ -21,6 +22,7 @@ from conftest import REPOSITORY
 from massprop_drake import Run
 from massprop_drake.display import graphs
 from massprop_drake.inputs.yaml import to_yaml
+from massprop_drake.maths.kernels import compiler
 
 COMMANDS = ("list", "run", "estimate", "compare", "reproduce", "graph", "view", "report", "check")
 MANEUVER = "maneuver:\n  - {controller: rhc, axis: +x, start_s: 0.2, end_s: 1}\n"
@@ -324,6 +326,34 @@ def test_a_folder_that_cannot_be_written_is_refused(massprop: Massprop, argument
     _assert_refused(massprop(*arguments, "--out", "file"), "file: is a file; give a folder to write to")
     assert _everything(Path()) == ["file"]
     assert Path("file").read_text(encoding="utf-8") == "x"
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("run", "sample_maneuver", "--compiled"),
+        ("run", "sample_maneuver", "--set", "execution.compiled=true", "--out", "a/b/c"),
+        ("campaign", "run", "every_jet", "--compiled"),
+        ("campaign", "run", "every_jet", "--compiled", "--quiet"),
+    ],
+)
+def test_without_numba_nothing_is_begun_that_needs_it(
+    massprop: Massprop, monkeypatch: pytest.MonkeyPatch, arguments: tuple[str, ...]
+) -> None:
+    find = importlib.util.find_spec
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name, *of: None if name == "numba" else find(name, *of))
+    compiler.cache_clear()
+    _assert_refused(massprop(*arguments), "execution.compiled: needs numba: pip install 'massprop-drake[fast]'")
+    assert _everything(Path()) == []
+
+
+def test_a_folder_that_was_made_to_be_written_in_goes_again(massprop: Massprop) -> None:
+    Path("bad.csv").write_text("a,b\n", encoding="utf-8")
+    _assert_refused(massprop("estimate", "bad.csv", "--vehicle", "orbiter"), "bad.csv: no columns time_s")
+    assert _everything(Path()) == ["bad.csv"]
+    Path("mine").mkdir()
+    _assert_refused(massprop("estimate", "bad.csv", "--vehicle", "orbiter", "--out", "mine/a/b"), "bad.csv: no columns")
+    assert _everything(Path()) == ["bad.csv", "mine"]
 
 
 @pytest.mark.parametrize(

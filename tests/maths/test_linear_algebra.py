@@ -165,3 +165,8 @@ def test_covariance_tolerance_is_relative_to_a_unit_diagonal() -> None:
     assert is_covariance(slightly_above)
     assert not is_covariance(clearly_above)
     assert is_covariance(clearly_above, tolerance=1e-5)
+
+
+def test_late_times_are_told_to_a_hundredth() -> None:
+    for time_s, told in ((0.08, "0.08"), (1234.56, "1234.56"), (1000000.08, "1000000.08"), (1.0e6, "1000000")):
+        assert str(NotPositiveDefiniteError(-np.eye(2), time_s=time_s)).count(f"t = {told} s") == 1

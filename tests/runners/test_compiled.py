@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import builtins
 import gc
+import importlib.util
 import os
 import subprocess
 import sys
@@ -47,15 +47,9 @@ def test_bundles_for_compiled_code_hold_no_enumeration_members() -> None:
 
 
 def test_without_numba_it_is_said_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
-    load = builtins.__import__
-
-    def without(name: str, *rest: Any) -> Any:
-        if name.partition(".")[0] == "numba":
-            raise ImportError(name)
-        return load(name, *rest)
-
     kernels.compiler.cache_clear()
-    monkeypatch.setattr(builtins, "__import__", without)
+    find = importlib.util.find_spec
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name, *of: None if name == "numba" else find(name, *of))
     case = load_scenario("sample_maneuver", ["duration_s=1", "execution={engine: loop, compiled: true}"])
     with pytest.raises(InputError, match=r"execution\.compiled: needs numba: pip install 'massprop-drake\[fast\]'"):
         simulate(case)

@@ -29,6 +29,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from massprop_drake.errors import moment
 from massprop_drake.maths.arrays import Layout
 from massprop_drake.maths.attitude import rotation_matrix
 from massprop_drake.maths.kernels import kernel, numbers
@@ -65,7 +66,7 @@ class SpunUpError(ArithmeticError):
 
     def __init__(self, turns: float, time_s: float = math.nan):
         self.turns, self.time_s = turns, time_s
-        super().__init__(f"at t = {time_s:g} s the vehicle makes {turns:.3g} turns in a step")
+        super().__init__(f"at t = {moment(time_s)} s the vehicle makes {turns:.3g} turns in a step")
 
     def at(self, time_s: float) -> SpunUpError:
         """The same, with the time."""
@@ -83,7 +84,7 @@ class OutOfMassError(ArithmeticError):
 
     def __init__(self, left: float, wanted: float, time_s: float = math.nan):
         self.left, self.wanted, self.time_s = left, wanted, time_s
-        super().__init__(f"at t = {time_s:g} s the vehicle has a mass of {left:g} and its jets use {wanted:g}")
+        super().__init__(f"at t = {moment(time_s)} s the vehicle has a mass of {left:g} and its jets use {wanted:g}")
 
     def at(self, time_s: float) -> OutOfMassError:
         """The same, with the time."""

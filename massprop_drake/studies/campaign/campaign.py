@@ -14,6 +14,7 @@ from massprop_drake.errors import InputError
 from massprop_drake.inputs.campaign import CampaignSpec, campaign_from, load_campaign
 from massprop_drake.inputs.model import yaml_text
 from massprop_drake.inputs.yaml import Document, exists, read_text
+from massprop_drake.maths.kernels import require_compiler
 from massprop_drake.results.folder import resumable_folder
 from massprop_drake.studies.campaign import engine, store
 from massprop_drake.studies.campaign.plan import FLOWN, PlannedCase, case_name, planned
@@ -184,8 +185,8 @@ class Campaign:
             dashboard: called with the address of Dask's dashboard.
 
         Raises:
-            InputError: when the folder is taken, a case is not in the plan, or no worker can fly; what has been flown
-                until then is kept.
+            InputError: when the folder is taken, a case is not in the plan, what is to be compiled cannot be on this
+                machine, or no worker can fly; what has been flown until then is kept.
 
         The processes of a cluster on this machine load the program that calls this: its own doings must stand under
         `if __name__ == "__main__":`.
@@ -196,6 +197,8 @@ class Campaign:
         unknown = sorted(alone - {case.case_id for case in cases})
         if unknown:
             raise InputError(f"--only {unknown[0]}: the plan has cases 0 to {len(cases) - 1}")
+        if self.spec.base.execution.compiled and client is None and scheduler is None:
+            require_compiler()  # before anything is written
         with contextlib.ExitStack() as stack:
             if client is None and scheduler is not None:  # before anything is written
                 client = stack.enter_context(engine.remote_client(scheduler))
