@@ -21,6 +21,7 @@ Array = NDArray[np.float64]
 _STUCK = 10.0  # quanta or 1-sigma that a reading must be predicted to change by before standing still counts
 _STUCK_SAMPLES = 5  # for which a reading must not change at all
 _JUMP_FACTOR, _JUMP_SIGMAS = 3.0, 10.0  # beyond what all jets together, and the vehicle's rate, cause in a sample
+_CARRIED = 0.1  # of a predicted increment: what a turn changes an accelerometer's by, where that tells the unit
 _CLEAR = 5.0  # 1-sigma of an increment that a predicted one must exceed to tell the unit
 _FEWEST = 10  # samples that tell the unit
 _MOST = 4000  # samples whose slopes are kept, from the beginning: enough for their median
@@ -66,6 +67,7 @@ class _Package(NamedTuple):
         each: size of the increments that each jet could cause in one sample, shape (n_jets, 3).
         by_turning: size of what the vehicle's own rate could change a component by in one sample, over its square, s or
             ft s or m s: dynamic coupling, and what turns the place of an accelerometer about the center of mass.
+        carried: of that, what the latter does by itself.
     """
 
     package: SensorPackage
@@ -73,6 +75,7 @@ class _Package(NamedTuple):
     increment_std: float
     each: Array
     by_turning: float
+    carried: float
 
 
 class _Standing:
@@ -171,13 +174,16 @@ class QualityReport:
         coupling = vehicle.sample_period_s * float((moments[-1] - moments[0]) / moments[0])
         self._packages = []
         for package in vehicle.sensors:
-            each, by_turning = turning, coupling
+            each, by_turning, carried = turning, coupling, 0.0
             if isinstance(package, Accelerometer):
                 arm = np.array(package.position) - self._center
                 each = np.abs(self._moved(wrenches[:, :3], wrenches[:, 3:], arm))
-                by_turning = (vehicle.sample_period_s + coupling) * float(np.linalg.norm(arm))
+                carried = vehicle.sample_period_s * float(np.linalg.norm(arm))
+                by_turning = carried + coupling * float(np.linalg.norm(arm))
             std = math.sqrt(package.variance)
-            self._packages.append(_Package(package, max(package.quantum, std), math.sqrt(2.0) * std, each, by_turning))
+            self._packages.append(
+                _Package(package, max(package.quantum, std), math.sqrt(2.0) * std, each, by_turning, carried)
+            )
         names = vehicle.sensor_names()
         self._last = {name: np.full((1, 3), np.nan) for name in names}
         self._last_gap = True  # nothing before the first row
@@ -268,6 +274,7 @@ class QualityReport:
             self._repeats[name].add(increments[name], np.asarray((np.abs(counted) >= _STUCK * entry.scale).any(axis=1)))
             self._watch_jumps(entry, rows.time_s, increments[name], slower)
             good = steady & ~missing[name] & ~saturated[name]
+            good &= entry.carried * slower**2 <= _CARRIED * np.linalg.norm(predicted[name], axis=1)
             self._watch_units(entry, (rows.time_s, told), increments[name], predicted[name], good)
         self._fired = self._fired + answer.silent.sum(axis=0)
         self._sort_samples(signals, commands, gap, fresh, missing, saturated)

@@ -337,20 +337,16 @@ def test_what_is_wrong_with_a_record_is_told(failed_run: Run, failed_folder: Pat
 
 
 @pytest.mark.parametrize("spike", [False, True])
-def test_what_the_vehicles_own_rate_changes_is_no_jump(tmp_path: Path, spike: bool) -> None:
+def test_what_the_vehicles_own_rate_changes_is_no_jump_and_no_wrong_unit(tmp_path: Path, spike: bool) -> None:
     """A turn of 1.5 rad/s moves an accelerometer 60 ft off the axis by 10 ft/s in a sample, and more than all jets."""
-    turning = [
-        "plant.initial_rate=[0, 0, 1.5]",
-        "rotation={}",
-        "maneuver=[]",
-        "duration_s=4",
-        "estimation.filter=joint",
-    ]
+    turning = ["plant.initial_rate=[0, 0, 1.5]", "duration_s=8"]
     case = load_scenario("orbiter_maneuver", turning)
     folder = simulate(case).save(tmp_path / "run", pictures=False, report=False)
     change = _set("gyro_x", slice(20, 21), "9") if spike else _set("gyro_x", slice(0), "")
     run = estimate(_changed(folder, tmp_path / "log.csv", change), case)
-    assert run.summary["data_quality"]["jumps"].keys() == ({"gyro"} if spike else set())
+    quality = run.summary["data_quality"]
+    assert quality["jumps"].keys() == ({"gyro"} if spike else set())
+    assert not any("acc" in text and "changes by" in text for text in quality["warnings"])
 
 
 @pytest.mark.parametrize("rows_per_block", [1, 1024])
