@@ -157,6 +157,7 @@ def test_a_reading_counts_that_ought_to_have_moved() -> None:
     for off, spread, expected in ((0.4, 0.0, False), (0.6, 0.0, True), (-3.4, 1.0, False), (-3.6, 1.0, True)):
         now, _ = counted(counting, *_read([0.4, 5.6, np.nan], off, spread), every=False)
         assert now.components.tolist() == [expected, expected, False]
+        assert now.again.tolist()[:2] == [not expected] * 2  # that it has not moved is news
 
 
 def test_score_is_the_gaussian_of_what_is_counted() -> None:
@@ -502,7 +503,9 @@ def test_a_force_above_its_stated_thrust_is_as_rare_as_a_second_failure() -> Non
     assert cost(1.07, exact) == pytest.approx(screens.PAIR_PRIOR + 0.5 * 4.0**2)
     assert cost(-0.01, exact) == pytest.approx(0.5 * 2.0**2)
     for stated, force, expected in ((0.01, 1.03, 0.0), (0.01, 1.04, 2.0), (0.05, 1.15, 0.0), (0.05, 1.16, 2.0)):
-        assert cost(force, PARAMS._replace(thrust_sigma=stated)) == pytest.approx(expected, abs=1e-9)
+        params = PARAMS._replace(thrust_sigma=stated)
+        assert cost(force, params) == pytest.approx(expected, abs=1e-9)
+        np.testing.assert_allclose(screens.most_forces(params), max(1.05, 1.0 + 3.0 * stated) * params.thrusts)
 
 
 @pytest.mark.parametrize(
