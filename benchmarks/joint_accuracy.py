@@ -24,6 +24,7 @@ from massprop_drake.maths.estimation.filter import Told
 from massprop_drake.maths.estimation.filters import joint as filters
 from massprop_drake.maths.estimation.joint import bound, cycle
 from massprop_drake.maths.estimation.joint.thrust_scale import reported
+from massprop_drake.maths.estimation.joint.ticks import on_ticks
 from massprop_drake.signals import SYMBOLS
 
 Array = NDArray[np.float64]
@@ -90,7 +91,9 @@ def compared(scenario: Scenario, run: Run) -> Result:
         truth = bound.true_mean(run["truth"][row], run["rate"][row], errors, joint)
         made = filters.step(state, rates[row], velocities[row], told, of_filter)
         state, report = made.state, made.evidence.report
-        sample = cycle.Sample(time_s, period, command.reshape(1, -1), np.zeros(6), rates[row], velocities[row])
+        sample = cycle.Sample(
+            time_s, period, command.reshape(1, -1), np.zeros(6), rates[row], velocities[row], on_ticks()
+        )
         if row == 0:
             least = bound.start(sample, truth, joint)
             continue

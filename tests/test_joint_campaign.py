@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 from script_probe import script
 
+from massprop_drake import load_scenario, simulate
+
 
 @pytest.fixture(scope="module")
 def campaign() -> ModuleType:
@@ -80,3 +82,12 @@ def test_flights_that_end_far_off_are_told_whatever_was_said(
     assert "BEYOND" not in capsys.readouterr().out
     campaign.report("payload", [result(3, -6.1, "consistent"), result(4, 7.0, "inconsistent")])
     assert "BEYOND 6 SIGMA 2, of these called consistent 1: 3 4" in capsys.readouterr().out
+
+
+def test_the_bound_lies_beside_what_was_estimated() -> None:
+    accuracy = script(Path(__file__).parents[1] / "benchmarks" / "joint_accuracy.py")
+    case = load_scenario("orbiter_maneuver", ["duration_s=16", "execution.engine=loop"])
+    found = accuracy.compared(case, simulate(case))
+    assert np.isfinite(found.bounds).all()
+    assert np.abs(found.bounds).max() < 6.0
+    assert np.abs(found.sigmas).max() < 6.0

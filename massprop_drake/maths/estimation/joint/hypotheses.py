@@ -39,7 +39,7 @@ import numpy as np
 from massprop_drake.maths.estimation.joint.covariance import compressed
 from massprop_drake.maths.estimation.joint.cycle import Report, Sample, restart, step
 from massprop_drake.maths.estimation.joint.guard import unguarded
-from massprop_drake.maths.estimation.joint.layout import CENTER, N_PROPERTIES, JointParams, JointState
+from massprop_drake.maths.estimation.joint.layout import CENTER, MASS, N_PROPERTIES, JointParams, JointState
 from massprop_drake.maths.estimation.joint.measurement import rebased
 from massprop_drake.maths.estimation.joint.sensitivity import Link, smeared
 from massprop_drake.maths.linear_algebra import Array
@@ -343,7 +343,8 @@ def jump_sigma(params: JointParams, share: float) -> Array:
     """What a jump of the mass properties adds to the 1-sigma of the ten parameters, in quadrature, shape (10,).
 
     A payload of some share of the vehicle's mass, as far from the center of mass as the jets are: that much of the
-    uncertainty of a start from zero, but of the center of mass the share of that distance, equally in every direction.
+    uncertainty of a start from zero, but of the center of mass the share of that distance, equally in every direction;
+    and of the mass always the largest share, since a heavy payload near the center of mass shifts little else.
 
     Args:
         params: see `JointParams`.
@@ -351,6 +352,7 @@ def jump_sigma(params: JointParams, share: float) -> Array:
     """
     sigma = share * params.increment_sigma
     sigma[CENTER] = share * params.arm / np.sqrt(3.0)
+    sigma[MASS] = JUMP_SHARES[0] * params.increment_sigma[MASS]
     return sigma
 
 

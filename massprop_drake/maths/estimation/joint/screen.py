@@ -377,8 +377,8 @@ def contenders(screen: Screen, allowed: np.ndarray, known: Array, params: JointP
             tried = (*(best.at_onsets if best is not None else ()), (contender.onset, contender.lead))
             better = contender if best is None or contender.lead > best.lead + _kept(screen, best) else best
             found[contender.cause] = better._replace(at_onsets=tried)
-    scales = np.array(JUMP_SHARES) / JUMP_SHARES[0]
-    variances = np.repeat(scales.reshape(-1, 1) ** 2, N_PROPERTIES, axis=1)
+    sigmas = np.array([jump_sigma(params, share) for share in JUMP_SHARES])
+    variances = (sigmas / sigmas[0]) ** 2
     lead, _, _ = explained(screen.jump_information, screen.jump_projection, variances)
     likeliest = int(np.argmax(lead))
     jump = Contender(Cause(Kind.JUMP), screen.began, float(lead[likeliest]), share=JUMP_SHARES[likeliest])
