@@ -104,11 +104,6 @@ class Screen(NamedTuple):
         return self.cycle - len(self.counted)
 
     @property
-    def jets(self) -> int:
-        """How many there are."""
-        return self.acting.shape[2] // 3
-
-    @property
     def single(self) -> bool:
         """Whether it is about single jets alone."""
         return self.information.ndim == _BLOCKS
@@ -375,7 +370,7 @@ def contenders(screen: Screen, allowed: np.ndarray, known: Array, params: JointP
         for contender in (*singles, *both, *lies):
             best = found.get(contender.cause)
             tried = (*(best.at_onsets if best is not None else ()), (contender.onset, contender.lead))
-            better = contender if best is None or contender.lead > best.lead + _kept(screen, best) else best
+            better = contender if best is None or contender.lead > best.lead + _kept(screen, best, params) else best
             found[contender.cause] = better._replace(at_onsets=tried)
     sigmas = np.array([jump_sigma(params, share) for share in JUMP_SHARES])
     variances = (sigmas / sigmas[0]) ** 2
@@ -385,7 +380,7 @@ def contenders(screen: Screen, allowed: np.ndarray, known: Array, params: JointP
     return sorted([*found.values(), jump], key=lambda contender: -contender.lead)
 
 
-def _kept(screen: Screen, at: Contender) -> float:
+def _kept(screen: Screen, at: Contender, params: JointParams) -> float:
     """Nats by which a later onset has to explain more than an earlier one.
 
     A jet that is not told to fire has nothing to lose: such an onset stands for all since it last fired, and needs no
@@ -393,7 +388,7 @@ def _kept(screen: Screen, at: Contender) -> float:
     from the impulse of a jet that is told to fire in no other.
     """
     cause, index = at.cause, screen.onsets.index(at.onset)
-    lost = [screen.acting[index, 0, screen.jets + jet] for jet in cause.jets]
+    lost = [screen.acting[index, 0, params.places.jets + jet] for jet in cause.jets]
     return _HAD_NOTHING if max(cause.signs, default=1) < 0 and max(lost) < _FIRES else 0.0
 
 
