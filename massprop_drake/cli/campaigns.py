@@ -102,10 +102,10 @@ def run(
         f"cases flown so far are kept in {target}/; the same command with --resume goes on from there",
     )
     _advise(chosen, quiet=quiet)
-    if chosen.spec.base.execution.compiled and scheduler is None:
-        from massprop_drake.maths.kernels import have_been_compiled
+    if chosen.spec.base.execution.compiled and not quiet and scheduler is None:
+        from massprop_drake.maths.kernels import has_compiler, have_been_compiled
 
-        if not have_been_compiled() and not quiet:
+        if has_compiler() and not have_been_compiled():
             note("kernels are compiled by each worker for its first case, which takes a minute or two, once")
     shown = not (as_json or quiet)
     with Progress(f"flying {chosen.spec.file.name}", 1.0, shown=shown) as progress:

@@ -204,13 +204,18 @@ def _gathered() -> None:
     from massprop_drake.maths.vehicle import reaction_jets, rigid_body, sensing, thrust  # noqa: F401, PLC0415
 
 
+def has_compiler() -> bool:
+    """Whether there is one."""
+    return importlib.util.find_spec("numba") is not None
+
+
 def require_compiler() -> None:
     """Checks that there is one.
 
     Raises:
         InputError: when numba is not there.
     """
-    if importlib.util.find_spec("numba") is None:
+    if not has_compiler():
         raise InputError("execution.compiled: needs numba: pip install 'massprop-drake[fast]', or leave it out")
 
 
@@ -219,14 +224,16 @@ def compiler() -> Compiler:
     """Makes numba ready to compile kernels.
 
     Raises:
-        InputError: when it is not there.
+        InputError: when it is not there, or cannot be loaded.
     """
     require_compiler()
     os.environ.setdefault("NUMBA_OPT", "1")  # more takes twice as long to compile, and gains nothing here
-    import numba  # noqa: PLC0415 (optional, slow to load)
-    from numba import extending  # noqa: PLC0415
-    from numba.core import event  # noqa: PLC0415
-
+    try:
+        import numba  # noqa: PLC0415 (optional, slow to load)
+        from numba import extending  # noqa: PLC0415
+        from numba.core import event  # noqa: PLC0415
+    except ImportError as error:
+        raise InputError(f"execution.compiled: numba cannot be loaded: {error}") from None
     warnings.simplefilter("ignore", numba.NumbaPerformanceWarning)  # of small matrices that are not contiguous
     _gathered()
     folder = _folder()

@@ -90,13 +90,17 @@ def reserved(target: Path, *, force: bool = False, reads: Iterable[str | Path] =
     Raises:
         InputError: as there.
     """
-    made = [folder for folder in Path(os.path.realpath(target)).parents if not folder.exists()]
+    with _told(target):
+        made = [folder for folder in _found(target).parents if not os.path.lexists(folder)]
+    place = require_writable(target, force=force, reads=reads)
+    touched = place.path.parent.stat().st_mtime_ns
     try:
-        yield require_writable(target, force=force, reads=reads)
+        yield place
     finally:
-        for folder in made:
-            with contextlib.suppress(OSError):  # it holds something
-                folder.rmdir()
+        with contextlib.suppress(OSError):  # it holds something, or is gone
+            if place.path.parent.stat().st_mtime_ns == touched:  # else somebody has checked a place in it since
+                for folder in made:
+                    folder.rmdir()
 
 
 @contextlib.contextmanager

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_drake.errors import InputError
+from massprop_drake.errors import InputError, moment
 from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import Scenario, load_scenario
 from massprop_drake.inputs.vehicle import MassPropertiesModel, Vehicle
@@ -202,8 +202,8 @@ class _Twin:
                 after, _ = cycle.step(self._state, told, self._sample, (coming, row), self._truth)
             except (OutOfMassError, SpunUpError) as error:
                 raise InputError(
-                    f"{self._source}: its vehicle cannot fly the record's commands: at t = {time_s[row]:.6g} s it runs "
-                    "out of mass or makes more than a turn in a sample; give a run of the vehicle of the record"
+                    f"{self._source}: its vehicle cannot fly the record's commands: at t = {moment(time_s[row])} s it "
+                    "runs out of mass or makes more than a turn in a sample; give a run of the vehicle of the record"
                 ) from error
             self._state = after._replace(memories=memories)
             self._sample += 1

@@ -13,7 +13,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_drake.errors import InputError
+from massprop_drake.errors import InputError, moment
 from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.maths.autopilot.jet_selection import activity_vectors
@@ -151,16 +151,16 @@ def _scenario_to_blame(scenario: Scenario) -> Iterator[None]:
         yield
     except OutOfMassError as error:
         vehicle = scenario.vehicle_data
-        unit = vehicle.unit_names["mass"]
+        unit, when = vehicle.unit_names["mass"], moment(error.time_s)
         raise InputError(
-            f"scenario '{scenario.name}': at t = {error.time_s:.6g} s the vehicle runs out of mass: {error.left:.6g} "
+            f"scenario '{scenario.name}': at t = {when} s the vehicle runs out of mass: {error.left:.6g} "
             f"{unit} are left, and its jets are about to use {error.wanted:.6g} {unit}; check the mass, and thrust and "
             "specific impulse of the jets, or set plant.depletion to false"
         ) from error
     except SpunUpError as error:
         raise InputError(
-            f"scenario '{scenario.name}': at t = {error.time_s:.6g} s the vehicle makes {error.turns:.3g} turns in a "
-            "sample, which nothing could follow; check thrust, inertia, failures and initial rate, or end it sooner"
+            f"scenario '{scenario.name}': at t = {moment(error.time_s)} s the vehicle makes {error.turns:.3g} turns in "
+            "a sample, which nothing could follow; check thrust, inertia, failures and initial rate, or end it sooner"
         ) from error
     except NotPositiveDefiniteError as error:
         raise InputError(

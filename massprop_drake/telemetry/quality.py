@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 _STUCK = 10.0  # quanta or 1-sigma that a reading must be predicted to change by before standing still counts
 _STUCK_SAMPLES = 5  # for which a reading must not change at all
 _JUMP_FACTOR, _JUMP_SIGMAS = 3.0, 10.0  # beyond what all jets together, and the vehicle's rate, cause in a sample
-_CARRIED = 0.1  # of a predicted increment: what a turn changes an accelerometer's by, where that tells the unit
+_TURNED = 0.1  # of a predicted increment: what a turn may change a reading by, where that tells a wrong unit
 _CLEAR = 5.0  # 1-sigma of an increment that a predicted one must exceed to tell the unit
 _FEWEST = 10  # samples that tell the unit
 _MOST = 4000  # samples whose slopes are kept, from the beginning: enough for their median
@@ -67,7 +67,6 @@ class _Package(NamedTuple):
         each: size of the increments that each jet could cause in one sample, shape (n_jets, 3).
         by_turning: size of what the vehicle's own rate could change a component by in one sample, over its square, s or
             ft s or m s: dynamic coupling, and what turns the place of an accelerometer about the center of mass.
-        carried: of that, what the latter does by itself.
     """
 
     package: SensorPackage
@@ -75,7 +74,22 @@ class _Package(NamedTuple):
     increment_std: float
     each: Array
     by_turning: float
-    carried: float
+
+
+class _Ratio(NamedTuple):
+    """By how much a reading changed in a sample, in what was predicted of it.
+
+    Attributes:
+        ratio: of both.
+        time_s: of the sample.
+        fired: jets that were told to fire, shape (n_jets,).
+        turned: what the vehicle's turn may have changed the reading by, in what was predicted.
+    """
+
+    ratio: float
+    time_s: float
+    fired: Array
+    turned: float
 
 
 class _Standing:
@@ -174,16 +188,13 @@ class QualityReport:
         coupling = vehicle.sample_period_s * float((moments[-1] - moments[0]) / moments[0])
         self._packages = []
         for package in vehicle.sensors:
-            each, by_turning, carried = turning, coupling, 0.0
+            each, by_turning = turning, coupling
             if isinstance(package, Accelerometer):
                 arm = np.array(package.position) - self._center
                 each = np.abs(self._moved(wrenches[:, :3], wrenches[:, 3:], arm))
-                carried = vehicle.sample_period_s * float(np.linalg.norm(arm))
-                by_turning = carried + coupling * float(np.linalg.norm(arm))
+                by_turning = (vehicle.sample_period_s + coupling) * float(np.linalg.norm(arm))
             std = math.sqrt(package.variance)
-            self._packages.append(
-                _Package(package, max(package.quantum, std), math.sqrt(2.0) * std, each, by_turning, carried)
-            )
+            self._packages.append(_Package(package, max(package.quantum, std), math.sqrt(2.0) * std, each, by_turning))
         names = vehicle.sensor_names()
         self._last = {name: np.full((1, 3), np.nan) for name in names}
         self._last_gap = True  # nothing before the first row
@@ -196,7 +207,7 @@ class QualityReport:
         self._repeats = {name: _Repeats() for name in names}
         self._saturated = dict.fromkeys(names, 0)
         self._jumps: dict[str, dict[str, Any]] = {}
-        self._ratios: dict[str, list[tuple[float, float, Array]]] = {name: [] for name in names}
+        self._ratios: dict[str, list[_Ratio]] = {name: [] for name in names}
         self._weighs = params.weighs(scenario)
         filters = ["rotation", *(["mass"] if self._weighs else [])]
         self._filter, self._at_stamps = scenario.estimation.filter, scenario.joint.switching == "stamps"
@@ -274,8 +285,7 @@ class QualityReport:
             self._repeats[name].add(increments[name], np.asarray((np.abs(counted) >= _STUCK * entry.scale).any(axis=1)))
             self._watch_jumps(entry, rows.time_s, increments[name], slower)
             good = steady & ~missing[name] & ~saturated[name]
-            good &= entry.carried * slower**2 <= _CARRIED * np.linalg.norm(predicted[name], axis=1)
-            self._watch_units(entry, (rows.time_s, told), increments[name], predicted[name], good)
+            self._watch_units(entry, (rows.time_s, told, slower), increments[name], predicted[name], good)
         self._fired = self._fired + answer.silent.sum(axis=0)
         self._sort_samples(signals, commands, gap, fresh, missing, saturated)
         if "tested" in signals:
@@ -383,7 +393,7 @@ class QualityReport:
     def _watch_units(
         self,
         entry: _Package,
-        when: tuple[Array, NDArray[np.bool_]],
+        when: tuple[Array, NDArray[np.bool_], Array],
         increments: Array,
         predicted: Array,
         rows: NDArray[np.bool_],
@@ -393,7 +403,8 @@ class QualityReport:
         kept = self._ratios[entry.package.name]
         if clear.any() and len(kept) < _MOST:
             ratios = (increments[clear] * predicted[clear]).sum(axis=1) / size[clear]
-            found = zip(ratios.tolist(), when[0][clear].tolist(), when[1][clear], strict=True)
+            turned = entry.by_turning * when[2][clear] ** 2 / np.sqrt(size[clear])
+            found = map(_Ratio, ratios.tolist(), when[0][clear].tolist(), when[1][clear], turned.tolist())
             kept.extend(list(found)[: _MOST - len(kept)])
 
     def _sort_samples(
@@ -438,6 +449,22 @@ class QualityReport:
 
     # --------------------------------------------------------------------------------- finishing
 
+    def _telling(self, package: SensorPackage, units: Mapping[str, Mapping[str, Any]]) -> list[_Ratio]:
+        """What tells a package's unit: where it seems to be wrong, samples alone in which a turn changes little.
+
+        Args:
+            package: a gyro, or an accelerometer after those.
+            units: of the gyros: how fast it turns is read in the unit that they seem to have.
+        """
+        kept = self._ratios[package.name]
+        if not kept or _plausible(own := float(np.median([each.ratio for each in kept]))):
+            return kept
+        slopes = (
+            [own] if package.name in self._gyros else [units[name]["slope"] for name in self._gyros if name in units]
+        )
+        larger = max((slope for slope in slopes if slope > _UNIT_LIMIT), default=1.0)  # than it is in its unit
+        return [each for each in kept if each.turned <= _TURNED * larger**2]
+
     def finished(self, record: Record, ragged: tuple[int, int, bool], failed_s: float = math.inf) -> dict[str, Any]:
         """Composes the content of `data_quality`.
 
@@ -452,16 +479,16 @@ class QualityReport:
                 self._note_standing(entry, axis, standing, self._fired)
         units: dict[str, dict[str, Any]] = {}
         for entry in self._packages:
-            kept = self._ratios[entry.package.name]
+            kept = self._telling(entry.package, units)
             if len(kept) < _FEWEST:
                 continue
-            ratios, times = np.array([ratio for ratio, _, _ in kept]), np.array([time for _, time, _ in kept])
+            ratios, times = np.array([each.ratio for each in kept]), np.array([each.time_s for each in kept])
             slope = units[entry.package.name] = {"slope": float(np.median(ratios)), "samples": len(kept)}
             before = ratios[times < failed_s]
             if not _plausible(slope["slope"]) and before.size >= _FEWEST and _plausible(float(np.median(before))):
                 slope |= {"slope_before_failure": float(np.median(before))}
             elif not _plausible(slope["slope"]):
-                jets = _to_blame(ratios, np.array([fired for _, _, fired in kept]))
+                jets = _to_blame(ratios, np.array([each.fired for each in kept]))
                 slope |= {"jets": [self._vehicle.designations[jet] for jet in jets]} if jets else {}
         quality: dict[str, Any] = {
             "rows": record.rows,

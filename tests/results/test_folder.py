@@ -22,6 +22,7 @@ from massprop_drake.results.folder import (
     is_ours,
     require_files,
     require_writable,
+    reserved,
     resumable_folder,
     whole_folder,
     write_files,
@@ -99,6 +100,23 @@ def test_a_full_disk_is_told(tmp_path: Path) -> None:
     ):
         raise OSError(28, "No space left on device")
     assert _names(tmp_path) == set()
+
+
+def test_a_folder_that_was_made_stays_where_somebody_else_is_about_to_write(tmp_path: Path) -> None:
+    with reserved(tmp_path / "new" / "runs" / "a"):
+        pass
+    assert _names(tmp_path) == set()
+    with reserved(tmp_path / "runs" / "a"):
+        other = require_writable(tmp_path / "runs" / "b")
+    with whole_folder(other) as partial:
+        (partial / "there").touch()
+    assert (tmp_path / "runs" / "b" / "there").exists()
+
+
+def test_a_place_that_cannot_be_looked_at_is_told(tmp_path: Path) -> None:
+    for name, words in (("x" * 300, "cannot be written: File name too long"), ("a\0b", "no file can have this name")):
+        with pytest.raises(InputError, match=words), reserved(tmp_path / name / "b"):
+            pass
 
 
 def test_a_place_is_checked_without_leaving_anything(tmp_path: Path) -> None:

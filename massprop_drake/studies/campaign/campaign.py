@@ -197,7 +197,8 @@ class Campaign:
         unknown = sorted(alone - {case.case_id for case in cases})
         if unknown:
             raise InputError(f"--only {unknown[0]}: the plan has cases 0 to {len(cases) - 1}")
-        if self.spec.base.execution.compiled and client is None and scheduler is None:
+        here = self.spec.base.execution.compiled and client is None and scheduler is None
+        if here and not resume:
             require_compiler()  # before anything is written
         with contextlib.ExitStack() as stack:
             if client is None and scheduler is not None:  # before anything is written
@@ -214,6 +215,8 @@ class Campaign:
                 done = store.flown_ids(path)
             todo = [case for case in cases if (case.case_id in alone if alone else case.case_id not in done)]
             if todo:
+                if here:
+                    require_compiler()
                 client = client or stack.enter_context(
                     engine.local_client(min(workers or len(os.sched_getaffinity(0)), len(todo)))
                 )

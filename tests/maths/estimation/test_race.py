@@ -801,7 +801,7 @@ def test_at_last_cells_alone_tell_who_is_in_a_group() -> None:
     now = race(one, other)._replace(triggered=NOW + 1 - decision.LAST)
     standing = races.standings(now, [contender(leak(0, 1), 100.0), contender(leak(0, 2), 110.0)], PARAMS)
     found = decision.decided(now, standing, True, decision.Rules(), PARAMS)
-    assert found.outcome == decision.Outcome.GROUP
+    assert found.outcome == decision.Outcome.JETS  # others may be followed beside it
     assert found.winner is not None
     assert found.winner.contender.cause == leak(0, 1)
     assert not found.group

@@ -18,8 +18,8 @@ set of jets, in nats, and cycles counted from the alarm:
              leave no more than a hundredth of the misfit; announced if settled and L_J - L_0 > 100, else an increment
     nothing  L_0 leads after 12 cycles, or is within 8 after 75; and fits
 
-and what is still open after 250 cycles is a group of however many, or unexplained: by cells alone, which explain that
-many readings by a hundred nats better than noise does, and than what the first order leaves out.
+and what is still open after 250 cycles is named, alone or as a group of however many, or unexplained: of filters by
+cells alone, which explain that many readings by a hundred nats better than noise, and than what the first order leaves.
 
 A hypothesis *fits* whose NIS is at most 6 standard deviations above its expectation, and which since its onset has not
 made white noise likelier than the cells of the readings by 6 nats (`hypotheses`). Over one that is compared only to
@@ -456,5 +456,5 @@ def _at_last(standing: list[Standing], rules: Rules, nothing_fits: bool) -> Deci
     near = tuple(each.contender for each in standing if each is not best and best.odds - each.odds < rules.lead)
     alternatives = _alternatives((best.contender, *near), rules, most=len(near) + 1)
     if best is standing[0] and best.contender.cause.kind == Kind.JETS and (alternatives or not near):
-        return Decision(Outcome.GROUP, best, near, alternatives)
+        return Decision(Outcome.GROUP if near else Outcome.JETS, best, near, alternatives)
     return Decision(Outcome.UNEXPLAINED, best)

@@ -136,7 +136,7 @@ class Contender(NamedTuple):
         lead: L above that of no failure, nats.
         force, sigma: of each failed jet, lbf or N.
         kicks: 1-sigma of the impulse of each in the first and in the second interval, in intervals of force, lbf or N.
-        share: of the start's uncertainty that a jump brings.
+        share: of what a jump brings, see `jump_sigma`.
         at_onsets: onsets at which it is possible to first order, and its lead at each.
     """
 
@@ -385,7 +385,8 @@ def _kept(screen: Screen, at: Contender, params: JointParams) -> float:
 
     A jet that is not told to fire has nothing to lose: such an onset stands for all since it last fired, and needs no
     impulse in the first interval in which it is told to. Were that taken for the onset, nobody could tell the force
-    from the impulse of a jet that is told to fire in no other.
+    from the impulse of a jet that is told to fire in no other. Of onsets that stand for several intervals it is not
+    known what a jet was told in each.
     """
     cause, index = at.cause, screen.onsets.index(at.onset)
     lost = [screen.acting[index, 0, params.places.jets + jet] for jet in cause.jets]
