@@ -9,6 +9,7 @@ from scipy.stats import chi2
 
 from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.maths.estimation.joint.cycle import Sample, initial
+from massprop_drake.maths.estimation.joint.hypotheses import Counted
 from massprop_drake.maths.estimation.joint.layout import JointParams, JointState, make_places
 from massprop_drake.maths.estimation.joint.prediction import RateRead
 from massprop_drake.maths.estimation.joint.ticks import on_ticks
@@ -137,6 +138,11 @@ def vehicle_params(vehicle: Vehicle, *, lag: bool, start: str = "zero", **change
             **changed,
         }
     )
+
+
+def all_of(number: int, *, counts: bool = True, again: bool = False) -> Counted:
+    """All components, or none of them."""
+    return Counted(np.full(number, counts), np.full(number, again))
 
 
 def central_differences(function: Any, at: Array, steps: Array) -> Array:

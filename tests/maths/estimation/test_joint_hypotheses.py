@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from joint_probe import small_params
+from joint_probe import all_of, small_params
 from scipy.stats import chi2, norm
 from test_joint_bank import Flight, flight, ready
 
@@ -82,11 +82,6 @@ def run_of(flown: Flight, run: Runner, params: JointParams = QUIET) -> Runner:
     for cycle in range(run.cycle, len(flown.links)):
         run = stepped(run, flown.samples[cycle], flown.links[cycle], all_of(12), NONE, params)
     return run
-
-
-def all_of(number: int, *, counts: bool = True, again: bool = False) -> Counted:
-    """All components, or none of them."""
-    return Counted(np.full(number, counts), np.full(number, again))
 
 
 def _read(read: list[float], off: float = 0.0, spread: float = 0.0) -> tuple[Link, JointParams]:

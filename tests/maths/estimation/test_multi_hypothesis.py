@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from joint_probe import PERIOD, small_params, some_sample, some_state, unread
+from joint_probe import PERIOD, all_of, small_params, some_sample, some_state, unread
 
 from massprop_drake.maths.estimation.detectors import hypotheses
 from massprop_drake.maths.estimation.detectors import multi_hypothesis as detector
@@ -26,7 +26,6 @@ from massprop_drake.maths.estimation.joint.hypotheses import (
     FIT,
     NO_SCORE,
     Cause,
-    Counted,
     Kind,
     Runner,
     Score,
@@ -318,7 +317,7 @@ def test_until_a_jump_happens_nothing_has() -> None:
     race, history, quiet = flown.state.race, flown.state.history, without_increments(flown.params.joint)
     onset = race.screen.began
     run = Runner(Cause(Kind.JUMP), onset, (), onset, race.states[0], NO_SCORE, False)
-    sample, counts = history.at(onset + 1).sample, Counted(np.ones(12, dtype=bool), np.zeros(12, dtype=bool))
+    sample, counts = history.at(onset + 1).sample, all_of(12)
     likely, unlikely = Score(1e6, 1e6, 1.0, 3.0), Score(-1e6, -1e6, 1.0, 3.0)
     assert jumping(run, sample, likely, counts, quiet).score == likely
     assert jumping(run, sample, unlikely, counts, quiet).score.degrees == 12.0

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from joint_probe import small_params, some_state
+from joint_probe import all_of, small_params, some_state
 
 from massprop_drake.maths.estimation.detectors import multi_hypothesis
 from massprop_drake.maths.estimation.joint import bank as banks
@@ -17,7 +17,6 @@ from massprop_drake.maths.estimation.joint.hypotheses import (
     JUMP_SHARES,
     NO_SCORE,
     Cause,
-    Counted,
     Kind,
     Runner,
     Score,
@@ -55,9 +54,6 @@ def running(
     root = 1e-3 * np.eye(state.root.shape[0])
     score = Score(likelihood, likelihood if cells is None else cells, nis, 12.0)
     return Runner(cause, ONSET, (), cycle, state._replace(mean=mean, root=root), score, False)
-
-
-EVERY = Counted(np.ones(12, dtype=np.bool_), np.zeros(12, dtype=np.bool_))
 
 
 def race(*runs: Runner, leading: tuple[Contender, ...] = ()) -> Race:
@@ -139,7 +135,7 @@ def test_filters_at_the_present_stay_there_before_others_catch_up(monkeypatch: p
     monkeypatch.setattr(races, "stepped", one_more)
     monkeypatch.setattr(History, "at", lambda *_: races.Record(None, None))  # type: ignore[arg-type]
     now = race(running(leak(0), cycle=NOW - 6), running(leak(1), cycle=NOW - 1))
-    now = now._replace(screen=now.screen._replace(counted=(EVERY,) * NOW))
+    now = now._replace(screen=now.screen._replace(counted=(all_of(12),) * NOW))
     found, left = races.stepped_on(now, 3, History(NOW, ()), np.zeros(2), PARAMS)
     assert [run.cycle for run in found.runs] == [NOW - 4, NOW]
     assert left == 0
@@ -155,7 +151,7 @@ def test_a_hypothesis_whose_filter_comes_to_nothing_leaves_the_race(monkeypatch:
 
     monkeypatch.setattr(races, "stepped", lost)
     now = race(running(leak(0), cycle=NOW - 1), running(leak(1), cycle=NOW - 1))
-    now = now._replace(screen=now.screen._replace(counted=(EVERY,) * NOW))
+    now = now._replace(screen=now.screen._replace(counted=(all_of(12),) * NOW))
     history = History(NOW, tuple(races.Record(None, None) for _ in range(NOW)))  # type: ignore[arg-type]
     found, _ = races.stepped_on(now, 8, history, np.zeros(2), PARAMS)
     assert causes(found) == [leak(1)]
