@@ -57,13 +57,14 @@ def racing(one: Member, cycles: int, fits: bool = False) -> Member:
     return one._replace(method=one.method._replace(race=race), settled=0)
 
 
-def judged(*each: Member, said: bool = True, cycles: int = 0) -> dut.Followed:
-    """What becomes of a cycle; the group has been said, or not."""
+def judged(*each: Member, said: bool = True, cycles: int = 0, also: tuple[Member, ...] = ()) -> dut.Followed:
+    """What becomes of a cycle; the group has been said, or not, and others have been followed before."""
     found = Judged(each[0].method, None, None, (), Status())
     groups = frozenset({frozenset({(0, 1), (1, 1)})} if said else ())
     counting = Counting(np.zeros(12), np.zeros(12))
     params = multi_hypothesis.HypothesisParams(PARAMS)
-    return dut._compared(found, Members(each, counting, groups, cycles), params)
+    tried = dut._first_of_groups((*each, *also))
+    return dut._compared(found, Members(each, counting, groups, cycles, tried), params)
 
 
 def words(found: dut.Followed) -> list[tuple[int, tuple[int, ...]]]:
@@ -208,11 +209,34 @@ def test_what_nothing_settles_is_a_group_of_those_that_are_left(
     assert found.members == Members()
 
 
+def test_who_has_never_been_followed_stays_in_the_group() -> None:
+    """Nothing has spoken against it: so said at the end, and not before."""
+    for settled, told in ((25, [(Word.GROUP, (0, 1))]), (24, [])):
+        assert words(judged(member(0, settled=settled), undecided(0), said=False)) == told
+    found = judged(member(0, settled=24), undecided(0), said=False, also=(member(1),))
+    assert words(found) == [(Word.FAILED, (0,))]
+
+
+def test_who_has_been_followed_is_remembered(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also who is the same as one that is followed already."""
+    first, other = member(0), member(1)
+    monkeypatch.setattr(dut, "_beside", lambda *_: (other,))
+    monkeypatch.setattr(multi_hypothesis, "judge", lambda state, *_: Judged(state, None, None, (), Status()))
+    sample = some_sample(PARAMS)
+    evidence = JointEvidence(STATE, *step(STATE, sample, PARAMS), sample, False)
+    params = multi_hypothesis.HypothesisParams(PARAMS)
+    for each in ((first,), (first, other._replace(groups=()))):
+        counting = Counting(np.zeros(12), np.zeros(12))
+        after = dut.follow(Members(each, counting), first.method, evidence, params)
+        group = ways_of(group_of(0, 1))
+        assert after.members.tried == {(group, (1, 1))}
+
+
 def test_what_is_agreed_on_is_said_while_another_group_is_followed() -> None:
     """And nobody speaks of it again."""
     second = group_of(2, 3)
     both = [one._replace(groups=(*one.groups, second)) for one in (member(0), member(0, -5.0))]
-    found = judged(both[0], both[1], said=False)
+    found = judged(both[0], both[1], said=False, also=(member(1),))
     assert (Word.FAILED, (0,)) in words(found)
     assert all(ways_of(group) != frozenset({(0, 1), (1, 1)}) for one in found.members.each for group in one.groups)
 

@@ -15,7 +15,8 @@ further failure, or a jump, for what another explains without an alarm. Where th
 from, the best takes its place, and what was said of it alone is taken back. What is said in the meantime waits until
 each has decided, a second at most. Of a group whose members what has fired could tell apart, and which was found only
 since something new began, nothing is said while they are followed. Who is left alone of one is named; what nothing has
-settled by the time that a race may last is said to be a group of those that are left.
+settled by the time that a race may last is said to be a group of those that are left. Who never had a filter to be
+followed by has not been spoken against, and stays in the group.
 
 What shakes all that led may be no new failure: two at once look like one until something turns the body another way. So
 where they are named for that, the race also goes on as if it were not decided, beside them. It takes their place if it
@@ -24,7 +25,7 @@ finds an explanation and none of them does, and ends when one of them has explai
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -38,6 +39,7 @@ from massprop_drake.maths.estimation.detectors.multi_hypothesis import (
     JumpDeclared,
     Status,
     Unexplained,
+    Way,
     Ways,
     Word,
     ways_of,
@@ -99,12 +101,14 @@ class Members(NamedTuple):
         counting: see `Counting`.
         said: jets and signs of each group that has been said.
         cycles: since the first were.
+        tried: who of each group has been followed, if only for a cycle.
     """
 
     each: tuple[Member, ...] = ()
     counting: Counting | None = None
     said: frozenset[Ways] = frozenset()
     cycles: int = 0
+    tried: frozenset[tuple[Ways, Way]] = frozenset()
 
 
 class Followed(NamedTuple):
@@ -142,21 +146,34 @@ def follow(
         counting = Counting(np.where(np.isnan(read), 0.0, read), np.zeros(read.shape[0]))
         until_now = Member(evidence.before, method)
         one = _after(until_now, found, now, report, Counted(nobody, nobody), params.joint)
-        return _said(one.waiting, found, Members((one, *_beside(until_now, one, found, params.joint)), counting))
+        each = (one, *_beside(until_now, one, found, params.joint))
+        return _said(one.waiting, found, Members(each, counting, tried=_first_of_groups(each)))
     if not members.each or members.counting is None:
         return Followed(found, members)
     if report.course is None:  # nothing before a gap can be compared
         return Followed(found._replace(declarations=(*members.each[0].waiting, *found.declarations)), Members())
     counted, counting = counted_by_readings(members.counting, read, params.joint)
     first = _after(members.each[0], found, now, report, counted, params.joint)
-    each, further = [first], list(_beside(members.each[0], first, found, params.joint))
+    on, further = [first], list(_beside(members.each[0], first, found, params.joint))
     for member in members.each[1:]:
         gone_on = _gone_on(member, sample, counted, params)
-        each += gone_on[:1]
+        on += gone_on[:1]
         further += gone_on[1:]
-    followed = _at_most(each, further)
-    cycles = members.cycles + 1 if len(followed) == len(each) else 0
-    return _compared(found, members._replace(each=followed, counting=counting, cycles=cycles), params)
+    each = _at_most(on, further)
+    known = [_known(one) for one in each]
+    tried = members.tried.union(_first_of_groups(one for one in further if _known(one) in known))
+    cycles = members.cycles + 1 if len(each) == len(on) else 0
+    return _compared(found, members._replace(each=each, counting=counting, cycles=cycles, tried=tried), params)
+
+
+def _first_of_groups(each: Iterable[Member]) -> frozenset[tuple[Ways, Way]]:
+    """Whom members take of each of their groups."""
+    return frozenset((ways_of(group), _first(group)) for member in each for group in member.groups)
+
+
+def _first(group: JetsDeclared) -> Way:
+    """Likeliest jet of a group, and its sign."""
+    return group.jets[0], group.signs[0]
 
 
 def _gone_on(member: Member, sample: Sample, counted: Counted, params: HypothesisParams) -> tuple[Member, ...]:
@@ -312,7 +329,7 @@ def _compared(found: Judged, members: Members, params: HypothesisParams) -> Foll
     if any(_may_object(member, first) for member in left[1:] if not member.undecided):
         return _said(tuple(said), judged, members)
     over = len(left) == 1 or members.cycles >= LAST
-    settled = _settled(left, over=over)
+    settled = _settled(left, members.tried, over=over)
     narrower = [_narrowed(member, settled, params.joint) for member in left]
     first, told = narrower[0]
     said += (each for each in told if ways_of(each) not in members.said)
@@ -324,23 +341,23 @@ def _compared(found: Judged, members: Members, params: HypothesisParams) -> Foll
     return _said(tuple(said), judged, members._replace(each=tuple(member for member, _ in narrower)))
 
 
-def _settled(left: tuple[Member, ...], *, over: bool) -> dict[Ways, Ways]:
-    """Who is left of each group of which one is, or any that nothing more will be found of.
+def _settled(left: tuple[Member, ...], tried: frozenset[tuple[Ways, Way]], *, over: bool) -> dict[Ways, Ways]:
+    """Who is left of each group of which one is, or any that nothing more will be found of: also those of it that have
+    never been followed, since nothing has spoken against them.
 
     Args:
         left: those that are followed still.
+        tried: see `Members`.
         over: whether nothing more will be found.
     """
     found: dict[Ways, Ways] = {}
     decided = [member for member in left if not member.undecided]
     for group in left[0].groups:
-        takes = [
-            {(each.jets[0], each.signs[0]) for each in member.groups if ways_of(each) == ways_of(group)}
-            for member in decided
-        ]
-        whom = frozenset().union(*takes)
+        ways = ways_of(group)
+        takes = [{_first(each) for each in member.groups if ways_of(each) == ways} for member in decided]
+        whom = frozenset(way for way in ways if (ways, way) not in tried).union(*takes)
         if over or (all(takes) and len(whom) == 1):
-            found[ways_of(group)] = whom
+            found[ways] = whom
     return found
 
 

@@ -67,8 +67,8 @@ _OTHERWISE = 3  # others that are followed beside who is named, the likeliest
 _MEASURED = 0.1  # of a payload's mass, to which it is known when its size is told
 _ONSET_SHARE = 0.7  # of the largest statistic: older onsets explain the end point as well
 
-
-Ways = frozenset[tuple[int, int]]  # jets and signs
+Way = tuple[int, int]  # a jet and a sign
+Ways = frozenset[Way]
 
 
 class Word(IntEnum):
