@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_drake.errors import dotted
+from massprop_drake.errors import dotted, moment
 from massprop_drake.inputs.model import Model, Span, span_of
 from massprop_drake.inputs.yaml import FieldPath
 from massprop_drake.maths.linear_algebra import skew
@@ -434,7 +434,7 @@ def _late(scenario: Scenario) -> Iterator[Finding]:
         late = [index for index, start in enumerate(starts) if start >= end]
         if late:
             which = f"{len(late)} of {len(starts)} entries come" if len(starts) > 1 else "comes"
-            problem = f"{which} at or after the end of the run, {end:g} s, and do nothing"
+            problem = f"{which} at or after the end of the run, {moment(end)} s, and do nothing"
             yield Finding(
                 (field, late[0], key), problem if len(starts) > 1 else problem.replace(" do ", " does "), False
             )

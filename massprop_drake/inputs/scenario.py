@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, field_validator, model_validator
 
-from massprop_drake.errors import InputError, dotted, suggestion
+from massprop_drake.errors import InputError, dotted, moment, suggestion
 from massprop_drake.inputs import plausible, renamed
 from massprop_drake.inputs.kinds import bundled, require_kind, require_named
 from massprop_drake.inputs.model import (
@@ -96,7 +96,7 @@ class JetPulse(Model):
 
 def _require_order(start_s: float, end_s: float) -> None:
     if end_s <= start_s:
-        raise ValueError(f"end_s must be later than start_s, got {start_s:g} to {end_s:g}")
+        raise ValueError(f"end_s must be later than start_s, got {moment(start_s)} to {moment(end_s)}")
 
 
 class DisturbanceBlock(Model):
@@ -879,10 +879,10 @@ def _overlaps(field: str, windows: list[tuple[str, float, float]]) -> Iterator[t
     for index, (what, start, end) in enumerate(windows):
         for other in range(index):
             if windows[other][0] == what and start < windows[other][2] and windows[other][1] < end:
+                both = (f"{moment(begin)} to {moment(until)} s" for begin, until in ((start, end), windows[other][1:]))
                 yield (
                     (field, index),
-                    f"overlaps {field}[{other}] on the same axis or jet ({what}): "
-                    f"{start:g} to {end:g} s and {windows[other][1]:g} to {windows[other][2]:g} s",
+                    f"overlaps {field}[{other}] on the same axis or jet ({what}): {' and '.join(both)}",
                 )
                 break
 

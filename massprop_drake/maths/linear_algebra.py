@@ -257,6 +257,29 @@ def lower_factor(columns: Array) -> Array:
     return np.ascontiguousarray(np.asarray(np.linalg.qr(columns.T, mode="r")).T)
 
 
+@kernel
+def sparse_product(rows: Array, matrix: Array) -> Array:
+    """The product of two matrices of the first of which most columns are zero."""
+    told = np.flatnonzero(np.abs(rows).sum(axis=0))
+    result: Array = np.ascontiguousarray(rows[:, told]) @ matrix[told]
+    return result
+
+
+def _triangular_rows(matrix):  # type: ignore[no-untyped-def] # compiled alone
+    for row in range(matrix.shape[0]):
+        for column in range(row + 1, matrix.shape[1]):
+            if matrix[row, column] != 0.0:
+                return row
+    return matrix.shape[0]
+
+
+@idiom(_triangular_rows)
+def triangular_rows(matrix: Array) -> int:
+    """How many of the first rows of a matrix are those of a lower triangular one."""
+    beyond = np.triu(matrix, 1).any(axis=1)
+    return int(beyond.argmax()) if beyond.any() else matrix.shape[0]
+
+
 def inverse(matrix: Array) -> Array:
     """The inverse of any square matrix; where time does not matter."""
     return np.asarray(np.linalg.inv(matrix), dtype=np.float64)

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, field_validator, model_validator
 
-from massprop_drake.errors import InputError, dotted
+from massprop_drake.errors import InputError, dotted, moment
 from massprop_drake.inputs.model import Count, Model, Real, Text, Vector3, Whole, digest, validated
 from massprop_drake.inputs.renamed import RenamedWarning
 from massprop_drake.inputs.scenario import Scenario
@@ -124,7 +124,9 @@ class FilterState(EstimatorState):
         if self.commanded and [len(row) for row in self.commanded] != [jets, jets]:
             raise ValueError(f"commanded: must be two counts for each of {jets} jets")
         if self.recent_s[-1] != self.time_s:
-            raise ValueError(f"recent_s: must end at time_s, {self.time_s:g} s, got {self.recent_s[-1]:g} s")
+            raise ValueError(
+                f"recent_s: must end at time_s, {moment(self.time_s)} s, got {moment(self.recent_s[-1])} s"
+            )
         return self
 
 

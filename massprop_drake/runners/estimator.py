@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from massprop_drake.errors import InputError, dotted
+from massprop_drake.errors import InputError, dotted, moment
 from massprop_drake.inputs import params
 from massprop_drake.inputs.model import validated
 from massprop_drake.inputs.scenario import Scenario, check_against_vehicle
@@ -162,7 +162,7 @@ class Estimator:
         self._time_s = -math.inf
 
     def __repr__(self) -> str:
-        at = "before its first sample" if self._time_s == -math.inf else f"at {self._time_s:g} s"
+        at = "before its first sample" if self._time_s == -math.inf else f"at {moment(self._time_s)} s"
         detector = self._scenario.detector.kind
         return f"<Estimator of '{self._vehicle.name}', {self._scenario.estimation.filter} filter, {detector}, {at}>"
 

@@ -13,7 +13,9 @@ from massprop_drake.maths.linear_algebra import (
     is_covariance,
     is_positive_definite,
     skew,
+    sparse_product,
     symmetrized,
+    triangular_rows,
 )
 
 EPSILON = np.finfo(float).eps
@@ -170,3 +172,19 @@ def test_covariance_tolerance_is_relative_to_a_unit_diagonal() -> None:
 def test_late_times_are_told_to_a_hundredth() -> None:
     for time_s, told in ((0.08, "0.08"), (1234.56, "1234.56"), (1000000.08, "1000000.08"), (1.0e6, "1000000")):
         assert str(NotPositiveDefiniteError(-np.eye(2), time_s=time_s)).count(f"t = {told} s") == 1
+
+
+def test_rows_are_triangular_up_to_the_first_with_anything_beyond_the_diagonal() -> None:
+    matrix = np.tril(np.ones((4, 6)))
+    assert triangular_rows(matrix) == 4
+    for row in range(4):
+        for column in range(row + 1, 6):
+            assert triangular_rows(matrix + 0.5 * np.outer(np.eye(4)[row], np.eye(6)[column])) == row
+
+
+def test_a_product_leaves_out_columns_that_are_zero_alone() -> None:
+    rng = np.random.default_rng(2)
+    rows, matrix = rng.standard_normal((3, 8)), rng.standard_normal((8, 5))
+    rows[:, [0, 5]] = 0.0
+    rows[:, 2] = [1.0, -1.0, 0.0]  # no sum
+    np.testing.assert_allclose(sparse_product(rows, matrix), rows @ matrix, rtol=1e-13)

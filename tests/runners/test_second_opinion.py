@@ -32,7 +32,7 @@ def _shortened(name: str) -> Scenario:
         jump["time_s"] -= EARLIER_S
     data["estimation"] |= {"start": "nominal", "std_fraction": 0.001}
     if data["estimation"]["filter"] == "joint":  # finds what happens soon, and takes more time a sample
-        return resolved(data | {"duration_s": 10.0, "joint": data["joint"] | {"settled_after": 10}})
+        return resolved(data | {"duration_s": 8.0, "joint": data["joint"] | {"settled_after": 10}})
     return resolved(data | {"duration_s": 16.0})
 
 

@@ -36,7 +36,7 @@ def test_update_is_josephs_and_considered_states_get_no_gain() -> None:
         gain = before @ jacobian.T @ np.linalg.inv(total) * gained[:, None]
         rest = np.eye(n) - gain @ jacobian
         expected = rest @ before @ rest.T + gain @ np.diag(variances) @ gain.T
-        found = updated(root, jacobian @ root, variances, innovation, gained)
+        found = updated(root, jacobian @ root, variances, innovation, gained, 0)
         close(found.root @ found.root.T, expected)
         np.testing.assert_allclose(found.correction, gain @ innovation, rtol=1e-10, atol=1e-13)
         assert found.nis == pytest.approx(innovation @ np.linalg.solve(total, innovation))
@@ -49,7 +49,7 @@ def test_update_is_josephs_and_considered_states_get_no_gain() -> None:
 def test_update_by_what_is_known_a_million_million_times_better() -> None:
     """A covariance would have no digit left: the ratio of variances is 1e24."""
     jacobian = np.array([[1.0, 1.0], [1.0, 1.0]])
-    found = updated(np.eye(2), jacobian, np.full(2, 1e-24), np.zeros(2), np.ones(2))
+    found = updated(np.eye(2), jacobian, np.full(2, 1e-24), np.zeros(2), np.ones(2), 0)
     covariance = found.root @ found.root.T
     total = np.array([1.0, 1.0]) @ found.root
     assert total @ total == pytest.approx(0.5e-24, rel=1e-2)
@@ -60,8 +60,20 @@ def test_units_change_no_digit() -> None:
     columns = RNG.standard_normal((5, 9))
     scale = 2.0 ** np.array([-40.0, 3, 0, 20, -7])
     np.testing.assert_array_equal(
-        np.abs(compressed(scale[:, None] * columns)), np.abs(scale[:, None] * compressed(columns))
+        np.abs(compressed(scale[:, None] * columns, 2)), np.abs(scale[:, None] * compressed(columns, 2))
     )
+
+
+@pytest.mark.parametrize("still", [0, 2, 3, 5])
+def test_a_root_is_triangular_in_its_order_and_keeps_the_rows_that_are_so(still: int) -> None:
+    """First come those from the third on, of which some are triangular already."""
+    ordered = RNG.standard_normal((5, 9))
+    ordered[:still] = np.tril(ordered)[:still]
+    columns = np.vstack((ordered[3:], ordered[:3]))
+    found = compressed(columns, 2)
+    np.testing.assert_allclose(found @ found.T, columns @ columns.T, rtol=1e-12, atol=1e-14)
+    np.testing.assert_array_equal(np.triu(np.vstack((found[2:], found[:2])), 1), np.zeros((5, 5)))
+    np.testing.assert_array_equal(found[2 : 2 + min(still, 3)], columns[2 : 2 + min(still, 3), :5])
 
 
 def test_root_of_a_singular_matrix() -> None:
@@ -134,7 +146,7 @@ def test_partition_keeps_the_distribution_of_what_is_observed() -> None:
     mean[PLACES.thrust : PLACES.thrust + 6] = mean[PLACES.scale] = 0.0
     root[PLACES.scale] = 0.0
     root[PLACES.thrust : PLACES.thrust + 6] *= 1e3
-    state = state._replace(mean=mean, root=compressed(root), fired=np.array([1.0, 0, 2, 3, 0, 1]))
+    state = state._replace(mean=mean, root=compressed(root, PLACES.thrust), fired=np.array([1.0, 0, 2, 3, 0, 1]))
     after = partitioned(state, params)
     assert after.rescaled
     results = []

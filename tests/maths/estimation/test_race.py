@@ -673,6 +673,29 @@ def test_a_race_moves_past_its_last_onset_to_the_one_that_the_test_has(monkeypat
         assert begun.pop() == expected
 
 
+@pytest.mark.parametrize(
+    ("nis", "before", "since", "other", "onset", "expected"),
+    [
+        (60.0, 60.0, 7, 60.0, ONSET + 1, True),
+        (12.0, 60.0, 7, 60.0, ONSET + 1, False),  # it does not surprise that nothing has happened
+        (60.0, 200.0, 7, 60.0, ONSET + 1, False),  # nor did that explain all before
+        (60.0, 60.0, 5, 60.0, ONSET + 1, False),  # what the alarm was of is still beginning
+        (60.0, 60.0, 7, 6.0, ONSET + 1, False),  # a hypothesis explains it
+        (60.0, 60.0, 7, 60.0, ONSET, False),  # it began where the race is about
+    ],
+)
+def test_a_race_about_chance_is_overtaken_by_what_surprises_everybody(
+    nis: float, before: float, since: int, other: float, onset: int, expected: bool
+) -> None:
+    now = race(surprised(leak(0), other))._replace(triggered=NOW - since)
+    scores = (Score(0.0, 0.0, before, 60.0), Score(0.0, 0.0, before + nis, 66.0))
+    now = now._replace(screen=now.screen._replace(scores=scores))
+    standing = races.standings(now, [contender(leak(0), 9.0)], PARAMS)
+    assert races.overtaken(now, standing, onset) == expected
+    assert not races.overtaken(now._replace(leading=(contender(leak(0), 9.0),)), standing, onset)
+    assert not races.overtaken(now._replace(led=tuple(standing)), standing, onset)
+
+
 def test_a_race_moves_where_a_small_jump_leads_jets_by_more_than_their_onset_may_cost(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -521,9 +521,11 @@ def _raced(
                 lead=best.lead - second if best.lead > 0.0 else -best.lead,
                 leads=_leads(standing),
             )
-    redrawn = race is not None and not race.led and state.cycle - race.triggered in _REDRAWN
-    if race is not None and redrawn and decision.outcome == Outcome.OPEN:
-        race = races.moved(race, standing, bank, history, index, joint)
+    if race is not None and decision.outcome == Outcome.OPEN:
+        if index >= 0 and races.overtaken(race, standing, int(bank.cycles[index])):
+            race = races.begin(bank, index, state.cycle, history, joint)
+        elif not race.led and state.cycle - race.triggered in _REDRAWN:
+            race = races.moved(race, standing, bank, history, index, joint)
     bank = after_it
     oldest = int(bank.cycles[0]) if race is None else min(int(bank.cycles[0]), race.screen.began)
     history = History(state.cycle, history.records[-(state.cycle - oldest + 1) :])
@@ -652,7 +654,7 @@ def _concluded(
     elif decision.outcome == Outcome.UNEXPLAINED:
         columns = np.zeros((joint.places.size, N_PROPERTIES))
         np.fill_diagonal(columns, jump_sigma(joint, JUMP_SHARES[0]))
-        now = unguarded(now._replace(root=compressed(np.hstack((now.root, columns)))))
+        now = unguarded(now._replace(root=compressed(np.hstack((now.root, columns)), joint.places.thrust)))
         declared.append(Unexplained(began))
     bank, history, now = _anew(state, now, decision, joint)
     return state._replace(bank=bank, history=history, race=None, explained=_explained(decision)), now, declared

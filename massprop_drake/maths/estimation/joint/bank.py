@@ -26,6 +26,7 @@ from massprop_drake.maths.kernels import kernel
 from massprop_drake.maths.linear_algebra import (
     Array,
     inverses,
+    sparse_product,
     stack_times,
     stack_times_vectors,
     times_stack,
@@ -339,7 +340,8 @@ def _covariances(
     result = np.empty((looked_at.shape[0], 6, 6))
     for place in range(looked_at.shape[0]):
         index = looked_at[place]
-        half = _output_rows(since, index, jacobian, on_outputs, params) @ roots.stack[roots.places[index]]
+        rows = _output_rows(since, index, jacobian, on_outputs, params)
+        half = sparse_product(rows, roots.stack[roots.places[index]])  # jets that have not fired since tell nothing
         result[place] = half @ half.T + on_outputs @ since.noise[index] @ on_outputs.T
     return result
 

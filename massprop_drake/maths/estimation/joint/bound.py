@@ -63,14 +63,15 @@ def step(state: JointState, sample: Sample, mean: Array, used: np.ndarray, param
     prediction = predict(state, acting, read._replace(rate=shown), at_truth)
     root = propagated(state.root, prediction, at_truth)
     spin = state.spin + prediction.spin
+    first = params.places.thrust
     if used.any():
         counts = np.flatnonzero(used)
         _, jacobian = outputs(mean, state.reference, spin, params)
         projected = jacobian[counts] @ root
         nothing = np.zeros(counts.shape[0])
-        root = updated(root, projected, params.variances[counts], nothing, np.ones(root.shape[0])).root
+        root = updated(root, projected, params.variances[counts], nothing, np.ones(root.shape[0]), first).root
     else:
-        root = compressed(root)
+        root = compressed(root, first)
     firing = acting.firing
     return state._replace(
         mean=mean,

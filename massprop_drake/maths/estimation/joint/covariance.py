@@ -3,6 +3,8 @@ r"""A covariance kept as a root S, P = S S^T: linear maps of rows, noise as more
 Every change of P is one of three: rows of S are combined linearly, columns are appended (what they square to is
 added), and `compressed` makes S square again by Householder reflections. None of them subtracts, so P stays positive
 semidefinite whatever happens, and half the digits carry it: what counts is the ratio of sigmas, not of variances.
+S is lower triangular once the rows of what no interval changes, the parameters, are put before the others: their rows
+are so still after most changes, and reflections are needed for the rest alone.
 
 The update is Joseph's form in terms of the root. With Y = H P H^T + R and the reflections
 
@@ -19,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_drake.maths.kernels import kernel
-from massprop_drake.maths.linear_algebra import Array, lower_factor
+from massprop_drake.maths.linear_algebra import Array, lower_factor, triangular_rows
 
 
 class Update(NamedTuple):
@@ -50,9 +52,21 @@ def nothing_learned(root: Array) -> Update:
 
 
 @kernel
-def compressed(columns: Array) -> Array:
-    """The lower triangular root of the same covariance, shape (n, n), of one with any number of columns."""
-    return lower_factor(columns)
+def compressed(columns: Array, first: int) -> Array:
+    """The root of the same covariance, shape (n, n), of one with n columns or more; lower triangular but for its order.
+
+    Args:
+        columns: any root, shape (n, k).
+        first: row that comes first in the order in which it becomes triangular, with all after it; `Places.thrust`.
+    """
+    n = columns.shape[0]
+    rows = np.vstack((columns[first:], columns[:first]))
+    done = triangular_rows(rows)
+    root = np.zeros((n, n))
+    root[:, :done] = rows[:, :done]
+    if done < n:
+        root[done:, done:] = lower_factor(np.ascontiguousarray(rows[done:, done:]))
+    return np.vstack((root[n - first :], root[: n - first]))
 
 
 @kernel
@@ -85,7 +99,7 @@ def innovation_root(outputs: Array, variances: Array) -> tuple[Array, Array, Arr
 
 
 @kernel
-def updated(root: Array, outputs: Array, variances: Array, innovation: Array, gained: Array) -> Update:
+def updated(root: Array, outputs: Array, variances: Array, innovation: Array, gained: Array, first: int) -> Update:
     """The update by one measurement of several components, in Joseph's form.
 
     Args:
@@ -94,10 +108,11 @@ def updated(root: Array, outputs: Array, variances: Array, innovation: Array, ga
         variances: of the measurement noise, positive, shape (m,).
         innovation: e, shape (m,).
         gained: 1 where a state is estimated, 0 where its error is only considered, shape (n,).
+        first: see `compressed`.
     """
     q1, q2, u = innovation_root(outputs, variances)
     whitened = np.linalg.solve(u.T, innovation)
     gain = (root @ q1) * gained.reshape(-1, 1)
-    after = compressed(np.hstack((root - gain @ q1.T, gain @ q2.T)))
+    after = compressed(np.hstack((root - gain @ q1.T, gain @ q2.T)), first)
     log_determinant = 2.0 * float(np.sum(np.log(np.abs(np.diag(u)))))
     return Update(gain @ whitened, after, float(whitened @ whitened), log_determinant, gain, u)

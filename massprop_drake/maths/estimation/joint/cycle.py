@@ -50,7 +50,7 @@ from massprop_drake.maths.estimation.joint.prediction import (
 from massprop_drake.maths.estimation.joint.thrust_scale import reported
 from massprop_drake.maths.estimation.joint.ticks import Stamped, Timing, stamped
 from massprop_drake.maths.kernels import kernel
-from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError, lower_factor, skew
+from massprop_drake.maths.linear_algebra import Array, NotPositiveDefiniteError, lower_factor, skew, sparse_product
 
 _WHAT = "the joint estimator's covariance"
 _UNREAD = 1e6  # sigmas of a reading that what was not read at the start may be off
@@ -249,7 +249,7 @@ def begun(state: JointState, sample: Sample, params: JointParams) -> JointState:
     read = readings(sample.rates, sample.velocities)
     return state._replace(
         mean=mean,
-        root=compressed(root),
+        root=compressed(root, places.thrust),
         spin=np.zeros(6),
         reference=mean[RATE].copy(),
         last=np.where(np.isnan(read), 0.0, read),
@@ -279,7 +279,7 @@ def _expected(
     there[:N_PROPERTIES], there[RATE] = about, prediction.end
     values, jacobian = outputs(there, state.reference, spin, params)
     values = values + jacobian @ (prediction.mean - there)
-    projected = jacobian @ root
+    projected = sparse_product(jacobian, root)
     read = readings(sample.rates, sample.velocities)
     deviation, telling = told_by_one(projected, read, unknown_forces(state, params), params.variances)
     counts = used(read, values, state.last, deviation, params.quanta) | telling
@@ -306,8 +306,8 @@ def _nis(expected: Expected, counts: np.ndarray, params: JointParams) -> float:
 @kernel
 def _update(expected: Expected, root: Array, mask: Array, params: JointParams) -> Update:
     counts = np.flatnonzero(expected.used)
-    projected = expected.jacobian[counts] @ root
-    return updated(root, projected, params.variances[counts], expected.innovation[counts], mask)
+    projected = sparse_product(expected.jacobian[counts], root)
+    return updated(root, projected, params.variances[counts], expected.innovation[counts], mask, params.places.thrust)
 
 
 def step(state: JointState, sample: Sample, params: JointParams) -> tuple[JointState, Report]:
@@ -500,7 +500,7 @@ def _learned(
         filtered, _ = outputs(mean, state.reference, expected.spin, params)
         last = np.where(expected.used, filtered, last)
     elif root.shape[1] > root.shape[0]:
-        root = compressed(root)
+        root = compressed(root, params.places.thrust)
     return JointState(
         mean,
         root,

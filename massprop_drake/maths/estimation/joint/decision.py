@@ -38,8 +38,10 @@ from massprop_drake.maths.estimation.joint.hypotheses import EXCESS, FIT, Kind, 
 from massprop_drake.maths.estimation.joint.layout import INERTIA, MASS, JointParams
 from massprop_drake.maths.estimation.joint.race import (
     A_SECOND,
+    HALF_A_SECOND,
     NEAR,
     OUT,
+    SHAKEN,
     SURPRISED,
     Race,
     Standing,
@@ -58,8 +60,6 @@ UNSETTLED_FLOOR = 0.1  # of full thrust: before settled a start that still learn
 _LIE_AFTER = 6  # cycles: a lie that ends is told from a rate that has changed by what follows it
 _JUMP_AFTER = 2  # samples: in one of them a pair of jets explains as much
 _DOUBTFUL_JUMP_AFTER = 12  # samples: one that misfits may yet learn; a small one fits jets that began at another onset
-_SHAKEN = 4.2  # normal deviate of a sample that one in a hundred thousand exceeds
-_HALF_A_SECOND = 6  # cycles: so long one jet may explain what two do, and a neighbor what a known jet would
 _LITTLE_FORCE, _LITTLE_SHARE = 0.1, 0.5  # of the strongest jet's thrust, and of the jet's own
 _CERTAINLY = 2.0  # times the lead, of what does little harm meanwhile: rounding moves a lead by ten nats by chance
 _OVER_MORE = 1.5  # over more failures, of which the lead is mostly that they are rare: no chance moves that
@@ -138,7 +138,7 @@ def decided(race: Race, standing: list[Standing], settled: bool, rules: Rules, p
     """
     standing = rivals(standing)
     cycles = race.cycles
-    interrupted = _interrupted(race, standing, rules) if cycles > _HALF_A_SECOND else None
+    interrupted = _interrupted(race, standing, rules) if cycles > HALF_A_SECOND else None
     interrupted = interrupted or _left_behind(race, standing, rules)
     if interrupted is not None:
         return interrupted
@@ -222,7 +222,7 @@ def _of_jets(
         return Decision(Outcome.OPEN, standing[0], until_now, clear=True)
     if clear:
         little = _is_new_and_little(race, standing[0], params)
-        shown = cycles > _HALF_A_SECOND or (_shown_by_readings(standing, rules) and not little)
+        shown = cycles > HALF_A_SECOND or (_shown_by_readings(standing, rules) and not little)
         shown = shown and not (little and run.age < A_SECOND and _may_be_two(standing, rules))
         return Decision(Outcome.JETS if shown else Outcome.OPEN, standing[0], clear=True)
     near = _near(standing, rules)
@@ -339,7 +339,7 @@ def _interrupted(race: Race, standing: list[Standing], rules: Rules) -> Decision
     fitting = [each.run for each in others if each.run is not None and each.run.fits]
     if min(surprises) >= SURPRISED and any(run.newest.surprise < SURPRISED for run in fitting):
         return None
-    if min(surprises) >= _SHAKEN:
+    if min(surprises) >= SHAKEN:
         return _named(led, race, rules)
     if min(surprises) >= SURPRISED:
         return Decision(Outcome.OPEN, led[0], tuple(each.contender for each in led[1:]))
@@ -400,7 +400,7 @@ def _left_behind(race: Race, standing: list[Standing], rules: Rules) -> Decision
     if race.leading or not race.led or any(each.run is not None and _nearly_fits(each.run) for each in standing):
         return None
     ago = max(race.screen.cycle - each.run.cycle for each in race.led if each.run is not None)
-    return _named(list(race.led), race, rules) if ago >= _HALF_A_SECOND else None
+    return _named(list(race.led), race, rules) if ago >= HALF_A_SECOND else None
 
 
 def _nearly_fits(run: Runner) -> bool:

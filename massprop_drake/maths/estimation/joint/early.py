@@ -226,7 +226,7 @@ def _with_doubt(early: Early, params: JointParams) -> Early:
     """What is kept, contradicted: by a jet, or since the start was stated too well, as an increment has it."""
     entry, count = early.entry, len(early.kept)
     assert entry is not None, "something is kept"
-    wide = entry._replace(root=compressed(incremented_root(entry.root, params)))
+    wide = entry._replace(root=compressed(incremented_root(entry.root, params), params.places.thrust))
     return early._replace(entry=wide, contradicted=count, due=count + _WAIT)
 
 

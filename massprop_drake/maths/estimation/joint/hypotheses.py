@@ -42,7 +42,7 @@ from massprop_drake.maths.estimation.joint.guard import unguarded
 from massprop_drake.maths.estimation.joint.layout import CENTER, MASS, N_PROPERTIES, JointParams, JointState
 from massprop_drake.maths.estimation.joint.measurement import rebased
 from massprop_drake.maths.estimation.joint.sensitivity import Link, smeared
-from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.maths.linear_algebra import Array, lower_factor
 
 JUMP_SHARES = (0.3, 0.06)  # of the vehicle's mass (1 sigma): a payload, large or small
 KICK = 0.6  # 1-sigma of an onset's place, in intervals between onsets: uniform over two has 0.58
@@ -301,7 +301,7 @@ def scored(
     if root is None:
         half = np.linalg.cholesky(covariance[np.ix_(chosen, chosen)])
     else:
-        half = compressed(root[chosen])
+        half = lower_factor(root[chosen])
         half = half * np.sign(np.diag(half))
     whitened = np.linalg.solve(half, innovation[chosen])
     nis = float(whitened @ whitened)
@@ -376,7 +376,7 @@ def opened(
         fresh = rebased(state, params)
         columns = np.zeros((fresh.root.shape[0], N_PROPERTIES))
         np.fill_diagonal(columns, jump_sigma(params, share))
-        return unguarded(fresh._replace(root=compressed(np.hstack((fresh.root, columns)))))
+        return unguarded(fresh._replace(root=compressed(np.hstack((fresh.root, columns)), params.places.thrust)))
     if cause.kind != Kind.JETS:
         return state
     mean = state.mean.copy()
@@ -388,7 +388,7 @@ def opened(
         change, sigma = expected[index] if expected else (0.0, params.thrusts[jet])
         mean[params.places.force + slot] += change
         columns[params.places.force + slot, index] = sigma
-    root = compressed(np.hstack((state.root, columns)))
+    root = compressed(np.hstack((state.root, columns)), params.places.thrust)
     return state._replace(mean=mean, root=root, slot_jet=slot_jet, slot_sign=slot_sign, slot_on_top=slot_on_top)
 
 
@@ -403,7 +403,7 @@ def kicked(state: JointState, cause: Cause, kicks: Array, over: Link, params: Jo
         params: see `JointParams`.
     """
     impulses = smeared(over, params.places)[:, list(cause.jets)] * kicks
-    return state._replace(root=compressed(np.hstack((state.root, impulses))))
+    return state._replace(root=compressed(np.hstack((state.root, impulses)), params.places.thrust))
 
 
 def restless(state: JointState, erratic: np.ndarray, params: JointParams) -> JointState:
@@ -421,7 +421,7 @@ def restless(state: JointState, erratic: np.ndarray, params: JointParams) -> Joi
     root, columns = state.root.copy(), np.zeros((state.root.shape[0], slots.shape[0]))
     root[rows] = 0.0
     columns[rows, np.arange(slots.shape[0])] = params.thrusts[state.slot_jet[slots].astype(np.intp)]
-    return state._replace(root=compressed(np.hstack((root, columns))))
+    return state._replace(root=compressed(np.hstack((root, columns)), params.places.thrust))
 
 
 def without_increments(params: JointParams) -> JointParams:

@@ -186,4 +186,6 @@ def rebased(state: JointState, params: JointParams) -> JointState:
         part = slice(VELOCITY + 3 * package, VELOCITY + 3 * package + 3)
         mean[part] += turn @ (params.accelerometer_positions[package] - mean[CENTER])
         root[part] -= shift
-    return state._replace(mean=mean, root=compressed(root), reference=state.mean[RATE].copy(), spin=np.zeros(6))
+    return state._replace(
+        mean=mean, root=compressed(root, places.thrust), reference=state.mean[RATE].copy(), spin=np.zeros(6)
+    )

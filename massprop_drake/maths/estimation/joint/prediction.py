@@ -69,7 +69,14 @@ from massprop_drake.maths.estimation.joint.layout import (
 )
 from massprop_drake.maths.estimation.joint.ticks import Timing
 from massprop_drake.maths.kernels import idiom, kernel, picked
-from massprop_drake.maths.linear_algebra import Array, cross, inverse_positive_definite, is_positive_definite, skew
+from massprop_drake.maths.linear_algebra import (
+    Array,
+    cross,
+    inverse_positive_definite,
+    is_positive_definite,
+    skew,
+    sparse_product,
+)
 from massprop_drake.maths.mass_properties import ELEMENT
 
 _IDENTITY = np.eye(3)
@@ -565,8 +572,9 @@ def propagated(root: Array, prediction: Prediction, params: JointParams) -> Arra
     """The covariance's root over the interval, with its noise as more columns, not compressed."""
     places = params.places
     after = root.copy()
-    after[RATE] += prediction.rate_rows @ root
-    common = prediction.velocity_rows @ root
+    moved = sparse_product(np.vstack((prediction.rate_rows, prediction.velocity_rows)), root)
+    after[RATE] += moved[:3]
+    common = moved[3:]
     noise = semidefinite_root(prediction.noise)
     drifting = np.flatnonzero(prediction.drift > 0.0)
     columns = np.zeros((places.size, 6 + drifting.shape[0]))

@@ -16,7 +16,18 @@ import numpy as np
 from massprop_drake.maths.estimation.joint import screen as screens
 from massprop_drake.maths.estimation.joint.bank import Bank
 from massprop_drake.maths.estimation.joint.cycle import Sample
-from massprop_drake.maths.estimation.joint.hypotheses import KICK, Cause, Kind, Named, Runner, jumping, slot_of, stepped
+from massprop_drake.maths.estimation.joint.hypotheses import (
+    FIT,
+    KICK,
+    Cause,
+    Kind,
+    Named,
+    Runner,
+    Score,
+    jumping,
+    slot_of,
+    stepped,
+)
 from massprop_drake.maths.estimation.joint.layout import JointParams, JointState
 from massprop_drake.maths.estimation.joint.screen import Contender, Screen
 from massprop_drake.maths.estimation.joint.sensitivity import Link
@@ -37,6 +48,8 @@ _BETTER = 1.0  # nats at another onset, that a filter begins anew there
 _AGAIN = 30.0  # times likelier that a jet known to be wrong changes than that any other fails, in whichever of two ways
 _TOO_WIDE = 3.0  # nats that the uncertainty of an onset may cost at most: half of what decides; a filter begins anew
 SURPRISED = 2.3  # normal deviate of a sample that one in a hundred exceeds
+SHAKEN = 4.2  # of one that one in a hundred thousand exceeds
+HALF_A_SECOND = 6  # cycles: so long one jet may explain what two do, and a neighbor what a known jet would
 OUT = 60.0  # nats behind the best: out of the race
 
 
@@ -184,6 +197,27 @@ def moved(race: Race, standing: list[Standing], bank: Bank, history: History, te
         index = max(index, tested)
     drawn = begin(bank, index, race.triggered, history, params)
     return race if drawn.screen.onsets == onsets else drawn
+
+
+def overtaken(race: Race, standing: list[Standing], onset: int) -> bool:
+    """Whether a race is about chance, and what has just begun needs one of its own.
+
+    That nothing had happened explained all for half a second and more, so nobody has led; and neither that nor anybody
+    explains the newest sample. To whom it is about, what begins then is what happened at its own onsets, and as its
+    alarm was of chance, so is what they may have done there.
+
+    Args:
+        race: see `Race`.
+        standing: see `standings`.
+        onset: that the test has by now.
+    """
+    if race.leading or race.led or race.cycles <= HALF_A_SECOND or onset <= race.screen.onsets[-1]:
+        return False
+    before, now = race.screen.scores[-2:]
+    newest = Score(*(b - a for a, b in zip(before, now, strict=True)))
+    if before.misfit >= FIT or newest.surprise < SHAKEN:
+        return False
+    return not any(each.run is not None and each.run.newest.surprise < SURPRISED for each in standing)
 
 
 def advanced(race: Race, history: History, params: JointParams) -> Race:

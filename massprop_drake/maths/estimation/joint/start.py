@@ -137,7 +137,7 @@ def followed(
 def _begun(start: Start, about: Array, number: int, params: JointParams) -> Pass:
     entry = start.entry
     assert entry is not None, "something is kept"
-    root = compressed(incremented_root(entry.root, params)) if start.incremented else entry.root
+    root = compressed(incremented_root(entry.root, params), params.places.thrust) if start.incremented else entry.root
     return Pass(about.copy(), entry._replace(root=root), 0, 0.0, 0.0, number)
 
 

@@ -46,7 +46,7 @@ def partitioned(state: JointState, params: JointParams) -> JointState:
     root[MASS] += params.thrust_sigma * state.mean[MASS] * common
     for slot in range(places.n_force):
         root[places.force + slot] -= params.thrust_sigma * state.mean[places.force + slot] * common
-    rescaled = relearned(state, state.mean, compressed(root))
+    rescaled = relearned(state, state.mean, compressed(root, places.thrust))
     return flagged(rescaled, state.guarded, state.freed, True, state.firing_count)
 
 
