@@ -147,6 +147,22 @@ def test_a_healthy_start_that_is_contradicted_is_left_as_it_is() -> None:
     assert kept.due > 1.25 * 38
 
 
+@pytest.mark.parametrize(
+    ("again", "expected"),
+    [((), {38}), ((40,), {38, 53}), ((58,), {38, 71})],
+    ids=["once", "while it is searched", "after"],
+)
+def test_what_contradicts_the_start_anew_is_searched_for_anew(again: tuple[int, ...], expected: set[int]) -> None:
+    """And what is not, when there is twice as much."""
+    run = flight(("estimation.start=zero", "duration_s=5.8", "detector.kind=off"))
+    own = inputs.joint_params(load_scenario("orbiter_maneuver")).joint
+    entry, kept, searches = entered(run, own), BEGUN, set()
+    for number, sample in enumerate(samples(run)):
+        kept, _ = early.followed(kept, entry, sample, number in (25, *again), (Rules(), own))
+        searches.update(() if kept.search is None else (kept.search.until,))
+    assert searches == expected
+
+
 def test_nothing_is_searched_where_nothing_contradicts(flown: Run, params: JointParams) -> None:
     entry, kept = entered(flown, params), BEGUN
     for sample in samples(flown):

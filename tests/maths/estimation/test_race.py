@@ -674,26 +674,37 @@ def test_a_race_moves_past_its_last_onset_to_the_one_that_the_test_has(monkeypat
 
 
 @pytest.mark.parametrize(
-    ("nis", "before", "since", "other", "onset", "expected"),
+    ("nis", "quiet", "other", "fits", "onset", "expected"),
     [
-        (60.0, 60.0, 7, 60.0, ONSET + 1, True),
-        (12.0, 60.0, 7, 60.0, ONSET + 1, False),  # it does not surprise that nothing has happened
-        (60.0, 200.0, 7, 60.0, ONSET + 1, False),  # nor did that explain all before
-        (60.0, 60.0, 5, 60.0, ONSET + 1, False),  # what the alarm was of is still beginning
-        (60.0, 60.0, 7, 6.0, ONSET + 1, False),  # a hypothesis explains it
-        (60.0, 60.0, 7, 60.0, ONSET, False),  # it began where the race is about
+        (60.0, 7, 60.0, True, ONSET + 1, True),
+        (12.0, 7, 60.0, True, ONSET + 1, False),  # that nothing has happened explains it
+        (60.0, 6, 60.0, True, ONSET + 1, False),  # what the alarm was of may still begin
+        (60.0, 7, 6.0, True, ONSET + 1, False),  # a hypothesis explains it
+        (60.0, 7, 6.0, False, ONSET + 1, True),  # one that explains nothing else
+        (60.0, 7, 60.0, True, ONSET, False),  # it began where the race is about
     ],
 )
-def test_a_race_about_chance_is_overtaken_by_what_surprises_everybody(
-    nis: float, before: float, since: int, other: float, onset: int, expected: bool
+def test_a_race_of_chance_is_overtaken_by_what_surprises_everybody(
+    nis: float, quiet: int, other: float, fits: bool, onset: int, expected: bool
 ) -> None:
-    now = race(surprised(leak(0), other))._replace(triggered=NOW - since)
-    scores = (Score(0.0, 0.0, before, 60.0), Score(0.0, 0.0, before + nis, 66.0))
-    now = now._replace(screen=now.screen._replace(scores=scores))
-    standing = races.standings(now, [contender(leak(0), 9.0)], PARAMS)
-    assert races.overtaken(now, standing, onset) == expected
-    assert not races.overtaken(now._replace(leading=(contender(leak(0), 9.0),)), standing, onset)
-    assert not races.overtaken(now._replace(led=tuple(standing)), standing, onset)
+    run = surprised(leak(0), other)
+    now = race(run._replace(score=run.score._replace(nis=12.0 if fits else 200.0)))
+    scores = (Score(0.0, 0.0, 60.0, 60.0), Score(0.0, 0.0, 60.0 + nis, 66.0))
+    now = now._replace(screen=now.screen._replace(scores=scores), quiet=quiet)
+    assert races.overtaken(now, onset) == expected
+
+
+def test_a_race_is_quiet_while_nothing_explains_all_and_nobody_leads_it_by_enough() -> None:
+    for nis, lead, expected in ((60.0, 12.0, True), (60.0, 12.1, False), (200.0, 12.0, False)):
+        now = race()
+        now = now._replace(screen=now.screen._replace(scores=(Score(0.0, 0.0, nis, 60.0),)))
+        standing = [some_standing(leak(0), 9.0), some_standing(JUMP, lead)]
+        assert races.is_quiet(now, standing, 12.0) == expected
+
+
+def some_standing(cause: Cause, lead: float) -> races.Standing:
+    one = contender(cause, lead)
+    return races.Standing(one, None, one, lead, 0.0, lead)
 
 
 def test_a_race_moves_where_a_small_jump_leads_jets_by_more_than_their_onset_may_cost(

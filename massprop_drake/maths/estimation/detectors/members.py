@@ -15,8 +15,8 @@ further failure, or a jump, for what another explains without an alarm. Where th
 from, the best takes its place, and what was said of it alone is taken back. What is said in the meantime waits until
 each has decided, a second at most. Of a group whose members what has fired could tell apart, and which was found only
 since something new began, nothing is said while they are followed. Who is left alone of one is named; what nothing has
-settled by the time that a race may last is said to be a group of those that are left. Who never had a filter to be
-followed by has not been spoken against, and stays in the group.
+settled by the time that a race may last is said to be a group of those that are left. Who never was followed, for
+want of a filter as far or of a place, has not been spoken against, and stays in the group.
 
 What shakes all that led may be no new failure: two at once look like one until something turns the body another way. So
 where they are named for that, the race also goes on as if it were not decided, beside them. It takes their place if it
@@ -161,7 +161,7 @@ def follow(
         further += gone_on[1:]
     each = _at_most(on, further)
     known = [_known(one) for one in each]
-    tried = members.tried.union(_first_of_groups(one for one in further if _known(one) in known))
+    tried = members.tried | _first_of_groups([*on, *(one for one in further if _known(one) in known)])
     cycles = members.cycles + 1 if len(each) == len(on) else 0
     return _compared(found, members._replace(each=each, counting=counting, cycles=cycles, tried=tried), params)
 

@@ -522,10 +522,14 @@ def _raced(
                 leads=_leads(standing),
             )
     if race is not None and decision.outcome == Outcome.OPEN:
-        if index >= 0 and races.overtaken(race, standing, int(bank.cycles[index])):
-            race = races.begin(bank, index, state.cycle, history, joint)
-        elif not race.led and state.cycle - race.triggered in _REDRAWN:
-            race = races.moved(race, standing, bank, history, index, joint)
+        if standing and index >= 0 and races.overtaken(race, int(bank.cycles[index])):
+            race, standing = races.begin(bank, index, state.cycle, history, joint), []
+            status = Status(tested, likelihood, total, True)
+        else:
+            quiet = bool(standing) and races.is_quiet(race, standing, params.rules.lead_nothing)
+            race = race._replace(quiet=race.quiet + 1 if quiet else 0)
+            if not race.led and state.cycle - race.triggered in _REDRAWN:
+                race = races.moved(race, standing, bank, history, index, joint)
     bank = after_it
     oldest = int(bank.cycles[0]) if race is None else min(int(bank.cycles[0]), race.screen.began)
     history = History(state.cycle, history.records[-(state.cycle - oldest + 1) :])

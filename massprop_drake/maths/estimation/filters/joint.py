@@ -32,6 +32,7 @@ from massprop_drake.maths.estimation.filter import (
 )
 from massprop_drake.maths.estimation.joint import cycle, ticks
 from massprop_drake.maths.estimation.joint import start as starts
+from massprop_drake.maths.estimation.joint.covariance import in_order
 from massprop_drake.maths.estimation.joint.cycle import JointEvidence, Sample
 from massprop_drake.maths.estimation.joint.layout import (
     JointParams,
@@ -46,7 +47,7 @@ from massprop_drake.maths.estimation.joint.start import Kept, Start
 from massprop_drake.maths.estimation.joint.thrust_scale import reported
 from massprop_drake.maths.estimation.joint.ticks import CLOCK, Clock, Pace
 from massprop_drake.maths.kernels import kernel
-from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.maths.linear_algebra import Array, triangular_rows
 from massprop_drake.maths.mass_properties import MASS_RECIPROCAL, N_ROTATION
 
 GROUP = "joint_estimator"  # the system that holds the state in a diagram
@@ -433,8 +434,8 @@ def restored(groups: Groups, params: JointFilterParams) -> JointFilterState:
     joint, clock = state.joint, state.clock
     if not all(np.isfinite(part).all() for part in (*joint, *clock[:-1])):
         raise ValueError(f"{GROUP}: only commands may be missing")
-    if np.triu(joint.root, 1).any():
-        raise ValueError(f"{GROUP}: the covariance's root must be lower triangular")
+    if triangular_rows(in_order(joint.root, params.joint.places.thrust)) < joint.root.shape[0]:
+        raise ValueError(f"{GROUP}: the covariance's root must be lower triangular, parameters first")
     levels = joint.level[:0] if clock.off else joint.level  # off its tick, beyond for an interval
     if not (_within(levels, 0.0, 1.0) and _within(clock.earlier[~np.isnan(clock.earlier)], 0.0, 1.0)):
         raise ValueError(f"{GROUP}: commands and levels must be fractions of 0 to 1")

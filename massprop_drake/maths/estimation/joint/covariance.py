@@ -52,6 +52,12 @@ def nothing_learned(root: Array) -> Update:
 
 
 @kernel
+def in_order(columns: Array, first: int) -> Array:
+    """The rows of a root in the order in which it becomes triangular, see `compressed`."""
+    return np.vstack((columns[first:], columns[:first]))
+
+
+@kernel
 def compressed(columns: Array, first: int) -> Array:
     """The root of the same covariance, shape (n, n), of one with n columns or more; lower triangular but for its order.
 
@@ -59,8 +65,7 @@ def compressed(columns: Array, first: int) -> Array:
         columns: any root, shape (n, k).
         first: row that comes first in the order in which it becomes triangular, with all after it; `Places.thrust`.
     """
-    n = columns.shape[0]
-    rows = np.vstack((columns[first:], columns[:first]))
+    n, rows = columns.shape[0], in_order(columns, first)
     done = triangular_rows(rows)
     root = np.zeros((n, n))
     root[:, :done] = rows[:, :done]

@@ -183,7 +183,7 @@ def initial(params: JointParams) -> JointState:
     jets = places.jets
     return JointState(
         mean=mean,
-        root=root,
+        root=compressed(root, places.thrust),
         level=np.zeros(jets),
         slope=np.zeros(jets),
         tick_slope=np.zeros((2, jets)),

@@ -17,7 +17,7 @@ all is done again without it.
 Of a large force the first order is off by more than neighbors differ, so every other jet that is near has passes of its
 own from x* on. The winner leads these as in a race, by cells and with rounding as noise, and nothing by eight times as
 much, as all before a start is over. The filter goes on from the end of its passes. Until somebody wins, all is done
-again whenever there is twice as much to go over.
+again whenever there is twice as much to go over, or something has contradicted the start anew.
 """
 
 from __future__ import annotations
@@ -141,7 +141,8 @@ class Early(NamedTuple):
         entry: state before the first sample that is kept.
         kept: samples since.
         acted: whether a jet was told to fire in any of them.
-        contradicted: number of samples kept when something contradicted the start; 0: nothing has.
+        contradicted: number of samples kept when something first contradicted the start; 0: nothing has.
+        again: when something did so last.
         due: number of samples kept with which the next search begins.
         search: see `Search`.
     """
@@ -151,6 +152,7 @@ class Early(NamedTuple):
     kept: tuple[Sample, ...] = ()
     acted: bool = False
     contradicted: int = 0
+    again: int = 0
     due: int = 0
     search: Search | None = None
 
@@ -190,20 +192,21 @@ def followed(
     if len(early.kept) >= LONGEST and early.search is None:
         return OVER, None
     early = _with_sample(early, before, sample)
-    if contradicted and early.contradicted == 0:
-        early = _with_doubt(early, params)
+    if contradicted:
+        early = _doubted_again(early) if early.contradicted else _with_doubt(early, params)
     search = early.search
     if search is None:
         if early.contradicted == 0 or len(early.kept) < early.due:
             return early, None
         search = _begun(early, len(early.kept), frozenset(), params)
+    until = search.until
     try:
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
             search = _gone_on(search, early, rules, params)
     except (NotPositiveDefiniteError, np.linalg.LinAlgError):  # it came to nothing
         search = None
     if search is None:
-        return early._replace(search=None, due=int(_MORE * len(early.kept)) + 1), None
+        return early._replace(search=None, due=_due_after(early, until)), None
     if _has_arrived(search, early):
         return OVER, _found(search, early, params)
     return early._replace(search=search), None
@@ -227,7 +230,19 @@ def _with_doubt(early: Early, params: JointParams) -> Early:
     entry, count = early.entry, len(early.kept)
     assert entry is not None, "something is kept"
     wide = entry._replace(root=compressed(incremented_root(entry.root, params), params.places.thrust))
-    return early._replace(entry=wide, contradicted=count, due=count + _WAIT)
+    return early._replace(entry=wide, contradicted=count, again=count, due=count + _WAIT)
+
+
+def _doubted_again(early: Early) -> Early:
+    """What is kept, contradicted once more: what nobody was found for may have been of chance, and something new."""
+    count = len(early.kept)
+    return early._replace(again=count, due=min(early.due, count + _WAIT))
+
+
+def _due_after(early: Early, until: int) -> int:
+    """When the next search begins after one of so many samples has found nobody."""
+    again = early.again + _WAIT if early.again > until else LONGEST + 1
+    return min(int(_MORE * len(early.kept)) + 1, max(again, len(early.kept) + 1))
 
 
 # ---------------------------------------------------------------------------------------- a search

@@ -191,7 +191,8 @@ class JointState(NamedTuple):
 
     Attributes:
         mean: the state's estimate, shape (size,).
-        root: lower triangular, with root root^T the covariance of the estimate's error, shape (size, size).
+        root: with root root^T the covariance of the estimate's error; lower triangular if rows from `Places.thrust` on
+            are put before the others, shape (size, size).
         level: thrust level of each jet at the end of the interval, shape (n_jets,).
         slope: its derivative by the logarithm of its time constant, shape (n_jets,).
         tick_slope: by offset and period error of the ticks, 1/s, shape (2, n_jets).

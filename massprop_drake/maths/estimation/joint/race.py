@@ -94,6 +94,7 @@ class Race(NamedTuple):
             explains everything by now.
         clear: the hypothesis that led all others by enough after the last sample.
         out: causes whose own filters have fallen too far behind, whatever the first order says of them.
+        quiet: samples up to the last one through which it could be of chance, see `is_quiet`.
     """
 
     triggered: int
@@ -104,6 +105,7 @@ class Race(NamedTuple):
     led: tuple[Standing, ...] = ()
     clear: Cause | None = None
     out: frozenset[Cause] = frozenset()
+    quiet: int = 0
 
     @property
     def cycles(self) -> int:
@@ -199,25 +201,35 @@ def moved(race: Race, standing: list[Standing], bank: Bank, history: History, te
     return race if drawn.screen.onsets == onsets else drawn
 
 
-def overtaken(race: Race, standing: list[Standing], onset: int) -> bool:
-    """Whether a race is about chance, and what has just begun needs one of its own.
-
-    That nothing had happened explained all for half a second and more, so nobody has led; and neither that nor anybody
-    explains the newest sample. To whom it is about, what begins then is what happened at its own onsets, and as its
-    alarm was of chance, so is what they may have done there.
+def is_quiet(race: Race, standing: list[Standing], lead_nothing: float) -> bool:
+    """Whether a race may be of chance: that nothing has happened explains all, and nobody leads that by enough.
 
     Args:
         race: see `Race`.
-        standing: see `standings`.
+        standing: see `standings`, not empty.
+        lead_nothing: see `Rules`.
+    """
+    return race.screen.scores[-1].misfit < FIT and all(each.contender.lead <= lead_nothing for each in standing)
+
+
+def overtaken(race: Race, onset: int) -> bool:
+    """Whether what has just begun needs a race of its own, since this one is of chance.
+
+    It has been quiet for half a second and more, and neither that nothing has happened nor a hypothesis that fits
+    explains the newest sample. To hypotheses that begin at its onsets, what begins now is what happened there, and none
+    of them is what happens; but it goes on for twenty seconds.
+
+    Args:
+        race: with its screen at the present.
         onset: that the test has by now.
     """
-    if race.leading or race.led or race.cycles <= HALF_A_SECOND or onset <= race.screen.onsets[-1]:
+    if race.quiet <= HALF_A_SECOND or onset <= race.screen.onsets[-1]:
         return False
     before, now = race.screen.scores[-2:]
-    newest = Score(*(b - a for a, b in zip(before, now, strict=True)))
-    if before.misfit >= FIT or newest.surprise < SHAKEN:
+    if Score(*(b - a for a, b in zip(before, now, strict=True))).surprise < SHAKEN:
         return False
-    return not any(each.run is not None and each.run.newest.surprise < SURPRISED for each in standing)
+    at_present = (run for run in race.runs if run.cycle == race.screen.cycle)
+    return not any(run.fits and run.newest.surprise < SURPRISED for run in at_present)
 
 
 def advanced(race: Race, history: History, params: JointParams) -> Race:
