@@ -193,13 +193,23 @@ def picture(page: Any, time_s: float) -> np.ndarray:
     return pixels
 
 
+# in the page's own time: a busy machine may hear of it when the run has ended, and a click then plays it again
+PAUSED_AT_A_FIFTH = """() => new Promise(said => {
+    const button = document.getElementById("mp-play");
+    const look = () => {
+        if (massprop.time() <= 0.2) { requestAnimationFrame(look); return; }
+        button.click();
+        said(button.innerText);
+    };
+    look();
+})"""
+
+
 def test_it_opens_from_disk_and_plays(replay: Any) -> None:
     page = replay.page
     assert replay.said == []
     page.click("#mp-play")
-    replay.until("massprop.time() > 0.2")
-    page.click("#mp-play")
-    assert page.inner_text("#mp-play") == "Play"
+    assert page.evaluate(PAUSED_AT_A_FIFTH) == "Play"
 
 
 def test_the_failed_jet_looks_different_after_its_onset(replay: Any) -> None:
