@@ -383,14 +383,13 @@ def test_others_are_as_far_behind_as_readings_and_what_is_known_beforehand_have_
     assert (found.state, found.joint, found.declarations) == (state, STATE, ("said",))
 
 
-def test_what_decides_must_show_to_first_order_too_where_that_is_about_right() -> None:
+@pytest.mark.parametrize("best", [leak(0), JUMP])
+def test_what_decides_must_show_to_first_order_too_where_that_is_about_right(best: Cause) -> None:
     """A filter is off it by as much as chance takes it; farther off the first order is wrong."""
     for linear, expected in ((100.0 - 40.0, 5.0), (100.0 - 60.0, 20.0)):
         one, other = (
-            races.Standing(
-                contender(leak(jet), lead), running(leak(jet), lead), contender(leak(jet), lead), first, 0.0, lead
-            )
-            for jet, lead, first in ((0, 100.0, linear), (1, 80.0, linear - 5.0))
+            races.Standing(contender(cause, lead), running(cause, lead), contender(cause, lead), first, 0.0, lead)
+            for cause, lead, first in ((best, 100.0, linear), (leak(1), 80.0, linear - 5.0))
         )
         assert races.ahead(one, other) == expected
 

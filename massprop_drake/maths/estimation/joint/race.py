@@ -362,8 +362,12 @@ def ahead(best: Standing, other: Standing) -> float:
 
 
 def _is_about_linear(standing: Standing) -> bool:
-    """Whether the first order of jets is no farther from what their filter has measured than chance takes that."""
-    return standing.contender.cause.kind == Kind.JETS and abs(standing.linear - standing.as_noise) <= _CHANCE
+    """Whether the first order of jets or a jump is no farther from what their filter has measured than chance takes it.
+
+    Of a large jump it is far off.
+    """
+    compared = standing.contender.cause.kind in (Kind.JETS, Kind.JUMP)
+    return compared and abs(standing.linear - standing.as_noise) <= _CHANCE
 
 
 def margin(best: Standing, other: Standing) -> float:
