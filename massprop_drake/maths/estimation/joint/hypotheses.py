@@ -119,6 +119,10 @@ class Score(NamedTuple):
     degrees: float
     again: float = 0.0
 
+    def without(self, part: Score) -> Score:
+        """What is left of it but for a part."""
+        return Score(*(whole - less for whole, less in zip(self, part, strict=True)))
+
     @property
     def misfit(self) -> float:
         """NIS above its expectation in its own standard deviations."""
@@ -218,7 +222,7 @@ class Runner(NamedTuple):
     @property
     def before_newest(self) -> Score:
         """Its score before the last cycle."""
-        return Score(*(now - new for now, new in zip(self.score, self.newest, strict=True)))
+        return self.score.without(self.newest)
 
     @property
     def is_small(self) -> bool:
@@ -514,6 +518,6 @@ def after_cycle(score: Score, report: Report, now: Counted, params: JointParams)
 
 
 def _stepped(run: Runner, after: JointState, score: Score) -> Runner:
-    newest = Score(*(now - had for now, had in zip(score, run.score, strict=True)))
+    newest = score.without(run.score)
     earlier = (*run.earlier, run.state)[-KEPT:]
     return run._replace(cycle=run.cycle + 1, state=after, score=score, earlier=earlier, newest=newest)

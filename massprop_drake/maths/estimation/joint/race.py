@@ -23,7 +23,6 @@ from massprop_drake.maths.estimation.joint.hypotheses import (
     Kind,
     Named,
     Runner,
-    Score,
     jumping,
     slot_of,
     stepped,
@@ -226,7 +225,7 @@ def overtaken(race: Race, onset: int) -> bool:
     if race.quiet <= HALF_A_SECOND or onset <= race.screen.onsets[-1]:
         return False
     before, now = race.screen.scores[-2:]
-    if Score(*(b - a for a, b in zip(before, now, strict=True))).surprise < SHAKEN:
+    if now.without(before).surprise < SHAKEN:
         return False
     at_present = (run for run in race.runs if run.cycle == race.screen.cycle)
     return not any(run.fits and run.newest.surprise < SURPRISED for run in at_present)
