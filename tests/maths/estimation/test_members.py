@@ -21,8 +21,9 @@ from massprop_drake.maths.estimation.detectors.multi_hypothesis import (
 from massprop_drake.maths.estimation.joint import screen as screens
 from massprop_drake.maths.estimation.joint.cycle import JointEvidence, step
 from massprop_drake.maths.estimation.joint.decision import LAST, Decision, Outcome
-from massprop_drake.maths.estimation.joint.hypotheses import Cause, Counting, Kind, Runner, Score, opened
+from massprop_drake.maths.estimation.joint.hypotheses import Cause, Counted, Counting, Kind, Runner, Score, opened
 from massprop_drake.maths.estimation.joint.race import Race
+from massprop_drake.maths.estimation.joint.screen import Contender
 
 PARAMS = small_params(second_order=False, flows=np.zeros(6), thrust_sigma=0.0)
 STATE = ready()._replace(slot_jet=np.full(2, -1.0))
@@ -143,6 +144,85 @@ def test_what_is_said_waits_for_a_race_that_is_young_and_a_jump_for_any() -> Non
         assert bool(found.members.each[0].waiting) != expected
 
 
+def knowing(one: Member, jet: int) -> Member:
+    """It with a further jet in its second slot."""
+    slots = one.joint.slot_jet.copy()
+    slots[1] = jet
+    return one._replace(joint=one.joint._replace(slot_jet=slots, slot_sign=np.ones(2)))
+
+
+def led(one: Member, *causes: Cause) -> Member:
+    """It with hypotheses that lead its race."""
+    race = one.method.race
+    assert race is not None
+    leading = tuple(Contender(cause, 1, 50.0, (3.0,), (0.1,)) for cause in causes)
+    return one._replace(method=one.method._replace(race=race._replace(leading=leading)))
+
+
+def test_what_takes_more_failures_than_another_finds_waits_two_seconds_for_it() -> None:
+    """Two jets that fail at once are rare, but explain nearly as much as a group's wrong member and one jet do."""
+    said = JetsDeclared(Word.FAILED, (3,), (1,), (10.0,), (1.0,), 0.0)
+    third = Cause(Kind.JETS, (4,), (1,), (1,))
+    first = knowing(member(0), 3)._replace(waiting=(said,))
+    for other, expected in (
+        (member(1, settled=24), False),
+        (member(1, settled=25), True),
+        (knowing(member(1, settled=0), 4), True),
+        (member(1, settled=24)._replace(waiting=(JumpDeclared(False, 0.0, 1.0, 0.1, np.zeros(3), np.ones(3)),)), True),
+        (led(racing(member(1), 25), third), True),  # takes as many
+        (led(racing(member(0), 25), Cause(Kind.JETS, (0,), (1,), (1,))), False),
+        (led(racing(member(0), 26), Cause(Kind.JETS, (0,), (1,), (1,))), True),
+        (racing(member(1), 13), True),  # nobody leads
+    ):
+        found = judged(first, other)
+        assert (said in found.judged.declarations) == expected
+
+
+def test_what_another_finds_in_place_of_what_is_said_is_compared_for_a_second_first() -> None:
+    """By samples that count for all, of which there are none while a third is undecided; for four seconds at most."""
+    said = JetsDeclared(Word.FAILED, (3,), (1,), (10.0,), (1.0,), 0.0)
+    third = member(4, settled=2)
+    for own, its, beside, settled, differ, expected in (
+        (10, 20, (), 20, True, False),
+        (20, 10, (), 20, True, False),
+        (11, 11, (), 20, True, True),
+        (11, 11, (third,), 49, True, False),
+        (11, 11, (third,), 50, True, True),
+        (0, 0, (), 20, False, True),
+    ):
+        first = member(0)._replace(waiting=(said,), compared=own, found=frozenset({3}))
+        other = member(1, settled=settled)._replace(compared=its, found=frozenset({4 if differ else 3}))
+        assert (said in judged(first, other, *beside).judged.declarations) == expected
+    alone = member(0)._replace(found=frozenset({3}))
+    assert not dut._may_object(member(1)._replace(found=frozenset({4})), alone)  # has nothing to say
+    for cycles, expected in ((25, True), (26, False)):
+        one = racing(first._replace(compared=0), cycles, fits=True)
+        assert dut._may_object(member(1)._replace(found=frozenset({4})), one) == expected
+
+
+def test_what_has_been_found_is_known_from_decision_to_decision() -> None:
+    """Also where a race is decided in the cycle in which it begins; who goes on beside has found it in its way."""
+    after, report = step(STATE, some_sample(PARAMS), PARAMS)
+    nobody = np.zeros(report.used.shape[0], dtype=np.bool_)
+    said = JetsDeclared(Word.FAILED, (3,), (1,), (10.0,), (1.0,), 0.0)
+    for declared, expected, settled in (((said,), {(Word.FAILED, ways_of(said))}, 0), ((), {9}, SETTLED + 1)):
+        found = Judged(multi_hypothesis.initial(PARAMS), None, None, declared, Status())
+        one = member(0)._replace(compared=5, found=frozenset({9}))
+        gone_on = dut._after(one, found, after, report, Counted(nobody, nobody), PARAMS)
+        assert gone_on.found == expected
+        assert gone_on.settled == settled
+        assert gone_on.compared == (0 if declared else 5)
+
+
+def test_samples_that_have_been_compared_are_counted_from_a_decision_on() -> None:
+    after, report = step(STATE, some_sample(PARAMS), PARAMS)
+    found = Judged(multi_hypothesis.initial(PARAMS), None, None, (), Status())
+    nobody = np.zeros(report.used.shape[0], dtype=np.bool_)
+    for one, expected in ((member(0), 5), (racing(member(0), 20, fits=True), 0)):
+        gone_on = dut._after(one._replace(compared=5), found, after, report, Counted(nobody, nobody), PARAMS)
+        assert gone_on.compared == expected
+
+
 def test_while_something_waits_hypotheses_are_compared() -> None:
     """So that where the run ends, it is listed as what was not decided."""
     said = JetsDeclared(Word.FAILED, (3,), (1,), (10.0,), (1.0,), 0.0)
@@ -250,6 +330,22 @@ def test_who_needs_more_failures_than_another_explains_all_by_is_lost() -> None:
         assert (judged(greedy, member(1, settled=settled)).judged.replacement is not None) == expected
     jumped = member(1, settled=25)._replace(waiting=(jump,))
     assert judged(greedy, jumped).judged.replacement is None
+
+
+def test_whose_race_is_led_by_more_failures_than_another_explains_all_by_is_lost() -> None:
+    """Where nobody leads it may come to anything."""
+    more, as_many = Cause(Kind.JETS, (2, 3), (1, 1), (1, 1)), Cause(Kind.JETS, (2,), (1,), (1,))
+    other = knowing(member(1, settled=25), 3)
+    for cause, settled, cycles, expected in (
+        (more, 25, 25, True),
+        (more, 25, 24, False),
+        (as_many, 25, 60, False),
+        (more, 24, 60, False),
+        (None, 25, 60, False),
+    ):
+        one = racing(member(0), cycles, fits=True)
+        one = one if cause is None else led(one, cause)
+        assert (judged(one, other._replace(settled=settled)).judged.replacement is not None) == expected
 
 
 def undecided(settled: int) -> Member:

@@ -315,13 +315,30 @@ def test_those_explain_all_that_no_filter_has_put_behind_and_no_jump_may_be_it()
     rules = decision.Rules()
     now = race(running(leak(0), 96.0), running(leak(1), 80.0))
     some = [contender(leak(0), 96.0), contender(leak(1), 80.0), contender(leak(2), 100.0), contender(leak(3), 80.0)]
-    found = decision.explaining(races.standings(now, some, PARAMS), rules)
+    found = decision.explaining(races.standings(now, some, PARAMS), (), rules)
     assert [each.contender.cause for each in found] == [leak(0), leak(2)]  # the likeliest has no filter yet
-    assert not decision.explaining(races.standings(now, [*some, contender(JUMP, 98.0)], PARAMS), rules)
+    last = tuple(found)
+    assert not decision.explaining(races.standings(now, [*some, contender(JUMP, 98.0)], PARAMS), last, rules)
     lost = race(running(leak(0), 96.0, nis=100.0))
-    assert not decision.explaining(races.standings(lost, some, PARAMS), rules)
-    little = race(running(leak(0), 11.0))
-    assert not decision.explaining(races.standings(little, [contender(leak(0), 11.0)], PARAMS), rules)
+    assert not decision.explaining(races.standings(lost, some, PARAMS), (), rules)
+    little = race(running(leak(0), 11.0))  # nothing explains as much
+    assert not decision.explaining(races.standings(little, [contender(leak(0), 11.0)], PARAMS), last, rules)
+
+
+def test_who_led_last_stays_while_it_is_not_behind_and_wherever_nobody_fits() -> None:
+    """What begins makes a neighbor fit by chance for a sample, or two others at once that are far behind."""
+    rules = decision.Rules()
+    some = [contender(leak(jet), 100.0 - jet) for jet in range(3)]
+    last = tuple(races.standings(race(*(running(leak(jet), 100.0 - jet) for jet in range(3))), some, PARAMS))
+    far = running(leak(2), 80.0, nis=100.0)
+    now = race(running(leak(0), 100.0, nis=100.0), running(leak(1), 99.0), far)
+    found = decision.explaining(races.standings(now, [*some[:2], contender(leak(2), 80.0)], PARAMS), last, rules)
+    assert [each.contender.cause for each in found] == [leak(1), leak(0)]
+    assert found[1].run is not None
+    assert not found[1].run.fits
+    now = race(running(leak(0), 100.0, nis=100.0), running(leak(1, 2), 70.0), far)
+    both = [some[0], contender(leak(1, 2), 70.0), some[2]]
+    assert decision.explaining(races.standings(now, both, PARAMS), last, rules) is last
 
 
 def test_runners_up_explain_all_and_are_less_than_twelve_nats_behind() -> None:
@@ -460,6 +477,26 @@ def test_a_little_force_must_lead_by_twice_as_much_for_eight_seconds() -> None:
         assert (found.outcome == decision.Outcome.JETS) == expected
 
 
+def test_two_little_forces_at_once_must_lead_by_three_times_as_much_however_late() -> None:
+    for little, behind, cycles, expected in (
+        (True, 17.0, 50, False),
+        (True, 17.0, 120, False),
+        (True, 19.0, 50, True),
+        (False, 8.0, 50, True),
+    ):
+        first, other = (Cause(Kind.JETS, jets, (1, 1), (int(little),) * 2) for jets in ((0, 1), (0, 2)))
+        runs = [running(first, 100.0), running(other, 100.0 - behind)]
+        if little:
+            for place, run in enumerate(runs):
+                mean = run.state.mean.copy()
+                mean[PARAMS.places.force : PARAMS.places.force + 2] *= 0.5
+                runs[place] = run._replace(state=run.state._replace(mean=mean))
+        now = race(*runs)._replace(triggered=NOW - cycles)
+        some = [contender(cause, lead) for cause, lead in ((first, 100.0), (other, 100.0 - behind))]
+        found = decision.decided(now, races.standings(now, some, PARAMS), True, decision.Rules(), PARAMS)
+        assert (found.outcome == decision.Outcome.JETS) == expected
+
+
 def test_two_at_once_that_no_longer_explain_what_comes_are_not_named_but_who_led_alone_beside_them() -> None:
     pair, one = running(leak(0, 1), 100.0, cycle=NOW - 6), running(leak(2), 99.0, cycle=NOW - 6)
     standing = [
@@ -484,6 +521,86 @@ def test_who_led_alone_is_remembered_while_two_at_once_explain_what_has_come_sin
         standing = races.standings(now, [contender(leak(0, 1), 100.0)], PARAMS)
         found = multi_hypothesis._led(now, standing, decision.Decision(decision.Outcome.OPEN), decision.Rules())
         assert [each.contender.cause for each in found.led] == [expected]
+
+
+def test_who_the_newest_sample_alone_puts_behind_leads_for_one_more() -> None:
+    """What begins in the midst of a sample favors one of them by chance."""
+    behind = running(leak(1), 60.0)._replace(newest=Score(-38.0, -38.0, 60.0, 6.0))
+    long_since = running(leak(2), 60.0)._replace(newest=Score(-18.0, -18.0, 60.0, 6.0))
+    for lead, expected in ((100.0, [leak(1)]), (108.0, [])):
+        led = (contender(leak(0), lead), contender(leak(1), 60.0), contender(leak(2), 60.0))
+        rival = contender(leak(3), lead - 11.0)  # so that nobody is clear
+        now = race(running(leak(0), lead), behind, long_since, leading=led)._replace(clear=leak(0))
+        found = decision.decided(now, races.standings(now, [*led, rival], PARAMS), True, decision.Rules(), PARAMS)
+        assert found.outcome == decision.Outcome.OPEN
+        assert found.winner is not None
+        assert [each.cause for each in found.group] == expected
+
+
+def test_those_that_led_are_named_as_they_stood_before_the_first_sample_that_surprised_one_of_them() -> None:
+    led = (contender(leak(0), 100.0), contender(leak(1), 99.0))
+    runs = running(leak(0), 100.0), running(leak(1), 99.0)
+    before = [
+        races.Standing(each, run._replace(cycle=NOW - ago), each, 100.0, 0.0, 100.0)
+        for each, run, ago in zip(led, runs, (2, 2), strict=True)
+    ]
+    shaken = [surprised(leak(0), 60.0), surprised(leak(1), 60.0, 99.0)]
+    third = races.Standing(
+        contender(leak(2), 98.0), running(leak(2), 98.0, NOW - 2), contender(leak(2), 98.0), 98.0, 0.0, 98.0
+    )
+    just = [each._replace(run=running(each.contender.cause, 100.0, NOW - 1)) for each in before]
+    for remembered, cycle in (((*before, third), NOW - 2), (before[:1], NOW), (just, NOW), ((), NOW)):
+        now = race(*shaken, leading=led)._replace(led=tuple(remembered))
+        found = decision.decided(now, races.standings(now, [*led], PARAMS), True, decision.Rules(), PARAMS)
+        assert found.shaken
+        assert found.winner is not None
+        assert found.winner.run is not None
+        assert found.winner.run.cycle == cycle
+        assert [each.cause for each in found.group] == [leak(1)]
+
+
+def test_who_led_is_remembered_as_it_stood_before_a_sample_that_surprises_one_of_them() -> None:
+    """And until when they explained nearly all."""
+    led = (contender(leak(0), 100.0), contender(leak(1), 99.0))
+    calm = (running(leak(0), 100.0), running(leak(1), 99.0))
+    some = (running(leak(0), 100.0), surprised(leak(1), 60.0, 99.0))
+    for runs, known, old in ((calm, (0, 1), False), (some, (0, 1), True), (some, (0,), False)):
+        now = race(*runs, leading=led)
+        before = tuple(races.standings(race(*calm), [*led], PARAMS))
+        now = now._replace(led=tuple(each for each in before if each.contender.cause.jets[0] in known))
+        standing = races.standings(now, [*led], PARAMS)
+        made = decision.Decision(decision.Outcome.OPEN, standing[0], (standing[1].contender,))
+        found = multi_hypothesis._led(now, standing, made, decision.Rules())
+        assert all(one is other for one, other in zip(found.led, now.led, strict=False)) == old
+        assert len(found.led) == 2
+        assert found.until == NOW
+    lost = race(running(leak(0), 100.0, nis=200.0))._replace(led=before, until=NOW - 3)
+    nobody = decision.Decision(decision.Outcome.OPEN)
+    standing = races.standings(lost, [*led], PARAMS)
+    assert multi_hypothesis._led(lost, standing, nobody, decision.Rules()).until == NOW - 3
+    nearly = race(running(leak(0), 100.0, cells=90.0))._replace(led=before, until=NOW - 3)  # behind noise by ten nats
+    standing = races.standings(nearly, [*led], PARAMS)
+    assert standing[0].run is not None
+    assert not standing[0].run.fits
+    assert multi_hypothesis._led(nearly, standing, nobody, decision.Rules()).until == NOW
+
+
+def test_half_a_second_without_an_explanation_counts_from_the_last_that_nearly_was_one() -> None:
+    led = races.Standing(
+        contender(leak(0), 90.0), running(leak(0), 90.0, NOW - 8), contender(leak(0), 90.0), 90.0, 0.0, 90.0
+    )
+    for until, expected in ((NOW - 5, False), (NOW - 6, True), (-1, True)):
+        now = race(running(leak(3), 100.0, nis=200.0))._replace(led=(led,), until=until)
+        standing = races.standings(now, [contender(leak(3), 100.0)], PARAMS)
+        assert decision.decided(now, standing, True, decision.Rules(), PARAMS).shaken == expected
+
+
+def test_what_is_named_since_something_new_began_explains_all_until_it_no_longer_nearly_fits() -> None:
+    run = running(leak(0), 100.0, cycle=NOW - 6)
+    standing = races.Standing(contender(leak(0), 100.0), run, contender(leak(0), 100.0), 100.0, 0.0, 100.0)
+    for shaken, until, expected in ((True, NOW - 2, NOW - 2), (True, -1, NOW - 6), (False, NOW - 2, -1)):
+        made = decision.Decision(decision.Outcome.JETS, standing, shaken=shaken)
+        assert multi_hypothesis._explained(made, race()._replace(until=until)) == expected
 
 
 def test_of_two_alternatives_each_sees_its_own_failures_first() -> None:
@@ -858,6 +975,9 @@ def test_what_a_filter_took_for_its_onset_may_be_all_that_it_is_off_the_first_or
         now = race(run)
         found = races.running(now, races.standings(now, some, PARAMS), 2, PARAMS)
         assert (found.runs[0].cycle == ONSET) == expected
+    run = running(leak(0), 100.0)._replace(kicks=wide)  # what is less likely to first order costs it nothing
+    less = contender(leak(0), 78.0)._replace(force=(0.6 * PARAMS.thrusts[0],), kicks=narrow)
+    assert races.running(race(run), races.standings(race(run), [less], PARAMS), 2, PARAMS).runs[0].cycle == NOW
     # at another onset the jet was told otherwise, and kicked otherwise
     elsewhere = contender(leak(0), 122.0)._replace(
         force=(0.6 * PARAMS.thrusts[0],), kicks=narrow, onset=ONSET + 1, at_onsets=((ONSET, 121.5), (ONSET + 1, 122.0))

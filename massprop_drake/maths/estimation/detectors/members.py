@@ -11,12 +11,14 @@ and whoever explains as well what one of these names goes on beside it in turn. 
 of its filter (`hypotheses`), to begin with what it was behind by; over the components that have moved, or have not for
 six samples, of every sample at which none of them has a race open or has just decided one. Who is twelve nats behind by
 both is not followed any longer, nor who has found no explanation in two seconds where another has, nor who needs a
-further failure, or a jump, for what another explains without an alarm. Where that is the one that the filter goes on
-from, the best takes its place, and what was said of it alone is taken back. What is said in the meantime waits until
-each has decided, a second at most. Of a group whose members what has fired could tell apart, and which was found only
-since something new began, nothing is said while they are followed. Who is left alone of one is named; what nothing has
-settled by the time that a race may last is said to be a group of those that are left. Who never was followed, for
-want of a filter as far or of a place, has not been spoken against, and stays in the group.
+further failure, or a jump, for what another explains without an alarm, or more failures than another has explained all
+by for two seconds. Where that is the one that the filter goes on from, the best takes its place, and what was said of
+it alone is taken back. What is said in the meantime waits until each has decided, for a second, or two where that takes
+fewer failures, and where they have found different things until they have been compared for a second. Of a group whose
+members what has fired could tell apart, and which was found only since something new began, nothing is said while they
+are followed. Who is left alone of one is named; what nothing has settled by the time that a race may last is said to be
+a group of those that are left. Who never was followed, for want of a filter as far or of a place, has not been spoken
+against, and stays in the group.
 
 What shakes all that led may be no new failure: two at once look like one until something turns the body another way. So
 where they are named for that, the race also goes on as if it were not decided, beside them. It takes their place if it
@@ -76,6 +78,8 @@ class Member(NamedTuple):
         status: of the cycle in which it found the last group, else of that in which it declared something last.
         newest: what the newest sample would add to the score.
         settled: cycles since its last decision; zero while a race is open.
+        compared: samples since its last decision that are in everybody's score.
+        found: what it found when it last found anything, in short.
         raced: cycles of a race that has just ended with something declared; else zero.
         groups: that it has been found to belong to, itself the first of each.
         undecided: whether in it the race has gone on as if it were not decided.
@@ -88,6 +92,8 @@ class Member(NamedTuple):
     status: Status = Status()
     newest: Score = NO_SCORE
     settled: int = 0
+    compared: int = 0
+    found: frozenset[object] = frozenset()
     raced: int = 0
     groups: tuple[JetsDeclared, ...] = ()
     undecided: bool = False
@@ -204,7 +210,15 @@ def _beside(before: Member, one: Member, judged: Judged, params: JointParams) ->
         return
     for each in multi_hypothesis.had_others_won(judged.otherwise, params):
         score = Score(before.score.likelihood + each.as_noise, before.score.cells + each.odds, 0.0, 0.0)
-        other = before._replace(joint=each.joint, method=each.state, score=score, settled=0, raced=one.raced)
+        other = before._replace(
+            joint=each.joint,
+            method=each.state,
+            score=score,
+            settled=0,
+            compared=0,
+            found=one.found,
+            raced=one.raced,
+        )
         yield _has_found(other, each.declarations, judged)
     if judged.otherwise.named.shaken:
         state = multi_hypothesis.goes_on(judged.otherwise)
@@ -251,13 +265,19 @@ def _known(member: Member) -> Ways:
 def _after(
     member: Member, judged: Judged, now: JointState, report: Report, counted: Counted, params: JointParams
 ) -> Member:
-    race = member.method.race
-    decided = race is not None and judged.state.race is None
+    race, more = member.method.race, tuple(each for each in judged.declarations if _adds(each))
+    decided = bool(more) or (race is not None and judged.state.race is None)
     settled = 0 if decided or judged.state.race is not None else member.settled + 1
-    raced = race.cycles if race is not None and decided and any(map(_adds, judged.declarations)) else 0
-    newest = after_cycle(NO_SCORE, report, counted, params)
     member = _has_found(member, judged.declarations, judged)
-    return member._replace(joint=now, method=judged.state, newest=newest, settled=settled, raced=raced)
+    return member._replace(
+        joint=now,
+        method=judged.state,
+        newest=after_cycle(NO_SCORE, report, counted, params),
+        settled=settled,
+        compared=member.compared if settled > 0 else 0,
+        found=frozenset(map(_in_short, more)) if more else member.found,
+        raced=race.cycles if race is not None and more else 0,
+    )
 
 
 def _adds(declaration: Declaration) -> bool:
@@ -272,7 +292,9 @@ def _counted_in(each: tuple[Member, ...]) -> tuple[Member, ...]:
     if any(member.settled < _SETTLING for member in each if not member.undecided):
         return each
     scores = [Score(*(a + b for a, b in zip(one.score, one.newest, strict=True))) for one in each]
-    return tuple(member._replace(score=score) for member, score in zip(each, scores, strict=True))
+    return tuple(
+        member._replace(score=score, compared=member.compared + 1) for member, score in zip(each, scores, strict=True)
+    )
 
 
 def _race_for(member: Member) -> int:
@@ -290,15 +312,31 @@ def _ahead(one: Member, other: Member) -> float:
 
 
 def _needs_more(member: Member, each: tuple[Member, ...]) -> bool:
-    """Whether it has just explained by something more what another explains as it is, without any alarm, or has
-    explained for two seconds with fewer failures and no jump, which would explain anything.
+    """Whether it has just explained by something more what another explains as it is, without any alarm, or explains by
+    more failures, or what leads its race after two seconds does, what another has for as long, without a jump, which
+    would explain anything.
     """
-    if member.raced == 0:
+    race = member.method.race
+    if member.raced == 0 and (race is None or race.cycles < _LOST):
         return False
-    failures = len(_known(member))
-    as_well = [other for other in each if other.settled >= _LOST and len(_known(other)) < failures]
-    as_well = [other for other in as_well if not any(isinstance(one, JumpDeclared) for one in other.waiting)]
-    return bool(as_well) or any(other.settled > member.raced for other in each)
+    failures = _taken(member)
+    as_well = [other for other in each if other.settled >= _LOST and len(_known(other)) < len(failures)]
+    as_well = [other for other in as_well if not _has_jumped(other)]
+    return bool(as_well) or (member.raced > 0 and any(other.settled > member.raced for other in each))
+
+
+def _has_jumped(member: Member) -> bool:
+    """Whether a jump waits to be said, which explains nearly all."""
+    return any(isinstance(each, JumpDeclared) for each in member.waiting)
+
+
+def _taken(member: Member) -> Ways:
+    """Jets and signs that a member explains by, of its race what leads; empty while nobody does."""
+    race = member.method.race
+    if race is None:
+        return _known(member)
+    leading = [zip(each.cause.jets, each.cause.signs, strict=True) for each in race.leading[:1]]
+    return _known(member).union(*leading) if leading else frozenset()
 
 
 def _left(each: tuple[Member, ...], behind: float) -> tuple[Member, ...]:
@@ -431,14 +469,30 @@ def as_said(members: Members, method: multi_hypothesis.State) -> multi_hypothesi
 
 
 def _may_object(other: Member, first: Member) -> bool:
-    """Whether what is said waits for another's race, for a second; or, of a jump, which explains nearly all, until that
-    has been decided and compared.
+    """Whether what is said waits for another.
+
+    For a second of its race; of a jump until its race has been decided and compared. Of anything more for two seconds
+    of its race, and two after it, where that takes fewer failures; and until they have been compared for a second where
+    each has found something else last, but not longer than four seconds, or two of a race.
     """
-    jumped = any(isinstance(each, JumpDeclared) for each in first.waiting)
-    if jumped and other.settled < _PATIENCE:
+    if _has_jumped(first) and other.settled < _PATIENCE:
         return True
     race = other.method.race
-    return race is not None and race.cycles <= _PATIENCE
+    if race is not None and race.cycles <= _PATIENCE:
+        return True
+    if not any(map(_adds, first.waiting)):
+        return False
+    if _takes_fewer(other, first) and (other.settled if race is None else race.cycles - 1) < _LOST:
+        return True
+    own = first.method.race
+    compared = min(other.compared, first.compared) >= _PATIENCE
+    lapsed = other.settled >= 2 * _LOST or (own is not None and own.cycles > _LOST)
+    return race is None and bool(other.found - first.found) and not (compared or lapsed)
+
+
+def _takes_fewer(other: Member, first: Member) -> bool:
+    """Whether a member explains by fewer failures, and no jump, or what leads its race, what another has explained."""
+    return 0 < len(_taken(other)) < len(_known(first)) and not _has_jumped(other)
 
 
 def _unsaid(waiting: tuple[Declaration, ...], said: tuple[Declaration, ...]) -> tuple[Declaration, ...]:

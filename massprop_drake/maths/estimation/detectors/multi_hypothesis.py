@@ -33,6 +33,7 @@ from massprop_drake.maths.estimation.joint.decision import (
     decided,
     explaining,
     is_one,
+    nearly_fits,
     runners_up,
 )
 from massprop_drake.maths.estimation.joint.early import Early, Found
@@ -552,19 +553,25 @@ def _onset(state: State, total: Array) -> int:
 
 
 def _led(race: Race, standing: list[races.Standing], decision: Decision, rules: Rules) -> Race:
-    """The race with who leads it now, and who did last."""
+    """The race with who leads it now, and who did last: as they stood before a sample that surprises one of them."""
     winner = decision.winner
     leading = () if winner is None else (winner.contender, *decision.group)
     causes = {each.cause for each in leading}
     led = tuple(each for each in standing if each.run is not None and each.contender.cause in causes)
+    if any(each.run is not None and each.run.newest.surprise >= races.SURPRISED for each in led):
+        before = tuple(each for each in race.led if each.contender.cause in causes)
+        led = before if len(before) == len(causes) else led
     if not leading:
         fits = any(each.run is not None and each.run.fits for each in standing)
-        led = explaining(standing, rules) if fits else race.led
+        led = explaining(standing, race.led, rules) if fits else race.led
     if led and not any(is_one(race, each) for each in led):  # two at once may stand for a second that has just begun
         since = race.screen.cycle - _REMEMBERED
         led = tuple(one for one in race.led if is_one(race, one) and one.run and one.run.cycle >= since) or led
     clear = winner.contender.cause if winner is not None and decision.clear else None
-    return race._replace(leading=leading, led=led, clear=clear)
+    who = {each.contender.cause for each in led}
+    explains = any(each.run and nearly_fits(each.run) for each in standing if each.contender.cause in who)
+    until = race.screen.cycle if explains else race.until if led else -1
+    return race._replace(leading=leading, led=led, clear=clear, until=until)
 
 
 @kernel
@@ -661,15 +668,15 @@ def _concluded(
         now = unguarded(now._replace(root=compressed(np.hstack((now.root, columns)), joint.places.thrust)))
         declared.append(Unexplained(began))
     bank, history, now = _anew(state, now, decision, joint)
-    return state._replace(bank=bank, history=history, race=None, explained=_explained(decision)), now, declared
+    return state._replace(bank=bank, history=history, race=None, explained=_explained(decision, race)), now, declared
 
 
-def _explained(decision: Decision) -> int:
+def _explained(decision: Decision, race: Race) -> int:
     """Cycle up to which jets explain all that are named because something new has begun, see `State.explained`."""
     run = decision.winner.run if decision.winner is not None else None
     if not decision.shaken or run is None:
         return -1
-    return run.cycle - int(run.newest.surprise >= races.SURPRISED)
+    return max(run.cycle - int(run.newest.surprise >= races.SURPRISED), race.until)
 
 
 def _is_measured(size: Payload) -> bool:

@@ -7,8 +7,9 @@ set of jets, in nats, and cycles counted from the alarm:
              for two samples where the first has put others behind that led until then; a pair after three samples;
              before settled only forces of a tenth of full thrust; of less than half of its thrust, or than a tenth of
              the strongest jet's, half a second after the alarm, and for a second only by what is read over two at once,
-             since for so long two look like one, and for eight seconds L_1 - L_2 > 12, 9 over two at once; that a
-             known force changes for half a second only by what is read, later also as it is likelier beforehand
+             since for so long two look like one, and for eight seconds L_1 - L_2 > 12, 9 over two at once; of two such
+             at once L_1 - L_2 > 18; that a known force changes for half a second only by what is read, later also as
+             it is likelier beforehand
     group    the same against all but those that differ in one jet, which what has fired cannot tell apart, and are two
              at most or of one cluster; or differ in jets of the same clusters; of little forces after eight seconds,
              and not before the end unless it is narrow; and at once where something new begins that none of them
@@ -46,6 +47,7 @@ from massprop_drake.maths.estimation.joint.race import (
     Race,
     Standing,
     ahead,
+    apart,
     is_unheard,
     leads,
     margin,
@@ -62,6 +64,7 @@ _JUMP_AFTER = 2  # samples: in one of them a pair of jets explains as much
 _DOUBTFUL_JUMP_AFTER = 12  # samples: one that misfits may yet learn; a small one fits jets that began at another onset
 _LITTLE_FORCE, _LITTLE_SHARE = 0.1, 0.5  # of the strongest jet's thrust, and of the jet's own
 _CERTAINLY = 2.0  # times the lead, of what does little harm meanwhile: rounding moves a lead by ten nats by chance
+_OF_TWO = 3.0  # of two such at once: there are twenty times as many to compare, and their common force is hardly known
 _OVER_MORE = 1.5  # over more failures, of which the lead is mostly that they are rare: no chance moves that
 _WELL = 3.0  # standard deviations of chi-square: of who explains all so far, one in a thousand is above
 _LITTLE = 0.01  # of the misfit of nothing, left by a jump that does not fit
@@ -146,9 +149,8 @@ def decided(race: Race, standing: list[Standing], settled: bool, rules: Rules, p
     best = standing[0]
     lead, found = best.contender.lead, Decision(Outcome.OPEN)
     kind = best.contender.cause.kind
-    doubted = cycles < _GROUP_AFTER and _is_new_and_little(race, best, params)
     clear = lead > rules.lead_nothing and all(
-        leads(best, other, _asked(best, other, rules) if doubted else rules.lead) for other in standing[1:]
+        leads(best, other, _asked(race, best, other, rules, params)) for other in standing[1:]
     )
     if (
         kind == Kind.JETS
@@ -177,10 +179,20 @@ def decided(race: Race, standing: list[Standing], settled: bool, rules: Rules, p
     return found
 
 
-def _asked(best: Standing, other: Standing, rules: Rules) -> float:
-    """Lead of a little force over another hypothesis, nats."""
+def _asked(race: Race, best: Standing, other: Standing, rules: Rules, params: JointParams) -> float:
+    """Lead over another hypothesis, nats: more of a little force for eight seconds, and of two such at once."""
+    little = [each for each in _new(race, best) if _is_little((each,), params)]
+    if len(little) > 1:
+        return _OF_TWO * rules.lead
+    if not little or race.cycles >= _GROUP_AFTER:
+        return rules.lead
     more = len(other.contender.cause.jets) > len(best.contender.cause.jets)
     return (_OVER_MORE if more else _CERTAINLY) * rules.lead
+
+
+def _new(race: Race, standing: Standing) -> list[FailedJet]:
+    """Its failures of jets that nothing is known of."""
+    return [each for each in standing.contender.failures if each.jet not in race.states[0].slot_jet]
 
 
 def _is_behind(race: Race, jump: Standing, lead: float) -> bool:
@@ -218,7 +230,7 @@ def _of_jets(
     if (pair and cycles < _PAIR_AFTER) or overrated(race, standing[0]) is not None:
         return undecided
     until_now = tuple(each for each in race.leading if each.cause != best.cause)
-    if clear and not known and race.clear != best.cause and _put_behind(standing, until_now):
+    if clear and not known and race.clear != best.cause and _surprised(standing, until_now):
         return Decision(Outcome.OPEN, standing[0], until_now, clear=True)
     if clear:
         little = _is_new_and_little(race, standing[0], params)
@@ -236,7 +248,9 @@ def _of_jets(
     if alternatives and ready and _alike(race, best, alternatives, params):
         return Decision(Outcome.GROUP, standing[0], near, alternatives)
     led = near or _not_cleared(standing, rules)
-    return Decision(Outcome.OPEN, standing[0], led) if all(each.cause.kind == Kind.JETS for each in led) else undecided
+    if not all(each.cause.kind == Kind.JETS for each in led):
+        return undecided
+    return Decision(Outcome.OPEN, standing[0], (*led, *_put_behind(standing, until_now, led, rules, params)))
 
 
 def _is_little(failures: tuple[FailedJet, ...], params: JointParams) -> bool:
@@ -248,8 +262,7 @@ def _is_little(failures: tuple[FailedJet, ...], params: JointParams) -> bool:
 
 def _is_new_and_little(race: Race, best: Standing, params: JointParams) -> bool:
     """Whether it says of some jet that nothing is known of that it gives little."""
-    new = (each for each in best.contender.failures if each.jet not in race.states[0].slot_jet)
-    return _is_little(tuple(new), params)
+    return _is_little(tuple(_new(race, best)), params)
 
 
 def _may_be_two(standing: list[Standing], rules: Rules) -> bool:
@@ -257,11 +270,24 @@ def _may_be_two(standing: list[Standing], rules: Rules) -> bool:
     return not all(leads(standing[0], other, rules.lead, read=True) for other in standing[1:])
 
 
-def _put_behind(standing: list[Standing], until_now: tuple[Contender, ...]) -> bool:
-    """Whether the newest sample surprises one of those that led until now: it may be of something new."""
+def _surprised(standing: list[Standing], until_now: tuple[Contender, ...]) -> list[Standing]:
+    """Those that led until now that the newest sample surprises: it may be of something new."""
     causes = {each.cause for each in until_now}
-    runs = [each.run for each in standing if each.run is not None and each.contender.cause in causes]
-    return any(run.newest.surprise >= SURPRISED for run in runs)
+    some = (each for each in standing if each.contender.cause in causes)
+    return [each for each in some if each.run is not None and each.run.newest.surprise >= SURPRISED]
+
+
+def _put_behind(
+    standing: list[Standing],
+    until_now: tuple[Contender, ...],
+    led: tuple[Contender, ...],
+    rules: Rules,
+    params: JointParams,
+) -> list[Contender]:
+    """Those that led until now that the newest sample alone puts behind: one more must show it."""
+    best, causes = standing[0], {each.cause for each in led}
+    some = [each for each in _surprised(standing, until_now) if each.contender.cause not in causes]
+    return [each.contender for each in some if min(apart(best, each, params, shaken=True)) < rules.lead]
 
 
 def _shown_by_readings(standing: list[Standing], rules: Rules) -> bool:
@@ -325,9 +351,10 @@ def _interrupted(race: Race, standing: list[Standing], rules: Rules) -> Decision
     """What becomes of those that led, one or several: named where none of them explains the newest sample.
 
     They wait for the next sample where that is in doubt, or where the newest alone has made another of them lead: what
-    begins in the midst of a sample favors one of them by chance. Where another explains that sample, too, it was they
-    that were wrong, and so it was where none of them had explained all before it well: two failures at once look like
-    one for a while. Those of them that have no filter at the present cannot say; they are named with the others.
+    begins in the midst of a sample favors one of them by chance; if the next is no better they are named as they stood
+    before that. Where another explains the newest sample, too, it was they that were wrong, and so it was where none of
+    them had explained all before it well: two failures at once look like one for a while. Those of them that have no
+    filter at the present cannot say; they are named with the others.
     """
     now = {each.contender.cause: each for each in standing}
     led = [now[each.cause]._replace(contender=each) for each in race.leading if each.cause in now]
@@ -340,7 +367,10 @@ def _interrupted(race: Race, standing: list[Standing], rules: Rules) -> Decision
     if min(surprises) >= SURPRISED and any(run.newest.surprise < SURPRISED for run in fitting):
         return None
     if min(surprises) >= SHAKEN:
-        return _named(led, race, rules)
+        causes, latest = {each.contender.cause for each in led}, race.screen.cycle - 2
+        stood = [each for each in race.led if each.run is not None and each.run.cycle <= latest]
+        before = [each for each in stood if each.contender.cause in causes]
+        return _named(before if len(before) == len(led) else led, race, rules)
     if min(surprises) >= SURPRISED:
         return Decision(Outcome.OPEN, led[0], tuple(each.contender for each in led[1:]))
     first = standing[0].contender.cause
@@ -374,11 +404,16 @@ def _explained_well(run: Runner) -> bool:
     return before.misfit <= _WELL and before.excess - run.entry.excess < EXCESS
 
 
-def explaining(standing: list[Standing], rules: Rules) -> tuple[Standing, ...]:
+def explaining(standing: list[Standing], last: tuple[Standing, ...], rules: Rules) -> tuple[Standing, ...]:
     """Jets that explain all so far and are not behind, those first that have a filter; none where a jump may be it.
+
+    What begins slowly is in all of them before it shows, and makes one fit for a sample more than another by chance. So
+    who led last stays while it is not behind, though it no longer fits; and all stay, as they were, where nobody who is
+    not behind fits.
 
     Args:
         standing: see `race.standings`.
+        last: who did before, see `Race.led`.
         rules: see `Rules`.
     """
     best, *others = rivals(standing)
@@ -386,9 +421,13 @@ def explaining(standing: list[Standing], rules: Rules) -> tuple[Standing, ...]:
     if any(each.contender.cause.kind != Kind.JETS for each in near):
         return ()
     fit = [each for each in near if each.run is not None and each.run.fits]
+    if not fit:
+        return last
     if not any(each.contender.lead > rules.lead_nothing for each in fit):
         return ()
-    return (*fit, *(each for each in near if each.run is None))
+    doubtful = {each.contender.cause for each in last} - {each.contender.cause for each in fit}
+    stay = [each for each in near if each.run is not None and each.contender.cause in doubtful]
+    return (*fit, *stay, *(each for each in near if each.run is None))
 
 
 def _left_behind(race: Race, standing: list[Standing], rules: Rules) -> Decision | None:
@@ -397,13 +436,13 @@ def _left_behind(race: Race, standing: list[Standing], rules: Rules) -> Decision
     What begins slowly shakes none of them, and is in all of them before it shows. Who nearly fits is not named, but
     says that they were wrong rather than that something is new.
     """
-    if race.leading or not race.led or any(each.run is not None and _nearly_fits(each.run) for each in standing):
+    if race.leading or not race.led or any(each.run is not None and nearly_fits(each.run) for each in standing):
         return None
-    ago = max(race.screen.cycle - each.run.cycle for each in race.led if each.run is not None)
-    return _named(list(race.led), race, rules) if ago >= HALF_A_SECOND else None
+    until = max(race.until, min(each.run.cycle for each in race.led if each.run is not None))
+    return _named(list(race.led), race, rules) if race.screen.cycle - until >= HALF_A_SECOND else None
 
 
-def _nearly_fits(run: Runner) -> bool:
+def nearly_fits(run: Runner) -> bool:
     """Whether a filter explains the readings but for what one of many filters of the truth may be off by chance."""
     return run.score.misfit < FIT and run.score.excess - run.entry.excess < 2.0 * EXCESS
 

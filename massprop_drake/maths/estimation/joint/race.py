@@ -94,6 +94,7 @@ class Race(NamedTuple):
         clear: the hypothesis that led all others by enough after the last sample.
         out: causes whose own filters have fallen too far behind, whatever the first order says of them.
         quiet: samples up to the last one through which it could be of chance, see `is_quiet`.
+        until: cycle at which one of those that led explained nearly all, the last so far; -1: none yet.
     """
 
     triggered: int
@@ -105,6 +106,7 @@ class Race(NamedTuple):
     clear: Cause | None = None
     out: frozenset[Cause] = frozenset()
     quiet: int = 0
+    until: int = -1
 
     @property
     def cycles(self) -> int:
@@ -582,15 +584,15 @@ def _may_begin_anew(led: Runner, standing: Standing) -> bool:
 def _begins_anew(run: Runner, standing: Standing) -> bool:
     """Whether a filter began with far more uncertainty of its onset than there now is, or another explains more.
 
-    Where a filter fits, and the first order is far from what it has measured, the first order is wrong, unless both
-    have the same forces: then it is what the filter took for its onset that costs so much.
+    Where a filter fits, and the first order is far from what it has measured, the first order is wrong, unless it has
+    more and both have the same forces: then it is what the filter took for its onset that costs so much.
     """
     contender, arrived_run, first = standing.contender, standing.run, standing.first_order
     if first.share > run.share:  # a jump turns out larger than its filter expects: it would hold on to what it knows
         return True
     there = first.lead_at(run.onset)
     strays = run.fits and arrived_run is not None and abs(there - contender.lead) > NEAR
-    if strays and not _of_one_size(first, contender):
+    if strays and not (there > contender.lead and _of_one_size(first, contender)):
         return False
     if run.kicks and first.onset == run.onset:  # elsewhere a jet may have been told otherwise, and kick otherwise
         wider = np.log(np.array(run.kicks) / np.array(first.kicks))
