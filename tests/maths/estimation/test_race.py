@@ -941,21 +941,17 @@ def test_what_gives_little_must_lead_two_at_once_by_what_is_read_for_a_second() 
         assert (found.outcome == decision.Outcome.JETS) == expected
 
 
-def test_at_last_cells_alone_tell_who_is_in_a_group() -> None:
-    """For noise, and to first order, another leads; what so many readings say of cells is far more."""
-    one, other = running(leak(0, 1), 100.0, cells=300.0), running(leak(0, 2), 110.0, cells=290.0)
-    now = race(one, other)._replace(triggered=NOW + 1 - decision.LAST)
-    standing = races.standings(now, [contender(leak(0, 1), 100.0), contender(leak(0, 2), 110.0)], PARAMS)
-    found = decision.decided(now, standing, True, decision.Rules(), PARAMS)
-    assert found.outcome == decision.Outcome.JETS  # others may be followed beside it
-    assert found.winner is not None
-    assert found.winner.contender.cause == leak(0, 1)
-    assert not found.group
-    near = running(leak(0, 2), 110.0, cells=295.0)
-    standing = races.standings(now._replace(runs=(one, near)), [], PARAMS)
-    assert [each.cause for each in decision.decided(now, standing, True, decision.Rules(), PARAMS).group] == [
-        leak(0, 2)
-    ]
+def test_at_last_filters_alone_tell_who_is_in_a_group() -> None:
+    """By cells and by noise; to first order another leads."""
+    for noise, cells, expected in ((90.0, 290.0, []), (90.0, 295.0, [leak(0, 2)]), (95.0, 290.0, [leak(0, 2)])):
+        one, other = running(leak(0, 1), 100.0, cells=300.0), running(leak(0, 2), noise, cells=cells)
+        now = race(one, other)._replace(triggered=NOW + 1 - decision.LAST)
+        standing = races.standings(now, [contender(leak(0, 1), 100.0), contender(leak(0, 2), 110.0)], PARAMS)
+        found = decision.decided(now, standing, True, decision.Rules(), PARAMS)
+        assert found.outcome == (decision.Outcome.GROUP if expected else decision.Outcome.JETS)
+        assert found.winner is not None
+        assert found.winner.contender.cause == leak(0, 1)
+        assert [each.cause for each in found.group] == expected
 
 
 def test_for_half_a_second_nothing_is_named_because_something_new_begins() -> None:

@@ -20,7 +20,7 @@ set of jets, in nats, and cycles counted from the alarm:
     nothing  L_0 leads after 12 cycles, or is within 8 after 75; and fits
 
 and what is still open after 250 cycles is named, alone or as a group of however many, or unexplained: of filters by
-cells alone, which explain that many readings by a hundred nats better than noise, and than what the first order leaves.
+cells and by noise, but not to first order, which leaves out too much of so many readings.
 
 A hypothesis *fits* whose NIS is at most 6 standard deviations above its expectation, and which since its onset has not
 made white noise likelier than the cells of the readings by 6 nats (`hypotheses`). Over one that is compared only to
@@ -48,6 +48,7 @@ from massprop_drake.maths.estimation.joint.race import (
     Standing,
     ahead,
     apart,
+    by_filters,
     is_unheard,
     leads,
     margin,
@@ -492,7 +493,7 @@ def _at_last(standing: list[Standing], rules: Rules, nothing_fits: bool) -> Deci
         return Decision(Outcome.UNEXPLAINED, best)
     if best.contender.cause.kind == Kind.JUMP:
         return Decision(Outcome.INCREMENT, best)
-    near = tuple(each.contender for each in standing if each is not best and best.odds - each.odds < rules.lead)
+    near = tuple(each.contender for each in standing if each is not best and by_filters(best, each) < rules.lead)
     alternatives = _alternatives((best.contender, *near), rules, most=len(near) + 1)
     if best is standing[0] and best.contender.cause.kind == Kind.JETS and (alternatives or not near):
         return Decision(Outcome.GROUP if near else Outcome.JETS, best, near, alternatives)
