@@ -56,6 +56,13 @@ def running(
     return Runner(cause, ONSET, (), cycle, state._replace(mean=mean, root=root), score, False)
 
 
+def with_half_the_force(run: Runner) -> Runner:
+    """It with three tenths of full thrust for each jet, which is little."""
+    mean = run.state.mean.copy()
+    mean[PARAMS.places.force : PARAMS.places.force + len(run.cause.jets)] *= 0.5
+    return run._replace(state=run.state._replace(mean=mean))
+
+
 def race(*runs: Runner, leading: tuple[Contender, ...] = ()) -> Race:
     screen = screens.begin((STATE, 0), (ONSET,), (1,), np.zeros(12), PARAMS)
     screen = screen._replace(cycle=NOW, scores=(NO_SCORE,) * (NOW + 1))
@@ -461,16 +468,7 @@ def test_a_little_force_must_lead_by_twice_as_much_for_eight_seconds() -> None:
         cause, other = (leak(0), leak(1)) if little else (stuck(0), stuck(1))
         runs = [running(cause, 100.0), running(other, 100.0 - behind)]
         if little:
-            runs = [
-                run._replace(
-                    state=run.state._replace(
-                        mean=np.where(
-                            run.state.mean == 0.6 * PARAMS.thrusts[0], 0.3 * PARAMS.thrusts[0], run.state.mean
-                        )
-                    )
-                )
-                for run in runs
-            ]
+            runs = [with_half_the_force(run) for run in runs]
         now = race(*runs)._replace(triggered=NOW - cycles)
         standing = races.standings(now, [contender(cause, 100.0), contender(other, 100.0 - behind)], PARAMS)
         found = decision.decided(now, standing, True, decision.Rules(), PARAMS)
@@ -487,10 +485,7 @@ def test_two_little_forces_at_once_must_lead_by_three_times_as_much_however_late
         first, other = (Cause(Kind.JETS, jets, (1, 1), (int(little),) * 2) for jets in ((0, 1), (0, 2)))
         runs = [running(first, 100.0), running(other, 100.0 - behind)]
         if little:
-            for place, run in enumerate(runs):
-                mean = run.state.mean.copy()
-                mean[PARAMS.places.force : PARAMS.places.force + 2] *= 0.5
-                runs[place] = run._replace(state=run.state._replace(mean=mean))
+            runs = [with_half_the_force(run) for run in runs]
         now = race(*runs)._replace(triggered=NOW - cycles)
         some = [contender(cause, lead) for cause, lead in ((first, 100.0), (other, 100.0 - behind))]
         found = decision.decided(now, races.standings(now, some, PARAMS), True, decision.Rules(), PARAMS)

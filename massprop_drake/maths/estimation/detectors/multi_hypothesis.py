@@ -30,6 +30,7 @@ from massprop_drake.maths.estimation.joint.decision import (
     Decision,
     Outcome,
     Rules,
+    as_they_stood,
     decided,
     explaining,
     is_one,
@@ -559,8 +560,7 @@ def _led(race: Race, standing: list[races.Standing], decision: Decision, rules: 
     causes = {each.cause for each in leading}
     led = tuple(each for each in standing if each.run is not None and each.contender.cause in causes)
     if any(each.run is not None and each.run.newest.surprise >= races.SURPRISED for each in led):
-        before = tuple(each for each in race.led if each.contender.cause in causes)
-        led = before if len(before) == len(causes) else led
+        led = as_they_stood(race, causes) or led
     if not leading:
         fits = any(each.run is not None and each.run.fits for each in standing)
         led = explaining(standing, race.led, rules) if fits else race.led

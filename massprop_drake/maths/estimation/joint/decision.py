@@ -35,7 +35,7 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_drake.maths.estimation.joint import screen as screens
-from massprop_drake.maths.estimation.joint.hypotheses import EXCESS, FIT, Kind, Runner
+from massprop_drake.maths.estimation.joint.hypotheses import EXCESS, FIT, Cause, Kind, Runner
 from massprop_drake.maths.estimation.joint.layout import INERTIA, MASS, JointParams
 from massprop_drake.maths.estimation.joint.race import (
     A_SECOND,
@@ -368,10 +368,9 @@ def _interrupted(race: Race, standing: list[Standing], rules: Rules) -> Decision
     if min(surprises) >= SURPRISED and any(run.newest.surprise < SURPRISED for run in fitting):
         return None
     if min(surprises) >= SHAKEN:
-        causes, latest = {each.contender.cause for each in led}, race.screen.cycle - 2
-        stood = [each for each in race.led if each.run is not None and each.run.cycle <= latest]
-        before = [each for each in stood if each.contender.cause in causes]
-        return _named(before if len(before) == len(led) else led, race, rules)
+        before = as_they_stood(race, {each.contender.cause for each in led})
+        waited = all(each.run is not None and each.run.cycle < race.screen.cycle - 1 for each in before)
+        return _named(list(before) if before and waited else led, race, rules)
     if min(surprises) >= SURPRISED:
         return Decision(Outcome.OPEN, led[0], tuple(each.contender for each in led[1:]))
     first = standing[0].contender.cause
@@ -379,6 +378,12 @@ def _interrupted(race: Race, standing: list[Standing], rules: Rules) -> Decision
         rest = tuple(each.contender for each in led if each.contender.cause != first)
         return Decision(Outcome.OPEN, standing[0], rest)
     return None
+
+
+def as_they_stood(race: Race, causes: set[Cause]) -> tuple[Standing, ...]:
+    """Those of these causes that led last, if all of them did; else none."""
+    found = tuple(each for each in race.led if each.contender.cause in causes)
+    return found if len(found) == len(causes) else ()
 
 
 def runners_up(winner: Standing, standing: list[Standing]) -> list[Standing]:
