@@ -129,10 +129,21 @@ def stretches(scenario: Scenario, signals: Spool) -> Iterator[Stretch]:
             saturated = ~(np.abs(readings[:, number]) < package.limit).all(axis=1)
             readings[saturated, number] = np.nan
         outside = block["outside_wrench"] if "outside_wrench" in block else np.zeros((time_s.size, 6))
-        broken = np.isnan(commands[:-1]).any() or ("gap" in block and block["gap"].any())
-        if not broken and time_s.size > 2:
-            yield Stretch(time_s, readings, known, before, outside, -spent)
+        whole = Stretch(time_s, readings, known, before, outside, -spent)
+        unknown = np.asarray(np.isnan(commands[:-1]).any(axis=1))
+        if "gap" in block:
+            gap = block["gap"][:, 0] != 0.0
+            unknown |= gap[:-1] | gap[1:]
+        for first, last in _runs(~unknown):
+            if last - first > 1:
+                yield _rows_of(whole, slice(first, last + 1))
         before = known[-2] if time_s.size > 1 else before
+
+
+def _runs(there: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Where runs begin, and one past their ends."""
+    edges = np.flatnonzero(np.diff(there, prepend=False, append=False))
+    return [(int(first), int(last)) for first, last in edges.reshape(-1, 2)]
 
 
 def _windows(signals: Spool, *names: str) -> Iterator[dict[str, Array]]:
@@ -239,22 +250,19 @@ def looked_back(
         diagnoses, fit = diagnosed(chosen, begin, made, names_of(scenario))
         if resumed or any(one.kind == JUMP for one in standing) or not hindsight.possible(fit.at):
             return Hindsight(np.full(10, np.nan), tuple(diagnoses))
-        information = fit.information
-        if len(chosen) != len(parts) or until_s < math.inf:
-            wanted = hindsight.reckoned(made)
-            information = tuple(hindsight.normal(part, fit.at, made, wanted).information for part in parts)
-        drifts = [_drift(scenario, part, fit.at) for part in parts]
-        bound = hindsight.least_deviation(information, params.initial_covariance(scenario), drifts, made)
+        bound = hindsight.least_deviation(
+            parts, fit.at, params.initial_covariance(scenario), _drift(scenario, fit.at), made
+        )
     return Hindsight(bound, tuple(diagnoses))
 
 
-def _drift(scenario: Scenario, part: Stretch, at: Array) -> Array:
-    """Variances that the propellant used in a stretch adds, as the joint filter reckons them, shape (10,)."""
+def _drift(scenario: Scenario, at: Array) -> Array:
+    """Variances that each unit of propellant adds, as the joint filter reckons them, shape (10,)."""
     if scenario.estimation.filter != "joint":
         return np.zeros(10)
     joint, vehicle = scenario.joint, scenario.vehicle_data
     fraction = vehicle.tank_fraction if joint.tank_fraction is None else joint.tank_fraction
-    return propellant_drift(at, float(part.used_after[0] - part.used_after[-1]), fraction, vehicle.rms_arm)
+    return propellant_drift(at, 1.0, fraction, vehicle.rms_arm)
 
 
 # --------------------------------------------------------------------------------------- diagnoses

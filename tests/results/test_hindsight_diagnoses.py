@@ -24,6 +24,7 @@ def looked(
 ) -> Hindsight:
     """Looks back on a run as the joint filter is told, with some signals changed."""
     rows = {name: np.array(run[name]) for name in ("command", "gyro", "acc1", "acc2", "acc3")}
+    rows["gap"] = np.zeros((run.time_s.size, 1))
     rows |= {name: change(rows[name]) for name, change in changed.items()}
     spool = Spool(index="time_s")
     spool.append({"time_s": np.array(run.time_s), **rows})
@@ -36,6 +37,22 @@ def test_a_healthy_flight_has_none_and_the_bound_is_below_the_sigma(sample_run: 
     for one, entry in zip(sample_run.results.parameters, sample_run.results.identifiability, strict=True):
         assert entry.bound is not None
         assert 0.01 < entry.bound / one.standard_deviation < 0.2  # the thesis's filters leave out most samples
+
+
+def test_a_gap_costs_what_is_lost_in_it(sample_run: Run) -> None:
+    """And not the stretch that it is in."""
+    lost = np.isin(np.arange(sample_run.time_s.size), [100, 300, 301])[:, None]
+    whole, exact = looked(sample_run), looked(sample_run, "joint.tank_fraction=0.01").bound
+    gaps = {
+        "gap": lambda rows: 1.0 * lost,
+        "gyro": lambda readings: np.where(lost, np.nan, readings),
+        "command": lambda commands: np.where(lost, np.nan, commands),
+    }
+    for bound, told in ((whole.bound, ()), (exact, ("joint.tank_fraction=0.01",))):
+        found = looked(sample_run, *told, **gaps)
+        assert found.diagnoses == ()
+        assert (bound < 1.03 * found.bound).all()
+        assert (found.bound < 1.5 * bound).all()
 
 
 def test_a_wrong_sign_is_named(sample_run: Run) -> None:

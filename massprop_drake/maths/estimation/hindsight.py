@@ -22,9 +22,10 @@ with the rates as they are read.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from functools import cache, reduce
-from itertools import accumulate
+from itertools import accumulate, pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -49,6 +50,8 @@ _TICKS = 2  # unknowns of a stretch: when its ticks are, and their period
 _CROSS = np.zeros((3, 3, 3))  # component i of a cross b is _CROSS[i, j, k] a_j b_k
 _CROSS[[0, 1, 2], [1, 2, 0], [2, 0, 1]], _CROSS[[0, 1, 2], [2, 0, 1], [1, 2, 0]] = 1.0, -1.0
 _ELEMENTS = np.array([1.0 * (element == ELEMENT) for element in range(6)])  # (6, 3, 3)
+_ROWS = (64, 32, 16, 8, 4)  # on average of a part of a stretch where inertia and center of mass drift, ever fewer
+_ALIKE = 0.05  # by which a bound may change with shorter parts
 _PASSES = 8
 _SETTLED = 1e-2  # squared sigmas that a pass would still gain
 _NEARLY = 100.0  # squared sigmas: a pass that would gain less is the last but one, as a rule
@@ -249,13 +252,11 @@ class Fit(NamedTuple):
     Attributes:
         at: estimate of all unknowns, shape (n,).
         normal: about it.
-        information: A of each stretch, in order.
         settled: whether the passes have come to an end.
     """
 
     at: Array
     normal: Normal
-    information: tuple[Array, ...]
     settled: bool
 
 
@@ -718,7 +719,7 @@ class _Component(NamedTuple):
     package: int
     axis: int
     rows: NDArray[np.int_]  # (r,)
-    shown: Array  # without what is wrong with the sensor, (r,)
+    shown: Array  # at every row, without what is wrong with the sensor, (m,)
     left: Array  # what is read less what is expected, (r,)
 
 
@@ -763,7 +764,7 @@ def _components(expected: _Expected, fixed: _Fixed, at: Array, model: Model) -> 
             rows = model.compute.used(wanted[axis], readings, float(model.quanta[package]))
             if rows.shape[0] >= 2:
                 left = readings[rows] - wanted[axis, rows]
-                yield _Component(package, axis, rows, shown[axis, rows], left)
+                yield _Component(package, axis, rows, shown[axis], left)
 
 
 class _Batch(NamedTuple):
@@ -841,7 +842,7 @@ def _add_own(x: Array, place: NDArray[np.int_], batch: _Batch, fixed: _Fixed, at
     for part, begin, gain, bias in zip(batch.parts, batch.begins.tolist(), gains, of_biases, strict=True):
         rows = slice(begin, begin + part.rows.size)
         if place[gain] >= 0:
-            x[place[gain], rows] = part.shown
+            x[place[gain], rows] = part.shown[part.rows]
         if part.package >= model.gyros and place[bias.start] >= 0:
             x[place[bias.start + part.axis], rows] = fixed.since_s[part.rows]
 
@@ -925,14 +926,17 @@ def _without_ticks(information: Array, score: Array, late_s: Array) -> tuple[Arr
         information, score: the ticks last, shapes (k + 2, k + 2) and (k + 2,).
         late_s: of each stamp after its tick by the line, whose errors they make, shape (m,).
     """
-    m = late_s.shape[0]
-    variance = float(late_s @ late_s) / max(m - _TICKS, 1)
-    counts = _counts(m)
-    known = np.diag([m / variance, float(counts @ counts) / variance])
-    own, cross = information[-_TICKS:, -_TICKS:] + known, information[:-_TICKS, -_TICKS:]
+    own, cross = information[-_TICKS:, -_TICKS:] + np.diag(1.0 / _of_ticks(late_s)), information[:-_TICKS, -_TICKS:]
     solved = np.linalg.solve(own, np.column_stack((cross.T, score[-_TICKS:])))
     left = information[:-_TICKS, :-_TICKS] - cross @ solved[:, :-1]
     return left, score[:-_TICKS] - cross @ solved[:, -1], np.asarray(solved[:, -1])
+
+
+def _of_ticks(late_s: Array) -> Array:
+    """Variances of when all ticks are and of their period, by a line through the stamps, shape (2,)."""
+    counts = _counts(late_s.shape[0])
+    variance = float(late_s @ late_s) / max(late_s.shape[0] - _TICKS, 1)
+    return variance / np.array([late_s.shape[0], float(counts @ counts)])
 
 
 def empty(model: Model) -> Normal:
@@ -982,7 +986,7 @@ def fitted(stretches: Sequence[Stretch], start: Array, model: Model) -> Fit:
         if not sound:
             break
         if complete and gain < _SETTLED:
-            return Fit(at, total, tuple(part.information for part in parts), True)
+            return Fit(at, total, True)
         complete = gain < _NEARLY
         if gain < _SETTLED:
             continue  # it was the last one, but for the unknowns that are only put to the test
@@ -993,7 +997,7 @@ def fitted(stretches: Sequence[Stretch], start: Array, model: Model) -> Fit:
         at = at + move
     parts = [_normal(best, _course_at(one, best, model), model, None) for one in read]
     total = _together(parts, model)
-    return Fit(best, total, tuple(part.information for part in parts), False)
+    return Fit(best, total, False)
 
 
 def possible(at: Array) -> bool:
@@ -1078,35 +1082,161 @@ def score(
     return ScoreTest(statistic, int(known.sum()), size, max(total.misfit - gained, 0.0))
 
 
-def least_deviation(information: Sequence[Array], start: Array, drifts: Sequence[Array], model: Model) -> Array:
-    """The least 1-sigma of the ten parameters that a flight allows, shape (10,).
+# ---------------------------------------------------------------------------------------------- bound
+
+
+class _Shown(NamedTuple):
+    """What parts of a stretch show of the u unknowns that are reckoned with, of ticks, and of what components start at.
+
+    Each of c components reads what the unknowns have made it gain since its first reading, and what it was then.
+
+    Attributes:
+        information: of each part, shape (p, s, s), with s = u + ticks + c.
+        gained: derivatives of what each component has gained up to each cut, by the ten parameters, shape
+            (p + 1, c, 10).
+        variances: of ticks, and of what the first readings tell, shape (s - u,).
+    """
+
+    information: Array
+    gained: Array
+    variances: Array
+
+
+def _shown(stretch: Stretch, cuts: NDArray[np.int_], at: Array, model: Model) -> _Shown:
+    """What the parts of a stretch between some of its rows show, shape (p + 1,), about a point; noise is of one."""
+    read, wanted = _read(stretch, model), reckoned(model)
+    expected = _expected(at, _course_at(read, at, model), model)
+    fixed, design = _fixed(expected, at, model), _design(expected, at, model, wanted)
+    components = list(_components(expected, fixed, at, model))
+    known = np.flatnonzero(wanted[design.kept])
+    taken = np.concatenate((known, np.arange(design.kept.size, design.size)))
+    u, n_ticks = int(wanted.sum()), design.size - design.kept.size
+    places = np.concatenate((np.cumsum(wanted)[design.kept[known]] - 1, np.arange(u, u + n_ticks)))
+    information = np.zeros((cuts.size - 1, *2 * (u + n_ticks + len(components),)))
+    gained, number = np.zeros((cuts.size, len(components), _N)), 0
+    with_cuts = (one._replace(rows=np.concatenate((one.rows, cuts))) for one in components)
+    for batch in _batches(with_cuts, model.gyros):
+        derivatives = _derivatives(design, batch, fixed, at, model)[taken]
+        for one, begin in zip(batch.parts, batch.begins.tolist(), strict=True):
+            x = derivatives[:, begin : begin + one.rows.size] / math.sqrt(model.variances[one.package])
+            x -= x[:, :1]
+            own = u + n_ticks + number
+            rows, of_rows, of_cuts = one.rows[1 : -cuts.size], x[:, 1 : -cuts.size], x[:, -cuts.size :]
+            gained[:, number] = np.where(cuts > one.rows[0], of_cuts[:_N], 0.0).T
+            ends = np.searchsorted(rows, cuts, side="right").tolist()
+            for part, (first, last) in zip(information, pairwise(ends), strict=True):
+                within = of_rows[:, first:last]
+                part[np.ix_(places, places)] += within @ within.T
+                part[places, own] = part[own, places] = within.sum(axis=1)
+                part[own, own] = last - first
+            number += 1
+    of_ticks = _of_ticks(read.late_s) if n_ticks else np.zeros(0)
+    return _Shown(information, gained, np.concatenate((of_ticks, np.ones(len(components)))))
+
+
+def _cuts(used: Array, rows: int) -> NDArray[np.int_]:
+    """Rows between which a stretch is taken at once: parts that together use, and last, alike much.
 
     Args:
-        information: A of each stretch in order.
+        used: propellant since its beginning, shape (m,).
+        rows: of a part, on average.
+    """
+    last = used.shape[0] - 1
+    if used[-1] <= 0.0 or rows >= last:
+        return np.array([0, last])
+    share = used / used[-1] + np.arange(last + 1) / last
+    inner = np.searchsorted(share, np.linspace(0.0, 2.0, -(-last // rows) + 1)[1:-1])
+    return np.unique(np.concatenate(([0], inner, [last])))
+
+
+def least_deviation(stretches: Sequence[Stretch], at: Array, start: Array, drift: Array, model: Model) -> Array:
+    """The least 1-sigma of the ten parameters that a flight allows, NaN where it cannot be told, shape (10,).
+
+    What changes with propellant that is used does so half before and half after what each part of a stretch shows, and
+    parts are made shorter until it makes no difference.
+
+    Args:
+        stretches: of the flight, in order.
+        at: all unknowns, about which it is taken, shape (n,); see `possible`.
         start: covariance of the ten at the start, shape (10, 10).
-        drifts: variances added to the ten after each stretch, shape (10,) each.
+        drift: variances that are added to the ten for each unit of propellant, shape (10,).
         model: for what else is reckoned with.
     """
-    free = np.flatnonzero(model.sigma > 0.0)
-    free = free[free >= _N]
-    kept = np.concatenate((np.arange(_N), free))
-    covariance = np.diag(np.concatenate((np.zeros(_N), model.sigma[free] ** 2)))
-    covariance[:_N, :_N] = start
-    for one, drift in zip(information, drifts, strict=True):
-        if not (np.isfinite(one).all() and np.isfinite(covariance).all()):
+    if not drift.any():
+        longest = max((stretch.time_s.shape[0] for stretch in stretches), default=1)
+        return _least_deviation(stretches, at, start, drift, model, longest)
+    before = np.zeros(_N)
+    for rows in _ROWS:
+        found = _least_deviation(stretches, at, start, drift, model, rows)
+        if not (np.abs(found - before) > _ALIKE * found).any():  # NaN stays so
+            break
+        before = found
+    return found
+
+
+def _least_deviation(
+    stretches: Sequence[Stretch], at: Array, start: Array, drift: Array, model: Model, rows: int
+) -> Array:
+    """See `least_deviation`, by parts of so many rows."""
+    root = np.diag(model.sigma[reckoned(model)])
+    root[:_N, :_N] = _root(start)
+    used_after = stretches[0].used_after[0] if stretches else 0.0
+    for stretch in stretches:
+        used = stretch.used_after[0] - stretch.used_after
+        cuts = _cuts(used, rows)
+        shown = _shown(stretch, cuts, at, model)
+        if not (np.isfinite(shown.information).all() and np.isfinite(root).all()):
             return np.full(_N, np.nan)
-        scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
-        root = _root(covariance / np.outer(scale, scale)) * scale[:, None]
-        inner = root.T @ one[np.ix_(kept, kept)] @ root
-        half = np.linalg.cholesky(inner + np.eye(kept.shape[0]))
-        after = np.linalg.solve(half, root.T)
-        covariance = after.T @ after
-        covariance[range(_N), range(_N)] += drift
-    result: Array = np.sqrt(np.diag(covariance)[:_N])
+        root = _drifted(root, drift * (used_after - stretch.used_after[0]))
+        root = _learned(root, shown, drift, np.diff(used[cuts]))
+        used_after = stretch.used_after[-1]
+    result: Array = np.sqrt(np.sum(root[:_N] ** 2, axis=1))
     return result
 
 
+def _learned(before: Array, shown: _Shown, drift: Array, used: Array) -> Array:
+    """A root of the covariance of the unknowns after a stretch, of one before.
+
+    Args:
+        before: shape (u, u).
+        shown: see `_Shown`.
+        drift: see `least_deviation`.
+        used: propellant in each part, shape (p,).
+    """
+    u, size = before.shape[0], shown.information.shape[1]
+    root = np.zeros((size, size))
+    root[:u, :u], root[range(u, size), range(u, size)] = before, np.sqrt(shown.variances)
+    halves = 0.5 * np.concatenate(([0.0], used, [0.0]))
+    for part, gained, more in zip(shown.information, shown.gained, halves[:-2] + halves[1:-1], strict=False):
+        root = _drifted(root, drift * more, gained)
+        values, vectors = np.linalg.eigh(root.T @ part @ root)
+        root = root @ (vectors / np.sqrt(1.0 + np.maximum(values, 0.0)))
+    return _drifted(root[:u], drift * halves[-2])
+
+
+def _drifted(root: Array, drift: Array, gained: Array | None = None) -> Array:
+    """A root with drift of the ten parameters added, square.
+
+    What a component has gained is as it was: from now on it is told from what it would have gained with the parameters
+    as they have become.
+
+    Args:
+        root: of shape (k, l).
+        drift: variances, shape (10,).
+        gained: of the components, the last rows, shape (c, 10).
+    """
+    ways = np.zeros((root.shape[0], _N))
+    ways[:_N] = np.diag(np.sqrt(drift))
+    if gained is not None:
+        ways[-gained.shape[0] :] = -gained * np.sqrt(drift)
+    together = np.hstack((root, ways[:, drift > 0.0]))
+    if together.shape[0] == together.shape[1]:
+        return together
+    return np.asarray(np.linalg.qr(together.T, mode="r")).T
+
+
 def _root(matrix: Array) -> Array:
-    values, vectors = np.linalg.eigh(matrix)
-    root: Array = vectors * np.sqrt(np.maximum(values, 0.0))
+    scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    values, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
+    root: Array = scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
     return root

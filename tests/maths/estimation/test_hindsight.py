@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,12 +17,13 @@ from massprop_drake.maths.estimation.joint import bound
 from massprop_drake.maths.estimation.joint.cycle import Sample
 from massprop_drake.maths.estimation.joint.layout import make_places
 from massprop_drake.maths.estimation.joint.measurement import outputs
-from massprop_drake.maths.estimation.joint.prediction import drive, predict
+from massprop_drake.maths.estimation.joint.prediction import drive, predict, propellant_drift
 from massprop_drake.maths.estimation.joint.ticks import on_ticks
 from massprop_drake.results.hindsight import Names, diagnosed
 
 Array = NDArray[np.float64]
 ROWS = 100
+FLOW = 1e-9  # of a jet, kg/s
 PARAMS = small_params(
     places=make_places((6, 1, 1), 2, (False, False), True, 0),
     flows=np.zeros(6),
@@ -48,8 +50,9 @@ def flight(
     torque: Array | None = None,
     lag: float = 0.0,
     late: Array | float = 0.0,
+    tank_fraction: float = 0.0,
 ) -> Flight:
-    """A flight of the small vehicle: its jets at random, no mass used.
+    """A flight of the small vehicle: its jets at random, next to no mass used.
 
     Args:
         seed: of commands and noise.
@@ -57,10 +60,12 @@ def flight(
         torque: that nobody commands.
         lag: error of the time constants, in units of their sigma.
         late: of each row, at which commands switch then, s.
+        tank_fraction: by which what is used moves inertia and center of mass.
     """
     time_s = PERIOD * np.arange(ROWS + 1) + late
     rng = np.random.default_rng(seed)
     pulled = np.asarray(factors) * np.ones(6)
+    using = PARAMS._replace(flows=np.full(6, FLOW), tank_fraction=tank_fraction)
     actual, places = PARAMS._replace(wrenches=PARAMS.wrenches * pulled[:, None]), PARAMS.places
     errors = np.zeros(places.size - places.thrust)
     errors[places.lag - places.thrust : places.lag - places.thrust + 2] = lag
@@ -85,14 +90,14 @@ def flight(
         readings[k + 1] = shown.reshape(2, 3)
         told = sample._replace(commands=commands[k : k + 1], rates=rate.reshape(1, 3))
         truth = bound.true_mean(TRUTH, rate, errors, PARAMS)
-        least = bound.step(least, told, truth, np.ones(6, dtype=np.bool_), PARAMS)
+        least = bound.step(least, told, truth, np.ones(6, dtype=np.bool_), using)
     stretch = Stretch(
         time_s=time_s,
         readings=readings + noise,
         commands=np.vstack((commands, np.zeros(6))),
         before=np.zeros(6),
         outside=np.zeros((ROWS + 1, 6)),
-        used_after=np.zeros(ROWS + 1),
+        used_after=-np.concatenate(([0.0], np.cumsum(commands.sum(axis=1) * FLOW * PERIOD))),
     )
     return Flight(stretch, bound.deviation(least))
 
@@ -131,16 +136,66 @@ def group(part: slice) -> NDArray[np.int_]:
     return np.arange(part.start, part.stop)
 
 
+def least_of(stretches: tuple[Stretch, ...], tank_fraction: float = 0.0) -> Array:
+    """The least 1-sigma in hindsight, at the truth."""
+    model, _ = known()
+    drift = propellant_drift(TRUTH, 1.0, tank_fraction, PARAMS.arm)
+    return hindsight.least_deviation(stretches, model.prior, np.diag(model.sigma[:10] ** 2), drift, model)
+
+
 def test_the_bound_is_that_of_the_recursion() -> None:
     found, (model, _) = flight(1), known()
-    fit = fitted(found, model)
-    least = hindsight.least_deviation(fit.information, np.diag(model.sigma[:10] ** 2), [np.zeros(10)], model)
+    least = least_of((found.stretch,))
     np.testing.assert_allclose(least, found.least, rtol=0.03)  # what readings of the rate add to the coupling
     assert (least[[0, 1, 2, 9]] < 0.1 * model.sigma[[0, 1, 2, 9]]).all()
-    drift = np.zeros(10)
-    drift[0] = 1e-6
-    later = hindsight.least_deviation(fit.information, np.diag(model.sigma[:10] ** 2), [drift], model)
-    np.testing.assert_allclose(later**2, least**2 + drift)
+
+
+@pytest.mark.parametrize(("tank_fraction", "times"), [(3.0, 1.15), (10.0, 1.7)])
+def test_the_bound_of_what_drifts_is_that_of_the_recursion(tank_fraction: float, times: float) -> None:
+    """What is used meanwhile is forgotten as it comes: neither before all that the flight shows, nor after it.
+
+    The recursion takes a shift of the center of mass for one of what accelerometers have shown of turning before, too.
+    """
+    exact, found = flight(1), flight(1, tank_fraction=tank_fraction)
+    least, center = least_of((found.stretch,), tank_fraction), slice(6, 9)
+    np.testing.assert_allclose(np.delete(least, center), np.delete(found.least, center), rtol=2e-3)
+    np.testing.assert_allclose(least[center], found.least[center], rtol=0.06)
+    assert (found.least[center] > times * exact.least[center]).all()
+
+
+def pieces(stretch: Stretch, *ends: int) -> tuple[Stretch, ...]:
+    """A stretch cut at rows that each piece has in common with the next."""
+    told = []
+    for first, last in pairwise((0, *ends, ROWS)):
+        before = stretch.commands[first - 1] if first else stretch.before
+        rows = {name: value[first : last + 1] for name, value in stretch._asdict().items() if name != "before"}
+        told.append(Stretch(before=before, **rows))
+    return tuple(told)
+
+
+def test_what_is_used_between_pieces_drifts_as_well() -> None:
+    stretch, drift = flight(1).stretch, propellant_drift(TRUTH, 1.0, 10.0, PARAMS.arm)
+    one, lost, last = pieces(stretch, 40, 97)
+    idle = last._replace(commands=np.zeros_like(last.commands), before=np.zeros(6))
+    alone, both = least_of((one,), 10.0), least_of((one, idle), 10.0)
+    used = one.used_after[-1] - last.used_after[-1]
+    known = used * drift > 0.01 * alone**2  # of others the last rows say as much
+    assert known[6:9].all()
+    np.testing.assert_allclose(both[known] ** 2, (alone**2 + used * drift)[known], rtol=0.02)
+    every = least_of((one, lost, last), 10.0)
+    assert (every < 1.01 * both).all()
+
+
+def test_what_is_used_before_a_sensor_reads_does_not_move_what_it_reads_first() -> None:
+    stretch = flight(1).stretch
+    used_after = np.maximum(stretch.used_after, stretch.used_after[40])  # nothing from then on
+    blind = stretch._replace(readings=stretch.readings.copy(), used_after=used_after)
+    blind.readings[:40] = blind.readings[60:] = np.nan
+    drift = propellant_drift(TRUTH, 1.0, 300.0, PARAMS.arm)
+    (model, _), later = known(), pieces(blind, 40)[1]
+    start = np.diag(model.sigma[:10] ** 2 - drift * used_after[40])
+    expected = hindsight.least_deviation([later], model.prior, start, drift, model)
+    np.testing.assert_allclose(least_of((blind,), 300.0), expected, rtol=5e-3)
 
 
 def jittered(found: Flight, seed: int) -> Flight:
@@ -298,7 +353,7 @@ def test_numbers_that_overflow_end_in_none() -> None:
     broken = found.stretch._replace(readings=found.stretch.readings * 1e308)
     with np.errstate(all="ignore"):
         fit = hindsight.fitted([broken], model.prior, model)
-        least = hindsight.least_deviation(fit.information, np.eye(10), [np.zeros(10)], model)
+        least = hindsight.least_deviation([broken], fit.at, np.eye(10), np.zeros(10), model)
     assert not fit.settled
     assert np.isnan(least).all() or np.isfinite(least).all()
 
