@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 
 _OFFSET = np.array([0.62, -0.48, 0.62])  # a unit vector along no axis and in no plane of them
 _UNMEASURED = 1e30  # variance of a velocity that nothing shows
-_LESS = 0.95  # times the bound: a 1-sigma below it is no matter of how rounding is reckoned with
+_LESS = 0.9  # times the bound: a 1-sigma below it is no matter of which readings count
 _WORTH = 0.9  # share of the 1-sigma: a jet that leaves more of it is not worth naming
 
 
