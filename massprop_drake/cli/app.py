@@ -468,7 +468,7 @@ def check(
             from massprop_drake.studies.vehicle import vehicle_report
 
             findings[-1]["report"] = vehicle_report(good, pairs)
-            lines += show.vehicle_lines(findings[-1]["report"], good.unit_names["force"])
+            lines += show.vehicle_lines(findings[-1]["report"], good.unit_names)
     if as_json:
         show.as_json(findings)
     else:

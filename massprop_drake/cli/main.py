@@ -118,7 +118,7 @@ def _failed(error: Any) -> int:
     usage_error: Any = typer.BadParameter.__base__  # wrong usage of whichever kind
     if isinstance(error, usage_error):
         if message := error.format_message().rstrip("."):  # none where help was shown for want of a command
-            note(f"{message}. {' '.join(error.ctx.get_usage().split())}")
+            note(f"{message}{'' if message.endswith('?') else '.'} {' '.join(error.ctx.get_usage().split())}")
         return 2
     note(f"internal failure: {type(error).__name__}: {error}")
     return 1

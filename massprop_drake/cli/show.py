@@ -352,6 +352,8 @@ def _say_doubts(console: Terminal, results: Summary) -> None:
     bound = bound_in_words([one.standard_deviation for one in results.parameters], results.identifiability, SYMBOLS)
     if bound:
         console.say(f"bound:       {bound}")
+    if results.impossible:
+        console.say(("impossible:", "bold red"), f"  {results.impossible}")
 
 
 def _shortfalls(autopilot: AutopilotSummary) -> list[str | tuple[str, str]]:
@@ -459,12 +461,12 @@ def about_telemetry(found: Mapping[str, Any], whose: Vehicle | None) -> str:
     return "; ".join(parts)
 
 
-def vehicle_lines(report: Mapping[str, Any], force: str) -> list[str]:
+def vehicle_lines(report: Mapping[str, Any], units: Mapping[str, str]) -> list[str]:
     """Puts the report on a vehicle into words.
 
     Args:
         report: as `studies.vehicle.vehicle_report` returns it.
-        force: unit of force.
+        units: of mass, length and force.
 
     Returns:
         Indented lines.
@@ -474,7 +476,13 @@ def vehicle_lines(report: Mapping[str, Any], force: str) -> list[str]:
         f"cannot push alone: {', '.join(control['missing'])}" if control["missing"] else "pushes in all 12 directions"
     )
     condition = "" if control["condition"] is None else f", condition {control['condition']:.1f}"
-    lines = [f"control:     rank {control['rank']} of 6{condition}; {push}"]
+    length, force = units["length"], units["force"]
+    gyration, arms, thrusts = (_range(report["body"][name]) for name in ("gyration", "arms", "thrusts"))
+    lines = [
+        f"body:        {report['body']['mass']:.4g} {units['mass']}, radii of gyration {gyration} {length}; "
+        f"jets of {thrusts} {force}, {arms} {length} from the center of mass",
+        f"control:     rank {control['rank']} of 6{condition}; {push}",
+    ]
     lines.append(f"observable:  {seen['rank']} of the {seen['estimated']} mass properties by firing each jet alone")
     for combination in seen["unobservable"]:
         parts = " ".join(f"{weight:+.2g} {name}" for name, weight in combination.items())
@@ -490,6 +498,12 @@ def vehicle_lines(report: Mapping[str, Any], force: str) -> list[str]:
     for kind, words in (("on", "on untold"), ("lost", "lost, firing")):
         lines.append(f"             {words + ':':<13} {_isolable_words(report['isolable'], kind)}")
     return [f"  {line}" for line in lines]
+
+
+def _range(values: Sequence[float]) -> str:
+    """Formats the least and the largest of some values."""
+    least, largest = f"{min(values):.3g}", f"{max(values):.3g}"
+    return least if least == largest else f"{least} to {largest}"
 
 
 def _isolable_words(jets: list[dict[str, Any]], kind: str) -> str:

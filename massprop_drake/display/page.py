@@ -139,9 +139,8 @@ def _verdict(results: Summary) -> list[dict[str, Any]]:
         least = max(results.unconfirmed, key=lambda one: one.statistic)
         jets = f", above all {' or '.join(least.jets)}" if least.jets else ""
         say(None, f"Suspected and not confirmed: {len(results.unconfirmed)}{jets}; see below.")
-    if not results.derived.physically_possible:
-        near = "; the nearest that one can have is in summary.json" if results.nearest_possible is not None else ""
-        say(False, f"No rigid body can have the inertia that was estimated{near}.")
+    if results.impossible:
+        say(False, f"{results.impossible[0].upper()}{results.impossible[1:]}.")
     for warning in (results.data_quality or {}).get("warnings", []):
         say(False, warning)
     return sentences

@@ -159,11 +159,12 @@ def _reason(flag: Flag, of_flight: _Told, jet: str | None, left: float | None) -
     if flag == Flag.NOT_OBSERVABLE:
         return "no jet and no sensor in use shows it alone"
     allowed = f" (the flight allows {of_flight.least:.2g})" if of_flight.least < 1.0 < of_flight.excess else ""
-    told = (
-        f"1-sigma is {of_flight.excess:.3g}{allowed} times what is asked"
-        if flag == Flag.WEAK
-        else f"1-sigma is still {100.0 * of_flight.share:.3g} % of the start's"
-    )
+    if flag == Flag.WEAK:
+        told = f"1-sigma is {of_flight.excess:.3g}{allowed} times what is asked"
+    elif of_flight.share > 1.0:  # by what propellant or a payload has changed
+        told = f"1-sigma has grown to {of_flight.share:.3g} times the start's"
+    else:
+        told = f"1-sigma is still {100.0 * of_flight.share:.3g} % of the start's"
     if jet is None or left is None:
         return f"{told}; no jet would tell much of it"
     return f"{told}; a second of {jet} would leave {100.0 * left:.2g} % of it"

@@ -113,6 +113,8 @@ class Run:
         )
 
     def __getitem__(self, name: str) -> Array:
+        if name not in self.signals:
+            raise KeyError(f"no signal {name!r}{suggestion(name, list(self.signals))}")
         return self.signals[name]
 
     @cached_property

@@ -212,6 +212,14 @@ class Summary:
             return None
         return possible_inertia.nearest_possible(self.estimates, self.covariance)
 
+    @property
+    def impossible(self) -> str:
+        """Says that no rigid body can have the estimates; empty where one can."""
+        if self.derived.physically_possible:
+            return ""
+        near = "; the nearest that one can have is in summary.json" if self.nearest_possible is not None else ""
+        return f"no rigid body can have the inertia that was estimated{near}"
+
     def as_json(self) -> dict[str, Any]:
         """The content of `summary.json`; NaN becomes null."""
         derived, nearest = self.derived, self.nearest_possible

@@ -40,6 +40,8 @@ def vehicle_report(vehicle: Vehicle, n_pairs: int = 5) -> dict[str, Any]:
     Returns:
         Content for JSON, None standing for what is infinite or missing:
 
+        - `body`: its `mass`, the radii of `gyration` about the principal axes, shape (3,), and the jets' `arms`, their
+          distances from the center of mass, and `thrusts`, of each in the file's order: wrong units show here;
         - `control`: `rank` and `condition` of the activity matrix (`observability.activity_rank`, arm: the jets'
           RMS arm), `reach` in each of `DIRECTIONS` (`reaches`), and those that are `missing`;
         - `observability`: `rank` of as many as are `estimated`, ten but for what is fixed, and the `unobservable`
@@ -57,6 +59,7 @@ def vehicle_report(vehicle: Vehicle, n_pairs: int = 5) -> dict[str, Any]:
     hidden, free = _unobservable(vehicle), 10 - int(_not_estimated(vehicle).sum())
     seen = _whitened_signatures(vehicle)
     return {
+        "body": _body(vehicle),
         "control": {
             "rank": rank,
             "condition": _finite(condition),
@@ -67,6 +70,18 @@ def vehicle_report(vehicle: Vehicle, n_pairs: int = 5) -> dict[str, Any]:
         "notes": _notes(vehicle),
         "alike": _alike(vehicle, seen, n_pairs),
         "isolable": _isolable(vehicle, seen),
+    }
+
+
+def _body(vehicle: Vehicle) -> dict[str, Any]:
+    """How large a vehicle is."""
+    nominal = vehicle.nominal
+    positions = np.array([jet.position for jet in vehicle.jets])
+    return {
+        "mass": nominal.mass,
+        "gyration": np.sqrt(np.linalg.eigvalsh(nominal.inertia) / nominal.mass).tolist(),
+        "arms": np.linalg.norm(positions - nominal.center_of_mass, axis=1).tolist(),
+        "thrusts": [jet.thrust for jet in vehicle.jets],
     }
 
 

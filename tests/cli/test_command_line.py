@@ -357,13 +357,15 @@ def test_a_folder_that_was_made_to_be_written_in_goes_again(massprop: Massprop) 
 
 
 @pytest.mark.parametrize(
-    "arguments", [("fly",), ("run",), ("run", "a", "b"), ("run", "a", "--sed", "1"), ("run", "a", "--seed", "one")]
+    "arguments",
+    [("rum",), ("fly",), ("run",), ("run", "a", "b"), ("run", "a", "--sed", "1"), ("run", "a", "--seed", "one")],
 )
 def test_wrong_usage_ends_with_status_2(massprop: Massprop, arguments: tuple[str, ...]) -> None:
     done = massprop(*arguments)
     assert done.status == 2
     assert done.out == ""
-    assert "Usage: " in done.err
+    assert ". Usage: " in done.err or "? Usage: " in done.err
+    assert "?. " not in done.err
     assert "Traceback" not in done.err
 
 
@@ -439,7 +441,7 @@ def test_check_reports_on_a_vehicle_as_json(massprop: Massprop) -> None:
     done = massprop("check", "free_flyer", "sample_maneuver", "--json", "--pairs", "7")
     assert (done.status, done.err) == (0, "")
     vehicle, scenario = json.loads(done.out)
-    assert set(vehicle["report"]) == {"control", "observability", "notes", "alike", "isolable"}
+    assert set(vehicle["report"]) == {"body", "control", "observability", "notes", "alike", "isolable"}
     assert len(vehicle["report"]["alike"]) == 7
     assert "report" not in scenario
 

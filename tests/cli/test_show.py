@@ -100,7 +100,12 @@ def test_estimates_stand_beside_the_truth(capsys: Capture, short_run: Run, orbit
     (tmp_path / "report.html").touch()
     (tmp_path / "figures").mkdir()
     results = replace(
-        short_run.results, autopilot=autopilot, truth=truth, percent_error=percent, detections=(STUCK_ON,)
+        short_run.results,
+        autopilot=autopilot,
+        truth=truth,
+        percent_error=percent,
+        detections=(STUCK_ON,),
+        derived=short_run.results.derived._replace(physically_possible=False),
     )
     show.simulated(results, orbiter, tmp_path)
     out = capsys.readouterr().out
@@ -122,6 +127,7 @@ def test_estimates_stand_beside_the_truth(capsys: Capture, short_run: Run, orbit
     assert float(_row(out, "y_cm")[5]) == pytest.approx(results.standard_deviations[7], rel=0.05)
     assert _row(out, "y_cm")[4:7:2] == ["-", "-"]  # no percentage of nothing
     assert f"over {results.consistency.samples} samples used" in out
+    assert "impossible:  no rigid body can have the inertia that was estimated" in out
     assert "of propellant; 2 requests beyond the jets' reach, met as far as they go" in out
     assert "             out of use: R4R, F2R\n" in out
     assert "             left in, though in question: L4D\n" in out
@@ -217,13 +223,15 @@ def _isolable(jet: str, on: float | None, rival: str | None) -> dict[str, Any]:
 
 def test_a_report_on_a_vehicle_is_lines() -> None:
     report = {
+        "body": {"mass": 123.44, "gyration": [1.0, 2.0, 3.0], "arms": [0.5, 0.5, 0.5], "thrusts": [10.0, 0.25]},
         "control": {"rank": 5, "condition": None, "missing": ["turn +x", "turn -x"]},
         "observability": {"rank": 8, "estimated": 10, "unobservable": [{"z_cm": 1.0}, {"Ixx_inv": 0.7, "y_cm": -0.7}]},
         "notes": ["all forces lie in one plane"],
         "alike": [{"jets": ["A", "B"], "angle_rad": np.radians(1.5), "opposed": True}],
         "isolable": [_isolable("A", 2.0, "B"), _isolable("B", 4.0, None), _isolable("C", None, None)],
     }
-    assert show.vehicle_lines(report, "N") == [
+    assert show.vehicle_lines(report, {"mass": "kg", "length": "m", "force": "N"}) == [
+        "  body:        123.4 kg, radii of gyration 1 to 3 m; jets of 0.25 to 10 N, 0.5 m from the center of mass",
         "  control:     rank 5 of 6; cannot push alone: turn +x, turn -x",
         "  observable:  8 of the 10 mass properties by firing each jet alone",
         "               not: z_cm",

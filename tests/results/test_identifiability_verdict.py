@@ -40,6 +40,8 @@ def test_before_anything_has_fired_nothing_is_known() -> None:
     assert {entry.flag for entry in found} == {"not_excited"}
     assert found[6].share == pytest.approx(1.0)
     assert found[6].reason.startswith("1-sigma is still 100 % of the start's; a second of ")
+    wider = identified(scenario, params.initial_estimate(scenario), 4.0 * params.initial_covariance(scenario))
+    assert wider[6].reason.startswith("1-sigma has grown to 2 times the start's; a second of ")
     pitch = found[1]  # the jet named for it must turn the body about y
     assert pitch.jet is not None
     vehicle = scenario.vehicle_data

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from massprop_drake.results import table
 from massprop_drake.results.run import Run
@@ -14,6 +15,11 @@ def test_a_notebook_shows_the_verdict_and_the_parameters(short_run: Run) -> None
     row = table.parameters(short_run.results, short_run.scenario.vehicle_data.unit_names)[0]
     assert f"<td>{row.unit}</td><td>{row.estimate}</td><td>{row.sigma}</td>" in html
     assert "within 3 sigma of the truth" in html
+
+
+def test_a_signal_that_is_none_is_told_by_its_name(short_run: Run) -> None:
+    with pytest.raises(KeyError, match=r"no signal 'rates'; did you mean 'rate'\?"):
+        short_run["rates"]
 
 
 def test_signals_as_a_table_of_pandas(short_run: Run) -> None:

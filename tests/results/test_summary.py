@@ -94,9 +94,14 @@ def test_an_impossible_inertia_comes_with_the_nearest_possible_one(stuck_run: Ru
     assert stored["physically_possible"] is False
     assert derived(from_names(stored["nearest_possible"]), covariance).physically_possible
     assert wrong.nearest_possible is wrong.nearest_possible  # sought once
+    assert known.impossible == ""
+    said = "no rigid body can have the inertia that was estimated"
+    assert wrong.impossible == f"{said}; the nearest that one can have is in summary.json"
     estimates = estimates.copy()
     estimates[2] = -0.1  # beyond mending
-    assert replace(wrong, estimates=estimates).as_json()["derived"]["nearest_possible"] is None
+    beyond = replace(wrong, estimates=estimates)
+    assert beyond.as_json()["derived"]["nearest_possible"] is None
+    assert beyond.impossible == said
 
 
 def test_a_run_without_a_record_has_nothing_of_one(short_run: Run) -> None:

@@ -50,6 +50,18 @@ def test_every_bundled_vehicle_pushes_everywhere_and_shows_everything(name: str)
     json.dumps(report, allow_nan=False)
 
 
+def test_the_size_of_a_hand_value(toy_data: dict[str, Any]) -> None:
+    toy_data["mass_properties"] |= {"mass": 100.0, "center_of_mass": [0.0, 0.0, 0.0]}
+    toy_data["mass_properties"]["inertia"] = np.diag([100.0, 144.0, 225.0]).tolist()
+    data = _jets(toy_data, ((3.0, 4.0, 0.0), (1.0, 0.0, 0.0)), ((0.0, 0.0, 2.0), (0.0, 1.0, 0.0)))
+    assert _report(data)["body"] == {
+        "mass": 100.0,
+        "gyration": pytest.approx([1.0, 1.2, 1.5]),
+        "arms": [5.0, 2.0],
+        "thrusts": [10.0, 10.0],
+    }
+
+
 def test_reach_of_a_hand_value(toy_data: dict[str, Any]) -> None:
     """A 100 kg body, inertia diag(100, 120, 140), with two jets of 10 N in each direction of each axis."""
     toy_data["mass_properties"]["inertia"] = np.diag([100.0, 120.0, 140.0]).tolist()

@@ -1228,7 +1228,7 @@ def _drifted(root: Array, drift: Array, gained: Array | None = None) -> Array:
     ways = np.zeros((root.shape[0], _N))
     ways[:_N] = np.diag(np.sqrt(drift))
     if gained is not None:
-        ways[-gained.shape[0] :] = -gained * np.sqrt(drift)
+        ways[root.shape[0] - gained.shape[0] :] = -gained * np.sqrt(drift)
     together = np.hstack((root, ways[:, drift > 0.0]))
     if together.shape[0] == together.shape[1]:
         return together

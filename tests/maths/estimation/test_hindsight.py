@@ -186,6 +186,15 @@ def test_what_is_used_between_pieces_drifts_as_well() -> None:
     assert (every < 1.01 * both).all()
 
 
+def test_a_stretch_without_readings_says_nothing() -> None:
+    stretch, (model, _) = flight(1).stretch, known()
+    blind = stretch._replace(readings=np.full_like(stretch.readings, np.nan))
+    np.testing.assert_allclose(least_of((blind,)), model.sigma[:10])
+    drift = propellant_drift(TRUTH, 1.0, 10.0, PARAMS.arm) * -stretch.used_after[-1]
+    np.testing.assert_allclose(least_of((blind,), 10.0), np.sqrt(model.sigma[:10] ** 2 + drift))
+    np.testing.assert_array_equal(least_of(()), model.sigma[:10])
+
+
 def test_what_is_used_before_a_sensor_reads_does_not_move_what_it_reads_first() -> None:
     stretch = flight(1).stretch
     used_after = np.maximum(stretch.used_after, stretch.used_after[40])  # nothing from then on
