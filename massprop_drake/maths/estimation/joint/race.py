@@ -9,6 +9,7 @@ cycles, the likeliest first.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -256,6 +257,7 @@ def standings(race: Race, contenders: list[Contender], params: JointParams) -> l
     """
     result = []
     by_cause = {run.cause: run for run in race.runs if run.cycle == race.screen.cycle}
+    judged = {cause: _judged(run, params) for cause, run in by_cause.items()}
     nothing = race.screen.scores[-1].likelihood
     ways: dict[Named, float] = {}
     for contender in contenders:
@@ -264,16 +266,16 @@ def standings(race: Race, contenders: list[Contender], params: JointParams) -> l
         if contender.cause in race.out:
             continue
         run = by_cause.pop(contender.cause, None)
-        measured = _measured(contender, run, nothing, params) if run else contender
+        measured = _measured(contender, run, nothing, judged[run.cause]) if run else contender
         linear = ways[contender.cause.named]
         beforehand = _beforehand(race, contender.cause)
         result.append(Standing(measured, run, contender, linear, beforehand, measured.lead))
     for cause, run in by_cause.items():  # what is not possible to first order may be so by its filter
         contender = Contender(cause, run.onset, 0.0, kicks=run.kicks, share=run.share)
-        measured = _measured(contender, run, nothing, params)
+        measured = _measured(contender, run, nothing, judged[cause])
         linear = ways.get(cause.named, measured.lead)
         result.append(Standing(measured, run, measured, linear, _beforehand(race, cause), measured.lead))
-    result = _by_cells(result, params)
+    result = _by_cells(result, judged)
     result.sort(key=lambda standing: -standing.odds)
     explains = next((each for each in result if each.run is not None and each.run.fits), None)
     if explains is not None:
@@ -282,18 +284,14 @@ def standings(race: Race, contenders: list[Contender], params: JointParams) -> l
     return [each for each in result if not _adds_nothing(each, singles)]
 
 
-def _by_cells(standing: list[Standing], params: JointParams) -> list[Standing]:
+def _by_cells(standing: list[Standing], judged: Mapping[Cause, _Judged]) -> list[Standing]:
     """Filters that have arrived as far apart as the cells of the readings put them, the best of them where L does."""
-
-    def cells(run: Runner) -> float:
-        return run.score.cells + _believed(run, params)
-
-    has_run = [(each, each.run) for each in standing if each.run is not None]
-    if not has_run:
+    cells = {each.run.cause: each.run.score.cells + judged[each.run.cause].believed for each in standing if each.run}
+    if not cells:
         return standing
-    shift = max(each.contender.lead for each, _ in has_run) - max(cells(run) for _, run in has_run)
+    shift = max(each.contender.lead for each in standing if each.run) - max(cells.values())
     return [
-        each if each.run is None else each._replace(contender=each.contender._replace(lead=cells(each.run) + shift))
+        each._replace(contender=each.contender._replace(lead=cells[each.run.cause] + shift)) if each.run else each
         for each in standing
     ]
 
@@ -437,24 +435,36 @@ def apart(one: Standing, other: Standing, params: JointParams, *, shaken: bool) 
     assert other.run is not None, "only filters are compared so"
     before = shaken and other.run.newest.surprise >= SURPRISED
     scores = [each.run.before_newest if before else each.run.score for each in (one, other) if each.run is not None]
-    beforehand = one.beforehand + _believed(one.run, params) - other.beforehand - _believed(other.run, params)
+    believed = [_judged(each.run, params).believed for each in (one, other) if each.run is not None]
+    beforehand = one.beforehand + believed[0] - other.beforehand - believed[1]
     by_noise, by_cells = (scores[0][place] - scores[1][place] + beforehand for place in range(2))
     return by_noise, by_cells
 
 
-def _measured(contender: Contender, run: Runner, nothing: float, params: JointParams) -> Contender:
-    lead = run.score.likelihood - nothing + _believed(run, params)
-    force, covariance = _forces(run, params)
-    sigma = np.sqrt(np.diagonal(covariance))
-    return contender._replace(onset=run.onset, lead=lead, force=tuple(force.tolist()), sigma=tuple(sigma.tolist()))
+class _Judged(NamedTuple):
+    """What a filter says of its cause.
+
+    Attributes:
+        believed: logarithm of how likely it is but for the readings, nats: beforehand, and as its forces go.
+        force, sigma: of the failed jets.
+    """
+
+    believed: float
+    force: tuple[float, ...] = ()
+    sigma: tuple[float, ...] = ()
 
 
-def _believed(run: Runner, params: JointParams) -> float:
-    """Logarithm of how likely a filter's cause is but for the readings, nats: beforehand, and as its forces go."""
+def _judged(run: Runner, params: JointParams) -> _Judged:
     if run.cause.kind != Kind.JETS:
-        return screens.prior(run.cause, params)
+        return _Judged(screens.prior(run.cause, params))
     force, covariance = _forces(run, params)
-    return screens.believed(run.cause, force, covariance, params) + _regained(run, force, covariance, params)
+    believed = screens.believed(run.cause, force, covariance, params) + _regained(run, force, covariance, params)
+    return _Judged(believed, tuple(force.tolist()), tuple(np.sqrt(np.diagonal(covariance)).tolist()))
+
+
+def _measured(contender: Contender, run: Runner, nothing: float, judged: _Judged) -> Contender:
+    lead = run.score.likelihood - nothing + judged.believed
+    return contender._replace(onset=run.onset, lead=lead, force=judged.force, sigma=judged.sigma)
 
 
 def _regained(run: Runner, force: Array, covariance: Array, params: JointParams) -> float:

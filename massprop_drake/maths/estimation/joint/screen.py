@@ -531,11 +531,14 @@ def _likely_pairs(
     scarce = rarity(params)
     gain += scarce[one % jets] + scarce[other % jets] - PAIR_PRIOR
     had, other_had = known[_directions(one, jets)], known[_directions(other, jets)]
-    covariance = np.stack((b, -c, -c, a), axis=1).reshape(-1, 2, 2) / determinant[:, None, None]
-    most = _NEARLY * np.stack((of_one, of_other), axis=1)
-    gain -= beyond(np.stack((x + had, y + other_had), axis=1), covariance, most)
     alone = _gain_alone(screen, index, columns, known, params)
-    order = np.flatnonzero(~((had > 0.0) & (other_had > 0.0)) & (gain > np.maximum(alone[one], alone[other])))
+    least = np.maximum(alone[one], alone[other])
+    order = np.flatnonzero(~((had > 0.0) & (other_had > 0.0)) & (gain > least))  # of most that is enough
+    a, b, c, had, other_had = a[order], b[order], c[order], had[order], other_had[order]
+    covariance = np.stack((b, -c, -c, a), axis=1).reshape(-1, 2, 2) / determinant[order, None, None]
+    most = _NEARLY * np.stack((of_one[order], of_other[order]), axis=1)
+    gain[order] -= beyond(np.stack((x[order] + had, y[order] + other_had), axis=1), covariance, most)
+    order = order[gain[order] > least[order]]
     order = order[np.argsort(-gain[order])][:_PAIRS]
     alike = _alike_pairs(information, projection, steps)
     first, second = alike.T
