@@ -250,9 +250,10 @@ def looked_back(
         diagnoses, fit = diagnosed(chosen, begin, made, names_of(scenario))
         if resumed or any(one.kind == JUMP for one in standing) or not hindsight.possible(fit.at):
             return Hindsight(np.full(10, np.nan), tuple(diagnoses))
-        bound = hindsight.least_deviation(
-            parts, fit.at, params.initial_covariance(scenario), _drift(scenario, fit.at), made
-        )
+        start, drift = params.initial_covariance(scenario), _drift(scenario, fit.at)
+        whole = [one.time_s.size for one in chosen] == [one.time_s.size for one in parts]
+        known = fit.normal.information if whole else None
+        bound = hindsight.least_deviation(parts, fit.at, start, drift, made, known)
     return Hindsight(bound, tuple(diagnoses))
 
 

@@ -1149,7 +1149,14 @@ def _cuts(used: Array, rows: int) -> NDArray[np.int_]:
     return np.unique(np.concatenate(([0], inner, [last])))
 
 
-def least_deviation(stretches: Sequence[Stretch], at: Array, start: Array, drift: Array, model: Model) -> Array:
+def least_deviation(
+    stretches: Sequence[Stretch],
+    at: Array,
+    start: Array,
+    drift: Array,
+    model: Model,
+    information: Array | None = None,
+) -> Array:
     """The least 1-sigma of the ten parameters that a flight allows, NaN where it cannot be told, shape (10,).
 
     What changes with propellant that is used does so half before and half after what each part of a stretch shows, and
@@ -1161,37 +1168,50 @@ def least_deviation(stretches: Sequence[Stretch], at: Array, start: Array, drift
         start: covariance of the ten at the start, shape (10, 10).
         drift: variances that are added to the ten for each unit of propellant, shape (10,).
         model: for what else is reckoned with.
+        information: A of all stretches together, where it is known, shape (n, n); else it is found.
     """
+    wanted = reckoned(model)
+    root = np.diag(model.sigma[wanted])
+    root[:_N, :_N] = _root(start)
     if not drift.any():
-        longest = max((stretch.time_s.shape[0] for stretch in stretches), default=1)
-        return _least_deviation(stretches, at, start, drift, model, longest)
+        if information is None:
+            information = _together([normal(one, at, model, wanted) for one in stretches], model).information
+        return _deviation(_informed(root, information[np.ix_(wanted, wanted)]))
     before = np.zeros(_N)
     for rows in _ROWS:
-        found = _least_deviation(stretches, at, start, drift, model, rows)
+        found = _deviation(_drifting(root, stretches, at, drift, model, rows))
         if not (np.abs(found - before) > _ALIKE * found).any():  # NaN stays so
             break
         before = found
     return found
 
 
-def _least_deviation(
-    stretches: Sequence[Stretch], at: Array, start: Array, drift: Array, model: Model, rows: int
-) -> Array:
-    """See `least_deviation`, by parts of so many rows."""
-    root = np.diag(model.sigma[reckoned(model)])
-    root[:_N, :_N] = _root(start)
+def _deviation(root: Array) -> Array:
+    """The 1-sigma of the ten parameters, shape (10,)."""
+    result: Array = np.sqrt(np.sum(root[:_N] ** 2, axis=1))
+    return result
+
+
+def _drifting(root: Array, stretches: Sequence[Stretch], at: Array, drift: Array, model: Model, rows: int) -> Array:
+    """A root of the covariance of the unknowns after a flight, of one before, by parts of so many rows."""
     used_after = stretches[0].used_after[0] if stretches else 0.0
     for stretch in stretches:
         used = stretch.used_after[0] - stretch.used_after
         cuts = _cuts(used, rows)
-        shown = _shown(stretch, cuts, at, model)
-        if not (np.isfinite(shown.information).all() and np.isfinite(root).all()):
-            return np.full(_N, np.nan)
         root = _drifted(root, drift * (used_after - stretch.used_after[0]))
-        root = _learned(root, shown, drift, np.diff(used[cuts]))
+        root = _learned(root, _shown(stretch, cuts, at, model), drift, np.diff(used[cuts]))
         used_after = stretch.used_after[-1]
-    result: Array = np.sqrt(np.sum(root[:_N] ** 2, axis=1))
-    return result
+    return root
+
+
+def _informed(root: Array, information: Array) -> Array:
+    """A root of a covariance with some information besides, NaN where that is no number."""
+    inner = root.T @ information @ root
+    if not np.isfinite(inner).all():
+        return np.full_like(root, np.nan)
+    values, vectors = np.linalg.eigh(inner)
+    informed: Array = root @ (vectors / np.sqrt(1.0 + np.maximum(values, 0.0)))
+    return informed
 
 
 def _learned(before: Array, shown: _Shown, drift: Array, used: Array) -> Array:
@@ -1209,8 +1229,7 @@ def _learned(before: Array, shown: _Shown, drift: Array, used: Array) -> Array:
     halves = 0.5 * np.concatenate(([0.0], used, [0.0]))
     for part, gained, more in zip(shown.information, shown.gained, halves[:-2] + halves[1:-1], strict=False):
         root = _drifted(root, drift * more, gained)
-        values, vectors = np.linalg.eigh(root.T @ part @ root)
-        root = root @ (vectors / np.sqrt(1.0 + np.maximum(values, 0.0)))
+        root = _informed(root, part)
     return _drifted(root[:u], drift * halves[-2])
 
 
