@@ -42,8 +42,8 @@ demo: $(VENV)/.installed ## estimates the orbiter's mass properties from the sam
 	$(BIN)/massprop run sample_maneuver $(JOINT) --out runs/sample_maneuver_joint
 	$(BIN)/massprop compare runs/sample_maneuver runs/sample_maneuver_joint
 
-test: $(VENV)/.installed-test ## runs all tests
-	$(BIN)/python -m pytest $(PYTEST_FLAGS)
+test: $(VENV)/.installed-test ## runs all tests but those of the documentation
+	$(BIN)/python -m pytest -m "not documentation" $(PYTEST_FLAGS)
 
 quick: $(VENV)/.installed-test ## runs the tests that take a minute together: no browser, no long scenario
 	$(BIN)/python -m pytest $(PYTEST_FLAGS) $(QUICK)
@@ -54,8 +54,9 @@ coverage: $(VENV)/.installed-test ## runs all tests and prints the share of the 
 mutants: $(VENV)/.installed-test ## makes single edits and checks that tests notice each
 	$(BIN)/python tests/mutants.py $(MUTANTS)
 
-docs: $(VENV)/.installed-test ## builds the documentation into build/docs
+docs: $(VENV)/.installed-test ## builds the documentation into build/docs, and runs its tutorials and tests
 	$(BIN)/sphinx-build -q -W --keep-going -n docs build/docs
+	MASSPROP_SITE=build/docs $(BIN)/python -m pytest -m documentation $(PYTEST_FLAGS)
 	@echo "build/docs/index.html"
 
 lint: $(VENV)/.installed-dev ## checks style, format and spelling

@@ -21,6 +21,8 @@ TUTORIALS = Path(__file__).parent.parent / "docs" / "tutorials"
 
 Tutorial = Callable[[str], dict[str, Any]]
 
+pytestmark = pytest.mark.documentation
+
 
 def promised(name: str) -> list[str]:
     """What the tutorial's page says that it prints."""

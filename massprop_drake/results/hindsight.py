@@ -25,7 +25,8 @@ Array = NDArray[np.float64]
 _ROWS = 1024  # of a stretch
 _ADDED = 0.3  # of a reading's noise: what coupling may add to it over a stretch
 _SHORTEST = 16  # rows of a stretch
-_STRETCHES = 32  # at the most, evenly spread
+_STRETCHES = 32  # of so many rows, at the most, evenly spread
+_LINGERS = 1e-4  # of full thrust: less is not felt
 _PRIOR = 0.3  # of the widest start: nothing known of a vehicle is more wrong
 _OPEN_LAG_S = 0.05  # 1-sigma of a lag that the filters do not reckon with
 
@@ -118,7 +119,8 @@ def stretches(scenario: Scenario, signals: Spool) -> Iterator[Stretch]:
     packages = (*params.gyros(scenario), *params.accelerometers(scenario))
     wanted = ["time_s", "command", *(name for name in ("gap", "outside_wrench") if name in signals)]
     flows, period_s = scenario.vehicle_data.mass_flows, scenario.vehicle_data.sample_period_s
-    before, used = np.zeros(flows.size), 0.0
+    felt = _felt(scenario)
+    before, used, since = np.zeros(flows.size), 0.0, -1 if "gap" in signals else -1 - felt
     for block in _windows(signals, *wanted, *(package.name for package in packages)):
         time_s, commands = block["time_s"], block["command"]
         known = np.nan_to_num(commands)
@@ -134,10 +136,20 @@ def stretches(scenario: Scenario, signals: Spool) -> Iterator[Stretch]:
         if "gap" in block:
             gap = block["gap"][:, 0] != 0.0
             unknown |= gap[:-1] | gap[1:]
-        for first, last in _runs(~unknown):
+        counts = np.arange(unknown.size)
+        last_unknown = np.maximum.accumulate(np.where(unknown, counts, since))
+        since = int(last_unknown[-1]) - unknown.size
+        for first, last in _runs(counts - last_unknown > felt):
             if last - first > 1:
                 yield _rows_of(whole, slice(first, last + 1))
         before = known[-2] if time_s.size > 1 else before
+
+
+def _felt(scenario: Scenario) -> int:
+    """For how many intervals what jets have given is felt that may not be known: after a gap, and before a record."""
+    vehicle = scenario.vehicle_data
+    longest = float(vehicle.time_constants_s.max(initial=0.0)) / vehicle.sample_period_s
+    return max(1, math.ceil(longest * math.log(1.0 / _LINGERS)))
 
 
 def _runs(there: NDArray[np.bool_]) -> list[tuple[int, int]]:
@@ -169,7 +181,8 @@ def _whole(scenario: Scenario, signals: Spool) -> list[Stretch]:
 def _some(parts: Sequence[Stretch], until_s: float, made: Model) -> list[Stretch]:
     """Pieces of stretches up to a time that are short enough to be regressed, evenly spread where they are many."""
     every = [piece for part in parts for piece in _slow_enough(_until(part, until_s), made)]
-    return every[:: -(-len(every) // _STRETCHES) or 1]
+    rows = sum(piece.time_s.size for piece in every)
+    return every[:: max(-(-rows // (_STRETCHES * (_ROWS + 1))), 1)]
 
 
 def pieces(scenario: Scenario, signals: Spool, until_s: float, made: Model) -> list[Stretch]:
@@ -251,7 +264,7 @@ def looked_back(
         if resumed or any(one.kind == JUMP for one in standing) or not hindsight.possible(fit.at):
             return Hindsight(np.full(10, np.nan), tuple(diagnoses))
         start, drift = params.initial_covariance(scenario), _drift(scenario, fit.at)
-        whole = [one.time_s.size for one in chosen] == [one.time_s.size for one in parts]
+        whole = sum(one.time_s.size for one in chosen) == sum(one.time_s.size for one in parts)
         known = fit.normal.information if whole else None
         bound = hindsight.least_deviation(parts, fit.at, start, drift, made, known)
     return Hindsight(bound, tuple(diagnoses))

@@ -23,6 +23,7 @@ Array = NDArray[np.float64]
 
 _OFFSET = np.array([0.62, -0.48, 0.62])  # a unit vector along no axis and in no plane of them
 _UNMEASURED = 1e30  # variance of a velocity that nothing shows
+_GROWN = 1.005  # of the start's 1-sigma: more than the digits that are shown
 _LESS = 0.9  # times the bound: a 1-sigma below it is no matter of which readings count
 _WORTH = 0.9  # share of the 1-sigma: a jet that leaves more of it is not worth naming
 
@@ -161,7 +162,7 @@ def _reason(flag: Flag, of_flight: _Told, jet: str | None, left: float | None) -
     allowed = f" (the flight allows {of_flight.least:.2g})" if of_flight.least < 1.0 < of_flight.excess else ""
     if flag == Flag.WEAK:
         told = f"1-sigma is {of_flight.excess:.3g}{allowed} times what is asked"
-    elif of_flight.share > 1.0:  # by what propellant or a payload has changed
+    elif of_flight.share > _GROWN:  # by what propellant or a payload has changed
         told = f"1-sigma has grown to {of_flight.share:.3g} times the start's"
     else:
         told = f"1-sigma is still {100.0 * of_flight.share:.3g} % of the start's"
@@ -199,6 +200,8 @@ def bound_in_words(deviations: Sequence[float], found: Sequence[Identifiability]
     if not ratios:
         return ""
     (least, low), (most, high) = min(ratios), max(ratios)
+    if least >= _LESS and _times(least) == _times(most):
+        return f"1-sigma is {_times(least)} times the least this flight allows"
     if least >= _LESS:
         return f"1-sigma is {_times(least)} to {_times(most)} ({high}) times the least this flight allows"
     return (

@@ -113,9 +113,10 @@ class Run:
         )
 
     def __getitem__(self, name: str) -> Array:
-        if name not in self.signals:
-            raise KeyError(f"no signal {name!r}{suggestion(name, list(self.signals))}")
-        return self.signals[name]
+        try:
+            return self.signals[name]
+        except KeyError:
+            raise KeyError(f"no signal {name!r}{suggestion(name, list(self.signals))}") from None
 
     @cached_property
     def summary(self) -> dict[str, Any]:

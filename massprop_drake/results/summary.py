@@ -215,7 +215,7 @@ class Summary:
     @property
     def impossible(self) -> str:
         """Says that no rigid body can have the estimates; empty where one can."""
-        if self.derived.physically_possible:
+        if self.derived.physically_possible or self.derived.inertia is None:
             return ""
         near = "; the nearest that one can have is in summary.json" if self.nearest_possible is not None else ""
         return f"no rigid body can have the inertia that was estimated{near}"

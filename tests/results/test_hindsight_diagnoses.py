@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from massprop_drake import Run, load_scenario
 from massprop_drake.results.consistency import Diagnosis, Tally, judged
 from massprop_drake.results.detections import DetectionRecord
-from massprop_drake.results.hindsight import Hindsight, looked_back
+from massprop_drake.results.hindsight import Hindsight, looked_back, stretches
 from massprop_drake.results.spool import Spool
 from massprop_drake.results.summary import Summary
 
@@ -40,8 +40,9 @@ def test_a_healthy_flight_has_none_and_the_bound_is_below_the_sigma(sample_run: 
 
 
 def test_a_gap_costs_what_is_lost_in_it(sample_run: Run) -> None:
-    """And not the stretch that it is in."""
-    lost = np.isin(np.arange(sample_run.time_s.size), [100, 300, 301])[:, None]
+    """And not the stretch that it is in; jets that were on in it are felt for a while, and that is no misfit."""
+    firing = np.flatnonzero((sample_run["command"] != 0.0).any(axis=1))
+    lost = np.isin(np.arange(sample_run.time_s.size), [firing[firing > 100][0], 300, 301])[:, None]
     whole, exact = looked(sample_run), looked(sample_run, "joint.tank_fraction=0.01").bound
     gaps = {
         "gap": lambda rows: 1.0 * lost,
@@ -53,6 +54,24 @@ def test_a_gap_costs_what_is_lost_in_it(sample_run: Run) -> None:
         assert found.diagnoses == ()
         assert (bound < 1.03 * found.bound).all()
         assert (found.bound < 1.5 * bound).all()
+
+
+def test_what_jets_gave_in_a_gap_is_waited_for(sample_run: Run) -> None:
+    """Thrust of 15 ms lingers for two intervals; of a record it is not known before it, of a simulation it is none."""
+    scenario, size = load_scenario("orbiter_maneuver"), sample_run.time_s.size
+    rows = {name: np.array(sample_run[name]) for name in ("command", "gyro", "acc1", "acc2", "acc3")}
+    rows["command"][200] = np.nan
+    gap = np.zeros((size, 1))
+    gap[300] = 1.0
+
+    def spans(**more: Array) -> list[tuple[int, int]]:
+        spool = Spool(index="time_s")
+        spool.append({"time_s": np.array(sample_run.time_s), **rows, **more})
+        found = [(part.time_s[0], part.time_s[-1]) for part in stretches(scenario, spool)]
+        return [(round(first / 0.08), round(last / 0.08)) for first, last in found]
+
+    assert spans(gap=gap) == [(2, 200), (203, 299), (303, size - 1)]
+    assert spans() == [(0, 200), (203, size - 1)]
 
 
 def test_a_wrong_sign_is_named(sample_run: Run) -> None:

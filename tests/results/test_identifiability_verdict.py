@@ -42,6 +42,8 @@ def test_before_anything_has_fired_nothing_is_known() -> None:
     assert found[6].reason.startswith("1-sigma is still 100 % of the start's; a second of ")
     wider = identified(scenario, params.initial_estimate(scenario), 4.0 * params.initial_covariance(scenario))
     assert wider[6].reason.startswith("1-sigma has grown to 2 times the start's; a second of ")
+    rounded = identified(scenario, params.initial_estimate(scenario), 1.001 * params.initial_covariance(scenario))
+    assert rounded[6].reason.startswith("1-sigma is still 100 % of the start's; a second of ")
     pitch = found[1]  # the jet named for it must turn the body about y
     assert pitch.jet is not None
     vehicle = scenario.vehicle_data
@@ -66,6 +68,7 @@ def test_an_earlier_summary_has_none(short_run: Run) -> None:
 def test_a_sigma_below_the_bound_is_said_to_claim_too_much(short_run: Run) -> None:
     known = [one._replace(bound=2.0) for one in short_run.results.identifiability[:2]]
     assert bound_in_words([2.0, 3.0], known, "ab") == "1-sigma is 1 to 1.5 (b) times the least this flight allows"
+    assert bound_in_words([2.0, 2.001], known, "ab") == "1-sigma is 1 times the least this flight allows"
     said = bound_in_words([0.76, 3.0], known, "ab")
     assert said.startswith("1-sigma is 0.38 (a) to 1.5 (b) times the least this flight allows; below 1 it claims more")
     assert bound_in_words([1.0], [known[0]._replace(bound=None)], "a") == ""

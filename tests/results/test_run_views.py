@@ -20,6 +20,7 @@ def test_a_notebook_shows_the_verdict_and_the_parameters(short_run: Run) -> None
 def test_a_signal_that_is_none_is_told_by_its_name(short_run: Run) -> None:
     with pytest.raises(KeyError, match=r"no signal 'rates'; did you mean 'rate'\?"):
         short_run["rates"]
+    np.testing.assert_array_equal(short_run["time_s"], short_run.time_s)
 
 
 def test_signals_as_a_table_of_pandas(short_run: Run) -> None:

@@ -102,6 +102,8 @@ def test_an_impossible_inertia_comes_with_the_nearest_possible_one(stuck_run: Ru
     beyond = replace(wrong, estimates=estimates)
     assert beyond.as_json()["derived"]["nearest_possible"] is None
     assert beyond.impossible == said
+    unknown = replace(wrong, derived=wrong.derived._replace(inertia=None))
+    assert unknown.impossible == ""  # nothing has been estimated
 
 
 def test_a_run_without_a_record_has_nothing_of_one(short_run: Run) -> None:

@@ -50,7 +50,7 @@ _TICKS = 2  # unknowns of a stretch: when its ticks are, and their period
 _CROSS = np.zeros((3, 3, 3))  # component i of a cross b is _CROSS[i, j, k] a_j b_k
 _CROSS[[0, 1, 2], [1, 2, 0], [2, 0, 1]], _CROSS[[0, 1, 2], [2, 0, 1], [1, 2, 0]] = 1.0, -1.0
 _ELEMENTS = np.array([1.0 * (element == ELEMENT) for element in range(6)])  # (6, 3, 3)
-_ROWS = (32, 16, 8, 4)  # on average of a part of a stretch where inertia and center of mass drift, ever fewer
+_ROWS = (32, 16, 8, 4, 2)  # on average of a part of a stretch where inertia and center of mass drift, ever fewer
 _ALIKE = 0.03  # by which a bound may change with shorter parts
 _PASSES = 8
 _SETTLED = 1e-2  # squared sigmas that a pass would still gain

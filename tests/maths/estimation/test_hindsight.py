@@ -150,17 +150,12 @@ def test_the_bound_is_that_of_the_recursion() -> None:
     assert (least[[0, 1, 2, 9]] < 0.1 * model.sigma[[0, 1, 2, 9]]).all()
 
 
-@pytest.mark.parametrize(("tank_fraction", "times"), [(3.0, 1.15), (10.0, 1.7)])
+@pytest.mark.parametrize(("tank_fraction", "times"), [(3.0, 1.15), (100.0, 5.0)])
 def test_the_bound_of_what_drifts_is_that_of_the_recursion(tank_fraction: float, times: float) -> None:
-    """What is used meanwhile is forgotten as it comes: neither before all that the flight shows, nor after it.
-
-    The recursion takes a shift of the center of mass for one of what accelerometers have shown of turning before, too.
-    """
+    """What is used meanwhile is forgotten as it comes: neither before all that the flight shows, nor after it."""
     exact, found = flight(1), flight(1, tank_fraction=tank_fraction)
-    least, center = least_of((found.stretch,), tank_fraction), slice(6, 9)
-    np.testing.assert_allclose(np.delete(least, center), np.delete(found.least, center), rtol=2e-3)
-    np.testing.assert_allclose(least[center], found.least[center], rtol=0.06)
-    assert (found.least[center] > times * exact.least[center]).all()
+    np.testing.assert_allclose(least_of((found.stretch,), tank_fraction), found.least, rtol=0.025)
+    assert (found.least[6:9] > times * exact.least[6:9]).all()
 
 
 def pieces(stretch: Stretch, *ends: int) -> tuple[Stretch, ...]:

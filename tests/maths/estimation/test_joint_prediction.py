@@ -20,7 +20,6 @@ from joint_probe import (
 
 from massprop_drake.maths.estimation.joint.impulses import Firing
 from massprop_drake.maths.estimation.joint.layout import JointState
-from massprop_drake.maths.estimation.joint.measurement import turning
 from massprop_drake.maths.estimation.joint.prediction import (
     RateRead,
     coupling,
@@ -30,6 +29,7 @@ from massprop_drake.maths.estimation.joint.prediction import (
     largest_coupling,
     predict,
     propagated,
+    turning,
 )
 from massprop_drake.maths.estimation.joint.ticks import on_ticks
 from massprop_drake.maths.linear_algebra import Array
@@ -293,7 +293,10 @@ def test_covariance_goes_over_by_the_jacobian_and_noise() -> None:
     spread[10:13, :3], spread[13:16, 3:], spread[16:19, 3:] = np.eye(3), np.eye(3), np.eye(3)
     spread[13:16, :3], spread[16:19, :3] = prediction.apart[1]
     noise = spread @ prediction.noise @ spread.T
-    noise[:10, :10] += np.diag(prediction.drift)
+    turned = turning(state.mean[10:13], state.reference, state.spin)
+    moves = np.eye(PLACES.size)[:, :10]
+    moves[13:16, 6:9] = moves[16:19, 6:9] = turned  # what accelerometers have gathered stays as it was
+    noise += moves @ np.diag(prediction.drift) @ moves.T
     expected = transition @ state.root @ state.root.T @ transition.T + noise
     root = propagated(state.root, prediction, params)
     scale = np.sqrt(np.diag(expected))

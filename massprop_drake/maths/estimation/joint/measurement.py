@@ -26,8 +26,8 @@ import numpy as np
 
 from massprop_drake.maths.estimation.joint.covariance import compressed
 from massprop_drake.maths.estimation.joint.layout import CENTER, RATE, VELOCITY, JointParams, JointState
-from massprop_drake.maths.estimation.joint.prediction import RateRead
-from massprop_drake.maths.kernels import kernel, numbers
+from massprop_drake.maths.estimation.joint.prediction import RateRead, turning
+from massprop_drake.maths.kernels import kernel
 from massprop_drake.maths.linear_algebra import Array, skew
 
 _IDENTITY = np.eye(3)
@@ -74,19 +74,6 @@ def rate_read(rates: Array, mean: Array, params: JointParams) -> RateRead:
                     rows[axis, column] = -share * params.gyro_bias_sigma
                     rate[axis] += rows[axis, column] * mean[column]
     return RateRead(rate, rows, variance)
-
-
-@kernel
-def turning(rate: Array, reference: Array, spin: Array) -> Array:
-    """O = [(w - w_ref) x] + C, shape (3, 3).
-
-    Args:
-        rate, reference: w and w_ref, rad/s, shape (3,).
-        spin: integral of w w^T dt since the last rebase, six elements, shape (6,).
-    """
-    xx, yy, zz, yz, xz, xy = numbers(spin, 6)
-    centripetal = np.array([[-(yy + zz), xy, xz], [xy, -(xx + zz), yz], [xz, yz, -(xx + yy)]])
-    return skew(rate - reference) + centripetal
 
 
 @kernel

@@ -68,7 +68,7 @@ from massprop_drake.maths.estimation.joint.layout import (
     JointState,
 )
 from massprop_drake.maths.estimation.joint.ticks import Timing
-from massprop_drake.maths.kernels import idiom, kernel, picked
+from massprop_drake.maths.kernels import idiom, kernel, numbers, picked
 from massprop_drake.maths.linear_algebra import (
     Array,
     cross,
@@ -80,6 +80,7 @@ from massprop_drake.maths.linear_algebra import (
 from massprop_drake.maths.mass_properties import ELEMENT
 
 _IDENTITY = np.eye(3)
+_FIRST = CENTER.start  # of the coordinates of the center of mass
 _PAIRS = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
 PARABOLA = 1.2**0.5  # root mean square over mean
 _SETTLED = 1e-9  # of the rate at the end, that is left of the equation for it: a hundredth of that is in the coupling
@@ -134,6 +135,7 @@ class Prediction(NamedTuple):
         mass_factor: derivative of mu after by mu before.
         noise: covariance added to w and to every c_s alike, shape (6, 6).
         drift: variances added to the ten parameters, shape (10,).
+        turned: O until the interval, see `turning`: a shift of r in it does not move what accelerometers have shown.
         spin: integral of w w^T dt over the interval, six elements, rad^2/s, shape (6,).
         end: w1, rad/s, shape (3,).
         duration_s: T.
@@ -147,6 +149,7 @@ class Prediction(NamedTuple):
     mass_factor: float
     noise: Array
     drift: Array
+    turned: Array
     spin: Array
     end: Array
     duration_s: float
@@ -374,6 +377,7 @@ def predict(state: JointState, acting: Drive, rate_read: RateRead, params: Joint
         mass_factor=1.0 + 2.0 * reciprocal * flow,
         noise=noise,
         drift=propellant_drift(mean, flow, params.tank_fraction, params.arm),
+        turned=turning(mean[RATE], state.reference, state.spin),
         spin=spin_integral(mean[RATE], end, bowed, duration),
         end=end,
         duration_s=duration,
@@ -568,6 +572,19 @@ def spin_integral(start: Array, end: Array, bowed: Array, duration_s: float) -> 
 
 
 @kernel
+def turning(rate: Array, reference: Array, spin: Array) -> Array:
+    """O = [(w - w_ref) x] + C, shape (3, 3).
+
+    Args:
+        rate, reference: w and w_ref, rad/s, shape (3,).
+        spin: integral of w w^T dt since the last rebase, six elements, shape (6,).
+    """
+    xx, yy, zz, yz, xz, xy = numbers(spin, 6)
+    centripetal = np.array([[-(yy + zz), xy, xz], [xy, -(xx + zz), yz], [xz, yz, -(xx + yy)]])
+    return skew(rate - reference) + centripetal
+
+
+@kernel
 def propagated(root: Array, prediction: Prediction, params: JointParams) -> Array:
     """The covariance's root over the interval, with its noise as more columns, not compressed."""
     places = params.places
@@ -592,7 +609,13 @@ def propagated(root: Array, prediction: Prediction, params: JointParams) -> Arra
             after[part] += prediction.duration_s * params.acceleration_bias_sigma * root[begin : begin + 3]
     after[MASS] *= prediction.mass_factor
     for column in range(drifting.shape[0]):
-        columns[drifting[column], 6 + column] = np.sqrt(prediction.drift[drifting[column]])
+        element = drifting[column]
+        sigma = np.sqrt(prediction.drift[element])
+        columns[element, 6 + column] = sigma
+        if element >= _FIRST:
+            for package in range(places.accelerometers):
+                part = slice(VELOCITY + 3 * package, VELOCITY + 3 * package + 3)
+                columns[part, 6 + column] = prediction.turned[:, element - _FIRST] * sigma
     if not columns.any():
         return after
     return np.hstack((after, columns))

@@ -44,8 +44,8 @@ from massprop_drake.maths.estimation.joint.layout import (
     JointState,
     thrust_sigmas,
 )
-from massprop_drake.maths.estimation.joint.measurement import turning
 from massprop_drake.maths.estimation.joint.possible import beyond
+from massprop_drake.maths.estimation.joint.prediction import turning
 from massprop_drake.maths.estimation.joint.sensitivity import Link, carried, corrected, informed
 from massprop_drake.maths.linear_algebra import Array
 
