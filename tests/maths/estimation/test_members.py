@@ -332,6 +332,16 @@ def test_who_needs_more_failures_than_another_explains_all_by_is_lost() -> None:
     assert judged(greedy, jumped).judged.replacement is None
 
 
+def test_a_jet_that_comes_and_goes_is_not_two_against_each_other() -> None:
+    """Whatever the forces of two say, which stay where those of one may be anything in every sample."""
+    erratic = np.array([1.0, 0.0])
+    restless = member(0)._replace(method=member(0).method._replace(erratic=erratic))
+    more = knowing(member(0, 100.0), 2)
+    for one, settled, lost in ((restless, 3, True), (restless, 2, False), (member(0), 3, False)):
+        for each in ((one._replace(settled=settled), more), (more, one._replace(settled=settled))):
+            assert all(left is not more for left in dut._left(each, 12.0)) == lost
+
+
 def test_whose_race_is_led_by_more_failures_than_another_explains_all_by_is_lost() -> None:
     """Where nobody leads it may come to anything."""
     more, as_many = Cause(Kind.JETS, (2, 3), (1, 1), (1, 1)), Cause(Kind.JETS, (2,), (1,), (1,))

@@ -863,13 +863,27 @@ def test_a_kick_that_the_force_cannot_have_given_is_no_failure() -> None:
         found = contender(leak(0), 100.0)._replace(kicks=run.kicks)  # the first order has it so large, too
         now = race(run)
         standing = races.standings(now, [found], PARAMS)
-        assert (races.overrated(now, standing[0]) is not None) == expected
+        assert (races.overrated(now, standing[0], PARAMS) is not None) == expected
         anew = races.running(now, standing, 2, PARAMS).runs[0]
         assert (anew.cycle == ONSET) == expected
         assert anew.kicks[0][0] < 1.0
         assert anew.kicks[1][0] == pytest.approx(0.2 * anew.kicks[0][0])
         named = decision.decided(now, standing, True, decision.Rules(), PARAMS).outcome == decision.Outcome.JETS
         assert named != expected
+
+
+def test_a_kick_of_a_force_that_has_ceased_is_one_of_what_it_was() -> None:
+    """Thrust of a jet that was stuck ends in the midst of a sample: what it gives by now is nothing."""
+    known = STATE._replace(mean=STATE.mean.copy(), slot_jet=np.array([0.0, -1.0]))
+    for had, expected in ((0.0, True), (3.0, False)):
+        known.mean[PARAMS.places.force] = had
+        run = running(leak(0), 100.0)._replace(kicks=((2.0,), (0.4,)))
+        run = run._replace(state=run.state._replace(mean=run.state.mean.copy()))
+        run.state.mean[PARAMS.places.force] = 0.0
+        now = race(run)._replace(states=(known, known, known))
+        standing = races.standings(now, [contender(leak(0), 100.0)], PARAMS)
+        assert standing[0].contender.force == (0.0,)
+        assert (races.overrated(now, standing[0], PARAMS) is not None) == expected
 
 
 def test_a_lead_must_show_by_cells_and_by_noise() -> None:

@@ -325,6 +325,15 @@ def _needs_more(member: Member, each: tuple[Member, ...]) -> bool:
     return bool(as_well) or (member.raced > 0 and any(other.settled > member.raced for other in each))
 
 
+def _comes_and_goes(one: Member, other: Member) -> bool:
+    """Whether a jet of one comes and goes, and explains all without what another has failed besides.
+
+    That a force may be anything in every sample costs it more nats than forces cost that stay for a while. So two
+    against each other, one of them stuck and the other coming and going, would be likelier than one that does.
+    """
+    return one.settled >= _SETTLING and bool(one.method.erratic.any()) and _known(one) < _known(other)
+
+
 def _has_jumped(member: Member) -> bool:
     """Whether a jump waits to be said, which explains nearly all."""
     return any(isinstance(each, JumpDeclared) for each in member.waiting)
@@ -343,6 +352,7 @@ def _left(each: tuple[Member, ...], behind: float) -> tuple[Member, ...]:
     """Those that are not lost and not so far behind, nats, the best first where the first is none of them."""
     decided = [member for member in each if not member.undecided]
     found = [member for member in decided if _race_for(member) < _LOST and not _needs_more(member, each)]
+    found = [member for member in found if not any(_comes_and_goes(other, member) for other in found)]
     undecided = [] if any(member.settled >= _LOST for member in found) else [one for one in each if one.undecided]
     if not found and any(one.settled >= _SETTLING for one in undecided):
         return (undecided[0]._replace(undecided=False),)

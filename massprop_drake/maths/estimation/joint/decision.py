@@ -228,7 +228,7 @@ def _of_jets(
         return undecided
     if not run.fits or best.lead <= rules.lead_nothing or not (significant or known):
         return undecided
-    if (pair and cycles < _PAIR_AFTER) or overrated(race, standing[0]) is not None:
+    if (pair and cycles < _PAIR_AFTER) or overrated(race, standing[0], params) is not None:
         return undecided
     until_now = tuple(each for each in race.leading if each.cause != best.cause)
     if clear and not known and race.clear != best.cause and _surprised(standing, until_now):

@@ -558,7 +558,7 @@ def running(race: Race, standing: list[Standing], free_slots: int, params: Joint
         if cause in led and not _may_begin_anew(present[cause], each):
             wanted.append(present[cause])
         elif near and contender.lead > 0.0 and len(wanted) < _RUNS and _fits(race, cause, free_slots):
-            run, excess = present.get(cause), overrated(race, each)
+            run, excess = present.get(cause), overrated(race, each, params)
             if run is None or _begins_anew(run, each):
                 run = _opened(race, each.first_order, params)
             elif excess is not None:
@@ -616,17 +616,21 @@ def _begins_anew(run: Runner, standing: Standing) -> bool:
     return not strays and _is_better_elsewhere(standing)
 
 
-def overrated(race: Race, standing: Standing) -> Array | None:
+def overrated(race: Race, standing: Standing, params: JointParams) -> Array | None:
     """By which factors a filter's impulses at its onset are more than its forces can have given; None: none is.
 
     Impulses that the first readings allowed, and forces that then turn out to be far less, are no failure: two jets
-    against each other with a kick of any size explain whatever happened in the midst of a sample.
+    against each other with a kick of any size explain whatever happened in the midst of a sample. Of a jet that has
+    failed before, what its force has changed by has given them: it may have ceased to push.
     """
     run, contender = standing.run, standing.contender
     if run is None or not run.kicks or run.onset not in race.screen.onsets:
         return None
     gap = race.screen.gaps[race.screen.onsets.index(run.onset)]
-    most = KICK * gap * (np.abs(contender.force) + screens.BOUND * np.array(contender.sigma))
+    known = known_forces(race.states[0], params)
+    places = zip(contender.cause.jets, contender.cause.signs, strict=True)
+    had = [known[jet + (params.places.jets if sign < 0 else 0)] for jet, sign in places]
+    most = KICK * gap * (np.abs(np.array(contender.force) - had) + screens.BOUND * np.array(contender.sigma))
     factors = np.maximum(np.array(run.kicks[0]) / most, 1.0)
     return factors if float(np.sum(np.log(factors))) > _TOO_WIDE else None
 
