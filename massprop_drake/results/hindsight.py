@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -18,6 +18,7 @@ from massprop_drake.maths.estimation.hindsight import Fit, Model, Reckoned, Scor
 from massprop_drake.maths.estimation.joint.prediction import propellant_drift
 from massprop_drake.results.consistency import Diagnosis
 from massprop_drake.results.detections import JUMP, DetectionRecord
+from massprop_drake.results.events import EventRecord
 from massprop_drake.results.spool import Spool
 
 Array = NDArray[np.float64]
@@ -27,6 +28,8 @@ _ADDED = 0.3  # of a reading's noise: what coupling may add to it over a stretch
 _SHORTEST = 16  # rows of a stretch
 _STRETCHES = 32  # of so many rows, at the most, evenly spread
 _LINGERS = 1e-4  # of full thrust: less is not felt
+_HOLE = 2  # rows without a gyro's axis over which the rate is taken to be straight
+_LIES_ON_S = 2.0  # after a reading was said to be false it is not believed again
 _PRIOR = 0.3  # of the widest start: nothing known of a vehicle is more wrong
 _OPEN_LAG_S = 0.05  # 1-sigma of a lag that the filters do not reckon with
 
@@ -178,9 +181,24 @@ def _whole(scenario: Scenario, signals: Spool) -> list[Stretch]:
     return [part._replace(used_after=part.used_after + used) for part in parts]
 
 
+def _without_lies(parts: Sequence[Stretch], events: Iterable[EventRecord], names: Names) -> list[Stretch]:
+    """Stretches without the readings that were said to be false, from when on until a while after it was said."""
+    lies = [each for each in events if each.kind == "false_reading"]
+    sensors = [*names.gyros, *names.accelerometers]
+    found = list(parts)
+    for number, part in enumerate(parts if lies else ()):
+        readings = part.readings.copy()
+        for lie in lies:
+            rows = (part.time_s > lie.onset_s) & (part.time_s <= lie.time_s + _LIES_ON_S)
+            readings[rows, sensors.index(str(lie.sensor)), "xyz".index(str(lie.axis))] = np.nan
+        found[number] = part._replace(readings=readings)
+    return found
+
+
 def _some(parts: Sequence[Stretch], until_s: float, made: Model) -> list[Stretch]:
     """Pieces of stretches up to a time that are short enough to be regressed, evenly spread where they are many."""
-    every = [piece for part in parts for piece in _slow_enough(_until(part, until_s), made)]
+    seen = (piece for part in parts for piece in _seen(_until(part, until_s), made))
+    every = [piece for part in seen for piece in _slow_enough(part, made)]
     rows = sum(piece.time_s.size for piece in every)
     return every[:: max(-(-rows // (_STRETCHES * (_ROWS + 1))), 1)]
 
@@ -205,6 +223,17 @@ def _rows_of(part: Stretch, rows: slice) -> Stretch:
     before = part.commands[rows.start - 1] if rows.start else part.before
     cut = {name: value[rows] for name, value in part._asdict().items() if name != "before"}
     return part._replace(**cut, before=before)
+
+
+def _seen(part: Stretch, made: Model) -> Iterator[Stretch]:
+    """Yields a stretch in pieces over which the rate is known, which coupling takes as it is read."""
+    unread = np.asarray(np.isnan(part.readings[:, : made.gyros]).all(axis=1))
+    lost = np.asarray(unread.any(axis=1))
+    for first, last in _runs(lost):
+        if last - first <= _HOLE:
+            lost[first:last] = False
+    for first, last in _runs(~lost):
+        yield _rows_of(part, slice(first, last))
 
 
 def _slow_enough(part: Stretch, made: Model) -> Iterator[Stretch]:
@@ -233,7 +262,13 @@ class Hindsight(NamedTuple):
 
 
 def looked_back(
-    scenario: Scenario, signals: Spool, estimate: Array, found: Sequence[DetectionRecord], *, resumed: bool = False
+    scenario: Scenario,
+    signals: Spool,
+    estimate: Array,
+    found: Sequence[DetectionRecord],
+    events: Sequence[EventRecord] = (),
+    *,
+    resumed: bool = False,
 ) -> Hindsight:
     """Looks back on a run.
 
@@ -245,6 +280,7 @@ def looked_back(
         signals: with `time_s`, commands and readings.
         estimate: of the ten parameters at the end, NaN where not observed, shape (10,).
         found: failures and jumps that were declared.
+        events: what was said besides; readings that were said to be false are left out.
         resumed: whether it goes on from another run, of which the signals tell nothing.
     """
     if scenario.estimation.filter == "pose":  # what it looks back on are rates at regular intervals
@@ -253,7 +289,7 @@ def looked_back(
     standing = [one for one in found if one.withdrawn_s is None]
     until_s = min((one.onset_s - made.period_s for one in standing), default=math.inf)
     with np.errstate(all="ignore"):
-        parts = _whole(scenario, signals)
+        parts = _without_lies(_whole(scenario, signals), events, names_of(scenario))
         begin = np.where(np.isnan(estimate), made.prior[:10], estimate)
         if until_s < math.inf and _off_ticks(parts, made):  # what was declared may be the clock's doing
             every = _some(parts, math.inf, made)

@@ -444,7 +444,7 @@ def looked_back_on(results: Summary, scenario: Scenario, signals: Spool) -> Summ
         scenario, signals: of the run.
     """
     estimate, covariance = results.estimates, results.covariance
-    back = looked_back(scenario, signals, estimate, results.detections)
+    back = looked_back(scenario, signals, estimate, results.detections, results.events)
     verdict = results.consistency
     if back.diagnoses:
         verdict = _judged(signals, estimate, results.standard_deviations, results.truth, back.diagnoses)

@@ -235,7 +235,9 @@ class _Estimation:
         quality["warnings"] = [*quality["warnings"], *followed.remarks(self._scenario, self._intake.spool)]
         unknown = np.full(10, np.nan)
         estimate = last("estimate")
-        back = looked_back(self._scenario, self._intake.spool, estimate, found.detections, resumed=self._resumed)
+        back = looked_back(
+            self._scenario, self._intake.spool, estimate, found.detections, found.events, resumed=self._resumed
+        )
         _, covariance = self._known.known()
         results = composed(
             self._scenario,

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from massprop_drake import Run, load_scenario
 from massprop_drake.results.consistency import Diagnosis, Tally, judged
 from massprop_drake.results.detections import DetectionRecord
+from massprop_drake.results.events import EventRecord
 from massprop_drake.results.hindsight import Hindsight, looked_back, stretches
 from massprop_drake.results.spool import Spool
 from massprop_drake.results.summary import Summary
@@ -20,7 +21,11 @@ TOLD = ("estimation={filter: joint, start: zero}", "mass={}", "joint={thrust_unc
 
 
 def looked(
-    run: Run, *settings: str, found: tuple[DetectionRecord, ...] = (), **changed: Callable[[Array], Array]
+    run: Run,
+    *settings: str,
+    found: tuple[DetectionRecord, ...] = (),
+    events: tuple[EventRecord, ...] = (),
+    **changed: Callable[[Array], Array],
 ) -> Hindsight:
     """Looks back on a run as the joint filter is told, with some signals changed."""
     rows = {name: np.array(run[name]) for name in ("command", "gyro", "acc1", "acc2", "acc3")}
@@ -29,7 +34,7 @@ def looked(
     spool = Spool(index="time_s")
     spool.append({"time_s": np.array(run.time_s), **rows})
     scenario = load_scenario("sample_maneuver", [*TOLD, *settings])
-    return looked_back(scenario, spool, run["estimate"][-1], found)
+    return looked_back(scenario, spool, run["estimate"][-1], found, events)
 
 
 def test_a_healthy_flight_has_none_and_the_bound_is_below_the_sigma(sample_run: Run) -> None:
@@ -54,6 +59,26 @@ def test_a_gap_costs_what_is_lost_in_it(sample_run: Run) -> None:
         assert found.diagnoses == ()
         assert (bound < 1.03 * found.bound).all()
         assert (found.bound < 1.5 * bound).all()
+
+
+def test_readings_that_were_said_to_be_false_are_left_out(sample_run: Run) -> None:
+    """One of a gyro, whose rate coupling is taken with, too, and an axis of an accelerometer for a second."""
+
+    def lying(first: int, last: int, axis: int) -> Callable[[Array], Array]:
+        def changed(readings: Array) -> Array:
+            wrong = readings.copy()
+            wrong[first:last, axis] += 0.5
+            return wrong
+
+        return changed
+
+    for sensor, last in (("gyro", 401), ("acc1", 412)):
+        lies = {sensor: lying(400, last, 1)}
+        said = EventRecord(32.4, "false_reading", 31.92, sensor=sensor, axis="y")
+        assert looked(sample_run, **lies).diagnoses
+        found = looked(sample_run, events=(said,), **lies)
+        assert found.diagnoses == ()
+        assert (found.bound < 1.5 * looked(sample_run).bound).all()
 
 
 def test_what_jets_gave_in_a_gap_is_waited_for(sample_run: Run) -> None:

@@ -620,8 +620,8 @@ def overrated(race: Race, standing: Standing, params: JointParams) -> Array | No
     """By which factors a filter's impulses at its onset are more than its forces can have given; None: none is.
 
     Impulses that the first readings allowed, and forces that then turn out to be far less, are no failure: two jets
-    against each other with a kick of any size explain whatever happened in the midst of a sample. Of a jet that has
-    failed before, what its force has changed by has given them: it may have ceased to push.
+    against each other with a kick of any size explain whatever happened in the midst of a sample. A jet that has failed
+    before may have ceased to push: what its force has changed by may have given them, too.
     """
     run, contender = standing.run, standing.contender
     if run is None or not run.kicks or run.onset not in race.screen.onsets:
@@ -630,7 +630,8 @@ def overrated(race: Race, standing: Standing, params: JointParams) -> Array | No
     known = known_forces(race.states[0], params)
     places = zip(contender.cause.jets, contender.cause.signs, strict=True)
     had = [known[jet + (params.places.jets if sign < 0 else 0)] for jet, sign in places]
-    most = KICK * gap * (np.abs(np.array(contender.force) - had) + screens.BOUND * np.array(contender.sigma))
+    given = np.maximum(np.abs(contender.force), np.abs(np.array(contender.force) - had))
+    most = KICK * gap * (given + screens.BOUND * np.array(contender.sigma))
     factors = np.maximum(np.array(run.kicks[0]) / most, 1.0)
     return factors if float(np.sum(np.log(factors))) > _TOO_WIDE else None
 
