@@ -28,6 +28,7 @@ _MOST = 4000  # samples whose slopes are kept, from the beginning: enough for th
 _UNIT_LIMIT = 2.5  # factor between measured and predicted that is called wrong; feet to meters is 3.28
 _LISTED, _MOST_STUCK = 5, 100  # in warnings, and at all
 _NET = 0.25  # of the sum of what each jet alone should change it by: less cancels where thrusts are a quarter off
+_AGAINST_S = 5.0  # for which jets may fire against one that has failed, and nothing changes
 _ANSWERED = 0.5  # share of what is predicted that the other readings must show, or the jets have not fired
 _HEARD = 25.0  # sum of squares of what is predicted of them, in 1-sigma of an increment, that says whether they do
 _MOST_JETS = 2  # that are blamed for readings that do not follow; more, and the readings are wrong
@@ -477,6 +478,10 @@ class QualityReport:
             standing = self._standing[entry.package.name]
             for axis in range(3):
                 self._note_standing(entry, axis, standing, self._fired)
+        # from then on others fire against it for a while, and nothing shows
+        self._unanswered = [one for one in self._unanswered if one["to_s"] <= failed_s]
+        told = [one for one in self._stuck if one["to_s"] <= failed_s or one["to_s"] - one["from_s"] > _AGAINST_S]
+        self._n_stuck, self._stuck = self._n_stuck - len(self._stuck) + len(told), told
         units: dict[str, dict[str, Any]] = {}
         for entry in self._packages:
             kept = self._telling(entry.package, units)

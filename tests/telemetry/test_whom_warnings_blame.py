@@ -127,12 +127,16 @@ def test_a_jet_that_does_not_fire_is_blamed_and_no_sensor() -> None:
     assert abs(entry["share"]) < 0.01
     assert any("F2R told to fire from" in text and "not sensors that stood still" in text for text in found["warnings"])
     assert not any("must be in rad/s" in text for text in found["warnings"])
+    known = checked(BURSTS, {"F2R": 0.0}, failed_s=60 * PERIOD_S)
+    assert known["unanswered"] == []  # what fires against a failed jet may show nothing, too
 
 
 def test_a_gyro_axis_that_stands_still_is_blamed_and_no_jet() -> None:
     found = checked(BURSTS, stuck=("gyro", 1))
     assert found["unanswered"] == []
     assert {(entry["sensor"], entry["axis"]) for entry in found["stuck"]} == {("gyro", "y")}
+    assert all(entry["to_s"] - entry["from_s"] > 5.0 for entry in found["stuck"])  # whoever has failed
+    assert checked(BURSTS, stuck=("gyro", 1), failed_s=0.0)["stuck"] == found["stuck"]
 
 
 @pytest.mark.parametrize("every", [2, 3])
