@@ -111,6 +111,7 @@ class Tally:
         self.n = 0
         self._sum = self._sum_within = 0.0
         self._beyond = [0, 0]
+        self._explained = [0, 0, 0]  # samples of which it is known why they are what they are, and those beyond
 
     def add(self, nis: Array, components: Array) -> None:
         """Takes in the NIS of samples that were used, as `used_nis` gives them, shape (n,) each."""
@@ -125,6 +126,12 @@ class Tally:
         self._beyond = [
             count + int((chance < least).sum()) for count, least in zip(self._beyond, (_TAIL, _QUARTER), strict=True)
         ]
+
+    def explain(self, nis: Array, components: Array) -> None:
+        """Takes in, once more, the samples in which something had begun that was then declared: they are no fault."""
+        of_these = Tally()
+        of_these.add(nis, components)
+        self._explained = [of_these.n, *of_these._beyond]
 
     @property
     def mean(self) -> float | None:
@@ -145,11 +152,13 @@ class Tally:
     def faults(self, name: str) -> list[str]:
         """What cannot be chance, in words."""
         found = []
-        tail, quarter = self._beyond
-        if _certainly_more(tail, self.n, _TAIL_ALLOWED):
-            found.append(f"{100.0 * tail / self.n:.3g} % of the {name} innovations are beyond their 99 % point")
-        if _certainly_more(quarter, self.n, _QUARTER_ALLOWED):
-            found.append(f"{100.0 * quarter / self.n:.3g} % of the {name} innovations are in their upper quarter")
+        n, tail, quarter = (
+            every - known for every, known in zip((self.n, *self._beyond), self._explained, strict=True)
+        )
+        if _certainly_more(tail, n, _TAIL_ALLOWED):
+            found.append(f"{100.0 * tail / n:.3g} % of the {name} innovations are beyond their 99 % point")
+        if _certainly_more(quarter, n, _QUARTER_ALLOWED):
+            found.append(f"{100.0 * quarter / n:.3g} % of the {name} innovations are in their upper quarter")
         return found
 
 

@@ -422,7 +422,7 @@ def summarize(
         covariance=covariance,
         truth=truth,
         found=found,
-        consistency=_judged(signals, estimate, deviation, truth),
+        consistency=_judged(signals, estimate, deviation, truth, found.detections),
         bound=None,
         autopilot=AutopilotSummary(
             firings=_firings(signals),
@@ -447,16 +447,24 @@ def looked_back_on(results: Summary, scenario: Scenario, signals: Spool) -> Summ
     back = looked_back(scenario, signals, estimate, results.detections, results.events)
     verdict = results.consistency
     if back.diagnoses:
-        verdict = _judged(signals, estimate, results.standard_deviations, results.truth, back.diagnoses)
+        verdict = _judged(
+            signals, estimate, results.standard_deviations, results.truth, results.detections, back.diagnoses
+        )
     return replace(results, consistency=verdict, identifiability=identified(scenario, estimate, covariance, back.bound))
 
 
 def _judged(
-    signals: Spool, estimate: Array, deviation: Array, truth: Array, diagnoses: Sequence[Diagnosis] = ()
+    signals: Spool,
+    estimate: Array,
+    deviation: Array,
+    truth: Array,
+    found: Sequence[DetectionRecord],
+    diagnoses: Sequence[Diagnosis] = (),
 ) -> Consistency:
     with np.errstate(divide="ignore", invalid="ignore"):
         ratios = (estimate - truth) / deviation
-    return judged(_tallied(signals, "rotation"), _tallied(signals, "mass"), ratios, SYMBOLS, diagnoses)
+    rotation, mass = (_tallied(signals, name, found) for name in ("rotation", "mass"))
+    return judged(rotation, mass, ratios, SYMBOLS, diagnoses)
 
 
 def composed(
@@ -580,14 +588,37 @@ def _propellant(scenario: Scenario, signals: Spool) -> float:
     return float(flow.sum() * vehicle.sample_period_s)
 
 
-def _tallied(signals: Spool, name: str) -> Tally:
+def _tallied(signals: Spool, name: str, found: Sequence[DetectionRecord]) -> Tally:
     """The NIS of a filter at the samples it used; all at once, so that no sum depends on how signals are kept."""
     tally = Tally()
     if f"{name}_nis" in signals:
         names = [one for one in (f"{name}_nis", f"{name}_used", COMPONENTS[name]) if one in signals]
         parts = [used_nis(name, block) for block in blocks(signals, *names)]
         tally.add(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+        explain(tally, signals, name, found)
     return tally
+
+
+def explain(tally: Tally, signals: Spool, name: str, found: Sequence[DetectionRecord]) -> None:
+    """Tells a tally which of its samples are explained: those from when something began until it was declared.
+
+    Args:
+        tally: of all samples.
+        signals: of the run.
+        name: see `used_nis`.
+        found: what was declared; what was withdrawn explains nothing.
+    """
+    spans = [(one.onset_s, one.time_s) for one in found if one.withdrawn_s is None]
+    if not spans or f"{name}_nis" not in signals:
+        return
+    names = [one for one in (f"{name}_nis", f"{name}_used", COMPONENTS[name]) if one in signals]
+    parts = []
+    for block in blocks(signals, "time_s", *names):
+        within = np.zeros(block["time_s"].shape[0], dtype=np.bool_)
+        for onset_s, declared_s in spans:
+            within |= (block["time_s"] > onset_s) & (block["time_s"] <= declared_s)
+        parts.append(used_nis(name, {one: block[one][within] for one in names}))
+    tally.explain(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 
 def _jets_in_question(vehicle: Vehicle, signals: Spool) -> dict[str, Any]:

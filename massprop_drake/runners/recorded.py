@@ -33,6 +33,7 @@ from massprop_drake.results.summary import (
     AutopilotSummary,
     Timing,
     composed,
+    explain,
     firings,
     null_for_nan,
 )
@@ -238,6 +239,8 @@ class _Estimation:
         back = looked_back(
             self._scenario, self._intake.spool, estimate, found.detections, found.events, resumed=self._resumed
         )
+        for name, tally in self._nis.items():
+            explain(tally, self._intake.spool, name, found.detections)
         _, covariance = self._known.known()
         results = composed(
             self._scenario,

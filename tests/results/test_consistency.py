@@ -98,6 +98,18 @@ def test_a_flight_tells_what_its_thrusts_are_worth(sample_run: Run) -> None:
     assert any("rotation innovations" in reason for reason in found.reasons)
 
 
+def test_what_was_declared_explains_the_samples_until_then() -> None:
+    """A payload that is told seconds after it has docked; what is wrong besides is still wrong."""
+    values, late, wrong = _drawn(400, 8), np.full(40, 1e4), np.full(40, 1e4)
+    for besides, verdict in ((values[:0], "consistent"), (wrong, "inconsistent")):
+        tally = Tally()
+        every = np.concatenate((values, late, besides))
+        tally.add(every, np.full(every.size, 3.0))
+        tally.explain(late, np.full(late.size, 3.0))
+        assert judged(tally, Tally(), np.full(10, np.nan), [""] * 10).verdict == verdict
+        assert tally.n == every.size
+
+
 def test_words_are_not_ruled_by_a_few_samples() -> None:
     values = _drawn(200, 8)
     assert _verdict(values).in_words().startswith(f"mean NIS {values.mean():.2f} rotation, - translation, over 200 ")
