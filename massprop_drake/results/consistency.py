@@ -128,7 +128,7 @@ class Tally:
         ]
 
     def explain(self, nis: Array, components: Array) -> None:
-        """Takes in, once more, the samples in which something had begun that was then declared: they are no fault."""
+        """Takes in, once more, the samples in which a payload had come or left before it was declared: no fault."""
         of_these = Tally()
         of_these.add(nis, components)
         self._explained = [of_these.n, *of_these._beyond]

@@ -21,7 +21,7 @@ from massprop_drake.maths import mass_properties, possible_inertia
 from massprop_drake.maths.mass_properties import CENTER_OF_MASS, MASS_RECIPROCAL, N_ROTATION, Derived, six_elements
 from massprop_drake.results.against import Against
 from massprop_drake.results.consistency import COMPONENTS, Consistency, Diagnosis, Tally, judged, used_nis
-from massprop_drake.results.detections import DetectionRecord
+from massprop_drake.results.detections import JUMP, DetectionRecord
 from massprop_drake.results.events import EventRecord
 from massprop_drake.results.hindsight import looked_back
 from massprop_drake.results.identifiability import Identifiability, identified
@@ -600,7 +600,9 @@ def _tallied(signals: Spool, name: str, found: Sequence[DetectionRecord]) -> Tal
 
 
 def explain(tally: Tally, signals: Spool, name: str, found: Sequence[DetectionRecord]) -> None:
-    """Tells a tally which of its samples are explained: those from when something began until it was declared.
+    """Tells a tally which of its samples are explained: those from when a payload came or left until it was declared.
+
+    Failures are declared within samples; one that took longer to be found may be none, and then explains nothing.
 
     Args:
         tally: of all samples.
@@ -608,7 +610,7 @@ def explain(tally: Tally, signals: Spool, name: str, found: Sequence[DetectionRe
         name: see `used_nis`.
         found: what was declared; what was withdrawn explains nothing.
     """
-    spans = [(one.onset_s, one.time_s) for one in found if one.withdrawn_s is None]
+    spans = [(one.onset_s, one.time_s) for one in found if one.kind == JUMP and one.withdrawn_s is None]
     if not spans or f"{name}_nis" not in signals:
         return
     names = [one for one in (f"{name}_nis", f"{name}_used", COMPONENTS[name]) if one in signals]
