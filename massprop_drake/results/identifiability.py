@@ -200,10 +200,9 @@ def bound_in_words(deviations: Sequence[float], found: Sequence[Identifiability]
     if not ratios:
         return ""
     (least, low), (most, high) = min(ratios), max(ratios)
-    if least >= _LESS and _times(least) == _times(most):
-        return f"1-sigma is {_times(least)} times the least this flight allows"
     if least >= _LESS:
-        return f"1-sigma is {_times(least)} to {_times(most)} ({high}) times the least this flight allows"
+        farther = "" if _times(least) == _times(most) else f" to {_times(most)} ({high})"
+        return f"1-sigma is {_times(least)}{farther} times the least this flight allows"
     return (
         f"1-sigma is {_times(least)} ({low}) to {_times(most)} ({high}) times the least this flight allows; "
         "below 1 it claims more than the readings hold"

@@ -592,11 +592,15 @@ def _tallied(signals: Spool, name: str, found: Sequence[DetectionRecord]) -> Tal
     """The NIS of a filter at the samples it used; all at once, so that no sum depends on how signals are kept."""
     tally = Tally()
     if f"{name}_nis" in signals:
-        names = [one for one in (f"{name}_nis", f"{name}_used", COMPONENTS[name]) if one in signals]
-        parts = [used_nis(name, block) for block in blocks(signals, *names)]
+        parts = [used_nis(name, block) for block in blocks(signals, *_nis_signals(name, signals))]
         tally.add(*(np.concatenate(column) for column in zip(*parts, strict=True)))
         explain(tally, signals, name, found)
     return tally
+
+
+def _nis_signals(name: str, signals: Spool) -> list[str]:
+    """What `used_nis` needs, of what there is."""
+    return [one for one in (f"{name}_nis", f"{name}_used", COMPONENTS[name]) if one in signals]
 
 
 def explain(tally: Tally, signals: Spool, name: str, found: Sequence[DetectionRecord]) -> None:
@@ -613,8 +617,7 @@ def explain(tally: Tally, signals: Spool, name: str, found: Sequence[DetectionRe
     spans = [(one.onset_s, one.time_s) for one in found if one.kind == JUMP and one.withdrawn_s is None]
     if not spans or f"{name}_nis" not in signals:
         return
-    names = [one for one in (f"{name}_nis", f"{name}_used", COMPONENTS[name]) if one in signals]
-    parts = []
+    names, parts = _nis_signals(name, signals), []
     for block in blocks(signals, "time_s", *names):
         within = np.zeros(block["time_s"].shape[0], dtype=np.bool_)
         for onset_s, declared_s in spans:

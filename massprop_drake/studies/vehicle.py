@@ -76,11 +76,10 @@ def vehicle_report(vehicle: Vehicle, n_pairs: int = 5) -> dict[str, Any]:
 def _body(vehicle: Vehicle) -> dict[str, Any]:
     """How large a vehicle is."""
     nominal = vehicle.nominal
-    positions = np.array([jet.position for jet in vehicle.jets])
     return {
         "mass": nominal.mass,
         "gyration": np.sqrt(np.linalg.eigvalsh(nominal.inertia) / nominal.mass).tolist(),
-        "arms": np.linalg.norm(positions - nominal.center_of_mass, axis=1).tolist(),
+        "arms": np.linalg.norm(vehicle.positions - nominal.center_of_mass, axis=1).tolist(),
         "thrusts": [jet.thrust for jet in vehicle.jets],
     }
 

@@ -1228,8 +1228,7 @@ def _learned(before: Array, shown: _Shown, drift: Array, used: Array) -> Array:
     root[:u, :u], root[range(u, size), range(u, size)] = before, np.sqrt(shown.variances)
     halves = 0.5 * np.concatenate(([0.0], used, [0.0]))
     for part, gained, more in zip(shown.information, shown.gained, halves[:-2] + halves[1:-1], strict=False):
-        root = _drifted(root, drift * more, gained)
-        root = _informed(root, part)
+        root = _informed(_drifted(root, drift * more, gained), part)
     return _drifted(root[:u], drift * halves[-2])
 
 

@@ -760,7 +760,7 @@ def _jets(
         force, sigma = _force(now, slot, params)
         _, *others = doubtful.get((jet, sign), (None,))
         if not others:
-            own = members[:, _way(jet, sign, params)] > 1.0
+            own = members[:, races.column_of(jet, sign, params)] > 1.0
             members[own] = members[own] == 1.0
         onsets[slot] = onset_s
         if announced[slot] > 0.0 and not others:
@@ -783,15 +783,11 @@ def _jets(
     return state, said
 
 
-def _way(jet: int, sign: int, params: JointParams) -> int:
-    """Column of a jet's failure in `State.members`."""
-    return jet + (params.places.jets if sign < 0 else 0)
-
-
 def _listed(jets: tuple[int, ...], signs: tuple[int, ...], params: JointParams) -> Array:
     """The row of a group in `State.members`."""
     row = np.zeros(2 * params.places.jets)
-    row[[_way(jet, sign, params) for jet, sign in zip(jets, signs, strict=True)]] = 1.0 + np.arange(len(jets))
+    columns = [races.column_of(jet, sign, params) for jet, sign in zip(jets, signs, strict=True)]
+    row[columns] = 1.0 + np.arange(len(jets))
     return row
 
 

@@ -629,7 +629,7 @@ def overrated(race: Race, standing: Standing, params: JointParams) -> Array | No
     gap = race.screen.gaps[race.screen.onsets.index(run.onset)]
     known = known_forces(race.states[0], params)
     places = zip(contender.cause.jets, contender.cause.signs, strict=True)
-    had = [known[jet + (params.places.jets if sign < 0 else 0)] for jet, sign in places]
+    had = [known[column_of(jet, sign, params)] for jet, sign in places]
     given = np.maximum(np.abs(contender.force), np.abs(np.array(contender.force) - had))
     most = KICK * gap * (given + screens.BOUND * np.array(contender.sigma))
     factors = np.maximum(np.array(run.kicks[0]) / most, 1.0)
@@ -728,10 +728,15 @@ def stepped_on(race: Race, left: int, history: History, erratic: np.ndarray, par
     return race._replace(runs=tuple(run for run in runs if run.cause not in out), out=frozenset(out)), left
 
 
+def column_of(jet: int, sign: int, params: JointParams) -> int:
+    """Place of a jet's failure among those that give more and then those that give less."""
+    return jet + (params.places.jets if sign < 0 else 0)
+
+
 def known_forces(state: JointState, params: JointParams) -> Array:
     """Force of each known failure, more and then less, shape (2 n_jets,)."""
     result = np.zeros(2 * params.places.jets)
     for slot in np.flatnonzero(state.slot_jet >= 0):
-        column = int(state.slot_jet[slot]) + (params.places.jets if state.slot_sign[slot] < 0 else 0)
+        column = column_of(int(state.slot_jet[slot]), int(state.slot_sign[slot]), params)
         result[column] = max(state.mean[params.places.force + slot], np.finfo(np.float64).tiny)
     return result
