@@ -25,6 +25,7 @@ from massprop_drake.maths.estimation.joint.hypotheses import (
     cell_likelihood,
     cost_of_a_lie,
     counted,
+    drifted,
     jump_sigma,
     kicked,
     masked,
@@ -409,6 +410,26 @@ def test_what_the_jets_hypothesis_opens_with(flown: Flight) -> None:
     covariance = anew.root @ anew.root.T
     assert covariance[row, row] == pytest.approx(PARAMS.thrusts[4] ** 2)
     np.testing.assert_allclose(np.delete(covariance[row], row), 0.0, atol=1e-12)
+
+
+def test_a_force_that_drifts_is_a_random_walk_from_the_second_interval_on(flown: Flight) -> None:
+    """Of 1 % of full thrust a second, in its own slot, as independent of the rest as it was."""
+    cause = Cause(Kind.JETS, (4,), (1,), (1,), drifts=True)
+    runs = [Runner(each, 2, (), 2, flown.states[2], NO_SCORE, False) for each in (cause, cause._replace(drifts=False))]
+    row = PLACES.force
+    for cycle in (2, 3):
+        record, over = flown.samples[cycle + 1], flown.links[cycle]
+        now = Counted(np.ones(over.read.shape[0], dtype=bool), np.zeros(over.read.shape[0], dtype=bool))
+        before = runs
+        runs = [stepped(run, record, over, now, NONE, QUIET) for run in runs]
+        if cycle == 2:
+            np.testing.assert_array_equal(runs[0].state.root, runs[1].state.root)
+    changed = drifted(before[0].state, cause, flown.links[3].duration_s, PARAMS)
+    gained = changed.root @ changed.root.T - before[0].state.root @ before[0].state.root.T
+    expected = np.zeros_like(gained)
+    expected[row, row] = (0.01 * PARAMS.thrusts[4] * flown.links[3].duration_s) ** 2
+    np.testing.assert_allclose(gained, expected, atol=1e-9 * PARAMS.thrusts[4] ** 2)
+    assert np.sum(runs[0].state.root[row] ** 2) > np.sum(runs[1].state.root[row] ** 2)
 
 
 def test_small_jets_are_not_favored_and_pairs_are_rare() -> None:

@@ -907,6 +907,34 @@ def test_that_a_known_force_changes_must_show_at_first_and_not_only_be_likelier(
         assert (found.outcome == decision.Outcome.JETS) == expected
 
 
+def test_forces_that_drift_are_heard_where_no_jets_explain_all_any_more() -> None:
+    """Those of single jets that led, ahead of all that are to be heard; and they stay until they have arrived."""
+    drifting = [leak(jet)._replace(drifts=True) for jet in (0, 1)]
+    some = [contender(leak(0), 100.0), contender(leak(1), 99.0), contender(leak(2, 3), 98.0)]
+    for nis, expected in ((200.0, drifting), (12.0, [])):
+        now = race(running(leak(0), 100.0, nis=200.0), running(leak(1), 99.0, nis=nis), running(JUMP, 50.0))
+        standing = races.standings(now, [*some, contender(JUMP, 50.0)], PARAMS)
+        led = tuple(each for each in standing if each.contender.cause in (leak(0), leak(1)))
+        found = races.running(now._replace(led=led), standing, 2, PARAMS)
+        assert causes(found)[: len(expected)] == expected
+        assert any(cause.drifts for cause in causes(found)) == bool(expected)
+        assert all(run.onset == ONSET and not run.expected for run in found.runs if run.cause.drifts)
+    late = running(drifting[0], cycle=NOW - 3)
+    now = race(running(leak(1), 100.0), late)
+    assert drifting[0] in causes(races.running(now, races.standings(now, some, PARAMS), 2, PARAMS))
+
+
+def test_a_force_that_drifts_is_not_compared_to_first_order() -> None:
+    """That has a constant force, and would leave to whatever is added to it what it has changed by."""
+    drifting = leak(0)._replace(drifts=True)
+    some = [contender(leak(0), 40.0), contender(leak(0, 1), 80.0)]
+    now = race(running(leak(0), 40.0, nis=200.0), running(drifting, 100.0))
+    standing = races.standings(now, some, PARAMS)
+    assert [each.contender.cause for each in standing] == [drifting, leak(0)]
+    constant = races.standings(race(running(leak(0), 100.0)), some, PARAMS)
+    assert standing[0].contender.lead == pytest.approx(constant[0].contender.lead - 6.0)
+
+
 def test_what_gives_little_is_named_half_a_second_after_the_alarm() -> None:
     """Two of them may look like one until then; a jet that is off is named at once, and one that gives much."""
     for share, sign, cycles, expected in (

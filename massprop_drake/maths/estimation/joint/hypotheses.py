@@ -3,6 +3,7 @@ r"""What a hypothesis is: the joint filter's own cycle from another state, and h
     jets    from the onset on each has a force in a slot, prior N(0, T^2) about what is known of it; since nobody knows
             when in its interval it began, P += g g^T, g = 0.6 f x (interval) x (effect of a unit force), f the
             most that it may be; and once more in the second interval, 0.17 of that: it builds up with a lag
+            One that drifts has P += w^2 for it in every further interval, w = 1 % of full thrust a second
     jump    rebased, the ten parameters uncertain again, see `jump_sigma`, s the likeliest of `JUMP_SHARES`; guard and
             settling begin anew; it learns nothing until one cycle after the last onset that the race looks at, since
             what fired before the jump would be taken for what it has become
@@ -45,6 +46,7 @@ from massprop_drake.maths.estimation.joint.sensitivity import Link, smeared
 from massprop_drake.maths.linear_algebra import Array, lower_factor
 
 JUMP_SHARES = (0.3, 0.06)  # of the vehicle's mass (1 sigma): a payload, large or small
+DRIFT = 0.01  # of full thrust a second, 1 sigma: by so much the force of a jet changes that weakens or opens slowly
 KICK = 0.6  # 1-sigma of an onset's place, in intervals between onsets: uniform over two has 0.58
 SHARES = (1.0, 0.17)  # of it in the first interval and in the second: a lag of a fifth of an interval takes that much
 _MOVED = 0.5  # steps by which a reading has moved to be counted
@@ -80,6 +82,7 @@ class Cause(NamedTuple):
         signs: 1: that jet gives more than it is told to, -1: less.
         on_top: 1: it gives that on top of what it is told to, as a leak; 0: as a jet that is stuck.
         component: index of the reading that lies, else -1.
+        drifts: whether what the jets give changes all the while.
     """
 
     kind: Kind
@@ -87,6 +90,7 @@ class Cause(NamedTuple):
     signs: tuple[int, ...] = ()
     on_top: tuple[int, ...] = ()
     component: int = -1
+    drifts: bool = False
 
     @property
     def failures(self) -> frozenset[tuple[int, int]]:
@@ -428,6 +432,21 @@ def restless(state: JointState, erratic: np.ndarray, params: JointParams) -> Joi
     return state._replace(root=compressed(np.hstack((root, columns)), params.places.thrust))
 
 
+def drifted(state: JointState, cause: Cause, duration_s: float, params: JointParams) -> JointState:
+    """The state with what the forces of failed jets may have changed by over an interval, a random walk.
+
+    Args:
+        state: before the interval.
+        cause: see `Cause`.
+        duration_s: of the interval, s.
+        params: see `JointParams`.
+    """
+    columns = np.zeros((state.root.shape[0], len(cause.jets)))
+    for index, (jet, sign) in enumerate(zip(cause.jets, cause.signs, strict=True)):
+        columns[params.places.force + slot_of(state, jet, sign), index] = DRIFT * params.thrusts[jet] * duration_s
+    return state._replace(root=compressed(np.hstack((state.root, columns)), params.places.thrust))
+
+
 def without_increments(params: JointParams) -> JointParams:
     """Parameters of a filter that increments nothing: the race compares what increments would blur."""
     return params._replace(thresholds=np.full_like(params.thresholds, np.inf))
@@ -487,6 +506,8 @@ def stepped(run: Runner, sample: Sample, over: Link, now: Counted, erratic: np.n
     state = run.state
     if run.age == 0:
         state = opened(state, run.cause, params, run.share, run.expected)
+    if run.cause.drifts and run.age > 0:
+        state = drifted(state, run.cause, over.duration_s, params)
     if 0 <= run.age < len(run.kicks):
         state = kicked(state, run.cause, np.array(run.kicks[run.age]), over, params)
     state = restless(state, erratic, params)

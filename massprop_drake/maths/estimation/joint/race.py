@@ -273,7 +273,7 @@ def standings(race: Race, contenders: list[Contender], params: JointParams) -> l
     for cause, run in by_cause.items():  # what is not possible to first order may be so by its filter
         contender = Contender(cause, run.onset, 0.0, kicks=run.kicks, share=run.share)
         measured = _measured(contender, run, nothing, judged[cause])
-        linear = ways.get(cause.named, measured.lead)
+        linear = measured.lead if cause.drifts else ways.get(cause.named, measured.lead)
         result.append(Standing(measured, run, measured, linear, _beforehand(race, cause), measured.lead))
     result = _by_cells(result, judged)
     result.sort(key=lambda standing: -standing.odds)
@@ -541,13 +541,13 @@ def running(race: Race, standing: list[Standing], free_slots: int, params: Joint
     lies_so_far = lie.cause if lie is not None and lie.fits else None
 
     def place(each: Standing) -> tuple[bool, ...]:
-        """The jump first, and the reading that lies while that explains all so far: jets that to first order come near
-        a jump, of which that says little, are many. Then those that are close, of them those that run: where dozens
-        explain as much, they would take each other's place before any has arrived; then the rest; each as likely as
-        they are.
+        """The jump first, forces that drift, and the reading that lies while that explains all so far: jets that to
+        first order come near a jump, of which that says little, are many. Then those that are close, of them those
+        that run: where dozens explain as much, they would take each other's place before any has arrived; then the
+        rest; each as likely as they are.
         """
         cause = each.contender.cause
-        first = cause.kind == Kind.JUMP or cause == lies_so_far
+        first = cause.kind == Kind.JUMP or cause.drifts or cause == lies_so_far
         return not first, cause not in close, cause in close and cause not in present
 
     for each in (leader, *sorted(standing[1:], key=place)):
@@ -568,10 +568,33 @@ def running(race: Race, standing: list[Standing], free_slots: int, params: Joint
     known = {each.contender.cause for each in standing} | race.out
     if young:  # its first order says nothing of a reading that lies for long, so it is heard once it has arrived
         wanted[1:1] = [run for run in race.runs if run.cause.kind == Kind.LIES and run.cause not in known][:1]
+    drifting = [run for run in race.runs if run.cause.drifts and run.cause not in known]  # there is no first order
+    wanted[:0] = drifting + _drifting(race, standing, {run.cause for run in (*wanted, *drifting)}, params)
     out = race.out | (behind - led)
     if leader.run is None or not leader.run.fits:  # a jump may yet be what is left
         out -= {Cause(Kind.JUMP)}
     return race._replace(runs=tuple(wanted), out=out)
+
+
+def _drifting(race: Race, standing: list[Standing], present: set[Cause], params: JointParams) -> list[Runner]:
+    """Filters for forces that drift, where no jets explain all any more: of single ones that led until then.
+
+    A jet that weakens slowly may be told to fire only long after it has begun to, and one opposite that gives as much
+    keeps it from being named; by then its force has changed too much for a constant one, and what would explain that
+    is a jump.
+    """
+    of_jets = (each.run for each in standing if each.contender.cause.kind == Kind.JETS)
+    if any(run is not None and run.fits for run in of_jets):
+        return []
+    found: list[Runner] = []
+    for each in race.led:
+        run, contender = each.run, each.contender
+        cause = contender.cause._replace(drifts=True)
+        alone = cause.kind == Kind.JETS and len(cause.jets) == 1
+        new = cause not in present and cause not in race.out and all(cause != other.cause for other in found)
+        if alone and new and run is not None and run.onset in race.screen.onsets:
+            found.append(_opened(race, contender._replace(cause=cause, onset=run.onset, kicks=run.kicks), params))
+    return found
 
 
 def is_unheard(race: Race, standing: Standing) -> bool:
@@ -683,7 +706,7 @@ def _expected(race: Race, contender: Contender, params: JointParams) -> tuple[tu
     each other, of which the sum stays open for seconds, lose twenty. What the narrower prior gives is taken back
     (`_regained`).
     """
-    if contender.cause.kind != Kind.JETS:
+    if contender.cause.kind != Kind.JETS or contender.cause.drifts:  # of one that drifts it says what it is by now
         return ()
     known = _known(race)
     found: list[tuple[float, float]] = []

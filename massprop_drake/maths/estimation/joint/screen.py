@@ -51,6 +51,7 @@ from massprop_drake.maths.linear_algebra import Array
 
 _MOST_FORCE = 1.05  # of full thrust: a jet gives no more, unless its thrust is stated to be that uncertain
 PAIR_PRIOR = 12.0  # nats against two failures at once: 1e-5 of one
+_DRIFT_PRIOR = 6.0  # nats against a force that drifts: one failure in four hundred
 _KINDS = 5  # of columns of a jet
 _BLOCKS = 4  # dimensions of A where only its blocks are kept
 _FIRES = 0.01  # of an interval: less is the rest of a tail-off
@@ -308,7 +309,8 @@ def prior(cause: Cause, params: JointParams) -> float:
     """Logarithm of how likely a cause is before any reading, nats."""
     if cause.kind != Kind.JETS:
         return 0.0
-    return float(rarity(params)[list(cause.jets)].sum()) - PAIR_PRIOR * (len(cause.jets) - 1)
+    rare = PAIR_PRIOR * (len(cause.jets) - 1) + _DRIFT_PRIOR * cause.drifts
+    return float(rarity(params)[list(cause.jets)].sum()) - rare
 
 
 def believed(cause: Cause, force: Array, covariance: Array, params: JointParams) -> float:
