@@ -13,6 +13,7 @@ from massprop_drake.errors import moment
 from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.inputs.vehicle import Accelerometer, SensorPackage
+from massprop_drake.maths.mass_properties import CENTER_OF_MASS, ELEMENT, MASS_RECIPROCAL
 from massprop_drake.signals import AXES, SYMBOLS, in_units
 from massprop_drake.telemetry.reader import Record, Rows
 
@@ -27,6 +28,8 @@ _FEWEST = 10  # samples that tell the unit
 _MOST = 4000  # samples whose slopes are kept, from the beginning: enough for their median
 _UNIT_LIMIT = 2.5  # factor between measured and predicted that is called wrong; feet to meters is 3.28
 _LISTED, _MOST_STUCK = 5, 100  # in warnings, and at all
+_STANDS = 5.0  # of these by what has been learned of the vehicle by the end: a jet may turn out to move it hardly
+_TAUGHT_S = 5.0  # a reading that stands still for longer may have taught the filter that nothing moves it
 _NET = 0.25  # of the sum of what each jet alone should change it by: less cancels where thrusts are a quarter off
 _AGAINST_S = 5.0  # for which jets may fire against one that has failed, and nothing changes
 _ANSWERED = 0.5  # share of what is predicted that the other readings must show, or the jets have not fired
@@ -77,6 +80,65 @@ class _Package(NamedTuple):
     by_turning: float
 
 
+class _Body(NamedTuple):
+    """Mass properties, by which readings change.
+
+    Attributes:
+        inverse: inverse inertia, shape (3, 3).
+        center: of mass, shape (3,).
+        lightness: mass reciprocal.
+    """
+
+    inverse: Array
+    center: Array
+    lightness: float
+
+    def turned(self, impulses: Array) -> Array:
+        """Rate increments by impulses about the vehicle origin, torque first, shape (n, 3) from (n, 6)."""
+        result: Array = (impulses[:, :3] - np.cross(self.center, impulses[:, 3:])) @ self.inverse
+        return result
+
+    def moved(self, impulses: Array, package: Accelerometer) -> Array:
+        """Velocity increments at an accelerometer likewise, shape (n, 3)."""
+        arm = np.array(package.position) - self.center
+        return impulses[:, 3:] * self.lightness + np.cross(self.turned(impulses), arm)
+
+    def changed(self, impulses: Array, package: SensorPackage) -> Array:
+        """Increments of a package's readings likewise, shape (n, 3)."""
+        return self.moved(impulses, package) if isinstance(package, Accelerometer) else self.turned(impulses)
+
+
+def _body(parameters: Array) -> _Body:
+    """Of the ten parameters, shape (10,)."""
+    return _Body(parameters[ELEMENT], parameters[CENTER_OF_MASS], float(parameters[MASS_RECIPROCAL]))
+
+
+class _Stuck(NamedTuple):
+    """A reading that stood still.
+
+    Attributes:
+        entry: as the summary has it.
+        package: it is of.
+        axis: of it.
+        impulse: between where the predicted change was least and where it was most, torque about the origin first,
+            shape (6,).
+    """
+
+    entry: dict[str, Any]
+    package: _Package
+    axis: int
+    impulse: Array
+
+    @property
+    def lasted_s(self) -> float:
+        """For how long, s."""
+        return float(self.entry["to_s"] - self.entry["from_s"])
+
+    def lasts(self, failed_s: float) -> bool:
+        """Whether it is no jets that fire against a failed one, and nothing changes."""
+        return bool(self.entry["to_s"] <= failed_s or self.lasted_s > _AGAINST_S)
+
+
 class _Ratio(NamedTuple):
     """By how much a reading changed in a sample, in what was predicted of it.
 
@@ -103,6 +165,7 @@ class _Standing:
         self.sum = np.zeros(3)
         self.least = np.zeros(3)
         self.most = np.zeros(3)
+        self.at = np.zeros((3, 2, 6))  # impulses gathered since the beginning where that change was least and most
         self.sure = [False] * 3  # whether that change could not be what jets against each other leave
         self.gross = np.zeros(3)  # of what each jet alone should change it by, gathered since the beginning
         self.gross_since = np.zeros(3)  # at its first sample
@@ -169,6 +232,39 @@ class _Answer(NamedTuple):
         return result
 
 
+def _is_sure(total: Array, alone: Array, before: tuple[float, float] | None, entry: _Package) -> bool:
+    """Whether a predicted change counts, and could at some sample not be what jets against each other leave.
+
+    Args:
+        total: change since the beginning, shape (n,).
+        alone: what each jet alone should have changed the reading by, gathered, shape (n,).
+        before: most and least change before these samples, None: the stretch begins with them.
+        entry: whose reading it is.
+    """
+    highest, lowest = np.maximum.accumulate(total), np.minimum.accumulate(total)
+    if before is not None:
+        highest, lowest = np.maximum(highest, before[0]), np.minimum(lowest, before[1])
+    change = highest - lowest
+    return bool(((change >= _STUCK * entry.scale) & (change >= _NET * alone)).any())
+
+
+def _reached(total: Array, gathered: Array, before: tuple[float, float] | None, held: Array) -> Array:
+    """Impulses gathered where the predicted change of a stretch was least and where it was most, shape (2, 6).
+
+    Args:
+        total: change since the beginning, shape (n,).
+        gathered: impulses likewise, shape (n, 6).
+        before: most and least change before these samples, None: the stretch begins with them.
+        held: the impulses there, least first, shape (2, 6).
+    """
+    at: Array = gathered[[int(total.argmin()), int(total.argmax())]]
+    if before is not None:
+        most, least = before
+        at[0] = held[0] if least < total.min() else at[0]
+        at[1] = held[1] if most > total.max() else at[1]
+    return at
+
+
 class QualityReport:
     """Accumulates the summary's `data_quality`, block by block.
 
@@ -178,30 +274,30 @@ class QualityReport:
 
     def __init__(self, scenario: Scenario):
         vehicle = self._vehicle = scenario.vehicle_data
-        nominal = vehicle.nominal
-        self._inverse_inertia = np.linalg.inv(nominal.inertia)
-        self._center, self._mass = nominal.center_of_mass, nominal.mass
+        self._nominal = _body(vehicle.nominal.vector())
         self._gyros = [package.name for package in params.gyros(scenario)]
         self._accelerometers = [package.name for package in params.accelerometers(scenario)]
         wrenches = vehicle.wrenches * vehicle.sample_period_s
-        turning = np.abs(self._turned(wrenches[:, :3], wrenches[:, 3:]))
-        moments = np.linalg.eigvalsh(nominal.inertia)
+        turning = np.abs(self._nominal.turned(wrenches))
+        moments = np.linalg.eigvalsh(vehicle.nominal.inertia)
         coupling = vehicle.sample_period_s * float((moments[-1] - moments[0]) / moments[0])
         self._packages = []
         for package in vehicle.sensors:
             each, by_turning = turning, coupling
             if isinstance(package, Accelerometer):
-                arm = np.array(package.position) - self._center
-                each = np.abs(self._moved(wrenches[:, :3], wrenches[:, 3:], arm))
+                each = np.abs(self._nominal.moved(wrenches, package))
+                arm = np.array(package.position) - self._nominal.center
                 by_turning = (vehicle.sample_period_s + coupling) * float(np.linalg.norm(arm))
             std = math.sqrt(package.variance)
             self._packages.append(_Package(package, max(package.quantum, std), math.sqrt(2.0) * std, each, by_turning))
         names = vehicle.sensor_names()
         self._last = {name: np.full((1, 3), np.nan) for name in names}
+        self._followed = {name: np.zeros((3, 2)) for name in names}  # sums of `_Answer.own`
+        self._gathered = np.zeros(6)  # impulses of all samples that count
         self._last_gap = True  # nothing before the first row
         self._commands = np.zeros((1, len(vehicle.jets)))
         self._standing = {name: _Standing() for name in names}
-        self._stuck: list[dict[str, Any]] = []
+        self._stuck: list[_Stuck] = []
         self._n_stuck = 0
         self._unanswered: list[dict[str, Any]] = []
         self._fired = np.zeros(len(vehicle.jets))  # samples in which each jet was told to fire and nothing showed it
@@ -224,14 +320,6 @@ class QualityReport:
         """Sets the command of the interval before the first row, shape (n_jets,)."""
         self._commands = command[None, :]
 
-    def _turned(self, angular: Array, linear: Array) -> Array:
-        """Nominal rate increments by impulses about the vehicle origin, shape (n, 3)."""
-        return (angular - np.cross(self._center, linear)) @ self._inverse_inertia
-
-    def _moved(self, angular: Array, linear: Array, arm: Array) -> Array:
-        """Nominal velocity increments at a place, by impulses, shape (n, 3)."""
-        return linear / self._mass + np.cross(self._turned(angular, linear), arm)
-
     # ------------------------------------------------------------------------------------ adding
 
     def add(self, rows: Rows, signals: Mapping[str, Array]) -> None:
@@ -246,7 +334,7 @@ class QualityReport:
         fresh = np.concatenate([[self._last_gap], gap[:-1]])  # nothing to take a difference from
         angular, linear = signals["angular_impulse"], signals["linear_impulse"]
         predictable = np.asarray(np.isfinite(np.hstack([angular, linear])).all(axis=1))
-        clean_angular, clean_linear = (np.where(predictable[:, None], part, 0.0) for part in (angular, linear))
+        impulses = np.where(predictable[:, None], np.hstack([angular, linear]), 0.0)
         steady = predictable & (signals["usable"][:, 0] != 0.0) & (signals["firing"][:, 0] != 0.0)
         saturated: dict[str, NDArray[np.bool_]] = {}
         missing: dict[str, NDArray[np.bool_]] = {}
@@ -258,14 +346,12 @@ class QualityReport:
             readings = np.vstack([self._last[name], rows.readings[name]])
             increments[name] = np.diff(readings, axis=0)
             if isinstance(package, Accelerometer):
-                arm = np.array(package.position) - self._center
-                predicted[name] = self._moved(clean_angular, clean_linear, arm)
+                predicted[name] = self._nominal.moved(impulses, package)
             else:
-                predicted[name] = self._turned(clean_angular, clean_linear)
+                predicted[name] = self._nominal.turned(impulses)
                 speed = np.fmin(speed, np.linalg.norm(readings, axis=1))
-            at_limit = np.zeros(len(readings), dtype=bool)
-            if package.range is not None:
-                at_limit = np.asarray((np.abs(readings) >= package.range * (1.0 - 1e-9)).any(axis=1))
+            limit = math.inf if package.range is None else package.range * (1.0 - 1e-9)
+            at_limit = np.asarray((np.abs(readings) >= limit).any(axis=1))
             self._saturated[name] += int(at_limit[1:].sum())
             saturated[name] = at_limit[1:] | at_limit[:-1]
             missing[name] = np.asarray(np.isnan(increments[name]).any(axis=1))
@@ -276,17 +362,20 @@ class QualityReport:
             own[name] = np.stack([seen * meant, meant**2], axis=-1)
             self._last[name] = readings[-1:]
         answer = _Answer(own, told)
+        gathered = self._gathered + np.cumsum(np.where(steady[:, None], impulses, 0.0), axis=0)
         slower = np.fmin(speed[:-1], speed[1:])  # at either end of an interval: a spike is at one
         slower[~np.isfinite(slower)] = 0.0
         for entry in self._packages:
             name = entry.package.name
             # where the jets have just changed, how fast thrust builds up decides: not counted
             counted = np.where(steady[:, None], predicted[name], 0.0)
-            self._watch_standing(entry, rows.time_s, rows.readings[name], counted, answer)
+            self._watch_standing(entry, (rows.time_s, gathered), rows.readings[name], counted, answer)
+            self._followed[name] = self._followed[name] + own[name].sum(axis=0)
             self._repeats[name].add(increments[name], np.asarray((np.abs(counted) >= _STUCK * entry.scale).any(axis=1)))
             self._watch_jumps(entry, rows.time_s, increments[name], slower)
             good = steady & ~missing[name] & ~saturated[name]
             self._watch_units(entry, (rows.time_s, told, slower), increments[name], predicted[name], good)
+        self._gathered = gathered[-1]
         self._fired = self._fired + answer.silent.sum(axis=0)
         self._sort_samples(signals, commands, gap, fresh, missing, saturated)
         if "tested" in signals:
@@ -296,9 +385,9 @@ class QualityReport:
         self._last_gap = bool(gap[-1])
 
     def _watch_standing(
-        self, entry: _Package, time_s: Array, readings: Array, predicted: Array, answer: _Answer
+        self, entry: _Package, when: tuple[Array, Array], readings: Array, predicted: Array, answer: _Answer
     ) -> None:
-        standing = self._standing[entry.package.name]
+        standing, (time_s, gathered) = self._standing[entry.package.name], when
         fired = self._fired + np.cumsum(answer.silent, axis=0)
         if standing.fired_since.shape[1] != fired.shape[1]:
             standing.fired_since = np.zeros((3, fired.shape[1]))
@@ -324,14 +413,11 @@ class QualityReport:
                 self._note_standing(entry, axis, standing, self._fired)
             was_sure, sure = standing.sure[axis] and goes_on, np.zeros(edges.size, dtype=bool)
             before = (standing.most[axis], standing.least[axis]) if goes_on else (-math.inf, math.inf)
+            held = standing.at[axis].copy()
             for index in np.flatnonzero(most - least >= _STUCK * entry.scale):
                 rows = slice(edges[index], lasts[index] + 1)
-                highest, lowest = np.maximum.accumulate(total[rows]), np.minimum.accumulate(total[rows])
-                if index == 0:
-                    highest, lowest = np.maximum(highest, before[0]), np.minimum(lowest, before[1])
-                change, all_alone = highest - lowest, gross[rows, axis] - weight[index]
-                clear = (change >= _STUCK * entry.scale) & (change >= _NET * all_alone)
-                sure[index] = clear.any() or (index == 0 and was_sure)
+                alone, first = gross[rows, axis] - weight[index], index == 0
+                sure[index] = _is_sure(total[rows], alone, before if first else None, entry) or (first and was_sure)
             for index in np.flatnonzero(sure[:-1]):
                 standing.sure[axis] = True
                 standing.since_s[axis], standing.until_s[axis] = since[index], time_s[lasts[index]]
@@ -339,12 +425,16 @@ class QualityReport:
                 standing.most[axis], standing.least[axis] = most[index], least[index]
                 standing.answer_since[axis], standing.answer[axis] = heard[index], others[lasts[index]]
                 standing.fired_since[axis] = firing[index]
+                stretch = slice(edges[index], lasts[index] + 1)
+                standing.at[axis] = _reached(total[stretch], gathered[stretch], before if index == 0 else None, held)
                 self._note_standing(entry, axis, standing, fired[lasts[index]])
             standing.value[axis], standing.since_s[axis] = values[-1], since[-1]
             standing.until_s[axis], standing.sum[axis] = time_s[-1], total[-1]
             standing.most[axis], standing.least[axis] = most[-1], least[-1]
             standing.answer_since[axis], standing.answer[axis] = heard[-1], others[-1]
             standing.fired_since[axis] = firing[-1]
+            stretch = slice(edges[-1], None)
+            standing.at[axis] = _reached(total[stretch], gathered[stretch], before if edges.size == 1 else None, held)
             standing.gross_since[axis], standing.sure[axis] = weight[-1], bool(sure[-1])
         standing.gross = gross[-1]
 
@@ -377,7 +467,8 @@ class QualityReport:
         if self._n_stuck > _MOST_STUCK:
             return
         sensor = {"sensor": entry.package.name, "axis": AXES[axis]}
-        self._stuck.append({**sensor, **stretch, "predicted_change": change})
+        gathered = standing.at[axis, 1] - standing.at[axis, 0]
+        self._stuck.append(_Stuck({**sensor, **stretch, "predicted_change": change}, entry, axis, gathered))
 
     def _watch_jumps(self, entry: _Package, time_s: Array, increments: Array, speed: Array) -> None:
         caused = entry.each.sum(axis=0) + entry.by_turning * speed[:, None] ** 2
@@ -466,6 +557,20 @@ class QualityReport:
         larger = max((slope for slope in slopes if slope > _UNIT_LIMIT), default=1.0)  # than it is in its unit
         return [each for each in kept if each.turned <= _TURNED * larger**2]
 
+    def _stands(self, stuck: _Stuck) -> bool:
+        """Whether a reading should have changed by what has been learned of the vehicle by the end, too.
+
+        A jet turns the vehicle about an axis through a product of inertia, or moves the place of an accelerometer one
+        way as it turns it another: of that the file may have hardly anything right. What is learned of a component that
+        stands still for long, or does not follow the jets at all, says nothing.
+        """
+        shown, meant = self._followed[stuck.package.package.name][stuck.axis].tolist()
+        if stuck.lasted_s > _TAUGHT_S or shown < _ANSWERED * meant or not np.isfinite(self._estimate).all():
+            return True
+        body = _body(self._estimate)
+        change = float(body.changed(stuck.impulse[None], stuck.package.package)[0, stuck.axis])
+        return abs(change) >= _STANDS * stuck.package.scale
+
     def finished(self, record: Record, ragged: tuple[int, int, bool], failed_s: float = math.inf) -> dict[str, Any]:
         """Composes the content of `data_quality`.
 
@@ -480,7 +585,7 @@ class QualityReport:
                 self._note_standing(entry, axis, standing, self._fired)
         # from then on others fire against it for a while, and nothing shows
         self._unanswered = [one for one in self._unanswered if one["to_s"] <= failed_s]
-        told = [one for one in self._stuck if one["to_s"] <= failed_s or one["to_s"] - one["from_s"] > _AGAINST_S]
+        told = [one for one in self._stuck if one.lasts(failed_s) and self._stands(one)]
         self._n_stuck, self._stuck = self._n_stuck - len(self._stuck) + len(told), told
         units: dict[str, dict[str, Any]] = {}
         for entry in self._packages:
@@ -515,7 +620,7 @@ class QualityReport:
             "missing": record.missing,
             "absent_sensors": record.absent,
             "unknown_columns": {name: meant or None for name, meant in record.unknown.items()},
-            "stuck": self._stuck,
+            "stuck": [one.entry for one in self._stuck],
             "unanswered": self._unanswered,
             "repeated": {
                 name: {"count": found.count, "of": found.of}

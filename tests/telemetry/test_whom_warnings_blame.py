@@ -10,6 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from massprop_drake import load_scenario
+from massprop_drake.maths.mass_properties import pack
 from massprop_drake.telemetry.quality import QualityReport
 from massprop_drake.telemetry.reader import Record, Rows
 
@@ -42,6 +43,9 @@ def checked(
     stuck: tuple[str, int] | None = None,
     every: int = 1,
     failed_s: float = math.inf,
+    inverse: Array = INVERSE,
+    learned: Array | None = None,
+    block: int = 50,
 ) -> dict[str, Any]:
     """What is found in a record in which jets give a share of their thrust.
 
@@ -52,6 +56,9 @@ def checked(
         stuck: package and axis that stand still from the second row on.
         every: rows for each reading of the gyro, which the rows between repeat.
         failed_s: since when a jet is known to have failed, s.
+        inverse: true inverse inertia.
+        learned: the inverse inertia that is estimated; None: the nominal one.
+        block: rows that are taken in at once.
     """
     share = np.ones(len(VEHICLE.jets))
     for jet, part in (given or {}).items():
@@ -62,7 +69,7 @@ def checked(
     def increments(of: Array) -> tuple[Array, Array, Array]:
         impulses = of @ VEHICLE.wrenches * PERIOD_S
         angular, linear = impulses[:, :3], impulses[:, 3:]
-        return (angular - np.cross(VEHICLE.nominal.center_of_mass, linear)) @ INVERSE, angular, linear
+        return (angular - np.cross(VEHICLE.nominal.center_of_mass, linear)) @ inverse, angular, linear
 
     turned, _, linear = increments(before * share)
     readings = {}
@@ -79,7 +86,7 @@ def checked(
     if stuck is not None:
         readings[stuck[0]][1:, stuck[1]] = readings[stuck[0]][1, stuck[1]]
     _, angular, linear = increments(before)
-    nothing = np.zeros((N_ROWS, 1))
+    nothing, estimate = np.zeros((N_ROWS, 1)), pack(INVERSE if learned is None else learned, np.zeros(3), 0.0)
     signals = {
         "angular_impulse": angular,
         "linear_impulse": linear,
@@ -87,14 +94,14 @@ def checked(
         "firing": (before > 0.0).any(axis=1, keepdims=True).astype(float),
         "rotation_used": nothing + 1.0,
         "mass_used": nothing + 1.0,
-        "estimate": np.ones((N_ROWS, 10)),
+        "estimate": np.tile(np.append(estimate[:6], VEHICLE.nominal.vector()[6:]), (N_ROWS, 1)),
         "standard_deviation": np.ones((N_ROWS, 10)),
     }
     time_s = PERIOD_S * np.arange(N_ROWS)
     report = QualityReport(CASE)
     report.begin(commands[0] * 0.0)
-    for first in range(0, N_ROWS, 50):
-        part = slice(first, first + 50)
+    for first in range(0, N_ROWS, block):
+        part = slice(first, first + block)
         rows = Rows(
             time_s[part],
             {name: values[part] for name, values in readings.items()},
@@ -188,3 +195,37 @@ def test_jets_against_each_other_prove_no_sensor_wrong() -> None:
     assert found["stuck"] == [], quanta
     alone = checked(fired((("L1U",), 10, 70)), stuck=("gyro", 0))
     assert [(entry["sensor"], entry["axis"]) for entry in alone["stuck"]] == [("gyro", "x")]
+
+
+def not_about_x(*jets: str) -> Array:
+    """The inverse inertia with the products by which two jets do not turn the vehicle about x."""
+    wrenches = VEHICLE.wrenches[[number(jet) for jet in jets]]
+    torques = wrenches[:, :3] - np.cross(VEHICLE.nominal.center_of_mass, wrenches[:, 3:])
+    true = INVERSE.copy()
+    true[0, 1:] = true[1:, 0] = INVERSE[0, 1:] - np.linalg.solve(torques[:, 1:], torques @ INVERSE[0])
+    assert (np.linalg.eigvalsh(true) > 0.0).all()
+    return true
+
+
+OF_X = [("gyro", "x")]
+
+
+def test_a_jet_that_turns_out_to_move_a_reading_hardly_proves_no_sensor_wrong() -> None:
+    """Through a product of inertia that the file has wrong; what always stands still teaches nothing of it."""
+    true = not_about_x("F2R", "F1L")
+    for learned, stuck, expected in ((true, None, []), (None, None, OF_X), (true, ("gyro", 0), OF_X)):
+        found = checked(BURSTS, inverse=true, learned=learned, stuck=stuck)["stuck"]
+        assert [(each["sensor"], each["axis"]) for each in found] == expected
+
+
+@pytest.mark.parametrize("block", [120, 7])
+@pytest.mark.parametrize("jets", [("F2R", "F1L"), ("F1L", "F2R")])
+def test_a_change_counts_from_its_least_to_its_most_wherever_these_were(jets: tuple[str, str], block: int) -> None:
+    """Jets one way, and then the other for as much: at the end the change is as good as none, but has been large."""
+    true = not_about_x(*jets)
+    wrenches = VEHICLE.wrenches[[number(jet) for jet in jets]]
+    about_x = (wrenches[:, :3] - np.cross(VEHICLE.nominal.center_of_mass, wrenches[:, 3:])) @ INVERSE[0]
+    commands = fired((("F1U", "L1U"), 4, 28), ((jets[0],), 32, 52), ((jets[1],), 54, 74), (("F1U", "L1U"), 80, 104))
+    commands[54:74] *= -about_x[0] / about_x[1]
+    found = checked(commands, inverse=true, block=block)["stuck"]
+    assert [(each["sensor"], each["axis"]) for each in found] == OF_X

@@ -302,20 +302,24 @@ class _Read(NamedTuple):
     lengths_s: Array  # from each switching to the next, (m - 1,)
     on: NDArray[np.int_]  # the jets that acted, (j,)
     commands: Array  # of these, (m - 1, j)
-    rate: Array  # (3, m)
+    rate: Array  # (3, m), straight where none is read; zero about an axis of which none ever is
+    there: NDArray[np.bool_]  # whether it is read, or zero, (3, m)
     readings: Array  # (n_packages, 3, m)
 
 
 def _read(stretch: Stretch, model: Model) -> _Read:
     told = (stretch.commands[:-1] != 0.0).any(axis=0)
     on = np.flatnonzero(told | (stretch.before != 0.0))
-    rate = _by_columns(_interpolated(stretch.readings[:, : model.gyros]))
+    rates = _by_columns(stretch.readings[:, : model.gyros].swapaxes(0, 1))
+    there = np.asarray(~np.isnan(rates).all(axis=0))
+    there[~there.any(axis=1)] = True
+    rate = _put_in(_mean(rates), there)
     readings = np.ascontiguousarray(stretch.readings.transpose(1, 2, 0))
     period, late = _ticks(stretch.time_s, model.period_s)
     lengths = np.full(late.shape[0] - 1, period)
     if model.at_stamps:
         lengths, late = np.diff(stretch.time_s), np.zeros_like(late)
-    return _Read(stretch, period, late, lengths, on, stretch.commands[:-1, on], rate, readings)
+    return _Read(stretch, period, late, lengths, on, stretch.commands[:-1, on], rate, there, readings)
 
 
 class _Course(NamedTuple):
@@ -369,15 +373,18 @@ def off_ticks(stretch: Stretch, model: Model) -> bool:
     return bool(_ticks(stretch.time_s, model.period_s)[1].any())
 
 
-def _interpolated(readings: Array) -> Array:
-    """The mean of the gyros, with what is missing put in between, shape (m, 3)."""
-    known = ~np.isnan(readings)
-    rate = np.where(known, readings, 0.0).sum(axis=1) / np.maximum(known.sum(axis=1), 1)
-    there = np.asarray(known.any(axis=1))
-    rows = np.arange(rate.shape[0])
-    for axis in range(3):
-        if there[:, axis].any() and not there[:, axis].all():
-            rate[:, axis] = np.interp(rows, rows[there[:, axis]], rate[there[:, axis], axis])
+def _mean(rates: Array) -> Array:
+    """The mean of the gyros that are there, shape (3, m), of shape (n_gyros, 3, m); zero where none is."""
+    known = ~np.isnan(rates)
+    mean: Array = np.where(known, rates, 0.0).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
+    return mean
+
+
+def _put_in(rate: Array, there: NDArray[np.bool_]) -> Array:
+    """Rates, shape (3, m), with a straight line put in where none is there."""
+    rows, rate = np.arange(rate.shape[1]), rate.copy()
+    for axis in np.flatnonzero(~there.all(axis=1)).tolist():
+        rate[axis] = np.interp(rows, rows[there[axis]], rate[axis, there[axis]])
     return rate
 
 
@@ -580,9 +587,16 @@ def _expected(at: Array, course: _Course, model: Model) -> _Expected:
     velocity = _since(sums.impulse[3:] * lightness)
     if late is not None:
         velocity += late[3:] / mass
-    rate = rate - at[places.gyro_bias, None]
-    gained = _gained(sums, _moving(rate), _bows(sums, rate, read.period_s, at), read.period_s, at)
+    gained = _gained_from(rate, sums, read, at, model)
+    if not read.there.all():  # jets fire in between: what they give is no straight line, what is left over is
+        gained = _gained_from(gained.rate + _put_in(rate - gained.rate, read.there), sums, read, at, model)
     return _Expected(course, sums, lightness, gained, velocity)
+
+
+def _gained_from(rate: Array, sums: _Sums, read: _Read, at: Array, model: Model) -> _Gained:
+    """`_gained` with the coupling of rates at the rows as they are read, shape (3, m)."""
+    rate = rate - at[columns(model).gyro_bias, None]
+    return _gained(sums, _moving(rate), _bows(sums, rate, read.period_s, at), read.period_s, at)
 
 
 def _wrenches(at: Array, course: _Course, model: Model) -> Array:
@@ -732,7 +746,7 @@ class _Fixed(NamedTuple):
 
 def _fixed(expected: _Expected, at: Array, model: Model) -> _Fixed:
     read, rate = expected.course.read, expected.rate
-    off = np.mean(read.rate - rate, axis=1, keepdims=True)
+    off = np.where(read.there, read.rate - rate, 0.0).sum(axis=1, keepdims=True) / read.there.sum(axis=1, keepdims=True)
     whole = rate + off - at[columns(model).gyro_bias, None]
     bowed = at[:6][ELEMENT] @ _bows(expected.sums, whole, read.period_s, at)
     since_s = read.stretch.time_s - read.stretch.time_s[0]

@@ -328,6 +328,16 @@ def test_the_score_is_the_slope_of_the_misfit() -> None:
         assert -change / (4.0 * step) == pytest.approx(found.score[place], abs=2e-6 * scale)
 
 
+def test_rates_that_are_missing_while_jets_fire_lie_on_no_straight_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One cell in ten, of gyros that read far finer than a firing changes the rate: coupling is no torque then."""
+    monkeypatch.setitem(globals(), "PARAMS", PARAMS._replace(wrenches=10.0 * PARAMS.wrenches))
+    stretch, (model, _) = flight(7).stretch, known()
+    stretch.readings[:, 0][np.random.default_rng(7).random((ROWS + 1, 3)) < 0.1] = np.nan
+    fit = hindsight.fitted([stretch], model.prior, model)
+    assert fit.normal.per_reading < 1.2  # 12 with straight lines
+    assert (fit.normal.by_package[:, 0] < 1.2 * fit.normal.by_package[:, 1]).all()
+
+
 def test_levels_lag_as_they_do_interval_by_interval() -> None:
     rng = np.random.default_rng(0)
     remaining, by_logarithm = np.array([0.0, 0.02, 0.3, 0.9999]), np.array([0.0, 0.08, 0.36, 1e-4])
