@@ -28,7 +28,8 @@ _ADDED = 0.3  # of a reading's noise: what coupling may add to it over a stretch
 _SHORTEST = 16  # rows of a stretch
 _STRETCHES = 32  # of so many rows, at the most, evenly spread
 _LINGERS = 1e-4  # of full thrust: less is not felt
-_HOLE = 2  # rows without a gyro's axis over which the rate is taken to be straight
+_HOLE = 2  # rows without a gyro's axis over which the rate is taken to be what jets make of it
+_DRIFTED = 0.01  # of the mass, used: inertia and center of mass then have a walk's 1-sigma, of one that is stated by it
 _LIES_ON_S = 2.0  # after a reading was said to be false it is not believed again
 _PRIOR = 0.3  # of the widest start: nothing known of a vehicle is more wrong
 _OPEN_LAG_S = 0.05  # 1-sigma of a lag that the filters do not reckon with
@@ -79,7 +80,7 @@ def model(scenario: Scenario) -> Model:
         gated = scenario.estimation.thrust_transient == "gate"
         of_lag = np.full(n_kinds, _OPEN_LAG_S) if gated else of_kinds * thrust.lag_uncertainty
     prior = np.concatenate(
-        (setup.nominal, np.zeros(n_jets + n_kinds + 9 + 3 * gyros.quanta.size + 6 * n_accelerometers))
+        (setup.nominal, np.zeros(n_jets + n_kinds + 9 + 3 * gyros.quanta.size + 6 * n_accelerometers + 9))
     )
     sigma = np.zeros_like(prior)
     variances = np.concatenate((setup.gyro_variances, setup.accelerometer_variances))
@@ -104,7 +105,17 @@ def model(scenario: Scenario) -> Model:
     sigma[places.lag] = of_lag
     sigma[places.gyro_bias] = gyros.bias_std.max(initial=0.0)
     sigma[places.acceleration_bias] = np.repeat(accelerometers.bias_std, 3)
+    if thrust.flows.any():  # one way, by as much as what drifts has become once so much has been used
+        share = setup.nominal[9] / _DRIFTED
+        sigma[places.shift] = np.sqrt(_drift(scenario, setup.nominal)[:9] * share)
     return made
+
+
+def steady(made: Model) -> Model:
+    """Without what inertia and center of mass shift by in one direction, as propellant is used."""
+    sigma = made.sigma.copy()
+    sigma[hindsight.columns(made).shift] = 0.0
+    return made._replace(sigma=sigma)
 
 
 def _steps(packages: Instruments) -> Array:
@@ -302,7 +313,7 @@ def looked_back(
         start, drift = params.initial_covariance(scenario), _drift(scenario, fit.at)
         whole = sum(one.time_s.size for one in chosen) == sum(one.time_s.size for one in parts)
         known = fit.normal.information if whole else None
-        bound = hindsight.least_deviation(parts, fit.at, start, drift, made, known)
+        bound = hindsight.least_deviation(parts, fit.at, start, drift, steady(made), known)
     return Hindsight(bound, tuple(diagnoses))
 
 

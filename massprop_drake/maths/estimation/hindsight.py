@@ -146,6 +146,7 @@ class Columns(NamedTuple):
     drag: slice
     gyro_gain: slice
     accelerometer_gain: slice
+    shift: slice  # of elements 0 to 8, for each unit of propellant that is still to be used
 
 
 class Model(NamedTuple):
@@ -284,8 +285,8 @@ def columns(model: Model) -> Columns:
 @cache
 def _columns(n_unknown: int, n_jets: int, n_gyros: int, n_accelerometers: int) -> Columns:
     of_gyros, of_accelerometers = 3 * n_gyros, 3 * n_accelerometers
-    n_lags = n_unknown - (_N + n_jets + 9 + of_gyros + 2 * of_accelerometers)
-    sizes = (_N, n_jets, n_lags, 3, of_accelerometers, 3, 3, of_gyros, of_accelerometers)
+    n_lags = n_unknown - (_N + n_jets + 9 + of_gyros + 2 * of_accelerometers + _MASS)
+    sizes = (_N, n_jets, n_lags, 3, of_accelerometers, 3, 3, of_gyros, of_accelerometers, _MASS)
     ends = list(accumulate(sizes))
     return Columns(*(slice(end - size, end) for end, size in zip(ends, sizes, strict=True)))
 
@@ -565,6 +566,7 @@ class _Expected(NamedTuple):
     lightness: Array  # of each interval, (m - 1,)
     gained: _Gained
     velocity: Array  # since the beginning, (3, m)
+    by_shift: Array | None  # derivatives of the rate by `Columns.shift`, (9, 3, m), where that is reckoned with
 
     @property
     def rate(self) -> Array:
@@ -590,7 +592,18 @@ def _expected(at: Array, course: _Course, model: Model) -> _Expected:
     gained = _gained_from(rate, sums, read, at, model)
     if not read.there.all():  # jets fire in between: what they give is no straight line, what is left over is
         gained = _gained_from(gained.rate + _put_in(rate - gained.rate, read.there), sums, read, at, model)
-    return _Expected(course, sums, lightness, gained, velocity)
+    by_shift = None
+    if model.sigma[places.shift].any():
+        later = _since(np.diff(gained.sums) * _between(stretch.used_after))
+        by_shift, _ = _moved(gained._replace(sums=later), read.period_s, at)
+        gained = gained._replace(rate=gained.rate + np.tensordot(at[places.shift], by_shift, 1))
+    return _Expected(course, sums, lightness, gained, velocity, by_shift)
+
+
+def _between(at_rows: Array) -> Array:
+    """Means over the intervals, shape (m - 1,), of what there is at the rows, shape (m,)."""
+    result: Array = 0.5 * (at_rows[:-1] + at_rows[1:])
+    return result
 
 
 def _gained_from(rate: Array, sums: _Sums, read: _Read, at: Array, model: Model) -> _Gained:
@@ -621,7 +634,7 @@ class _Design(NamedTuple):
     kept: NDArray[np.int_]  # which unknowns have any, (k,)
     place: NDArray[np.int_]  # of each among them, -1: none
     size: int  # k, and how many ticks there are besides
-    turning: NDArray[np.int_]  # places of what moves the rate, (q,): elements 0 to 8, and biases, lags, ticks
+    turning: NDArray[np.int_]  # places of what moves the rate, (q,): elements 0 to 8, and biases, lags, shifts, ticks
     by_rate: Array  # (q, 3, m)
     pulling: NDArray[np.int_]  # of what moves the velocity, (p,): 1/m, and lags, ticks
     by_velocity: Array  # (p, 3, m)
@@ -642,7 +655,7 @@ def _design(expected: _Expected, at: Array, model: Model, wanted: NDArray[np.boo
     has = wanted.copy()
     for group in (places.properties, places.lag, places.gyro_bias, places.torque, places.drag):
         has[group] = wanted[group].any()
-    has[places.properties], has[places.thrust] = True, False
+    has[places.properties], has[places.thrust], has[places.shift] = True, False, expected.by_shift is not None
     has[places.thrust][read.on[there]] = True
     kept, place = np.flatnonzero(has), np.where(has, np.cumsum(has) - 1, -1)
     inverse, forces = at[:6][ELEMENT], model.wrenches[read.on, 3:]
@@ -655,6 +668,8 @@ def _design(expected: _Expected, at: Array, model: Model, wanted: NDArray[np.boo
         by_lag = _by_lag(expected, np.hstack((moments, forces)), at, model)
         turning.append((place[places.lag], by_lag[:, :3]))
         pulling.append((place[places.lag], by_lag[:, 3:]))
+    if expected.by_shift is not None:
+        turning.append((place[places.shift], expected.by_shift))
     ticks = _by_ticks(expected, at, model)
     last = np.arange(kept.size, kept.size + ticks.shape[1])
     turning.append((last, ticks[0]))
@@ -742,6 +757,7 @@ class _Fixed(NamedTuple):
 
     turn: Array  # see `_turning`, (3, 3, m)
     since_s: Array  # (m,)
+    later: Array | None  # turn with each interval's part times the propellant that is still to be used, see `_Expected`
 
 
 def _fixed(expected: _Expected, at: Array, model: Model) -> _Fixed:
@@ -750,7 +766,9 @@ def _fixed(expected: _Expected, at: Array, model: Model) -> _Fixed:
     whole = rate + off - at[columns(model).gyro_bias, None]
     bowed = at[:6][ELEMENT] @ _bows(expected.sums, whole, read.period_s, at)
     since_s = read.stretch.time_s - read.stretch.time_s[0]
-    return _Fixed(_turning(whole, _moving(whole), bowed, read.period_s), since_s)
+    turn = _turning(whole, _moving(whole), bowed, read.period_s)
+    shifts = expected.by_shift is not None
+    return _Fixed(turn, since_s, _since(np.diff(turn) * _between(read.stretch.used_after)) if shifts else None)
 
 
 def _own(package: int, model: Model) -> tuple[slice, slice]:
@@ -770,6 +788,8 @@ def _components(expected: _Expected, fixed: _Fixed, at: Array, model: Model) -> 
         shown = expected.rate
         if number >= 0:
             shown = expected.velocity + (model.positions[number] - at[_CENTER]) @ fixed.turn
+            if fixed.later is not None:
+                shown = shown - at[columns(model).shift][_CENTER] @ fixed.later
         wanted = shown * (1.0 + at[gains])[:, None]
         if number >= 0:
             wanted += at[biases][:, None] * fixed.since_s
@@ -834,6 +854,8 @@ def _derivatives(design: _Design, batch: _Batch, fixed: _Fixed, at: Array, model
         x[design.turning] = np.einsum("qar,ar->qr", design.by_rate.take(rows, axis=2), turning)
         x[design.pulling] += design.by_velocity.reshape(-1, 3 * m).take(along, axis=1)
         x[_CENTER] -= fixed.turn[np.repeat(axes, batch.counts), :, rows].T
+        if fixed.later is not None:
+            x[place[places.shift][_CENTER]] -= fixed.later[np.repeat(axes, batch.counts), :, rows].T
     if place[places.torque.start] >= 0:
         x[place[places.torque]] = design.turned @ turning * rows
     if place[places.drag.start] >= 0:

@@ -51,6 +51,7 @@ def flight(
     lag: float = 0.0,
     late: Array | float = 0.0,
     tank_fraction: float = 0.0,
+    shift: Array | float = 0.0,
 ) -> Flight:
     """A flight of the small vehicle: its jets at random, next to no mass used.
 
@@ -61,6 +62,7 @@ def flight(
         lag: error of the time constants, in units of their sigma.
         late: of each row, at which commands switch then, s.
         tank_fraction: by which what is used moves inertia and center of mass.
+        shift: of elements 0 to 8 from the beginning to the end; gyros alone are then right.
     """
     time_s = PERIOD * np.arange(ROWS + 1) + late
     rng = np.random.default_rng(seed)
@@ -77,7 +79,11 @@ def flight(
     sample = Sample(0.0, np.array([PERIOD]), commands[:1], np.zeros(6), np.zeros((1, 3)), np.zeros((1, 3)), on_ticks())
     state = bound.start(sample, bound.true_mean(TRUTH, np.zeros(3), errors, PARAMS), PARAMS)
     least, readings = state, np.zeros((ROWS + 1, 2, 3))
+    used = np.concatenate(([0.0], np.cumsum(commands.sum(axis=1) * FLOW * PERIOD)))
     for k in range(ROWS):
+        still = 1.0 - 0.5 * (used[k] + used[k + 1]) / used[-1]
+        moved = np.append(TRUTH[:9] - still * np.asarray(shift), state.mean[9:])
+        state = state._replace(mean=moved if np.any(shift) else state.mean)
         sample = sample._replace(durations_s=np.diff(time_s[k : k + 2]))
         acting = drive(state, sample.durations_s, commands[k : k + 1], outside, on_ticks(), actual)
         rate = state.mean[10:13]
@@ -97,14 +103,14 @@ def flight(
         commands=np.vstack((commands, np.zeros(6))),
         before=np.zeros(6),
         outside=np.zeros((ROWS + 1, 6)),
-        used_after=-np.concatenate(([0.0], np.cumsum(commands.sum(axis=1) * FLOW * PERIOD))),
+        used_after=-used,
     )
     return Flight(stretch, bound.deviation(least))
 
 
 def known(thrust: float = 0.01, lag: float = 0.2) -> tuple[Model, Columns]:
     """What is stated of the small vehicle."""
-    prior = np.concatenate((TRUTH, np.zeros(6 + 2 + 3 + 3 + 6 + 3 + 3)))
+    prior = np.concatenate((TRUTH, np.zeros(6 + 2 + 3 + 3 + 3 + 3 + 3 + 3 + 9)))
     model = Model(
         PERIOD,
         PARAMS.wrenches,
@@ -326,6 +332,30 @@ def test_the_score_is_the_slope_of_the_misfit() -> None:
         change = hindsight.normal(stretch, ahead, model).misfit - hindsight.normal(stretch, back, model).misfit
         scale = np.sqrt(found.information[place, place] * found.misfit)
         assert -change / (4.0 * step) == pytest.approx(found.score[place], abs=2e-6 * scale)
+
+
+def test_what_propellant_shifts_steadily_is_no_fault_where_it_may_do_so() -> None:
+    """The last values are found, and nothing is left; without such a shift a thousand times the noise is."""
+    found, (model, places) = flight(7, shift=0.02 * TRUTH[:9]), known()
+    used = -found.stretch.used_after[-1]
+    stretch = found.stretch._replace(used_after=found.stretch.used_after + used)
+    stretch.readings[:, 1] = np.nan
+    assert hindsight.fitted([stretch], model.prior, model).normal.per_reading > 10.0
+    model.sigma[places.shift] = 0.03 * np.abs(TRUTH[:9]) / used
+    fit = hindsight.fitted([stretch], model.prior, model)
+    assert fit.settled
+    assert fit.normal.per_reading < 1.2
+    np.testing.assert_allclose(fit.at[places.shift][:3] * used, -0.02 * TRUTH[:3], rtol=0.1)
+
+
+def test_a_shift_by_what_will_be_used_only_after_all_rows_is_another_vehicle() -> None:
+    stretch, (model, places) = flight(5).stretch, known()
+    model.sigma[places.shift] = 1.0
+    later = 0.7
+    found = hindsight.normal(stretch._replace(used_after=np.full(ROWS + 1, later)), model.prior, model)
+    scale = found.information[:9]
+    np.testing.assert_allclose(found.information[places.shift], later * scale, atol=1e-9 * np.abs(scale).max())
+    np.testing.assert_allclose(found.score[places.shift], later * found.score[:9], rtol=1e-9)
 
 
 def test_rates_that_are_missing_while_jets_fire_lie_on_no_straight_line(monkeypatch: pytest.MonkeyPatch) -> None:
