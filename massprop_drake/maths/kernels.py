@@ -146,8 +146,9 @@ def fill(row: Array, values: Any) -> None:
     begin = 0
     for value in values:
         if isinstance(value, np.ndarray):
-            row[begin : begin + value.size] = value.ravel()
-            begin += value.size
+            end = begin + value.size
+            row[begin:end] = value if value.ndim == 1 else value.ravel()
+            begin = end
         else:
             row[begin] = value
             begin += 1

@@ -21,7 +21,7 @@ from massprop_drake.maths.estimation.detectors.multi_hypothesis import (
 from massprop_drake.maths.estimation.joint import bank as banks
 from massprop_drake.maths.estimation.joint import race as races
 from massprop_drake.maths.estimation.joint.cycle import JointEvidence, Sample, step
-from massprop_drake.maths.estimation.joint.decision import Decision, Outcome
+from massprop_drake.maths.estimation.joint.decision import Decision, Outcome, decided
 from massprop_drake.maths.estimation.joint.hypotheses import (
     FIT,
     NO_SCORE,
@@ -406,3 +406,27 @@ def test_a_covariance_without_a_root_is_said_with_the_time(monkeypatch: pytest.M
     monkeypatch.setattr(detector, "judge", lost)
     with pytest.raises(NotPositiveDefiniteError, match=r"compares hypotheses is not .* at t = 3\.5 s"):
         hypotheses.judge(hypotheses.initial(PARAMS), evidence, PARAMS)
+
+
+@pytest.mark.parametrize("drifts", [True, False])
+def test_the_force_of_a_jet_that_was_found_to_drift_is_followed(monkeypatch: pytest.MonkeyPatch, drifts: bool) -> None:
+    """It walks on from what it was found to be; of one that is not known to drift a constant force is believed."""
+
+    def found(*given: Any) -> Decision:
+        made = decided(*given)
+        if made.winner is None or made.winner.contender.cause.kind != Kind.JETS:
+            return made
+        cause = made.winner.contender.cause._replace(drifts=drifts)
+        return made._replace(winner=made.winner._replace(contender=made.winner.contender._replace(cause=cause)))
+
+    monkeypatch.setattr(detector, "decided", found)
+    flown, thrust = Flight().fly(40), float(JOINT.thrusts[0])
+    for cycle in range(120):
+        flown.truth = failed(flown.truth, 0, -1, (0.1 + 0.01 * PERIOD * cycle) * thrust)
+        flown.fly(1)
+    assert {(type(said), said.jets) for _, said in flown.said} == {(JetsDeclared, (0,))}
+    assert (flown.state.erratic[0] == pytest.approx(0.03 * PERIOD)) == drifts
+    row = PLACES.force
+    off = abs(flown.filter.mean[row] - flown.truth.mean[row])
+    assert (off < 4.5 * np.linalg.norm(flown.filter.root[row])) == drifts
+    assert np.abs(flown.errors()).max() < 4.5

@@ -924,6 +924,30 @@ def test_forces_that_drift_are_heard_where_no_jets_explain_all_any_more() -> Non
     assert drifting[0] in causes(races.running(now, races.standings(now, some, PARAMS), 2, PARAMS))
 
 
+def test_who_explained_all_until_a_second_ago_is_heard_with_a_force_that_drifts() -> None:
+    """One opposite may have ceased to do so before, while the other still did."""
+    first = surprised(leak(0), 200.0)
+    now = race(first, running(leak(1), 100.0))
+    some = [contender(leak(1), 100.0), contender(leak(0), 99.0)]
+    after = races.running(now, races.standings(now, some, PARAMS), 2, PARAMS)
+    assert [each.contender.cause for each in after.ceased] == [leak(0)]
+    assert not any(cause.drifts for cause in causes(after))
+    second = surprised(leak(1), 200.0)
+    for ago, expected in ((1, {0, 1}), (races.A_SECOND, {1})):
+        ceased = tuple(each._replace(run=first._replace(cycle=NOW - ago)) for each in after.ceased)
+        then = race(second)._replace(ceased=ceased)
+        found = races.running(then, races.standings(then, some[:1], PARAMS), 2, PARAMS)
+        assert {cause.jets[0] for cause in causes(found) if cause.drifts} == expected
+
+
+def test_a_force_that_drifts_wins_once_all_that_may_have_arrived() -> None:
+    drifting = [leak(jet)._replace(drifts=True) for jet in (0, 1)]
+    for cycle, expected in ((NOW - 1, decision.Outcome.OPEN), (NOW, decision.Outcome.JETS)):
+        now = race(running(drifting[0], 1000.0), running(drifting[1], 900.0, cycle=cycle))._replace(triggered=NOW - 20)
+        standing = races.standings(now, [], PARAMS)
+        assert decision.decided(now, standing, True, decision.Rules(), PARAMS).outcome == expected
+
+
 def test_a_force_that_drifts_is_not_compared_to_first_order() -> None:
     """That has a constant force, and would leave to whatever is added to it what it has changed by."""
     drifting = leak(0)._replace(drifts=True)

@@ -314,8 +314,10 @@ def restored(vector: Array, params: HypothesisParams) -> State:
         raise ValueError(f"{GROUP}: must be finite")
     if (read.variance < 0.0).any():
         raise ValueError(f"{GROUP}: variances of known forces must be zero or positive")
-    if not all(np.isin(flags, (0.0, 1.0)).all() for flags in (read.removed, read.erratic, read.lying)):
-        raise ValueError(f"{GROUP}: removed, erratic and lying must be 0 or 1")
+    if not all(np.isin(flags, (0.0, 1.0)).all() for flags in (read.removed, read.lying)):
+        raise ValueError(f"{GROUP}: removed and lying must be 0 or 1")
+    if not ((read.erratic >= 0.0) & (read.erratic <= 1.0)).all():
+        raise ValueError(f"{GROUP}: erratic must be from 0 to 1")
     counts = (np.array([read.cycle]), read.commanded, read.changes, read.members)
     if not all(((one >= 0.0) & (one == np.round(one))).all() for one in counts):
         raise ValueError(f"{GROUP}: counts must be whole numbers, zero or positive")

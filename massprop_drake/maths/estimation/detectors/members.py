@@ -331,7 +331,7 @@ def _comes_and_goes(one: Member, other: Member) -> bool:
     That a force may be anything in every sample costs it more nats than forces cost that stay for a while. So two
     against each other, one of them stuck and the other coming and going, would be likelier than one that does.
     """
-    return one.settled >= _SETTLING and bool(one.method.erratic.any()) and _known(one) < _known(other)
+    return one.settled >= _SETTLING and bool((one.method.erratic == 1.0).any()) and _known(one) < _known(other)
 
 
 def _has_jumped(member: Member) -> bool:

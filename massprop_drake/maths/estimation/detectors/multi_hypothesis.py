@@ -40,6 +40,7 @@ from massprop_drake.maths.estimation.joint.decision import (
 from massprop_drake.maths.estimation.joint.early import Early, Found
 from massprop_drake.maths.estimation.joint.guard import unguarded
 from massprop_drake.maths.estimation.joint.hypotheses import (
+    DRIFT,
     JUMP_SHARES,
     jump_sigma,
     masked,
@@ -182,7 +183,7 @@ class State(NamedTuple):
         announced, sigmas: force of each slot as announced, or as known better since, and its 1-sigma; zero: not yet,
             lbf or N, shape (n_force,).
         changes: times that each slot's force was announced as changed, shape (n_force,).
-        erratic: 1 for each slot whose jet is erratic, shape (n_force,).
+        erratic: see `hypotheses.restless`, shape (n_force,).
         lying: 1 for each component that is left out until it fits, shape (m,).
         earlier: of the filter before a jump that is not measured yet.
         explained: cycle up to which what was named last explains all; whatever began there has not been found.
@@ -597,12 +598,13 @@ def _leads(standing: list[races.Standing]) -> tuple[tuple[int, float], ...]:
 
 
 def _uncertain(seen: Traces, before: JointState, erratic: Array, params: JointParams) -> Traces:
-    """What a link is made of, with what erratic jets add to the noise of its interval."""
+    """What a link is made of, with what erratic jets, and those that drift, add to the noise of its interval."""
     noise = seen.noise
     for slot in np.flatnonzero(erratic):
         column = params.places.force + int(slot)
         effect = np.concatenate((seen.rate_rows[:, column], seen.velocity_rows[:, column]))
-        noise = noise + params.thrusts[int(before.slot_jet[slot])] ** 2 * np.outer(effect, effect)
+        may_change = erratic[slot] * params.thrusts[int(before.slot_jet[slot])]
+        noise = noise + may_change**2 * np.outer(effect, effect)
     return seen._replace(noise=noise)
 
 
@@ -751,7 +753,7 @@ def _jets(
     contender = winner.contender
     announced, known = state.announced.copy(), state.sigmas.copy()
     members, aparts, onsets = state.members.copy(), state.apart.copy(), state.onsets.copy()
-    was_settled = settled(race.states[0], params)
+    erratic, was_settled = state.erratic.copy(), settled(race.states[0], params)
     doubtful = {(each[0].jet, each[0].sign): each for each in decision.alternatives}
     onset_s, over = _onset_s(race, contender), state.history.records[-1].link
     said: list[Declaration] = []
@@ -763,6 +765,8 @@ def _jets(
             own = members[:, races.column_of(jet, sign, params)] > 1.0
             members[own] = members[own] == 1.0
         onsets[slot] = onset_s
+        if contender.cause.drifts and erratic[slot] == 0.0:
+            erratic[slot] = DRIFT * over.duration_s
         if announced[slot] > 0.0 and not others:
             continue
         jets, signs = (jet, *(each.jet for each in others)), (sign, *(each.sign for each in others))
@@ -779,8 +783,8 @@ def _jets(
         announced[slot], known[slot], onsets[slot] = max(force, _SAID), sigma, np.nan
         word = Word.GROUP if others else Word.FAILED
         said.append(JetsDeclared(word, jets, signs, forces, sigmas, onset_s, apart))
-    state = state._replace(members=members, apart=aparts, onsets=onsets, announced=announced, sigmas=known)
-    return state, said
+    state = state._replace(members=members, apart=aparts, onsets=onsets, erratic=erratic)
+    return state._replace(announced=announced, sigmas=known), said
 
 
 def _listed(jets: tuple[int, ...], signs: tuple[int, ...], params: JointParams) -> Array:
@@ -808,7 +812,7 @@ def _known_now(state: State, now: JointState, params: JointParams) -> tuple[Stat
             state = state._replace(earlier=None)
     if not state.members.any():
         return state, tuple(said)
-    for slot in np.flatnonzero(state.members.any(axis=1) & (state.erratic == 0.0)).tolist():
+    for slot in np.flatnonzero(state.members.any(axis=1) & (state.erratic < 1.0)).tolist():
         jet, sign = int(now.slot_jet[slot]), int(now.slot_sign[slot])
         force, sigma = _force(now, slot, params)
         had, had_sigma = state.announced[slot], state.sigmas[slot]
@@ -841,7 +845,7 @@ def _known_now(state: State, now: JointState, params: JointParams) -> tuple[Stat
             announced=_with(state.announced, slot, max(force, _SAID)),
             sigmas=_with(state.sigmas, slot, sigma),
             changes=_with(state.changes, slot, changes),
-            erratic=_with(state.erratic, slot, float(word == Word.ERRATIC)),
+            erratic=_with(state.erratic, slot, state.erratic[slot] or float(word == Word.ERRATIC)),
         )
     return state, tuple(said)
 

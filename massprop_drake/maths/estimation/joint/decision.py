@@ -226,6 +226,8 @@ def _of_jets(
     undecided = Decision(Outcome.OPEN)
     if run.age < len(run.kicks):  # what is not known of its first intervals is not all in its state
         return undecided
+    if best.cause.drifts and any(each.cause.drifts and each.cycle < race.screen.cycle for each in race.runs):
+        return undecided
     if not run.fits or best.lead <= rules.lead_nothing or not (significant or known):
         return undecided
     if (pair and cycles < _PAIR_AFTER) or overrated(race, standing[0], params) is not None:

@@ -3,7 +3,7 @@ r"""What a hypothesis is: the joint filter's own cycle from another state, and h
     jets    from the onset on each has a force in a slot, prior N(0, T^2) about what is known of it; since nobody knows
             when in its interval it began, P += g g^T, g = 0.6 f x (interval) x (effect of a unit force), f the
             most that it may be; and once more in the second interval, 0.17 of that: it builds up with a lag
-            One that drifts has P += w^2 for it in every further interval, w = 1 % of full thrust a second
+            One that drifts has P += w^2 for it in every further interval, w = 3 % of full thrust a second
     jump    rebased, the ten parameters uncertain again, see `jump_sigma`, s the likeliest of `JUMP_SHARES`; guard and
             settling begin anew; it learns nothing until one cycle after the last onset that the race looks at, since
             what fired before the jump would be taken for what it has become
@@ -46,7 +46,7 @@ from massprop_drake.maths.estimation.joint.sensitivity import Link, smeared
 from massprop_drake.maths.linear_algebra import Array, lower_factor
 
 JUMP_SHARES = (0.3, 0.06)  # of the vehicle's mass (1 sigma): a payload, large or small
-DRIFT = 0.01  # of full thrust a second, 1 sigma: by so much the force of a jet changes that weakens or opens slowly
+DRIFT = 0.03  # of full thrust a second, 1 sigma: by so much the force of a jet changes that weakens or opens slowly
 KICK = 0.6  # 1-sigma of an onset's place, in intervals between onsets: uniform over two has 0.58
 SHARES = (1.0, 0.17)  # of it in the first interval and in the second: a lag of a fifth of an interval takes that much
 _MOVED = 0.5  # steps by which a reading has moved to be counted
@@ -221,7 +221,15 @@ class Runner(NamedTuple):
     @property
     def fits(self) -> bool:
         """Whether it explains the readings since its onset."""
-        return self.score.misfit < FIT and self.score.excess - self.entry.excess < EXCESS
+        return self._explains(self.score)
+
+    @property
+    def explained_before(self) -> bool:
+        """Whether it explained those before the newest."""
+        return self._explains(self.before_newest)
+
+    def _explains(self, score: Score) -> bool:
+        return score.misfit < FIT and score.excess - self.entry.excess < EXCESS
 
     @property
     def before_newest(self) -> Score:
@@ -415,11 +423,13 @@ def kicked(state: JointState, cause: Cause, kicks: Array, over: Link, params: Jo
 
 
 def restless(state: JointState, erratic: np.ndarray, params: JointParams) -> JointState:
-    """The state with the force of each erratic jet anew: N(f, T^2), independent of what it was.
+    """The state with the force of each erratic jet anew: N(f, T^2), independent of what it was; of one that drifts with
+    what it may have changed by.
 
     Args:
         state: before an interval.
-        erratic: 1 for each slot whose jet gives something else every time, shape (n_force,).
+        erratic: 1 for each slot whose jet gives something else every time; of one that drifts the share of its thrust
+            that it may change by in an interval, 1 sigma; shape (n_force,).
         params: see `JointParams`.
     """
     slots = np.flatnonzero(erratic)
@@ -427,8 +437,8 @@ def restless(state: JointState, erratic: np.ndarray, params: JointParams) -> Joi
         return state
     rows = params.places.force + slots
     root, columns = state.root.copy(), np.zeros((state.root.shape[0], slots.shape[0]))
-    root[rows] = 0.0
-    columns[rows, np.arange(slots.shape[0])] = params.thrusts[state.slot_jet[slots].astype(np.intp)]
+    root[rows[erratic[slots] == 1.0]] = 0.0
+    columns[rows, np.arange(slots.shape[0])] = erratic[slots] * params.thrusts[state.slot_jet[slots].astype(np.intp)]
     return state._replace(root=compressed(np.hstack((root, columns)), params.places.thrust))
 
 

@@ -96,6 +96,7 @@ class Race(NamedTuple):
         out: causes whose own filters have fallen too far behind, whatever the first order says of them.
         quiet: samples up to the last one through which it could be of chance, see `is_quiet`.
         until: cycle at which one of those that led explained nearly all, the last so far; -1: none yet.
+        ceased: single jets that explained everything until a sample in the last second, as they stood after it.
     """
 
     triggered: int
@@ -108,6 +109,7 @@ class Race(NamedTuple):
     out: frozenset[Cause] = frozenset()
     quiet: int = 0
     until: int = -1
+    ceased: tuple[Standing, ...] = ()
 
     @property
     def cycles(self) -> int:
@@ -569,6 +571,7 @@ def running(race: Race, standing: list[Standing], free_slots: int, params: Joint
     if young:  # its first order says nothing of a reading that lies for long, so it is heard once it has arrived
         wanted[1:1] = [run for run in race.runs if run.cause.kind == Kind.LIES and run.cause not in known][:1]
     drifting = [run for run in race.runs if run.cause.drifts and run.cause not in known]  # there is no first order
+    race = race._replace(ceased=_ceased(race, standing))
     wanted[:0] = drifting + _drifting(race, standing, {run.cause for run in (*wanted, *drifting)}, params)
     out = race.out | (behind - led)
     if leader.run is None or not leader.run.fits:  # a jump may yet be what is left
@@ -576,8 +579,21 @@ def running(race: Race, standing: list[Standing], free_slots: int, params: Joint
     return race._replace(runs=tuple(wanted), out=out)
 
 
+def _ceased(race: Race, standing: list[Standing]) -> tuple[Standing, ...]:
+    """`Race.ceased` with those that the newest sample is no longer explained by."""
+    now = [
+        each
+        for each in standing
+        if len(each.contender.cause.jets) == 1 and not each.contender.cause.drifts and each.run is not None
+        if not each.run.fits and each.run.explained_before
+    ]
+    causes, since = {each.contender.cause for each in now}, race.screen.cycle - A_SECOND
+    before = [each for each in race.ceased if each.contender.cause not in causes]
+    return *(each for each in before if each.run is not None and each.run.cycle > since), *now
+
+
 def _drifting(race: Race, standing: list[Standing], present: set[Cause], params: JointParams) -> list[Runner]:
-    """Filters for forces that drift, where no jets explain all any more: of single ones that led until then.
+    """Filters for forces that drift, where no jets explain all any more: of single ones that did, or led, until then.
 
     A jet that weakens slowly may be told to fire only long after it has begun to, and one opposite that gives as much
     keeps it from being named; by then its force has changed too much for a constant one, and what would explain that
@@ -587,7 +603,7 @@ def _drifting(race: Race, standing: list[Standing], present: set[Cause], params:
     if any(run is not None and run.fits for run in of_jets):
         return []
     found: list[Runner] = []
-    for each in race.led:
+    for each in (*race.led, *race.ceased):
         run, contender = each.run, each.contender
         cause = contender.cause._replace(drifts=True)
         alone = cause.kind == Kind.JETS and len(cause.jets) == 1
