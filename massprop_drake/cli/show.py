@@ -349,7 +349,8 @@ def _say_doubts(console: Terminal, results: Summary) -> None:
         console.say(("inconsistent:", "bold red"), f" {reason}")
     for what, why in in_words(results.identifiability, SYMBOLS):
         console.say((f"{what}:", "bold yellow"), f" {why}")
-    bound = bound_in_words([one.standard_deviation for one in results.parameters], results.identifiability, SYMBOLS)
+    deviations = [one.standard_deviation for one in results.parameters]
+    bound = bound_in_words(deviations, results.identifiability, SYMBOLS, failed=results.has_failed)
     if bound:
         console.say(f"bound:       {bound}")
     if results.impossible:

@@ -75,7 +75,10 @@ def report_html(run: Run, *, replay: str | None = None) -> str:
         "verdict": [*_verdict(results), *_armed(source, results)],
         "parameters": rows,
         "bound": bound_in_words(
-            [one.standard_deviation for one in results.parameters], results.identifiability, SYMBOLS
+            [one.standard_deviation for one in results.parameters],
+            results.identifiability,
+            SYMBOLS,
+            failed=results.has_failed,
         ),
         "bounded": any(row.bound != "-" for row in rows),
         "derived": table.derived(results, units),

@@ -184,29 +184,33 @@ def in_words(found: Sequence[Identifiability], symbols: Sequence[str]) -> list[t
     return said + ([(f"{', '.join(symbol for _, symbol in fixed)} fixed", fixed[0][0])] if fixed else [])
 
 
-def bound_in_words(deviations: Sequence[float], found: Sequence[Identifiability], symbols: Sequence[str]) -> str:
+def bound_in_words(
+    deviations: Sequence[float], found: Sequence[Identifiability], symbols: Sequence[str], *, failed: bool = False
+) -> str:
     """How the 1-sigma at the end compare with the least that the flight allows; empty where that is not known.
 
     A filter whose model the readings contradict takes for news what tells nothing new, a reading that is not where it
-    expects it, and so comes to claim less than the least.
+    expects it, and so comes to claim less than the least. What a flight with failed jets allows is not known, since
+    the bound has them as they were told to be.
 
     Args:
         deviations: 1-sigma of the ten parameters.
         found: of each.
         symbols: of each.
+        failed: whether jets were declared.
     """
     each = zip(deviations, found, symbols, strict=False)
     ratios = [(deviation / one.bound, symbol) for deviation, one, symbol in each if one.bound]
     if not ratios:
         return ""
     (least, low), (most, high) = min(ratios), max(ratios)
+    allowed = "would allow had no jet failed" if failed else "allows"
     if least >= _LESS:
         farther = "" if _times(least) == _times(most) else f" to {_times(most)} ({high})"
-        return f"1-sigma is {_times(least)}{farther} times the least this flight allows"
-    return (
-        f"1-sigma is {_times(least)} ({low}) to {_times(most)} ({high}) times the least this flight allows; "
-        "below 1 it claims more than the readings hold"
-    )
+        return f"1-sigma is {_times(least)}{farther} times the least this flight {allowed}"
+    too_little = "" if failed else "; below 1 it claims more than the readings hold"
+    span = f"{_times(least)} ({low}) to {_times(most)} ({high})"
+    return f"1-sigma is {span} times the least this flight {allowed}{too_little}"
 
 
 def _times(value: float) -> str:

@@ -213,6 +213,11 @@ class Summary:
         return possible_inertia.nearest_possible(self.estimates, self.covariance)
 
     @property
+    def has_failed(self) -> bool:
+        """Whether a failure of jets was declared that still stands."""
+        return any(one.kind != JUMP and one.withdrawn_s is None for one in self.detections)
+
+    @property
     def impossible(self) -> str:
         """Says that no rigid body can have the estimates; empty where one can."""
         if self.derived.physically_possible or self.derived.inertia is None:

@@ -72,3 +72,5 @@ def test_a_sigma_below_the_bound_is_said_to_claim_too_much(short_run: Run) -> No
     said = bound_in_words([0.76, 3.0], known, "ab")
     assert said.startswith("1-sigma is 0.38 (a) to 1.5 (b) times the least this flight allows; below 1 it claims more")
     assert bound_in_words([1.0], [known[0]._replace(bound=None)], "a") == ""
+    said = bound_in_words([0.76, 3.0], known, "ab", failed=True)
+    assert said == "1-sigma is 0.38 (a) to 1.5 (b) times the least this flight would allow had no jet failed"

@@ -3,7 +3,8 @@ r"""What a hypothesis is: the joint filter's own cycle from another state, and h
     jets    from the onset on each has a force in a slot, prior N(0, T^2) about what is known of it; since nobody knows
             when in its interval it began, P += g g^T, g = 0.6 f x (interval) x (effect of a unit force), f the
             most that it may be; and once more in the second interval, 0.17 of that: it builds up with a lag
-            One that drifts has P += w^2 for it in every further interval, w = 3 % of full thrust a second
+            One that drifts has P += w^2 for it in every further interval, w = 3 % of full thrust a second,
+            and so it has once it has been named
     jump    rebased, the ten parameters uncertain again, see `jump_sigma`, s the likeliest of `JUMP_SHARES`; guard and
             settling begin anew; it learns nothing until one cycle after the last onset that the race looks at, since
             what fired before the jump would be taken for what it has become
