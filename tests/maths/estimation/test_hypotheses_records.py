@@ -247,6 +247,19 @@ def test_a_kept_state_has_the_members_of_groups(orbiter: Vehicle) -> None:
             hypotheses.restored(np.where(vector == 30.0, wrong, vector), params)
 
 
+def test_a_kept_state_has_by_how_much_forces_drift(orbiter: Vehicle) -> None:
+    params = detector_params(orbiter, dispersed=False)
+    state = hypotheses.initial(params)
+    erratic = np.zeros_like(state.method.erratic)
+    erratic[:2] = 1.0, 0.0024
+    state = state._replace(method=state.method._replace(erratic=erratic))
+    vector = hypotheses.saved(state, params)
+    np.testing.assert_array_equal(hypotheses.restored(vector, params).method.erratic, erratic)
+    for wrong in (-0.1, 2.0):
+        with pytest.raises(ValueError, match="erratic must be from 0 to 1"):
+            hypotheses.restored(np.where(vector == 0.0024, wrong, vector), params)
+
+
 def test_a_kept_state_has_a_jump_that_is_not_measured_yet(orbiter: Vehicle) -> None:
     params = detector_params(orbiter, dispersed=False)
     state = hypotheses.initial(params)
