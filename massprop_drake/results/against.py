@@ -15,7 +15,7 @@ from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.maths.estimation import hindsight
 from massprop_drake.maths.estimation.filters.joint import chi_square_limit
 from massprop_drake.maths.estimation.hindsight import Model, Normal, Stretch
-from massprop_drake.results.hindsight import RATE, Names, model, names_of, pieces
+from massprop_drake.results.hindsight import RATE, Names, model, names_of, pieces, steady
 from massprop_drake.results.spool import Spool
 from massprop_drake.signals import AGAINST, AXES, SYMBOLS, in_units, mass_property_units
 
@@ -190,7 +190,7 @@ def explained(
     Returns:
         See `Against.misfit` and `Against.causes`.
     """
-    made = model(scenario)._replace(time_constants_s=reference.time_constants_s)
+    made = steady(model(scenario))._replace(time_constants_s=reference.time_constants_s)
     places = hindsight.columns(made)
     at = np.zeros_like(made.prior)
     at[places.properties], at[places.thrust] = reference.properties, reference.thrust - 1.0
@@ -358,8 +358,8 @@ def called_mass_property(symbol: str, unit: str, value: float) -> Called:
     return Called(symbol, "%", 100.0 / float(abs(value))) if of_itself else Called(symbol, unit, 1.0)
 
 
-def _called(scenario: Scenario, made: Model, at: Array) -> list[Called]:
-    """What each unknown is called."""
+def _called(scenario: Scenario, made: Model, at: Array) -> list[Called | None]:
+    """What each unknown is called; None: it is left as it is."""
     names: Names = names_of(scenario)
     places = hindsight.columns(made)
     torque, drag = (names.torque, f"{names.torque}-s/rad")
@@ -375,7 +375,7 @@ def _called(scenario: Scenario, made: Model, at: Array) -> list[Called]:
     found += [(f"drag about {letter}", drag, 1.0) for letter in AXES]
     sensors = (*names.gyros, *names.accelerometers)
     found += [(f"scale of {name} {letter}", "%", 100.0) for name in sensors for letter in AXES]
-    return named + [Called(*one) for one in found]
+    return [*named, *(Called(*one) for one in found), *[None] * (places.shift.stop - places.shift.start)]
 
 
 _IN_PERCENT = ("Ixx⁻¹", "Iyy⁻¹", "Izz⁻¹", "1/m")
