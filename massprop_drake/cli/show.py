@@ -343,16 +343,14 @@ def _consistency(found: Consistency) -> str:
 
 def _say_doubts(console: Terminal, results: Summary) -> None:
     """Says why estimates are not to be relied on, and which."""
-    from massprop_drake.results.identifiability import bound_in_words, in_words  # noqa: PLC0415 (slow to load)
+    from massprop_drake.results.identifiability import in_words  # noqa: PLC0415 (slow to load)
 
     for reason in results.consistency.reasons:
         console.say(("inconsistent:", "bold red"), f" {reason}")
     for what, why in in_words(results.identifiability, SYMBOLS):
         console.say((f"{what}:", "bold yellow"), f" {why}")
-    deviations = [one.standard_deviation for one in results.parameters]
-    bound = bound_in_words(deviations, results.identifiability, SYMBOLS, failed=results.has_failed)
-    if bound:
-        console.say(f"bound:       {bound}")
+    if results.above_bound:
+        console.say(f"bound:       {results.above_bound}")
     if results.impossible:
         console.say(("impossible:", "bold red"), f"  {results.impossible}")
 

@@ -16,7 +16,7 @@ from massprop_drake.results.against import Against
 from massprop_drake.results.consistency import INCONSISTENT
 from massprop_drake.results.detections import JUMP, DetectionRecord, remarks, size
 from massprop_drake.results.folder import write_page
-from massprop_drake.results.identifiability import bound_in_words, in_words
+from massprop_drake.results.identifiability import in_words
 from massprop_drake.results.summary import Summary
 from massprop_drake.signals import SYMBOLS
 
@@ -74,12 +74,7 @@ def report_html(run: Run, *, replay: str | None = None) -> str:
         "units": units,
         "verdict": [*_verdict(results), *_armed(source, results)],
         "parameters": rows,
-        "bound": bound_in_words(
-            [one.standard_deviation for one in results.parameters],
-            results.identifiability,
-            SYMBOLS,
-            failed=results.has_failed,
-        ),
+        "bound": results.above_bound,
         "bounded": any(row.bound != "-" for row in rows),
         "derived": table.derived(results, units),
         "simulated": source.simulated,

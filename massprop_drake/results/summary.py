@@ -24,7 +24,7 @@ from massprop_drake.results.consistency import COMPONENTS, Consistency, Diagnosi
 from massprop_drake.results.detections import JUMP, DetectionRecord
 from massprop_drake.results.events import EventRecord
 from massprop_drake.results.hindsight import looked_back
-from massprop_drake.results.identifiability import Identifiability, identified
+from massprop_drake.results.identifiability import Identifiability, bound_in_words, identified
 from massprop_drake.results.injected import InjectedRecord, what_became
 from massprop_drake.results.spool import Spool, blocks
 from massprop_drake.results.unconfirmed import UnconfirmedRecord, UntestedRecord
@@ -216,6 +216,12 @@ class Summary:
     def has_failed(self) -> bool:
         """Whether a failure of jets was declared that still stands."""
         return any(one.kind != JUMP and one.withdrawn_s is None for one in self.detections)
+
+    @property
+    def above_bound(self) -> str:
+        """How the 1-sigma compare with the least that the flight allows; empty where that is not known."""
+        deviations = self.standard_deviations.tolist()
+        return bound_in_words(deviations, self.identifiability, SYMBOLS, failed=self.has_failed)
 
     @property
     def impossible(self) -> str:

@@ -36,6 +36,7 @@ _ANSWERED = 0.5  # share of what is predicted that the other readings must show,
 _HEARD = 25.0  # sum of squares of what is predicted of them, in 1-sigma of an increment, that says whether they do
 _MOST_JETS = 2  # that are blamed for readings that do not follow; more, and the readings are wrong
 _PERIOD_DIFFERS = 0.005  # of the sample period
+_NOTHING = (-math.inf, math.inf)  # most and least change before the first sample of a stretch
 
 # what a factor between measured and predicted looks like, for rates and for velocities
 _RATE_UNITS = ((180.0 / math.pi, "degrees in place of radians"),)
@@ -93,19 +94,14 @@ class _Body(NamedTuple):
     center: Array
     lightness: float
 
-    def turned(self, impulses: Array) -> Array:
-        """Rate increments by impulses about the vehicle origin, torque first, shape (n, 3) from (n, 6)."""
-        result: Array = (impulses[:, :3] - np.cross(self.center, impulses[:, 3:])) @ self.inverse
-        return result
-
-    def moved(self, impulses: Array, package: Accelerometer) -> Array:
-        """Velocity increments at an accelerometer likewise, shape (n, 3)."""
-        arm = np.array(package.position) - self.center
-        return impulses[:, 3:] * self.lightness + np.cross(self.turned(impulses), arm)
-
     def changed(self, impulses: Array, package: SensorPackage) -> Array:
-        """Increments of a package's readings likewise, shape (n, 3)."""
-        return self.moved(impulses, package) if isinstance(package, Accelerometer) else self.turned(impulses)
+        """Increments of a package's readings by impulses about the vehicle origin, torque first, shape (n, 3) from
+        (n, 6).
+        """
+        turned: Array = (impulses[:, :3] - np.cross(self.center, impulses[:, 3:])) @ self.inverse
+        if not isinstance(package, Accelerometer):
+            return turned
+        return impulses[:, 3:] * self.lightness + np.cross(turned, np.array(package.position) - self.center)
 
 
 def _body(parameters: Array) -> _Body:
@@ -232,36 +228,33 @@ class _Answer(NamedTuple):
         return result
 
 
-def _is_sure(total: Array, alone: Array, before: tuple[float, float] | None, entry: _Package) -> bool:
+def _is_sure(total: Array, alone: Array, before: tuple[float, float], entry: _Package) -> bool:
     """Whether a predicted change counts, and could at some sample not be what jets against each other leave.
 
     Args:
         total: change since the beginning, shape (n,).
         alone: what each jet alone should have changed the reading by, gathered, shape (n,).
-        before: most and least change before these samples, None: the stretch begins with them.
+        before: most and least change before these samples, see `_NOTHING`.
         entry: whose reading it is.
     """
     highest, lowest = np.maximum.accumulate(total), np.minimum.accumulate(total)
-    if before is not None:
-        highest, lowest = np.maximum(highest, before[0]), np.minimum(lowest, before[1])
-    change = highest - lowest
+    change = np.maximum(highest, before[0]) - np.minimum(lowest, before[1])
     return bool(((change >= _STUCK * entry.scale) & (change >= _NET * alone)).any())
 
 
-def _reached(total: Array, gathered: Array, before: tuple[float, float] | None, held: Array) -> Array:
+def _reached(total: Array, gathered: Array, before: tuple[float, float], held: Array) -> Array:
     """Impulses gathered where the predicted change of a stretch was least and where it was most, shape (2, 6).
 
     Args:
         total: change since the beginning, shape (n,).
         gathered: impulses likewise, shape (n, 6).
-        before: most and least change before these samples, None: the stretch begins with them.
+        before: most and least change before these samples, see `_NOTHING`.
         held: the impulses there, least first, shape (2, 6).
     """
     at: Array = gathered[[int(total.argmin()), int(total.argmax())]]
-    if before is not None:
-        most, least = before
-        at[0] = held[0] if least < total.min() else at[0]
-        at[1] = held[1] if most > total.max() else at[1]
+    most, least = before
+    at[0] = held[0] if least < total.min() else at[0]
+    at[1] = held[1] if most > total.max() else at[1]
     return at
 
 
@@ -278,14 +271,12 @@ class QualityReport:
         self._gyros = [package.name for package in params.gyros(scenario)]
         self._accelerometers = [package.name for package in params.accelerometers(scenario)]
         wrenches = vehicle.wrenches * vehicle.sample_period_s
-        turning = np.abs(self._nominal.turned(wrenches))
         moments = np.linalg.eigvalsh(vehicle.nominal.inertia)
         coupling = vehicle.sample_period_s * float((moments[-1] - moments[0]) / moments[0])
         self._packages = []
         for package in vehicle.sensors:
-            each, by_turning = turning, coupling
+            each, by_turning = np.abs(self._nominal.changed(wrenches, package)), coupling
             if isinstance(package, Accelerometer):
-                each = np.abs(self._nominal.moved(wrenches, package))
                 arm = np.array(package.position) - self._nominal.center
                 by_turning = (vehicle.sample_period_s + coupling) * float(np.linalg.norm(arm))
             std = math.sqrt(package.variance)
@@ -345,10 +336,8 @@ class QualityReport:
             package, name = entry.package, entry.package.name
             readings = np.vstack([self._last[name], rows.readings[name]])
             increments[name] = np.diff(readings, axis=0)
-            if isinstance(package, Accelerometer):
-                predicted[name] = self._nominal.moved(impulses, package)
-            else:
-                predicted[name] = self._nominal.turned(impulses)
+            predicted[name] = self._nominal.changed(impulses, package)
+            if not isinstance(package, Accelerometer):
                 speed = np.fmin(speed, np.linalg.norm(readings, axis=1))
             limit = math.inf if package.range is None else package.range * (1.0 - 1e-9)
             at_limit = np.asarray((np.abs(readings) >= limit).any(axis=1))
@@ -412,12 +401,12 @@ class QualityReport:
             else:
                 self._note_standing(entry, axis, standing, self._fired)
             was_sure, sure = standing.sure[axis] and goes_on, np.zeros(edges.size, dtype=bool)
-            before = (standing.most[axis], standing.least[axis]) if goes_on else (-math.inf, math.inf)
+            before = (standing.most[axis], standing.least[axis]) if goes_on else _NOTHING
             held = standing.at[axis].copy()
             for index in np.flatnonzero(most - least >= _STUCK * entry.scale):
                 rows = slice(edges[index], lasts[index] + 1)
                 alone, first = gross[rows, axis] - weight[index], index == 0
-                sure[index] = _is_sure(total[rows], alone, before if first else None, entry) or (first and was_sure)
+                sure[index] = _is_sure(total[rows], alone, before if first else _NOTHING, entry) or (first and was_sure)
             for index in np.flatnonzero(sure[:-1]):
                 standing.sure[axis] = True
                 standing.since_s[axis], standing.until_s[axis] = since[index], time_s[lasts[index]]
@@ -426,7 +415,8 @@ class QualityReport:
                 standing.answer_since[axis], standing.answer[axis] = heard[index], others[lasts[index]]
                 standing.fired_since[axis] = firing[index]
                 stretch = slice(edges[index], lasts[index] + 1)
-                standing.at[axis] = _reached(total[stretch], gathered[stretch], before if index == 0 else None, held)
+                until_now = before if index == 0 else _NOTHING
+                standing.at[axis] = _reached(total[stretch], gathered[stretch], until_now, held)
                 self._note_standing(entry, axis, standing, fired[lasts[index]])
             standing.value[axis], standing.since_s[axis] = values[-1], since[-1]
             standing.until_s[axis], standing.sum[axis] = time_s[-1], total[-1]
@@ -434,7 +424,8 @@ class QualityReport:
             standing.answer_since[axis], standing.answer[axis] = heard[-1], others[-1]
             standing.fired_since[axis] = firing[-1]
             stretch = slice(edges[-1], None)
-            standing.at[axis] = _reached(total[stretch], gathered[stretch], before if edges.size == 1 else None, held)
+            until_now = before if edges.size == 1 else _NOTHING
+            standing.at[axis] = _reached(total[stretch], gathered[stretch], until_now, held)
             standing.gross_since[axis], standing.sure[axis] = weight[-1], bool(sure[-1])
         standing.gross = gross[-1]
 

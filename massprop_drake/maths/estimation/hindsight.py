@@ -305,6 +305,7 @@ class _Read(NamedTuple):
     commands: Array  # of these, (m - 1, j)
     rate: Array  # (3, m), straight where none is read; zero about an axis of which none ever is
     there: NDArray[np.bool_]  # whether it is read, or zero, (3, m)
+    to_use: Array  # propellant that is still to be used, in the middle of each interval, (m - 1,)
     readings: Array  # (n_packages, 3, m)
 
 
@@ -320,7 +321,8 @@ def _read(stretch: Stretch, model: Model) -> _Read:
     lengths = np.full(late.shape[0] - 1, period)
     if model.at_stamps:
         lengths, late = np.diff(stretch.time_s), np.zeros_like(late)
-    return _Read(stretch, period, late, lengths, on, stretch.commands[:-1, on], rate, there, readings)
+    to_use = 0.5 * (stretch.used_after[:-1] + stretch.used_after[1:])
+    return _Read(stretch, period, late, lengths, on, stretch.commands[:-1, on], rate, there, to_use, readings)
 
 
 class _Course(NamedTuple):
@@ -594,16 +596,10 @@ def _expected(at: Array, course: _Course, model: Model) -> _Expected:
         gained = _gained_from(gained.rate + _put_in(rate - gained.rate, read.there), sums, read, at, model)
     by_shift = None
     if model.sigma[places.shift].any():
-        later = _since(np.diff(gained.sums) * _between(stretch.used_after))
+        later = _since(np.diff(gained.sums) * read.to_use)
         by_shift, _ = _moved(gained._replace(sums=later), read.period_s, at)
         gained = gained._replace(rate=gained.rate + np.tensordot(at[places.shift], by_shift, 1))
     return _Expected(course, sums, lightness, gained, velocity, by_shift)
-
-
-def _between(at_rows: Array) -> Array:
-    """Means over the intervals, shape (m - 1,), of what there is at the rows, shape (m,)."""
-    result: Array = 0.5 * (at_rows[:-1] + at_rows[1:])
-    return result
 
 
 def _gained_from(rate: Array, sums: _Sums, read: _Read, at: Array, model: Model) -> _Gained:
@@ -767,8 +763,7 @@ def _fixed(expected: _Expected, at: Array, model: Model) -> _Fixed:
     bowed = at[:6][ELEMENT] @ _bows(expected.sums, whole, read.period_s, at)
     since_s = read.stretch.time_s - read.stretch.time_s[0]
     turn = _turning(whole, _moving(whole), bowed, read.period_s)
-    shifts = expected.by_shift is not None
-    return _Fixed(turn, since_s, _since(np.diff(turn) * _between(read.stretch.used_after)) if shifts else None)
+    return _Fixed(turn, since_s, None if expected.by_shift is None else _since(np.diff(turn) * read.to_use))
 
 
 def _own(package: int, model: Model) -> tuple[slice, slice]:

@@ -452,10 +452,9 @@ def drifted(state: JointState, cause: Cause, duration_s: float, params: JointPar
         duration_s: of the interval, s.
         params: see `JointParams`.
     """
-    columns = np.zeros((state.root.shape[0], len(cause.jets)))
-    for index, (jet, sign) in enumerate(zip(cause.jets, cause.signs, strict=True)):
-        columns[params.places.force + slot_of(state, jet, sign), index] = DRIFT * params.thrusts[jet] * duration_s
-    return state._replace(root=compressed(np.hstack((state.root, columns)), params.places.thrust))
+    walks = np.zeros(params.places.n_force)
+    walks[[slot_of(state, *way) for way in zip(cause.jets, cause.signs, strict=True)]] = DRIFT * duration_s
+    return restless(state, walks, params)
 
 
 def without_increments(params: JointParams) -> JointParams:
