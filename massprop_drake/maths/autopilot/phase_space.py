@@ -149,27 +149,38 @@ def attitude_step(
         previous_rate, period_s = rate, 0.0
     attitude = propagated(attitude, 0.5 * (previous_rate + rate), period_s)
     error = to_rotation_vector(multiply(conjugate(reference), attitude))
-    free = False
-    now = np.ones(3)
-    for axis in range(3):
-        detent = rotation_command[axis] == 0.0
-        if not (detent and (holding[axis] != 0.0 or abs(rate[axis]) < capture_rate)):
-            now[axis], free = 0.0, True
-    if free:
+    x, y, z = numbers(rotation_command, 3)
+    held_x, held_y, held_z = numbers(holding, 3)
+    rate_x, rate_y, rate_z = numbers(rate, 3)
+    keeps_x = _keeps(x, held_x, rate_x, capture_rate)
+    keeps_y = _keeps(y, held_y, rate_y, capture_rate)
+    keeps_z = _keeps(z, held_z, rate_z, capture_rate)
+    now = np.array([keeps_x, keeps_y, keeps_z])
+    if keeps_x * keeps_y * keeps_z == 0.0:
         error = error * now
         reference = multiply(attitude, from_rotation_vector(-error))
     return AttitudeStep(attitude, reference, error, now)
 
 
 @kernel
+def _keeps(command: float, held: float, rate: float, capture_rate: float) -> float:
+    """1 where an axis holds its attitude: in detent, and held before or slow enough by now; else 0."""
+    return 1.0 if command == 0.0 and (held != 0.0 or abs(rate) < capture_rate) else 0.0
+
+
+@kernel
 def commanded_rate(rotation_command: Array, attitude_error: Array, params: PhaseSpaceParams) -> Array:
     """Rate that each axis should have, rad/s: the discrete rate, or the way back to the held attitude."""
-    gain, limit = params.hold_gain, params.hold_rate_limit
-    result = np.empty(3)
-    for axis in range(3):
-        command, error = rotation_command[axis], attitude_error[axis]
-        result[axis] = command * params.discrete_rate if command != 0.0 else min(max(-gain * error, -limit), limit)
-    return result
+    gain, limit, discrete = params.hold_gain, params.hold_rate_limit, params.discrete_rate
+    x, y, z = numbers(rotation_command, 3)
+    error_x, error_y, error_z = numbers(attitude_error, 3)
+    return np.array(
+        [
+            x * discrete if x != 0.0 else min(max(-gain * error_x, -limit), limit),
+            y * discrete if y != 0.0 else min(max(-gain * error_y, -limit), limit),
+            z * discrete if z != 0.0 else min(max(-gain * error_z, -limit), limit),
+        ]
+    )
 
 
 class Request(NamedTuple):

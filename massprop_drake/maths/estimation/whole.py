@@ -245,10 +245,10 @@ def _known_force(state: Any, filters: Any, command: Array, params: CglrParams | 
 
 @kernel
 def _acting(state: DetectorState, filters: Any, command: Array, params: CglrParams) -> tuple[bool, KnownForce]:
-    known = KnownForce(np.zeros(6), np.zeros((3, 3)), np.zeros((3, 3)))
-    if nonzero(state.variance):
-        predicted = np.append(filters.rotation.estimate, filters.mass.mass_reciprocal)
-        known = acting_force(state, predicted, command, params)
+    if not nonzero(state.variance):
+        return False, KnownForce(np.zeros(6), np.zeros((3, 3)), np.zeros((3, 3)))
+    predicted = np.append(filters.rotation.estimate, filters.mass.mass_reciprocal)
+    known = acting_force(state, predicted, command, params)
     return nonzero(known.wrench) or nonzero(known.translation_spread.ravel()), known
 
 

@@ -24,8 +24,8 @@ from massprop_drake.maths.vehicle.sensing import (
     SensorErrors,
     at_once,
     held_within,
+    marked,
     point_velocity,
-    quantized,
     remembering,
     vibrating,
 )
@@ -38,8 +38,15 @@ _MEMORY = 10  # numbers that a package remembers besides late readings
 
 
 class Packages(NamedTuple):
-    """All packages of sensors as arrays, see `sensing.Package` and `sensing.SensorModel`, shape (n, ...)."""
+    """All packages of sensors as arrays, see `sensing.Package` and `sensing.SensorModel`, shape (n, ...).
 
+    Attributes:
+        plain: whether all do no more than quantize.
+        marks: distance of each quantizer's marks, 1 where it has none, shape (n, 1).
+    """
+
+    plain: bool
+    marks: Array
     exact: NDArray[np.bool_]
     remembers: NDArray[np.bool_]
     shakes: NDArray[np.bool_]
@@ -67,8 +74,12 @@ def packed_packages(packages: tuple[Package, ...]) -> Packages:
     def numbers(name: str) -> Array:
         return np.array([getattr(model, name) for model in models], dtype=float)
 
+    exact = np.array([package.exact and not package.remembers for package in packages], dtype=np.bool_)
+    quanta, limits = numbers("quantum"), numbers("limit")
     return Packages(
-        np.array([package.exact and not package.remembers for package in packages], dtype=np.bool_),
+        bool((exact & (quanta > 0.0) & np.isinf(limits)).all()),
+        np.where(quanta == 0.0, 1.0, quanta)[:, None],
+        exact,
         np.array([package.remembers for package in packages], dtype=np.bool_),
         np.array([model.vibration is not None for model in models], dtype=np.bool_),
         np.array([package.position is not None for package in packages], dtype=np.bool_),
@@ -78,10 +89,10 @@ def packed_packages(packages: tuple[Package, ...]) -> Packages:
         vectors("bias"),
         numbers("walk_std"),
         numbers("noise_std"),
-        numbers("quantum"),
+        quanta,
         vectors("phase"),
         np.array([model.delay for model in models], dtype=np.int_),
-        numbers("limit"),
+        limits,
     )
 
 
@@ -235,16 +246,16 @@ def sense(state: VehicleState, row: int, coming: Ahead, params: Truth) -> tuple[
         params: see `Truth`.
     """
     packages, memories = params.packages, state.memories
-    rate, origin, spin = state.body[RATE], state.body[ORIGIN_VELOCITY], state.body[SPIN_INTEGRAL]
-    readings = np.empty(packages.positions.shape)
+    signals = _signals(state.body, packages)
+    readings = marked(signals, packages.marks, packages.phases)
+    if packages.plain:
+        return readings, memories
     if nonzero(packages.remembers):
         memories = memories.copy()
     for index in range(packages.quanta.size):
-        signal = rate
-        if packages.integrates[index]:
-            signal = point_velocity(origin, rate, spin, packages.positions[index])
+        signal = signals[index]
         if packages.exact[index]:
-            reading = quantized(signal, packages.quanta[index], packages.phases[index])
+            reading = signal if packages.quanta[index] == 0.0 else readings[index]
             readings[index] = held_within(reading, packages.limits[index])
             continue
         errors, noise = _errors(index, params), coming.noise[row, index]
@@ -257,6 +268,17 @@ def sense(state: VehicleState, row: int, coming: Ahead, params: Truth) -> tuple[
         else:
             readings[index] = at_once(signal, noise, shaking, errors)
     return readings, memories
+
+
+@kernel
+def _signals(body: Array, packages: Packages) -> Array:
+    """What each package would read if it had no errors, shape (n_packages, 3)."""
+    rate, origin, spin = body[RATE], body[ORIGIN_VELOCITY], body[SPIN_INTEGRAL]
+    signals = np.empty(packages.positions.shape)
+    for index in range(packages.quanta.size):
+        gathers = packages.integrates[index]
+        signals[index] = point_velocity(origin, rate, spin, packages.positions[index]) if gathers else rate
+    return signals
 
 
 @kernel

@@ -13,12 +13,12 @@ from __future__ import annotations
 import cmath
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from massprop_drake.maths.kernels import kernel, numbers
-from massprop_drake.maths.linear_algebra import Array, cross
+from massprop_drake.maths.linear_algebra import Array
 
 
 def increment_noise(reading_variance: float) -> Array:
@@ -44,15 +44,23 @@ def unsaturated(reading: Array, limit: float) -> Array:
 
 
 @kernel
-def quantized(value: Array, quantum: float, phase: Array) -> Array:
+def marked(value: Array, quantum: Any, phase: Array) -> Array:
     """The nearest mark of a quantizer, its marks ``phase`` quanta (within 1/2) off the multiples.
 
-    The error lies within half a quantum either way, with a mean of zero over random phases. A quantum
-    of zero leaves the value as it is.
+    The error lies within half a quantum either way, with a mean of zero over random phases.
+
+    Args:
+        value: shape (..., 3).
+        quantum: positive, a number or shape (..., 1).
+        phase: shape (..., 3).
     """
-    if quantum == 0.0:
-        return value
     return (np.rint(value / quantum + phase) - phase) * quantum
+
+
+@kernel
+def quantized(value: Array, quantum: float, phase: Array) -> Array:
+    """The nearest mark of a quantizer, see `marked`; a quantum of zero leaves the value as it is."""
+    return value if quantum == 0.0 else marked(value, quantum, phase)
 
 
 def smoothing_factor(bandwidth_hz: float | None, period_s: float) -> float:
@@ -328,12 +336,13 @@ def point_velocity(origin_velocity: Array, rate: Array, spin_integral: Array, po
         position: r', ft or m, shape (3,).
     """
     xx, yy, zz, yz, xz, xy = numbers(spin_integral, 6)
+    wx, wy, wz = numbers(rate, 3)
+    vx, vy, vz = numbers(origin_velocity, 3)
     x, y, z = numbers(position, 3)
-    centripetal = np.array(
+    return np.array(
         [
-            xy * y + xz * z - (yy + zz) * x,
-            xy * x + yz * z - (xx + zz) * y,
-            xz * x + yz * y - (xx + yy) * z,
+            vx + (wy * z - wz * y) + (xy * y + xz * z - (yy + zz) * x),
+            vy + (wz * x - wx * z) + (xy * x + yz * z - (xx + zz) * y),
+            vz + (wx * y - wy * x) + (xz * x + yz * y - (xx + yy) * z),
         ]
     )
-    return origin_velocity + cross(rate, position) + centripetal
