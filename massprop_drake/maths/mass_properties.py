@@ -216,6 +216,15 @@ def percent_error(estimate: Array, truth: Array) -> Array:
     return error
 
 
+@kernel
+def all_ten(of_rotation: Array, of_mass: float) -> Array:
+    """The ten parameters, or something of each, from that of the rotational nine and that of the mass reciprocal."""
+    result = np.empty(N_ROTATION + 1)
+    result[:N_ROTATION] = of_rotation
+    result[MASS_RECIPROCAL] = of_mass
+    return result
+
+
 def converged_rows(
     standard_deviation: Array, estimate: Array, limits: Array, known: NDArray[np.bool_] | None = None
 ) -> NDArray[np.bool_]:

@@ -17,6 +17,7 @@ from massprop_drake.maths.estimation.detector import Event
 from massprop_drake.maths.estimation.whole import Asked, Rows, Samples
 from massprop_drake.maths.kernels import chosen, held, released, shared
 from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
+from massprop_drake.maths.mass_properties import all_ten
 from massprop_drake.runners.logs import EstimationLog, timed_cycle
 from massprop_drake.systems.layouts import DETECTOR_REPORT, MASS_REPORT, ROTATION_REPORT
 
@@ -218,8 +219,8 @@ def _writable(samples: Samples) -> Samples:
 def _reported(rotation: Any, mass: Any) -> tuple[Array, Array]:
     """Estimate and 1-sigma of the ten parameters in two reports, shape (10,) each."""
     return (
-        np.append(rotation.estimate, mass.mass_reciprocal),
-        np.append(rotation.standard_deviation, np.sqrt(mass.variance)),
+        all_ten(rotation.estimate, mass.mass_reciprocal),
+        all_ten(rotation.standard_deviation, np.sqrt(mass.variance)),
     )
 
 

@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 
 from massprop_drake.maths.autopilot.phase_space import Request, Urgency
-from massprop_drake.maths.kernels import either, kernel, numbers
+from massprop_drake.maths.kernels import kernel, numbers
 from massprop_drake.maths.linear_algebra import Array, nonzero, skew
 from massprop_drake.maths.mass_properties import symmetric
 
@@ -106,7 +106,7 @@ def must_select(remaining: Array, request: Request, refused: Array, acts: bool, 
 @kernel
 def firing(remaining: Array) -> Array:
     """1 for each jet that has cycles left to fire, shape (n_jets,)."""
-    return either(remaining > 0.0, 1.0, 0.0)
+    return (remaining > 0.0).astype(np.float64)
 
 
 @kernel

@@ -27,6 +27,7 @@ from massprop_drake.maths.estimation.detector import (
 from massprop_drake.maths.estimation.filter import Filter, FilterStep, Groups, Interval, Joint, Told
 from massprop_drake.maths.estimation.impulses import Impulses, interval_impulses, with_wrench
 from massprop_drake.maths.linear_algebra import Array, is_covariance, nonzero
+from massprop_drake.maths.mass_properties import all_ten
 from massprop_drake.maths.vehicle.thrust import LagFactors
 
 
@@ -218,7 +219,7 @@ def reported(done: EstimationStep) -> tuple[Array, Array]:
     """Estimate and 1-sigma of the ten parameters after a cycle, NaN for what is not observed, shape (10,) each."""
     rotation, mass = done.filtered.rotation, done.filtered.mass
     reciprocal, deviation = (math.nan, math.nan) if mass is None else (mass.mass_reciprocal, math.sqrt(mass.variance))
-    return np.append(rotation.estimate, reciprocal), np.append(rotation.standard_deviation, deviation)
+    return all_ten(rotation.estimate, reciprocal), all_ten(rotation.standard_deviation, deviation)
 
 
 def saved(state: EstimationState, params: EstimationParams) -> Groups:

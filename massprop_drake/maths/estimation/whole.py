@@ -25,6 +25,7 @@ from massprop_drake.maths.estimation.filters.thesis import ThesisState
 from massprop_drake.maths.estimation.impulses import interval_impulses, with_wrench
 from massprop_drake.maths.kernels import fill, kernel
 from massprop_drake.maths.linear_algebra import Array, nonzero
+from massprop_drake.maths.mass_properties import all_ten
 from massprop_drake.maths.vehicle.thrust import LagFactors
 
 _EVENT, _DECLARED = STATUS.slice("detector_event").start, float(Event.DECLARED)
@@ -247,7 +248,7 @@ def _known_force(state: Any, filters: Any, command: Array, params: CglrParams | 
 def _acting(state: DetectorState, filters: Any, command: Array, params: CglrParams) -> tuple[bool, KnownForce]:
     if not nonzero(state.variance):
         return False, KnownForce(np.zeros(6), np.zeros((3, 3)), np.zeros((3, 3)))
-    predicted = np.append(filters.rotation.estimate, filters.mass.mass_reciprocal)
+    predicted = all_ten(filters.rotation.estimate, filters.mass.mass_reciprocal)
     known = acting_force(state, predicted, command, params)
     return nonzero(known.wrench) or nonzero(known.translation_spread.ravel()), known
 

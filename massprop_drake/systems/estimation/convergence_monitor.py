@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from pydrake.systems.framework import LeafSystem
 
 from massprop_drake.maths.estimation.filters.thesis import joint_covariance
-from massprop_drake.maths.mass_properties import N_ROTATION, converged
+from massprop_drake.maths.mass_properties import N_ROTATION, all_ten, converged
 from massprop_drake.systems.layouts import MASS_ESTIMATE
 
 Array = NDArray[np.float64]
@@ -54,11 +54,11 @@ class ConvergenceMonitor(LeafSystem):
         return covariance
 
     def _estimates(self, context: Any) -> Array:
-        return np.append(self._rotation.Eval(context), self._mass_estimate(context).mass_reciprocal)
+        return all_ten(self._rotation.Eval(context), self._mass_estimate(context).mass_reciprocal)
 
     def _deviations(self, context: Any) -> Array:
         variance = self._rotation_covariance(context).diagonal()
-        return np.sqrt(np.append(variance, self._mass_estimate(context).variance))
+        return np.sqrt(all_ten(variance, self._mass_estimate(context).variance))
 
     def _calc_estimate(self, context: Any, output: Any) -> None:
         output.SetFromVector(self._estimates(context))

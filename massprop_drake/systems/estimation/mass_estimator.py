@@ -16,7 +16,7 @@ from massprop_drake.maths.estimation.ports import MassVector
 from massprop_drake.maths.kernels import compiled as compiled_form
 from massprop_drake.maths.kernels import held
 from massprop_drake.maths.linear_algebra import Array
-from massprop_drake.maths.mass_properties import N_ROTATION
+from massprop_drake.maths.mass_properties import N_ROTATION, all_ten
 from massprop_drake.systems.caching import state_of
 from massprop_drake.systems.estimation._filter import FilterSystem, Measured
 from massprop_drake.systems.estimation._readings import Package
@@ -155,7 +155,7 @@ class MassEstimator(FilterSystem):
 
     def _calc_predicted(self, context: Any, output: Any) -> None:
         state, _ = self._known(context)
-        output.SetFromVector(np.append(self._prediction.Eval(context), state.mass_reciprocal))
+        output.SetFromVector(all_ten(self._prediction.Eval(context), state.mass_reciprocal))
 
     def _calc_evidence(self, context: Any, output: Any) -> None:
         measured: Any = self._measurement.get(context)

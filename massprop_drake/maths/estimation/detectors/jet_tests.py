@@ -338,7 +338,7 @@ def tested(
     known = around.variance > 0.0
     off = around.command == 0.0
     impossible_negative = off & ~known
-    impossible_positive = np.zeros_like(off)
+    impossible_positive = np.zeros(off.size, dtype=np.bool_)
     if around.mirror_sign_rule:
         impossible_positive = ~off & ~known
     tests = jet_tests(coefficients, innovation, information, impossible_negative, impossible_positive)

@@ -55,7 +55,7 @@ from massprop_drake.maths.estimation.impulses import Impulses
 from massprop_drake.maths.estimation.redundancy import Rule
 from massprop_drake.maths.kernels import kernel
 from massprop_drake.maths.linear_algebra import Array, deviations
-from massprop_drake.maths.mass_properties import N_ROTATION
+from massprop_drake.maths.mass_properties import N_ROTATION, all_ten
 
 _ROUNDING = 1e-6  # by so much a part of a variance may exceed it
 _CENTER = slice(6, 9)  # of the rotational state
@@ -283,7 +283,7 @@ def joint_of(turning: Turning, sample: MassSample, innovation: MassInnovation, s
         np.concatenate((innovation.innovation, turning.innovation)),
         covariance,
         coupled,
-        np.append(turning.estimate, state.mass_reciprocal),
+        all_ten(turning.estimate, state.mass_reciprocal),
         parameters,
         cross,
     )
@@ -470,7 +470,7 @@ def mass_start(mass_reciprocal: float, variance: float, params: MassParams, n_er
 
 def predicted(state: ThesisState) -> Array:
     """The ten parameters, NaN for the mass reciprocal where it is not observed, shape (10,)."""
-    return np.append(state.rotation.estimate, math.nan if state.mass is None else state.mass.mass_reciprocal)
+    return all_ten(state.rotation.estimate, math.nan if state.mass is None else state.mass.mass_reciprocal)
 
 
 def measure(
