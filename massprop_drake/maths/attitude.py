@@ -79,4 +79,4 @@ def propagated(quaternion: Array, rate: Array, duration_s: float) -> Array:
     gyro, correct to second order in the sample period.
     """
     turned = multiply(quaternion, from_rotation_vector(rate * duration_s))
-    return turned / math.sqrt(float(turned @ turned))
+    return turned / math.sqrt(float(np.dot(turned, turned)))

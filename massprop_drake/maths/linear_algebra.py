@@ -70,6 +70,19 @@ def crosses(left: Array, right: Array) -> Array:
     return result
 
 
+@kernel
+def congruence(matrix: Array, inner: Array) -> Array:
+    """M S M^T; for small matrices numpy's `dot` takes a third to a half of the time of its operator."""
+    result: Array = np.dot(np.dot(matrix, inner), matrix.T)
+    return result
+
+
+@kernel
+def quadratic_form(vector: Array, matrix: Array) -> float:
+    """v^T M v; see `congruence`."""
+    return float(np.dot(np.dot(vector, matrix), vector))
+
+
 def _any_nonzero(vector):  # type: ignore[no-untyped-def] # compiled alone
     return np.any(vector != 0.0)
 

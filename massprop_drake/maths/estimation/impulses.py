@@ -101,7 +101,7 @@ def interval_impulses(
     mean = after = command
     if not lag.instantaneous:
         mean, after = mean_level(level, command, lag.mean), level_after(level, command, lag.remaining)
-    impulse = mean @ impulse_per_level
+    impulse = np.dot(mean, impulse_per_level)
     if _acts(outside_impulse):
         impulse, firing = _sum(impulse, outside_impulse), True
     return Impulses(

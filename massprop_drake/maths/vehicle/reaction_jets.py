@@ -142,7 +142,7 @@ def wrench_profile(level: Array, coming: Array, jets: Thrusters) -> Array:
     Arguments as `mean_force`; shape (1 + n_classes, 7), see `maths.vehicle.rigid_body.step`.
     """
     profile = np.empty((1 + jets.class_constants_s.size, jets.wrenches.shape[1]))
-    profile[0] = coming @ jets.wrenches
+    profile[0] = np.dot(coming, jets.wrenches)
     if jets.class_constants_s.size:
         difference = level - coming
         for index in range(jets.class_constants_s.size):

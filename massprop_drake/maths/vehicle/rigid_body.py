@@ -348,7 +348,7 @@ def step(
         state = _substep(state, steady, amplitudes, length, body)
         elapsed += length
     quaternion = state[QUATERNION]
-    state[QUATERNION] = quaternion / math.sqrt(float(quaternion @ quaternion))
+    state[QUATERNION] = quaternion / math.sqrt(float(np.dot(quaternion, quaternion)))
     return state
 
 

@@ -53,7 +53,7 @@ from massprop_drake.maths.estimation.detectors.jet_tests import (
 )
 from massprop_drake.maths.estimation.detectors.known_forces import excess_share, known_force
 from massprop_drake.maths.kernels import either, kernel
-from massprop_drake.maths.linear_algebra import Array, inverse_positive_definite, nonzero
+from massprop_drake.maths.linear_algebra import Array, inverse_positive_definite, nonzero, quadratic_form
 
 _AMBIGUOUS = 25.0  # likelihood argument of a failure beyond doubt, whichever jet it is
 _LONGEST_GATE = 25.0  # cycles that alarms in a row may lie apart with no sample tested between them
@@ -378,7 +378,7 @@ def _untested(state: DetectorState) -> DetectorCycle:
 @kernel
 def _rotation_nis(sample: DetectorSample) -> float:
     rotation = sample.innovation[3:]
-    return float(rotation @ inverse_positive_definite(sample.covariance[3:, 3:]) @ rotation)
+    return quadratic_form(rotation, inverse_positive_definite(sample.covariance[3:, 3:]))
 
 
 @kernel

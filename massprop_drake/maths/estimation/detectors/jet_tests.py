@@ -47,6 +47,7 @@ from massprop_drake.maths.linear_algebra import (
     inverse_positive_definite,
     inverses,
     log_determinants,
+    quadratic_form,
     stack_times,
     stack_times_stack,
     stack_times_vector,
@@ -152,8 +153,8 @@ def signatures(unit_wrenches: Array, mass_properties: Array, period_s: float) ->
     result[:, :3] = directions * (mass_properties[9] * period_s)
     x, y, z = numbers(mass_properties[6:9] * period_s, 3)
     arm = np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]])  # transpose of [r_cm x] dt
-    torque = unit_wrenches[:, :3] * period_s - directions @ arm
-    result[:, 3:] = torque @ picked(mass_properties, ELEMENT)
+    torque = unit_wrenches[:, :3] * period_s - np.dot(directions, arm)
+    result[:, 3:] = np.dot(torque, picked(mass_properties, ELEMENT))
     return result
 
 
@@ -174,15 +175,15 @@ def jet_tests(
         impossible_negative: jets that cannot have lost thrust, boolean, shape (n_jets,).
         impossible_positive: jets that cannot give too much, boolean, shape (n_jets,).
     """
-    weighted = coefficients @ information
-    projection = weighted @ innovation
+    weighted = np.dot(coefficients, information)
+    projection = np.dot(weighted, innovation)
     strength = (weighted * coefficients).sum(axis=1)
     magnitude = projection / strength
     likelihood = projection * magnitude
     ruled_out = (impossible_negative & (magnitude < 0.0)) | (impossible_positive & (magnitude > 0.0))
     magnitude[ruled_out] = 0.0
     likelihood[ruled_out] = 0.0
-    total = innovation @ information @ innovation
+    total = quadratic_form(innovation, information)
     return JetTests(magnitude, 1.0 / strength, likelihood, total - likelihood)
 
 

@@ -37,7 +37,7 @@ from massprop_drake.maths.estimation.adaptation import Action, Adaptation
 from massprop_drake.maths.estimation.filters.mass_jump import empty_window, jump_test, small_gain_growth
 from massprop_drake.maths.estimation.redundancy import Rule, combined
 from massprop_drake.maths.kernels import kernel, numbers
-from massprop_drake.maths.linear_algebra import Array, inverse_positive_definite, skew
+from massprop_drake.maths.linear_algebra import Array, congruence, inverse_positive_definite, quadratic_form, skew
 
 
 class Compensation(IntEnum):
@@ -123,7 +123,7 @@ def compensated(
     if params.compensation == Compensation.NONE:
         return velocity_increment, velocity_noise
     mixing = _mixing(rotation, params)
-    result = velocity_increment - mixing @ arm
+    result = velocity_increment - np.dot(mixing, arm)
     if params.compensation == Compensation.TRANSVERSE_CENTRIPETAL:
         # E{[v x]^2} = -2 var (3-69) for an error v independent of the reading, as a quantizer's is; the
         # mean of two readings has a quarter of the increment's variance
@@ -133,7 +133,7 @@ def compensated(
     # W: E{[v x] M [v x]^T} = var (tr(M) 1 - M) with M = r^ r^T + S_cm (3-56)
     arm_moment = arm[:, None] * arm + rotation.center_covariance
     trace = arm_moment[0, 0] + arm_moment[1, 1] + arm_moment[2, 2]
-    covariance = mixing @ rotation.center_covariance @ mixing.T + velocity_noise
+    covariance = congruence(mixing, rotation.center_covariance) + velocity_noise
     covariance += rotation.variance * (trace * _IDENTITY - arm_moment)
     return result, covariance
 
@@ -159,7 +159,7 @@ def shared_covariance(arms: tuple[Array, Array], rotation: Rotation, params: Mas
         return np.zeros((3, 3))
     mixing = _mixing(rotation, params)
     moment = np.outer(*arms) + rotation.center_covariance
-    shared: Array = mixing @ rotation.center_covariance @ mixing.T
+    shared = congruence(mixing, rotation.center_covariance)
     return shared + rotation.variance * (np.trace(moment) * _IDENTITY - moment.T)
 
 
@@ -261,7 +261,7 @@ def innovate(state: MassState, sample: MassSample) -> MassInnovation:
     innovation, noise = _considered(innovation, sample.noise, state.variance, state.sensitivity, sample.thrust_errors)
     covariance = _innovation_covariance(independent_of(state.variance, state.sensitivity), impulse, effects, noise)
     information = inverse_positive_definite(covariance, _WHAT)
-    nis = float(innovation @ information @ innovation)
+    nis = quadratic_form(innovation, information)
     return MassInnovation(innovation, covariance, information, noise, effects, nis)
 
 
@@ -438,7 +438,7 @@ def _joseph_update(
     independent = independent_of(state.variance, state.sensitivity)
     gain = information @ _shared(independent * impulse, state.sensitivity, effects)
     kept = 1.0 - float(gain @ impulse)
-    variance = kept * kept * independent + float(gain @ noise @ gain)
+    variance = kept * kept * independent + quadratic_form(gain, noise)
     sensitivity = _less_sensitive(state.sensitivity, gain, effects)
     variance = _with_sensitivity(variance, sensitivity, effects)
     reciprocal = state.mass_reciprocal + float(gain @ error)

@@ -32,7 +32,7 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_drake.maths.kernels import either, kernel, numbers
-from massprop_drake.maths.linear_algebra import Array
+from massprop_drake.maths.linear_algebra import Array, quadratic_form
 
 
 class JumpTest(NamedTuple):
@@ -107,4 +107,4 @@ def small_gain_growth(variance: float, linear_impulse: Array, information: Array
         linear_impulse: lambda, shape (3,).
         information: inverse of Y^zeta, shape (3, 3).
     """
-    return 2.0 * variance + 1.0 / float(linear_impulse @ information @ linear_impulse)
+    return 2.0 * variance + 1.0 / quadratic_form(linear_impulse, information)

@@ -59,9 +59,11 @@ from massprop_drake.maths.estimation.redundancy import Rule, combined
 from massprop_drake.maths.kernels import kernel, numbers, picked, rows3
 from massprop_drake.maths.linear_algebra import (
     Array,
+    congruence,
     cross,
     inverse_positive_definite,
     is_positive_definite,
+    quadratic_form,
     skew,
     times_stack,
 )
@@ -105,7 +107,8 @@ def angular_block(vector: Array) -> Array:
 def rate_increment(estimate: Array, angular_impulse: Array, linear_impulse: Array) -> Array:
     """h(x): the rate increment of a known impulse, rad/s, (2-47) in closed form, shape (3,)."""
     moment = angular_impulse + cross(linear_impulse, estimate[6:])
-    return picked(estimate, ELEMENT) @ moment
+    increment: Array = np.dot(picked(estimate, ELEMENT), moment)
+    return increment
 
 
 @kernel
@@ -114,7 +117,7 @@ def rate_increment_jacobian(estimate: Array, angular_impulse: Array, linear_impu
     moment = angular_impulse + cross(linear_impulse, estimate[6:])
     jacobian = np.empty((3, N_ROTATION))
     jacobian[:, :6] = angular_block(moment)
-    jacobian[:, 6:] = picked(estimate, ELEMENT) @ skew(linear_impulse)
+    jacobian[:, 6:] = np.dot(picked(estimate, ELEMENT), skew(linear_impulse))
     return jacobian
 
 
@@ -166,7 +169,7 @@ def second_order_terms(covariance: Array, linear_impulse: Array) -> tuple[Array,
     spread = (covariance[:6, 6:] @ arm.T).ravel()
     left = picked(spread, _LEFT)
     bias = left[:, _DIAGONAL].sum(axis=1)
-    force = arm @ covariance[6:, 6:] @ arm.T
+    force = congruence(arm, covariance[6:, 6:])
     curvature = (picked(covariance.ravel(), _PRODUCT) @ force.ravel()).reshape(3, 3)
     return bias, curvature + left @ picked(spread, _RIGHT).T
 
@@ -180,8 +183,9 @@ def coupling_increment(inverse_inertia: Array, rate: Array, period_s: float) -> 
         rate: mean angular rate over the sample, rad/s, body axes, shape (3,).
         period_s: sample period, s.
     """
-    momentum = inverse_positive_definite(inverse_inertia, "inverse inertia") @ rate
-    return inverse_inertia @ cross(rate, momentum) * -period_s
+    momentum = np.dot(inverse_positive_definite(inverse_inertia, "inverse inertia"), rate)
+    increment: Array = np.dot(inverse_inertia, cross(rate, momentum)) * -period_s
+    return increment
 
 
 @kernel
@@ -366,7 +370,7 @@ def innovate(
         innovation, total_noise, effects = _considered(
             (innovation, total_noise), jacobian, state, state.sensitivity, sample.thrust_errors
         )
-        apart = jacobian @ independent_of(covariance, state.sensitivity) @ jacobian.T + total_noise
+        apart = congruence(jacobian, independent_of(covariance, state.sensitivity)) + total_noise
         innovation_covariance = _with_effects(apart, effects)
         # a thrust that is off by a little is not what the subtraction waits for
         limit = params.coupling_limit * _largest_variance(noise)
@@ -375,7 +379,7 @@ def innovate(
         jacobian, innovation_covariance = np.zeros((3, N_ROTATION)), noise
         if modeled:
             jacobian = coupling_jacobian(picked(estimate, ELEMENT), sample.rate, params.period_s)
-            innovation_covariance = jacobian @ covariance @ jacobian.T + noise
+            innovation_covariance = congruence(jacobian, covariance) + noise
     if params.coupling != Coupling.HYBRID:
         subtract_coupling = params.coupling == Coupling.SUBTRACT or modeled
     if subtract_coupling:
@@ -383,7 +387,7 @@ def innovate(
         if is_positive_definite(inverse_inertia):
             innovation = innovation - coupling_increment(inverse_inertia, sample.rate, params.period_s)
     information = inverse_positive_definite(innovation_covariance, _WHAT)
-    nis = float(innovation @ information @ innovation)
+    nis = quadratic_form(innovation, information)
     return RotationInnovation(
         innovation, innovation_covariance, information, jacobian, total_noise, effects, subtract_coupling, nis
     )
@@ -471,7 +475,7 @@ def joseph_update(
     independent = independent_of(state.covariance, state.sensitivity)
     gain = _shared(independent @ jacobian.T, state.sensitivity, effects) @ information
     kept = _IDENTITY - gain @ jacobian
-    covariance = kept @ independent @ kept.T + gain @ noise @ gain.T
+    covariance = congruence(kept, independent) + congruence(gain, noise)
     sensitivity = _less_sensitive(state.sensitivity, gain, effects)
     covariance = _with_sensitivity(covariance, sensitivity, effects)
     return RotationState(state.estimate + gain @ innovation, 0.5 * (covariance + covariance.T), sensitivity)
@@ -605,7 +609,7 @@ def _again(
         return after
     state, error, (noise, measured, enlarged) = first
     effects = jacobian @ sensitivity + thrust_error_effects(after.estimate, thrust_errors)
-    covariance = jacobian @ state.independent @ jacobian.T + effects @ effects.T + measured + enlarged
+    covariance = congruence(jacobian, state.independent) + effects @ effects.T + measured + enlarged
     information = inverse_positive_definite(covariance, _WHAT)
     return joseph_update(state, error, information, jacobian, noise, effects)
 

@@ -239,7 +239,8 @@ def turning_from(state: RotationState, sample: RotationSample, innovation: Rotat
 def _cross_covariance(jacobian: Array, covariance: Array, sensitivity: Array | None, effects: Array | None) -> Array:
     """Of the innovation with the error of the prediction, shape (3, 9)."""
     if effects is None or sensitivity is None:
-        return jacobian @ covariance
+        shared: Array = np.dot(jacobian, covariance)
+        return shared
     return jacobian @ rotation_filter.independent_of(covariance, sensitivity) + effects @ sensitivity.T
 
 
