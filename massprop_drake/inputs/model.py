@@ -335,7 +335,8 @@ def digest(model: Model) -> str:
     if there is not None and there[0]() is model:
         return there[1]
     found = hashlib.sha256(model.model_dump_json().encode()).hexdigest()
-    _digests[place] = weakref.ref(model, lambda _: _digests.pop(place, None)), found
+    forget = _digests.pop  # the module's names may be gone when the last models go, at the end of the program
+    _digests[place] = weakref.ref(model, lambda _: forget(place, None)), found
     return found
 
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import gc
 import math
 import re
 import shutil
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +15,7 @@ import pytest
 from conftest import REPOSITORY
 
 from massprop_drake import InputError, Scenario, load_scenario, simulate
+from massprop_drake.inputs import model
 from massprop_drake.inputs.model import Model, digest, yaml_text
 from massprop_drake.inputs.params import thrust_factors
 from massprop_drake.inputs.scenario import JointBlock, bundled_scenarios, resolved
@@ -560,3 +563,15 @@ def test_a_long_text_is_told_by_its_beginning() -> None:
     with pytest.raises(InputError, match=r"got 'x+\.\.\. \(3000 characters\)$") as told:
         load_scenario("sample_maneuver", [f"name={'x' * 3000}"])
     assert len(str(told.value)) < 250
+
+
+def test_a_model_may_outlive_the_module_that_has_its_digest(monkeypatch: pytest.MonkeyPatch) -> None:
+    # as at the end of a program, where a module's names go before the last objects do
+    said: list[Any] = []
+    scenario: Any = load_scenario("sample_maneuver")
+    digest(scenario)
+    monkeypatch.setattr(sys, "unraisablehook", said.append)
+    monkeypatch.setattr(model, "_digests", None)
+    del scenario
+    gc.collect()
+    assert said == []
