@@ -16,8 +16,21 @@ from massprop_drake.maths.estimation.filters.mass_filter import MassParams
 from massprop_drake.maths.estimation.filters.rotation_filter import RotationParams
 from massprop_drake.maths.estimation.filters.thesis import joint_covariance
 from massprop_drake.maths.estimation.redundancy import Rule
+from massprop_drake.maths.vehicle.sensing import SensorModel
 
 PERIOD_S = 0.08
+PERFECT_SENSOR = SensorModel(
+    period_s=PERIOD_S,
+    scale_factor=np.zeros(3),
+    smoothing=0.0,
+    bias=np.zeros(3),
+    walk_std=0.0,
+    integrates=False,
+    noise_std=0.0,
+    quantum=0.0,
+    phase=np.zeros(3),
+    delay=0,
+)
 
 
 def rotation_params(**changes: Any) -> RotationParams:

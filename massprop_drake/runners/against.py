@@ -15,7 +15,7 @@ from massprop_drake.errors import InputError, moment
 from massprop_drake.inputs import params
 from massprop_drake.inputs.scenario import Scenario, load_scenario
 from massprop_drake.inputs.vehicle import MassPropertiesModel, Vehicle
-from massprop_drake.maths.mass_properties import CENTER_OF_MASS, MASS_RECIPROCAL
+from massprop_drake.maths.mass_properties import CENTER_OF_MASS, MASS_RECIPROCAL, all_ten
 from massprop_drake.maths.vehicle import cycle
 from massprop_drake.maths.vehicle.rigid_body import RATE, OutOfMassError, SpunUpError
 from massprop_drake.results.against import Against, Simulated, explained, residuals
@@ -128,7 +128,7 @@ def _before_jumps(other: Run) -> Array:
     first_s = min(jump.time_s for jump in jumps)
     row = max(int(np.searchsorted(other.time_s, first_s - 0.5 * period_s)) - 1, 0)
     came = sum(-jump.mass if jump.kind == "release" else jump.mass for jump in jumps)
-    return np.append(other["truth"][row, :MASS_RECIPROCAL], 1.0 / (1.0 / known[MASS_RECIPROCAL] - came))
+    return all_ten(other["truth"][row, :MASS_RECIPROCAL], 1.0 / (1.0 / known[MASS_RECIPROCAL] - came))
 
 
 def _world(other: Run, folder: str) -> Scenario:

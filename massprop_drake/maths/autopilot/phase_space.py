@@ -171,16 +171,17 @@ def _keeps(command: float, held: float, rate: float, capture_rate: float) -> flo
 @kernel
 def commanded_rate(rotation_command: Array, attitude_error: Array, params: PhaseSpaceParams) -> Array:
     """Rate that each axis should have, rad/s: the discrete rate, or the way back to the held attitude."""
-    gain, limit, discrete = params.hold_gain, params.hold_rate_limit, params.discrete_rate
     x, y, z = numbers(rotation_command, 3)
     error_x, error_y, error_z = numbers(attitude_error, 3)
-    return np.array(
-        [
-            x * discrete if x != 0.0 else min(max(-gain * error_x, -limit), limit),
-            y * discrete if y != 0.0 else min(max(-gain * error_y, -limit), limit),
-            z * discrete if z != 0.0 else min(max(-gain * error_z, -limit), limit),
-        ]
-    )
+    return np.array([_turning(x, error_x, params), _turning(y, error_y, params), _turning(z, error_z, params)])
+
+
+@kernel
+def _turning(command: float, error: float, params: PhaseSpaceParams) -> float:
+    """Rate that an axis should have, rad/s."""
+    if command != 0.0:
+        return command * params.discrete_rate
+    return min(max(-params.hold_gain * error, -params.hold_rate_limit), params.hold_rate_limit)
 
 
 class Request(NamedTuple):

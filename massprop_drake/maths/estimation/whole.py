@@ -240,14 +240,19 @@ def _evidence(usable: bool, told: Any, moved: Any, moving: Any, mass: Any) -> An
 def _known_force(state: Any, filters: Any, command: Array, params: CglrParams | None) -> tuple[bool, KnownForce]:
     """Whether forces of failed jets are known and act, and what they do."""
     if params is None:
-        return False, KnownForce(np.zeros(6), np.zeros((3, 3)), np.zeros((3, 3)))
+        return False, _no_force()
     return _acting(state, filters, command, params)
+
+
+@kernel
+def _no_force() -> KnownForce:
+    return KnownForce(np.zeros(6), np.zeros((3, 3)), np.zeros((3, 3)))
 
 
 @kernel
 def _acting(state: DetectorState, filters: Any, command: Array, params: CglrParams) -> tuple[bool, KnownForce]:
     if not nonzero(state.variance):
-        return False, KnownForce(np.zeros(6), np.zeros((3, 3)), np.zeros((3, 3)))
+        return False, _no_force()
     predicted = all_ten(filters.rotation.estimate, filters.mass.mass_reciprocal)
     known = acting_force(state, predicted, command, params)
     return nonzero(known.wrench) or nonzero(known.translation_spread.ravel()), known

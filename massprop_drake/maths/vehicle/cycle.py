@@ -26,6 +26,7 @@ from massprop_drake.maths.vehicle.sensing import (
     held_within,
     marked,
     point_velocity,
+    quantized,
     remembering,
     vibrating,
 )
@@ -42,11 +43,9 @@ class Packages(NamedTuple):
 
     Attributes:
         plain: whether all do no more than quantize.
-        marks: distance of each quantizer's marks, 1 where it has none, shape (n, 1).
     """
 
     plain: bool
-    marks: Array
     exact: NDArray[np.bool_]
     remembers: NDArray[np.bool_]
     shakes: NDArray[np.bool_]
@@ -78,7 +77,6 @@ def packed_packages(packages: tuple[Package, ...]) -> Packages:
     quanta, limits = numbers("quantum"), numbers("limit")
     return Packages(
         bool((exact & (quanta > 0.0) & np.isinf(limits)).all()),
-        np.where(quanta == 0.0, 1.0, quanta)[:, None],
         exact,
         np.array([package.remembers for package in packages], dtype=np.bool_),
         np.array([model.vibration is not None for model in models], dtype=np.bool_),
@@ -247,15 +245,15 @@ def sense(state: VehicleState, row: int, coming: Ahead, params: Truth) -> tuple[
     """
     packages, memories = params.packages, state.memories
     signals = _signals(state.body, packages)
-    readings = marked(signals, packages.marks, packages.phases)
     if packages.plain:
-        return readings, memories
+        return marked(signals, packages.quanta.reshape(-1, 1), packages.phases), memories
+    readings = np.empty(signals.shape)
     if nonzero(packages.remembers):
         memories = memories.copy()
     for index in range(packages.quanta.size):
         signal = signals[index]
         if packages.exact[index]:
-            reading = signal if packages.quanta[index] == 0.0 else readings[index]
+            reading = quantized(signal, packages.quanta[index], packages.phases[index])
             readings[index] = held_within(reading, packages.limits[index])
             continue
         errors, noise = _errors(index, params), coming.noise[row, index]

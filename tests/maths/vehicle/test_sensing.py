@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from params_probe import PERFECT_SENSOR
 
 from massprop_drake.maths.linear_algebra import Array
 from massprop_drake.maths.vehicle.sensing import (
@@ -28,19 +29,7 @@ SILENCE = np.zeros(6)
 
 
 def model(**errors: Any) -> SensorModel:
-    ideal = SensorModel(
-        period_s=PERIOD,
-        scale_factor=np.zeros(3),
-        smoothing=0.0,
-        bias=np.zeros(3),
-        walk_std=0.0,
-        integrates=False,
-        noise_std=0.0,
-        quantum=0.0,
-        phase=np.zeros(3),
-        delay=0,
-    )
-    return ideal._replace(**errors)
+    return PERFECT_SENSOR._replace(period_s=PERIOD, **errors)
 
 
 def readings(dut: SensorModel, signals: Array, noise: Array | None = None) -> Array:

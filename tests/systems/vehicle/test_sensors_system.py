@@ -7,36 +7,25 @@ from typing import Any
 
 import numpy as np
 import pytest
+from params_probe import PERFECT_SENSOR
 from systems_probe import PERIOD_S, advance, feedthrough, inputs, outputs, update
 
 from massprop_drake.maths.vehicle.rigid_body import MASS, N_STATE, ORIGIN_VELOCITY, RATE, SPIN_INTEGRAL
-from massprop_drake.maths.vehicle.sensing import SensorModel, Tone, vibration
+from massprop_drake.maths.vehicle.sensing import Tone, vibration
 from massprop_drake.systems.vehicle.integrating_accelerometer import IntegratingAccelerometer
 from massprop_drake.systems.vehicle.rate_gyro import RateGyro
 from massprop_drake.systems.vehicle.sensor import Sensor
 
-PERFECT = SensorModel(
-    period_s=PERIOD_S,
-    scale_factor=np.zeros(3),
-    smoothing=0.0,
-    bias=np.zeros(3),
-    walk_std=0.0,
-    integrates=False,
-    noise_std=0.0,
-    quantum=0.0,
-    phase=np.zeros(3),
-    delay=0,
-)
 POSITION = np.array([2.0, -1.0, 0.5])
 
 
 def _gyro(**errors: Any) -> tuple[RateGyro, Any]:
-    dut = RateGyro("gyro", PERFECT._replace(**errors))
+    dut = RateGyro("gyro", PERFECT_SENSOR._replace(**errors))
     return dut, dut.CreateDefaultContext()
 
 
 def _accelerometer(**errors: Any) -> tuple[IntegratingAccelerometer, Any]:
-    dut = IntegratingAccelerometer("acc", PERFECT._replace(integrates=True, **errors), position=POSITION)
+    dut = IntegratingAccelerometer("acc", PERFECT_SENSOR._replace(integrates=True, **errors), position=POSITION)
     return dut, dut.CreateDefaultContext()
 
 
