@@ -73,9 +73,11 @@ def named() -> None:
     plt.close(figure)
 
 
-def maneuver() -> None:
-    """The figures of the sample maneuver."""
+def figures() -> None:
+    """Figures of the sample maneuver, and of a failure after it."""
     plot = simulate(load_scenario("sample_maneuver")).plot
+    failure = simulate(load_scenario("stuck_on_29")).plot
+    failure.detection_timeline().savefig(IMAGES / "detection_timeline.png")
     for name in ("inverse_inertia_diagonal", "phase_plane", "innovations"):
         getattr(plot, name)().savefig(IMAGES / f"{name}.png")
 
@@ -176,7 +178,7 @@ def main() -> None:
     """Writes the images."""
     IMAGES.mkdir(exist_ok=True)
     named()
-    maneuver()
+    figures()
     screenshots()
     tutorials()
     diagrams()

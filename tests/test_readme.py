@@ -65,6 +65,7 @@ def test_links_lead_somewhere() -> None:
         path, _, anchor = link.partition("#")
         target = REPOSITORY / path
         headings = re.findall(r"^#+ (.*)$", target.read_text(encoding="utf-8"), re.MULTILINE) if anchor else []
-        if not target.exists() or (anchor and anchor not in {heading.lower().replace(" ", "-") for heading in headings}):
+        anchors = {"", *(heading.lower().replace(" ", "-") for heading in headings)}
+        if not target.exists() or anchor not in anchors:
             missing.append(link)
     assert missing == []
