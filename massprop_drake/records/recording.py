@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import hashlib
 import re
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import chain, islice
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 
 from massprop_drake.errors import InputError, require_text, suggestion
 from massprop_drake.inputs.record_map import CsvForm, RecordMap
+from massprop_drake.inputs.units import parsed
 from massprop_drake.inputs.yaml import exists
 from massprop_drake.telemetry.tables import MISSING, Ragged, require_regular
 
@@ -23,7 +25,7 @@ Array = NDArray[np.float64]
 Column = NDArray[Any]
 
 MOST_ELEMENTS = 64  # of an array that become columns: an image has more, a vehicle's jets fewer
-_LOOKED_AT = 50  # rows of text by which the decimal mark is told
+_LOOKED_AT = 100  # lines of text by which its form is told
 _CHUNK = 4096  # rows of text that are turned into numbers at once
 
 
@@ -38,6 +40,7 @@ class Topic:
         place: what rows are counted in, "line" or "row".
         lines: of each row, shape (n,); None: rows, from 1.
         unread: names of columns besides, which the map does not name.
+        units: of columns, as a line below their names has them, "" where it has none.
     """
 
     source: str
@@ -46,6 +49,7 @@ class Topic:
     place: str = "row"
     lines: NDArray[np.int64] | None = None
     unread: tuple[str, ...] = ()
+    units: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def rows(self) -> int:
@@ -214,12 +218,17 @@ def digest(path: Path) -> str:
 def _csv(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
     as_text = set() if by is None or by.commands.listed is None else {by.commands.listed.column}
     try:
-        form = _form_of(path) if by is None else by.csv
+        form, units = _form_of(path) if by is None else (by.csv, [])
         with path.open(encoding="utf-8-sig", newline="") as file:
             numbered = _plain_lines(file, form)
             where = _Where()
-            cells = csv.reader(where.watched(numbered), delimiter=form.separator, strict=True)
-            header = [name.strip() for name in next(cells, [])]
+            lined = where.watched(numbered)
+            named = next(lined, "")
+            header = _cells(named, form.separator)
+            marked = named.strip().partition(form.separator)[0].strip()
+            if by is not None and _mark(named) and marked in by.columns:
+                header[0] = marked
+            cells = csv.reader(lined, delimiter=form.separator, strict=True)
             _require_names(header, form, f"{path}, line {where.line}")
             wanted = [name for name in header if name and (by is None or name in by.columns)]
             columns, lines, ragged = _gathered(cells, header, wanted, (form, as_text, rows, where))
@@ -231,23 +240,86 @@ def _csv(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     require_regular(ragged, str(path), len(lines), len(header))
     unread = tuple(name for name in header if name and name not in wanted)
-    topic = Topic(str(path), columns, None, "line", lines, unread)
+    named_units = dict(zip(header, map(unit_in, units), strict=False))
+    topic = Topic(str(path), columns, None, "line", lines, unread, named_units)
     return Recording(str(path), "table", {"": topic}, sha256=digest(path), ragged=ragged, form=form)
 
 
-_SEPARATORS = (",", ";", "\t")
+_SEPARATORS = (",", ";", "\t", " ")  # the likelier first; a blank is any run of blanks and tabs
+_MARKS = ("#", "%", "//")  # that begin comments, and lines of names
 _WITH_COMMA = re.compile(r"\s*[+-]?\d+,\d+(?:[eE][+-]?\d+)?\s*")
+_BLANK_NAME = re.compile(r"(?:[^\s\[(]|[\[(][^\])]*[\])])+(?:\s+[\[(][^\])]*[\])])?")  # with its unit in brackets
 
 
-def _form_of(path: Path) -> CsvForm:
-    """How a text file is written, where no map says it: what separates the names, and the decimal mark below them."""
+def _form_of(path: Path) -> tuple[CsvForm, list[str]]:
+    """How a text file is written, where no map says it, and the cells of a line of units below the names."""
     with path.open(encoding="utf-8-sig") as file:
-        lines = islice((line for line in file if line.strip()), 1 + _LOOKED_AT)
-        names = next(lines, "")
-        separator = max(_SEPARATORS, key=names.count)
-        cells = chain.from_iterable(line.split(separator) for line in lines)
-        comma = separator != "," and any(map(_WITH_COMMA.fullmatch, cells))
-    return CsvForm(separator=separator, decimal="," if comma else ".")
+        numbered = islice(((number, line) for number, line in enumerate(file, 1) if line.strip()), _LOOKED_AT)
+        lines = [(number, line, _mark(line)) for number, line in numbered]
+    if not lines:
+        return CsvForm(), []
+    counts = {one: [_count(line, one) for _, line, _ in lines] for one in _SEPARATORS}
+    usual = {one: Counter(found).most_common(1)[0][0] for one, found in counts.items()}
+    regular = {one: found.count(usual[one]) if usual[one] > 1 else 0 for one, found in counts.items()}
+    separator = max(_SEPARATORS, key=lambda one: regular[one])
+    whole = [index for index, count in enumerate(counts[separator]) if count == usual[separator]]
+    cells = {index: _cells(lines[index][1], separator) for index in whole}
+    first = next((index for index in whole if not lines[index][2] and any(map(_is_value, cells[index]))), 0)
+    comma = separator != "," and any(
+        map(_WITH_COMMA.fullmatch, chain.from_iterable(cells[index] for index in whole if index >= first))
+    )
+    above = [index for index in whole if index < first]
+    names = next((index for index in reversed(above) if not _has_units(cells[index])), above[0] if above else 0)
+    comment = next((mark for _, _, mark in lines[first:] if mark), "")
+    below = sum(not (comment and mark) for _, _, mark in lines[names + 1 : first])
+    skip = lines[names][0] - 1 if names else 0
+    units = next((cells[index] for index in above if index > names and _has_units(cells[index])), [])
+    decimal = "," if comma else "."
+    return CsvForm(separator=separator, decimal=decimal, skip=skip, below=below, comment=comment), units
+
+
+def _mark(line: str) -> str:
+    """The mark of a comment that a line begins with; "": none."""
+    return next((mark for mark in _MARKS if line.lstrip().startswith(mark)), "")
+
+
+def _count(line: str, separator: str) -> int:
+    """The number of cells in a line."""
+    if separator == " " or '"' in line:
+        return len(_cells(line, separator))
+    return line.count(separator) + 1
+
+
+def _cells(line: str, separator: str) -> list[str]:
+    """The cells of a line, without the mark of a comment."""
+    mark = _mark(line)
+    line = line.strip(" \r\n").removeprefix(mark)
+    if separator == " ":
+        return [one.group() for one in _BLANK_NAME.finditer(line)] if mark or "[" in line else line.split()
+    return [cell.strip() for cell in next(csv.reader([line], delimiter=separator), [])]
+
+
+def _is_value(cell: str) -> bool:
+    """Whether a cell is a number or a date, so that its line is a row."""
+    return cell.strip()[:1].isdigit() or (_is_number(cell.replace(",", ".")) and cell.strip().lower() not in MISSING)
+
+
+def _has_units(cells: list[str]) -> bool:
+    """Whether most cells of a line are units."""
+    found = [unit_in(cell) for cell in cells if cell.strip("-[]() ")]
+    return bool(found) and sum(map(bool, found)) > 0.5 * len(found)
+
+
+def unit_in(text: str) -> str:
+    """The unit that a text is, with or without brackets, as `inputs.units` has it; "": it is none."""
+    text = text.strip().strip("[]()").strip()
+    for one in (text, text.lower()):
+        try:
+            parsed(one)
+        except InputError:
+            continue
+        return one
+    return ""
 
 
 class _Where:
@@ -262,16 +334,25 @@ class _Where:
 
 
 def _plain_lines(file: Any, form: CsvForm) -> Iterator[tuple[int, str]]:
-    """The lines of names and rows, with their numbers."""
-    seen = 0
+    """The lines of names and rows, with their numbers.
+
+    The names are in the first line that is no comment, or, where that is a row already, in the first comment.
+    """
+    seen, commented = 0, None
     for number, line in enumerate(file, 1):
-        if number <= form.skip or not line.strip() or (form.comment and line.startswith(form.comment)):
+        if number <= form.skip or not line.strip():
+            continue
+        if form.comment and line.startswith(form.comment):
+            commented = commented or (number, line)
             continue
         if "\0" in line:
             raise InputError(f"{file.name}, line {number}: holds a NUL byte; expected text in UTF-8")
         seen += 1
+        if seen == 1 and commented and any(map(_is_value, _cells(line, form.separator))):
+            yield commented
+            seen += 1
         if seen == 1 or seen > 1 + form.below:
-            yield number, line
+            yield number, line if seen == 1 or form.separator != " " else " ".join(line.split()) + "\n"
 
 
 def _require_names(header: list[str], form: CsvForm, where: str) -> None:
