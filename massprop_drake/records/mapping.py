@@ -250,7 +250,10 @@ class _Mapping:
     def _logged(self, topic: Topic, time: RecordTime) -> Array:
         """Times as they are logged, s."""
         if time.column is not None:
-            return topic.numbers(time.column) * factor(time.unit, "time")
+            whole = topic.times_s(time.column, factor(time.unit, "time"))
+            if time.fraction is None:
+                return whole
+            return whole + topic.numbers(time.fraction) * factor(time.fraction_unit, "time")
         if topic.stamps_s is not None:
             return topic.stamps_s
         if time.differences:  # without any stamp: the steps alone
@@ -483,7 +486,9 @@ class _Mapping:
         values = (logged * size - off) / (on - off)
         if part.threshold is not None:
             return np.where(np.isnan(values), np.nan, np.where(values >= part.threshold, 1.0, 0.0))
-        wrong = (values < -_TOLERANCE) | (values > 1.0 + _TOLERANCE)
+        least = 0.0 if off == 0.0 else -math.inf  # a level may be undershot, an amount is not negative
+        most = 1.0 + (JITTER if timed else 0.0)  # the interval of an on-time may be longer by so much
+        wrong = (values < least - _TOLERANCE) | (values > most + _TOLERANCE)
         if wrong.any():
             row, jet = np.argwhere(wrong)[0]
             meant = f"open for {on:g} s at the most" if timed else f"{off / size:g} closed and {on / size:g} open"

@@ -91,6 +91,27 @@ class Topic:
             raise InputError(f"{self.where(int(np.argmax(infinite)))}, column {name}: is infinite")
         return numbers
 
+    def times_s(self, name: str, unit_s: float) -> Array:
+        """A column's times, s, NaN where missing, shape (n,): numbers of a unit, or ISO 8601 stamps.
+
+        Raises:
+            InputError: when it is not there, or holds other text.
+        """
+        values = self.column(name)
+        if values.dtype != object or all(map(_is_number, values)):
+            return self.numbers(name) * unit_s
+        stamps = [stamp_of(str(cell)) for cell in values]
+        wrong = [row for row, stamp in enumerate(stamps) if stamp is None]
+        if wrong:
+            raise InputError(
+                f"{self.where(wrong[0])}, column {name}: {str(values[wrong[0]])[:40]!r} is neither a number nor an "
+                "ISO 8601 stamp such as 2024-05-01T12:00:00.25Z"
+            )
+        since = np.array(stamps, "datetime64[ns]") - np.datetime64(0, "s")
+        seconds, rest = since.astype("timedelta64[s]"), since % np.timedelta64(1, "s")
+        found: Array = seconds / np.timedelta64(1, "s") + rest / np.timedelta64(1, "s")
+        return found
+
     def texts(self, name: str) -> list[str]:
         """A column's cells as text."""
         return ["" if cell is None else str(cell) for cell in self.column(name)]
@@ -127,6 +148,38 @@ class Recording:
         if name not in self.topics:
             raise missing_topic(self.source, name, list(self.topics))
         return self.topics[name]
+
+
+_ZONE = re.compile(r"\s*(?:Z|UTC|[+-]\d\d:?\d\d)$", re.IGNORECASE)
+_DAY_OF_YEAR = re.compile(r"(\d{4})-(\d{3})(?=$|[T ])")
+_CLOCK = re.compile(r"\d\d?:\d\d(:|$)")
+_SPELLED = re.compile(r"(\d\d?)[ -]([A-Za-z]{3})[ -](\d{4})(?=\s)")
+_MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
+
+
+def stamp_of(text: str) -> np.datetime64 | None:
+    """The time of a stamp without its zone, of a clock alone on the first day; None for other text.
+
+    A stamp is one of ISO 8601, also with the day of the year, or a date like 01 Jan 2000.
+    """
+    text = text.strip()
+    if text.lower() in MISSING:
+        return np.datetime64("NaT")
+    plain = _ZONE.sub("", text).replace("/", "-").replace(",", ".")
+    if _CLOCK.match(plain):
+        plain = f"1970-01-01T{plain if plain[2] == ':' else '0' + plain}"
+    spelled = _SPELLED.match(plain)
+    if spelled is not None and spelled.group(2).lower() in _MONTHS:
+        date = int(spelled.group(3)), 1 + _MONTHS.index(spelled.group(2).lower()), int(spelled.group(1))
+        plain = "{:04d}-{:02d}-{:02d}".format(*date) + plain[spelled.end() :]
+    of_year, day = _DAY_OF_YEAR.match(plain), np.timedelta64(0, "D")
+    if of_year is not None:
+        day = np.timedelta64(int(of_year.group(2)) - 1, "D")
+        plain = f"{of_year.group(1)}-01-01{plain[of_year.end() :]}"
+    try:
+        return np.datetime64(plain, "ns") + day if plain[:4].isdigit() and plain[4:5] == "-" else None
+    except ValueError:
+        return None
 
 
 def _is_number(cell: Any) -> bool:
