@@ -53,7 +53,17 @@ Axes = tuple[Signed, Signed, Signed]
 _COLUMNS = "columns of the recorder's x, y, z; null: not logged"
 _AXES = "for x, y, z in turn the recorder's axis that it is, such as [x, -y, -z] from forward-left-up to the vehicle's"
 _TOPIC = "of a log that has topics, such as `vehicle_angular_velocity`, or `name/1` for the second instance of a ULog's"
-_NAMING = {"column", "columns", "fraction", "value", "rate", "quaternion", "angles", "heading", "position"}  # keys of columns
+_NAMING = {
+    "column",
+    "columns",
+    "fraction",
+    "value",
+    "rate",
+    "quaternion",
+    "angles",
+    "heading",
+    "position",
+}  # keys of columns
 _ROTATION_TOLERANCE = 1e-3  # of the products of a rotation's columns, as printed matrices have them
 
 
@@ -344,7 +354,9 @@ def _columns(data: Any, within: str = "") -> Iterator[str]:
 class CsvForm(Model):
     """How a text file is written."""
 
-    separator: Annotated[str, Field(strict=True, min_length=1, max_length=1)] = described(",", "between cells; a blank: any run of blanks")
+    separator: Annotated[str, Field(strict=True, min_length=1, max_length=1)] = described(
+        ",", "between cells; a blank: any run of blanks"
+    )
     decimal: Literal[".", ","] = described(".", "decimal mark")
     skip: Count = described(0, "lines above that of the names")
     below: Count = described(0, "lines between that of the names and the first row, such as one of units")

@@ -175,9 +175,7 @@ def _taken_unit(words: list[str]) -> str:
     elif len(words) > 2 and (words[-2], words[-1]) in _QUOTIENTS:
         unit = _QUOTIENTS[words[-2], words[-1]]
         del words[-2:]
-    elif len(words) > 1 and words[-1] in _UNITS:
-        unit = _UNITS[words.pop()]
-    elif len(words) == 1 and words[0] in _ALONE:
+    elif (len(words) > 1 and words[-1] in _UNITS) or (len(words) == 1 and words[0] in _ALONE):
         unit = _UNITS[words.pop()]
     else:
         return ""
@@ -215,7 +213,7 @@ class JetColumns(NamedTuple):
         columns: by designation, of those that were found.
         lacking: designations of the others.
         beside: columns of the same kind that are no jet's.
-        named: whether the words around are of jets, or the designations themselves make it sure.
+        named: whether the words around are of jets, or these are called by their designations.
     """
 
     columns: dict[str, str]
@@ -245,29 +243,27 @@ def jet_families(columns: Iterable[str], jets: Sequence[tuple[str, int]]) -> lis
             if token.isdigit():
                 family = (*tokens[:place], "", *tokens[place + 1 :])
                 counted.setdefault(family, {}).setdefault(int(token), column)
-    ranked = [(_rank(rest, sure=True), _family(found, jets, [], rest)) for rest, found in families.items()]
+    ranked = [(_rank(rest, sure=True), _family(found, jets, [], named=True)) for rest, found in families.items()]
     for rest, numbered in counted.items():
         if len(numbered) < 2 or len(jets) < 2:
             continue
         first = 0 if 0 in numbered else 1
-        numbers = {designation: number for designation, number in jets}
+        numbers = dict(jets)
         if not set(numbers.values()) <= set(numbered):
             numbers = {designation: first + index for index, (designation, _) in enumerate(jets)}
         elif first == 0:  # counted from 0: the vehicle's numbers, from 1, would be one off
             numbers = {designation: index for index, (designation, _) in enumerate(jets)}
         here = {designation: numbered[number] for designation, number in numbers.items() if number in numbered}
         beside = [column for number, column in sorted(numbered.items()) if number not in numbers.values()]
-        ranked.append((_rank(rest, sure=False), _family(here, jets, beside, rest)))
+        ranked.append((_rank(rest, sure=False), _family(here, jets, beside, named=bool(set(rest) & (_JETS | _ON)))))
     ordered = sorted(ranked, key=lambda one: (len(one[1].lacking) > 0, one[0], len(one[1].lacking)))
     return [family for rank, family in ordered if rank < 3]
 
 
-def _family(
-    found: Mapping[str, str], jets: Sequence[tuple[str, int]], beside: list[str], rest: tuple[str, ...]
-) -> JetColumns:
+def _family(found: Mapping[str, str], jets: Sequence[tuple[str, int]], beside: list[str], *, named: bool) -> JetColumns:
     columns = {designation: found[designation] for designation, _ in jets if designation in found}
     lacking = [designation for designation, _ in jets if designation not in found]
-    return JetColumns(columns, lacking, beside, bool(set(rest) & (_JETS | _ON)))
+    return JetColumns(columns, lacking, beside, named)
 
 
 def _rank(rest: tuple[str, ...], *, sure: bool) -> int:

@@ -98,7 +98,8 @@ class Topic:
             InputError: when it is not there, or holds other text.
         """
         values = self.column(name)
-        if values.dtype != object or all(map(_is_number, values)):
+        filled = [cell for cell in values if str(cell).strip().lower() not in MISSING] if values.dtype == object else []
+        if not filled or any(map(_is_number, filled)):
             return self.numbers(name) * unit_s
         stamps = [stamp_of(str(cell)) for cell in values]
         wrong = [row for row, stamp in enumerate(stamps) if stamp is None]
@@ -327,8 +328,8 @@ def _form_of(path: Path) -> tuple[CsvForm, list[str]]:
     below = sum(not (comment and mark) for _, _, mark in lines[names + 1 : first])
     skip = lines[names][0] - 1 if names else 0
     units = next((cells[index] for index in above if index > names and _has_units(cells[index])), [])
-    decimal = "," if comma else "."
-    return CsvForm(separator=separator, decimal=decimal, skip=skip, below=below, comment=comment), units
+    form = CsvForm(separator=separator, decimal="," if comma else ".", skip=skip, below=below, comment=comment)
+    return form, units
 
 
 def _mark(line: str) -> str:
