@@ -126,7 +126,12 @@ def _in_one(topic: Topic, name: ColumnName, period_s: float) -> list[_Read]:
 
 def _in_two_columns(topic: Topic, names: Sequence[ColumnName]) -> list[_Read]:
     """Whole seconds in a column, and what is below them in another."""
-    timed = [name for name in names if (name.is_timed or name.is_fraction) and not _is_text(topic, name)]
+    timed = [
+        name
+        for name in names
+        if (name.is_timed or name.is_fraction or factor_or_none(name.unit or "1", "time") is not None)
+        and not _is_text(topic, name)
+    ]
     found = []
     for whole in timed:
         seconds = topic.numbers(whole.column)

@@ -202,7 +202,7 @@ class _Search:
             if self._commands(topics[name]):
                 self._put_in_its_topic(self.data["commands"])
                 break
-        if "time" not in self.data:
+        if "time" not in self.data and not any(clock is not None for clock in self._clocks.values()):
             self.lacking.insert(0, "no column of time was found: name it, `time: {column: ...}`")
 
     def _enter(self, name: str, names: Sequence[ColumnName], *, quietly: bool = False) -> None:
@@ -385,6 +385,8 @@ class _Search:
             and factor_or_none(first.unit, "acceleration") is None
         ):
             gives, unit, why = "integral", self._unit(members, "velocity", own), "as the vehicle's own, integrating"
+            if factor_or_none(first.unit, "velocity") is None:
+                self._guessed[package] = own
         else:
             sizes = np.sqrt(sum(np.nan_to_num(topic.numbers(one.column)) ** 2 for one in members.values()))
             like_g = 0.9 < float(np.median(sizes)) < 1.1
@@ -617,44 +619,47 @@ class _Search:
             )
 
     def _tell_sums(self, name: str, by: mapping.Mapped) -> None:
-        """Tells sums of velocity from increments, and these from accelerations, by what the jets do to them."""
+        """Tells sums of velocity, increments and accelerations apart, by what the jets do to them."""
         entry = self.data["sensors"][name]
-        if entry["gives"] not in ("integral", "increment") and name not in self._guessed:
+        if entry["gives"] in ("mean", "instant") and name not in self._guessed:
             return  # their unit is that of an acceleration
-        usual = "integral" if entry["gives"] == "integral" else "increment"
-        other = "increment" if usual == "integral" else "integral"
-        shown = {gives: evidence.followed(by, name, gives=gives) for gives in ("integral", "increment")}
-        explained = {gives: one.explained for gives, one in shown.items()}
-        if explained[other] > explained[usual] + evidence.ODDS:
-            self._give(name, other)
-            self._say(
-                f"{name}: {'sums of increments' if other == 'integral' else 'increments'}, since their "
-                f"{'differences' if other == 'integral' else 'values'} follow the commands with a correlation of "
-                f"{shown[other].correlation:.2f}, {'they themselves' if other == 'integral' else 'differences'} with "
-                f"{shown[usual].correlation:.2f}"
-            )
-        elif entry["gives"] == "mean" and explained["increment"] > evidence.ODDS:
-            mean = evidence.followed(by, name, gives="mean").slope
-            if abs(math.log(shown["increment"].slope)) + _DISFAVOR < abs(math.log(mean)):
-                self._give(name, "increment")
-                self._say(
-                    f"{name}: increments of velocity, since as accelerations they would be {mean:.3g} times what the "
-                    "jets can cause"
-                )
+        sums, values = (evidence.followed(by, name, gives=gives) for gives in ("integral", "increment"))
+        if sums.explained > values.explained + evidence.ODDS:
+            gives, followed = "integral", "differences"
+        elif values.explained > sums.explained + evidence.ODDS:
+            gives, followed = self._of_values(name, by, values), "values"
         elif (
             entry["gives"] == "increment"
-            and not explained["increment"] > evidence.ODDS
+            and not values.explained > evidence.ODDS
             and evidence.keeps_its_level(by, name)
         ):
-            self._give(name, "integral")
+            entry["gives"] = "integral"
             self._say(f"{name}: sums of increments, since they keep their level while no jet fires")
-
-    def _give(self, name: str, gives: str) -> None:
-        """Takes an accelerometer's readings for velocities of one kind."""
-        entry = self.data["sensors"][name]
+            return
+        else:
+            return
+        if gives == entry["gives"]:
+            return
         entry["gives"] = gives
-        if factor_or_none(entry["unit"], "velocity") is None:
-            entry["unit"] = self._guessed[name]
+        if name in self._guessed:
+            entry["unit"] = f"{self._guessed[name]}^2" if gives == "mean" else self._guessed[name]
+        called = {"integral": "sums of increments", "increment": "increments of velocity", "mean": "accelerations"}
+        self._say(
+            f"{name}: {called[gives]}, since their {followed} follow the commands with a correlation of "
+            f"{max(sums.correlation, values.correlation):.2f}, their "
+            f"{'values' if followed == 'differences' else 'differences'} with "
+            f"{min(sums.correlation, values.correlation):.2f}"
+        )
+
+    def _of_values(self, name: str, by: mapping.Mapped, values: evidence.Followed) -> str:
+        """Increments or accelerations, where it is not the sums that follow the jets: by how much they change."""
+        usual = "mean" if self.data["sensors"][name]["gives"] == "mean" else "increment"
+        if name not in self._guessed:
+            return usual
+        misfit = {"increment": abs(math.log(values.slope))}
+        misfit["mean"] = abs(math.log(evidence.followed(by, name, gives="mean").slope))
+        misfit[usual] -= _DISFAVOR
+        return min(misfit, key=lambda gives: misfit[gives])
 
     # ------------------------------------------------------------------------------------- PX4
 

@@ -349,7 +349,7 @@ def _cells(line: str, separator: str) -> list[str]:
     mark = _mark(line)
     line = line.strip(" \r\n").removeprefix(mark)
     if separator == " ":
-        return [one.group() for one in _BLANK_NAME.finditer(line)] if mark or "[" in line else line.split()
+        return [one.group() for one in _BLANK_NAME.finditer(line)] if mark or set("[(") & set(line) else line.split()
     return [cell.strip() for cell in next(csv.reader([line], delimiter=separator), [])]
 
 
