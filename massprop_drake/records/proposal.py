@@ -36,6 +36,8 @@ _UNIFORM = 1e-4  # of its median, by which steps of a clock that only counts may
 _FEWEST = 20  # samples from which differences and repeated readings are told
 _OFF = 2.5  # factor by which the true rates may differ from those predicted with the nominal mass properties
 _DISFAVOR = 0.1  # of the log of a factor, by which a likelier scale may fit worse
+_MOSTLY_CLOSED = 0.5  # share of commands that are 1, above which 1 is taken for closed
+_AGAINST = -0.3  # correlation below which rates go against the jets
 _PULSES = (500.0, 2600.0)  # us, between which widths of pulses lie
 _CLOSED_PULSE = 950.0  # us, below which a width means disarmed
 _FOLDED = 4  # elements of an array that are listed as from the first to the last
@@ -510,6 +512,9 @@ class _Search:
         values = values[np.isfinite(values)]
         name = read_name(next(iter(columns.values())), topic.units.get(next(iter(columns.values())), ""))
         if not values.size or (np.isin(values, (0.0, 1.0)).all() and factor_or_none(name.unit, "time") is None):
+            if values.size and _MOSTLY_CLOSED < values.mean() < 1.0 and "missing" not in self.data["commands"]:
+                self.data["commands"] |= {"off": 1.0, "on": 0.0}
+                self._say(f"commands: 1 closed and 0 open, since {100.0 * values.mean():.0f} % of them are 1: a guess")
             return
         if values.min() > _PULSES[0] and values.max() < _PULSES[1]:
             off, on = _pulse_widths(values)
@@ -523,7 +528,7 @@ class _Search:
         told = [one for one in scales if name.unit and _is_unit_of(name.unit, one)]
         if not told and name.is_on_time:
             told = [one for one in scales if one.is_timed]
-        if not scales and values.max() > 0.0:
+        if not scales and values.any():
             self.lacking.append(
                 f"commands, {', '.join(columns.values())}, go from {values.min():g} to {values.max():g}, which is "
                 "neither a share, percent, an on-time within the sample period nor the width of a pulse: give "
@@ -564,6 +569,10 @@ class _Search:
                 f"{alike[0].correlation:.2f} in the interval after the row and {alike[1].correlation:.2f} in the one "
                 "before"
             )
+            if max(one.explained for one in alike) <= evidence.ODDS and alike[later].correlation < _AGAINST:
+                self._say(
+                    f"{gyro}: the rates go against what the jets should do: look at its axes, signs and `off`, `on`"
+                )
             self._tell_scale(gyro, alike[later])
         for name in inertial:
             if self.data["sensors"][name]["kind"] == "accelerometer":

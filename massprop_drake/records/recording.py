@@ -26,6 +26,7 @@ Column = NDArray[Any]
 
 MOST_ELEMENTS = 64  # of an array that become columns: an image has more, a vehicle's jets fewer
 _LOOKED_AT = 100  # lines of text by which its form is told
+_LOOKED_ACROSS = 200  # cells of such a line that are looked at
 _CHUNK = 4096  # rows of text that are turned into numbers at once
 
 
@@ -317,19 +318,19 @@ def _form_of(path: Path) -> tuple[CsvForm, list[str]]:
     regular = {one: found.count(usual[one]) if usual[one] > 1 else 0 for one, found in counts.items()}
     separator = max(_SEPARATORS, key=lambda one: regular[one])
     whole = [index for index, count in enumerate(counts[separator]) if count == usual[separator]]
-    cells = {index: _cells(lines[index][1], separator) for index in whole}
+    cells = {index: _cells(lines[index][1], separator)[:_LOOKED_ACROSS] for index in whole}
     first = next((index for index in whole if not lines[index][2] and any(map(_is_value, cells[index]))), 0)
     comma = separator != "," and any(
         map(_WITH_COMMA.fullmatch, chain.from_iterable(cells[index] for index in whole if index >= first))
     )
     above = [index for index in whole if index < first]
-    names = next((index for index in reversed(above) if not _has_units(cells[index])), above[0] if above else 0)
+    units = [index for index in above[1:] if _has_units(cells[index])]
+    names = next((index for index in reversed(above) if index not in units), 0)
     comment = next((mark for _, _, mark in lines[first:] if mark), "")
     below = sum(not (comment and mark) for _, _, mark in lines[names + 1 : first])
     skip = lines[names][0] - 1 if names else 0
-    units = next((cells[index] for index in above if index > names and _has_units(cells[index])), [])
     form = CsvForm(separator=separator, decimal="," if comma else ".", skip=skip, below=below, comment=comment)
-    return form, units
+    return form, next((_cells(lines[index][1], separator) for index in units if index > names), [])
 
 
 def _mark(line: str) -> str:
@@ -355,7 +356,9 @@ def _cells(line: str, separator: str) -> list[str]:
 
 def _is_value(cell: str) -> bool:
     """Whether a cell is a number or a date, so that its line is a row."""
-    return cell.strip()[:1].isdigit() or (_is_number(cell.replace(",", ".")) and cell.strip().lower() not in MISSING)
+    if cell.strip().lower() in MISSING:
+        return False
+    return _is_number(cell.replace(",", ".")) or stamp_of(cell) is not None
 
 
 def _has_units(cells: list[str]) -> bool:

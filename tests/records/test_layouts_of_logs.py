@@ -78,6 +78,7 @@ COMMANDS: dict[str, tuple[Callable[[Array], Array], dict[str, Any]]] = {
     "volts": (lambda on: 28.0 * on, {"on": 28.0}),
     "pulses": (lambda on: 1000.0 + 1000.0 * on, {"off": 1000.0, "on": 2000.0}),
     "pulses, disarmed": (lambda on: np.where(np.arange(len(on))[:, None] < 5, 900.0, 1000.0 + 1000.0 * on), {}),
+    "inverted": (lambda on: (1 - on).astype(int), {"off": 1.0, "on": 0.0}),
     "narrow pulses": (lambda on: 1100.0 + 800.0 * on, {"off": 1100.0, "on": 1900.0}),
 }
 
