@@ -35,14 +35,14 @@ JETS = (
 TIMES = ("time", "t", "Timestamp", "MET", "header.stamp", "clock", "TimeUS", "# timestamp", "elapsedSecs")
 
 
-def flown(vehicle: Vehicle, seed: int, rows: int = 400) -> Flight:
-    """A flight that follows its commands: pulses of one to six samples on 12 % of the jets, with a little noise."""
+def flown(vehicle: Vehicle, seed: int, rows: int = 400, longest: int = 6) -> Flight:
+    """A flight that follows its commands, pulses of random lengths of samples, with a little noise."""
     random = np.random.default_rng(seed)
     commands = np.zeros((rows, len(vehicle.jets)))
     for jet in range(len(vehicle.jets)):
         row = int(random.integers(3, 30))
         while row < rows:
-            length = int(random.integers(1, 7))
+            length = int(random.integers(1, longest + 1))
             commands[row : row + length, jet] = 1.0
             row += length + int(random.integers(5, 40))
     nominal, wrenches = vehicle.nominal, vehicle.wrenches

@@ -314,3 +314,46 @@ def test_a_record_that_would_be_refused_is_said_with_its_map(massprop: Massprop,
     assert done.status == 0
     assert "warning: 'massprop estimate' will refuse it as it stands" in done.err
     assert "rows are 0.15 s apart" in done.err
+
+
+# ------------------------------------------------------------------------------------ whole logs
+
+
+def test_a_log_of_on_times_with_wheels_and_a_star_tracker(one: Flight, tmp_path: Path) -> None:
+    """Everything at once: semicolons, units in brackets, sums called increments, jets by number, columns besides."""
+    zero, quaternion = np.zeros(400), [["", "0.5"][row % 2] for row in range(400)]
+    columns: dict[str, Any] = {"MET [ms]": np.round(1e6 + 1e3 * one.time_s).astype(int)}
+    columns |= {f"W_{axis} [deg/s]": np.degrees(one.rates[:, index]) for index, axis in enumerate("XYZ")}
+    columns |= {f"DV_{axis} [mm/s]": 1e3 * one.velocities[:, index] for index, axis in enumerate("XYZ")}
+    names = {jet: f"THR{index + 1:02d}_ON_MS" for index, jet in enumerate(one.jets)}
+    columns |= {name: 50 * one.commands[:, index].astype(int) for index, name in enumerate(names.values())}
+    left = {
+        **{f"RW{index}_RPM": zero for index in range(1, 5)},
+        **{f"ST_Q{index}": quaternion for index in range(1, 5)},
+    }
+    found = require_found(write_csv(tmp_path / "log.csv", columns | left, delimiter=";"), one)
+    assert found.data == {
+        "time": {"column": "MET [ms]", "unit": "ms"},
+        "sensors": {
+            "gyro": {"kind": "gyro", "columns": [f"W_{axis} [deg/s]" for axis in "XYZ"], "unit": "deg/s"},
+            "acc": {
+                "kind": "accelerometer",
+                "columns": [f"DV_{axis} [mm/s]" for axis in "XYZ"],
+                "unit": "mm/s",
+                "gives": "integral",
+            },
+        },
+        "commands": {"columns": names, "unit": "ms", "acts": "from_row"},
+        "csv": {"separator": ";"},
+    }
+    assert found.left_out == [*left]
+
+
+def test_commands_logged_late_are_told_although_pulses_are_long(one: Flight, tmp_path: Path) -> None:
+    """Both intervals follow the rates: with pulses of twenty samples the one before by a correlation of 1 to 0.9."""
+    long = flown(one.vehicle, 3, longest=20)
+    columns = usual_without_velocities(long)
+    late = np.vstack([long.commands[:1], long.commands[:-1]])
+    columns |= {f"u{index + 1}": late[:, index] for index in range(len(long.jets))}
+    found = require_found(write_csv(tmp_path / "log.csv", columns), long)
+    assert found.data["commands"]["acts"] == "until_row"
