@@ -459,8 +459,8 @@ def check(
             problems += error.problems
             lines += error.problems
             continue
-        about = good if isinstance(good, str) else show.about(good)
-        doubts = [] if isinstance(good, str) else list(map(str, good.doubts))
+        about = good.words if isinstance(good, sources.Described) else show.about(good)
+        doubts = list(map(str, good.doubts))
         findings.append({"file": name, "ok": True, "findings": [about], "warnings": doubts})
         lines.append(f"{name}: ok: {about}")
         lines += [f"{name}: warning: {doubt}" for doubt in doubts]

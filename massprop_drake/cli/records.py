@@ -19,6 +19,7 @@ from massprop_drake.records.proposal import ROWS, Proposal, propose
 from massprop_drake.records.px4 import vehicle_of
 from massprop_drake.records.recording import open_recording
 from massprop_drake.results.folder import require_files, write_files
+from massprop_drake.telemetry.reader import Reader
 
 _WIDTH = 96  # of the comments in a file
 
@@ -61,7 +62,7 @@ def show_map(record: str, file: Path, vehicle: Vehicle, how: How) -> None:
     """Shows the first rows as the map of a file understands them."""
     by = load_map(file)
     understood = mapping.mapped(open_recording(record, by, ROWS), by, vehicle, str(file))
-    _shown(Proposal(by.model_dump(mode="json"), [], []), understood, how)
+    _shown(Proposal(by.model_dump(mode="json"), [], [], []), understood, how)
 
 
 def make_vehicle(
@@ -127,14 +128,26 @@ def _comment(text: str) -> list[str]:
 def _shown(found: Proposal, understood: mapping.Mapped | None, how: How) -> None:
     """Prints a map's first rows, or all of it as JSON."""
     rows = [] if understood is None else mapping.preview(understood)
-    notes = [] if understood is None else list(understood.notes)
+    notes = [] if understood is None else [*understood.notes, *_refusals(understood)]
     if how.as_json:
-        said = {"reasons": found.reasons, "lacking": found.lacking}
+        said = {"reasons": found.reasons, "lacking": found.lacking, "left_out": found.left_out}
         show.as_json({"map": found.data, **said, "rows": rows, "notes": notes})
     elif not how.quiet and understood is not None:
         show.Terminal(120).print(_table(understood, rows))
         for sentence in notes:
             note(f"warning: {sentence}")
+
+
+def _refusals(understood: mapping.Mapped) -> list[str]:
+    """Sentences on why the estimators would not take the record, as the map has it; none where they would."""
+    vehicle = understood.vehicle
+    gyro = None if vehicle.needs_pose_filter or not vehicle.gyros else vehicle.gyros[0].name
+    try:
+        for _ in Reader(mapping.table(understood, gyro), vehicle, gyro=gyro):
+            pass
+    except InputError as error:
+        return [f"'massprop estimate' will refuse it as it stands: {one}" for one in error.problems]
+    return []
 
 
 def _table(understood: mapping.Mapped, rows: list[dict[str, Any]]) -> Table:

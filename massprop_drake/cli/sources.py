@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import logging
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 from massprop_drake.cli import show
 from massprop_drake.cli.options import Schema
@@ -105,10 +106,23 @@ def recovered(scenario: str | Path, overrides: list[str]) -> Scenario:
     return load_scenario(scenario, overrides)
 
 
-def checked(name: str, whose: Vehicle | None) -> Vehicle | Scenario | CampaignSpec | str:
+class Described(NamedTuple):
+    """The content of a file in words.
+
+    Attributes:
+        words: a line.
+        doubts: on what may be meant otherwise, a sentence each.
+    """
+
+    words: str
+    doubts: Sequence[str] = ()
+
+
+def checked(name: str, whose: Vehicle | None) -> Vehicle | Scenario | CampaignSpec | Described:
     """Reads a file and returns what it holds, telemetry and maps in words; raises InputError for a bad one."""
     if Path(name).suffix.lower() in _TELEMETRY:
-        return show.about_telemetry(check_telemetry(Path(name), whose), whose)
+        found = check_telemetry(Path(name), whose)
+        return Described(show.about_telemetry(found, whose), found["notes"])
     if name in bundled_vehicles():
         return load_vehicle(name)
     if name in bundled_scenarios():
@@ -121,7 +135,7 @@ def checked(name: str, whose: Vehicle | None) -> Vehicle | Scenario | CampaignSp
     if kind == "vehicle":
         return validated(Vehicle, document.data, document)
     if "commands" in document.data and "sensors" in document.data:
-        return show.about_map(validated(RecordMap, document.data, document))
+        return Described(show.about_map(validated(RecordMap, document.data, document)))
     if kind == "campaign":
         return campaign_from(document, Path(name).parent)
     return resolved(document.data, document, Path(name).parent)

@@ -53,7 +53,17 @@ Axes = tuple[Signed, Signed, Signed]
 _COLUMNS = "columns of the recorder's x, y, z; null: not logged"
 _AXES = "for x, y, z in turn the recorder's axis that it is, such as [x, -y, -z] from forward-left-up to the vehicle's"
 _TOPIC = "of a log that has topics, such as `vehicle_angular_velocity`, or `name/1` for the second instance of a ULog's"
-_NAMING = {"column", "columns", "value", "rate", "quaternion", "angles", "heading", "position"}  # keys of columns
+_NAMING = {
+    "column",
+    "columns",
+    "fraction",
+    "value",
+    "rate",
+    "quaternion",
+    "angles",
+    "heading",
+    "position",
+}  # keys of columns
 _ROTATION_TOLERANCE = 1e-3  # of the products of a rotation's columns, as printed matrices have them
 
 
@@ -76,9 +86,15 @@ class RecordTime(Model):
     """The stamps of samples, and the clock that made them."""
 
     column: Column | None = described(
-        None, "column of the time; null: the stamps that the log keeps itself, of a message's header first"
+        None,
+        "column of the time, as numbers or as ISO 8601 stamps; null: the stamps that the log keeps itself, of a "
+        "message's header first",
     )
-    unit: TimeUnit = described("s", "unit of the column")
+    unit: TimeUnit = described("s", "unit of the column; stamps have none")
+    fraction: Column | None = described(
+        None, "column that is added, such as of nanoseconds beside whole seconds; null: none"
+    )
+    fraction_unit: TimeUnit = described("ns", "its unit")
     offset_s: Real = described(
         0.0, "added to every stamp: by so much this clock is behind that of the rows at the first of them", "s"
     )
@@ -90,6 +106,12 @@ class RecordTime(Model):
         "where the logged time is a nominal one: pairs from which the true steps are taken, (value - value "
         "before) / rate, by least squares over the pairs",
     )
+
+    @model_validator(mode="after")
+    def _added_to_a_column(self) -> RecordTime:
+        if self.fraction is not None and self.column is None:
+            raise ValueError("fraction: is added to a column; give column, too")
+        return self
 
 
 def _signed_axes(value: Axes | None) -> Axes | None:
@@ -280,7 +302,9 @@ class CommandMap(_Sampled):
     unit: Annotated[Text, _unit("number", "time")] = described(
         "1", "1: a number between `off` and `on`; of time, such as ms: how long the jet is on"
     )
-    off: Real = described(0.0, "value that means closed")
+    off: Real = described(
+        0.0, "value that means closed; beyond one that is not 0, as of pulse widths, a jet is closed, too"
+    )
     on: Real | None = described(
         None, "value that means open all the time; null: 1, of an on-time the vehicle's sample period"
     )
@@ -330,11 +354,16 @@ def _columns(data: Any, within: str = "") -> Iterator[str]:
 class CsvForm(Model):
     """How a text file is written."""
 
-    separator: Annotated[str, Field(strict=True, min_length=1, max_length=1)] = described(",", "between cells")
+    separator: Annotated[str, Field(strict=True, min_length=1, max_length=1)] = described(
+        ",", "between cells; a blank: any run of blanks"
+    )
     decimal: Literal[".", ","] = described(".", "decimal mark")
     skip: Count = described(0, "lines above that of the names")
     below: Count = described(0, "lines between that of the names and the first row, such as one of units")
-    comment: Text = described("", "beginning of lines to leave out; empty: none")
+    comment: Text = described(
+        "",
+        "beginning of lines to leave out; the first of them has the names where no other line has; empty: none",
+    )
 
 
 class RecordMap(Model):

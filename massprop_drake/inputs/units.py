@@ -32,20 +32,29 @@ _DEGREE = math.pi / 180.0
 _UNITS = {
     **{name: Unit(1.0, _NONE) for name in ("1", "fraction")},
     **{name: Unit(0.01, _NONE) for name in ("%", "percent")},
-    "s": Unit(1.0, _TIME),
-    **{f"{prefix}s": Unit(factor, _TIME) for prefix, factor in {"m": 1e-3, "u": 1e-6, "µ": 1e-6, "n": 1e-9}.items()},
-    "min": Unit(60.0, _TIME),
-    "h": Unit(3600.0, _TIME),
-    "rad": Unit(1.0, _ANGLE),
+    **{
+        f"{prefix}{second}": Unit(factor, _TIME)
+        for prefix, factor in {"": 1.0, "m": 1e-3, "u": 1e-6, "µ": 1e-6, "n": 1e-9}.items()
+        for second in ("s", "sec", "secs")
+    },
+    **{
+        f"{prefix}second{plural}": Unit(factor, _TIME)
+        for prefix, factor in {"": 1.0, "milli": 1e-3, "micro": 1e-6, "nano": 1e-9}.items()
+        for plural in ("", "s")
+    },
+    **{name: Unit(60.0, _TIME) for name in ("min", "minutes")},
+    **{name: Unit(3600.0, _TIME) for name in ("h", "hours")},
+    **{name: Unit(86400.0, _TIME) for name in ("d", "day", "days")},
+    **{name: Unit(1.0, _ANGLE) for name in ("rad", "radian", "radians")},
     "mrad": Unit(1e-3, _ANGLE),
     "urad": Unit(1e-6, _ANGLE),
-    **{name: Unit(_DEGREE, _ANGLE) for name in ("deg", "°", "degrees")},
+    **{name: Unit(_DEGREE, _ANGLE) for name in ("deg", "°", "degree", "degrees")},
     "mdeg": Unit(1e-3 * _DEGREE, _ANGLE),
     "arcsec": Unit(_DEGREE / 3600.0, _ANGLE),
     **{name: Unit(_TURN, _ANGLE) for name in ("rev", "turn")},
     "rpm": Unit(_TURN / 60.0, _RATE),
     "dps": Unit(_DEGREE, _RATE),
-    "m": Unit(1.0, _LENGTH),
+    **{name: Unit(1.0, _LENGTH) for name in ("m", "meter", "meters")},
     **{
         f"{prefix}m": Unit(factor, _LENGTH)
         for prefix, factor in {"k": 1e3, "d": 0.1, "c": 1e-2, "m": 1e-3, "u": 1e-6, "µ": 1e-6}.items()
@@ -72,16 +81,16 @@ _KINDS = {
     "torque": ((2, 1, -2, 0), "N*m or lbf*ft"),
     "number": (_NONE, "1 or %"),
 }
-_PART = re.compile(r"([*/·]?)([^\s*/·^²³-]+|1)(?:\^?(-?\d)|([²³]))?")
+_PART = re.compile(r"([*/·]?)([^\s\d*/·^²³-]+|1)(?:\^?(-?\d)|([²³]))?")
 
 
 def parsed(text: str) -> Unit:
-    """Reads a unit, a product or quotient of names with powers: `deg/s`, `m/s^2`, `N*m`.
+    """Reads a unit, a product or quotient of names with powers: `deg/s`, `m/s^2`, `m/s2`, `N*m`.
 
     Raises:
         InputError: when a name is not known.
     """
-    plain = re.sub(r"\s*([*/·])\s*", r"\1", text.strip())
+    plain = re.sub(r"\s*([*/·])\s*", r"\1", text.strip().replace("\u03bc", "µ"))
     plain = re.sub(r"\s+|(?<=\w)-(?=[^\W\d])", "*", plain)  # m s^-1, N-m
     factor, dimension, place = 1.0, [0, 0, 0, 0], 0
     while place < len(plain):

@@ -41,7 +41,7 @@ _EPOCH_S = 1e8  # stamps beyond this count from a day in history, and are made t
 _FASTEST = 100.0  # rad/s, beyond which no gyro of a vehicle measures
 _SHARE = 0.01  # of the samples that must be impossible before the unit is
 _HOLE = 2.5  # intervals, in medians of them: a longer one is a hole in the data
-_FEWEST_INSTANTS = 4  # samples of an acceleration a row from which its integral can be told
+FEWEST_INSTANTS = 4  # samples of an acceleration a row from which its integral can be told
 _SLOWER = 1.5  # times the rates' interval, above which PX4 is taken to have left out commands
 _SPIKES = 2  # that there may be, however few samples
 _UNIT_NORM = 0.02  # by which a quaternion's length may differ from 1
@@ -250,7 +250,10 @@ class _Mapping:
     def _logged(self, topic: Topic, time: RecordTime) -> Array:
         """Times as they are logged, s."""
         if time.column is not None:
-            return topic.numbers(time.column) * factor(time.unit, "time")
+            whole = topic.times_s(time.column, factor(time.unit, "time"))
+            if time.fraction is None:
+                return whole
+            return whole + topic.numbers(time.fraction) * factor(time.fraction_unit, "time")
         if topic.stamps_s is not None:
             return topic.stamps_s
         if time.differences:  # without any stamp: the steps alone
@@ -483,7 +486,9 @@ class _Mapping:
         values = (logged * size - off) / (on - off)
         if part.threshold is not None:
             return np.where(np.isnan(values), np.nan, np.where(values >= part.threshold, 1.0, 0.0))
-        wrong = (values < -_TOLERANCE) | (values > 1.0 + _TOLERANCE)
+        least = 0.0 if off == 0.0 else -math.inf  # a level may be undershot, an amount is not negative
+        most = 1.0 + (JITTER if timed else 0.0)  # the interval of an on-time may be longer by so much
+        wrong = (values < least - _TOLERANCE) | (values > most + _TOLERANCE)
         if wrong.any():
             row, jet = np.argwhere(wrong)[0]
             meant = f"open for {on:g} s at the most" if timed else f"{off / size:g} closed and {on / size:g} open"
@@ -724,7 +729,7 @@ def _add_known(record: Mapped, time_s: Array, names: list[str], parts: list[Arra
     for what, held in (("force", record.known_force), ("torque", record.known_torque)):
         if held is not None:
             names += [name for name in WRENCH if name.startswith(f"known_{what}")]
-            parts.append(_over(held, time_s))
+            parts.append(mean_over(held, time_s))
 
 
 def _at_any_time(record: Mapped) -> MappedTable:
@@ -813,11 +818,11 @@ def _mean_acceleration(channel: Channel, time_s: Array, vehicle: Vehicle, notes:
     steps[0] = every
     steps = steps[:, None]
     if channel.gives == "instant":
-        if count < _FEWEST_INSTANTS:
+        if count < FEWEST_INSTANTS:
             raise InputError(
                 f"sensor '{channel.name}': an acceleration taken at an instant, {count or 'less than one'} times a "
                 f"sample period of {period_s:g} s, does not tell what the jets gave in between; log it "
-                f"{_FEWEST_INSTANTS} times a period at least, or log increments, or say `gives: mean` if it averages"
+                f"{FEWEST_INSTANTS} times a period at least, or log increments, or say `gives: mean` if it averages"
             )
         before = np.vstack([np.full((1, 3), np.nan), channel.values[:-1]])
         added = 0.5 * (before + channel.values) * steps
@@ -838,7 +843,7 @@ def _mean_acceleration(channel: Channel, time_s: Array, vehicle: Vehicle, notes:
     return mean
 
 
-def _over(held: Held, time_s: Array) -> Array:
+def mean_over(held: Held, time_s: Array) -> Array:
     """Mean over the interval that starts at each row, NaN where part of it is unknown, shape (n, m)."""
     count, width = time_s.size, held.values.shape[1]
     if not held.begin_s.size or count < 2:
@@ -869,7 +874,7 @@ def _over(held: Held, time_s: Array) -> Array:
 
 def _fractions(record: Mapped, time_s: Array) -> Array:
     """Share of the interval that starts at each row for which each jet was open, shape (n, n_jets)."""
-    shares = _over(record.commands, time_s)
+    shares = mean_over(record.commands, time_s)
     whole = np.round(shares)  # what is exact stays exact
     return np.where(np.abs(shares - whole) < _TOLERANCE, whole, shares)
 

@@ -2,69 +2,61 @@
 
 from __future__ import annotations
 
+import math
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from itertools import chain
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import chain, groupby
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from massprop_drake.errors import InputError
 from massprop_drake.inputs.record_map import RecordMap
-from massprop_drake.inputs.units import factor, parsed
+from massprop_drake.inputs.units import factor
 from massprop_drake.inputs.vehicle import Vehicle
-from massprop_drake.records import mapping
+from massprop_drake.records import evidence, mapping
+from massprop_drake.records.clocks import Clock, find_clock
+from massprop_drake.records.names import (
+    WORDS,
+    ColumnName,
+    JetColumns,
+    factor_or_none,
+    jet_families,
+    kind_of,
+    read_name,
+)
 from massprop_drake.records.recording import Recording, Topic
+from massprop_drake.telemetry.command_scales import CommandScale, possible_scales
 
 Array = NDArray[np.float64]
 
 ROWS = 4000  # of each topic that are looked at
 
-# what a name's last part says of the unit
-_UNITS = {
-    **dict.fromkeys(("s", "sec", "secs", "seconds"), "s"),
-    **{name: name for name in ("ms", "us", "ns", "mm", "cm", "m", "rad", "deg", "rpm", "g", "mg", "dps", "mrad")},
-    **dict.fromkeys(("msec", "millis"), "ms"),
-    **dict.fromkeys(("usec", "micros"), "us"),
-    **dict.fromkeys(("nsec", "nanos"), "ns"),
-    **dict.fromkeys(("radps", "rads", "radpers", "radsec"), "rad/s"),
-    **dict.fromkeys(("degps", "degs", "degpers", "degsec"), "deg/s"),
-    **dict.fromkeys(("mps", "mpers"), "m/s"),
-    "mmps": "mm/s",
-    **dict.fromkeys(("mps2", "mpss", "ms2", "mpers2"), "m/s^2"),
-    **dict.fromkeys(("pct", "percent"), "%"),
-    "fps": "ft/s",
-    "ft": "ft",
-}
-_QUOTIENTS = {  # two parts of a name that are a unit
-    (length, time): f"{length}/{'s^2' if time == 's2' else 's'}"
-    for length in ("m", "mm", "cm", "ft", "rad", "mrad", "deg")
-    for time in ("s", "s2")
-}
-_WORDS: Mapping[str, frozenset[str]] = {
-    "gyro": frozenset({"gyro", "gyr", "gyroscope", "omega", "w", "rate", "rates", "angvel", "angular", "pqr"}),
-    "accelerometer": frozenset({"acc", "accel", "a", "acceleration", "accelerometer", "sf"}),
-    "increment": frozenset({"dv", "deltav", "dvel"}),
-    "velocity": frozenset({"v", "vel", "velocity", "speed"}),
-    "position": frozenset({"p", "pos", "position", "r", "xyz", "translation"}),
-    "quaternion": frozenset({"q", "quat", "quaternion", "orientation", "attitude", "att", "rotation"}),
-}
-_TIME_WORDS = {"time", "t", "timestamp", "stamp", "clock", "tstamp", "utc", "epoch"}
-_ANGLE_WORDS = {"roll": 0, "pitch": 1, "yaw": 2, "heading": 2, "psi": 2, "hdg": 2}
-_JET_WORDS = {"jet", "jets", "thr", "thruster", "thrusters", "valve", "valves", "cmd", "command", "u", "nozzle", "rcs"}
-_MASK_WORDS = _JET_WORDS | {"mask", "bits", "bitmask", "fire", "firing", "on"}
-_ON_WORDS = {"on", "ton", "duration", "width", "pulse", "ontime"}
-_AXES = {**{axis: index for index, axis in enumerate("xyz")}, "p": 0, "q": 1, "r": 2}
-_QUATERNION = re.compile(r"(?:.*_)?(?:q|quat|quaternion|orientation)_?([wxyz0-3]?)")
 _UNIFORM = 1e-4  # of its median, by which steps of a clock that only counts may differ
-_CLEARLY = 0.2  # by which one correlation must exceed the other
-_LISTED = 12  # columns that are named at the most
-_FEWEST = 20  # samples in which jets fire, from which units and intervals are told
+_FEWEST = 20  # samples from which differences and repeated readings are told
+_OFF = 2.5  # factor by which the true rates may differ from those predicted with the nominal mass properties
+_DISFAVOR = 0.1  # of the log of a factor, by which a likelier scale may fit worse
+_MOSTLY_CLOSED = 0.5  # share of commands that are 1, above which 1 is taken for closed
+_AGAINST = -0.3  # correlation below which rates go against the jets
+_PULSES = (500.0, 2600.0)  # us, between which widths of pulses lie
+_CLOSED_PULSE = 950.0  # us, below which a width means disarmed
+_FOLDED = 4  # elements of an array that are listed as from the first to the last
 
 # of PX4: columns, and what they are
-_PX4_GYRO = ("vehicle_angular_velocity", "xyz")
-_PX4_INCREMENTS, _PX4_INSTANTS = ("vehicle_imu", "delta_velocity"), ("vehicle_acceleration", "xyz")
+_PX4_RATES = (
+    ("vehicle_angular_velocity", "xyz", "rates in body axes"),
+    ("sensor_combined", "gyro_rad", "rates in body axes, means over the sample"),
+)
+_PX4_ACCELERATIONS = (
+    ("vehicle_imu", "delta_velocity", "increment", "increments of velocity, which lose nothing between samples"),
+    ("sensor_combined", "accelerometer_m_s2", "mean", "accelerations, means over the sample"),
+    (
+        "vehicle_acceleration",
+        "xyz",
+        "instant",
+        "accelerations, filtered by IMU_ACCEL_CUTOFF; vehicle_imu with its delta_velocity would be better",
+    ),
+)
 _PX4_POSE = ("vehicle_visual_odometry", "vehicle_mocap_odometry")
 _PX4_COMMANDS = (("actuator_motors", "control"), ("actuator_outputs", "output"))
 
@@ -76,29 +68,13 @@ class Proposal(NamedTuple):
         data: of the map, as its file has it.
         reasons: a sentence each.
         lacking: what could not be found, a sentence each; the map is not whole then.
+        left_out: columns, and topics, of which nothing is made.
     """
 
     data: dict[str, Any]
     reasons: list[str]
     lacking: list[str]
-
-
-class _Name(NamedTuple):
-    """What the name of a column says.
-
-    Attributes:
-        column: the name.
-        words: of it, without unit and axis.
-        axis: 0 to 2, 3 of a quaternion's fourth; -1: none.
-        unit: as `inputs.units` has it; "": it says none.
-        indexed: whether the axis is a number.
-    """
-
-    column: str
-    words: tuple[str, ...]
-    axis: int
-    unit: str
-    indexed: bool = False
+    left_out: list[str]
 
 
 def propose(recording: Recording, vehicle: Vehicle) -> Proposal:
@@ -120,63 +96,11 @@ def propose(recording: Recording, vehicle: Vehicle) -> Proposal:
     if not work.data["sensors"]:
         work.lacking.append("no sensor was found: name its columns under `sensors`")
     if "commands" not in work.data:
-        work.lacking.append("no commands were found: name a column for each jet, a bit mask or a list under `commands`")
-    return Proposal(work.data, work.reasons, work.lacking)
-
-
-def read_name(column: str) -> _Name:
-    """Reads the name of a column: `gyro_x_dps`, `wx [deg/s]`, `q[0]`, `angularVelocity.z`."""
-    rest, unit = column, ""
-    bracket = re.search(r"\s*[\[(]([^\])]*)[\])]\s*$", rest)
-    if bracket and not bracket.group(1).isdigit():
-        unit, rest = _known_unit(bracket.group(1)), rest[: bracket.start()]
-    indexed = re.search(r"\[(\d+)\]", rest)
-    rest = re.sub(r"\[\d+\]", "", rest)
-    rest = re.sub(r"([a-z])([A-Z])", r"\1_\2", rest)
-    words = [word for word in re.split(r"[^A-Za-z0-9µ°]+", rest.lower()) if word]
-    if not unit and len(words) > 2 and (words[-2], words[-1]) in _QUOTIENTS:
-        unit = _QUOTIENTS[words[-2], words[-1]]
-        del words[-2:]
-    elif not unit and len(words) > 1 and words[-1] in _UNITS:
-        unit = _UNITS[words.pop()]
-    axis = -1
-    turn = _QUATERNION.fullmatch("_".join(words[-2:]) if len(words) > 1 else "".join(words))
-    if turn is not None and not (words == ["q"] and not indexed):
-        part = turn.group(1) or (indexed.group(1) if indexed else "")
-        if part:
-            return _Name(column, ("q",), "wxyz".index(part) if part in "wxyz" else int(part), unit, part.isdigit())
-    if words in (["p"], ["q"], ["r"]) and not indexed:
-        return _Name(column, ("pqr",), _AXES[words[0]], unit)
-    if indexed:
-        axis = int(indexed.group(1)) if int(indexed.group(1)) < 4 else -1
-    elif words:
-        last = words[-1]
-        if last in _AXES or last in ("0", "1", "2"):
-            axis = _AXES[last] if last in _AXES else int(last)
-            words.pop()
-        elif len(last) > 1 and last[-1] in "xyz" and last[:-1] in set().union(*_WORDS.values()) | {"g"}:
-            axis = _AXES[last[-1]]
-            words[-1] = {"g": "gyro"}.get(last[:-1], last[:-1])
-    return _Name(column, tuple(words), axis, unit, indexed is not None)
-
-
-def _known_unit(text: str) -> str:
-    try:
-        parsed(text)
-    except InputError:
-        return ""
-    return text
-
-
-def _kind(name: _Name) -> str:
-    """What a column measures, by its words; "": not known."""
-    said = set(name.words)
-    if "angular" in said and "acceleration" in said:
-        return ""
-    for kind in ("increment", "gyro", "accelerometer", "quaternion", "velocity", "position"):
-        if said & _WORDS[kind]:
-            return kind
-    return "" if name.words else "position"
+        work.lacking.append(
+            "no commands were found: name a column for each jet, a bit mask or a list under `commands`"
+            + work.partial_commands
+        )
+    return Proposal(work.data, work.reasons, work.lacking, work.left_out)
 
 
 class _Search:
@@ -194,21 +118,30 @@ class _Search:
             "pose": [one.name for one in vehicle.poses],
             "velocity": [one.name for one in vehicle.velocities],
         }
-        self._called = {kind: {one.lower() for one in self._free[kind]} for kind in ("gyro", "accelerometer")}
+        self._called = {kind: {_plainly(one) for one in self._free[kind]} for kind in ("gyro", "accelerometer")}
+        self._scales: list[dict[str, Any]] = []  # of the commands, as a map has them, the likelier first
+        self._guessed: dict[str, str] = {}  # sensors whose unit no name tells, and that of a velocity of theirs
+        self.partial_commands = ""  # what is lacking of commands that were nearly found
+        self.left_out: list[str] = []
+        self._clocks: dict[str, Clock | None] = {}
 
     def _say(self, reason: str) -> None:
         self.reasons.append(reason)
 
-    def _kind(self, name: _Name) -> str:
+    def _kind(self, name: ColumnName) -> str:
         """What a column measures, by its words or as a package of the vehicle is called; "": not known."""
-        called = "_".join(name.words)
-        return next((kind for kind, names in self._called.items() if called in names), _kind(name))
+        called = _plainly("".join(name.words))
+        return next((kind for kind, names in self._called.items() if called in names), kind_of(name))
+
+    def _is_own(self, kind: str, words: Sequence[str]) -> bool:
+        """Whether words name a package of the vehicle."""
+        return bool({*map(_plainly, words), _plainly("".join(words))} & self._called[kind])
 
     def _package(self, kind: str, words: Sequence[str] = ()) -> str:
         """A package of the vehicle that is not taken yet, one that is so called first; "": none is left."""
         free = self._free[kind]
-        said = {*words, "_".join(words)}
-        name = next((one for one in free if one.lower() in said), free[0] if free else "")
+        said = {*map(_plainly, words), _plainly("".join(words))}
+        name = next((one for one in free if _plainly(one) in said), free[0] if free else "")
         if name:
             free.remove(name)
         return name
@@ -227,15 +160,21 @@ class _Search:
         return name
 
     def tell_what_is_left(self) -> None:
-        """Says which packages of the vehicle have no columns, and which columns of a table nothing is made of."""
+        """Says which packages of the vehicle have no columns, and names every column of which nothing is made."""
         missing = [name for free in self._free.values() for name in free]
         if missing:
             self._say(f"no columns were found for {', '.join(missing)}: name them under `sensors` if they were logged")
-        if "" in self.recording.topics:
-            used = set(_texts(self.data))
-            left = [name for name in self.recording.topics[""].columns if name not in used]
-            if left:
-                self._say(f"not used: {', '.join(left[:_LISTED])}{', ...' if len(left) > _LISTED else ''}")
+        used = _used(self.data)
+        for name, topic in self.recording.topics.items():
+            left = _folded([column for column in topic.columns if column not in used.get(name, ())])
+            if name in used or not name:
+                self.left_out += left
+                if left:
+                    self._say(f"not used{f' of {name}' if name else ''}: {', '.join(left)}")
+        topics = [name for name in self.recording.topics if name and name not in used]
+        if topics:
+            self.left_out += topics
+            self._say(f"topics not used: {', '.join(topics)}")
 
     # ---------------------------------------------------------------------------------- tables
 
@@ -247,36 +186,48 @@ class _Search:
             self._say(f"csv: {', '.join(f'{key} {value!r}' for key, value in form.items())}, as its first lines show")
         topics = self.recording.topics
         read = {
-            name: [read_name(column) for column, values in topic.columns.items() if _has_numbers(values)]
+            name: [read_name(column, topic.units.get(column, "")) for column in topic.columns]
             for name, topic in topics.items()
         }
-        kinds = {name: {self._kind(one) for one in names if one.axis >= 0} - {""} for name, names in read.items()}
+        numeric = {
+            name: [one for one in names if _has_numbers(topics[name].columns[one.column])]
+            for name, names in read.items()
+        }
+        kinds = {name: {self._kind(one) for one in names if one.axis >= 0} - {""} for name, names in numeric.items()}
         ordered = sorted(topics, key=lambda name: ("gyro" not in kinds[name], -len(kinds[name])))
         for name in ordered:
             if kinds[name] or len(topics) == 1:
                 self._enter(name, read[name])
-                self._sensors(topics[name], read[name])
+                self._sensors(topics[name], numeric[name])
         for name in sorted(topics, key=lambda name: -len(self._jet_columns(topics[name]))):
             self._enter(name, read[name], quietly=True)
             if self._commands(topics[name]):
                 self._put_in_its_topic(self.data["commands"])
                 break
-        if "time" not in self.data:
+        if "time" not in self.data and not any(clock is not None for clock in self._clocks.values()):
             self.lacking.insert(0, "no column of time was found: name it, `time: {column: ...}`")
 
-    def _enter(self, name: str, names: Sequence[_Name], *, quietly: bool = False) -> None:
+    def _enter(self, name: str, names: Sequence[ColumnName], *, quietly: bool = False) -> None:
         """Goes on in a topic: the first one, and its time, are those of the map."""
-        found = self._time(self.recording.topics[name], names)
-        self._here = name, None if found is None else found[0]
+        found = self._clock(name, names)
+        self._here = name, found.data if found is not None and found.data else None
         if "time" not in self.data and "topic" not in self.data:
             if name:
                 self.data["topic"] = name
                 self._say(f"topic {name}: it has rates, or most of the sensors")
-            if found is not None:
-                self.data["time"] = found[0]
-                self._say(found[1])
+            if found is not None and found.data:
+                self.data["time"] = found.data
+                self._say(found.reason)
+            if found is not None and found.coarse:
+                (self._say if found.data else self.lacking.append)(found.coarse)
         elif found is not None and not quietly and self._here[1] != self.data.get("time"):
-            self._say(f"{name}: {found[1]}")
+            self._say(f"{name}: {found.reason}")
+
+    def _clock(self, name: str, names: Sequence[ColumnName]) -> Clock | None:
+        """The clock of a topic, looked for once."""
+        if name not in self._clocks:
+            self._clocks[name] = find_clock(self.recording.topics[name], names, self.vehicle.sample_period_s)
+        return self._clocks[name]
 
     def _put_in_its_topic(self, entry: dict[str, Any]) -> None:
         """Names topic and time of what does not lie where the map begins."""
@@ -286,46 +237,29 @@ class _Search:
             if time is not None and time != self.data.get("time"):
                 entry["time"] = time
 
-    def _time(self, topic: Topic, names: Sequence[_Name]) -> tuple[dict[str, Any], str] | None:
-        """A column of time, as a map has it, and why it is one."""
+    def _sensors(self, topic: Topic, names: Sequence[ColumnName]) -> None:
+        groups: dict[tuple[tuple[str, ...], str], dict[int, ColumnName]] = {}
+        angles: dict[int, ColumnName] = {}
         for name in names:
-            if not set(name.words) & _TIME_WORDS or name.axis >= 0:
-                continue
-            values = topic.numbers(name.column)
-            steps = np.diff(values[np.isfinite(values)])
-            if steps.size and (steps > 0.0).mean() > 0.99:
-                break
-        else:
-            return None
-        unit, step, period_s = name.unit, float(np.median(steps)), self.vehicle.sample_period_s
-        why = "as its name says"
-        if not unit or factor_or_none(unit, "time") is None:
-            unit = min(("s", "ms", "us", "ns"), key=lambda one: abs(np.log(step * factor(one, "time") / period_s)))
-            why = f"since its steps of {step:.6g} are nearest to the sample period of {period_s:g} s so"
-        said = f"time: column {name.column}, which rises from row to row, in {unit} {why}"
-        return {"column": name.column, "unit": unit}, said
-
-    def _sensors(self, topic: Topic, names: Sequence[_Name]) -> None:
-        groups: dict[tuple[tuple[str, ...], str], dict[int, _Name]] = {}
-        angles: dict[int, _Name] = {}
-        for name in names:
-            turn = next((_ANGLE_WORDS[word] for word in name.words if word in _ANGLE_WORDS), -1)
-            if turn >= 0 and not set(name.words) & _WORDS["gyro"]:
-                angles.setdefault(turn, name)
-            elif turn >= 0:
-                groups.setdefault((("rate",), name.unit), {})[turn] = name
+            if name.turning >= 0 and not set(name.words) & WORDS["gyro"]:
+                angles.setdefault(name.turning, name)
+            elif name.turning >= 0:
+                groups.setdefault((("rate",), name.unit), {})[name.turning] = name
             elif name.axis >= 0 and self._kind(name):
-                groups.setdefault((name.words, name.unit), {})[name.axis] = name
-        found: dict[str, list[dict[int, _Name]]] = {}
-        for members in groups.values():
-            found.setdefault(self._kind(members[min(members)]), []).append(members)
+                groups.setdefault((name.words, name.unit), {}).setdefault(name.axis, name)
+        found: dict[str, list[dict[int, ColumnName]]] = {}
+        for members in map(_from_zero, groups.values()):
+            if set(members) <= set(range(4 if self._kind(members[min(members)]) == "quaternion" else 3)):
+                found.setdefault(self._kind(members[min(members)]), []).append(members)
+        for kind, several in found.items():
+            several.sort(key=lambda one, kind=kind: self._order(kind, one))  # type: ignore[misc]
         position = next(iter(found.get("position", [])), {})
         pairs = self._differences(topic, position, angles, found)
         for members in found.get("gyro", []):
             self._add_gyro(topic, members)
-        for kind in ("accelerometer", "increment"):
-            for members in found.get(kind, []):
-                self._add_accelerometer(topic, members, kind == "increment")
+        both = [(members, kind) for kind in ("increment", "accelerometer") for members in found.get(kind, [])]
+        for members, kind in sorted(both, key=lambda one: self._order("accelerometer", one[0])):
+            self._add_accelerometer(topic, members, kind == "increment")
         for members in found.get("velocity", []):
             unit = self._unit(members, "velocity", "m/s")
             package = self._tracker("velocity", "velocity", f"{_listed(members)}, velocities by their names")
@@ -337,22 +271,28 @@ class _Search:
         if pairs:
             self._use_differences(topic, pairs)
 
+    def _order(self, kind: str, members: Mapping[int, ColumnName]) -> tuple[bool, bool, bool]:
+        """Order among groups of columns: those called as a package first, whole ones, readings before estimates."""
+        words = members[min(members)].words
+        own = kind in self._called and self._is_own(kind, words)
+        return not own, len(members) < 3, bool(set(words) & {"true", "truth", "est", "estimated", "filtered"})
+
     def _add(self, name: str, entry: dict[str, Any]) -> None:
         """Adds a sensor, the first of its name."""
         if name not in self.data["sensors"]:
             self._put_in_its_topic(entry)
             self.data["sensors"][name] = entry
 
-    def _unit(self, members: Mapping[int, _Name], kind: str, otherwise: str) -> str:
+    def _unit(self, members: Mapping[int, ColumnName], kind: str, otherwise: str) -> str:
         unit = members[min(members)].unit
         return unit if unit and factor_or_none(unit, kind) is not None else otherwise
 
     def _differences(
         self,
         topic: Topic,
-        position: Mapping[int, _Name],
-        angles: Mapping[int, _Name],
-        found: dict[str, list[dict[int, _Name]]],
+        position: Mapping[int, ColumnName],
+        angles: Mapping[int, ColumnName],
+        found: dict[str, list[dict[int, ColumnName]]],
     ) -> list[tuple[dict[str, str], Array]]:
         """Pairs of a value and its backward difference; groups of such rates are no sensors, and are taken out."""
         pairs: list[tuple[dict[str, str], Array]] = []
@@ -407,13 +347,14 @@ class _Search:
             )
         time["differences"] = [pair for pair, _ in pairs]
 
-    def _add_gyro(self, topic: Topic, members: Mapping[int, _Name]) -> None:
+    def _add_gyro(self, topic: Topic, members: Mapping[int, ColumnName]) -> None:
         package = self._package("gyro", members[min(members)].words)
         if not package:
             self._say(f"{_listed(members)}: rates, but the vehicle has no further gyro")
             return
         unit, why = self._unit(members, "rate", ""), "by their names"
         if not unit:
+            self._guessed[package] = ""
             sizes = np.concatenate([np.abs(topic.numbers(one.column)) for one in members.values()])
             limit = min(100.0, np.pi / self.vehicle.sample_period_s)
             unit = "deg/s" if float(np.nanpercentile(sizes, 99.0)) > limit else "rad/s"
@@ -428,21 +369,26 @@ class _Search:
         self._add(package, entry)
         self._say(f"{package}: rates {_listed(members)} in {unit}, {why}")
 
-    def _add_accelerometer(self, topic: Topic, members: Mapping[int, _Name], increments: bool) -> None:
+    def _add_accelerometer(self, topic: Topic, members: Mapping[int, ColumnName], increments: bool) -> None:
         first = members[min(members)]
         package = self._package("accelerometer", first.words)
         if not package:
             self._say(f"{_listed(members)}: accelerations, but the vehicle has no further accelerometer")
             return
+        own = f"{self.vehicle.unit_names['length']}/s" if self._is_own("accelerometer", first.words) else "m/s"
         if increments:
             gives, unit, why = (
                 "increment",
                 self._unit(members, "velocity", "m/s"),
                 "increments of velocity by their names",
             )
-        elif factor_or_none(first.unit, "velocity") is not None or "_".join(first.words) == package.lower():
-            own = f"{self.vehicle.unit_names['length']}/s" if "_".join(first.words) == package.lower() else "m/s"
+        elif factor_or_none(first.unit, "velocity") is not None or (
+            _plainly("".join(first.words)) in self._called["accelerometer"]
+            and factor_or_none(first.unit, "acceleration") is None
+        ):
             gives, unit, why = "integral", self._unit(members, "velocity", own), "as the vehicle's own, integrating"
+            if factor_or_none(first.unit, "velocity") is None:
+                self._guessed[package] = own
         else:
             sizes = np.sqrt(sum(np.nan_to_num(topic.numbers(one.column)) ** 2 for one in members.values()))
             like_g = 0.9 < float(np.median(sizes)) < 1.1
@@ -453,18 +399,22 @@ class _Search:
             )
             if abs(float(np.median(sizes)) * factor(unit, "acceleration") / 9.80665 - 1.0) < 0.1:
                 why += "; they hold the reaction to the weight: give what they show at rest as `zero`"
+            if factor_or_none(first.unit, "acceleration") is None:
+                self._guessed[package] = own
         entry = {"kind": "accelerometer", "columns": _columns(members), "unit": unit, "gives": gives}
         self._add(package, entry)
         self._say(f"{package}: {_listed(members)} in {unit}, {why}")
 
     def _add_pose(
-        self, position: Mapping[int, _Name], angles: Mapping[int, _Name], quaternion: Mapping[int, _Name]
+        self, position: Mapping[int, ColumnName], angles: Mapping[int, ColumnName], quaternion: Mapping[int, ColumnName]
     ) -> None:
         entry: dict[str, Any] = {}
         if quaternion:
-            entry = {"quaternion": [quaternion[one].column for one in range(4)], "order": "wxyz"}
+            last = quaternion[0].indexed and quaternion[0].axis == 1  # counted from 1
+            entry = {"quaternion": [quaternion[one].column for one in range(4)], "order": "xyzw" if last else "wxyz"}
             why = f"quaternion {_listed(quaternion)}"
-            why += ", taken for scalar first, body to world" if quaternion[0].indexed else ", body to world"
+            guess = f", taken for scalar {'last' if last else 'first'}, body to world"
+            why += guess if quaternion[0].indexed else ", body to world"
         elif set(angles) == {2}:
             entry, why = {"heading": angles[2].column}, f"heading {angles[2].column} alone: a planar vehicle"
         elif angles:
@@ -476,6 +426,9 @@ class _Search:
         if not position and not entry:
             return
         kind = "pose" if position else "attitude"
+        if not position and not self._free["pose"]:
+            self._say(f"{why}: the vehicle has no sensor of attitude that is not taken")
+            return
         name = self._tracker("pose", kind, f"{_listed(position)}, positions" if position else why)
         if not name:
             return
@@ -490,25 +443,23 @@ class _Search:
 
     # -------------------------------------------------------------------------------- commands
 
+    def _families(self, topic: Topic) -> list[JetColumns]:
+        """Columns of one kind for the jets, the likelier to be commands first."""
+        numeric = [column for column, values in topic.columns.items() if values.dtype != object]
+        return jet_families(numeric, [(jet.designation, jet.number) for jet in self.vehicle.jets])
+
     def _jet_columns(self, topic: Topic) -> dict[str, str]:
         """A column for each jet, by designation; empty where not all are found."""
-        jets = self.vehicle.jets
-        numeric = [column for column, values in topic.columns.items() if values.dtype != object]
-        for without in (set[str](), _ON_WORDS | set(_UNITS)):
-            plain = {_plain(column, without): column for column in numeric}
-            for names in ([jet.designation for jet in jets], [str(jet.number) for jet in jets]):
-                keys = [_plain(name) for name in names]
-                if all(key in plain for key in keys):
-                    return {jet.designation: plain[key] for jet, key in zip(jets, keys, strict=True)}
-        stems: dict[str, dict[int, str]] = {}
-        for column in topic.columns:
-            match = re.fullmatch(r"(.*?)[\[_.]?(\d+)\]?", column)
-            if match and set(read_name(match.group(1)).words) & _JET_WORDS:
-                stems.setdefault(match.group(1), {})[int(match.group(2))] = column
-        for numbered in stems.values():
-            for first in (0, 1):
-                if set(numbered) == set(range(first, first + len(jets))):
-                    return {jet.designation: numbered[first + index] for index, jet in enumerate(jets)}
+        for family in self._families(topic):
+            columns = list(family.columns.values())
+            if family.lacking or (not family.named and not self._scaled(topic, columns)):
+                continue
+            if any(_varies(topic.numbers(column)) for column in family.beside):
+                self.partial_commands = (
+                    f"; {', '.join([*columns, *family.beside])} are more than the vehicle's {len(columns)} jets"
+                )
+                continue
+            return family.columns
         return {}
 
     def _commands(self, topic: Topic) -> bool:
@@ -519,6 +470,13 @@ class _Search:
             self._say(f"commands: a column for each of the {len(columns)} jets, by their names")
             self._scale(topic, columns)
             return True
+        families = self._families(topic)
+        part = next((one for one in families if one.named and 2 * len(one.columns) > len(self.vehicle.jets)), None)
+        if part is not None and part.lacking:
+            self.partial_commands = (
+                f"; {', '.join(part.columns.values())} look like them, but there is none for jet "
+                f"{', '.join(part.lacking)}"
+            )
         for column, values in topic.columns.items():
             if values.dtype == object:
                 texts = {word.lower() for text in topic.texts(column) for word in mapping.words(text)}
@@ -526,8 +484,9 @@ class _Search:
                     self.data["commands"] = {"listed": {"column": column}}
                     self._say(f"commands: column {column} lists designations of jets, such as {sorted(texts)[0]}")
                     return True
+        counted = {column for one in families for column in (*one.columns.values(), *one.beside)}
         for column, values in topic.columns.items():
-            if values.dtype == object or not set(read_name(column).words) & _MASK_WORDS:
+            if values.dtype == object or column in counted or not read_name(column).may_be_mask:
                 continue
             numbers = topic.numbers(column)
             numbers = numbers[np.isfinite(numbers)]
@@ -542,110 +501,189 @@ class _Search:
                 return True
         return False
 
+    def _scaled(self, topic: Topic, columns: Sequence[str]) -> bool:
+        """Whether columns that are only counted hold what commands hold: widths of pulses."""
+        values = np.concatenate([topic.numbers(column) for column in columns])
+        return bool(np.nanmin(values) > _PULSES[0] and np.nanmax(values) < _PULSES[1] and _varies(values))
+
     def _scale(self, topic: Topic, columns: Mapping[str, str]) -> None:
-        """What the numbers of the jets' columns mean."""
+        """Finds the scales that the numbers of the jets' columns may have, and takes the likeliest."""
         values = np.concatenate([topic.numbers(column) for column in columns.values()])
         values = values[np.isfinite(values)]
-        if not values.size:
+        name = read_name(next(iter(columns.values())), topic.units.get(next(iter(columns.values())), ""))
+        if not values.size or (np.isin(values, (0.0, 1.0)).all() and factor_or_none(name.unit, "time") is None):
+            if values.size and _MOSTLY_CLOSED < values.mean() < 1.0 and "missing" not in self.data["commands"]:
+                self.data["commands"] |= {"off": 1.0, "on": 0.0}
+                self._say(f"commands: 1 closed and 0 open, since {100.0 * values.mean():.0f} % of them are 1: a guess")
             return
-        block, names = self.data["commands"], [read_name(column) for column in columns.values()]
-        most, unit, said = float(values.max()), names[0].unit, set(names[0].words)
-        if unit and factor_or_none(unit, "time") is not None:
-            block["unit"] = unit
-            self._say(f"commands: on-times in {unit}, as their names say; the sample period is open all the time")
-        elif values.min() > 500.0 and most < 2500.0:
-            block |= {"off": 1000.0, "on": 2000.0}
-            self._say("commands: they lie between 500 and 2500, like pulse widths of 1000 to 2000 us: a guess")
-        elif unit == "%" or (1.0 + 1e-9 < most <= 100.0 and values.min() >= 0.0):
-            timed = said & _ON_WORDS and unit != "%"
-            block |= {"unit": "ms"} if timed else {"on": 100.0}
-            self._say(f"commands: they reach {most:g}: {'on-times in ms, a guess' if timed else 'percent'}")
-        elif not np.isin(values, (0.0, 1.0)).all() and most < 1.05 * self.vehicle.sample_period_s and said & _ON_WORDS:
-            block["unit"] = "s"
-            self._say(f"commands: on-times in s, since they reach {most:g}, within the sample period")
+        if values.min() > _PULSES[0] and values.max() < _PULSES[1]:
+            off, on = _pulse_widths(values)
+            self.data["commands"] |= {"off": off, "on": on}
+            self._say(
+                f"commands: they lie between {values.min():g} and {values.max():g}, like widths of pulses in us, "
+                f"{off:g} closed and {on:g} open: a guess"
+            )
+            return
+        scales = possible_scales(values, self.vehicle.sample_period_s)
+        told = [one for one in scales if name.unit and _is_unit_of(name.unit, one)]
+        if not told and name.is_on_time:
+            told = [one for one in scales if one.is_timed]
+        if not scales and values.any():
+            self.lacking.append(
+                f"commands, {', '.join(columns.values())}, go from {values.min():g} to {values.max():g}, which is "
+                "neither a share, percent, an on-time within the sample period nor the width of a pulse: give "
+                "commands.unit, off, on"
+            )
+        self._scales = [_as_data(one) for one in told or scales]
+        if self._scales:
+            best = (told or scales)[0]
+            self.data["commands"] |= self._scales[0]
+            why = "as their names say" if told else f"since they reach {values.max():g}"
+            self._say(f"commands: {best.words}, {why}")
+
+    # ---------------------------------------------------------------------- evidence of the jets
 
     def look_at_the_jets(self) -> None:
-        """Tells from what the gyro shows of the jets whether rows hold commands to come, and which unit it has."""
+        """Tells from what sensors show of the jets when commands act, their scale, and what readings are."""
         if "commands" not in self.data or not self.data["sensors"]:
             return
-        self.data["commands"].setdefault("acts", "from_row")
-        gyro = next((name for name, one in self.data["sensors"].items() if one["kind"] == "gyro"), None)
-        by = None if gyro is None else _understood(self.recording, self.data, self.vehicle)
-        if gyro is None or by is None or self.recording.kind not in ("table", "mat"):
-            self._say("commands.acts: from_row, since nothing here tells: a row's command acts from the row on")
-        else:
-            self._follow(by, gyro)
-            self._tell_sums(by)
-
-    def _tell_sums(self, by: mapping.Mapped) -> None:
-        """Tells by the jets whether increments of velocity, as names have it, are sums of them."""
-        held, vehicle = np.nan_to_num(by.commands.values), self.vehicle
-        pushes = vehicle.wrenches[:, 3:] / vehicle.nominal.mass * vehicle.sample_period_s
-        meant = (held[1:] if self.data["commands"]["acts"] == "until_row" else held[:-1]) @ pushes
-        for name, entry in self.data["sensors"].items():
-            if entry.get("gives") != "increment" or len(by.channels[name].values) != len(held):
-                continue
-            values = by.channels[name].values
-            gained, summed = _correlation(meant, values[1:]), _correlation(meant, np.diff(values, axis=0))
-            if summed > gained + _CLEARLY:
-                entry["gives"] = "integral"
-                self._say(
-                    f"{name}: sums of increments, since their differences follow the commands with a correlation of "
-                    f"{summed:.2f}, they themselves with {gained:.2f}"
-                )
-
-    def _follow(self, by: mapping.Mapped, gyro: str) -> None:
-        """Compares what a gyro shows with what the jets should make it show."""
-        rates, held = by.channels[gyro].values, by.commands.values
-        vehicle = self.vehicle
-        if len(held) != len(rates):
+        commands, usual = self.data["commands"], "a row's command acts from the row on"
+        commands["acts"] = "from_row"
+        inertial = [name for name, one in self.data["sensors"].items() if one["kind"] in ("gyro", "accelerometer")]
+        by = {acts: self._understood(acts) for acts in ("from_row", "until_row")}
+        before, after = by["until_row"], by["from_row"]
+        gyro = next((name for name in inertial if self.data["sensors"][name]["kind"] == "gyro"), "")
+        if not gyro or before is None or after is None:
+            self._say(f"commands.acts: from_row, since nothing here tells: {usual}")
             return
-        arms = vehicle.wrenches[:, :3] - np.cross(vehicle.nominal.center_of_mass, vehicle.wrenches[:, 3:])
-        turning = arms @ np.linalg.inv(vehicle.nominal.inertia).T * vehicle.sample_period_s
-        change = np.diff(rates, axis=0)
-        told = [np.nan_to_num(held) @ turning for held in (held[:-1], held[1:])]
-        alike = [_correlation(meant, change) for meant in told]
-        if any(np.isnan(alike)):
+        alike = [evidence.followed(one, gyro) for one in (after, before)]
+        if any(math.isnan(one.correlation) for one in alike):
             self._say("commands.acts: from_row, since too few jets fire to tell")
-            return
-        later = alike[1] > alike[0] + _CLEARLY
-        self.data["commands"]["acts"] = "until_row" if later else "from_row"
-        self._say(
-            f"commands.acts: {self.data['commands']['acts']}, since the rates follow a row's command with a "
-            f"correlation of {alike[0]:.2f} in the interval after the row and {alike[1]:.2f} in the one before"
-        )
-        meant = told[later]
-        both = np.isfinite(change)
-        slope = float((meant[both] * change[both]).sum() / (meant[both] ** 2).sum())
-        wrong = "deg/s" if 57.3 / 2.5 < slope < 57.3 * 2.5 and self.data["sensors"][gyro]["unit"] == "rad/s" else ""
-        if wrong:
-            self.data["sensors"][gyro]["unit"] = wrong
+            shown = after
+        else:
+            later = alike[1].explained > alike[0].explained + evidence.ODDS
+            commands["acts"] = "until_row" if later else "from_row"
+            shown = before if later else after
             self._say(
-                f"{gyro}: {wrong}, since as rad/s it would turn {slope:.3g} times as much as the jets can make it"
+                f"commands.acts: {commands['acts']}, since the rates follow a row's command with a correlation of "
+                f"{alike[0].correlation:.2f} in the interval after the row and {alike[1].correlation:.2f} in the one "
+                "before"
             )
-        return
+            if max(one.explained for one in alike) <= evidence.ODDS and alike[later].correlation < _AGAINST:
+                self._say(
+                    f"{gyro}: the rates go against what the jets should do: look at its axes, signs and `off`, `on`"
+                )
+            self._tell_scale(gyro, alike[later])
+        for name in inertial:
+            if self.data["sensors"][name]["kind"] == "accelerometer":
+                self._tell_sums(name, shown)
+
+    def _understood(self, acts: str) -> mapping.Mapped | None:
+        """The record as the map has it so far; None where the map cannot be applied."""
+        try:
+            by = RecordMap.model_validate({**self.data, "commands": {**self.data["commands"], "acts": acts}})
+            return mapping.mapped(self.recording, by, self.vehicle)
+        except ValueError:  # said when the map is shown
+            return None
+
+    def _tell_scale(self, gyro: str, shown: evidence.Followed) -> None:
+        """Chooses the scale of commands, and the unit of rates that no name tells, by how the jets turn the vehicle.
+
+        Both are chosen at once; the likelier scale by what commands reach may fit a little worse.
+        """
+        if not shown.explained > evidence.ODDS or not shown.slope > 0.0:
+            return
+        entry = self.data["sensors"][gyro]
+        period_s = self.vehicle.sample_period_s
+        full = [_full(one, period_s) for one in self._scales] or [1.0]
+        units = ["rad/s", "deg/s"] if gyro in self._guessed else [entry["unit"]]
+
+        def misfit(scale: int, unit: str) -> float:
+            times = full[scale] / full[0] * factor(unit, "rate") / factor(entry["unit"], "rate")
+            return abs(math.log(shown.slope * times))
+
+        scale, unit = min(
+            ((index, unit) for index in range(len(full)) for unit in units),
+            key=lambda one: misfit(*one) + _DISFAVOR * (one[0] + (one[1] != entry["unit"])),
+        )
+        if misfit(scale, unit) > math.log(_OFF):
+            self._say(
+                f"{gyro}: the rates change {shown.slope:.3g} times as much as the jets should make them, as units and "
+                "commands are taken: look there first"
+            )
+        if unit != entry["unit"]:
+            self._say(
+                f"{gyro}: {unit}, since as {entry['unit']} it would turn {shown.slope:.3g} times as much as the jets "
+                "can make it"
+            )
+            entry["unit"] = unit
+        if scale:
+            for key in ("unit", "on"):
+                self.data["commands"].pop(key, None)
+            self.data["commands"] |= self._scales[scale]
+            said = ", ".join(f"{key} {value}" for key, value in self._scales[scale].items()) or "fractions"
+            self._say(
+                f"commands: {said}, since else the rates would change {shown.slope:.3g} times as much as the jets can "
+                "make them"
+            )
+
+    def _tell_sums(self, name: str, by: mapping.Mapped) -> None:
+        """Tells sums of velocity, increments and accelerations apart, by what the jets do to them."""
+        entry = self.data["sensors"][name]
+        if entry["gives"] in ("mean", "instant") and name not in self._guessed:
+            return  # their unit is that of an acceleration
+        sums, values = (evidence.followed(by, name, gives=gives) for gives in ("integral", "increment"))
+        if sums.explained > values.explained + evidence.ODDS:
+            gives, followed = "integral", "differences"
+        elif values.explained > sums.explained + evidence.ODDS:
+            gives, followed = self._of_values(name, by, values), "values"
+        elif (
+            entry["gives"] == "increment"
+            and not values.explained > evidence.ODDS
+            and evidence.keeps_its_level(by, name)
+        ):
+            entry["gives"] = "integral"
+            self._say(f"{name}: sums of increments, since they keep their level while no jet fires")
+            return
+        else:
+            return
+        if gives == entry["gives"]:
+            return
+        entry["gives"] = gives
+        if name in self._guessed:
+            entry["unit"] = f"{self._guessed[name]}^2" if gives == "mean" else self._guessed[name]
+        called = {"integral": "sums of increments", "increment": "increments of velocity", "mean": "accelerations"}
+        self._say(
+            f"{name}: {called[gives]}, since their {followed} follow the commands with a correlation of "
+            f"{max(sums.correlation, values.correlation):.2f}, their "
+            f"{'values' if followed == 'differences' else 'differences'} with "
+            f"{min(sums.correlation, values.correlation):.2f}"
+        )
+
+    def _of_values(self, name: str, by: mapping.Mapped, values: evidence.Followed) -> str:
+        """Increments or accelerations, where it is not the sums that follow the jets: by how much they change."""
+        usual = "mean" if self.data["sensors"][name]["gives"] == "mean" else "increment"
+        if name not in self._guessed:
+            return usual
+        misfit = {"increment": abs(math.log(values.slope))}
+        misfit["mean"] = abs(math.log(evidence.followed(by, name, gives="mean").slope))
+        misfit[usual] -= _DISFAVOR
+        return min(misfit, key=lambda gives: misfit[gives])
 
     # ------------------------------------------------------------------------------------- PX4
 
     def in_px4(self) -> None:
         """Takes the topics that PX4 logs, in its frame: forward, right, down."""
         topics = {_base(name): name for name in reversed(list(self.recording.topics))}
-        self._px4_vector(topics, _PX4_GYRO, "gyro", {"unit": "rad/s"}, "rates in body axes, rad/s")
-        done = self._px4_vector(
-            topics,
-            _PX4_INCREMENTS,
-            "accelerometer",
-            {"unit": "m/s", "gives": "increment"},
-            "increments of velocity, which lose nothing between samples",
-        )
-        if not done:
-            self._px4_vector(
-                topics,
-                _PX4_INSTANTS,
-                "accelerometer",
-                {"unit": "m/s^2", "gives": "instant"},
-                "accelerations, filtered by IMU_ACCEL_CUTOFF; vehicle_imu with its delta_velocity would be better",
-            )
+        for base, column, what in _PX4_RATES:
+            if self._px4_vector(topics, (base, column), "gyro", {"unit": "rad/s"}, what):
+                break
+        for base, column, gives, what in _PX4_ACCELERATIONS:
+            taken = self._gives(topics[base]) if base in topics and gives == "instant" else gives
+            more = {"unit": "m/s" if taken == "increment" else "m/s^2", "gives": taken}
+            guess = "; one a sample is taken for the mean over it: a guess" if taken != gives else ""
+            if self._px4_vector(topics, (base, column), "accelerometer", more, what + guess):
+                break
         for base in _PX4_POSE:
             if base in topics and {"position[0]", "q[0]"} <= set(self.recording.topics[topics[base]].columns):
                 name = self._tracker("pose", "mocap", f"{topics[base]}, poses")
@@ -669,13 +707,9 @@ class _Search:
                 block: dict[str, Any] = {"topic": topics[base]}
                 block["columns"] = {jet: f"{column}[{index}]" for index, jet in enumerate(self.vehicle.designations)}
                 block["missing"] = "off"
-                if column == "output":
-                    block |= {"off": 1000.0, "on": 2000.0}
                 self.data["commands"] = block
-                self._say(
-                    f"commands: {topics[base]}, {column}[0] the vehicle's first jet and so on; NaN is disarmed"
-                    + ("; 1000 to 2000 taken for closed to open" if column == "output" else "")
-                )
+                self._say(f"commands: {topics[base]}, {column}[0] the vehicle's first jet and so on; NaN is disarmed")
+                self._scale(self.recording.topics[topics[base]], block["columns"])
                 break
 
     def _px4_vector(
@@ -729,13 +763,22 @@ class _Search:
     def _of_imu(self, name: str) -> None:
         for kind, field, more in (
             ("gyro", "angular_velocity", {"unit": "rad/s"}),
-            ("accelerometer", "linear_acceleration", {"unit": "m/s^2", "gives": "instant"}),
+            ("accelerometer", "linear_acceleration", {"unit": "m/s^2", "gives": self._gives(name)}),
         ):
             package = self._package(kind)
             if package:
                 columns = [f"{field}.{axis}" for axis in ("x", "y", "z")]
                 self.data["sensors"][package] = {"kind": kind, "topic": name, "columns": columns, **more}
-                self._say(f"{package}: {name}, {field} of an Imu, in {more['unit']}")
+                guess = ", taken for the mean over the sample that ended" if more.get("gives") == "mean" else ""
+                self._say(f"{package}: {name}, {field} of an Imu, in {more['unit']}{guess}")
+
+    def _gives(self, topic: str) -> str:
+        """What accelerations of a topic are taken for: instants, where there are enough to be integrated, or means."""
+        stamps = self.recording.topics[topic].stamps_s
+        if stamps is None or stamps.size < 2:
+            return "mean"
+        every = float(np.median(np.diff(stamps)))
+        return "instant" if mapping.FEWEST_INSTANTS * every <= self.vehicle.sample_period_s * 1.01 else "mean"
 
     def _bag_commands(self, name: str, topic: Topic) -> None:
         count = len(self.vehicle.jets)
@@ -748,14 +791,6 @@ class _Search:
             self.data["commands"] = {"topic": name, "columns": columns}
             self._say(f"commands: {name}, of as many numbers as there are jets, in the vehicle's order")
             self._scale(topic, columns)
-
-
-def factor_or_none(unit: str, kind: str) -> float | None:
-    """The SI value of one of a unit; None where it is of another kind, or none."""
-    try:
-        return factor(unit, kind)
-    except InputError:
-        return None
 
 
 def _has_numbers(values: NDArray[Any]) -> bool:
@@ -776,14 +811,84 @@ def _texts(data: Any) -> Iterator[str]:
         yield from chain.from_iterable(map(_texts, data))
 
 
-def _plain(name: str, without: Iterable[str] = ()) -> str:
-    """A jet's name without the words around it, so that `cmd_T1` is T1."""
-    around = _JET_WORDS | set(without)
-    words = [word for word in re.split(r"[^a-z0-9%]+", name.lower()) if word and word not in around]
-    return re.sub(r"(?<!\d)0+(?=\d)", "", "".join(words))
+def _used(data: Mapping[str, Any]) -> dict[str, set[str]]:
+    """The columns that a map names, by topic."""
+    usual = data.get("topic", "")
+    used: dict[str, set[str]] = {}
+    for entry in (*data.get("sensors", {}).values(), *filter(None, [data.get("commands")])):
+        topic = entry.get("topic", usual)
+        used.setdefault(topic, set()).update(_texts(entry), _texts({} if "time" in entry else data.get("time", {})))
+    if not used:
+        used[usual] = set(_texts(data.get("time", {})))
+    return used
 
 
-def _columns(members: Mapping[int, _Name]) -> list[str | None]:
+def _folded(columns: Sequence[str]) -> list[str]:
+    """Names of columns, where elements of an array that follow each other are one entry."""
+    split = [re.fullmatch(r"(.*\[)(\d+)(\].*)", column) for column in columns]
+    found: list[str] = []
+    runs = groupby(
+        enumerate(columns),
+        key=lambda one: (
+            one[1] if (part := split[one[0]]) is None else (part.group(1), part.group(3), int(part.group(2)) - one[0])
+        ),
+    )
+    for _, run in runs:
+        names = [name for _, name in run]
+        found += [f"{names[0]} to {names[-1]}"] if len(names) >= _FOLDED else names
+    return found
+
+
+def _plainly(name: str) -> str:
+    """A name in small letters, without signs."""
+    return re.sub(r"[^a-z0-9]", "", name.lower())
+
+
+def _from_zero(members: dict[int, ColumnName]) -> dict[int, ColumnName]:
+    """Axes by their place, where they are counted from 1."""
+    indexed = all(one.indexed for one in members.values())
+    return {axis - 1: one for axis, one in members.items()} if indexed and 0 not in members else members
+
+
+def _varies(values: Array) -> bool:
+    values = values[np.isfinite(values)]
+    return bool(values.size) and bool((values != values[0]).any())
+
+
+def _pulse_widths(values: Array) -> tuple[float, float]:
+    """Widths of closed and open, us: the two that there are, or those that are usual; below closed is disarmed."""
+    armed = values[values >= _CLOSED_PULSE]
+    levels = np.unique(armed)
+    if levels.size == 2:
+        return float(levels[0]), float(levels[1])
+    least, most = (float(armed.min()), float(armed.max())) if armed.size else (1000.0, 2000.0)
+    off, on = (1100.0, 1900.0) if least >= 1100.0 and most <= 1900.0 else (1000.0, 2000.0)
+    return min(off, least), max(on, most)
+
+
+def _as_data(scale: CommandScale) -> dict[str, Any]:
+    """Keys of a map's commands for a scale."""
+    if scale.unit != "1":
+        return {"unit": scale.unit}
+    return {} if scale.full == 1.0 else {"on": scale.full}
+
+
+def _full(scale: Mapping[str, Any], period_s: float) -> float:
+    """Number of a jet that is open all the time."""
+    unit = scale.get("unit", "1")
+    if unit == "%":
+        return 100.0
+    return float(scale.get("on", 1.0)) if unit == "1" else period_s / factor(unit, "time")
+
+
+def _is_unit_of(unit: str, scale: CommandScale) -> bool:
+    """Whether a unit that a name has is that of a scale."""
+    kind = "time" if scale.is_timed else "number"
+    own, wanted = factor_or_none(unit, kind), factor_or_none(scale.unit, kind)
+    return own is not None and own == wanted
+
+
+def _columns(members: Mapping[int, ColumnName]) -> list[str | None]:
     return [members[axis].column if axis in members else None for axis in range(3)]
 
 
@@ -793,7 +898,7 @@ def _every(readings: Array) -> int:
     return int(np.gcd.reduce(np.diff(rows))) if rows.size >= _FEWEST else 1
 
 
-def _listed(members: Mapping[int, _Name]) -> str:
+def _listed(members: Mapping[int, ColumnName]) -> str:
     return ", ".join(members[axis].column for axis in sorted(members))
 
 
@@ -815,21 +920,3 @@ def _steps(topic: Topic, value: tuple[str, str], rate: tuple[str, str]) -> Array
     typical = float(np.nanmedian(steps))
     scatter = float(np.nanmedian(np.abs(steps - typical)))
     return steps if typical > 0.0 and scatter < mapping.SCATTER * typical else None
-
-
-def _correlation(meant: Array, change: Array) -> float:
-    """Correlation of changes with those meant, NaN with too few samples."""
-    both = np.isfinite(change) & (np.abs(meant) > 1e-3 * np.abs(meant).max(initial=0.0))
-    if both.sum() < _FEWEST:
-        return float("nan")
-    sizes = (meant[both] ** 2).sum() * (change[both] ** 2).sum()
-    return float((meant[both] * change[both]).sum() / np.sqrt(sizes)) if sizes > 0.0 else float("nan")
-
-
-def _understood(recording: Recording, data: Mapping[str, Any], vehicle: Vehicle) -> mapping.Mapped | None:
-    """The record as the map has it so far; None where the map cannot be applied."""
-    try:
-        by = RecordMap.model_validate({**data, "commands": {**data["commands"], "acts": "from_row"}})
-        return mapping.mapped(recording, by, vehicle)
-    except ValueError:  # said when the map is shown
-        return None

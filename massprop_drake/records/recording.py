@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import hashlib
 import re
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import chain, islice
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 
 from massprop_drake.errors import InputError, require_text, suggestion
 from massprop_drake.inputs.record_map import CsvForm, RecordMap
+from massprop_drake.inputs.units import parsed
 from massprop_drake.inputs.yaml import exists
 from massprop_drake.telemetry.tables import MISSING, Ragged, require_regular
 
@@ -23,7 +25,8 @@ Array = NDArray[np.float64]
 Column = NDArray[Any]
 
 MOST_ELEMENTS = 64  # of an array that become columns: an image has more, a vehicle's jets fewer
-_LOOKED_AT = 50  # rows of text by which the decimal mark is told
+_LOOKED_AT = 100  # lines of text by which its form is told
+_LOOKED_ACROSS = 200  # cells of such a line that are looked at
 _CHUNK = 4096  # rows of text that are turned into numbers at once
 
 
@@ -38,6 +41,7 @@ class Topic:
         place: what rows are counted in, "line" or "row".
         lines: of each row, shape (n,); None: rows, from 1.
         unread: names of columns besides, which the map does not name.
+        units: of columns, as a line below their names has them, "" where it has none.
     """
 
     source: str
@@ -46,6 +50,7 @@ class Topic:
     place: str = "row"
     lines: NDArray[np.int64] | None = None
     unread: tuple[str, ...] = ()
+    units: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def rows(self) -> int:
@@ -87,6 +92,28 @@ class Topic:
             raise InputError(f"{self.where(int(np.argmax(infinite)))}, column {name}: is infinite")
         return numbers
 
+    def times_s(self, name: str, unit_s: float) -> Array:
+        """A column's times, s, NaN where missing, shape (n,): numbers of a unit, or ISO 8601 stamps.
+
+        Raises:
+            InputError: when it is not there, or holds other text.
+        """
+        values = self.column(name)
+        filled = [cell for cell in values if str(cell).strip().lower() not in MISSING] if values.dtype == object else []
+        if not filled or any(map(_is_number, filled)):
+            return self.numbers(name) * unit_s
+        stamps = [stamp_of(str(cell)) for cell in values]
+        wrong = [row for row, stamp in enumerate(stamps) if stamp is None]
+        if wrong:
+            raise InputError(
+                f"{self.where(wrong[0])}, column {name}: {str(values[wrong[0]])[:40]!r} is neither a number nor an "
+                "ISO 8601 stamp such as 2024-05-01T12:00:00.25Z"
+            )
+        since = np.array(stamps, "datetime64[ns]") - np.datetime64(0, "s")
+        seconds, rest = since.astype("timedelta64[s]"), since % np.timedelta64(1, "s")
+        found: Array = seconds / np.timedelta64(1, "s") + rest / np.timedelta64(1, "s")
+        return found
+
     def texts(self, name: str) -> list[str]:
         """A column's cells as text."""
         return ["" if cell is None else str(cell) for cell in self.column(name)]
@@ -123,6 +150,38 @@ class Recording:
         if name not in self.topics:
             raise missing_topic(self.source, name, list(self.topics))
         return self.topics[name]
+
+
+_ZONE = re.compile(r"\s*(?:Z|UTC|[+-]\d\d:?\d\d)$", re.IGNORECASE)
+_DAY_OF_YEAR = re.compile(r"(\d{4})-(\d{3})(?=$|[T ])")
+_CLOCK = re.compile(r"\d\d?:\d\d(:|$)")
+_SPELLED = re.compile(r"(\d\d?)[ -]([A-Za-z]{3})[ -](\d{4})(?=\s)")
+_MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
+
+
+def stamp_of(text: str) -> np.datetime64 | None:
+    """The time of a stamp without its zone, of a clock alone on the first day; None for other text.
+
+    A stamp is one of ISO 8601, also with the day of the year, or a date like 01 Jan 2000.
+    """
+    text = text.strip()
+    if text.lower() in MISSING:
+        return np.datetime64("NaT")
+    plain = _ZONE.sub("", text).replace("/", "-").replace(",", ".")
+    if _CLOCK.match(plain):
+        plain = f"1970-01-01T{plain if plain[2] == ':' else '0' + plain}"
+    spelled = _SPELLED.match(plain)
+    if spelled is not None and spelled.group(2).lower() in _MONTHS:
+        date = int(spelled.group(3)), 1 + _MONTHS.index(spelled.group(2).lower()), int(spelled.group(1))
+        plain = "{:04d}-{:02d}-{:02d}".format(*date) + plain[spelled.end() :]
+    of_year, day = _DAY_OF_YEAR.match(plain), np.timedelta64(0, "D")
+    if of_year is not None:
+        day = np.timedelta64(int(of_year.group(2)) - 1, "D")
+        plain = f"{of_year.group(1)}-01-01{plain[of_year.end() :]}"
+    try:
+        return np.datetime64(plain, "ns") + day if plain[:4].isdigit() and plain[4:5] == "-" else None
+    except ValueError:
+        return None
 
 
 def _is_number(cell: Any) -> bool:
@@ -214,12 +273,17 @@ def digest(path: Path) -> str:
 def _csv(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
     as_text = set() if by is None or by.commands.listed is None else {by.commands.listed.column}
     try:
-        form = _form_of(path) if by is None else by.csv
+        form, units = _form_of(path) if by is None else (by.csv, [])
         with path.open(encoding="utf-8-sig", newline="") as file:
             numbered = _plain_lines(file, form)
             where = _Where()
-            cells = csv.reader(where.watched(numbered), delimiter=form.separator, strict=True)
-            header = [name.strip() for name in next(cells, [])]
+            lined = where.watched(numbered)
+            named = next(lined, "")
+            header = _cells(named, form.separator)
+            marked = named.strip().partition(form.separator)[0].strip()
+            if by is not None and _mark(named) and marked in by.columns:
+                header[0] = marked
+            cells = csv.reader(lined, delimiter=form.separator, strict=True)
             _require_names(header, form, f"{path}, line {where.line}")
             wanted = [name for name in header if name and (by is None or name in by.columns)]
             columns, lines, ragged = _gathered(cells, header, wanted, (form, as_text, rows, where))
@@ -231,23 +295,88 @@ def _csv(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     require_regular(ragged, str(path), len(lines), len(header))
     unread = tuple(name for name in header if name and name not in wanted)
-    topic = Topic(str(path), columns, None, "line", lines, unread)
+    named_units = dict(zip(header, map(unit_in, units), strict=False))
+    topic = Topic(str(path), columns, None, "line", lines, unread, named_units)
     return Recording(str(path), "table", {"": topic}, sha256=digest(path), ragged=ragged, form=form)
 
 
-_SEPARATORS = (",", ";", "\t")
+_SEPARATORS = (",", ";", "\t", " ")  # the likelier first; a blank is any run of blanks and tabs
+_MARKS = ("#", "%", "//")  # that begin comments, and lines of names
 _WITH_COMMA = re.compile(r"\s*[+-]?\d+,\d+(?:[eE][+-]?\d+)?\s*")
+_BLANK_NAME = re.compile(r"(?:[^\s\[(]|[\[(][^\])]*[\])])+(?:\s+[\[(][^\])]*[\])])?")  # with its unit in brackets
 
 
-def _form_of(path: Path) -> CsvForm:
-    """How a text file is written, where no map says it: what separates the names, and the decimal mark below them."""
+def _form_of(path: Path) -> tuple[CsvForm, list[str]]:
+    """How a text file is written, where no map says it, and the cells of a line of units below the names."""
     with path.open(encoding="utf-8-sig") as file:
-        lines = islice((line for line in file if line.strip()), 1 + _LOOKED_AT)
-        names = next(lines, "")
-        separator = max(_SEPARATORS, key=names.count)
-        cells = chain.from_iterable(line.split(separator) for line in lines)
-        comma = separator != "," and any(map(_WITH_COMMA.fullmatch, cells))
-    return CsvForm(separator=separator, decimal="," if comma else ".")
+        numbered = islice(((number, line) for number, line in enumerate(file, 1) if line.strip()), _LOOKED_AT)
+        lines = [(number, line, _mark(line)) for number, line in numbered]
+    if not lines:
+        return CsvForm(), []
+    counts = {one: [_count(line, one) for _, line, _ in lines] for one in _SEPARATORS}
+    usual = {one: Counter(found).most_common(1)[0][0] for one, found in counts.items()}
+    regular = {one: found.count(usual[one]) if usual[one] > 1 else 0 for one, found in counts.items()}
+    separator = max(_SEPARATORS, key=lambda one: regular[one])
+    whole = [index for index, count in enumerate(counts[separator]) if count == usual[separator]]
+    cells = {index: _cells(lines[index][1], separator)[:_LOOKED_ACROSS] for index in whole}
+    first = next((index for index in whole if not lines[index][2] and any(map(_is_value, cells[index]))), 0)
+    comma = separator != "," and any(
+        map(_WITH_COMMA.fullmatch, chain.from_iterable(cells[index] for index in whole if index >= first))
+    )
+    above = [index for index in whole if index < first]
+    units = [index for index in above[1:] if _has_units(cells[index])]
+    names = next((index for index in reversed(above) if index not in units), 0)
+    comment = next((mark for _, _, mark in lines[first:] if mark), "")
+    below = sum(not (comment and mark) for _, _, mark in lines[names + 1 : first])
+    skip = lines[names][0] - 1 if names else 0
+    form = CsvForm(separator=separator, decimal="," if comma else ".", skip=skip, below=below, comment=comment)
+    return form, next((_cells(lines[index][1], separator) for index in units if index > names), [])
+
+
+def _mark(line: str) -> str:
+    """The mark of a comment that a line begins with; "": none."""
+    return next((mark for mark in _MARKS if line.lstrip().startswith(mark)), "")
+
+
+def _count(line: str, separator: str) -> int:
+    """The number of cells in a line."""
+    if separator == " " or '"' in line:
+        return len(_cells(line, separator))
+    return line.count(separator) + 1
+
+
+def _cells(line: str, separator: str) -> list[str]:
+    """The cells of a line, without the mark of a comment."""
+    mark = _mark(line)
+    line = line.strip(" \r\n").removeprefix(mark)
+    if separator == " ":
+        return [one.group() for one in _BLANK_NAME.finditer(line)] if mark or set("[(") & set(line) else line.split()
+    return [cell.strip() for cell in next(csv.reader([line], delimiter=separator), [])]
+
+
+def _is_value(cell: str) -> bool:
+    """Whether a cell is a number or a date, so that its line is a row."""
+    if cell.strip().lower() in MISSING:
+        return False
+    return _is_number(cell.replace(",", ".")) or stamp_of(cell) is not None
+
+
+def _has_units(cells: list[str]) -> bool:
+    """Whether most cells of a line are units."""
+    found = [unit_in(cell) for cell in cells if cell.strip("-[]() ")]
+    return bool(found) and sum(map(bool, found)) > 0.5 * len(found)
+
+
+def unit_in(text: str) -> str:
+    """The unit that a text is, with or without brackets, as `inputs.units` has it; "": it is none."""
+    text = text.strip().strip("[]()").strip()
+    for one in (text, text.lower()):
+        try:
+            parsed(one)
+        except InputError:
+            continue
+        return one
+    return ""
 
 
 class _Where:
@@ -262,16 +391,25 @@ class _Where:
 
 
 def _plain_lines(file: Any, form: CsvForm) -> Iterator[tuple[int, str]]:
-    """The lines of names and rows, with their numbers."""
-    seen = 0
+    """The lines of names and rows, with their numbers.
+
+    The names are in the first line that is no comment, or, where that is a row already, in the first comment.
+    """
+    seen, commented = 0, None
     for number, line in enumerate(file, 1):
-        if number <= form.skip or not line.strip() or (form.comment and line.startswith(form.comment)):
+        if number <= form.skip or not line.strip():
+            continue
+        if form.comment and line.startswith(form.comment):
+            commented = commented or (number, line)
             continue
         if "\0" in line:
             raise InputError(f"{file.name}, line {number}: holds a NUL byte; expected text in UTF-8")
         seen += 1
+        if seen == 1 and commented and any(map(_is_value, _cells(line, form.separator))):
+            yield commented
+            seen += 1
         if seen == 1 or seen > 1 + form.below:
-            yield number, line
+            yield number, line if seen == 1 or form.separator != " " else " ".join(line.split()) + "\n"
 
 
 def _require_names(header: list[str], form: CsvForm, where: str) -> None:

@@ -22,6 +22,7 @@ from massprop_drake.errors import InputError, moment
 from massprop_drake.inputs.scenario import Scenario, filter_of, resolved, set_field
 from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.signals import AXES
+from massprop_drake.telemetry.command_scales import doubt_about, hint_about
 from massprop_drake.telemetry.tables import Block, CsvTable, Table, open_table
 
 Array = NDArray[np.float64]
@@ -34,7 +35,6 @@ _FEW = 5  # missing columns that a message names
 _EXACT = 1e-3  # of the sample period: less is not counted as jitter
 _SAME = 1e-6  # of the sample period: rows closer than this have one time
 _FRACTION_TOLERANCE = 1e-9  # of a commanded fraction
-_CLEARLY_PERCENT = 5.0  # a commanded fraction above this and up to 100
 _FIRST_INTERVALS = 20  # in which the sample period must show
 _HOLE = 2.5  # sample periods: where rows may come at any time, longer is a gap
 _STUCK_CLOCK = 25  # rows in a row whose time does not go on
@@ -249,6 +249,7 @@ class Reader:
         self._before_s = self._last_s
         self._late_in_a_row = 0
         self._first_steps: list[float] = []
+        self._largest_command = 0.0
 
     @property
     def done(self) -> float:
@@ -359,6 +360,8 @@ class Reader:
         finally:
             self._table.close()
         self._require_period(at_end=True)
+        if doubt := doubt_about(self._largest_command, self._period_s):
+            self.record.notes.insert(0, doubt)
         if not self.record.rows:
             later = (
                 ""
@@ -369,13 +372,13 @@ class Reader:
 
     def _check_commands(self, block: Block) -> None:
         commands = block.values[:, self._command_places]
+        self._largest_command = float(np.fmax(self._largest_command, np.fmax.reduce(commands, axis=None, initial=0.0)))
         wrong = (commands < -_FRACTION_TOLERANCE) | (commands > 1.0 + _FRACTION_TOLERANCE)
         if not wrong.any():
             return
         row, jet = np.argwhere(wrong)[0]
         value = float(commands[row, jet])
-        percent = _CLEARLY_PERCENT < np.nanmax(commands) <= 100.0 and np.nanmin(commands) >= 0.0
-        hint = "; the commands look like percent: divide them by 100" if percent else ""
+        hint = hint_about(commands, self._period_s)
         raise InputError(
             f"{self.source}, {self._table.place} {block.lines[row]}, column jet_{self._vehicle.designations[jet]}: "
             f"{value:g} is no fraction of 0 to 1{hint}"
@@ -584,7 +587,7 @@ def check(path: Path, vehicle: Vehicle | None = None, gyro: str | None = None) -
 
     Returns:
         rows, first_s, last_s, period_s, gaps, jitter, late (rows left out because time did not go on),
-        ragged, unknown columns, absent packages.
+        ragged, unknown columns, absent packages, notes (what may be meant otherwise, a sentence each).
 
     Raises:
         InputError: when the record cannot be used.
@@ -606,6 +609,7 @@ def check(path: Path, vehicle: Vehicle | None = None, gyro: str | None = None) -
         "ragged": reader.ragged[0],
         "unknown": list(record.unknown),
         "absent": record.absent,
+        "notes": record.notes,
     }
 
 
@@ -642,4 +646,5 @@ def _check_structure(path: Path) -> dict[str, Any]:
         "ragged": table.ragged.count,
         "unknown": [],
         "absent": [],
+        "notes": [],
     }

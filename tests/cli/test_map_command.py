@@ -98,7 +98,7 @@ def test_a_proposal_as_data(massprop: Massprop, one: Flight, tmp_path: Path) -> 
     assert found["map"]["time"] == {"column": "t", "unit": "s"}
     assert len(found["reasons"]) >= 3
     assert found["rows"][1]["sensors"]["gyro"]["x"] == pytest.approx(one.rates[1, 0])
-    assert set(found) == {"map", "reasons", "lacking", "rows", "notes"}
+    assert set(found) == {"map", "reasons", "lacking", "left_out", "rows", "notes"}
 
 
 def test_what_is_not_found_ends_with_2_after_what_is(massprop: Massprop, tmp_path: Path) -> None:

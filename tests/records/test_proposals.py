@@ -25,7 +25,8 @@ from massprop_drake.inputs.model import validated
 from massprop_drake.inputs.record_map import RecordMap
 from massprop_drake.inputs.vehicle import Vehicle, load_vehicle
 from massprop_drake.inputs.yaml import to_yaml
-from massprop_drake.records.proposal import Proposal, propose, read_name
+from massprop_drake.records.names import read_name
+from massprop_drake.records.proposal import Proposal, propose
 from massprop_drake.records.px4 import vehicle_of
 from massprop_drake.records.recording import open_recording
 
@@ -255,7 +256,10 @@ def test_px4_topics(one: Flight, tmp_path: Path) -> None:
     topics["vehicle_acceleration"] = (topics["vehicle_imu"][0], {"xyz": one.rates})
     del topics["vehicle_imu"]
     found = proposed(write_ulog(tmp_path / "log.ulg", topics, {}), one.vehicle)
-    assert found.data["sensors"]["acc"]["gives"] == "instant"
+    assert found.data["sensors"]["acc"]["gives"] == "mean"  # one instant a sample could not be integrated
+    assert "one a sample is taken for the mean over it" in said(found)
+    slower = one.vehicle.model_copy(update={"sample_period_s": 0.2})
+    assert proposed(tmp_path / "log.ulg", slower).data["sensors"]["acc"]["gives"] == "instant"
 
 
 def test_a_log_of_actuators_that_is_too_slow_is_warned_of(one: Flight, tmp_path: Path) -> None:

@@ -1,0 +1,217 @@
+"""The clock of a topic: found by names of columns and by how their numbers rise."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from massprop_drake.errors import InputError
+from massprop_drake.inputs.units import factor
+from massprop_drake.records.names import ColumnName, factor_or_none
+from massprop_drake.records.recording import Topic, stamp_of
+from massprop_drake.telemetry.reader import JITTER
+
+Array = NDArray[np.float64]
+
+_RISES = 0.99  # share of rows in which a clock must go on
+_UNITS = ("s", "ms", "us", "ns")
+_DECIMALS = 9  # of seconds to which stamps are rounded at the most
+
+
+class Clock(NamedTuple):
+    """Stamps of a topic.
+
+    Attributes:
+        data: of a map's `time`.
+        reason: a sentence.
+        coarse: a sentence on stamps too coarse for the sample period; "": they are not.
+    """
+
+    data: dict[str, Any]
+    reason: str
+    coarse: str
+
+
+class _Read(NamedTuple):
+    """Times of a column as it may be read, s."""
+
+    data: dict[str, Any]
+    times_s: Array
+    why: str
+
+    @property
+    def steps(self) -> Array:
+        """Between rows that have a time, shape (n - 1,)."""
+        return np.diff(self.times_s[np.isfinite(self.times_s)])
+
+    @property
+    def rises(self) -> bool:
+        """Whether the time goes on from row to row."""
+        return bool(self.steps.size) and float((self.steps > 0.0).mean()) > _RISES
+
+
+def find_clock(topic: Topic, names: Sequence[ColumnName], period_s: float) -> Clock | None:
+    """Finds the column of time, or two that belong together; None where nothing is one.
+
+    Args:
+        topic: whose rows are timed.
+        names: of its columns.
+        period_s: the vehicle's sample period, which steps should be about, s.
+    """
+    named = [name for name in names if name.is_timed]
+    found = [*_in_two_columns(topic, names), *(one for name in named for one in _in_one(topic, name, period_s))]
+    if not any(one.rises for one in found):
+        found += [
+            one
+            for name in names
+            if name not in named and _is_text(topic, name)
+            for one in _in_one(topic, name, period_s)
+        ]
+    rising = [one for one in found if one.rises]
+    if rising:
+        best = min(rising, key=lambda one: not _is_about(one.steps, period_s))
+        return Clock(best.data, f"time: {best.why}", _coarse(best, period_s, rises=True))
+    standing = [one for one in found if one.steps.size and one.steps.min() >= 0.0 and one.steps.max() > 0.0]
+    counted = _by_numbers(topic, names, period_s)
+    if counted is not None:
+        return counted
+    if standing:
+        return Clock({}, "", _coarse(standing[0], period_s, rises=False))
+    return None
+
+
+def _is_text(topic: Topic, name: ColumnName) -> bool:
+    return topic.columns[name.column].dtype == object
+
+
+def _is_about(steps: Array, period_s: float) -> bool:
+    """Whether steps are a sample period, or that is a multiple of them."""
+    step = float(np.median(steps))
+    count = max(round(period_s / step), 1) if step > 0.0 else 1
+    return abs(step * count - period_s) <= JITTER * period_s
+
+
+def _in_one(topic: Topic, name: ColumnName, period_s: float) -> list[_Read]:
+    """The times of a column, in the unit that its name has, or in which its steps are about a sample period."""
+    column = name.column
+    if _is_text(topic, name):
+        cells = topic.texts(column)
+        if not cells or not any(cells) or any(stamp_of(cell) is None for cell in cells):
+            return []
+        times_s = topic.times_s(column, 1.0)
+        return [_Read({"column": column}, times_s, f"column {column}, stamps of date and time")]
+    try:
+        numbers = topic.numbers(column)
+    except InputError:
+        return []
+    unit, why = name.unit, "as its name says"
+    steps = np.diff(numbers[np.isfinite(numbers)])
+    steps = steps[steps > 0.0]
+    if not steps.size:
+        return []
+    if not unit or factor_or_none(unit, "time") is None or not _is_about(steps * factor(unit, "time"), period_s):
+        step = float(np.median(steps))
+        nearest = min(_UNITS, key=lambda one: abs(math.log(step * factor(one, "time") / period_s)))
+        known = bool(unit) and factor_or_none(unit, "time") is not None
+        if not known or _is_about(steps * factor(nearest, "time"), period_s):
+            unit = nearest
+            why = f"since its steps of {step:.6g} are nearest to the sample period of {period_s:g} s so"
+    said = f"column {column}, which rises from row to row, in {unit} {why}"
+    return [_Read({"column": column, "unit": unit}, numbers * factor(unit, "time"), said)]
+
+
+def _in_two_columns(topic: Topic, names: Sequence[ColumnName]) -> list[_Read]:
+    """Whole seconds in a column, and what is below them in another."""
+    timed = [
+        name
+        for name in names
+        if (name.is_timed or name.is_fraction or factor_or_none(name.unit or "1", "time") is not None)
+        and not _is_text(topic, name)
+    ]
+    found = []
+    for whole in timed:
+        seconds = topic.numbers(whole.column)
+        if whole.unit not in ("", "s", "sec", "secs", "seconds") or whole.is_fraction or _is_fractional(seconds):
+            continue
+        for part in timed:
+            rest = topic.numbers(part.column)
+            unit = part.unit if part.unit and factor_or_none(part.unit, "time") is not None else _reached(rest)
+            alike = part.words == whole.words or part.is_fraction
+            if part is whole or not alike or not unit or (factor(unit, "time") >= 1.0 and not _is_fractional(rest)):
+                continue
+            share = rest * factor(unit, "time")
+            if (
+                not np.isfinite(share).any()
+                or np.nanmin(share) < 0.0
+                or np.nanmax(share) >= 1.0
+                or not np.nanmax(share)
+            ):
+                continue
+            data = {"column": whole.column, "unit": "s", "fraction": part.column, "fraction_unit": unit}
+            why = f"whole seconds in column {whole.column}, and {unit} below them in column {part.column}"
+            found.append(_Read(data, seconds + share, why))
+    return found
+
+
+def _is_fractional(values: Array) -> bool:
+    there = values[np.isfinite(values)]
+    return bool((there != np.round(there)).any())
+
+
+def _reached(values: Array) -> str:
+    """The unit in which values stay just below a second; "": none."""
+    most = float(np.nanmax(values, initial=0.0))
+    if _is_fractional(values):
+        return "s" if most < 1.0 else ""
+    return next((unit for unit in ("ms", "us", "ns") if 0.0 < most < 1.0 / factor(unit, "time")), "")
+
+
+def _by_numbers(topic: Topic, names: Sequence[ColumnName], period_s: float) -> Clock | None:
+    """A column that rises by a sample period from row to row, whatever its name."""
+    for name in names:
+        if _is_text(topic, name):
+            continue
+        try:
+            numbers = topic.numbers(name.column)
+        except InputError:
+            continue
+        steps = np.diff(numbers[np.isfinite(numbers)])
+        if steps.size < 2 or not (steps > 0.0).mean() > _RISES:
+            continue
+        step = float(np.median(steps))
+        unit = next((one for one in _UNITS if abs(step * factor(one, "time") - period_s) <= JITTER * period_s), "")
+        if unit and float(np.median(np.abs(steps - step))) <= JITTER * step:
+            why = f"time: column {name.column} rises by {step:.6g} a row, a sample period in {unit}: a guess"
+            return Clock({"column": name.column, "unit": unit}, why, "")
+    return None
+
+
+def _coarse(read: _Read, period_s: float, *, rises: bool) -> str:
+    """A sentence on stamps that are rounded to more than rows may be off."""
+    steps = read.steps
+    column = read.data["column"]
+    if not rises:
+        still = int(np.diff(np.flatnonzero(steps > 0.0), prepend=0).max())
+        return (
+            f"the stamps of column {column} are coarse: they stand still for up to {still} rows and then go on by "
+            f"{float(steps.max()):.4g} s, which does not time rows of {period_s:g} s; log finer stamps, or name "
+            "another column"
+        )
+    quantum = next((10.0**-n for n in range(_DECIMALS) if _is_multiple(steps, 10.0**-n)), 0.0)
+    off = float(np.abs(steps - np.median(steps)).max())
+    if quantum <= JITTER * period_s or off < 0.5 * quantum:
+        return ""
+    return (
+        f"the stamps of column {column} are coarse, to {quantum:g} s, {100.0 * quantum / period_s:.2g} % of the sample "
+        f"period: rows seem to come up to {off:.2g} s early or late, and what is off by more than {100.0 * JITTER:g} % "
+        "of a period counts as a gap"
+    )
+
+
+def _is_multiple(steps: Array, quantum: float) -> bool:
+    scaled = steps / quantum
+    return bool((np.abs(scaled - np.round(scaled)) < 1e-3).all())

@@ -1,0 +1,113 @@
+"""Evidence of the jets: what readings show of commands tells when these act, in which scale, and what readings are."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from massprop_drake.inputs.vehicle import Vehicle
+from massprop_drake.records.mapping import Channel, Mapped, mean_over
+
+Array = NDArray[np.float64]
+
+FEWEST = 20  # components of samples in which jets fire, from which anything is told
+ODDS = math.log(100.0)  # log of the odds from which one of two models is taken
+_FIRES = 1e-3  # of the largest predicted change, from which one counts
+_SPREAD = 3.0  # of readings while coasting, in that of their changes, above which they are sums
+
+
+class Followed(NamedTuple):
+    """How changes of a reading follow those that the jets should cause.
+
+    Attributes:
+        meant: predicted with the nominal mass properties, shape (n, 3).
+        change: that is read, NaN where missing, shape (n, 3).
+    """
+
+    meant: Array
+    change: Array
+
+    @property
+    def _both(self) -> NDArray[np.bool_]:
+        largest = np.abs(self.meant).max(initial=0.0)
+        found: NDArray[np.bool_] = np.isfinite(self.change) & (np.abs(self.meant) > _FIRES * largest)
+        return found
+
+    @property
+    def _sums(self) -> tuple[float, float, float]:
+        both = self._both
+        meant, change = self.meant[both], self.change[both]
+        return float((meant**2).sum()), float((meant * change).sum()), float((change**2).sum())
+
+    @property
+    def samples(self) -> int:
+        """Components of samples in which jets fire."""
+        return int(self._both.sum())
+
+    @property
+    def correlation(self) -> float:
+        """Of both, about zero; NaN with too few samples."""
+        own, mixed, other = self._sums
+        return mixed / math.sqrt(own * other) if self.samples >= FEWEST and own * other > 0.0 else math.nan
+
+    @property
+    def slope(self) -> float:
+        """By how much more the reading changes than it should, by least squares."""
+        own, mixed, _ = self._sums
+        return mixed / own if own > 0.0 else math.nan
+
+    @property
+    def explained(self) -> float:
+        """Log likelihood of the changes by the jets, over that without them; NaN with too few samples."""
+        square = max(self.correlation, 0.0) ** 2 if not math.isnan(self.correlation) else math.nan
+        return -0.5 * self.samples * math.log(max(1.0 - square, 1e-12)) if not math.isnan(square) else math.nan
+
+
+def followed(record: Mapped, name: str, *, gives: str = "") -> Followed:
+    """Compares a gyro's or an accelerometer's readings with what the commands should do to them.
+
+    Args:
+        record: mapped.
+        name: of the sensor.
+        gives: what to take an accelerometer's readings for; "": what the map says.
+    """
+    channel, vehicle = record.channels[name], record.vehicle
+    steps = np.diff(channel.time_s)[:, None]
+    shares = np.nan_to_num(mean_over(record.commands, channel.time_s)[:-1])
+    meant = shares @ _effects(vehicle, name) * steps
+    return Followed(meant, _changes(channel, steps, gives or channel.gives))
+
+
+def _changes(channel: Channel, steps: Array, gives: str) -> Array:
+    """Changes of rate or velocity from sample to sample, shape (n - 1, 3)."""
+    values = channel.values
+    if gives in ("", "integral"):
+        return np.diff(values, axis=0)
+    return values[1:] if gives == "increment" else values[1:] * steps
+
+
+def _effects(vehicle: Vehicle, name: str) -> Array:
+    """Rate at which each jet changes a sensor's reading, with the nominal mass properties, shape (n_jets, 3)."""
+    nominal, wrenches = vehicle.nominal, vehicle.wrenches
+    turning = (wrenches[:, :3] - np.cross(nominal.center_of_mass, wrenches[:, 3:])) @ np.linalg.inv(nominal.inertia).T
+    position = next((one.position for one in vehicle.accelerometers if one.name == name), None)
+    if position is None:
+        found: Array = turning
+    else:
+        found = wrenches[:, 3:] / nominal.mass + np.cross(turning, np.subtract(position, nominal.center_of_mass))
+    return found
+
+
+def keeps_its_level(record: Mapped, name: str) -> bool:
+    """Whether a velocity keeps its level where no jet fires, as sums of increments do, while these scatter."""
+    channel = record.channels[name]
+    shares = np.nan_to_num(mean_over(record.commands, channel.time_s), nan=1.0)
+    coasting = (shares[:-2] == 0.0).all(axis=1) & (shares[1:-1] == 0.0).all(axis=1)
+    values, changes = channel.values[2:][coasting], np.diff(channel.values, axis=0)[1:][coasting]
+    there = np.isfinite(values).all(axis=1) & np.isfinite(changes).all(axis=1)
+    if there.sum() < FEWEST:
+        return False
+    return bool(np.median(values[there].std(axis=0)) > _SPREAD * np.median(changes[there].std(axis=0)))
