@@ -32,7 +32,7 @@ from massprop_drake.cli import main as cli
 from massprop_drake.inputs.model import yaml_text
 from massprop_drake.inputs.vehicle import load_vehicle
 from massprop_drake.inputs.yaml import to_yaml
-from massprop_drake.results.manifest import is_sealed
+from massprop_drake.results.manifest import sealed_kind
 
 LONGEST_S = 5.0  # of computing, for one case
 LONG = -2  # in place of the status of a run that asks for more than that
@@ -724,7 +724,7 @@ def _fault(status: int, said: str, before: dict[str, int], after: dict[str, int]
     if status == 2 and new:
         return f"half-written: {sorted(new)}"
     for name in pages:
-        if not is_sealed(here / name):
+        if sealed_kind(here / name) is None:
             return f"half-written: {name}"
     if "out" in new:
         try:

@@ -261,7 +261,7 @@ def map_record(
     if record_map is not None:
         records.show_map(record, record_map, load_vehicle(vehicle), how)
     else:
-        records.propose_map(record, load_vehicle(vehicle), out, how)
+        records.propose_map(record, load_vehicle(vehicle), out, how._replace(reads=(vehicle,)))
 
 
 _Folder = Annotated[Path, typer.Argument(help="A run's folder.", autocompletion=completion.runs)]

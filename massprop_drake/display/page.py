@@ -31,7 +31,7 @@ def write_report(run: Run, path: str | Path, *, replay: str | None = None, force
 
     Args:
         run: simulated, or estimated from telemetry.
-        path: the HTML file to write; it appears whole or not at all, and replaces nothing but a page of ours.
+        path: the HTML file to write; it appears whole or not at all, and replaces nothing but a report of ours.
         replay: path of the replay relative to the report; None: the report links to none.
         force: keep a file that is there and not ours as `<path>.1`, `<path>.2`, ....
 
@@ -39,7 +39,7 @@ def write_report(run: Run, path: str | Path, *, replay: str | None = None, force
         InputError: when a file is there that is not ours, or it cannot be written.
     """
     target = Path(path)
-    write_page(target, report_html(run, replay=replay), force=force)
+    write_page(target, report_html(run, replay=replay), "report", force=force)
     return target
 
 
