@@ -12,7 +12,7 @@ import contextlib
 import errno
 import os
 import stat
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
@@ -42,6 +42,12 @@ class Place(NamedTuple):
     shown: Path
     force: bool
     found: str | None
+
+    @property
+    def is_as_found(self) -> bool:
+        """Whether nothing has been put there since."""
+        now = manifest.read(self.path)
+        return (None if now is None else now.id) == self.found
 
     def named(self, beside: Path) -> Path:
         """A path beside the folder as the user would give it."""
@@ -105,7 +111,7 @@ def reserved(target: Path, *, force: bool = False, reads: Iterable[str | Path] =
 
 
 @contextlib.contextmanager
-def whole_folder(place: Place) -> Iterator[Path]:
+def whole_folder(place: Place, beside: Callable[[], bool] = lambda: False) -> Iterator[Path]:
     """Yields a folder to write into, which takes its place, with a manifest, once the block ends without an error.
 
     What is in the place is looked at again: where it is not what was found before, it is left alone, and the new folder
@@ -113,6 +119,7 @@ def whole_folder(place: Place) -> Iterator[Path]:
 
     Args:
         place: as `require_writable` found it.
+        beside: tells at the end whether what is there is to be kept as `<name>.1`, `<name>.2`, ....
 
     Raises:
         InputError: when the folder cannot be written, or somebody has changed the place meanwhile; the message says
@@ -127,7 +134,7 @@ def whole_folder(place: Place) -> Iterator[Path]:
         whole = prepared.finished(path.name)
         with locked(path.parent):
             try:
-                replaced = _placed(whole, place, prepared)
+                replaced = _placed(whole, place._replace(force=place.force or beside()), prepared)
             except (InputError, OSError) as error:
                 kept = place.named(set_aside(whole, path))
                 raise InputError(
