@@ -1,5 +1,5 @@
 # Everything is installed into a virtual environment, .venv. Once it is there, every target works offline:
-# packages are installed again only when pyproject.toml has changed.
+# packages are installed again only when pyproject.toml or setup.py has changed.
 #
 #   make demo PYTHON=python3.13        another Python (of a new environment)
 #   make test PYTEST_FLAGS="-k gyro"   other flags for pytest
@@ -87,7 +87,7 @@ $(VENV)/.created:
 	@touch $@
 
 # each environment holds the one before it, so whatever order they are made in, nothing is made twice
-$(VENV)/.installed: pyproject.toml $(VENV)/.created
+$(VENV)/.installed: pyproject.toml setup.py $(VENV)/.created
 	$(INSTALL) --editable .
 	@touch $@
 
@@ -100,7 +100,7 @@ $(VENV)/.installed-dev: $(VENV)/.installed-test
 	@touch $@
 
 # setuptools would pack what an earlier build left in build/lib
-dist/.built: pyproject.toml README.md LICENSE $(PACKAGE) $(VENV)/.created
+dist/.built: pyproject.toml setup.py README.md LICENSE $(PACKAGE) $(VENV)/.created
 	rm -rf dist build/lib build/bdist.*
 	$(PIP) wheel --no-build-isolation --no-deps --wheel-dir dist .
 	@touch $@

@@ -19,6 +19,15 @@ class InputError(ValueError):
         super().__init__(problems[0] + tail)
 
 
+def in_words(error: BaseException) -> str:
+    """Says in a line what went wrong."""
+    if isinstance(error, InputError):
+        return str(error)
+    if not isinstance(error, Exception):
+        return "interrupted"
+    return f"{type(error).__name__}: {error}".removesuffix(": ")
+
+
 def require_text(name: str) -> None:
     """Makes sure that a name or an argument is text, which a result can hold, and which no file name cannot be.
 

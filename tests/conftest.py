@@ -176,24 +176,28 @@ LINKED = ("diagrams", "scenarios")
 BUILD = "import sys, setuptools.build_meta as b; getattr(b, f'build_{sys.argv[1]}')(sys.argv[2])"
 
 
-def _build(kind: str, source: Path, target: Path) -> Path:
+def build(kind: str, source: Path, target: Path) -> Path:
     """Builds a distribution with the environment's own setuptools."""
     pytest.importorskip("setuptools", minversion="77")
     command = [sys.executable, "-W", "ignore", "-c", BUILD, kind, str(target)]
-    subprocess.run(command, cwd=source, check=True, capture_output=True)
+    subprocess.run(command, cwd=source, check=True, capture_output=True, text=True)
     (built,) = target.iterdir()
     return built
+
+
+def checkout(folder: Path) -> Path:
+    """A copy of the package and what builds it."""
+    for name in ("pyproject.toml", "setup.py", "MANIFEST.in", "README.md", "LICENSE"):
+        shutil.copy(REPOSITORY / name, folder)
+    for name in ("massprop_drake", *LINKED):
+        shutil.copytree(REPOSITORY / name, folder / name, symlinks=True, ignore=shutil.ignore_patterns("__pycache__"))
+    return folder
 
 
 @pytest.fixture(scope="session")
 def sdist(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The source distribution, built from a copy of the package."""
-    source = tmp_path_factory.mktemp("source")
-    for name in ("pyproject.toml", "MANIFEST.in", "README.md", "LICENSE"):
-        shutil.copy(REPOSITORY / name, source)
-    for name in ("massprop_drake", *LINKED):
-        shutil.copytree(REPOSITORY / name, source / name, symlinks=True, ignore=shutil.ignore_patterns("__pycache__"))
-    return _build("sdist", source, tmp_path_factory.mktemp("sdist"))
+    return build("sdist", checkout(tmp_path_factory.mktemp("source")), tmp_path_factory.mktemp("sdist"))
 
 
 @pytest.fixture(scope="session")
@@ -203,7 +207,7 @@ def wheel(sdist: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     with tarfile.open(sdist) as archive:
         archive.extractall(source, filter="data")
     (unpacked,) = source.iterdir()
-    return _build("wheel", unpacked, tmp_path_factory.mktemp("wheel"))
+    return build("wheel", unpacked, tmp_path_factory.mktemp("wheel"))
 
 
 # --------------------------------------------------------------------------------- the command line

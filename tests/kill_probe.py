@@ -258,7 +258,7 @@ def _is_whole(path: Path) -> bool:
             return bool(stored["values"].size == 1000)
     if path.suffix == ".json":
         return bool(json.loads(path.read_text()))
-    return manifest.is_sealed(path)
+    return manifest.sealed_kind(path) is not None
 
 
 if __name__ == "__main__":

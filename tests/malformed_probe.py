@@ -32,7 +32,7 @@ from massprop_drake.cli import main as cli
 from massprop_drake.inputs.model import yaml_text
 from massprop_drake.inputs.vehicle import load_vehicle
 from massprop_drake.inputs.yaml import to_yaml
-from massprop_drake.results.manifest import is_sealed
+from massprop_drake.results.manifest import sealed_kind
 
 LONGEST_S = 5.0  # of computing, for one case
 LONG = -2  # in place of the status of a run that asks for more than that
@@ -721,14 +721,16 @@ def _fault(status: int, said: str, before: dict[str, int], after: dict[str, int]
     strange = {name for name in new - pages if name != "out" and not name.startswith("out/")}
     if strange:
         return f"left behind: {sorted(strange)}"
-    if status == 2 and new:
+    if status == 2 and new and "out" not in new:
         return f"half-written: {sorted(new)}"
     for name in pages:
-        if not is_sealed(here / name):
+        if sealed_kind(here / name) is None and not (here / name).read_text(encoding="utf-8").endswith("</html>"):
             return f"half-written: {name}"
     if "out" in new:
         try:
-            Run.load(here / "out")
+            ended = Run.load(here / "out").results.ended
+            if (ended is not None) != (status == 2):
+                return f"status {status}: {ended}"
             json.loads((here / "out" / "filter_state.json").read_text(encoding="utf-8"))
         except Exception as error:
             return f"not whole: {type(error).__name__}: {error}"

@@ -104,6 +104,7 @@ def run(
     place = context.with_resource(reserved(out or Path("runs") / case.name, force=force, reads=reads))
     context.obj.watch(place.path / "summary.json", f"the run is saved in {place.shown}/")
     sources.note_doubts(case.simulation_doubts, quiet=quiet)
+    save = sources.saving(place, pictures=figures, report=report, replay=view)
 
     from massprop_drake.runners.simulate import simulate
 
@@ -117,8 +118,8 @@ def run(
         sources.compiling(case, quiet=quiet),
         Progress(f"simulating {case.name}", case.duration_s, shown=not (as_json or quiet)) as progress,
     ):
-        result = simulate(case, progress=progress, watch=watch, folder=place.path.parent)
-    folder = result.save(place, pictures=figures, report=report, replay=view)
+        result = simulate(case, progress=progress, watch=watch, folder=place.path.parent, keep=save)
+    folder = save(result)
     if as_json:
         show.as_json(result.summary)
     elif not quiet:
@@ -202,6 +203,7 @@ def estimate(
     place = context.with_resource(reserved(out or Path("runs") / name, force=force, reads=reads))
     context.obj.watch(place.path / "summary.json", f"the run is saved in {place.shown}/")
     sources.note_doubts(case.estimation_doubts, quiet=quiet)
+    save = sources.saving(place, pictures=figures, report=report, replay=view)
 
     from massprop_drake.runners.recorded import estimate as estimate_record
 
@@ -219,10 +221,16 @@ def estimate(
             said=(lambda event: show.told(event, case.vehicle_data)) if live else None,
             folder=place.path.parent,
             record_map=record_map,
+            keep=save,
         )
         if against is not None:
-            result = beside(result, against, spool_folder=place.path.parent)
-        folder = result.save(place, pictures=figures, report=report, replay=view)
+            try:
+                result = beside(result, against, spool_folder=place.path.parent)
+            except Exception as error:
+                result.note_end(error, early=False)
+                save(result)
+                raise
+        folder = save(result)
     if as_json:
         show.as_json(result.summary)
     elif not quiet:
@@ -261,7 +269,7 @@ def map_record(
     if record_map is not None:
         records.show_map(record, record_map, load_vehicle(vehicle), how)
     else:
-        records.propose_map(record, load_vehicle(vehicle), out, how)
+        records.propose_map(record, load_vehicle(vehicle), out, how._replace(reads=(vehicle,)))
 
 
 _Folder = Annotated[Path, typer.Argument(help="A run's folder.", autocompletion=completion.runs)]

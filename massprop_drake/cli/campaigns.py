@@ -28,6 +28,7 @@ app = typer.Typer(
 
 GATE_FAILED, NOT_ALL_RAN = 3, 4  # exit statuses
 _PAGE, _SUMMARY = "campaign.html", "summary.json"
+_COMPARISON = "campaigns"  # kind of page
 
 Source = Annotated[
     str,
@@ -164,10 +165,11 @@ def compare(
 ) -> None:
     """Holds campaigns with the same draws against each other, case by case."""
     from massprop_drake.cli import show
-    from massprop_drake.results.folder import write_page
+    from massprop_drake.results.folder import require_file, write_page
     from massprop_drake.studies.campaign import compare as comparison
 
-    write_page(out, comparison.page(folders), force=force)
+    require_file(out, _COMPARISON, force=force, reads=folders)
+    write_page(out, comparison.page(folders), _COMPARISON, force=force, reads=folders)
     if as_json:
         show.as_json(comparison.summary(folders))
     elif not quiet:
@@ -211,11 +213,10 @@ def _conclude(said: Concluded, folder: Path, *, force: bool, as_json: bool, quie
     """Writes the report, prints what it says, and ends with the status that the gates and the cases ask for."""
     from massprop_drake.cli import show
     from massprop_drake.results.folder import write_files
-    from massprop_drake.results.manifest import sealed
 
     found = said.summary
     if said.page is not None:
-        files = {_SUMMARY: show.json_text(found).encode(), _PAGE: sealed(said.page)}
+        files = {_SUMMARY: show.json_text(found).encode(), _PAGE: said.page.encode()}
         write_files(folder, files, force=force)
     if as_json:
         show.as_json(found)

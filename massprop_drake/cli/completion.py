@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from importlib.util import find_spec
 from pathlib import Path
+from pkgutil import iter_modules
 
 from massprop_drake.inputs.kinds import Kind, bundled
 
@@ -21,9 +23,9 @@ def named(kind: Kind) -> Callable[[str], list[str]]:
 
 def diagrams(incomplete: str) -> list[str]:
     """Offers the names of diagrams; they are the modules in their folder, and importing one would load Drake."""
-    folder = Path(__file__).parent.parent / "diagrams"
-    names = (path.stem for path in sorted(folder.glob("[!_]*.py")))
-    return [name for name in names if name.startswith(incomplete)]
+    package = find_spec("massprop_drake.diagrams")
+    names = [] if package is None else [found.name for found in iter_modules(package.submodule_search_locations)]
+    return [name for name in names if name.startswith(incomplete) and not name.startswith("_")]
 
 
 def runs(incomplete: str) -> list[str]:

@@ -19,7 +19,7 @@ from types import FrameType
 from typing import Any, TextIO
 
 from massprop_drake.cli.streams import Stream, guarded, note
-from massprop_drake.errors import InputError, require_text
+from massprop_drake.errors import InputError, in_words, require_text
 from massprop_drake.inputs.renamed import RenamedWarning
 from massprop_drake.studies import threads
 
@@ -86,7 +86,7 @@ def run() -> int:
             except Exception as error:  # the last line of defense: say it
                 if received:  # which the code that it met turned into an error of its own
                     raise Interrupted from error
-                status = _failed(error)
+                status = _failed(error, kept)
             status = _printed(output, kept, status)
         except Interrupted:
             signal.setitimer(signal.ITIMER_REAL, 0.0)
@@ -107,10 +107,11 @@ def _command(kept: Kept) -> int:
     return app(prog_name="massprop", standalone_mode=False, obj=kept) or 0
 
 
-def _failed(error: Any) -> int:
-    """Says what went wrong; the exit status."""
+def _failed(error: Any, kept: Kept) -> int:
+    """Says what went wrong, and what is saved nevertheless; the exit status."""
+    saved = f"; {kept}" if kept.saved else ""
     if isinstance(error, InputError):
-        note(error)
+        note(f"{error}{saved}")
         return 2
 
     import typer  # noqa: PLC0415 (slow to load)
@@ -120,7 +121,7 @@ def _failed(error: Any) -> int:
         if message := error.format_message().rstrip("."):  # none where help was shown for want of a command
             note(f"{message}{'' if message.endswith('?') else '.'} {' '.join(error.ctx.get_usage().split())}")
         return 2
-    note(f"internal failure: {type(error).__name__}: {error}")
+    note(f"internal failure: {in_words(error)}{saved}")
     return 1
 
 

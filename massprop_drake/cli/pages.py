@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -10,10 +11,8 @@ from massprop_drake.cli import show
 from massprop_drake.cli.streams import say
 from massprop_drake.errors import InputError
 from massprop_drake.inputs.scenario import load_scenario
-from massprop_drake.inputs.yaml import exists
-from massprop_drake.results.folder import is_ours, require_files, write_files, write_page
+from massprop_drake.results.folder import is_ours, require_file, require_files, write_files, write_page
 from massprop_drake.results.manifest import read as read_manifest
-from massprop_drake.results.manifest import sealed
 from massprop_drake.results.run import Run, read_summary
 from massprop_drake.results.summary import Summary
 
@@ -46,20 +45,22 @@ def write(
         InputError: when there is no such run, or the file cannot be written.
     """
     read_summary(folder)
-    target = out or folder / name
-    if target.is_dir() or not exists(target.parent):
-        raise InputError(f"{target}: cannot be written; give a file in a folder that is there")
-    require_files(target.parent, [target.name], force=force)
+    kind, target = name.partition(".")[0], out or folder / name
+    alone = os.path.realpath(target) != os.path.realpath(folder / name)
+    if alone:
+        require_file(target, kind, force=force, reads=[folder])
+    else:
+        require_files(folder, [name], force=force)
     written = read_manifest(folder)
-    watch(target, f"the {name.partition('.')[0]} is saved in {target}")
+    watch(target, f"the {kind} is saved in {target}")
 
     shown = Run.load(folder)
-    if out is not None:
-        write_page(target, _page(name, shown, None), force=force)
+    if alone:
+        write_page(target, _page(name, shown, None), kind, force=force, reads=[folder])
         return target
-    pages = {name: sealed(_page(name, shown, folder))}
+    pages = {name: _page(name, shown, folder).encode()}
     if name == REPLAY and (force or is_ours(folder, REPORT)):
-        pages[REPORT] = sealed(_page(REPORT, shown, None, replay=REPLAY))
+        pages[REPORT] = _page(REPORT, shown, None, replay=REPLAY).encode()
     write_files(folder, pages, force=force, found=None if written is None else written.id)
     return target
 
@@ -100,12 +101,14 @@ def compare(runs: Sequence[Path], out: Path | None, *, force: bool) -> tuple[lis
                 f"{name}: is of vehicle '{results.vehicle}' in units {results.units}, and {runs[0]} of "
                 f"'{vehicle.name}' in {vehicle.units}; compare runs of one vehicle"
             )
-    from massprop_drake.display.comparison import comparison_html  # noqa: PLC0415 (loads templates)
-
     target = out or Path("runs") / "comparison.html"
     if out is None:
         target.parent.mkdir(exist_ok=True)
-    write_page(target, comparison_html([(str(folder), Run.load(folder)) for folder in runs]), force=force)
+    require_file(target, "comparison", force=force, reads=runs)
+    from massprop_drake.display.comparison import comparison_html  # noqa: PLC0415 (loads templates)
+
+    page = comparison_html([(str(folder), Run.load(folder)) for folder in runs])
+    write_page(target, page, "comparison", force=force, reads=runs)
     return found, vehicle, target
 
 

@@ -18,18 +18,19 @@ from massprop_drake.records import mapping
 from massprop_drake.records.proposal import ROWS, Proposal, propose
 from massprop_drake.records.px4 import vehicle_of
 from massprop_drake.records.recording import open_recording
-from massprop_drake.results.folder import require_files, write_files
+from massprop_drake.results.folder import require_file, write_file
 from massprop_drake.telemetry.reader import Reader
 
 _WIDTH = 96  # of the comments in a file
 
 
 class How(NamedTuple):
-    """The options that say how a result is written and printed."""
+    """The options that say how a result is written and printed, and files that are read besides the record."""
 
     force: bool
     as_json: bool
     quiet: bool
+    reads: tuple[str, ...] = ()
 
 
 def propose_map(record: str, vehicle: Vehicle, out: Path | None, how: How) -> None:
@@ -38,13 +39,14 @@ def propose_map(record: str, vehicle: Vehicle, out: Path | None, how: How) -> No
     Raises:
         InputError: when something could not be found, or the record cannot be what the map says.
     """
+    reads = [*_files_of(record), *how.reads]
     if out is not None:
-        require_files(out.parent, [out.name], force=how.force)
+        require_file(out, "map", force=how.force, reads=reads)
     recording = open_recording(record, None, ROWS)
     found = propose(recording, vehicle)
     text = _map_text(found, record, vehicle)
     if out is not None:
-        write_files(out.parent, {out.name: text.encode()}, force=how.force, listed=False)
+        write_file(out, text.encode(), "map", force=how.force, reads=reads)
     if not (how.as_json or how.quiet):
         for line in text.splitlines():
             say(line)
@@ -73,7 +75,8 @@ def make_vehicle(
     Raises:
         InputError: when the record is no ULog, or says too little.
     """
-    require_files(target.parent, [target.name], force=how.force)
+    reads = _files_of(record)
+    require_file(target, "vehicle", force=how.force, reads=reads)
     recording = open_recording(record)
     if recording.kind != "ulog":
         raise InputError(f"{record}: has no parameters of a vehicle, which a ULog (.ulg) has")
@@ -82,11 +85,17 @@ def make_vehicle(
     for one in made.assumed:
         lines += _comment(one)
     text = "\n".join(lines) + "\n" + to_yaml(made.data)
-    write_files(target.parent, {target.name: text.encode()}, force=how.force, listed=False)
+    write_file(target, text.encode(), "vehicle", force=how.force, reads=reads)
     if how.as_json:
         show.as_json({"vehicle": str(target), "assumed": made.assumed})
     elif not how.quiet:
         say(f"{target}: {len(made.data['jets'])} thrusters; what is assumed stands at its beginning")
+
+
+def _files_of(record: str) -> list[str]:
+    """Files that are read with a record: of a bag what is beside the database, too."""
+    beside = Path(record).parent / "metadata.yaml"
+    return [record, f"{record}-wal", f"{record}-shm", *([str(beside)] if beside.is_file() else [])]
 
 
 def moments(text: str | None) -> tuple[float, float, float] | None:

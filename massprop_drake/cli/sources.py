@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -12,7 +13,7 @@ from typing import NamedTuple
 from massprop_drake.cli import show
 from massprop_drake.cli.options import Schema
 from massprop_drake.cli.streams import note
-from massprop_drake.errors import InputError
+from massprop_drake.errors import InputError, in_words
 from massprop_drake.inputs.campaign import (
     CampaignSpec,
     bundled_campaigns,
@@ -30,6 +31,8 @@ from massprop_drake.inputs.yaml import Document, exists, read_text
 from massprop_drake.maths.kernels import compiler
 from massprop_drake.records.recording import require_table
 from massprop_drake.results.exchange import recover
+from massprop_drake.results.folder import Place
+from massprop_drake.results.run import Run
 from massprop_drake.telemetry.reader import check as check_telemetry
 from massprop_drake.telemetry.reader import vehicle_scenario
 
@@ -71,6 +74,28 @@ def _logged(*, quiet: bool) -> Iterator[None]:
 class _Noted(logging.Handler):
     def emit(self, record: logging.LogRecord) -> None:
         note(record.getMessage())
+
+
+def saving(place: Place, *, pictures: bool, report: bool, replay: bool) -> Callable[[Run], Path]:
+    """A function that saves a run in a place, and its folder.
+
+    While an error is handled, that one is told; after an interruption figures and pages, which take a while, are left
+    out.
+    """
+
+    def save(run: Run) -> Path:
+        handled = sys.exception()
+        wait = isinstance(handled, Exception | None)
+        try:
+            return run.save(place, pictures=pictures and wait, report=report and wait, replay=replay and wait)
+        except InputError as error:
+            raise error if handled is None else InputError(f"{in_words(handled)}; {error}") from handled
+        except Exception:  # of a part, which is noted in the summary
+            if handled is None:
+                raise
+            return place.shown
+
+    return save
 
 
 def note_doubts(doubts: list[Finding], *, quiet: bool) -> None:

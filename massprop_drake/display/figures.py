@@ -118,12 +118,19 @@ class Plots:
         return _Figures(self._source)
 
     def save(self, folder: Path) -> None:
-        """Writes every figure into a folder, as `<name>.png`."""
-        for name, figure in self.all().items():
-            # a picture of lines hardly gets smaller by compressing it harder, which takes half the time of drawing it
-            figure.savefig(folder / f"{name}.png", pil_kwargs={"compress_level": 1})
-            del figure
+        """Writes every figure into a folder, as `<name>.png`; what one raises is raised once the others are written."""
+        drawn, failed = self.all(), []
+        for name in drawn:
+            path = folder / f"{name}.png"
+            try:
+                # a picture of lines hardly gets smaller by compressing it harder, which takes half the time of drawing
+                drawn[name].savefig(path, pil_kwargs={"compress_level": 1})
+            except Exception as error:
+                path.unlink(missing_ok=True)
+                failed.append(error)
             gc.collect()  # a figure is full of cycles: else a few, of many megabytes each, wait to be freed
+        if failed:
+            raise failed[0]
 
     def rates(self) -> Figure:
         """Angular velocity (figure 5-2)."""

@@ -47,14 +47,14 @@ def write_replay(run: Run, path: str | Path, *, force: bool = False) -> Path:
 
     Args:
         run: simulated, or estimated from telemetry.
-        path: the HTML file to write; it appears whole or not at all, and replaces nothing but a page of ours.
+        path: the HTML file to write; it appears whole or not at all, and replaces nothing but a replay of ours.
         force: keep a file that is there and not ours as `<path>.1`, `<path>.2`, ....
 
     Raises:
         InputError: when a file is there that is not ours, or it cannot be written.
     """
     target = Path(path)
-    write_page(target, replay_html(run), force=force)
+    write_page(target, replay_html(run), "replay", force=force)
     return target
 
 

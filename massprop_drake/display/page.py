@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from massprop_drake.display import events, interactive, plots, templates
+from massprop_drake.errors import moment
 from massprop_drake.inputs.model import yaml_text
 from massprop_drake.maths.mass_properties import MASS_RECIPROCAL
 from massprop_drake.results import events as said
@@ -31,7 +32,7 @@ def write_report(run: Run, path: str | Path, *, replay: str | None = None, force
 
     Args:
         run: simulated, or estimated from telemetry.
-        path: the HTML file to write; it appears whole or not at all, and replaces nothing but a page of ours.
+        path: the HTML file to write; it appears whole or not at all, and replaces nothing but a report of ours.
         replay: path of the replay relative to the report; None: the report links to none.
         force: keep a file that is there and not ours as `<path>.1`, `<path>.2`, ....
 
@@ -39,7 +40,7 @@ def write_report(run: Run, path: str | Path, *, replay: str | None = None, force
         InputError: when a file is there that is not ours, or it cannot be written.
     """
     target = Path(path)
-    write_page(target, report_html(run, replay=replay), force=force)
+    write_page(target, report_html(run, replay=replay), "report", force=force)
     return target
 
 
@@ -100,9 +101,17 @@ def report_html(run: Run, *, replay: str | None = None) -> str:
     )
 
 
+def _lacking(results: Summary) -> Iterator[str]:
+    """Says what a run lacks that ended early, or of which something could not be made."""
+    if results.ended is not None:
+        yield f"Ended early, at {moment(results.ended.time_s)} s: {results.ended.reason}."
+    if results.missing:
+        yield f"Not all could be made: {'; '.join(results.missing)}."
+
+
 def _verdict(results: Summary) -> list[dict[str, Any]]:
     """Writes the few sentences that a reader wants first; `good` is None where there is nothing to judge."""
-    sentences: list[dict[str, Any]] = []
+    sentences: list[dict[str, Any]] = [{"good": False, "text": text} for text in _lacking(results)]
 
     def say(good: bool | None, text: str) -> None:
         sentences.append({"good": good, "text": text})
@@ -249,7 +258,7 @@ def _detection(entry: DetectionRecord, units: Mapping[str, str], by_hypotheses: 
         "declared": entry.time_s,
         "cluster": "" if entry.cluster is None else str(entry.cluster),
         "magnitude": size(entry, units),
-        "sure": f"{entry.statistic:.4g} {after}",
+        "sure": after if entry.statistic is None else f"{entry.statistic:.4g} {after}",
         "remarks": "; ".join(remarks(entry)),
     }
 

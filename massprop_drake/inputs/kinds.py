@@ -26,8 +26,19 @@ _USES: dict[Kind, str] = {
 
 
 def bundled(kind: Kind) -> list[str]:
-    """Lists what comes with the package."""
-    folder = resources.files("massprop_drake").joinpath(*_PLACES[kind])
+    """Lists what comes with the package.
+
+    Raises:
+        InputError: when the package lacks them.
+    """
+    package, *below = _PLACES[kind]
+    try:
+        folder = resources.files(f"massprop_drake.{package}").joinpath(*below)
+    except ModuleNotFoundError as error:
+        raise InputError(
+            f"massprop_drake is not whole: '{error.name}' is missing, as in a checkout without symbolic links that is "
+            "not installed; install it by 'pip install -e .' in the repository"
+        ) from None
     return sorted(item.name.removesuffix(".yaml") for item in folder.iterdir() if item.name.endswith(".yaml"))
 
 

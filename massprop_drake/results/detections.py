@@ -32,7 +32,7 @@ class DetectionRecord(NamedTuple):
         isolated_to: "jet", "group" (one of `jets`, which the data cannot tell apart) or "cluster"; None for a jump.
         magnitude: force too much (positive) or missing (negative), lbf or N; None for a jump.
         magnitude_std: its 1-sigma, lbf or N.
-        statistic: likelihood argument of the failure; of a jump the NIS of the sample.
+        statistic: likelihood argument of the failure; of a jump the NIS of the sample; None where there is none.
         alarms: how many alarms led to the declaration.
         withdrawn_s: when the declaration was withdrawn, s; None while it stands.
         jets: designations of the jets that it may be, the likeliest first; none where only a cluster is named.
@@ -60,7 +60,7 @@ class DetectionRecord(NamedTuple):
     isolated_to: Literal["jet", "group", "cluster"] | None
     magnitude: Real | None
     magnitude_std: NotNegative | None
-    statistic: Real
+    statistic: Real | None
     alarms: Count
     withdrawn_s: Real | None = None
     jets: tuple[Text, ...] = ()
@@ -267,7 +267,7 @@ def _failure(vehicle: Vehicle, event: EventRecord) -> DetectionRecord:
         isolated_to="jet" if alone else "group" if event.jets else "cluster",
         magnitude=event.magnitude,
         magnitude_std=event.magnitude_std,
-        statistic=_known(event.statistic),
+        statistic=event.statistic,
         alarms=event.alarms,
         jets=event.jets,
         told_apart_by=event.told_apart_by,
@@ -286,7 +286,7 @@ def _jump(event: EventRecord) -> DetectionRecord:
         isolated_to=None,
         magnitude=None,
         magnitude_std=None,
-        statistic=_known(event.statistic),
+        statistic=event.statistic,
         alarms=event.alarms,
     )
     if event.mass is None or event.mass_std is None or abs(event.mass) <= _SIGNIFICANT * event.mass_std:
@@ -300,11 +300,6 @@ def _force(event: EventRecord) -> dict[str, Any]:
 
 def _size(event: EventRecord) -> dict[str, Any]:
     return {name: getattr(event, name) for name in ("mass", "mass_std", "position", "position_std")}
-
-
-def _known(value: float | None) -> float:
-    assert value is not None, "every event of a run has its statistic"
-    return value
 
 
 def _kind(magnitude: float, std: float, thrust: float) -> Kind:

@@ -52,7 +52,7 @@ class EventRecord(NamedTuple):
         mass, mass_std: gained in a jump (released: negative), slug or kg; None while no filter of it fits.
         position, position_std: where, vehicle frame, ft or m.
         sensor, axis: package and axis of a false reading.
-        statistic, alarms: likelihood argument, and how many alarms led to it.
+        statistic, alarms: likelihood argument, None where there is none, and how many alarms led to it.
         jet_index: index of the likeliest jet of the vehicle, while the run goes on; None in a summary.
     """
 
@@ -110,7 +110,7 @@ def _by_samples(vehicle: Vehicle, time_s: float, at: Mapping[str, float], nis: f
     """What a detector of single samples, or of sums of them, says."""
     code, jet, alarms = int(at["detector_event"]), int(at["suspected_jet"]), int(at["alarms"])
     if code not in (Code.DECLARED, Code.WITHDRAWN):
-        return EventRecord(time_s, "jump", at["onset"], statistic=nis, alarms=alarms)
+        return EventRecord(time_s, "jump", at["onset"], statistic=_if_known(nis), alarms=alarms)
     return EventRecord(
         time_s,
         "failed" if code == Code.DECLARED else "withdrawn",
@@ -119,7 +119,7 @@ def _by_samples(vehicle: Vehicle, time_s: float, at: Mapping[str, float], nis: f
         cluster=vehicle.jets[jet].cluster,
         magnitude=at["suspected_magnitude"],
         magnitude_std=at["suspected_magnitude_std"],
-        statistic=at["suspected_likelihood"],
+        statistic=_if_known(at["suspected_likelihood"]),
         alarms=alarms,
         jet_index=jet,
     )
@@ -134,7 +134,7 @@ def _by_hypotheses(
 ) -> Iterator[EventRecord]:
     """What the detector by hypotheses says at a sample: of jets one or more, of everything else at most one."""
     at, row = told
-    how: dict[str, Any] = {"statistic": at["suspected_likelihood"], "alarms": int(at["alarms"])}
+    how: dict[str, Any] = {"statistic": _if_known(at["suspected_likelihood"]), "alarms": int(at["alarms"])}
     for jets in named(row["verdict_group"], row["verdict_place"]):
         event = _of_jets(vehicle, time_s, jets, row)._replace(**how)
         yield event._replace(pattern=_pattern(earlier, event)) if event.kind == "erratic" else event
@@ -186,6 +186,10 @@ def _pattern(earlier: Sequence[EventRecord], now: EventRecord) -> Literal["inter
 def _latest(earlier: Sequence[EventRecord], kind: EventKind, otherwise: float) -> float:
     """Onset of the latest event of a kind."""
     return next((one.onset_s for one in reversed(earlier) if one.kind == kind), otherwise)
+
+
+def _if_known(value: float) -> float | None:
+    return None if math.isnan(value) else value
 
 
 def _three(values: Array) -> tuple[float, float, float]:

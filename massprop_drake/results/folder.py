@@ -1,8 +1,9 @@
 """Folders and files that appear whole or not at all, and never in place of anybody else's.
 
 One rule for everything that is written: it takes the place of nothing, of an empty folder, or of what we have written
-and nobody has changed since (`results.manifest`). Anything else is refused before the work, or kept as `<name>.1`,
-`<name>.2`, ... where that is asked for (`force`).
+of the same kind and nobody has changed since (`results.manifest`). Anything else is refused before the work, or kept
+as `<name>.1`, `<name>.2`, ... where that is asked for (`force`). A file never takes the place of what the work reads,
+nor of a file that belongs to a run or a campaign, whatever is asked for.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ import contextlib
 import errno
 import os
 import stat
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
@@ -41,6 +42,12 @@ class Place(NamedTuple):
     shown: Path
     force: bool
     found: str | None
+
+    @property
+    def is_as_found(self) -> bool:
+        """Whether nothing has been put there since."""
+        now = manifest.read(self.path)
+        return (None if now is None else now.id) == self.found
 
     def named(self, beside: Path) -> Path:
         """A path beside the folder as the user would give it."""
@@ -104,7 +111,7 @@ def reserved(target: Path, *, force: bool = False, reads: Iterable[str | Path] =
 
 
 @contextlib.contextmanager
-def whole_folder(place: Place) -> Iterator[Path]:
+def whole_folder(place: Place, beside: Callable[[], bool] = lambda: False) -> Iterator[Path]:
     """Yields a folder to write into, which takes its place, with a manifest, once the block ends without an error.
 
     What is in the place is looked at again: where it is not what was found before, it is left alone, and the new folder
@@ -112,6 +119,7 @@ def whole_folder(place: Place) -> Iterator[Path]:
 
     Args:
         place: as `require_writable` found it.
+        beside: tells at the end whether what is there is to be kept as `<name>.1`, `<name>.2`, ....
 
     Raises:
         InputError: when the folder cannot be written, or somebody has changed the place meanwhile; the message says
@@ -126,7 +134,7 @@ def whole_folder(place: Place) -> Iterator[Path]:
         whole = prepared.finished(path.name)
         with locked(path.parent):
             try:
-                replaced = _placed(whole, place, prepared)
+                replaced = _placed(whole, place._replace(force=place.force or beside()), prepared)
             except (InputError, OSError) as error:
                 kept = place.named(set_aside(whole, path))
                 raise InputError(
@@ -160,7 +168,7 @@ def _placed(whole: Path, place: Place, prepared: Stage) -> Path | None:
 
 
 def require_files(folder: Path, names: Iterable[str], *, force: bool = False) -> None:
-    """Checks, before any work is done, that files can be written into a folder.
+    """Checks, before any work is done, that files of a folder's own can be written into it.
 
     Args:
         folder: path of the folder; it need not be there.
@@ -170,30 +178,153 @@ def require_files(folder: Path, names: Iterable[str], *, force: bool = False) ->
     Raises:
         InputError: when a file of a name is there and not ours, or the folder cannot be written.
     """
-    with _told(folder):
-        path = _found(folder)
-        path.mkdir(parents=True, exist_ok=True)
-        with stage(path):  # can be made
-            pass
-        if not force:
-            _require_free(folder, path, manifest.read(path), names)
+    _require(folder, names, _Rule(force))
 
 
-def write_files(
-    folder: Path, files: Mapping[str, bytes], *, force: bool = False, listed: bool = True, found: str | None = None
-) -> None:
-    """Writes files into a folder, each whole or not at all, and lists them in its manifest.
+def write_files(folder: Path, files: Mapping[str, bytes], *, force: bool = False, found: str | None = None) -> None:
+    """Writes files of a folder's own into it, each whole or not at all, and lists them in its manifest.
 
     Args:
         folder: path of the folder; made where it is missing.
         files: content by name, relative to the folder, with slashes.
         force: keep what is there and not ours as `<name>.1`, `<name>.2`, ..., instead of refusing.
-        listed: whether to begin a manifest where the folder has none.
         found: `id` that the folder's manifest must have.
 
     Raises:
         InputError: when a file of a name is there and not ours, or the folder cannot be written; nothing has changed.
     """
+    _write(folder, files, _Rule(force), found)
+
+
+def require_file(path: Path, kind: str, *, force: bool = False, reads: Iterable[str | Path] = ()) -> None:
+    """Checks, before any work is done, that a file that stands alone can be written.
+
+    Args:
+        path: of the file, in a folder that is there.
+        kind: of file; a page of ours of this kind that nobody has changed is replaced.
+        force: keep what is there and not ours as `<name>.1`, `<name>.2`, ....
+        reads: files and folders that the work reads.
+
+    Raises:
+        InputError: when something is there that must not be replaced, or the folder cannot be written.
+    """
+    _require_folder_of(path)
+    _require(path.parent, [path.name], _Rule(force, kind, tuple(map(Path, reads))))
+
+
+def write_file(path: Path, content: bytes, kind: str, *, force: bool = False, reads: Iterable[str | Path] = ()) -> None:
+    """Writes a file that stands alone, whole or not at all.
+
+    In a folder with a manifest it is listed there, too.
+
+    Args:
+        path, kind, force, reads: as `require_file` takes them.
+        content: of the file.
+
+    Raises:
+        InputError: as `require_file`; nothing has changed.
+    """
+    _require_folder_of(path)
+    _write(path.parent, {path.name: content}, _Rule(force, kind, tuple(map(Path, reads))))
+
+
+def write_page(path: Path, text: str, kind: str, *, force: bool = False, reads: Iterable[str | Path] = ()) -> None:
+    """Writes a page that stands alone, whole or not at all.
+
+    Args:
+        path, kind, force, reads: as `require_file` takes them.
+        text: HTML; a last line is added, by which the page is known to be ours.
+
+    Raises:
+        InputError: as `require_file`; nothing has changed.
+    """
+    write_file(path, manifest.sealed(text, kind), kind, force=force, reads=reads)
+
+
+def is_ours(folder: Path, name: str) -> bool:
+    """Whether a file in a folder is there, is one of the folder's own, and as we wrote it."""
+    return os.path.lexists(folder / name) and _Rule().may_replace(folder / name, folder, manifest.read(folder))
+
+
+class _Rule(NamedTuple):
+    """What files that are to be written may take the place of.
+
+    Attributes:
+        force: keep anything else under another name, where that is possible.
+        kind: of the single file; None: the files are the folder's own.
+        reads: files and folders that the work reads.
+    """
+
+    force: bool = False
+    kind: str | None = None
+    reads: tuple[Path, ...] = ()
+
+    def may_replace(self, path: Path, folder: Path, found: Manifest | None) -> bool:
+        """Whether what is at a path in a folder, with its manifest, is ours, unchanged and of the same kind."""
+        name, sealed = path.relative_to(folder).as_posix(), manifest.sealed_kind(path)
+        listed = found is not None and found.lists(name, path)
+        if self.kind is not None:
+            return sealed == self.kind or (sealed == "" and not listed)
+        return sealed == "" or (listed and sealed is None) or (name == manifest.NAME and found is not None)
+
+    def reason_to_stay(self, path: Path, folder: Path) -> str | None:
+        """Why what is at a path in a folder must not even get another name; None: it may."""
+        real = Path(os.path.realpath(path))
+        if path.is_dir():
+            return "is a folder; give a file"
+        if not (path.is_file() or path.is_symlink()):
+            return "is no regular file; give another place"
+        for source in self.reads:
+            if Path(os.path.realpath(source)) in (real, *real.parents, *path.parents):
+                return f"belongs to what is read, {source}; give another place"
+        for above in path.parents:
+            owned = manifest.read(above)
+            listed = owned is not None and owned.has(path, above)
+            if (listed and above != folder) or (self.kind is not None and listed):
+                return f"belongs to the run or campaign in {above}; give another place"
+            if (above / _MARKER).is_file() and (self.kind is not None or not folder.is_relative_to(above)):
+                return f"belongs to the work in {above}; give another place"
+        return None
+
+    def in_the_way(self, shown: Path, folder: Path, names: Iterable[str]) -> list[str]:
+        """Names under which something is that has to get another name.
+
+        Raises:
+            InputError: when it must not, or that is not asked for.
+        """
+        found = manifest.read(folder)
+        taken = [
+            name
+            for name in names
+            if os.path.lexists(folder / name) and not self.may_replace(folder / name, folder, found)
+        ]
+        stays = [(name, reason) for name in taken if (reason := self.reason_to_stay(folder / name, folder))]
+        if stays:
+            raise InputError(*(f"{shown / name}: {reason}" for name, reason in stays))
+        if taken and not self.force:
+            first, *others = (f"{shown / name}: is there already, and not as we wrote it" for name in taken)
+            raise InputError(f"{first}; give another place, or --force to keep it as {Path(taken[0]).name}.1", *others)
+        return taken
+
+
+def _require_folder_of(path: Path) -> None:
+    with _told(path):
+        if path.is_dir() or not path.parent.is_dir():
+            raise InputError(f"{path}: cannot be written; give a file in a folder that is there")
+
+
+def _require(folder: Path, names: Iterable[str], rule: _Rule) -> None:
+    """Checks that files can be written into a folder by a rule."""
+    with _told(folder):
+        path = _found(folder)
+        path.mkdir(parents=True, exist_ok=True)
+        with stage(path):  # can be made
+            pass
+        rule.in_the_way(folder, path, names)
+
+
+def _write(folder: Path, files: Mapping[str, bytes], rule: _Rule, found: str | None = None) -> None:
+    """Writes files into a folder by a rule, and lists them where it has a manifest, or is to have one."""
     with _told(folder):
         path = _found(folder)
         path.mkdir(parents=True, exist_ok=True)
@@ -205,12 +336,10 @@ def write_files(
                 before = manifest.read(path)
                 if found is not None and (before is None or before.id != found):
                     raise InputError(f"{folder}: has been replaced meanwhile; try again")
-                begun = before or (manifest.empty() if listed else None)
-                names = [*files, *([manifest.NAME] if begun else [])]
-                if not force:
-                    _require_free(folder, path, before, names)
-                for name in _taken(path, before, names):
+                own = [manifest.NAME] if rule.kind is None else []
+                for name in rule.in_the_way(folder, path, [*files, *own]):
                     set_aside(path / name, path / name)
+                begun = before or (manifest.empty() if own else None)
                 if begun is None:
                     _put(ready, path)
                     return
@@ -220,28 +349,6 @@ def write_files(
                 _note(after.model_copy(update={"pending": entries}), prepared.partial, path)
                 _put(ready, path)
                 _note(after.model_copy(update={"files": {**after.files, **entries}}), prepared.partial, path)
-
-
-def write_page(path: Path, text: str, *, force: bool = False) -> None:
-    """Writes a page that stands alone, whole or not at all.
-
-    Args:
-        path: of the page; a page of ours that nobody has changed is replaced.
-        text: HTML; a last line is added, by which the page is known to be ours.
-        force: keep what is there and not ours as `<name>.1`, `<name>.2`, ....
-
-    Raises:
-        InputError: when a file is there that is not ours, or the folder cannot be written.
-    """
-    with _told(path):
-        if path.is_dir() or not path.parent.is_dir():
-            raise InputError(f"{path}: cannot be written; give a file in a folder that is there")
-        write_files(path.parent, {path.name: manifest.sealed(text)}, force=force, listed=False)
-
-
-def is_ours(folder: Path, name: str) -> bool:
-    """Whether a file in a folder is there, and as we wrote it."""
-    return os.path.lexists(folder / name) and not any(_taken(folder, manifest.read(folder), [name]))
 
 
 @contextlib.contextmanager
@@ -341,27 +448,6 @@ def _took(whole: Path, path: Path) -> bool:
 
 def _is_empty(path: Path) -> bool:
     return path.is_dir() and not path.is_symlink() and not any(path.iterdir())
-
-
-def _taken(path: Path, found: Manifest | None, names: Iterable[str]) -> list[str]:
-    """The names in a folder under which something is that is not ours."""
-    return [
-        name
-        for name in names
-        if os.path.lexists(path / name)
-        and not (found is not None and (name == manifest.NAME or found.lists(name, path / name)))
-        and not manifest.is_sealed(path / name)
-    ]
-
-
-def _require_free(folder: Path, path: Path, found: Manifest | None, names: Iterable[str]) -> None:
-    taken = _taken(path, found, names)
-    if taken:
-        raise InputError(
-            f"{folder / taken[0]}: is there already, and not as we wrote it; give another place, or --force to keep it "
-            f"as {Path(taken[0]).name}.1",
-            *(f"{folder / name}: is there already, and not as we wrote it" for name in taken[1:]),
-        )
 
 
 def _put(ready: Mapping[str, Path], path: Path) -> None:

@@ -17,8 +17,8 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 NAME = "manifest.json"
 
-_SEAL = "<!-- massprop {} -->\n"
-_SEAL_SIZE = len(_SEAL.format("0" * 64))
+_SEAL = re.compile(rb"<!-- massprop (?:([a-z]{1,20}) )?([0-9a-f]{64}) -->\n")  # without a kind up to version 0.2
+_SEAL_SIZE = 128  # bytes, at most
 
 
 class _Model(BaseModel):
@@ -53,8 +53,14 @@ class Manifest(_Model):
         """The text of the file."""
         return (self.model_dump_json(indent=2, exclude_defaults=False) + "\n").encode()
 
+    def has(self, path: Path, folder: Path) -> bool:
+        """Whether a path in the manifest's folder is one of its files, by name or by another name of the same file."""
+        name = path.relative_to(folder).as_posix()
+        alike = (one for one in (*self.files, *self.pending, NAME) if one.casefold() == name.casefold())
+        return any(one == name or _is_same(folder / one, path) for one in alike)
+
     def lists(self, name: str, path: Path) -> bool:
-        """Whether a path holds the regular file that is listed under a name."""
+        """Whether a path holds the regular file that is listed under a name, unchanged."""
         expected = [entries[name] for entries in (self.files, self.pending) if name in entries]
         return bool(expected) and _is_plain(path) and _entry(path) in expected
 
@@ -121,23 +127,30 @@ def entry(content: bytes) -> FileEntry:
     return FileEntry(sha256=hashlib.sha256(content).hexdigest(), bytes=len(content))
 
 
-def sealed(text: str) -> bytes:
-    """A page that can be told to be ours, and unchanged, wherever it lies: its last line has the digest of the rest."""
+def sealed(text: str, kind: str) -> bytes:
+    """A page that can be told to be ours, and unchanged, wherever it lies: its last line has the digest of the rest.
+
+    Args:
+        text: of the page.
+        kind: of page, a word in small letters.
+    """
     content = text.encode()
-    return content + _SEAL.format(hashlib.sha256(content).hexdigest()).encode()
+    return content + f"<!-- massprop {kind} {hashlib.sha256(content).hexdigest()} -->\n".encode()
 
 
-def is_sealed(path: Path) -> bool:
-    """Whether a path holds a page as `sealed` made it."""
-    if not _is_plain(path) or path.stat().st_size < _SEAL_SIZE:
-        return False
+def sealed_kind(path: Path) -> str | None:
+    """Kind of the page that a path holds as `sealed` made it, "" where its seal has none; None: it holds no such."""
+    if not _is_plain(path):
+        return None
     with path.open("rb") as file:
-        file.seek(-_SEAL_SIZE, os.SEEK_END)
-        seal = file.read()
-        if not re.fullmatch(re.escape(_SEAL.encode()).replace(rb"\{\}", b"[0-9a-f]{64}"), seal):
-            return False
+        size = file.seek(0, os.SEEK_END)
+        file.seek(max(size - _SEAL_SIZE, 0))
+        seal = re.search(_SEAL.pattern + rb"\Z", file.read())
+        if seal is None:
+            return None
         file.seek(0)
-        return seal == _SEAL.format(hashlib.sha256(file.read()[:-_SEAL_SIZE]).hexdigest()).encode()
+        content = file.read()[: -len(seal[0])]
+    return (seal[1] or b"").decode() if seal[2] == hashlib.sha256(content).hexdigest().encode() else None
 
 
 def _walk(folder: Path) -> Iterator[tuple[str, Path]]:
@@ -149,6 +162,13 @@ def _walk(folder: Path) -> Iterator[tuple[str, Path]]:
         for item in found:
             yield Path(item.path).relative_to(folder).as_posix(), Path(item.path)
         waiting += [Path(item.path) for item in reversed(found) if item.is_dir(follow_symlinks=False)]
+
+
+def _is_same(one: Path, other: Path) -> bool:
+    try:
+        return one.samefile(other)
+    except OSError:
+        return False
 
 
 def _is_plain(path: Path) -> bool:

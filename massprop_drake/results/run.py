@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BaseModel
 
-from massprop_drake.errors import InputError, suggestion
+from massprop_drake.errors import InputError, in_words, suggestion
 from massprop_drake.inputs import params
 from massprop_drake.inputs.kinds import bundled
 from massprop_drake.inputs.model import validated, yaml_text
@@ -19,9 +21,10 @@ from massprop_drake.inputs.scenario import Scenario, load_scenario
 from massprop_drake.inputs.yaml import exists, read_text
 from massprop_drake.results.exchange import recover
 from massprop_drake.results.folder import Place, require_writable, whole_folder
+from massprop_drake.results.parts import Ended, Parts
 from massprop_drake.results.spool import Signals, Spool, blocks, write_npz
-from massprop_drake.results.stored import STATE_FILE, FilterState, read_history, read_json
-from massprop_drake.results.summary import Summary, null_for_nan
+from massprop_drake.results.stored import STATE_FILE, FilterState, read_history, read_json, storable
+from massprop_drake.results.summary import Summary, SummaryFile, null_for_nan
 from massprop_drake.results.thinning import outstanding_rows, picked
 from massprop_drake.signals import (
     SIGNALS,
@@ -107,6 +110,7 @@ class Run:
     def __repr__(self) -> str:
         found = len(self.results.detections)
         said = f"{found} declaration{'s' if found > 1 else ''}" if found else "no failure found"
+        said += "" if self.results.ended is None else ", ended early"
         return (
             f"<Run of '{self.scenario.name}' on '{self.results.vehicle}', {self.results.duration_s:g} s, "
             f"seed {self.scenario.seed}: {said}>"
@@ -200,6 +204,9 @@ class Run:
     ) -> Path:
         """Writes the run's folder, whole or not at all.
 
+        A part that cannot be made is left out and noted in `summary.json`; what it raised is raised once the rest is
+        written. A run that lacks data takes no earlier run's place, which is kept as `<folder>.1`, `<folder>.2`, ....
+
         Args:
             folder: where to write. A folder of an earlier run is replaced, when every file in it is in its
                 `manifest.json` and unchanged. A place that was found before the work says what was there then.
@@ -213,27 +220,89 @@ class Run:
                 it was found; the message then says where the run is.
         """
         place = folder if isinstance(folder, Place) else require_writable(Path(folder), force=force)
-        with whole_folder(place) as partial:
-            (partial / "scenario.yaml").write_text(yaml_text(self.scenario) + _END, encoding="utf-8")
-            self._write_telemetry(partial / "telemetry.csv")
-            self._write_history(partial / "history.npz")
-            if self.state:
-                (partial / STATE_FILE).write_text(_json(self._filter_state()), encoding="utf-8")
-            shown = self.shown()  # once: it takes a while
-            if pictures:
-                (partial / "figures").mkdir()
-                shown.plot.save(partial / "figures")
-            if replay:
-                from massprop_drake.display.flight3d import replay_html  # noqa: PLC0415 (loads Drake)
-
-                (partial / "replay.html").write_text(replay_html(shown), encoding="utf-8", newline="")
-            if report:
-                from massprop_drake.display.page import report_html  # noqa: PLC0415 (loads templates)
-
-                page = report_html(shown, replay="replay.html" if replay else None)
-                (partial / "report.html").write_text(page, encoding="utf-8", newline="")
-            (partial / "summary.json").write_text(_json(self.summary), encoding="utf-8")
+        try:
+            error = self._write(place, {"figures": pictures, "replay.html": replay, "report.html": report})
+        except Exception:
+            raise
+        except BaseException as interruption:  # without pages, which take most of the time
+            if place.is_as_found:
+                self._write(place, {}, f"figures and pages: {in_words(interruption)}")
+            raise
+        if error is not None:
+            raise error
         return place.shown
+
+    def _write(self, place: Place, pages: Mapping[str, bool], *missing: str) -> Exception | None:
+        """Writes the run's folder; what cannot be made is noted in its summary.
+
+        Args:
+            place: of the folder.
+            pages: whether figures, replay and report are wanted.
+            missing: parts that are known to be missing.
+
+        Returns:
+            The first error that was noted.
+        """
+        data, drawn = Parts(), Parts()
+        with whole_folder(place, beside=lambda: bool(self.results.ended or data.missing)) as partial:
+
+            def put(name: str, write: Callable[[Path], object], parts: Parts) -> None:
+                try:
+                    write(partial / name)
+                except Exception as error:
+                    if parts is data and isinstance(error, OSError):
+                        raise
+                    _remove(partial / name)
+                    parts.note(name, error)
+
+            put("scenario.yaml", lambda path: _put(path, yaml_text(self.scenario) + _END), data)
+            put("telemetry.csv", self._write_telemetry, data)
+            put("history.npz", self._write_history, data)
+            if self.state:
+                put(STATE_FILE, lambda path: _put(path, _json(self._filter_state(), FilterState, data)), data)
+            shown = self.shown() if any(pages.values()) else self  # once: it takes a while
+            if pages.get("figures"):
+                put("figures", shown._draw, drawn)
+            if pages.get("replay.html"):
+                put("replay.html", shown._write_replay, drawn)
+            if pages.get("report.html"):
+                put("report.html", shown._write_report, drawn)
+            noted = (*self.results.missing, *data.missing, *drawn.missing, *missing)
+            results = replace(self.results, missing=noted) if noted else self.results
+            content = storable(results.as_json(), SummaryFile, lost := Parts())
+            if lost.missing:
+                content["missing"] = [*noted, *lost.missing]
+            _put(partial / "summary.json", _text(content))
+        return data.error or drawn.error or lost.error
+
+    def _draw(self, folder: Path) -> None:
+        folder.mkdir()
+        self.plot.save(folder)
+
+    def _write_replay(self, path: Path) -> None:
+        from massprop_drake.display.flight3d import replay_html  # noqa: PLC0415 (loads Drake)
+
+        _put(path, replay_html(self))
+
+    def _write_report(self, path: Path) -> None:
+        from massprop_drake.display.page import report_html  # noqa: PLC0415 (loads templates)
+
+        replay = path.with_name("replay.html")
+        _put(path, report_html(self, replay=replay.name if replay.exists() else None))
+
+    def note_end(self, error: BaseException, *, early: bool) -> None:
+        """Notes in the results what has ended the run.
+
+        Args:
+            error: what was raised.
+            early: whether before the end of the scenario or the record.
+        """
+        why, results = in_words(error), self.results
+        self.__dict__.pop("summary", None)
+        if early:
+            self.results = replace(results, ended=Ended(float(self.time_s[-1]), why))
+        elif not results.missing:
+            self.results = replace(results, missing=(why,))
 
     def _repr_html_(self) -> str:
         """Shows the ten parameters and what was found in a notebook."""
@@ -283,7 +352,9 @@ class Run:
         scenario = load_scenario(path / "scenario.yaml")
         if not read_text(path / "scenario.yaml").endswith(_END):
             raise InputError(f"{path / 'scenario.yaml'}: is cut short: it must end with '...'; run the scenario anew")
-        time_s, signals = read_history(path / "history.npz", scenario.vehicle_data)
+        time_s, signals = read_history(
+            path / "history.npz", scenario.vehicle_data, whole=results.ended is None and not results.missing
+        )
         state: dict[str, Any] = {}
         if exists(path / STATE_FILE):
             state = read_json(path / STATE_FILE)
@@ -321,5 +392,21 @@ class Run:
         }
 
 
-def _json(content: Any) -> str:
+def _json(content: Any, schema: type[BaseModel], parts: Parts) -> str:
+    return _text(storable(content, schema, parts))
+
+
+def _text(content: Any) -> str:
     return json.dumps(content, indent=2, allow_nan=False) + "\n"
+
+
+def _put(path: Path, text: str) -> None:
+    path.write_text(text, encoding="utf-8", newline="")
+
+
+def _remove(path: Path) -> None:
+    """Removes a file that has been begun, or an empty folder."""
+    if not path.is_dir():
+        path.unlink(missing_ok=True)
+    elif not any(path.iterdir()):
+        path.rmdir()

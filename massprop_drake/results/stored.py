@@ -20,7 +20,7 @@ from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, field_validator, model_validator
+from pydantic import BaseModel, Field, ValidationError, field_validator, model_validator
 
 from massprop_drake.errors import InputError, dotted, moment
 from massprop_drake.inputs.model import Count, Model, Real, Text, Vector3, Whole, digest, validated
@@ -33,6 +33,7 @@ from massprop_drake.maths.estimation.filter import MASS_REPORT, ROTATION_REPORT
 from massprop_drake.maths.estimation.filters.joint import JOINT_REPORT
 from massprop_drake.results.detections import DetectionRecord
 from massprop_drake.results.events import EventRecord
+from massprop_drake.results.parts import Parts
 from massprop_drake.results.unconfirmed import UnconfirmedRecord
 from massprop_drake.signals import AXES, SIGNALS, is_own, pose_signal, velocity_signal
 
@@ -64,6 +65,39 @@ def _finite(text: str) -> float:
     if not math.isfinite(value):
         raise ValueError(f"{text} is not finite; what is not known is null")
     return value
+
+
+def storable(content: Any, schema: type[BaseModel], parts: Parts) -> Any:
+    """What JSON can hold of some content, and what can be read back: numbers that are not finite become null.
+
+    A record in a list that cannot be without such a number is left out.
+
+    Args:
+        content: as it is to be stored.
+        schema: of the file.
+        parts: is told each such number.
+    """
+    kept = _without_infinite(content, (), parts)
+    if not parts.missing:
+        return kept
+    try:
+        schema.model_validate(kept)
+    except ValidationError as error:
+        places = {place[:2] for place in (one["loc"] for one in error.errors()) if len(place) > 1}
+        for name, index in sorted((place for place in places if isinstance(place[1], int)), reverse=True):
+            del kept[name][index]
+    return kept
+
+
+def _without_infinite(content: Any, path: tuple[str | int, ...], parts: Parts) -> Any:
+    if isinstance(content, Mapping):
+        return {key: _without_infinite(value, (*path, key), parts) for key, value in content.items()}
+    if isinstance(content, list | tuple):
+        return [_without_infinite(value, (*path, index), parts) for index, value in enumerate(content)]
+    if isinstance(content, float) and not math.isfinite(content):
+        parts.note(dotted(path), ArithmeticError("is no finite number"))
+        return None
+    return content
 
 
 # ----------------------------------------------------------------------------------- filter states
@@ -219,7 +253,7 @@ _HEADER = re.compile(rb"\{'descr': '<f8', 'fortran_order': False, 'shape': \(([0
 _AT_ONCE = 2**20  # bytes
 
 
-def read_history(path: Path, vehicle: Vehicle) -> tuple[Array, dict[str, Array]]:
+def read_history(path: Path, vehicle: Vehicle, *, whole: bool = True) -> tuple[Array, dict[str, Array]]:
     """Reads a run's signals.
 
     Signals that are not known are passed over.
@@ -227,6 +261,7 @@ def read_history(path: Path, vehicle: Vehicle) -> tuple[Array, dict[str, Array]]
     Args:
         path: of `history.npz`.
         vehicle: whose sensors and jets they are of.
+        whole: whether the run came to its end; numbers of one that did not may be anything.
 
     Returns:
         Sample times, s, shape (n,), and the signals by name, shape (n, components).
@@ -249,7 +284,8 @@ def read_history(path: Path, vehicle: Vehicle) -> tuple[Array, dict[str, Array]]
         raise InputError(f"{path}: is too large for the memory of this machine") from None
     except (OSError, EOFError, ValueError, zipfile.BadZipFile, zlib.error) as error:
         raise InputError(f"{path}: holds no signals that can be read: {error}") from None
-    _require_sound(path, time_s, signals, vehicle)
+    if whole:
+        _require_sound(path, time_s, signals, vehicle)
     return time_s, signals
 
 

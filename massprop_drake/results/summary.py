@@ -20,12 +20,13 @@ from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.maths import mass_properties, possible_inertia
 from massprop_drake.maths.mass_properties import CENTER_OF_MASS, MASS_RECIPROCAL, N_ROTATION, Derived, six_elements
 from massprop_drake.results.against import Against
-from massprop_drake.results.consistency import COMPONENTS, Consistency, Diagnosis, Tally, judged, used_nis
+from massprop_drake.results.consistency import COMPONENTS, TOO_LITTLE, Consistency, Diagnosis, Tally, judged, used_nis
 from massprop_drake.results.detections import JUMP, DetectionRecord
 from massprop_drake.results.events import EventRecord
 from massprop_drake.results.hindsight import looked_back
 from massprop_drake.results.identifiability import Identifiability, bound_in_words, identified
 from massprop_drake.results.injected import InjectedRecord, what_became
+from massprop_drake.results.parts import Ended, Parts
 from massprop_drake.results.spool import Spool, blocks
 from massprop_drake.results.unconfirmed import UnconfirmedRecord, UntestedRecord
 from massprop_drake.signals import SYMBOLS
@@ -168,6 +169,8 @@ class Summary:
         identifiability: what the run has told of each parameter; empty in what an earlier version wrote.
         events, unconfirmed, untested: see `Findings`; likewise.
         against: a record beside a simulation of its commands; None: there is none.
+        ended: where and why the run ended before its scenario or record does; None: it did not.
+        missing: parts that could not be made, each with the reason.
     """
 
     version: str
@@ -194,6 +197,8 @@ class Summary:
     unconfirmed: tuple[UnconfirmedRecord, ...] = ()
     untested: tuple[UntestedRecord, ...] = ()
     against: Against | None = None
+    ended: Ended | None = None
+    missing: tuple[str, ...] = ()
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -247,6 +252,7 @@ class Summary:
             "covariance": null_for_nan(self.covariance),
             "derived": {
                 **derived._asdict(),
+                "mass_std": None if derived.mass_std is None or math.isnan(derived.mass_std) else derived.mass_std,
                 "inertia": None if derived.inertia is None else null_for_nan(derived.inertia),
                 "inertia_std": None if derived.inertia_std is None else null_for_nan(derived.inertia_std),
                 "nearest_possible": None if nearest is None else by_name(nearest),
@@ -271,6 +277,10 @@ class Summary:
             content["data_quality"] = self.data_quality
         if self.against is not None:
             content["against"] = self.against.as_json()
+        if self.ended is not None:
+            content["ended"] = self.ended._asdict()
+        if self.missing:
+            content["missing"] = list(self.missing)
         return content
 
     @staticmethod
@@ -319,6 +329,8 @@ class Summary:
             unconfirmed=read.unconfirmed,
             untested=read.untested,
             against=read.against,
+            ended=read.ended,
+            missing=read.missing,
         )
 
 
@@ -392,6 +404,8 @@ class SummaryFile(_Stored):
     unconfirmed: tuple[Annotated[UnconfirmedRecord, _known_to(UnconfirmedRecord)], ...] = ()
     untested: tuple[Annotated[UntestedRecord, _known_to(UntestedRecord)], ...] = ()
     against: Annotated[Against, _known_to(Against)] | None = None
+    ended: Annotated[Ended, _known_to(Ended)] | None = None
+    missing: tuple[Text, ...] = ()
 
     @field_validator("data_quality")
     @classmethod
@@ -411,9 +425,9 @@ def summarize(
     found: Findings,
     covariance: Array,
     timing: Timing,
-    control_authority: Mapping[str, Mapping[str, float]] | None,
+    parts: Parts,
 ) -> Summary:
-    """Sums up a simulated run, but for what `looked_back_on` adds.
+    """Sums up a simulated run, but for what `looked_back_on` and the autopilot's authority add.
 
     Args:
         scenario: as run.
@@ -421,9 +435,8 @@ def summarize(
         found: what the detector made of it.
         covariance: of the ten estimates at the end, shape (10, 10).
         timing: how long it took.
-        control_authority: what the autopilot could do before and after failures; None without one.
+        parts: makes what may fail.
     """
-    vehicle = scenario.vehicle_data
     estimate, deviation, truth = (signals.last(name) for name in ("estimate", "standard_deviation", "truth"))
     return composed(
         scenario,
@@ -433,17 +446,55 @@ def summarize(
         covariance=covariance,
         truth=truth,
         found=found,
-        consistency=_judged(signals, estimate, deviation, truth, found.detections),
-        bound=None,
-        autopilot=AutopilotSummary(
-            firings=_firings(signals),
-            propellant_mass=_propellant(scenario, signals),
-            **_selection(signals),
-            **_jets_in_question(vehicle, signals),
-            control_authority=control_authority,
+        consistency=parts.make(
+            "consistency",
+            lambda: _judged(signals, estimate, deviation, truth, found.detections),
+            Consistency(None, None, 0, TOO_LITTLE),
         ),
+        bound=None,
+        autopilot=parts.make("autopilot", lambda: _flown(scenario, signals), AutopilotSummary(0, 0.0)),
         timing=timing,
-        injected=what_became(scenario, signals, found.detections),
+        injected=parts.make("injected", lambda: what_became(scenario, signals, found.detections), None),
+    )
+
+
+def _flown(scenario: Scenario, signals: Spool) -> AutopilotSummary:
+    """What the jets did."""
+    return AutopilotSummary(
+        firings=_firings(signals),
+        propellant_mass=_propellant(scenario, signals),
+        **_selection(signals),
+        **_jets_in_question(scenario.vehicle_data, signals),
+    )
+
+
+def not_summed_up(scenario: Scenario, signals: Spool, timing: Timing) -> Summary:
+    """The summary of a run of which nothing more is known than its last estimates.
+
+    Args:
+        scenario: as run.
+        signals: all of them, by name, with `time_s`.
+        timing: how long it took.
+    """
+    vehicle, unknown = scenario.vehicle_data, np.full(10, np.nan)
+    return Summary(
+        version("massprop-drake"),
+        scenario.name,
+        vehicle.name,
+        vehicle.units,
+        scenario.seed,
+        float(signals.last("time_s")),
+        estimates=signals.last("estimate"),
+        standard_deviations=signals.last("standard_deviation"),
+        covariance=np.full((10, 10), np.nan),
+        derived=Derived(None, None, None, None, False),
+        truth=signals.last("truth") if "truth" in signals else unknown,
+        percent_error=unknown,
+        detections=(),
+        consistency=Consistency(None, None, 0, TOO_LITTLE),
+        autopilot=AutopilotSummary(0, 0.0),
+        provenance=Provenance(version("drake"), version("numpy"), digest(vehicle), digest(scenario)),
+        timing=timing,
     )
 
 

@@ -63,6 +63,10 @@ class Cycles(Protocol):
     def advance(self, until: int) -> None:
         """Goes on to a row, which is not taken any more."""
 
+    @property
+    def done(self) -> int:
+        """Number of rows that it has gone through, also after it has raised something."""
+
     def reported(self) -> tuple[Array, Array]:
         """Estimate and 1-sigma of the ten parameters that the last cycle published, shape (10,) each."""
 
@@ -100,7 +104,12 @@ class Stepped:
         """Goes on to a row, which is not taken any more."""
         for row in range(self._next, until):
             self._one(_sample(self._record, row), row)
-        self._next = until
+            self._next = row + 1
+
+    @property
+    def done(self) -> int:
+        """Number of rows that it has gone through, also after it has raised something."""
+        return self._next
 
     def _one(self, sample: Sample, row: int) -> None:
         before = self._state.detector
@@ -278,8 +287,14 @@ class Whole:
             self._advance(self.holder, self._shared, reached, self._held)
         except NotPositiveDefiniteError as error:
             raise error.at(float(self._times_s[reached[0]]), ESTIMATOR) from None
-        self._next = until
+        finally:
+            self._next = int(reached[0])
         self.spent_s["estimators"] += time.perf_counter() - began
+
+    @property
+    def done(self) -> int:
+        """Number of rows that it has gone through, also after it has raised something."""
+        return self._next
 
     def went_on(self, until: int) -> None:
         """Takes note that a kernel has gone on to a row, which is not taken any more."""

@@ -130,7 +130,8 @@ class Estimator:
 
     From gyro, accelerometers and commands. The same mathematics as the `estimation` diagram, and the same
     answers. Call `step` once per sample
-    period, in order of time; nothing it keeps grows, and `state` and `restore` carry it over a restart.
+    period, in order of time; nothing it keeps grows, and `state` and `restore` carry it over a restart. A copy by
+    `pickle` or `copy.deepcopy` goes on bit for bit, under the same version of this package.
 
     Args:
         vehicle: jets, sensors and nominal mass properties.
@@ -165,6 +166,16 @@ class Estimator:
         at = "before its first sample" if self._time_s == -math.inf else f"at {moment(self._time_s)} s"
         detector = self._scenario.detector.kind
         return f"<Estimator of '{self._vehicle.name}', {self._scenario.estimation.filter} filter, {detector}, {at}>"
+
+    def __getstate__(self) -> dict[str, Any]:
+        """All that the next cycle depends on, for `pickle` and `copy`; the rest follows from the scenario."""
+        kept = ("_scenario", "_published", "_command", "_outside", "_time_s")
+        return {**{name: self.__dict__[name] for name in kept}, "_kept": self._state}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        Estimator.__init__(self, state["_scenario"].vehicle_data, state["_scenario"])
+        self._begin(state["_kept"])
+        self.__dict__.update(state)
 
     def _begin(self, state: cycle.EstimationState) -> None:
         """Goes on from a state; compiled, as one kernel a cycle where there is such a one."""

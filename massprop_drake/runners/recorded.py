@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import copy
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import IO
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,19 +24,23 @@ from massprop_drake.maths.linear_algebra import NotPositiveDefiniteError
 from massprop_drake.records import mapping
 from massprop_drake.records.recording import open_recording, require_table
 from massprop_drake.results import followed
-from massprop_drake.results.consistency import Tally, judged, used_nis
+from massprop_drake.results.consistency import TOO_LITTLE, Consistency, Tally, judged, used_nis
 from massprop_drake.results.detections import JUMP, DetectionRecord
 from massprop_drake.results.events import EventRecord
 from massprop_drake.results.exchange import recover
-from massprop_drake.results.hindsight import looked_back
+from massprop_drake.results.hindsight import Hindsight, looked_back
+from massprop_drake.results.parts import Parts
 from massprop_drake.results.run import Run
 from massprop_drake.results.stored import STATE_FILE, FilterState, read_json, require_made_with
 from massprop_drake.results.summary import (
     AutopilotSummary,
+    Findings,
+    Summary,
     Timing,
     composed,
     explain,
     firings,
+    not_summed_up,
     null_for_nan,
 )
 from massprop_drake.runners.cycles import RecordRows, cycles
@@ -60,6 +66,7 @@ def estimate(
     stream: IO[bytes] | None = None,
     folder: Path | None = None,
     record_map: str | Path | RecordMap | None = None,
+    keep: Callable[[Run], object] | None = None,
 ) -> Run:
     """Estimates mass properties and finds failed jets from a record, row by row and in bounded memory.
 
@@ -79,6 +86,9 @@ def estimate(
         folder: where a temporary file with the signals may lie; default the system's place for such.
         record_map: what the columns of another program's file mean, or the file that says so; None: the record is
             telemetry. With a map all of the file is read before the first row is used.
+        keep: called with the run as far as it has come when something is raised after its first row, an interruption
+            as well; its summary says where and why it ended, and which parts could not be made. Where a file has bad
+            rows, which can be mended and read again, it is not called.
 
     Returns:
         The run, without truth; its signals lie on disk, and its summary has `data_quality` besides.
@@ -98,20 +108,30 @@ def estimate(
     reader = Reader(source, vehicle, gyro=gyro, after=after, stream=stream)
     if scenario.joint.switching == "stamps":
         reader.jitter = AT_STAMPS
+    can_be_read_again = stream is None and str(telemetry) != "-"
     try:
         replayed = _Estimation(scenario, earlier, str(resume_from), folder)
-        began = time.perf_counter()
-        for rows in reader:
-            events, entries = replayed.take(rows, reader.before)
-            if declared is not None:
-                for entry in entries:
-                    declared(entry)
-            if said is not None:
-                for event in events:
-                    said(event)
-            if progress is not None:
-                progress(reader.done)
-        wall_s = time.perf_counter() - began
+        began, whole = time.perf_counter(), False
+        try:
+            for rows in reader:
+                events, entries = replayed.take(rows, reader.before)
+                if declared is not None:
+                    for entry in entries:
+                        declared(entry)
+                if said is not None:
+                    for event in events:
+                        said(event)
+                if progress is not None:
+                    progress(reader.done)
+            whole = True
+            return replayed.finish(reader, telemetry, began, Parts(strict=True))
+        except BaseException as error:
+            in_the_file = isinstance(error, InputError) and can_be_read_again
+            if keep is not None and not in_the_file and replayed.has_rows:
+                kept = replayed.finish(reader, telemetry, began, Parts())
+                kept.note_end(error, early=not whole)
+                keep(kept)
+            raise
     except NotPositiveDefiniteError as error:  # the files are all that there is to be wrong
         raise InputError(
             f"{reader.source}: the filters cannot go on: {error.headline}; "
@@ -119,7 +139,6 @@ def estimate(
         ) from error
     finally:
         reader.close()
-    return replayed.finish(reader, telemetry, wall_s)
 
 
 def _mapped_rows(
@@ -167,13 +186,19 @@ class _Estimation:
             self._command, self._outside = before
             self._on_before = before[0] > 0.0
             self._quality.begin(before[0])
-        signals = self._signals(rows, self._estimated(rows))
-        self._count(rows, signals)
-        self._quality.add(rows, signals)
-        return self._intake.take(signals)
+        log, coming, outside = self._begun(rows)
+        try:
+            self._known.advance(rows.time_s.size)
+        except BaseException:
+            done = self._known.done
+            self._taken_in(rows.first(done), {name: part[:done] for name, part in log.rows.items()}, coming, outside)
+            raise
+        return self._taken_in(rows, log.rows, coming, outside)
 
-    def _estimated(self, rows: Rows) -> dict[str, Array]:
-        """A cycle for each row; what the ports of the estimation diagram would log."""
+    def _begun(self, rows: Rows) -> tuple[EstimationLog, Array, Array]:
+        """What the ports of the estimation diagram would log, to be filled in; commands and outside wrench, with
+        those before the first row.
+        """
         count = rows.time_s.size
         rates, velocities = _stacked(rows, self._gyros), _stacked(rows, self._accelerometers)
         log = EstimationLog(self._scenario, self._params, count)
@@ -186,10 +211,21 @@ class _Estimation:
             time_s = rows.time_s
         samples = Samples(time_s, rates, velocities, coming[:-1], outside[:-1])
         self._known.begin(RecordRows(samples, rows.time_s, coming[1:], rows.tracked), log)
-        self._known.advance(count)
-        self._command, self._outside = coming[-1], outside[-1]
+        return log, coming, outside
+
+    def _taken_in(
+        self, rows: Rows, logs: Mapping[str, Array], coming: Array, outside: Array
+    ) -> tuple[list[EventRecord], list[DetectionRecord]]:
+        """Takes in rows that have been estimated from; what `take` returns."""
+        count = rows.time_s.size
+        if not count:
+            return [], []
+        self._command, self._outside = coming[count], outside[count]
         self._next_row += count
-        return log.rows
+        signals = self._signals(rows, logs)
+        self._count(rows, signals)
+        self._quality.add(rows, signals)
+        return self._intake.take(signals)
 
     def _signals(self, rows: Rows, logs: Mapping[str, Array]) -> dict[str, Array]:
         """The rows and what the estimators made of them, in the record's own time."""
@@ -224,46 +260,91 @@ class _Estimation:
         self._on_before = on[-1]
         self._fired += np.nansum(rows.commands, axis=0)
 
-    def finish(self, reader: Reader, telemetry: str | Path, wall_s: float) -> Run:
-        """The run, once all rows have been taken."""
-        record, last = reader.record, self._intake.spool.last
-        duration_s = record.last_s - record.first_s
+    @property
+    def has_rows(self) -> bool:
+        """Whether any row has been taken in."""
+        return self._intake.spool.n_rows > 0
+
+    def finish(self, reader: Reader, telemetry: str | Path, began: float, parts: Parts) -> Run:
+        """The run, once all rows have been taken.
+
+        Args:
+            reader: of the record.
+            telemetry: the record.
+            began: when the first row was asked for, by the performance counter, s.
+            parts: makes what may fail.
+        """
+        wall_s = time.perf_counter() - began
+        reader.close()
+        duration_s = float(self._intake.spool.last("time_s")) - reader.record.first_s
         if self._period_s <= duration_s <= _LONGEST_S:
             self._scenario = self._scenario.model_copy(update={"duration_s": duration_s})
-        found = self._intake.found()
+        timing = Timing(wall_s, duration_s / wall_s, self._cycle_times())
+        results = parts.make(
+            "summary", lambda: self._composed(reader, telemetry, timing, parts), None
+        ) or not_summed_up(self._scenario, self._intake.spool, timing)
+        nothing: dict[str, Any] = {}
+        state = parts.make("filter state", lambda: self._state_of(reader), nothing)
+        return Run(self._scenario, replace(results, missing=tuple(parts.missing)), None, self._intake.spool, state)
+
+    def _composed(self, reader: Reader, telemetry: str | Path, timing: Timing, parts: Parts) -> Summary:
+        """The summary; arguments as those of `finish`."""
+        last = self._intake.spool.last
+        found = parts.make("detections", self._intake.found, Findings())
         failed_s = [entry.onset_s for entry in found.detections if entry.kind != JUMP and entry.withdrawn_s is None]
-        quality = self._quality.finished(record, reader.ragged, min(failed_s, default=math.inf))
-        quality["warnings"] = [*quality["warnings"], *followed.remarks(self._scenario, self._intake.spool)]
+        unjudged: dict[str, Any] = {"warnings": []}
+        quality = parts.make(
+            "data quality", lambda: self._judged_quality(reader, min(failed_s, default=math.inf)), unjudged
+        )
         unknown = np.full(10, np.nan)
         estimate = last("estimate")
-        back = looked_back(
-            self._scenario, self._intake.spool, estimate, found.detections, found.events, resumed=self._resumed
+        back = parts.make(
+            "hindsight",
+            lambda: looked_back(
+                self._scenario, self._intake.spool, estimate, found.detections, found.events, resumed=self._resumed
+            ),
+            Hindsight(unknown, ()),
         )
-        for name, tally in self._nis.items():
-            explain(tally, self._intake.spool, name, found.detections)
-        _, covariance = self._known.known()
-        results = composed(
+        _, covariance = parts.make("covariance", self._known.known, (unknown, np.full((10, 10), np.nan)))
+        return composed(
             self._scenario,
-            duration_s=duration_s,
+            duration_s=float(last("time_s")) - reader.record.first_s,
             estimate=last("estimate"),
             deviation=last("standard_deviation"),
             covariance=covariance,
             truth=unknown,
             found=found,
-            consistency=judged(self._nis["rotation"], self._nis["mass"], unknown, SYMBOLS, back.diagnoses),
+            consistency=parts.make(
+                "consistency", lambda: self._consistent(found, back), Consistency(None, None, 0, TOO_LITTLE)
+            ),
             bound=back.bound,
             autopilot=AutopilotSummary(self._firings, float(self._fired @ self._vehicle.mass_flows) * self._period_s),
-            timing=Timing(wall_s, duration_s / wall_s, self._cycle_times()),
+            timing=timing,
             telemetry="standard input" if str(telemetry) == "-" else Path(telemetry).name,
-            telemetry_sha256=reader.sha256(),
+            telemetry_sha256=parts.make("digest of the record", reader.sha256, None),
             data_quality=quality,
         )
-        state = {
-            **self._intake.state(self._next_row - 1, kept(self._known.state(), self._params), last("command")),
+
+    def _judged_quality(self, reader: Reader, failed_s: float) -> dict[str, Any]:
+        """What the record is worth, up to the first failure."""
+        quality = self._quality.finished(reader.record, reader.ragged, failed_s)
+        quality["warnings"] = [*quality["warnings"], *followed.remarks(self._scenario, self._intake.spool)]
+        return quality
+
+    def _consistent(self, found: Findings, back: Hindsight) -> Consistency:
+        tallies = copy.deepcopy(self._nis)
+        for name, tally in tallies.items():
+            explain(tally, self._intake.spool, name, found.detections)
+        return judged(tallies["rotation"], tallies["mass"], np.full(10, np.nan), SYMBOLS, back.diagnoses)
+
+    def _state_of(self, reader: Reader) -> dict[str, Any]:
+        """What it takes to go on from the end."""
+        states = kept(self._known.state(), self._params)
+        return {
+            **self._intake.state(self._next_row - 1, states, self._intake.spool.last("command")),
             "outside_wrench": null_for_nan(self._intake.last("outside_wrench", np.zeros(6))),
             "velocity": {name: null_for_nan(value) for name, value in reader.velocity.items()},
         }
-        return Run(self._scenario, results, None, self._intake.spool, state)
 
     def _cycle_times(self) -> dict[str, float | None]:
         """Mean time per cycle spent in each part, microseconds."""

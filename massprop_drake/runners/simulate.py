@@ -6,6 +6,7 @@ import contextlib
 import math
 import time
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, Protocol
@@ -29,9 +30,10 @@ from massprop_drake.maths.vehicle.rigid_body import (
     OutOfMassError,
     SpunUpError,
 )
+from massprop_drake.results.parts import Parts
 from massprop_drake.results.run import Run
 from massprop_drake.results.spool import Spool
-from massprop_drake.results.summary import Timing, looked_back_on, summarize
+from massprop_drake.results.summary import Findings, Timing, looked_back_on, not_summed_up, summarize
 from massprop_drake.runners.logs import Intake, estimation_signals, for_json
 from massprop_drake.runners.moment import Moment
 from massprop_drake.signals import is_own
@@ -89,6 +91,7 @@ def simulate(
     watch: Callable[[Moment], None] | None = None,
     folder: Path | None = None,
     look_back: bool = True,
+    keep: Callable[[Run], object] | None = None,
 ) -> Run:
     """Simulates a scenario from start to end, of any length in bounded memory.
 
@@ -105,43 +108,93 @@ def simulate(
         folder: where a temporary file with the signals of a long run may lie; default the system's place for such.
         look_back: whether the summary says what hindsight shows, `identifiability` and diagnoses in the verdict; where
             it does not, `looked_back_on` makes up for it.
+        keep: called with the run as far as it has come when something is raised after its first sample, an
+            interruption as well; its summary says where and why it ended, and which parts could not be made.
 
     Raises:
         InputError: when what its `execution` asks for cannot be had; when the vehicle uses up its mass, or a covariance
             loses definiteness by the scenario's numbers, with the time; or when that file cannot be written.
         ArithmeticError: when the jet selection's solver fails.
     """
-    vehicle = scenario.vehicle_data
-    period = vehicle.sample_period_s
-    engine = _engine(scenario, diagram, log)
-    intake = Intake(scenario, folder)
-    intervals = params.sample_count(scenario)
-    end_s = intervals * period
-    began = time.perf_counter()
-    chunk_s = _CHUNK_S if watch is None else period
-    with _scenario_to_blame(scenario):
-        for number in range(1, math.ceil(end_s / chunk_s - 1e-9) + 1):
-            reached = min(number * chunk_s, end_s)
-            engine.advance(reached)
-            if watch is not None:
-                watch(engine.moment())
-            if progress is not None:
-                progress(reached)
-            # a block of a few rows at the end would take other ways through linear algebra, with other rounding
-            if _BLOCK_ROWS <= engine.logged <= intervals + 1 - intake.spool.n_rows - _BLOCK_ROWS:
-                intake.take(_signals(scenario, engine.emptied()))
-        covariance, groups = engine.finish()
-    intake.take(_signals(scenario, engine.emptied()))
-    wall_s = time.perf_counter() - began
+    flight = _Flight(scenario, _engine(scenario, diagram, log), Intake(scenario, folder))
+    try:
+        flight.fly(progress, watch)
+        return flight.finished(Parts(strict=True), look_back=look_back)
+    except BaseException as error:
+        if keep is not None and (kept := flight.ended(error)) is not None:
+            keep(kept)
+        raise
 
-    signals = intake.spool
-    timing = Timing(wall_s, end_s / wall_s, engine.cycle_times(signals.n_rows))
-    results = summarize(scenario, signals, intake.found(), covariance, timing, _authority(scenario, signals))
-    not_commanded = np.full(len(vehicle.jets), np.nan)  # beyond the end
-    state = intake.state(signals.n_rows - 1, for_json(groups), not_commanded)
-    if look_back:
-        results = looked_back_on(results, scenario, signals)
-    return Run(scenario, results, None, signals, state)
+
+class _Flight:
+    """A simulated run while it is under way.
+
+    Args:
+        scenario: to fly.
+        engine: what flies it.
+        intake: what takes in its signals.
+    """
+
+    def __init__(self, scenario: Scenario, engine: Engine, intake: Intake):
+        self._scenario, self._engine, self._intake = scenario, engine, intake
+        self._intervals = params.sample_count(scenario)
+        self._began = time.perf_counter()
+
+    def fly(self, progress: Callable[[float], None] | None, watch: Callable[[Moment], None] | None) -> None:
+        """Flies it from start to end; arguments as those of `simulate`."""
+        engine, period = self._engine, self._scenario.vehicle_data.sample_period_s
+        end_s = self._intervals * period
+        chunk_s = _CHUNK_S if watch is None else period
+        with _scenario_to_blame(self._scenario):
+            for number in range(1, math.ceil(end_s / chunk_s - 1e-9) + 1):
+                reached = min(number * chunk_s, end_s)
+                engine.advance(reached)
+                if watch is not None:
+                    watch(engine.moment())
+                if progress is not None:
+                    progress(reached)
+                # a block of a few rows at the end would take other ways through linear algebra, with other rounding
+                if _BLOCK_ROWS <= engine.logged <= self._intervals + 1 - self._intake.spool.n_rows - _BLOCK_ROWS:
+                    self._take()
+            self._state = engine.finish()
+        self._take()
+
+    def _take(self) -> None:
+        self._intake.take(_signals(self._scenario, self._engine.emptied()))
+
+    def finished(self, parts: Parts, *, look_back: bool) -> Run:
+        """The run, once all signals have been taken in."""
+        scenario, intake, signals = self._scenario, self._intake, self._intake.spool
+        covariance, groups = self._state
+        flown_s, wall_s = float(signals.last("time_s")), time.perf_counter() - self._began
+        timing = Timing(wall_s, flown_s / wall_s, self._engine.cycle_times(signals.n_rows))
+        found = parts.make("detections", intake.found, Findings())
+        results = parts.make(
+            "summary", lambda: summarize(scenario, signals, found, covariance, timing, parts), None
+        ) or not_summed_up(scenario, signals, timing)
+        authority = parts.make("control authority", lambda: _authority(scenario, signals), None)
+        results = replace(results, autopilot=results.autopilot._replace(control_authority=authority))
+        not_commanded = np.full(len(scenario.vehicle_data.jets), np.nan)  # beyond the end
+        state: dict[str, Any] = {}
+        if groups:
+            saved = for_json(groups)
+            state = parts.make("filter state", lambda: intake.state(signals.n_rows - 1, saved, not_commanded), state)
+        if look_back:
+            results = parts.make("hindsight", lambda: looked_back_on(results, scenario, signals), results)
+        return Run(scenario, replace(results, missing=tuple(parts.missing)), None, signals, state)
+
+    def ended(self, error: BaseException) -> Run | None:
+        """The run as far as it came before an error; None before its first sample."""
+        parts, signals = Parts(), self._intake.spool
+        if self._engine.logged:
+            parts.make("the last samples", self._take, None)
+        if not signals.n_rows:
+            return None
+        unknown: tuple[Array, Groups] = np.full((10, 10), np.nan), {}
+        self._state = parts.make("filter state", self._engine.finish, unknown)
+        run = self.finished(parts, look_back=isinstance(error, Exception))
+        run.note_end(error, early=signals.n_rows <= self._intervals)
+        return run
 
 
 @contextlib.contextmanager

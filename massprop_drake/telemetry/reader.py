@@ -103,6 +103,13 @@ class Rows(NamedTuple):
     recorded: Flags
     tracked: Array | None = None
 
+    def first(self, count: int) -> Rows:
+        """The first of them."""
+        readings = {name: values[:count] for name, values in self.readings.items()}
+        others = (None if part is None else part[:count] for part in (self.outside_wrench, self.tracked))
+        outside, tracked = others
+        return Rows(self.time_s[:count], readings, self.commands[:count], outside, self.recorded[:count], tracked)
+
 
 # ---------------------------------------------------------------------------------------- writing
 

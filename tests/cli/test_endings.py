@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import itertools
 import json
 import os
 import signal
@@ -118,7 +119,9 @@ ENDS = {signal.SIGINT: (130, "interrupted"), signal.SIGTERM: (143, "ended by SIG
 
 
 def _signals(number: signal.Signals) -> Callable[..., None]:
-    return lambda *_, **__: signal.raise_signal(number)
+    """Raises a signal when it is first called."""
+    calls = itertools.count()
+    return lambda *_, **__: None if next(calls) else signal.raise_signal(number)
 
 
 @pytest.mark.usefixtures("at_once")
@@ -128,7 +131,8 @@ def _signals(number: signal.Signals) -> Callable[..., None]:
     [
         ("cli.sources.load_scenario", False),
         ("runners.simulate.simulate", False),
-        ("results.run.Run._write_telemetry", False),
+        ("results.run.Run._write_telemetry", True),
+        ("display.figures.Plots.save", True),
         ("cli.show.simulated", True),
     ],
 )
@@ -146,7 +150,7 @@ def test_a_signal_tells_what_is_saved(
 
 
 @pytest.mark.usefixtures("at_once")
-@pytest.mark.parametrize(("at", "saved"), [("results.run.Run._write_telemetry", False), ("cli.show.simulated", True)])
+@pytest.mark.parametrize(("at", "saved"), [("runners.simulate.simulate", False), ("cli.show.simulated", True)])
 def test_an_earlier_run_is_not_taken_for_the_new_one(
     massprop: Massprop, monkeypatch: pytest.MonkeyPatch, at: str, saved: bool
 ) -> None:

@@ -533,8 +533,8 @@ def test_pages_of_a_run_do_not_go_into_another(tmp_path: Path) -> None:
 
 def test_a_page_is_written_as_it_is_with_the_permissions_of_other_files(tmp_path: Path) -> None:
     (tmp_path / "plain").touch()
-    write_page(tmp_path / "page.html", "first")
-    write_page(tmp_path / "page.html", "one\ntwo ±\n")  # it is ours
+    write_page(tmp_path / "page.html", "first", "report")
+    write_page(tmp_path / "page.html", "one\ntwo ±\n", "report")  # it is ours
     content = (tmp_path / "page.html").read_bytes()
     assert content.startswith("one\ntwo ±\n".encode())
     assert content.count(b"\n") == 3
@@ -546,13 +546,13 @@ def test_a_page_is_written_as_it_is_with_the_permissions_of_other_files(tmp_path
 @pytest.mark.parametrize("change", [lambda text: "", lambda text: text.replace("o", "0", 1), lambda text: text + "\n"])
 def test_a_page_that_was_changed_is_not_replaced(tmp_path: Path, change: Callable[[str], str]) -> None:
     page = tmp_path / "page.html"
-    write_page(page, "one\n")
+    write_page(page, "one\n", "report")
     page.write_text(change(_text(page)), encoding="utf-8")
     before = page.read_bytes()
     with pytest.raises(InputError, match=r"page\.html: is there already"):
-        write_page(page, "two\n")
+        write_page(page, "two\n", "report")
     assert page.read_bytes() == before
-    write_page(page, "two\n", force=True)
+    write_page(page, "two\n", "report", force=True)
     assert (tmp_path / "page.html.1").read_bytes() == before
     assert _text(page).startswith("two\n")
 

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import csv
 import gc
+import itertools
 import json
 import math
+import pkgutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +17,9 @@ import pytest
 from command_probe import FILES as ALL_FILES
 
 from massprop_drake import InputError, Run, load_scenario, simulate
+from massprop_drake.display import figures
 from massprop_drake.inputs.model import digest
+from massprop_drake.results.folder import require_writable
 from massprop_drake.results.summary import by_name, from_names
 
 FILES = ALL_FILES - {"figures"}
@@ -366,17 +371,106 @@ def _contents(folder: Path) -> dict[str, bytes]:
     return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
-@pytest.mark.parametrize("method", ["_write_telemetry", "_write_history", "_filter_state"])
-def test_a_failure_in_the_middle_leaves_nothing(
-    short_run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, method: str
-) -> None:
-    def fail(*_: object) -> None:
-        raise _BrokenError
+BROKEN = {
+    "telemetry.csv": "results.run.Run._write_telemetry",
+    "history.npz": "results.run.Run._write_history",
+    "filter_state.json": "results.run.Run._filter_state",
+    "scenario.yaml": "results.run.yaml_text",
+    "figures": "display.figures.Plots.save",
+    "replay.html": "display.flight3d.replay_html",
+    "report.html": "display.page.report_html",
+}
 
-    monkeypatch.setattr(Run, method, fail)
+
+def _broken(monkeypatch: pytest.MonkeyPatch, name: str, error: BaseException, times: int = 1000) -> None:
+    """Lets the making of a file fail, after it has begun to write."""
+    path = f"massprop_drake.{BROKEN[name]}"
+    real, calls = pkgutil.resolve_name(path), itertools.count()
+
+    def fail(*arguments: Any, **options: Any) -> object:
+        if next(calls) >= times:
+            return real(*arguments, **options)
+        if name != "figures" and isinstance(arguments[-1], Path):
+            arguments[-1].write_text("begun", encoding="utf-8")
+        raise error
+
+    monkeypatch.setattr(path, fail)
+
+
+@pytest.mark.parametrize("name", BROKEN)
+def test_a_part_that_fails_takes_no_other_with_it(
+    short_run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    monkeypatch.setattr(figures.Plots, "all", lambda _: {})
+    _broken(monkeypatch, name, _BrokenError("no way"))
     with pytest.raises(_BrokenError):
-        short_run.save(tmp_path / "run", pictures=False, report=False)
-    assert list(tmp_path.iterdir()) == []
+        short_run.save(tmp_path / "run", replay=True)
+    left = {path.name for path in (tmp_path / "run").iterdir()}
+    assert left == {*BROKEN, "summary.json", "manifest.json"} - {name}
+    content = json.loads((tmp_path / "run" / "summary.json").read_text(encoding="utf-8"))
+    assert content["missing"] == [f"{name}: _BrokenError: no way"]
+    assert "ended" not in content
+    assert require_writable(tmp_path / "run").found  # it is ours, whole
+    if name in ("telemetry.csv", "filter_state.json", "figures", "replay.html", "report.html"):
+        loaded = Run.load(tmp_path / "run")
+        np.testing.assert_array_equal(loaded["estimate"], short_run["estimate"])
+        assert loaded.results.missing == tuple(content["missing"])
+
+
+def test_a_figure_that_fails_takes_no_other_with_it(
+    short_run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object, **__: object) -> None:
+        raise _BrokenError("no way")
+
+    broken = pkgutil.resolve_name("matplotlib.figure.Figure")()
+    broken.savefig = fail
+    monkeypatch.setattr(
+        figures.Plots, "all", lambda plots: {"rates": plots.rates(), "margins": broken, "jets": plots.jets()}
+    )
+    with pytest.raises(_BrokenError):
+        short_run.save(tmp_path / "run", report=False)
+    assert {path.name for path in (tmp_path / "run" / "figures").iterdir()} == {"rates.png", "jets.png"}
+    assert Run.load(tmp_path / "run").results.missing == ("figures: _BrokenError: no way",)
+
+
+@pytest.mark.parametrize("name", ["figures", "replay.html", "report.html", "history.npz"])
+def test_an_interrupted_run_is_saved_without_pages(
+    short_run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    monkeypatch.setattr(figures.Plots, "all", lambda _: {})
+    _broken(monkeypatch, name, KeyboardInterrupt(), times=1)
+    with pytest.raises(KeyboardInterrupt):
+        short_run.save(tmp_path / "run", replay=True)
+    assert {path.name for path in tmp_path.iterdir()} == {"run"}
+    loaded = Run.load(tmp_path / "run")
+    np.testing.assert_array_equal(loaded["estimate"], short_run["estimate"])
+    assert loaded.results.missing == ("figures and pages: interrupted",)
+    assert not (tmp_path / "run" / "report.html").exists()
+
+
+@pytest.mark.parametrize(
+    ("place", "kept"),
+    [
+        (("events", 0, "statistic"), 1),  # may be unknown
+        (("events", 0, "onset_s"), 0),  # may not
+        (("detections", 0, "time_s"), 0),
+        (("injected", 0, "start_s"), 0),
+    ],
+)
+def test_a_number_that_is_not_finite_is_noted(
+    stuck_run: Run, tmp_path: Path, place: tuple[str, int, str], kept: int
+) -> None:
+    name, index, field = place
+    records = list(getattr(stuck_run.results, name))
+    records[index] = records[index]._replace(**{field: math.nan})
+    results = replace(stuck_run.results, **{name: tuple(records)})
+    run = Run(stuck_run.scenario, results, stuck_run.time_s, stuck_run.signals, stuck_run.state)
+    with pytest.raises(ArithmeticError, match="is no finite number"):
+        run.save(tmp_path / "run", pictures=False, report=False)
+    loaded = Run.load(tmp_path / "run").results
+    assert loaded.missing == (f"{name}[{index}].{field}: ArithmeticError: is no finite number",)
+    assert len(getattr(loaded, name)) == len(records) - 1 + kept
 
 
 def test_a_full_disk_is_told_and_leaves_nothing(
@@ -403,8 +497,8 @@ def test_a_failure_leaves_the_earlier_run_as_it_was(
     monkeypatch.setattr(Run, "_write_history", fail)
     with pytest.raises(_BrokenError):
         short_run.save(target, pictures=False, report=False)
-    assert _contents(target) == before
-    assert [path.name for path in tmp_path.iterdir()] == ["run"]
+    assert _contents(tmp_path / "run.1") == before
+    assert {path.name for path in tmp_path.iterdir()} == {"run", "run.1"}
 
 
 def test_an_earlier_run_is_replaced_altogether(short_run: Run, tmp_path: Path) -> None:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 import json
 import math
+import pickle
 import subprocess
 import sys
 from pathlib import Path
@@ -613,3 +615,54 @@ def test_the_nearest_possible_estimate_on_request(orbiter: Vehicle) -> None:
     assert near is not None
     np.testing.assert_array_equal(near, step.estimate)
     assert Estimator(orbiter, load_scenario("sample_maneuver", ["estimation.start=zero"])).nearest_possible() is None
+
+
+# --------------------------------------------------------------------------------- copies of what users hold
+
+COPIES = {"pickle": lambda held: pickle.loads(pickle.dumps(held)), "deepcopy": copy.deepcopy, "copy": copy.copy}
+JOINT = ("estimation={filter: joint, start: nominal}", "mass={}", "detector={kind: multi_hypothesis}")
+COPIED: dict[str, tuple[str, tuple[str, ...]]] = {
+    "thesis, cglr": ("sample_maneuver", ("duration_s=7",)),
+    "thesis, cusum": ("sample_maneuver", ("duration_s=7", "detector={kind: cusum}")),
+    "thesis, off": ("sample_maneuver", ("duration_s=7", "detector={kind: off}")),
+    "joint, a race under way": (
+        "stuck_on_29",
+        ("duration_s=4", *JOINT, "failures=[{kind: stuck_on, jet: R4R, start_s: 2.5}]"),
+    ),
+    "pose": ("air_bearing_pulses", ("duration_s=1.5",)),
+}
+
+
+@pytest.mark.parametrize("name", COPIED)
+def test_a_copy_goes_on_bit_for_bit(name: str) -> None:
+    scenario = load_scenario(COPIED[name][0], list(COPIED[name][1]))
+    run, vehicle = simulate(scenario), scenario.vehicle_data
+    samples = []
+    for k, time_s in enumerate(run.time_s):
+        read = [{one.name: run[one.name][k] for one in some} for some in (vehicle.gyros, vehicle.accelerometers)]
+        tracked = {one.name: run[one.name][k] for one in vehicle.tracked}
+        samples.append((time_s, *(one or None for one in read), run["command"][k], None, tracked))
+    dut, copies = Estimator(vehicle, scenario), []
+    for k, sample in enumerate(samples):
+        if k in (1, len(samples) - 12):
+            copies += [make(dut) for make in COPIES.values()]
+        done = dut.step(*sample)
+        for other in copies:
+            _assert_same_steps([other.step(*sample)], [done])
+    for other in copies:
+        assert other.state == dut.state
+        np.testing.assert_array_equal(other.covariance, dut.covariance)
+
+
+@pytest.mark.parametrize("way", COPIES)
+def test_vehicle_scenario_and_run_can_be_copied(short_run: Run, way: str) -> None:
+    make = COPIES[way]
+    scenario = make(short_run.scenario)
+    assert scenario == short_run.scenario
+    assert make(scenario.vehicle_data) == scenario.vehicle_data
+    run = make(short_run)
+    assert run.summary == short_run.summary
+    assert run.units == short_run.units
+    np.testing.assert_array_equal(run["estimate"], short_run["estimate"])
+    again = simulate(scenario)
+    np.testing.assert_array_equal(again["estimate"], short_run["estimate"])

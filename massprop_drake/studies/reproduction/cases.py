@@ -8,6 +8,7 @@ import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
+from importlib import resources
 from importlib.metadata import version
 from pathlib import Path
 
@@ -108,8 +109,9 @@ def _computed_by(*modules: Path) -> list[str]:
 @lru_cache(maxsize=1)
 def _bundled() -> str:
     """Digest of the bundled vehicles and scenarios, which a calculation may load."""
-    files = sorted((*(PACKAGE / "vehicles").glob("*.yaml"), *(PACKAGE / "scenarios").glob("*.yaml")))
-    return _hash(json.dumps([_hash(path.read_bytes()) for path in files]))
+    folders = [resources.files(f"massprop_drake.{part}") for part in ("scenarios", "vehicles")]
+    files = [file for folder in folders for file in sorted(folder.iterdir(), key=lambda one: one.name)]
+    return _hash(json.dumps([_hash(file.read_bytes()) for file in files if file.name.endswith(".yaml")]))
 
 
 def _hash(content: str | bytes) -> str:

@@ -1,0 +1,55 @@
+"""The parts of a run, made one by one, so that one that cannot be made takes no other with it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple, TypeVar
+
+from massprop_drake.errors import in_words
+from massprop_drake.inputs.model import Real, Text
+
+T = TypeVar("T")
+
+
+class Ended(NamedTuple):
+    """The end of a run that did not reach the end of its scenario or record.
+
+    Attributes:
+        time_s: of the last sample, s.
+        reason: why it ended.
+    """
+
+    time_s: Real
+    reason: Text
+
+
+class Parts:
+    """Makes parts, and notes those that cannot be made.
+
+    Args:
+        strict: raise what a part raises, instead.
+
+    Attributes:
+        missing: a line for each part that could not be made, with the reason.
+        error: the first that was noted; None: none.
+    """
+
+    def __init__(self, *, strict: bool = False):
+        self._strict = strict
+        self.missing: list[str] = []
+        self.error: Exception | None = None
+
+    def make(self, name: str, make: Callable[[], T], otherwise: T) -> T:
+        """Makes a part; where that fails, notes it and returns what stands for it."""
+        try:
+            return make()
+        except Exception as error:
+            if self._strict:
+                raise
+            self.note(name, error)
+            return otherwise
+
+    def note(self, name: str, error: Exception) -> None:
+        """Notes a part that could not be made."""
+        self.missing.append(f"{name}: {in_words(error)}")
+        self.error = self.error or error

@@ -1,0 +1,190 @@
+"""A single file that is written takes the place of nothing that is read, nor of a part of a run or a campaign."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from pathlib import Path
+
+import pytest
+from campaign_rows import SWEPT, folder, many
+from command_probe import Massprop
+from record_probe import flight, px4_topics, usual_columns, write_bag, write_csv, write_ulog
+
+from massprop_drake import Run, load_vehicle
+from massprop_drake.inputs.model import yaml_text
+from massprop_drake.results.folder import write_files
+
+RUN_FILES = (
+    *("scenario.yaml", "summary.json", "telemetry.csv", "history.npz", "filter_state.json", "manifest.json"),
+    *("report.html", "replay.html", "figures/rates.png"),
+)
+CAMPAIGN_FILES = (
+    *("campaign.yaml", "base.yaml", "plan.parquet", "results/000000-000011.parquet", ".massprop", "manifest.json"),
+    *("summary.json", "campaign.html", "cases/0001/summary.json", "cases/0001/report.html"),
+)
+OWNED = [f"{run}/{name}" for run in "AB" for name in RUN_FILES] + [f"K/{name}" for name in CAMPAIGN_FILES]
+READ = ["log.csv", "bag/metadata.yaml", "bag/bag.db3", "vehicle.yaml"]
+OTHERS = ["notes.txt", "A/notes.txt"]
+COMMANDS = {
+    "compare": ("compare", "A", "B"),
+    "view": ("view", "A"),
+    "report": ("report", "A"),
+    "view of a case": ("view", "K/cases/0001"),
+    "campaign compare": ("campaign", "compare", "K"),
+    "map": ("map", "log.csv", "--vehicle", "vehicle.yaml"),
+    "map of a bag": ("map", "bag", "--vehicle", "vehicle.yaml"),
+}
+READS = {"map": {"log.csv", "vehicle.yaml"}, "map of a bag": {"bag/metadata.yaml", "bag/bag.db3", "vehicle.yaml"}}
+REWRITTEN = {("view", "A/replay.html"): {"A/report.html"}, ("report", "A/report.html"): set()}  # and what leads to it
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory: pytest.TempPathFactory, short_run: Run) -> Path:
+    """Two runs, a campaign, two records, a vehicle and notes of a user."""
+    here = tmp_path_factory.mktemp("built")
+    before = Path.cwd()
+    os.chdir(here)
+    try:
+        for name in ("A", "B", "K/cases/0001"):
+            short_run.save(here / name, pictures=False, report=False)
+            pages = dict.fromkeys(("figures/rates.png", "report.html", "replay.html"), b"a page")
+            write_files(here / name, pages)
+        shutil.move("K", "kept")
+        folder(Path("K"), SWEPT.format(cases=6), many(2, 6))
+        shutil.move("kept/cases", "K/cases")
+        write_files(here / "K", {"summary.json": b"{}", "campaign.html": b"a page"})
+        vehicle = load_vehicle("free_flyer")
+        (here / "vehicle.yaml").write_text(yaml_text(vehicle), encoding="utf-8")
+        one = flight(vehicle)
+        write_csv(here / "log.csv", usual_columns(one))
+        write_bag(here / "bag", one, "sqlite3")
+        for name in OTHERS:
+            (here / name).write_text("mine", encoding="utf-8")
+    finally:
+        os.chdir(before)
+    return here
+
+
+def _contents() -> dict[str, bytes]:
+    return {str(path): path.read_bytes() for path in Path().rglob("*") if path.is_file()}
+
+
+@pytest.fixture
+def here(massprop: Massprop, built: Path) -> Path:
+    """A copy of them, in the folder that the command works in."""
+    assert massprop("--version").status == 0
+    shutil.copytree(built, ".", dirs_exist_ok=True)
+    return Path()
+
+
+@pytest.mark.usefixtures("here")
+@pytest.mark.parametrize("command", COMMANDS)
+def test_no_file_is_lost(massprop: Massprop, command: str) -> None:
+    before = _contents()
+    for target in (*OWNED, *READ, *OTHERS):
+        for force in ((), ("--force",)):
+            done = massprop(*COMMANDS[command], "--out", target, *force, "-q")
+            after = _contents()
+            if (command, target) in REWRITTEN:
+                assert done == (0, "", "")
+                assert before.keys() == after.keys()
+            elif force and done.status == 0:
+                assert target not in {*OWNED, *READS.get(command, ())}
+                assert after[f"{target}.1"] == before[target]
+            else:
+                assert done.status == 2
+                assert done.err.count("\n") == 1
+                assert done.err.startswith(f"massprop: {target}: ")
+                assert "; give another place" in done.err
+                assert after == before
+            changed = {name for name in before if after[name] != before[name]}
+            assert changed <= {target, "A/manifest.json", *REWRITTEN.get((command, target), ())}
+            before = after
+
+
+@pytest.mark.parametrize(
+    ("target", "words"),
+    [
+        ("B/../A/summary.json", "belongs to what is read, A"),
+        ("link_to_A/summary.json", "belongs to what is read, A"),
+        ("A/figures/../summary.json", "belongs to what is read, A"),
+        ("link_to_K/plan.parquet", "belongs to the work in"),
+        ("link_to_K/cases/../cases/0001/history.npz", "belongs to the run or campaign in"),
+        ("K/results/../plan.parquet", "belongs to the work in"),
+        ("K/cases/0001/figures/rates.png", "belongs to the run or campaign in"),
+        ("link_to_summary", "belongs to what is read, A"),
+        ("A", "cannot be written; give a file in a folder that is there"),
+        ("A/figures", "cannot be written; give a file in a folder that is there"),
+        ("A/summary.json/page.html", "cannot be written; give a file in a folder that is there"),
+        ("nowhere/page.html", "cannot be written; give a file in a folder that is there"),
+        ("pipe", "is no regular file; give another place"),
+        ("/dev/null", "is no regular file; give another place"),
+    ],
+)
+def test_a_file_is_known_by_any_path(massprop: Massprop, here: Path, target: str, words: str) -> None:
+    (here / "link_to_A").symlink_to("A")
+    (here / "link_to_K").symlink_to("K")
+    (here / "link_to_summary").symlink_to("A/summary.json")
+    os.mkfifo(here / "pipe")
+    before = _contents()
+    for force in ((), ("--force",)):
+        for command in (("compare", "A", "B"), ("view", "A")):
+            done = massprop(*command, "--out", target, *force)
+            assert (done.status, done.out) == (2, "")
+            assert done.err.startswith(f"massprop: {target}: {words}")
+            assert _contents() == before
+
+
+def test_another_name_of_a_file_is_no_way_to_it(massprop: Massprop, here: Path) -> None:
+    before = (here / "A" / "summary.json").read_bytes()
+    (here / "other.html").hardlink_to(here / "A" / "summary.json")
+    assert massprop("compare", "A", "B", "--out", "other.html", "-q").status == 2
+    assert massprop("compare", "A", "B", "--out", "other.html", "-q", "--force").status == 0
+    assert (here / "A" / "summary.json").read_bytes() == (here / "other.html.1").read_bytes() == before
+
+
+@pytest.mark.usefixtures("here")
+@pytest.mark.parametrize("place", ["page.html", "A/page.html", "K/page.html", "A/figures/page.html"])
+def test_a_page_is_replaced_by_its_like_alone(massprop: Massprop, place: str) -> None:
+    for _ in range(2):
+        assert massprop("compare", "A", "B", "--out", place, "-q") == (0, "", "")
+    page = Path(place).read_bytes()
+    for command in (("view", "A"), ("report", "A"), ("campaign", "compare", "K")):
+        assert massprop(*command, "--out", place, "-q").status == 2
+    done = massprop("campaign", "compare", "K", "--out", place, "-q", "--force")
+    assert Path(place if done.status else f"{place}.1").read_bytes() == page
+    assert (done.status == 2) == (place in ("A/page.html", "K/page.html"))
+
+
+@pytest.mark.usefixtures("here")
+@pytest.mark.parametrize("force", [(), ("--force",)])
+def test_a_page_of_a_run_is_not_replaced_by_that_of_another(massprop: Massprop, force: tuple[str, ...]) -> None:
+    assert massprop("view", "B", "-q").status == 0
+    before = _contents()
+    done = massprop("view", "A", "--out", "B/replay.html", *force)
+    assert done.status == 2
+    assert _contents() == before
+
+
+@pytest.mark.usefixtures("here")
+@pytest.mark.parametrize("force", [(), ("--force",)])
+@pytest.mark.parametrize("folder", ["A/figures", "K/results", "K"])
+def test_graphs_replace_no_part_of_a_run(massprop: Massprop, folder: str, force: tuple[str, ...]) -> None:
+    write_files(Path("A"), {"figures/autopilot.svg": b"a picture"})
+    before = _contents()
+    massprop("graph", "autopilot", "--out", folder, *force, "-q")
+    after = _contents()
+    assert {name: after.get(name) for name in before if name != "K/manifest.json"}.items() <= before.items()
+
+
+def test_a_vehicle_made_of_a_log_replaces_neither_the_log_nor_a_run(massprop: Massprop, here: Path) -> None:
+    log = write_ulog(here / "log.ulg", px4_topics(flight(load_vehicle("free_flyer"))), {})
+    before = _contents()
+    for target in (log, "A/scenario.yaml", "K/campaign.yaml", "vehicle.yaml"):
+        assert massprop("map", log, "--make-vehicle", target).status == 2
+    for target in (log, "A/scenario.yaml", "K/campaign.yaml"):
+        done = massprop("map", log, "--make-vehicle", target, "--force")
+        assert done.status == 2
+        assert "belongs to" in done.err
+    assert _contents() == before
