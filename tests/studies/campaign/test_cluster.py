@@ -90,13 +90,13 @@ def test_workers_and_scheduler_may_be_lost(flown: Path, tmp_path: Path, cluster:
     for _ in range(2):
         assert driver.line().startswith("at")
         driver.go_on()
-    before = Campaign.load(out).status().flown
+    before = Campaign.load(out).status().counts.tried
     scheduler.kill()
     said = driver.to_the_end()
     assert said, driver.ended()
     assert said.startswith("refused the connection to the Dask scheduler is lost; --resume goes on")
     assert driver.ended() == (0, "")
-    assert before <= Campaign.load(out).status().flown < GOOD
+    assert before <= Campaign.load(out).status().counts.tried < GOOD
 
     cluster.scheduler()
     cluster.worker()
