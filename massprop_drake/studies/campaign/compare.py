@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 from massprop_drake.errors import InputError
 from massprop_drake.inputs.model import Model
 from massprop_drake.studies.campaign import charts, merit, report, statistics
-from massprop_drake.studies.campaign.counts import ends_wrong, flown, judgeable
-from massprop_drake.studies.campaign.merit import MEANINGS, Event, Row
+from massprop_drake.studies.campaign.counts import Row, ends_wrong, flown, judgeable
+from massprop_drake.studies.campaign.merit import MEANINGS, Event
 from massprop_drake.studies.campaign.plan import case_name
 from massprop_drake.studies.campaign.reading import Cell, Study, read
 from massprop_drake.studies.campaign.report import figure_data
