@@ -51,7 +51,8 @@ def test_nothing_is_left_running(flown: Path) -> None:
 def test_status_and_table_come_from_the_folder_alone(flown: Path) -> None:
     campaign = Campaign.load(flown)
     counts = campaign.status().counts
-    assert (counts.planned, counts.tried, counts.flown, counts.failed_to_run) == (CASES, CASES, CASES - len(BAD), len(BAD))
+    assert (counts.planned, counts.tried, counts.failed_to_run) == (CASES, CASES, len(BAD))
+    assert counts.flown == CASES - len(BAD)
     table = campaign.to_pandas()
     assert list(table.index) == list(range(CASES))
     assert table["draw.failures[0].force"].between(5, 200).all()
