@@ -222,12 +222,12 @@ def side_by_side(found: Iterable[tuple[str, Summary]], vehicle: Vehicle) -> None
     print_table(Terminal(160), "estimates side by side", headings, rows, spare=("unit", *spare))
 
 
-def found_by_each(runs: Iterable[tuple[str, Summary]]) -> None:
+def found_by_each(runs: Iterable[tuple[str, Summary]], vehicle: Vehicle) -> None:
     """Prints a line for each run: how long it is, whether it is consistent, and what it found."""
-    from massprop_drake.display import events  # noqa: PLC0415 (slow to load)
+    from massprop_drake.results.detections import in_words  # noqa: PLC0415 (slow to load)
 
     for name, results in runs:
-        what = "; ".join(map(events.headline, results.detections)) or "no failure"
+        what = "; ".join(in_words(one, vehicle.unit_names) for one in results.detections) or "no failure"
         verdict = results.consistency.verdict or "not judged"
         say(f"{visible(name)}: {results.duration_s:.6g} s, {verdict}; found: {what}")
 
@@ -397,14 +397,10 @@ def _told(event: EventRecord, vehicle: Vehicle) -> str:
 
 
 def _detected(entry: DetectionRecord, vehicle: Vehicle) -> str:
-    from massprop_drake.results.detections import remarks, since, size  # noqa: PLC0415 (slow to load)
+    from massprop_drake.results.detections import in_words, remarks, since  # noqa: PLC0415 (slow to load)
 
     when = f"declared at {entry.time_s:.2f} s, {since(entry)}"
-    kind, how_large = entry.kind.replace("_", " "), size(entry, vehicle.unit_names)
-    if entry.magnitude is None:
-        what = f"{kind}: {how_large}" if how_large else kind
-    else:
-        what = f"{kind}: {f'jet {entry.jet} (cluster {entry.cluster})' if entry.jet else entry.suspects}, {how_large}"
+    what = in_words(entry, vehicle.unit_names, whole=True)
     return f"detected:    {', '.join([what, when, *remarks(entry)])}"
 
 

@@ -267,7 +267,7 @@ def test_a_failed_jet_of_any_name_is_printed(massprop: Massprop, monkeypatch: py
     done = massprop("run", "case.yaml", "--out", "there", "--no-report")
     assert (done.status, done.err) == (0, "")
     assert f"out of use: {name}\n" in done.out
-    detected = f"detected:    jet on: jet {name} (cluster"
+    detected = f"detected:    jet {name} (cluster"
     assert detected in done.out
 
     rows = Path("there/telemetry.csv").read_bytes()

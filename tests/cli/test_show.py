@@ -32,6 +32,8 @@ STUCK_ON = DetectionRecord(
     magnitude_std=0.1,
     statistic=1.0e4,
     alarms=3,
+    thrust=868.8,
+    mode="stuck_on",
 )
 QUALITY = {
     "rows": 60,
@@ -65,16 +67,58 @@ def test_what_was_injected_and_not_found_is_said(
 @pytest.mark.parametrize(
     ("changes", "line"),
     [
-        ({}, "jet on: jet R4R (cluster 12), +868.80 ± 0.10 lbf, declared at 50.16 s, since 50.00 s"),
-        ({"jet": None}, "jet on: a jet of cluster 12, +868.80 ± 0.10 lbf, declared at 50.16 s, since 50.00 s"),
+        ({}, "jet R4R (cluster 12): stuck on, +868.80 ± 0.10 lbf, declared at 50.16 s, since 50.00 s"),
+        ({"jet": None}, "a jet of cluster 12: stuck on, +868.80 ± 0.10 lbf, declared at 50.16 s, since 50.00 s"),
         (
             {"withdrawn_s": 61.0},
-            "jet on: jet R4R (cluster 12), +868.80 ± 0.10 lbf, declared at 50.16 s, since 50.00 s, "
+            "jet R4R (cluster 12): stuck on, +868.80 ± 0.10 lbf, declared at 50.16 s, since 50.00 s, "
             "withdrawn at 61.00 s",
         ),
         (
-            {"kind": "mass_property_jump", "cluster": None, "jet": None, "magnitude": None, "magnitude_std": None},
+            {
+                "kind": "mass_property_jump",
+                "cluster": None,
+                "jet": None,
+                "magnitude": None,
+                "magnitude_std": None,
+                "mode": None,
+            },
             "mass property jump, declared at 50.16 s, since 50.00 s",
+        ),
+        (
+            {"magnitude": 9.9992, "magnitude_std": 0.0013, "mode": "leak"},
+            "jet R4R (cluster 12): leaks 9.9992 ± 0.0013 lbf, 1.2 % of its thrust, declared at 50.16 s, since 50.00 s",
+        ),
+        (
+            {
+                "kind": "jet_degraded",
+                "magnitude": -217.2,
+                "magnitude_std": 4.0,
+                "mode": "loss",
+                "jet": None,
+                "isolated_to": "group",
+                "jets": ("R4R", "R2R"),
+                "told_apart_by": "R2R",
+            },
+            "one of R4R, R2R: loses 217.2 ± 4.0 lbf, 25 % of its thrust, declared at 50.16 s, since 50.00 s, "
+            "R2R fired alone would tell them apart",
+        ),
+        (
+            {
+                "kind": "mass_property_jump",
+                "cluster": None,
+                "jet": None,
+                "magnitude": None,
+                "magnitude_std": None,
+                "mass": -978.0,
+                "mass_std": 35.0,
+                "mode": "release",
+            },
+            "payload released: -978 ± 35 slug, declared at 50.16 s, since 50.00 s",
+        ),
+        (  # of a run of an earlier version
+            {"thrust": None, "mode": None},
+            "jet R4R (cluster 12): on, +868.80 ± 0.10 lbf, declared at 50.16 s, since 50.00 s",
         ),
     ],
 )
@@ -131,7 +175,7 @@ def test_estimates_stand_beside_the_truth(capsys: Capture, short_run: Run, orbit
     assert "of propellant; 2 requests beyond the jets' reach, met as far as they go" in out
     assert "             out of use: R4R, F2R\n" in out
     assert "             left in, though in question: L4D\n" in out
-    assert "detected:    jet on: jet R4R" in out
+    assert "detected:    jet R4R (cluster 12): stuck on" in out
     assert f"report: {tmp_path}/report.html   figures: {tmp_path}/figures/" in out
     assert "replay" not in out
 

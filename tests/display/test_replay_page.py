@@ -33,7 +33,7 @@ def test_the_failed_jet_and_the_one_found_are_marked(stuck_run: Run) -> None:
     assert failed.jets == found.jets == (stuck_run.scenario.vehicle_data.jet_index("R4R"),)
     assert failed.start_s == 1.0
     assert 1.0 < found.start_s < 3.0
-    assert found.text == "jet R4R: on"
+    assert found.text == "jet R4R: stuck on"
 
 
 def test_a_cluster_found_marks_all_its_jets(stuck_run: Run) -> None:
@@ -150,7 +150,7 @@ def test_the_body_turns_between_samples(replay: Any, stuck_run: Run) -> None:
 def test_events_stand_on_the_slider_and_lead_to_their_time(replay: Any, stuck_run: Run) -> None:
     page, found_s = replay.page, stuck_run.results.detections[0].time_s
     ticks = page.eval_on_selector_all("#mp-events button", "all => all.map(one => one.title)")
-    assert ticks == ["1.00 s: jet R4R: stuck on", f"{found_s:.2f} s: declared: jet R4R: on"]
+    assert ticks == ["1.00 s: jet R4R: stuck on", f"{found_s:.2f} s: declared: jet R4R: stuck on"]
     page.locator("#mp-events button").last.click()
     assert page.inner_text("#mp-time") == f"{found_s:.2f} s"
 
@@ -216,7 +216,7 @@ def test_the_failed_jet_looks_different_after_its_onset(replay: Any) -> None:
     before, after = picture(replay.page, 0.96), picture(replay.page, 3.0)
     changed = np.abs(before[..., :3] - after[..., :3]).max(axis=2) > 0.15
     assert changed.sum() > 100
-    assert "found: jet R4R: on" in replay.page.inner_text("#mp-now")
+    assert "found: jet R4R: stuck on" in replay.page.inner_text("#mp-now")
     assert "failed: jet R4R: stuck on" in replay.page.inner_text("#mp-now")
 
 
