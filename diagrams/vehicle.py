@@ -5,7 +5,7 @@ held_command -->                                          noise_source --noise--
 
 A disturbance, where there is one, stands between jets and body, and has its noise from the same source. Chance in the
 course of a run, noise and intermittent failures, is that of the scenario's seed, until `SetRandomContext` draws
-`noise_seed`, which is state of the context. What the seed decides before the run, such as true thrusts, stays.
+`noise_seed`, which is state of the context and stands where there is any. What the seed decides before the run, such as true thrusts, stays.
 """
 
 from __future__ import annotations
@@ -101,9 +101,11 @@ def build(scenario: Scenario) -> Diagram:
         builder.ExportOutput(tracker.GetOutputPort("reading"), seen.name)
         noisy.append(tracker)
 
-    seed = builder.AddSystem(noise_seed(period))
-    builder.Connect(seed.get_output_port(), jets.GetInputPort("seed"))
-    if noisy:
+    comes_and_goes = any(failure.kind == "intermittent" for failure in scenario.failures)
+    seed = builder.AddSystem(noise_seed(period)) if noisy or comes_and_goes else None
+    if seed is not None and comes_and_goes:
+        builder.Connect(seed.get_output_port(), jets.GetInputPort("seed"))
+    if seed is not None and noisy:
         streams = {system.get_name(): system.GetInputPort("noise").size() for system in noisy}
         noise = builder.AddNamedSystem("noise_source", NoiseSource(scenario.seed, period_s=period, streams=streams))
         builder.Connect(seed.get_output_port(), noise.GetInputPort("seed"))
