@@ -5,7 +5,7 @@ held_command -->                                          noise_source --noise--
 
 A disturbance, where there is one, stands between jets and body, and has its noise from the same source. Chance in the
 course of a run, noise and intermittent failures, is that of the scenario's seed, until `SetRandomContext` draws
-`noise_seed`, which is state of the context and stands where there is any. What the seed decides before the run, such as true thrusts, stays.
+`noise_seed`, which is state of the context. What the seed decides before the run, such as true thrusts, stays.
 """
 
 from __future__ import annotations

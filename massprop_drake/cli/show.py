@@ -39,6 +39,7 @@ _VERDICT_STYLES = {"holds": "green", "holds within spread": "cyan", "differs": "
 # share of the width by heading; None: as wide as it needs
 _CLAIM_COLUMNS = {"claim": 4, "source": None, "its words": 4, "expected": 3, "measured": 3, "verdict": 3}
 _ABOUT = ("parameter", "unit", "")  # headings of what a row is about
+_READABLE = 60  # characters, of a column of sentences
 _ANY_WIDTH = 10_000  # characters, for a table as wide as it needs
 
 
@@ -101,16 +102,25 @@ def as_json(content: Any) -> None:
 
 
 def listing(found: Mapping[str, Mapping[str, str]]) -> None:
-    """Prints what is bundled, a line each.
+    """Prints what is bundled, a line each; a narrow terminal has each description below its name.
 
     Args:
         found: descriptions by name, by kind in the plural.
     """
     console, table = Terminal(), Table.grid(padding=(0, 2))
-    for kind, items in found.items():
-        for name, description in items.items():
-            table.add_row(kind.removesuffix("s"), console.words((name, "bold")), description)
-    console.print(table)
+    rows = [(kind.removesuffix("s"), name, text) for kind, items in found.items() for name, text in items.items()]
+    kinds, names = (max(cell_len(row[column]) for row in rows) for column in (0, 1))
+    narrow = console.width - kinds - names - 4 < _READABLE
+    for kind, name, text in rows:
+        if not sys.stdout.isatty():
+            console.say(f"{kind:{kinds}}  {name:{names}}  {text}")
+        elif narrow:
+            console.say((name, "bold"), f" ({kind})")
+            console.say(f"    {text}")
+        else:
+            table.add_row(kind, console.words((name, "bold")), text)
+    if table.rows:
+        console.print(table)
 
 
 def schema(found: Iterable[Key]) -> None:
@@ -146,7 +156,7 @@ def simulated(results: Summary, vehicle: Vehicle, folder: Path) -> None:
         if jets:
             console.say(f"             {words}: {', '.join(jets)}")
     _say_found(console, results, vehicle)
-    console.say(f"speed:       {results.timing.real_time_factor:.0f} times real time")
+    console.say(f"speed:       {_factor(results.timing.real_time_factor)} times real time")
     _files(console, folder)
 
 
@@ -168,8 +178,13 @@ def estimated(results: Summary, vehicle: Vehicle, folder: Path) -> None:
     _say_found(console, results, vehicle)
     if results.against is not None:
         _print_against(console, results.against)
-    console.say(f"speed:       {quality['rows'] / results.timing.wall_s:.0f} rows a second")
+    console.say(f"speed:       {_factor(quality['rows'] / results.timing.wall_s)} rows a second")
     _files(console, folder)
+
+
+def _factor(value: float) -> str:
+    """A speed as a whole number, to two digits where it is below ten."""
+    return f"{value:.0f}" if value >= 9.95 else f"{value:.2g}"
 
 
 def _print_against(console: Terminal, found: Against) -> None:

@@ -96,6 +96,34 @@ def test_a_plan_says_what_is_drawn_and_writes_it(massprop: Massprop) -> None:
     assert cases[0]["drawn"] == cases[1]["drawn"] != cases[2]["drawn"]
 
 
+WITHOUT_DASK = """
+import sys
+sys.modules.update(dict.fromkeys(("dask", "distributed", "psutil", "threadpoolctl")))
+sys.argv[0] = "massprop"
+from massprop_drake.cli.main import main
+main()
+"""
+
+
+def test_planning_needs_no_dask_and_flying_says_that_it_does(tmp_path: Path) -> None:
+    (tmp_path / "short.yaml").write_text(SHORT, encoding="utf-8")
+
+    def massprop(*arguments: str) -> Any:
+        command = [sys.executable, "-c", WITHOUT_DASK, "campaign", *arguments]
+        return subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+
+    planned = massprop("plan", "short.yaml", "--out", "K")
+    assert (planned.returncode, planned.stderr) == (0, "")
+    assert planned.stdout.endswith("plan: K/plan.parquet\n")
+    assert massprop("status", "K").stdout == "0 of 6 planned cases have been flown so far.\n"
+    done = massprop("run", "K")
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr == (
+        "massprop: flights of a campaign need dask, distributed, psutil, threadpoolctl: "
+        "pip install 'massprop-drake[campaign]'\n"
+    )
+
+
 def test_a_plan_that_could_be_better_says_so(massprop: Massprop) -> None:
     done = massprop("campaign", "plan", written(), "--set", "method=sobol")
     assert done.status == 0

@@ -326,6 +326,43 @@ def test_a_phone_s_width_has_a_line_for_each_number(
     assert max(map(len, lines[:below])) <= 40
 
 
+FOUND = {
+    "vehicles": {"free_flyer": f"A 4.3 kg free flyer {'with thrusters ' * 5}and no wheels"},
+    "campaigns": {"sampling_period": "How often to read"},
+}
+
+
+@pytest.mark.parametrize("width", [None, 60, 80, 100, 140, 200])
+def test_a_list_uses_the_width_of_the_terminal(
+    capsys: Capture, monkeypatch: pytest.MonkeyPatch, width: int | None
+) -> None:
+    if width is not None:
+        monkeypatch.setenv("COLUMNS", str(width))
+        monkeypatch.setattr("sys.stdout.isatty", lambda: True, raising=False)
+    show.listing(FOUND)
+    lines = [line.rstrip() for line in re.sub(r"\x1b\[[\d;]*m", "", capsys.readouterr().out).splitlines()]
+    text = FOUND["vehicles"]["free_flyer"]
+    told = " ".join(" ".join(lines).split())
+    assert text in told
+    if width is None:
+        assert lines == [f"vehicle   free_flyer       {text}", "campaign  sampling_period  How often to read"]
+        return
+    assert max(map(len, lines)) <= width
+    column = 4 if width <= 80 else 27  # a narrow terminal has descriptions below names
+    assert len(lines) == 2 * (width <= 80) + 1 + -(-len(text) // (width - column))
+
+
+@pytest.mark.parametrize(
+    ("factor", "words"), [(0.0, "0"), (0.042, "0.042"), (0.5, "0.5"), (1.26, "1.3"), (9.96, "10"), (733.2, "733")]
+)
+def test_the_speed_is_a_number_however_slow(
+    capsys: Capture, stuck_run: Run, tmp_path: Path, factor: float, words: str
+) -> None:
+    results = replace(stuck_run.results, timing=stuck_run.results.timing._replace(real_time_factor=factor))
+    show.simulated(results, stuck_run.scenario.vehicle_data, tmp_path)
+    assert f"speed:       {words} times real time\n" in capsys.readouterr().out
+
+
 def test_lines_are_broken_between_words_on_a_terminal_alone(capsys: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
     said = "detected:    jump: +30.11 ± 0.22 kg at (+0.8977 ± 0.0050, -0.00032 ± 0.00034) m"
     show.Terminal(120).say(said)

@@ -16,7 +16,7 @@ from massprop_drake.inputs.model import yaml_text
 from massprop_drake.inputs.yaml import Document, exists, read_text
 from massprop_drake.maths.kernels import require_compiler
 from massprop_drake.results.folder import resumable_folder
-from massprop_drake.studies.campaign import engine, store
+from massprop_drake.studies.campaign import TO_FLY, engine, require, store
 from massprop_drake.studies.campaign.counts import Status
 from massprop_drake.studies.campaign.plan import PlannedCase, case_name, planned
 
@@ -170,12 +170,13 @@ class Campaign:
             dashboard: called with the address of Dask's dashboard.
 
         Raises:
-            InputError: when the folder is taken, a case is not in the plan, what is to be compiled cannot be on this
-                machine, or no worker can fly; what has been flown until then is kept.
+            InputError: when Dask is not installed, the folder is taken, a case is not in the plan, what is to be
+                compiled cannot be on this machine, or no worker can fly; what has been flown until then is kept.
 
         The processes of a cluster on this machine load the program that calls this: its own doings must stand under
         `if __name__ == "__main__":`.
         """
+        require("flights of a campaign", *TO_FLY)
         target = Path(folder) if folder is not None else self.folder or Path("runs") / self.spec.file.name
         alone = frozenset(only)
         cases = self.planned()

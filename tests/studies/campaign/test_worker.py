@@ -122,7 +122,7 @@ def test_a_worker_loads_no_drake() -> None:
 def test_without_the_extra_everything_else_works_and_campaigns_say_what_they_need() -> None:
     program = (
         "import sys\n"
-        "sys.modules.update(dict.fromkeys(('distributed', 'psutil')))\n"
+        "sys.modules.update(dict.fromkeys(('pyarrow', 'pyarrow.parquet', 'distributed')))\n"
         "from massprop_drake import InputError, load_scenario\n"
         "from massprop_drake.inputs.campaign import bundled_campaigns\n"
         "load_scenario('sample_maneuver'), bundled_campaigns()\n"
@@ -132,7 +132,7 @@ def test_without_the_extra_everything_else_works_and_campaigns_say_what_they_nee
         "    print(error)\n"
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "campaigns need distributed, psutil: pip install 'massprop-drake[campaign]'"
+    assert done.stdout.strip() == "campaigns need pyarrow: pip install 'massprop-drake[campaign]'"
 
 
 def test_how_a_process_executes_is_told_and_compared() -> None:
