@@ -50,7 +50,7 @@ def refused(done: Outcome, *words: str) -> None:
 def test_a_campaign_is_flown_reported_and_flown_again_alone(tmp_path: Path) -> None:
     def massprop(*arguments: str) -> Any:
         command = [COMMAND, *arguments]
-        return subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=300)
+        return subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
 
     (tmp_path / "short.yaml").write_text(SHORT, encoding="utf-8")
     done = massprop("campaign", "run", "short.yaml", "--workers", "1", "--out", "K")

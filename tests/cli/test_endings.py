@@ -200,7 +200,7 @@ def test_an_interruption_that_is_swallowed_comes_again(massprop: Massprop, monke
     def swallow(*_: Any, **__: Any) -> None:
         with contextlib.suppress(BaseException):
             signal.raise_signal(signal.SIGINT)
-        time.sleep(30.0)
+        time.sleep(600.0)
 
     monkeypatch.setattr("massprop_drake.runners.simulate.simulate", swallow)
     assert massprop(*RUN) == (130, "", "massprop: interrupted: nothing was saved\n")

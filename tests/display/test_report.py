@@ -407,7 +407,8 @@ def test_what_is_in_the_window_is_drawn_without_waiting_for_the_rest(
 def test_on_paper_it_has_four_pages_at_the_most(fresh: Any) -> None:
     page = fresh.page
     page.evaluate("dispatchEvent(new Event('beforeprint'))")
-    page.wait_for_timeout(500)
+    fresh.until(f"!{DRAWN}.includes(false)")
+    fresh.painted()
     shown = "[...document.querySelectorAll('#plot-inverse_inertia_diagonal .legendtext')].map(one => one.textContent)"
     assert [
         name for name in page.evaluate(shown) if name.startswith("3-sigma")

@@ -45,7 +45,7 @@ class Cluster:
 
     @property
     def address(self) -> str:
-        with Client(scheduler_file=str(self._file), timeout=60) as client:  # which waits for the file
+        with Client(scheduler_file=str(self._file), timeout=600) as client:  # which waits for the file
             return str(client.scheduler.address)
 
     def close(self) -> None:
