@@ -3,7 +3,9 @@
 command ------> reaction_jets --wrench--> rigid_body --body_state--> gyros, accelerometers --> readings
 held_command -->                                          noise_source --noise-->
 
-A disturbance, where there is one, stands between jets and body, and has its noise from the same source.
+A disturbance, where there is one, stands between jets and body, and has its noise from the same source. Chance in the
+course of a run, noise and intermittent failures, is that of the scenario's seed, until `SetRandomContext` draws
+`noise_seed`, which is state of the context. What the seed decides before the run, such as true thrusts, stays.
 """
 
 from __future__ import annotations
@@ -18,7 +20,7 @@ from massprop_drake.inputs.vehicle import Accelerometer, PoseSensor, SensorPacka
 from massprop_drake.maths.vehicle.sensing import SensorModel
 from massprop_drake.systems.vehicle.disturbance import Disturbance
 from massprop_drake.systems.vehicle.integrating_accelerometer import IntegratingAccelerometer
-from massprop_drake.systems.vehicle.noise_source import NoiseSource
+from massprop_drake.systems.vehicle.noise_source import NoiseSource, noise_seed
 from massprop_drake.systems.vehicle.rate_gyro import RateGyro
 from massprop_drake.systems.vehicle.reaction_jets import ReactionJets
 from massprop_drake.systems.vehicle.rigid_body_plant import RigidBodyPlant
@@ -99,9 +101,14 @@ def build(scenario: Scenario) -> Diagram:
         builder.ExportOutput(tracker.GetOutputPort("reading"), seen.name)
         noisy.append(tracker)
 
-    if noisy:
+    comes_and_goes = any(failure.kind == "intermittent" for failure in scenario.failures)
+    seed = builder.AddSystem(noise_seed(period)) if noisy or comes_and_goes else None
+    if seed is not None and comes_and_goes:
+        builder.Connect(seed.get_output_port(), jets.GetInputPort("seed"))
+    if seed is not None and noisy:
         streams = {system.get_name(): system.GetInputPort("noise").size() for system in noisy}
         noise = builder.AddNamedSystem("noise_source", NoiseSource(scenario.seed, period_s=period, streams=streams))
+        builder.Connect(seed.get_output_port(), noise.GetInputPort("seed"))
         for system in noisy:
             builder.Connect(noise.GetOutputPort(system.get_name()), system.GetInputPort("noise"))
 

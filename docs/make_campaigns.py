@@ -24,6 +24,7 @@ from massprop_drake.inputs.model import digest
 from massprop_drake.results.injected import InjectedRecord
 from massprop_drake.studies.campaign import merit, statistics, store
 from massprop_drake.studies.campaign.campaign import Campaign
+from massprop_drake.studies.campaign.counts import Row, flown
 from massprop_drake.studies.campaign.plan import PlannedCase, design
 from massprop_drake.studies.campaign.reading import told_apart
 from massprop_drake.studies.campaign.statistics import Figure
@@ -32,7 +33,6 @@ PAGES = Path(__file__).parent / "campaigns"
 MARK = "<!-- below: written by docs/make_campaigns.py -->\n"
 NEW = "# {title}\n\n{description}.\n\n{mark}"
 
-Row = Mapping[str, Any]
 Measure = Callable[[Sequence[Row]], Figure]
 
 _SIZES = [digit * 10.0**power for power in range(-2, 5) for digit in (1.0, 2.0, 5.0)]  # edges of bins of sizes
@@ -80,7 +80,7 @@ def error_median(names: Sequence[str], suffix: str, *, relative: bool = True) ->
     """The measure of `_error` over cases."""
 
     def measured(rows: Sequence[Row]) -> Figure:
-        errors = [_error(row, names, suffix, relative=relative) for row in merit.flown(rows)]
+        errors = [_error(row, names, suffix, relative=relative) for row in flown(rows)]
         return median([error for error in errors if math.isfinite(error)])
 
     return measured
@@ -159,7 +159,7 @@ def outcomes_table(headings: Sequence[str], groups: Sequence[Group]) -> str:
     """How the failures of each group ended, and how soon they were found."""
     lines = []
     for group in groups:
-        found = [one["outcome"] for row in merit.flown(group.rows) for one in row["injected"]]
+        found = [one["outcome"] for row in flown(group.rows) for one in row["injected"]]
         curve = merit.detection_curve(merit.events(group.rows))
         rest = [merit.figures(group.rows)["isolated"], curve.at(1.0), curve.at(5.0)]
         counts = [str(found.count(outcome)) for outcome in _OUTCOMES]
@@ -181,7 +181,7 @@ def sized(rows: Sequence[Row], campaign: Campaign, cases: Sequence[PlannedCase])
         return failure.get("force")
 
     found = []
-    for row in merit.flown(rows):
+    for row in flown(rows):
         sizes = [*map(size, given[row["case_id"]]), *[None] * len(row["injected"])]  # payloads come last
         injected = [{**one, "size": each} for one, each in zip(row["injected"], sizes, strict=False)]
         found.append({**row, "injected": injected})
@@ -190,7 +190,7 @@ def sized(rows: Sequence[Row], campaign: Campaign, cases: Sequence[PlannedCase])
 
 def by_failure(group: Group, force: str) -> list[Group]:
     """Failures by kind and size; in each row that is returned, those of one kind and size are left."""
-    ones = [one for row in merit.flown(group.rows) for one in row["injected"]]
+    ones = [one for row in flown(group.rows) for one in row["injected"]]
     binned = len({one["size"] for one in ones} - {None}) > _FEW
 
     def label(one: Mapping[str, Any]) -> tuple[float, str, str]:
@@ -211,7 +211,7 @@ def by_failure(group: Group, force: str) -> list[Group]:
 
 def by_order(group: Group) -> list[Group]:
     """Failures by their order in the flight."""
-    most = max((len(row["injected"]) for row in merit.flown(group.rows)), default=0)
+    most = max((len(row["injected"]) for row in flown(group.rows)), default=0)
     return [
         Group((*group.labels, str(place + 1)), _only(group.rows, lambda index, _, place=place: index == place))  # type: ignore[misc]
         for place in range(most)
@@ -222,7 +222,7 @@ def _only(rows: Sequence[Row], wanted: Callable[[int, Mapping[str, Any]], bool])
     """Cases with some of their failures alone; those that have none left are left out."""
     kept = [
         {**row, "injected": [one for index, one in enumerate(row["injected"]) if wanted(index, one)]}
-        for row in merit.flown(rows)
+        for row in flown(rows)
     ]
     return [row for row in kept if row["injected"]]
 
@@ -230,7 +230,7 @@ def _only(rows: Sequence[Row], wanted: Callable[[int, Mapping[str, Any]], bool])
 def outcome_matrix(rows: Sequence[Row], force: str) -> str:
     """What became of every jet's failures, where each case is a jet and a failure of its own; else nothing."""
     cells: dict[tuple[str, str], str] = {}
-    for row in merit.flown(rows):
+    for row in flown(rows):
         if len(row["injected"]) != 1:
             return ""
         (given,) = row["injected"]

@@ -12,7 +12,7 @@ from massprop_drake.inputs.campaign import load_campaign
 from massprop_drake.maths.mass_properties import NAMES
 from massprop_drake.studies.campaign import store
 from massprop_drake.studies.campaign.campaign import Campaign
-from massprop_drake.studies.campaign.measure import ended_wrong
+from massprop_drake.studies.campaign.measure import failing_reasons
 
 Row = dict[str, Any]
 LENGTH_S = 60.0
@@ -87,7 +87,7 @@ def row(
         "firings": 40, "propellant_mass": 2.0, "lp_infeasible": 0, "wall_s": 1.0, "cpu_s": 0.9, "worker": None,
         **given,
     }  # fmt: skip
-    found["failing"] = ended_wrong(found)
+    found["failing"] = failing_reasons(found)
     return found
 
 

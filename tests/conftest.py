@@ -233,6 +233,7 @@ def massprop(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 
 # ------------------------------------------------------------------------------------ in a browser
 
+TIMEOUT_MS = 540_000  # of a browser, however busy the machine: less than the limit of a test, to say what it waits for
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 
 
@@ -262,7 +263,7 @@ def browser() -> Iterator[Any]:
         flags = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-quic"]
         flags.append("--disable-gpu-compositing")  # there is no graphics card: the scene alone is drawn as by one
         chromium = driver.chromium.launch(
-            executable_path=CHROMIUM, args=[*flags, "--disable-background-networking"], timeout=120_000
+            executable_path=CHROMIUM, args=[*flags, "--disable-background-networking"], timeout=TIMEOUT_MS
         )
         yield chromium
         chromium.close()
@@ -275,7 +276,7 @@ class Page:
 
     def __init__(self, browser: Any, path: Path, before: str, ready: str):
         self.page = browser.new_page(viewport=self.VIEWPORT)
-        self.page.set_default_timeout(120_000)
+        self.page.set_default_timeout(TIMEOUT_MS)
         self.said: list[str] = []
         self.page.on("console", self._hears)
         self.page.on("pageerror", lambda error: self.said.append(f"error: {error}"))
@@ -291,11 +292,15 @@ class Page:
 
     def until(self, expression: str) -> None:
         """Waits until an expression holds; a page's policy forbids what Playwright's `wait_for_function` does in it."""
-        for _ in range(6000):
+        for _ in range(TIMEOUT_MS // 20):
             if self.page.evaluate(expression):
                 return
             self.page.wait_for_timeout(20)
         raise TimeoutError(expression)
+
+    def painted(self) -> None:
+        """Waits until what has changed is on the screen: its frame has begun, and so has the next."""
+        self.page.evaluate("new Promise(done => requestAnimationFrame(() => requestAnimationFrame(() => done())))")
 
     def as_opened(self, script: str) -> Page:
         """The page for the next test: its window and colors as at first, and the rest by a script of its own."""

@@ -73,7 +73,7 @@ def test_tables_and_figures_show_themselves(executed: dict[str, Any]) -> None:
     shown = [output.get("data", {}) for cell in code(executed) for output in cell["outputs"]]
     assert sum("image/png" in data for data in shown) == 2
     (table,) = ["".join(data["text/html"]) for data in shown if "text/html" in data]
-    assert "Found: jet R4R: on." in table
+    assert "Found: jet R4R: stuck on." in table
     assert max(len("".join(data.get("text/plain", ""))) for data in shown) < 500
 
 

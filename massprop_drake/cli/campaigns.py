@@ -131,18 +131,19 @@ def run(
 
 @app.command(epilog="Example: `massprop campaign status runs/healthy`")
 def status(folder: Folder, as_json: Json = False) -> None:
-    """Says how far a campaign is, also while it runs."""
+    """Says how far a campaign is and how its cases ended, also while it runs."""
     from massprop_drake.cli import show
+    from massprop_drake.studies.campaign import counts
     from massprop_drake.studies.campaign.campaign import Campaign
 
     found = Campaign.load(folder).status()
     if as_json:
-        show.as_json(found._asdict())
+        cells = [{"settings": dict(settings), **one._asdict()} for _, settings, one in found.cells]
+        show.as_json({**found.counts._asdict(), "cells": cells})
     else:
-        say(
-            f"{folder}: {found.flown} of {found.planned} cases flown, {found.failing} of them ended wrong, "
-            f"{found.failed} failed to run"
-        )
+        for sentence in (counts.progress(found.counts), counts.not_run(found.counts), *counts.endings(found)):
+            if sentence:
+                say(sentence)
 
 
 @app.command(epilog="Example: `massprop campaign report runs/healthy`")

@@ -115,5 +115,5 @@ def compare(runs: Sequence[Path], out: Path | None, *, force: bool) -> tuple[lis
 def print_comparison(found: Sequence[tuple[str, Summary]], vehicle: Any, target: Path) -> None:
     """Prints the table of runs side by side, what each has found, and where the page is."""
     show.side_by_side(found, vehicle)
-    show.found_by_each(found)
+    show.found_by_each(found, vehicle)
     say(f"plots:       {target}")

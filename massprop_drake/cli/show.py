@@ -39,6 +39,7 @@ _VERDICT_STYLES = {"holds": "green", "holds within spread": "cyan", "differs": "
 # share of the width by heading; None: as wide as it needs
 _CLAIM_COLUMNS = {"claim": 4, "source": None, "its words": 4, "expected": 3, "measured": 3, "verdict": 3}
 _ABOUT = ("parameter", "unit", "")  # headings of what a row is about
+_READABLE = 60  # characters, of a column of sentences
 _ANY_WIDTH = 10_000  # characters, for a table as wide as it needs
 
 
@@ -101,16 +102,25 @@ def as_json(content: Any) -> None:
 
 
 def listing(found: Mapping[str, Mapping[str, str]]) -> None:
-    """Prints what is bundled, a line each.
+    """Prints what is bundled, a line each; a narrow terminal has each description below its name.
 
     Args:
         found: descriptions by name, by kind in the plural.
     """
     console, table = Terminal(), Table.grid(padding=(0, 2))
-    for kind, items in found.items():
-        for name, description in items.items():
-            table.add_row(kind.removesuffix("s"), console.words((name, "bold")), description)
-    console.print(table)
+    rows = [(kind.removesuffix("s"), name, text) for kind, items in found.items() for name, text in items.items()]
+    kinds, names = (max(cell_len(row[column]) for row in rows) for column in (0, 1))
+    narrow = console.width - kinds - names - 4 < _READABLE
+    for kind, name, text in rows:
+        if not sys.stdout.isatty():
+            console.say(f"{kind:{kinds}}  {name:{names}}  {text}")
+        elif narrow:
+            console.say((name, "bold"), f" ({kind})")
+            console.say(f"    {text}")
+        else:
+            table.add_row(kind, console.words((name, "bold")), text)
+    if table.rows:
+        console.print(table)
 
 
 def schema(found: Iterable[Key]) -> None:
@@ -146,7 +156,7 @@ def simulated(results: Summary, vehicle: Vehicle, folder: Path) -> None:
         if jets:
             console.say(f"             {words}: {', '.join(jets)}")
     _say_found(console, results, vehicle)
-    console.say(f"speed:       {results.timing.real_time_factor:.0f} times real time")
+    console.say(f"speed:       {_factor(results.timing.real_time_factor)} times real time")
     _files(console, folder)
 
 
@@ -168,8 +178,13 @@ def estimated(results: Summary, vehicle: Vehicle, folder: Path) -> None:
     _say_found(console, results, vehicle)
     if results.against is not None:
         _print_against(console, results.against)
-    console.say(f"speed:       {quality['rows'] / results.timing.wall_s:.0f} rows a second")
+    console.say(f"speed:       {_factor(quality['rows'] / results.timing.wall_s)} rows a second")
     _files(console, folder)
+
+
+def _factor(value: float) -> str:
+    """A speed as a whole number, to two digits where it is below ten."""
+    return f"{value:.0f}" if value >= 9.95 else f"{value:.2g}"
 
 
 def _print_against(console: Terminal, found: Against) -> None:
@@ -222,12 +237,12 @@ def side_by_side(found: Iterable[tuple[str, Summary]], vehicle: Vehicle) -> None
     print_table(Terminal(160), "estimates side by side", headings, rows, spare=("unit", *spare))
 
 
-def found_by_each(runs: Iterable[tuple[str, Summary]]) -> None:
+def found_by_each(runs: Iterable[tuple[str, Summary]], vehicle: Vehicle) -> None:
     """Prints a line for each run: how long it is, whether it is consistent, and what it found."""
-    from massprop_drake.display import events  # noqa: PLC0415 (slow to load)
+    from massprop_drake.results.detections import in_words  # noqa: PLC0415 (slow to load)
 
     for name, results in runs:
-        what = "; ".join(map(events.headline, results.detections)) or "no failure"
+        what = "; ".join(in_words(one, vehicle.unit_names) for one in results.detections) or "no failure"
         verdict = results.consistency.verdict or "not judged"
         say(f"{visible(name)}: {results.duration_s:.6g} s, {verdict}; found: {what}")
 
@@ -397,14 +412,10 @@ def _told(event: EventRecord, vehicle: Vehicle) -> str:
 
 
 def _detected(entry: DetectionRecord, vehicle: Vehicle) -> str:
-    from massprop_drake.results.detections import remarks, since, size  # noqa: PLC0415 (slow to load)
+    from massprop_drake.results.detections import in_words, remarks, since  # noqa: PLC0415 (slow to load)
 
     when = f"declared at {entry.time_s:.2f} s, {since(entry)}"
-    kind, how_large = entry.kind.replace("_", " "), size(entry, vehicle.unit_names)
-    if entry.magnitude is None:
-        what = f"{kind}: {how_large}" if how_large else kind
-    else:
-        what = f"{kind}: {f'jet {entry.jet} (cluster {entry.cluster})' if entry.jet else entry.suspects}, {how_large}"
+    what = in_words(entry, vehicle.unit_names, whole=True)
     return f"detected:    {', '.join([what, when, *remarks(entry)])}"
 
 

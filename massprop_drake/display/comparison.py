@@ -7,10 +7,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from massprop_drake.display import events, interactive, plots, templates
+from massprop_drake.display import interactive, plots, templates
 from massprop_drake.display.plots import Source
 from massprop_drake.display.spec import Array, Band, Line, Mark, Panel, Plot, Points, SymmetricLog
 from massprop_drake.display.style import COLORS
+from massprop_drake.results.detections import in_words
 from massprop_drake.results.summary import Parameter
 from massprop_drake.signals import SYMBOLS, mass_property_units
 
@@ -151,7 +152,7 @@ def _limits(parts: Sequence[Panel]) -> tuple[float, float] | None:
 def _found(run: Run) -> tuple[str, str, str]:
     """Says how long a run is, whether its innovations are consistent, and what it found."""
     results = run.results
-    declared = "; ".join(events.headline(entry) for entry in results.detections)
+    declared = "; ".join(in_words(entry, run.scenario.vehicle_data.unit_names) for entry in results.detections)
     return f"{results.duration_s:.6g} s", results.consistency.verdict or "not judged", declared or "nothing"
 
 

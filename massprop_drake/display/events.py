@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING, NamedTuple
 
 from massprop_drake.inputs.scenario import Scenario
-from massprop_drake.results.detections import DetectionRecord
+from massprop_drake.results.detections import in_words
 
 if TYPE_CHECKING:
     from massprop_drake.results.run import Run
@@ -53,16 +53,8 @@ def found(run: Run) -> list[Mark]:
             if entry.cluster is not None and (jet.designation in named if named else jet.cluster == entry.cluster)
         )
         until = math.inf if entry.withdrawn_s is None else entry.withdrawn_s
-        marks.append(Mark(jets, entry.time_s, until, headline(entry)))
+        marks.append(Mark(jets, entry.time_s, until, in_words(entry, vehicle.unit_names)))
     return marks
-
-
-def headline(entry: DetectionRecord) -> str:
-    """Names a detection in a few words, such as 'jet R4R: on'."""
-    kind = entry.kind.replace("_", " ")
-    if entry.cluster is None:
-        return kind
-    return f"{entry.suspects}: {kind.removeprefix('jet ')}"
 
 
 def commanded(scenario: Scenario, time_s: float) -> str:

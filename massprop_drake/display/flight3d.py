@@ -27,6 +27,7 @@ from massprop_drake.display.style import (
 from massprop_drake.inputs.scenario import Scenario
 from massprop_drake.maths.attitude import propagated
 from massprop_drake.maths.mass_properties import CENTER_OF_MASS
+from massprop_drake.results.detections import in_words
 from massprop_drake.results.folder import write_page
 
 if TYPE_CHECKING:
@@ -237,7 +238,7 @@ def narration(
 
 def _ticks(run: Run, failed: Sequence[events.Mark], found: Sequence[events.Mark]) -> list[dict[str, object]]:
     """Lists the events for the slider: what happens, and what is declared."""
-    end_s = float(run.time_s[-1])
+    end_s, units = float(run.time_s[-1]), run.scenario.vehicle_data.unit_names
     ticks = [{"at": mark.start_s, "kind": "failed", "text": mark.text} for mark in failed]
     ticks += [
         {"at": jump.time_s, "kind": "payload", "text": f"payload: {jump.kind}"}
@@ -245,7 +246,7 @@ def _ticks(run: Run, failed: Sequence[events.Mark], found: Sequence[events.Mark]
         if jump.time_s <= end_s
     ]
     ticks += [
-        {"at": entry.time_s, "kind": "found", "text": f"declared: {events.headline(entry)}"}
+        {"at": entry.time_s, "kind": "found", "text": f"declared: {in_words(entry, units)}"}
         for entry in run.results.detections
     ]
     return sorted(ticks, key=lambda tick: float(str(tick["at"])))

@@ -73,6 +73,10 @@ def describe(name: str) -> str:
     return drawn.said or (module.__doc__ or "").strip().splitlines()[0]
 
 
+# letters of 0.6 of their size in width, in whichever font of its kind a viewer has: Graphviz makes boxes by that width
+_FONT = "".join(f'{what} [fontname="Courier"]; ' for what in ("graph", "node", "edge")).rstrip()
+
+
 def dot_text(diagram: Diagram, depth: int) -> str:
     """Returns a diagram in Graphviz's language, independent of what else the process has built.
 
@@ -88,6 +92,7 @@ def dot_text(diagram: Diagram, depth: int) -> str:
         return f"{match.group(1)}{numbers.setdefault(match.group(2), len(numbers))}"
 
     text = re.sub(r"(?<=<B>)[\w.]+\.(?=\w+</B>)", "", text)  # of a class its name, not where it is from
+    text = text.replace("rankdir=LR\n", f"rankdir=LR\n{_FONT}\n", 1)
     text = re.sub(r"\b(_|s|cluster|clusters)(\d+)(?=(?:diagram|subsystems|in|out)?\b)", renumbered, text)
     # and Drake lists the connections of a diagram in no fixed order
     lines: list[str] = []
@@ -97,6 +102,7 @@ def dot_text(diagram: Diagram, depth: int) -> str:
     return "\n".join(lines) + "\n"
 
 
+_SAY_NOTHING = ("reading", "y0")  # names of outputs, where that of the input says more
 _SIGNALS = 4  # on one arrow of an overview, in a line each
 
 
@@ -112,12 +118,12 @@ def overview_text(diagram: Diagram) -> str:
         ends = names[id(source)], names[id(to)]
         name = source.get_output_port(port).get_name()
         own = to.get_input_port(to_port).get_name()
-        carried.setdefault(ends, []).append(own if name == "reading" else name)
+        carried.setdefault(ends, []).append(own if name in _SAY_NOTHING else name)
     lines = [
         f'digraph "{diagram.get_name()}" {{',
-        'rankdir=LR; nodesep=0.35; ranksep=0.5; node [shape=box, style="rounded,filled", fillcolor="#eef2f7", '
-        'color="#5a6675", fontname="Helvetica", fontsize=14]; '
-        'edge [fontname="Helvetica", fontsize=12, color="#33475b", fontcolor="#33475b"];',
+        f"rankdir=LR; nodesep=0.35; ranksep=0.5; {_FONT}",
+        'node [shape=box, style="rounded,filled", fillcolor="#eef2f7", color="#5a6675", fontsize=14]; '
+        'edge [fontsize=12, color="#33475b", fontcolor="#33475b"];',
     ]
     for system in systems:
         kind = type(system).__name__

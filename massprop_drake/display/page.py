@@ -7,12 +7,12 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from massprop_drake.display import events, interactive, plots, templates
+from massprop_drake.display import interactive, plots, templates
 from massprop_drake.errors import moment
 from massprop_drake.inputs.model import yaml_text
 from massprop_drake.maths.mass_properties import MASS_RECIPROCAL
+from massprop_drake.results import detections, table, unconfirmed
 from massprop_drake.results import events as said
-from massprop_drake.results import table, unconfirmed
 from massprop_drake.results.against import Against
 from massprop_drake.results.consistency import INCONSISTENT
 from massprop_drake.results.detections import JUMP, DetectionRecord, remarks, size
@@ -48,7 +48,7 @@ def summary_html(run: Run) -> str:
     """Returns the verdict and the table of ten parameters as HTML for a notebook."""
     content = {
         "title": f"{run.results.vehicle}: {run.results.scenario}",
-        "verdict": _verdict(run.results),
+        "verdict": _verdict(run),
         "parameters": table.parameters(run.results, run.scenario.vehicle_data.unit_names),
     }
     return templates.fragment(_HERE / "summary.html", content)
@@ -73,7 +73,7 @@ def report_html(run: Run, *, replay: str | None = None) -> str:
         "summary": run.summary,
         "innovations": results.consistency.in_words(),
         "units": units,
-        "verdict": [*_verdict(results), *_armed(source, results)],
+        "verdict": [*_verdict(run), *_armed(source, results)],
         "parameters": rows,
         "bound": results.above_bound,
         "bounded": any(row.bound != "-" for row in rows),
@@ -109,8 +109,9 @@ def _lacking(results: Summary) -> Iterator[str]:
         yield f"Not all could be made: {'; '.join(results.missing)}."
 
 
-def _verdict(results: Summary) -> list[dict[str, Any]]:
+def _verdict(run: Run) -> list[dict[str, Any]]:
     """Writes the few sentences that a reader wants first; `good` is None where there is nothing to judge."""
+    results = run.results
     sentences: list[dict[str, Any]] = [{"good": False, "text": text} for text in _lacking(results)]
 
     def say(good: bool | None, text: str) -> None:
@@ -135,7 +136,7 @@ def _verdict(results: Summary) -> list[dict[str, Any]]:
         say(False, f"Inconsistent, so that a 1-sigma may say too little: {reasons[0]}{more}.")
     if not math.isfinite(results.estimates[MASS_RECIPROCAL]):
         say(None, "The mass is not observable: no accelerometer was read.")
-    for good, text in _of_failures(results):
+    for good, text in _of_failures(results, run.scenario.vehicle_data.unit_names):
         say(good, text)
     lying = list(dict.fromkeys(f"{one.sensor}_{one.axis}" for one in results.events if one.kind == "false_reading"))
     if lying:
@@ -153,11 +154,11 @@ def _verdict(results: Summary) -> list[dict[str, Any]]:
     return sentences
 
 
-def _of_failures(results: Summary) -> Iterator[tuple[bool, str]]:
+def _of_failures(results: Summary, units: Mapping[str, str]) -> Iterator[tuple[bool, str]]:
     """What the verdict says of failures: those declared, and those injected that were not found as what they are."""
     declared = [entry for entry in results.detections if entry.withdrawn_s is None]
     if declared:
-        yield False, "Found: " + "; ".join(events.headline(entry) for entry in declared) + "."
+        yield False, "Found: " + "; ".join(detections.in_words(entry, units) for entry in declared) + "."
     else:
         yield True, "No failed jet and no jump of the mass properties was found."
     lost = [one.name for one in results.injected or () if one.good is False]
@@ -182,9 +183,9 @@ def _jumps(run: Run) -> tuple[list[dict[str, Any]], dict[int, int]]:
             begun = one.start_s if one.first_acted_s is None else one.first_acted_s
             of_injected[number] = len(places)
             places.append((begun, begun if one.declared_s is None else one.declared_s, one.name))
-    told = {until for _, until, _ in places}
+    told, units = {until for _, until, _ in places}, run.scenario.vehicle_data.unit_names
     places += [
-        (entry.onset_s, entry.time_s, f"declared: {events.headline(entry)}")
+        (entry.onset_s, entry.time_s, f"declared: {detections.in_words(entry, units)}")
         for entry in results.detections
         if entry.time_s not in told
     ]
@@ -253,7 +254,7 @@ def _detection(entry: DetectionRecord, units: Mapping[str, str], by_hypotheses: 
         "at once" if by_hypotheses and not entry.alarms else f"after {entry.alarms} {what}{'s' * (entry.alarms != 1)}"
     )
     return {
-        "what": events.headline(entry),
+        "what": detections.in_words(entry, units),
         "since": [entry.onset_s] if entry.earliest_s is None else [entry.earliest_s, entry.latest_s],
         "declared": entry.time_s,
         "cluster": "" if entry.cluster is None else str(entry.cluster),

@@ -44,7 +44,8 @@ UNITS = {
 _RESERVED = {
     *SIGNALS,
     *("time_s", "file", "jet", "known_force", "known_torque"),
-    *("reaction_jets", "rigid_body", "disturbance", "noise_source", "body_state", "structure", "mass_properties"),
+    *("reaction_jets", "rigid_body", "disturbance", "noise_source", "noise_seed"),
+    *("body_state", "structure", "mass_properties"),
     *("telemetry_source", "record_time"),
     *("closed", "held_closed", "command", "held_command", "jet_commands", "impulses", "turning", "evidence"),
     *("outside_wrench", "mean_level", "predicted", "published", "replacement"),

@@ -16,14 +16,21 @@ from massprop_drake.maths.linear_algebra import Array
 
 _BLOCK = 64  # samples drawn at a time; a matter of speed alone
 
+Seed = int | tuple[int, int]  # of a run; and what was drawn to vary it
 
-def stream_seed(seed: int, stream: str) -> np.random.SeedSequence:
+
+def varied(seed: int, draw: float) -> Seed:
+    """Seed of a run that a random number varies; the run's own where that is zero."""
+    return seed if draw == 0.0 else (seed, int(np.float64(draw).view(np.uint64)))
+
+
+def stream_seed(seed: Seed, stream: str) -> np.random.SeedSequence:
     """The seed sequence of a named stream of a run."""
     return np.random.SeedSequence(seed, spawn_key=tuple(stream.encode()))
 
 
 @lru_cache(maxsize=256)
-def _block(seed: int, stream: str, number: int, size: int) -> Array:
+def _block(seed: Seed, stream: str, number: int, size: int) -> Array:
     key = stream_seed(seed, stream).generate_state(2, np.uint64)
     generator = np.random.Generator(np.random.Philox(key=key, counter=[0, number, 0, 0]))
     block = generator.standard_normal((_BLOCK, size))
@@ -31,7 +38,7 @@ def _block(seed: int, stream: str, number: int, size: int) -> Array:
     return block
 
 
-def normal_sample(seed: int, stream: str, number: int, size: int) -> Array:
+def normal_sample(seed: Seed, stream: str, number: int, size: int) -> Array:
     """Independent standard normal numbers: sample ``number`` (0, 1, ...) of a stream, shape (size,)."""
     block, row = divmod(number, _BLOCK)
     return _block(seed, stream, block, size)[row]
@@ -42,7 +49,7 @@ def uniform_phase(seed: int, stream: str, size: int) -> Array:
     return np.random.default_rng(stream_seed(seed, f"phase of {stream}")).uniform(-0.5, 0.5, size)
 
 
-def uniform_sample(seed: int, stream: str, number: int) -> float:
+def uniform_sample(seed: Seed, stream: str, number: int) -> float:
     """A number uniform in [0, 1): sample ``number`` (0, 1, ...) of a stream."""
     key = stream_seed(seed, stream).generate_state(2, np.uint64)
     return float(np.random.Generator(np.random.Philox(key=key, counter=[0, number, 0, 0])).random())

@@ -16,6 +16,9 @@ from massprop_drake.signals import with_deviation
 Array = NDArray[np.float64]
 
 Kind = Literal["jet_on", "jet_off", "jet_degraded", "mass_property_jump"]
+Mode = Literal[
+    "stuck_on", "leak", "stuck_off", "loss", "intermittent", "drift", "release", "docking", "sensor"
+]  # of a fault
 JUMP: Kind = "mass_property_jump"
 
 
@@ -47,6 +50,8 @@ class DetectionRecord(NamedTuple):
         told_apart_s: seconds without any jet after which it would be told apart; with neither nothing would.
         erratic_s: since when the jet is said to be erratic, s.
         pattern: of an erratic jet, "intermittent" or "drifting".
+        thrust: full thrust of the likeliest jet, lbf or N; None for a jump.
+        mode: of the fault, by what is known of its size now, see `fault_mode`; None where that tells none.
         jet_index: index of the likeliest jet of the vehicle, while the run goes on; None for a jump, and in a
             summary.
         before: reciprocal mass before a jump, and its 1-sigma, while the run goes on.
@@ -75,6 +80,8 @@ class DetectionRecord(NamedTuple):
     pattern: Literal["intermittent", "drifting"] | None = None
     earliest_s: Real | None = None
     latest_s: Real | None = None
+    thrust: NotNegative | None = None
+    mode: Mode | None = None
     jet_index: Count | None = None
     before: tuple[Real, NotNegative] | None = None
 
@@ -87,7 +94,8 @@ class DetectionRecord(NamedTuple):
 
 
 _SAME_S = 1e-6  # times that are no farther apart are the same
-_SIGNIFICANT = 3.0  # sigmas of a mass that is told
+_SIGNIFICANT = 3.0  # sigmas of a mass that is told, and of a force from that of a jet that is stuck
+_NEARLY_ALL = 0.9  # share of the thrust that counts as all of it
 
 
 def detection_entries(
@@ -134,7 +142,7 @@ def followed(
                 if jumps:
                     size = _size(event) | {"measured_s": event.time_s}
                     records[jumps[-1]] = records[jumps[-1]]._replace(**size)
-    return records
+    return [_with_mode(record) for record in records]
 
 
 def _changed(
@@ -189,7 +197,7 @@ def settled(
         followed_since = record.kind == "jet_on" and record.erratic_s is None and record.withdrawn_s is None
         if followed_since and jet is not None and variance[jet] > 0.0:
             record = record._replace(magnitude=float(force[jet]), magnitude_std=float(np.sqrt(variance[jet])))
-        return record._replace(jet_index=None, before=None)
+        return _with_mode(record._replace(jet_index=None, before=None))
 
     return tuple(map(at_the_end, _weighed(records, (mass_reciprocal, deviation))))
 
@@ -272,6 +280,7 @@ def _failure(vehicle: Vehicle, event: EventRecord) -> DetectionRecord:
         jets=event.jets,
         told_apart_by=event.told_apart_by,
         told_apart_s=event.told_apart_s,
+        thrust=vehicle.jets[event.jet_index].thrust,
         jet_index=event.jet_index,
     )
 
@@ -305,11 +314,84 @@ def _size(event: EventRecord) -> dict[str, Any]:
 def _kind(magnitude: float, std: float, thrust: float) -> Kind:
     if magnitude > 0.0:
         return "jet_on"
-    lost_all = -magnitude > 0.9 * thrust or abs(magnitude + thrust) < 3.0 * std
-    return "jet_off" if lost_all else "jet_degraded"
+    return "jet_off" if _is_all(magnitude, std, thrust) else "jet_degraded"
+
+
+def _is_all(magnitude: float, std: float, thrust: float) -> bool:
+    """Tells whether a force, too much or missing, is all of the thrust, as far as it is known."""
+    return abs(magnitude) > _NEARLY_ALL * thrust or abs(abs(magnitude) - thrust) < _SIGNIFICANT * std
+
+
+def fault_mode(record: DetectionRecord) -> Mode | None:
+    """The mode of a fault, by what is known of its size.
+
+    A jet is stuck where its force is within 3 sigma of its thrust, or above 90 % of it; else it leaks or has lost some.
+    One that is erratic is intermittent or drifts. A jump is a payload that docks or is released where its mass is
+    known to 3 sigma; None where it is not.
+    """
+    if record.kind == JUMP:
+        mass, mass_std = record.mass, record.mass_std
+        if mass is None or mass_std is None or not abs(mass) > _SIGNIFICANT * mass_std:
+            return None
+        return "docking" if mass > 0.0 else "release"
+    if record.pattern is not None:
+        return "drift" if record.pattern == "drifting" else "intermittent"
+    if record.magnitude is None or record.magnitude_std is None or record.thrust is None:
+        return None
+    whole = _is_all(record.magnitude, record.magnitude_std, record.thrust)
+    if record.magnitude > 0.0:
+        return "stuck_on" if whole else "leak"
+    return "stuck_off" if whole else "loss"
+
+
+def _with_mode(record: DetectionRecord) -> DetectionRecord:
+    return record._replace(mode=fault_mode(record))
 
 
 # -------------------------------------------------------------------------------------------- in words
+
+
+_MODES: dict[Mode | None, str] = {
+    "stuck_on": "stuck on",
+    "leak": "leaks",
+    "stuck_off": "stuck off",
+    "loss": "loses",
+    "intermittent": "intermittent",
+    "drift": "drifts",
+    "release": "payload released",
+    "docking": "payload docked",
+    "sensor": "reads falsely",
+}
+
+
+def in_words(entry: DetectionRecord, units: Mapping[str, str], *, whole: bool = False) -> str:
+    """Says what failed and how, such as 'jet T7: leaks 0.0500 N, 5 % of its thrust'.
+
+    Args:
+        entry: see `DetectionRecord`.
+        units: names of the vehicle's units, see `Vehicle.unit_names`.
+        whole: with its cluster, and with every size and its 1-sigma.
+    """
+    how = _MODES.get(entry.mode) or entry.kind.replace("_", " ").removeprefix("jet ")
+    if entry.magnitude is None or entry.magnitude_std is None:
+        how_large = size(entry, units) if whole else ""
+        return f"{how}: {how_large}" if how_large else how
+    signed = with_deviation(entry.magnitude, entry.magnitude_std)
+    force = f"{signed if whole else signed.partition(' ±')[0]} {units['force']}"
+    share = "" if not entry.thrust else f", {_percent(abs(entry.magnitude) / entry.thrust)} of its thrust"
+    if entry.mode in ("leak", "loss"):
+        how = f"{how} {force[1:]}{share}"
+    elif entry.mode in ("intermittent", "drift"):
+        how = f"{how}, now {force}{share}" if whole else how
+    elif whole:
+        how = f"{how}, {force}"
+    cluster = f" (cluster {entry.cluster})" if whole and entry.jet else ""
+    return f"{entry.suspects}{cluster}: {how}"
+
+
+def _percent(share: float) -> str:
+    """A share in percent, to two digits."""
+    return f"{100.0 * share:.{2 if share < 0.995 else 3}g} %"
 
 
 def size(entry: DetectionRecord, units: Mapping[str, str]) -> str:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from campaign_rows import SWEPT, folder, lost, many, row
+from campaign_rows import SWEPT, declaration, failure, folder, lost, many, recorded, row
 from command_probe import Massprop, Outcome
 
 from massprop_drake import Campaign, Run
@@ -50,7 +50,7 @@ def refused(done: Outcome, *words: str) -> None:
 def test_a_campaign_is_flown_reported_and_flown_again_alone(tmp_path: Path) -> None:
     def massprop(*arguments: str) -> Any:
         command = [COMMAND, *arguments]
-        return subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=300)
+        return subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
 
     (tmp_path / "short.yaml").write_text(SHORT, encoding="utf-8")
     done = massprop("campaign", "run", "short.yaml", "--workers", "1", "--out", "K")
@@ -59,7 +59,10 @@ def test_a_campaign_is_flown_reported_and_flown_again_alone(tmp_path: Path) -> N
     assert "Gate passed: Cases that failed to run" in done.stdout
     assert done.stdout.endswith("report: K/campaign.html\n")
     summary = json.loads((tmp_path / "K" / "summary.json").read_text(encoding="utf-8"))
-    assert summary["cases"] == {"planned": 6, "tried": 6, "flown": 6, "failing": 0, "failed_to_run": 0}
+    assert summary["cases"] == {
+        "planned": 6, "tried": 6, "flown": 6, "judged": 6, "failing": 0, "measured": 6, "ended_wrong": 0,
+        "failed_to_run": 0,
+    }  # fmt: skip
 
     again = massprop("campaign", "run", "short.yaml", "--out", "K")
     assert again.returncode == 2
@@ -87,10 +90,38 @@ def test_a_plan_says_what_is_drawn_and_writes_it(massprop: Massprop) -> None:
     assert "8 cases of 'sample_maneuver', 2 of each draw; drawn: plant.thrust_dispersion" in done.out
     assert done.out.endswith("plan: runs/short/plan.parquet\n")
     status = massprop("campaign", "status", "runs/short")
-    assert status.out == "runs/short: 0 of 8 cases flown, 0 of them ended wrong, 0 failed to run\n"
+    assert status.out == "0 of 8 planned cases have been flown so far.\n"
     cases = json.loads(massprop("campaign", "plan", "short.yaml", "--json", "--out", "other").out)
     assert [case["cell"] for case in cases] == [0, 1] * 3
     assert cases[0]["drawn"] == cases[1]["drawn"] != cases[2]["drawn"]
+
+
+WITHOUT_DASK = """
+import sys
+sys.modules.update(dict.fromkeys(("dask", "distributed", "psutil", "threadpoolctl")))
+sys.argv[0] = "massprop"
+from massprop_drake.cli.main import main
+main()
+"""
+
+
+def test_planning_needs_no_dask_and_flying_says_that_it_does(tmp_path: Path) -> None:
+    (tmp_path / "short.yaml").write_text(SHORT, encoding="utf-8")
+
+    def massprop(*arguments: str) -> Any:
+        command = [sys.executable, "-c", WITHOUT_DASK, "campaign", *arguments]
+        return subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+
+    planned = massprop("plan", "short.yaml", "--out", "K")
+    assert (planned.returncode, planned.stderr) == (0, "")
+    assert planned.stdout.endswith("plan: K/plan.parquet\n")
+    assert massprop("status", "K").stdout == "0 of 6 planned cases have been flown so far.\n"
+    done = massprop("run", "K")
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr == (
+        "massprop: flights of a campaign need dask, distributed, psutil, threadpoolctl: "
+        "pip install 'massprop-drake[campaign]'\n"
+    )
 
 
 def test_a_plan_that_could_be_better_says_so(massprop: Massprop) -> None:
@@ -128,6 +159,55 @@ def test_cases_that_failed_to_run_are_status_4(massprop: Massprop) -> None:
     assert "1 of 6 cases failed to run." in done.out
     found = json.loads(massprop("campaign", "report", "K", "--json").out)
     assert found["failed_to_run"] == {"ArithmeticError: no number": 1}
+
+
+SAID = """All 6 planned cases have been flown.
+1 of 6 cases failed to run.
+{failing} of 5 cases are failing (a wrong estimate, a false or missing declaration, or a healthy jet out of use): \
+{cells[0]} of 3 with start zero; {cells[1]} of 2 with start nominal.
+{wrong} of 5 cases end wrong (a parameter more than 6 sigma off): {wrong} of 3 with start zero; 0 of 2 with start \
+nominal.
+"""
+MISSED = row(2, [failure(outcome="missed")])  # even numbers are cases of the first cell
+FALSE = row(3, declared=[declaration(cause="healthy")])  # the reference, which alone was in the report
+OUT = row(3, healthy_jets_out=["F2F"])
+
+
+@pytest.mark.parametrize(
+    ("others", "cells", "wrong"),
+    [
+        ([row(2), row(3)], (0, 0), 0),
+        ([MISSED, row(3)], (1, 0), 0),
+        ([MISSED, FALSE], (1, 1), 0),
+        ([row(2), OUT], (0, 1), 0),
+        ([row(2, z=6.5), row(3)], (1, 0), 1),
+        ([row(2, z={"x_cm": -7.0}), FALSE], (1, 1), 1),
+        ([row(2, z=5.9), row(3)], (0, 0), 0),
+    ],
+)
+def test_status_and_report_count_the_same_in_every_cell(
+    massprop: Massprop, others: list[Any], cells: tuple[int, int], wrong: int
+) -> None:
+    rows = [row(0), row(1), *others, row(4), lost(5, "ArithmeticError: no number")]
+    folder(Path("K"), SHORT, rows)
+    status = massprop("campaign", "status", "K").out
+    assert status == SAID.format(failing=sum(cells), cells=cells, wrong=wrong)
+    reported = massprop("campaign", "report", "K").out
+    assert all(line in reported for line in status.splitlines()[1:])
+    counts = json.loads(massprop("campaign", "status", "K", "--json").out)
+    summary = json.loads(massprop("campaign", "report", "K", "--json").out)
+    assert [{**one, "cells": None} for one in (counts, summary["cases"])] == [{**counts, "cells": None}] * 2
+    assert [one["failing"] for one in counts["cells"]] == list(cells)
+    for one, cell in zip(counts["cells"], summary["cells"], strict=True):
+        assert one == {"settings": cell["settings"], **cell["cases"]}
+        for name, of in (("failing", "judged"), ("ended_wrong", "measured")):
+            assert cell["figures"][name]["value"] == pytest.approx(one[name] / one[of])
+
+
+def test_status_of_records_says_nothing_that_nobody_knows(massprop: Massprop) -> None:
+    folder(Path("K"), SHORT, [recorded(number, [declaration()]) for number in range(4)])
+    done = massprop("campaign", "status", "K")
+    assert (done.status, done.out) == (0, "4 of 6 planned cases have been flown so far.\n")
 
 
 def test_a_report_of_ours_is_replaced_and_no_other(massprop: Massprop, swept: Path) -> None:

@@ -32,6 +32,8 @@ STUCK_ON = DetectionRecord(
     magnitude_std=0.1,
     statistic=1.0e4,
     alarms=3,
+    thrust=868.8,
+    mode="stuck_on",
 )
 QUALITY = {
     "rows": 60,
@@ -65,16 +67,58 @@ def test_what_was_injected_and_not_found_is_said(
 @pytest.mark.parametrize(
     ("changes", "line"),
     [
-        ({}, "jet on: jet R4R (cluster 12), +868.80 ± 0.10 lbf, declared at 50.16 s, since 50.00 s"),
-        ({"jet": None}, "jet on: a jet of cluster 12, +868.80 ± 0.10 lbf, declared at 50.16 s, since 50.00 s"),
+        ({}, "jet R4R (cluster 12): stuck on, +868.80 ± 0.10 lbf, declared at 50.16 s, since 50.00 s"),
+        ({"jet": None}, "a jet of cluster 12: stuck on, +868.80 ± 0.10 lbf, declared at 50.16 s, since 50.00 s"),
         (
             {"withdrawn_s": 61.0},
-            "jet on: jet R4R (cluster 12), +868.80 ± 0.10 lbf, declared at 50.16 s, since 50.00 s, "
+            "jet R4R (cluster 12): stuck on, +868.80 ± 0.10 lbf, declared at 50.16 s, since 50.00 s, "
             "withdrawn at 61.00 s",
         ),
         (
-            {"kind": "mass_property_jump", "cluster": None, "jet": None, "magnitude": None, "magnitude_std": None},
+            {
+                "kind": "mass_property_jump",
+                "cluster": None,
+                "jet": None,
+                "magnitude": None,
+                "magnitude_std": None,
+                "mode": None,
+            },
             "mass property jump, declared at 50.16 s, since 50.00 s",
+        ),
+        (
+            {"magnitude": 9.9992, "magnitude_std": 0.0013, "mode": "leak"},
+            "jet R4R (cluster 12): leaks 9.9992 ± 0.0013 lbf, 1.2 % of its thrust, declared at 50.16 s, since 50.00 s",
+        ),
+        (
+            {
+                "kind": "jet_degraded",
+                "magnitude": -217.2,
+                "magnitude_std": 4.0,
+                "mode": "loss",
+                "jet": None,
+                "isolated_to": "group",
+                "jets": ("R4R", "R2R"),
+                "told_apart_by": "R2R",
+            },
+            "one of R4R, R2R: loses 217.2 ± 4.0 lbf, 25 % of its thrust, declared at 50.16 s, since 50.00 s, "
+            "R2R fired alone would tell them apart",
+        ),
+        (
+            {
+                "kind": "mass_property_jump",
+                "cluster": None,
+                "jet": None,
+                "magnitude": None,
+                "magnitude_std": None,
+                "mass": -978.0,
+                "mass_std": 35.0,
+                "mode": "release",
+            },
+            "payload released: -978 ± 35 slug, declared at 50.16 s, since 50.00 s",
+        ),
+        (  # of a run of an earlier version
+            {"thrust": None, "mode": None},
+            "jet R4R (cluster 12): on, +868.80 ± 0.10 lbf, declared at 50.16 s, since 50.00 s",
         ),
     ],
 )
@@ -131,7 +175,7 @@ def test_estimates_stand_beside_the_truth(capsys: Capture, short_run: Run, orbit
     assert "of propellant; 2 requests beyond the jets' reach, met as far as they go" in out
     assert "             out of use: R4R, F2R\n" in out
     assert "             left in, though in question: L4D\n" in out
-    assert "detected:    jet on: jet R4R" in out
+    assert "detected:    jet R4R (cluster 12): stuck on" in out
     assert f"report: {tmp_path}/report.html   figures: {tmp_path}/figures/" in out
     assert "replay" not in out
 
@@ -280,6 +324,43 @@ def test_a_phone_s_width_has_a_line_for_each_number(
     assert 1e-6 * estimate == pytest.approx(short_run.results.parameters[0].estimate, rel=0.05)
     below = next(number for number, line in enumerate(lines) if line.startswith("files:"))  # paths stay whole
     assert max(map(len, lines[:below])) <= 40
+
+
+FOUND = {
+    "vehicles": {"free_flyer": f"A 4.3 kg free flyer {'with thrusters ' * 5}and no wheels"},
+    "campaigns": {"sampling_period": "How often to read"},
+}
+
+
+@pytest.mark.parametrize("width", [None, 60, 80, 100, 140, 200])
+def test_a_list_uses_the_width_of_the_terminal(
+    capsys: Capture, monkeypatch: pytest.MonkeyPatch, width: int | None
+) -> None:
+    if width is not None:
+        monkeypatch.setenv("COLUMNS", str(width))
+        monkeypatch.setattr("sys.stdout.isatty", lambda: True, raising=False)
+    show.listing(FOUND)
+    lines = [line.rstrip() for line in re.sub(r"\x1b\[[\d;]*m", "", capsys.readouterr().out).splitlines()]
+    text = FOUND["vehicles"]["free_flyer"]
+    told = " ".join(" ".join(lines).split())
+    assert text in told
+    if width is None:
+        assert lines == [f"vehicle   free_flyer       {text}", "campaign  sampling_period  How often to read"]
+        return
+    assert max(map(len, lines)) <= width
+    column = 4 if width <= 80 else 27  # a narrow terminal has descriptions below names
+    assert len(lines) == 2 * (width <= 80) + 1 + -(-len(text) // (width - column))
+
+
+@pytest.mark.parametrize(
+    ("factor", "words"), [(0.0, "0"), (0.042, "0.042"), (0.5, "0.5"), (1.26, "1.3"), (9.96, "10"), (733.2, "733")]
+)
+def test_the_speed_is_a_number_however_slow(
+    capsys: Capture, stuck_run: Run, tmp_path: Path, factor: float, words: str
+) -> None:
+    results = replace(stuck_run.results, timing=stuck_run.results.timing._replace(real_time_factor=factor))
+    show.simulated(results, stuck_run.scenario.vehicle_data, tmp_path)
+    assert f"speed:       {words} times real time\n" in capsys.readouterr().out
 
 
 def test_lines_are_broken_between_words_on_a_terminal_alone(capsys: Capture, monkeypatch: pytest.MonkeyPatch) -> None:

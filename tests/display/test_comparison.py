@@ -71,7 +71,7 @@ def test_the_table_has_the_numbers_of_both(page: str, stuck_run: Run) -> None:
 
 def test_how_long_each_is_and_what_it_found(page: str) -> None:
     rows = re.findall(r"<tr><th scope=\"row\">runs/(\w+)</th><td>(.*?)</td><td>.*?</td><td.*?>(.*?)</td></tr>", page)
-    assert rows == [("stuck", "6 s", "jet R4R: on"), ("healthy", "4 s", "nothing")]
+    assert rows == [("stuck", "6 s", "jet R4R: stuck on"), ("healthy", "4 s", "nothing")]
 
 
 @pytest.fixture(scope="module")

@@ -66,9 +66,11 @@ def test_the_cursor_reads_half_the_width_of_a_band(opened: Any, record: Run, tmp
 def test_every_corner_of_a_box_is_beside_bars_and_head(
     opened: Any, record: Run, tmp_path: Path, width: int, height: int
 ) -> None:
-    page = opened(write_replay(record, tmp_path / "replay.html")).page
+    replay = opened(write_replay(record, tmp_path / "replay.html"))
+    page = replay.page
     page.set_viewport_size({"width": width, "height": height})
-    page.wait_for_timeout(300)
+    replay.until(f"innerWidth === {width}")
+    replay.painted()
     half = 0.145  # m: of its cube
     corners = [[x, y, z] for x in (-half, half) for y in (-half, half) for z in (-half, half)]
     places = page.evaluate(

@@ -6,6 +6,7 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 from conftest import REPOSITORY
@@ -37,6 +38,23 @@ def test_every_diagram_has_its_picture() -> None:
         picture = (GALLERY / f"{name}.svg").read_text("utf-8")
         assert picture.lstrip().startswith(("<?xml", "<svg"))
     assert ">held_command<" in (GALLERY / "closed_loop.svg").read_text("utf-8")
+
+
+OUTSIDE = """() => [...document.querySelectorAll("g.node")].flatMap(node => {
+  const boxes = [...node.querySelectorAll("polygon, path")].map(shape => shape.getBBox());
+  return [...node.querySelectorAll("text")].filter(text => {
+    const own = text.getBBox(), x = own.x + own.width / 2, y = own.y + own.height / 2;
+    const around = boxes.filter(box => box.x < x && x < box.x + box.width && box.y < y && y < box.y + box.height);
+    return !around.length || around.some(box => box.x > own.x || own.x + own.width > box.x + box.width);
+  }).map(text => text.textContent);
+})"""  # texts of nodes that are wider than a box that they stand in
+
+
+def test_text_is_inside_its_boxes_in_a_browser(opened: Any) -> None:
+    for path in sorted(GALLERY.glob("*.svg")):
+        picture = opened(path, ready="svg").page
+        assert picture.locator("g.node text").count() > 1, path.name
+        assert picture.evaluate(OUTSIDE) == [], path.name
 
 
 A4 = 780.0, 540.0  # points within the margins, on its side

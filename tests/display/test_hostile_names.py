@@ -211,7 +211,7 @@ def test_the_report(visited: Any, stuck_run: Run, tmp_path: Path, first: int) ->
     known = words(page, "#plot-failure_magnitude .legendtext")
     assert {shown(f"truth of {jet.designation}") for jet in (jets[28], *jets[:3])} <= set(known)
     (line,) = [line for line in words(page, "#verdict li") if line.startswith("Found")]
-    assert all(shown(f"jet {jet.designation}: on") in line for jet in jets)
+    assert all(shown(f"jet {jet.designation}: stuck on") in line for jet in jets)
 
 
 @pytest.mark.parametrize("first", ROUNDS)

@@ -33,7 +33,7 @@ def test_the_failed_jet_and_the_one_found_are_marked(stuck_run: Run) -> None:
     assert failed.jets == found.jets == (stuck_run.scenario.vehicle_data.jet_index("R4R"),)
     assert failed.start_s == 1.0
     assert 1.0 < found.start_s < 3.0
-    assert found.text == "jet R4R: on"
+    assert found.text == "jet R4R: stuck on"
 
 
 def test_a_cluster_found_marks_all_its_jets(stuck_run: Run) -> None:
@@ -150,7 +150,7 @@ def test_the_body_turns_between_samples(replay: Any, stuck_run: Run) -> None:
 def test_events_stand_on_the_slider_and_lead_to_their_time(replay: Any, stuck_run: Run) -> None:
     page, found_s = replay.page, stuck_run.results.detections[0].time_s
     ticks = page.eval_on_selector_all("#mp-events button", "all => all.map(one => one.title)")
-    assert ticks == ["1.00 s: jet R4R: stuck on", f"{found_s:.2f} s: declared: jet R4R: on"]
+    assert ticks == ["1.00 s: jet R4R: stuck on", f"{found_s:.2f} s: declared: jet R4R: stuck on"]
     page.locator("#mp-events button").last.click()
     assert page.inner_text("#mp-time") == f"{found_s:.2f} s"
 
@@ -176,7 +176,8 @@ def test_a_jet_names_itself_under_the_pointer(replay: Any, stuck_run: Run) -> No
 def test_every_jet_is_within_the_window(replay: Any, width: int, height: int) -> None:
     page = replay.page
     page.set_viewport_size({"width": width, "height": height})
-    page.wait_for_timeout(300)
+    replay.until(f"innerWidth === {width}")
+    replay.painted()
     places = page.evaluate(
         "JSON.parse(document.getElementById('data').textContent).scene.jets.map("
         "jet => massprop.onScreen(massprop.node('world', 'body', 'structure'), ...jet.place))"
@@ -185,11 +186,11 @@ def test_every_jet_is_within_the_window(replay: Any, width: int, height: int) ->
     assert np.ptp([x for x, _ in places]) > 0.3 * width
 
 
-def picture(page: Any, time_s: float) -> np.ndarray:
+def picture(replay: Any, time_s: float) -> np.ndarray:
     """The canvas at a time, as an array."""
-    page.evaluate(f"massprop.seek({time_s})")
-    page.wait_for_timeout(400)
-    pixels: np.ndarray = imread(io.BytesIO(page.locator("#meshcat-pane canvas").screenshot()))
+    replay.page.evaluate(f"massprop.seek({time_s})")
+    replay.painted()
+    pixels: np.ndarray = imread(io.BytesIO(replay.page.locator("#meshcat-pane canvas").screenshot()))
     return pixels
 
 
@@ -213,10 +214,10 @@ def test_it_opens_from_disk_and_plays(replay: Any) -> None:
 
 
 def test_the_failed_jet_looks_different_after_its_onset(replay: Any) -> None:
-    before, after = picture(replay.page, 0.96), picture(replay.page, 3.0)
+    before, after = picture(replay, 0.96), picture(replay, 3.0)
     changed = np.abs(before[..., :3] - after[..., :3]).max(axis=2) > 0.15
     assert changed.sum() > 100
-    assert "found: jet R4R: on" in replay.page.inner_text("#mp-now")
+    assert "found: jet R4R: stuck on" in replay.page.inner_text("#mp-now")
     assert "failed: jet R4R: stuck on" in replay.page.inner_text("#mp-now")
 
 
@@ -230,7 +231,7 @@ def test_a_plume_shows_while_a_jet_fires(replay: Any, stuck_run: Run) -> None:
         red, green, blue = pixels[..., 0], pixels[..., 1], pixels[..., 2]
         return int(((red > 0.6) & (green > 0.35) & (blue < 0.35) & (red - blue > 0.4)).sum())
 
-    assert orange(picture(replay.page, firing_s)) > orange(picture(replay.page, quiet_s)) + 50
+    assert orange(picture(replay, firing_s)) > orange(picture(replay, quiet_s)) + 50
 
 
 def test_a_live_view_shows_what_the_replay_shows(browser: Any, stuck_run: Run) -> None:
@@ -240,9 +241,7 @@ def test_a_live_view_shows_what_the_replay_shows(browser: Any, stuck_run: Run) -
     page.goto(live.address)
     run = simulate(stuck_run.scenario, watch=live)
     last = run.time_s.size - 2  # watched are the samples before the one at the end
-    for _ in range(600):
-        if page.evaluate("window.massprop ? massprop.time() : -1") >= run.time_s[last] - 1e-6:
-            break
+    while page.evaluate("window.massprop ? massprop.time() : -1") < run.time_s[last] - 1e-6:
         page.wait_for_timeout(100)
     assert page.inner_text("#mp-time") == f"{page.evaluate('massprop.time()'):.2f} s"
     row = int(np.searchsorted(run.time_s, page.evaluate("massprop.time()") + 1e-9, side="right")) - 1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import json
 import re
@@ -17,7 +18,7 @@ from contrast_probe import faint
 from massprop_drake import load_scenario, simulate
 from massprop_drake.cli import show
 from massprop_drake.display import interactive, page, plots, write_report
-from massprop_drake.display.page import report_html
+from massprop_drake.display.page import report_html, summary_html
 from massprop_drake.inputs.vehicle import Vehicle
 from massprop_drake.results import table
 from massprop_drake.results.detections import size
@@ -35,13 +36,14 @@ def without_plotly(html: str) -> str:
 
 
 def test_the_verdict_comes_first_and_names_the_failed_jet(html: str) -> None:
-    assert html.index("Found: jet R4R: on.") < html.index("What was learned") < html.index('id="plots"')
+    assert html.index("Found: jet R4R: stuck on.") < html.index("What was learned") < html.index('id="plots"')
 
 
 def test_an_inconsistent_flight_is_said_in_the_verdict(stuck_run: Run) -> None:
     judged = stuck_run.results.consistency._replace(verdict="inconsistent", reasons=["the lag is off", "so is a jet"])
-    summary = dataclasses.replace(stuck_run.results, consistency=judged)
-    said = [sentence["text"] for sentence in page._verdict(summary)]
+    run = copy.copy(stuck_run)
+    run.results = dataclasses.replace(stuck_run.results, consistency=judged)
+    said = summary_html(run)
     assert "Inconsistent, so that a 1-sigma may say too little: the lag is off and 1 more, below." in said
 
 
@@ -150,7 +152,7 @@ def test_a_payload_has_its_size(tmp_path: Path) -> None:
 
 def test_a_detection_says_when_what_how_much_and_how_sure(html: str, stuck_run: Run) -> None:
     entry = stuck_run.summary["detections"][0]
-    row = html[html.index("<td>jet R4R: on</td>") :].split("</tr>", maxsplit=1)[0]
+    row = html[html.index("<td>jet R4R: stuck on</td>") :].split("</tr>", maxsplit=1)[0]
     assert f"{entry['time_s']:.2f} s" in row
     assert f"{entry['magnitude']:+.1f}" in row
     assert f"after {entry['alarms']} alarms" in row
@@ -405,7 +407,8 @@ def test_what_is_in_the_window_is_drawn_without_waiting_for_the_rest(
 def test_on_paper_it_has_four_pages_at_the_most(fresh: Any) -> None:
     page = fresh.page
     page.evaluate("dispatchEvent(new Event('beforeprint'))")
-    page.wait_for_timeout(500)
+    fresh.until(f"!{DRAWN}.includes(false)")
+    fresh.painted()
     shown = "[...document.querySelectorAll('#plot-inverse_inertia_diagonal .legendtext')].map(one => one.textContent)"
     assert [
         name for name in page.evaluate(shown) if name.startswith("3-sigma")
@@ -415,7 +418,7 @@ def test_on_paper_it_has_four_pages_at_the_most(fresh: Any) -> None:
 
 def test_it_opens_from_disk_without_a_word_on_the_console(report: Any) -> None:
     assert report.said == []
-    assert "jet R4R: on" in report.page.inner_text("#verdict")
+    assert "jet R4R: stuck on" in report.page.inner_text("#verdict")
     assert report.page.locator(".plot .main-svg").count() > 10
 
 

@@ -203,16 +203,19 @@ def _signals(n_rows: int, **rows: dict[int, float]) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize(
-    ("magnitude", "std", "kind"),
+    ("magnitude", "std", "kind", "mode"),
     [
-        (10.0, 1.0, "jet_on"),
-        (-870.0, 1.0, "jet_off"),
-        (-800.0, 1.0, "jet_off"),  # above 90 % of 870
-        (-700.0, 60.0, "jet_off"),  # within 3 sigma of it
-        (-700.0, 50.0, "jet_degraded"),
+        (10.0, 1.0, "jet_on", "leak"),
+        (870.0, 1.0, "jet_on", "stuck_on"),
+        (-870.0, 1.0, "jet_off", "stuck_off"),
+        (-800.0, 1.0, "jet_off", "stuck_off"),  # above 90 % of 870
+        (-700.0, 60.0, "jet_off", "stuck_off"),  # within 3 sigma of it
+        (-700.0, 50.0, "jet_degraded", "loss"),
     ],
 )
-def test_the_kind_follows_from_the_force(orbiter: Vehicle, magnitude: float, std: float, kind: str) -> None:
+def test_kind_and_mode_follow_from_the_force(
+    orbiter: Vehicle, magnitude: float, std: float, kind: str, mode: str
+) -> None:
     jet = orbiter.jet_index("R4R")
     signals = _signals(
         3,
@@ -239,6 +242,8 @@ def test_the_kind_follows_from_the_force(orbiter: Vehicle, magnitude: float, std
         statistic=77.0,
         alarms=2,
         jets=("R4R",),
+        thrust=orbiter.jets[jet].thrust,
+        mode=mode,
         jet_index=jet,
     )
 

@@ -148,13 +148,13 @@ def test_a_stuck_jet_is_named_by_the_command(massprop: Massprop) -> None:
         "run", "leak_named", "--out", "K", "--no-figures", *(word for one in stuck for word in ("--set", one))
     )
     assert out.status == 0
-    assert "detected:    jet on: jet R4R (cluster 12), +868." in out.out
+    assert "detected:    jet R4R (cluster 12): stuck on, +868." in out.out
     summary = json.loads(Path("K/summary.json").read_text(encoding="utf-8"))
     (said,) = summary["detections"]
     assert (said["jet"], said["jets"], said["isolated_to"]) == ("R4R", ["R4R"], "jet")
     assert said["time_s"] - said["onset_s"] < 0.3
     assert summary["injected"][0]["outcome"] == "named"
-    assert "jet R4R: on" in Path("K/report.html").read_text(encoding="utf-8")
+    assert "jet R4R: stuck on" in Path("K/report.html").read_text(encoding="utf-8")
 
 
 def _sooner(name: str, by_s: float, *overrides: str) -> Run:
@@ -168,7 +168,7 @@ def _sooner(name: str, by_s: float, *overrides: str) -> Run:
 def test_a_leak_of_half_a_percent_is_named() -> None:
     run = _sooner("leak_small", 40.0, "duration_s=11")
     (said,) = run.results.detections
-    assert (said.jet, said.kind) == ("L4D", "jet_on")
+    assert (said.jet, said.kind, said.mode) == ("L4D", "jet_on", "leak")
     assert said.magnitude is not None
     assert said.magnitude_std is not None
     assert abs(said.magnitude - 5.0) < 4.0 * said.magnitude_std < 1.0

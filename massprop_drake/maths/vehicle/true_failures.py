@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from massprop_drake.maths.kernels import kernel
 from massprop_drake.maths.linear_algebra import Array
-from massprop_drake.maths.noise import uniform_sample
+from massprop_drake.maths.noise import Seed, uniform_sample
 
 _LEAST_SHARE = 1e-9  # of a sample that a failure covers
 
@@ -94,7 +94,7 @@ def delivered(command: Array, sample: int, period_s: float, failures: tuple[Fail
     return failed(command, sample * period_s, period_s, struck(failures, sample, period_s, seed), table)
 
 
-def struck(failures: tuple[Failure, ...], sample: int, period_s: float, seed: int) -> NDArray[np.bool_]:
+def struck(failures: tuple[Failure, ...], sample: int, period_s: float, seed: Seed) -> NDArray[np.bool_]:
     """Which intermittent failures strike in a sample, shape (n,); arguments as `delivered`."""
     result = np.zeros(len(failures), dtype=np.bool_)
     begins = sample * period_s

@@ -4,7 +4,21 @@ from importlib.util import find_spec
 
 from massprop_drake.errors import InputError
 
-_EXTRA = ("dask", "distributed", "psutil", "pyarrow", "threadpoolctl")
+TO_FLY = ("dask", "distributed", "psutil", "threadpoolctl")  # packages that plans and reports do without
 
-if missing := [name for name in _EXTRA if find_spec(name) is None]:
-    raise InputError(f"campaigns need {', '.join(missing)}: pip install 'massprop-drake[campaign]'")
+
+def require(what: str, *packages: str) -> None:
+    """Makes sure that packages are installed.
+
+    Args:
+        what: needs them, in the plural.
+        packages: names to import.
+
+    Raises:
+        InputError: when one is not.
+    """
+    if missing := [name for name in packages if find_spec(name) is None]:
+        raise InputError(f"{what} need {', '.join(missing)}: pip install 'massprop-drake[campaign]'")
+
+
+require("campaigns", "pyarrow")

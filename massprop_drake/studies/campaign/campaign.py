@@ -16,30 +16,15 @@ from massprop_drake.inputs.model import yaml_text
 from massprop_drake.inputs.yaml import Document, exists, read_text
 from massprop_drake.maths.kernels import require_compiler
 from massprop_drake.results.folder import resumable_folder
-from massprop_drake.studies.campaign import engine, store
-from massprop_drake.studies.campaign.plan import FLOWN, PlannedCase, case_name, planned
+from massprop_drake.studies.campaign import TO_FLY, engine, require, store
+from massprop_drake.studies.campaign.counts import Status
+from massprop_drake.studies.campaign.plan import PlannedCase, case_name, planned
 
 if TYPE_CHECKING:
     import pandas
     from distributed import Client
 
 _KIND = "campaign"  # of work, as folders are marked
-
-
-class Status(NamedTuple):
-    """How far a campaign is.
-
-    Attributes:
-        planned: number of cases.
-        flown: of them have a row.
-        failing: of those ended wrong.
-        failed: of those could not be run.
-    """
-
-    planned: int
-    flown: int
-    failing: int
-    failed: int
 
 
 class _Flight(NamedTuple):
@@ -185,12 +170,13 @@ class Campaign:
             dashboard: called with the address of Dask's dashboard.
 
         Raises:
-            InputError: when the folder is taken, a case is not in the plan, what is to be compiled cannot be on this
-                machine, or no worker can fly; what has been flown until then is kept.
+            InputError: when Dask is not installed, the folder is taken, a case is not in the plan, what is to be
+                compiled cannot be on this machine, or no worker can fly; what has been flown until then is kept.
 
         The processes of a cluster on this machine load the program that calls this: its own doings must stand under
         `if __name__ == "__main__":`.
         """
+        require("flights of a campaign", *TO_FLY)
         target = Path(folder) if folder is not None else self.folder or Path("runs") / self.spec.file.name
         alone = frozenset(only)
         cases = self.planned()
@@ -257,15 +243,10 @@ class Campaign:
                     progress(len(done), flight.total)
 
     def status(self) -> Status:
-        """How far it is, from the folder alone."""
-        folder = self._need_folder()
-        cases, _ = store.read_plan(folder)
-        rows = store.read_rows(folder, ["case_id", "status", "failing"])
-        if rows is None:
-            return Status(len(cases), 0, 0, 0)
-        failing = sum(1 for reasons in rows["failing"].to_pylist() if reasons)
-        failed = sum(1 for status in rows["status"].to_pylist() if status != FLOWN)
-        return Status(len(cases), rows.num_rows, failing, failed)
+        """How far it is and how its cases ended, from the folder alone."""
+        from massprop_drake.studies.campaign import reading  # noqa: PLC0415 (it needs this module)
+
+        return reading.status(self._need_folder(), self.spec)
 
     def to_pandas(self) -> pandas.DataFrame:
         """Every case that has been flown: what was drawn and what came of it, indexed by `case_id`.

@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 from massprop_drake.errors import InputError
 from massprop_drake.inputs.model import Model
 from massprop_drake.studies.campaign import charts, merit, report, statistics
-from massprop_drake.studies.campaign.measure import WRONG_SIGMAS
-from massprop_drake.studies.campaign.merit import MEANINGS, Event, Row
+from massprop_drake.studies.campaign.counts import Row, ends_wrong, flown, judgeable
+from massprop_drake.studies.campaign.merit import MEANINGS, Event
 from massprop_drake.studies.campaign.plan import case_name
 from massprop_drake.studies.campaign.reading import Cell, Study, read
 from massprop_drake.studies.campaign.report import figure_data
@@ -122,8 +122,8 @@ def _require_same_draws(baseline: Column, column: Column) -> None:
 
 def pairs(baseline: Column, column: Column) -> list[tuple[Row, Row]]:
     """Cases with the same draws that both have flown, by sample."""
-    rows = {row["sample"]: row for row in merit.flown(baseline.cell.rows)}
-    return [(rows[row["sample"]], row) for row in merit.flown(column.cell.rows) if row["sample"] in rows]
+    rows = {row["sample"]: row for row in flown(baseline.cell.rows)}
+    return [(rows[row["sample"]], row) for row in flown(column.cell.rows) if row["sample"] in rows]
 
 
 def event_pairs(paired: Sequence[tuple[Row, Row]]) -> list[tuple[Event, Event]]:
@@ -144,14 +144,14 @@ def measures(paired: Sequence[tuple[Row, Row]]) -> list[Measure]:
     known = [pair for pair in paired if None not in (pair[0]["largest_sigmas"], pair[1]["largest_sigmas"])]
     nees = [pair for pair in paired if None not in (pair[0]["nees.rotation"], pair[1]["nees.rotation"])]
     both = [pair for pair in events if pair[0].right and pair[1].right]
-    judged = [pair for pair in paired if len(merit.judgeable(pair)) == len(pair)]
+    judged = [pair for pair in paired if len(judgeable(pair)) == len(pair)]
     found = [
         _false_rate(judged),
         _share("Cases with a false declaration", judged, lambda row: row["n_false"] > 0, "cases"),
         _share(
             "Cases that end with a healthy jet out of use", judged, lambda row: bool(row["healthy_jets_out"]), "cases"
         ),
-        _share(MEANINGS["ended_wrong"].words, known, lambda row: row["largest_sigmas"] > WRONG_SIGMAS, "cases"),
+        _share(MEANINGS["ended_wrong"].words, known, ends_wrong, "cases"),
         _share(MEANINGS["failing"].words, judged, lambda row: bool(row["failing"]), "cases"),
         _share(MEANINGS["isolated"].words, events, lambda event: event.right, "failures"),
         _share(MEANINGS["named"].words, events, _is("named"), "failures"),
@@ -292,8 +292,8 @@ def contents(found: Sequence[Column]) -> dict[str, Any]:
         curves = {column.label: merit.detection_curve(merit.events(column.cell.rows)) for column in found}
         plots.append(charts.delays(curves, what="by column"))
         points = [merit.operating_point(column.cell.rows, chr(ord("A") + n)) for n, column in enumerate(found)]
-        flown = found[0].baseline
-        plots.append(charts.operating([], points[:flown] + points[flown + 1 :], points[flown], "settings"))
+        own = found[0].baseline
+        plots.append(charts.operating([], points[:own] + points[own + 1 :], points[own], "settings"))
     return {
         "title": "Campaigns compared: " + ", ".join(dict.fromkeys(column.study.spec.file.name for column in found)),
         "columns": [{"letter": chr(ord("A") + n), "label": label} for n, label in enumerate(labels)],
@@ -367,7 +367,7 @@ def _became(row: Row) -> str:
     parts += [f"taken for {one['taken_for']}" for one in row["injected"] if one["taken_for"]]
     if row["n_false"]:
         parts.append(f"{row['n_false']} false")
-    if row["largest_sigmas"] is not None and row["largest_sigmas"] > WRONG_SIGMAS:
+    if ends_wrong(row):
         parts.append("ends wrong")
     if row["healthy_jets_out"]:
         parts.append(f"healthy out: {', '.join(row['healthy_jets_out'])}")

@@ -10,7 +10,7 @@ from massprop_drake.inputs.scenario import Scenario, resolved
 from massprop_drake.results.run import Run
 from massprop_drake.results.spool import Spool
 from massprop_drake.results.summary import looked_back_on
-from massprop_drake.studies.campaign.measure import ended_wrong, measured
+from massprop_drake.studies.campaign.measure import failing_reasons, measured
 from massprop_drake.studies.campaign.plan import PlannedCase, case_name
 from massprop_drake.studies.campaign.worker import require_shared
 
@@ -45,7 +45,7 @@ class Flights:
         case = PlannedCase(**{name: request[name] for name in PlannedCase._fields})
         run = flown(case, self._base, self._setup["campaign"])
         row = measured(run, self._setup["times_s"])
-        row["failing"] = ended_wrong(row)
+        row["failing"] = failing_reasons(row)
         if request["keep"] or self._setup["keep"] == "all" or (self._setup["keep"] == "failing" and row["failing"]):
             folder = Path(self._setup["folder"]) / "cases" / case_name(case.case_id)
             if isinstance(run.signals, Spool) and case.record is None:  # a row needs no hindsight; a folder has it

@@ -12,10 +12,9 @@ from numpy.typing import NDArray
 from massprop_drake.maths.mass_properties import N_ROTATION, NAMES
 from massprop_drake.results.injected import false_declarations
 from massprop_drake.results.run import Run
+from massprop_drake.studies.campaign.counts import ends_wrong
 
 Array = NDArray[np.float64]
-
-WRONG_SIGMAS = 6.0  # beyond which a parameter counts as wrong
 
 
 def measured(run: Run, times_s: Sequence[float]) -> dict[str, Any]:
@@ -46,10 +45,10 @@ def measured(run: Run, times_s: Sequence[float]) -> dict[str, Any]:
     }
 
 
-def ended_wrong(row: dict[str, Any]) -> list[str]:
-    """Why a case counts as failing; empty: it does not."""
+def failing_reasons(row: dict[str, Any]) -> list[str]:
+    """Lists why a case counts as failing; empty: it does not."""
     reasons = []
-    if row["largest_sigmas"] is not None and row["largest_sigmas"] > WRONG_SIGMAS:
+    if ends_wrong(row):
         reasons.append(f"{row['worst_parameter']} {row['largest_sigmas']:.3g} sigma off")
     if row["n_false"]:
         reasons.append(f"{row['n_false']} false declaration{'s' if row['n_false'] > 1 else ''}")

@@ -14,10 +14,8 @@ from massprop_drake.inputs.campaign import Gate
 from massprop_drake.maths.mass_properties import N_ROTATION, NAMES
 from massprop_drake.results.detections import JUMP
 from massprop_drake.studies.campaign import statistics
-from massprop_drake.studies.campaign.measure import WRONG_SIGMAS
+from massprop_drake.studies.campaign.counts import FAILING, WRONG, Row, counted, flown, judgeable
 from massprop_drake.studies.campaign.statistics import Detections, Figure
-
-Row = Mapping[str, Any]
 
 CAUSES = ("healthy", "failure", "jump")  # what had acted last before a false declaration
 DELAYS_S = (1.0, 5.0, 30.0)  # within which a failure is found or not
@@ -54,16 +52,6 @@ class Event(NamedTuple):
         at_s = self.injected["declared_s"]
         found = [entry for entry in self.row["declared"] if entry["time_s"] == at_s and not entry["false"]]
         return max((entry["statistic"] for entry in found), default=math.nan)
-
-
-def flown(rows: Iterable[Row]) -> list[Row]:
-    """Cases that could be run."""
-    return [row for row in rows if row["status"] == "flown"]
-
-
-def judgeable(rows: Iterable[Row]) -> list[Row]:
-    """Cases of which it is known what failed: those flown here; of a telemetry record nobody says."""
-    return [row for row in flown(rows) if row["n_false"] is not None]
 
 
 def events(rows: Iterable[Row], *, payloads: bool = False) -> list[Event]:
@@ -171,10 +159,10 @@ def known(rows: Iterable[Row], column: str) -> list[float]:
     return [row[column] for row in rows if row[column] is not None]
 
 
-def ended_wrong(rows: Iterable[Row]) -> Figure:
+def ended_wrong(rows: Sequence[Row]) -> Figure:
     """Share of the cases in which a parameter ends farther from the truth than it can claim."""
-    sizes = known(flown(rows), "largest_sigmas")
-    return statistics.share(sum(size > WRONG_SIGMAS for size in sizes), len(sizes))
+    counts = counted(rows, len(rows))
+    return statistics.share(counts.ended_wrong, counts.measured)
 
 
 # ----------------------------------------------------------------------------------------- figures
@@ -203,8 +191,8 @@ MEANINGS: dict[str, Meaning] = {
     },
     "false_declarations_in_case": Meaning("Cases with a false declaration", "%", "cases"),
     "healthy_jets_out": Meaning("Cases that end with a healthy jet out of use", "%", "cases"),
-    "ended_wrong": Meaning(f"Cases that end wrong (a parameter beyond {WRONG_SIGMAS:g} sigma)", "%", "cases"),
-    "failing": Meaning("Failing cases (wrong estimate, false or missing declaration)", "%", "cases"),
+    "ended_wrong": Meaning(f"Cases that end wrong ({WRONG})", "%", "cases"),
+    "failing": Meaning(f"Cases that are failing ({FAILING})", "%", "cases"),
     "failed_to_run": Meaning("Cases that failed to run", "%", "cases"),
     "isolated": Meaning("Failures found: the jet, or its cluster", "%", "failures"),
     "named": Meaning("Failures found: the jet itself", "%", "failures"),

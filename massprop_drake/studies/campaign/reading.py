@@ -14,7 +14,7 @@ from massprop_drake.inputs.campaign import CampaignSpec
 from massprop_drake.inputs.scenario import parsed_key
 from massprop_drake.studies.campaign import store
 from massprop_drake.studies.campaign.campaign import Campaign
-from massprop_drake.studies.campaign.merit import Row
+from massprop_drake.studies.campaign.counts import COLUMNS, Counts, Row, Status, counted, total
 from massprop_drake.studies.campaign.plan import case_name
 
 _NOT_SHOWN = ("estimate", "truth")  # columns that no figure needs, by the first part of their names
@@ -34,6 +34,11 @@ class Cell(NamedTuple):
     planned: int
     rows: Sequence[Row]
     label: str
+
+    @property
+    def counts(self) -> Counts:
+        """Numbers of its cases by how they ended."""
+        return counted(self.rows, self.planned)
 
 
 class _InColumns(Mapping[str, Any]):
@@ -80,6 +85,11 @@ class Study(NamedTuple):
         """Of all cells."""
         return [row for cell in self.cells for row in cell.rows]
 
+    @property
+    def status(self) -> Status:
+        """How far it is, and how its cases ended."""
+        return _status(self.cells)
+
 
 def read(folder: str | Path) -> Study:
     """Reads a campaign's folder.
@@ -91,18 +101,49 @@ def read(folder: str | Path) -> Study:
     facts = store.read_facts(path)
     spec = Campaign.load(path).spec
     wanted = [name for name in store.schema(spec.file.times_s).names if name.partition(".")[0] not in _NOT_SHOWN]
-    table = store.read_rows(path, wanted)
-    if table is None:
-        raise InputError(f"{path}: no case has been flown yet; `massprop campaign run` does that")
     drawn = store.read_draws(path)
-    labels = [name.removeprefix("draw.") for name in drawn.column_names if name.startswith("draw.")]
+    cells = _cells(path, spec, drawn, wanted)
+    if not any(cell.rows for cell in cells):
+        raise InputError(f"{path}: no case has been flown yet; `massprop campaign run` does that")
+    reference = _reference(spec, [cell.settings for cell in cells])
+    return Study(path, spec, cells, reference, _labels(drawn), json.loads(facts.get("execution", "{}")), _kept(path))
+
+
+def status(folder: Path, spec: CampaignSpec) -> Status:
+    """Counts the cases of a campaign's folder, whatever has been flown of it.
+
+    Raises:
+        InputError: when it holds no campaign, or what it holds is damaged.
+    """
+    return _status(_cells(folder, spec, store.read_draws(folder), COLUMNS))
+
+
+def _status(cells: Sequence[Cell]) -> Status:
+    return Status(total(cell.counts for cell in cells), [(cell.label, cell.settings, cell.counts) for cell in cells])
+
+
+def _labels(drawn: Any) -> list[str]:
+    """Labels of what is drawn."""
+    return [name.removeprefix("draw.") for name in drawn.column_names if name.startswith("draw.")]
+
+
+def _cells(path: Path, spec: CampaignSpec, drawn: Any, wanted: Sequence[str]) -> list[Cell]:
+    """Reads the cells of a sweep.
+
+    Args:
+        path: the campaign's folder.
+        spec: the campaign.
+        drawn: the plan as a table, see `store.read_draws`.
+        wanted: columns of results to read.
+    """
+    table = store.read_rows(path, wanted)
     place = {case_id: number for number, case_id in enumerate(drawn["case_id"].to_pylist())}
-    columns = {name: drawn[name].to_pylist() for name in ("sample", "cell", "seed", "record", *_drawn(labels))}
-    places = [place[case_id] for case_id in table["case_id"].to_pylist()]
-    values = {name: table[name].to_pylist() for name in wanted}
+    columns = {name: drawn[name].to_pylist() for name in ("sample", "cell", "seed", "record", *_drawn(_labels(drawn)))}
+    values = {name: [] if table is None else table[name].to_pylist() for name in wanted}
+    places = [place[case_id] for case_id in values["case_id"]]
     values |= {name: [column[number] for number in places] for name, column in columns.items()}
     rows: dict[int, list[Row]] = {}
-    for index in range(table.num_rows):
+    for index in range(len(places)):
         rows.setdefault(values["cell"][index], []).append(_InColumns(values, index))
     sweep = spec.file.sweep
     settings = [dict(zip(sweep, values, strict=True)) for values in itertools.product(*sweep.values())]
@@ -110,13 +151,10 @@ def read(folder: str | Path) -> Study:
     labels_of = [
         ", ".join(f"{key.rpartition('.')[2]} {value}" for key, value in zip(keys, one, strict=True)) for one in told
     ]
-    cells = [
+    return [
         Cell(one, columns["cell"].count(number), rows.get(number, []), labels_of[number] or "all cases")
         for number, one in enumerate(settings)
     ]
-    return Study(
-        path, spec, cells, _reference(spec, settings), labels, json.loads(facts.get("execution", "{}")), _kept(path)
-    )
 
 
 def told_apart(settings: Sequence[Mapping[str, Any]]) -> tuple[list[str], list[tuple[str, ...]]]:

@@ -15,8 +15,8 @@ from massprop_drake.inputs.model import yaml_text
 from massprop_drake.maths.mass_properties import N_ROTATION, NAMES
 from massprop_drake.results.detections import JUMP
 from massprop_drake.studies.campaign import charts, merit, statistics
-from massprop_drake.studies.campaign.measure import WRONG_SIGMAS
-from massprop_drake.studies.campaign.merit import CAUSES, DELAYS_S, MEANINGS, OUTCOMES, Event, Passed, Row
+from massprop_drake.studies.campaign.counts import Row, endings, flown, judgeable, not_run, progress
+from massprop_drake.studies.campaign.merit import CAUSES, DELAYS_S, MEANINGS, OUTCOMES, Event, Passed
 from massprop_drake.studies.campaign.plan import case_name
 from massprop_drake.studies.campaign.reading import Cell, Study, read
 from massprop_drake.studies.campaign.statistics import Figure, SizeCurve
@@ -30,8 +30,9 @@ _STYLES = (_DISPLAY / "report.css", _HERE / "campaign.css")
 # of plotly the part that draws heat maps besides lines, points and bars: a third of it
 _SCRIPTS = (_DISPLAY / "plotly-cartesian.min.js", _DISPLAY / "themed.js", _HERE / "campaign.js")
 _MAIN = (  # of a cell, side by side
-    "false_declarations_per_hour", "false_declarations_in_case", "healthy_jets_out", "ended_wrong", "isolated", "named",
-    *(f"found_within_{delay:g}_s" for delay in DELAYS_S), "delay_50_percent_s", "coverage_3_sigma", "nees_in_band",
+    "false_declarations_per_hour", "false_declarations_in_case", "healthy_jets_out", "ended_wrong", "failing",
+    "isolated", "named", *(f"found_within_{delay:g}_s" for delay in DELAYS_S), "delay_50_percent_s", "coverage_3_sigma",
+    "nees_in_band",
 )  # fmt: skip
 
 
@@ -61,7 +62,7 @@ def summarized(study: Study) -> dict[str, Any]:
             {
                 "cell": number,
                 "settings": dict(cell.settings),
-                "cases": _counts(cell.rows, cell.planned),
+                "cases": cell.counts._asdict(),
                 "hours": merit.hours(cell.rows),
                 "figures": {name: figure_data(figure) for name, figure in found.items()},
                 "gates": [_gate_data(passed) for passed in merit.judged(file.gates, found)],
@@ -77,7 +78,7 @@ def summarized(study: Study) -> dict[str, Any]:
         "vehicle": study.spec.base.vehicle_data.name,
         "method": file.method,
         "seed": file.seed,
-        "cases": _counts(study.rows, sum(cell.planned for cell in study.cells)),
+        "cases": study.status.counts._asdict(),
         "hours": merit.hours(study.rows),
         "passed": all(gate["passes"] for gate in gates),
         "gates": gates,
@@ -97,17 +98,6 @@ def figure_data(figure: Figure) -> dict[str, float | None]:
 def _gate_data(passed: Passed) -> dict[str, Any]:
     value = passed.value if math.isfinite(passed.value) else None
     return {"figure": passed.name, **passed.gate.model_dump(mode="json"), "value": value, "passes": passed.passes}
-
-
-def _counts(rows: Sequence[Row], planned: int) -> dict[str, int]:
-    good = merit.flown(rows)
-    return {
-        "planned": planned,
-        "tried": len(rows),
-        "flown": len(good),
-        "failing": sum(bool(row["failing"]) for row in good),
-        "failed_to_run": len(rows) - len(good),
-    }
 
 
 def _reasons(rows: Sequence[Row]) -> dict[str, int]:
@@ -169,9 +159,11 @@ def verdict(study: Study) -> list[dict[str, Any]]:
     judged = [merit.judged(study.spec.file.gates, figures) for figures in all_figures]
     for of_gate in zip(*judged, strict=True):
         say(all(passed.passes for passed in of_gate), _gate_words(of_gate, study.cells))
+    for sentence in endings(study.status):
+        say(None, sentence)
     if len(study.cells) > 1:
         say(None, f"Figures below, unless they say otherwise, are with {cell.label}{_why_reference(study)}.")
-    judged_rows = merit.judgeable(cell.rows)
+    judged_rows = judgeable(cell.rows)
     if judged_rows:
         rate, hours = found["false_declarations_per_hour"], merit.hours(judged_rows)
         count = len(merit.false_declarations(judged_rows))
@@ -180,14 +172,10 @@ def verdict(study: Study) -> list[dict[str, Any]]:
             f"{count} false declarations in {hours:.3g} hours flown: {shown(rate, 'per hour')}; "
             f"{shown(found['false_declarations_in_case'], '%')} of the cases have one.",
         )
-        wrong, out = found["ended_wrong"], found["healthy_jets_out"]
-        say(
-            None,
-            f"{shown(wrong, '%')} of {wrong.n:g} cases end wrong, with a parameter more than {WRONG_SIGMAS:g} sigma "
-            f"off; {shown(out, '%')} end with a healthy jet out of use.",
-        )
+        wrong, out = (shown(found[name], "%") for name in ("ended_wrong", "healthy_jets_out"))
+        say(None, f"{wrong} of the cases end wrong; {out} end with a healthy jet out of use.")
     else:
-        count, hours = sum(len(row["declared"]) for row in merit.flown(cell.rows)), merit.hours(cell.rows)
+        count, hours = sum(len(row["declared"]) for row in flown(cell.rows)), merit.hours(cell.rows)
         say(None, f"{count} declarations in {hours:.3g} hours of telemetry; which of them are right nobody says.")
     acted = merit.events(cell.rows)
     if acted:
@@ -196,11 +184,11 @@ def verdict(study: Study) -> list[dict[str, Any]]:
     never = sum(counts["never_acted"] for counts in merit.outcomes(cell.rows).values())
     if never:
         say(None, f"{never} failure{'s' if never > 1 else ''} never acted, and no figure counts them.")
-    counts = _counts(study.rows, sum(one.planned for one in study.cells))
-    if counts["failed_to_run"]:
-        say(False, f"{counts['failed_to_run']} of {counts['tried']} cases failed to run.")
-    if counts["tried"] < counts["planned"]:
-        say(False, f"{counts['tried']} of {counts['planned']} planned cases have been flown so far.")
+    counts = study.status.counts
+    if counts.failed_to_run:
+        say(False, not_run(counts))
+    if counts.tried < counts.planned:
+        say(False, progress(counts))
     return sentences
 
 
@@ -297,7 +285,7 @@ def contents(study: Study) -> dict[str, Any]:
         "groups": _groups(rows),
         "coverage": _coverage(rows),
         "sobol": spec.file.method == "saltelli",
-        "worst": _worst(study, rows),
+        "worst": _worst(study),
         "failed": list(_reasons(study.rows).items()),
         "execution": _execution(study),
         "file": yaml_text(spec.file),
@@ -309,11 +297,10 @@ def contents(study: Study) -> dict[str, Any]:
 
 def _about(study: Study) -> str:
     file, base = study.spec.file, study.spec.base
-    counts = _counts(study.rows, sum(cell.planned for cell in study.cells))
     cells = f" in {len(study.cells)} cells of a sweep" if len(study.cells) > 1 else ""
     return (
-        f"{base.name} on {base.vehicle_data.name}: {counts['flown']} cases{cells}, {merit.hours(study.rows):.3g} hours "
-        f"flown, {file.method}, seed {file.seed}"
+        f"{base.name} on {base.vehicle_data.name}: {study.status.counts.flown} cases{cells}, "
+        f"{merit.hours(study.rows):.3g} hours flown, {file.method}, seed {file.seed}"
     )
 
 
@@ -333,8 +320,8 @@ def _delay_plots(study: Study, acted: Sequence[Event]) -> list[charts.Json]:
             cells = {one.label: merit.detection_curve(merit.events(one.rows)) for one in study.cells}
             plots.append(charts.delays(cells, "delays-cells", "by setting of the sweep"))
         points = [merit.operating_point(one.rows, _values(one)) for one in study.cells] if swept else []
-        flown = merit.operating_point(cell.rows, cell.label)
-        plots.append(charts.operating(merit.operating_curve(cell.rows), points, flown, ", ".join(_names(study))))
+        own = merit.operating_point(cell.rows, cell.label)
+        plots.append(charts.operating(merit.operating_curve(cell.rows), points, own, ", ".join(_names(study))))
     return plots
 
 
@@ -389,7 +376,7 @@ def _magnitude_plots(acted: Sequence[Event], force: str) -> list[charts.Json]:
 
 
 def _consistency_plots(cell: Cell, times_s: Sequence[float]) -> list[charts.Json]:
-    rows, good = cell.rows, merit.flown(cell.rows)
+    rows, good = cell.rows, flown(cell.rows)
     plots: list[charts.Json] = []
     nees, mass = merit.known(good, "nees.rotation"), merit.known(good, "nees.mass")
     if nees:
@@ -454,7 +441,7 @@ def _sweep(study: Study) -> dict[str, Any] | None:
     return {
         "cells": [cell.label for cell in study.cells],
         "reference": study.reference,
-        "cases": [len(merit.flown(cell.rows)) for cell in study.cells],
+        "cases": [len(flown(cell.rows)) for cell in study.cells],
         "rows": [
             {
                 "words": MEANINGS[name].words,
@@ -470,7 +457,7 @@ def _false(rows: Sequence[Row]) -> list[dict[str, str]]:
     table = []
     for cause in (*CAUSES, None):
         found = merit.false_declarations(rows, cause)
-        hours = merit.hours(merit.judgeable(rows), cause)
+        hours = merit.hours(judgeable(rows), cause)
         if not hours:
             continue
         figure = merit.false_rate(rows, cause)
@@ -506,7 +493,7 @@ def _healthy_out(rows: Sequence[Row], clusters: Mapping[str, int]) -> dict[str, 
     beside: Counter[str] = Counter()
     elsewhere: Counter[str] = Counter()
     cases = 0
-    good = merit.judgeable(rows)
+    good = judgeable(rows)
     for row in good:
         failed = {clusters.get(one["jet"]) for one in row["injected"] if one["first_acted_s"] is not None}
         alone = [jet for jet in row["healthy_jets_out"] if clusters.get(jet) not in failed]
@@ -621,7 +608,7 @@ def _magnitudes(acted: Sequence[Event], force: str) -> list[dict[str, Any]]:
 def _groups(rows: Sequence[Row]) -> list[dict[str, Any]]:
     """Consistency by what happened in a case."""
     groups: dict[str, list[Row]] = {"nothing failed": [], "all failures found": [], "a failure not found": []}
-    for row in merit.flown(rows):
+    for row in flown(rows):
         happened = [one["outcome"] for one in row["injected"] if one["outcome"] != "never_acted"]
         right = all(outcome in ("named", "group") for outcome in happened)
         groups["nothing failed" if not happened else "all failures found" if right else "a failure not found"].append(
@@ -657,15 +644,18 @@ def _coverage(rows: Sequence[Row]) -> list[dict[str, Any]]:
     return table
 
 
-def _worst(study: Study, rows: Sequence[Row]) -> list[dict[str, str]]:
+def _worst(study: Study) -> list[dict[str, str]]:
+    """The worst cases of all cells, with commands to fly them again."""
+    cell_of = {row["case_id"]: f", {cell.label}" for cell in study.cells for row in cell.rows if len(study.cells) > 1}
     folder = shlex.quote(str(study.folder))
     table = []
-    for row in merit.worst(rows):
+    for row in merit.worst(study.rows):
         number = row["case_id"]
         place = shlex.quote(str(study.folder / "cases" / case_name(number)))
         table.append(
             {
                 "case": case_name(number),
+                "cell": cell_of.get(number, ""),
                 "link": study.kept.get(number, ""),
                 "why": "; ".join(row["failing"]),
                 "rerun": f"massprop campaign run {folder} --only {number}",

@@ -16,6 +16,7 @@ from massprop_drake.maths.vehicle.rigid_body import N_WRENCH
 from massprop_drake.maths.vehicle.thrust import level_at
 from massprop_drake.maths.vehicle.true_failures import Failure, failure_table, struck
 from massprop_drake.systems.caching import Cached
+from massprop_drake.systems.vehicle.noise_source import seed_in
 
 Array = NDArray[np.float64]
 
@@ -35,6 +36,7 @@ class ReactionJets(LeafSystem):
             of the one that ended. Required.
         closed (in, n_jets), held_closed (in, n_jets): 1 for each jet whose manifold is closed over the
             coming and over the running sample. Optional.
+        seed (in, 1): varies the seed of intermittent failures, see `noise_seed`. Optional.
         thrust (out, n_jets): mean force over the coming sample, lbf or N, along each jet's direction.
         wrench (out, 7): torque about the vehicle origin (3), force (3), body axes, and mass flow, at this
             instant; for a continuous plant.
@@ -87,7 +89,8 @@ class ReactionJets(LeafSystem):
         self._updated_s = self.DeclareDiscreteState([-period_s])
         # `wrench` must not depend on `command`: with a continuous plant that would close an algebraic
         # loop through the sensors and the autopilot
-        running = {self.input_port_ticket(port.get_index()) for port in (before, held_closed)}
+        varied = self._varied = self.DeclareVectorInputPort("seed", 1)
+        running = {self.input_port_ticket(port.get_index()) for port in (before, held_closed, varied)}
         running |= {self.xd_ticket(), self.time_ticket()}
         coming = running | {self.input_port_ticket(port.get_index()) for port in (command, closed)}
         self._coming = Cached(self, "thrust", self._compute, coming)
@@ -114,7 +117,7 @@ class ReactionJets(LeafSystem):
         failures = self._params.failures
         if not failures:
             return told if shut is None else told * (1.0 - shut)
-        strikes = struck(failures, sample, self._period_s, self._params.seed)
+        strikes = struck(failures, sample, self._period_s, seed_in(context, self._varied, self._params.seed))
         shut = _NONE if shut is None else shut
         shown: Array = self._failed(told, shut, sample * self._period_s, strikes, self._given)
         return shown

@@ -103,7 +103,8 @@ def test_the_summary_has_figures_with_bounds_and_gates_by_cell(swept: Path) -> N
     found = report.summary(swept)
     json.dumps(found, allow_nan=False)
     assert found["cases"] == {
-        "planned": 60, "tried": 59, "flown": 58, "failing": found["cases"]["failing"], "failed_to_run": 1,
+        "planned": 60, "tried": 59, "flown": 58, "judged": 58, "failing": found["cases"]["failing"], "measured": 58,
+        "ended_wrong": 0, "failed_to_run": 1,
     }  # fmt: skip
     assert found["failed_to_run"] == {"Segmentation fault": 1}
     assert found["figures"] == found["cells"][1]["figures"]

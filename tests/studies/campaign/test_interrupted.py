@@ -39,21 +39,21 @@ def test_kills_of_everything_lose_at_most_what_is_under_way(flown: Path, tmp_pat
     parent(fliers(mark)[0]).kill()  # a worker
     driver.go_on()
     assert driver.line().startswith("at")
-    before = Campaign.load(out).status().flown
+    before = Campaign.load(out).status().counts.tried
     assert 0 < before < GOOD
     driver.send(signal.SIGINT, group=True)  # as Ctrl-C in a terminal
     assert driver.line() == "interrupted"
     status, errors = driver.ended()
     assert (status, errors) == (0, "")
     assert are_gone(mark)
-    assert Campaign.load(out).status().flown == before
+    assert Campaign.load(out).status().counts.tried == before
 
     driver = Driver(file, out, environ, workers=2, resume=True)
     assert driver.line().startswith("at")
     driver.send(signal.SIGKILL)
     driver.ended()
     assert are_gone(mark)
-    assert before < Campaign.load(out).status().flown < GOOD
+    assert before < Campaign.load(out).status().counts.tried < GOOD
     assert not list(out.glob("*.part"))
 
     driver = Driver(file, out, {**environ, "PROBE_SLOW_S": "0"}, workers=1, resume=True)

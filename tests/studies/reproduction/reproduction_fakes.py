@@ -15,14 +15,17 @@ from massprop_drake.studies.reproduction.cases import Calculation
 from massprop_drake.studies.reproduction.runner import Store, run_missing
 
 LOG = "REPRODUCTION_FAKES_LOG"  # environment: a folder in which each execution leaves a file
+FREE = 3  # seeds that are not held up
+GO = "go"  # file in that folder, for which all others wait
 
 
-def slow(seed: int) -> dict[str, NDArray[np.float64]]:
-    """A tenth of a second's work."""
+def held_up(seed: int) -> dict[str, NDArray[np.float64]]:
+    """Work that goes on until somebody has looked."""
     folder = os.environ.get(LOG)
     if folder:
-        Path(folder, f"{seed:02d}-{os.getpid()}-{time.time_ns()}").touch()
-    time.sleep(0.1)
+        Path(folder, f"{seed:02d}-{os.getpid()}").touch()
+        while seed >= FREE and not Path(folder, GO).exists():
+            time.sleep(0.01)
     return quick(seed)
 
 
@@ -38,7 +41,7 @@ def failing(seed: int) -> dict[str, NDArray[np.float64]]:
     return quick(seed)
 
 
-SLOW = Calculation("slow", slow, seeds=16)
+SLOW = Calculation("slow", held_up, seeds=32)
 FAILING = Calculation("failing", failing, seeds=2)
 
 if __name__ == "__main__":

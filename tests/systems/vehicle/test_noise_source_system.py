@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from pydrake.common import RandomGenerator
+from pydrake.systems.analysis import Simulator
 from systems_probe import PERIOD_S, feedthrough, inputs, outputs
 
 from massprop_drake.maths.noise import normal_sample
-from massprop_drake.systems.vehicle.noise_source import NoiseSource
+from massprop_drake.systems.vehicle.noise_source import NoiseSource, noise_seed
 
 
 def _noise(dut: NoiseSource, stream: str, time_s: float) -> np.ndarray:
@@ -18,9 +20,9 @@ def _noise(dut: NoiseSource, stream: str, time_s: float) -> np.ndarray:
 
 def test_topology() -> None:
     dut = NoiseSource(0, period_s=PERIOD_S, streams={"gyro": 6, "acc1": 3})
-    assert inputs(dut) == {}
+    assert inputs(dut) == {"seed": 1}
     assert outputs(dut) == {"gyro": 6, "acc1": 3}
-    assert feedthrough(dut) == {"gyro": set(), "acc1": set()}
+    assert feedthrough(dut) == {"gyro": {"seed"}, "acc1": {"seed"}}
     context = dut.CreateDefaultContext()
     assert context.num_discrete_state_groups() == 0
     assert context.num_continuous_states() == 0
@@ -59,6 +61,34 @@ def test_a_further_stream_changes_no_other() -> None:
     alone = NoiseSource(3, period_s=PERIOD_S, streams={"gyro": 6})
     accompanied = NoiseSource(3, period_s=PERIOD_S, streams={"acc1": 6, "gyro": 6, "acc2": 6})
     np.testing.assert_array_equal(_noise(alone, "gyro", 0.8), _noise(accompanied, "gyro", 0.8))
+
+
+def test_what_is_drawn_varies_every_stream_and_zero_is_the_seed_itself() -> None:
+    dut = NoiseSource(3, period_s=PERIOD_S, streams={"gyro": 6, "acc1": 3})
+    context = dut.CreateDefaultContext()
+    seed = dut.GetInputPort("seed")
+    found = {}
+    for drawn in (0.0, 0.5, np.nextafter(0.5, 1.0), 0.5):
+        seed.FixValue(context, [drawn])
+        found[drawn] = dut.GetOutputPort("gyro").Eval(context)
+        assert found[drawn].tolist() == dut.GetOutputPort("gyro").Eval(context).tolist()
+    np.testing.assert_array_equal(found[0.0], _noise(dut, "gyro", 0.0))
+    assert len({tuple(values) for values in found.values()}) == 3  # a bit of it is another stream
+
+
+def test_the_seed_of_a_context_is_drawn_and_stays_through_updates() -> None:
+    dut = noise_seed(PERIOD_S)
+    simulator = Simulator(dut)
+    context = simulator.get_mutable_context()
+    assert dut.get_output_port().Eval(context) == [0.0]
+    drawn = []
+    for seed in (1, 2, 1):
+        dut.SetRandomContext(context, RandomGenerator(seed))
+        drawn.append(dut.get_output_port().Eval(context)[0])
+    simulator.AdvanceTo(10 * PERIOD_S)
+    assert dut.get_output_port().Eval(context) == drawn[2] == drawn[0] != drawn[1]
+    dut.SetDefaultContext(context)
+    assert dut.get_output_port().Eval(context) == [0.0]
 
 
 def test_streams_and_seeds_differ() -> None:

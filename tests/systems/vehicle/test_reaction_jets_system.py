@@ -38,13 +38,13 @@ def _out(dut: ReactionJets, context: Any, name: str) -> np.ndarray:
 )
 def test_topology(constants: tuple[float, float], classes: int) -> None:
     dut, _ = _dut(constants)
-    assert inputs(dut) == {"command": 2, "held_command": 2, "closed": 2, "held_closed": 2}
+    assert inputs(dut) == {"command": 2, "held_command": 2, "closed": 2, "held_closed": 2, "seed": 1}
     assert outputs(dut) == {"thrust": 2, "wrench": 7, "wrench_profile": 7 * (1 + classes)}
     # wrench feeds the continuous plant: with `command` in it, sensors and autopilot would close a loop
     assert feedthrough(dut) == {
-        "thrust": {"command", "held_command", "closed", "held_closed"},
-        "wrench": {"held_command", "held_closed"},
-        "wrench_profile": {"command", "held_command", "closed", "held_closed"},
+        "thrust": {"command", "held_command", "closed", "held_closed", "seed"},
+        "wrench": {"held_command", "held_closed", "seed"},
+        "wrench_profile": {"command", "held_command", "closed", "held_closed", "seed"},
     }
     assert len(dut.lag_time_constants_s) == classes
 

@@ -1,0 +1,121 @@
+"""Counts of cases by how they ended: the one place that counts, for status, report and summary alike."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+from massprop_drake.studies.campaign.plan import FLOWN
+
+Row = Mapping[str, Any]
+
+WRONG_SIGMAS = 6.0  # sigmas from the truth, beyond which a parameter counts as wrong
+COLUMNS = ("case_id", "status", "failing", "n_false", "largest_sigmas")  # of a row that are counted
+
+
+class Counts(NamedTuple):
+    """Numbers of cases.
+
+    Attributes:
+        planned: in the plan.
+        tried: of them have a row.
+        flown: of those could be run.
+        judged: of those have known failures: simulated, not read from a telemetry record.
+        failing: of those have a wrong estimate, a false or missing declaration, or a healthy jet out of use.
+        measured: of those flown have a known error at the end.
+        ended_wrong: of those have a parameter more than `WRONG_SIGMAS` off.
+        failed_to_run: of those that were tried.
+    """
+
+    planned: int
+    tried: int
+    flown: int
+    judged: int
+    failing: int
+    measured: int
+    ended_wrong: int
+    failed_to_run: int
+
+
+class Status(NamedTuple):
+    """How far a campaign is, and how its cases ended.
+
+    Attributes:
+        counts: of all cases.
+        cells: label, settings and counts of each cell of the sweep; one cell without a sweep.
+    """
+
+    counts: Counts
+    cells: Sequence[tuple[str, Mapping[str, Any], Counts]]
+
+
+def flown(rows: Iterable[Row]) -> list[Row]:
+    """Cases that could be run."""
+    return [row for row in rows if row["status"] == FLOWN]
+
+
+def judgeable(rows: Iterable[Row]) -> list[Row]:
+    """Cases whose failures are known: those flown here, and none of a telemetry record."""
+    return [row for row in flown(rows) if row["n_false"] is not None]
+
+
+def ends_wrong(row: Row) -> bool:
+    """Tells whether a parameter of a case ends farther from the truth than `WRONG_SIGMAS`."""
+    return row["largest_sigmas"] is not None and bool(row["largest_sigmas"] > WRONG_SIGMAS)
+
+
+def counted(rows: Sequence[Row], planned: int) -> Counts:
+    """Counts cases.
+
+    Args:
+        rows: those that were tried, with the columns `COLUMNS`.
+        planned: number of cases in the plan.
+    """
+    good, judged = flown(rows), judgeable(rows)
+    return Counts(
+        planned=planned,
+        tried=len(rows),
+        flown=len(good),
+        judged=len(judged),
+        failing=sum(bool(row["failing"]) for row in judged),
+        measured=sum(row["largest_sigmas"] is not None for row in good),
+        ended_wrong=sum(map(ends_wrong, good)),
+        failed_to_run=len(rows) - len(good),
+    )
+
+
+def total(parts: Iterable[Counts]) -> Counts:
+    """Adds the counts of the cells of a sweep."""
+    return Counts(*map(sum, zip(*parts, strict=True)))
+
+
+# -------------------------------------------------------------------------------------------- in words
+
+FAILING = "a wrong estimate, a false or missing declaration, or a healthy jet out of use"
+WRONG = f"a parameter more than {WRONG_SIGMAS:g} sigma off"
+
+
+def progress(counts: Counts) -> str:
+    """Says how many cases have been flown."""
+    if counts.tried < counts.planned:
+        return f"{counts.tried} of {counts.planned} planned cases have been flown so far."
+    return f"All {counts.planned} planned cases have been flown."
+
+
+def not_run(counts: Counts) -> str:
+    """Says how many cases failed to run; empty: none."""
+    return f"{counts.failed_to_run} of {counts.tried} cases failed to run." if counts.failed_to_run else ""
+
+
+def endings(found: Status) -> list[str]:
+    """Says how many cases are failing, and how many end wrong, in all and in each cell; empty where nobody knows."""
+    kinds = (("failing", "judged", f"are failing ({FAILING})"), ("ended_wrong", "measured", f"end wrong ({WRONG})"))
+    sentences = []
+    for name, of, words in kinds:
+        number, *by_cell = (
+            f"{getattr(one, name)} of {getattr(one, of)}" for one in (found.counts, *(one for *_, one in found.cells))
+        )
+        told = [f"{each} with {label}" for each, (label, *_) in zip(by_cell, found.cells, strict=True)]
+        if getattr(found.counts, of):
+            sentences.append(f"{number} cases {words}{': ' + '; '.join(told) if len(told) > 1 else ''}.")
+    return sentences
