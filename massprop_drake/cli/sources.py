@@ -31,6 +31,7 @@ from massprop_drake.records.recording import require_table
 from massprop_drake.results.exchange import recover
 from massprop_drake.telemetry.reader import check as check_telemetry
 from massprop_drake.telemetry.reader import vehicle_scenario
+from massprop_drake.telemetry.tables import require_file
 
 _TELEMETRY = (".csv", ".tsv", ".parquet", ".pq")  # endings of telemetry files
 
@@ -107,6 +108,7 @@ def recovered(scenario: str | Path, overrides: list[str]) -> Scenario:
 
 def checked(name: str, whose: Vehicle | None) -> Vehicle | Scenario | CampaignSpec | str:
     """Reads a file and returns what it holds, telemetry and maps in words; raises InputError for a bad one."""
+    require_file(Path(name))
     if Path(name).suffix.lower() in _TELEMETRY:
         return show.about_telemetry(check_telemetry(Path(name), whose), whose)
     if name in bundled_vehicles():

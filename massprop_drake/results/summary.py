@@ -29,6 +29,7 @@ from massprop_drake.results.injected import InjectedRecord, what_became
 from massprop_drake.results.spool import Spool, blocks
 from massprop_drake.results.unconfirmed import UnconfirmedRecord, UntestedRecord
 from massprop_drake.signals import SYMBOLS
+from massprop_drake.telemetry.tables import Completeness, Loss, completeness
 
 Array = NDArray[np.float64]
 
@@ -168,6 +169,8 @@ class Summary:
         identifiability: what the run has told of each parameter; empty in what an earlier version wrote.
         events, unconfirmed, untested: see `Findings`; likewise.
         against: a record beside a simulation of its commands; None: there is none.
+        completeness: of a record; a simulated run is complete.
+        completeness_detail: what could not be read of it, and how much, a sentence each.
     """
 
     version: str
@@ -194,6 +197,8 @@ class Summary:
     unconfirmed: tuple[UnconfirmedRecord, ...] = ()
     untested: tuple[UntestedRecord, ...] = ()
     against: Against | None = None
+    completeness: Completeness = "complete"
+    completeness_detail: tuple[str, ...] = ()
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -242,6 +247,8 @@ class Summary:
             "units": self.units,
             "seed": self.seed,
             "duration_s": self.duration_s,
+            "completeness": self.completeness,
+            "completeness_detail": list(self.completeness_detail),
             "estimates": by_name(self.estimates),
             "standard_deviations": by_name(self.standard_deviations),
             "covariance": null_for_nan(self.covariance),
@@ -319,6 +326,8 @@ class Summary:
             unconfirmed=read.unconfirmed,
             untested=read.untested,
             against=read.against,
+            completeness=read.completeness,
+            completeness_detail=read.completeness_detail,
         )
 
 
@@ -392,6 +401,8 @@ class SummaryFile(_Stored):
     unconfirmed: tuple[Annotated[UnconfirmedRecord, _known_to(UnconfirmedRecord)], ...] = ()
     untested: tuple[Annotated[UntestedRecord, _known_to(UntestedRecord)], ...] = ()
     against: Annotated[Against, _known_to(Against)] | None = None
+    completeness: Completeness = "complete"
+    completeness_detail: tuple[Text, ...] = ()
 
     @field_validator("data_quality")
     @classmethod
@@ -495,6 +506,7 @@ def composed(
     telemetry_sha256: str | None = None,
     data_quality: Mapping[str, Any] | None = None,
     injected: tuple[InjectedRecord, ...] | None = None,
+    losses: Sequence[Loss] = (),
 ) -> Summary:
     """Makes a summary from its parts, and adds what follows from them.
 
@@ -510,6 +522,7 @@ def composed(
         consistency, autopilot, timing: taken as they are.
         telemetry, telemetry_sha256, data_quality: of a record, its name, its digest and what it is worth.
         injected: of a simulated run, what became of its failures and jumps.
+        losses: what could not be read of a record.
     """
     vehicle = scenario.vehicle_data
     known = params.known_parameters(scenario)
@@ -547,6 +560,8 @@ def composed(
         events=found.events,
         unconfirmed=found.unconfirmed,
         untested=found.untested,
+        completeness=completeness(losses),
+        completeness_detail=tuple(one.text for one in losses),
     )
 
 

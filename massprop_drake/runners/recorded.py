@@ -257,6 +257,7 @@ class _Estimation:
             telemetry="standard input" if str(telemetry) == "-" else Path(telemetry).name,
             telemetry_sha256=reader.sha256(),
             data_quality=quality,
+            losses=reader.losses,
         )
         state = {
             **self._intake.state(self._next_row - 1, kept(self._known.state(), self._params), last("command")),
