@@ -168,7 +168,7 @@ def open_recording(path: str | Path, by: RecordMap | None = None, rows: int | No
     if not exists(path):
         raise InputError(f"{path}: no such file")
     ending = path.suffix.lower()
-    if path.is_dir() and not any({".db3", ".mcap"} & set(one.suffixes) for one in path.iterdir()):
+    if path.is_dir() and not _has_a_bag(path):
         raise InputError(f"{path}: is a folder, and no ROS 2 bag, which has files .db3 or .mcap")
     reader = _READERS.get("" if path.is_dir() else ending)
     if reader is None:
@@ -192,15 +192,24 @@ def require_table(path: str | Path) -> None:
     Raises:
         InputError: for a file of another program's, which says what it is and, where it is damaged, how.
     """
-    kind = _FOREIGN.get(Path(path).suffix.lower())
-    if kind is None or not exists(Path(path)):
+    path = Path(path)
+    kind = "a ROS bag" if _has_a_bag(path) else _FOREIGN.get(path.suffix.lower())
+    if kind is None or not exists(path):
         return
-    require_file(Path(path))
+    require_file(path)
     try:
         open_recording(path, None, 1)
     except InputError as error:
         raise InputError(f"{error}; besides, {kind} needs a map (--map), which 'massprop map' proposes") from None
     raise InputError(f"{path}: is {kind}, and needs a map (--map) of what is in it; 'massprop map' proposes one")
+
+
+def _has_a_bag(path: Path) -> bool:
+    """Whether a path is a folder with the files of a bag of ROS 2."""
+    try:
+        return path.is_dir() and any({".db3", ".mcap"} & set(one.suffixes) for one in path.iterdir())
+    except (OSError, ValueError):
+        return False
 
 
 def missing_topic(source: str, name: str, known: list[str], losses: Sequence[Loss] = ()) -> InputError:
@@ -434,7 +443,8 @@ def _parquet(path: Path, by: RecordMap | None, rows: int | None) -> Recording:
         if rows is not None and sum(map(len, places)) >= rows:
             break
     try:
-        table = pyarrow.Table.from_batches(batches, pyarrow.schema([file.schema_arrow.field(name) for name in names]))
+        schema = file.schema_arrow
+        table = pyarrow.Table.from_batches(batches, pyarrow.schema([schema.field(name) for name in names]))
         table = table.slice(0, rows)
         columns: dict[str, Column] = {}
         for name in names:

@@ -621,8 +621,8 @@ def _check_structure(path: Path) -> dict[str, Any]:
         if "time_s" not in table.header:
             hint = _meant("time_s", table.header)
             raise InputError(f"{path}: no column time_s{hint}; telemetry has the time of each row, in seconds")
-        names = [name for name in table.header if name]
-        wanted = [table.header.index(name) for name in ("time_s", *(name for name in names if name != "time_s"))]
+        time = table.header.index("time_s")
+        wanted = [time, *(place for place, name in enumerate(table.header) if name and place != time)]
         parts = []
         for block in table.blocks(wanted):
             parts.append(block.values[:, 0])

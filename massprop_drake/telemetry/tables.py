@@ -536,8 +536,9 @@ class ParquetTable:
         """
         arrow = self._arrow
         names = [self.header[column] for column in wanted]
+        schema = self._file.schema_arrow  # made anew each time that it is asked for
         for name in names:
-            kind = self._file.schema_arrow.field(name).type
+            kind = schema.field(name).type
             number = arrow.types.is_integer(kind) or arrow.types.is_floating(kind) or arrow.types.is_boolean(kind)
             if not (number or arrow.types.is_decimal(kind) or arrow.types.is_null(kind)):
                 raise InputError(f"{self._path}, column {name}: holds {kind}; expected numbers")

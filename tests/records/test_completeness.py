@@ -592,3 +592,11 @@ def test_absurd_numbers_in_a_record_are_told_by_their_line(column: str, what: st
     message = refused(lambda: telemetry(path, usual_map(one), one.vehicle))
     assert message.startswith(f"{path}, line 61")
     assert f"{what} is too large to mean anything" in message
+
+
+def test_a_folder_of_a_bag_is_told_what_it_needs(bags: dict[str, Path], massprop: Massprop) -> None:
+    folder = bags["mcap"].parent
+    for command in (("check", folder), ("estimate", folder, "--vehicle", "free_flyer")):
+        done = massprop(*command)
+        assert done.status == 2
+        assert f"{folder}: is a ROS bag, and needs a map (--map)" in done.out + done.err
